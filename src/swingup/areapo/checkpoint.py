@@ -1,0 +1,67 @@
+"""Complete, atomic checkpoints of a training state: arrays named by their path in the pytree, and metadata."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..arrays import load_archive, save_archive
+from ..errors import SwingupError
+
+FORMAT = "swingup checkpoint"
+FORMAT_VERSION = 1
+
+Tree = TypeVar("Tree")
+
+
+def save_checkpoint(path: str | Path, tree: Any, metadata: Mapping[str, Any]) -> None:
+    """Write every leaf of a pytree, bit for bit, and the metadata (JSON values).
+
+    Raises:
+        SwingupError: the file cannot be written.
+    """
+    save_archive(path, FORMAT, FORMAT_VERSION, metadata, {name: _to_numpy(leaf) for name, leaf in _named(tree)})
+
+
+def load_checkpoint(path: str | Path, like: Tree) -> tuple[Tree, dict[str, Any]]:
+    """Read a pytree of the structure, shapes and types of ``like`` (arrays or their shapes), and the metadata.
+
+    Raises:
+        SwingupError: the file cannot be read, or it holds another structure.
+    """
+    metadata, arrays = load_archive(path, FORMAT, FORMAT_VERSION)
+    leaves = []
+    for name, expected in _named(like):
+        if name not in arrays:
+            raise SwingupError(f"checkpoint {path} lacks {name}: it is of another configuration")
+        leaves.append(_from_numpy(path, name, arrays[name], expected))
+    return jax.tree.unflatten(jax.tree.structure(like), leaves), metadata
+
+
+def _named(tree: Any) -> list[tuple[str, Any]]:
+    leaves = jax.tree_util.tree_leaves_with_path(tree)
+    return [(jax.tree_util.keystr(path, simple=True, separator="."), leaf) for path, leaf in leaves]
+
+
+def _is_key(leaf: Any) -> bool:
+    return bool(jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key))
+
+
+def _to_numpy(leaf: Any) -> np.ndarray:
+    return np.asarray(jax.random.key_data(leaf) if _is_key(leaf) else leaf)
+
+
+def _from_numpy(path: str | Path, name: str, array: np.ndarray, expected: Any) -> Any:
+    if _is_key(expected):
+        leaf = jax.random.wrap_key_data(jnp.asarray(array))
+    else:
+        leaf = jnp.asarray(array)
+    if leaf.shape != expected.shape or leaf.dtype != expected.dtype:
+        raise SwingupError(
+            f"checkpoint {path} holds {name} as {leaf.dtype}{list(leaf.shape)} where the configuration "
+            f"needs {expected.dtype}{list(expected.shape)}: it is of another configuration"
+        )
+    return leaf

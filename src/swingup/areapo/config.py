@@ -1,0 +1,106 @@
+"""The algorithm's hyperparameters; the strings under the fields are the command line's help.
+
+Fields marked static fix shapes and are compiled in; the others are leaves of the pytree, so that learning rates or
+temperatures can be batched with ``vmap``. Defaults are Table I of the paper, to the letter.
+"""
+
+import dataclasses
+import math
+from typing import Any
+
+import equinox as eqx
+
+from ..errors import SwingupError
+
+
+class Config(eqx.Module):
+    """Hyperparameters of AR-EAPO (paper, Table I) and of its relatives."""
+
+    num_envs: int = eqx.field(static=True, default=64)
+    """Environments side by side."""
+    num_steps: int = eqx.field(static=True, default=128)
+    """Steps of each environment in a rollout."""
+    num_epochs: int = eqx.field(static=True, default=6)
+    """Passes over a rollout."""
+    batch_size: int = eqx.field(static=True, default=1024)
+    """Frames in a minibatch."""
+    policy_layers: tuple[int, ...] = eqx.field(static=True, default=(256, 256))
+    """Widths of the policy's hidden layers (ReLU)."""
+    value_layers: tuple[int, ...] = eqx.field(static=True, default=(512, 512))
+    """Widths of the hidden layers that both value heads share (ReLU)."""
+    average_reward: bool = eqx.field(static=True, default=True)
+    """Subtract the gains (average reward); without it, the discounts below 1 bound the values."""
+    gain_trace: bool = eqx.field(static=True, default=True)
+    """Divide the gains' step by its trace, which removes the bias of their start at 0 (authors' code)."""
+    centre_values: bool = eqx.field(static=True, default=False)
+    """Fix the values' free constant: after each rollout, take their mean off the heads' biases."""
+    normalise_advantages: bool = eqx.field(static=True, default=True)
+    """Normalise the soft advantages in each minibatch."""
+    temperature: float = 2.0
+    """Temperature τ of the entropy reward -τ log π."""
+    discount: float = 1.0
+    """Discount γ of the reward objective."""
+    entropy_discount: float = 1.0
+    """Discount γ_H of the entropy objective."""
+    gae_lambda: float = 0.8
+    """λ of the reward advantages."""
+    entropy_gae_lambda: float = 0.6
+    """λ_e of the entropy advantages."""
+    gain_step_size: float = 0.01
+    """Step size η of both gains."""
+    clip_range: float = 0.05
+    """ε of the clipped surrogate."""
+    learning_rate: float = 5e-4
+    """Adam's step size."""
+    adam_epsilon: float = 1e-5
+    """Adam's ε."""
+    max_grad_norm: float = 10.0
+    """Joint norm to which the gradients are clipped."""
+    value_coefficient: float = 0.25
+    """Weight of the value loss."""
+    entropy_value_coefficient: float = 0.5
+    """c2: weight of the entropy value's loss within the value loss."""
+    log_std_init: float = -1.0
+    """Logarithm of the policy's initial standard deviation (before tanh)."""
+    observation_clip: float = 10.0
+    """Normalised observations are clipped to ± this."""
+
+    def __check_init__(self) -> None:
+        """Refuse what cannot work, before anything is traced."""
+        for name in ("num_envs", "num_steps", "num_epochs", "batch_size"):
+            if getattr(self, name) < 1:
+                raise SwingupError(f"{name} = {getattr(self, name)} must be at least 1")
+        if self.rollout_size % self.batch_size:
+            raise SwingupError(
+                f"batch_size = {self.batch_size} does not divide a rollout of num_envs x num_steps = "
+                f"{self.num_envs} x {self.num_steps} = {self.rollout_size} frames: choose a divisor"
+            )
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, float) and not math.isfinite(value):
+                raise SwingupError(f"{field.name} = {value} must be finite")
+        if self.centre_values and not self.average_reward:
+            raise SwingupError("centre_values needs average_reward: a discounted value has no free constant")
+
+    @property
+    def rollout_size(self) -> int:
+        """Frames of one iteration."""
+        return self.num_envs * self.num_steps
+
+    @property
+    def num_minibatches(self) -> int:
+        """Minibatches of one pass over a rollout."""
+        return self.rollout_size // self.batch_size
+
+
+def config_from_dict(values: dict[str, Any]) -> Config:
+    """The inverse of ``dataclasses.asdict``, also after a trip through JSON.
+
+    Raises:
+        SwingupError: a name is unknown or a value cannot work.
+    """
+    names = {field.name for field in dataclasses.fields(Config)}
+    unknown = sorted(set(values) - names)
+    if unknown:
+        raise SwingupError(f"unknown hyperparameter {', '.join(unknown)}: use names of areapo.config.Config")
+    return Config(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})  # type: ignore[arg-type]

@@ -1,0 +1,53 @@
+"""Running mean and variance of the observations (Welford's method, merged batch by batch after Chan et al.)."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..tasks.observation import AbstractStage
+from ..types import Observation, Scalar
+
+
+class Normalise(AbstractStage):
+    """(observation - mean) / sqrt(variance + ε), clipped; the observation may have leading axes."""
+
+    mean: Float[Array, "n"]
+    variance: Float[Array, "n"]
+    clip: float = 10.0
+    """The result is clipped to ± this."""
+    epsilon: float = 1e-8
+    """ε."""
+
+    def __call__(self, observation: Observation) -> Observation:
+        """Normalise and clip."""
+        scaled = (observation - self.mean) / jnp.sqrt(self.variance + self.epsilon)
+        return jnp.clip(scaled, -self.clip, self.clip)
+
+
+class RunningStatistics(eqx.Module):
+    """Mean and population variance of all observations so far."""
+
+    mean: Float[Array, "n"]
+    variance: Float[Array, "n"]
+    count: Scalar
+
+    def update(self, batch: Float[Array, "b n"]) -> "RunningStatistics":
+        """Statistics of the observations so far and of one batch more."""
+        size = batch.shape[0]
+        total = self.count + size
+        delta = jnp.mean(batch, axis=0) - self.mean
+        spread = self.variance * self.count + jnp.var(batch, axis=0) * size
+        return RunningStatistics(
+            mean=self.mean + delta * (size / total),
+            variance=(spread + delta**2 * (self.count * size / total)) / total,
+            count=total,
+        )
+
+    def stage(self, clip: float) -> Normalise:
+        """Normalisation with the statistics as they stand."""
+        return Normalise(mean=self.mean, variance=self.variance, clip=clip)
+
+
+def init_statistics(size: int) -> RunningStatistics:
+    """Mean 0 and variance 1, with next to no weight."""
+    return RunningStatistics(mean=jnp.zeros(size), variance=jnp.ones(size), count=jnp.array(1e-4))

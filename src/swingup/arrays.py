@@ -1,0 +1,65 @@
+"""``.npz`` archives of named arrays and JSON metadata: the form of policy files and checkpoints, without pickle."""
+
+import io
+import json
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .errors import SwingupError
+from .files import write_atomically
+
+METADATA = "metadata"
+"""Name of the array that holds the JSON text as UTF-8 bytes."""
+
+
+def save_archive(
+    path: str | Path, kind: str, version: int, metadata: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
+) -> None:
+    """Write an archive atomically; its metadata starts with ``format`` (the kind) and ``format_version``.
+
+    Raises:
+        SwingupError: the file cannot be written.
+    """
+    text = json.dumps({"format": kind, "format_version": version, **metadata}, indent=2)
+    buffer = io.BytesIO()
+    contents: dict[str, Any] = {METADATA: np.frombuffer(text.encode(), np.uint8), **arrays}
+    np.savez_compressed(buffer, **contents)
+    write_atomically(path, buffer.getvalue())
+
+
+def load_archive(path: str | Path, kind: str, version: int) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Read the metadata and the arrays of an archive.
+
+    Raises:
+        SwingupError: there is no such file, it is truncated or foreign, or of another kind or version.
+    """
+    arrays = _read(path, kind)
+    try:
+        metadata = dict(json.loads(arrays.pop(METADATA).tobytes().decode()))
+        found, found_version = metadata["format"], metadata["format_version"]
+    except (KeyError, TypeError, ValueError) as error:
+        raise SwingupError(f"{path} is not a {kind} file: it lacks swingup's metadata") from error
+    if found != kind:
+        raise SwingupError(f"{path} is a {found} file: a {kind} file is needed here")
+    if found_version != version:
+        raise SwingupError(
+            f"{path} has format version {found_version}, this program reads {version}: update swingup"
+        )
+    return metadata, arrays
+
+
+def _read(path: str | Path, kind: str) -> dict[str, np.ndarray]:
+    try:
+        # NumPy leaves a file open that it was to open itself and that is no archive.
+        with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except FileNotFoundError as error:
+        raise SwingupError(f"no such file: {path}") from error
+    except (PermissionError, IsADirectoryError) as error:
+        raise SwingupError(f"cannot read {path}: {error.strerror}") from error
+    except (OSError, ValueError, EOFError, KeyError, AttributeError, TypeError, zipfile.BadZipFile) as error:
+        raise SwingupError(f"{path} is not a {kind} file, or it is truncated: copy or make it anew") from error

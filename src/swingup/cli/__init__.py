@@ -1,0 +1,37 @@
+"""The command line: ``swingup evaluate | score | leaderboard | train``."""
+
+import os
+import sys
+from pathlib import Path
+
+from ..errors import SwingupError
+
+ERROR = 2
+"""Exit status of bad input."""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run a command; bad input ends in one line on standard error and a non-zero status."""
+    # Imported here, so that other modules of this package can be used without tyro.
+    from .commands import run_command
+
+    try:
+        _use_compilation_cache()
+        return run_command(sys.argv[1:] if arguments is None else arguments)
+    except SwingupError as error:
+        print(f"swingup: error: {error}", file=sys.stderr)
+        return ERROR
+    except BrokenPipeError:
+        # The reader has gone, as in `swingup ... | head`: nothing is left to say.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+
+
+def _use_compilation_cache() -> None:
+    """Keep compiled programs in the user's cache folder, so that only a command's first run compiles."""
+    import jax
+
+    if jax.config.values["jax_compilation_cache_dir"] is None:
+        home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        jax.config.update("jax_compilation_cache_dir", str(home / "swingup"))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)

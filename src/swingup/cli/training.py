@@ -1,0 +1,121 @@
+"""The command ``train``: a run with a progress bar, that signals stop cleanly."""
+
+import signal
+import time
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from ..areapo.config import Config
+from ..errors import SwingupError
+from ..learner.presets import DEFAULT_PRESET, get_preset
+from ..learner.run import Report, Run, Settings, read_settings
+from ..physics.parameters import get_robot
+from .judging import evaluate
+
+DEFAULTS = {
+    "preset": DEFAULT_PRESET,
+    "seed": 0,
+    "seeds": 1,
+    "evaluate_every": 65_536,
+    "checkpoint_every": 1_048_576,
+}
+LINE_EVERY = 10.0
+"""Seconds between lines where there is no terminal for a progress bar."""
+
+
+def train(
+    robot: str,
+    frames: int | None,
+    options: dict[str, Any],
+    out: str | None,
+    resume: str | None,
+    config: Config,
+) -> int:
+    """Start or resume a run, show its progress, and score its best policy.
+
+    Options that are None were not given. The status is 128 plus the number of the signal that stopped the run.
+    """
+    get_robot(robot)
+    if frames is not None and frames < 1:
+        raise SwingupError(f"frames = {frames} must be at least 1")
+    if resume is None:
+        run = _start(robot, frames, options, out, config)
+    else:
+        run = _resume(robot, frames, options, out, Path(resume), config)
+    received = _stop_on_signals(run)
+    console = Console(stderr=True)
+    _show(run, console)
+    if received:
+        console.print(f"stopped at {run.frames:,} frames and saved: continue with --resume {run.folder}")
+        return 128 + received[0]
+    return evaluate(robot, str(run.folder / "best.npz"), "v2", as_json=False, save=None)
+
+
+def _start(robot: str, frames: int | None, options: dict[str, Any], out: str | None, config: Config) -> Run:
+    chosen: dict[str, Any] = {name: DEFAULTS[name] if value is None else value for name, value in options.items()}
+    settings = Settings(robot=robot, config=config, **chosen)
+    folder = out or f"runs/{robot}-{settings.preset}-{settings.seed}"
+    return Run(settings, folder, frames or get_preset(settings.preset).frames)
+
+
+def _resume(
+    robot: str, frames: int | None, options: dict[str, Any], out: str | None, folder: Path, config: Config
+) -> Run:
+    """Continue a run, unless what was given contradicts its configuration."""
+    if out is not None:
+        raise SwingupError(f"--out {out} does not go with --resume {folder}: a run stays in its folder")
+    saved, _ = read_settings(folder)
+    given = {"robot": robot} | {name: value for name, value in options.items() if value is not None}
+    if config != get_preset(options["preset"] or DEFAULT_PRESET).config:
+        given["config"] = config
+    for name, value in given.items():
+        if value != getattr(saved, name):
+            raise SwingupError(
+                f"{folder} was trained with {name} = {getattr(saved, name)}, not {value}: resume it without "
+                f"that option, or train anew with another --out"
+            )
+    return Run.resume(folder, frames)
+
+
+def _stop_on_signals(run: Run) -> list[int]:
+    """Ctrl-C and SIGTERM end the run after its chunk; a second one ends the program at once."""
+    received: list[int] = []
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        received.append(number)
+        signal.signal(number, signal.SIG_DFL)
+        run.stop()
+
+    signal.signal(signal.SIGINT, handle)
+    signal.signal(signal.SIGTERM, handle)
+    return received
+
+
+def _show(run: Run, console: Console) -> None:
+    start = time.monotonic()
+    console.print(f"training {run.settings.robot} ({run.settings.preset}) to {run.goal:,} frames in {run.folder}")
+    columns = (TextColumn("{task.description}"), BarColumn(bar_width=20), TimeRemainingColumn())
+    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+        bar = progress.add_task("compiling", total=run.goal, completed=run.frames)
+        shown = -LINE_EVERY
+        for report in run.advance():
+            progress.update(bar, completed=report.frames, description=_line(report))
+            elapsed = time.monotonic() - start
+            if not console.is_terminal and elapsed - shown >= LINE_EVERY:
+                console.print(_line(report), soft_wrap=True)
+                shown = elapsed
+
+
+def _line(report: Report) -> str:
+    def mean(name: str) -> float:
+        return sum(row[name] for row in report.rows) / len(report.rows)
+
+    return (
+        f"{report.frames:,} frames  {report.frames_per_second:,.0f}/s  reward {mean('reward'):.3f}  "
+        f"gains {mean('gain'):.3f} {mean('entropy_gain'):.3f}  entropy {mean('entropy'):.2f}  "
+        f"score {mean('score'):.3f} (best {report.best_score:.3f})"
+    )

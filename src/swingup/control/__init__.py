@@ -1,0 +1,1 @@
+"""Controllers: one interface with explicit state, and the learned policy behind it."""

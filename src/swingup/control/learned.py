@@ -1,0 +1,69 @@
+"""A learned policy as a controller of the pendulum."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from ..areapo import policy as policies
+from ..areapo.policy import Policy
+from ..errors import SwingupError
+from ..physics.parameters import Robot, get_robot
+from ..tasks.observation import PendulumObservation
+from ..types import Scalar, State, Torque
+from .controller import AbstractController
+
+
+class PolicyController(AbstractController[None]):
+    """The deterministic policy, called at whatever rate the loop runs; it remembers nothing."""
+
+    policy: Policy
+    """From a state [q1, q2, dq1, dq2] to an action in [-1, 1]."""
+    torque_limit: float
+    """Torque of an action of 1 (N m)."""
+    robot: Robot = eqx.field(static=True)
+    """Which joint is driven."""
+
+    def init(self) -> None:
+        """Nothing to remember."""
+
+    def __call__(self, carry: None, t: Scalar, x: State) -> tuple[None, Torque]:
+        """The policy's torque on the driven joint."""
+        action = self.policy(x).astype(x.dtype)
+        return None, self.torque_limit * action * jnp.array(self.robot.actuation, x.dtype)
+
+
+def save_controller(path: str | Path, controller: PolicyController, provenance: Mapping[str, Any]) -> None:
+    """Write a controller as a policy file, with the robot, the torque limit and where it comes from.
+
+    Raises:
+        SwingupError: the file cannot be written.
+    """
+    head = {"robot": controller.robot.name, "torque_limit": float(controller.torque_limit)}
+    policies.save_policy(path, controller.policy, {**head, **provenance})
+
+
+def load_policy(path: str | Path, robot: Robot | None = None) -> tuple[PolicyController, dict[str, Any]]:
+    """Read a policy file as a controller of the pendulum, and its metadata.
+
+    Args:
+        path: the policy file.
+        robot: the robot that it must be for, if any.
+
+    Raises:
+        SwingupError: the file cannot be read, is no policy of a pendulum, or is for another robot.
+    """
+    policy, metadata = policies.load_policy(path)
+    missing = [name for name in ("robot", "torque_limit") if name not in metadata]
+    if missing or not policy.stages or not isinstance(policy.stages[0], PendulumObservation):
+        what = f"metadata {', '.join(missing)}" if missing else "observation stage 'pendulum' at the start"
+        raise SwingupError(f"policy file {path} lacks {what}: see docs/policy-format.md")
+    if robot is not None and metadata["robot"] != robot.name:
+        raise SwingupError(f"policy file {path} is for the {metadata['robot']}, not the {robot.name}")
+    if policy.actor.mean_head.weight.shape[0] != 1:
+        raise SwingupError(
+            f"policy file {path} has {policy.actor.mean_head.weight.shape[0]} actions: one is needed"
+        )
+    return PolicyController(policy, float(metadata["torque_limit"]), get_robot(metadata["robot"])), metadata

@@ -1,0 +1,38 @@
+"""Writing files so that a crash, a full disk or a signal never leaves half of one."""
+
+import os
+import tempfile
+from pathlib import Path
+
+from .errors import SwingupError
+
+
+def write_atomically(path: str | Path, content: bytes) -> None:
+    """Write a whole file or none: to a temporary file beside it, to the disk, then rename.
+
+    Raises:
+        SwingupError: the folder does not exist or cannot be written, or the disk is full.
+    """
+    path = Path(path)
+    temporary = None
+    try:
+        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as file:
+            temporary = Path(file.name)
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.chmod(0o666 & ~_umask())
+        temporary.replace(path)
+    except OSError as error:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+        reason = error.strerror or error
+        raise SwingupError(
+            f"cannot write {path}: {reason}; choose a folder that exists and can be written"
+        ) from error
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

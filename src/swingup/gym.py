@@ -1,0 +1,329 @@
+"""Gymnasium environments of the double pendulum: a thin adapter over this package's own task.
+
+Importing this module registers ``swingup/Acrobot-v0`` and ``swingup/Pendubot-v0``; naming it in the id does so too:
+``gymnasium.make("swingup.gym:swingup/Acrobot-v0")``. ``gymnasium.make_vec`` gives one compiled batch of them.
+The task is continuing: it truncates itself at random and by its limit, never terminates, and needs no TimeLimit.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import gymnasium
+import jax
+import jax.numpy as jnp
+import numpy as np
+from gymnasium.spaces import Box
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from jaxtyping import Bool, Float, Float32, UInt8
+
+from .drawing import draw_frame
+from .errors import SwingupError
+from .physics.parameters import ROBOTS, get_robot
+from .tasks.pendulum import DIVERGED, PendulumState, PendulumTask
+from .tasks.presets import get_task
+from .tasks.task import Step
+from .types import Action, Key, Observation, State
+
+RENDER_MODES = ["rgb_array"]
+
+
+class Episode(eqx.Module):
+    """Where one environment stands."""
+
+    state: PendulumState
+    """State of the task."""
+    action: Action
+    """The last action, 0 after a reset."""
+    key: Key
+    """What is still to be drawn follows from it."""
+
+
+class PendulumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+    """One double pendulum; its observations, rewards and truncations are those of a :class:`PendulumTask`.
+
+    Actions in [-1, 1] scale the torque limit of the driven joint and are clipped. ``info["state"]`` is
+    [q1, q2, dq1, dq2] (rad, rad/s). The seed of a reset is that of the JAX key from which all randomness follows.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": 100}  # noqa: RUF012 (as gymnasium has it)
+
+    def __init__(self, robot: str, task: str | PendulumTask = "paper", render_mode: str | None = None) -> None:
+        """Prepare an environment, to be reset before its first step.
+
+        Args:
+            robot: ``acrobot`` or ``pendubot``.
+            task: name of a variant of the task, see :data:`swingup.tasks.presets.TASKS`, or a task.
+            render_mode: ``rgb_array`` lets ``render`` draw pictures; ``None`` draws none.
+
+        Raises:
+            SwingupError: there is no such robot, task or render mode, or the task is another robot's.
+        """
+        self.task = _compiled_task(robot, task)
+        self.render_mode = _checked_render_mode(render_mode)
+        self.metadata = {**self.metadata, "render_fps": round(1 / float(self.task.dt))}
+        self.observation_space, self.action_space = _spaces(self.task)
+        self._episode: Episode | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Float32[np.ndarray, "n"], dict[str, Any]]:
+        """Start an episode, hanging down but for the task's noise, or where ``options`` says.
+
+        Args:
+            seed: makes this and all later draws repeatable; without it they go on from the last.
+            options: ``{"state": [q1, q2, dq1, dq2]}`` (rad, rad/s) sets the state to start from.
+
+        Raises:
+            SwingupError: the seed or an option is invalid.
+        """
+        start = _checked_start(options)
+        _check_seed(seed, 1)
+        super().reset(seed=seed)
+        if seed is None and self._episode is not None:
+            key = self._episode.key
+        else:
+            key = _new_keys(seed, self.np_random, 1)[0]
+        self._episode, observation = _begin(self.task, key, start)
+        return np.array(observation, np.float32), {"state": np.array(self._episode.state.x)}
+
+    def step(self, action: np.ndarray) -> tuple[Float32[np.ndarray, "n"], float, bool, bool, dict[str, Any]]:
+        """Hold an action (shape (1,), in [-1, 1]) for the task's dt.
+
+        Raises:
+            SwingupError: the action is not finite or of another shape, or ``reset`` was never called.
+        """
+        action = _checked_actions(action, (1,))
+        self._episode, step = _advance(self.task, _running(self._episode), action)
+        step = jax.device_get(step)
+        observation = np.array(step.observation, np.float32)
+        info = {"state": np.array(step.state.x)}
+        return observation, float(step.reward), bool(step.terminated), bool(step.truncated), info
+
+    def render(self) -> UInt8[np.ndarray, "400 400 3"] | None:
+        """Draw the current state and the last torque; ``None`` without a render mode.
+
+        Raises:
+            SwingupError: ``reset`` was never called, or Pillow is not installed.
+        """
+        if self.render_mode is None:
+            return None
+        episode = _running(self._episode)
+        return _draw(self.task, episode.state.x, episode.action)
+
+
+class PendulumVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+    """Many double pendulums in one compiled step; one that ends is reset in that same step.
+
+    Its environment ``i``, reset with a seed, is :class:`PendulumEnv` reset with ``seed + i``, as in gymnasium's
+    ``SyncVectorEnv``. As there, ``info["final_obs"]`` and ``info["final_info"]`` hold what a reset replaced:
+    bootstrap from ``final_obs``.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 (as gymnasium has it)
+        "render_modes": RENDER_MODES,
+        "render_fps": 100,
+        "autoreset_mode": AutoresetMode.SAME_STEP,
+    }
+
+    def __init__(
+        self,
+        robot: str,
+        num_envs: int = 1,
+        task: str | PendulumTask = "paper",
+        render_mode: str | None = None,
+    ) -> None:
+        """Prepare ``num_envs`` environments; the other arguments are those of :class:`PendulumEnv`.
+
+        Raises:
+            SwingupError: ``num_envs`` is not positive, or as :class:`PendulumEnv`.
+        """
+        if num_envs < 1:
+            raise SwingupError(f"num_envs = {num_envs} must be at least 1")
+        self.num_envs = num_envs
+        self.task = _compiled_task(robot, task)
+        self.render_mode = _checked_render_mode(render_mode)
+        self.metadata = {**self.metadata, "render_fps": round(1 / float(self.task.dt))}
+        self.single_observation_space, self.single_action_space = _spaces(self.task)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._episodes: Episode | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Float32[np.ndarray, "envs n"], dict[str, Any]]:
+        """Start all episodes; the arguments are those of :meth:`PendulumEnv.reset`.
+
+        Raises:
+            SwingupError: the seed or an option is invalid.
+        """
+        start = _checked_start(options)
+        _check_seed(seed, self.num_envs)
+        super().reset(seed=seed)
+        if seed is None and self._episodes is not None:
+            keys = self._episodes.key
+        else:
+            keys = _new_keys(seed, self.np_random, self.num_envs)
+        self._episodes, observations = _begin_all(self.task, keys, start)
+        return np.array(observations, np.float32), self._infos(self._episodes)
+
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[
+        Float32[np.ndarray, "envs n"],
+        Float[np.ndarray, "envs"],
+        Bool[np.ndarray, "envs"],
+        Bool[np.ndarray, "envs"],
+        dict[str, Any],
+    ]:
+        """Hold one action each (shape (num_envs, 1), in [-1, 1]) for the task's dt; reset those that end.
+
+        Raises:
+            SwingupError: an action is not finite, their shape is another, or ``reset`` was never called.
+        """
+        actions = _checked_actions(actions, (self.num_envs, 1))
+        self._episodes, observations, step = _advance_all(self.task, _running(self._episodes), actions)
+        step = jax.device_get(step)
+        infos: dict[str, Any] = {}
+        for index in np.flatnonzero(step.terminated | step.truncated).tolist():
+            final_info = {"state": np.array(step.state.x[index])}
+            final = {"final_obs": np.array(step.observation[index], np.float32), "final_info": final_info}
+            infos = self._add_info(infos, final, index)
+        return (
+            np.array(observations, np.float32),
+            np.array(step.reward, np.float64),
+            np.array(step.terminated),
+            np.array(step.truncated),
+            infos | self._infos(self._episodes),
+        )
+
+    def render(self) -> tuple[UInt8[np.ndarray, "400 400 3"], ...] | None:
+        """One picture of each environment; otherwise as :meth:`PendulumEnv.render`."""
+        if self.render_mode is None:
+            return None
+        episodes = _running(self._episodes)
+        pairs = zip(np.asarray(episodes.state.x), np.asarray(episodes.action), strict=True)
+        return tuple(_draw(self.task, x, action) for x, action in pairs)
+
+    def _infos(self, episodes: Episode) -> dict[str, Any]:
+        return {"state": np.array(episodes.state.x), "_state": np.ones(self.num_envs, np.bool_)}
+
+
+def begin(task: PendulumTask, key: Key, start: State | None) -> tuple[Episode, Observation]:
+    """Reset an environment, to the state ``start`` if there is one."""
+    reset_key, next_key = jax.random.split(key)
+    state = task.reset(reset_key) if start is None else PendulumState(x=start, steps=jnp.array(0))
+    return Episode(state=state, action=jnp.zeros(task.action_size), key=next_key), task.observe(state)
+
+
+def advance(task: PendulumTask, episode: Episode, action: Action) -> tuple[Episode, Step[PendulumState]]:
+    """Step an environment, which may end but is not reset."""
+    step_key, next_key = jax.random.split(episode.key)
+    step = task.step(episode.state, action, step_key)
+    return Episode(state=step.state, action=action, key=next_key), step
+
+
+def advance_and_reset(
+    task: PendulumTask, episode: Episode, action: Action
+) -> tuple[Episode, Observation, Step[PendulumState]]:
+    """Step an environment and reset it if it ends; the step is as before the reset, the rest as after."""
+    after, step = advance(task, episode, action)
+    fresh, observation = begin(task, after.key, None)
+    ended = step.terminated | step.truncated
+    episode, observation = jax.tree.map(
+        lambda new, old: jnp.where(ended, new, old), (fresh, observation), (after, step.observation)
+    )
+    return episode, observation, step
+
+
+# Compiled once for all environments of a kind: the task's numbers are arguments.
+_begin = jax.jit(begin)
+_begin_all = jax.jit(jax.vmap(begin, in_axes=(None, 0, None)))
+_advance = jax.jit(advance)
+_advance_all = jax.jit(jax.vmap(advance_and_reset, in_axes=(None, 0, 0)))
+_keys = jax.jit(jax.vmap(jax.random.key))
+
+
+def _compiled_task(robot: str, task: str | PendulumTask) -> PendulumTask:
+    """The task with its numbers as arrays, which compiled functions take faster."""
+    chosen = get_task(task, get_robot(robot)) if isinstance(task, str) else task
+    if chosen.robot != get_robot(robot):
+        raise SwingupError(f"the task is for the {chosen.robot.name}, not for the {robot}: change one of them")
+    return jax.tree.map(jnp.asarray, chosen)
+
+
+def _spaces(task: PendulumTask) -> tuple[Box, Box]:
+    """The spaces of observations and of actions."""
+    return Box(-1.0, 1.0, (task.observation_size,), np.float32), Box(-1.0, 1.0, (task.action_size,), np.float32)
+
+
+def _checked_render_mode(render_mode: str | None) -> str | None:
+    if render_mode is not None and render_mode not in RENDER_MODES:
+        raise SwingupError(f"unknown render_mode {render_mode!r}: use {', '.join(RENDER_MODES)} or None")
+    return render_mode
+
+
+def _checked_start(options: dict[str, Any] | None) -> Float[np.ndarray, "4"] | None:
+    unknown = [name for name in options or {} if name != "state"]
+    if unknown:
+        raise SwingupError(f"unknown reset option {unknown[0]!r}: use 'state' alone")
+    if not options:
+        return None
+    try:
+        start = np.asarray(options["state"], np.float64)
+        valid = start.shape == (4,) and bool(np.all(np.abs(start) < DIVERGED))
+    except (TypeError, ValueError):
+        valid = False
+    if not valid:
+        given = _one_line(options["state"])
+        raise SwingupError(f"state {given} must be [q1, q2, dq1, dq2], 4 numbers within ±{DIVERGED:g} (rad, rad/s)")
+    return start
+
+
+def _check_seed(seed: int | None, count: int) -> None:
+    """Refuse seeds that JAX would cut to 32 bits."""
+    if seed is not None and not (isinstance(seed, int) and 0 <= seed <= 2**32 - count):
+        raise SwingupError(f"seed {_one_line(seed)} must be a Python int from 0 to 2^32 - {count}")
+
+
+def _new_keys(seed: int | None, generator: np.random.Generator, count: int) -> Key:
+    """Keys (count) of consecutive seeds, the first drawn at random if there is none."""
+    first = int(generator.integers(2**32 - count, endpoint=True)) if seed is None else seed
+    return _keys(np.arange(first, first + count, dtype=np.uint32))
+
+
+def _checked_actions(actions: Any, shape: tuple[int, ...]) -> Float32[np.ndarray, "..."]:
+    try:
+        values = np.asarray(actions, np.float64)
+    except (TypeError, ValueError):
+        raise SwingupError(f"action {_one_line(actions)} is not numeric: pass shape {shape} in [-1, 1]") from None
+    if values.shape != shape:
+        raise SwingupError(f"action has shape {values.shape}: pass shape {shape}, entries in [-1, 1]")
+    if not np.isfinite(values).all():
+        bad = values[~np.isfinite(values)][0]
+        raise SwingupError(f"action {bad} is not finite: pass numbers in [-1, 1]")
+    return np.clip(values, -1.0, 1.0).astype(np.float32)
+
+
+def _running(episode: Episode | None) -> Episode:
+    if episode is None:
+        raise SwingupError("the environment was never reset: call reset() before step() or render()")
+    return episode
+
+
+def _draw(task: PendulumTask, x: Any, action: Any) -> UInt8[np.ndarray, "400 400 3"]:
+    lengths = float(task.parameters.l1), float(task.parameters.l2)
+    return draw_frame(np.asarray(x), *lengths, torque=np.asarray(task.torque(action)), driven=task.robot.joint)
+
+
+def _one_line(value: Any) -> str:
+    return " ".join(repr(value).split())
+
+
+for _robot in ROBOTS:
+    gymnasium.register(
+        id=f"swingup/{_robot.capitalize()}-v0",
+        entry_point=f"{__name__}:PendulumEnv",
+        vector_entry_point=f"{__name__}:PendulumVectorEnv",
+        kwargs={"robot": _robot},
+    )

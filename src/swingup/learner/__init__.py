@@ -1,0 +1,1 @@
+"""Training runs: presets, folders, metrics, evaluation by the judge, checkpoints and resuming."""

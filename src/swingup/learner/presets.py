@@ -1,0 +1,56 @@
+"""Named settings of task and algorithm; presets are Python values."""
+
+from dataclasses import dataclass
+
+from ..areapo.config import Config
+from ..errors import SwingupError
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A task variant and the algorithm's hyperparameters."""
+
+    summary: str
+    """What it is, in one line."""
+    config: Config
+    """The algorithm."""
+    frames: int = 12_000_000
+    """Length of a run unless another is asked for."""
+    task: str = "smooth"
+    """The task's variant, a name of :data:`swingup.tasks.presets.TASKS`."""
+
+
+PRESETS = {
+    "default": Preset(
+        "Table I on the task without its edges (sines and cosines), with the values' free constant fixed",
+        Config(centre_values=True),
+    ),
+    "paper": Preset("Table I of the paper to the letter, on the paper's task", Config(), 30_000_000, "paper"),
+    "apo": Preset(
+        "average reward without entropy (after APO, arXiv 2106.03442)", Config(temperature=0.0, centre_values=True)
+    ),
+    "eapo": Preset(
+        "discounted rewards with entropy advantages (EAPO, arXiv 2407.18143)",
+        Config(
+            average_reward=False, discount=0.99, entropy_discount=0.99, gae_lambda=0.95, entropy_gae_lambda=0.6,
+            clip_range=0.2,
+        ),
+    ),
+    "ppo": Preset(
+        "discounted rewards, no entropy (PPO, arXiv 1707.06347)",
+        Config(average_reward=False, temperature=0.0, discount=0.99, gae_lambda=0.95, clip_range=0.2),
+    ),
+}  # fmt: skip
+
+DEFAULT_PRESET = "default"
+
+
+def get_preset(name: str) -> Preset:
+    """Look a preset up by its name.
+
+    Raises:
+        SwingupError: there is no such preset.
+    """
+    if name not in PRESETS:
+        raise SwingupError(f"unknown preset {name!r}: use one of {', '.join(PRESETS)}")
+    return PRESETS[name]

@@ -1,0 +1,1 @@
+"""The double pendulum: parameters (SI), equations of motion, energy and integrators, in pure JAX."""

@@ -1,0 +1,54 @@
+"""How a policy sees the pendulum's state; the same code serves training, judging and control."""
+
+import abc
+from typing import Literal, get_args
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from ..errors import SwingupError
+from ..types import Observation, State
+
+Angles = Literal["wrapped", "sincos"]
+
+
+class AbstractStage(eqx.Module):
+    """One stage of a policy's observation: a pure function from a vector to a vector."""
+
+    @abc.abstractmethod
+    def __call__(self, observation: Observation) -> Observation:
+        """What the next stage sees."""
+
+
+class PendulumObservation(AbstractStage):
+    """Scaled angles and velocities of the double pendulum, the first stage of its policies.
+
+    ``wrapped`` is the paper's [(q1 mod 2π - π)/π, (q2 mod 2π - π)/π, dq1/s, dq2/s] (after Zhang et al.): upright
+    lies on its jump at q2 = 0. ``sincos`` is [sin q1, cos q1, sin q2, cos q2, dq1/s, dq2/s], which has no jump.
+    Velocities are clipped to ±s first.
+    """
+
+    velocity_scale: float = 20.0
+    """s: velocities are clipped to ± this and divided by it (rad/s)."""
+    angles: Angles = eqx.field(static=True, default="wrapped")
+    """How the angles are encoded."""
+
+    def __check_init__(self) -> None:
+        """Refuse an unknown encoding."""
+        if self.angles not in get_args(Angles):
+            raise SwingupError(f"unknown angle encoding {self.angles!r}: use one of {', '.join(get_args(Angles))}")
+
+    @property
+    def size(self) -> int:
+        """Length of the observation."""
+        return 4 if self.angles == "wrapped" else 6
+
+    def __call__(self, observation: State) -> Observation:
+        """Observe a state [q1, q2, dq1, dq2] (rad, rad/s); every entry of the result lies in [-1, 1]."""
+        q, rates = observation[:2], observation[2:]
+        velocities = jnp.clip(rates, -self.velocity_scale, self.velocity_scale) / self.velocity_scale
+        if self.angles == "wrapped":
+            angles = (jnp.mod(q, 2 * jnp.pi) - jnp.pi) / jnp.pi
+        else:
+            angles = jnp.stack([jnp.sin(q), jnp.cos(q)], axis=1).reshape(-1)
+        return jnp.concatenate([angles, velocities])

@@ -1,0 +1,115 @@
+"""The swing-up and balancing of the double pendulum as a continuing task (paper, section IV)."""
+
+import math
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from ..physics.integrate import rk4_step
+from ..physics.parameters import Parameters, Robot
+from ..types import Action, Count, Key, Observation, Scalar, State, Torque
+from .observation import PendulumObservation
+from .task import AbstractTask, Step
+
+UPRIGHT = (jnp.pi, 0.0, 0.0, 0.0)
+"""g = [π, 0, 0, 0], the goal state (rad, rad/s)."""
+
+DIVERGED = 1000.0
+"""Velocity beyond which a state is no longer physics but an integration error (rad/s)."""
+
+
+class PendulumState(eqx.Module):
+    """State of the task."""
+
+    x: State
+    """State of the pendulum, angles unwrapped (rad, rad/s)."""
+    steps: Count
+    """Steps since the last reset."""
+
+
+class PendulumTask(AbstractTask[PendulumState]):
+    """Swing up and balance with a quadratic cost; truncated at random and by a limit, never terminated.
+
+    Source: AR-EAPO paper, section IV: reward r(x', a) = -α[(x' - g)ᵀ Q (x' - g) + R a²] on the state after the
+    step, q1 wrapped to [0, 2π) and q2 to [-π, π); noisy reset around hanging; random truncation.
+    """
+
+    robot: Robot = eqx.field(static=True)
+    """Which joint is driven."""
+    parameters: Parameters
+    """The plant; the torque limit of the driven joint scales the action."""
+    observation: PendulumObservation = PendulumObservation()
+    """What the policy sees."""
+    dt: float = 0.01
+    """Time of one action (s): 100 Hz."""
+    state_cost: tuple[float, float, float, float] = (50.0, 50.0, 4.0, 2.0)
+    """Diagonal of Q (1/rad², s²/rad²)."""
+    torque_cost: float = 1.0
+    """R (1/(N m)²)."""
+    reward_scale: float = 0.001
+    """α."""
+    reset_noise: float = 0.01
+    """Standard deviation of the initial state around hanging (rad, rad/s)."""
+    truncation_probability: float = 1e-3
+    """p_trunc: probability of a random truncation at each step."""
+    max_steps: int = eqx.field(static=True, default=1000)
+    """Steps after which the task is truncated in any case."""
+    cost_velocity_limit: float = math.inf
+    """Velocities count in the reward only up to ± this (rad/s). Not in the paper: a policy that spins the pendulum
+    up past the range it observes would see costs without bound, which ruin the critic for millions of frames."""
+
+    @property
+    def observation_size(self) -> int:
+        """Length of an observation."""
+        return self.observation.size
+
+    @property
+    def action_size(self) -> int:
+        """One: the driven joint."""
+        return 1
+
+    def torque(self, action: Action) -> Torque:
+        """Torques [u1, u2] (N m) of an action in [-1, 1]; the passive joint gets none."""
+        limits = jnp.array([self.parameters.tl1, self.parameters.tl2], action.dtype)
+        return action * limits * jnp.array(self.robot.actuation, action.dtype)
+
+    def reset(self, key: Key) -> PendulumState:
+        """Hang down, disturbed by Gaussian noise on all four states."""
+        return PendulumState(x=self.reset_noise * jax.random.normal(key, (4,)), steps=jnp.array(0))
+
+    def observe(self, state: PendulumState) -> Observation:
+        """Scaled angles and velocities."""
+        return self.observation(state.x)
+
+    def reward(self, x: State, u: Torque) -> Scalar:
+        """r(x', a) of the state after the step and the torque (N m)."""
+        limited = jnp.clip(x[2:], -self.cost_velocity_limit, self.cost_velocity_limit)
+        error = jnp.concatenate([wrap_to_goal(x)[:2], limited]) - jnp.array(UPRIGHT, x.dtype)
+        cost = error @ (jnp.array(self.state_cost, x.dtype) * error) + self.torque_cost * (u @ u)
+        return -self.reward_scale * cost
+
+    def step(self, state: PendulumState, action: Action, key: Key) -> Step[PendulumState]:
+        """Hold the torque for dt and advance the pendulum by one Runge-Kutta step.
+
+        Should the integrator diverge, which takes some 60 rad/s, the last good state is kept and truncated.
+        """
+        u = self.torque(action)
+        x = rk4_step(self.parameters, state.x, u, self.dt)
+        diverged = ~jnp.all(jnp.abs(x[2:]) < DIVERGED)
+        after = PendulumState(x=jnp.where(diverged, state.x, x), steps=state.steps + 1)
+        at_random = jax.random.bernoulli(key, self.truncation_probability)
+        return Step(
+            state=after,
+            observation=self.observe(after),
+            reward=self.reward(after.x, u),
+            terminated=jnp.array(False),
+            truncated=at_random | diverged | (after.steps >= self.max_steps),
+        )
+
+
+def wrap_to_goal(x: State) -> State:
+    """Wrap q1 to [0, 2π) and q2 to [-π, π), so that both angles are continuous around upright."""
+    q1 = jnp.mod(x[0], 2 * jnp.pi)
+    q2 = jnp.mod(x[1] + jnp.pi, 2 * jnp.pi) - jnp.pi
+    return jnp.concatenate([jnp.array([q1, q2]), x[2:]])

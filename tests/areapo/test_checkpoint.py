@@ -1,0 +1,67 @@
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from swingup.areapo.checkpoint import load_checkpoint, save_checkpoint
+from swingup.errors import SwingupError
+
+TREE = {
+    "weights": jnp.array([1.0, jnp.pi, 1e-38]),
+    "nested": (jnp.arange(3), jnp.array(True)),
+    "key": jax.random.key(7),
+    "keys": jax.random.split(jax.random.key(8), 2),
+}
+LIKE = jax.eval_shape(lambda: TREE)
+
+
+@pytest.fixture
+def path(tmp_path):
+    save_checkpoint(tmp_path / "c.npz", TREE, {"frames": 12, "best": [0.1]})
+    return tmp_path / "c.npz"
+
+
+def test_round_trip_is_exact(path):
+    tree, metadata = load_checkpoint(path, LIKE)
+    assert eqx.tree_equal(tree, TREE)
+    assert (metadata["frames"], metadata["best"]) == (12, [0.1])
+    # The keys draw what they drew.
+    np.testing.assert_array_equal(jax.random.normal(tree["key"], (3,)), jax.random.normal(TREE["key"], (3,)))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"weights": jnp.zeros(4)}, r"weights as float32\[3\].*needs float32\[4\]"),
+        ({"weights": jnp.zeros(3, jnp.int32)}, r"weights as float32.*needs int32"),
+        ({"extra": jnp.zeros(1)}, "lacks extra"),
+    ],
+)
+def test_another_configuration(path, changes, message):
+    with pytest.raises(SwingupError, match=message):
+        load_checkpoint(path, TREE | changes)
+
+
+@pytest.mark.parametrize("size", [0, 10, 200, -1])
+def test_truncated(path, size):
+    path.write_bytes(path.read_bytes()[:size])
+    with pytest.raises(SwingupError, match="truncated"):
+        load_checkpoint(path, LIKE)
+
+
+def test_foreign_archive(tmp_path):
+    np.savez(tmp_path / "x.npz", a=np.zeros(3))
+    with pytest.raises(SwingupError, match="lacks swingup's metadata"):
+        load_checkpoint(tmp_path / "x.npz", LIKE)
+
+
+def test_no_such_file(tmp_path):
+    with pytest.raises(SwingupError, match="no such file"):
+        load_checkpoint(tmp_path / "x.npz", LIKE)
+
+
+def test_writing_leaves_no_half_file(tmp_path):
+    with pytest.raises(SwingupError, match="cannot write"):
+        save_checkpoint(tmp_path / "missing" / "c.npz", TREE, {})
+    assert list(tmp_path.iterdir()) == []

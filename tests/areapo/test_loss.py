@@ -1,0 +1,69 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from swingup.areapo.config import Config
+from swingup.areapo.loss import Batch, loss
+from swingup.areapo.networks import init_actor, init_critic
+
+NETWORKS = (init_actor(jax.random.key(0), 3, 1, (8,), -1.0), init_critic(jax.random.key(1), 3, (8,)))
+OBSERVATIONS = jax.random.normal(jax.random.key(2), (4, 3))
+LATENTS = jax.random.normal(jax.random.key(3), (4, 1))
+LOG_PROBS = jax.vmap(lambda o, z: NETWORKS[0](o).log_prob(z))(OBSERVATIONS, LATENTS)
+VALUES = jax.vmap(NETWORKS[1])(OBSERVATIONS)
+CONFIG = Config(num_envs=2, num_steps=2, batch_size=4)
+
+
+def batch(log_ratios=0.0, advantages=(1.0, -1.0, 1.0, -1.0), errors=0.0):
+    """A batch whose probability ratios are e^log_ratios and whose value errors are ``errors``."""
+    return Batch(OBSERVATIONS, LATENTS, LOG_PROBS - log_ratios, jnp.array(advantages), VALUES - errors)
+
+
+def test_value_losses_by_hand():
+    # Errors 2 and 3: 0.25 (2² + 0.5 · 3²) = 2.125; at ratio 1 the normalised advantages average to 0.
+    total, metrics = loss(NETWORKS, batch(errors=jnp.array([2.0, 3.0])), CONFIG)
+    assert metrics.value_loss == pytest.approx(4.0, rel=1e-5)
+    assert metrics.entropy_value_loss == pytest.approx(9.0, rel=1e-5)
+    assert total == pytest.approx(2.125, rel=1e-5)
+
+
+def test_surrogate_is_clipped_pessimistically():
+    # ε = 0.05 and ratio 1.2: A = 1 counts 1.05, A = -1 counts -1.2; -mean of (1.05, -1.2, 1.05, -1.2) = 0.075.
+    ratios = jnp.log(jnp.array([1.2, 1.2, 1.2, 1.2]))
+    total, metrics = loss(NETWORKS, batch(log_ratios=ratios), CONFIG)
+    assert total == pytest.approx(0.075, rel=1e-4)
+    assert metrics.clip_fraction == 1.0
+    # mean(r - 1 - log r) = 0.2 - log 1.2
+    assert metrics.approximate_kl == pytest.approx(0.2 - np.log(1.2), rel=1e-4)
+
+
+def test_clipped_frames_have_no_gradient():
+    def policy_gradient(ratio):
+        frames = batch(log_ratios=jnp.log(ratio), advantages=(1.0, 1.0, 1.0, 1.0))
+        config = Config(num_envs=2, num_steps=2, batch_size=4, normalise_advantages=False)
+        gradients = jax.grad(lambda networks: loss(networks, frames, config)[0])(NETWORKS)[0]
+        return max(float(jnp.max(jnp.abs(leaf))) for leaf in jax.tree.leaves(gradients))
+
+    assert policy_gradient(1.2) == 0.0
+    assert policy_gradient(1.01) > 1e-3
+
+
+def test_gradient_at_ratio_one_is_the_policy_gradient():
+    advantages = jnp.array([0.3, -1.0, 2.0, 0.7])
+    config = Config(num_envs=2, num_steps=2, batch_size=4, normalise_advantages=False)
+
+    def reinforce(actor):
+        log_probs = jax.vmap(lambda o, z: actor(o).log_prob(z))(OBSERVATIONS, LATENTS)
+        return -jnp.mean(log_probs * advantages)
+
+    expected = jax.grad(reinforce)(NETWORKS[0])
+    frames = batch(advantages=advantages)
+    actual = jax.grad(lambda actor: loss((actor, NETWORKS[1]), frames, config)[0])(NETWORKS[0])
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-6), actual, expected)
+
+
+def test_advantages_are_normalised_in_the_minibatch():
+    frames = batch(log_ratios=jnp.log(jnp.array([1.01, 1.02, 0.99, 1.0])), advantages=(5.0, 7.0, 3.0, 1.0))
+    shifted = batch(log_ratios=jnp.log(jnp.array([1.01, 1.02, 0.99, 1.0])), advantages=(50.0, 70.0, 30.0, 10.0))
+    assert loss(NETWORKS, frames, CONFIG)[0] == pytest.approx(float(loss(NETWORKS, shifted, CONFIG)[0]), abs=1e-5)

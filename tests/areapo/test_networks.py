@@ -1,0 +1,43 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from swingup.areapo.networks import init_actor, init_critic
+
+
+def test_actor_starts_near_zero_with_the_given_deviation():
+    actor = init_actor(jax.random.key(0), 4, 1, (256, 256), -1.0)
+    observations = jax.random.normal(jax.random.key(1), (100, 4))
+    distribution = jax.vmap(actor)(observations)
+    # σ = softplus(w·h + b) with b = log(e^(e^-1) - 1) and |w·h| small.
+    np.testing.assert_allclose(distribution.log_std, -1.0, atol=0.5)
+    assert abs(float(jnp.mean(distribution.log_std)) + 1.0) < 0.1
+    assert float(jnp.max(jnp.abs(distribution.mean))) < 0.1
+
+
+def test_weights_are_orthogonal():
+    actor = init_actor(jax.random.key(0), 4, 1, (256, 256), -1.0)
+    critic = init_critic(jax.random.key(0), 4, (512, 512))
+    square = actor.trunk[1].weight
+    # Gain √2: W Wᵀ = 2 I.
+    np.testing.assert_allclose(square @ square.T, 2.0 * np.eye(256), atol=1e-4)
+    first = critic.trunk[0].weight
+    np.testing.assert_allclose(first.T @ first, 2.0 * np.eye(4), atol=1e-4)
+    # One row each: norm 0.01 for the mean, 1 for both values.
+    assert float(jnp.linalg.norm(actor.mean_head.weight)) == pytest.approx(0.01, rel=1e-4)
+    np.testing.assert_allclose(jnp.linalg.norm(critic.heads.weight, axis=1), 1.0, rtol=1e-4)
+    assert all(not np.any(layer.bias) for layer in (*actor.trunk, *critic.trunk, actor.mean_head, critic.heads))
+
+
+def test_table_one_sizes():
+    actor = init_actor(jax.random.key(0), 4, 1, (256, 256), -1.0)
+    critic = init_critic(jax.random.key(0), 4, (512, 512))
+    # 4·256 + 256 + 256·256 + 256 + 2 (256 + 1) and 4·512 + 512 + 512·512 + 512 + 2 (512 + 1)
+    assert sum(leaf.size for leaf in jax.tree.leaves(actor)) == 67_586
+    assert sum(leaf.size for leaf in jax.tree.leaves(critic)) == 266_242
+
+
+def test_log_std_is_clamped():
+    actor = init_actor(jax.random.key(0), 4, 1, (8,), 5.0)
+    assert float(actor(jnp.zeros(4)).log_std[0]) == 2.0

@@ -1,0 +1,111 @@
+"""The learner on tasks with known answers: gains, bias values and the maximum-entropy policy."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from swingup.areapo import train
+from swingup.areapo.config import Config
+
+from .probes import Bowl, Constant, Cycle, Switch, best_squashed_gaussian
+
+SMALL = Config(
+    num_envs=16, num_steps=32, num_epochs=4, batch_size=128, policy_layers=(32, 32), value_layers=(32, 32),
+    clip_range=0.2, learning_rate=2e-3, gain_step_size=0.05, centre_values=True,
+)  # fmt: skip
+
+
+@functools.cache
+def learn(task, iterations=300, **changes):
+    """Train with a high learning rate, then with a low one to settle; the metrics are the mean of the last part."""
+    config = Config(**(vars(SMALL) | changes))
+    advance = jax.jit(train.train)
+    state = train.init(jax.random.key(0), task, config)
+    state, _ = advance(state, task, config, iterations)
+    fine = Config(**(vars(config) | {"learning_rate": config.learning_rate / 10, "gain_step_size": 0.01}))
+    state, _ = advance(state, task, fine, 100)
+    return advance(state, task, fine, 100)
+
+
+def values(state, observations):
+    """[v, v_H] at raw observations."""
+    stage = state.statistics.stage(10.0)
+    return np.asarray(jax.vmap(lambda o: state.critic(stage(o)))(jnp.asarray(observations)[:, None]))
+
+
+def test_constant_reward_has_gain_one_and_no_bias():
+    state, metrics = learn(Constant(), temperature=0.1)
+    assert metrics.gain == pytest.approx(1.0, rel=0.01)
+    assert values(state, [0.0])[0, 0] == pytest.approx(0.0, abs=0.02)
+
+
+@pytest.mark.parametrize("centre_values", [True, False])
+def test_cycle_has_gain_one_and_bias_difference_one(centre_values):
+    # An odd time limit visits state 0 once more than state 1 (5 : 4 in 9 steps); bootstrapping at the truncation
+    # keeps v(1) - v(0) at 1 and ρ at 1 all the same, where the mean reward collected is only 8/9.
+    state, metrics = learn(Cycle(max_steps=9), temperature=0.1, centre_values=centre_values)
+    zero, one = values(state, [0.0, 1.0])[:, 0]
+    assert one - zero == pytest.approx(1.0, rel=0.02)
+    assert metrics.gain == pytest.approx(1.0, rel=0.02)
+    assert metrics.reward == pytest.approx(8 / 9, rel=0.02)
+
+
+def test_discounted_values_of_a_terminating_task():
+    # Three steps of reward 1 and the end: v(s0) = 1 + γ + γ² with γ = 0.5. The probe's one state hides the step,
+    # so that its value is the mean over the three steps: (1.75 + 1.5 + 1) / 3.
+    state, _ = learn(
+        Constant(max_steps=3, terminates=True), temperature=0.0, average_reward=False, centre_values=False,
+        discount=0.5, entropy_discount=0.5, num_steps=30, batch_size=96,
+    )  # fmt: skip
+    assert values(state, [0.0])[0, 0] == pytest.approx((1.75 + 1.5 + 1.0) / 3, rel=0.02)
+
+
+def test_entropy_alone_makes_the_policy_as_uniform_as_it_can_be():
+    objective, _, log_std = best_squashed_gaussian(lambda a: 0.0 * a, 1.0)
+    state, metrics = learn(Constant(), temperature=1.0)
+    assert metrics.entropy == pytest.approx(objective, rel=0.02)
+    assert metrics.entropy_gain == pytest.approx(objective, rel=0.02)
+    policy = state.actor(jnp.zeros(1))
+    assert float(policy.mean[0]) == pytest.approx(0.0, abs=0.05)
+    assert float(policy.log_std[0]) == pytest.approx(log_std, abs=0.05)
+
+
+def test_entropy_gain_is_in_units_of_the_temperature():
+    _, metrics = learn(Constant(), temperature=0.3)
+    assert metrics.entropy_gain == pytest.approx(0.3 * float(metrics.entropy), rel=0.02)
+
+
+@pytest.mark.parametrize("temperature", [0.1, 0.5])
+def test_maximum_entropy_policy_of_a_bowl(temperature):
+    objective, mean, log_std = best_squashed_gaussian(lambda a: -(a**2), temperature)
+    state, metrics = learn(Bowl(), temperature=temperature)
+    assert metrics.gain + metrics.entropy_gain == pytest.approx(objective, rel=0.02)
+    policy = state.actor(jnp.zeros(1))
+    assert float(policy.mean[0]) == pytest.approx(mean, abs=0.05)
+    assert float(policy.log_std[0]) == pytest.approx(log_std, abs=0.05)
+
+
+def test_soft_gain_where_actions_choose_states():
+    # The choice pays one step later and is the same in both states, so that it is the bandit r(a) = [a > 0].
+    temperature = 0.3
+    objective, mean, _ = best_squashed_gaussian(lambda a: (a > 0).astype(float), temperature)
+    state, metrics = learn(Switch(), temperature=temperature)
+    # A reset puts the state at 0 every 10 steps; bootstrapping makes the gain that of the endless task.
+    assert metrics.gain + metrics.entropy_gain == pytest.approx(objective, rel=0.02)
+    assert mean > 0.3
+    # v(1) - v(0) = 1 + (p(1) - p(0)) (v(1) - v(0)) with p(s) = P(a > 0 | s) = Φ(mean / σ) of the policy as it is.
+    stage = state.statistics.stage(10.0)
+    policy = jax.vmap(lambda o: state.actor(stage(o)))(jnp.array([[0.0], [1.0]]))
+    p_zero, p_one = np.asarray(jax.scipy.stats.norm.cdf(policy.mean / jnp.exp(policy.log_std)))[:, 0]
+    zero, one = values(state, [0.0, 1.0])[:, 0]
+    assert one - zero == pytest.approx(1.0 / (1.0 - (p_one - p_zero)), rel=0.03)
+
+
+def test_without_temperature_the_policy_is_greedy():
+    state, metrics = learn(Bowl(), temperature=0.0)
+    assert metrics.gain == pytest.approx(0.0, abs=0.01)
+    assert metrics.entropy_gain == 0.0
+    assert float(state.actor.mode(jnp.zeros(1))[0]) == pytest.approx(0.0, abs=0.05)

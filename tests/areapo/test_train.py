@@ -1,0 +1,179 @@
+"""The parts of an iteration: what is collected, what is bootstrapped, what is centred, what stays as it was."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from swingup.areapo import train
+from swingup.areapo.config import Config, config_from_dict
+from swingup.errors import SwingupError
+from swingup.physics.parameters import ROBOTS
+from swingup.tasks.presets import smooth_task
+
+from .probes import Cycle
+
+CONFIG = Config(num_envs=4, num_steps=8, num_epochs=2, batch_size=16, policy_layers=(16,), value_layers=(16,))
+PENDULUM = smooth_task(ROBOTS["acrobot"])
+
+
+@pytest.fixture(scope="module")
+def collected():
+    """A state after a rollout of a pendulum that is truncated every three steps, and the rollout."""
+    task = dataclasses.replace(PENDULUM, max_steps=3)
+    state = train.init(jax.random.key(0), task, CONFIG)
+    return jax.jit(train.collect)(state, jax.random.key(1), task, CONFIG)
+
+
+def test_an_iteration_keeps_every_type():
+    """Otherwise every run would compile its chunk twice."""
+    before = jax.eval_shape(lambda key: train.init(key, PENDULUM, CONFIG), jax.random.key(0))
+    after, _ = jax.eval_shape(train.iteration, before, PENDULUM, CONFIG)
+    kinds = [[(leaf.shape, leaf.dtype, leaf.weak_type) for leaf in jax.tree.leaves(s)] for s in (before, after)]
+    assert kinds[0] == kinds[1]
+
+
+def test_chunks_add_up():
+    """Two iterations in one call are those of two calls, bit for bit."""
+    advance = jax.jit(train.train)
+    start = train.init(jax.random.key(0), PENDULUM, CONFIG)
+    together, _ = advance(start, PENDULUM, CONFIG, 2)
+    apart, _ = advance(advance(start, PENDULUM, CONFIG, 1)[0], PENDULUM, CONFIG, 1)
+    for one, other in zip(jax.tree.leaves(together), jax.tree.leaves(apart), strict=True):
+        if not jnp.issubdtype(one.dtype, jax.dtypes.prng_key):
+            np.testing.assert_array_equal(one, other)
+
+
+def test_seeds_and_hyperparameters_batch():
+    """Seeds and learning rates under vmap give what each gives alone."""
+    rates = jnp.array([1e-3, 1e-5])
+    keys = jax.random.split(jax.random.key(0), 2)
+
+    def final(key, rate):
+        config = Config(**(vars(CONFIG) | {"learning_rate": rate}))
+        return train.train(train.init(key, PENDULUM, config), PENDULUM, config, 2)[0].actor
+
+    batched = jax.jit(jax.vmap(final))(keys, rates)
+    alone = jax.jit(final)(keys[1], rates[1])
+    second = jax.tree.map(lambda leaf: leaf[1], batched)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-5), second, alone)
+
+
+def test_truncation_resets_and_keeps_the_true_next_observation(collected):
+    state, rollout = collected
+    # Three steps after each reset: rows 2 and 5 of 8.
+    truncated = np.asarray(rollout.truncated)
+    assert np.flatnonzero(truncated.all(axis=1)).tolist() == [2, 5]
+    assert truncated.any(axis=1).sum() == 2
+    # In between, the next observation is the next row's; at a truncation it is not.
+    following = jnp.concatenate([rollout.observations[1:], state.observations[None]])
+    for row in range(8):
+        same = np.allclose(rollout.next_observations[row], following[row], atol=1e-6)
+        assert same == (row not in (2, 5))
+
+
+def test_stored_log_probs_are_those_of_the_actor(collected):
+    state, rollout = collected
+    log_prob = jax.vmap(jax.vmap(lambda o, z: state.actor(o).log_prob(z)))
+    np.testing.assert_allclose(log_prob(rollout.observations, rollout.latents), rollout.log_probs, atol=1e-5)
+
+
+def independent_estimate(state, rollout, config):
+    """Advantages of both objectives by plain loops over true next observations."""
+    critic = jax.vmap(jax.vmap(state.critic))
+    values, next_values = np.asarray(critic(rollout.observations)), np.asarray(critic(rollout.next_observations))
+    rewards = np.stack([rollout.rewards, -config.temperature * rollout.log_probs], axis=-1)
+    result = np.zeros_like(values)
+    for objective, (discount, gae_lambda, gain) in enumerate(
+        [
+            (config.discount, config.gae_lambda, state.gains.reward),
+            (config.entropy_discount, config.entropy_gae_lambda, state.gains.entropy),
+        ]
+    ):
+        following = np.zeros(config.num_envs)
+        for t in reversed(range(config.num_steps)):
+            bootstrap = np.where(rollout.terminated[t], 0.0, next_values[t, :, objective])
+            delta = rewards[t, :, objective] - gain + discount * bootstrap - values[t, :, objective]
+            cut = rollout.terminated[t] | rollout.truncated[t]
+            following = delta + discount * gae_lambda * np.where(cut, 0.0, following)
+            result[t, :, objective] = following
+    return result, values
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{}, {"centre_values": True}, {"average_reward": False, "discount": 0.9, "entropy_discount": 0.8}],
+    ids=["paper", "centred", "discounted"],
+)
+def test_estimates_equal_plain_loops(collected, changes):
+    state, rollout = collected
+    config = Config(**(vars(CONFIG) | changes))
+    expected, values = independent_estimate(state, rollout, config)
+    after, batch, offset = jax.jit(train.estimate)(state, rollout, config)
+    np.testing.assert_allclose(batch.advantages, expected.sum(axis=-1), atol=2e-4)
+    # λ-returns: advantage plus value, on the centred values if they are centred.
+    shift = np.asarray(offset) if config.centre_values else 0.0
+    np.testing.assert_allclose(batch.returns, expected + values - shift, atol=2e-4)
+    np.testing.assert_allclose(offset, values.mean(axis=(0, 1)), atol=1e-5)
+    centred = jax.vmap(jax.vmap(after.critic))(rollout.observations)
+    np.testing.assert_allclose(centred, values - shift, atol=1e-5)
+
+
+def test_many_truncations_are_all_bootstrapped():
+    """More truncated steps than are evaluated at once (every second of 8 x 32)."""
+    config = Config(**(vars(CONFIG) | {"num_envs": 32, "batch_size": 256}))
+    task = Cycle(max_steps=2)
+    state, rollout = train.collect(train.init(jax.random.key(0), task, config), jax.random.key(1), task, config)
+    assert int(rollout.truncated.sum()) == 4 * 32 > train.BOOTSTRAP_SIZE
+    expected, _ = independent_estimate(state, rollout, config)
+    _, batch, _ = train.estimate(state, rollout, config)
+    np.testing.assert_allclose(batch.advantages, expected.sum(axis=-1), atol=2e-4)
+
+
+def test_an_epoch_uses_every_frame_once(collected):
+    """One epoch of plain gradient steps in one minibatch equals the gradient over all frames."""
+    state, rollout = collected
+    config = Config(**(vars(CONFIG) | {"num_epochs": 1, "batch_size": 32}))
+    _, batch, _ = train.estimate(state, rollout, config)
+    shuffled = jax.tree.map(lambda leaf: leaf[::-1], batch)
+    one, _, norm = train.improve(state, batch, jax.random.key(5), config)
+    other, _, other_norm = train.improve(state, shuffled, jax.random.key(6), config)
+    assert float(norm) == pytest.approx(float(other_norm), rel=1e-4)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=2e-5), one.actor, other.actor)
+
+
+def test_table_one():
+    """The paper's hyperparameters, one by one (Table I; λ, η and the networks as there)."""
+    paper = Config()
+    assert (paper.temperature, paper.gae_lambda, paper.entropy_gae_lambda) == (2.0, 0.8, 0.6)
+    assert (paper.clip_range, paper.gain_step_size, paper.learning_rate) == (0.05, 0.01, 5e-4)
+    assert (paper.entropy_value_coefficient, paper.value_coefficient) == (0.5, 0.25)
+    assert (paper.log_std_init, paper.max_grad_norm, paper.normalise_advantages) == (-1.0, 10.0, True)
+    assert (paper.num_envs, paper.num_steps, paper.num_epochs, paper.batch_size) == (64, 128, 6, 1024)
+    assert (paper.policy_layers, paper.value_layers) == ((256, 256), (512, 512))
+    assert paper.num_minibatches == 8
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"batch_size": 1000}, "does not divide"),
+        ({"num_envs": 0}, "num_envs = 0 must be at least 1"),
+        ({"learning_rate": float("nan")}, "learning_rate = nan must be finite"),
+        ({"average_reward": False, "centre_values": True}, "centre_values needs average_reward"),
+        ({"clip_rnage": 0.1}, "unknown hyperparameter clip_rnage"),
+    ],
+)
+def test_bad_hyperparameters(changes, message):
+    with pytest.raises(SwingupError, match=message):
+        config_from_dict(vars(Config()) | changes)
+
+
+def test_config_survives_json():
+    config = Config(policy_layers=(7, 8), temperature=0.5)
+    values = dataclasses.asdict(config)
+    values["policy_layers"] = list(values["policy_layers"])
+    assert eqx.tree_equal(config_from_dict(values), config)

@@ -1,0 +1,219 @@
+import math
+
+import numpy as np
+import pytest
+
+from swingup.benchmark.criteria import judge, realai_score
+from swingup.benchmark.rules import PERFORMANCE_RULES, Normalisers, PerformanceRules, get_performance_rules
+from swingup.errors import SwingupError
+
+V2 = PERFORMANCE_RULES["v2"]
+L1, L2 = 0.2, 0.3
+NAMES = ("swingup_time", "energy", "torque_cost", "torque_smoothness", "velocity_cost")
+
+
+def rules(duration, height=0.9):
+    return PerformanceRules("test", V2.normalisers, duration=duration, height=height)
+
+
+def judge_heights(up, duration=None, dt=0.1):
+    """Judge a run that is upright where ``up`` is 1 and hangs where it is 0, one row each dt."""
+    time = dt * np.arange(len(up))
+    x = np.zeros((len(up), 4))
+    x[:, 0] = np.pi * np.array(up)
+    run = rules(time[-1] if duration is None else duration)
+    return judge(time, x, np.zeros((len(up), 2)), L1, L2, run)
+
+
+def test_five_rows_by_hand():
+    time = np.array([0.0, 0.1, 0.2, 0.4, 0.5])
+    q1 = [0.0, 1.0, 3.0, math.pi, math.pi]
+    q2 = [0.0, -0.5, 0.1, 0.0, 0.2]
+    x = np.array([q1, q2, [0, 2, 3, -1, 9], [1, 0, -2, 0, 9]]).T
+    u = np.array([[0, 0, 0, 0, 0], [2.0, -3, 1, -1, 5]]).T
+    found = judge(time, x, u, L1, L2, rules(0.5))
+    # Heights -0.2 cos q1 - 0.3 cos(q1 + q2): -0.5; -0.108 - 0.263; 0.198 + 0.3 = 0.498; 0.5; not looked at.
+    # The line is 0.45, so that the tip is up from the third row on.
+    assert found.success
+    assert found.swingup_time == pytest.approx(0.2)
+    # |Δq2 u2| = 0.5*2, 0.6*3, 0.1*1, 0.2*1; the last row's torque moves nothing.
+    assert found.energy == pytest.approx(1.0 + 1.8 + 0.1 + 0.2)
+    # u² Δt = 4*0.1 + 9*0.1 + 1*0.2 + 1*0.1
+    assert found.torque_cost == pytest.approx(0.4 + 0.9 + 0.2 + 0.1)
+    # Δu = -5, 4, -2, 6: mean 0.75, mean square 81/4 = 20.25, variance 20.25 - 0.5625 = 19.6875 over the population.
+    assert found.torque_smoothness == pytest.approx(math.sqrt(19.6875))
+    # q̇ᵀq̇ Δt = 1*0.1 + 4*0.1 + 13*0.2 + 1*0.1
+    assert found.velocity_cost == pytest.approx(0.1 + 0.4 + 2.6 + 0.1)
+    ratios = [0.2 / 20, 3.1 / 60, 1.6 / 20, math.sqrt(19.6875) / 0.1, 3.2 / 400]
+    assert found.score == pytest.approx(1 - sum(math.tanh(math.pi * ratio) for ratio in ratios) / 5)
+
+
+def test_both_joints_count():
+    # Two equal joints double the energy, the costs and the smoothness: |Δq u| = 0.5*1 + 0.5*3, Δu = 2, -2.
+    time = np.array([0.0, 1.0, 2.0])
+    motion = np.array([0.0, 0.5, 1.0])
+    torque = np.array([1.0, 3.0, 1.0])
+    x = np.stack([motion, motion, motion, motion], axis=1)
+    found = judge(time, x, np.stack([torque, torque], axis=1), L1, L2, rules(2.0))
+    assert found.energy == pytest.approx(2 * (0.5 + 1.5))
+    assert found.torque_cost == pytest.approx(2 * (1 + 9))
+    assert found.torque_smoothness == pytest.approx(2 * 2)
+    assert found.velocity_cost == pytest.approx(2 * (0 + 0.25))
+    assert (found.success, found.swingup_time, found.score) == (False, None, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("up", "swingup_time"),
+    [
+        ([0, 0, 1, 1, 1, 1], 0.2),  # the first row of the stretch
+        ([0, 1, 1, 0, 1, 1, 1], 0.4),  # a drop in the middle restarts it
+        ([1, 1, 1, 1, 1], 0.1),  # up all the time: the first row is not looked at
+        ([0, 1, 1, 1, 1], 0.1),
+        ([0, 0, 1, 1, 0], 0.2),  # nor is the last
+        ([0, 0, 0, 0, 1, 0], 0.4),  # one row is a stretch
+        ([0, 1, 0], 0.1),
+        ([0, 1, 1, 1, 0, 1], None),  # down at the last row that is looked at
+        ([0, 0, 0, 0, 1], None),  # up at the last row alone
+        ([1, 0, 0, 0, 0], None),
+        ([0, 0, 0], None),
+        ([1, 1], None),  # no row is looked at
+    ],
+)
+def test_swingup_time_by_hand(up, swingup_time):
+    found = judge_heights(up)
+    assert found.success == (swingup_time is not None)
+    assert found.swingup_time == (None if swingup_time is None else pytest.approx(swingup_time))
+    # At rest without torque only the time costs: 1 - tanh(π t / 20) / 5.
+    expected = 0.0 if swingup_time is None else 1 - math.tanh(math.pi * swingup_time / 20) / 5
+    assert found.score == pytest.approx(expected)
+
+
+def test_up_means_strictly_above_the_line():
+    # Upright the tip is at l1 + l2 = 2 exactly: not above a line at 2, above one just below.
+    time, x = np.arange(4.0), np.array([[np.pi, 0, 0, 0]] * 4)
+    u = np.zeros((4, 2))
+    assert not judge(time, x, u, 1.0, 1.0, rules(3.0, height=1.0)).success
+    assert judge(time, x, u, 1.0, 1.0, rules(3.0, height=math.nextafter(1, 0))).success
+
+
+@pytest.mark.parametrize(("last", "success"), [(9.998, True), (9.9, True), (9.899, False), (12.0, True)])
+def test_run_shorter_than_99_percent_fails(last, success):
+    up = [0, 1, 1, 1]
+    found = judge_heights(up, duration=10.0, dt=last / 3)
+    assert found.success == success
+    assert found.swingup_time == (pytest.approx(last / 3) if success else None)
+    assert (found.score > 0) == success
+
+
+def judge_in_plain_loops(time, x, u, l1, l2, run):
+    """The definitions again, row by row."""
+    rows = len(time)
+    energy = torque_cost = velocity_cost = 0.0
+    for k in range(rows - 1):
+        dt = time[k + 1] - time[k]
+        for joint in (0, 1):
+            energy += abs((x[k + 1][joint] - x[k][joint]) * u[k][joint])
+            torque_cost += u[k][joint] ** 2 * dt
+            velocity_cost += x[k][2 + joint] ** 2 * dt
+    smoothness = 0.0
+    for joint in (0, 1):
+        changes = [u[k + 1][joint] - u[k][joint] for k in range(rows - 1)]
+        mean = sum(changes) / len(changes)
+        smoothness += math.sqrt(sum((change - mean) ** 2 for change in changes) / len(changes))
+    swingup_time = None
+    for k in range(rows - 2, 0, -1):
+        if -l1 * math.cos(x[k][0]) - l2 * math.cos(x[k][0] + x[k][1]) <= run.height * (l1 + l2):
+            break
+        swingup_time = time[k]
+    if time[-1] < 0.99 * run.duration:
+        swingup_time = None
+    criteria = (swingup_time, energy, torque_cost, smoothness, velocity_cost)
+    if swingup_time is None:
+        return criteria, 0.0
+    normalisers = (20, 60, 20, 0.1, 400)
+    penalties = [math.tanh(math.pi * value / n) for value, n in zip(criteria, normalisers, strict=True)]
+    return criteria, 1 - sum(penalties) / 5
+
+
+def test_random_runs_agree_with_plain_loops():
+    successes = 0
+    for seed in range(60):
+        generator = np.random.default_rng(seed)
+        rows = int(generator.integers(3, 60))
+        time = np.cumsum(generator.uniform(0.01, 0.3, rows)) - 0.3
+        x = generator.normal(0, [0.2, 0.2, 1, 1], (rows, 4))
+        # From a random row on it swings around upright, where the tip drops below the line now and then.
+        x[generator.integers(0, rows) :, 0] += np.pi
+        u = generator.normal(0, 0.05, (rows, 2))
+        run = rules(time[-1] * generator.choice([1.0, 1.05]))
+        expected, score = judge_in_plain_loops(time, x, u, L1, L2, run)
+        found = judge(time, x, u, L1, L2, run)
+        assert found.success == (expected[0] is not None)
+        for name, value in zip(NAMES, expected, strict=True):
+            assert getattr(found, name) == (None if value is None else pytest.approx(value, rel=1e-10))
+        assert found.score == pytest.approx(score, rel=1e-10)
+        successes += found.success
+    assert 10 < successes < 50
+
+
+# Swing-up time, energy, torque cost, smoothness, velocity cost and score, as printed.
+PUBLISHED = {
+    "acrobot AR-EAPO": "1.39 8.32 1.52 0.008 117.96 0.633",
+    "acrobot TVLQR": "4.05 10.43 1.87 0.016 105.83 0.504",
+    "acrobot iLQR Riccati": "4.04 10.55 1.98 0.067 106.49 0.396",
+    "acrobot iLQR MPC": "4.86 11.54 2.68 0.096 110.4 0.345",
+    "acrobot History SAC": "1.0 8.08 1.8 0.01 88.5 0.655",
+    "acrobot evolSAC": "0.96 9.26 2.71 0.03 96.56 0.524",
+    "acrobot MC-PILCO": "1.45 19.43 3.22 0.097 253.59 0.316",
+    "pendubot AR-EAPO": "1.15 7.72 2.43 0.0103 64.326 0.659",
+    "pendubot TVLQR": "4.13 9.53 1.26 0.007 211.12 0.526",
+    "pendubot iLQR Riccati": "4.13 9.53 1.25 0.005 211.34 0.536",
+    "pendubot iLQR MPC": "4.12 9.91 1.77 0.083 211.98 0.353",  # 0.083 is printed as 0.0083 in the paper
+    "pendubot History SAC": "1.15 7.67 2.36 0.007 62.07 0.682",
+    "pendubot evolSAC": "0.71 9.83 4.37 0.014 58.15 0.596",
+    "pendubot MC-PILCO": "1.14 8.35 2.42 0.054 114.26 0.480",
+}
+COARSE = ("acrobot TVLQR", "acrobot History SAC")
+"""Rows whose smoothness is printed with too few digits for a score to 0.002."""
+
+
+@pytest.mark.parametrize("row", PUBLISHED)
+def test_published_criteria_give_the_published_scores(row):
+    *printed, score = PUBLISHED[row].split()
+    costs = [float(text) for text in printed]
+    if row not in COARSE:
+        found = realai_score(dict(zip(NAMES, costs, strict=True)), V2.normalisers)
+        assert found == pytest.approx(float(score), abs=0.002)
+    # Whatever was rounded: the score falls with each criterion, so that their bounds bound it.
+    half_units = [0.5 * 10.0 ** -len(text.partition(".")[2]) for text in printed]
+    worst, best = (
+        realai_score(
+            {name: c + sign * h for name, c, h in zip(NAMES, costs, half_units, strict=True)}, V2.normalisers
+        )
+        for sign in (1, -1)
+    )
+    assert worst - 0.0005 <= float(score) <= best + 0.0005
+
+
+def test_score_of_nothing_and_of_everything():
+    assert realai_score(dict.fromkeys(NAMES, 0.0), V2.normalisers) == 1.0
+    assert realai_score(dict.fromkeys(NAMES, 1e9), V2.normalisers) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_each_criterion_has_its_own_normaliser():
+    # One criterion at its normaliser's value costs tanh(π) / 5 alone.
+    normalisers = Normalisers(2.0, 3.0, 5.0, 7.0, 11.0)
+    for name, value in zip(NAMES, (2.0, 3.0, 5.0, 7.0, 11.0), strict=True):
+        score = realai_score(dict.fromkeys(NAMES, 0.0) | {name: value}, normalisers)
+        assert score == pytest.approx(1 - math.tanh(math.pi) / 5)
+
+
+def test_rules_are_the_published_ones():
+    assert get_performance_rules("v2").normalisers == Normalisers(20.0, 60.0, 20.0, 0.1, 400.0)
+    assert get_performance_rules("hardware").normalisers == Normalisers(20.0, 60.0, 100.0, 4.0, 400.0)
+    assert (V2.duration, V2.dt, V2.height, V2.steps) == (10.0, 0.002, 0.9, 5000)
+
+
+def test_unknown_rules_are_refused_with_the_choice():
+    with pytest.raises(SwingupError, match="unknown rules 'v9': use one of v2, hardware"):
+        get_performance_rules("v9")

@@ -1,0 +1,196 @@
+import numpy as np
+import pytest
+
+from swingup.benchmark.rollout import Trajectory
+from swingup.benchmark.trajectory_file import load_trajectory, save_trajectory
+from swingup.errors import SwingupError
+
+HEADER = "time,pos_meas1,pos_meas2,vel_meas1,vel_meas2,tau_con1,tau_con2"
+ROWS = ("0.0,1,2,3,4,5,6", "0.1,1.5,2.5,3.5,4.5,5.5,6.5", "0.2,-1,-2,-3,-4,-5,-6")
+TABLE = np.array([[0.0, 1, 2, 3, 4, 5, 6], [0.1, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5], [0.2, -1, -2, -3, -4, -5, -6]])
+
+
+def write(tmp_path, *lines, encoding="utf-8"):
+    path = tmp_path / "run.csv"
+    path.write_bytes("\n".join(lines).encode(encoding))
+    return path
+
+
+def assert_table(trajectory, table):
+    np.testing.assert_array_equal(trajectory.time, table[:, 0])
+    np.testing.assert_array_equal(trajectory.x, table[:, 1:5])
+    np.testing.assert_array_equal(trajectory.u, table[:, 5:])
+
+
+def refusal(path):
+    """The message with which a file is refused: one line, and it names the file."""
+    with pytest.raises(SwingupError) as error:
+        load_trajectory(path)
+    message = str(error.value)
+    assert str(path) in message
+    assert "\n" not in message
+    return message
+
+
+def test_round_trip_is_exact(tmp_path):
+    generator = np.random.default_rng(0)
+    table = generator.normal(0, 1, (200, 7)) * 10.0 ** generator.integers(-300, 300, (200, 7))
+    table[:, 0] = 0.1 * np.arange(200)  # among them 0.30000000000000004
+    table[:5, 1] = [0.1 + 0.2, 5e-324, np.finfo(float).max, -0.0, 1 / 3]
+    given = Trajectory(time=table[:, 0], x=table[:, 1:5], u=table[:, 5:])
+    save_trajectory(tmp_path / "run.csv", given)
+    read = load_trajectory(tmp_path / "run.csv")
+    for part in ("time", "x", "u"):
+        assert getattr(read, part).dtype == np.float64
+        # Bytes, so that -0.0 differs from 0.0.
+        assert getattr(read, part).tobytes() == np.ascontiguousarray(getattr(given, part)).tobytes()
+
+
+def test_written_file_is_realaigyms(tmp_path):
+    trajectory = Trajectory(time=TABLE[:, 0], x=TABLE[:, 1:5], u=TABLE[:, 5:])
+    save_trajectory(tmp_path / "run.csv", trajectory)
+    lines = (tmp_path / "run.csv").read_text(encoding="utf-8").splitlines()
+    assert lines[0] == HEADER
+    assert lines[2] == "0.1,1.5,2.5,3.5,4.5,5.5,6.5"
+    assert len(lines) == 4
+    # By another reader, too.
+    np.testing.assert_array_equal(np.loadtxt(tmp_path / "run.csv", delimiter=",", skiprows=1), TABLE)
+    assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]
+
+
+def test_file_is_replaced_whole_or_not_at_all(tmp_path):
+    trajectory = Trajectory(time=TABLE[:, 0], x=TABLE[:, 1:5], u=TABLE[:, 5:])
+    path = write(tmp_path, "old")
+    save_trajectory(path, trajectory)
+    assert_table(load_trajectory(path), TABLE)
+    with pytest.raises(SwingupError, match=r"cannot write .*choose a folder"):
+        save_trajectory(tmp_path / "missing" / "run.csv", trajectory)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        HEADER,
+        "time,pos1,pos2,vel1,vel2,tau1,tau2",
+        "time,pos_meas1,pos_meas2,vel1,vel2,tau_con1,tau_con2",
+        "time, pos_meas1 , pos_meas2,  vel_meas1,\tvel_meas2, tau_con1,tau_con2 ",
+        "time[s],pos1[rad],pos2 [rad],vel1[rad/s],vel2[rad/s],tau1[N m],tau2 (N m)",
+        f"# {HEADER}",
+        f"#{HEADER}",
+        f"\ufeff{HEADER}",
+        f"\n{HEADER}",
+    ],
+)
+def test_headers_that_are_understood(tmp_path, header):
+    assert_table(load_trajectory(write(tmp_path, header, *ROWS, "")), TABLE)
+
+
+def test_spaces_line_ends_and_blank_lines(tmp_path):
+    text = "\r\n".join([HEADER, *(row.replace(",", " ,  ") for row in ROWS), "", " "])
+    assert_table(load_trajectory(write(tmp_path, text)), TABLE)
+
+
+def test_columns_are_found_by_name_and_others_ignored(tmp_path):
+    header = "K11,tau_con2,vel_meas1,time,pos_meas2,note,pos_meas1,vel_meas2,tau_con1,"
+    rows = [f"nan,{r[6]},{r[3]},{r[0]},{r[2]},none,{r[1]},{r[4]},{r[5]}," for r in TABLE]
+    assert_table(load_trajectory(write(tmp_path, header, *rows)), TABLE)
+
+
+def test_measured_and_commanded_columns_win_group_by_group(tmp_path):
+    # Positions of both kinds: measured. Velocities: plain ones alone. Torques: one commanded is not a pair.
+    header = "time,pos1,pos2,vel1,vel2,tau1,tau2,pos_meas1,pos_meas2,vel_filt1,vel_filt2,tau_con1"
+    rows = [f"{k},1,2,3,4,5,6,7,8,9,10,11" for k in range(3)]
+    found = load_trajectory(write(tmp_path, header, *rows))
+    np.testing.assert_array_equal(found.x, [[7, 8, 3, 4]] * 3)
+    np.testing.assert_array_equal(found.u, [[5, 6]] * 3)
+
+
+def test_rows_are_cut_to_the_shortest_column(tmp_path):
+    # The torques end one row early, once as empty cells and once as missing ones; the ignored column two.
+    rows = ["0,1,2,3,4,5,6,x", "1,1,2,3,4,5,6,x", "2,1,2,3,4,5,6,", "3,1,2,3,4,5,,", "4,1,2,3,4"]
+    found = load_trajectory(write(tmp_path, HEADER + ",note", *rows))
+    np.testing.assert_array_equal(found.time, [0, 1, 2])
+    np.testing.assert_array_equal(found.u, [[5, 6]] * 3)
+
+
+def test_missing_file_is_named(tmp_path):
+    assert refusal(tmp_path / "none.csv").startswith("no such file: ")
+
+
+def test_folder_is_no_file(tmp_path):
+    assert refusal(tmp_path).startswith("cannot read ")
+
+
+@pytest.mark.parametrize("content", [b"\x93NUMPY\x01\x00v\x00{'descr'", b"\xff\xfet\x00i\x00", bytes(range(256))])
+def test_binary_file_is_refused(tmp_path, content):
+    path = tmp_path / "run.csv"
+    path.write_bytes(content)
+    assert "is not text in UTF-8: export the trajectory as CSV" in refusal(path)
+
+
+@pytest.mark.parametrize("lines", [("",), ("", " ", "\n"), ROWS])
+def test_missing_header_is_told(tmp_path, lines):
+    assert f"has no header: its first line must be {HEADER}" in refusal(write(tmp_path, *lines))
+
+
+@pytest.mark.parametrize(
+    ("header", "missing"),
+    [
+        ("pos1,pos2,vel1,vel2,tau1,tau2", "time"),
+        ("time,pos_meas1,pos_meas2,vel_meas1,vel_meas2", "tau_con1, tau_con2"),
+        ("time,pos1,pos2,vel1,tau1,tau2", "vel2"),
+        ("time,pos1,pos_meas2,vel1,vel2,tau1,tau2", "pos_meas1"),
+        ("time,pos_filt1,pos_filt2,vel1,vel2,tau_con2,tau_fric1", "pos_meas1, pos_meas2, tau_con1"),
+        (HEADER.replace(",", ";"), "time, pos_meas1, pos_meas2, vel_meas1, vel_meas2, tau_con1, tau_con2"),
+        ("Time,pos1,pos2,vel1,vel2,tau1,tau2", "time"),
+    ],
+)
+def test_missing_columns_are_listed(tmp_path, header, missing):
+    message = refusal(write(tmp_path, header, "0,1,2,3,4,5,6"))
+    assert f"lacks {missing}: name its comma-separated columns in the first line" in message
+
+
+def test_rows_with_more_cells_than_columns_are_refused(tmp_path):
+    # Decimal commas shift all that follows.
+    path = write(tmp_path, HEADER, *ROWS, "0,3,1,2,3,4,5,6")
+    assert "line 5 has more cells than columns: write decimals with a point" in refusal(path)
+
+
+@pytest.mark.parametrize(
+    ("cell", "reason"),
+    [
+        ("fast", "'fast' is not a number"),
+        ("1.0.0", "'1.0.0' is not a number"),
+        ("", "'' is not a number"),
+        ("nan", "nan is not finite"),
+        ("-inf", "-inf is not finite"),
+        ("1e999", "1e999 is not finite"),
+        ("x" * 1000, f"'{'x' * 40}' is not a number"),
+    ],
+)
+@pytest.mark.parametrize(("place", "column"), [(0, "time"), (3, "vel_meas1"), (6, "tau_con2")])
+def test_bad_cell_is_located(tmp_path, cell, reason, place, column):
+    cells = ROWS[1].split(",")
+    cells[place] = cell
+    # A blank line before it counts in the line's number.
+    path = write(tmp_path, HEADER, ROWS[0], "", ",".join(cells), ROWS[2])
+    assert f"line 4, column {column}: {reason}: correct it" in refusal(path).replace(
+        " or end the file before it", ""
+    )
+
+
+@pytest.mark.parametrize("time", ["0.1", "0.05", "-1"])
+def test_time_that_does_not_increase_is_located(tmp_path, time):
+    path = write(tmp_path, HEADER, *ROWS[:2], "", ROWS[2].replace("0.2", time), "0.4,1,2,3,4,5,6")
+    message = refusal(path)
+    assert f"line 5: time {float(time)} comes after 0.1: keep one run a file, in order" in message
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_fewer_than_three_rows_are_refused(tmp_path, count):
+    assert f"has {count} complete rows: at least 3 are needed" in refusal(write(tmp_path, HEADER, *ROWS[:count]))
+
+
+def test_rows_that_one_column_does_not_reach_are_not_counted(tmp_path):
+    path = write(tmp_path, HEADER, *ROWS[:2], "0.2,1,2,3,4,5,")
+    assert "has 2 complete rows" in refusal(path)

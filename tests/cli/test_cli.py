@@ -1,0 +1,181 @@
+"""The commands as a user types them: output, files, exit statuses and errors."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from swingup.cli import main
+from swingup.control.zoo import shipped_policy
+from swingup.learner.metrics import read_metrics
+
+KEYS = [
+    "robot", "controller", "success", "swingup_time", "energy", "torque_cost", "torque_smoothness",
+    "velocity_cost", "score",
+]  # fmt: skip
+TINY = (
+    "--num-envs 4 --num-steps 16 --batch-size 64 --num-epochs 1 --policy-layers 8 8 --value-layers 8 8 "
+    "--evaluate-every 128 --checkpoint-every 256"
+).split()
+
+
+@pytest.fixture(autouse=True)
+def surroundings(tmp_path, monkeypatch):
+    """An empty working folder; signal handlers as they were; no compilation cache outside of the test."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.chdir(tmp_path)
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+
+
+def run_json(capsys, *arguments):
+    assert main([*arguments, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("robot", ["acrobot", "pendubot"])
+def test_evaluate_then_score_the_same_trajectory(robot, capsys, tmp_path):
+    result = run_json(capsys, "evaluate", robot, "--save", "t.csv")
+    assert list(result) == KEYS
+    assert result["success"] is True
+    # The paper's scores.
+    assert result["score"] >= {"acrobot": 0.633, "pendubot": 0.659}[robot]
+    again = run_json(capsys, "score", "t.csv", "--robot", robot)
+    assert list(again) == KEYS
+    assert {name: again[name] for name in KEYS[2:]} == {name: result[name] for name in KEYS[2:]}
+    hardware = run_json(capsys, "score", "t.csv", "--robot", robot, "--rules", "hardware")
+    # Torque and smoothness count for less there.
+    assert hardware["score"] > result["score"]
+
+
+def test_the_cards_score_is_the_score(capsys):
+    for robot in ("acrobot", "pendubot"):
+        _, metadata = shipped_policy(robot)
+        assert run_json(capsys, "evaluate", robot)["score"] == pytest.approx(metadata["scores"]["v2"]["score"], abs=1e-6)
+
+
+def test_a_failed_swingup_has_no_time(capsys):
+    time_ = np.arange(5000) * 0.002
+    rows = [f"{t:.3f},0,0,0,0,0,0" for t in time_]
+    with open("still.csv", "w") as file:
+        file.write("\n".join(["time,pos1,pos2,vel1,vel2,tau1,tau2", *rows]))
+    result = run_json(capsys, "score", "still.csv", "--robot", "acrobot")
+    assert (result["success"], result["swingup_time"], result["score"]) == (False, None, 0.0)
+
+
+def test_text_output(capsys):
+    assert main(["evaluate", "pendubot"]) == 0
+    out = capsys.readouterr().out
+    assert "pendubot, ar-eapo (rules v2)" in out
+    assert "RealAI score" in out
+
+
+def test_leaderboard(capsys):
+    rows = run_json(capsys, "leaderboard")
+    for robot, paper in (("acrobot", 0.633), ("pendubot", 0.659)):
+        board = [row for row in rows if row["robot"] == robot]
+        assert [row["score"] for row in board] == sorted((row["score"] for row in board), reverse=True)
+        assert {"AR-EAPO", "TVLQR", "iLQR Riccati", "iLQR MPC"} <= {r["controller"] for r in board if r["source"] == "paper"}
+        assert next(r for r in board if r["source"] == "paper" and r["controller"] == "AR-EAPO")["score"] == paper
+        assert sum(row["source"] == "this package" for row in board) == 1
+    assert main(["leaderboard", "acrobot"]) == 0
+    assert "Performance scores of the acrobot" in capsys.readouterr().out
+
+
+def test_train_resume_and_evaluate(capsys):
+    assert main(["train", "pendubot", "--frames", "300", "--seed", "5", *TINY]) == 0
+    output = capsys.readouterr()
+    assert "RealAI score" in output.out
+    assert "320 frames" in output.err
+    assert main(["train", "pendubot", "--resume", "runs/pendubot-default-5", "--frames", "500"]) == 0
+    rows = read_metrics("runs/pendubot-default-5/metrics.jsonl")
+    assert [row["frames"] for row in rows] == [128, 256, 320, 384, 512]
+    capsys.readouterr()
+    result = run_json(capsys, "evaluate", "pendubot", "--controller", "runs/pendubot-default-5/last.npz")
+    assert result["controller"] == "runs/pendubot-default-5/last.npz"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("evaluate cartpole", "unknown robot 'cartpole'"),
+        ("evaluate acrobot --controller no-such", "unknown controller 'no-such'"),
+        ("evaluate acrobot --controller missing.npz", "no such file: missing.npz"),
+        ("evaluate acrobot --controller text.npz", "text.npz is not a swingup policy file, or it is truncated"),
+        ("evaluate acrobot --controller .", "cannot read"),
+        ("evaluate acrobot --rules v9", "unknown rules 'v9'"),
+        ("evaluate acrobot --save missing/t.csv", "cannot write missing/t.csv"),
+        ("score missing.csv --robot acrobot", "missing.csv"),
+        ("score text.npz --robot acrobot", "text.npz"),
+        ("leaderboard cartpole", "unknown robot 'cartpole'"),
+        ("train cartpole", "unknown robot 'cartpole'"),
+        ("train acrobot --preset best", "unknown preset 'best'"),
+        ("train acrobot --preset", "unknown preset ''"),
+        ("train acrobot --frames 0", "frames = 0 must be at least 1"),
+        ("train acrobot --seeds 0", "seeds = 0 must be at least 1"),
+        ("train acrobot --batch-size 1000", "batch_size = 1000 does not divide"),
+        ("train acrobot --out text.npz/run", "cannot create text.npz/run"),
+        ("train acrobot --out full", "full exists"),
+        ("train acrobot --resume missing", "missing is not a run's folder"),
+        ("train acrobot --resume missing --out other", "does not go with --resume"),
+    ],
+)
+def test_bad_input(arguments, message, capsys, tmp_path):
+    (tmp_path / "text.npz").write_text("not an archive")
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "thesis.tex").write_text("precious")
+    before = {path for path in tmp_path.rglob("*") if "cache" not in path.parts}
+    assert main(arguments.split()) == 2
+    error = capsys.readouterr().err.strip()
+    assert error.startswith("swingup: error: ")
+    assert message in error
+    assert "\n" not in error
+    assert {path for path in tmp_path.rglob("*") if "cache" not in path.parts} == before
+
+
+def test_a_policy_of_the_other_robot(capsys, tmp_path):
+    from importlib import resources
+
+    with resources.as_file(resources.files("swingup") / "zoo" / "pendubot.npz") as path:
+        assert main(["evaluate", "acrobot", "--controller", str(path)]) == 2
+    assert "is for the pendubot, not the acrobot" in capsys.readouterr().err
+
+
+def test_resuming_with_other_settings(capsys):
+    assert main(["train", "acrobot", "--frames", "64", "--out", "r", *TINY]) == 0
+    for arguments, message in (
+        (["pendubot"], "robot = acrobot, not pendubot"),
+        (["acrobot", "--preset", "paper"], "preset = default, not paper"),
+        (["acrobot", "--seed", "1"], "seed = 0, not 1"),
+        (["acrobot", "--clip-range", "0.3"], "config"),
+    ):
+        assert main(["train", *arguments, "--resume", "r"]) == 2
+        assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_signals_save_and_exit(number, status, tmp_path):
+    command = [sys.executable, "-m", "swingup", "train", "acrobot", "--frames", "100000000", "--out", "r", *TINY]
+    environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path / "cache")}
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as process:
+        deadline = time.monotonic() + 120
+        while time.monotonic() < deadline and not _lines("r/metrics.jsonl"):
+            time.sleep(0.1)
+        process.send_signal(number)
+        _, error = process.communicate(timeout=120)
+    assert process.returncode == status
+    assert "stopped at" in error
+    frames = read_metrics("r/metrics.jsonl")[-1]["frames"]
+    assert f"{frames:012d}.npz" in os.listdir("r/checkpoints")
+    assert os.path.exists("r/last.npz")
+
+
+def _lines(path):
+    return os.path.exists(path) and os.path.getsize(path) > 0

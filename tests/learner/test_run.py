@@ -1,0 +1,204 @@
+"""Training runs on disk: folders, resuming bit for bit, stopping, diverging."""
+
+import dataclasses
+import json
+
+import jax
+import numpy as np
+import pytest
+
+from swingup.areapo.config import Config
+from swingup.control.learned import load_policy
+from swingup.errors import SwingupError
+from swingup.learner.metrics import read_metrics
+from swingup.learner.run import Run, Settings
+
+CONFIG = Config(
+    num_envs=4, num_steps=16, num_epochs=1, batch_size=64, policy_layers=(8, 8), value_layers=(8, 8),
+    centre_values=True,
+)  # fmt: skip
+FRAMES = 64
+"""Frames of one iteration."""
+SETTINGS = Settings("acrobot", "default", 0, 1, 2 * FRAMES, 4 * FRAMES, CONFIG)
+
+
+def run(folder, iterations, settings=SETTINGS):
+    training = Run(settings, folder, iterations * FRAMES)
+    return training, list(training.advance())
+
+
+def arrays(path):
+    with np.load(path) as file:
+        return {name: file[name] for name in file.files if name != "metadata"}
+
+
+def assert_same_files(one, other):
+    assert {path.name for path in one.glob("*.npz")} == {path.name for path in other.glob("*.npz")}
+    names = sorted(path.name for path in (one / "checkpoints").iterdir())
+    assert names == sorted(path.name for path in (other / "checkpoints").iterdir())
+    for name in [*(f"checkpoints/{name}" for name in names), "best.npz", "last.npz"]:
+        left, right = arrays(one / name), arrays(other / name)
+        assert left.keys() == right.keys()
+        for key in left:
+            np.testing.assert_array_equal(left[key], right[key], err_msg=f"{name} {key}")
+
+
+def measured(folder):
+    """The metrics without what a clock wrote."""
+    clock = ("seconds", "frames_per_second")
+    rows = read_metrics(folder / "metrics.jsonl")
+    return [{name: value for name, value in row.items() if name not in clock} for row in rows]
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """An uninterrupted run of ten iterations."""
+    folder = tmp_path_factory.mktemp("runs") / "whole"
+    training, reports = run(folder, 10)
+    return folder, training, reports
+
+
+def test_a_run_leaves_its_files(finished):
+    folder, _, reports = finished
+    assert [report.frames for report in reports] == [128, 256, 384, 512, 640]
+    assert {path.name for path in folder.iterdir()} == {
+        "config.json", "metrics.jsonl", "tensorboard", "checkpoints", "best.npz", "last.npz",
+    }  # fmt: skip
+    assert sorted(path.name for path in (folder / "checkpoints").iterdir()) == [
+        "000000000512.npz",
+        "000000000640.npz",
+    ]
+    rows = read_metrics(folder / "metrics.jsonl")
+    assert [row["frames"] for row in rows] == [128, 256, 384, 512, 640]
+    assert {"seed", "reward", "gain", "entropy_gain", "entropy", "score", "best_score"} <= rows[0].keys()
+    content = json.loads((folder / "config.json").read_text())
+    assert (content["robot"], content["frames"], content["config"]["policy_layers"]) == ("acrobot", 640, [8, 8])
+    assert list((folder / "tensorboard" / "seed-0").iterdir())
+
+
+def test_policies_say_where_they_come_from(finished):
+    folder, training, _ = finished
+    _, metadata = load_policy(folder / "last.npz", training.settings.task().robot)
+    assert metadata["frames"] == 640
+    assert metadata["command"].startswith(
+        "swingup train acrobot --preset default --frames 640 --seed 0 --num-envs 4"
+    )
+    assert metadata["hyperparameters"]["num_envs"] == 4
+    assert 0.0 <= metadata["scores"]["v2"]["score"] <= training.best_score
+
+
+def test_resumed_equals_uninterrupted(finished, tmp_path):
+    folder, _, _ = finished
+    run(tmp_path / "part", 4)
+    resumed = Run.resume(tmp_path / "part", 10 * FRAMES)
+    assert resumed.frames == 4 * FRAMES
+    list(resumed.advance())
+    assert_same_files(folder, tmp_path / "part")
+    assert measured(folder) == measured(tmp_path / "part")
+
+
+def test_stopped_between_checkpoints_and_resumed(finished, tmp_path):
+    folder, _, _ = finished
+    training = Run(SETTINGS, tmp_path / "part", 10 * FRAMES)
+    for report in training.advance():
+        if report.frames == 6 * FRAMES:
+            training.stop()
+    assert training.frames == 6 * FRAMES
+    resumed = Run.resume(tmp_path / "part")
+    assert resumed.frames == 6 * FRAMES
+    list(resumed.advance())
+    assert_same_files(folder, tmp_path / "part")
+
+
+def test_killed_after_a_checkpoint_and_resumed(finished, tmp_path):
+    """Metrics past the checkpoint are dropped, also a last line that a crash cut short."""
+    folder, _, _ = finished
+    run(tmp_path / "part", 4)
+    with (tmp_path / "part" / "metrics.jsonl").open("a") as file:
+        file.write('{"seed": 0, "frames": 384, "reward": 0.0}\n{"seed": 0, "fra')
+    list(Run.resume(tmp_path / "part", 10 * FRAMES).advance())
+    assert measured(folder) == measured(tmp_path / "part")
+
+
+def test_seeds_side_by_side(tmp_path):
+    settings = dataclasses.replace(SETTINGS, seed=3, seeds=2)
+    training, _ = run(tmp_path / "r", 4, settings)
+    assert {path.name for path in (tmp_path / "r").glob("*.npz")} == {
+        "best.npz", "best-3.npz", "best-4.npz", "last-3.npz", "last-4.npz",
+    }  # fmt: skip
+    assert [row["seed"] for row in read_metrics(tmp_path / "r" / "metrics.jsonl")] == [3, 4, 3, 4]
+    one, other = (arrays(tmp_path / "r" / f"last-{seed}.npz") for seed in (3, 4))
+    assert not np.array_equal(one["network.trunk.1.weight"], other["network.trunk.1.weight"])
+    resumed = Run.resume(tmp_path / "r")
+    assert resumed.frames == training.frames == 4 * FRAMES
+
+
+def test_divergence_keeps_the_last_good_checkpoint(tmp_path):
+    training, _ = run(tmp_path / "r", 4)
+    good = arrays(tmp_path / "r" / "checkpoints" / "000000000256.npz")
+    # What a NaN in the weights does, without waiting for one.
+    resumed = Run.resume(tmp_path / "r", 8 * FRAMES)
+    resumed._state = jax.tree.map(
+        lambda leaf: leaf * np.nan if leaf.dtype == np.float32 and leaf.ndim == 2 else leaf, resumed._state
+    )
+    with pytest.raises(SwingupError, match="training diverged: metrics are not finite after frame 256"):
+        list(resumed.advance())
+    assert [path.name for path in sorted((tmp_path / "r" / "checkpoints").iterdir())][-1] == "000000000256.npz"
+    after = arrays(tmp_path / "r" / "checkpoints" / "000000000256.npz")
+    assert all(np.array_equal(good[name], after[name]) for name in good)
+    assert Run.resume(tmp_path / "r").frames == training.frames
+
+
+def test_a_folder_is_never_overwritten(finished):
+    folder, _, _ = finished
+    before = (folder / "config.json").read_text()
+    with pytest.raises(SwingupError, match=f"{folder} exists: continue it with --resume"):
+        Run(SETTINGS, folder, 100)
+    assert (folder / "config.json").read_text() == before
+
+
+def test_an_unwritable_folder(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(SwingupError, match="cannot create"):
+        Run(SETTINGS, tmp_path / "file" / "r", 100)
+
+
+def test_a_checkpoint_of_another_configuration(tmp_path):
+    folder = tmp_path / "r"
+    run(folder, 2)
+    content = json.loads((folder / "config.json").read_text())
+    for change, message in (({"clip_range": 0.3}, "of another configuration"), ({"policy_layers": [9, 8]}, "9")):
+        changed = content | {"config": content["config"] | change}
+        (folder / "config.json").write_text(json.dumps(changed))
+        with pytest.raises(SwingupError, match=message):
+            Run.resume(folder)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"version": "0", "frames": 1, "robot": "acrobot"}'])
+def test_a_malformed_config(tmp_path, text):
+    (tmp_path / "config.json").write_text(text)
+    with pytest.raises(SwingupError, match="malformed"):
+        Run.resume(tmp_path)
+
+
+def test_what_cannot_be_resumed(tmp_path):
+    with pytest.raises(SwingupError, match="is not a run's folder"):
+        Run.resume(tmp_path / "nothing")
+    Run(SETTINGS, tmp_path / "r", 100)
+    with pytest.raises(SwingupError, match="has no checkpoint yet"):
+        Run.resume(tmp_path / "r")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"robot": "cartpole"}, "unknown robot 'cartpole'"),
+        ({"preset": "best"}, "unknown preset 'best'"),
+        ({"seeds": 0}, "seeds = 0 must be at least 1"),
+        ({"seed": -1}, "seed = -1"),
+        ({"evaluate_every": 0}, "evaluate_every = 0"),
+    ],
+)
+def test_bad_settings(change, message):
+    with pytest.raises(SwingupError, match=message):
+        dataclasses.replace(SETTINGS, **change)

@@ -1,0 +1,238 @@
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from swingup.errors import SwingupError
+from swingup.physics.integrate import rk4_step
+from swingup.physics.parameters import ROBOTS, identified_parameters, leaderboard_parameters
+from swingup.tasks.pendulum import PendulumState, wrap_to_goal
+from swingup.tasks.presets import TASKS, get_task, paper_task, smooth_task
+
+PI = np.pi
+KEY = jax.random.key(0)
+BATCH = 1000
+"""Transitions are made in batches of one size, so that each task compiles once."""
+
+rk4 = jax.jit(jax.vmap(rk4_step, (None, 0, 0, None)))
+
+
+@jax.jit
+def steps(task, x, count, actions, keys):
+    """Many transitions at once: states, actions and keys are batched, the count of steps before is not."""
+    states = PendulumState(x=x, steps=jnp.full(len(x), count))
+    return jax.vmap(task.step)(states, actions, keys)
+
+
+def step_from(task, x, action=0.0, count=0):
+    """One transition."""
+    x, action = (jnp.tile(jnp.array(entries, jnp.float32), (BATCH, 1)) for entries in (x, [action]))
+    result = steps(task, x, count, action, jax.random.split(KEY, BATCH))
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[0], result)
+
+
+def random_transitions(seed=0):
+    generator = np.random.default_rng(seed)
+    x = generator.uniform([-7, -7, -15, -15], [7, 7, 15, 15], (BATCH, 4))
+    actions = generator.uniform(-1, 1, (BATCH, 1))
+    return jnp.array(x, jnp.float32), jnp.array(actions, jnp.float32), jax.random.split(KEY, BATCH)
+
+
+def quadratic_cost(x, torque):
+    """[(x - g)ᵀ Q (x - g) + R a²], q1 wrapped to [0, 2π) and q2 to [-π, π), in plain Python."""
+    q1, q2, dq1, dq2 = (float(entry) for entry in x)
+    error1 = q1 % (2 * PI) - PI
+    error2 = (q2 + PI) % (2 * PI) - PI
+    return 50 * error1**2 + 50 * error2**2 + 4 * dq1**2 + 2 * dq2**2 + torque**2
+
+
+def test_paper_task_has_the_papers_numbers(robot):
+    task = paper_task(robot)
+    assert task.robot == robot
+    assert task.parameters == leaderboard_parameters(robot)
+    assert (task.state_cost, task.torque_cost, task.reward_scale) == ((50.0, 50.0, 4.0, 2.0), 1.0, 0.001)
+    assert (task.dt, task.max_steps, task.truncation_probability) == (0.01, 1000, 1e-3)
+    assert (task.observation.angles, task.observation.velocity_scale) == ("wrapped", 20.0)
+    assert (task.observation_size, task.action_size) == (4, 1)
+
+
+@pytest.mark.parametrize(
+    ("x", "u", "reward"),
+    [
+        ((0, 0, 0, 0), (0, 0), -0.05 * PI**2),  # hanging: -0.001 * 50 π² = -0.4935
+        ((PI, 0, 0, 0), (0, 0), 0),  # the goal
+        ((PI, 0, 0, 0), (0, 6), -0.036),  # -0.001 * 6² (N m)²
+        ((PI, 0, 0, 0), (3, 0), -0.009),
+        ((PI + 0.1, 0, 0, 0), (0, 0), -0.0005),  # -0.001 * 50 * 0.01
+        ((PI, -0.2, 0, 0), (0, 0), -0.002),  # -0.001 * 50 * 0.04
+        ((PI, 0, 2, 0), (0, 0), -0.016),  # -0.001 * 4 * 4
+        ((PI, 0, 0, -3), (0, 0), -0.018),  # -0.001 * 2 * 9
+        ((-3 * PI, 4 * PI, 0, 0), (0, 0), 0),  # whole turns from the goal
+        ((-0.5, 0, 0, 0), (0, 0), -0.05 * (PI - 0.5) ** 2),  # q1 = 2π - 0.5, not -0.5 - π
+        ((PI, 1.5 * PI, 0, 0), (0, 0), -0.0125 * PI**2),  # q2 = -π/2: -0.001 * 50 π²/4
+        ((PI, 0, 30, 0), (0, 0), -3.6),  # -0.001 * 4 * 900: the paper bounds no velocity
+    ],
+)
+def test_reward_by_hand(x, u, reward):
+    task = paper_task(ROBOTS["acrobot"])
+    found = task.reward(jnp.array(x, jnp.float32), jnp.array(u, jnp.float32))
+    assert float(found) == pytest.approx(reward, rel=1e-5, abs=1e-6)
+
+
+def test_smooth_task_bounds_the_cost_of_velocities():
+    # -0.001 * (4 * 20² + 2 * 20²) = -2.4 however fast it spins; below 20 rad/s as in the paper.
+    task = smooth_task(ROBOTS["pendubot"])
+    assert (task.observation.angles, task.observation_size) == ("sincos", 6)
+    assert float(task.reward(jnp.array([PI, 0.0, 50.0, -99.0]), jnp.zeros(2))) == pytest.approx(-2.4, rel=1e-6)
+    assert float(task.reward(jnp.array([PI, 0.0, -10.0, 0.0]), jnp.zeros(2))) == pytest.approx(-0.4, rel=1e-6)
+
+
+def test_a_step_hanging_at_rest_costs_half_a_unit(robot):
+    result = step_from(paper_task(robot), [0.0, 0.0, 0.0, 0.0])
+    assert result.reward == pytest.approx(-0.4935, abs=1e-4)
+    np.testing.assert_array_equal(result.state.x, np.zeros(4))
+    np.testing.assert_allclose(result.observation, [-1, -1, 0, 0])
+
+
+def test_step_integrates_then_rewards_and_observes_the_state_after_it(robot):
+    x, actions, keys = random_transitions()
+    task = paper_task(robot)
+    result = steps(task, x, 0, actions, keys)
+    # Torque in N m on the driven joint, held for 0.01 s.
+    torques = 6.0 * np.asarray(actions) * np.array(robot.actuation, np.float32)
+    after = rk4(leaderboard_parameters(robot), x, jnp.array(torques), 0.01)
+    np.testing.assert_allclose(result.state.x, after, rtol=1e-5, atol=1e-4)
+    rewards = [-0.001 * quadratic_cost(row, u.sum()) for row, u in zip(after, torques, strict=True)]
+    np.testing.assert_allclose(result.reward, rewards, rtol=1e-4, atol=1e-5)
+    before = [-0.001 * quadratic_cost(row, u.sum()) for row, u in zip(x, torques, strict=True)]
+    assert np.mean(np.abs(result.reward - np.array(before)) > 1e-3) > 0.9
+    expected = jax.vmap(task.observation)(result.state.x)
+    np.testing.assert_allclose(result.observation, expected, rtol=1e-6, atol=1e-6)
+    np.testing.assert_array_equal(result.state.steps, 1)
+
+
+def test_passive_joint_gets_no_torque(robot):
+    # Even where the plant's file allows both motors 10 N m.
+    task = dataclasses.replace(paper_task(robot), parameters=identified_parameters())
+    expected = {"acrobot": [0.0, -5.0], "pendubot": [-5.0, 0.0]}[robot.name]
+    np.testing.assert_allclose(task.torque(jnp.array([-0.5])), expected)
+    # At rest q̈ = M⁻¹ u: at q2 = π/2 the driven joint follows its torque and the passive one goes against it.
+    rates = step_from(paper_task(robot), [0.0, PI / 2, 0.0, 0.0], 1.0).state.x[2:]
+    still = step_from(paper_task(robot), [0.0, PI / 2, 0.0, 0.0], 0.0).state.x[2:]
+    assert rates[robot.joint] - still[robot.joint] > 0.1
+    assert rates[1 - robot.joint] - still[1 - robot.joint] < -0.1
+
+
+def test_mirrored_transitions_mirror(robot):
+    task = paper_task(robot)
+    x, actions, keys = random_transitions()
+    result, mirrored = steps(task, x, 0, actions, keys), steps(task, -x, 0, -actions, keys)
+    np.testing.assert_allclose(mirrored.state.x, -result.state.x, rtol=1e-6)
+    np.testing.assert_allclose(mirrored.reward, result.reward, rtol=1e-4)
+
+
+def test_reset_hangs_with_gaussian_noise_on_all_four_states():
+    task = dataclasses.replace(paper_task(ROBOTS["acrobot"]), reset_noise=0.02)
+    count = 20_000
+    states = jax.jit(jax.vmap(task.reset))(jax.random.split(KEY, count))
+    noise = np.asarray(states.x) / 0.02
+    np.testing.assert_array_equal(states.steps, 0)
+    # Five standard errors: of a mean 1/√n, of a standard deviation 1/√(2n), of a correlation 1/√n.
+    error = 5 / np.sqrt(count)
+    np.testing.assert_allclose(noise.mean(axis=0), 0, atol=error)
+    np.testing.assert_allclose(noise.std(axis=0), 1, atol=error / np.sqrt(2))
+    np.testing.assert_allclose(np.corrcoef(noise.T), np.eye(4), atol=error)
+    # P(|z| < 1) = 0.6827 and P(|z| > 3) = 0.0027 of a Gaussian, to five standard errors.
+    assert np.mean(np.abs(noise) < 1) == pytest.approx(0.6827, abs=5 * np.sqrt(0.6827 * 0.3173 / noise.size))
+    assert np.mean(np.abs(noise) > 3) == pytest.approx(0.0027, abs=5 * np.sqrt(0.0027 / noise.size))
+
+
+def test_reset_is_a_function_of_its_key():
+    task = paper_task(ROBOTS["acrobot"])
+    first, again, other = (task.reset(jax.random.key(seed)).x for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    assert np.all(np.asarray(first) != np.asarray(other))
+
+
+def test_truncated_after_exactly_max_steps_and_not_reset(robot):
+    task = dataclasses.replace(paper_task(robot), truncation_probability=0.0)
+
+    def advance(state, key):
+        result = task.step(state, jnp.ones(1), key)
+        return result.state, result
+
+    start = PendulumState(x=jnp.zeros(4), steps=jnp.array(0))
+    results = jax.jit(lambda: jax.lax.scan(advance, start, jax.random.split(KEY, 1005))[1])()
+    np.testing.assert_array_equal(results.state.steps, np.arange(1, 1006))
+    # The 1000th step (10 s) is the first to be truncated, and every later one of whoever does not reset.
+    np.testing.assert_array_equal(results.truncated, np.arange(1, 1006) >= 1000)
+    # Nothing happens to the state at the limit: the 1001st step goes on from the 1000th.
+    torques = np.tile(6.0 * np.array(robot.actuation), (4, 1))
+    expected = rk4(task.parameters, results.state.x[999:1003], jnp.array(torques, jnp.float32), 0.01)
+    np.testing.assert_allclose(results.state.x[1000:1004], expected, rtol=1e-5, atol=1e-4)
+    assert np.abs(results.state.x[999:]).max() > 1
+
+
+@pytest.mark.parametrize("probability", [1e-3, 0.2])
+def test_truncated_at_random_about_as_often_as_asked(probability):
+    task = dataclasses.replace(paper_task(ROBOTS["acrobot"]), truncation_probability=probability)
+    count, x, actions = 100 * BATCH, jnp.zeros((BATCH, 4)), jnp.zeros((BATCH, 1))
+    keys = jax.random.split(KEY, (100, BATCH))
+    truncated = sum(int(steps(task, x, 0, actions, row).truncated.sum()) for row in keys)
+    deviation = np.sqrt(count * probability * (1 - probability))
+    assert abs(truncated - count * probability) < 5 * deviation
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_never_terminated(name, robot):
+    # Neither at the limit of steps, nor at velocities where the integrator diverges.
+    x, actions, keys = random_transitions()
+    result = steps(get_task(name, robot), x.at[::2].multiply(1e3), 999, actions, keys)
+    assert not np.any(result.terminated)
+    assert np.all(result.truncated)
+
+
+@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize("rates", [(500.0, -500.0), (1e30, 1e30), (2000.0, 0.0)])
+def test_diverging_step_keeps_the_last_state_and_truncates(name, robot, rates):
+    # At such rates a Runge-Kutta step of 0.01 s overshoots without bound, to inf and NaN.
+    x = np.array([0.3, 0.2, *rates], np.float32)
+    task = dataclasses.replace(get_task(name, robot), truncation_probability=0.0)
+    assert not np.all(np.abs(rk4(task.parameters, jnp.array([x]), jnp.zeros((1, 2)), 0.01)[0, 2:]) < 1000)
+    result = step_from(task, x)
+    assert result.truncated
+    assert not result.terminated
+    assert result.state.steps == 1
+    np.testing.assert_array_equal(result.state.x, x)
+    assert np.all(np.isfinite(result.observation))
+
+
+def test_fast_but_sound_motion_is_not_taken_for_divergence(robot):
+    task = dataclasses.replace(paper_task(robot), truncation_probability=0.0)
+    assert not step_from(task, [0.3, 0.2, 20.0, -20.0], 1.0).truncated
+
+
+@pytest.mark.parametrize(
+    ("q", "wrapped"),
+    [
+        ((0, 0), (0, 0)),
+        ((-0.1, PI + 0.1), (2 * PI - 0.1, -PI + 0.1)),
+        ((2 * PI + 0.1, -PI - 0.1), (0.1, PI - 0.1)),
+        ((7 * PI, -8.5 * PI), (PI, -PI / 2)),
+    ],
+)
+def test_wrap_to_goal_by_hand(q, wrapped):
+    found = wrap_to_goal(jnp.array([*q, 30.0, -40.0]))
+    np.testing.assert_allclose(found, [*wrapped, 30.0, -40.0], atol=5e-6)
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_tasks_are_found_by_name(name, robot):
+    assert get_task(name, robot) == TASKS[name](robot)
+
+
+def test_unknown_task_is_refused_with_the_choice(robot):
+    with pytest.raises(SwingupError, match="unknown task 'hover': use one of paper, smooth"):
+        get_task("hover", robot)

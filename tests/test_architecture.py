@@ -1,0 +1,81 @@
+"""The layers of the package: who may import whom, and what `import swingup` must not bring along."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import swingup
+
+ROOT = Path(swingup.__file__).parent
+LAYERS = {
+    "errors": 0, "version": 0, "types": 0, "files": 1, "arrays": 2, "physics": 3, "tasks": 4, "areapo": 5,
+    "control": 6, "benchmark": 7, "drawing": 7, "learner": 8, "gym": 8, "cli": 9,
+}  # fmt: skip
+"""Every module or package at the top, and its layer: imports go to a lower layer or stay at home."""
+
+ONE_PLACE = {
+    "optax": {"areapo"},
+    "gymnasium": {"gym"},
+    "PIL": {"drawing"},
+    "tyro": {"cli"},
+    "rich": {"cli"},
+    "tensorboardX": {"learner"},
+    "yaml": {"physics"},
+}
+"""Third-party packages that only these parts may import."""
+
+
+def imports(path):
+    """Absolute names of the modules that a file imports."""
+    package = ["swingup", *path.relative_to(ROOT).parent.parts]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else []
+            name = ".".join([*base, *([node.module] if node.module else [])])
+            yield from ([name] if node.module else (f"{name}.{alias.name}" for alias in node.names))
+
+
+def part(path):
+    return path.relative_to(ROOT).parts[0].removesuffix(".py")
+
+
+FILES = [path for path in sorted(ROOT.rglob("*.py")) if part(path) not in ("__init__", "__main__")]
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_imports_go_down(path):
+    home = part(path)
+    for name in imports(path):
+        words = name.split(".")
+        if words[0] == "swingup":
+            target = words[1]
+            assert target == home or LAYERS[target] < LAYERS[home], f"{home} imports {name}"
+        assert home in ONE_PLACE.get(words[0], {home}), f"{home} imports {name}"
+
+
+def test_every_part_has_a_layer():
+    assert {part(path) for path in FILES} == set(LAYERS)
+
+
+def test_only_the_learned_controller_knows_the_learner():
+    for path in (ROOT / "control").glob("*.py"):
+        if path.name not in ("learned.py", "zoo.py"):
+            assert not any("areapo" in name for name in imports(path))
+
+
+def test_import_is_light():
+    code = "import sys, swingup; print([m for m in ('jax', 'equinox', 'gymnasium', 'matplotlib', 'PIL') if m in sys.modules])"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "[]"
+
+
+def test_the_public_names_exist():
+    for name in swingup.__all__:
+        assert getattr(swingup, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = swingup.nothing

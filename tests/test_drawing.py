@@ -1,0 +1,76 @@
+import math
+import sys
+
+import numpy as np
+import pytest
+
+from swingup.drawing import DRIVEN, LINK_2, draw_frame
+from swingup.errors import SwingupError
+
+L1, L2 = 0.2, 0.3
+SCALE = 400 / (2 * 1.15 * 0.5)  # pixels per metre: the picture is 2 * 1.15 (l1 + l2) wide
+RED = np.array([int(DRIVEN[i : i + 2], 16) for i in (1, 3, 5)])
+BLUE = np.array([int(LINK_2[i : i + 2], 16) for i in (1, 3, 5)])
+
+
+def pixel(frame, right, up):
+    """The colour at a place relative to the shoulder (m)."""
+    return frame[round(200 - up * SCALE), round(200 + right * SCALE)]
+
+
+def red_columns(frame):
+    return np.nonzero(np.all(np.abs(frame - RED.astype(float)) < 20, axis=2))[1]
+
+
+def test_frame_is_an_rgb_picture_of_the_asked_size():
+    frame = draw_frame([0.3, 0.2, 0.0, 0.0], L1, L2, size=120)
+    assert frame.shape == (120, 120, 3)
+    assert frame.dtype == np.uint8
+
+
+@pytest.mark.parametrize(
+    ("q1", "q2", "tip"),
+    [
+        (0.0, 0.0, (0.0, -0.5)),  # hanging
+        (math.pi, 0.0, (0.0, 0.5)),  # upright
+        (math.pi / 2, 0.0, (0.5, 0.0)),  # counter-clockwise from hanging is to the right
+        (0.0, math.pi / 2, (0.3, -0.2)),  # only link 2 to the right, from the elbow
+        (math.pi / 2, math.pi / 2, (0.2, 0.3)),  # the elbow's angle is relative to link 1
+    ],
+)
+def test_tip_is_where_the_angles_put_it(q1, q2, tip):
+    frame = draw_frame([q1, q2, 0.0, 0.0], L1, L2)
+    np.testing.assert_array_equal(pixel(frame, *tip), BLUE)
+
+
+def test_goal_line_lies_at_nine_tenths_of_the_reach():
+    frame = draw_frame([0.0, 0.0, 0.0, 0.0], L1, L2).astype(int)
+    green = (frame[:, 5, 1] - frame[:, 5, 0] > 40).nonzero()[0]
+    # 200 - 0.9 * 400 / 2.3 = 43.5, and the line is 0.7 % of 400 = 2.8 pixels thick.
+    assert 42 <= green.min() <= green.max() <= 45
+
+
+@pytest.mark.parametrize(("driven", "place", "other"), [(0, (0, 0), (0, -L1)), (1, (0, -L1), (0, 0))])
+def test_driven_joint_is_marked(driven, place, other):
+    frame = draw_frame([0.0, 0.0, 0.0, 0.0], L1, L2, driven=driven)
+    np.testing.assert_array_equal(pixel(frame, *place), RED)
+    assert not np.array_equal(pixel(frame, *other), RED)
+    assert red_columns(draw_frame([0.0, 0.0, 0.0, 0.0], L1, L2)).size == 0
+
+
+def test_torque_is_an_arrow_that_turns_with_its_sign():
+    x = [math.pi, 0.0, 0.0, 0.0]
+    left = red_columns(draw_frame(x, L1, L2, torque=[0.0, 4.0]))
+    right = red_columns(draw_frame(x, L1, L2, torque=[0.0, -4.0]))
+    # The arrow starts above the joint at column 200: counter-clockwise leads to the left.
+    assert left.size > 50
+    assert left.mean() < 195
+    assert right.mean() > 205
+    assert red_columns(draw_frame(x, L1, L2, torque=[0.0, 1.0])).size < left.size
+    assert red_columns(draw_frame(x, L1, L2, torque=[0.0, 0.0])).size == 0
+
+
+def test_missing_pillow_names_the_remedy(monkeypatch):
+    monkeypatch.setitem(sys.modules, "PIL", None)
+    with pytest.raises(SwingupError, match=r"pip install swingup\[render\]"):
+        draw_frame([0.0, 0.0, 0.0, 0.0], L1, L2)

@@ -1,0 +1,374 @@
+import dataclasses
+import subprocess
+import sys
+
+import gymnasium
+import jax
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
+
+from swingup.errors import SwingupError
+from swingup.gym import PendulumEnv, PendulumVectorEnv
+from swingup.physics.parameters import ROBOTS, get_robot
+from swingup.tasks.presets import get_task
+
+IDS = {"acrobot": "swingup/Acrobot-v0", "pendubot": "swingup/Pendubot-v0"}
+PUSH = np.ones(1, np.float32)
+START = [1.0, -2.0, 3.0, -4.0]
+
+
+def changed_task(robot="acrobot", **changes):
+    return dataclasses.replace(get_task("paper", get_robot(robot)), **changes)
+
+
+def short_task(robot="acrobot", **changes):
+    """A task of three steps, the same in all tests: its length is compiled in."""
+    return changed_task(robot, **{"max_steps": 3, "truncation_probability": 0.0, **changes})
+
+
+def make_two(robot="acrobot", **arguments):
+    return PendulumVectorEnv(robot, num_envs=2, **arguments)
+
+
+def actions(steps, *shape):
+    return np.random.default_rng(0).uniform(-1, 1, (steps, *shape, 1)).astype(np.float32)
+
+
+def states(env, steps=5, seed=None):
+    """States of an episode under constant actions, the first included."""
+    _, info = env.reset(seed=seed)
+    return np.array([info["state"], *(env.step(PUSH)[4]["state"] for _ in range(steps))])
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_checker_passes_without_make(robot):
+    check_env(PendulumEnv(robot), skip_render_check=True)  # which needs a spec
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_checker_passes_with_make(robot):
+    env = gymnasium.make(IDS[robot], task="smooth").unwrapped
+    assert isinstance(env, PendulumEnv)
+    check_env(env)
+
+
+def test_id_with_module_registers_without_import_and_without_pillow():
+    code = """if True:
+        import sys, gymnasium
+        env = gymnasium.make("swingup.gym:swingup/Pendubot-v0")
+        assert env.unwrapped.task.robot.name == "pendubot"
+        assert "PIL" not in sys.modules and "matplotlib" not in sys.modules
+    """
+    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == ""
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_environment_follows_the_task_step_by_step(robot):
+    task = changed_task(robot, truncation_probability=0.2)
+    env = PendulumEnv(robot, task)
+    reset, step = jax.jit(task.reset), jax.jit(task.step)
+
+    observation, info = env.reset(seed=7)
+    reset_key, key = jax.random.split(jax.random.key(7))
+    state = reset(reset_key)
+    np.testing.assert_allclose(info["state"], state.x, rtol=1e-6)
+    np.testing.assert_allclose(observation, task.observe(state), rtol=1e-6)
+    assert observation.flags.writeable
+    assert info["state"].flags.writeable
+    flags = []
+    for action in actions(30):
+        observation, reward, terminated, truncated, info = env.step(action)
+        step_key, key = jax.random.split(key)
+        expected = step(state, action, step_key)
+        state = expected.state
+        np.testing.assert_allclose(info["state"], state.x, rtol=1e-4, atol=1e-5)
+        np.testing.assert_allclose(observation, expected.observation, rtol=1e-4, atol=1e-5)
+        assert reward == pytest.approx(float(expected.reward), rel=1e-4)
+        assert truncated == bool(expected.truncated)
+        assert not terminated
+        flags.append(truncated)
+        assert observation.flags.writeable
+        assert info["state"].flags.writeable
+    assert 0 < sum(flags) < 30
+
+
+def test_actions_drive_only_the_robots_joint():
+    # At rest and hanging M q̈ = u, so that q̈ = [M22 u1, -M12 u1] / det M or [-M12 u2, M11 u2] / det M, and all > 0.
+    for robot, signs in (("pendubot", [1, -1]), ("acrobot", [-1, 1])):
+        env = PendulumEnv(robot)
+        env.reset(options={"state": np.zeros(4)})
+        rates = env.step(PUSH)[4]["state"][2:]
+        assert np.sign(rates).tolist() == signs
+        assert np.all(np.abs(rates) > 0.1)
+
+
+def test_actions_beyond_the_limits_are_clipped():
+    env = PendulumEnv("acrobot")
+    results = []
+    for action in (1.0, 3.0):
+        env.reset(options={"state": START})
+        results.append(env.step(np.array([action])))
+    np.testing.assert_array_equal(results[0][0], results[1][0])
+    assert results[0][1] == results[1][1]
+
+
+def test_task_truncates_itself():
+    env = gymnasium.make(IDS["acrobot"], task=short_task())
+    assert env.spec.max_episode_steps is None
+    env.reset(seed=0)
+    assert [env.step(PUSH)[2:4] for _ in range(3)] == [(False, False), (False, False), (False, True)]
+
+
+def test_seeds_repeat_and_differ():
+    env, other = PendulumEnv("acrobot"), PendulumEnv("acrobot")
+    first, second = states(env, seed=1), states(env)
+    np.testing.assert_array_equal(first, states(other, seed=1))
+    np.testing.assert_array_equal(second, states(other))
+    assert not np.array_equal(first, second)
+    assert not np.array_equal(first, states(env, seed=2))
+    assert not np.array_equal(states(PendulumEnv("acrobot")), states(PendulumEnv("acrobot")))
+
+
+@pytest.mark.parametrize("seed", [-1, 2**32, 1.5])
+def test_seeds_beyond_32_bits_are_refused(seed):
+    with pytest.raises(SwingupError, match=rf"seed {seed} "):
+        PendulumEnv("acrobot").reset(seed=seed)
+
+
+def test_reset_starts_from_a_given_state():
+    env = PendulumEnv("acrobot")
+    observation, info = env.reset(options={"state": START})
+    np.testing.assert_allclose(info["state"], START)
+    # [(q mod 2π - π)/π, dq/20]: 1/π - 1; (2π - 2)/π - 1 = 1 - 2/π; 3/20; -4/20.
+    np.testing.assert_allclose(observation, [1 / np.pi - 1, 1 - 2 / np.pi, 0.15, -0.2], rtol=1e-5)
+    _, infos = make_two().reset(options={"state": START})
+    np.testing.assert_allclose(infos["state"], [START, START])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"state": [0.0, 0.0, 0.0]}, r"state \[0.0, 0.0, 0.0\] must be \[q1, q2, dq1, dq2\]"),
+        ({"state": [0.0, 0.0, float("nan"), 0.0]}, "nan.* must be"),
+        ({"state": [0.0, 0.0, 0.0, 2e3]}, "2000.* within"),
+        ({"state": "up"}, "state 'up' must be"),
+        ({"start": START}, "unknown reset option 'start': use 'state'"),
+    ],
+)
+def test_bad_options_are_refused_and_change_nothing(options, message):
+    env, untouched = PendulumEnv("acrobot"), PendulumEnv("acrobot")
+    for each in (env, untouched):
+        each.reset(seed=3)
+    with pytest.raises(SwingupError, match=message):
+        env.reset(seed=4, options=options)
+    np.testing.assert_array_equal(env.step(PUSH)[0], untouched.step(PUSH)[0])
+
+
+@pytest.mark.parametrize(
+    ("action", "message"),
+    [
+        (np.array([np.nan]), r"action nan is not finite: pass numbers in \[-1, 1\]"),
+        (np.array([np.inf]), "action inf is not finite"),
+        (np.zeros(2), r"shape \(2,\): pass shape \(1,\)"),
+        (0.5, r"shape \(\): pass shape \(1,\)"),
+        ("up", "action 'up' is not numeric"),
+    ],
+)
+@pytest.mark.parametrize("kind", [PendulumEnv, make_two])
+def test_bad_actions_are_refused_and_change_nothing(kind, action, message):
+    env, untouched = kind("acrobot"), kind("acrobot")
+    for each in (env, untouched):
+        each.reset(seed=3)
+    if kind is make_two and isinstance(action, np.ndarray):
+        action = np.stack([np.zeros_like(action), action])
+    if kind is make_two:
+        message = message.replace(r"\(2,\)", r"\(2, 2\)").replace(r"\(1,\)", r"\(2, 1\)")
+    with pytest.raises(SwingupError, match=message) as caught:
+        env.step(action)
+    assert "\n" not in str(caught.value)
+    good = np.ones(env.action_space.shape)
+    np.testing.assert_array_equal(env.step(good)[0], untouched.step(good)[0])
+
+
+@pytest.mark.parametrize("kind", [PendulumEnv, make_two])
+def test_step_and_render_before_reset_are_refused(kind):
+    env = kind("acrobot", render_mode="rgb_array")
+    for method in (lambda: env.step(np.zeros(env.action_space.shape)), env.render):
+        with pytest.raises(SwingupError, match=r"call reset\(\) before"):
+            method()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"robot": "cartpole"}, "unknown robot 'cartpole'"),
+        ({"robot": "acrobot", "task": "easy"}, "unknown task 'easy'"),
+        ({"robot": "acrobot", "task": short_task("pendubot")}, "for the pendubot, not for the acrobot"),
+        ({"robot": "acrobot", "render_mode": "ansi"}, "unknown render_mode 'ansi': use rgb_array"),
+    ],
+)
+@pytest.mark.parametrize("kind", [PendulumEnv, make_two])
+def test_bad_arguments_are_refused(kind, arguments, message):
+    with pytest.raises(SwingupError, match=message):
+        kind(**arguments)
+
+
+def test_vector_needs_an_environment():
+    with pytest.raises(SwingupError, match="num_envs = 0 must be at least 1"):
+        PendulumVectorEnv("acrobot", num_envs=0)
+
+
+def test_second_environment_compiles_nothing(caplog):
+    def run(env):
+        states(env, steps=2, seed=0)
+        env.reset(options={"state": START})
+
+    run(PendulumEnv("acrobot"))
+    with jax.log_compiles():
+        run(PendulumEnv("acrobot"))
+        # A task with other numbers (not other shapes) shares the code, too.
+        run(PendulumEnv("acrobot", changed_task(reset_noise=0.5, dt=0.02)))
+        assert "XLA compilation" not in caplog.text
+        run(PendulumEnv("acrobot", changed_task(max_steps=2)))  # which is compiled in
+        assert "XLA compilation" in caplog.text
+
+
+def test_pictures_per_second_follow_the_task():
+    for make in (PendulumEnv, make_two):
+        assert make("acrobot").metadata["render_fps"] == 100
+        assert make("acrobot", task=changed_task(dt=0.02)).metadata["render_fps"] == 50
+
+
+def assert_same(actual, expected):
+    """Infos of both kinds of batch agree: keys, types, masks and numbers."""
+    if isinstance(expected, dict):
+        assert actual.keys() == expected.keys()
+        for name in expected:
+            assert_same(actual[name], expected[name])
+    elif isinstance(expected, np.ndarray) and expected.dtype == object:
+        assert actual.dtype == object
+        for mine, theirs in zip(actual, expected, strict=True):
+            assert_same(mine, theirs)
+    elif expected is None:
+        assert actual is None
+    else:
+        assert actual.dtype == expected.dtype
+        np.testing.assert_allclose(actual, expected, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_vector_equals_gymnasiums_batch_of_single_environments(robot):
+    # Environment i of both is seeded with seed + i and draws in the same order: all the randomness is the same.
+    task = short_task(robot, truncation_probability=0.2)
+    mine = gymnasium.make_vec(IDS[robot], num_envs=2, task=task)
+    assert isinstance(mine, PendulumVectorEnv)
+    theirs = gymnasium.make_vec(
+        IDS[robot], 2, "sync", vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP}, task=task
+    )
+    assert mine.metadata == theirs.metadata
+    assert mine.observation_space == theirs.observation_space
+    assert mine.action_space == theirs.action_space
+    assert_same(mine.reset(seed=5)[1], theirs.reset(seed=5)[1])
+    lengths, ages = [], np.zeros(2, int)
+    for action in actions(30, 2):
+        actual, expected = mine.step(action), theirs.step(action)
+        for mine_part, their_part in zip(actual, expected, strict=True):
+            assert_same(mine_part, their_part)
+        assert mine.observation_space.contains(actual[0])
+        ages += 1
+        lengths.extend(ages[actual[3]].tolist())
+        ages[actual[3]] = 0
+    assert max(lengths) == 3
+    assert min(lengths) < 3
+    for mine_part, their_part in zip(mine.reset(), theirs.reset(), strict=True):  # the keys go on, too
+        assert_same(mine_part, their_part)
+
+
+def test_vector_resets_in_the_step_that_truncates():
+    task = short_task()
+    env = make_two(task=task)
+    assert env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    _, first = env.reset(seed=0)
+    seen = [first["state"]]
+    for number in range(1, 7):
+        observations, _, terminated, truncated, infos = env.step(np.ones((2, 1)))
+        assert not terminated.any()
+        assert truncated.tolist() == [number % 3 == 0] * 2
+        np.testing.assert_allclose(observations, jax.vmap(task.observation)(infos["state"]), rtol=1e-5)
+        if number % 3:
+            assert "final_obs" not in infos
+            assert "final_info" not in infos
+            continue
+        # 6 N m for 30 ms turn link 2 by far more than the reset's noise of 0.01 rad.
+        final = infos["final_info"]["state"]
+        assert np.all(np.abs(infos["state"]) < 0.06)
+        assert np.all(np.abs(final[:, 1]) > 0.2)
+        np.testing.assert_allclose(np.stack(infos["final_obs"]), jax.vmap(task.observation)(final), rtol=1e-5)
+        assert infos["_final_obs"].all()
+        assert infos["_final_info"].all()
+        seen.append(infos["state"])
+    # Three resets of two environments: six different draws.
+    assert len(np.unique(np.concatenate(seen)[:, 0])) == 6
+
+
+def test_vector_works_under_gymnasiums_statistics():
+    task = short_task()
+    env = RecordEpisodeStatistics(make_two(task=task))
+    env.reset(seed=0)
+    rewards = []
+    for _ in range(3):
+        _, reward, _, _, infos = env.step(np.ones((2, 1)))
+        rewards.append(reward)
+    assert infos["episode"]["l"].tolist() == [3, 3]
+    np.testing.assert_allclose(infos["episode"]["r"], np.sum(rewards, axis=0), rtol=1e-6)
+
+
+def test_vector_seeds_repeat_and_differ():
+    env, other = make_two(), make_two()
+    first = env.reset(seed=1)[0]
+    np.testing.assert_array_equal(first, other.reset(seed=1)[0])
+    np.testing.assert_array_equal(env.reset()[0], other.reset()[0])
+    assert not np.array_equal(first, env.reset(seed=3)[0])
+    with pytest.raises(SwingupError, match=f"seed {2**32 - 1} "):  # the second environment's would be 2^32
+        env.reset(seed=2**32 - 1)
+
+
+def test_render_shows_the_state_and_the_torque():
+    env = gymnasium.make(IDS["acrobot"], render_mode="rgb_array")
+    env.reset(options={"state": START})
+    frame = env.render()
+    assert frame.shape == (400, 400, 3)
+    assert frame.dtype == np.uint8
+    assert len(np.unique(frame.reshape(-1, 3), axis=0)) > 10
+    np.testing.assert_array_equal(frame, env.render())
+    env.reset(options={"state": [2.0, -2.0, 3.0, -4.0]})
+    moved = env.render()
+    assert np.any(moved != frame, axis=2).mean() > 0.01
+    env.step(PUSH)
+    pushed = env.render()
+    env.reset(options={"state": env.unwrapped._episode.state.x})
+    assert not np.array_equal(env.render(), pushed)  # the same state, without the arrow
+
+
+def test_vector_renders_each_environment():
+    env = make_two(render_mode="rgb_array")
+    single = PendulumEnv("acrobot", render_mode="rgb_array")
+    env.reset(seed=0)
+    env.step(np.array([[0.8], [-0.8]]))
+    single.reset(seed=1)
+    single.step(np.array([-0.8]))
+    frames = env.render()
+    assert len(frames) == 2
+    np.testing.assert_array_equal(frames[1], single.render())
+    assert not np.array_equal(frames[0], frames[1])
+
+
+def test_render_draws_nothing_without_a_mode():
+    env = PendulumEnv("acrobot")
+    env.reset()
+    assert env.render() is None
