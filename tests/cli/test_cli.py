@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -18,10 +19,10 @@ KEYS = [
     "robot", "controller", "success", "swingup_time", "energy", "torque_cost", "torque_smoothness",
     "velocity_cost", "score",
 ]  # fmt: skip
-TINY = (
+TINY = shlex.split(
     "--num-envs 4 --num-steps 16 --batch-size 64 --num-epochs 1 --policy-layers 8 8 --value-layers 8 8 "
     "--evaluate-every 128 --checkpoint-every 256"
-).split()
+)
 
 
 @pytest.fixture(autouse=True)
@@ -58,7 +59,9 @@ def test_evaluate_then_score_the_same_trajectory(robot, capsys, tmp_path):
 def test_the_cards_score_is_the_score(capsys):
     for robot in ("acrobot", "pendubot"):
         _, metadata = shipped_policy(robot)
-        assert run_json(capsys, "evaluate", robot)["score"] == pytest.approx(metadata["scores"]["v2"]["score"], abs=1e-6)
+        assert run_json(capsys, "evaluate", robot)["score"] == pytest.approx(
+            metadata["scores"]["v2"]["score"], abs=1e-6
+        )
 
 
 def test_a_failed_swingup_has_no_time(capsys):
@@ -82,9 +85,11 @@ def test_leaderboard(capsys):
     for robot, paper in (("acrobot", 0.633), ("pendubot", 0.659)):
         board = [row for row in rows if row["robot"] == robot]
         assert [row["score"] for row in board] == sorted((row["score"] for row in board), reverse=True)
-        assert {"AR-EAPO", "TVLQR", "iLQR Riccati", "iLQR MPC"} <= {r["controller"] for r in board if r["source"] == "paper"}
+        assert {"AR-EAPO", "TVLQR", "iLQR Riccati", "iLQR MPC"} <= {
+            r["controller"] for r in board if r["source"] == "paper"
+        }
         assert next(r for r in board if r["source"] == "paper" and r["controller"] == "AR-EAPO")["score"] == paper
-        assert sum(row["source"] == "this package" for row in board) == 1
+        assert sum(row["source"] == "ours" for row in board) == 1
     assert main(["leaderboard", "acrobot"]) == 0
     assert "Performance scores of the acrobot" in capsys.readouterr().out
 

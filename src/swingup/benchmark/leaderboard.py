@@ -8,7 +8,7 @@ from ..physics.parameters import Robot
 from .criteria import Criteria
 from .evaluate import Evaluation
 
-OURS = "this package"
+OURS = "ours"
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class Row:
     robot: str
     controller: str
     source: str
-    """``this package`` if computed here, else where the row was published."""
+    """``ours`` if computed here, else where the row was published."""
     criteria: Criteria
 
 

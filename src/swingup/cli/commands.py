@@ -1,5 +1,6 @@
 """The commands' arguments and help; what they do lies in the modules that they call."""
 
+import itertools
 from collections.abc import Callable
 from typing import Annotated
 
@@ -113,7 +114,7 @@ def run_command(arguments: list[str]) -> int:
 
 def _preset_named_in(arguments: list[str]) -> str:
     """The preset decides the hyperparameters' defaults, so that it is needed before they are parsed."""
-    for argument, following in zip(arguments, [*arguments[1:], ""], strict=True):
+    for argument, following in itertools.zip_longest(arguments, arguments[1:], fillvalue=""):
         name, _, value = argument.partition("=")
         if name == "--preset":
             return value or following

@@ -5,7 +5,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from ..benchmark import evaluate as judge
@@ -20,14 +22,14 @@ from ..errors import SwingupError
 from ..physics.parameters import ROBOTS, Robot, get_robot
 
 COLUMNS = {
-    "swingup_time": ("Swing-up time [s]", ".2f"),
-    "energy": ("Energy [J]", ".2f"),
-    "torque_cost": ("Torque cost [N²m²]", ".2f"),
-    "torque_smoothness": ("Torque smoothness [Nm]", ".4f"),
-    "velocity_cost": ("Velocity cost [m²/s²]", ".2f"),
-    "score": ("RealAI score", ".3f"),
+    "swingup_time": ("Swing-up time [s]", "Time\n[s]", ".2f"),
+    "energy": ("Energy [J]", "Energy\n[J]", ".2f"),
+    "torque_cost": ("Torque cost [N²m²]", "Torque\ncost", ".2f"),
+    "torque_smoothness": ("Torque smoothness [Nm]", "Smooth-\nness", ".4f"),
+    "velocity_cost": ("Velocity cost [m²/s²]", "Velocity\ncost", ".2f"),
+    "score": ("RealAI score", "RealAI\nscore", ".3f"),
 }
-"""The paper's criteria: heading and format."""
+"""The paper's criteria: name with unit, heading of a table's column, format."""
 
 
 def evaluate(robot: str, controller: str, rules: str, as_json: bool, save: str | None) -> int:
@@ -82,16 +84,17 @@ def _print_evaluation(result: Evaluation, rules: str, as_json: bool) -> None:
         return
     print(f"{result.robot}, {result.controller} (rules {rules})")
     print(f"  {'Swing-up':<24}{'success' if result.criteria.success else 'failure':>10}")
-    for name, (heading, _) in COLUMNS.items():
-        print(f"  {heading:<24}{_cell(result.criteria, name):>10}")
+    for name, (label, _, _) in COLUMNS.items():
+        print(f"  {label:<24}{_cell(result.criteria, name):>10}")
 
 
 def _print_board(robot: Robot, board: list[Row]) -> None:
-    table = Table(title=f"Performance scores of the {robot.name} (rules v2)", title_justify="left")
-    table.add_column("Controller")
+    title = f"Performance scores of the {robot.name} (rules v2)"
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+    table.add_column("Controller", no_wrap=True)
     table.add_column("Source")
-    for heading, _ in COLUMNS.values():
-        table.add_column(heading, justify="right")
+    for _, heading, _ in COLUMNS.values():
+        table.add_column(escape(heading), justify="right")
     for row in board:
         cells = [_cell(row.criteria, name) for name in COLUMNS]
         table.add_row(row.controller, row.source, *cells, style="bold" if row.source == OURS else "")
@@ -100,4 +103,4 @@ def _print_board(robot: Robot, board: list[Row]) -> None:
 
 def _cell(criteria: Criteria, name: str) -> str:
     value = getattr(criteria, name)
-    return "-" if value is None else format(value, COLUMNS[name][1])
+    return "-" if value is None else format(value, COLUMNS[name][2])

@@ -105,9 +105,10 @@ def _show(run: Run, console: Console) -> None:
         for report in run.advance():
             progress.update(bar, completed=report.frames, description=_line(report))
             elapsed = time.monotonic() - start
-            if not console.is_terminal and elapsed - shown >= LINE_EVERY:
-                console.print(_line(report), soft_wrap=True)
+            if elapsed - shown >= LINE_EVERY or report.frames >= run.goal:
                 shown = elapsed
+                if not console.is_terminal:
+                    console.print(_line(report), soft_wrap=True, highlight=False)
 
 
 def _line(report: Report) -> str:

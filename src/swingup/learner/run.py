@@ -210,7 +210,9 @@ class Run:
                     self._save()
                 seconds = time.perf_counter() - start
                 self._seconds += seconds
-                rate = (self.iterations - before) * self.settings.config.rollout_size * self.settings.seeds / seconds
+                rate = (
+                    (self.iterations - before) * self.settings.config.rollout_size * self.settings.seeds / seconds
+                )
                 rows = self._rows(metrics, evaluations, rate)
                 writer.write(rows)
                 yield Report(self.frames, rate, rows, self.best_score)

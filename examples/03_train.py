@@ -1,0 +1,42 @@
+"""Train a policy from Python, watch it learn, and go on later: one minute's worth of it.
+
+Usage: python examples/03_train.py [FOLDER [FRAMES]], by default a temporary folder and 100,000 frames. A policy
+that swings up takes some 5 million frames: `swingup train acrobot`.
+"""
+
+import sys
+import tempfile
+from pathlib import Path
+
+from swingup.areapo.config import Config
+from swingup.learner.run import Run, Settings
+
+
+def main(folder: Path, frames: int) -> None:
+    """Train for half of the frames, then resume for the rest as if nothing had happened."""
+    settings = Settings(
+        robot="pendubot",
+        preset="default",
+        seed=0,
+        seeds=1,
+        evaluate_every=16_384,
+        checkpoint_every=65_536,
+        config=Config(centre_values=True, policy_layers=(64, 64), value_layers=(64, 64)),
+    )
+    show(Run(settings, folder, frames // 2))
+    show(Run.resume(folder, frames))
+
+
+def show(run: Run) -> None:
+    """Advance a run to its end, a line for each report."""
+    for report in run.advance():
+        row = report.rows[0]
+        print(f"{report.frames:7,} frames: reward {row['reward']:.3f}, score {row['score']:.3f}")
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as temporary:
+        main(
+            Path(sys.argv[1] if len(sys.argv) > 1 else temporary) / "run",
+            int(sys.argv[2]) if len(sys.argv) > 2 else 100_000,
+        )
