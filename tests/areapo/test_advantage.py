@@ -47,11 +47,16 @@ def test_exact_values_leave_no_advantage():
 
 def gains_under_constant_reward(config, updates):
     """ρ after each update, for reward 1 and values that stay at 0."""
-    gains, history = init_gains(), []
     zeros = jnp.zeros((config.num_steps, 1))
-    for _ in range(updates):
+
+    @jax.jit
+    def update(gains):
         result = advantages(zeros + 1.0, zeros, zeros, zeros > 0, gains.reward, 1.0, config.gae_lambda)
-        gains = update_gains(gains, result, 0.0 * result, config)
+        return update_gains(gains, result, 0.0 * result, config)
+
+    gains, history = init_gains(), []
+    for _ in range(updates):
+        gains = update(gains)
         history.append(float(gains.reward))
     return history
 

@@ -120,6 +120,9 @@ def test_missing_key_is_named(tmp_path, missing):
         ("r2", "heavy", "parameter r2 = 'heavy' is not a number"),
         ("cf1", None, "parameter cf1 = None is not a number"),
         ("gr", [6], r"parameter gr = \[6\] is not a number"),
+        ("m1", True, "parameter m1 = True is not a number"),
+        ("m1", 10**400, "parameter m1 = inf must be finite"),
+        ("l1", 1e200, r"parameter l1 = 1e\+200 must be finite and below 1e\+09"),
     ],
 )
 def test_bad_value_is_named(tmp_path, name, value, message):
@@ -150,7 +153,7 @@ def test_file_that_cannot_be_read_is_named(tmp_path):
     assert_one_line(error)
     binary = tmp_path / "binary.yml"
     binary.write_bytes(b"\xff\xfe\x00\x80")
-    with pytest.raises(SwingupError, match=r"cannot read parameter file .*binary\.yml"):
+    with pytest.raises(SwingupError, match=r"parameter file .*binary\.yml is not UTF-8"):
         load_parameters(binary)
     with pytest.raises(SwingupError, match="cannot read parameter file"):
         load_parameters(tmp_path)

@@ -1,0 +1,62 @@
+"""Judging from Python: names, rules, and controllers that misbehave."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import swingup
+from swingup.control.controller import AbstractController
+from swingup.errors import SwingupError
+
+
+class Failing(AbstractController):
+    """No torque at first, then NaN."""
+
+    after: float
+
+    def init(self):
+        return None
+
+    def __call__(self, carry, t, x):
+        return None, jnp.where(t < self.after, 0.0, jnp.nan) * jnp.ones(2)
+
+
+def test_a_torque_that_is_not_finite_is_named_with_its_time():
+    with pytest.raises(SwingupError, match=r"controller 'mine' gave a torque that is not finite at t = 0\.5 s"):
+        swingup.evaluate(Failing(0.5), "acrobot", name="mine")
+
+
+def test_without_torque_the_pendulum_hangs():
+    result = swingup.evaluate(Failing(100.0), "pendubot")
+    assert (result.robot, result.controller) == ("pendubot", "controller")
+    assert result.criteria.score == 0.0
+    assert result.criteria.swingup_time is None
+    # Hanging at rest is an equilibrium: nothing moves at all.
+    assert not np.any(result.trajectory.x)
+    assert result.trajectory.x.shape == (5000, 4)
+    assert result.trajectory.time[-1] == pytest.approx(9.998)
+
+
+def test_the_passive_joint_gets_no_torque():
+    controller, _ = swingup.shipped_policy("acrobot")
+    trajectory = swingup.evaluate(controller, "acrobot").trajectory
+    assert not np.any(trajectory.u[:, 0])
+    assert 0.0 < np.abs(trajectory.u[:, 1]).max() <= 6.0
+    assert trajectory.x.dtype == trajectory.u.dtype == np.float64
+
+
+def test_hardware_rules_score_the_same_run_otherwise():
+    controller, _ = swingup.shipped_policy("acrobot")
+    simulation = swingup.evaluate(controller, "acrobot")
+    hardware = swingup.score(simulation.trajectory, "acrobot", "hardware")
+    # Other normalisers for torque and smoothness alone: the criteria are equal, the score is higher.
+    assert hardware.energy == simulation.criteria.energy
+    assert hardware.score > simulation.criteria.score
+
+
+@pytest.mark.parametrize(
+    ("robot", "rules", "message"), [("hexapod", "v2", "unknown robot"), ("acrobot", "v1", "unknown rules")]
+)
+def test_unknown_names(robot, rules, message):
+    with pytest.raises(SwingupError, match=message):
+        swingup.evaluate(Failing(0.0), robot, rules=rules)
