@@ -1,5 +1,6 @@
 """The command ``train``: a run with a progress bar, that signals stop cleanly."""
 
+import math
 import signal
 import time
 from pathlib import Path
@@ -96,27 +97,30 @@ def _stop_on_signals(run: Run) -> list[int]:
 
 
 def _show(run: Run, console: Console) -> None:
-    start = time.monotonic()
+    """A progress bar on a terminal; elsewhere a line every few seconds."""
     console.print(f"training {run.settings.robot} ({run.settings.preset}) to {run.goal:,} frames in {run.folder}")
-    columns = (TextColumn("{task.description}"), BarColumn(bar_width=20), TimeRemainingColumn())
+    shown = -math.inf
+    columns = (TextColumn("{task.description}"), BarColumn(bar_width=12), TimeRemainingColumn())
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
         bar = progress.add_task("compiling", total=run.goal, completed=run.frames)
-        shown = -LINE_EVERY
         for report in run.advance():
-            progress.update(bar, completed=report.frames, description=_line(report))
-            elapsed = time.monotonic() - start
-            if elapsed - shown >= LINE_EVERY or report.frames >= run.goal:
-                shown = elapsed
-                if not console.is_terminal:
-                    console.print(_line(report), soft_wrap=True, highlight=False)
+            first, second = _lines(report)
+            progress.update(bar, completed=report.frames, description=f"{first}\n{second}")
+            due = time.monotonic() - shown >= LINE_EVERY or report.frames >= run.goal
+            if due and not console.is_terminal:
+                left = (run.goal - report.frames) * run.settings.seeds / report.frames_per_second
+                console.print(f"{first}  {max(0.0, left):.0f} s left  {second}", soft_wrap=True, highlight=False)
+                shown = time.monotonic()
 
 
-def _line(report: Report) -> str:
+def _lines(report: Report) -> tuple[str, str]:
+    """Where the run stands, in two lines that fit a narrow terminal; means over the seeds."""
+
     def mean(name: str) -> float:
         return sum(row[name] for row in report.rows) / len(report.rows)
 
     return (
-        f"{report.frames:,} frames  {report.frames_per_second:,.0f}/s  reward {mean('reward'):.3f}  "
+        f"{report.frames:,} frames  {report.frames_per_second:,.0f}/s  reward {mean('reward'):.3f}",
         f"gains {mean('gain'):.3f} {mean('entropy_gain'):.3f}  entropy {mean('entropy'):.2f}  "
-        f"score {mean('score'):.3f} (best {report.best_score:.3f})"
+        f"score {mean('score'):.3f} (best {report.best_score:.3f})",
     )
