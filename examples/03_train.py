@@ -9,7 +9,8 @@ import tempfile
 from pathlib import Path
 
 from swingup.areapo.config import Config
-from swingup.learner.run import Run, Settings
+from swingup.learner.run import Run
+from swingup.learner.settings import Settings
 
 
 def main(folder: Path, frames: int) -> None:

@@ -11,7 +11,9 @@ from swingup.areapo.config import Config
 from swingup.control.learned import load_policy
 from swingup.errors import SwingupError
 from swingup.learner.metrics import read_metrics
-from swingup.learner.run import Run, Settings
+from swingup.learner.presets import get_preset
+from swingup.learner.run import Run
+from swingup.learner.settings import Settings
 
 CONFIG = Config(
     num_envs=4, num_steps=16, num_epochs=1, batch_size=64, policy_layers=(8, 8), value_layers=(8, 8),
@@ -185,8 +187,44 @@ def test_what_cannot_be_resumed(tmp_path):
     with pytest.raises(SwingupError, match="is not a run's folder"):
         Run.resume(tmp_path / "nothing")
     Run(SETTINGS, tmp_path / "r", 100)
-    with pytest.raises(SwingupError, match="has no checkpoint yet"):
+    for path in (tmp_path / "r" / "checkpoints").iterdir():
+        path.unlink()
+    with pytest.raises(SwingupError, match="has no checkpoint"):
         Run.resume(tmp_path / "r")
+
+
+def test_a_run_killed_before_its_first_report_resumes(finished, tmp_path):
+    folder, _, _ = finished
+    Run(SETTINGS, tmp_path / "r", 10 * FRAMES)
+    list(Run.resume(tmp_path / "r").advance())
+    assert_same_files(folder, tmp_path / "r")
+
+
+def test_a_damaged_checkpoint_is_named_and_nothing_changes(tmp_path):
+    run(tmp_path / "r", 4)
+    checkpoint = tmp_path / "r" / "checkpoints" / "000000000256.npz"
+    checkpoint.write_bytes(checkpoint.read_bytes()[:1000])
+    config = (tmp_path / "r" / "config.json").read_text()
+    with pytest.raises(SwingupError, match=f"{checkpoint}.*truncated.*delete it to resume from the one before"):
+        Run.resume(tmp_path / "r", 999)
+    assert (tmp_path / "r" / "config.json").read_text() == config
+    # That advice is good.
+    checkpoint.unlink()
+    assert Run.resume(tmp_path / "r").frames == 0
+
+
+@pytest.mark.parametrize("preset", ["default", "paper", "apo", "eapo", "ppo"])
+def test_every_preset_trains(tmp_path, preset):
+    sizes = ("num_envs", "num_steps", "num_epochs", "batch_size", "policy_layers", "value_layers")
+    small = {name: getattr(CONFIG, name) for name in sizes}
+    config = Config(**(vars(get_preset(preset).config) | small))
+    settings = dataclasses.replace(SETTINGS, preset=preset, config=config)
+    _, reports = run(tmp_path / "r", 2, settings)
+    row = reports[-1].rows[0]
+    assert row["gradient_norm"] > 0.0
+    # Without average reward there is no gain; without temperature no entropy reward.
+    assert (row["gain"] != 0.0) == (preset in ("default", "paper", "apo"))
+    assert (row["entropy_gain"] != 0.0) == (preset in ("default", "paper"))
 
 
 @pytest.mark.parametrize(

@@ -212,6 +212,8 @@ def estimate(
         entropy_rewards, values[..., 1], next_values[..., 1], cuts,
         state.gains.entropy, config.entropy_discount, config.entropy_gae_lambda,
     )  # fmt: skip
+    # Without temperature there is no entropy objective, whatever an untrained V_H says.
+    entropy_advantages = jnp.where(config.temperature > 0.0, entropy_advantages, 0.0)
     batch = Batch(
         observations=rollout.observations,
         latents=rollout.latents,

@@ -13,7 +13,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from ..areapo.config import Config
 from ..errors import SwingupError
 from ..learner.presets import DEFAULT_PRESET, get_preset
-from ..learner.run import Report, Run, Settings, read_settings
+from ..learner.run import Report, Run
+from ..learner.settings import Settings, read_settings
 from ..physics.parameters import get_robot
 from .judging import evaluate
 

@@ -5,7 +5,6 @@ seeds also best-SEED.npz and last-SEED.npz, and best.npz is the best of all.
 """
 
 import dataclasses
-import json
 import math
 import time
 from collections.abc import Iterator
@@ -19,20 +18,16 @@ import numpy as np
 
 from ..areapo import train
 from ..areapo.checkpoint import load_checkpoint, save_checkpoint
-from ..areapo.config import Config, config_from_dict
 from ..areapo.policy import Policy
 from ..areapo.train import LearnerState
 from ..benchmark.criteria import Criteria
 from ..benchmark.evaluate import evaluate
 from ..control.learned import PolicyController, save_controller
 from ..errors import SwingupError
-from ..files import write_atomically
 from ..physics.parameters import TORQUE_LIMIT, get_robot
-from ..tasks.pendulum import PendulumTask
-from ..tasks.presets import get_task
 from ..version import __version__
 from .metrics import MetricsWriter
-from .presets import get_preset
+from .settings import Settings, read_settings, write_settings
 
 CHECKPOINTS_KEPT = 2
 
@@ -41,64 +36,6 @@ _init = jax.jit(train.init)
 _init_seeds = jax.jit(jax.vmap(train.init, in_axes=(0, None, None)))
 _train = jax.jit(train.train, donate_argnums=0)
 _train_seeds = jax.jit(jax.vmap(train.train, in_axes=(0, None, None, None)), donate_argnums=0)
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What defines a run, but for its length; written to config.json."""
-
-    robot: str
-    preset: str
-    seed: int
-    """The first seed."""
-    seeds: int
-    """How many seeds train side by side."""
-    evaluate_every: int
-    """Frames of a seed between evaluations and reports."""
-    checkpoint_every: int
-    """Frames of a seed between checkpoints."""
-    config: Config
-    """The algorithm's hyperparameters."""
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot work."""
-        get_robot(self.robot)
-        get_preset(self.preset)
-        for name in ("seeds", "evaluate_every", "checkpoint_every"):
-            if getattr(self, name) < 1:
-                raise SwingupError(f"{name} = {getattr(self, name)} must be at least 1")
-        if not 0 <= self.seed < 2**32 - self.seeds:
-            raise SwingupError(f"seed = {self.seed} must be between 0 and 2^32 - 1")
-
-    @property
-    def chunk(self) -> int:
-        """Iterations between reports."""
-        return max(1, self.evaluate_every // self.config.rollout_size)
-
-    def task(self) -> PendulumTask:
-        """The task that these settings train on."""
-        return get_task(get_preset(self.preset).task, get_robot(self.robot))
-
-    def command(self, frames: int) -> str:
-        """The command that makes such a run from scratch."""
-        words = [f"swingup train {self.robot} --preset {self.preset} --frames {frames} --seed {self.seed}"]
-        words += [] if self.seeds == 1 else [f"--seeds {self.seeds}"]
-        usual = vars(get_preset(self.preset).config)
-        for name, value in vars(self.config).items():
-            if value != usual[name]:
-                words.append(_option(name, value))
-        return " ".join(words)
-
-    def as_dict(self) -> dict[str, Any]:
-        """As JSON values."""
-        return json.loads(json.dumps(dataclasses.asdict(self)))
-
-
-def _option(name: str, value: Any) -> str:
-    flag = name.replace("_", "-")
-    if isinstance(value, bool):
-        return f"--{flag}" if value else f"--no-{flag}"
-    return f"--{flag} {' '.join(map(str, value)) if isinstance(value, tuple) else value}"
 
 
 @dataclass(frozen=True)
@@ -125,6 +62,7 @@ class Run:
             SwingupError: the folder holds something or cannot be written.
         """
         folder = Path(folder)
+        _check_frames(frames)
         try:
             if folder.exists() and any(folder.iterdir()):
                 raise SwingupError(f"{folder} exists: continue it with --resume {folder}, or choose another --out")
@@ -133,6 +71,8 @@ class Run:
             raise SwingupError(f"cannot create {folder}: {error.strerror}; choose another --out") from error
         self._prepare(settings, folder, frames)
         self._state = self._init()
+        write_settings(folder, settings, frames)
+        self._save_checkpoint()
 
     @classmethod
     def resume(cls, folder: str | Path, frames: int | None = None) -> "Run":
@@ -143,26 +83,28 @@ class Run:
         """
         folder = Path(folder)
         settings, goal = read_settings(folder)
+        goal = goal if frames is None else frames
+        _check_frames(goal)
         paths = sorted((folder / "checkpoints").glob("*.npz"))
         if not paths:
-            raise SwingupError(f"{folder} has no checkpoint yet: delete it and train again")
+            raise SwingupError(f"{folder} has no checkpoint: delete it and train again")
         run = cls.__new__(cls)
-        run._prepare(settings, folder, goal if frames is None else frames)
-        like = jax.eval_shape(run._init)
-        run._state, metadata = load_checkpoint(paths[-1], like)
+        run._prepare(settings, folder, goal)
+        try:
+            run._state, metadata = load_checkpoint(paths[-1], like=jax.eval_shape(run._init))
+        except SwingupError as error:
+            advice = "; delete it to resume from the one before" if len(paths) > 1 else ""
+            raise SwingupError(f"{error}{advice}") from error
         if metadata["settings"] != settings.as_dict():
             raise SwingupError(f"checkpoint {paths[-1]} is of another configuration than {folder / 'config.json'}")
         run.iterations = metadata["iterations"]
         run._seconds = metadata["seconds"]
         run._best = metadata["best"]
+        write_settings(folder, settings, goal)
         return run
 
     def _prepare(self, settings: Settings, folder: Path, frames: int) -> None:
-        if frames < 1:
-            raise SwingupError(f"frames = {frames} must be at least 1")
         self.settings, self.folder, self.goal = settings, folder, frames
-        content = {"version": __version__, "frames": frames, **settings.as_dict()}
-        write_atomically(folder / "config.json", (json.dumps(content, indent=2) + "\n").encode())
         self.iterations = 0
         self._seconds = 0.0
         self._best = [-math.inf] * settings.seeds
@@ -290,6 +232,15 @@ class Run:
         )
 
     def _save(self) -> None:
+        """Write a checkpoint, and each seed's last policy with its score."""
+        self._save_checkpoint()
+        for index in range(self.settings.seeds):
+            controller = self._controller(index)
+            criteria = evaluate(controller, get_robot(self.settings.robot)).criteria
+            name = "last.npz" if self.settings.seeds == 1 else f"last-{self.settings.seed + index}.npz"
+            self._save_policy(name, index, controller, criteria)
+
+    def _save_checkpoint(self) -> None:
         self._check_finite((self._state.actor, self._state.critic), "weights are")
         metadata = {
             "settings": self.settings.as_dict(),
@@ -301,26 +252,8 @@ class Run:
         save_checkpoint(checkpoints / f"{self.frames:012d}.npz", self._state, metadata)
         for old in sorted(checkpoints.glob("*.npz"))[:-CHECKPOINTS_KEPT]:
             old.unlink()
-        for index in range(self.settings.seeds):
-            controller = self._controller(index)
-            criteria = evaluate(controller, get_robot(self.settings.robot)).criteria
-            name = "last.npz" if self.settings.seeds == 1 else f"last-{self.settings.seed + index}.npz"
-            self._save_policy(name, index, controller, criteria)
 
 
-def read_settings(folder: Path) -> tuple[Settings, int]:
-    """Read a run's settings and its number of frames from its config.json.
-
-    Raises:
-        SwingupError: the file is missing or malformed.
-    """
-    path = folder / "config.json"
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        del content["version"]
-        frames = int(content.pop("frames"))
-        return Settings(**{**content, "config": config_from_dict(content["config"])}), frames
-    except OSError as error:
-        raise SwingupError(f"{folder} is not a run's folder: cannot read {path} ({error.strerror})") from error
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise SwingupError(f"{path} is malformed ({error}): restore it or train again") from error
+def _check_frames(frames: int) -> None:
+    if frames < 1:
+        raise SwingupError(f"frames = {frames} must be at least 1")

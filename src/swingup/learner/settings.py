@@ -1,0 +1,104 @@
+"""What defines a training run, as it stands in the config.json of its folder."""
+
+import dataclasses
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..areapo.config import Config, config_from_dict
+from ..errors import SwingupError
+from ..files import write_atomically
+from ..physics.parameters import get_robot
+from ..tasks.pendulum import PendulumTask
+from ..tasks.presets import get_task
+from ..version import __version__
+from .presets import get_preset
+
+FILE = "config.json"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What defines a run, but for its length; written to config.json."""
+
+    robot: str
+    preset: str
+    seed: int
+    """The first seed."""
+    seeds: int
+    """How many seeds train side by side."""
+    evaluate_every: int
+    """Frames of a seed between evaluations and reports."""
+    checkpoint_every: int
+    """Frames of a seed between checkpoints."""
+    config: Config
+    """The algorithm's hyperparameters."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot work."""
+        get_robot(self.robot)
+        get_preset(self.preset)
+        for name in ("seeds", "evaluate_every", "checkpoint_every"):
+            if getattr(self, name) < 1:
+                raise SwingupError(f"{name} = {getattr(self, name)} must be at least 1")
+        if not 0 <= self.seed < 2**32 - self.seeds:
+            raise SwingupError(f"seed = {self.seed} must be between 0 and 2^32 - 1")
+
+    @property
+    def chunk(self) -> int:
+        """Iterations between reports."""
+        return max(1, self.evaluate_every // self.config.rollout_size)
+
+    def task(self) -> PendulumTask:
+        """The task that these settings train on."""
+        return get_task(get_preset(self.preset).task, get_robot(self.robot))
+
+    def command(self, frames: int) -> str:
+        """The command that makes such a run from scratch."""
+        words = [f"swingup train {self.robot} --preset {self.preset} --frames {frames} --seed {self.seed}"]
+        words += [] if self.seeds == 1 else [f"--seeds {self.seeds}"]
+        usual = vars(get_preset(self.preset).config)
+        for name, value in vars(self.config).items():
+            if value != usual[name]:
+                words.append(_option(name, value))
+        return " ".join(words)
+
+    def as_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        return json.loads(json.dumps(dataclasses.asdict(self)))
+
+
+def write_settings(folder: Path, settings: Settings, frames: int) -> None:
+    """Write the settings and the number of frames of a run to its config.json.
+
+    Raises:
+        SwingupError: the file cannot be written.
+    """
+    content = {"version": __version__, "frames": frames, **settings.as_dict()}
+    write_atomically(folder / FILE, (json.dumps(content, indent=2) + "\n").encode())
+
+
+def read_settings(folder: Path) -> tuple[Settings, int]:
+    """Read a run's settings and its number of frames from its config.json.
+
+    Raises:
+        SwingupError: the file is missing or malformed.
+    """
+    path = folder / FILE
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        del content["version"]
+        frames = int(content.pop("frames"))
+        return Settings(**{**content, "config": config_from_dict(content["config"])}), frames
+    except OSError as error:
+        raise SwingupError(f"{folder} is not a run's folder: cannot read {path} ({error.strerror})") from error
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise SwingupError(f"{path} is malformed ({error}): restore it or train again") from error
+
+
+def _option(name: str, value: Any) -> str:
+    flag = name.replace("_", "-")
+    if isinstance(value, bool):
+        return f"--{flag}" if value else f"--no-{flag}"
+    return f"--{flag} {' '.join(map(str, value)) if isinstance(value, tuple) else value}"
