@@ -162,8 +162,15 @@ def test_table_one():
     [
         ({"batch_size": 1000}, "does not divide"),
         ({"num_envs": 0}, "num_envs = 0 must be at least 1"),
-        ({"learning_rate": float("nan")}, "learning_rate = nan must be finite"),
-        ({"average_reward": False, "centre_values": True}, "centre_values needs average_reward"),
+        ({"learning_rate": float("nan")}, "learning_rate = nan must lie between 0 and 1e"),
+        (
+            {"average_reward": False, "discount": 0.9, "entropy_discount": 0.9, "centre_values": True},
+            "centre_values needs average_reward",
+        ),
+        ({"discount": 1.1}, "discount = 1.1 must lie between 0 and 1"),
+        ({"temperature": -0.5}, "temperature = -0.5 must lie between"),
+        ({"policy_layers": ()}, r"policy_layers = \(\) must name at least one layer"),
+        ({"average_reward": False}, "discount = 1.0 must be below 1 without average_reward"),
         ({"clip_rnage": 0.1}, "unknown hyperparameter clip_rnage"),
     ],
 )

@@ -5,12 +5,30 @@ temperatures can be batched with ``vmap``. Defaults are Table I of the paper, to
 """
 
 import dataclasses
-import math
 from typing import Any
 
 import equinox as eqx
 
 from ..errors import SwingupError
+
+TINY, HUGE = 1e-12, 1e12
+RANGES = {
+    "temperature": (0.0, HUGE),
+    "discount": (0.0, 1.0),
+    "entropy_discount": (0.0, 1.0),
+    "gae_lambda": (0.0, 1.0),
+    "entropy_gae_lambda": (0.0, 1.0),
+    "gain_step_size": (TINY, 1.0),
+    "clip_range": (TINY, 1.0),
+    "learning_rate": (0.0, HUGE),
+    "adam_epsilon": (TINY, HUGE),
+    "max_grad_norm": (TINY, HUGE),
+    "value_coefficient": (0.0, HUGE),
+    "entropy_value_coefficient": (0.0, HUGE),
+    "log_std_init": (-20.0, 2.0),
+    "observation_clip": (TINY, HUGE),
+}
+"""Least and largest value of each hyperparameter that is a number; not asked of traced ones."""
 
 
 class Config(eqx.Module):
@@ -75,10 +93,19 @@ class Config(eqx.Module):
                 f"batch_size = {self.batch_size} does not divide a rollout of num_envs x num_steps = "
                 f"{self.num_envs} x {self.num_steps} = {self.rollout_size} frames: choose a divisor"
             )
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, float) and not math.isfinite(value):
-                raise SwingupError(f"{field.name} = {value} must be finite")
+        for name, (least, most) in RANGES.items():
+            value = getattr(self, name)
+            if isinstance(value, int | float) and not least <= value <= most:
+                raise SwingupError(f"{name} = {value} must lie between {least:g} and {most:g}")
+        for name in ("policy_layers", "value_layers"):
+            if not getattr(self, name) or min(getattr(self, name)) < 1:
+                raise SwingupError(
+                    f"{name} = {getattr(self, name)} must name at least one layer of at least 1 unit"
+                )
+        for name in ("discount", "entropy_discount"):
+            value = getattr(self, name)
+            if not self.average_reward and isinstance(value, int | float) and value >= 1.0:
+                raise SwingupError(f"{name} = {value} must be below 1 without average_reward")
         if self.centre_values and not self.average_reward:
             raise SwingupError("centre_values needs average_reward: a discounted value has no free constant")
 

@@ -38,7 +38,10 @@ PRESETS = {
     ),
     "ppo": Preset(
         "discounted rewards, no entropy (PPO, arXiv 1707.06347)",
-        Config(average_reward=False, temperature=0.0, discount=0.99, gae_lambda=0.95, clip_range=0.2),
+        Config(
+            average_reward=False, temperature=0.0, discount=0.99, entropy_discount=0.99, gae_lambda=0.95,
+            clip_range=0.2,
+        ),
     ),
 }  # fmt: skip
 
