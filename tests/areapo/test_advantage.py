@@ -87,6 +87,6 @@ def test_both_gains_share_the_trace():
 
 
 def test_discounted_learning_has_no_gain():
-    config = Config(average_reward=False, discount=0.99)
+    config = Config(average_reward=False, discount=0.99, entropy_discount=0.99)
     gains = update_gains(init_gains(), jnp.ones((2, 1)), jnp.ones((2, 1)), config)
     assert (float(gains.reward), float(gains.entropy), float(gains.trace)) == (0.0, 0.0, 0.0)
