@@ -159,7 +159,7 @@ def test_resuming_with_other_settings(capsys):
         (["pendubot"], "robot = acrobot, not pendubot"),
         (["acrobot", "--preset", "paper"], "preset = default, not paper"),
         (["acrobot", "--seed", "1"], "seed = 0, not 1"),
-        (["acrobot", "--clip-range", "0.3"], "config"),
+        (["acrobot", "--clip-range", "0.3"], "clip_range = 0.05, not 0.3"),
     ):
         assert main(["train", *arguments, "--resume", "r"]) == 2
         assert message in capsys.readouterr().err

@@ -3,7 +3,7 @@
 The file is a NumPy ``.npz``: named arrays and JSON metadata; ``docs/policy-format.md`` describes it.
 """
 
-import itertools
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -71,20 +71,28 @@ def load_policy(path: str | Path) -> tuple[Policy, dict[str, Any]]:
     """
     metadata, arrays = load_archive(path, FORMAT, FORMAT_VERSION)
     try:
-        stages = []
-        for index, entry in enumerate(metadata["observation"]):
-            prefix = f"observation.{index}."
-            state = {name.removeprefix(prefix): a for name, a in arrays.items() if name.startswith(prefix)}
-            settings = {name: value for name, value in entry.items() if name != "name"}
-            stages.append(STAGES[entry["name"]](**settings, **state))
-        actor = _actor(arrays)
+        for name, array in arrays.items():
+            if array.dtype.kind not in "fiu" or not np.isfinite(array).all():
+                raise SwingupError(f"array {name} holds values that are not finite numbers")
+        stages = tuple(_stage(index, entry, arrays) for index, entry in enumerate(metadata["observation"]))
+        policy = Policy(stages=stages, actor=_actor(arrays))
+        _check_sizes(policy)
     except SwingupError as error:
-        raise SwingupError(f"policy file {path}: {error}") from error
+        raise SwingupError(f"policy file {path}: {error}; see docs/policy-format.md") from error
     except (KeyError, TypeError, AttributeError) as error:
         raise SwingupError(f"policy file {path} lacks or mistakes {error}: see docs/policy-format.md") from error
-    policy = Policy(stages=tuple(stages), actor=actor)
-    _check_sizes(path, policy)
     return policy, metadata
+
+
+def _stage(index: int, entry: Mapping[str, Any], arrays: Mapping[str, Any]) -> AbstractStage:
+    prefix = f"observation.{index}."
+    state = {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
+    settings = {name: value for name, value in entry.items() if name != "name"}
+    for name, value in settings.items():
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if name != "angles" and not (number and 0 < value < math.inf):
+            raise SwingupError(f"stage {entry['name']!r} has {name} = {value!r}, not a positive number")
+    return STAGES[entry["name"]](**settings, **state)
 
 
 def _stage_name(stage: AbstractStage) -> str:
@@ -110,20 +118,23 @@ def _layer(arrays: Mapping[str, Any], name: str) -> Linear:
     weight, bias = arrays[f"{name}.weight"], arrays[f"{name}.bias"]
     if weight.ndim != 2 or bias.shape != weight.shape[:1]:
         raise SwingupError(f"{name} has weight {weight.shape} and bias {bias.shape}: expected (out, in), (out,)")
-    if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
-        raise SwingupError(f"{name} holds values that are not finite")
     return Linear(weight, bias)
 
 
-def _check_sizes(path: str | Path, policy: Policy) -> None:
-    sizes = [layer.weight.shape for layer in (*policy.actor.trunk, policy.actor.mean_head)]
-    for (size_out, _), (_, size_in) in itertools.pairwise(sizes):
-        if size_out != size_in:
-            raise SwingupError(f"policy file {path}: a layer of {size_out} outputs feeds one of {size_in} inputs")
-    first = policy.stages[0] if policy.stages else None
-    if isinstance(first, PendulumObservation):
-        seen = jax.eval_shape(policy.observe, jax.ShapeDtypeStruct((4,), np.float32)).shape[0]
-        if seen != sizes[0][1]:
-            raise SwingupError(
-                f"policy file {path}: its observation has {seen} entries, its network {sizes[0][1]} inputs"
-            )
+def _check_sizes(policy: Policy) -> None:
+    """Follow one observation through the stages and the layers."""
+    seen = jax.ShapeDtypeStruct((4,), np.float32)
+    for stage in policy.stages:
+        if isinstance(stage, Normalise):
+            if not np.shape(stage.mean) == np.shape(stage.variance) == seen.shape:
+                shapes = f"{np.shape(stage.mean)} and {np.shape(stage.variance)}"
+                raise SwingupError(f"mean and variance have shapes {shapes}, the observation {seen.shape}")
+            if np.any(np.asarray(stage.variance) < 0):
+                raise SwingupError("a variance is negative")
+        seen = jax.eval_shape(stage, seen)
+    size = seen.shape[0]
+    for layer in (*policy.actor.trunk, policy.actor.mean_head):
+        size_out, size_in = layer.weight.shape
+        if size != size_in:
+            raise SwingupError(f"a layer of {size_in} inputs is fed {size} values")
+        size = size_out

@@ -72,12 +72,13 @@ def _resume(
         raise SwingupError(f"--out {out} does not go with --resume {folder}: a run stays in its folder")
     saved, _ = read_settings(folder)
     given = {"robot": robot} | {name: value for name, value in options.items() if value is not None}
-    if config != get_preset(options["preset"] or DEFAULT_PRESET).config:
-        given["config"] = config
+    usual = vars(get_preset(options["preset"] or DEFAULT_PRESET).config)
+    given |= {name: value for name, value in vars(config).items() if value != usual[name]}
+    known = vars(saved) | vars(saved.config)
     for name, value in given.items():
-        if value != getattr(saved, name):
+        if value != known[name]:
             raise SwingupError(
-                f"{folder} was trained with {name} = {getattr(saved, name)}, not {value}: resume it without "
+                f"{folder} was trained with {name} = {known[name]}, not {value}: resume it without "
                 f"that option, or train anew with another --out"
             )
     return Run.resume(folder, frames)

@@ -1,5 +1,6 @@
 """A learned policy as a controller of the pendulum."""
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -62,8 +63,9 @@ def load_policy(path: str | Path, robot: Robot | None = None) -> tuple[PolicyCon
         raise SwingupError(f"policy file {path} lacks {what}: see docs/policy-format.md")
     if robot is not None and metadata["robot"] != robot.name:
         raise SwingupError(f"policy file {path} is for the {metadata['robot']}, not the {robot.name}")
-    if policy.actor.mean_head.weight.shape[0] != 1:
-        raise SwingupError(
-            f"policy file {path} has {policy.actor.mean_head.weight.shape[0]} actions: one is needed"
-        )
-    return PolicyController(policy, float(metadata["torque_limit"]), get_robot(metadata["robot"])), metadata
+    actions, limit = policy.actor.mean_head.weight.shape[0], metadata["torque_limit"]
+    if actions != 1:
+        raise SwingupError(f"policy file {path} has {actions} actions: one is needed")
+    if isinstance(limit, bool) or not isinstance(limit, int | float) or not 0 < limit < math.inf:
+        raise SwingupError(f"policy file {path} has torque_limit {limit!r}: a positive number of N m is needed")
+    return PolicyController(policy, float(limit), get_robot(metadata["robot"])), metadata
