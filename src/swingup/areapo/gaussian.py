@@ -10,30 +10,30 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..types import Action, Key, Scalar
+from ..types import Key
 
 _LOG_2 = math.log(2.0)
 _LOG_SQRT_2PI = 0.5 * math.log(2.0 * math.pi)
 
 
 class SquashedGaussian(eqx.Module):
-    """Distribution of a = tanh(z), z ~ N(mean, exp(log_std)²), entries independent."""
+    """Distribution of a = tanh(z), z ~ N(mean, exp(log_std)²), entries independent; batch axes come last."""
 
-    mean: Float[Array, "m"]
-    log_std: Float[Array, "m"]
+    mean: Float[Array, "m *batch"]
+    log_std: Float[Array, "m *batch"]
 
-    def sample(self, key: Key) -> Float[Array, "m"]:
+    def sample(self, key: Key) -> Float[Array, "m *batch"]:
         """Draw z, the action before tanh."""
         return self.mean + jnp.exp(self.log_std) * jax.random.normal(key, self.mean.shape, self.mean.dtype)
 
-    def log_prob(self, z: Float[Array, "m"]) -> Scalar:
+    def log_prob(self, z: Float[Array, "m *batch"]) -> Float[Array, "*batch"]:
         """Log density of a = tanh(z) on [-1, 1]: log N(z) - log(1 - tanh(z)²), summed over the entries."""
         standardised = (z - self.mean) * jnp.exp(-self.log_std)
         gaussian = -0.5 * standardised**2 - self.log_std - _LOG_SQRT_2PI
         # 1 - tanh(z)² = 4 / (e^z + e^-z)², which this form evaluates without cancellation for any z.
         log_slope = 2.0 * (_LOG_2 - z - jax.nn.softplus(-2.0 * z))
-        return jnp.sum(gaussian - log_slope)
+        return jnp.sum(gaussian - log_slope, axis=0)
 
-    def action(self, z: Float[Array, "m"]) -> Action:
+    def action(self, z: Float[Array, "m *batch"]) -> Float[Array, "m *batch"]:
         """The action of a sample."""
         return jnp.tanh(z)

@@ -1,7 +1,6 @@
 """The clipped surrogate and the value losses of one minibatch."""
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -41,15 +40,15 @@ def loss(networks: tuple[Actor, Critic], batch: Batch, config: Config) -> tuple[
     L(θ) = mean min(r A, clip(r, 1 - ε, 1 + ε) A), r = π_θ(a|s) / π_old(a|s).
     """
     actor, critic = networks
-    distribution = jax.vmap(actor)(batch.observations)
-    log_ratios = jax.vmap(lambda d, z: d.log_prob(z))(distribution, batch.latents) - batch.log_probs
+    observations = batch.observations.T
+    log_ratios = actor(observations).log_prob(batch.latents.T) - batch.log_probs
     ratios = jnp.exp(log_ratios)
     soft_advantages = _normalised(batch.advantages) if config.normalise_advantages else batch.advantages
     clipped = jnp.clip(ratios, 1.0 - config.clip_range, 1.0 + config.clip_range)
     policy_loss = -jnp.mean(jnp.minimum(ratios * soft_advantages, clipped * soft_advantages))
 
-    errors = jax.vmap(critic)(batch.observations) - batch.returns
-    value_loss, entropy_value_loss = jnp.mean(errors**2, axis=0)
+    errors = critic(observations) - batch.returns.T
+    value_loss, entropy_value_loss = jnp.mean(errors**2, axis=1)
     total = policy_loss + config.value_coefficient * (
         value_loss + config.entropy_value_coefficient * entropy_value_loss
     )

@@ -1,4 +1,8 @@
-"""The actor's and the critic's networks: separate ReLU trunks, orthogonal initialisation."""
+"""The actor's and the critic's networks: separate ReLU trunks, orthogonal initialisation.
+
+They take one observation, or a batch whose axis comes last. With the features first, all matrix products of an
+update have a form for which XLA has a fast CPU kernel; ``vmap`` does not arrive at it, and is a tenth slower.
+"""
 
 import equinox as eqx
 import jax
@@ -6,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..errors import SwingupError
-from ..types import Action, Key, Observation
+from ..types import Key
 from .gaussian import SquashedGaussian
 
 LOG_STD_RANGE = (-20.0, 2.0)
@@ -19,9 +23,9 @@ class Linear(eqx.Module):
     weight: Float[Array, "out in"]
     bias: Float[Array, "out"]
 
-    def __call__(self, x: Float[Array, "in"]) -> Float[Array, "out"]:
-        """Apply the layer to one vector."""
-        return self.weight @ x + self.bias
+    def __call__(self, x: Float[Array, "in *batch"]) -> Float[Array, "out *batch"]:
+        """Apply the layer."""
+        return self.weight @ x + self.bias.reshape(-1, *(1,) * (x.ndim - 1))
 
 
 class Actor(eqx.Module):
@@ -32,8 +36,8 @@ class Actor(eqx.Module):
     std_head: Linear | None
     """None in a policy file that holds only the deterministic policy."""
 
-    def __call__(self, observation: Observation) -> SquashedGaussian:
-        """Distribution of the action for one normalised observation.
+    def __call__(self, observation: Float[Array, "n *batch"]) -> SquashedGaussian:
+        """Distribution of the action for normalised observations.
 
         log σ = log softplus(w·h + b), clamped to [-20, 2] (authors' code).
         """
@@ -43,7 +47,7 @@ class Actor(eqx.Module):
         log_std = jnp.log(jax.nn.softplus(self.std_head(features)))
         return SquashedGaussian(self.mean_head(features), jnp.clip(log_std, *LOG_STD_RANGE))
 
-    def mode(self, observation: Observation) -> Action:
+    def mode(self, observation: Float[Array, "n *batch"]) -> Float[Array, "m *batch"]:
         """The deterministic action tanh(mean), as the authors use it."""
         return jnp.tanh(self.mean_head(_features(self.trunk, observation)))
 
@@ -54,8 +58,8 @@ class Critic(eqx.Module):
     trunk: tuple[Linear, ...]
     heads: Linear
 
-    def __call__(self, observation: Observation) -> Float[Array, "2"]:
-        """[v(s), v_H(s)] for one normalised observation."""
+    def __call__(self, observation: Float[Array, "n *batch"]) -> Float[Array, "2 *batch"]:
+        """[v(s), v_H(s)] for normalised observations."""
         return self.heads(_features(self.trunk, observation))
 
 
@@ -82,7 +86,7 @@ def init_critic(key: Key, observation_size: int, layers: tuple[int, ...]) -> Cri
     )
 
 
-def _features(trunk: tuple[Linear, ...], observation: Observation) -> Float[Array, "width"]:
+def _features(trunk: tuple[Linear, ...], observation: Float[Array, "n *batch"]) -> Float[Array, "width *batch"]:
     features = observation
     for layer in trunk:
         features = jax.nn.relu(layer(features))
