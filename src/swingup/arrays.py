@@ -3,6 +3,7 @@
 import io
 import json
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,12 @@ import numpy as np
 
 from .errors import SwingupError
 from .files import write_atomically
+
+DAMAGED = (
+    OSError, ValueError, EOFError, KeyError, AttributeError, TypeError, RuntimeError, NotImplementedError,
+    MemoryError, zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
+"""What NumPy and zipfile raise on archives that are truncated, altered, encrypted or something else."""
 
 METADATA = "metadata"
 """Name of the array that holds the JSON text as UTF-8 bytes."""
@@ -41,13 +48,13 @@ def load_archive(path: str | Path, kind: str, version: int) -> tuple[dict[str, A
     try:
         metadata = dict(json.loads(arrays.pop(METADATA).tobytes().decode()))
         found, found_version = metadata["format"], metadata["format_version"]
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
         raise SwingupError(f"{path} is not a {kind} file: it lacks swingup's metadata") from error
     if found != kind:
-        raise SwingupError(f"{path} is a {found} file: a {kind} file is needed here")
+        raise SwingupError(f"{path} is a {found!r} file: a {kind} file is needed here")
     if found_version != version:
         raise SwingupError(
-            f"{path} has format version {found_version}, this program reads {version}: update swingup"
+            f"{path} has format version {found_version!r}, this program reads {version}: update swingup"
         )
     return metadata, arrays
 
@@ -56,10 +63,13 @@ def _read(path: str | Path, kind: str) -> dict[str, np.ndarray]:
     try:
         # NumPy leaves a file open that it was to open itself and that is no archive.
         with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
+            arrays = {name: file[name] for name in file.files}
+        if not all(isinstance(array, np.ndarray) for array in arrays.values()):
+            raise ValueError("a member is no array")
+        return arrays
     except FileNotFoundError as error:
         raise SwingupError(f"no such file: {path}") from error
     except (PermissionError, IsADirectoryError) as error:
         raise SwingupError(f"cannot read {path}: {error.strerror}") from error
-    except (OSError, ValueError, EOFError, KeyError, AttributeError, TypeError, zipfile.BadZipFile) as error:
+    except DAMAGED as error:
         raise SwingupError(f"{path} is not a {kind} file, or it is truncated: copy or make it anew") from error

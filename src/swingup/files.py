@@ -13,16 +13,20 @@ def write_atomically(path: str | Path, content: bytes) -> None:
     Raises:
         SwingupError: the folder does not exist or cannot be written, or the disk is full.
     """
-    path = Path(path)
+    target = Path(path).resolve()
     temporary = None
     try:
-        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as file:
+        if target.exists() and not target.is_file():
+            target.write_bytes(content)  # a device or a pipe, which a rename would replace
+            return
+        mode = target.stat().st_mode if target.exists() else 0o666 & ~_umask()
+        with tempfile.NamedTemporaryFile(dir=target.parent, prefix=f".{target.name}.", delete=False) as file:
             temporary = Path(file.name)
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        temporary.chmod(0o666 & ~_umask())
-        temporary.replace(path)
+        temporary.chmod(mode)
+        temporary.replace(target)
     except OSError as error:
         if temporary is not None:
             temporary.unlink(missing_ok=True)

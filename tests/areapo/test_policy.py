@@ -1,5 +1,6 @@
 """Policy files: round trips, a file written by hand after docs/policy-format.md, and what may be wrong."""
 
+import contextlib
 import json
 
 import jax
@@ -102,9 +103,9 @@ STAGES = [{"name": "pendulum"}, {"name": "normalise"}]
 @pytest.mark.parametrize(
     ("metadata", "arrays", "message"),
     [
-        ({"format": "swingup checkpoint"}, {}, "a swingup checkpoint file"),
+        ({"format": "swingup checkpoint"}, {}, "a 'swingup checkpoint' file"),
         ({"format_version": 2}, {}, "format version 2"),
-        ({"observation": [{"name": "kalman"}, *STAGES]}, {}, "lacks or mistakes 'kalman'"),
+        ({"observation": [{"name": "kalman"}, *STAGES]}, {}, "unknown observation stage 'kalman'"),
         (
             {"observation": [{"name": "pendulum", "angles": "polar"}, STAGES[1]]},
             {},
@@ -127,7 +128,7 @@ STAGES = [{"name": "pendulum"}, {"name": "normalise"}]
         (
             {},
             {"observation.1.mean": np.array(["a"] * 4)},
-            "observation.1.mean holds values that are not finite numbers",
+            "observation.1.mean holds values that are not finite floating",
         ),
         ({}, {"network.mean.bias": None}, "network.mean.bias"),
         (
@@ -160,3 +161,17 @@ def test_pickles_are_refused(tmp_path):
     np.savez(tmp_path / "p.npz", metadata=np.array([{"a": 1}], dtype=object))
     with pytest.raises(SwingupError, match="not a swingup policy file"):
         load_policy(tmp_path / "p.npz")
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_damaged_bytes_never_give_a_traceback(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    save_policy(tmp_path / "q.npz", make_policy(), {})
+    content = bytearray((tmp_path / "q.npz").read_bytes())
+    for _ in range(30):
+        damaged = content.copy()
+        start = int(rng.integers(len(damaged)))
+        damaged[start : start + 20] = rng.bytes(len(damaged[start : start + 20]))
+        (tmp_path / "q.npz").write_bytes(damaged)
+        with contextlib.suppress(SwingupError):
+            load_policy(tmp_path / "q.npz")

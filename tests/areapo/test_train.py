@@ -10,6 +10,7 @@ import pytest
 
 from swingup.areapo import train
 from swingup.areapo.config import Config, config_from_dict
+from swingup.areapo.loss import loss
 from swingup.errors import SwingupError
 from swingup.physics.parameters import ROBOTS
 from swingup.tasks.presets import smooth_task
@@ -145,6 +146,58 @@ def test_an_epoch_uses_every_frame_once(collected):
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=2e-5), one.actor, other.actor)
 
 
+def test_statistics_take_in_the_states_after_resets_and_before_normalising():
+    """Three steps to a truncation: the value goes 0, 1, 0, 1 and is reset to 0; all environments in step."""
+    task = Cycle(max_steps=3)
+    start = train.init(jax.random.key(0), task, CONFIG)
+    state, rollout = train.collect(start, jax.random.key(1), task, CONFIG)
+    seen = [0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0]
+    before_reset = [1.0, 0.0, 1.0, 1.0, 0.0, 1.0, 1.0, 0.0]
+
+    def normalised(value, count):
+        """After ``count`` batches; the start (mean 0, variance 1) weighs 1e-4 against batches of 4."""
+        weight, data = 4.0 * count, np.array(seen[:count])
+        mean = data.sum() * 4.0 / (weight + 1e-4)
+        variance = (4.0 * (data**2).sum() + 1e-4) / (weight + 1e-4) - mean**2
+        return np.clip((value - mean) / np.sqrt(variance + 1e-8), -10.0, 10.0)
+
+    expected = [normalised(seen[t], t + 1) for t in range(8)]
+    np.testing.assert_allclose(rollout.observations[..., 0], np.tile(np.array(expected)[:, None], 4), rtol=1e-3)
+    expected = [normalised(before_reset[t], t + 2) for t in range(8)]
+    np.testing.assert_allclose(
+        rollout.next_observations[..., 0], np.tile(np.array(expected)[:, None], 4), rtol=1e-3
+    )
+    assert state.statistics.count == pytest.approx(36.0, abs=0.01)
+
+
+def test_one_step_of_adam_by_hand(collected):
+    """With m = v = 0 before, Adam's first step is -lr g / (|g| + ε), after the joint norm of g is clipped."""
+    state, rollout = collected
+    changes = {"num_epochs": 1, "batch_size": 32, "max_grad_norm": 1e-3, "adam_epsilon": 1e-5}
+    config = Config(**(vars(CONFIG) | changes))
+    _, batch, _ = train.estimate(state, rollout, config)
+    after, _, norm = train.improve(state, batch, jax.random.key(5), config)
+    frames = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), batch)
+    before = (state.actor, state.critic)
+    gradients = jax.grad(lambda networks: loss(networks, frames, config)[0])(before)
+    size = np.sqrt(sum(float(jnp.sum(leaf**2)) for leaf in jax.tree.leaves(gradients)))
+    assert float(norm) == pytest.approx(size, rel=1e-4)
+    assert size > 1e-2  # clipping matters
+    leaves = (jax.tree.leaves(tree) for tree in (before, (after.actor, after.critic), gradients))
+    for old, new, gradient in zip(*leaves, strict=True):
+        clipped = gradient * (1e-3 / size)
+        np.testing.assert_allclose(new - old, -5e-4 * clipped / (jnp.abs(clipped) + 1e-5), atol=2e-6)
+
+
+def test_every_epoch_has_all_its_minibatches(collected):
+    state, rollout = collected
+    _, batch, _ = train.estimate(state, rollout, CONFIG)
+    after, _, _ = train.improve(state, batch, jax.random.key(5), CONFIG)
+    # 2 epochs of 32 frames in minibatches of 16: four steps of Adam.
+    counts = [leaf for leaf in jax.tree.leaves(after.optimiser) if leaf.ndim == 0]
+    assert [int(count) for count in counts] == [4]
+
+
 def test_table_one():
     """The paper's hyperparameters, one by one (Table I; λ, η and the networks as there)."""
     paper = Config()
@@ -165,7 +218,7 @@ def test_table_one():
         ({"learning_rate": float("nan")}, "learning_rate = nan must lie between 0 and 1e"),
         (
             {"average_reward": False, "discount": 0.9, "entropy_discount": 0.9, "centre_values": True},
-            "centre_values needs average_reward",
+            "centre_values does not go with discount = 0.9",
         ),
         ({"discount": 1.1}, "discount = 1.1 must lie between 0 and 1"),
         ({"temperature": -0.5}, "temperature = -0.5 must lie between"),

@@ -54,6 +54,11 @@ def test_hardware_rules_score_the_same_run_otherwise():
     assert hardware.score > simulation.criteria.score
 
 
+def test_a_policy_of_the_other_robot_is_refused():
+    with pytest.raises(SwingupError, match="is for the pendubot, not the acrobot"):
+        swingup.evaluate(swingup.shipped_policy("pendubot")[0], "acrobot")
+
+
 @pytest.mark.parametrize(
     ("robot", "rules", "message"), [("hexapod", "v2", "unknown robot"), ("acrobot", "v1", "unknown rules")]
 )

@@ -150,7 +150,7 @@ def test_a_policy_of_the_other_robot(capsys, tmp_path):
 
     with resources.as_file(resources.files("swingup") / "zoo" / "pendubot.npz") as path:
         assert main(["evaluate", "acrobot", "--controller", str(path)]) == 2
-    assert "is for the pendubot, not the acrobot" in capsys.readouterr().err
+    assert "is for 'pendubot', not the acrobot" in capsys.readouterr().err
 
 
 def test_resuming_with_other_settings(capsys):

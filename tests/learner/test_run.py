@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from swingup.areapo.config import Config
-from swingup.control.learned import load_policy
+from swingup.control.learned import load_policy, save_controller
 from swingup.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
@@ -131,8 +131,14 @@ def test_seeds_side_by_side(tmp_path):
     assert [row["seed"] for row in read_metrics(tmp_path / "r" / "metrics.jsonl")] == [3, 4, 3, 4]
     one, other = (arrays(tmp_path / "r" / f"last-{seed}.npz") for seed in (3, 4))
     assert not np.array_equal(one["network.trunk.1.weight"], other["network.trunk.1.weight"])
-    resumed = Run.resume(tmp_path / "r")
-    assert resumed.frames == training.frames == 4 * FRAMES
+    assert training.frames == 4 * FRAMES
+    # Resumed seeds go on bit for bit as well.
+    run(tmp_path / "part", 2, settings)
+    list(Run.resume(tmp_path / "part", 4 * FRAMES).advance())
+    for seed in (3, 4):
+        left, right = (arrays(tmp_path / name / f"last-{seed}.npz") for name in ("r", "part"))
+        for name in left:
+            np.testing.assert_array_equal(left[name], right[name])
 
 
 def test_divergence_keeps_the_last_good_checkpoint(tmp_path):
@@ -198,6 +204,18 @@ def test_a_run_killed_before_its_first_report_resumes(finished, tmp_path):
     Run(SETTINGS, tmp_path / "r", 10 * FRAMES)
     list(Run.resume(tmp_path / "r").advance())
     assert_same_files(folder, tmp_path / "r")
+
+
+def test_resuming_keeps_a_better_policy_than_the_checkpoint_knows(tmp_path):
+    """The best policy is written between checkpoints: it may be newer than the one a crash leaves."""
+    run(tmp_path / "r", 2)
+    controller, _ = load_policy(tmp_path / "r" / "best.npz")
+    save_controller(tmp_path / "r" / "best.npz", controller, {"scores": {"v2": {"score": 0.9}}})
+    kept = (tmp_path / "r" / "best.npz").read_bytes()
+    resumed = Run.resume(tmp_path / "r", 4 * FRAMES)
+    list(resumed.advance())
+    assert resumed.best_score == 0.9
+    assert (tmp_path / "r" / "best.npz").read_bytes() == kept
 
 
 def test_a_damaged_checkpoint_is_named_and_nothing_changes(tmp_path):

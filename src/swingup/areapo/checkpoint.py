@@ -55,13 +55,11 @@ def _to_numpy(leaf: Any) -> np.ndarray:
 
 
 def _from_numpy(path: str | Path, name: str, array: np.ndarray, expected: Any) -> Any:
-    if _is_key(expected):
-        leaf = jax.random.wrap_key_data(jnp.asarray(array))
-    else:
-        leaf = jnp.asarray(array)
-    if leaf.shape != expected.shape or leaf.dtype != expected.dtype:
+    kind = jax.eval_shape(jax.random.key_data, expected) if _is_key(expected) else expected
+    if array.shape != kind.shape or array.dtype != kind.dtype:
         raise SwingupError(
-            f"checkpoint {path} holds {name} as {leaf.dtype}{list(leaf.shape)} where the configuration "
-            f"needs {expected.dtype}{list(expected.shape)}: it is of another configuration"
+            f"checkpoint {path} holds {name} as {array.dtype}{list(array.shape)} where the configuration "
+            f"needs {kind.dtype}{list(kind.shape)}: it is of another configuration"
         )
-    return leaf
+    leaf = jnp.asarray(array)
+    return jax.random.wrap_key_data(leaf) if _is_key(expected) else leaf

@@ -106,8 +106,10 @@ class Config(eqx.Module):
             value = getattr(self, name)
             if not self.average_reward and isinstance(value, int | float) and value >= 1.0:
                 raise SwingupError(f"{name} = {value} must be below 1 without average_reward")
-        if self.centre_values and not self.average_reward:
-            raise SwingupError("centre_values needs average_reward: a discounted value has no free constant")
+            if self.centre_values and isinstance(value, int | float) and value < 1.0:
+                raise SwingupError(
+                    f"centre_values does not go with {name} = {value}: such a value has no free constant"
+                )
 
     @property
     def rollout_size(self) -> int:

@@ -3,7 +3,6 @@
 The file is a NumPy ``.npz``: named arrays and JSON metadata; ``docs/policy-format.md`` describes it.
 """
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -57,7 +56,7 @@ def save_policy(path: str | Path, policy: Policy, metadata: Mapping[str, Any]) -
             if np.ndim(value) == 0:
                 entry[name] = np.asarray(value).item()
             else:
-                arrays[f"observation.{index}.{name}"] = np.asarray(value)
+                arrays[f"observation.{index}.{name}"] = np.asarray(value, np.float64)
         stages.append(entry)
     arrays |= {f"network.{name}": np.asarray(value) for name, value in _actor_arrays(policy.actor).items()}
     save_archive(path, FORMAT, FORMAT_VERSION, {"observation": stages, **metadata}, arrays)
@@ -72,8 +71,8 @@ def load_policy(path: str | Path) -> tuple[Policy, dict[str, Any]]:
     metadata, arrays = load_archive(path, FORMAT, FORMAT_VERSION)
     try:
         for name, array in arrays.items():
-            if array.dtype.kind not in "fiu" or not np.isfinite(array).all():
-                raise SwingupError(f"array {name} holds values that are not finite numbers")
+            if array.dtype.kind != "f" or not np.isfinite(array).all():
+                raise SwingupError(f"array {name} holds values that are not finite floating-point numbers")
         stages = tuple(_stage(index, entry, arrays) for index, entry in enumerate(metadata["observation"]))
         policy = Policy(stages=stages, actor=_actor(arrays))
         _check_sizes(policy)
@@ -86,12 +85,18 @@ def load_policy(path: str | Path) -> tuple[Policy, dict[str, Any]]:
 
 def _stage(index: int, entry: Mapping[str, Any], arrays: Mapping[str, Any]) -> AbstractStage:
     prefix = f"observation.{index}."
-    state = {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
+    state = {
+        name.removeprefix(prefix): array.astype(np.float64)
+        for name, array in arrays.items()
+        if name.startswith(prefix)
+    }
     settings = {name: value for name, value in entry.items() if name != "name"}
     for name, value in settings.items():
         number = isinstance(value, int | float) and not isinstance(value, bool)
-        if name != "angles" and not (number and 0 < value < math.inf):
+        if name != "angles" and not (number and 0 < value < 1e9):
             raise SwingupError(f"stage {entry['name']!r} has {name} = {value!r}, not a positive number")
+    if entry["name"] not in STAGES:
+        raise SwingupError(f"unknown observation stage {entry['name']!r}: this program knows {', '.join(STAGES)}")
     return STAGES[entry["name"]](**settings, **state)
 
 
@@ -118,7 +123,8 @@ def _layer(arrays: Mapping[str, Any], name: str) -> Linear:
     weight, bias = arrays[f"{name}.weight"], arrays[f"{name}.bias"]
     if weight.ndim != 2 or bias.shape != weight.shape[:1]:
         raise SwingupError(f"{name} has weight {weight.shape} and bias {bias.shape}: expected (out, in), (out,)")
-    return Linear(weight, bias)
+    # Native single precision, whatever the file has: the network's own precision.
+    return Linear(weight.astype(np.float32), bias.astype(np.float32))
 
 
 def _check_sizes(policy: Policy) -> None:
@@ -138,3 +144,6 @@ def _check_sizes(policy: Policy) -> None:
         if size != size_in:
             raise SwingupError(f"a layer of {size_in} inputs is fed {size} values")
         size = size_out
+    std_head, mean_head = policy.actor.std_head, policy.actor.mean_head
+    if std_head is not None and std_head.weight.shape != mean_head.weight.shape:
+        raise SwingupError(f"network.std has shape {std_head.weight.shape}, network.mean {mean_head.weight.shape}")

@@ -47,9 +47,13 @@ def evaluate(
         rules: rules of the performance board, or their name.
 
     Raises:
-        SwingupError: there is no such robot, there are no such rules, or the controller's torque is not finite.
+        SwingupError: there is no such robot, there are no such rules, the controller is for the other robot, or
+            its torque is not finite.
     """
     robot, rules = get_robot(robot), get_performance_rules(rules)
+    meant = getattr(controller, "robot", robot)
+    if meant != robot:
+        raise SwingupError(f"controller {name!r} is for the {meant.name}, not the {robot.name}: judge it there")
     parameters = leaderboard_parameters(robot)
     with jax.enable_x64(True):
         trajectory = _simulate(parameters, controller, jnp.zeros(4), dt=rules.dt, steps=rules.steps)

@@ -17,7 +17,12 @@ def main(arguments: list[str] | None = None) -> int:
 
     try:
         _use_compilation_cache()
-        return run_command(sys.argv[1:] if arguments is None else arguments)
+        status = run_command(sys.argv[1:] if arguments is None else arguments)
+        sys.stdout.flush()
+        return status
+    except KeyboardInterrupt:
+        print("swingup: interrupted", file=sys.stderr)
+        return 130
     except SwingupError as error:
         print(f"swingup: error: {error}", file=sys.stderr)
         return ERROR

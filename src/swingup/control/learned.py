@@ -1,6 +1,5 @@
 """A learned policy as a controller of the pendulum."""
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -46,7 +45,7 @@ def save_controller(path: str | Path, controller: PolicyController, provenance: 
     policies.save_policy(path, controller.policy, {**head, **provenance})
 
 
-def load_policy(path: str | Path, robot: Robot | None = None) -> tuple[PolicyController, dict[str, Any]]:
+def load_policy(path: str | Path, robot: Robot | str | None = None) -> tuple[PolicyController, dict[str, Any]]:
     """Read a policy file as a controller of the pendulum, and its metadata.
 
     Args:
@@ -61,11 +60,11 @@ def load_policy(path: str | Path, robot: Robot | None = None) -> tuple[PolicyCon
     if missing or not policy.stages or not isinstance(policy.stages[0], PendulumObservation):
         what = f"metadata {', '.join(missing)}" if missing else "observation stage 'pendulum' at the start"
         raise SwingupError(f"policy file {path} lacks {what}: see docs/policy-format.md")
-    if robot is not None and metadata["robot"] != robot.name:
-        raise SwingupError(f"policy file {path} is for the {metadata['robot']}, not the {robot.name}")
+    if robot is not None and metadata["robot"] != get_robot(robot).name:
+        raise SwingupError(f"policy file {path} is for {metadata['robot']!r}, not the {get_robot(robot).name}")
     actions, limit = policy.actor.mean_head.weight.shape[0], metadata["torque_limit"]
     if actions != 1:
         raise SwingupError(f"policy file {path} has {actions} actions: one is needed")
-    if isinstance(limit, bool) or not isinstance(limit, int | float) or not 0 < limit < math.inf:
+    if isinstance(limit, bool) or not isinstance(limit, int | float) or not 0 < limit < 1e9:
         raise SwingupError(f"policy file {path} has torque_limit {limit!r}: a positive number of N m is needed")
     return PolicyController(policy, float(limit), get_robot(metadata["robot"])), metadata

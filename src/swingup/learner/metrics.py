@@ -33,8 +33,9 @@ class MetricsWriter:
         """Append rows that hold at least ``seed`` and ``frames``."""
         for row in rows:
             self._file.write(json.dumps(row) + "\n")
-            board = self._boards.setdefault(row["seed"], None) or self._new_board(row["seed"])
-            self._boards[row["seed"]] = board
+            if row["seed"] not in self._boards:
+                self._boards[row["seed"]] = self._new_board(row["seed"])
+            board = self._boards[row["seed"]]
             for name, value in row.items():
                 if name not in ("seed", "frames") and isinstance(value, int | float) and math.isfinite(value):
                     board.add_scalar(name, value, row["frames"])
@@ -57,14 +58,16 @@ def read_metrics(path: str | Path) -> list[dict[str, Any]]:
         SwingupError: the file cannot be read, or another line is not JSON.
     """
     try:
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
+        lines = Path(path).read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError as error:
         raise SwingupError(f"cannot read {path}: {error.strerror}") from error
     rows = []
     for number, line in enumerate(lines, start=1):
         try:
-            rows.append(json.loads(line))
-        except json.JSONDecodeError as error:
+            row = json.loads(line)
+            row["frames"], row["seed"]
+            rows.append(row)
+        except (ValueError, TypeError, KeyError) as error:
             if number < len(lines):
-                raise SwingupError(f"{path} line {number} is not JSON: remove or mend the line") from error
+                raise SwingupError(f"{path} line {number} is no row of metrics: remove or mend the line") from error
     return rows

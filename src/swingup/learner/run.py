@@ -22,7 +22,7 @@ from ..areapo.policy import Policy
 from ..areapo.train import LearnerState
 from ..benchmark.criteria import Criteria
 from ..benchmark.evaluate import evaluate
-from ..control.learned import PolicyController, save_controller
+from ..control.learned import PolicyController, load_policy, save_controller
 from ..errors import SwingupError
 from ..physics.parameters import TORQUE_LIMIT, get_robot
 from ..version import __version__
@@ -63,14 +63,14 @@ class Run:
         """
         folder = Path(folder)
         _check_frames(frames)
+        self._prepare(settings, folder, frames)
         try:
             if folder.exists() and any(folder.iterdir()):
                 raise SwingupError(f"{folder} exists: continue it with --resume {folder}, or choose another --out")
+            self._state = self._init()  # compiles for seconds: interrupted here, a run leaves nothing behind
             (folder / "checkpoints").mkdir(parents=True)
         except OSError as error:
             raise SwingupError(f"cannot create {folder}: {error.strerror}; choose another --out") from error
-        self._prepare(settings, folder, frames)
-        self._state = self._init()
         write_settings(folder, settings, frames)
         self._save_checkpoint()
 
@@ -95,11 +95,11 @@ class Run:
         except SwingupError as error:
             advice = "; delete it to resume from the one before" if len(paths) > 1 else ""
             raise SwingupError(f"{error}{advice}") from error
-        if metadata["settings"] != settings.as_dict():
+        if metadata.get("settings") != settings.as_dict():
             raise SwingupError(f"checkpoint {paths[-1]} is of another configuration than {folder / 'config.json'}")
         run.iterations = metadata["iterations"]
         run._seconds = metadata["seconds"]
-        run._best = metadata["best"]
+        run._best = [max(best, run._kept_score(index)) for index, best in enumerate(metadata["best"])]
         write_settings(folder, settings, goal)
         return run
 
@@ -177,21 +177,33 @@ class Run:
     def _controller(self, index: int) -> PolicyController:
         state = self._member(index)
         stages = (self._task.observation, state.statistics.stage(self.settings.config.observation_clip))
-        policy = jax.tree.map(np.asarray, Policy(stages, state.actor))
+        # Policies observe in double precision, whatever they were trained in.
+        stages = jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), stages)
+        policy = Policy(stages, jax.tree.map(np.asarray, state.actor))
         return PolicyController(policy, TORQUE_LIMIT, get_robot(self.settings.robot))
 
     def _evaluate(self, index: int) -> Criteria:
         """Score the deterministic policy of one seed; keep it if it is its seed's best."""
         controller = self._controller(index)
         criteria = evaluate(controller, get_robot(self.settings.robot)).criteria
-        if criteria.score >= self._best[index]:
-            record = criteria.score >= self.best_score
+        if criteria.score > self._best[index]:
+            record = criteria.score > self.best_score
             self._best[index] = criteria.score
             if self.settings.seeds > 1:
-                self._save_policy(f"best-{self.settings.seed + index}.npz", index, controller, criteria)
+                self._save_policy(self._best_name(index), index, controller, criteria)
             if record:
                 self._save_policy("best.npz", index, controller, criteria)
         return criteria
+
+    def _best_name(self, index: int) -> str:
+        return "best.npz" if self.settings.seeds == 1 else f"best-{self.settings.seed + index}.npz"
+
+    def _kept_score(self, index: int) -> float:
+        """Score of a seed's best policy on disk, which may be newer than the checkpoint; -inf without one."""
+        path = self.folder / self._best_name(index)
+        if not path.exists():
+            return -math.inf
+        return float(load_policy(path)[1]["scores"]["v2"]["score"])
 
     def _save_policy(self, name: str, index: int, controller: PolicyController, criteria: Criteria) -> None:
         provenance = {
@@ -251,7 +263,7 @@ class Run:
         checkpoints = self.folder / "checkpoints"
         save_checkpoint(checkpoints / f"{self.frames:012d}.npz", self._state, metadata)
         for old in sorted(checkpoints.glob("*.npz"))[:-CHECKPOINTS_KEPT]:
-            old.unlink()
+            old.unlink(missing_ok=True)
 
 
 def _check_frames(frames: int) -> None:
