@@ -27,7 +27,9 @@ format: $(READY)
 	$(BIN)/ruff format .
 
 examples: $(READY)
-	for example in examples/[0-9]*.py; do echo "$$example"; $(BIN)/python "$$example" || exit 1; done
+	folder=$$(mktemp -d) && for example in $(CURDIR)/examples/[0-9]*.py; do \
+		echo "$$example" && (cd "$$folder" && $(abspath $(BIN))/python "$$example") || exit 1; \
+	done && rm -r "$$folder"
 
 check: lint types test examples
 

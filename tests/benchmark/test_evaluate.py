@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import swingup
+from swingup.benchmark.rollout import Trajectory
 from swingup.control.controller import AbstractController
 from swingup.errors import SwingupError
 
@@ -52,6 +53,19 @@ def test_hardware_rules_score_the_same_run_otherwise():
     # Other normalisers for torque and smoothness alone: the criteria are equal, the score is higher.
     assert hardware.energy == simulation.criteria.energy
     assert hardware.score > simulation.criteria.score
+
+
+@pytest.mark.parametrize(
+    ("time", "x", "u", "message"),
+    [
+        (np.zeros(0), np.zeros((0, 4)), np.zeros((0, 2)), "N of 3 or more"),
+        (np.arange(5.0), np.zeros((4, 4)), np.zeros((5, 2)), r"shapes \(5,\), \(4, 4\) and \(5, 2\)"),
+        (np.arange(5.0), np.zeros((5, 4)), np.full((5, 2), np.nan), "not finite"),
+    ],
+)
+def test_trajectories_that_cannot_be_scored(time, x, u, message):
+    with pytest.raises(SwingupError, match=message):
+        swingup.score(Trajectory(time, x, u), "acrobot")
 
 
 def test_a_policy_of_the_other_robot_is_refused():

@@ -218,6 +218,14 @@ def test_resuming_keeps_a_better_policy_than_the_checkpoint_knows(tmp_path):
     assert (tmp_path / "r" / "best.npz").read_bytes() == kept
 
 
+def test_a_run_does_not_go_back(finished):
+    folder, _, _ = finished
+    config = (folder / "config.json").read_text()
+    with pytest.raises(SwingupError, match=r"frames = 64, but .* stands at 640 already: ask for more"):
+        Run.resume(folder, 64)
+    assert (folder / "config.json").read_text() == config
+
+
 def test_a_damaged_checkpoint_is_named_and_nothing_changes(tmp_path):
     run(tmp_path / "r", 4)
     checkpoint = tmp_path / "r" / "checkpoints" / "000000000256.npz"

@@ -74,9 +74,16 @@ def score(trajectory: Trajectory, robot: Robot | str, rules: PerformanceRules | 
         rules: rules of the performance board, or their name.
 
     Raises:
-        SwingupError: there is no such robot, or there are no such rules.
+        SwingupError: there is no such robot, there are no such rules, or the trajectory has fewer than 3 rows, rows
+            of other shapes, or values that are not finite.
     """
     parameters = leaderboard_parameters(get_robot(robot))
     lengths = float(parameters.l1), float(parameters.l2)
     time, x, u = (np.asarray(rows, np.float64) for rows in (trajectory.time, trajectory.x, trajectory.u))
+    rows = time.size
+    if rows < 3 or time.shape != (rows,) or x.shape != (rows, 4) or u.shape != (rows, 2):
+        shapes = f"{time.shape}, {x.shape} and {u.shape}"
+        raise SwingupError(f"time, x and u have shapes {shapes}: pass (N,), (N, 4) and (N, 2) with N of 3 or more")
+    if not (np.isfinite(time).all() and np.isfinite(x).all() and np.isfinite(u).all()):
+        raise SwingupError("the trajectory holds values that are not finite: end it before them")
     return judge(time, x, u, *lengths, get_performance_rules(rules))

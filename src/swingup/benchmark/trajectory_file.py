@@ -31,6 +31,9 @@ _GROUPS = (
 
 _Row = tuple[int, list[str]]  # number of the line in the file, from 1, and its cells
 
+LARGEST = 1e9
+"""Nothing in a trajectory in SI units comes near this; squares of larger numbers might overflow."""
+
 
 def save_trajectory(path: str | Path, trajectory: Trajectory) -> None:
     """Write a trajectory atomically, with enough digits to read the same float64 back.
@@ -108,6 +111,8 @@ def _number(path: str | Path, row: _Row, name: str, place: int) -> float:
         raise SwingupError(f"{where}: {cell[:40]!r} is not a number: correct it")
     if not math.isfinite(float(cell)):
         raise SwingupError(f"{where}: {cell[:40]} is not finite: correct it or end the file before it")
+    if abs(float(cell)) > LARGEST:
+        raise SwingupError(f"{where}: {cell[:40]} is no number of a pendulum in SI units: correct it")
     return float(cell)
 
 

@@ -98,6 +98,8 @@ class Run:
         if metadata.get("settings") != settings.as_dict():
             raise SwingupError(f"checkpoint {paths[-1]} is of another configuration than {folder / 'config.json'}")
         run.iterations = metadata["iterations"]
+        if goal < run.frames:
+            raise SwingupError(f"frames = {goal}, but {folder} stands at {run.frames} already: ask for more")
         run._seconds = metadata["seconds"]
         run._best = [max(best, run._kept_score(index)) for index, best in enumerate(metadata["best"])]
         write_settings(folder, settings, goal)

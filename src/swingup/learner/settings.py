@@ -42,8 +42,8 @@ class Settings:
         for name in ("seeds", "evaluate_every", "checkpoint_every"):
             if getattr(self, name) < 1:
                 raise SwingupError(f"{name} = {getattr(self, name)} must be at least 1")
-        if not 0 <= self.seed < 2**32 - self.seeds:
-            raise SwingupError(f"seed = {self.seed} must be between 0 and 2^32 - 1")
+        if not 0 <= self.seed <= 2**32 - self.seeds:
+            raise SwingupError(f"seed = {self.seed} must lie between 0 and 2^32 - {self.seeds}")
 
     @property
     def chunk(self) -> int:
