@@ -1,5 +1,7 @@
 """Probe tasks whose gain, bias and maximum-entropy policy are known."""
 
+import abc
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -22,9 +24,9 @@ class Probe(AbstractTask):
     def observe(self, state):
         return state[:1]
 
+    @abc.abstractmethod
     def outcome(self, value, action):
         """Reward and next value."""
-        raise NotImplementedError
 
     def step(self, state, action, key):
         reward, value = self.outcome(state[0], action[0])
