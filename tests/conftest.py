@@ -1,4 +1,6 @@
-"""Fixtures that all layers share."""
+"""Fixtures and options that all layers share."""
+
+import os
 
 import jax
 import pytest
@@ -17,3 +19,11 @@ def x64():
     """Double precision for one test, as the package's entry points use it: never a global flag."""
     with jax.enable_x64(True):
         yield
+
+
+def pytest_sessionfinish(session):
+    """Where everything is installed, as on CI (SWINGUP_NO_SKIPS), a skipped test is a failure."""
+    reporter = session.config.pluginmanager.get_plugin("terminalreporter")
+    if os.environ.get("SWINGUP_NO_SKIPS") and reporter is not None and reporter.stats.get("skipped"):
+        reporter.write_line("tests were skipped although SWINGUP_NO_SKIPS is set: see -rs", red=True)
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED

@@ -11,18 +11,36 @@ from .version import __version__
 
 if TYPE_CHECKING:
     from .benchmark.evaluate import Evaluation, evaluate, score
+    from .benchmark.leaderboard import Board, leaderboard
+    from .benchmark.robustness import Robustness, robustness
+    from .benchmark.uptime import Uptime, uptime
+    from .control.builtin import baseline
+    from .control.check import check_controller
+    from .control.controller import AbstractController
     from .control.learned import load_policy
     from .control.zoo import shipped_policy
 
 _HOMES = {
+    "AbstractController": "control.controller",
+    "Board": "benchmark.leaderboard",
     "Evaluation": "benchmark.evaluate",
+    "Robustness": "benchmark.robustness",
+    "Uptime": "benchmark.uptime",
+    "baseline": "control.builtin",
+    "check_controller": "control.check",
     "evaluate": "benchmark.evaluate",
-    "score": "benchmark.evaluate",
+    "leaderboard": "benchmark.leaderboard",
     "load_policy": "control.learned",
+    "robustness": "benchmark.robustness",
+    "score": "benchmark.evaluate",
     "shipped_policy": "control.zoo",
+    "uptime": "benchmark.uptime",
 }
 
-__all__ = ["Evaluation", "SwingupError", "__version__", "evaluate", "load_policy", "score", "shipped_policy"]
+__all__ = [
+    "AbstractController", "Board", "Evaluation", "Robustness", "SwingupError", "Uptime", "__version__", "baseline",
+    "check_controller", "evaluate", "leaderboard", "load_policy", "robustness", "score", "shipped_policy", "uptime",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

@@ -36,6 +36,18 @@ def write_atomically(path: str | Path, content: bytes) -> None:
         ) from error
 
 
+def check_writable(path: str | Path) -> None:
+    """Refuse a file that cannot be written, before the work that fills it.
+
+    Raises:
+        SwingupError: its folder does not exist or cannot be written, or it is a folder itself.
+    """
+    target = Path(path).resolve()
+    if not os.access(target.parent, os.W_OK | os.X_OK) or target.is_dir():
+        reason = "is a folder" if target.is_dir() else "no such folder, or not to be written"
+        raise SwingupError(f"cannot write {path}: {reason}; choose a folder that exists and can be written")
+
+
 def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)

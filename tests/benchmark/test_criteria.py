@@ -13,7 +13,7 @@ NAMES = ("swingup_time", "energy", "torque_cost", "torque_smoothness", "velocity
 
 
 def rules(duration, height=0.9):
-    return PerformanceRules("test", V2.normalisers, duration=duration, height=height)
+    return PerformanceRules(name="test", normalisers=V2.normalisers, duration=duration, height=height)
 
 
 def judge_heights(up, duration=None, dt=0.1):
@@ -215,5 +215,5 @@ def test_rules_are_the_published_ones():
 
 
 def test_unknown_rules_are_refused_with_the_choice():
-    with pytest.raises(SwingupError, match="unknown rules 'v9': use one of v2, hardware"):
+    with pytest.raises(SwingupError, match="unknown performance rules 'v9': use one of v2, hardware"):
         get_performance_rules("v9")

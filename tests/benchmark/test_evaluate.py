@@ -23,7 +23,7 @@ class Failing(AbstractController):
 
 
 def test_a_torque_that_is_not_finite_is_named_with_its_time():
-    with pytest.raises(SwingupError, match=r"controller 'mine' gave a torque that is not finite at t = 0\.5 s"):
+    with pytest.raises(SwingupError, match=r"controller 'mine': it gave a torque that is not finite at t = 0\.5 s"):
         swingup.evaluate(Failing(0.5), "acrobot", name="mine")
 
 
@@ -74,7 +74,8 @@ def test_a_policy_of_the_other_robot_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("robot", "rules", "message"), [("hexapod", "v2", "unknown robot"), ("acrobot", "v1", "unknown rules")]
+    ("robot", "rules", "message"),
+    [("hexapod", "v2", "unknown robot"), ("acrobot", "v1", "unknown performance rules")],
 )
 def test_unknown_names(robot, rules, message):
     with pytest.raises(SwingupError, match=message):

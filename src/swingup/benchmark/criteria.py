@@ -66,10 +66,16 @@ def realai_score(costs: dict[str, float], normalisers: Normalisers) -> float:
     return 1.0 - sum(penalties) / len(penalties)
 
 
+def tip_is_up(x: np.ndarray, l1: float, l2: float, fraction: float) -> np.ndarray:
+    """Whether the tip is strictly above a fraction of l1 + l2, for states of shape (..., 4); lengths in m."""
+    height = -l1 * np.cos(x[..., 0]) - l2 * np.cos(x[..., 0] + x[..., 1])
+    return height > fraction * (l1 + l2)
+
+
 def _swingup_time(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: PerformanceRules) -> float | None:
-    height = -l1 * np.cos(x[:, 0]) - l2 * np.cos(x[:, 0] + x[:, 1])
-    up = height > rules.height * (l1 + l2)
-    looked_at = up[1:-1]  # as the benchmark does: neither the first nor the last row
+    looked_at = tip_is_up(x, l1, l2, rules.height)[
+        1:-1
+    ]  # as the benchmark does: neither the first nor the last row
     if looked_at.size == 0 or not looked_at[-1]:
         return None
     below = np.flatnonzero(~looked_at)

@@ -3,18 +3,15 @@
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from ..control.controller import AbstractController
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
+from ..tasks.disturbance import Disturbance
 from .criteria import Criteria, judge
-from .rollout import Trajectory, simulate
+from .rollout import Scenario, Trajectory
 from .rules import DEFAULT_RULES, PerformanceRules, get_performance_rules
-
-_simulate = jax.jit(simulate, static_argnames=("dt", "steps"))
+from .runner import as_controller, check_robot, run_one
 
 
 @dataclass(frozen=True)
@@ -33,35 +30,35 @@ class Evaluation:
 
 
 def evaluate(
-    controller: AbstractController[Any],
+    controller: Any,
     robot: Robot | str,
     name: str = "controller",
     rules: PerformanceRules | str = DEFAULT_RULES,
+    disturbance: Disturbance | None = None,
 ) -> Evaluation:
     """Simulate one swing-up from hanging at rest on the leaderboard's plant, in float64, and score it.
 
     Args:
-        controller: the controller; called at every step, whatever rate it was trained at.
+        controller: a controller in JAX, an object with ``get_control_output(x, t)`` or a function of (x, t);
+            called at every step, whatever rate it was trained at.
         robot: which joint is driven.
         name: what to call the controller in the result.
         rules: rules of the performance board, or their name.
+        disturbance: what disturbs the simulation; the board's has nothing.
 
     Raises:
         SwingupError: there is no such robot, there are no such rules, the controller is for the other robot, or
-            its torque is not finite.
+            it failed: it raised an error, or its torque is not two finite numbers.
     """
     robot, rules = get_robot(robot), get_performance_rules(rules)
-    meant = getattr(controller, "robot", robot)
-    if meant != robot:
-        raise SwingupError(f"controller {name!r} is for the {meant.name}, not the {robot.name}: judge it there")
-    parameters = leaderboard_parameters(robot)
-    with jax.enable_x64(True):
-        trajectory = _simulate(parameters, controller, jnp.zeros(4), dt=rules.dt, steps=rules.steps)
-        trajectory = jax.tree.map(np.asarray, trajectory)
-    faulty = ~np.isfinite(trajectory.u).all(axis=1)
-    if faulty.any():
-        time = trajectory.time[int(np.argmax(faulty))]
-        raise SwingupError(f"controller {name!r} gave a torque that is not finite at t = {time:g} s: mend it there")
+    controller = as_controller(controller)
+    check_robot(controller, robot, name)
+    scenario = Scenario(leaderboard_parameters(robot), disturbance)
+    depth = 1 if disturbance is None else int(disturbance.delay) + 1
+    try:
+        trajectory = run_one(controller, scenario, rules.dt, rules.steps, depth)
+    except SwingupError as error:
+        raise SwingupError(f"controller {name!r}: {error}") from error
     return Evaluation(robot.name, name, score(trajectory, robot, rules), trajectory)
 
 

@@ -1,4 +1,8 @@
-"""The closed loop of the benchmark, one step in its exact order: measure, control, clip, integrate."""
+"""The closed loop of the benchmark, one step in its exact order: measure, control, drive, integrate.
+
+Two loops run the same steps: :func:`simulate` compiles a whole simulation with a controller in JAX, and
+:mod:`.host` calls a controller in plain Python between two compiled half steps.
+"""
 
 from typing import Any
 
@@ -6,12 +10,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..control.controller import AbstractController
 from ..physics.integrate import rk4_step
 from ..physics.parameters import Parameters
-from ..types import Count, State
+from ..tasks.disturbance import Disturbance, Past, drive, measure, remember, step_noise
+from ..tasks.throws import PID, Throws, is_thrown, start_pid, throw
+from ..types import Count, Flag, State, Torque
 
 Rows = Array | np.ndarray
 
@@ -27,21 +33,98 @@ class Trajectory(eqx.Module):
     """[u1, u2] (N m), after the torque limits"""
 
 
+class Scenario(eqx.Module):
+    """What one simulation runs on; batch it with ``vmap``."""
+
+    parameters: Parameters
+    """The plant, whatever model the controller has. A torque limit of 0 makes a joint passive."""
+    disturbance: Disturbance | None = None
+    """None is a perfect world, and faster than a disturbance that changes nothing."""
+    throws: Throws | None = None
+    """When something else than the controller has the pendulum."""
+
+
+class Plant(eqx.Module):
+    """Where a simulation stands between two steps."""
+
+    x: State
+    u: Torque
+    """The torques that acted in the step before (N m)."""
+    past: Past
+    pid: PID
+
+
+class Outcome(eqx.Module):
+    """How one simulation ended."""
+
+    final: Float[Rows, "4"]
+    """The state after the last step."""
+    fault: Bool[Rows, ""]
+    """The controller answered a finite measurement with a torque that is not finite."""
+
+
+def begin(x0: State, depth: int = 1) -> Plant:
+    """A plant before its first step, with room for delays below ``depth`` steps."""
+    return Plant(x0, jnp.zeros(2, x0.dtype), jnp.tile(x0, (depth, 1)), start_pid(x0.dtype))
+
+
+def sense(scenario: Scenario, plant: Plant, step: Count) -> tuple[Plant, State, Flag]:
+    """First half of a step: what the controller would see, and whether it is called at all."""
+    called = jnp.array(True) if scenario.throws is None else ~is_thrown(scenario.throws, step)
+    if scenario.disturbance is None:
+        return plant, plant.x, called
+    past = remember(plant.past, step, plant.x)
+    noise, _ = step_noise(scenario.disturbance, step, plant.x.dtype)
+    seen = measure(scenario.disturbance, past, step, noise)
+    return Plant(plant.x, plant.u, past, plant.pid), seen, called
+
+
+def act(scenario: Scenario, plant: Plant, step: Count, command: Torque, dt: float) -> Plant:
+    """Second half of a step: the motor, the pushes, and the plant for dt (s) with its torque held."""
+    p, pid = scenario.parameters, plant.pid
+    limits = jnp.array([p.tl1, p.tl2], plant.x.dtype)
+    if scenario.throws is not None:
+        thrown = is_thrown(scenario.throws, step)
+        thrower, torque = throw(scenario.throws, p, pid, step, plant.x)
+        command = jnp.where(thrown, torque, command)
+        pid = jax.tree.map(lambda new, old: jnp.where(thrown, new, old), thrower, pid)
+    if scenario.disturbance is None:
+        u = jnp.clip(command, -limits, limits)
+    else:
+        _, noise = step_noise(scenario.disturbance, step, plant.x.dtype)
+        time = step.astype(plant.x.dtype) * dt
+        u = drive(scenario.disturbance, command, plant.u, time, noise, limits)
+    return Plant(rk4_step(p, plant.x, u, dt), u, plant.past, pid)
+
+
 def simulate(
-    parameters: Parameters, controller: AbstractController[Any], x0: State, dt: float, steps: int
-) -> Trajectory:
+    scenario: Scenario, controller: AbstractController[Any], x0: State, dt: float, steps: int, depth: int = 1
+) -> tuple[Outcome, Trajectory]:
     """Run a controller for ``steps`` steps of dt (s) from x0, RK4 with the torque held over each step.
 
-    Both torques are clipped to the parameters' limits: a limit of 0 makes a joint passive.
+    Args:
+        scenario: the plant and what disturbs it.
+        controller: called at every step, unless something else has the pendulum.
+        x0: first state.
+        dt: time of a step (s).
+        steps: number of steps.
+        depth: states that are remembered: more than the largest delay (steps).
     """
-    limits = jnp.array([parameters.tl1, parameters.tl2], x0.dtype)
+    Carry = tuple[Plant, Any, Flag]
 
-    def step(carry: tuple[State, Any], index: Count) -> tuple[tuple[State, Any], Trajectory]:
-        x, memory = carry
-        time = index.astype(x.dtype) * dt
-        memory, command = controller(memory, time, x)
-        u = jnp.clip(command, -limits, limits)
-        return (rk4_step(parameters, x, u, dt), memory), Trajectory(time=time, x=x, u=u)
+    def step(carry: Carry, index: Count) -> tuple[Carry, Trajectory]:
+        before, memory, fault = carry
+        time = index.astype(x0.dtype) * dt
+        plant, seen, called = sense(scenario, before, index)
+        after_call, command = controller(memory, time, seen)
+        if scenario.throws is None:
+            memory = after_call
+        else:
+            memory = jax.tree.map(lambda new, old: jnp.where(called, new, old), after_call, memory)
+        fault |= called & jnp.isfinite(seen).all() & ~jnp.isfinite(command).all()
+        after = act(scenario, plant, index, command, dt)
+        return (after, memory, fault), Trajectory(time=time, x=before.x, u=after.u)
 
-    _, trajectory = jax.lax.scan(step, (x0, controller.init()), jnp.arange(steps))
-    return trajectory
+    start = (begin(x0, depth), controller.init(), jnp.array(False))
+    (plant, _, fault), trajectory = jax.lax.scan(step, start, jnp.arange(steps))
+    return Outcome(plant.x, fault), trajectory

@@ -1,6 +1,10 @@
 """The benchmark's rules, version by version, as data."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
 
 from ..errors import SwingupError
 
@@ -21,18 +25,13 @@ class Normalisers:
     """rad²/s"""
 
 
-@dataclass(frozen=True)
-class PerformanceRules:
-    """How one swing-up from hanging at rest is simulated and scored."""
-
+@dataclass(frozen=True, kw_only=True)
+class _Timing:
     name: str
-    normalisers: Normalisers
     duration: float = 10.0
     """Length of a run (s)."""
     dt: float = 0.002
     """Time of one control and simulation step (s): 500 Hz."""
-    height: float = 0.9
-    """Fraction of l1 + l2 above which the tip counts as up."""
 
     @property
     def steps(self) -> int:
@@ -40,26 +39,172 @@ class PerformanceRules:
         return round(self.duration / self.dt)
 
 
+@dataclass(frozen=True, kw_only=True)
+class PerformanceRules(_Timing):
+    """How one swing-up from hanging at rest is simulated and scored."""
+
+    normalisers: Normalisers
+    height: float = 0.9
+    """Fraction of l1 + l2 above which the tip counts as up."""
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Evenly spaced values of one quantity, both ends included, each simulated ``repetitions`` times."""
+
+    low: float
+    high: float
+    count: int = 21
+    repetitions: int = 1
+
+    def values(self) -> list[float]:
+        """The values."""
+        return np.linspace(self.low, self.high, self.count).tolist()
+
+
+@dataclass(frozen=True)
+class ModelSweep:
+    """Values of one parameter of the plant; the controller keeps the nominal model."""
+
+    parameter: str
+    """Field of :class:`~swingup.physics.parameters.Parameters` that changes."""
+    sweep: Sweep
+    relative: bool = False
+    """The values are factors on the nominal one."""
+    mass: str | None = None
+    """The product of this mass and the parameter is what is swept: m1 r1 or m2 r2."""
+
+
+@dataclass(frozen=True)
+class PushRules:
+    """Random profiles of Gaussian pushes, as many on each joint."""
+
+    profiles: int = 50
+    pushes: int = 3
+    """Pushes on each joint."""
+    apart: float = 1.0
+    """Least time between the centres of any two (s)."""
+    width: tuple[float, float] = (0.05, 0.1)
+    """Range of the standard deviations (s)."""
+    amplitude: tuple[float, float] = (0.5, 5.0)
+    """Range of the absolute amplitudes (N m)."""
+
+
+_QUARTER = Sweep(0.75, 1.25)
+_DAMPING, _COULOMB = Sweep(-0.1, 0.1), Sweep(-0.2, 0.2)
+
+MODEL_SWEEPS = {
+    "Ir": ModelSweep("Ir", Sweep(0.0, 1e-4)),
+    "m1r1": ModelSweep("r1", _QUARTER, relative=True, mass="m1"),
+    "I1": ModelSweep("I1", _QUARTER, relative=True),
+    "b1": ModelSweep("b1", _DAMPING),
+    "cf1": ModelSweep("cf1", _COULOMB),
+    "m2r2": ModelSweep("r2", _QUARTER, relative=True, mass="m2"),
+    "m2": ModelSweep("m2", _QUARTER, relative=True),
+    "I2": ModelSweep("I2", _QUARTER, relative=True),
+    "b2": ModelSweep("b2", _DAMPING),
+    "cf2": ModelSweep("cf2", _COULOMB),
+}
+"""What "model" stands for: one parameter at a time (kg m², kg m, kg, N m s/rad, N m, or a factor)."""
+
+SWEPT = ("velocity_noise", "torque_noise", "torque_response", "delay")
+"""Criteria that sweep one number of the disturbance (rad/s, N m, -, s)."""
+
+CRITERIA = ("model", *SWEPT, "perturbations")
+"""The six criteria of the robustness score."""
+
+RANDOM = ("velocity_noise", "torque_noise", "perturbations")
+"""Criteria that depend on the seed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobustnessRules(_Timing):
+    """The grid of simulations of the robustness score, and what counts as success."""
+
+    model: Mapping[str, ModelSweep] = field(default_factory=lambda: dict(MODEL_SWEEPS))
+    velocity_noise: Sweep = Sweep(0.0, 0.5, repetitions=10)
+    torque_noise: Sweep = Sweep(0.0, 1.1, repetitions=10)
+    torque_response: Sweep = Sweep(0.1, 2.0)
+    delay: Sweep = Sweep(0.0, 0.04)
+    perturbations: PushRules = PushRules()
+    tolerance: tuple[float, float, float, float] = (0.35, 0.35, 1.0, 1.0)
+    """Success: the last state is strictly within this of upright at rest (rad, rad, rad/s, rad/s)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class UptimeRules(_Timing):
+    """The global-policy score: throws by a PID on both joints, and the share of time that the tip is up."""
+
+    duration: float = 60.0
+    height: float = 0.9
+    """Fraction of l1 + l2 above which the tip counts as up."""
+    throws: int = 15
+    first: float = 3.75
+    """Mean time of the first throw (s); as long before the end comes the mean time of the last."""
+    jitter: float = 1.0
+    """Throws come at uniform random times within this of their mean times (s)."""
+    throw_duration: float = 0.2
+    """s"""
+    torque_limit: float = 6.0
+    """Of each of the two motors and of the PID (N m)."""
+    kp: float = 10.0
+    ki: float = 0.1
+    kd: float = 1.0
+    pid_dt: float = 0.001
+    """What the PID believes to be its period (s); it is called every ``dt``."""
+
+
 PERFORMANCE_RULES = {
     rules.name: rules
     for rules in (
-        PerformanceRules("v2", Normalisers(20.0, 60.0, 20.0, 0.1, 400.0)),
-        PerformanceRules("hardware", Normalisers(20.0, 60.0, 100.0, 4.0, 400.0)),
+        PerformanceRules(name="v2", normalisers=Normalisers(20.0, 60.0, 20.0, 0.1, 400.0)),
+        PerformanceRules(name="hardware", normalisers=Normalisers(20.0, 60.0, 100.0, 4.0, 400.0)),
     )
 }
 """``v2``: the simulation leaderboard of IROS 2024. ``hardware``: the real robot's of the same year."""
 
+ROBUSTNESS_RULES = {"v2": RobustnessRules(name="v2")}
+"""``v2``: the robustness leaderboard of IROS 2024."""
+
+UPTIME_RULES = {"v3": UptimeRules(name="v3")}
+"""``v3``: the global-policy leaderboard of ICRA 2025."""
+
 DEFAULT_RULES = "v2"
+DEFAULT_UPTIME_RULES = "v3"
+
+_R = TypeVar("_R", bound=_Timing)
 
 
 def get_performance_rules(name: str | PerformanceRules) -> PerformanceRules:
-    """Look rules up by their name; rules are returned as they are.
+    """Look rules of the performance board up by their name; rules are returned as they are.
 
     Raises:
         SwingupError: there are no such rules.
     """
-    if isinstance(name, PerformanceRules):
+    return _look_up("performance", PERFORMANCE_RULES, name)
+
+
+def get_robustness_rules(name: str | RobustnessRules) -> RobustnessRules:
+    """Look rules of the robustness board up by their name; rules are returned as they are.
+
+    Raises:
+        SwingupError: there are no such rules.
+    """
+    return _look_up("robustness", ROBUSTNESS_RULES, name)
+
+
+def get_uptime_rules(name: str | UptimeRules) -> UptimeRules:
+    """Look rules of the global-policy board up by their name; rules are returned as they are.
+
+    Raises:
+        SwingupError: there are no such rules.
+    """
+    return _look_up("uptime", UPTIME_RULES, name)
+
+
+def _look_up(kind: str, known: Mapping[str, _R], name: str | _R) -> _R:
+    if not isinstance(name, str):
         return name
-    if name not in PERFORMANCE_RULES:
-        raise SwingupError(f"unknown rules {name!r}: use one of {', '.join(PERFORMANCE_RULES)}")
-    return PERFORMANCE_RULES[name]
+    if name not in known:
+        raise SwingupError(f"unknown {kind} rules {name!r}: use one of {', '.join(known)}")
+    return known[name]

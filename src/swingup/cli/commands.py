@@ -1,25 +1,44 @@
-"""The commands' arguments and help; what they do lies in the modules that they call."""
+"""All commands: their arguments and help stand with the functions that run them."""
 
 import itertools
 from collections.abc import Callable
-from typing import Annotated
 
 import tyro
-from tyro.conf import OmitArgPrefixes, Positional, arg
+from tyro.conf import OmitArgPrefixes
 
 from ..areapo.config import Config
 from ..learner.presets import DEFAULT_PRESET, get_preset
-from . import judging, training
-
-RobotName = Annotated[str, arg(metavar="ROBOT", help="acrobot or pendubot.")]
+from . import judging, pictures, planning, training
+from .arguments import RobotName
 
 
 def run_command(arguments: list[str]) -> int:
     """Parse the arguments and run the command."""
-    base = get_preset(_preset_named_in(arguments)).config
+    commands: dict[str, Callable[..., int]] = {
+        "train": _train_command(get_preset(_preset_named_in(arguments)).config),
+        "evaluate": judging.evaluate,
+        "score": judging.score,
+        "robustness": judging.robustness,
+        "uptime": judging.uptime,
+        "leaderboard": judging.leaderboard,
+        "check": judging.check,
+        "plot": pictures.plot,
+        "report": pictures.report,
+        "trajectory": planning.trajectory,
+    }
+    return tyro.extras.subcommand_cli_from_dict(
+        commands,
+        prog="swingup",
+        description="Swing up and balance the acrobot and the pendubot with AR-EAPO.",
+        args=arguments,
+    )
+
+
+def _train_command(base: Config) -> Callable[..., int]:
+    """The command ``train``, with the hyperparameters of a preset for defaults."""
 
     def train(
-        robot: Positional[RobotName],
+        robot: RobotName,
         /,
         preset: str | None = None,
         frames: int | None = None,
@@ -51,65 +70,7 @@ def run_command(arguments: list[str]) -> int:
         intervals = {"evaluate_every": evaluate_every, "checkpoint_every": checkpoint_every}
         return training.train(robot, frames, options | intervals, out, resume, config)
 
-    def evaluate(
-        robot: Positional[RobotName],
-        /,
-        controller: str = "ar-eapo",
-        rules: str = "v2",
-        json: bool = False,
-        save: str | None = None,
-    ) -> int:
-        """Simulate one swing-up by the benchmark's rules and score it.
-
-        Args:
-            robot: the robot.
-            controller: ar-eapo (the shipped policy) or a policy file.
-            rules: v2 (simulation) or hardware.
-            json: print one JSON object.
-            save: also write the trajectory to this CSV file.
-        """
-        return judging.evaluate(robot, controller, rules, json, save)
-
-    def score(
-        trajectory: Positional[Annotated[str, arg(metavar="TRAJECTORY")]],
-        /,
-        robot: str,
-        rules: str = "v2",
-        json: bool = False,
-    ) -> int:
-        """Score a trajectory file in RealAIGym's CSV format, from this program, another or a real robot.
-
-        Args:
-            trajectory: the CSV file.
-            robot: acrobot or pendubot.
-            rules: v2 (simulation) or hardware.
-            json: print one JSON object.
-        """
-        return judging.score(trajectory, robot, rules, json)
-
-    def leaderboard(
-        robot: Positional[Annotated[str, arg(metavar="[ROBOT]")]] = "all", /, json: bool = False
-    ) -> int:
-        """Score the shipped policies and print the paper's performance table beside the published rows.
-
-        Args:
-            robot: acrobot, pendubot or all.
-            json: print one JSON list of rows.
-        """
-        return judging.leaderboard(robot, json)
-
-    commands: dict[str, Callable[..., int]] = {
-        "train": train,
-        "evaluate": evaluate,
-        "score": score,
-        "leaderboard": leaderboard,
-    }
-    return tyro.extras.subcommand_cli_from_dict(
-        commands,
-        prog="swingup",
-        description="Swing up and balance the acrobot and the pendubot with AR-EAPO.",
-        args=arguments,
-    )
+    return train
 
 
 def _preset_named_in(arguments: list[str]) -> str:

@@ -1,106 +1,236 @@
-"""The commands ``evaluate``, ``score`` and ``leaderboard``."""
+"""The commands that judge: ``evaluate``, ``score``, ``robustness``, ``uptime``, ``check`` and ``leaderboard``."""
 
-import json
-from dataclasses import asdict
+import json as json_format
+import shlex
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
+from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from ..benchmark import evaluate as judge
-from ..benchmark.criteria import Criteria
+from ..benchmark import evaluate as performance_of
+from ..benchmark import leaderboard as boards_of
+from ..benchmark import robustness as robustness_of
+from ..benchmark import uptime as uptime_of
 from ..benchmark.evaluate import Evaluation
-from ..benchmark.leaderboard import OURS, Row, performance_board
+from ..benchmark.grid import change_grid
+from ..benchmark.rules import CRITERIA, ROBUSTNESS_RULES, get_robustness_rules
 from ..benchmark.trajectory_file import load_trajectory, save_trajectory
-from ..control.controller import AbstractController
-from ..control.learned import load_policy
-from ..control.zoo import SHIPPED, shipped_policy
+from ..control.check import check_controller
+from ..control.named import get_controller
+from ..control.plain import PlainController
+from ..control.zoo import SHIPPED
 from ..errors import SwingupError
-from ..physics.parameters import ROBOTS, Robot, get_robot
+from ..physics.parameters import get_robot
+from . import tables
+from .arguments import ControllerName, ControllerNames, DisturbanceOptions, RobotName, RobotOrAll, robots
 
-COLUMNS = {
-    "swingup_time": ("Swing-up time [s]", "Time\n[s]", ".2f"),
-    "energy": ("Energy [J]", "Energy\n[J]", ".2f"),
-    "torque_cost": ("Torque cost [N²m²]", "Torque\ncost", ".2f"),
-    "torque_smoothness": ("Torque smoothness [Nm]", "Smooth-\nness", ".4f"),
-    "velocity_cost": ("Velocity cost [m²/s²]", "Velocity\ncost", ".2f"),
-    "score": ("RealAI score", "RealAI\nscore", ".3f"),
-}
-"""The paper's criteria: name with unit, heading of a table's column, format."""
+FOUND = 1
+"""Exit status of a check that found something."""
+
+NO_DISTURBANCE = DisturbanceOptions()
 
 
-def evaluate(robot: str, controller: str, rules: str, as_json: bool, save: str | None) -> int:
-    """Judge a controller by name or policy file."""
+def evaluate(
+    robot: RobotName,
+    /,
+    controller: ControllerName = SHIPPED,
+    rules: str = "v2",
+    json: bool = False,
+    save: str | None = None,
+    disturbance: OmitArgPrefixes[DisturbanceOptions] = NO_DISTURBANCE,
+) -> int:
+    """Simulate one swing-up by the benchmark's rules and score it.
+
+    Args:
+        robot: the robot.
+        controller: the controller.
+        rules: v2 (simulation) or hardware.
+        json: print one JSON object.
+        save: also write the trajectory to this CSV file.
+        disturbance: what disturbs the run; the boards' runs have nothing.
+    """
     chosen = get_robot(robot)
-    result = judge.evaluate(_controller(controller, chosen), chosen, controller, rules)
+    found = get_controller(controller, chosen)
+    disturbed = disturbance.make(ROBUSTNESS_RULES["v2"])
+    result = performance_of.evaluate(found, chosen, controller, rules, disturbed)
     if save is not None:
         save_trajectory(save, result.trajectory)
-    _print_evaluation(result, rules, as_json)
+    _print_evaluation(result, rules, json)
     return 0
 
 
-def score(trajectory: str, robot: str, rules: str, as_json: bool) -> int:
-    """Judge a trajectory file."""
+def score(
+    trajectory: Positional[Annotated[str, arg(metavar="TRAJECTORY")]],
+    /,
+    robot: str,
+    rules: str = "v2",
+    json: bool = False,
+) -> int:
+    """Score a trajectory file in RealAIGym's CSV format, from this program, another or a real robot.
+
+    Args:
+        trajectory: the CSV file.
+        robot: acrobot or pendubot.
+        rules: v2 (simulation) or hardware.
+        json: print one JSON object.
+    """
     chosen = get_robot(robot)
     rows = load_trajectory(trajectory)
-    result = Evaluation(chosen.name, Path(trajectory).stem, judge.score(rows, chosen, rules), rows)
-    _print_evaluation(result, rules, as_json)
+    criteria = performance_of.score(rows, chosen, rules)
+    _print_evaluation(Evaluation(chosen.name, Path(trajectory).stem, criteria, rows), rules, json)
     return 0
 
 
-def leaderboard(robot: str, as_json: bool) -> int:
-    """Print the performance boards of one robot or of all."""
-    robots = list(ROBOTS.values()) if robot == "all" else [get_robot(robot)]
-    boards = []
-    for chosen in robots:
-        result = judge.evaluate(shipped_policy(chosen)[0], chosen, SHIPPED)
-        boards.append(performance_board(chosen, [result]))
-    if as_json:
-        print(json.dumps([_flat(row) for board in boards for row in board], indent=2))
+def robustness(
+    robot: RobotName,
+    /,
+    controller: ControllerName = SHIPPED,
+    rules: str = "v2",
+    seed: int = 0,
+    seeds: int = 1,
+    criteria: tuple[str, ...] = CRITERIA,
+    grid: tuple[str, ...] = (),
+    json: bool = False,
+) -> int:
+    """Run the robustness benchmark, all its 722 simulations, and score it.
+
+    Args:
+        robot: the robot.
+        controller: the controller.
+        rules: v2.
+        seed: seed of the noise and the pushes.
+        seeds: seeds in a row; with two or more the random criteria get 95 % intervals.
+        criteria: measure only some of model, velocity_noise, torque_noise, torque_response, delay, perturbations.
+        grid: other values: NAME=LOW:HIGH:COUNT[:REPETITIONS] for a criterion or a parameter of the model, or
+            perturbations=PROFILES.
+        json: print one JSON object, with every single simulation.
+    """
+    chosen, changed = get_robot(robot), get_robustness_rules(rules)
+    for text in grid:
+        changed = change_grid(changed, text)
+    found = get_controller(controller, chosen)
+    result = robustness_of.robustness(found, chosen, controller, changed, seed, seeds, criteria)
+    if json:
+        options = {"controller": controller, "rules": rules, "seed": seed, "seeds": seeds}
+        command = ["swingup", "robustness", robot, *(f"--{name}={value}" for name, value in options.items())]
+        command += ["--criteria", *criteria] if criteria != CRITERIA else []
+        command += ["--grid", *grid] if grid else []
+        print(json_format.dumps({"command": shlex.join(command), **result.as_dict()}, indent=1))
         return 0
-    for chosen, board in zip(robots, boards, strict=True):
-        _print_board(chosen, board)
+    print(f"{result.robot}, {controller} (rules {result.rules}, seed {seed}{_to_last(seed, seeds)})")
+    values = {**result.percent, "overall": result.overall}
+    for name, value in values.items():
+        low_high = result.intervals.get(name)
+        extra = f"   ({' to '.join(tables.cell(name, end) for end in low_high)})" if low_high else ""
+        print(f"  {tables.LABELS[name][0]:<26}{tables.cell(name, value):>8}{extra}")
+    print(f"  {'Simulations':<26}{len(result.results):>8}")
+    if result.faults:
+        print(f"  {len(result.faults)} simulations without an answer; the first: {result.faults[0].fault}")
     return 0
 
 
-def _controller(name: str, robot: Robot) -> AbstractController[Any]:
-    if name == SHIPPED:
-        return shipped_policy(robot)[0]
-    if not name.endswith(".npz") and not Path(name).exists():
-        raise SwingupError(f"unknown controller {name!r}: use {SHIPPED} or the path of a policy file (.npz)")
-    return load_policy(name, robot)[0]
+def uptime(
+    robot: RobotName,
+    /,
+    controller: ControllerName = SHIPPED,
+    rules: str = "v3",
+    seed: int = 0,
+    seeds: int = 1,
+    json: bool = False,
+    save: str | None = None,
+) -> int:
+    """Run a minute of the global-policy benchmark, in which the pendulum is thrown fifteen times, and score it.
+
+    Args:
+        robot: the robot.
+        controller: the controller.
+        rules: v3.
+        seed: seed of the throws.
+        seeds: seeds in a row; the score is their mean.
+        json: print one JSON object.
+        save: also write the first seed's trajectory to this CSV file.
+    """
+    chosen = get_robot(robot)
+    result = uptime_of.uptime(get_controller(controller, chosen), chosen, controller, rules, seed, seeds)
+    if save is not None:
+        save_trajectory(save, result.trajectory)
+    if json:
+        print(json_format.dumps(result.as_dict()))
+        return 0
+    print(f"{result.robot}, {controller} (rules {rules}, seed {seed}{_to_last(seed, seeds)})")
+    extra = f"   ({result.interval[0]:.3f} to {result.interval[1]:.3f})" if result.interval else ""
+    print(f"  {'Uptime score':<26}{result.uptime:>8.3f}{extra}")
+    for number, fault in zip(result.seeds, result.faults, strict=True):
+        if fault:
+            print(f"  seed {number}: {fault}")
+    return 0
 
 
-def _flat(row: Row) -> dict[str, Any]:
-    return {"robot": row.robot, "controller": row.controller, "source": row.source, **asdict(row.criteria)}
+def check(robot: RobotName, /, controller: ControllerName) -> int:
+    """Try a controller on a few dozen states and say what is wrong with it, before it is judged.
+
+    The exit status is 1 if something is.
+
+    Args:
+        robot: the robot.
+        controller: the controller.
+    """
+    chosen = get_robot(robot)
+    found = get_controller(controller, chosen)
+    findings = check_controller(found.source if isinstance(found, PlainController) else found, chosen)
+    for finding in findings:
+        print(f"{controller}: {finding}")
+    if not findings:
+        print(f"{controller}: nothing wrong was found")
+    return FOUND if findings else 0
+
+
+def leaderboard(
+    robot: RobotOrAll = "all",
+    /,
+    controller: ControllerNames = (),
+    rules: str = "v2",
+    seed: int = 0,
+    recompute: bool = False,
+    json: bool = False,
+    csv: bool = False,
+    markdown: bool = False,
+) -> int:
+    """Print the paper's tables: the shipped controllers, judged now, beside the published rows.
+
+    Args:
+        robot: the robot.
+        controller: a controller of yours that enters as well.
+        rules: v2 (performance and robustness), hardware (performance) or v3 (uptime under throws).
+        seed: seed of noise, pushes and throws.
+        recompute: also compute the robustness of ilqr-mpc, which takes minutes and whose row is shipped.
+        json: print one JSON list of rows.
+        csv: print one CSV table.
+        markdown: print Markdown tables.
+    """
+    asked = [name for name, wanted in {"json": json, "csv": csv, "markdown": markdown}.items() if wanted]
+    if len(asked) > 1:
+        raise SwingupError(f"--{' and --'.join(asked)} exclude each other: choose one")
+    boards = []
+    for each in robots(robot):
+        mine = {name: get_controller(name, each) for name in controller}
+        boards += boards_of.leaderboard(each, mine, rules, seed, recompute)
+    if asked:
+        print(tables.FORMATS[asked[0]](boards))
+    else:
+        tables.show(boards)
+    return 0
+
+
+def _to_last(seed: int, seeds: int) -> str:
+    return f" to {seed + seeds - 1}" if seeds > 1 else ""
 
 
 def _print_evaluation(result: Evaluation, rules: str, as_json: bool) -> None:
     if as_json:
-        print(json.dumps(result.as_dict()))
+        print(json_format.dumps(result.as_dict()))
         return
     print(f"{result.robot}, {result.controller} (rules {rules})")
     print(f"  {'Swing-up':<24}{'success' if result.criteria.success else 'failure':>10}")
-    for name, (label, _, _) in COLUMNS.items():
-        print(f"  {label:<24}{_cell(result.criteria, name):>10}")
-
-
-def _print_board(robot: Robot, board: list[Row]) -> None:
-    title = f"Performance scores of the {robot.name} (rules v2)"
-    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
-    table.add_column("Controller", no_wrap=True)
-    table.add_column("Source")
-    for _, heading, _ in COLUMNS.values():
-        table.add_column(escape(heading), justify="right")
-    for row in board:
-        cells = [_cell(row.criteria, name) for name in COLUMNS]
-        table.add_row(row.controller, row.source, *cells, style="bold" if row.source == OURS else "")
-    Console().print(table)
-
-
-def _cell(criteria: Criteria, name: str) -> str:
-    value = getattr(criteria, name)
-    return "-" if value is None else format(value, COLUMNS[name][2])
+    for name in boards_of.PERFORMANCE:
+        print(f"  {tables.LABELS[name][0]:<24}{tables.cell(name, getattr(result.criteria, name)):>10}")

@@ -54,7 +54,7 @@ def train(
     if received:
         console.print(f"stopped at {run.frames:,} frames and saved: continue with --resume {run.folder}")
         return 128 + received[0]
-    return evaluate(robot, str(run.folder / "best.npz"), "v2", as_json=False, save=None)
+    return evaluate(robot, controller=str(run.folder / "best.npz"))
 
 
 def _start(robot: str, frames: int | None, options: dict[str, Any], out: str | None, config: Config) -> Run:

@@ -1,0 +1,42 @@
+"""Judge a controller of your own, in plain Python and in JAX: the same tables, at two speeds."""
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+import swingup
+from swingup.types import Scalar, State, Torque
+
+
+class PlainSwing:
+    """Swings the pendubot gently to and fro, and never balances it."""
+
+    def reset(self) -> None:
+        """Forget the last torque."""
+        self.last = 0.0
+
+    def get_control_output(self, x: np.ndarray, t: float) -> list[float]:
+        """Torques [u1, u2] (N m): a tenth of the way to what is wanted at every call."""
+        self.last += 0.1 * (np.sin(5.0 * t) - 0.3 * x[2] - self.last)
+        return [self.last, 0.0]
+
+
+class JaxSwing(swingup.AbstractController[Array]):
+    """The same with explicit memory: a whole grid of simulations runs side by side."""
+
+    def init(self) -> Array:
+        """The last torque: none."""
+        return jnp.zeros(())
+
+    def __call__(self, carry: Array, t: Scalar, x: State) -> tuple[Array, Torque]:
+        """What to remember, and the torques (N m)."""
+        carry = carry + 0.1 * (jnp.sin(5.0 * t) - 0.3 * x[2] - carry)
+        return carry, jnp.array([1.0, 0.0]) * carry
+
+
+for swing in (PlainSwing(), JaxSwing()):
+    name = type(swing).__name__
+    print(name, "findings of the checker:", swingup.check_controller(swing, "pendubot"))
+    result = swingup.evaluate(swing, "pendubot", name)
+    delays = swingup.robustness(swing, "pendubot", name, criteria=["delay"])
+    print(f"  score {result.criteria.score:.3f}, energy {result.criteria.energy:.2f} J, {delays.percent}")

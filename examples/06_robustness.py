@@ -1,0 +1,18 @@
+"""The robustness benchmark, all its 722 simulations, and where the shipped policy fails."""
+
+from collections import Counter
+
+import swingup
+
+controller, _ = swingup.shipped_policy("pendubot")
+result = swingup.robustness(controller, "pendubot", "ar-eapo", seed=1)
+for criterion, percent in result.percent.items():
+    print(f"{criterion:<16}{percent:6.1f} %")
+print(f"{'overall':<16}{result.overall:8.3f}")
+
+failed = [entry.as_dict() for entry in result.results if not entry.success]
+print("failures:", dict(Counter(entry["criterion"] for entry in failed)))
+print("model errors that it does not survive:")
+for entry in failed:
+    if entry["criterion"] == "model":
+        print(f"  {entry['parameter']:<5}{'x ' if entry['relative'] else '= '}{entry['value']:g}")

@@ -1,0 +1,186 @@
+"""The grid of the robustness benchmark: every simulation with its plant and its disturbance."""
+
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import SwingupError
+from ..physics.parameters import Parameters, Robot, leaderboard_parameters, validated
+from ..tasks.disturbance import Disturbance, Pushes, undisturbed
+from .rollout import Scenario
+from .rules import CRITERIA, RANDOM, SWEPT, ModelSweep, PushRules, RobustnessRules, Sweep
+
+LONGEST_DELAY = 1000
+"""Steps; more past than this is refused."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One simulation of the grid."""
+
+    criterion: str
+    group: int
+    """Cases of one group are repetitions: the group counts if more than half of them succeed."""
+    settings: dict[str, Any]
+    """What is changed, ready for JSON."""
+    scenario: Scenario
+
+
+def make_cases(robot: Robot, rules: RobustnessRules, criterion: str, seed: int) -> list[Case]:
+    """All simulations of one criterion.
+
+    Args:
+        robot: which joint is driven.
+        rules: the sweeps.
+        criterion: one of :data:`~swingup.benchmark.rules.CRITERIA`.
+        seed: of the noise and the pushes; the other criteria do not depend on it.
+
+    Raises:
+        SwingupError: a value makes no pendulum, or is no disturbance.
+    """
+    nominal = leaderboard_parameters(robot)
+    calm = undisturbed(rules.perturbations.pushes)
+    if criterion == "model":
+        made = list(_model_cases(nominal, calm, rules))
+    elif criterion == "perturbations":
+        made = list(_push_cases(nominal, calm, rules, seed))
+    else:
+        made = list(_sweep_cases(nominal, calm, rules, criterion))
+    if criterion in RANDOM:
+        made = [_seeded(case, seed, index) for index, case in enumerate(made)]
+    return made
+
+
+def _model_cases(nominal: Parameters, calm: Disturbance, rules: RobustnessRules) -> Iterator[Case]:
+    group = 0
+    for name, model in rules.model.items():
+        for value in model.sweep.values():
+            parameters = validated(vary(nominal, model, value))
+            settings = {"parameter": name, "relative": model.relative, "value": value}
+            yield Case("model", group, settings, Scenario(parameters, calm))
+            group += 1
+
+
+def vary(nominal: Parameters, model: ModelSweep, value: float) -> Parameters:
+    """The plant with one value of a sweep: with a product m r it is r that changes."""
+    if model.relative:
+        mass = 1.0 if model.mass is None else getattr(nominal, model.mass)
+        value = mass * getattr(nominal, model.parameter) * value / mass
+    return dataclasses.replace(nominal, **{model.parameter: value})
+
+
+def _sweep_cases(nominal: Parameters, calm: Disturbance, rules: RobustnessRules, criterion: str) -> Iterator[Case]:
+    sweep: Sweep = getattr(rules, criterion)
+    for group, value in enumerate(sweep.values()):
+        if criterion != "torque_response" and value < 0:
+            raise SwingupError(f"{criterion} = {value:g} must not be negative: correct the grid")
+        change: dict[str, Any] = {"response" if criterion == "torque_response" else criterion: value}
+        if criterion == "delay":
+            change = {"delay": delay_steps(value, rules.dt)}
+        scenario = Scenario(nominal, dataclasses.replace(calm, **change))
+        for repetition in range(sweep.repetitions):
+            settings = {"value": value} | ({"repetition": repetition} if sweep.repetitions > 1 else {})
+            yield Case(criterion, group, settings, scenario)
+
+
+def delay_steps(delay: float, dt: float) -> int:
+    """A delay (s) in steps of dt (s), rounded down in floating point as in the public benchmark.
+
+    Raises:
+        SwingupError: it is longer than what is remembered.
+    """
+    steps = int(delay / dt)
+    if steps > LONGEST_DELAY:
+        raise SwingupError(f"delay = {delay:g} s is above {LONGEST_DELAY * dt:g} s: make it shorter")
+    return steps
+
+
+def _push_cases(nominal: Parameters, calm: Disturbance, rules: RobustnessRules, seed: int) -> Iterator[Case]:
+    random = np.random.default_rng(seed)
+    for profile in range(rules.perturbations.profiles):
+        pushes = draw_pushes(random, rules.perturbations, rules.duration)
+        numbers = {name: getattr(pushes, name).tolist() for name in ("centre", "width", "amplitude")}
+        scenario = Scenario(nominal, dataclasses.replace(calm, pushes=pushes))
+        yield Case("perturbations", profile, {"profile": profile, **numbers}, scenario)
+
+
+def draw_pushes(random: np.random.Generator, rules: PushRules, duration: float) -> Pushes:
+    """A random profile: peaks shuffled over both joints, at least ``apart`` from each other and both ends.
+
+    Args:
+        random: source of the numbers.
+        rules: how many pushes, and their ranges.
+        duration: length of the run (s).
+    """
+    number = 2 * rules.pushes
+    slack = (duration - (number + 1) * rules.apart) / number
+    centres = np.cumsum(rules.apart + slack * random.uniform(size=number))
+    shape = (2, rules.pushes)
+    least, most = rules.amplitude
+    amplitude = random.uniform(least - most, most - least, shape)
+    return Pushes(
+        centre=random.permutation(centres).reshape(shape),
+        width=random.uniform(*rules.width, shape),
+        amplitude=amplitude + np.copysign(least, amplitude),
+    )
+
+
+def _seeded(case: Case, seed: int, index: int) -> Case:
+    """The case with a noise of its own: no two of a grid, and no two seeds, share a key."""
+    key = np.array([seed, 10_000 * CRITERIA.index(case.criterion) + index], np.uint32)
+    assert case.scenario.disturbance is not None
+    disturbance = dataclasses.replace(case.scenario.disturbance, noise=key)
+    scenario = Scenario(case.scenario.parameters, disturbance)
+    return dataclasses.replace(case, settings={**case.settings, "seed": seed}, scenario=scenario)
+
+
+def change_grid(rules: RobustnessRules, text: str) -> RobustnessRules:
+    """Rules with other values in one sweep, and a name that says so.
+
+    Args:
+        rules: the rules to change.
+        text: ``NAME=LOW:HIGH:COUNT`` or ``NAME=LOW:HIGH:COUNT:REPETITIONS`` for a criterion or a parameter of the
+            model, or ``perturbations=PROFILES``.
+
+    Raises:
+        SwingupError: the text is malformed, or there is no such sweep.
+    """
+    name, _, values = text.partition("=")
+    changed: dict[str, Any]
+    if name == "perturbations":
+        profiles = _parse(text, values, 1)[0]
+        changed = {name: dataclasses.replace(rules.perturbations, profiles=_count(text, profiles))}
+    elif name in rules.model:
+        model = dataclasses.replace(rules.model[name], sweep=_parse_sweep(text, values, 1))
+        changed = {"model": {**rules.model, name: model}}
+    elif name in SWEPT:
+        changed = {name: _parse_sweep(text, values, getattr(rules, name).repetitions)}
+    else:
+        known = ", ".join([*SWEPT, "perturbations", *rules.model])
+        raise SwingupError(f"grid {text!r} names no sweep: use NAME=LOW:HIGH:COUNT with one of {known}")
+    return dataclasses.replace(rules, name=f"{rules.name} {text}", **changed)
+
+
+def _parse_sweep(text: str, values: str, repetitions: int) -> Sweep:
+    low, high, count, *rest = _parse(text, values, 3, 4)
+    return Sweep(low, high, _count(text, count), _count(text, rest[0]) if rest else repetitions)
+
+
+def _parse(text: str, values: str, *lengths: int) -> list[float]:
+    parts = values.split(":")
+    try:
+        numbers = [float(part) for part in parts]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in lengths or not all(abs(number) < 1e9 for number in numbers):
+        raise SwingupError(f"grid {text!r} is malformed: write NAME=LOW:HIGH:COUNT or perturbations=PROFILES")
+    return numbers
+
+
+def _count(text: str, number: float) -> int:
+    if number != int(number) or not 1 <= number < 10_000:
+        raise SwingupError(f"grid {text!r} has a count of {number:g}: use a whole number of 1 to 9999")
+    return int(number)

@@ -1,0 +1,54 @@
+"""The closed loop with controllers in plain Python: their calls between compiled half steps of many simulations."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..control.plain import Answer, PlainController, answer
+from ..errors import SwingupError
+from .rollout import Plant, Scenario, Trajectory, act, begin, sense
+
+_sense = jax.jit(jax.vmap(sense, in_axes=(0, 0, None)))
+_act = jax.jit(jax.vmap(act, in_axes=(0, 0, None, 0, None)))
+
+
+@dataclass
+class HostRun:
+    """Simulations side by side, run by plain controllers."""
+
+    trajectory: Trajectory
+    """With a leading axis for the simulations; NumPy, float64."""
+    final: np.ndarray
+    """States after the last step, shape (n, 4)."""
+    faults: list[str | None]
+    """What was wrong with a controller's answer, if anything; it got no torque from then on."""
+
+
+def simulate_on_host(
+    scenarios: Scenario, controllers: Sequence[PlainController], dt: float, steps: int, depth: int = 1
+) -> HostRun:
+    """Run one controller in each of a batch of scenarios from hanging at rest; call it in 64-bit mode."""
+    number = len(controllers)
+    calls: list[Answer] = [controller.start() for controller in controllers]
+    faults: list[str | None] = [None] * number
+    plant: Plant = jax.tree.map(lambda leaf: jnp.stack([leaf] * number), begin(jnp.zeros(4), depth))
+    time = np.arange(steps) * dt
+    x, u = np.zeros((number, steps, 4)), np.zeros((number, steps, 2))
+    for step in range(steps):
+        x[:, step] = plant.x
+        plant, seen, called = _sense(scenarios, plant, np.int64(step))
+        measured, command = np.asarray(seen, np.float64), np.zeros((number, 2))
+        able = np.asarray(called) & np.isfinite(measured).all(axis=1)
+        for index, call in enumerate(calls):
+            if faults[index] is None and able[index]:
+                try:
+                    command[index] = answer(call, measured[index], float(time[step]))
+                except SwingupError as error:
+                    faults[index] = str(error)
+        plant = _act(scenarios, plant, np.int64(step), command, dt)
+        u[:, step] = plant.u
+    rows = Trajectory(time=np.tile(time, (number, 1)), x=x, u=u)
+    return HostRun(rows, np.asarray(plant.x), faults)

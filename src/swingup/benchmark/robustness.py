@@ -1,0 +1,170 @@
+"""The robustness score: success of one controller in every simulation of the grid."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import fmean
+from typing import Any
+
+import numpy as np
+
+from ..errors import SwingupError
+from ..physics.parameters import Robot, get_robot
+from ..version import __version__
+from .grid import Case, make_cases
+from .interval import Interval, mean_interval
+from .rules import CRITERIA, DEFAULT_RULES, RANDOM, RobustnessRules, get_robustness_rules
+from .runner import as_controller, check_robot, run_many, stack
+
+UPRIGHT = np.array([np.pi, 0.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True)
+class Result:
+    """How one simulation of the grid ended."""
+
+    case: Case
+    success: bool
+    fault: str | None = None
+    """What was wrong with the controller's answers, if anything."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Flat and ready for JSON."""
+        fault = {} if self.fault is None else {"fault": self.fault}
+        return {"criterion": self.case.criterion, **self.case.settings, "success": self.success, **fault}
+
+
+@dataclass(frozen=True)
+class Robustness:
+    """A controller's robustness on a robot."""
+
+    robot: str
+    controller: str
+    rules: str
+    seeds: tuple[int, ...]
+    """Seeds of the noise and the pushes; the percentages are means over them."""
+    percent: dict[str, float]
+    """Each measured criterion's successes (%)."""
+    overall: float | None
+    """Mean of the six criteria, 0 to 1; None if not all of them were measured."""
+    intervals: dict[str, Interval]
+    """95 % intervals of the random criteria's means and of ``overall``, with two seeds or more."""
+    results: tuple[Result, ...]
+    """Every simulation."""
+    version: str = __version__
+    """Version of swingup that measured."""
+
+    @property
+    def faults(self) -> list[Result]:
+        """Simulations in which the controller failed to answer."""
+        return [result for result in self.results if result.fault is not None]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Ready for JSON: criteria in percent, ``overall`` from 0 to 1, every simulation in ``details``."""
+        seeds: dict[str, Any] = {"seed": self.seeds[0]}
+        if len(self.seeds) > 1:
+            seeds |= {"seeds": list(self.seeds), "intervals": self.intervals}
+        head = {"robot": self.robot, "controller": self.controller, "rules": self.rules, **seeds}
+        scores = {**self.percent, "overall": self.overall}
+        return {**head, "version": self.version, **scores, "details": [result.as_dict() for result in self.results]}
+
+
+def robustness(
+    controller: Any,
+    robot: Robot | str,
+    name: str = "controller",
+    rules: RobustnessRules | str = DEFAULT_RULES,
+    seed: int = 0,
+    seeds: int = 1,
+    criteria: Sequence[str] = CRITERIA,
+) -> Robustness:
+    """Simulate the whole grid of the robustness board in float64, and score it.
+
+    Args:
+        controller: a controller in JAX (all simulations side by side), an object with
+            ``get_control_output(x, t)`` or a function of (x, t) (one call after another).
+        robot: which joint is driven.
+        name: what to call the controller in the result.
+        rules: rules of the robustness board, or their name.
+        seed: the first seed of the noise and the pushes.
+        seeds: number of seeds in a row; the random criteria are simulated with each.
+        criteria: what to measure; ``overall`` needs all six.
+
+    Raises:
+        SwingupError: there is no such robot, there are no such rules or criteria, a seed is out of range, or the
+            controller is for the other robot. A controller that fails to answer loses that simulation only.
+    """
+    robot, rules = get_robot(robot), get_robustness_rules(rules)
+    controller = as_controller(controller)
+    check_robot(controller, robot, name)
+    check_seeds(seed, seeds)
+    chosen, every = check_criteria(criteria), range(seed, seed + seeds)
+    cases = [case for criterion in chosen for case in make_cases(robot, rules, criterion, seed)]
+    for other in every[1:]:
+        cases += [case for one in chosen if one in RANDOM for case in make_cases(robot, rules, one, other)]
+    disturbances = [case.scenario.disturbance for case in cases]
+    depth = 1 + max(int(each.delay) for each in disturbances if each is not None)
+    batch = run_many(controller, stack([case.scenario for case in cases]), rules.dt, rules.steps, depth)
+    ends = zip(cases, upright(batch.final, rules.tolerance), batch.faults, strict=True)
+    results = tuple(Result(case, bool(success) and fault is None, fault) for case, success, fault in ends)
+    percent, overall, intervals = summarise(results, tuple(every))
+    return Robustness(robot.name, name, rules.name, tuple(every), percent, overall, intervals, results)
+
+
+def check_seeds(seed: int, seeds: int) -> None:
+    """Refuse seeds that cannot be used.
+
+    Raises:
+        SwingupError: the first is negative or too large, or there is none.
+    """
+    if not (0 <= seed < 2**31 and 1 <= seeds < 10_000):
+        raise SwingupError(f"seed = {seed}, seeds = {seeds}: use a seed of 0 to 2³¹ - 1 and 1 to 9999 seeds")
+
+
+def check_criteria(criteria: Sequence[str]) -> list[str]:
+    """Criteria in the board's order.
+
+    Raises:
+        SwingupError: one is unknown, or there is none.
+    """
+    unknown = [name for name in criteria if name not in CRITERIA]
+    if unknown or not criteria:
+        raise SwingupError(f"unknown criterion {', '.join(unknown)!r}: use some of {', '.join(CRITERIA)}")
+    return [name for name in CRITERIA if name in criteria]
+
+
+def upright(final: np.ndarray, tolerance: Sequence[float]) -> np.ndarray:
+    """Whether states (n, 4) are strictly within the tolerance of upright at rest, angles wrapped about it."""
+    error = np.asarray(final, np.float64) - UPRIGHT
+    error[:, :2] = (error[:, :2] + np.pi) % (2 * np.pi) - np.pi
+    return np.all(np.abs(error) < np.asarray(tolerance), axis=1)
+
+
+def summarise(
+    results: Sequence[Result], seeds: Sequence[int]
+) -> tuple[dict[str, float], float | None, dict[str, Interval]]:
+    """Percentages, the overall score and their intervals from single simulations.
+
+    A group of repetitions counts if more than half of it succeeded; a criterion is the share of groups that count.
+    """
+    by_seed = [_percentages(results, seed) for seed in seeds]
+    percent = {name: fmean(each[name] for each in by_seed) for name in by_seed[0]}
+    complete = len(percent) == len(CRITERIA)
+    overall = fmean(percent.values()) / 100 if complete else None
+    intervals = {}
+    if len(seeds) > 1:
+        random = [name for name in RANDOM if name in percent]
+        intervals = {name: mean_interval([each[name] for each in by_seed], 0.0, 100.0) for name in random}
+        if complete:
+            intervals["overall"] = mean_interval([fmean(each.values()) / 100 for each in by_seed], 0.0, 1.0)
+    return percent, overall, intervals
+
+
+def _percentages(results: Sequence[Result], seed: int) -> dict[str, float]:
+    """Each criterion's percentage with one seed; what needs no seed is the same with all."""
+    groups: dict[str, dict[int, list[bool]]] = {}
+    for result in results:
+        case = result.case
+        if case.settings.get("seed", seed) == seed:
+            groups.setdefault(case.criterion, {}).setdefault(case.group, []).append(result.success)
+    counts = {name: [2 * sum(group) > len(group) for group in each.values()] for name, each in groups.items()}
+    return {name: 100.0 * fmean(each) for name, each in counts.items()}

@@ -1,0 +1,163 @@
+"""Run scenarios with any controller, in float64: compiled and batched in JAX, or step by step in plain Python."""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..control.controller import AbstractController
+from ..control.plain import PlainController
+from ..errors import SwingupError
+from ..physics.parameters import Robot
+from .host import HostRun, simulate_on_host
+from .rollout import Outcome, Scenario, Trajectory, simulate
+
+Controller: TypeAlias = AbstractController[Any] | PlainController
+
+SIDE_BY_SIDE = 64
+"""Copies of a plain controller that exist at a time."""
+LEAST = 32
+"""Scenarios that are worth a thread of their own."""
+
+NOT_FINITE = "it gave a torque that is not finite where what it measured was finite"
+
+_simulate = jax.jit(simulate, static_argnames=("dt", "steps", "depth"))
+
+
+_Result: TypeAlias = tuple[Outcome, Trajectory | None]
+
+
+@jax.jit(static_argnames=("dt", "steps", "depth", "keep"))
+def _simulate_batch(
+    scenarios: Scenario, controller: AbstractController[Any], dt: float, steps: int, depth: int, keep: bool
+) -> _Result:
+    def one(scenario: Scenario) -> _Result:
+        outcome, rows = simulate(scenario, controller, jnp.zeros(4), dt, steps, depth)
+        return outcome, rows if keep else None
+
+    return jax.vmap(one)(scenarios)
+
+
+@dataclass
+class Batch:
+    """Simulations side by side; NumPy arrays in float64."""
+
+    final: np.ndarray
+    """States after the last step, shape (n, 4)."""
+    faults: list[str | None]
+    """What was wrong with each controller's answers, if anything."""
+    trajectory: Trajectory | None
+    """With a leading axis, if the rows were to be kept."""
+
+
+def as_controller(source: Any) -> Controller:
+    """A controller of any kind as one that can be run.
+
+    Raises:
+        SwingupError: it is none.
+    """
+    return source if isinstance(source, AbstractController | PlainController) else PlainController(source)
+
+
+def check_robot(controller: Controller, robot: Robot, name: str) -> None:
+    """Refuse a controller that says it is for another robot.
+
+    Raises:
+        SwingupError: it does.
+    """
+    meant = getattr(controller, "robot", robot)
+    if meant != robot:
+        raise SwingupError(f"controller {name!r} is for the {meant.name}, not the {robot.name}: judge it there")
+
+
+def run_one(controller: Controller, scenario: Scenario, dt: float, steps: int, depth: int = 1) -> Trajectory:
+    """Simulate one scenario from hanging at rest and return its rows as NumPy arrays.
+
+    Raises:
+        SwingupError: the controller failed, or its torque is not two finite numbers.
+    """
+    with jax.enable_x64(True):
+        if isinstance(controller, PlainController):
+            run = simulate_on_host(stack([scenario]), [controller], dt, steps, depth)
+            if run.faults[0] is not None:
+                raise SwingupError(run.faults[0])
+            return jax.tree.map(lambda rows: rows[0], run.trajectory)
+        outcome, trajectory = _simulate(scenario, controller, jnp.zeros(4), dt=dt, steps=steps, depth=depth)
+        trajectory = jax.tree.map(np.asarray, trajectory)
+        if outcome.fault:
+            faulty = ~np.isfinite(trajectory.u).all(axis=1)
+            time = trajectory.time[int(np.argmax(faulty))]
+            raise SwingupError(f"it gave a torque that is not finite at t = {time:g} s: mend it there")
+        return trajectory
+
+
+def run_many(
+    controller: Controller, scenarios: Scenario, dt: float, steps: int, depth: int = 1, keep: bool = False
+) -> Batch:
+    """Simulate a batch of scenarios from hanging at rest.
+
+    Args:
+        controller: the controller, each scenario's with a memory of its own.
+        scenarios: with a leading axis of length n, as :func:`stack` makes them.
+        dt: time of a step (s).
+        steps: number of steps.
+        depth: more than the largest delay (steps).
+        keep: whether to return the rows as well.
+    """
+    if isinstance(controller, PlainController):
+        runs = _run_plain(controller, scenarios, dt, steps, depth)
+        rows = (
+            jax.tree.map(lambda *parts: np.concatenate(parts), *[run.trajectory for run in runs]) if keep else None
+        )
+        return Batch(
+            np.concatenate([run.final for run in runs]), [fault for run in runs for fault in run.faults], rows
+        )
+    outcome, rows = _run_compiled(controller, scenarios, dt, steps, depth, keep)
+    return Batch(np.asarray(outcome.final), [NOT_FINITE if fault else None for fault in outcome.fault], rows)
+
+
+def stack(scenarios: list[Scenario]) -> Scenario:
+    """Scenarios with a leading axis: of equal structure, all with a disturbance or all without."""
+    return jax.tree.map(lambda *leaves: np.stack([np.asarray(leaf) for leaf in leaves]), *scenarios)
+
+
+def _length(scenarios: Scenario) -> int:
+    return len(scenarios.parameters.m1)  # type: ignore[arg-type]  # batched, and so an array
+
+
+def _run_compiled(
+    controller: AbstractController[Any], scenarios: Scenario, dt: float, steps: int, depth: int, keep: bool
+) -> _Result:
+    """One batch on an accelerator; on a CPU a batch for each core, since one batch hardly uses a second one."""
+    number = _length(scenarios)
+    cores = (os.cpu_count() or 1) if jax.default_backend() == "cpu" else 1
+    threads = max(1, min(cores, number // LEAST))
+    size = -(-number // threads)
+    # Parts of one shape need one compilation: the last scenario fills up the last part.
+    padded = jax.tree.map(lambda leaf: leaf[np.minimum(np.arange(threads * size), number - 1)], scenarios)
+
+    def run(part: int) -> _Result:
+        with jax.enable_x64(True):  # which is a setting of the thread
+            piece = jax.tree.map(lambda leaf: leaf[part * size : (part + 1) * size], padded)
+            result = _simulate_batch(piece, controller, dt=dt, steps=steps, depth=depth, keep=keep)
+            return jax.tree.map(np.asarray, result)
+
+    with ThreadPoolExecutor(threads) as pool:
+        parts = list(pool.map(run, range(threads)))
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:number], *parts)
+
+
+def _run_plain(
+    controller: PlainController, scenarios: Scenario, dt: float, steps: int, depth: int
+) -> list[HostRun]:
+    number, runs = _length(scenarios), []
+    copies = controller.copies(min(SIDE_BY_SIDE, number))
+    for start in range(0, number, len(copies)):
+        part = jax.tree.map(lambda leaf, start=start: leaf[start : start + len(copies)], scenarios)
+        with jax.enable_x64(True):
+            runs.append(simulate_on_host(part, copies[: _length(part)], dt, steps, depth))
+    return runs

@@ -1,0 +1,62 @@
+"""The commands that draw: ``plot`` and ``report``."""
+
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+from ..control.named import get_controller
+from ..files import check_writable, write_atomically
+from ..report.animate import FPS, SIZE
+from ..report.make import make_section
+from ..report.page import render_page
+from ..report.save import save_plot
+from .arguments import ControllerNames, RobotOrAll, robots
+
+
+def plot(
+    kind: Positional[Annotated[str, arg(metavar="KIND")]],
+    files: Positional[Annotated[tuple[str, ...], arg(metavar="FILE...")]],
+    /,
+    out: str,
+    robot: str | None = None,
+    fps: float = FPS,
+    size: int = SIZE,
+    speed: float = 1.0,
+) -> int:
+    """Draw figures from files: .png, .svg or .pdf; animations: .gif, or .mp4 where an encoder is present.
+
+    Args:
+        kind: trajectory, phase or animation, from CSV files; robustness, from the output of robustness --json; or
+            curve, from metrics.jsonl.
+        files: what to draw.
+        out: the picture's file.
+        robot: whose trajectories they are; default: what their torques tell.
+        fps: pictures a second of an animation.
+        size: width and height of an animation (pixels).
+        speed: of an animation; 1 is real time.
+    """
+    save_plot(kind, files, out, robot, fps, size, speed)
+    print(out)
+    return 0
+
+
+def report(
+    robot: RobotOrAll = "all", /, controller: ControllerNames = (), out: str = "report.html", seed: int = 0
+) -> int:
+    """Write one page to look at, without network: tables, plots, animations, and a pendulum that can be pushed.
+
+    Args:
+        robot: the robot.
+        controller: a controller of yours that enters as well.
+        out: the page's file.
+        seed: seed of noise and pushes.
+    """
+    check_writable(out)
+    sections = [
+        make_section(each, {name: get_controller(name, each) for name in controller}, seed)
+        for each in robots(robot)
+    ]
+    write_atomically(out, render_page(sections).encode())
+    print(f"{out} ({Path(out).stat().st_size / 1e6:.1f} MB)")
+    return 0

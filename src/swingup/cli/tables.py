@@ -1,0 +1,104 @@
+"""Boards as text for a terminal, JSON, CSV or Markdown."""
+
+import csv
+import io
+import json
+from collections.abc import Callable, Sequence
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from ..benchmark.leaderboard import OURS, Board, Row
+
+LABELS = {
+    "swingup_time": ("Swing-up time [s]", "Time\n[s]", ".2f"),
+    "energy": ("Energy [J]", "Energy\n[J]", ".2f"),
+    "torque_cost": ("Torque cost [N²m²]", "Torque\ncost", ".2f"),
+    "torque_smoothness": ("Torque smoothness [Nm]", "Smooth-\nness", ".4f"),
+    "velocity_cost": ("Velocity cost [m²/s²]", "Velocity\ncost", ".2f"),
+    "score": ("RealAI score", "RealAI\nscore", ".3f"),
+    "model": ("Model [%]", "Model\n[%]", ".1f"),
+    "velocity_noise": ("Velocity noise [%]", "Velocity\nnoise", ".1f"),
+    "torque_noise": ("Torque noise [%]", "Torque\nnoise", ".1f"),
+    "torque_response": ("Torque step response [%]", "Torque\nresp.", ".1f"),
+    "delay": ("Time delay [%]", "Time\ndelay", ".1f"),
+    "perturbations": ("Perturbations [%]", "Per-\nturb.", ".1f"),
+    "overall": ("Overall robustness score", "Overall\nscore", ".3f"),
+    "uptime": ("Uptime score", "Uptime\nscore", ".3f"),
+}
+"""The paper's criteria: name with unit, heading of a table's column, format."""
+
+
+def cell(name: str, value: float | None) -> str:
+    """A criterion's value as the paper prints it."""
+    return "-" if value is None else format(value, LABELS[name][2])
+
+
+def show(boards: Sequence[Board]) -> None:
+    """Print boards for people."""
+    for board in boards:
+        table = Table(title=_title(board), title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+        table.add_column("Controller", no_wrap=True)
+        table.add_column("Source")
+        for name in board.columns:
+            table.add_column(escape(LABELS[name][1]), justify="right")
+        for row in board.rows:
+            style = "bold" if row.source == OURS else ""
+            table.add_row(escape(row.controller), row.source, *_cells(board, row), style=style)
+        console = Console()
+        console.print(table)
+        for remark in _remarks(board):
+            console.print(escape(remark), soft_wrap=True, highlight=False)
+
+
+def as_json(boards: Sequence[Board]) -> str:
+    """One list of rows."""
+    return json.dumps([row for board in boards for row in board.as_dicts()], indent=2)
+
+
+def as_csv(boards: Sequence[Board]) -> str:
+    """One table for all boards, with the columns of each."""
+    rows = [row for board in boards for row in board.as_dicts()]
+    columns = list(dict.fromkeys(name for row in rows for name in row if name != "remark"))
+    text = io.StringIO()
+    writer = csv.DictWriter(text, [*columns, "remark"], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue().rstrip("\n")
+
+
+def as_markdown(boards: Sequence[Board]) -> str:
+    """One table for each board."""
+    return "\n\n".join(_markdown(board) for board in boards)
+
+
+FORMATS: dict[str, Callable[[Sequence[Board]], str]] = {"json": as_json, "csv": as_csv, "markdown": as_markdown}
+
+
+def _markdown(board: Board) -> str:
+    def line(cells: Sequence[str], mark: str = "") -> str:
+        return "| " + " | ".join(f"{mark}{text.replace('|', '/')}{mark}" for text in cells) + " |"
+
+    heads = ["Controller", "Source", *(LABELS[name][0] for name in board.columns)]
+    rule = "|---|---|" + "---:|" * len(board.columns)
+    rows = [
+        line([row.controller, row.source, *_cells(board, row)], "**" if row.source == OURS else "")
+        for row in board.rows
+    ]
+    remarks = [f"\n{remark}" for remark in _remarks(board)]
+    return "\n".join([f"### {_title(board)}\n", line(heads), rule, *rows, *remarks])
+
+
+def _cells(board: Board, row: Row) -> list[str]:
+    return [cell(name, row.values[name]) for name in board.columns]
+
+
+def _remarks(board: Board) -> list[str]:
+    return [f"{row.controller}: {row.remark}" for row in board.rows if row.remark]
+
+
+def _title(board: Board) -> str:
+    seed = "" if board.seed is None else f", seed {board.seed}"
+    return f"{board.measure.capitalize()} scores of the {board.robot} (rules {board.rules}{seed})"

@@ -1,0 +1,90 @@
+"""Linear quadratic regulators: at upright in continuous time, along a trajectory in discrete time.
+
+Designed on the host in NumPy, and valid near what they were linearised about: the controller gives up where its
+cost-to-go, and with it the error, is large.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import solve_continuous_are
+
+from ..physics.dynamics import linearise
+from ..physics.parameters import Parameters, Robot
+from ..types import Scalar, State, Torque
+from .controller import AbstractController
+from .upright import UPRIGHT, drive, wrap
+
+
+@dataclass(frozen=True)
+class LQRSettings:
+    """Weights of ∫ xᵀQx + R u² dt and the LQR's reach."""
+
+    state_weights: tuple[float, float, float, float]
+    """Diagonal of Q (1/rad², s²/rad²)."""
+    torque_weight: float
+    """R (1/N²m²)."""
+    max_cost_to_go: float
+    """No torque where xᵀSx is above this."""
+
+
+class LQR(AbstractController[None]):
+    """u = -K (wrap(x) - goal), or 0 where the cost-to-go is too large; it remembers nothing."""
+
+    gains: Float[Any, "4"]
+    """K (N m/rad, N m s/rad)."""
+    cost_to_go: Float[Any, "4 4"]
+    """S"""
+    max_cost_to_go: float
+    robot: Robot = eqx.field(static=True)
+
+    def init(self) -> None:
+        """Nothing to remember."""
+
+    def __call__(self, carry: None, t: Scalar, x: State) -> tuple[None, Torque]:
+        """The regulator's torque on the driven joint (N m)."""
+        error = wrap(x) - jnp.asarray(UPRIGHT)
+        within = error @ jnp.asarray(self.cost_to_go) @ error <= self.max_cost_to_go
+        return None, drive(jnp.where(within, -jnp.asarray(self.gains) @ error, 0.0), self.robot)
+
+
+def upright_lqr(parameters: Parameters, robot: Robot, settings: LQRSettings) -> LQR:
+    """The regulator of the pendulum linearised upright at rest."""
+    A, B = linearised(parameters, robot, UPRIGHT[None], np.zeros(1))
+    S = solve_continuous_are(A[0], B[0][:, None], np.diag(settings.state_weights), [[settings.torque_weight]])
+    return LQR(B[0] @ S / settings.torque_weight, S, settings.max_cost_to_go, robot)
+
+
+def linearised(
+    parameters: Parameters, robot: Robot, states: Float[np.ndarray, "n 4"], torque: Float[np.ndarray, "n"]
+) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, "n 4"]]:
+    """Continuous-time A = ∂ẋ/∂x and B = ∂ẋ/∂u of rows of states and the driven joint's torques."""
+    with jax.enable_x64(True):
+        u = jnp.asarray(torque)[:, None] * jnp.array(robot.actuation)
+        A, B = jax.jit(jax.vmap(linearise, in_axes=(None, 0, 0)))(parameters, jnp.asarray(states), u)
+        return np.asarray(A), np.asarray(B)[:, :, robot.joint]
+
+
+def riccati_recursion(
+    A: Float[np.ndarray, "n 4 4"],
+    B: Float[np.ndarray, "n 4"],
+    Q: Float[np.ndarray, "4 4"],
+    R: float,
+    Qf: Float[np.ndarray, "4 4"],
+) -> Float[np.ndarray, "n 4"]:
+    """Gains K_i of u_i = -K_i x_i that minimise Σ_{i<n} xᵢᵀQxᵢ + R uᵢ² + x_nᵀ Qf x_n for x_{i+1} = A_i x_i + B_i u_i.
+
+    Backwards from P_n = Qf: K_i = (R + B_iᵀ P B_i)⁻¹ B_iᵀ P A_i and P_i = Q + A_iᵀ P (A_i - B_i K_i), P = P_{i+1}.
+    """
+    P, gains = Qf, np.empty_like(B)
+    for i in reversed(range(len(B))):
+        PB = P @ B[i]
+        gains[i] = (PB @ A[i]) / (R + PB @ B[i])
+        P = Q + A[i].T @ (P @ A[i] - np.outer(PB, gains[i]))
+        P = 0.5 * (P + P.T)
+    return gains

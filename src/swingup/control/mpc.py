@@ -1,0 +1,81 @@
+"""Model predictive control by iLQR along a swing-up trajectory: at every call the coming 0.2 s are planned anew.
+
+Planning starts from the previous plan, shifted by one step. It knows where the pendulum should be by the clock alone.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..physics.parameters import Parameters, Robot
+from ..types import Flag, Scalar, State, Torque
+from .fit import fit_piecewise_cubic
+from .ilqr import solve
+from .published import MPCSettings
+from .reference import Reference
+from .switch import AbstractSparing
+from .transition import PendulumTransition
+from .upright import UPRIGHT, drive
+
+Plan = Float[Array, "n"]
+"""The driven joint's torques from now on (N m)."""
+
+
+class MPC(AbstractSparing[Plan]):
+    """The first torque of the plan that tracks the trajectory; near its end and after it, of one to stay upright."""
+
+    transition: PendulumTransition
+    states: Float[Any, "rows 4"]
+    """The trajectory at the calls' times k dt."""
+    torque: Float[Any, "rows"]
+    published: MPCSettings = eqx.field(static=True)
+    robot: Robot = eqx.field(static=True)
+
+    def init(self) -> Plan:
+        """The trajectory's torques."""
+        return jnp.asarray(self.torque)[: self.published.horizon - 1]
+
+    def answer(self, carry: Plan, t: Scalar, x: State, idle: Flag) -> tuple[Plan, Torque]:
+        """Plan, unless idle: a loop of one pass at most, which costs nothing when nobody in a batch needs it."""
+
+        def plan(state: tuple[Plan, Flag]) -> tuple[Plan, Flag]:
+            return self.plan(state[0], t, x, idle), jnp.array(True)
+
+        torque, _ = jax.lax.while_loop(lambda state: ~state[1], plan, (carry, jnp.asarray(idle)))
+        row = self.row(t) + self.published.horizon - 1
+        rows = jnp.asarray(self.torque)
+        coming = jnp.where(row < len(rows) - 1, rows[jnp.minimum(row, len(rows) - 1)], 0.0)
+        return jnp.append(torque[1:], coming), drive(torque[0], self.robot)
+
+    def plan(self, guess: Plan, t: Scalar, x: State, idle: Flag) -> Plan:
+        """The torques that track the trajectory best from x on."""
+        settings, steps = self.published, self.published.horizon - 1
+        row, last = self.row(t), len(self.torque) - 1
+        on_track = row + settings.horizon < last
+        start = jnp.minimum(row, last - settings.horizon)
+        states = jax.lax.dynamic_slice_in_dim(jnp.asarray(self.states), start, settings.horizon + 1)
+        torque = jax.lax.dynamic_slice_in_dim(jnp.asarray(self.torque), start, steps)
+        # The published code compares the plan's last state with the trajectory a step after it.
+        tracking = settings.tracking.cost(states[:-2], torque, states[-1])
+        upright = settings.upright.cost(np.tile(UPRIGHT, (steps, 1)), np.zeros(steps), UPRIGHT)
+        cost = jax.tree.map(lambda a, b: jnp.where(on_track, a, b), tracking, upright)
+        return solve(self.transition, cost, x, guess, settings.settings, idle).torque
+
+    def row(self, t: Scalar) -> Array:
+        """The trajectory's row at time t (s)."""
+        return jnp.round(t / self.published.dt).astype(jnp.int32)
+
+
+def mpc(reference: Reference, parameters: Parameters, robot: Robot, settings: MPCSettings) -> MPC:
+    """An MPC along the fit of a trajectory, with ``parameters`` as its model."""
+    rows = np.column_stack([reference.states, reference.torque])
+    fit = fit_piecewise_cubic(reference.time, rows, settings.pieces)
+    time = np.arange(round(reference.time[-1] / settings.dt) + 1) * settings.dt
+    with jax.enable_x64(True):
+        fitted = np.asarray(jax.vmap(fit)(jnp.asarray(time)))
+    transition = PendulumTransition(parameters, robot.joint, settings.dt, exact=False)
+    return MPC(transition, fitted[:, :4], fitted[:, 4], settings, robot)

@@ -1,0 +1,121 @@
+"""Swing-up trajectories: computed by iterative LQR, and kept in documented files without pickle.
+
+The optimisation starts from tiny random torques: another seed may end in another local optimum.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ..arrays import load_archive, save_archive
+from ..errors import SwingupError
+from ..physics.parameters import Robot, get_robot, leaderboard_parameters
+from ..version import __version__
+from .ilqr import Cost, Settings, Solution, Status, feedback_gains, solve
+from .published import SwingupProblem
+from .transition import PendulumTransition
+from .upright import UPRIGHT
+
+FORMAT = "swingup trajectory"
+FORMAT_VERSION = 1
+
+
+class Reference(eqx.Module):
+    """A trajectory x_{n+1} = f(x_n, u_n) of the driven joint's torques, with feedback gains along it."""
+
+    robot: Robot = eqx.field(static=True)
+    dt: float
+    """Time between rows (s)."""
+    states: Float[Any, "rows 4"]
+    """[q1, q2, dq1, dq2] (rad, rad/s)"""
+    torque: Float[Any, "rows"]
+    """N m"""
+    gains: Float[Any, "rows 4"]
+    """K (N m/rad, N m s/rad) of a backward pass with the published gains' regularisation, which makes them weak."""
+    unregularised_gains: Float[Any, "rows 4"]
+    """K of a backward pass without regularisation."""
+
+    @property
+    def time(self) -> Float[np.ndarray, "rows"]:
+        """Time of each row (s)."""
+        return self.dt * np.arange(len(self.torque))
+
+
+ARRAYS = ("states", "torque", "gains", "unregularised_gains")
+
+
+def compute_reference(robot: Robot | str, problem: SwingupProblem, seed: int) -> tuple[Reference, dict[str, Any]]:
+    """Optimise a swing-up from hanging at rest with the leaderboard's plant; takes minutes.
+
+    Args:
+        robot: which joint is driven.
+        problem: weights and settings.
+        seed: of the first torques, which NumPy draws uniformly from [0, problem.first_torque].
+
+    Returns:
+        The trajectory, and how it came about: JSON values for the file.
+    """
+    robot = get_robot(robot)
+    steps = problem.steps
+    transition = PendulumTransition(leaderboard_parameters(robot), robot.joint, problem.dt)
+    cost = problem.weights.cost(np.tile(UPRIGHT, (steps, 1)), np.zeros(steps), UPRIGHT)
+    first = np.random.default_rng(seed).uniform(0.0, problem.first_torque, steps)
+    with jax.enable_x64(True):
+        solution = _solve(transition, cost, jnp.asarray(first), problem.settings)
+        gains, free = (_gains(transition, cost, solution, mu) for mu in (problem.gain_regularisation, 0.0))
+        solution, gains, free = jax.tree.map(np.asarray, (solution, gains, free))
+    reference = Reference(robot, problem.dt, solution.states[:-1], solution.torque, gains, free)
+    return reference, {
+        "seed": seed,
+        "cost": float(solution.cost),
+        "iterations": int(solution.iterations),
+        "status": Status(int(solution.status)).name.lower(),
+        "gain_regularisation": problem.gain_regularisation,
+    }
+
+
+_gains = jax.jit(feedback_gains)
+
+
+@jax.jit(static_argnames="settings")
+def _solve(transition: PendulumTransition, cost: Cost, torque: Float[Any, "n"], settings: Settings) -> Solution:
+    return solve(transition, cost, jnp.zeros(4), torque, settings)
+
+
+def save_reference(path: str | Path, reference: Reference, provenance: dict[str, Any]) -> None:
+    """Write a trajectory file; ``provenance`` (JSON values) is kept under its own names.
+
+    Raises:
+        SwingupError: the file cannot be written.
+    """
+    head = {"robot": reference.robot.name, "dt": reference.dt, "version": __version__}
+    arrays = {name: np.asarray(getattr(reference, name), np.float64) for name in ARRAYS}
+    save_archive(path, FORMAT, FORMAT_VERSION, {**head, **provenance}, arrays)
+
+
+def load_reference(path: str | Path) -> tuple[Reference, dict[str, Any]]:
+    """Read a trajectory file and its metadata.
+
+    Raises:
+        SwingupError: the file cannot be read, is truncated, or is no trajectory file of this version.
+    """
+    metadata, arrays = load_archive(path, FORMAT, FORMAT_VERSION)
+    missing = [name for name in ("robot", "dt") if name not in metadata] + [n for n in ARRAYS if n not in arrays]
+    if missing:
+        raise SwingupError(f"trajectory file {path} lacks {', '.join(missing)}: make it anew")
+    dt, rows = metadata["dt"], arrays["torque"].shape
+    if isinstance(dt, bool) or not isinstance(dt, int | float) or not 0 < dt < 1:
+        raise SwingupError(f"trajectory file {path} has dt = {dt!r}: a positive number of seconds below 1 is needed")
+    for name in ARRAYS:
+        array, shape = arrays[name], rows if name == "torque" else (*rows, 4)
+        if len(rows) != 1 or rows[0] < 2 or array.shape != shape:
+            raise SwingupError(f"trajectory file {path} has {name} of shape {array.shape}: make it anew")
+        if array.dtype.kind != "f" or not np.isfinite(array).all():
+            raise SwingupError(f"trajectory file {path} has values in {name} that are not finite numbers: make it anew")
+    fields = {name: arrays[name].astype(np.float64) for name in ARRAYS}
+    return Reference(robot=get_robot(metadata["robot"]), dt=float(dt), **fields), metadata

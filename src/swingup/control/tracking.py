@@ -1,0 +1,80 @@
+"""Controllers that follow a swing-up trajectory by linear feedback with gains that were computed beforehand.
+
+They know where the pendulum should be by the clock alone: one that comes late, or is thrown off, is not waited for.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ..physics.parameters import Parameters, Robot
+from ..types import Scalar, State, Torque
+from .controller import AbstractController
+from .fit import PiecewiseCubic, fit_piecewise_cubic
+from .lqr import linearised, riccati_recursion
+from .reference import Reference
+from .upright import drive, wrap_error
+
+
+class RiccatiGains(AbstractController[None]):
+    """u = u_n + K_n (x - x_n) with the nearest row n of a trajectory, the last one after its end; no angle is wrapped."""
+
+    dt: float
+    """Time between rows (s)."""
+    states: Float[Any, "rows 4"]
+    torque: Float[Any, "rows"]
+    gains: Float[Any, "rows 4"]
+    """K (N m/rad, N m s/rad)."""
+    robot: Robot = eqx.field(static=True)
+
+    def init(self) -> None:
+        """Nothing to remember."""
+
+    def __call__(self, carry: None, t: Scalar, x: State) -> tuple[None, Torque]:
+        """The trajectory's torque and feedback on the driven joint (N m)."""
+        row = jnp.clip(jnp.round(t / self.dt), 0, len(self.torque) - 1).astype(jnp.int32)
+        states, torque, gains = (jnp.asarray(rows)[row] for rows in (self.states, self.torque, self.gains))
+        return None, drive(torque + gains @ (x - states), self.robot)
+
+
+class TVLQR(AbstractController[None]):
+    """u = u(t) - K(t) (x - x(t)), angle errors wrapped; x, u and K are piecewise cubic fits, held after their end."""
+
+    fit: PiecewiseCubic
+    """Channels: four of the state, the torque, four gains."""
+    robot: Robot = eqx.field(static=True)
+
+    def init(self) -> None:
+        """Nothing to remember."""
+
+    def __call__(self, carry: None, t: Scalar, x: State) -> tuple[None, Torque]:
+        """The trajectory's torque and feedback on the driven joint (N m)."""
+        now = self.fit(t)
+        error = x - now[:4]
+        error = jnp.concatenate([wrap_error(error[:2]), error[2:]])
+        return None, drive(now[4] - now[5:] @ error, self.robot)
+
+
+def tvlqr(
+    reference: Reference,
+    parameters: Parameters,
+    robot: Robot,
+    weights: tuple[np.ndarray, float, np.ndarray],
+    pieces: int,
+) -> TVLQR:
+    """Design a TVLQR along a trajectory.
+
+    Args:
+        reference: what to follow.
+        parameters: the model, linearised at every row and discretised by forward Euler.
+        robot: which joint is driven.
+        weights: Q, R and the final Q_f of the discrete-time regulator.
+        pieces: number of cubics of the fit.
+    """
+    A, B = linearised(parameters, robot, reference.states, reference.torque)
+    gains = riccati_recursion(np.eye(4) + reference.dt * A, reference.dt * B, *weights)
+    rows = np.column_stack([reference.states, reference.torque, gains])
+    return TVLQR(fit_piecewise_cubic(reference.time, rows, pieces), robot)

@@ -1,0 +1,100 @@
+"""One step of the pendulum under its driven joint's torque, and the step's Jacobian.
+
+States are tuples of scalars (see ``algebra``). All is elementwise, so that entries may also be rows of many steps.
+"""
+
+import abc
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from ..physics.dynamics import COULOMB_STEEPNESS
+from ..physics.parameters import Parameters, mass_entries
+from .algebra import Matrix, Real, Vector, add_scaled, dot
+from .trigonometry import sine_cosine
+
+
+class AbstractTransition(eqx.Module):
+    """x' = f(x, u) for a driven scalar u."""
+
+    @abc.abstractmethod
+    def step(self, x: Vector, u: Real) -> Vector:
+        """The next state."""
+
+    @abc.abstractmethod
+    def jacobian(self, x: Vector, u: Real) -> Matrix:
+        """The columns of the step's Jacobian: one for each entry of x, then that for u."""
+
+
+class PendulumTransition(AbstractTransition):
+    """A Runge-Kutta step of the double pendulum with the torque held over it."""
+
+    parameters: Parameters = eqx.field(static=True)
+    """Python floats: a friction of zero costs nothing."""
+    joint: int = eqx.field(static=True)
+    """Index of the driven joint."""
+    dt: float = eqx.field(static=True)
+    """Length of the step (s)."""
+    exact: bool = eqx.field(static=True, default=True)
+    """Whether the Jacobian is exact, or right up to dt² and three times as fast."""
+
+    def step(self, x: Vector, u: Real) -> Vector:
+        """The state [q1, q2, dq1, dq2] after dt under the driven joint's torque u (N m)."""
+        half = 0.5 * self.dt
+        k1 = self.derivative(x, u)
+        k2 = self.derivative(add_scaled(x, half, k1), u)
+        k3 = self.derivative(add_scaled(x, half, k2), u)
+        k4 = self.derivative(add_scaled(x, self.dt, k3), u)
+        total = tuple(a + 2.0 * (b + c) + d for a, b, c, d in zip(k1, k2, k3, k4, strict=True))
+        return add_scaled(x, self.dt / 6.0, total)
+
+    def jacobian(self, x: Vector, u: Real) -> Matrix:
+        """Columns by q1, q2, dq1, dq2 and u."""
+        if self.exact:
+            return differentiate(self.step, x, u)
+        # With J = ∂ẋ/∂(x, u) half a step on: ∂x'/∂x = 1 + dt J + dt² J²/2 + O(dt³).
+        middle = add_scaled(x, 0.5 * self.dt, self.derivative(x, u))
+        rates = differentiate(self.derivative, middle, u)
+        rows = tuple(zip(*rates[:4], strict=True))
+        twice = [tuple(dot(row, column) for row in rows) for column in rates]
+        unit = [tuple(float(i == j) for i in range(4)) for j in range(5)]
+        return tuple(
+            add_scaled(add_scaled(one, self.dt, rate), 0.5 * self.dt**2, second)
+            for one, rate, second in zip(unit, rates, twice, strict=True)
+        )
+
+    def derivative(self, x: Vector, u: Real) -> Vector:
+        """The equations of motion of ``physics.dynamics``, written out in scalars."""
+        p, (q1, q2, dq1, dq2) = self.parameters, x
+        (sin1, cos1), (sin2, cos2) = sine_cosine(q1), sine_cosine(q2)
+        g2 = -p.m2 * p.g * p.r2 * (sin1 * cos2 + cos1 * sin2)
+        g1 = -(p.m1 * p.r1 + p.m2 * p.l1) * p.g * sin1 + g2
+        h_sin = p.m2 * p.l1 * p.r2 * sin2
+        f1 = g1 + h_sin * dq2 * (2.0 * dq1 + dq2) - _friction(p.b1, p.cf1, dq1)
+        f2 = g2 - h_sin * dq1 * dq1 - _friction(p.b2, p.cf2, dq2)
+        f1, f2 = (f1 + u, f2) if self.joint == 0 else (f1, f2 + u)
+        m11, m12, m22 = mass_entries(p, cos2)
+        inverse = 1.0 / (m11 * m22 - m12 * m12)
+        return (dq1, dq2, inverse * (m22 * f1 - m12 * f2), inverse * (m11 * f2 - m12 * f1))
+
+
+def differentiate(function: Callable[[Vector, Real], Vector], x: Vector, u: Real) -> Matrix:
+    """The columns of a function's Jacobian by the entries of x, then by u."""
+    inputs = (*x, u)
+
+    def column(index: int) -> Vector:
+        # A function of one entry each: the other tangents are then zeros when tracing, not arrays of zeros.
+        def along(value: Real) -> Vector:
+            moved = (*inputs[:index], value, *inputs[index + 1 :])
+            return function(moved[:-1], moved[-1])
+
+        return jax.jvp(along, (inputs[index],), (jnp.ones_like(inputs[index]),))[1]
+
+    return tuple(column(index) for index in range(len(inputs)))
+
+
+def _friction(viscous: Real, coulomb: Real, rate: Real) -> Real:
+    torque = viscous * rate if viscous else 0.0
+    return torque + coulomb * jnp.arctan(COULOMB_STEEPNESS * rate) if coulomb else torque

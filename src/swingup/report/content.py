@@ -1,0 +1,119 @@
+"""What a report page shows, and the same as JSON for the scripts in the page."""
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..areapo.normalise import Normalise
+from ..areapo.policy import Policy
+from ..benchmark.rollout import Trajectory
+from ..control.learned import PolicyController
+from ..errors import SwingupError
+from ..physics.parameters import NAMES, Parameters, get_robot
+from ..tasks.observation import AbstractStage, PendulumObservation
+
+if TYPE_CHECKING:
+    from ..benchmark.leaderboard import Board
+
+STEP = 0.002
+"""Step of the live pendulum (s), the benchmark's."""
+
+
+@dataclass(frozen=True)
+class Show:
+    """One controller's swing-ups, to be played back."""
+
+    name: str
+    clean: Trajectory | None
+    """Without a disturbance; None if the controller failed."""
+    disturbed: Trajectory | None
+    """With the section's disturbance; None if the controller failed."""
+    note: str | None = None
+    """Why a trajectory is missing, or anything else to say about them."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """What the page shows about one robot."""
+
+    robot: str
+    parameters: Parameters
+    """The plant; a torque limit of 0 makes a joint passive."""
+    boards: Sequence["Board"]
+    shows: Sequence[Show]
+    disturbance: str
+    """What disturbs the disturbed trajectories, in one sentence."""
+    policy: PolicyController | None = None
+    """What drives the pendulum that runs in the page; without one there is no such pendulum."""
+
+
+def encode_section(section: Section) -> dict[str, Any]:
+    """A section as JSON values; arrays are base64 of little-endian float32, row by row.
+
+    Raises:
+        SwingupError: there is no such robot, a trajectory's arrays do not fit together, or the page's scripts
+            cannot run the policy.
+    """
+    return {
+        "robot": section.robot,
+        "driven": get_robot(section.robot).joint,
+        "dt": STEP,
+        "parameters": {name: float(getattr(section.parameters, name)) for name in NAMES},
+        "shows": [encode_show(show) for show in section.shows],
+        "policy": None if section.policy is None else encode_policy(section.policy),
+    }
+
+
+def encode_show(show: Show) -> dict[str, Any]:
+    """A show as JSON values."""
+    runs = {"clean": show.clean, "disturbed": show.disturbed}
+    return {"name": show.name} | {
+        name: None if run is None else _encode_trajectory(show.name, run) for name, run in runs.items()
+    }
+
+
+def encode_policy(controller: PolicyController) -> dict[str, Any]:
+    """A policy as JSON values: its stages with their settings, and its layers up to the action's mean.
+
+    Raises:
+        SwingupError: the page's scripts do not know one of its observation stages.
+    """
+    policy: Policy = controller.policy
+    layers = [*policy.actor.trunk, policy.actor.mean_head]
+    return {
+        "torque_limit": float(controller.torque_limit),
+        "stages": [_encode_stage(stage) for stage in policy.stages],
+        "layers": [{"weight": _base64(layer.weight), "bias": _base64(layer.bias)} for layer in layers],
+    }
+
+
+def _encode_stage(stage: AbstractStage) -> dict[str, Any]:
+    if isinstance(stage, PendulumObservation):
+        return {"name": "pendulum", "angles": stage.angles, "velocity_scale": float(stage.velocity_scale)}
+    if isinstance(stage, Normalise):
+        # In double precision, as the stages are applied.
+        vectors = {name: np.asarray(getattr(stage, name), np.float64).tolist() for name in ("mean", "variance")}
+        return {"name": "normalise", **vectors, "clip": float(stage.clip), "epsilon": float(stage.epsilon)}
+    raise SwingupError(f"a report cannot run a policy with {type(stage).__name__}: leave the policy out")
+
+
+def _encode_trajectory(name: str, trajectory: Trajectory) -> dict[str, Any] | None:
+    """Rows up to the first that is not finite; None if there are none."""
+    time, x, u = (np.asarray(rows, np.float64) for rows in (trajectory.time, trajectory.x, trajectory.u))
+    if time.ndim != 1 or x.shape != (time.size, 4) or u.shape != (time.size, 2):
+        shapes = f"{time.shape}, {x.shape} and {u.shape}"
+        raise SwingupError(f"trajectory of {name!r} has shapes {shapes}: pass (N,), (N, 4) and (N, 2)")
+    with np.errstate(over="ignore"):  # too large for single precision is infinite, and cut
+        table = np.column_stack([time, x, u]).astype(np.float32)
+    finite = np.isfinite(table).all(axis=1)
+    rows = time.size if finite.all() else int(np.argmin(finite))
+    if rows == 0:
+        return None
+    return {"time": _base64(table[:rows, 0]), "x": _base64(table[:rows, 1:5]), "u": _base64(table[:rows, 5:])}
+
+
+def _base64(array: Any) -> str:
+    return base64.b64encode(np.ascontiguousarray(array, "<f4").tobytes()).decode("ascii")

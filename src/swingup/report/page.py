@@ -1,0 +1,194 @@
+"""One HTML file that needs no network: tables, interactive plots, players, and pendulums that run in the page.
+
+:func:`render_page` is a pure function of what is to be shown. The page's own styles and scripts lie in ``assets``;
+Bokeh's JavaScript is taken from the installed package. A content security policy forbids the page to load anything.
+"""
+
+import json
+from collections.abc import Sequence
+from importlib import resources
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..benchmark.rules import CRITERIA
+from ..errors import SwingupError
+from ..physics.parameters import get_robot
+from ..version import __version__
+from .content import Section, Show, encode_section
+
+if TYPE_CHECKING:
+    from ..benchmark.leaderboard import Board, Row
+
+__all__ = ["Section", "Show", "render_page"]
+
+SCRIPTS = ("physics.js", "policy.js", "pendulum.js", "player.js", "live.js", "plots.js")
+"""In this order, before ``main.js``."""
+
+DRIVEN = ("the shoulder", "the elbow")
+
+TITLES = {"performance": "Performance", "robustness": "Robustness", "uptime": "Global policy"}
+
+NOTES = {
+    "performance": "One undisturbed swing-up from hanging at rest, 10 s. The score is 1 − ⅕ Σ tanh(π c / n).",
+    "robustness": "Percentage of simulations that end upright; the overall score is the mean of the six.",
+    "uptime": "Share of 60 s with the tip above the line, while the pendulum is thrown 15 times.",
+}
+
+COLUMNS = {
+    "swingup_time": ("Swing-up time", "s", ".2f"),
+    "energy": ("Energy", "J", ".2f"),
+    "torque_cost": ("Torque cost", "N²m²", ".2f"),
+    "torque_smoothness": ("Torque smoothness", "N m", ".4f"),
+    "velocity_cost": ("Velocity cost", "m²/s²", ".1f"),
+    "score": ("RealAI score", "", ".3f"),
+    "model": ("Model error", "%", ".1f"),
+    "velocity_noise": ("Velocity noise", "%", ".1f"),
+    "torque_noise": ("Torque noise", "%", ".1f"),
+    "torque_response": ("Torque response", "%", ".1f"),
+    "delay": ("Time delay", "%", ".1f"),
+    "perturbations": ("Pushes", "%", ".1f"),
+    "overall": ("Overall score", "", ".3f"),
+    "uptime": ("Uptime", "", ".3f"),
+}
+"""The boards' columns: heading, unit as the paper prints it, format."""
+
+SERIES = 8
+"""Most controllers in the robustness plot: all of ours that fit, then the best published ones."""
+
+
+def render_page(sections: Sequence[Section], title: str = "Swinging up double pendulums") -> str:
+    """Render a page that shows one or both robots, as the text of one HTML file.
+
+    Args:
+        sections: one for each robot.
+        title: heading of the page.
+
+    Raises:
+        SwingupError: Bokeh is not installed, no section or two for one robot are given, a trajectory's arrays do
+            not fit together, or the page's scripts cannot run a policy.
+    """
+    names = [section.robot for section in sections]
+    if not names or len(set(names)) < len(names):
+        raise SwingupError(f"a report of {', '.join(names) or 'no robot'}: give one section for each robot")
+    figures, template = _tools()
+    encoded = [_encode(figures, section) for section in sections]
+    scripts = [_asset(name) for name in SCRIPTS]
+    return str(
+        template.render(
+            title=title,
+            version=__version__,
+            sections=[_describe(*pair) for pair in zip(sections, encoded, strict=True)],
+            style=_asset("style.css"),
+            data=_json({"sections": encoded}),
+            bokeh=figures.script(),
+            scripts="\n".join([*scripts, _asset("main.js")]),
+        )
+    )
+
+
+def _tools() -> tuple[ModuleType, Any]:
+    """The figures and the page's template, whose libraries are extras."""
+    try:
+        from jinja2 import Environment, StrictUndefined
+
+        from . import figures
+    except ImportError as error:
+        raise SwingupError("a report needs Bokeh, which is missing: pip install swingup[report]") from error
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    return figures, environment.from_string(_asset("page.html"))
+
+
+def _encode(figures: ModuleType, section: Section) -> dict[str, Any]:
+    """What the page's scripts need of a section."""
+    encoded = encode_section(section)
+    # A run without a finite row cannot be played.
+    encoded["shows"] = [show for show in encoded["shows"] if show["clean"] or show["disturbed"]]
+    runs = [run for show in section.shows for run in (show.clean, show.disturbed) if run is not None]
+    times = np.concatenate([np.zeros(1), *(np.asarray(run.time, np.float64) for run in runs)])
+    plots: dict[str, Any] = {}
+    if encoded["shows"]:
+        plots |= figures.motion_figures(
+            section.parameters, encoded["driven"], float(times[np.isfinite(times)].max())
+        )
+    rows = _series(section.boards)
+    if rows:
+        criteria = {name: COLUMNS[name][0].replace(" ", "\n", 1) for name in CRITERIA}
+        plots["robustness"] = figures.robustness_figure(rows, [_label(row) for row in rows], criteria)
+    return encoded | {"plots": plots}
+
+
+def _describe(section: Section, encoded: dict[str, Any]) -> dict[str, Any]:
+    """What the template needs of a section."""
+    return {
+        "robot": section.robot,
+        "driven": DRIVEN[get_robot(section.robot).joint],
+        "disturbance": section.disturbance,
+        "live": section.policy is not None,
+        "shows": [show["name"] for show in encoded["shows"]],
+        "notes": [(show.name, show.note) for show in section.shows if show.note],
+        "boards": [_table(board) for board in section.boards],
+        "series": [(_label(row), row.source == "ours") for row in _series(section.boards)],
+    }
+
+
+def _table(board: "Board") -> dict[str, Any]:
+    """A board as text."""
+    heads = [(column, *COLUMNS.get(column, (column.replace("_", " "), "", ".3g"))) for column in board.columns]
+    rows = [
+        {
+            "name": row.controller,
+            "source": row.source,
+            "ours": row.source == "ours",
+            "remark": row.remark,
+            "cells": [_cell(row.values.get(column), form) for column, _, _, form in heads],
+            "share": _share(row.values.get(board.columns[-1])),
+        }
+        for row in board.rows
+    ]
+    seed = "" if board.seed is None else f" Seed {board.seed}."
+    note = NOTES.get(board.measure, "") + f" Rules {board.rules}.{seed}"
+    title = TITLES.get(board.measure, board.measure)
+    return {
+        "measure": board.measure,
+        "title": title,
+        "heads": [head[:3] for head in heads],
+        "rows": rows,
+        "note": note,
+    }
+
+
+def _cell(value: float | None, form: str) -> str:
+    return "–" if value is None or not np.isfinite(value) else format(value, form)
+
+
+def _share(value: float | None) -> float:
+    """Length of the bar behind a score (%)."""
+    return 0.0 if value is None or not np.isfinite(value) else round(100 * min(1.0, max(0.0, value)), 1)
+
+
+def _label(row: "Row") -> str:
+    return row.controller if row.source == "ours" else f"{row.controller} ({row.source})"
+
+
+def _series(boards: Sequence["Board"]) -> list["Row"]:
+    """Rows of the robustness plot, in the board's order; of a published controller's rows the first alone."""
+    board = next((board for board in boards if board.measure == "robustness"), None)
+    measured = (
+        [row for row in board.rows if any(row.values[name] is not None for name in CRITERIA)] if board else []
+    )
+    ours = [row for row in measured if row.source == "ours"][:SERIES]
+    published = {row.controller: row for row in reversed(measured) if row.source != "ours"}
+    best = [row for row in measured if row is published.get(row.controller)][: SERIES - len(ours)]
+    return [row for row in measured if any(row is chosen for chosen in (*ours, *best))]
+
+
+def _json(data: Any) -> str:
+    """JSON that may stand inside a script element."""
+    text = json.dumps(data, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
+
+
+def _asset(name: str) -> str:
+    return (resources.files(__package__) / "assets" / name).read_text(encoding="utf-8")

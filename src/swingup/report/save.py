@@ -1,0 +1,81 @@
+"""From files to a picture: the kinds of pictures, what each reads, and one function that makes them all."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..benchmark.rollout import Trajectory
+from ..benchmark.trajectory_file import load_trajectory
+from ..errors import SwingupError
+from ..files import write_atomically
+from ..physics.parameters import Robot, get_robot
+from .animate import FASTEST, FPS, SIZE, animate
+from .files import check_suffix, infer_robot, make_labels, read_curve, read_robustness
+from .look import FORMATS, render
+from .plot import plot_curves, plot_phase, plot_robustness, plot_trajectories
+
+KINDS = ("trajectory", "phase", "animation", "robustness", "curve")
+
+
+def save_plot(
+    kind: str,
+    files: Sequence[str | Path],
+    out: str | Path,
+    robot: Robot | str | None = None,
+    fps: float = FPS,
+    size: int = SIZE,
+    speed: float = 1.0,
+) -> None:
+    """Make a figure or a film from files, and write it whole or not at all.
+
+    Args:
+        kind: ``trajectory``, ``phase`` and ``animation`` read trajectories (CSV), ``robustness`` the JSON of
+            ``swingup robustness --json``, ``curve`` the ``metrics.jsonl`` of runs.
+        files: what to read; one file for an animation.
+        out: where to write: ``.png``, ``.svg`` or ``.pdf``; ``.gif`` or ``.mp4`` for an animation.
+        robot: whose trajectories they are; by default the one whose driven joint alone has torque.
+        fps: pictures a second of an animation.
+        size: width and height of an animation (pixels).
+        speed: of an animation; 1 is real time.
+
+    Raises:
+        SwingupError: an unknown kind or suffix, a file that cannot be read, understood or written, trajectories
+            of different robots, or a missing library.
+    """
+    if kind not in KINDS:
+        raise SwingupError(f"unknown kind of plot {kind!r}: use one of {', '.join(KINDS)}")
+    if not files:
+        raise SwingupError("nothing to draw: give at least one file")
+    suffix = check_suffix(out, list(FASTEST) if kind == "animation" else FORMATS)
+    labels = make_labels(files)
+    if kind == "robustness":
+        figure = plot_robustness({label: read_robustness(file) for label, file in zip(labels, files, strict=True)})
+    elif kind == "curve":
+        figure = plot_curves({label: read_curve(file) for label, file in zip(labels, files, strict=True)})
+    else:
+        trajectories, chosen = _load(files, robot)
+        if kind == "animation":
+            animate(_only(trajectories), chosen, out, fps, size, speed)
+            return
+        draw = plot_trajectories if kind == "trajectory" else plot_phase
+        figure = draw(dict(zip(labels, trajectories, strict=True)), chosen)
+    write_atomically(out, render(figure, suffix))
+
+
+def _load(files: Sequence[str | Path], robot: Robot | str | None) -> tuple[list[Trajectory], Robot]:
+    known = None if robot is None else get_robot(robot)
+    trajectories = [load_trajectory(file) for file in files]
+    if known is None:
+        robots = [infer_robot(*item) for item in zip(files, trajectories, strict=True)]
+        for file, other in zip(files, robots, strict=True):
+            if other != robots[0]:
+                raise SwingupError(
+                    f"{files[0]} is of the {robots[0].name}, {file} of the {other.name}: draw them apart"
+                )
+        known = robots[0]
+    return trajectories, known
+
+
+def _only(trajectories: Sequence[Trajectory]) -> Trajectory:
+    if len(trajectories) > 1:
+        raise SwingupError(f"an animation shows one trajectory, not {len(trajectories)}: give one file")
+    return trajectories[0]

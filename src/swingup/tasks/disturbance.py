@@ -1,0 +1,98 @@
+"""What stands between a controller and the pendulum: noise, delay, the motor's response and pushes, as data.
+
+A :class:`Disturbance` is a pytree of reals: batch it with ``vmap`` to run many at once. The functions follow the
+order of one step of the public RealAIGym benchmark: :func:`measure`, the controller, :func:`drive`, the plant.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, UInt32
+
+from ..types import Count, Scalar, State, Torque
+
+Past = Float[Array, "depth 4"]
+"""The last states, oldest overwritten first: the state before step k lies in row k mod depth."""
+
+
+class Pushes(eqx.Module):
+    """Gaussian torque pushes on each joint."""
+
+    centre: Float[Array | np.ndarray, "2 n"]
+    """Time of each push's peak (s)."""
+    width: Float[Array | np.ndarray, "2 n"]
+    """Standard deviation of each push (s)."""
+    amplitude: Float[Array | np.ndarray, "2 n"]
+    """Torque at each push's peak (N m)."""
+
+    def torque(self, t: Scalar) -> Torque:
+        """Σ a exp(-(t - μ)² / 2σ²) of each joint at time t (s)."""
+        distance = (t - jnp.asarray(self.centre)) / jnp.asarray(self.width)
+        return jnp.sum(jnp.asarray(self.amplitude) * jnp.exp(-0.5 * distance**2), axis=1)
+
+
+class Disturbance(eqx.Module):
+    """Everything that disturbs one simulation, besides an error of the model."""
+
+    velocity_noise: float | Scalar
+    """Standard deviation of the noise on both measured velocities (rad/s)."""
+    torque_noise: float | Scalar
+    """Standard deviation of the noise on the driven joint's torque (N m)."""
+    response: float | Scalar
+    """Motor response k in u_applied = u_before + k (u - u_before); 1 is a perfect motor."""
+    delay: int | Count
+    """Age of the measured state (steps), below the depth of the past that is kept."""
+    pushes: Pushes
+    """Torques that act beside the motor's, and may exceed its limit."""
+    noise: UInt32[Array | np.ndarray, "2"]
+    """What tells this noise from others: the two words of a threefry key."""
+
+
+def undisturbed(pushes: int = 1) -> Disturbance:
+    """A disturbance that changes nothing, with room for ``pushes`` pushes a joint."""
+    nothing = np.zeros((2, pushes))
+    return Disturbance(0.0, 0.0, 1.0, 0, Pushes(nothing, nothing + 1.0, nothing), np.zeros(2, np.uint32))
+
+
+def step_noise(disturbance: Disturbance, step: Count, dtype: jnp.dtype) -> tuple[Float[Array, "2"], Scalar]:
+    """The noise of one step: on the two measured velocities (rad/s) and on the torque (N m)."""
+    key = jax.random.wrap_key_data(jnp.asarray(disturbance.noise), impl="threefry2x32")
+    normal = jax.random.normal(jax.random.fold_in(key, step), (3,), dtype)
+    return disturbance.velocity_noise * normal[:2], disturbance.torque_noise * normal[2]
+
+
+def remember(past: Past, step: Count, x: State) -> Past:
+    """The past with the state before this step."""
+    return past.at[step % past.shape[0]].set(x)
+
+
+def measure(disturbance: Disturbance, past: Past, step: Count, velocity_noise: Float[Array, "2"]) -> State:
+    """What the controller sees at a step: all four entries delayed, then noise on the velocities.
+
+    Before there is a state of the delay's age the first one is seen: start with it in all rows of the past.
+    """
+    delayed = past[(step - jnp.asarray(disturbance.delay)) % past.shape[0]]
+    return delayed.at[2:].add(velocity_noise)
+
+
+def drive(
+    disturbance: Disturbance, command: Torque, before: Torque, t: Scalar, torque_noise: Scalar, limits: Torque
+) -> Torque:
+    """The torque that acts on the joints at time t (s).
+
+    The motor moves from the torque that acted before towards the command, takes noise and is clipped to its
+    limits; the push comes on top. A joint with limit 0 is passive: nothing acts on it, not even its pushes,
+    as in the public benchmark.
+
+    Args:
+        disturbance: what disturbs.
+        command: the controller's torques (N m).
+        before: the torques that acted in the step before (N m), 0 before the first.
+        t: time (s).
+        torque_noise: the noise of this step (N m).
+        limits: torque limits of the two motors (N m).
+    """
+    driven = limits > 0
+    motor = before + disturbance.response * (command - before) + jnp.where(driven, torque_noise, 0.0)
+    return jnp.clip(motor, -limits, limits) + jnp.where(driven, disturbance.pushes.torque(t), 0.0)

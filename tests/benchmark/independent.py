@@ -1,0 +1,76 @@
+"""The benchmark's closed loop written a second time, in plain NumPy, from its definition: for comparison only."""
+
+import math
+
+import numpy as np
+
+
+def derivative(p, x, u):
+    """The benchmark's equations of motion, written out as there and solved by LAPACK."""
+    q2, dq1, dq2 = x[1:]
+    h = p["m2"] * p["l1"] * p["r2"]
+    m12 = p["I2"] + h * math.cos(q2) - p["gr"] * p["Ir"]
+    m22 = p["I2"] + p["gr"] ** 2 * p["Ir"]
+    m11 = p["I1"] + p["I2"] + p["m2"] * p["l1"] ** 2 + 2 * h * math.cos(q2) + (p["gr"] ** 2 + 1) * p["Ir"]
+    coriolis = h * math.sin(q2) * np.array([[-2 * dq2, -dq2], [dq1, 0.0]])
+    friction = np.array(
+        [p["b1"] * dq1 + p["cf1"] * math.atan(100 * dq1), p["b2"] * dq2 + p["cf2"] * math.atan(100 * dq2)]
+    )
+    ddq = np.linalg.solve([[m11, m12], [m12, m22]], gravity(p, x) + u - coriolis @ x[2:] - friction)
+    return np.concatenate([x[2:], ddq])
+
+
+def gravity(p, x):
+    """G(q)."""
+    q1, q2 = x[:2]
+    return -p["g"] * np.array(
+        [
+            p["m1"] * p["r1"] * math.sin(q1) + p["m2"] * (p["l1"] * math.sin(q1) + p["r2"] * math.sin(q1 + q2)),
+            p["m2"] * p["r2"] * math.sin(q1 + q2),
+        ]
+    )
+
+
+def rk4(p, x, u, dt):
+    """One step of the classical Runge-Kutta method."""
+    k1 = derivative(p, x, u)
+    k2 = derivative(p, x + dt / 2 * k1, u)
+    k3 = derivative(p, x + dt / 2 * k2, u)
+    k4 = derivative(p, x + dt * k3, u)
+    return x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
+class World:
+    """What disturbs a run; the noise is given as numbers, row by row."""
+
+    def __init__(self, steps, response=1.0, delay=0, pushes=(), velocity_noise=None, torque_noise=None):
+        self.response, self.delay, self.pushes = response, delay, pushes
+        self.velocity_noise = np.zeros((steps, 2)) if velocity_noise is None else velocity_noise
+        self.torque_noise = np.zeros(steps) if torque_noise is None else torque_noise
+
+
+def closed_loop(p, driven, control, x, dt, world):
+    """Rows [t, x, u]: measure (delay, then noise), control, motor (response, noise, limits), push, integrate.
+
+    ``driven`` are the indices of the joints that have a motor, ``control`` maps (x, t) to two torques, ``pushes``
+    are (joint, centre, width, amplitude).
+    """
+    x = np.array(x, float)
+    states, before, rows = [x], np.zeros(2), []
+    for k in range(len(world.torque_noise)):
+        t = k * dt
+        seen = states[max(0, len(states) - 1 - world.delay)].copy()
+        seen[2:] += world.velocity_noise[k]
+        wanted = control(seen, t)
+        u = np.zeros(2)
+        for joint in driven:
+            motor = before[joint] + world.response * (wanted[joint] - before[joint]) + world.torque_noise[k]
+            limit = p[f"tl{joint + 1}"]
+            u[joint] = min(max(motor, -limit), limit)
+            for where, centre, width, amplitude in world.pushes:
+                if where == joint:
+                    u[joint] += amplitude * math.exp(-((t - centre) ** 2) / (2 * width**2))
+        rows.append([t, *x, *u])
+        x, before = rk4(p, x, u, dt), u
+        states.append(x)
+    return np.array(rows)

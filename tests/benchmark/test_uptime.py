@@ -1,0 +1,127 @@
+"""The global-policy score, against its definition and a loop written independently."""
+
+import dataclasses
+import json
+import math
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import swingup
+from swingup.benchmark.rules import get_uptime_rules
+from swingup.benchmark.uptime import draw_throws, uptime
+from swingup.control.controller import AbstractController
+from swingup.errors import SwingupError
+from swingup.physics.parameters import leaderboard_parameters
+
+from .independent import gravity, rk4
+
+V3 = get_uptime_rules("v3")
+BRIEF = dataclasses.replace(V3, name="brief", duration=2.0, throws=3, first=0.4, jitter=0.1)
+
+
+class Counting(AbstractController):
+    """A torque that grows with the calls, on both joints."""
+
+    def init(self):
+        return jnp.zeros(())
+
+    def __call__(self, carry, t, x):
+        return carry + 1, jnp.array([0.3, 1.0]) * jnp.sin(0.01 * carry + t) * jnp.cos(x[0])
+
+
+class PlainCounting:
+    """The same in plain Python."""
+
+    def init(self):
+        self.calls = 0
+
+    def get_control_output(self, x, t):
+        self.calls += 1
+        return np.array([0.3, 1.0]) * math.sin(0.01 * (self.calls - 1) + t) * math.cos(x[0])
+
+
+def independent_run(p, rules, throws, control):
+    """A minute as the rules tell it: throw after throw, call after call."""
+    x, rows = np.zeros(4), []
+    calls, total, last = 0, np.zeros(2), np.zeros(2)
+    for k in range(rules.steps):
+        number = throws.number[k]
+        if number >= 0:
+            error = throws.target[number] - x[:2]
+            total = total + error
+            derivative = (error - last) / 0.001 if calls >= 2 else np.zeros(2)
+            calls, last = calls + 1, error
+            u = np.clip(10 * error + 0.1 * 0.001 * total + 1 * derivative, -6, 6) - gravity(p, x)
+        else:
+            u = np.asarray(control(x, k * rules.dt))
+        u = np.clip(u, -6, 6)
+        rows.append([*x, *u])
+        x = rk4(p, x, u, rules.dt)
+    return np.array(rows)
+
+
+def test_a_run_agrees_with_a_numpy_loop(robot):
+    result = uptime(Counting(), robot, rules=BRIEF, seed=3)
+    plain = PlainCounting()
+    plain.init()
+    p = vars(leaderboard_parameters(robot))
+    rows = independent_run(p, BRIEF, draw_throws(BRIEF, 3), plain.get_control_output)
+    np.testing.assert_allclose(result.trajectory.x, rows[:, :4], rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose(result.trajectory.u, rows[:, 4:], rtol=1e-6, atol=1e-6)
+    height = -0.2 * np.cos(rows[:, 0]) - 0.3 * np.cos(rows[:, 0] + rows[:, 1])
+    assert result.uptime == pytest.approx(np.mean(height > 0.45))
+    # Both motors are there, for the controller too, and the throws saturate them.
+    assert np.all(np.abs(result.trajectory.u).max(axis=0) == 6.0)
+    assert not np.any(result.trajectory.u[1:, 0] == 0)
+
+
+def test_plain_python_is_neither_called_nor_told(robot):
+    found = uptime(PlainCounting(), robot, rules=BRIEF, seed=3, seeds=2)
+    expected = uptime(Counting(), robot, rules=BRIEF, seed=3, seeds=2)
+    assert found.uptimes == pytest.approx(expected.uptimes)
+    np.testing.assert_allclose(found.trajectory.x, expected.trajectory.x, rtol=1e-7, atol=1e-7)
+
+
+def test_throws_come_at_their_times_and_last_a_hundred_steps_or_one_more():
+    lengths = set()
+    for seed in range(20):
+        throws = draw_throws(V3, seed)
+        assert throws.number.shape == (30_000,)
+        for index in range(15):
+            steps = np.flatnonzero(throws.number == index)
+            assert np.all(np.diff(steps) == 1)
+            lengths.add(len(steps))
+            # Means at 3.75 s, 7.5 s, ..., 56.25 s, within 1 s.
+            assert abs(steps[0] * 0.002 - 3.75 * (index + 1)) <= 1.002
+        assert np.all(np.abs(throws.target) <= np.pi)
+        assert throws.target.shape == (15, 2)
+    assert lengths == {100, 101}
+
+
+def test_result_as_json():
+    row = json.loads(json.dumps(uptime(Counting(), "acrobot", "mine", BRIEF, seed=1, seeds=3).as_dict()))
+    assert row["rules"] == "brief"
+    assert [entry["seed"] for entry in row["details"]] == [1, 2, 3]
+    assert row["uptime"] == pytest.approx(np.mean([entry["uptime"] for entry in row["details"]]))
+    assert row["interval"][0] <= row["uptime"] <= row["interval"][1]
+
+
+def test_the_shipped_policy_is_up_longer_than_it_is_thrown_down(robot):
+    result = uptime(swingup.shipped_policy(robot)[0], robot)
+    # It swings up within 2 s of the start: at least until the first throw at 2.75 s or later it is up.
+    assert result.uptime > 0.5 / 60
+    assert result.faults == (None,)
+    assert result.interval is None
+
+
+def test_a_controller_that_fails_scores_nothing():
+    result = uptime(lambda x, t: [math.nan, 0.0], "acrobot", rules=BRIEF)
+    assert result.uptime == 0.0
+    assert "not finite" in result.faults[0]
+
+
+def test_unknown_rules():
+    with pytest.raises(SwingupError, match="unknown uptime rules 'v2': use one of v3"):
+        uptime(Counting(), "acrobot", rules="v2")

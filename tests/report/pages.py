@@ -1,0 +1,58 @@
+"""Reports made from real policies and cheap controllers, for the tests of the page."""
+
+import dataclasses
+
+import numpy as np
+
+from swingup.benchmark.leaderboard import COLUMNS, OURS, Board, Row, published_rows
+from swingup.benchmark.rollout import Trajectory
+from swingup.control.zoo import shipped_policy
+from swingup.physics.parameters import ROBOTS, Robot, leaderboard_parameters
+from swingup.report.content import Section, Show
+from swingup.report.make import describe_disturbance, make_show
+
+NASTY = "</script><img src=x onerror=alert(1)> $$x^2$$"
+"""A controller's name that must be shown as it is."""
+
+
+HANGING = Trajectory(0.01 * np.arange(1000), np.zeros((1000, 4)), np.zeros((1000, 2)))
+
+
+def make_board(robot: Robot, measure: str) -> Board:
+    """A board with made-up rows of ours beside the published ones."""
+    published = published_rows(robot, measure, "v2")
+    score = COLUMNS[measure][-1]
+    ours = [
+        Row("ar-eapo", OURS, dict(published[0].values)),
+        Row(NASTY, OURS, dict.fromkeys(COLUMNS[measure]) | {score: 0.0}, "it is <b>not</b> a controller"),
+    ]
+    rows = sorted([*published, *ours], key=lambda row: -(row.values[score] or 0.0))
+    return Board(robot.name, measure, "v2", 0 if measure == "robustness" else None, tuple(rows))
+
+
+def make_section(robot: Robot) -> Section:
+    """A section with the shipped policy, a controller that does nothing and one that fails."""
+    policy = shipped_policy(robot)[0]
+    shows = [
+        make_show("ar-eapo", policy, robot, 0),
+        Show(NASTY, HANGING, HANGING),
+        Show("broken", None, None, "It's <i>broken</i>."),
+    ]
+    return Section(
+        robot=robot.name,
+        parameters=leaderboard_parameters(robot),
+        boards=[make_board(robot, measure) for measure in ("performance", "robustness")],
+        shows=shows,
+        disturbance=describe_disturbance(0),
+        policy=policy,
+    )
+
+
+def make_sections() -> list[Section]:
+    """A section for each robot."""
+    return [make_section(robot) for robot in ROBOTS.values()]
+
+
+def without_shows(section: Section) -> Section:
+    """The section's tables alone."""
+    return dataclasses.replace(section, shows=[], policy=None)

@@ -1,0 +1,407 @@
+"""The page in a real browser: what a visitor sees and does, and that its motion is Python's."""
+
+import dataclasses
+import shutil
+import time
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from swingup.areapo.normalise import Normalise
+from swingup.benchmark.evaluate import evaluate
+from swingup.control.zoo import shipped_policy
+from swingup.physics.dynamics import tip_height
+from swingup.physics.integrate import rk4_step
+from swingup.physics.parameters import NAMES, ROBOTS, identified_parameters, leaderboard_parameters
+from swingup.report.content import encode_policy
+from swingup.report.page import render_page
+from swingup.tasks.observation import PendulumObservation
+
+from .pages import NASTY, make_sections
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+CHROMIUM = shutil.which("chromium")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
+
+OPTIONS = [
+    "--no-sandbox", "--headless", "--disable-gpu", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync",
+]  # fmt: skip
+DT = 0.002
+
+
+@pytest.fixture(scope="module")
+def sections():
+    return make_sections()
+
+
+@pytest.fixture(scope="module")
+def address(sections, tmp_path_factory):
+    file = tmp_path_factory.mktemp("report") / "report.html"
+    file.write_text(render_page(sections), encoding="utf-8")
+    return file.as_uri()
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with playwright.sync_playwright() as tool:
+        chromium = tool.chromium.launch(executable_path=CHROMIUM, args=OPTIONS)
+        yield chromium
+        chromium.close()
+
+
+def open_page(browser, address, **options):
+    """A page that notes what it asks for and complains about."""
+    page = browser.new_page(viewport={"width": 1280, "height": 900}, **options)
+    page.set_default_timeout(20_000)
+    page.requests, page.complaints = [], []
+    page.on("request", lambda request: page.requests.append(request.url))
+    page.on("pageerror", lambda error: page.complaints.append(str(error)))
+    page.on("dialog", lambda dialog: page.complaints.append(dialog.message))
+    page.on("console", lambda note: note.type in ("error", "warning") and page.complaints.append(note.text))
+    page.goto(address)
+    page.evaluate("swingup.ready.then(() => null)")
+    return page
+
+
+@pytest.fixture(scope="module")
+def loaded(browser, address):
+    page = open_page(browser, address)
+    yield page
+    page.close()
+
+
+@pytest.fixture
+def page(loaded, address):
+    """The one page, at rest: nothing plays or runs; no test may make it complain or ask for anything."""
+    loaded.evaluate("""() => {
+        swingup.players.forEach((player) => { player.pause(); player.select(0); player.seek(0); });
+        Object.values(swingup.live).forEach((live) => { live.pause(); live.setPolicy(true); live.reset(); });
+    }""")
+    yield loaded
+    assert loaded.complaints == []
+    assert set(loaded.requests) == {address}
+
+
+def picture(page, selector):
+    """A canvas's pixels, as text."""
+    return page.evaluate("(selector) => document.querySelector(selector).toDataURL()", selector)
+
+
+def models(page, expression):
+    """Evaluate an expression of ``all``, the models of all plots."""
+    gather = "const all = Bokeh.documents.flatMap((document) => [...document.all_models]);"
+    return page.evaluate(f"() => {{ {gather} return {expression}; }}")
+
+
+def wait_until(condition, seconds=10.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it did not happen"
+        time.sleep(0.02)
+
+
+def test_tables_and_plots_are_rendered(page):
+    # Two boards and two robots; published rows and two of ours.
+    assert page.locator("table").count() == 4
+    assert page.locator("tr.ours").count() == 8
+    assert page.locator("tr.published").count() > 20
+    plots = page.evaluate("""async () => {
+        const canvases = (node) => [...node.querySelectorAll("*")].flatMap((element) => [
+            ...(element.tagName === "CANVAS" ? [element] : []),
+            ...(element.shadowRoot ? canvases(element.shadowRoot) : []),
+        ]);
+        const inked = (canvas) => canvas.width > 0 && canvas.height > 0 && canvas.getContext("2d")
+            .getImageData(0, 0, canvas.width, canvas.height).data.filter((_, i) => i % 4 === 3).some((a) => a > 0);
+        return [...document.querySelectorAll("[data-plot]")].map((plot) => {
+            plot.scrollIntoView({ behavior: "instant" });
+            return [plot.dataset.plot, canvases(plot).filter(inked).length];
+        });
+    }""")
+    assert [name for name, _ in plots] == 2 * ["robustness", "series", "phase-1", "phase-2"]
+    for name, inked in plots:
+        assert inked >= (4 if name == "series" else 1), name
+    # No plot is empty of data.
+    lengths = models(page, """all.filter((model) => model.name === "clean" && model.type === "ColumnDataSource")
+        .map((model) => model.data.t.length)""")  # fmt: skip
+    assert lengths == 6 * [1000]
+
+
+def test_names_are_shown_as_they_are(page):
+    assert page.locator(".choice span", has_text=NASTY).count() == 2
+    assert page.locator("img").count() == 0
+    assert page.locator(".aside", has_text="broken").count() == 2
+
+
+def test_play_moves_and_pause_stops(page):
+    canvas = "#acrobot [data-run=disturbed] canvas"
+    button = page.locator("#acrobot [data-play]")
+    before = picture(page, canvas)
+    button.click()
+    assert button.inner_text() == "Pause"
+    wait_until(lambda: page.evaluate("swingup.players[0].time") > 0.3)
+    button.click()
+    stopped = page.evaluate("swingup.players[0].time")
+    after = picture(page, canvas)
+    assert after != before
+    page.wait_for_timeout(150)
+    assert page.evaluate("swingup.players[0].time") == stopped
+    assert picture(page, canvas) == after
+
+
+def test_play_ends_at_the_end_and_begins_again(page):
+    page.evaluate("swingup.players[1].seek(9.9); swingup.players[1].play()")
+    wait_until(lambda: not page.evaluate("swingup.players[1].playing"))
+    assert page.evaluate("swingup.players[1].time") == pytest.approx(9.99)
+    page.evaluate("swingup.players[1].play()")
+    wait_until(lambda: 0 < page.evaluate("swingup.players[1].time") < 5)
+
+
+def test_speed_scales_the_time(page):
+    page.locator("#acrobot .transport select").select_option("0.1")
+    page.evaluate("swingup.players[0].play()")
+    page.wait_for_timeout(400)
+    assert 0 < page.evaluate("swingup.players[0].time") < 0.2
+    page.locator("#acrobot .transport select").select_option("1")
+
+
+@pytest.mark.parametrize("index", [0, 1], ids=list(ROBOTS))
+def test_the_slider_scrubs(page, sections, index):
+    slider = page.locator(f"#{sections[index].robot} input[type=range]")
+    show = sections[index].shows[0]
+    for row in (0, 137, 820):
+        slider.fill(f"{row / 100:.2f}")
+        for run in ("clean", "disturbed"):
+            state = page.evaluate("([i, run]) => swingup.players[i].state(run)", [index, run])
+            rows = getattr(show, run)
+            # Times are rounded to single precision as well: up to 5e-7 s of a motion at some 20 rad/s.
+            np.testing.assert_allclose(state["x"], rows.x[row], rtol=0, atol=2e-5)
+            np.testing.assert_allclose(state["u"], rows.u[row], rtol=1e-6, atol=1e-6)
+        assert slider.get_attribute("aria-valuetext") == f"{row / 100:.2f} seconds"
+        assert page.locator(f"#{sections[index].robot} [data-time]").inner_text() == f"{row / 100:.2f} s"
+        # The markers in the time series and the phase portraits follow.
+        spans = models(page, 'all.filter((model) => model.name === "now").map((model) => model.location)')
+        assert sum(location == pytest.approx(row / 100) for location in spans) >= 4
+    slider.press("ArrowRight")
+    assert page.evaluate(f"swingup.players[{index}].time") == pytest.approx(8.21)
+
+
+def test_between_rows_states_are_interpolated(page, sections):
+    page.evaluate("swingup.players[0].seek(0.505)")
+    rows = sections[0].shows[0].clean
+    state = page.evaluate("swingup.players[0].state('clean')")
+    np.testing.assert_allclose(state["x"], (rows.x[50] + rows.x[51]) / 2, rtol=1e-5)
+    np.testing.assert_allclose(state["u"], rows.u[50], rtol=1e-6)  # held
+
+
+def test_another_controller_changes_the_picture_and_the_plots(page, sections):
+    page.locator("#acrobot .choice span", has_text=NASTY).click()
+    assert NASTY in page.locator("#acrobot [data-run=clean] canvas").get_attribute("aria-label")
+    expression = """all.filter((model) => model.name === "clean" && model.type === "ColumnDataSource")
+        .map((model) => Math.max(...model.data.q1.map(Math.abs)))"""
+    # It hangs, here in the series and two portraits; the other robot's still swing up.
+    assert sorted(models(page, expression))[:3] == [0, 0, 0]
+    assert sorted(models(page, expression))[3] > 3
+
+
+def test_a_click_on_a_time_series_moves_the_time(page):
+    plot = page.locator("#acrobot [data-plot=series]")
+    plot.scroll_into_view_if_needed()
+    box = plot.bounding_box()
+    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + 100)
+    wait_until(lambda: 3 < page.evaluate("swingup.players[0].time") < 7)
+
+
+def test_the_legend_hides_bars(page):
+    page.locator("#acrobot [data-series='1']").uncheck()
+    visible = models(page, 'all.filter((model) => model.name === "bars-1").map((model) => model.visible)')
+    assert sorted(visible) == [False, True]
+    page.locator("#acrobot [data-series='1']").check()
+
+
+@pytest.mark.parametrize("index", [0, 1], ids=list(ROBOTS))
+def test_the_live_pendulum_swings_up_and_recovers_from_a_pull(page, sections, index):
+    section = sections[index]
+    live, canvas = f"swingup.live.{section.robot}", page.locator(f"#{section.robot} .live canvas")
+    canvas.scroll_into_view_if_needed()
+    before = picture(page, f"#{section.robot} .live canvas")
+    page.locator(f"#{section.robot} [data-do=pause]").click()
+    wait_until(lambda: page.evaluate(f"{live}.time") > 0.2)  # it runs by itself
+    assert picture(page, f"#{section.robot} .live canvas") != before
+    page.evaluate(f"{live}.advance(8)")
+    assert is_upright(page.evaluate(f"{live}.x"))
+    # Pull the tip, which stands above the middle, aside and downwards.
+    box = canvas.bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] * (0.5 - 0.5 / 1.15)
+    page.mouse.move(x, y + 3)
+    page.mouse.down()
+    page.mouse.move(x + 0.4 * box["width"], y + 0.3 * box["height"], steps=5)
+    lengths = leaderboard_parameters(ROBOTS[section.robot])
+    wait_until(lambda: tip_height(lengths, jnp.array(page.evaluate(f"{live}.x"))) < 0.4)
+    page.mouse.up()
+    assert page.evaluate(f"{live}.hand") is None
+    page.evaluate(f"{live}.advance(10)")
+    assert is_upright(page.evaluate(f"{live}.x"))
+
+
+def test_pushes_act_on_both_joints_and_pass(page):
+    for robot in ROBOTS:
+        live = f"swingup.live.{robot}"
+        page.evaluate(f"{live}.setPolicy(false); {live}.push([3, 0], 0.02); {live}.pause(); {live}.advance(0.002)")
+        first = page.evaluate(f"{live}.x")
+        with jax.enable_x64(True):
+            parameters = leaderboard_parameters(ROBOTS[robot])
+            expected = rk4_step(parameters, jnp.zeros(4), jnp.array([3.0, 0.0]), DT)
+        np.testing.assert_allclose(first, expected, atol=1e-14)
+        page.evaluate(f"{live}.push([0, -2], 0.02); {live}.pause(); {live}.advance(0.1)")
+        assert page.evaluate(f"{live}.pushes.length") == 0
+        assert page.evaluate(f"{live}.u") == [0, 0]
+
+
+def test_a_force_is_a_joint_torque_by_the_jacobian(page):
+    # Power of the force on the point's velocity = power of the torques on the joints' rates.
+    power = page.evaluate("""() => {
+        const p = swingup.robots.acrobot.parameters, x = [0.3, -1.1, 2.0, -3.0], force = [1.5, -0.7];
+        return [[0, 0.12], [1, 0.25]].map(([link, along]) => {
+            const { velocity } = swingup.physics.pointOn(p, x, link, along);
+            const torque = swingup.physics.torqueOfForce(p, x, link, along, force);
+            return [velocity[0] * force[0] + velocity[1] * force[1], x[2] * torque[0] + x[3] * torque[1]];
+        });
+    }""")
+    for of_force, of_torque in power:
+        assert of_force == pytest.approx(of_torque, rel=1e-12)
+
+
+def test_live_buttons(page):
+    root, live = page.locator("#pendubot .live"), "swingup.live.pendubot"
+    root.locator("[data-do=policy]").click()
+    assert root.locator("[data-do=policy]").get_attribute("aria-pressed") == "false"
+    page.evaluate(f"{live}.advance(1)")
+    assert page.evaluate(f"{live}.x") == [0, 0, 0, 0]  # it hangs without a policy
+    root.locator("[data-do=right]").press("Enter")
+    assert root.locator("[data-do=pause]").inner_text() == "Pause"
+    page.evaluate(f"{live}.advance(0.2)")
+    assert page.evaluate(f"{live}.x")[0] > 0.05
+    root.locator("[data-do=pause]").click()
+    stopped = page.evaluate(f"{live}.time")
+    page.wait_for_timeout(100)
+    assert page.evaluate(f"{live}.time") == stopped
+    root.locator("[data-do=reset]").click()
+    assert page.evaluate(f"[{live}.time, ...{live}.x]") == [0, 0, 0, 0, 0]
+
+
+def is_upright(x):
+    error = np.array(x) - [np.pi, 0, 0, 0]
+    error[:2] = (error[:2] + np.pi) % (2 * np.pi) - np.pi
+    return bool(np.all(np.abs(error) < [0.35, 0.35, 1.0, 1.0]))
+
+
+def test_one_step_is_pythons(page):
+    random = np.random.default_rng(0)
+    x = random.uniform([-7, -7, -15, -15], [7, 7, 15, 15], (300, 4))
+    u = random.uniform(-6, 6, (300, 2))
+    parameters = identified_parameters()  # with frictions and the motors' inertia
+    values = {name: float(getattr(parameters, name)) for name in NAMES}
+    ours = page.evaluate(
+        "([p, x, u, dt]) => x.map((state, i) => swingup.physics.rk4Step(p, state, u[i], dt))",
+        [values, x.tolist(), u.tolist(), DT],
+    )
+    with jax.enable_x64(True):
+        expected = jax.vmap(rk4_step, (None, 0, 0, None))(parameters, jnp.asarray(x), jnp.asarray(u), DT)
+    np.testing.assert_allclose(ours, expected, rtol=0, atol=1e-12)
+
+
+def test_a_second_without_a_controller_is_pythons(page, robot):
+    steps, amplitude = 500, np.array(robot.actuation) * 3.0
+    rows = page.evaluate(
+        "([robot, a]) => swingup.simulate(robot, [0, 0, 0, 0], 500, (x, t) => a.map((v) => v * Math.sin(6 * t)))",
+        [robot.name, amplitude.tolist()],
+    )
+    with jax.enable_x64(True):
+        parameters, x = leaderboard_parameters(robot), jnp.zeros(4)
+        step = jax.jit(rk4_step)
+        for k in range(steps):
+            np.testing.assert_allclose(rows["x"][k], x, rtol=0, atol=1e-9)
+            x = step(parameters, x, jnp.asarray(amplitude * np.sin(6 * (k * DT))), DT)
+    np.testing.assert_allclose(rows["final"], x, rtol=0, atol=1e-9)
+
+
+def test_torques_are_clipped_and_passive_joints_have_none(page, robot):
+    rows = page.evaluate("(robot) => swingup.simulate(robot, [0, 0, 0, 0], 2, () => [9, -9])", robot.name)
+    assert rows["u"][0] == ([6, 0] if robot.joint == 0 else [0, -6])
+
+
+def with_angles(controller, angles):
+    """The controller with an observation of this kind, and statistics that clip some of it."""
+    observation = PendulumObservation(angles=angles, velocity_scale=12.0)
+    trunk, size = controller.policy.actor.trunk, observation.size
+    weight = np.tile(trunk[0].weight, (1, 2))[:, :size]
+    mean, variance = np.linspace(-0.2, 0.3, size), np.linspace(0.2, 0.4, size)
+    stages = (observation, Normalise(mean, variance, clip=1.4))
+    trunk = (dataclasses.replace(trunk[0], weight=weight), *trunk[1:])
+    return eqx.tree_at(lambda c: (c.policy.stages, c.policy.actor.trunk), controller, (stages, trunk))
+
+
+@pytest.mark.parametrize("angles", ["shipped", "wrapped", "sincos"])
+def test_the_policys_torque_is_pythons(page, robot, angles):
+    controller = shipped_policy(robot)[0]
+    if angles != "shipped":
+        controller = with_angles(controller, angles)
+    random = np.random.default_rng(1)
+    x = random.uniform([-9, -9, -25, -25], [9, 9, 25, 25], (1500, 4))
+    # The observation jumps where an angle is a multiple of 2π: rounding decides on which side.
+    wrap = np.abs((x[:, :2] + np.pi) % (2 * np.pi) - np.pi).min(axis=1)
+    x = x[wrap > 1e-3]
+    assert len(x) > 1000
+    torques = page.evaluate(
+        "([spec, driven, x]) => x.map(((act) => (state) => act(state))(swingup.makePolicy(spec, driven)))",
+        [encode_policy(controller), robot.joint, x.tolist()],
+    )
+    with jax.enable_x64(True):
+        expected = jax.vmap(lambda state: controller(None, 0.0, state)[1])(jnp.asarray(x))
+    assert np.ptp(expected[:, robot.joint]) > 6  # the policies use their torque
+    np.testing.assert_allclose(torques, expected, rtol=0, atol=3e-5)
+
+
+def test_the_closed_loop_is_pythons(page, robot):
+    steps = 5000
+    rows = page.evaluate("(robot) => swingup.simulate(robot, [0, 0, 0, 0], 5000)", robot.name)
+    expected = evaluate(shipped_policy(robot)[0], robot).trajectory
+    assert len(rows["x"]) == steps == len(expected.time)
+    np.testing.assert_allclose(rows["time"], expected.time, rtol=0, atol=1e-12)
+    # Both networks round to single precision, in another order: torques differ by some 1e-6 N m, and the swing-up
+    # makes 2e-6 rad or rad/s of that. Fifty times as much is allowed, for other processors; a torque that is wrong
+    # by 1e-3 N m (4e-3 rad) or late by one step (0.2 rad) is far beyond. Upright, the loop forgets.
+    np.testing.assert_allclose(rows["x"], expected.x, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(rows["x"][-1], expected.x[-1], rtol=0, atol=1e-5)
+    np.testing.assert_allclose(rows["u"], expected.u, rtol=0, atol=1e-4)
+
+
+def test_reduced_motion_starts_nothing(browser, address):
+    page = open_page(browser, address, reduced_motion="reduce")
+    page.wait_for_timeout(200)
+    assert page.evaluate("Object.values(swingup.live).map((live) => live.time)") == [0, 0]
+    page.locator("#acrobot [data-do=pause]").click()
+    wait_until(lambda: page.evaluate("swingup.live.acrobot.time") > 0)
+    page.close()
+
+
+def test_without_a_wish_the_live_pendulum_runs_at_once(browser, address):
+    page = open_page(browser, address)
+    wait_until(lambda: page.evaluate("swingup.live.acrobot.time") > 0.1)
+    assert page.evaluate("swingup.live.pendubot.time") == 0  # out of sight
+    page.close()
+
+
+def test_narrow_and_dark(page):
+    light = picture(page, "#acrobot .live canvas")
+    page.emulate_media(color_scheme="dark")
+    wait_until(lambda: picture(page, "#acrobot .live canvas") != light)
+    page.set_viewport_size({"width": 360, "height": 740})
+    page.wait_for_timeout(100)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 360
+    page.emulate_media(color_scheme="light")
+    page.set_viewport_size({"width": 1280, "height": 900})

@@ -1,0 +1,196 @@
+"""The page as text: what it holds, what it refuses, and that it stands alone."""
+
+import base64
+import dataclasses
+import json
+import re
+import sys
+
+import equinox as eqx
+import numpy as np
+import pytest
+
+from swingup.benchmark.leaderboard import Board, Row
+from swingup.benchmark.rollout import Trajectory
+from swingup.control.zoo import shipped_policy
+from swingup.errors import SwingupError
+from swingup.physics.parameters import ROBOTS, leaderboard_parameters
+from swingup.report import make
+from swingup.report.content import encode_policy, encode_section
+from swingup.report.page import Section, Show, render_page
+from swingup.tasks.observation import AbstractStage
+
+from .pages import NASTY, make_board, make_section, without_shows
+
+ACROBOT = ROBOTS["acrobot"]
+
+
+@pytest.fixture(scope="module")
+def section():
+    return make_section(ACROBOT)
+
+
+@pytest.fixture(scope="module")
+def html(section):
+    return render_page([section], title="Tables & <plots>")
+
+
+def data_of(html):
+    """The data that the page's scripts read; a number that JSON does not have is an error."""
+    text = re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL).group(1)
+    return json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} in the page's data"))
+
+
+def floats(text):
+    return np.frombuffer(base64.b64decode(text), "<f4")
+
+
+def a_trajectory(rows=20):
+    time = 0.01 * np.arange(rows)
+    return Trajectory(time, np.outer(time, [1.0, 2.0, 3.0, 4.0]), np.outer(time, [0.0, 5.0]))
+
+
+def a_section(**changes):
+    parameters = leaderboard_parameters(ACROBOT)
+    return dataclasses.replace(Section("acrobot", parameters, [], [], "Nothing."), **changes)
+
+
+def test_the_page_stands_alone_and_is_small(html):
+    assert len(html.encode()) < 3e6
+    markup = re.sub(r"<script.*?</script>|<style.*?</style>", "", html, flags=re.DOTALL)
+    assert not re.search(r"""\b(src|href|action)=["'](?!#|data:)""", markup)
+    assert "@import" not in html
+    assert re.search(r"Content-Security-Policy\" content=\"default-src 'none'", html)
+    assert len(re.findall("</script>", html)) == 3  # nothing inside a script ends it
+
+
+def test_names_and_remarks_are_text(html):
+    assert NASTY not in html
+    assert "&lt;/script&gt;&lt;img src=x onerror=alert(1)&gt; $$x^2$$" in html
+    assert "it is &lt;b&gt;not&lt;/b&gt; a controller" in html
+    assert "<title>Tables &amp; &lt;plots&gt;</title>" in html
+    assert [show["name"] for show in data_of(html)["sections"][0]["shows"]] == ["ar-eapo", NASTY]
+
+
+def test_tables_show_the_boards_rows_in_order(html):
+    for measure in ("performance", "robustness"):
+        board = make_board(ACROBOT, measure)
+        table = re.search(rf'<table aria-labelledby="acrobot-{measure}">.*?</table>', html, re.DOTALL).group(0)
+        names = re.findall(r'<th scope="row">(\S+)', table)
+        assert names == [row.controller.replace("<", "&lt;").replace(">", "&gt;").split()[0] for row in board.rows]
+        assert table.count('class="ours"') == 2
+        assert "–" in table  # a value that was not measured
+        assert f"{board.rows[0].values[board.columns[-1]]:.3f}" in table
+
+
+def test_a_board_of_another_measure_is_shown_too():
+    board = Board("acrobot", "uptime", "v3", 7, (Row("ar-eapo", "board", {"uptime": 0.658}),))
+    html = render_page([a_section(boards=[board])])
+    assert "0.658" in html
+    assert "Rules v3. Seed 7." in html
+
+
+def test_a_controller_without_runs_gets_a_note_and_no_player(html):
+    assert "<b>broken</b>: It&#39;s &lt;i&gt;broken&lt;/i&gt;." in html
+    assert "broken" not in [show["name"] for show in data_of(html)["sections"][0]["shows"]]
+
+
+def test_data_are_the_trajectories_in_single_precision(section, html):
+    data, show = data_of(html)["sections"][0], section.shows[0]
+    assert data["driven"] == 1
+    assert data["parameters"]["tl2"] == 6.0
+    for run in ("clean", "disturbed"):
+        rows, encoded = getattr(show, run), data["shows"][0][run]
+        assert len(rows.time) == 1000  # 10 s at 100 Hz
+        np.testing.assert_array_equal(floats(encoded["time"]), np.float32(rows.time))
+        np.testing.assert_array_equal(floats(encoded["x"]).reshape(-1, 4), np.float32(rows.x))
+        np.testing.assert_array_equal(floats(encoded["u"]).reshape(-1, 2), np.float32(rows.u))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
+def test_rows_from_the_first_that_is_not_finite_on_are_cut(value):
+    trajectory = a_trajectory()
+    trajectory.x[7, 2] = value
+    html = render_page([a_section(shows=[Show("wild", trajectory, None)])])
+    run = data_of(html)["sections"][0]["shows"][0]
+    assert len(floats(run["clean"]["time"])) == 7
+    assert run["disturbed"] is None
+
+
+def test_a_run_without_a_finite_row_is_not_played():
+    trajectory = a_trajectory()
+    trajectory.time[0] = np.nan
+    html = render_page([a_section(shows=[Show("wild", trajectory, None, "It went wild.")])])
+    assert data_of(html)["sections"][0]["shows"] == []
+    assert "It went wild." in html
+    assert 'class="player' not in html
+
+
+def test_tables_alone_make_a_page(section):
+    html = render_page([without_shows(section)])
+    assert 'class="live' not in html
+    assert 'class="player' not in html
+    assert list(data_of(html)["sections"][0]["plots"]) == ["robustness"]
+
+
+def test_refusals(section):
+    with pytest.raises(SwingupError, match="report of no robot: give one section"):
+        render_page([])
+    with pytest.raises(SwingupError, match="report of acrobot, acrobot"):
+        render_page([section, section])
+    crooked = dataclasses.replace(a_trajectory(), x=np.zeros((20, 3)))
+    with pytest.raises(SwingupError, match=r"trajectory of 'x' has shapes .*\(20, 3\)"):
+        encode_section(a_section(shows=[Show("x", crooked, None)]))
+
+
+def test_a_stage_that_the_scripts_do_not_know_is_refused():
+    class Filter(AbstractStage):
+        def __call__(self, observation):
+            return observation
+
+    controller = shipped_policy(ACROBOT)[0]
+    filtered = eqx.tree_at(lambda c: c.policy.stages, controller, (*controller.policy.stages, Filter()))
+    with pytest.raises(SwingupError, match="cannot run a policy with Filter"):
+        encode_policy(filtered)
+
+
+@pytest.mark.parametrize("missing", ["bokeh", "jinja2"])
+def test_without_the_extra_the_remedy_is_named(missing, section, monkeypatch):
+    for name in [name for name in sys.modules if name.split(".")[0] == missing]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, missing, None)
+    monkeypatch.delitem(sys.modules, "swingup.report.figures", raising=False)
+    monkeypatch.delattr("swingup.report.figures", raising=False)
+    with pytest.raises(SwingupError, match=r"pip install swingup\[report\]"):
+        render_page([section])
+
+
+def test_make_report_judges_everybody_with_one_disturbance(monkeypatch):
+    policy = shipped_policy(ACROBOT)[0]
+    asked = []
+
+    def leaderboard(robot, controllers, seed):
+        asked.append((robot.name, list(controllers), seed))
+        return [make_board(robot, "performance")]
+
+    monkeypatch.setattr(make, "leaderboard", leaderboard)
+    monkeypatch.setattr(make, "ENTRANTS", ("ar-eapo",))
+    html = make.make_report(["acrobot", "pendubot"], {"mine": policy, "none": "no controller"}, seed=3)
+    assert asked == [(name, ["mine", "none"], 3) for name in ("acrobot", "pendubot")]
+    first, second = data_of(html)["sections"]
+    assert [show["name"] for show in first["shows"]] == ["ar-eapo", "mine"]
+    # One policy under two names: the same noise and the same pushes.
+    assert first["shows"][0]["disturbed"] == first["shows"][1]["disturbed"]
+    assert first["shows"][0]["clean"] != first["shows"][0]["disturbed"]
+    assert "<b>none</b>: &#39;no controller&#39; is no controller" in html
+    # A controller for the other robot.
+    assert [show["name"] for show in second["shows"]] == ["ar-eapo"]
+    assert "is for the acrobot, not the pendubot" in html
+    assert "(seed 3)" in html
+
+
+def test_the_disturbance_repeats_and_depends_on_the_seed():
+    first, again, other = make.disturb(0), make.disturb(0), make.disturb(1)
+    np.testing.assert_array_equal(first.pushes.centre, again.pushes.centre)
+    assert not np.array_equal(first.pushes.centre, other.pushes.centre)
+    assert not np.array_equal(first.noise, other.noise)
