@@ -1,4 +1,4 @@
-"""Compute the swing-up trajectories that the package ships: ``python benchmarks/trajectories.py acrobot [seed]``."""
+"""Compute a swing-up trajectory that the package ships: ``python benchmarks/trajectories.py acrobot 0``."""
 
 import sys
 import time

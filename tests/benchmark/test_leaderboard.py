@@ -7,8 +7,9 @@ import jax.numpy as jnp
 import pytest
 
 from swingup.benchmark import leaderboard as boards
+from swingup.benchmark.columns import BOARDS
 from swingup.benchmark.criteria import realai_score
-from swingup.benchmark.leaderboard import COLUMNS, ENTRANTS, leaderboard, published_rows, shipped_robustness
+from swingup.benchmark.leaderboard import ENTRANTS, leaderboard, published_rows, shipped_robustness
 from swingup.benchmark.rules import CRITERIA, PERFORMANCE_RULES
 from swingup.control.controller import AbstractController
 from swingup.errors import SwingupError
@@ -57,7 +58,7 @@ def test_boards_are_sorted_and_mark_what_is_ours(robot):
     assert ours(performance)["hanging"].values["swingup_time"] is None
     assert ours(robustness)["hanging"].values["overall"] == 0.0
     rows = json.loads(json.dumps(robustness.as_dicts()))
-    assert {"robot", "measure", "rules", "seed", "controller", "source", "remark", *COLUMNS["robustness"]} == set(
+    assert {"robot", "measure", "rules", "seed", "controller", "source", "remark", *BOARDS["robustness"]} == set(
         rows[0]
     )
 

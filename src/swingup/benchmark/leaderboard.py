@@ -10,20 +10,13 @@ from typing import Any
 from ..control.named import get_controller
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot
+from .columns import BOARDS, PERFORMANCE
 from .evaluate import evaluate
 from .robustness import robustness
-from .rules import CRITERIA, DEFAULT_RULES, PERFORMANCE_RULES, ROBUSTNESS_RULES, UPTIME_RULES
+from .rules import DEFAULT_RULES, PERFORMANCE_RULES, ROBUSTNESS_RULES, UPTIME_RULES
 from .uptime import uptime
 
 OURS = "ours"
-PERFORMANCE = ("swingup_time", "energy", "torque_cost", "torque_smoothness", "velocity_cost", "score")
-COLUMNS = {
-    "performance": PERFORMANCE,
-    "robustness": (*CRITERIA, "overall"),
-    "uptime": ("uptime",),
-}
-"""What each board measures; its last column is the score that it is sorted by."""
-
 ENTRANTS = ("ar-eapo", "tvlqr", "ilqr-riccati", "ilqr-mpc")
 """The paper's controllers, by our names."""
 
@@ -62,7 +55,7 @@ class Board:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the criteria, the score last."""
-        return COLUMNS[self.measure]
+        return BOARDS[self.measure]
 
     def as_dicts(self) -> list[dict[str, Any]]:
         """One flat object a row, ready for JSON."""
@@ -141,7 +134,7 @@ def published_rows(robot: Robot, measure: str, rules: str) -> list[Row]:
         return []
     text = (resources.files(__package__) / f"published_{measure}.csv").read_text(encoding="utf-8")
     entries = [entry for entry in csv.DictReader(text.splitlines()) if entry["robot"] == robot.name]
-    columns = COLUMNS[measure]
+    columns = BOARDS[measure]
     return [
         Row(each["controller"], each["source"], {name: float(each[name]) for name in columns}) for each in entries
     ]
@@ -154,16 +147,16 @@ def shipped_robustness(robot: Robot, name: str) -> Row:
     remark = (
         f"shipped: seed {result['seed']}, version {result['version']}, {result['command']}; --recompute repeats it"
     )
-    return Row(name, OURS, {column: result[column] for column in COLUMNS["robustness"]}, remark)
+    return Row(name, OURS, {column: result[column] for column in BOARDS["robustness"]}, remark)
 
 
 def _board(
     robot: Robot, measure: str, rules: str, seed: int | None, entrants: Mapping[str, Any], make_row: _Maker
 ) -> Board:
-    rows, score = published_rows(robot, measure, rules), COLUMNS[measure][-1]
+    rows, score = published_rows(robot, measure, rules), BOARDS[measure][-1]
     for name, controller in entrants.items():
         try:
             rows.append(make_row(controller, robot, name))
         except SwingupError as error:
-            rows.append(Row(name, OURS, {**dict.fromkeys(COLUMNS[measure]), score: 0.0}, str(error)))
+            rows.append(Row(name, OURS, {**dict.fromkeys(BOARDS[measure]), score: 0.0}, str(error)))
     return Board(robot.name, measure, rules, seed, tuple(sorted(rows, key=lambda row: -(row.values[score] or 0.0))))

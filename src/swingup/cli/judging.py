@@ -11,6 +11,7 @@ from ..benchmark import evaluate as performance_of
 from ..benchmark import leaderboard as boards_of
 from ..benchmark import robustness as robustness_of
 from ..benchmark import uptime as uptime_of
+from ..benchmark.columns import COLUMNS, PERFORMANCE
 from ..benchmark.evaluate import Evaluation
 from ..benchmark.grid import change_grid
 from ..benchmark.rules import CRITERIA, ROBUSTNESS_RULES, get_robustness_rules
@@ -121,8 +122,8 @@ def robustness(
     values = {**result.percent, "overall": result.overall}
     for name, value in values.items():
         low_high = result.intervals.get(name)
-        extra = f"   ({' to '.join(tables.cell(name, end) for end in low_high)})" if low_high else ""
-        print(f"  {tables.LABELS[name][0]:<26}{tables.cell(name, value):>8}{extra}")
+        extra = f"   ({' to '.join(COLUMNS[name].show(end) for end in low_high)})" if low_high else ""
+        print(f"  {COLUMNS[name].title:<26}{COLUMNS[name].show(value):>8}{extra}")
     print(f"  {'Simulations':<26}{len(result.results):>8}")
     if result.faults:
         print(f"  {len(result.faults)} simulations without an answer; the first: {result.faults[0].fault}")
@@ -232,5 +233,5 @@ def _print_evaluation(result: Evaluation, rules: str, as_json: bool) -> None:
         return
     print(f"{result.robot}, {result.controller} (rules {rules})")
     print(f"  {'Swing-up':<24}{'success' if result.criteria.success else 'failure':>10}")
-    for name in boards_of.PERFORMANCE:
-        print(f"  {tables.LABELS[name][0]:<24}{tables.cell(name, getattr(result.criteria, name)):>10}")
+    for name in PERFORMANCE:
+        print(f"  {COLUMNS[name].title:<24}{COLUMNS[name].show(getattr(result.criteria, name)):>10}")

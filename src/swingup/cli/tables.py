@@ -10,30 +10,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from ..benchmark.columns import COLUMNS, Column
 from ..benchmark.leaderboard import OURS, Board, Row
-
-LABELS = {
-    "swingup_time": ("Swing-up time [s]", "Time\n[s]", ".2f"),
-    "energy": ("Energy [J]", "Energy\n[J]", ".2f"),
-    "torque_cost": ("Torque cost [N²m²]", "Torque\ncost", ".2f"),
-    "torque_smoothness": ("Torque smoothness [Nm]", "Smooth-\nness", ".4f"),
-    "velocity_cost": ("Velocity cost [m²/s²]", "Velocity\ncost", ".2f"),
-    "score": ("RealAI score", "RealAI\nscore", ".3f"),
-    "model": ("Model [%]", "Model\n[%]", ".1f"),
-    "velocity_noise": ("Velocity noise [%]", "Velocity\nnoise", ".1f"),
-    "torque_noise": ("Torque noise [%]", "Torque\nnoise", ".1f"),
-    "torque_response": ("Torque step response [%]", "Torque\nresp.", ".1f"),
-    "delay": ("Time delay [%]", "Time\ndelay", ".1f"),
-    "perturbations": ("Perturbations [%]", "Per-\nturb.", ".1f"),
-    "overall": ("Overall robustness score", "Overall\nscore", ".3f"),
-    "uptime": ("Uptime score", "Uptime\nscore", ".3f"),
-}
-"""The paper's criteria: name with unit, heading of a table's column, format."""
-
-
-def cell(name: str, value: float | None) -> str:
-    """A criterion's value as the paper prints it."""
-    return "-" if value is None else format(value, LABELS[name][2])
 
 
 def show(boards: Sequence[Board]) -> None:
@@ -43,7 +21,7 @@ def show(boards: Sequence[Board]) -> None:
         table.add_column("Controller", no_wrap=True)
         table.add_column("Source")
         for name in board.columns:
-            table.add_column(escape(LABELS[name][1]), justify="right")
+            table.add_column(escape(_heading(COLUMNS[name])), justify="right")
         for row in board.rows:
             style = "bold" if row.source == OURS else ""
             table.add_row(escape(row.controller), row.source, *_cells(board, row), style=style)
@@ -81,7 +59,7 @@ def _markdown(board: Board) -> str:
     def line(cells: Sequence[str], mark: str = "") -> str:
         return "| " + " | ".join(f"{mark}{text.replace('|', '/')}{mark}" for text in cells) + " |"
 
-    heads = ["Controller", "Source", *(LABELS[name][0] for name in board.columns)]
+    heads = ["Controller", "Source", *(COLUMNS[name].title for name in board.columns)]
     rule = "|---|---|" + "---:|" * len(board.columns)
     rows = [
         line([row.controller, row.source, *_cells(board, row)], "**" if row.source == OURS else "")
@@ -91,8 +69,14 @@ def _markdown(board: Board) -> str:
     return "\n".join([f"### {_title(board)}\n", line(heads), rule, *rows, *remarks])
 
 
+def _heading(column: Column) -> str:
+    """The label in narrow lines."""
+    words = column.label.removesuffix(" robustness score").replace("-up ", "-up\n").split(" ")
+    return "\n".join([*words, f"[{column.unit}]"] if column.unit else words)
+
+
 def _cells(board: Board, row: Row) -> list[str]:
-    return [cell(name, row.values[name]) for name in board.columns]
+    return [COLUMNS[name].show(row.values[name]) for name in board.columns]
 
 
 def _remarks(board: Board) -> list[str]:

@@ -1,7 +1,7 @@
-"""Small vectors and matrices as tuples of scalars, so that batched programs are made of elementwise operations alone.
+"""Small vectors and matrices as tuples of scalars, so that batched programs are elementwise operations alone.
 
-XLA's CPU backend runs batches of 4 x 4 products one by one; written out, a batch is one fused loop. Zeros and ones that
-are known when tracing (Python floats) cost nothing.
+XLA's CPU backend runs batches of 4 x 4 products one by one; written out, a batch is one fused loop. Zeros and
+ones that are known when tracing (Python floats) cost nothing.
 """
 
 from collections.abc import Sequence

@@ -16,7 +16,7 @@ from .switch import Latching
 from .tracking import RiccatiGains, tvlqr
 
 BASELINES = ("lqr", "tvlqr", "ilqr-riccati", "ilqr-riccati-unregularised", "ilqr-mpc")
-"""Names of the baselines. All but ``lqr`` follow the shipped swing-up and end in the LQR, which ``lqr`` is alone."""
+"""Names of the baselines: the LQR of the top, and those that follow the shipped swing-up and end in it."""
 
 
 def baseline(name: str, robot: Robot | str) -> AbstractController[Any]:

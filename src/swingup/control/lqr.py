@@ -77,9 +77,10 @@ def riccati_recursion(
     R: float,
     Qf: Float[np.ndarray, "4 4"],
 ) -> Float[np.ndarray, "n 4"]:
-    """Gains K_i of u_i = -K_i x_i that minimise Σ_{i<n} xᵢᵀQxᵢ + R uᵢ² + x_nᵀ Qf x_n for x_{i+1} = A_i x_i + B_i u_i.
+    """Gains K_i of u_i = -K_i x_i that minimise Σ_{i<n} (xᵢᵀQxᵢ + R uᵢ²) + x_nᵀ Qf x_n.
 
-    Backwards from P_n = Qf: K_i = (R + B_iᵀ P B_i)⁻¹ B_iᵀ P A_i and P_i = Q + A_iᵀ P (A_i - B_i K_i), P = P_{i+1}.
+    The system is x_{i+1} = A_i x_i + B_i u_i. Backwards from P = Qf: K_i = (R + B_iᵀ P B_i)⁻¹ B_iᵀ P A_i, then P
+    becomes Q + A_iᵀ P (A_i - B_i K_i).
     """
     P, gains = Qf, np.empty_like(B)
     for i in reversed(range(len(B))):

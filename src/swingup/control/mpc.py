@@ -1,6 +1,6 @@
 """Model predictive control by iLQR along a swing-up trajectory: at every call the coming 0.2 s are planned anew.
 
-Planning starts from the previous plan, shifted by one step. It knows where the pendulum should be by the clock alone.
+Planning starts from the previous plan, shifted by a step. Only the clock tells where the pendulum should be.
 """
 
 from typing import Any
@@ -26,7 +26,7 @@ Plan = Float[Array, "n"]
 
 
 class MPC(AbstractSparing[Plan]):
-    """The first torque of the plan that tracks the trajectory; near its end and after it, of one to stay upright."""
+    """The first torque of the plan that tracks the trajectory; from near its end on, of one to stay upright."""
 
     transition: PendulumTransition
     states: Float[Any, "rows 4"]

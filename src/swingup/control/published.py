@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from .ilqr import Cost, Settings
+from .ilqr import Settings
 from .lqr import LQRSettings
+from .passes import Cost
 
 Four = tuple[float, float, float, float]
 
@@ -34,8 +35,7 @@ class SwingupProblem:
     weights: Weights
     settings: Settings
     gain_regularisation: float
-    """Added to Q_uu in the published feedback gains: that of the published run's last improvement, as their last rows
-    tell."""
+    """Added to Q_uu in the published feedback gains, as their last rows tell: that of the last improvement."""
     dt: float = 0.001
     """Length of a step (s)."""
     steps: int = 5999
@@ -85,8 +85,8 @@ class Published:
 
 
 def _swingup(iterations: int) -> Settings:
-    # The published runs were allowed 100,000 iterations and stalled, their derivatives being approximate. Ours are exact
-    # and go on along the same path; they are stopped where the trajectory is the published one.
+    # The published runs were allowed 100,000 iterations and stalled: their derivatives are approximate. Ours are
+    # exact and go on along the same path; they are stopped where the trajectory is the published one.
     return Settings(
         max_iterations=iterations,
         tolerance=1e-6,

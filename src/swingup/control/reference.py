@@ -16,7 +16,8 @@ from ..arrays import load_archive, save_archive
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
 from ..version import __version__
-from .ilqr import Cost, Settings, Solution, Status, feedback_gains, solve
+from .ilqr import Settings, Solution, Status, feedback_gains, solve
+from .passes import Cost
 from .published import SwingupProblem
 from .transition import PendulumTransition
 from .upright import UPRIGHT
@@ -110,12 +111,16 @@ def load_reference(path: str | Path) -> tuple[Reference, dict[str, Any]]:
         raise SwingupError(f"trajectory file {path} lacks {', '.join(missing)}: make it anew")
     dt, rows = metadata["dt"], arrays["torque"].shape
     if isinstance(dt, bool) or not isinstance(dt, int | float) or not 0 < dt < 1:
-        raise SwingupError(f"trajectory file {path} has dt = {dt!r}: a positive number of seconds below 1 is needed")
+        raise SwingupError(
+            f"trajectory file {path} has dt = {dt!r}: a positive number of seconds below 1 is needed"
+        )
     for name in ARRAYS:
         array, shape = arrays[name], rows if name == "torque" else (*rows, 4)
         if len(rows) != 1 or rows[0] < 2 or array.shape != shape:
             raise SwingupError(f"trajectory file {path} has {name} of shape {array.shape}: make it anew")
         if array.dtype.kind != "f" or not np.isfinite(array).all():
-            raise SwingupError(f"trajectory file {path} has values in {name} that are not finite numbers: make it anew")
+            raise SwingupError(
+                f"trajectory file {path} has values in {name} that are not finite numbers: make it anew"
+            )
     fields = {name: arrays[name].astype(np.float64) for name in ARRAYS}
     return Reference(robot=get_robot(metadata["robot"]), dt=float(dt), **fields), metadata

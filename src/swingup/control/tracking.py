@@ -20,7 +20,7 @@ from .upright import drive, wrap_error
 
 
 class RiccatiGains(AbstractController[None]):
-    """u = u_n + K_n (x - x_n) with the nearest row n of a trajectory, the last one after its end; no angle is wrapped."""
+    """u = u_n + K_n (x - x_n), n the trajectory's nearest row, the last one after its end; nothing is wrapped."""
 
     dt: float
     """Time between rows (s)."""
@@ -41,7 +41,7 @@ class RiccatiGains(AbstractController[None]):
 
 
 class TVLQR(AbstractController[None]):
-    """u = u(t) - K(t) (x - x(t)), angle errors wrapped; x, u and K are piecewise cubic fits, held after their end."""
+    """u = u(t) - K(t) (x - x(t)), angle errors wrapped; x, u and K are piecewise cubics, held after their end."""
 
     fit: PiecewiseCubic
     """Channels: four of the state, the torque, four gains."""

@@ -2,11 +2,11 @@
 (function (swingup) {
   "use strict";
 
-  const SPRING = 60; // N/m, from the grabbed point to the pointer
-  const DAMPING = 1.5; // N s/m
+  const SPRING = 40; // N/m, from the grabbed point to the pointer
+  const DAMPING = 10; // N s/m: a hand that calms what it holds
   const STRONGEST_PULL = 15; // N
   const NEAR = 0.09; // m: farther from both links, the tip is grabbed
-  const PUSH = { force: 12, duration: 0.1 }; // of the push buttons, on the tip (N, s)
+  const PUSH = { force: 1, duration: 0.1 }; // of the push buttons, on the tip (N, s)
   const LONGEST_FRAME = 0.05; // s: a browser that was away does not catch up
   const TRAIL = { points: 40, every: 10 }; // steps
   const FASTEST = 200; // rad/s: nothing physical is faster

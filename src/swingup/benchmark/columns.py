@@ -1,0 +1,51 @@
+"""The boards' columns: what each board measures, in what unit, and how the paper prints it."""
+
+from dataclasses import dataclass
+
+from .rules import CRITERIA
+
+PERFORMANCE = ("swingup_time", "energy", "torque_cost", "torque_smoothness", "velocity_cost", "score")
+BOARDS = {
+    "performance": PERFORMANCE,
+    "robustness": (*CRITERIA, "overall"),
+    "uptime": ("uptime",),
+}
+"""What each board measures; its last column is the score that it is sorted by."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One criterion or score."""
+
+    label: str
+    unit: str
+    """As the paper prints it; none for scores."""
+    form: str
+    """Format of its numbers."""
+
+    @property
+    def title(self) -> str:
+        """The label with its unit."""
+        return f"{self.label} [{self.unit}]" if self.unit else self.label
+
+    def show(self, value: float | None) -> str:
+        """A value as the paper prints it; a dash where there is nothing to measure."""
+        return "-" if value is None else format(value, self.form)
+
+
+COLUMNS = {
+    "swingup_time": Column("Swing-up time", "s", ".2f"),
+    "energy": Column("Energy", "J", ".2f"),
+    "torque_cost": Column("Torque cost", "N²m²", ".2f"),
+    "torque_smoothness": Column("Torque smoothness", "Nm", ".4f"),
+    "velocity_cost": Column("Velocity cost", "m²/s²", ".2f"),
+    "score": Column("RealAI score", "", ".3f"),
+    "model": Column("Model", "%", ".1f"),
+    "velocity_noise": Column("Velocity noise", "%", ".1f"),
+    "torque_noise": Column("Torque noise", "%", ".1f"),
+    "torque_response": Column("Torque step response", "%", ".1f"),
+    "delay": Column("Time delay", "%", ".1f"),
+    "perturbations": Column("Perturbations", "%", ".1f"),
+    "overall": Column("Overall robustness score", "", ".3f"),
+    "uptime": Column("Uptime score", "", ".3f"),
+}

@@ -1,0 +1,129 @@
+"""The two passes of iterative LQR: backward along a trajectory for a better policy, forward to try it.
+
+The cost is a quadratic one of tracking, over x_{i+1} = f(x_i, u_i) with a driven scalar u:
+
+    J = (1/n) Σ_{i<n} [Σ_j q_j (x_ij - r_ij)² + p (u_i - s_i)²] + Σ_j f_j (x_nj - g_j)².
+
+Angles are not wrapped. All rows are tuples of scalars, see ``algebra``.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..types import Scalar
+from .algebra import Matrix, Real, Vector, add_scaled, diagonal, dot, symmetric_times, unpack
+from .transition import AbstractTransition
+
+
+class Cost(eqx.Module):
+    """Weights and targets of J."""
+
+    state_weights: Float[Any, "4"]
+    """q"""
+    torque_weight: Real
+    """p"""
+    final_weights: Float[Any, "4"]
+    """f"""
+    states: Float[Any, "n 4"]
+    """r"""
+    torque: Float[Any, "n"]
+    """s"""
+    final_state: Float[Any, "4"]
+    """g"""
+
+
+class Rollout(eqx.Module):
+    """A trajectory with the Jacobian of each of its steps; rows i < n."""
+
+    x: Vector
+    u: Real
+    jacobian: Matrix
+    """Columns."""
+    last: Vector
+    """x_n"""
+    cost: Scalar
+    """J"""
+
+
+class Policy(eqx.Module):
+    """u_i + k_i + K_i (x - x_i); rows i < n."""
+
+    step: Real
+    """k"""
+    gains: Vector
+    """K"""
+
+
+def backward(cost: Cost, rollout: Rollout, regularisation: Real) -> tuple[Policy, Scalar]:
+    """The policy with k = -(Q_uu + μ)⁻¹ Q_u and K = -(Q_uu + μ)⁻¹ Q_ux, and by how much it should lower the cost.
+
+    Q is the cost from a step on, to second order with the dynamics linearised; μ is the regularisation.
+    """
+    n = rollout.u.shape[0]
+    q, f = unpack(2.0 / n * jnp.asarray(cost.state_weights)), unpack(2.0 * jnp.asarray(cost.final_weights))
+    p = 2.0 / n * cost.torque_weight
+    zero = jnp.zeros_like(rollout.u[0])
+    last_error = add_scaled(rollout.last, -1.0, unpack(jnp.asarray(cost.final_state)))
+    v_x = tuple(w * e for w, e in zip(f, last_error, strict=True))
+    v_xx = tuple(tuple(value + zero for value in row) for row in diagonal(f))
+
+    def step(carry: tuple[Vector, Matrix, Real], row: Any) -> tuple[tuple[Vector, Matrix, Real], Policy]:
+        v_x, v_xx, expected = carry
+        x, u, (*a, b), r, s = row
+        v_a, v_b = [symmetric_times(v_xx, column) for column in a], symmetric_times(v_xx, b)
+        q_x = tuple(w * (e - t) + dot(column, v_x) for w, e, t, column in zip(q, x, r, a, strict=True))
+        q_u = p * (u - s) + dot(b, v_x)
+        q_ux = tuple(dot(b, column) for column in v_a)
+        q_uu = p + dot(b, v_b)
+        inverse = -1.0 / (q_uu + regularisation)
+        k, gains = inverse * q_u, tuple(inverse * value for value in q_ux)
+        # V is Q with u = k + K x put in: the regularisation is no part of the cost.
+        slope = tuple(value + q_uu * gain for value, gain in zip(q_ux, gains, strict=True))
+        v_x = tuple(q_x[i] + gains[i] * q_u + slope[i] * k for i in range(4))
+        v_xx = tuple(
+            tuple(
+                dot(a[i], v_a[j]) + (q[i] if i == j else 0.0) + q_ux[i] * gains[j] + gains[i] * slope[j]
+                for j in range(i, 4)
+            )
+            for i in range(4)
+        )
+        return (v_x, v_xx, expected - k * (q_u + 0.5 * q_uu * k)), Policy(k, gains)
+
+    rows = (rollout.x, rollout.u, rollout.jacobian, unpack(jnp.asarray(cost.states)), jnp.asarray(cost.torque))
+    (_, _, expected), policy = jax.lax.scan(step, (v_x, v_xx, zero), rows, reverse=True)
+    return policy, expected
+
+
+def forward(
+    transition: AbstractTransition,
+    cost: Cost,
+    start: Vector,
+    torque: Float[Array, "n"],
+    limit: float,
+    about: tuple[Vector, Vector] | None = None,
+) -> Rollout:
+    """Roll torques out, with feedback ``about`` = (states, gains) if any, clipped to the limit."""
+
+    def step(x: Vector, row: Any) -> tuple[Vector, Any]:
+        u, feedback = row
+        if feedback is not None:
+            middle, gains = feedback
+            u = u + dot(gains, add_scaled(x, -1.0, middle))
+        u = jnp.clip(u, -limit, limit)
+        return transition.step(x, u), (x, u)
+
+    last, (x, u) = jax.lax.scan(step, start, (torque, about))
+    # Jacobians and cost of all steps at once: the scan is left with what needs the step before.
+    stages = cost.torque_weight * (u - jnp.asarray(cost.torque)) ** 2
+    stages = stages + _square(cost.state_weights, x, cost.states)
+    total = jnp.sum(stages) / torque.shape[0] + _square(cost.final_weights, last, cost.final_state)
+    return Rollout(x=x, u=u, jacobian=transition.jacobian(x, u), last=last, cost=total)
+
+
+def _square(weights: Float[Any, "4"], x: Vector, target: Float[Any, "*n 4"]) -> Any:
+    parts = zip(unpack(jnp.asarray(weights)), x, unpack(jnp.asarray(target)), strict=True)
+    return sum(weight * (value - aim) ** 2 for weight, value, aim in parts)

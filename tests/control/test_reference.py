@@ -1,0 +1,115 @@
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+
+from swingup.arrays import save_archive
+from swingup.control.builtin import shipped_reference
+from swingup.control.published import PUBLISHED
+from swingup.control.reference import (
+    ARRAYS,
+    FORMAT,
+    FORMAT_VERSION,
+    compute_reference,
+    load_reference,
+    save_reference,
+)
+from swingup.errors import SwingupError
+from swingup.physics.integrate import rk4_step
+from swingup.physics.parameters import ROBOTS, leaderboard_parameters
+
+ACROBOT = ROBOTS["acrobot"]
+
+
+def short_problem():
+    problem = PUBLISHED["acrobot"].swingup
+    return dataclasses.replace(problem, steps=60, settings=dataclasses.replace(problem.settings, max_iterations=3))
+
+
+@pytest.fixture(scope="module")
+def computed():
+    return compute_reference(ACROBOT, short_problem(), seed=3)
+
+
+def test_shipped_trajectories_obey_the_equations_of_motion(x64, robot):
+    reference, metadata = shipped_reference(robot)
+    assert reference.robot == robot
+    assert (reference.dt, len(reference.torque), reference.time[-1]) == (0.001, 5999, pytest.approx(5.998))
+    p, u = leaderboard_parameters(robot), reference.torque[:, None] * np.array(robot.actuation)
+    following = jax.jit(jax.vmap(lambda x, u: rk4_step(p, x, u, 0.001)))(reference.states[:-1], u[:-1])
+    np.testing.assert_allclose(reference.states[1:], following, atol=1e-12)
+    np.testing.assert_array_equal(reference.states[0], 0.0)
+    np.testing.assert_allclose(reference.states[-1], [np.pi, 0, 0, 0], atol=2e-3)
+    assert np.abs(reference.torque).max() < 5.0
+    assert {"seed", "cost", "iterations", "status", "version", "command"} <= set(metadata)
+
+
+def test_shipped_trajectories_have_the_published_figures(robot):
+    # Published torques reach 2.6 and 1.6 N m, velocity costs are 105.8 and 211.1.
+    reference, _ = shipped_reference(robot)
+    largest, velocity_cost = {"acrobot": (2.6, 105.83), "pendubot": (1.6, 211.12)}[robot.name]
+    assert np.abs(reference.torque).max() == pytest.approx(largest, abs=0.06)
+    assert np.sum(reference.states[:, 2:] ** 2) * 0.001 == pytest.approx(velocity_cost, abs=0.5)
+
+
+def test_regularised_gains_are_weak(robot):
+    reference, _ = shipped_reference(robot)
+    regularised, free = (np.abs(each).mean() for each in (reference.gains, reference.unregularised_gains))
+    assert regularised < 0.2 * free
+
+
+@pytest.mark.slow
+def test_shipped_trajectories_can_be_recomputed(robot):
+    shipped, metadata = shipped_reference(robot)
+    reference, provenance = compute_reference(robot, PUBLISHED[robot.name].swingup, metadata["seed"])
+    assert provenance["cost"] == pytest.approx(metadata["cost"], rel=1e-6)
+    np.testing.assert_allclose(reference.torque, shipped.torque, atol=1e-3)
+
+
+def test_computing_is_repeatable_and_seeded(computed):
+    reference, provenance = computed
+    again, _ = compute_reference(ACROBOT, short_problem(), seed=3)
+    other, _ = compute_reference(ACROBOT, short_problem(), seed=4)
+    np.testing.assert_array_equal(reference.torque, again.torque)
+    assert np.abs(reference.torque - other.torque).max() > 0
+    assert (provenance["status"], provenance["iterations"], provenance["seed"]) == ("iteration_limit", 3, 3)
+
+
+def test_files_keep_everything(computed, tmp_path):
+    reference, provenance = computed
+    save_reference(tmp_path / "a.npz", reference, {**provenance, "command": "this test"})
+    loaded, metadata = load_reference(tmp_path / "a.npz")
+    assert (loaded.robot, loaded.dt) == (reference.robot, reference.dt)
+    for name in ARRAYS:
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(reference, name))
+        assert getattr(loaded, name).dtype == np.float64
+    assert metadata["command"] == "this test"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"torque": None}, "lacks torque"),
+        ({"states": np.zeros((5, 3))}, "states of shape"),
+        ({"gains": np.zeros((4, 4))}, "gains of shape"),
+        ({"torque": np.zeros(())}, "of shape"),
+        ({"torque": np.array([0, 0, np.nan, 0, 0])}, "not finite"),
+        ({"states": np.zeros((5, 4), int)}, "not finite"),
+        ({"dt": 0.0}, "dt = 0.0"),
+        ({"dt": "fast"}, "dt = 'fast'"),
+        ({"dt": None}, "lacks dt"),
+        ({"robot": "cartpole"}, "unknown robot"),
+    ],
+)
+def test_faulty_files_are_refused(tmp_path, change, message):
+    metadata = {"robot": "acrobot", "dt": 0.001}
+    arrays = {name: np.zeros(5) if name == "torque" else np.zeros((5, 4)) for name in ARRAYS}
+    for name, value in change.items():
+        target = metadata if name in metadata else arrays
+        target[name] = value
+    metadata, arrays = ({k: v for k, v in each.items() if v is not None} for each in (metadata, arrays))
+    save_archive(tmp_path / "a.npz", FORMAT, FORMAT_VERSION, metadata, arrays)
+    with pytest.raises(SwingupError, match=message) as caught:
+        load_reference(tmp_path / "a.npz")
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,71 @@
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from swingup.control.algebra import unpack
+from swingup.control.transition import PendulumTransition
+from swingup.control.trigonometry import sine_cosine
+from swingup.physics.dynamics import derivative
+from swingup.physics.integrate import rk4_step
+from swingup.physics.parameters import ROBOTS, identified_parameters, leaderboard_parameters
+
+ACROBOT = ROBOTS["acrobot"]
+RANDOM = np.random.default_rng(0)
+STATES = RANDOM.uniform(-1, 1, (40, 4)) * [4, 4, 10, 10]
+TORQUES = RANDOM.uniform(-6, 6, 40)
+
+
+def both_joints(robot, u):
+    return jnp.asarray(u) * jnp.array(robot.actuation)
+
+
+def full_jacobian(transition):
+    columns = jax.jit(transition.jacobian)(unpack(jnp.asarray(STATES)), jnp.asarray(TORQUES))
+    return np.array([[np.broadcast_to(entry, len(STATES)) for entry in column] for column in columns]).T
+
+
+@pytest.mark.parametrize("size", [1.0, 100.0, 1e5])
+def test_sine_and_cosine(x64, size):
+    angles = RANDOM.uniform(-size, size, 10_000)
+    sine, cosine = sine_cosine(jnp.asarray(angles))
+    np.testing.assert_allclose(sine, np.sin(angles), atol=4e-16)
+    np.testing.assert_allclose(cosine, np.cos(angles), atol=4e-16)
+    slopes = jax.jvp(sine_cosine, (jnp.asarray(angles),), (jnp.ones(angles.size),))[1]
+    np.testing.assert_allclose(slopes, [np.cos(angles), -np.sin(angles)], atol=4e-16)
+
+
+def test_equations_of_motion_are_those_of_the_physics(x64, robot):
+    # Friction and motor inertia included.
+    p = identified_parameters()
+    transition = PendulumTransition(p, robot.joint, 0.002)
+    x, u = unpack(jnp.asarray(STATES)), jnp.asarray(TORQUES)
+    rates = jax.jit(jax.vmap(lambda x, u: derivative(p, x, both_joints(robot, u))))(STATES, TORQUES)
+    np.testing.assert_allclose(np.transpose(transition.derivative(x, u)), rates, rtol=1e-11, atol=1e-11)
+    steps = jax.jit(jax.vmap(lambda x, u: rk4_step(p, x, both_joints(robot, u), 0.002)))(STATES, TORQUES)
+    np.testing.assert_allclose(np.transpose(transition.step(x, u)), steps, rtol=1e-13, atol=1e-13)
+
+
+def test_exact_jacobian_against_finite_differences(x64, robot):
+    p = dataclasses.replace(leaderboard_parameters(robot), b1=0.1, cf2=0.05)
+    steps = jax.jit(jax.vmap(lambda x, u: rk4_step(p, x, both_joints(robot, u), 0.002)))
+    jacobian = full_jacobian(PendulumTransition(p, robot.joint, 0.002))
+    for index in range(5):
+        nudge = 1e-5 * np.eye(5)[index]
+        ahead, behind = (steps(STATES + s * nudge[:4], TORQUES + s * nudge[4]) for s in (1, -1))
+        np.testing.assert_allclose(jacobian[:, :, index], (ahead - behind) / 2e-5, atol=2e-7)
+
+
+def test_fast_jacobian_is_right_up_to_second_order(x64):
+    # An error of order dt³: an eighth of it at half the step.
+    errors = []
+    for dt in (0.002, 0.001):
+        exact, fast = (
+            full_jacobian(PendulumTransition(leaderboard_parameters(ACROBOT), ACROBOT.joint, dt, flag))
+            for flag in (True, False)
+        )
+        errors.append(np.abs(fast - exact).max(axis=(1, 2)))
+    assert np.median(errors[0]) < 1e-4
+    assert np.median(errors[0] / errors[1]) == pytest.approx(8.0, rel=0.1)
