@@ -22,6 +22,7 @@ ONE_PLACE = {
     "PIL": {"drawing", "report"},
     "matplotlib": {"report"},
     "bokeh": {"report"},
+    "jinja2": {"report"},
     "scipy": {"control", "benchmark"},
     "tyro": {"cli"},
     "rich": {"cli"},

@@ -10,6 +10,7 @@ from .errors import SwingupError
 from .version import __version__
 
 if TYPE_CHECKING:
+    from .benchmark.disturbances import make_disturbance
     from .benchmark.evaluate import Evaluation, evaluate, score
     from .benchmark.leaderboard import Board, leaderboard
     from .benchmark.robustness import Robustness, robustness
@@ -31,6 +32,7 @@ _HOMES = {
     "evaluate": "benchmark.evaluate",
     "leaderboard": "benchmark.leaderboard",
     "load_policy": "control.learned",
+    "make_disturbance": "benchmark.disturbances",
     "robustness": "benchmark.robustness",
     "score": "benchmark.evaluate",
     "shipped_policy": "control.zoo",
@@ -39,7 +41,8 @@ _HOMES = {
 
 __all__ = [
     "AbstractController", "Board", "Evaluation", "Robustness", "SwingupError", "Uptime", "__version__", "baseline",
-    "check_controller", "evaluate", "leaderboard", "load_policy", "robustness", "score", "shipped_policy", "uptime",
+    "check_controller", "evaluate", "leaderboard", "load_policy", "make_disturbance", "robustness", "score",
+    "shipped_policy", "uptime",
 ]  # fmt: skip
 
 

@@ -4,7 +4,8 @@ import dataclasses
 
 import numpy as np
 
-from swingup.benchmark.leaderboard import COLUMNS, OURS, Board, Row, published_rows
+from swingup.benchmark.columns import BOARDS
+from swingup.benchmark.leaderboard import OURS, Board, Row, published_rows
 from swingup.benchmark.rollout import Trajectory
 from swingup.control.zoo import shipped_policy
 from swingup.physics.parameters import ROBOTS, Robot, leaderboard_parameters
@@ -21,10 +22,10 @@ HANGING = Trajectory(0.01 * np.arange(1000), np.zeros((1000, 4)), np.zeros((1000
 def make_board(robot: Robot, measure: str) -> Board:
     """A board with made-up rows of ours beside the published ones."""
     published = published_rows(robot, measure, "v2")
-    score = COLUMNS[measure][-1]
+    score = BOARDS[measure][-1]
     ours = [
         Row("ar-eapo", OURS, dict(published[0].values)),
-        Row(NASTY, OURS, dict.fromkeys(COLUMNS[measure]) | {score: 0.0}, "it is <b>not</b> a controller"),
+        Row(NASTY, OURS, dict.fromkeys(BOARDS[measure]) | {score: 0.0}, "it is <b>not</b> a controller"),
     ]
     rows = sorted([*published, *ours], key=lambda row: -(row.values[score] or 0.0))
     return Board(robot.name, measure, "v2", 0 if measure == "robustness" else None, tuple(rows))

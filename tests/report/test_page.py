@@ -165,7 +165,7 @@ def test_without_the_extra_the_remedy_is_named(missing, section, monkeypatch):
         render_page([section])
 
 
-def test_make_report_judges_everybody_with_one_disturbance(monkeypatch):
+def test_sections_judge_everybody_with_one_disturbance(monkeypatch):
     policy = shipped_policy(ACROBOT)[0]
     asked = []
 
@@ -175,7 +175,8 @@ def test_make_report_judges_everybody_with_one_disturbance(monkeypatch):
 
     monkeypatch.setattr(make, "leaderboard", leaderboard)
     monkeypatch.setattr(make, "ENTRANTS", ("ar-eapo",))
-    html = make.make_report(["acrobot", "pendubot"], {"mine": policy, "none": "no controller"}, seed=3)
+    mine = {"mine": policy, "none": "no controller"}
+    html = render_page([make.make_section(robot, mine, seed=3) for robot in ("acrobot", "pendubot")])
     assert asked == [(name, ["mine", "none"], 3) for name in ("acrobot", "pendubot")]
     first, second = data_of(html)["sections"]
     assert [show["name"] for show in first["shows"]] == ["ar-eapo", "mine"]

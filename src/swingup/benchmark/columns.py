@@ -18,6 +18,8 @@ class Column:
     """One criterion or score."""
 
     label: str
+    heading: str
+    """The label in short lines, for narrow tables."""
     unit: str
     """As the paper prints it; none for scores."""
     form: str
@@ -30,22 +32,22 @@ class Column:
 
     def show(self, value: float | None) -> str:
         """A value as the paper prints it; a dash where there is nothing to measure."""
-        return "-" if value is None else format(value, self.form)
+        return "–" if value is None else format(value, self.form)
 
 
 COLUMNS = {
-    "swingup_time": Column("Swing-up time", "s", ".2f"),
-    "energy": Column("Energy", "J", ".2f"),
-    "torque_cost": Column("Torque cost", "N²m²", ".2f"),
-    "torque_smoothness": Column("Torque smoothness", "Nm", ".4f"),
-    "velocity_cost": Column("Velocity cost", "m²/s²", ".2f"),
-    "score": Column("RealAI score", "", ".3f"),
-    "model": Column("Model", "%", ".1f"),
-    "velocity_noise": Column("Velocity noise", "%", ".1f"),
-    "torque_noise": Column("Torque noise", "%", ".1f"),
-    "torque_response": Column("Torque step response", "%", ".1f"),
-    "delay": Column("Time delay", "%", ".1f"),
-    "perturbations": Column("Perturbations", "%", ".1f"),
-    "overall": Column("Overall robustness score", "", ".3f"),
-    "uptime": Column("Uptime score", "", ".3f"),
+    "swingup_time": Column("Swing-up time", "Time\n[s]", "s", ".2f"),
+    "energy": Column("Energy", "Energy\n[J]", "J", ".2f"),
+    "torque_cost": Column("Torque cost", "Torque\ncost", "N²m²", ".2f"),
+    "torque_smoothness": Column("Torque smoothness", "Smooth-\nness", "Nm", ".4f"),
+    "velocity_cost": Column("Velocity cost", "Velocity\ncost", "m²/s²", ".2f"),
+    "score": Column("RealAI score", "RealAI\nscore", "", ".3f"),
+    "model": Column("Model", "Model\n[%]", "%", ".1f"),
+    "velocity_noise": Column("Velocity noise", "Velocity\nnoise", "%", ".1f"),
+    "torque_noise": Column("Torque noise", "Torque\nnoise", "%", ".1f"),
+    "torque_response": Column("Torque step response", "Torque\nresp.", "%", ".1f"),
+    "delay": Column("Time delay", "Time\ndelay", "%", ".1f"),
+    "perturbations": Column("Perturbations", "Per-\nturb.", "%", ".1f"),
+    "overall": Column("Overall robustness score", "Overall\nscore", "", ".3f"),
+    "uptime": Column("Uptime score", "Uptime\nscore", "", ".3f"),
 }

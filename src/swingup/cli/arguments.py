@@ -1,17 +1,14 @@
 """Arguments that several commands share."""
 
-import dataclasses
 from dataclasses import dataclass
 from typing import Annotated
 
-import numpy as np
 from tyro.conf import Positional, UseAppendAction, arg
 
-from ..benchmark.grid import delay_steps, draw_pushes
-from ..benchmark.rules import RobustnessRules
-from ..errors import SwingupError
+from ..benchmark.disturbances import make_disturbance
+from ..benchmark.rules import PushRules
 from ..physics.parameters import ROBOTS, Robot, get_robot
-from ..tasks.disturbance import Disturbance, undisturbed
+from ..tasks.disturbance import Disturbance
 
 RobotName = Positional[Annotated[str, arg(metavar="ROBOT", help="acrobot or pendubot.")]]
 RobotOrAll = Positional[Annotated[str, arg(metavar="[ROBOT]", help="acrobot, pendubot or all.")]]
@@ -42,33 +39,15 @@ class DisturbanceOptions:
     seed: int = 0
     """Seed of the noise and the pushes."""
 
-    def make(self, rules: RobustnessRules) -> Disturbance | None:
+    def make(self) -> Disturbance | None:
         """The disturbance, or None if nothing disturbs.
 
         Raises:
             SwingupError: a value is out of range.
         """
-        for name in ("velocity_noise", "torque_noise", "delay"):
-            value = getattr(self, name)
-            if not 0 <= value < 1000:
-                raise SwingupError(f"{name} = {value:g} is out of range: use a value of 0 or a little more")
-        if not abs(self.torque_response) < 1000:
-            raise SwingupError(f"torque_response = {self.torque_response:g} is out of range: 1 is a perfect motor")
-        if not 0 <= self.seed < 2**31:
-            raise SwingupError(f"seed = {self.seed} is out of range: use 0 to 2³¹ - 1")
-        if self == DisturbanceOptions(seed=self.seed):
-            return None
-        calm = undisturbed(rules.perturbations.pushes)
-        random = np.random.default_rng(self.seed)
-        return dataclasses.replace(
-            calm,
-            velocity_noise=self.velocity_noise,
-            torque_noise=self.torque_noise,
-            response=self.torque_response,
-            delay=delay_steps(self.delay, rules.dt),
-            pushes=draw_pushes(random, rules.perturbations, rules.duration) if self.pushes else calm.pushes,
-            noise=np.array([self.seed, 0], np.uint32),
-        )
+        numbers = {name: value for name, value in vars(self).items() if name != "pushes"}
+        made = make_disturbance(**numbers, pushes=PushRules() if self.pushes else None)
+        return None if self == DisturbanceOptions(seed=self.seed) else made
 
 
 def robots(name: str) -> list[Robot]:

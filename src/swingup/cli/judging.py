@@ -14,7 +14,7 @@ from ..benchmark import uptime as uptime_of
 from ..benchmark.columns import COLUMNS, PERFORMANCE
 from ..benchmark.evaluate import Evaluation
 from ..benchmark.grid import change_grid
-from ..benchmark.rules import CRITERIA, ROBUSTNESS_RULES, get_robustness_rules
+from ..benchmark.rules import CRITERIA, get_robustness_rules
 from ..benchmark.trajectory_file import load_trajectory, save_trajectory
 from ..control.check import check_controller
 from ..control.named import get_controller
@@ -52,8 +52,7 @@ def evaluate(
     """
     chosen = get_robot(robot)
     found = get_controller(controller, chosen)
-    disturbed = disturbance.make(ROBUSTNESS_RULES["v2"])
-    result = performance_of.evaluate(found, chosen, controller, rules, disturbed)
+    result = performance_of.evaluate(found, chosen, controller, rules, disturbance.make())
     if save is not None:
         save_trajectory(save, result.trajectory)
     _print_evaluation(result, rules, json)

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from ..benchmark.columns import COLUMNS, Column
+from ..benchmark.columns import COLUMNS
 from ..benchmark.leaderboard import OURS, Board, Row
 
 
@@ -21,7 +21,7 @@ def show(boards: Sequence[Board]) -> None:
         table.add_column("Controller", no_wrap=True)
         table.add_column("Source")
         for name in board.columns:
-            table.add_column(escape(_heading(COLUMNS[name])), justify="right")
+            table.add_column(escape(COLUMNS[name].heading), justify="right")
         for row in board.rows:
             style = "bold" if row.source == OURS else ""
             table.add_row(escape(row.controller), row.source, *_cells(board, row), style=style)
@@ -67,12 +67,6 @@ def _markdown(board: Board) -> str:
     ]
     remarks = [f"\n{remark}" for remark in _remarks(board)]
     return "\n".join([f"### {_title(board)}\n", line(heads), rule, *rows, *remarks])
-
-
-def _heading(column: Column) -> str:
-    """The label in narrow lines."""
-    words = column.label.removesuffix(" robustness score").replace("-up ", "-up\n").split(" ")
-    return "\n".join([*words, f"[{column.unit}]"] if column.unit else words)
 
 
 def _cells(board: Board, row: Row) -> list[str]:

@@ -45,9 +45,7 @@ def check_controller(source: Any, robot: Robot | str) -> list[str]:
     passive = 1 - robot.joint
     largest = max((abs(float(u[passive])) for u in torques), default=0.0)
     if largest > 0:
-        findings.append(
-            f"it commands up to {largest:g} N m on the passive joint {passive + 1}: return 0 there"
-        )
+        findings.append(f"it commands up to {largest:g} N m on the passive joint {passive + 1}: return 0 there")
     return findings
 
 

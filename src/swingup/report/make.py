@@ -1,23 +1,19 @@
-"""Compute everything that a report shows, and render it."""
+"""Compute everything that a report shows of a robot."""
 
-import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
+from ..benchmark.disturbances import make_disturbance
 from ..benchmark.evaluate import evaluate
-from ..benchmark.grid import draw_pushes
 from ..benchmark.leaderboard import ENTRANTS, leaderboard
 from ..benchmark.rollout import Trajectory
-from ..benchmark.rules import DEFAULT_RULES, PushRules, get_performance_rules
+from ..benchmark.rules import PushRules
 from ..control.named import get_controller
 from ..control.zoo import shipped_policy
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
-from ..tasks.disturbance import Disturbance, undisturbed
+from ..tasks.disturbance import Disturbance
 from .content import Section, Show
-from .page import render_page
 
 EVERY = 5
 """Of the 500 rows a second every fifth is kept."""
@@ -28,21 +24,6 @@ TORQUE_NOISE = 0.2
 """Noise of their torque (N m)."""
 PUSHES = PushRules(amplitude=(0.5, 3.0))
 """Their pushes: as many as on the robustness board, and up to 3 N m instead of 5."""
-
-
-def make_report(robots: Sequence[Robot | str], controllers: Mapping[str, Any] | None = None, seed: int = 0) -> str:
-    """Judge the paper's controllers and others on each robot and render the page.
-
-    Args:
-        robots: which robots, by name.
-        controllers: controllers by name, in JAX or plain Python, that enter beside the paper's four; one that is
-            for the other robot gets a note.
-        seed: of the noise and the pushes.
-
-    Raises:
-        SwingupError: Bokeh is not installed, or there is no such robot. A controller that fails gets a note.
-    """
-    return render_page([make_section(robot, controllers, seed) for robot in robots])
 
 
 def make_section(robot: Robot | str, controllers: Mapping[str, Any] | None = None, seed: int = 0) -> Section:
@@ -83,14 +64,7 @@ def make_show(name: str, controller: Any, robot: Robot, seed: int) -> Show:
 
 def disturb(seed: int) -> Disturbance:
     """The disturbance of the page's disturbed swing-ups, the same for each controller."""
-    duration = get_performance_rules(DEFAULT_RULES).duration
-    return dataclasses.replace(
-        undisturbed(PUSHES.pushes),
-        velocity_noise=VELOCITY_NOISE,
-        torque_noise=TORQUE_NOISE,
-        pushes=draw_pushes(np.random.default_rng(seed), PUSHES, duration),
-        noise=np.array([seed, 0], np.uint32),
-    )
+    return make_disturbance(velocity_noise=VELOCITY_NOISE, torque_noise=TORQUE_NOISE, pushes=PUSHES, seed=seed)
 
 
 def describe_disturbance(seed: int) -> str:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..benchmark.columns import COLUMNS
 from ..benchmark.rules import CRITERIA
 from ..errors import SwingupError
 from ..physics.parameters import get_robot
@@ -35,24 +36,6 @@ NOTES = {
     "robustness": "Percentage of simulations that end upright; the overall score is the mean of the six.",
     "uptime": "Share of 60 s with the tip above the line, while the pendulum is thrown 15 times.",
 }
-
-COLUMNS = {
-    "swingup_time": ("Swing-up time", "s", ".2f"),
-    "energy": ("Energy", "J", ".2f"),
-    "torque_cost": ("Torque cost", "N²m²", ".2f"),
-    "torque_smoothness": ("Torque smoothness", "N m", ".4f"),
-    "velocity_cost": ("Velocity cost", "m²/s²", ".1f"),
-    "score": ("RealAI score", "", ".3f"),
-    "model": ("Model error", "%", ".1f"),
-    "velocity_noise": ("Velocity noise", "%", ".1f"),
-    "torque_noise": ("Torque noise", "%", ".1f"),
-    "torque_response": ("Torque response", "%", ".1f"),
-    "delay": ("Time delay", "%", ".1f"),
-    "perturbations": ("Pushes", "%", ".1f"),
-    "overall": ("Overall score", "", ".3f"),
-    "uptime": ("Uptime", "", ".3f"),
-}
-"""The boards' columns: heading, unit as the paper prints it, format."""
 
 SERIES = 8
 """Most controllers in the robustness plot: all of ours that fit, then the best published ones."""
@@ -114,7 +97,7 @@ def _encode(figures: ModuleType, section: Section) -> dict[str, Any]:
         )
     rows = _series(section.boards)
     if rows:
-        criteria = {name: COLUMNS[name][0].replace(" ", "\n", 1) for name in CRITERIA}
+        criteria = {name: COLUMNS[name].label.replace(" ", "\n", 1) for name in CRITERIA}
         plots["robustness"] = figures.robustness_figure(rows, [_label(row) for row in rows], criteria)
     return encoded | {"plots": plots}
 
@@ -135,14 +118,13 @@ def _describe(section: Section, encoded: dict[str, Any]) -> dict[str, Any]:
 
 def _table(board: "Board") -> dict[str, Any]:
     """A board as text."""
-    heads = [(column, *COLUMNS.get(column, (column.replace("_", " "), "", ".3g"))) for column in board.columns]
     rows = [
         {
             "name": row.controller,
             "source": row.source,
             "ours": row.source == "ours",
             "remark": row.remark,
-            "cells": [_cell(row.values.get(column), form) for column, _, _, form in heads],
+            "cells": [COLUMNS[name].show(row.values[name]) for name in board.columns],
             "share": _share(row.values.get(board.columns[-1])),
         }
         for row in board.rows
@@ -153,14 +135,10 @@ def _table(board: "Board") -> dict[str, Any]:
     return {
         "measure": board.measure,
         "title": title,
-        "heads": [head[:3] for head in heads],
+        "heads": [(name, COLUMNS[name].label, COLUMNS[name].unit) for name in board.columns],
         "rows": rows,
         "note": note,
     }
-
-
-def _cell(value: float | None, form: str) -> str:
-    return "–" if value is None or not np.isfinite(value) else format(value, form)
 
 
 def _share(value: float | None) -> float:

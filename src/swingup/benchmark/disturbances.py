@@ -1,0 +1,54 @@
+"""Disturbances of a single run, as the robustness grid has them one at a time."""
+
+import dataclasses
+
+import numpy as np
+
+from ..errors import SwingupError
+from ..tasks.disturbance import Disturbance, undisturbed
+from .grid import delay_steps, draw_pushes
+from .rules import DEFAULT_RULES, PushRules, get_robustness_rules
+
+LARGEST = 1000.0
+"""Nothing that disturbs a pendulum comes near this, in SI units."""
+
+
+def make_disturbance(
+    velocity_noise: float = 0.0,
+    torque_noise: float = 0.0,
+    torque_response: float = 1.0,
+    delay: float = 0.0,
+    pushes: PushRules | None = None,
+    seed: int = 0,
+) -> Disturbance:
+    """What disturbs a run of :func:`swingup.evaluate`.
+
+    Args:
+        velocity_noise: standard deviation of the noise on measured velocities (rad/s).
+        torque_noise: standard deviation of the noise on the driven joint's torque (N m).
+        torque_response: motor response; 1 is a perfect motor.
+        delay: age of what the controller measures (s).
+        pushes: random pushes, as ``PushRules()`` of the robustness board or others; None for none.
+        seed: of the noise and the pushes.
+
+    Raises:
+        SwingupError: a value is out of range.
+    """
+    for name, value in {"velocity_noise": velocity_noise, "torque_noise": torque_noise, "delay": delay}.items():
+        if not 0 <= value < LARGEST:
+            raise SwingupError(f"{name} = {value:g} is out of range: use 0 or a little more, in SI units")
+    if not abs(torque_response) < LARGEST:
+        raise SwingupError(f"torque_response = {torque_response:g} is out of range: 1 is a perfect motor")
+    if not 0 <= seed < 2**31:
+        raise SwingupError(f"seed = {seed} is out of range: use 0 to 2³¹ - 1")
+    rules = get_robustness_rules(DEFAULT_RULES)
+    calm = undisturbed() if pushes is None else undisturbed(pushes.pushes)
+    return dataclasses.replace(
+        calm,
+        velocity_noise=velocity_noise,
+        torque_noise=torque_noise,
+        response=torque_response,
+        delay=delay_steps(delay, rules.dt),
+        pushes=calm.pushes if pushes is None else draw_pushes(np.random.default_rng(seed), pushes, rules.duration),
+        noise=np.array([seed, 0], np.uint32),
+    )
