@@ -11,6 +11,7 @@ import numpy as np
 
 from ..control.controller import AbstractController
 from ..control.plain import PlainController
+from ..control.switch import AbstractSparing
 from ..errors import SwingupError
 from ..physics.parameters import Robot
 from .host import HostRun, simulate_on_host
@@ -21,7 +22,7 @@ Controller: TypeAlias = AbstractController[Any] | PlainController
 SIDE_BY_SIDE = 64
 """Copies of a plain controller that exist at a time."""
 LEAST = 32
-"""Scenarios that are worth a thread of their own."""
+"""Scenarios side by side that keep a core busy with more than calling compiled loops."""
 
 NOT_FINITE = "it gave a torque that is not finite where what it measured was finite"
 
@@ -132,13 +133,19 @@ def _length(scenarios: Scenario) -> int:
 def _run_compiled(
     controller: AbstractController[Any], scenarios: Scenario, dt: float, steps: int, depth: int, keep: bool
 ) -> _Result:
-    """One batch on an accelerator; on a CPU a batch for each core, since one batch hardly uses a second one."""
+    """One batch on an accelerator; on a CPU batches of one shape in a thread for each core.
+
+    One batch hardly uses a second core. Controllers that can spare work get smaller batches, since a batch works as
+    long as one of its members needs to; neighbours in a grid mostly end alike.
+    """
     number = _length(scenarios)
-    cores = (os.cpu_count() or 1) if jax.default_backend() == "cpu" else 1
-    threads = max(1, min(cores, number // LEAST))
-    size = -(-number // threads)
+    on_cpu = jax.default_backend() == "cpu"
+    threads = (os.cpu_count() or 1) if on_cpu else 1
+    most = LEAST if on_cpu and _is_sparing(controller) else -(-number // threads)
+    size = min(number, max(LEAST, most))
+    parts = -(-number // size)
     # Parts of one shape need one compilation: the last scenario fills up the last part.
-    padded = jax.tree.map(lambda leaf: leaf[np.minimum(np.arange(threads * size), number - 1)], scenarios)
+    padded = jax.tree.map(lambda leaf: leaf[np.minimum(np.arange(parts * size), number - 1)], scenarios)
 
     def run(part: int) -> _Result:
         with jax.enable_x64(True):  # which is a setting of the thread
@@ -147,8 +154,13 @@ def _run_compiled(
             return jax.tree.map(np.asarray, result)
 
     with ThreadPoolExecutor(threads) as pool:
-        parts = list(pool.map(run, range(threads)))
-    return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:number], *parts)
+        results = list(pool.map(run, range(parts)))
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:number], *results)
+
+
+def _is_sparing(controller: AbstractController[Any]) -> bool:
+    nodes = jax.tree.leaves(controller, is_leaf=lambda node: isinstance(node, AbstractSparing))
+    return any(isinstance(node, AbstractSparing) for node in nodes)
 
 
 def _run_plain(
