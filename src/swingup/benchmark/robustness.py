@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..control.upright import UPRIGHT
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot
 from ..version import __version__
@@ -14,8 +15,6 @@ from .grid import Case, make_cases
 from .interval import Interval, mean_interval
 from .rules import CRITERIA, DEFAULT_RULES, RANDOM, RobustnessRules, get_robustness_rules
 from .runner import as_controller, check_robot, run_many, stack
-
-UPRIGHT = np.array([np.pi, 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True)
