@@ -74,7 +74,8 @@ def mpc(reference: Reference, parameters: Parameters, robot: Robot, settings: MP
     """An MPC along the fit of a trajectory, with ``parameters`` as its model."""
     rows = np.column_stack([reference.states, reference.torque])
     fit = fit_piecewise_cubic(reference.time, rows, settings.pieces)
-    time = np.arange(round(reference.time[-1] / settings.dt) + 1) * settings.dt
+    # The published code takes one sample less than the time has steps: its clock runs 0.03 % fast.
+    time = np.linspace(0.0, reference.time[-1], round(reference.time[-1] / settings.dt))
     with jax.enable_x64(True):
         fitted = np.asarray(jax.vmap(fit)(jnp.asarray(time)))
     transition = PendulumTransition(parameters, robot.joint, settings.dt, exact=False)
