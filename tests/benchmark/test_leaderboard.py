@@ -83,6 +83,11 @@ def test_the_third_rules_have_a_board_of_their_own(robot):
     assert "no idea" in ours(board)["raising"].remark
 
 
+def test_names_on_the_board_are_taken():
+    with pytest.raises(SwingupError, match="'ilqr-mpc' is on the board already"):
+        leaderboard("acrobot", {"ilqr-mpc": Hanging()})
+
+
 def test_unknown_rules():
     with pytest.raises(SwingupError, match="unknown rules 'v9': use one of v2, hardware, v3"):
         leaderboard("acrobot", rules="v9")

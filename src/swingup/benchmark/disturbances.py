@@ -34,6 +34,8 @@ def make_disturbance(
     Raises:
         SwingupError: a value is out of range.
     """
+    if isinstance(pushes, bool):
+        raise SwingupError(f"pushes = {pushes} are no rules: use PushRules() for those of the robustness board")
     for name, value in {"velocity_noise": velocity_noise, "torque_noise": torque_noise, "delay": delay}.items():
         if not 0 <= value < LARGEST:
             raise SwingupError(f"{name} = {value:g} is out of range: use 0 or a little more, in SI units")

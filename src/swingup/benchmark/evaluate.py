@@ -7,11 +7,11 @@ import numpy as np
 
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
-from ..tasks.disturbance import Disturbance
+from ..tasks.disturbance import Disturbance, describe
 from .criteria import Criteria, judge
 from .rollout import Scenario, Trajectory
 from .rules import DEFAULT_RULES, PerformanceRules, get_performance_rules
-from .runner import as_controller, check_robot, run_one
+from .runner import prepare, run_one
 
 
 @dataclass(frozen=True)
@@ -23,10 +23,13 @@ class Evaluation:
     criteria: Criteria
     trajectory: Trajectory
     """NumPy arrays in float64."""
+    disturbance: Disturbance | None = None
+    """What disturbed the run; None on the boards."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Flat and ready for JSON: robot, controller, success, the criteria and the score."""
-        return {"robot": self.robot, "controller": self.controller, **asdict(self.criteria)}
+        """Ready for JSON: robot, controller, success, the criteria, the score, and what disturbed, if anything."""
+        disturbed = {} if self.disturbance is None else {"disturbance": describe(self.disturbance)}
+        return {"robot": self.robot, "controller": self.controller, **asdict(self.criteria), **disturbed}
 
 
 def evaluate(
@@ -51,15 +54,14 @@ def evaluate(
             it failed: it raised an error, or its torque is not two finite numbers.
     """
     robot, rules = get_robot(robot), get_performance_rules(rules)
-    controller = as_controller(controller)
-    check_robot(controller, robot, name)
+    controller = prepare(controller, robot, name)
     scenario = Scenario(leaderboard_parameters(robot), disturbance)
     depth = 1 if disturbance is None else int(disturbance.delay) + 1
     try:
         trajectory = run_one(controller, scenario, rules.dt, rules.steps, depth)
     except SwingupError as error:
         raise SwingupError(f"controller {name!r}: {error}") from error
-    return Evaluation(robot.name, name, score(trajectory, robot, rules), trajectory)
+    return Evaluation(robot.name, name, score(trajectory, robot, rules), trajectory, disturbance)
 
 
 def score(trajectory: Trajectory, robot: Robot | str, rules: PerformanceRules | str = DEFAULT_RULES) -> Criteria:

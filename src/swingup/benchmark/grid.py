@@ -13,6 +13,8 @@ from ..tasks.disturbance import Disturbance, Pushes, undisturbed
 from .rollout import Scenario
 from .rules import CRITERIA, RANDOM, SWEPT, ModelSweep, PushRules, RobustnessRules, Sweep
 
+MOST = 10_000
+"""Simulations of one criterion; more are refused."""
 LONGEST_DELAY = 1000
 """Steps; more past than this is refused."""
 
@@ -49,6 +51,8 @@ def make_cases(robot: Robot, rules: RobustnessRules, criterion: str, seed: int) 
         made = list(_push_cases(nominal, calm, rules, seed))
     else:
         made = list(_sweep_cases(nominal, calm, rules, criterion))
+    if len(made) > MOST:
+        raise SwingupError(f"{criterion} has {len(made)} simulations: at most {MOST} can have noise of their own")
     if criterion in RANDOM:
         made = [_seeded(case, seed, index) for index, case in enumerate(made)]
     return made
@@ -114,8 +118,13 @@ def draw_pushes(random: np.random.Generator, rules: PushRules, duration: float) 
         random: source of the numbers.
         rules: how many pushes, and their ranges.
         duration: length of the run (s).
+
+    Raises:
+        SwingupError: there are none, or more than fit into the run.
     """
     number = 2 * rules.pushes
+    if number < 1 or duration < (number + 1) * rules.apart:
+        raise SwingupError(f"{rules.pushes} pushes a joint {rules.apart:g} s apart do not fit into {duration:g} s")
     slack = (duration - (number + 1) * rules.apart) / number
     centres = np.cumsum(rules.apart + slack * random.uniform(size=number))
     shape = (2, rules.pushes)
@@ -130,7 +139,7 @@ def draw_pushes(random: np.random.Generator, rules: PushRules, duration: float) 
 
 def _seeded(case: Case, seed: int, index: int) -> Case:
     """The case with a noise of its own: no two of a grid, and no two seeds, share a key."""
-    key = np.array([seed, 10_000 * CRITERIA.index(case.criterion) + index], np.uint32)
+    key = np.array([seed, MOST * CRITERIA.index(case.criterion) + index], np.uint32)
     assert case.scenario.disturbance is not None
     disturbance = dataclasses.replace(case.scenario.disturbance, noise=key)
     scenario = Scenario(case.scenario.parameters, disturbance)

@@ -86,11 +86,23 @@ def leaderboard(
     """
     robot = get_robot(robot)
     makers = _makers(rules, seed, recompute)
-    entrants: dict[str, Any] = {name: get_controller(name, robot) for name in ENTRANTS} | dict(controllers or {})
+    entrants = entrants_for(robot, controllers or {})
     return [
         _board(robot, measure, rules, None if measure == "performance" else seed, entrants, make_row)
         for measure, make_row in makers.items()
     ]
+
+
+def entrants_for(robot: Robot, others: Mapping[str, Any]) -> dict[str, Any]:
+    """The paper's controllers and others, by name.
+
+    Raises:
+        SwingupError: another controller has a name of the paper's.
+    """
+    taken = sorted(set(others) & set(ENTRANTS))
+    if taken:
+        raise SwingupError(f"controller {taken[0]!r} is on the board already: give yours another name")
+    return {name: get_controller(name, robot) for name in ENTRANTS} | dict(others)
 
 
 def _makers(rules: str, seed: int, recompute: bool) -> dict[str, _Maker]:
@@ -143,7 +155,10 @@ def published_rows(robot: Robot, measure: str, rules: str) -> list[Row]:
 def shipped_robustness(robot: Robot, name: str) -> Row:
     """The row of a result of ``swingup robustness --json`` that the package ships."""
     file = resources.files("swingup") / "zoo" / f"{robot.name}-{name}-robustness.json"
-    result = json.loads(file.read_text(encoding="utf-8"))
+    try:
+        result = json.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise SwingupError(f"the package lacks {file}: use --recompute, or install it anew") from error
     remark = (
         f"shipped: seed {result['seed']}, version {result['version']}, {result['command']}; --recompute repeats it"
     )

@@ -14,7 +14,7 @@ from ..version import __version__
 from .grid import Case, make_cases
 from .interval import Interval, mean_interval
 from .rules import CRITERIA, DEFAULT_RULES, RANDOM, RobustnessRules, get_robustness_rules
-from .runner import as_controller, check_robot, run_many, stack
+from .runner import prepare, run_many, stack
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def robustness(
     rules: RobustnessRules | str = DEFAULT_RULES,
     seed: int = 0,
     seeds: int = 1,
-    criteria: Sequence[str] = CRITERIA,
+    criteria: str | Sequence[str] = CRITERIA,
 ) -> Robustness:
     """Simulate the whole grid of the robustness board in float64, and score it.
 
@@ -93,8 +93,7 @@ def robustness(
             controller is for the other robot. A controller that fails to answer loses that simulation only.
     """
     robot, rules = get_robot(robot), get_robustness_rules(rules)
-    controller = as_controller(controller)
-    check_robot(controller, robot, name)
+    controller = prepare(controller, robot, name)
     check_seeds(seed, seeds)
     chosen, every = check_criteria(criteria), range(seed, seed + seeds)
     cases = [case for criterion in chosen for case in make_cases(robot, rules, criterion, seed)]
@@ -119,12 +118,14 @@ def check_seeds(seed: int, seeds: int) -> None:
         raise SwingupError(f"seed = {seed}, seeds = {seeds}: use a seed of 0 to 2³¹ - 1 and 1 to 9999 seeds")
 
 
-def check_criteria(criteria: Sequence[str]) -> list[str]:
-    """Criteria in the board's order.
+def check_criteria(criteria: str | Sequence[str]) -> list[str]:
+    """Criteria in the board's order; they may be given in one text, with commas.
 
     Raises:
         SwingupError: one is unknown, or there is none.
     """
+    texts = [criteria] if isinstance(criteria, str) else criteria
+    criteria = [name for text in texts for name in text.split(",")]
     unknown = [name for name in criteria if name not in CRITERIA]
     if unknown or not criteria:
         raise SwingupError(f"unknown criterion {', '.join(unknown)!r}: use some of {', '.join(CRITERIA)}")

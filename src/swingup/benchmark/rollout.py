@@ -10,7 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float, Int
 
 from ..control.controller import AbstractController
 from ..physics.integrate import rk4_step
@@ -30,7 +30,7 @@ class Trajectory(eqx.Module):
     x: Float[Rows, "rows 4"]
     """[q1, q2, dq1, dq2] (rad, rad/s)"""
     u: Float[Rows, "rows 2"]
-    """[u1, u2] (N m), after the torque limits"""
+    """[u1, u2] (N m) that acted: after the torque limits, with pushes if there were any"""
 
 
 class Scenario(eqx.Module):
@@ -59,8 +59,8 @@ class Outcome(eqx.Module):
 
     final: Float[Rows, "4"]
     """The state after the last step."""
-    fault: Bool[Rows, ""]
-    """The controller answered a finite measurement with a torque that is not finite."""
+    fault: Int[Rows, ""]
+    """First step in which the controller answered a finite measurement with a torque that is not finite, or -1."""
 
 
 def begin(x0: State, depth: int = 1) -> Plant:
@@ -110,7 +110,7 @@ def simulate(
         steps: number of steps.
         depth: states that are remembered: more than the largest delay (steps).
     """
-    Carry = tuple[Plant, Any, Flag]
+    Carry = tuple[Plant, Any, Count]
 
     def step(carry: Carry, index: Count) -> tuple[Carry, Trajectory]:
         before, memory, fault = carry
@@ -121,10 +121,11 @@ def simulate(
             memory = after_call
         else:
             memory = jax.tree.map(lambda new, old: jnp.where(called, new, old), after_call, memory)
-        fault |= called & jnp.isfinite(seen).all() & ~jnp.isfinite(command).all()
+        failed = called & jnp.isfinite(seen).all() & ~jnp.isfinite(command).all()
+        fault = jnp.where((fault < 0) & failed, index, fault)
         after = act(scenario, plant, index, command, dt)
         return (after, memory, fault), Trajectory(time=time, x=before.x, u=after.u)
 
-    start = (begin(x0, depth), controller.init(), jnp.array(False))
+    start = (begin(x0, depth), controller.init(), jnp.array(-1))
     (plant, _, fault), trajectory = jax.lax.scan(step, start, jnp.arange(steps))
     return Outcome(plant.x, fault), trajectory

@@ -5,11 +5,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..control.controller import AbstractController
+from ..control.controller import AbstractController, check_interface, check_robot
 from ..control.plain import PlainController
 from ..control.switch import AbstractSparing
 from ..errors import SwingupError
@@ -24,23 +25,21 @@ SIDE_BY_SIDE = 64
 LEAST = 32
 """Scenarios side by side that keep a core busy with more than calling compiled loops."""
 
-NOT_FINITE = "it gave a torque that is not finite where what it measured was finite"
-
-_simulate = jax.jit(simulate, static_argnames=("dt", "steps", "depth"))
-
-
 _Result: TypeAlias = tuple[Outcome, Trajectory | None]
 
 
-@jax.jit(static_argnames=("dt", "steps", "depth", "keep"))
-def _simulate_batch(
-    scenarios: Scenario, controller: AbstractController[Any], dt: float, steps: int, depth: int, keep: bool
+@jax.jit(static_argnames=("static", "dt", "steps", "depth", "keep", "batched"))
+def _simulate(
+    scenarios: Scenario, arrays: Any, static: Any, dt: float, steps: int, depth: int, keep: bool, batched: bool
 ) -> _Result:
+    """Compiled simulations of one controller, which comes in two parts: its numbers and all else."""
+    controller = eqx.combine(arrays, static)
+
     def one(scenario: Scenario) -> _Result:
         outcome, rows = simulate(scenario, controller, jnp.zeros(4), dt, steps, depth)
         return outcome, rows if keep else None
 
-    return jax.vmap(one)(scenarios)
+    return jax.vmap(one)(scenarios) if batched else one(scenarios)
 
 
 @dataclass
@@ -55,24 +54,21 @@ class Batch:
     """With a leading axis, if the rows were to be kept."""
 
 
-def as_controller(source: Any) -> Controller:
-    """A controller of any kind as one that can be run.
+def prepare(source: Any, robot: Robot, name: str) -> Controller:
+    """A controller of any kind as one that can be run on a robot.
 
     Raises:
-        SwingupError: it is none.
+        SwingupError: it is none, is for another robot, or cannot be compiled; the message names it.
     """
-    return source if isinstance(source, AbstractController | PlainController) else PlainController(source)
-
-
-def check_robot(controller: Controller, robot: Robot, name: str) -> None:
-    """Refuse a controller that says it is for another robot.
-
-    Raises:
-        SwingupError: it does.
-    """
-    meant = getattr(controller, "robot", robot)
-    if meant != robot:
-        raise SwingupError(f"controller {name!r} is for the {meant.name}, not the {robot.name}: judge it there")
+    try:
+        controller = source if isinstance(source, AbstractController | PlainController) else PlainController(source)
+        check_robot(controller, robot)
+        if isinstance(controller, AbstractController):
+            with jax.enable_x64(True):
+                check_interface(controller)
+    except SwingupError as error:
+        raise SwingupError(f"controller {name!r}: {error}") from error
+    return controller
 
 
 def run_one(controller: Controller, scenario: Scenario, dt: float, steps: int, depth: int = 1) -> Trajectory:
@@ -83,17 +79,15 @@ def run_one(controller: Controller, scenario: Scenario, dt: float, steps: int, d
     """
     with jax.enable_x64(True):
         if isinstance(controller, PlainController):
-            run = simulate_on_host(stack([scenario]), [controller], dt, steps, depth)
+            run = simulate_on_host(stack([scenario]), [controller], dt, steps, depth, keep=True)
             if run.faults[0] is not None:
                 raise SwingupError(run.faults[0])
             return jax.tree.map(lambda rows: rows[0], run.trajectory)
-        outcome, trajectory = _simulate(scenario, controller, jnp.zeros(4), dt=dt, steps=steps, depth=depth)
-        trajectory = jax.tree.map(np.asarray, trajectory)
-        if outcome.fault:
-            faulty = ~np.isfinite(trajectory.u).all(axis=1)
-            time = trajectory.time[int(np.argmax(faulty))]
-            raise SwingupError(f"it gave a torque that is not finite at t = {time:g} s: mend it there")
-        return trajectory
+        arrays, static = _split(controller)
+        outcome, trajectory = _simulate(scenario, arrays, static, dt, steps, depth, keep=True, batched=False)
+        if outcome.fault >= 0:
+            raise SwingupError(_not_finite(int(outcome.fault), dt))
+        return jax.tree.map(np.asarray, trajectory)
 
 
 def run_many(
@@ -110,7 +104,7 @@ def run_many(
         keep: whether to return the rows as well.
     """
     if isinstance(controller, PlainController):
-        runs = _run_plain(controller, scenarios, dt, steps, depth)
+        runs = _run_plain(controller, scenarios, dt, steps, depth, keep)
         rows = (
             jax.tree.map(lambda *parts: np.concatenate(parts), *[run.trajectory for run in runs]) if keep else None
         )
@@ -118,7 +112,8 @@ def run_many(
             np.concatenate([run.final for run in runs]), [fault for run in runs for fault in run.faults], rows
         )
     outcome, rows = _run_compiled(controller, scenarios, dt, steps, depth, keep)
-    return Batch(np.asarray(outcome.final), [NOT_FINITE if fault else None for fault in outcome.fault], rows)
+    faults = [None if step < 0 else _not_finite(int(step), dt) for step in outcome.fault]
+    return Batch(np.asarray(outcome.final), faults, rows)
 
 
 def stack(scenarios: list[Scenario]) -> Scenario:
@@ -140,22 +135,42 @@ def _run_compiled(
     """
     number = _length(scenarios)
     on_cpu = jax.default_backend() == "cpu"
-    threads = (os.cpu_count() or 1) if on_cpu else 1
+    threads = _cores() if on_cpu else 1
     most = LEAST if on_cpu and _is_sparing(controller) else -(-number // threads)
     size = min(number, max(LEAST, most))
     parts = -(-number // size)
     # Parts of one shape need one compilation: the last scenario fills up the last part.
     padded = jax.tree.map(lambda leaf: leaf[np.minimum(np.arange(parts * size), number - 1)], scenarios)
 
+    arrays, static = _split(controller)
+
     def run(part: int) -> _Result:
         with jax.enable_x64(True):  # which is a setting of the thread
             piece = jax.tree.map(lambda leaf: leaf[part * size : (part + 1) * size], padded)
-            result = _simulate_batch(piece, controller, dt=dt, steps=steps, depth=depth, keep=keep)
+            result = _simulate(piece, arrays, static, dt, steps, depth, keep, batched=True)
             return jax.tree.map(np.asarray, result)
 
-    with ThreadPoolExecutor(threads) as pool:
+    pool = ThreadPoolExecutor(threads)
+    try:
         results = list(pool.map(run, range(parts)))
+    finally:  # interrupted, it does not wait for the parts that run
+        pool.shutdown(wait=False, cancel_futures=True)
     return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:number], *results)
+
+
+def _split(controller: AbstractController[Any]) -> tuple[Any, Any]:
+    """Numbers, which compiled programs take as they come, and all else, which they contain: activations, say."""
+    return eqx.partition(controller, eqx.is_array_like)
+
+
+def _not_finite(step: int, dt: float) -> str:
+    return f"it gave a torque that is not finite at t = {step * dt:g} s: mend it there"
+
+
+def _cores() -> int:
+    """Cores that this process may use."""
+    affinity = getattr(os, "sched_getaffinity", None)  # not on every system
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
 def _is_sparing(controller: AbstractController[Any]) -> bool:
@@ -164,12 +179,12 @@ def _is_sparing(controller: AbstractController[Any]) -> bool:
 
 
 def _run_plain(
-    controller: PlainController, scenarios: Scenario, dt: float, steps: int, depth: int
+    controller: PlainController, scenarios: Scenario, dt: float, steps: int, depth: int, keep: bool
 ) -> list[HostRun]:
     number, runs = _length(scenarios), []
     copies = controller.copies(min(SIDE_BY_SIDE, number))
     for start in range(0, number, len(copies)):
         part = jax.tree.map(lambda leaf, start=start: leaf[start : start + len(copies)], scenarios)
         with jax.enable_x64(True):
-            runs.append(simulate_on_host(part, copies[: _length(part)], dt, steps, depth))
+            runs.append(simulate_on_host(part, copies[: _length(part)], dt, steps, depth, keep))
     return runs

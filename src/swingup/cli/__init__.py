@@ -1,7 +1,8 @@
-"""The command line: ``swingup evaluate | score | leaderboard | train``."""
+"""The command line, ``swingup``: from arguments to an exit status."""
 
 import os
 import sys
+import threading
 from pathlib import Path
 
 from ..errors import SwingupError
@@ -12,16 +13,18 @@ ERROR = 2
 
 def main(arguments: list[str] | None = None) -> int:
     """Run a command; bad input ends in one line on standard error and a non-zero status."""
-    # Imported here, so that other modules of this package can be used without tyro.
-    from .commands import run_command
-
     try:
+        # Imported here, so that other modules of this package can be used without tyro.
+        from .commands import run_command
+
         _use_compilation_cache()
         status = run_command(sys.argv[1:] if arguments is None else arguments)
         sys.stdout.flush()
         return status
     except KeyboardInterrupt:
         print("swingup: interrupted", file=sys.stderr)
+        if threading.active_count() > 1:
+            os._exit(130)  # not waiting for compiled simulations, which know no signals
         return 130
     except SwingupError as error:
         print(f"swingup: error: {error}", file=sys.stderr)

@@ -1,7 +1,9 @@
 """The commands that judge: ``evaluate``, ``score``, ``robustness``, ``uptime``, ``check`` and ``leaderboard``."""
 
+import contextlib
 import json as json_format
 import shlex
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -18,9 +20,9 @@ from ..benchmark.rules import CRITERIA, get_robustness_rules
 from ..benchmark.trajectory_file import load_trajectory, save_trajectory
 from ..control.check import check_controller
 from ..control.named import get_controller
-from ..control.plain import PlainController
 from ..control.zoo import SHIPPED
 from ..errors import SwingupError
+from ..files import check_writable
 from ..physics.parameters import get_robot
 from . import tables
 from .arguments import ControllerName, ControllerNames, DisturbanceOptions, RobotName, RobotOrAll, robots
@@ -51,8 +53,11 @@ def evaluate(
         disturbance: what disturbs the run; the boards' runs have nothing.
     """
     chosen = get_robot(robot)
-    found = get_controller(controller, chosen)
-    result = performance_of.evaluate(found, chosen, controller, rules, disturbance.make())
+    if save is not None:
+        check_writable(save)
+    with foreign_prints_apart():
+        found = get_controller(controller, chosen)
+        result = performance_of.evaluate(found, chosen, controller, rules, disturbance.make())
     if save is not None:
         save_trajectory(save, result.trajectory)
     _print_evaluation(result, rules, json)
@@ -108,8 +113,9 @@ def robustness(
     chosen, changed = get_robot(robot), get_robustness_rules(rules)
     for text in grid:
         changed = change_grid(changed, text)
-    found = get_controller(controller, chosen)
-    result = robustness_of.robustness(found, chosen, controller, changed, seed, seeds, criteria)
+    with foreign_prints_apart():
+        found = get_controller(controller, chosen)
+        result = robustness_of.robustness(found, chosen, controller, changed, seed, seeds, criteria)
     if json:
         options = {"controller": controller, "rules": rules, "seed": seed, "seeds": seeds}
         command = ["swingup", "robustness", robot, *(f"--{name}={value}" for name, value in options.items())]
@@ -151,7 +157,10 @@ def uptime(
         save: also write the first seed's trajectory to this CSV file.
     """
     chosen = get_robot(robot)
-    result = uptime_of.uptime(get_controller(controller, chosen), chosen, controller, rules, seed, seeds)
+    if save is not None:
+        check_writable(save)
+    with foreign_prints_apart():
+        result = uptime_of.uptime(get_controller(controller, chosen), chosen, controller, rules, seed, seeds)
     if save is not None:
         save_trajectory(save, result.trajectory)
     if json:
@@ -176,8 +185,8 @@ def check(robot: RobotName, /, controller: ControllerName) -> int:
         controller: the controller.
     """
     chosen = get_robot(robot)
-    found = get_controller(controller, chosen)
-    findings = check_controller(found.source if isinstance(found, PlainController) else found, chosen)
+    with foreign_prints_apart():
+        findings = check_controller(get_controller(controller, chosen), chosen)
     for finding in findings:
         print(f"{controller}: {finding}")
     if not findings:
@@ -212,14 +221,20 @@ def leaderboard(
     if len(asked) > 1:
         raise SwingupError(f"--{' and --'.join(asked)} exclude each other: choose one")
     boards = []
-    for each in robots(robot):
-        mine = {name: get_controller(name, each) for name in controller}
-        boards += boards_of.leaderboard(each, mine, rules, seed, recompute)
+    with foreign_prints_apart():
+        for each in robots(robot):
+            mine = {name: get_controller(name, each) for name in controller}
+            boards += boards_of.leaderboard(each, mine, rules, seed, recompute)
     if asked:
         print(tables.FORMATS[asked[0]](boards))
     else:
         tables.show(boards)
     return 0
+
+
+def foreign_prints_apart() -> contextlib.AbstractContextManager[object]:
+    """What others' controllers print goes to standard error, so that it does not mix with results."""
+    return contextlib.redirect_stdout(sys.stderr)
 
 
 def _to_last(seed: int, seeds: int) -> str:
@@ -230,7 +245,8 @@ def _print_evaluation(result: Evaluation, rules: str, as_json: bool) -> None:
     if as_json:
         print(json_format.dumps(result.as_dict()))
         return
-    print(f"{result.robot}, {result.controller} (rules {rules})")
+    disturbed = "" if result.disturbance is None else ", disturbed"
+    print(f"{result.robot}, {result.controller} (rules {rules}{disturbed})")
     print(f"  {'Swing-up':<24}{'success' if result.criteria.success else 'failure':>10}")
     for name in PERFORMANCE:
         print(f"  {COLUMNS[name].title:<24}{COLUMNS[name].show(getattr(result.criteria, name)):>10}")

@@ -50,11 +50,6 @@ def add_scaled(a: Sequence[Real], scale: Real, b: Sequence[Real]) -> Vector:
     return tuple(plus(left, times(scale, right)) for left, right in zip(a, b, strict=True))
 
 
-def columns(m: Matrix) -> Matrix:
-    """The transpose of a full matrix."""
-    return tuple(zip(*m, strict=True))
-
-
 def entry(s: Matrix, i: int, j: int) -> Real:
     """Entry (i, j) of a symmetric matrix."""
     return s[i][j - i] if i <= j else s[j][i - j]

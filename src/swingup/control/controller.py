@@ -1,10 +1,14 @@
 """The one interface of all controllers: explicit state, so that whole closed loops compile and batch."""
 
 import abc
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 
+from ..errors import SwingupError
+from ..physics.parameters import Robot
 from ..types import Scalar, State, Torque
 
 Carry = TypeVar("Carry")
@@ -20,3 +24,46 @@ class AbstractController(eqx.Module, Generic[Carry]):
     @abc.abstractmethod
     def __call__(self, carry: Carry, t: Scalar, x: State) -> tuple[Carry, Torque]:
         """The torques [u1, u2] (N m) for the state x measured at time t (s), and what to remember."""
+
+
+def check_interface(controller: AbstractController[Any]) -> None:
+    """Trace one call of a controller in JAX without running it; in 64-bit mode, as it will be run.
+
+    Raises:
+        SwingupError: it raised an error, its torque's shape is not (2,), or its memory changes its structure.
+    """
+    try:
+        start = controller.init()
+        answer = jax.eval_shape(lambda memory, t, x: controller(memory, t, x), start, jnp.zeros(()), jnp.zeros(4))
+    except Exception as error:  # whatever a foreign controller raises
+        reason = one_line(error)
+        raise SwingupError(f"tracing it raised {type(error).__name__}: {reason}; mend it there") from error
+    if not isinstance(answer, tuple) or len(answer) != 2:
+        raise SwingupError("a call of it must return two things: what to remember, and the torques [u1, u2]")
+    after, command = answer
+    if getattr(command, "shape", None) != (2,):
+        shape = getattr(command, "shape", type(command).__name__)
+        raise SwingupError(f"its torque has shape {shape}: return [u1, u2] of shape (2,) in N m")
+    if _structure(after) != _structure(start):
+        raise SwingupError("its memory changes shape or dtype in a call: keep what init() returns")
+
+
+def check_robot(source: Any, robot: Robot) -> None:
+    """Refuse a controller that says it is for another robot.
+
+    Raises:
+        SwingupError: it does.
+    """
+    meant = getattr(source, "robot", None)
+    if isinstance(meant, Robot) and meant != robot:
+        raise SwingupError(f"it is for the {meant.name}, not the {robot.name}: judge it there")
+
+
+def one_line(thing: object, length: int = 300) -> str:
+    """The text of a foreign object or error, in one line of bounded length."""
+    return f"{' '.join(str(thing).split()):.{length}}"
+
+
+def _structure(memory: Any) -> tuple[Any, list[tuple[tuple[int, ...], Any]]]:
+    leaves, structure = jax.tree.flatten(memory)
+    return structure, [(jnp.shape(leaf), jnp.result_type(leaf)) for leaf in leaves]

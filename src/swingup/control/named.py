@@ -3,13 +3,12 @@
 import importlib
 import inspect
 import sys
-from pathlib import Path
 from typing import Any
 
 from ..errors import SwingupError
 from ..physics.parameters import Robot
 from .builtin import BASELINES, baseline
-from .controller import AbstractController
+from .controller import AbstractController, one_line
 from .learned import load_policy
 from .plain import PlainController
 from .zoo import SHIPPED, shipped_policy
@@ -34,12 +33,13 @@ def get_controller(name: str, robot: Robot) -> AbstractController[Any] | PlainCo
         return shipped_policy(robot)[0]
     if name in BASELINES:
         return baseline(name, robot)
-    if Path(name).exists() or name.endswith(".npz"):
+    if name.endswith(".npz"):
         return load_policy(name, robot)[0]
     if ":" in name:
         return _imported(name)
     known = ", ".join(BUILT_IN)
-    raise SwingupError(f"unknown controller {name!r}: use {known}, a policy file (.npz) or module:object")
+    hint = f"; for an object of a module: {name.removesuffix('.py')}:NAME" if name.endswith(".py") else ""
+    raise SwingupError(f"unknown controller {name!r}: use {known}, a policy file (.npz) or module:object{hint}")
 
 
 def _imported(name: str) -> AbstractController[Any] | PlainController:
@@ -47,13 +47,14 @@ def _imported(name: str) -> AbstractController[Any] | PlainController:
     if "" not in sys.path:
         sys.path.insert(0, "")  # a module in the working folder, as `python` itself would find it
     try:
-        found = importlib.import_module(module_name)
+        found: Any = importlib.import_module(module_name)
         for attribute in object_name.split("."):
             found = getattr(found, attribute)
-        source: Any = found() if inspect.isclass(found) else found
-    except Exception as error:  # whatever a foreign module raises
-        reason = " ".join(str(error).split())
+        if inspect.isclass(found):
+            found = found()
+    except (Exception, SystemExit) as error:  # whatever a foreign module raises
         raise SwingupError(
-            f"cannot load controller {name!r}: {type(error).__name__}: {reason}; write module:object"
+            f"cannot load controller {name!r}: {type(error).__name__}: {one_line(error)}; write module:object "
+            "with an object, or a class without arguments, of a module that can be imported"
         ) from error
-    return source if isinstance(source, AbstractController) else PlainController(source)
+    return found if isinstance(found, AbstractController) else PlainController(found)

@@ -2,14 +2,18 @@
 
 import copy
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from ..errors import SwingupError
+from .controller import one_line
 
 Answer = Callable[[np.ndarray, float], Any]
+
+DT = 0.002
+"""Time between the calls of a trial (s)."""
 
 
 class PlainController:
@@ -26,45 +30,96 @@ class PlainController:
         """
         if not callable(getattr(source, "get_control_output", source)) or inspect.isclass(source):
             raise SwingupError(
-                f"{source!r} is no controller: pass a function of (x, t), an object with get_control_output(x, t), "
-                "or a swingup controller"
+                f"{one_line(repr(source), 60)} is no controller: pass a function of (x, t), an object with "
+                "get_control_output(x, t), or a swingup controller"
             )
         self.source = source
+        self.robot = getattr(source, "robot", None)
 
     def start(self) -> Answer:
-        """Clear the memory and return what to call with x (4,) (rad, rad/s) and t (s)."""
+        """Clear the memory and return what to call with x (4,) (rad, rad/s) and t (s).
+
+        Raises:
+            SwingupError: ``reset()`` or ``init()`` raised an error.
+        """
         for name in ("reset", "init"):
             method = getattr(self.source, name, None)
             if callable(method):
-                method()
-        return getattr(self.source, "get_control_output", self.source)
+                try:
+                    method()
+                except (Exception, SystemExit) as error:
+                    reason = f"{type(error).__name__} ({one_line(error)})"
+                    raise SwingupError(f"its {name}() raised {reason}: mend it there") from error
+        return _by_keywords(getattr(self.source, "get_control_output", self.source))
 
     def copies(self, number: int) -> "list[PlainController]":
-        """Independent controllers for simulations side by side; just this one where it cannot be copied."""
+        """Independent controllers for simulations side by side; just this one where it has none."""
         try:
-            return [self, *(PlainController(copy.deepcopy(self.source)) for _ in range(number - 1))]
+            made = [self, *(PlainController(copy.deepcopy(self.source)) for _ in range(number - 1))]
         except Exception:  # whatever a foreign object's copying raises
             return [self]
+        return made if number == 1 or are_independent(made[:2]) else [self]
 
 
 def answer(call: Answer, x: np.ndarray, t: float) -> np.ndarray:
     """One call, checked: the torques [u1, u2] (N m) as float64.
 
     Raises:
-        SwingupError: the controller raised an error, or its answer is not two finite numbers.
+        SwingupError: the controller raised an error, or its answer is not two finite real numbers.
     """
     try:
         given = call(x.copy(), t)
-    except Exception as error:
-        reason = " ".join(str(error).split())
-        raise SwingupError(f"it raised {type(error).__name__} ({reason}) at t = {t:g} s: mend it there") from error
-    try:
-        u = np.asarray(given, np.float64)
-    except (TypeError, ValueError):
-        u = np.empty(0)
-    if u.shape != (2,):
-        shape = f"of shape {u.shape}" if u.size else f"{given!r:.60}"
-        raise SwingupError(f"its torque at t = {t:g} s is {shape}: return two numbers [u1, u2] in N m")
+        u = np.asarray(given)
+    except (Exception, SystemExit) as error:
+        reason = f"{type(error).__name__} ({one_line(error)})"
+        raise SwingupError(f"it raised {reason} at t = {t:g} s: mend it there") from error
+    if u.shape != (2,) or u.dtype.kind not in "fiub":
+        what = f"of shape {u.shape}" if u.dtype.kind in "fiub" else one_line(repr(given), 60)
+        raise SwingupError(f"its torque at t = {t:g} s is {what}: return two real numbers [u1, u2] in N m")
     if not np.isfinite(u).all():
         raise SwingupError(f"it gave a torque that is not finite at t = {t:g} s: mend it there")
-    return u
+    return u.astype(np.float64)
+
+
+def call_in_turn(controllers: Sequence[PlainController], states: np.ndarray) -> list[np.ndarray]:
+    """The answers (n, 2) of controllers that are started afresh and called in turn, state by state (n, 4).
+
+    Raises:
+        SwingupError: one failed to answer.
+    """
+    calls = [controller.start() for controller in controllers]
+    answers = [[answer(call, x, step * DT) for call in calls] for step, x in enumerate(states)]
+    return [np.array([row[index] for row in answers]) for index in range(len(calls))]
+
+
+def are_independent(controllers: Sequence[PlainController]) -> bool:
+    """Whether copies of a controller that are called in turn answer as one that is called alone.
+
+    They do not where they share a memory, as closures, globals and class attributes are. Those that fail share
+    nothing that matters.
+    """
+    states = trial_states()
+    try:
+        alone = call_in_turn(controllers[:1], states)[0]
+        return all(np.array_equal(each, alone) for each in call_in_turn(controllers, states))
+    except SwingupError:
+        return True
+
+
+def trial_states() -> np.ndarray:
+    """States (n, 4) to try a controller on: hanging, upright, full turns away, fast, then random."""
+    pi = np.pi
+    chosen = [[0, 0, 0, 0], [pi, 0, 0, 0], [-pi, 2 * pi, 0, 0], [3, -7, 20, -20], [pi, 0, 30, 30]]
+    random = np.random.default_rng(0).uniform(-1, 1, (27, 4)) * [2 * pi, 2 * pi, 20, 20]
+    return np.concatenate([np.array(chosen, np.float64), random])
+
+
+def _by_keywords(call: Callable[..., Any]) -> Answer:
+    """The call by the names x and t where it has both, as RealAIGym calls; else in this order."""
+    try:
+        names = inspect.signature(call).parameters
+    except (TypeError, ValueError):  # built-in functions have none
+        return call
+    if {"x", "t"} <= set(names) and names["x"].kind is not inspect.Parameter.POSITIONAL_ONLY:
+        return lambda x, t: call(x=x, t=t)
+    return call

@@ -5,10 +5,9 @@ from typing import Any
 
 from ..benchmark.disturbances import make_disturbance
 from ..benchmark.evaluate import evaluate
-from ..benchmark.leaderboard import ENTRANTS, leaderboard
+from ..benchmark.leaderboard import entrants_for, leaderboard
 from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import PushRules
-from ..control.named import get_controller
 from ..control.zoo import shipped_policy
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
@@ -38,7 +37,7 @@ def make_section(robot: Robot | str, controllers: Mapping[str, Any] | None = Non
         SwingupError: there is no such robot. A controller that fails gets a note.
     """
     robot = get_robot(robot)
-    entrants = {name: get_controller(name, robot) for name in ENTRANTS} | dict(controllers or {})
+    entrants = entrants_for(robot, controllers or {})
     return Section(
         robot=robot.name,
         parameters=leaderboard_parameters(robot),

@@ -4,6 +4,8 @@ A :class:`Disturbance` is a pytree of reals: batch it with ``vmap`` to run many 
 order of one step of the public RealAIGym benchmark: :func:`measure`, the controller, :func:`drive`, the plant.
 """
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -53,6 +55,16 @@ def undisturbed(pushes: int = 1) -> Disturbance:
     """A disturbance that changes nothing, with room for ``pushes`` pushes a joint."""
     nothing = np.zeros((2, pushes))
     return Disturbance(0.0, 0.0, 1.0, 0, Pushes(nothing, nothing + 1.0, nothing), np.zeros(2, np.uint32))
+
+
+def describe(disturbance: Disturbance) -> dict[str, Any]:
+    """A disturbance as JSON values: its numbers, the words of its noise's key, and its pushes, if any."""
+    numbers = {name: float(getattr(disturbance, name)) for name in ("velocity_noise", "torque_noise", "response")}
+    pushes = {name: np.asarray(values).tolist() for name, values in vars(disturbance.pushes).items()}
+    given = {"pushes": pushes} if np.any(np.asarray(disturbance.pushes.amplitude)) else {}
+    return (
+        numbers | {"delay_steps": int(disturbance.delay), "noise": np.asarray(disturbance.noise).tolist()} | given
+    )
 
 
 def step_noise(disturbance: Disturbance, step: Count, dtype: jnp.dtype) -> tuple[Float[Array, "2"], Scalar]:
