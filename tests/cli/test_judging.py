@@ -58,7 +58,7 @@ def run(capsys, *arguments, status=0):
 
 def test_robustness_as_json(capsys):
     result = json.loads(
-        run(capsys, "robustness", "pendubot", "--json", "--seed", "3", "--criteria", "delay", "perturbations")
+        run(capsys, "robustness", "pendubot", "--json", "--seed", "3", "--criteria", "delay,perturbations")
     )
     assert list(result) == [
         "command", "robot", "controller", "rules", "seed", "version", "delay", "perturbations", "overall",

@@ -29,5 +29,5 @@ def trajectory(robot: RobotName, /, out: Annotated[str, arg(metavar="FILE.npz")]
     command = shlex.join(["swingup", "trajectory", robot, "--seed", str(seed), "--out", out])
     save_reference(out, reference, {**provenance, "command": command})
     for name, value in provenance.items():
-        print(f"{name:<16}{value}")
+        print(f"{name:<20}{value}")
     return 0
