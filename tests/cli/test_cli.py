@@ -100,7 +100,7 @@ def test_train_resume_and_evaluate(capsys):
         ("evaluate acrobot --controller no-such", "unknown controller 'no-such'"),
         ("evaluate acrobot --controller missing.npz", "no such file: missing.npz"),
         ("evaluate acrobot --controller text.npz", "text.npz is not a swingup policy file, or it is truncated"),
-        ("evaluate acrobot --controller .", "cannot read"),
+        ("evaluate acrobot --controller .", "unknown controller '.'"),
         ("evaluate acrobot --rules v9", "unknown performance rules 'v9'"),
         ("evaluate acrobot --save missing/t.csv", "cannot write missing/t.csv"),
         ("score missing.csv --robot acrobot", "missing.csv"),

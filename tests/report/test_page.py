@@ -10,6 +10,7 @@ import equinox as eqx
 import numpy as np
 import pytest
 
+from swingup.benchmark import leaderboard as boards
 from swingup.benchmark.leaderboard import Board, Row
 from swingup.benchmark.rollout import Trajectory
 from swingup.control.zoo import shipped_policy
@@ -174,7 +175,7 @@ def test_sections_judge_everybody_with_one_disturbance(monkeypatch):
         return [make_board(robot, "performance")]
 
     monkeypatch.setattr(make, "leaderboard", leaderboard)
-    monkeypatch.setattr(make, "ENTRANTS", ("ar-eapo",))
+    monkeypatch.setattr(boards, "ENTRANTS", ("ar-eapo",))
     mine = {"mine": policy, "none": "no controller"}
     html = render_page([make.make_section(robot, mine, seed=3) for robot in ("acrobot", "pendubot")])
     assert asked == [(name, ["mine", "none"], 3) for name in ("acrobot", "pendubot")]

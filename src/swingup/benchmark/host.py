@@ -56,6 +56,8 @@ def simulate_on_host(
                     command[index] = answer(call, measured[index], float(time[step]))
                 except SwingupError as error:
                     faults[index] = str(error)
+        if None not in faults:
+            break  # nobody is left to be judged
         plant = _act(scenarios, plant, np.int64(step), command, dt)
         if keep:
             u[:, step] = plant.u
