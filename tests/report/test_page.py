@@ -184,7 +184,7 @@ def test_sections_judge_everybody_with_one_disturbance(monkeypatch):
     # One policy under two names: the same noise and the same pushes.
     assert first["shows"][0]["disturbed"] == first["shows"][1]["disturbed"]
     assert first["shows"][0]["clean"] != first["shows"][0]["disturbed"]
-    assert "<b>none</b>: &#39;no controller&#39; is no controller" in html
+    assert "<b>none</b>: controller &#39;none&#39;: &#39;no controller&#39; is no controller" in html
     # A controller for the other robot.
     assert [show["name"] for show in second["shows"]] == ["ar-eapo"]
     assert "is for the acrobot, not the pendubot" in html
