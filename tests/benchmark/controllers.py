@@ -1,0 +1,34 @@
+"""What several tests of the benchmark share: short rules, and a controller in JAX and in NumPy."""
+
+import dataclasses
+import math
+
+import jax.numpy as jnp
+import numpy as np
+
+from swingup.benchmark.rules import get_robustness_rules
+from swingup.control.controller import AbstractController
+
+V2 = get_robustness_rules("v2")
+BRIEF = dataclasses.replace(V2, name="brief", duration=0.8)
+"""The whole grid, each run of 0.8 s, with pushes that fit into it."""
+BRIEF = dataclasses.replace(BRIEF, perturbations=dataclasses.replace(V2.perturbations, apart=0.1))
+
+
+LOOSE = dataclasses.replace(BRIEF, name="loose", tolerance=(2.9, 9.0, 1e9, 1e9))
+"""With a success that some of these short runs have."""
+
+
+class Swinging(AbstractController):
+    """Torque with the driven joint's velocity: it pumps energy into the pendulum from any disturbance."""
+
+    def init(self):
+        return None
+
+    def __call__(self, carry, t, x):
+        return None, jnp.ones(2) * (3 * jnp.tanh(x[2] + x[3]) + 0.5 * jnp.cos(3 * t))
+
+
+def swinging(x, t):
+    """The same in NumPy."""
+    return np.ones(2) * (3 * math.tanh(x[2] + x[3]) + 0.5 * math.cos(3 * t))

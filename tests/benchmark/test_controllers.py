@@ -1,0 +1,207 @@
+"""Controllers of all kinds under the judge: plain Python, failing ones, and ones that cannot run at all."""
+
+import dataclasses
+import math
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import swingup
+from swingup.benchmark.grid import change_grid, make_cases
+from swingup.benchmark.robustness import robustness
+from swingup.benchmark.runner import run_many, stack
+from swingup.control.controller import AbstractController
+from swingup.control.plain import PlainController
+from swingup.errors import SwingupError
+from swingup.physics.parameters import get_robot
+
+from .controllers import BRIEF, Swinging, swinging
+
+
+class Breaking(AbstractController):
+    """NaN when it sees a delay of more than ten steps by the velocity it is shown at the start."""
+
+    def init(self):
+        return None
+
+    def __call__(self, carry, t, x):
+        return None, jnp.where((t > 0.021) & (x[3] == 0), jnp.nan, 1.0) * jnp.array([0.0, 1.0])
+
+
+def test_a_controller_that_breaks_loses_only_the_simulations_in_which_it_does():
+    loose = dataclasses.replace(BRIEF, duration=0.1, tolerance=(9.0, 9.0, 1e9, 1e9))
+    result = robustness(Breaking(), "acrobot", rules=loose, criteria=["delay"])
+    # With a delay of 11 steps or more the first state, at rest, is still seen at t = 0.022 s, in step 11.
+    assert [entry.success for entry in result.results] == [True] * 11 + [False] * 10
+    assert len(result.faults) == 10
+    assert "not finite" in result.faults[0].fault
+    assert "fault" in result.as_dict()["details"][-1]
+
+
+def plain(x, t):
+    return swinging(x, t)
+
+
+class Counting:
+    """Memory in the object: torque grows with the number of calls since the last reset."""
+
+    def __init__(self):
+        self.calls = 99
+
+    def reset(self):
+        self.calls = 0
+
+    def get_control_output(self, x, t):
+        self.calls += 1
+        return [0.0, 0.01 * self.calls * math.cos(5 * t)]
+
+
+class JaxCounting(AbstractController):
+    """The same with explicit memory."""
+
+    def init(self):
+        return jnp.zeros(())
+
+    def __call__(self, carry, t, x):
+        return carry + 1, jnp.array([0.0, 1.0]) * 0.01 * (carry + 1) * jnp.cos(5 * t)
+
+
+class Uncopyable(Counting):
+    """As a handle into another library would be."""
+
+    def __deepcopy__(self, memo):
+        raise TypeError("no copies")
+
+
+@pytest.mark.parametrize(
+    ("source", "twin"),
+    [(plain, Swinging()), (Counting(), JaxCounting()), (Uncopyable(), JaxCounting())],
+    ids=["function", "object", "one by one"],
+)
+def test_plain_python_gets_the_same_table(source, twin):
+    rules = dataclasses.replace(BRIEF, duration=0.3, tolerance=(3.2, 2.0, 9.0, 9.0))
+    rules = change_grid(change_grid(rules, "velocity_noise=0:0.5:5:3"), "delay=0:0.04:5")
+    chosen = ["velocity_noise", "delay"]
+    found = robustness(source, "acrobot", rules=rules, criteria=chosen, seed=1)
+    expected = robustness(twin, "acrobot", rules=rules, criteria=chosen, seed=1)
+    assert [entry.success for entry in found.results] == [entry.success for entry in expected.results]
+
+
+def test_a_plain_controller_that_raises_loses_that_simulation():
+    def fragile(x, t):
+        if abs(x[3]) > 0.2:
+            raise RuntimeError("too fast")
+        return [0.0, 0.0]
+
+    rules = dataclasses.replace(BRIEF, duration=0.02, tolerance=(9.0, 9.0, 9.0, 9.0))
+    rules = change_grid(rules, "velocity_noise=0:0.5:2:2")
+    result = robustness(fragile, "acrobot", rules=rules, criteria=["velocity_noise"])
+    assert [entry.success for entry in result.results] == [True, True, False, False]
+    assert "RuntimeError (too fast) at t = " in result.results[3].fault
+
+
+class Network(AbstractController):
+    """A network from Equinox: its activation is a leaf that is no array."""
+
+    network: eqx.nn.MLP
+    label: str
+
+    def init(self):
+        return None
+
+    def __call__(self, carry, t, x):
+        return None, self.network(x.astype(jnp.float32)).astype(x.dtype)
+
+
+def test_controllers_may_hold_what_is_no_array():
+    controller = Network(eqx.nn.MLP(4, 2, 8, 1, key=jax.random.key(0)), "mine")
+    assert swingup.check_controller(controller, "acrobot")[0].startswith("it commands up to")
+    assert swingup.evaluate(controller, "acrobot").criteria.score == 0.0
+    rules = dataclasses.replace(BRIEF, duration=0.1, tolerance=(9.0, 9.0, 1e9, 1e9))
+    assert robustness(controller, "acrobot", rules=rules, criteria="delay").percent["delay"] == 100.0
+
+
+class Broken(AbstractController):
+    """It cannot be compiled, for one reason or another."""
+
+    how: str = eqx.field(static=True)
+
+    def init(self):
+        if self.how == "init":
+            raise RuntimeError("not\nyet")
+        return jnp.zeros((), jnp.float32)
+
+    def __call__(self, carry, t, x):
+        if self.how == "branch":
+            return carry, jnp.zeros(2) if x[0] > 0 else jnp.ones(2)
+        if self.how == "scalar":
+            return carry, jnp.sin(t)
+        if self.how == "memory":
+            return carry + t, jnp.zeros(2)
+        return jnp.zeros(2)
+
+
+@pytest.mark.parametrize(
+    ("how", "message"),
+    [
+        ("init", "tracing it raised RuntimeError: not yet"),
+        ("branch", "tracing it raised TracerBoolConversionError"),
+        ("scalar", r"its torque has shape \(\)"),
+        ("memory", "its memory changes shape or dtype"),
+        ("alone", "a call of it must return two things"),
+    ],
+)
+@pytest.mark.parametrize("judge", [swingup.evaluate, swingup.robustness, swingup.uptime])
+def test_controllers_that_cannot_be_compiled(judge, how, message):
+    with pytest.raises(SwingupError, match=f"controller 'mine': {message}") as error:
+        judge(Broken(how), "acrobot", "mine")
+    assert "\n" not in str(error.value)
+
+
+def test_plain_controllers_that_cannot_be_started():
+    class Starting:
+        def reset(self):
+            raise OSError("no device")
+
+        def get_control_output(self, x, t):
+            return [0.0, 0.0]
+
+    with pytest.raises(SwingupError, match=r"controller 'mine': its reset\(\) raised OSError \(no device\)"):
+        swingup.evaluate(Starting(), "acrobot", "mine")
+    rules = dataclasses.replace(BRIEF, duration=0.01)
+    result = robustness(Starting(), "acrobot", rules=rules, criteria="delay")
+    assert len(result.faults) == 21
+
+
+def test_copies_that_share_a_memory_run_one_by_one():
+    class Shared:
+        calls = 0
+
+        def reset(self):
+            Shared.calls = 0
+
+        def get_control_output(self, x, t):
+            Shared.calls += 1
+            return [0.0, 0.01 * Shared.calls * math.cos(5 * t)]
+
+    rules = change_grid(dataclasses.replace(BRIEF, duration=0.3, tolerance=(0.1, 3.2, 9.0, 9.0)), "delay=0:0.04:3")
+    cases = [case.scenario for case in make_cases(get_robot("acrobot"), rules, "delay", 0)]
+    found = run_many(PlainController(Shared()), stack(cases), rules.dt, rules.steps, depth=21)
+    expected = run_many(JaxCounting(), stack(cases), rules.dt, rules.steps, depth=21)
+    np.testing.assert_allclose(found.final, expected.final, rtol=1e-9, atol=1e-9)
+
+
+def test_an_infinite_torque_is_named_with_its_time():
+    class Infinite(Broken):
+        def init(self):
+            return None
+
+        def __call__(self, carry, t, x):
+            return None, jnp.where(t > 0.0199, jnp.inf, 0.0) * jnp.array([0.0, 1.0])
+
+    # inf times 0 is NaN on the passive joint; the driven joint's torque would be clipped to 6 N m.
+    with pytest.raises(SwingupError, match=r"not finite at t = 0\.02 s"):
+        swingup.evaluate(Infinite("late"), "acrobot")

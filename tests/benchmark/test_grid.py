@@ -1,0 +1,179 @@
+"""The grid, against the benchmark's definition."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+import swingup
+from swingup.benchmark.grid import change_grid, draw_pushes, make_cases
+from swingup.benchmark.robustness import robustness
+from swingup.benchmark.rules import CRITERIA, RANDOM, PushRules, Sweep
+from swingup.errors import SwingupError
+from swingup.physics.parameters import leaderboard_parameters
+
+from .controllers import V2, Swinging
+
+
+def every_case(robot, rules=V2, seed=0):
+    return [case for criterion in CRITERIA for case in make_cases(robot, rules, criterion, seed)]
+
+
+def test_the_grid_has_722_simulations(robot):
+    cases = every_case(robot)
+    counts = {name: sum(case.criterion == name for case in cases) for name in CRITERIA}
+    assert counts == {
+        "model": 210, "velocity_noise": 210, "torque_noise": 210, "torque_response": 21, "delay": 21,
+        "perturbations": 50,
+    }  # fmt: skip
+    assert sum(counts.values()) == 722
+
+
+def test_model_errors_change_one_parameter_each(robot):
+    nominal = vars(leaderboard_parameters(robot))
+    fields = {"m1r1": "r1", "m2r2": "r2"}
+    ranges = {
+        "Ir": (0, 1e-4), "b1": (-0.1, 0.1), "b2": (-0.1, 0.1), "cf1": (-0.2, 0.2), "cf2": (-0.2, 0.2),
+        **{name: (0.75 * nominal[field], 1.25 * nominal[field])
+           for name, field in (("m1r1", "r1"), ("I1", "I1"), ("m2r2", "r2"), ("m2", "m2"), ("I2", "I2"))},
+    }  # fmt: skip
+    cases = make_cases(robot, V2, "model", 0)
+    assert {case.settings["parameter"] for case in cases} == set(ranges)
+    for name, (low, high) in ranges.items():
+        chosen = [vars(case.scenario.parameters) for case in cases if case.settings["parameter"] == name]
+        field = fields.get(name, name)
+        np.testing.assert_allclose([p[field] for p in chosen], np.linspace(low, high, 21), rtol=1e-14, atol=1e-18)
+        assert all(p[other] == nominal[other] for p in chosen for other in nominal if other != field)
+
+
+@pytest.mark.parametrize(
+    ("criterion", "field", "values"),
+    [
+        ("velocity_noise", "velocity_noise", np.repeat(np.linspace(0, 0.5, 21), 10)),
+        ("torque_noise", "torque_noise", np.repeat(np.linspace(0, 1.1, 21), 10)),
+        ("torque_response", "response", np.linspace(0.1, 2.0, 21)),
+        ("delay", "delay", range(21)),  # 0 to 0.04 s in steps of 0.002 s
+    ],
+)
+def test_sweeps(robot, criterion, field, values):
+    cases = make_cases(robot, V2, criterion, 3)
+    disturbances = [case.scenario.disturbance for case in cases]
+    found = [getattr(disturbance, field) for disturbance in disturbances]
+    if criterion == "delay":
+        # Rounded down in floating point, as the benchmark's int(delay / dt) is.
+        assert found == [int(value / 0.002) for value in np.linspace(0, 0.04, 21)]
+    else:
+        np.testing.assert_allclose(found, values)
+    keys = {tuple(disturbance.noise) for disturbance in disturbances}
+    assert len(keys) == (len(cases) if criterion in RANDOM else 1)
+
+
+def test_noise_differs_between_criteria_and_seeds(robot):
+    keys = [
+        tuple(case.scenario.disturbance.noise)
+        for seed in (0, 1)
+        for name in ("velocity_noise", "torque_noise")
+        for case in make_cases(robot, V2, name, seed)
+    ]
+    assert len(set(keys)) == len(keys) == 840
+
+
+def test_pushes_keep_the_benchmarks_distribution():
+    random = np.random.default_rng(0)
+    profiles = [draw_pushes(random, PushRules(), 10.0) for _ in range(2000)]
+    centres = np.array([np.sort(profile.centre, axis=None) for profile in profiles])
+    # μ_i = μ_{i-1} + 1 + U/2 from μ_{-1} = 0: means 1.25 (i + 1), within 1 (i + 1) and 1.5 (i + 1).
+    steps = np.diff(centres, axis=1, prepend=0.0)
+    assert steps.min() >= 1.0
+    assert steps.max() <= 1.5
+    np.testing.assert_allclose(centres.mean(axis=0), 1.25 * np.arange(1, 7), atol=0.04)  # 5 standard errors
+    amplitudes = np.abs([profile.amplitude for profile in profiles])
+    widths = np.array([profile.width for profile in profiles])
+    assert 0.5 <= amplitudes.min() < 0.51 < 4.99 < amplitudes.max() <= 5.0
+    assert 0.05 <= widths.min() < 0.0501 < 0.0999 < widths.max() <= 0.1
+    signs = np.mean([np.sign(profile.amplitude) for profile in profiles])
+    assert abs(signs) < 0.05
+    # Shuffled: the earliest push is on either joint.
+    first = np.mean([profile.centre[0].min() < profile.centre[1].min() for profile in profiles])
+    assert abs(first - 0.5) < 0.06
+
+
+@pytest.mark.parametrize(
+    ("text", "field", "expected"),
+    [
+        ("delay=0:0.02:5", "delay", Sweep(0.0, 0.02, 5, 1)),
+        ("velocity_noise=0:1:3", "velocity_noise", Sweep(0.0, 1.0, 3, 10)),
+        ("torque_noise=0.5:1:3:2", "torque_noise", Sweep(0.5, 1.0, 3, 2)),
+    ],
+)
+def test_other_grids(text, field, expected):
+    changed = change_grid(V2, text)
+    assert getattr(changed, field) == expected
+    assert changed.name == f"v2 {text}"
+
+
+def test_other_grids_of_the_model_and_of_pushes(robot):
+    changed = change_grid(change_grid(V2, "m1r1=0.5:1.5:3"), "perturbations=7")
+    assert changed.model["m1r1"].sweep == Sweep(0.5, 1.5, 3)
+    assert len(make_cases(robot, changed, "perturbations", 0)) == 7
+    assert len(make_cases(robot, changed, "model", 0)) == 210 - 21 + 3
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("speed=0:1:2", "names no sweep"),
+        ("delay", "malformed"),
+        ("delay=0:1", "malformed"),
+        ("delay=0:x:3", "malformed"),
+        ("delay=0:inf:3", "malformed"),
+        ("delay=0:nan:3", "malformed"),
+        ("delay=0:1:2.5", "whole number"),
+        ("delay=0:1:0", "whole number"),
+        ("perturbations=0", "whole number"),
+    ],
+)
+def test_malformed_grids(text, message):
+    with pytest.raises(SwingupError, match=message) as error:
+        change_grid(V2, text)
+    assert repr(text) in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("velocity_noise=-1:1:3", "must not be negative"),
+        ("delay=0:5:3", "make it shorter"),
+        ("m2=-1:1:3", "must be positive"),
+    ],
+)
+def test_grids_that_are_no_disturbance(text, message):
+    with pytest.raises(SwingupError, match=message):
+        robustness(Swinging(), "acrobot", rules=change_grid(V2, text))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"pushes": PushRules(pushes=10)}, "do not fit into 10 s"),
+        ({"pushes": PushRules(pushes=0)}, "do not fit"),
+        ({"pushes": True}, "pushes = True are no rules"),
+        ({"velocity_noise": -0.1}, "velocity_noise = -0.1 is out of range"),
+        ({"delay": math.nan}, "delay = nan"),
+        ({"seed": -1}, "seed = -1"),
+    ],
+)
+def test_disturbances_out_of_range(options, message):
+    with pytest.raises(SwingupError, match=message):
+        swingup.make_disturbance(**options)
+
+
+def test_a_result_tells_what_disturbed_it():
+    disturbance = swingup.make_disturbance(velocity_noise=0.1, delay=0.004, pushes=PushRules(), seed=3)
+    row = json.loads(json.dumps(swingup.evaluate(Swinging(), "acrobot", disturbance=disturbance).as_dict()))
+    assert row["disturbance"]["velocity_noise"] == 0.1
+    assert row["disturbance"]["delay_steps"] == 2
+    assert row["disturbance"]["noise"] == [3, 0]
+    assert np.shape(row["disturbance"]["pushes"]["centre"]) == (2, 3)
+    assert "disturbance" not in swingup.evaluate(Swinging(), "acrobot").as_dict()
