@@ -162,6 +162,9 @@ def test_grids_that_are_no_disturbance(text, message):
         ({"velocity_noise": -0.1}, "velocity_noise = -0.1 is out of range"),
         ({"delay": math.nan}, "delay = nan"),
         ({"seed": -1}, "seed = -1"),
+        ({"seed": 1.5}, "seed = 1.5"),
+        ({"torque_noise": "0.1"}, "torque_noise = 0.1 is out of range: use a number"),
+        ({"torque_response": math.inf}, "torque_response = inf"),
     ],
 )
 def test_disturbances_out_of_range(options, message):

@@ -1,6 +1,7 @@
 """Disturbances of a single run, as the robustness grid has them one at a time."""
 
 import dataclasses
+from numbers import Integral, Real
 
 import numpy as np
 
@@ -37,12 +38,12 @@ def make_disturbance(
     if isinstance(pushes, bool):
         raise SwingupError(f"pushes = {pushes} are no rules: use PushRules() for those of the robustness board")
     for name, value in {"velocity_noise": velocity_noise, "torque_noise": torque_noise, "delay": delay}.items():
-        if not 0 <= value < LARGEST:
-            raise SwingupError(f"{name} = {value:g} is out of range: use 0 or a little more, in SI units")
-    if not abs(torque_response) < LARGEST:
-        raise SwingupError(f"torque_response = {torque_response:g} is out of range: 1 is a perfect motor")
-    if not 0 <= seed < 2**31:
-        raise SwingupError(f"seed = {seed} is out of range: use 0 to 2³¹ - 1")
+        if not (isinstance(value, Real) and 0 <= value < LARGEST):
+            raise SwingupError(f"{name} = {value} is out of range: use a number of 0 or a little more, in SI units")
+    if not (isinstance(torque_response, Real) and abs(torque_response) < LARGEST):
+        raise SwingupError(f"torque_response = {torque_response} is out of range: 1 is a perfect motor")
+    if not (isinstance(seed, Integral) and 0 <= seed < 2**31):
+        raise SwingupError(f"seed = {seed} is out of range: use a whole number of 0 to 2³¹ - 1")
     rules = get_robustness_rules(DEFAULT_RULES)
     calm = undisturbed() if pushes is None else undisturbed(pushes.pushes)
     return dataclasses.replace(

@@ -36,6 +36,7 @@ def plot(
         size: width and height of an animation (pixels).
         speed: of an animation; 1 is real time.
     """
+    check_writable(out)
     save_plot(kind, files, out, robot, fps, size, speed)
     print(out)
     return 0
