@@ -1,7 +1,8 @@
 """Disturbances of a single run, as the robustness grid has them one at a time."""
 
 import dataclasses
-from numbers import Integral, Real
+from numbers import Real
+from typing import Any
 
 import numpy as np
 
@@ -38,11 +39,11 @@ def make_disturbance(
     if isinstance(pushes, bool):
         raise SwingupError(f"pushes = {pushes} are no rules: use PushRules() for those of the robustness board")
     for name, value in {"velocity_noise": velocity_noise, "torque_noise": torque_noise, "delay": delay}.items():
-        if not (isinstance(value, Real) and 0 <= value < LARGEST):
+        if not _is_number(value) or not 0 <= value < LARGEST:
             raise SwingupError(f"{name} = {value} is out of range: use a number of 0 or a little more, in SI units")
-    if not (isinstance(torque_response, Real) and abs(torque_response) < LARGEST):
+    if not _is_number(torque_response) or not abs(torque_response) < LARGEST:
         raise SwingupError(f"torque_response = {torque_response} is out of range: 1 is a perfect motor")
-    if not (isinstance(seed, Integral) and 0 <= seed < 2**31):
+    if not _is_number(seed) or seed != int(seed) or not 0 <= seed < 2**31:
         raise SwingupError(f"seed = {seed} is out of range: use a whole number of 0 to 2³¹ - 1")
     rules = get_robustness_rules(DEFAULT_RULES)
     calm = undisturbed() if pushes is None else undisturbed(pushes.pushes)
@@ -55,3 +56,7 @@ def make_disturbance(
         pushes=calm.pushes if pushes is None else draw_pushes(np.random.default_rng(seed), pushes, rules.duration),
         noise=np.array([seed, 0], np.uint32),
     )
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
