@@ -43,7 +43,7 @@ def make_disturbance(
             raise SwingupError(f"{name} = {value} is out of range: use a number of 0 or a little more, in SI units")
     if not _is_number(torque_response) or not abs(torque_response) < LARGEST:
         raise SwingupError(f"torque_response = {torque_response} is out of range: 1 is a perfect motor")
-    if not _is_number(seed) or seed != int(seed) or not 0 <= seed < 2**31:
+    if not _is_number(seed) or not 0 <= seed < 2**31 or seed != int(seed):
         raise SwingupError(f"seed = {seed} is out of range: use a whole number of 0 to 2³¹ - 1")
     rules = get_robustness_rules(DEFAULT_RULES)
     calm = undisturbed() if pushes is None else undisturbed(pushes.pushes)
@@ -53,8 +53,10 @@ def make_disturbance(
         torque_noise=torque_noise,
         response=torque_response,
         delay=delay_steps(delay, rules.dt),
-        pushes=calm.pushes if pushes is None else draw_pushes(np.random.default_rng(seed), pushes, rules.duration),
-        noise=np.array([seed, 0], np.uint32),
+        pushes=calm.pushes
+        if pushes is None
+        else draw_pushes(np.random.default_rng(int(seed)), pushes, rules.duration),
+        noise=np.array([int(seed), 0], np.uint32),
     )
 
 
