@@ -51,7 +51,7 @@ ARRAYS = ("states", "torque", "gains", "unregularised_gains")
 
 
 def compute_reference(robot: Robot | str, problem: SwingupProblem, seed: int) -> tuple[Reference, dict[str, Any]]:
-    """Optimise a swing-up from hanging at rest with the leaderboard's plant; takes minutes.
+    """Optimise a swing-up from hanging at rest with the leaderboard's plant; takes a minute or two.
 
     Args:
         robot: which joint is driven.
