@@ -14,7 +14,7 @@ from .arguments import RobotName
 
 
 def trajectory(robot: RobotName, /, out: Annotated[str, arg(metavar="FILE.npz")], seed: int = 0) -> int:
-    """Compute the swing-up that the baselines follow, by iterative LQR with the published settings; takes a minute or two.
+    """Compute the swing-up that the baselines follow by iterative LQR; takes a minute or two.
 
     Args:
         robot: the robot.
