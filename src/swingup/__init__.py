@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from .control.check import check_controller
     from .control.controller import AbstractController
     from .control.learned import load_policy
+    from .control.named import get_controller
     from .control.zoo import shipped_policy
 
 _HOMES = {
@@ -30,6 +31,7 @@ _HOMES = {
     "baseline": "control.builtin",
     "check_controller": "control.check",
     "evaluate": "benchmark.evaluate",
+    "get_controller": "control.named",
     "leaderboard": "benchmark.leaderboard",
     "load_policy": "control.learned",
     "make_disturbance": "benchmark.disturbances",
@@ -41,8 +43,8 @@ _HOMES = {
 
 __all__ = [
     "AbstractController", "Board", "Evaluation", "Robustness", "SwingupError", "Uptime", "__version__", "baseline",
-    "check_controller", "evaluate", "leaderboard", "load_policy", "make_disturbance", "robustness", "score",
-    "shipped_policy", "uptime",
+    "check_controller", "evaluate", "get_controller", "leaderboard", "load_policy", "make_disturbance",
+    "robustness", "score", "shipped_policy", "uptime",
 ]  # fmt: skip
 
 

@@ -9,9 +9,23 @@ import pytest
 from swingup.benchmark import leaderboard as boards
 from swingup.benchmark.columns import BOARDS
 from swingup.benchmark.criteria import realai_score
-from swingup.benchmark.leaderboard import ENTRANTS, leaderboard, published_rows, shipped_robustness
+from swingup.benchmark.leaderboard import (
+    ENTRANTS,
+    FURTHER,
+    OURS,
+    Row,
+    entrants_for,
+    leaderboard,
+    published_rows,
+    shipped_robustness,
+)
+from swingup.benchmark.robustness import Robustness
 from swingup.benchmark.rules import CRITERIA, PERFORMANCE_RULES
+from swingup.control import zoo
 from swingup.control.controller import AbstractController
+from swingup.control.estimator import EstimatingController
+from swingup.control.learned import PolicyController, save_controller
+from swingup.control.zoo import BASE, shipped_policy
 from swingup.errors import SwingupError
 from swingup.physics.parameters import get_robot
 
@@ -35,8 +49,9 @@ def raising(x, t):
 
 @pytest.fixture
 def only_the_policy(monkeypatch):
-    """The paper's baselines stay out: their boards are for the slow tests and the README's first command."""
-    monkeypatch.setattr(boards, "ENTRANTS", ("ar-eapo",))
+    """One policy, which ships without an estimator: the full boards are for the slow tests and the README."""
+    monkeypatch.setattr(boards, "ENTRANTS", (BASE,))
+    monkeypatch.setattr(boards, "FURTHER", ())
 
 
 def ours(board):
@@ -51,7 +66,7 @@ def test_boards_are_sorted_and_mark_what_is_ours(robot):
     for board in (performance, robustness):
         scores = [row.values[board.columns[-1]] for row in board.rows]
         assert scores == sorted(scores, reverse=True)
-        assert set(ours(board)) == {"ar-eapo", "hanging"}
+        assert set(ours(board)) == {BASE, "hanging"}
         assert {row.source for row in board.rows} == {"ours", "paper", "board"}
         assert len(board.rows) == 2 + len(published_rows(robot, board.measure, "v2"))
     assert ours(performance)["hanging"].remark == "no swing-up"
@@ -68,7 +83,7 @@ def test_a_controller_that_fails_gets_a_row_that_says_so():
     boards = leaderboard("acrobot", {"nan": Failing(), "raising": raising}, rules="hardware")
     rows = ours(boards[0])
     assert [board.measure for board in boards] == ["performance"]
-    assert rows["ar-eapo"].values["score"] > 0.6
+    assert rows[BASE].values["score"] > 0.6
     assert "not finite at t = 0 s" in rows["nan"].remark
     assert "RuntimeError (no idea)" in rows["raising"].remark
     assert rows["raising"].values["score"] == 0.0
@@ -79,8 +94,77 @@ def test_the_third_rules_have_a_board_of_their_own(robot):
     (board,) = leaderboard(robot, {"raising": raising}, rules="v3", seed=4)
     assert (board.measure, board.rules, board.seed, board.columns) == ("uptime", "v3", 4, ("uptime",))
     assert len(board.rows) == 6
-    assert 0 < ours(board)["ar-eapo"].values["uptime"] < 1
+    assert 0 < ours(board)[BASE].values["uptime"] < 1
     assert "no idea" in ours(board)["raising"].remark
+
+
+@pytest.fixture
+def other_files(tmp_path, monkeypatch, robot):
+    """One policy in two shipped files: one that asks for an estimator, and a global one that does not."""
+    policy, metadata = shipped_policy(robot, "base")
+    save_controller(tmp_path / ".npz", policy, {"scores": metadata["scores"], "estimator": {}})
+    save_controller(tmp_path / "global.npz", policy, {"scores": metadata["scores"]})
+    monkeypatch.setattr(zoo, "_file", lambda robot, kind: tmp_path / f"{kind}.npz")
+    monkeypatch.setattr(boards, "ENTRANTS", ("ar-eapo",))
+    monkeypatch.setattr(boards, "FURTHER", ())
+
+
+@pytest.mark.usefixtures("other_files")
+def test_policies_that_ship_with_an_estimator_enter_without_it_too(robot, monkeypatch):
+    asked = {}
+
+    def measured(controller, robot, name, rules, seed):
+        asked[name] = type(controller)
+        return Robustness(robot.name, name, rules, (seed,), dict.fromkeys(CRITERIA, 50.0), 0.5, {}, ())
+
+    monkeypatch.setattr(boards, "robustness", measured)
+    for board in leaderboard(robot):
+        assert set(ours(board)) == {"ar-eapo", "ar-eapo --no-estimator"}
+    assert asked == {"ar-eapo": EstimatingController, "ar-eapo --no-estimator": PolicyController}
+    with pytest.raises(SwingupError, match="'ar-eapo --no-estimator' is on the board already"):
+        leaderboard(robot, {"ar-eapo --no-estimator": Hanging()})
+    assert set(entrants_for(robot, {})) == {"ar-eapo"}
+
+
+def test_our_further_controllers_enter_every_board_beside_the_papers(robot, monkeypatch):
+    expected = {*ENTRANTS, "ar-eapo --no-estimator", "ar-eapo-base", "tvlqr-score"}
+    makers = boards._makers
+
+    def unmeasured(*arguments):
+        def make(controller, robot, name):
+            return Row(name, OURS, dict.fromkeys(("score", "overall", "uptime"), 0.5))
+
+        return dict.fromkeys(makers(*arguments), make)
+
+    monkeypatch.setattr(boards, "_makers", unmeasured)
+    monkeypatch.setattr(boards, "get_controller", lambda name, robot, estimator=None: name)
+    monkeypatch.setattr(boards, "has_estimator", lambda controller: controller == "ar-eapo")
+    filled = [board for rules in ("v2", "hardware", "v3") for board in leaderboard(robot, rules=rules)]
+    assert [board.measure for board in filled] == ["performance", "robustness", "performance", "uptime"]
+    assert all(set(ours(board)) == expected for board in filled)
+    for name in FURTHER:
+        with pytest.raises(SwingupError, match=f"'{name}' is on the board already"):
+            leaderboard(robot, {name: Hanging()})
+    # The report animates the paper's alone.
+    assert set(entrants_for(robot, {})) == set(ENTRANTS)
+
+
+@pytest.mark.usefixtures("only_the_policy")
+def test_our_own_trajectory_scores_more_than_the_policy(robot, monkeypatch):
+    monkeypatch.setattr(boards, "FURTHER", ("tvlqr-score",))
+    rows = ours(leaderboard(robot, rules="hardware")[0])
+    assert rows["tvlqr-score"].values["score"] > rows[BASE].values["score"]
+
+
+@pytest.mark.usefixtures("other_files")
+def test_the_global_policy_enters_the_uptime_board(robot, monkeypatch):
+    (board,) = leaderboard(robot, rules="v3")
+    assert set(ours(board)) == {"ar-eapo", "ar-eapo --no-estimator", "ar-eapo-global"}
+    shares = {name: row.values["uptime"] for name, row in ours(board).items()}
+    # Without an estimator both are the same policy here.
+    assert shares["ar-eapo --no-estimator"] == shares["ar-eapo-global"] > 0
+    with pytest.raises(SwingupError, match="'ar-eapo-global' is on the board already"):
+        leaderboard(robot, {"ar-eapo-global": Hanging()}, rules="v3")
 
 
 def test_names_on_the_board_are_taken():
@@ -119,5 +203,6 @@ def test_the_shipped_row_says_how_it_was_made(robot):
 @pytest.mark.slow
 def test_the_papers_boards(robot):
     performance, robustness = leaderboard(robot)
-    assert set(ours(performance)) == set(ours(robustness)) == set(ENTRANTS)
+    entered = {*ENTRANTS, *FURTHER, "ar-eapo --no-estimator"}
+    assert set(ours(performance)) == set(ours(robustness)) == entered
     assert all(row.values["score"] > 0.33 for row in ours(performance).values())

@@ -8,9 +8,11 @@ import textwrap
 
 import pytest
 
+import swingup
 from swingup.benchmark import leaderboard as boards
 from swingup.benchmark.rules import CRITERIA
 from swingup.cli import main
+from swingup.control.learned import save_controller
 
 CONTROLLERS = textwrap.dedent(
     """
@@ -48,6 +50,7 @@ def surroundings(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(boards, "ENTRANTS", ("ar-eapo",))
+    monkeypatch.setattr(boards, "FURTHER", ())
     (tmp_path / "others_controllers.py").write_text(CONTROLLERS)
 
 
@@ -61,8 +64,8 @@ def test_robustness_as_json(capsys):
         run(capsys, "robustness", "pendubot", "--json", "--seed", "3", "--criteria", "delay,perturbations")
     )
     assert list(result) == [
-        "command", "robot", "controller", "rules", "seed", "version", "delay", "perturbations", "overall",
-        "details",
+        "command", "robot", "controller", "estimator", "rules", "seed", "version", "delay", "perturbations",
+        "overall", "details",
     ]  # fmt: skip
     assert (result["robot"], result["controller"], result["rules"], result["seed"]) == (
         "pendubot",
@@ -84,7 +87,7 @@ def test_robustness_as_text_with_intervals(capsys):
         capsys, "robustness", "acrobot", "--seeds", "2", "--grid", "velocity_noise=0:0.5:3:3", "--criteria",
         "velocity_noise",
     )  # fmt: skip
-    assert "acrobot, ar-eapo (rules v2 velocity_noise=0:0.5:3:3, seed 0 to 1)" in out
+    assert "acrobot, ar-eapo, with estimator (rules v2 velocity_noise=0:0.5:3:3, seed 0 to 1)" in out
     assert " to " in out.splitlines()[1]
     assert "18" in out  # 3 values, 3 repetitions, 2 seeds
 
@@ -99,6 +102,44 @@ def test_others_controllers(capsys, name):
     )
     assert "Time delay [%]" in result
     assert "0.0" in result
+
+
+@pytest.fixture
+def meant(tmp_path):
+    """A file of the pendubot's policy that asks for an estimator."""
+    policy, metadata = swingup.shipped_policy("pendubot")
+    save_controller(tmp_path / "meant.npz", policy, {"scores": metadata["scores"], "estimator": {}})
+    return "meant.npz"
+
+
+@pytest.mark.parametrize(
+    ("flags", "judged"),
+    [((), True), (("--estimator",), True), (("--no-estimator",), False)],
+)
+def test_with_and_without_an_estimator(capsys, meant, flags, judged):
+    words = f"meant.npz, {'with estimator' if judged else 'policy alone'}"
+    options = ("pendubot", "--controller", meant, *flags)
+    assert json.loads(run(capsys, "evaluate", *options, "--json"))["estimator"] is judged
+    assert f"pendubot, {words} (rules v2)" in run(capsys, "evaluate", *options)
+    assert f"{words}: nothing wrong was found" in run(capsys, "check", *options)
+
+
+def test_robustness_and_uptime_with_an_estimator(capsys, meant):
+    base = ("pendubot", "--controller", "ar-eapo-base")
+    brief = ("pendubot", "--criteria", "delay", "--grid", "delay=0.03:0.04:2", "--json")
+    alone, estimating = (
+        json.loads(run(capsys, "robustness", *brief, *base[1:], *flags)) for flags in ((), ("--estimator",))
+    )
+    assert (alone["estimator"], estimating["estimator"]) == (False, True)
+    assert alone["delay"] < estimating["delay"]
+    assert "estimator" not in alone["command"]
+    assert " --estimator " in estimating["command"]
+    assert json.loads(run(capsys, *shlex.split(estimating["command"])[1:], "--json")) == estimating
+    held = json.loads(run(capsys, "robustness", *brief, "--controller", meant, "--no-estimator"))
+    assert held["estimator"] is False
+    assert " --no-estimator " in held["command"]
+    assert "ar-eapo-base, with estimator (rules v3" in run(capsys, "uptime", *base, "--estimator")
+    assert json.loads(run(capsys, "uptime", *base, "--estimator", "--json"))["estimator"] is True
 
 
 def test_check_names_the_fault(capsys):
@@ -143,7 +184,9 @@ def test_leaderboard_formats(capsys):
     brief = ("leaderboard", "acrobot", "--rules", "hardware", *mine)
     rows = json.loads(run(capsys, *brief, "--json"))
     table = list(csv.DictReader(io.StringIO(run(capsys, *brief, "--csv"))))
-    assert [row["controller"] for row in table] == [row["controller"] for row in rows] == ["ar-eapo", mine[1]]
+    names = [row["controller"] for row in rows]
+    assert [row["controller"] for row in table] == names
+    assert (set(names[:2]), names[2:]) == ({"ar-eapo", "ar-eapo --no-estimator"}, [mine[1]])
     assert float(table[0]["score"]) == rows[0]["score"]
     markdown = run(capsys, *brief, "--markdown")
     assert "### Performance scores of the acrobot (rules hardware)" in markdown
@@ -181,6 +224,9 @@ def test_leaderboard_of_the_third_rules(capsys):
         ("evaluate acrobot --delay 9", "delay = 9 s is above 2 s"),
         ("evaluate acrobot --torque-response inf", "torque_response = inf"),
         ("evaluate acrobot --pushes --seed -1", "seed = -1"),
+        ("evaluate acrobot --estimator --no-estimator", "--estimator and --no-estimator exclude each other"),
+        ("evaluate acrobot --controller others_controllers:nan --estimator", "is in plain Python"),
+        ("evaluate acrobot --controller ar-eapo-global", "lacks the policy acrobot-global.npz"),
         ("check acrobot --controller nothing", "unknown controller 'nothing'"),
         ("plot trajectory missing.csv --out t.png", "missing.csv"),
         ("plot shape others_controllers.py --out t.png", "unknown kind of plot 'shape'"),

@@ -13,6 +13,7 @@ import pytest
 from swingup.benchmark import leaderboard as boards
 from swingup.benchmark.leaderboard import Board, Row
 from swingup.benchmark.rollout import Trajectory
+from swingup.control.named import get_controller
 from swingup.control.zoo import shipped_policy
 from swingup.errors import SwingupError
 from swingup.physics.parameters import ROBOTS, leaderboard_parameters
@@ -167,7 +168,7 @@ def test_without_the_extra_the_remedy_is_named(missing, section, monkeypatch):
 
 
 def test_sections_judge_everybody_with_one_disturbance(monkeypatch):
-    policy = shipped_policy(ACROBOT)[0]
+    policy = get_controller("ar-eapo", ACROBOT)
     asked = []
 
     def leaderboard(robot, controllers, seed):

@@ -236,3 +236,15 @@ def test_tasks_are_found_by_name(name, robot):
 def test_unknown_task_is_refused_with_the_choice(robot):
     with pytest.raises(SwingupError, match="unknown task 'hover': use one of paper, smooth"):
         get_task("hover", robot)
+
+
+def test_the_global_task_starts_anywhere_and_sometimes_hangs(robot):
+    task = get_task("global", robot)
+    x = np.asarray(jax.vmap(task.reset)(jax.random.split(jax.random.key(0), 2000)).x)
+    hanging = np.all(np.abs(x) < 0.1, axis=1)
+    assert hanging.mean() == pytest.approx(0.3, abs=0.04)
+    free = x[~hanging]
+    assert np.abs(free[:, :2]).max() <= np.pi
+    assert np.std(free[:, 0]) == pytest.approx(np.pi / np.sqrt(3), rel=0.05)
+    # A normal velocity whose standard deviation is uniform from 0 to s has the standard deviation s / √3.
+    assert np.std(free[:, 2:]) == pytest.approx(task.anywhere_speed / np.sqrt(3), rel=0.1)

@@ -2,12 +2,13 @@
 
 import csv
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any
 
-from ..control.named import get_controller
+from ..control.named import get_controller, has_estimator
+from ..control.zoo import BASE, GLOBAL, KINDS, is_shipped
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot
 from .columns import BOARDS, PERFORMANCE
@@ -19,6 +20,10 @@ from .uptime import uptime
 OURS = "ours"
 ENTRANTS = ("ar-eapo", "tvlqr", "ilqr-riccati", "ilqr-mpc")
 """The paper's controllers, by our names."""
+FURTHER = (BASE, "tvlqr-score")
+"""Further controllers of ours that enter every board beside the paper's."""
+ALONE = " --no-estimator"
+"""Ends the name of a shipped policy that enters a second time, without the estimator that it ships with."""
 
 SHIPPED_ROBUSTNESS = ("ilqr-mpc",)
 """Controllers whose robustness takes many minutes: the package ships what its command printed."""
@@ -75,7 +80,7 @@ def leaderboard(
 
     Args:
         robot: which joint is driven.
-        controllers: controllers by name, in JAX or plain Python, that enter beside the paper's four.
+        controllers: controllers by name, in JAX or plain Python, that enter beside ours.
         rules: ``v2`` (performance and robustness), ``hardware`` (performance) or ``v3`` (uptime).
         seed: of noise, pushes and throws.
         recompute: compute the rows that are shipped because they take long as well.
@@ -86,23 +91,36 @@ def leaderboard(
     """
     robot = get_robot(robot)
     makers = _makers(rules, seed, recompute)
-    entrants = entrants_for(robot, controllers or {})
+    anywhere = (GLOBAL,) if rules in UPTIME_RULES and is_shipped(robot, KINDS[GLOBAL]) else ()
+    entrants = entrants_for(robot, controllers or {}, (*FURTHER, *anywhere), alone=True)
     return [
         _board(robot, measure, rules, None if measure == "performance" else seed, entrants, make_row)
         for measure, make_row in makers.items()
     ]
 
 
-def entrants_for(robot: Robot, others: Mapping[str, Any]) -> dict[str, Any]:
+def entrants_for(
+    robot: Robot, others: Mapping[str, Any], extra: Sequence[str] = (), alone: bool = False
+) -> dict[str, Any]:
     """The paper's controllers and others, by name.
 
+    Args:
+        robot: which joint is driven.
+        others: controllers of the user.
+        extra: names of built-in controllers that enter beside the paper's.
+        alone: whether what ships with an estimator enters a second time without it.
+
     Raises:
-        SwingupError: another controller has a name of the paper's.
+        SwingupError: another controller has a name of ours.
     """
-    taken = sorted(set(others) & set(ENTRANTS))
+    names = (*ENTRANTS, *extra)
+    ours = {name: get_controller(name, robot) for name in names}
+    twice = [name for name in names if alone and has_estimator(ours[name])]
+    ours |= {f"{name}{ALONE}": get_controller(name, robot, estimator=False) for name in twice}
+    taken = sorted(set(others) & set(ours))
     if taken:
         raise SwingupError(f"controller {taken[0]!r} is on the board already: give yours another name")
-    return {name: get_controller(name, robot) for name in ENTRANTS} | dict(others)
+    return ours | dict(others)
 
 
 def _makers(rules: str, seed: int, recompute: bool) -> dict[str, _Maker]:

@@ -4,6 +4,7 @@ Two loops run the same steps: :func:`simulate` compiles a whole simulation with 
 :mod:`.host` calls a controller in plain Python between two compiled half steps.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -98,7 +99,13 @@ def act(scenario: Scenario, plant: Plant, step: Count, command: Torque, dt: floa
 
 
 def simulate(
-    scenario: Scenario, controller: AbstractController[Any], x0: State, dt: float, steps: int, depth: int = 1
+    scenario: Scenario,
+    controller: AbstractController[Any],
+    x0: State,
+    dt: float,
+    steps: int,
+    depth: int = 1,
+    guard: Callable[[State], State] = lambda x: x,
 ) -> tuple[Outcome, Trajectory]:
     """Run a controller for ``steps`` steps of dt (s) from x0, RK4 with the torque held over each step.
 
@@ -109,12 +116,14 @@ def simulate(
         dt: time of a step (s).
         steps: number of steps.
         depth: states that are remembered: more than the largest delay (steps).
+        guard: what the state goes through before each step; it may change gradients, not values.
     """
     Carry = tuple[Plant, Any, Count]
 
     def step(carry: Carry, index: Count) -> tuple[Carry, Trajectory]:
         before, memory, fault = carry
         time = index.astype(x0.dtype) * dt
+        before = eqx.tree_at(lambda plant: plant.x, before, replace_fn=guard)
         plant, seen, called = sense(scenario, before, index)
         after_call, command = controller(memory, time, seen)
         if scenario.throws is None:

@@ -135,7 +135,7 @@ def _run_compiled(
     """
     number = _length(scenarios)
     on_cpu = jax.default_backend() == "cpu"
-    threads = _cores() if on_cpu else 1
+    threads = cores() if on_cpu else 1
     most = LEAST if on_cpu and _is_sparing(controller) else -(-number // threads)
     size = min(number, max(LEAST, most))
     parts = -(-number // size)
@@ -167,7 +167,7 @@ def _not_finite(step: int, dt: float) -> str:
     return f"it gave a torque that is not finite at t = {step * dt:g} s: mend it there"
 
 
-def _cores() -> int:
+def cores() -> int:
     """Cores that this process may use."""
     affinity = getattr(os, "sched_getaffinity", None)  # not on every system
     return len(affinity(0)) if affinity else os.cpu_count() or 1

@@ -3,10 +3,13 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from tyro.conf import Positional, UseAppendAction, arg
+from tyro.conf import FlagCreatePairsOff, OmitArgPrefixes, Positional, UseAppendAction, arg
 
 from ..benchmark.disturbances import make_disturbance
 from ..benchmark.rules import PushRules
+from ..control.learned import PolicyController
+from ..control.named import has_estimator
+from ..errors import SwingupError
 from ..physics.parameters import ROBOTS, Robot, get_robot
 from ..tasks.disturbance import Disturbance
 
@@ -14,7 +17,10 @@ RobotName = Positional[Annotated[str, arg(metavar="ROBOT", help="acrobot or pend
 RobotOrAll = Positional[Annotated[str, arg(metavar="[ROBOT]", help="acrobot, pendubot or all.")]]
 ControllerName = Annotated[
     str,
-    arg(metavar="NAME", help="ar-eapo, tvlqr, ilqr-riccati, ilqr-mpc, lqr, a policy file, or module:object."),
+    arg(
+        metavar="NAME",
+        help="ar-eapo, ar-eapo-global, tvlqr, ilqr-riccati, ilqr-mpc, lqr, a policy file, or module:object.",
+    ),
 ]
 ControllerNames = Annotated[
     UseAppendAction[tuple[str, ...]],
@@ -48,6 +54,41 @@ class DisturbanceOptions:
         numbers = {name: value for name, value in vars(self).items() if name != "pushes"}
         made = make_disturbance(**numbers, pushes=PushRules() if self.pushes else None)
         return None if self == DisturbanceOptions(seed=self.seed) else made
+
+
+@dataclass(frozen=True)
+class EstimatorOptions:
+    """Whether a state estimator goes before the controller; by default where the policy file asks for one."""
+
+    estimator: FlagCreatePairsOff[bool] = False
+    """Put a state estimator before the controller."""
+    no_estimator: FlagCreatePairsOff[bool] = False
+    """Judge a policy alone, although its file asks for an estimator."""
+
+    @property
+    def wanted(self) -> bool | None:
+        """What was asked for; None for neither.
+
+        Raises:
+            SwingupError: both were.
+        """
+        if self.estimator and self.no_estimator:
+            raise SwingupError("--estimator and --no-estimator exclude each other: choose one")
+        return None if self == EstimatorOptions() else self.estimator
+
+    @property
+    def flags(self) -> list[str]:
+        """The options as they were given."""
+        return [f"--{name.replace('_', '-')}" for name, given in vars(self).items() if given]
+
+
+EstimatorFlags = OmitArgPrefixes[EstimatorOptions]
+
+
+def describe(name: str, controller: object) -> str:
+    """A controller's name, and which was judged: with an estimator, or a policy alone."""
+    alone = ", policy alone" if isinstance(controller, PolicyController) else ""
+    return name + (", with estimator" if has_estimator(controller) else alone)
 
 
 def robots(name: str) -> list[Robot]:

@@ -8,7 +8,7 @@ from tyro.conf import OmitArgPrefixes
 
 from ..areapo.config import Config
 from ..learner.presets import DEFAULT_PRESET, get_preset
-from . import judging, pictures, planning, training
+from . import judging, pictures, planning, refining, training
 from .arguments import RobotName
 
 
@@ -16,6 +16,7 @@ def run_command(arguments: list[str]) -> int:
     """Parse the arguments and run the command."""
     commands: dict[str, Callable[..., int]] = {
         "train": _train_command(get_preset(_preset_named_in(arguments)).config),
+        "refine": refining.refine,
         "evaluate": judging.evaluate,
         "score": judging.score,
         "robustness": judging.robustness,
@@ -56,7 +57,7 @@ def _train_command(base: Config) -> Callable[..., int]:
 
         Args:
             robot: the robot.
-            preset: named settings: default, paper, apo, eapo or ppo; the hyperparameters below change them.
+            preset: named settings: default, paper, global, apo, eapo or ppo; the hyperparameters below change them.
             frames: frames to train each seed for; default: the preset's.
             seed: the first seed; default 0.
             seeds: how many seeds to train side by side; default 1.

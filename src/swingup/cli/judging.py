@@ -5,7 +5,7 @@ import json as json_format
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
@@ -19,24 +19,36 @@ from ..benchmark.grid import change_grid
 from ..benchmark.rules import CRITERIA, get_robustness_rules
 from ..benchmark.trajectory_file import load_trajectory, save_trajectory
 from ..control.check import check_controller
-from ..control.named import get_controller
+from ..control.named import get_controller, has_estimator
 from ..control.zoo import SHIPPED
 from ..errors import SwingupError
 from ..files import check_writable
 from ..physics.parameters import get_robot
 from . import tables
-from .arguments import ControllerName, ControllerNames, DisturbanceOptions, RobotName, RobotOrAll, robots
+from .arguments import (
+    ControllerName,
+    ControllerNames,
+    DisturbanceOptions,
+    EstimatorFlags,
+    EstimatorOptions,
+    RobotName,
+    RobotOrAll,
+    describe,
+    robots,
+)
 
 FOUND = 1
 """Exit status of a check that found something."""
 
 NO_DISTURBANCE = DisturbanceOptions()
+AS_IT_COMES = EstimatorOptions()
 
 
 def evaluate(
     robot: RobotName,
     /,
     controller: ControllerName = SHIPPED,
+    estimator: EstimatorFlags = AS_IT_COMES,
     rules: str = "v2",
     json: bool = False,
     save: str | None = None,
@@ -47,6 +59,7 @@ def evaluate(
     Args:
         robot: the robot.
         controller: the controller.
+        estimator: whether a state estimator goes before it.
         rules: v2 (simulation) or hardware.
         json: print one JSON object.
         save: also write the trajectory to this CSV file.
@@ -56,11 +69,14 @@ def evaluate(
     if save is not None:
         check_writable(save)
     with foreign_prints_apart():
-        found = get_controller(controller, chosen)
+        found = get_controller(controller, chosen, estimator.wanted)
         result = performance_of.evaluate(found, chosen, controller, rules, disturbance.make())
     if save is not None:
         save_trajectory(save, result.trajectory)
-    _print_evaluation(result, rules, json)
+    if json:
+        _print_json(result.as_dict(), found)
+    else:
+        _print_evaluation(result, rules, describe(controller, found))
     return 0
 
 
@@ -82,7 +98,11 @@ def score(
     chosen = get_robot(robot)
     rows = load_trajectory(trajectory)
     criteria = performance_of.score(rows, chosen, rules)
-    _print_evaluation(Evaluation(chosen.name, Path(trajectory).stem, criteria, rows), rules, json)
+    result = Evaluation(chosen.name, Path(trajectory).stem, criteria, rows)
+    if json:
+        print(json_format.dumps(result.as_dict()))
+    else:
+        _print_evaluation(result, rules, result.controller)
     return 0
 
 
@@ -90,6 +110,7 @@ def robustness(
     robot: RobotName,
     /,
     controller: ControllerName = SHIPPED,
+    estimator: EstimatorFlags = AS_IT_COMES,
     rules: str = "v2",
     seed: int = 0,
     seeds: int = 1,
@@ -102,6 +123,7 @@ def robustness(
     Args:
         robot: the robot.
         controller: the controller.
+        estimator: whether a state estimator goes before it.
         rules: v2.
         seed: seed of the noise and the pushes.
         seeds: seeds in a row; with two or more the random criteria get 95 % intervals.
@@ -114,16 +136,18 @@ def robustness(
     for text in grid:
         changed = change_grid(changed, text)
     with foreign_prints_apart():
-        found = get_controller(controller, chosen)
+        found = get_controller(controller, chosen, estimator.wanted)
         result = robustness_of.robustness(found, chosen, controller, changed, seed, seeds, criteria)
     if json:
         options = {"controller": controller, "rules": rules, "seed": seed, "seeds": seeds}
         command = ["swingup", "robustness", robot, *(f"--{name}={value}" for name, value in options.items())]
+        command += estimator.flags
         command += ["--criteria", *criteria] if criteria != CRITERIA else []
         command += ["--grid", *grid] if grid else []
-        print(json_format.dumps({"command": shlex.join(command), **result.as_dict()}, indent=1))
+        _print_json({"command": shlex.join(command), **result.as_dict()}, found, indent=1)
         return 0
-    print(f"{result.robot}, {controller} (rules {result.rules}, seed {seed}{_to_last(seed, seeds)})")
+    judged, last = describe(controller, found), _to_last(seed, seeds)
+    print(f"{result.robot}, {judged} (rules {result.rules}, seed {seed}{last})")
     values = {**result.percent, "overall": result.overall}
     for name, value in values.items():
         low_high = result.intervals.get(name)
@@ -139,6 +163,7 @@ def uptime(
     robot: RobotName,
     /,
     controller: ControllerName = SHIPPED,
+    estimator: EstimatorFlags = AS_IT_COMES,
     rules: str = "v3",
     seed: int = 0,
     seeds: int = 1,
@@ -150,6 +175,7 @@ def uptime(
     Args:
         robot: the robot.
         controller: the controller.
+        estimator: whether a state estimator goes before it.
         rules: v3.
         seed: seed of the throws.
         seeds: seeds in a row; the score is their mean.
@@ -160,13 +186,14 @@ def uptime(
     if save is not None:
         check_writable(save)
     with foreign_prints_apart():
-        result = uptime_of.uptime(get_controller(controller, chosen), chosen, controller, rules, seed, seeds)
+        found = get_controller(controller, chosen, estimator.wanted)
+        result = uptime_of.uptime(found, chosen, controller, rules, seed, seeds)
     if save is not None:
         save_trajectory(save, result.trajectory)
     if json:
-        print(json_format.dumps(result.as_dict()))
+        _print_json(result.as_dict(), found)
         return 0
-    print(f"{result.robot}, {controller} (rules {rules}, seed {seed}{_to_last(seed, seeds)})")
+    print(f"{result.robot}, {describe(controller, found)} (rules {rules}, seed {seed}{_to_last(seed, seeds)})")
     extra = f"   ({result.interval[0]:.3f} to {result.interval[1]:.3f})" if result.interval else ""
     print(f"  {'Uptime score':<26}{result.uptime:>8.3f}{extra}")
     for number, fault in zip(result.seeds, result.faults, strict=True):
@@ -175,7 +202,7 @@ def uptime(
     return 0
 
 
-def check(robot: RobotName, /, controller: ControllerName) -> int:
+def check(robot: RobotName, /, controller: ControllerName, estimator: EstimatorFlags = AS_IT_COMES) -> int:
     """Try a controller on a few dozen states and say what is wrong with it, before it is judged.
 
     The exit status is 1 if something is.
@@ -183,14 +210,16 @@ def check(robot: RobotName, /, controller: ControllerName) -> int:
     Args:
         robot: the robot.
         controller: the controller.
+        estimator: whether a state estimator goes before it.
     """
     chosen = get_robot(robot)
     with foreign_prints_apart():
-        findings = check_controller(get_controller(controller, chosen), chosen)
+        found = get_controller(controller, chosen, estimator.wanted)
+        findings = check_controller(found, chosen)
     for finding in findings:
-        print(f"{controller}: {finding}")
+        print(f"{describe(controller, found)}: {finding}")
     if not findings:
-        print(f"{controller}: nothing wrong was found")
+        print(f"{describe(controller, found)}: nothing wrong was found")
     return FOUND if findings else 0
 
 
@@ -241,12 +270,18 @@ def _to_last(seed: int, seeds: int) -> str:
     return f" to {seed + seeds - 1}" if seeds > 1 else ""
 
 
-def _print_evaluation(result: Evaluation, rules: str, as_json: bool) -> None:
-    if as_json:
-        print(json_format.dumps(result.as_dict()))
-        return
+def _print_json(result: dict[str, Any], controller: object, indent: int | None = None) -> None:
+    """Print a result as one object that says, after the controller's name, whether an estimator was before it."""
+    places = list(result)
+    after = places.index("controller") + 1
+    rows = [*places[:after], "estimator", *places[after:]]
+    told = result | {"estimator": has_estimator(controller)}
+    print(json_format.dumps({name: told[name] for name in rows}, indent=indent))
+
+
+def _print_evaluation(result: Evaluation, rules: str, judged: str) -> None:
     disturbed = "" if result.disturbance is None else ", disturbed"
-    print(f"{result.robot}, {result.controller} (rules {rules}{disturbed})")
+    print(f"{result.robot}, {judged} (rules {rules}{disturbed})")
     print(f"  {'Swing-up':<24}{'success' if result.criteria.success else 'failure':>10}")
     for name in PERFORMANCE:
         print(f"  {COLUMNS[name].title:<24}{COLUMNS[name].show(getattr(result.criteria, name)):>10}")

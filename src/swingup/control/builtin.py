@@ -1,4 +1,4 @@
-"""The optimal-control baselines by name, with the leaderboard's plant as their model and the published settings."""
+"""The optimal-control baselines by name, with the leaderboard's plant as their model."""
 
 from importlib import resources
 from typing import Any
@@ -10,13 +10,20 @@ from ..physics.parameters import Robot, get_robot, leaderboard_parameters
 from .controller import AbstractController
 from .lqr import LQR, upright_lqr
 from .mpc import mpc
+from .optimal import OPTIMAL
 from .published import PUBLISHED, Four
 from .reference import Reference, load_reference
 from .switch import Latching
 from .tracking import RiccatiGains, tvlqr
 
-BASELINES = ("lqr", "tvlqr", "ilqr-riccati", "ilqr-riccati-unregularised", "ilqr-mpc")
-"""Names of the baselines: the LQR of the top, and those that follow the shipped swing-up and end in it."""
+BASELINES = ("lqr", "tvlqr", "ilqr-riccati", "ilqr-riccati-unregularised", "ilqr-mpc", "tvlqr-score")
+"""Names of the baselines: the LQR of the top, and those that follow a shipped swing-up and end in one.
+
+The settings are the published ones but for ``tvlqr-score``, which is ours.
+"""
+
+SHIPPED_TRAJECTORIES = {"published": "ilqr", "score": "score"}
+"""How the files end, by the optimisation's problem."""
 
 
 def baseline(name: str, robot: Robot | str) -> AbstractController[Any]:
@@ -28,6 +35,8 @@ def baseline(name: str, robot: Robot | str) -> AbstractController[Any]:
     robot = get_robot(robot)
     if name not in BASELINES:
         raise SwingupError(f"unknown baseline {name!r}: use one of {', '.join(BASELINES)}")
+    if name == "tvlqr-score":
+        return _tvlqr_score(robot)
     parameters, published = leaderboard_parameters(robot), PUBLISHED[robot.name]
     top = upright_lqr(parameters, robot, published.lqr)
     if name == "lqr":
@@ -46,15 +55,32 @@ def baseline(name: str, robot: Robot | str) -> AbstractController[Any]:
     return _ending(riccati, top, published.riccati_threshold)
 
 
-def shipped_reference(robot: Robot | str) -> tuple[Reference, dict[str, Any]]:
+def shipped_reference(robot: Robot | str, problem: str = "published") -> tuple[Reference, dict[str, Any]]:
     """The swing-up that the package ships for a robot, and its metadata.
 
+    Args:
+        robot: which joint is driven.
+        problem: "published" for the one that the published baselines follow, "score" for that of ``tvlqr-score``.
+
     Raises:
-        SwingupError: there is no such robot.
+        SwingupError: there is no such robot or problem.
     """
     robot = get_robot(robot)
-    with resources.as_file(resources.files("swingup") / "zoo" / f"{robot.name}-ilqr.npz") as path:
+    if problem not in SHIPPED_TRAJECTORIES:
+        raise SwingupError(f"unknown problem {problem!r}: use one of {', '.join(SHIPPED_TRAJECTORIES)}")
+    file = f"{robot.name}-{SHIPPED_TRAJECTORIES[problem]}.npz"
+    with resources.as_file(resources.files("swingup") / "zoo" / file) as path:
         return load_reference(path)
+
+
+def _tvlqr_score(robot: Robot) -> Latching:
+    parameters, optimal = leaderboard_parameters(robot), OPTIMAL[robot.name]
+    top, reference = upright_lqr(parameters, robot, optimal.lqr), shipped_reference(robot, "score")[0]
+    # Q and R are per second, as those of the LQR at the top, whose cost-to-go the recursion starts from.
+    Q, R = reference.dt * np.diag(optimal.lqr.state_weights), reference.dt * optimal.lqr.torque_weight
+    pieces = len(reference.torque) // optimal.rows_per_piece
+    following = tvlqr(reference, parameters, robot, (Q, R, np.asarray(top.cost_to_go)), pieces)
+    return _ending(following, top, optimal.threshold)
 
 
 def _ending(first: AbstractController[Any], top: LQR, threshold: Four) -> Latching:

@@ -14,6 +14,7 @@ from ..physics.parameters import Robot, get_robot
 from ..tasks.observation import PendulumObservation
 from ..types import Scalar, State, Torque
 from .controller import AbstractController
+from .estimator import read_settings
 
 
 class PolicyController(AbstractController[None]):
@@ -38,6 +39,8 @@ class PolicyController(AbstractController[None]):
 def save_controller(path: str | Path, controller: PolicyController, provenance: Mapping[str, Any]) -> None:
     """Write a controller as a policy file, with the robot, the torque limit and where it comes from.
 
+    An ``estimator`` in the provenance says that one goes before the policy, with these settings.
+
     Raises:
         SwingupError: the file cannot be written.
     """
@@ -48,12 +51,15 @@ def save_controller(path: str | Path, controller: PolicyController, provenance: 
 def load_policy(path: str | Path, robot: Robot | str | None = None) -> tuple[PolicyController, dict[str, Any]]:
     """Read a policy file as a controller of the pendulum, and its metadata.
 
+    This is the policy alone: ``get_controller`` puts the estimator before it that the metadata may ask for.
+
     Args:
         path: the policy file.
         robot: the robot that it must be for, if any.
 
     Raises:
-        SwingupError: the file cannot be read, is no policy of a pendulum, or is for another robot.
+        SwingupError: the file cannot be read, is no policy of a pendulum, asks for an impossible estimator, or is
+            for another robot.
     """
     policy, metadata = policies.load_policy(path)
     missing = [name for name in ("robot", "torque_limit") if name not in metadata]
@@ -67,4 +73,8 @@ def load_policy(path: str | Path, robot: Robot | str | None = None) -> tuple[Pol
         raise SwingupError(f"policy file {path} has {actions} actions: one is needed")
     if isinstance(limit, bool) or not isinstance(limit, int | float) or not 0 < limit < 1e9:
         raise SwingupError(f"policy file {path} has torque_limit {limit!r}: a positive number of N m is needed")
+    try:
+        read_settings(metadata)
+    except SwingupError as error:
+        raise SwingupError(f"policy file {path}: {error}; see docs/policy-format.md") from error
     return PolicyController(policy, float(limit), get_robot(metadata["robot"])), metadata

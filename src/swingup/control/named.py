@@ -6,43 +6,72 @@ import sys
 from typing import Any
 
 from ..errors import SwingupError
-from ..physics.parameters import Robot
+from ..physics.parameters import Robot, get_robot, leaderboard_parameters
 from .builtin import BASELINES, baseline
 from .controller import AbstractController, one_line
+from .estimator import EstimatingController, EstimatorSettings, read_settings, with_estimator
 from .learned import load_policy
 from .plain import PlainController
-from .zoo import SHIPPED, shipped_policy
+from .zoo import KINDS, shipped_policy
 
-BUILT_IN = (SHIPPED, *BASELINES)
+BUILT_IN = (*KINDS, *BASELINES)
 """Names of the controllers that the package ships."""
 
 
-def get_controller(name: str, robot: Robot) -> AbstractController[Any] | PlainController:
-    """Find a controller by its name.
+Controller = AbstractController[Any] | PlainController
+
+
+def get_controller(name: str, robot: Robot | str, estimator: bool | None = None) -> Controller:
+    """Find a controller by its name, with or without a state estimator before it.
 
     Args:
         name: a built-in name, the path of a policy file, or ``module:object`` with a module from the working folder
             or the Python path, and an object, or a class without arguments, that is a controller in JAX, has
             ``get_control_output(x, t)``, or is a function of (x, t).
         robot: which joint is driven.
+        estimator: as it comes (None: with one if the policy file asks for it), never (False) or always (True). Its
+            settings are the policy file's or the defaults, its model is the leaderboard's plant.
 
     Raises:
-        SwingupError: there is no such controller, it cannot be loaded, or it is for another robot.
+        SwingupError: there is no such controller, it cannot be loaded, is for another robot, or is in plain Python,
+            which no estimator goes before.
     """
-    if name == SHIPPED:
-        return shipped_policy(robot)[0]
+    robot = get_robot(robot)
+    found, settings = _find(name, robot)
+    if isinstance(found, EstimatingController):
+        return found.controller if estimator is False else found
+    if not (settings is not None if estimator is None else estimator):
+        return found
+    if isinstance(found, PlainController):
+        raise SwingupError(
+            f"controller {name!r} is in plain Python: an estimator goes only before policies and controllers in JAX"
+        )
+    try:
+        return with_estimator(found, robot, leaderboard_parameters(robot), settings)
+    except SwingupError as error:
+        raise SwingupError(f"controller {name!r}: {error}") from error
+
+
+def has_estimator(controller: Any) -> bool:
+    """Whether a state estimator stands before the controller."""
+    return isinstance(controller, EstimatingController)
+
+
+def _find(name: str, robot: Robot) -> tuple[Controller, EstimatorSettings | None]:
+    """A controller, and the settings of the estimator that its policy file asks for, if any."""
     if name in BASELINES:
-        return baseline(name, robot)
-    if name.endswith(".npz"):
-        return load_policy(name, robot)[0]
+        return baseline(name, robot), None
+    if name in KINDS or name.endswith(".npz"):
+        policy, metadata = shipped_policy(robot, KINDS[name]) if name in KINDS else load_policy(name, robot)
+        return policy, read_settings(metadata)
     if ":" in name:
-        return _imported(name)
+        return _imported(name), None
     known = ", ".join(BUILT_IN)
     hint = f"; for an object of a module: {name.removesuffix('.py')}:NAME" if name.endswith(".py") else ""
     raise SwingupError(f"unknown controller {name!r}: use {known}, a policy file (.npz) or module:object{hint}")
 
 
-def _imported(name: str) -> AbstractController[Any] | PlainController:
+def _imported(name: str) -> Controller:
     module_name, _, object_name = name.partition(":")
     if "" not in sys.path:
         sys.path.insert(0, "")  # a module in the working folder, as `python` itself would find it

@@ -66,6 +66,7 @@ def backward(cost: Cost, rollout: Rollout, regularisation: Real) -> tuple[Policy
     n = rollout.u.shape[0]
     q, f = unpack(2.0 / n * jnp.asarray(cost.state_weights)), unpack(2.0 * jnp.asarray(cost.final_weights))
     p = 2.0 / n * cost.torque_weight
+    states = range(len(q))
     zero = jnp.zeros_like(rollout.u[0])
     last_error = add_scaled(rollout.last, -1.0, unpack(jnp.asarray(cost.final_state)))
     v_x = tuple(w * e for w, e in zip(f, last_error, strict=True))
@@ -83,13 +84,13 @@ def backward(cost: Cost, rollout: Rollout, regularisation: Real) -> tuple[Policy
         k, gains = inverse * q_u, tuple(inverse * value for value in q_ux)
         # V is Q with u = k + K x put in: the regularisation is no part of the cost.
         slope = tuple(value + q_uu * gain for value, gain in zip(q_ux, gains, strict=True))
-        v_x = tuple(q_x[i] + gains[i] * q_u + slope[i] * k for i in range(4))
+        v_x = tuple(q_x[i] + gains[i] * q_u + slope[i] * k for i in states)
         v_xx = tuple(
             tuple(
                 dot(a[i], v_a[j]) + (q[i] if i == j else 0.0) + q_ux[i] * gains[j] + gains[i] * slope[j]
-                for j in range(i, 4)
+                for j in states[i:]
             )
-            for i in range(4)
+            for i in states
         )
         return (v_x, v_xx, expected - k * (q_u + 0.5 * q_uu * k)), Policy(k, gains)
 

@@ -26,6 +26,12 @@ PRESETS = {
         Config(centre_values=True),
     ),
     "paper": Preset("Table I of the paper to the letter, on the paper's task", Config(), 30_000_000, "paper"),
+    "global": Preset(
+        "to come back from anywhere: resets everywhere, networks of half the width",
+        Config(centre_values=True, policy_layers=(128, 128), value_layers=(256, 256)),
+        16_000_000,
+        "global",
+    ),
     "apo": Preset(
         "average reward without entropy (after APO, arXiv 2106.03442)", Config(temperature=0.0, centre_values=True)
     ),

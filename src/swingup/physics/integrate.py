@@ -5,7 +5,7 @@ They are explicit: a step far above 10 ms is neither accurate nor stable for thi
 
 from collections.abc import Callable
 
-from ..types import State, Torque
+from ..types import Scalar, State, Torque
 from .dynamics import derivative
 from .parameters import Parameters
 
@@ -19,6 +19,12 @@ def rk4_step(parameters: Parameters, x: State, u: Torque, dt: float) -> State:
     k3 = derivative(parameters, x + 0.5 * dt * k2, u)
     k4 = derivative(parameters, x + dt * k3, u)
     return x + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+
+
+def midpoint_step(parameters: Parameters, x: State, u: Torque, dt: float | Scalar) -> State:
+    """One step of the explicit midpoint rule over dt (s): second order, at half the price."""
+    halfway = x + 0.5 * dt * derivative(parameters, x, u)
+    return x + dt * derivative(parameters, halfway, u)
 
 
 def euler_step(parameters: Parameters, x: State, u: Torque, dt: float) -> State:

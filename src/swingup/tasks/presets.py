@@ -1,5 +1,6 @@
 """Variants of the pendulum's task by name; presets are Python values."""
 
+import dataclasses
 from collections.abc import Callable
 
 from ..errors import SwingupError
@@ -24,7 +25,16 @@ def smooth_task(robot: Robot) -> PendulumTask:
     )
 
 
-TASKS: dict[str, Callable[[Robot], PendulumTask]] = {"paper": paper_task, "smooth": smooth_task}
+def global_task(robot: Robot) -> PendulumTask:
+    """The smooth task, for a policy that comes back from anywhere: most episodes start there."""
+    return dataclasses.replace(smooth_task(robot), anywhere=0.7, anywhere_speed=10.0)
+
+
+TASKS: dict[str, Callable[[Robot], PendulumTask]] = {
+    "paper": paper_task,
+    "smooth": smooth_task,
+    "global": global_task,
+}
 
 
 def get_task(name: str, robot: Robot) -> PendulumTask:

@@ -1,0 +1,97 @@
+"""The command ``refine``: a policy through the stages of a recipe, with its progress."""
+
+import dataclasses
+import math
+import shlex
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+from rich.console import Console
+from tyro.conf import arg
+
+from ..control.estimator import EstimatorSettings
+from ..control.learned import load_policy, save_controller
+from ..control.zoo import BASE, KINDS, shipped_policy
+from ..errors import SwingupError
+from ..files import check_writable
+from ..physics.parameters import get_robot
+from ..refine.recipe import RECIPES, Report
+from ..refine.recipe import refine as run_recipe
+from ..version import __version__
+from .arguments import RobotName
+
+LINE_EVERY = 10.0
+"""Seconds between lines of progress."""
+
+
+def refine(
+    robot: RobotName,
+    /,
+    out: Annotated[str, arg(metavar="FILE.npz")],
+    policy: Annotated[str, arg(metavar="POLICY")] = BASE,
+    recipe: str = "score",
+    seed: int = 0,
+) -> int:
+    """Refine a policy on the score itself, by its gradient through the simulation; takes some minutes.
+
+    The file is written anew at each line of progress, so that an interrupted run leaves the policy as it is then.
+
+    Args:
+        robot: the robot.
+        out: the refined policy's file.
+        policy: the policy to start from: a file, or the name of a shipped one.
+        recipe: score (a teacher's swing-up, made robust) or harden (the policy's own, made robust).
+        seed: seed of everything that is drawn.
+    """
+    chosen = get_robot(robot)
+    if recipe not in RECIPES:
+        raise SwingupError(f"unknown recipe {recipe!r}: use one of {', '.join(RECIPES)}")
+    if not 0 <= seed < 2**31:
+        raise SwingupError(f"seed = {seed} is out of range: use 0 to 2³¹ - 1")
+    check_writable(out)
+    start, metadata = shipped_policy(chosen, KINDS[policy]) if policy in KINDS else load_policy(policy, chosen)
+    stages, console = RECIPES[recipe][chosen.name], Console(stderr=True)
+    options = {"policy": policy, "recipe": recipe, "seed": seed, "out": Path(out).name}
+    words = ["swingup", "refine", robot, *(f"--{name}={value}" for name, value in options.items())]
+    shown = -math.inf
+
+    def report(now: Report) -> None:
+        nonlocal shown
+        save_controller(out, now.controller, _provenance(metadata, shlex.join(words), seed, stages, now))
+        if now.iteration == now.of or time.monotonic() - shown >= LINE_EVERY:
+            shown = time.monotonic()
+            console.print(_line(now, len(stages)), soft_wrap=True, highlight=False)
+
+    run_recipe(start, chosen, stages, seed, report)
+    print(f"wrote {out}: judge it with swingup evaluate {robot} --controller {shlex.quote(out)}")
+    return 0
+
+
+def _provenance(
+    base: dict[str, Any], command: str, seed: int, stages: tuple[Any, ...], now: Report
+) -> dict[str, Any]:
+    """Where the refined policy comes from, and the base's own origin; it goes with the estimator."""
+    origin = {
+        name: base[name]
+        for name in ("version", "preset", "command", "seed", "frames", "seconds", "scores")
+        if name in base
+    }
+    return {
+        "version": __version__,
+        "command": command,
+        "seed": seed,
+        "seconds": round(now.seconds, 1),
+        "stages": [{"kind": type(stage).__name__} | dataclasses.asdict(stage) for stage in stages],
+        "scores": {"v2": dataclasses.asdict(now.criteria)},
+        "estimator": dataclasses.asdict(EstimatorSettings()),
+        "base": origin,
+    }
+
+
+def _line(now: Report, stages: int) -> str:
+    means = "  ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in now.measures.items())
+    return (
+        f"stage {now.stage}/{stages}  {now.iteration}/{now.of} steps  {now.seconds:.0f} s  "
+        f"score {now.criteria.score:.3f}  {means}"
+    )

@@ -1,0 +1,263 @@
+"""A state estimator before a controller: it knows the nominal model, the torques asked for, and what is measured.
+
+Encoders are good and velocities are noisy, on the real robots as in the robustness benchmark. A Kalman filter takes
+velocities mostly from successive positions and the model. The loop may hold dead time (an old measurement, a slow
+motor): a bank of such filters, one for each dead time, tells which explains the measured motion best, and the
+estimate is carried ahead over that time with the torques that are still on their way.
+"""
+
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..errors import SwingupError
+from ..physics.dynamics import acceleration
+from ..physics.integrate import midpoint_step
+from ..physics.parameters import Parameters, Robot
+from ..types import Count, Flag, Scalar, State, Torque
+from .controller import AbstractController, check_robot
+
+KEY = "estimator"
+"""Where a policy file's metadata holds the settings."""
+DOUBLINGS = 50
+"""2^50 measurements: far more than any filter needs to become steady."""
+LOST = 100
+"""An estimated rate so many standard deviations off the measured one is no estimate: a measurement has jumped."""
+
+
+@dataclass(frozen=True)
+class EstimatorSettings:
+    """What the estimator expects of the measurement and of the loop; every value is chosen, not identified."""
+
+    dt: float = 0.002
+    """Time between calls (s). After a longer pause the estimator starts anew from what it is shown."""
+    position_noise: float = 1e-4
+    """Standard deviation of the measured angles (rad): that of an encoder of 2^14 counts is 1.1e-4."""
+    velocity_noise: float = 0.25
+    """Standard deviation of the measured velocities (rad/s)."""
+    acceleration_noise: float = 50.0
+    """Standard deviation of what the model does not know of the accelerations (rad/s²)."""
+    longest_dead_time: int = 25
+    """Longest dead time that is considered (steps)."""
+    residual_scale: float = 1e-4
+    """A miss of a predicted angle far above this counts little more (rad): a push must not decide a dead time."""
+    caution: float = 20.0
+    """Log likelihood that a dead time must gain for each step that it is longer."""
+    memory: float = 5.0
+    """Time in which evidence on the dead time fades (s)."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot work.
+
+        Raises:
+            SwingupError: a value is no number of its range.
+        """
+        for field in fields(self):
+            name, value = field.name, getattr(self, field.name)
+            kinds = int if name == "longest_dead_time" else int | float
+            least = 0 if name in ("longest_dead_time", "caution") else 1e-6
+            most = 0.1 if name == "dt" else 1000
+            if not isinstance(value, kinds) or isinstance(value, bool) or not least <= value <= most:
+                kind = "whole number" if kinds is int else "number"
+                raise SwingupError(f"estimator setting {name} = {value!r}: use a {kind} of {least:g} to {most:g}")
+
+
+class EstimatorMemory(eqx.Module):
+    """What is remembered from call to call."""
+
+    time: Scalar
+    """Time of the last call (s), -inf before the first."""
+    state: State
+    """Estimate of the measured state, which is as old as the dead time."""
+    torques: Float[Array, "depth"]
+    """Torques asked for, newest first (N m)."""
+    deviations: Float[Array, "depth 4"]
+    """The bank: what the filter with each dead time estimates besides ``state``."""
+    surprise: Float[Array, "depth"]
+    """Evidence against each dead time, the lower the better."""
+    dead_time: Count
+    """The dead time found (steps)."""
+    controller: Any
+    """What the controller behind remembers."""
+
+
+class EstimatingController(AbstractController[EstimatorMemory]):
+    """A controller that sees an estimate of the state instead of its measurement."""
+
+    controller: AbstractController[Any]
+    """The controller behind."""
+    parameters: Parameters
+    """The model."""
+    gains: Float[np.ndarray, "2 2"]
+    """Kalman gains of a joint, from the misses of its angle and its rate to corrections of both."""
+    fading: float
+    """Factor on the evidence at each step."""
+    settings: EstimatorSettings = eqx.field(static=True)
+    robot: Robot = eqx.field(static=True)
+    """Which joint is driven."""
+
+    def init(self) -> EstimatorMemory:
+        """Nothing seen yet."""
+        depth = self.settings.longest_dead_time + 1
+        return EstimatorMemory(
+            time=jnp.array(-jnp.inf),
+            state=jnp.zeros(4),
+            torques=jnp.zeros(depth),
+            deviations=jnp.zeros((depth, 4)),
+            surprise=jnp.zeros(depth),
+            dead_time=jnp.array(0),
+            controller=self.controller.init(),
+        )
+
+    def __call__(self, carry: EstimatorMemory, t: Scalar, x: State) -> tuple[EstimatorMemory, Torque]:
+        """The controller's torques for the estimated state (N m); x is the measurement."""
+        followed = self._follow(carry, x)
+        # What is not finite fails the comparison, and is lost.
+        kept = jnp.all(jnp.abs(x - followed.state)[2:] <= LOST * self.settings.velocity_noise)
+        anew = (t < carry.time) | (t - carry.time > 1.5 * self.settings.dt) | ~kept
+        memory = _choose(anew, self._restart(carry, x), followed)
+        ahead = self._ahead(memory)
+        seen = _choose(anew | ~jnp.all(jnp.isfinite(ahead)), x, ahead)
+        inner, u = self.controller(carry.controller, t, seen)
+        joint, limits = self.robot.joint, (self.parameters.tl1, self.parameters.tl2)
+        newest = jnp.clip(u[joint], -limits[joint], limits[joint])
+        torques = jnp.concatenate([newest[None], memory.torques[:-1]])
+        now = jnp.asarray(t, carry.time.dtype)
+        return replace(memory, time=now, torques=torques, controller=inner), u
+
+    def _restart(self, memory: EstimatorMemory, x: State) -> EstimatorMemory:
+        """Believe the measurement; only what was learned of the dead time is kept."""
+        torques, deviations = jnp.zeros_like(memory.torques), jnp.zeros_like(memory.deviations)
+        return replace(memory, state=x, torques=torques, deviations=deviations)
+
+    def _follow(self, memory: EstimatorMemory, x: State) -> EstimatorMemory:
+        """One step of the filter in charge and of the bank.
+
+        The filters of the bank differ in nothing but the torque, in which accelerations are linear: so their
+        deviations follow from a double integrator, and no filter but the one in charge needs the model.
+        """
+        dt, driven = self.settings.dt, jnp.array(self.robot.actuation, x.dtype)
+        torque = memory.torques[memory.dead_time]
+        predicted = midpoint_step(self.parameters, memory.state, torque * driven, dt)
+        miss = x - predicted
+        miss = miss.at[:2].set(_nearest(miss[:2]))
+
+        p, at_rest = self.parameters, jnp.concatenate([memory.state[:2], jnp.zeros(2)])
+        response = acceleration(p, at_rest, driven) - acceleration(p, at_rest, jnp.zeros(2))
+        extra = (memory.torques - torque)[:, None] * response
+        angles, rates = memory.deviations[:, :2], memory.deviations[:, 2:]
+        drifted = jnp.concatenate([angles + dt * rates + 0.5 * dt**2 * extra, rates + dt * extra], axis=1)
+        misses = miss - drifted
+
+        scaled = jnp.sum(misses[:, :2] ** 2, axis=1) / self.settings.residual_scale**2
+        surprise = self.fading * memory.surprise + jnp.log1p(scaled)
+        dead_time = jnp.argmin(surprise + self.settings.caution * jnp.arange(len(surprise)))
+
+        deviations = drifted - self._correction(drifted)
+        in_charge = deviations[dead_time]
+        return replace(
+            memory,
+            state=predicted + self._correction(miss) + in_charge,
+            deviations=deviations - in_charge,
+            surprise=surprise,
+            dead_time=dead_time.astype(memory.dead_time.dtype),
+        )
+
+    def _correction(self, miss: Float[Array, "*n 4"]) -> Float[Array, "*n 4"]:
+        """What the Kalman gains make of a miss."""
+        gains = jnp.asarray(self.gains, miss.dtype)
+        angles, rates = miss[..., :2], miss[..., 2:]
+        return jnp.concatenate(
+            [gains[0, 0] * angles + gains[0, 1] * rates, gains[1, 0] * angles + gains[1, 1] * rates], axis=-1
+        )
+
+    def _ahead(self, memory: EstimatorMemory) -> State:
+        """The state after the dead time, in four steps with the mean of the torques that act in each."""
+        pieces = 4
+        driven = jnp.array(self.robot.actuation, memory.state.dtype)
+        steps = memory.dead_time.astype(memory.state.dtype) / pieces
+        # Sum of the torques asked for in the last n steps, also between whole n.
+        sums = jnp.concatenate([jnp.zeros(1), jnp.cumsum(memory.torques)])
+        to_go = jnp.interp(steps * jnp.arange(pieces, -1, -1), jnp.arange(len(sums)), sums)
+        x = memory.state
+        for before, after in itertools.pairwise(to_go):
+            torque = (before - after) / jnp.maximum(steps, 1e-6)
+            x = midpoint_step(self.parameters, x, torque * driven, steps * self.settings.dt)
+        return x
+
+
+def with_estimator(
+    controller: AbstractController[Any],
+    robot: Robot,
+    parameters: Parameters,
+    settings: EstimatorSettings | None = None,
+) -> EstimatingController:
+    """Put an estimator in front of a controller.
+
+    Args:
+        controller: the controller; called with estimates of the state.
+        robot: which joint is driven.
+        parameters: the model, with the motor's torque limit.
+        settings: what to expect of measurement and loop.
+
+    Raises:
+        SwingupError: the controller is for the other robot.
+    """
+    check_robot(controller, robot)
+    settings = EstimatorSettings() if settings is None else settings
+    return EstimatingController(
+        controller, parameters, kalman_gains(settings), math.exp(-settings.dt / settings.memory), settings, robot
+    )
+
+
+def kalman_gains(settings: EstimatorSettings) -> Float[np.ndarray, "2 2"]:
+    """Gains of the steady-state Kalman filter of one joint: a double integrator whose acceleration is unsure.
+
+    K = P (P + R)⁻¹ with the solution P of P = A (P - K P) Aᵀ + Q, the covariance of a prediction. It is found for
+    any noise by doubling: step k gives P after 2^k measurements.
+    """
+    dt = settings.dt
+    # In units of the measured noise, so that R = I.
+    scale = np.array([settings.position_noise, settings.velocity_noise])
+    A = (np.array([[1.0, dt], [0.0, 1.0]]) * scale / scale[:, None]).T
+    into = settings.acceleration_noise * np.array([0.5 * dt**2, dt]) / scale
+    G, P = np.eye(2), np.outer(into, into)
+    for _ in range(DOUBLINGS):
+        W = np.linalg.inv(np.eye(2) + G @ P)
+        A, G, P = A @ W @ A, G + A @ W @ G @ A.T, P + A.T @ P @ W @ A
+        G, P = 0.5 * (G + G.T), 0.5 * (P + P.T)
+    return scale[:, None] * (P @ np.linalg.inv(P + np.eye(2))) / scale
+
+
+def read_settings(metadata: Mapping[str, Any]) -> EstimatorSettings | None:
+    """The settings that a policy file's metadata holds under ``estimator``; None if there is no such key.
+
+    Raises:
+        SwingupError: it holds something else, an unknown setting, or a value out of range.
+    """
+    if KEY not in metadata:
+        return None
+    given, known = metadata[KEY], [field.name for field in fields(EstimatorSettings)]
+    if not isinstance(given, Mapping):
+        raise SwingupError(f"estimator {given!r} is no object of settings: use {{}} for the defaults")
+    unknown = [name for name in given if name not in known]
+    if unknown:
+        raise SwingupError(f"unknown estimator setting {unknown[0]!r}: use some of {', '.join(known)}")
+    return EstimatorSettings(**given)
+
+
+def _nearest(angle: Float[Array, "n"]) -> Float[Array, "n"]:
+    """An angle's miss, should a measurement have been wrapped by full turns."""
+    return angle - 2 * jnp.pi * jnp.round(angle / (2 * jnp.pi))
+
+
+def _choose(condition: Flag, yes: Any, no: Any) -> Any:
+    return jax.tree.map(lambda one, other: jnp.where(condition, one, other), yes, no)

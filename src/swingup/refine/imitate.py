@@ -1,0 +1,142 @@
+"""Teaching a policy another swing-up: supervised learning from a controller that performs it.
+
+Gradients improve the swing-up that a policy has; they do not find another kind of one. A teacher shows it.
+"""
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+
+from ..areapo.networks import Actor
+from ..areapo.policy import Policy
+from ..benchmark.robustness import upright
+from ..benchmark.rollout import Scenario, Trajectory, simulate
+from ..benchmark.rules import ROBUSTNESS_RULES
+from ..benchmark.runner import stack
+from ..control.controller import AbstractController
+from ..control.learned import PolicyController
+from ..errors import SwingupError
+from ..physics.parameters import Robot, leaderboard_parameters
+from ..tasks.disturbance import Pushes, undisturbed
+from ..types import Scalar
+
+RULES = ROBUSTNESS_RULES["v2"]
+PUSHES = 3
+
+
+@dataclass(frozen=True)
+class ImitationSettings:
+    """How to imitate."""
+
+    teacher: str = "tvlqr-score"
+    """Name of the teacher, a built-in controller."""
+    steps: int = 4000
+    """Adam's steps."""
+    learning_rate: float = 1e-3
+    """Adam's step size, which falls to 0 on a cosine."""
+    batch: int = 1024
+    """States that the teacher showed in a minibatch."""
+    remembered: int = 256
+    """States from anywhere in a minibatch, in which the policy shall do as it did."""
+    remembered_weight: float = 0.003
+    """Weight of one of those."""
+    shown: int = 768
+    """Runs of the teacher; those that do not end upright are left out."""
+    duration: float = 2.2
+    """Length of a run (s)."""
+    shove: float = 2.0
+    """Largest standard deviation of the pushes that show how the teacher finds back (N m)."""
+
+
+def imitate(
+    student: PolicyController,
+    teacher: AbstractController[Any],
+    robot: Robot,
+    settings: ImitationSettings,
+    random: np.random.Generator,
+) -> PolicyController:
+    """A policy that does as the teacher does where the teacher goes, and as it did elsewhere.
+
+    Raises:
+        SwingupError: no run of the teacher ended upright.
+    """
+    shown, answers = demonstrate(teacher, robot, settings, random)
+    anywhere = np.concatenate(
+        [
+            random.uniform(-np.pi, np.pi, (100_000, 2)),
+            random.uniform(0, 10, (100_000, 1)) * random.normal(size=(100_000, 2)),
+        ],
+        axis=1,
+    )
+    single = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32) if eqx.is_array_like(leaf) else leaf, student)
+    habits = jax.jit(jax.vmap(lambda x: single(None, jnp.zeros(()), x)[1][robot.joint]))(jnp.float32(anywhere))
+    states = jnp.float32(np.concatenate([shown, anywhere]))
+    torques = jnp.concatenate([jnp.float32(answers), habits])
+    weights = np.repeat([1.0, settings.remembered_weight], [settings.batch, settings.remembered]).astype(np.float32)
+    optimiser = optax.adam(optax.cosine_decay_schedule(settings.learning_rate, settings.steps))
+
+    def loss(actor: Actor, x: Any, u: Any) -> Scalar:
+        policy = Policy(single.policy.stages, actor)
+        given = single.torque_limit * jax.vmap(policy)(x)[:, 0]
+        return jnp.mean(weights * (given - u) ** 2)
+
+    def step(carry: Any, chosen: Any) -> tuple[Any, Scalar]:
+        actor, state = carry
+        value, gradient = jax.value_and_grad(loss)(actor, states[chosen], torques[chosen])
+        updates, state = optimiser.update(gradient, state)
+        return (optax.apply_updates(actor, updates), state), value
+
+    actor = single.policy.actor
+    chosen = np.concatenate(
+        [
+            random.integers(0, len(shown), (settings.steps, settings.batch)),
+            len(shown) + random.integers(0, len(anywhere), (settings.steps, settings.remembered)),
+        ],
+        axis=1,
+    ).astype(np.int32)
+    (actor, _), _ = jax.jit(lambda carry, rows: jax.lax.scan(step, carry, rows))(
+        (actor, optimiser.init(actor)), jnp.asarray(chosen)
+    )
+    return eqx.tree_at(lambda c: c.policy.actor, student, jax.tree.map(np.asarray, actor))
+
+
+def demonstrate(
+    teacher: AbstractController[Any], robot: Robot, settings: ImitationSettings, random: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """States (n, 4) of the teacher's runs from hanging, shoved about, and its torques in them (N m).
+
+    Raises:
+        SwingupError: no run ended upright.
+    """
+    plant, steps = leaderboard_parameters(robot), round(settings.duration / RULES.dt)
+    scenarios, starts = [], []
+    for _ in range(settings.shown):
+        size = random.uniform()
+        shape = (2, PUSHES)
+        pushes = Pushes(
+            centre=random.uniform(0.0, 0.8 * settings.duration, shape),
+            width=random.uniform(0.03, 0.08, shape),
+            amplitude=settings.shove * size * random.normal(size=shape),
+        )
+        scenarios.append(Scenario(plant, dataclasses.replace(undisturbed(PUSHES), pushes=pushes)))
+        starts.append(0.05 * size * random.normal(size=4))
+
+    def run(scenario: Scenario, x0: Any) -> tuple[Any, Trajectory, Any]:
+        outcome, rows = simulate(scenario, teacher, x0, RULES.dt, steps)
+        assert scenario.disturbance is not None
+        shoved = jax.vmap(scenario.disturbance.pushes.torque)(jnp.asarray(rows.time))
+        return outcome.final, rows, (rows.u - shoved)[:, robot.joint]
+
+    with jax.enable_x64(True):
+        final, rows, torque = jax.jit(jax.vmap(run))(stack(scenarios), jnp.asarray(np.stack(starts)))
+        final, x, torque = (np.asarray(each) for each in (final, rows.x, torque))
+    good = upright(final, RULES.tolerance)
+    if not good.any():
+        raise SwingupError(f"the teacher {settings.teacher!r} never ended upright: use another one")
+    return x[good].reshape(-1, 4), torque[good].reshape(-1)

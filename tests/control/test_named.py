@@ -1,0 +1,160 @@
+"""Controllers by their names, with and without a state estimator before them."""
+
+import json
+
+import numpy as np
+import pytest
+
+import swingup
+from swingup.control import zoo
+from swingup.control.estimator import EstimatingController, EstimatorSettings
+from swingup.control.learned import PolicyController, load_policy, save_controller
+from swingup.control.named import get_controller, has_estimator
+from swingup.control.switch import Latching
+from swingup.errors import SwingupError
+from swingup.physics.parameters import leaderboard_parameters
+
+MODULE = """
+import jax.numpy as jnp
+import swingup
+from swingup.physics.parameters import get_robot, leaderboard_parameters
+from swingup.control.estimator import with_estimator
+
+class Damping(swingup.AbstractController):
+    def init(self):
+        return None
+
+    def __call__(self, carry, t, x):
+        return None, -0.1 * x[2:] * jnp.array([0.0, 1.0])
+
+acrobot = get_robot("acrobot")
+compiled = Damping()
+estimating = with_estimator(compiled, acrobot, leaderboard_parameters(acrobot))
+pendubot = swingup.baseline("lqr", "pendubot")
+
+def plain(x, t):
+    return [0.0, 0.0]
+"""
+
+
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    """Policy files of the acrobot: without an estimator, with the defaults, and with settings of its own."""
+    policy, metadata = swingup.shipped_policy("acrobot")
+    kept = {"scores": metadata["scores"]}
+    save_controller(tmp_path / "alone.npz", policy, kept)
+    save_controller(tmp_path / "defaults.npz", policy, kept | {"estimator": {}})
+    save_controller(tmp_path / "own.npz", policy, kept | {"estimator": {"caution": 7, "memory": 2.5}})
+    (tmp_path / "some_controllers.py").write_text(MODULE)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    return tmp_path
+
+
+def settings(controller):
+    """Those of the estimator before a policy, or None for a policy alone."""
+    if isinstance(controller, PolicyController):
+        return None
+    assert isinstance(controller.controller, PolicyController)
+    return controller.settings
+
+
+def test_policy_files_say_whether_an_estimator_is_meant(files):
+    own, defaults = EstimatorSettings(caution=7, memory=2.5), EstimatorSettings()
+    expected = {
+        "alone.npz": {None: None, False: None, True: defaults},
+        "defaults.npz": {None: defaults, False: None, True: defaults},
+        "own.npz": {None: own, False: None, True: own},
+    }
+    for name, answers in expected.items():
+        for wanted, answer in answers.items():
+            controller = get_controller(name, "acrobot", wanted)
+            assert settings(controller) == answer
+            assert has_estimator(controller) == (answer is not None)
+
+
+def test_the_model_is_the_leaderboards(files, robot):
+    controller = get_controller("tvlqr", robot, estimator=True)
+    assert controller.robot == robot
+    assert vars(controller.parameters) == vars(leaderboard_parameters(robot))
+
+
+def test_load_policy_gives_the_policy_alone(files):
+    controller, metadata = load_policy("own.npz")
+    assert isinstance(controller, PolicyController)
+    assert metadata["estimator"] == {"caution": 7, "memory": 2.5}
+
+
+@pytest.mark.parametrize(
+    ("estimator", "message"),
+    [
+        ({"delay": 1}, "unknown estimator setting 'delay'"),
+        ({"dt": -0.002}, "estimator setting dt = -0.002: use a number of 1e-06 to 0.1"),
+        (None, "estimator None is no object"),
+    ],
+)
+def test_bad_settings_are_refused_with_the_files_name(files, estimator, message):
+    save_controller("bad.npz", load_policy("alone.npz")[0], {"estimator": estimator})
+    for wanted in (None, False):
+        with pytest.raises(SwingupError) as error:
+            get_controller("bad.npz", "acrobot", wanted)
+        assert str(error.value).startswith(f"policy file bad.npz: {message}")
+        assert "\n" not in str(error.value)
+
+
+def test_controllers_of_modules(files):
+    assert not has_estimator(get_controller("some_controllers:compiled", "acrobot"))
+    assert has_estimator(get_controller("some_controllers:compiled", "acrobot", True))
+    # One that brings its own estimator keeps it, gets no second one, and can go without.
+    own = get_controller("some_controllers:estimating", "acrobot", True)
+    assert not isinstance(own.controller, EstimatingController)
+    assert has_estimator(get_controller("some_controllers:estimating", "acrobot"))
+    assert not has_estimator(get_controller("some_controllers:estimating", "acrobot", False))
+    assert not has_estimator(get_controller("some_controllers:plain", "acrobot", False))
+    with pytest.raises(SwingupError, match="'some_controllers:plain' is in plain Python: an estimator goes only"):
+        get_controller("some_controllers:plain", "acrobot", True)
+    with pytest.raises(SwingupError, match="'some_controllers:pendubot': it is for the pendubot, not the acrobot"):
+        get_controller("some_controllers:pendubot", "acrobot", True)
+
+
+def test_built_in_names(files):
+    assert isinstance(swingup.get_controller("tvlqr", "pendubot"), Latching)
+    assert isinstance(get_controller("tvlqr", "pendubot", True).controller, Latching)
+    assert settings(get_controller("ar-eapo", "pendubot")) == EstimatorSettings()
+    assert settings(get_controller("ar-eapo", "pendubot", False)) is None
+    assert settings(get_controller("ar-eapo-base", "pendubot")) is None
+    assert settings(get_controller("ar-eapo-base", "pendubot", True)) == EstimatorSettings()
+    known = "ar-eapo, ar-eapo-base, ar-eapo-global, lqr"
+    with pytest.raises(SwingupError, match=f"unknown controller 'pid': use {known}"):
+        get_controller("pid", "pendubot")
+    with pytest.raises(SwingupError, match="unknown robot 'cartpole'"):
+        get_controller("tvlqr", "cartpole")
+
+
+def test_the_global_policy(files, monkeypatch, robot):
+    with pytest.raises(SwingupError, match="unknown kind of policy 'best': use '' or 'base' or 'global'"):
+        swingup.shipped_policy(robot, "best")
+    monkeypatch.setattr(zoo, "_file", lambda each, kind: files / f"{each.name}{kind}.npz")
+    assert not zoo.is_shipped(robot, "global")
+    with pytest.raises(SwingupError, match=f"lacks the policy {robot.name}global.npz: use ar-eapo or train one"):
+        get_controller("ar-eapo-global", robot)
+    policy = load_policy("alone.npz", "acrobot")[0]
+    policy = PolicyController(policy.policy, 5.0, robot)
+    save_controller(files / f"{robot.name}global.npz", policy, {"estimator": {"caution": 3}})
+    assert zoo.is_shipped(robot, "global")
+    found = get_controller("ar-eapo-global", robot)
+    assert (found.settings.caution, found.controller.torque_limit) == (3, 5.0)
+    assert not has_estimator(get_controller("ar-eapo-global", robot, False))
+
+
+def test_where_the_shipped_files_are(robot):
+    assert zoo._file(robot, "").name == f"{robot.name}.npz"
+    for kind in ("base", "global"):
+        assert zoo._file(robot, kind).name == f"{robot.name}-{kind}.npz"
+    assert zoo.is_shipped(robot, "")
+    assert zoo.is_shipped(robot, "base")
+
+
+def test_the_metadata_stays_json(files):
+    with np.load("own.npz") as archive:
+        assert json.loads(bytes(archive["metadata"]))["estimator"] == {"caution": 7, "memory": 2.5}
