@@ -1,0 +1,52 @@
+"""The command that refines."""
+
+import numpy as np
+import pytest
+
+from swingup.cli import main, refining
+from swingup.control.estimator import EstimatorSettings, read_settings
+from swingup.control.learned import load_policy
+from swingup.control.zoo import shipped_policy
+from swingup.refine.descent import DescentSettings
+from swingup.refine.draws import Draws
+from swingup.refine.recipe import Refinement
+
+TINY = Refinement(
+    DescentSettings(iterations=2, duration=0.02), Draws(nominal=2, model=0, pushed=0, measured=0, anywhere=0)
+)
+
+
+def test_refine_writes_a_policy_with_its_origin(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(refining.RECIPES, "score", {"pendubot": (TINY,)})
+    out = tmp_path / "refined.npz"
+    assert main(["refine", "pendubot", "--out", str(out), "--seed", "3"]) == 0
+    assert "swingup evaluate pendubot" in capsys.readouterr().out
+    policy, metadata = load_policy(out, "pendubot")
+    base, origin = shipped_policy("pendubot", "base")
+    assert metadata["command"] == (
+        "swingup refine pendubot --policy=ar-eapo-base --recipe=score --seed=3 --out=refined.npz"
+    )
+    assert metadata["base"]["frames"] == origin["frames"]
+    assert metadata["stages"][0]["descent"]["iterations"] == 2
+    assert read_settings(metadata) == EstimatorSettings()
+    moved = np.abs(policy.policy.actor.mean_head.weight - base.policy.actor.mean_head.weight).max()
+    assert 0 < moved < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("acrobot --recipe magic --out x.npz", "unknown recipe 'magic': use one of score, harden"),
+        ("acrobot --seed -1 --out x.npz", "seed = -1 is out of range"),
+        ("acrobot --out missing/x.npz", "missing"),
+        ("acrobot --policy none.npz --out x.npz", "no such file: none.npz"),
+        ("cartpole --out x.npz", "unknown robot 'cartpole'"),
+    ],
+)
+def test_bad_input_is_one_line_and_leaves_no_file(options, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["refine", *options.split()]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not list(tmp_path.iterdir())
