@@ -56,12 +56,12 @@ class Descent:
 
     def __init__(self, controller: PolicyController, settings: DescentSettings) -> None:
         """Prepare; nothing is compiled before the first step."""
-        self._controller = eqx.tree_at(lambda c: c.policy.actor, _single(controller), None)
+        self._controller = eqx.tree_at(lambda c: c.policy.actor, single_precision(controller), None)
         self._settings = settings
         self._optimiser = _optimiser(settings)
         self._apply = jax.jit(self._updated)
         self._parts = cores() if jax.default_backend() == "cpu" else 1
-        actor = _single(controller.policy.actor)
+        actor = single_precision(controller.policy.actor)
         self.iterate = Iterate(actor, self._optimiser.init(actor))
 
     def step(self, episodes: Episodes) -> Measures:
@@ -113,5 +113,6 @@ def _optimiser(settings: DescentSettings) -> optax.GradientTransformation:
     return optax.chain(optax.clip_by_global_norm(settings.gradient_limit), optax.adam(schedule, b2=0.98))
 
 
-def _single(tree: Any) -> Any:
+def single_precision(tree: Any) -> Any:
+    """All numbers of a controller, or of a part of it, as arrays in single precision."""
     return jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32) if eqx.is_array_like(leaf) else leaf, tree)

@@ -25,6 +25,7 @@ from ..errors import SwingupError
 from ..physics.parameters import Robot, leaderboard_parameters
 from ..tasks.disturbance import Pushes, undisturbed
 from ..types import Scalar
+from .descent import single_precision
 
 RULES = ROBUSTNESS_RULES["v2"]
 PUSHES = 3
@@ -74,7 +75,7 @@ def imitate(
         ],
         axis=1,
     )
-    single = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32) if eqx.is_array_like(leaf) else leaf, student)
+    single = single_precision(student)
     habits = jax.jit(jax.vmap(lambda x: single(None, jnp.zeros(()), x)[1][robot.joint]))(jnp.float32(anywhere))
     states = jnp.float32(np.concatenate([shown, anywhere]))
     torques = jnp.concatenate([jnp.float32(answers), habits])
