@@ -5,7 +5,7 @@ The file is a NumPy ``.npz``: named arrays and JSON metadata; ``docs/policy-form
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import equinox as eqx
 import jax
@@ -15,7 +15,7 @@ from ..arrays import load_archive, save_archive
 from ..errors import SwingupError
 from ..tasks.observation import AbstractStage, PendulumObservation
 from ..types import Action, Observation
-from .networks import Actor, Linear
+from .networks import AbstractActor, Actor, CategoricalActor, Linear
 from .normalise import Normalise
 
 FORMAT = "swingup policy"
@@ -25,24 +25,27 @@ STAGES: dict[str, type[AbstractStage]] = {"pendulum": PendulumObservation, "norm
 """Observation stages by their name in the file. Their fields are what the file holds of them."""
 
 
-class Policy(eqx.Module):
+ActorT = TypeVar("ActorT", bound=AbstractActor)
+
+
+class Policy(eqx.Module, Generic[ActorT]):
     """Observation stages, then the actor."""
 
     stages: tuple[AbstractStage, ...]
-    actor: Actor
+    actor: ActorT
 
     def observe(self, observation: Observation) -> Observation:
         """Apply the stages; their result has the dtype of the actor's weights."""
         for stage in self.stages:
             observation = stage(observation)
-        return observation.astype(self.actor.mean_head.weight.dtype)
+        return observation.astype(self.actor.trunk[0].weight.dtype)
 
     def __call__(self, observation: Observation) -> Action:
-        """The deterministic action, each entry in [-1, 1]."""
+        """The deterministic action: each entry in [-1, 1], or a whole number if actions are discrete."""
         return self.actor.mode(self.observe(observation))
 
 
-def save_policy(path: str | Path, policy: Policy, metadata: Mapping[str, Any]) -> None:
+def save_policy(path: str | Path, policy: Policy[Any], metadata: Mapping[str, Any]) -> None:
     """Write a policy atomically; ``metadata`` (JSON values) is kept under its own names.
 
     Raises:
@@ -59,10 +62,11 @@ def save_policy(path: str | Path, policy: Policy, metadata: Mapping[str, Any]) -
                 arrays[f"observation.{index}.{name}"] = np.asarray(value, np.float64)
         stages.append(entry)
     arrays |= {f"network.{name}": np.asarray(value) for name, value in _actor_arrays(policy.actor).items()}
-    save_archive(path, FORMAT, FORMAT_VERSION, {"observation": stages, **metadata}, arrays)
+    head = {"choices": list(policy.actor.choices)} if isinstance(policy.actor, CategoricalActor) else {}
+    save_archive(path, FORMAT, FORMAT_VERSION, {"observation": stages, **head, **metadata}, arrays)
 
 
-def load_policy(path: str | Path) -> tuple[Policy, dict[str, Any]]:
+def load_policy(path: str | Path) -> tuple[Policy[Any], dict[str, Any]]:
     """Read a policy and its metadata; arrays keep the file's precision.
 
     Raises:
@@ -74,7 +78,7 @@ def load_policy(path: str | Path) -> tuple[Policy, dict[str, Any]]:
             if array.dtype.kind != "f" or not np.isfinite(array).all():
                 raise SwingupError(f"array {name} holds values that are not finite floating-point numbers")
         stages = tuple(_stage(index, entry, arrays) for index, entry in enumerate(metadata["observation"]))
-        policy = Policy(stages=stages, actor=_actor(arrays))
+        policy = Policy(stages=stages, actor=_actor(arrays, metadata))
         _check_sizes(policy)
     except SwingupError as error:
         raise SwingupError(f"policy file {path}: {error}; see docs/policy-format.md") from error
@@ -104,16 +108,29 @@ def _stage_name(stage: AbstractStage) -> str:
     return next(name for name, kind in STAGES.items() if type(stage) is kind)
 
 
-def _actor_arrays(actor: Actor) -> dict[str, Any]:
-    layers = {f"trunk.{index}": layer for index, layer in enumerate(actor.trunk)}
-    layers |= {"mean": actor.mean_head} | ({} if actor.std_head is None else {"std": actor.std_head})
+def _heads(actor: AbstractActor) -> dict[str, Linear]:
+    """The output layers by their names in the file."""
+    if isinstance(actor, CategoricalActor):
+        return {"logits": actor.logits_head}
+    assert isinstance(actor, Actor)
+    return {"mean": actor.mean_head} | ({} if actor.std_head is None else {"std": actor.std_head})
+
+
+def _actor_arrays(actor: AbstractActor) -> dict[str, Any]:
+    layers = {f"trunk.{index}": layer for index, layer in enumerate(actor.trunk)} | _heads(actor)
     return {f"{name}.{part}": getattr(layer, part) for name, layer in layers.items() for part in ("weight", "bias")}
 
 
-def _actor(arrays: Mapping[str, Any]) -> Actor:
+def _actor(arrays: Mapping[str, Any], metadata: Mapping[str, Any]) -> AbstractActor:
     depth = len([name for name in arrays if name.startswith("network.trunk.") and name.endswith(".weight")])
+    trunk = tuple(_layer(arrays, f"network.trunk.{index}") for index in range(depth))
+    if "choices" in metadata:
+        choices = metadata["choices"]
+        if not (isinstance(choices, list) and choices and all(type(n) is int and n > 0 for n in choices)):
+            raise SwingupError(f"choices = {choices!r} must be a list of whole numbers from 1")
+        return CategoricalActor(trunk, _layer(arrays, "network.logits"), tuple(choices))
     return Actor(
-        trunk=tuple(_layer(arrays, f"network.trunk.{index}") for index in range(depth)),
+        trunk=trunk,
         mean_head=_layer(arrays, "network.mean"),
         std_head=_layer(arrays, "network.std") if "network.std.weight" in arrays else None,
     )
@@ -127,9 +144,9 @@ def _layer(arrays: Mapping[str, Any], name: str) -> Linear:
     return Linear(weight.astype(np.float32), bias.astype(np.float32))
 
 
-def _check_sizes(policy: Policy) -> None:
+def _check_sizes(policy: Policy[AbstractActor]) -> None:
     """Follow one observation through the stages and the layers."""
-    seen = jax.ShapeDtypeStruct((4,), np.float32)
+    seen = jax.ShapeDtypeStruct((_input_size(policy),), np.float32)
     for stage in policy.stages:
         if isinstance(stage, Normalise):
             if not np.shape(stage.mean) == np.shape(stage.variance) == seen.shape:
@@ -139,11 +156,22 @@ def _check_sizes(policy: Policy) -> None:
                 raise SwingupError("a variance is negative")
         seen = jax.eval_shape(stage, seen)
     size = seen.shape[0]
-    for layer in (*policy.actor.trunk, policy.actor.mean_head):
+    heads = _heads(policy.actor)
+    for layer in (*policy.actor.trunk, next(iter(heads.values()))):
         size_out, size_in = layer.weight.shape
         if size != size_in:
             raise SwingupError(f"a layer of {size_in} inputs is fed {size} values")
         size = size_out
-    std_head, mean_head = policy.actor.std_head, policy.actor.mean_head
-    if std_head is not None and std_head.weight.shape != mean_head.weight.shape:
-        raise SwingupError(f"network.std has shape {std_head.weight.shape}, network.mean {mean_head.weight.shape}")
+    if "std" in heads and heads["std"].weight.shape != heads["mean"].weight.shape:
+        std, mean = heads["std"].weight.shape, heads["mean"].weight.shape
+        raise SwingupError(f"network.std has shape {std}, network.mean {mean}")
+    if isinstance(policy.actor, CategoricalActor) and size != sum(policy.actor.choices):
+        raise SwingupError(f"network.logits has {size} outputs, choices {policy.actor.choices} need their sum")
+
+
+def _input_size(policy: Policy[AbstractActor]) -> int:
+    """Length of what the first stage is shown: a pendulum's state, or what the statistics are of."""
+    first = policy.stages[0] if policy.stages else None
+    if isinstance(first, PendulumObservation):
+        return 4
+    return int(np.size(first.mean) if isinstance(first, Normalise) else policy.actor.trunk[0].weight.shape[1])

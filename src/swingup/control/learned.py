@@ -8,6 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from ..areapo import policy as policies
+from ..areapo.networks import Actor
 from ..areapo.policy import Policy
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot
@@ -20,7 +21,7 @@ from .estimator import read_settings
 class PolicyController(AbstractController[None]):
     """The deterministic policy, called at whatever rate the loop runs; it remembers nothing."""
 
-    policy: Policy
+    policy: Policy[Actor]
     """From a state [q1, q2, dq1, dq2] to an action in [-1, 1]."""
     torque_limit: float
     """Torque of an action of 1 (N m)."""
@@ -68,6 +69,8 @@ def load_policy(path: str | Path, robot: Robot | str | None = None) -> tuple[Pol
         raise SwingupError(f"policy file {path} lacks {what}: see docs/policy-format.md")
     if robot is not None and metadata["robot"] != get_robot(robot).name:
         raise SwingupError(f"policy file {path} is for {metadata['robot']!r}, not the {get_robot(robot).name}")
+    if not isinstance(policy.actor, Actor):
+        raise SwingupError(f"policy file {path} has discrete actions: a pendulum needs a torque")
     actions, limit = policy.actor.mean_head.weight.shape[0], metadata["torque_limit"]
     if actions != 1:
         raise SwingupError(f"policy file {path} has {actions} actions: one is needed")

@@ -19,7 +19,7 @@ import numpy as np
 from ..areapo import train
 from ..areapo.checkpoint import load_checkpoint, save_checkpoint
 from ..areapo.policy import Policy
-from ..areapo.train import LearnerState
+from ..areapo.state import LearnerState, Metrics
 from ..benchmark.criteria import Criteria
 from ..benchmark.evaluate import evaluate
 from ..control.learned import PolicyController, load_policy, save_controller
@@ -163,7 +163,7 @@ class Run:
             if self._stopping:
                 self._save()
 
-    def _train_chunk(self, count: int) -> train.Metrics:
+    def _train_chunk(self, count: int) -> Metrics:
         advance = _train if self.settings.seeds == 1 else _train_seeds
         self._state, metrics = advance(self._state, self._task, self.settings.config, count)
         metrics = jax.tree.map(np.asarray, metrics)
@@ -220,7 +220,7 @@ class Run:
         }
         save_controller(self.folder / name, controller, provenance)
 
-    def _rows(self, metrics: train.Metrics, evaluations: list[Criteria], rate: float) -> list[dict[str, Any]]:
+    def _rows(self, metrics: Metrics, evaluations: list[Criteria], rate: float) -> list[dict[str, Any]]:
         rows = []
         for index, criteria in enumerate(evaluations):
             mine = metrics if self.settings.seeds == 1 else jax.tree.map(lambda leaf, i=index: leaf[i], metrics)
