@@ -18,7 +18,7 @@ LAYERS = {
 
 ONE_PLACE = {
     "optax": {"areapo", "refine"},
-    "gymnasium": {"gym"},
+    "gymnasium": {"gym", "learner"},
     "PIL": {"drawing", "report"},
     "matplotlib": {"report"},
     "bokeh": {"report"},

@@ -97,7 +97,7 @@ class Lever(Probe):
 
 
 class Levers(Probe):
-    """Two choices at a time: the first of two alternatives decides the next state, which pays; the other nothing."""
+    """Two choices at a time: the first decides the next state, which pays or not; the second does nothing."""
 
     choices = (2, 4)
     action_size = 2
