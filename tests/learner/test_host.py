@@ -43,7 +43,7 @@ def values(state, observations):
 def test_gain_bias_and_policy_of_a_cycle(mode):
     # As without the choice ρ = 1 and v(1) - v(0) = 1; the choice adds softmax((0, 1, 2) / τ), whose soft gain is
     # τ log(1 + e^(1/τ) + e^(2/τ)). The time limit after 9 steps shows in the reward collected, not in the gain.
-    temperature = 0.8
+    temperature = 0.4
     weights = np.exp(np.arange(3) / temperature)
     best = weights / weights.sum()
     state, metrics, extras = learn("cycle", mode, temperature=temperature)

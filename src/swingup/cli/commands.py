@@ -8,7 +8,7 @@ from tyro.conf import OmitArgPrefixes
 
 from ..areapo.config import Config
 from ..learner.presets import DEFAULT_PRESET, ENV_PRESET, get_preset
-from . import judging, pictures, planning, refining, training
+from . import judging, pictures, planning, refining, sweeping, training
 from .arguments import RobotOrNone
 
 
@@ -16,6 +16,7 @@ def run_command(arguments: list[str]) -> int:
     """Parse the arguments and run the command."""
     commands: dict[str, Callable[..., int]] = {
         "train": _train_command(get_preset(_preset_named_in(arguments)).config),
+        "sweep": sweeping.sweep,
         "refine": refining.refine,
         "evaluate": judging.evaluate,
         "score": judging.score,
