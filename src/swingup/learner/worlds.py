@@ -3,6 +3,7 @@
 from typing import Any
 
 from ..errors import SwingupError
+from ..tasks.pendulum import PendulumTask
 from ..tasks.task import AbstractTask
 from .compiled import PendulumWorld, TaskWorld
 from .settings import Settings
@@ -14,14 +15,16 @@ def make_world(settings: Settings, env: Any = None) -> AbstractWorld:
 
     Args:
         settings: what to train on, by name.
-        env: the environment or the task itself, where it has no name to be made from.
+        env: the environment or the task itself, where it has no name to be made from; with a robot, another
+            variant of its task than the preset's.
 
     Raises:
         SwingupError: the task cannot be made, or was passed in once and is not now.
     """
     config, seed, seeds = settings.config, settings.seed, settings.seeds
     if settings.robot is not None:
-        return PendulumWorld(settings.task(), config, seed, seeds)
+        task = env if isinstance(env, PendulumTask) else settings.task()
+        return PendulumWorld(task, config, seed, seeds)
     if isinstance(env, AbstractTask):
         return TaskWorld(env, config, seed, seeds, max(1, settings.evaluation_episodes))
     if seeds > 1:
