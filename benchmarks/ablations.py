@@ -3,8 +3,8 @@
 Usage: python benchmarks/ablations.py [--frames 8000000] [--seeds 3] [--out runs/ablations] [NAME ...]
 
 Each run is a folder that `swingup train` would write; what is there already is not repeated, and what was cut
-off resumes. Prints a table in Markdown: the interquartile mean over the seeds of the last tenth's median score and of
-the best score, with 95 % bootstrap intervals.
+off resumes. Prints a table in Markdown: the interquartile mean over the seeds of the last tenth's median score and
+of the best score, with 95 % bootstrap intervals.
 """
 
 import argparse
@@ -57,7 +57,8 @@ def train(name: str, seed: int, frames: int, out: Path) -> list[float]:
     if (folder / "config.json").exists():
         run = Run.resume(folder, env=task)
     else:
-        settings = Settings("acrobot", "default", seed, 1, *PENDULUM_INTERVALS.values(), config)
+        every = PENDULUM_INTERVALS["evaluate_every"], PENDULUM_INTERVALS["checkpoint_every"]
+        settings = Settings("acrobot", "default", seed, 1, *every, config)
         run = Run(settings, folder, frames, task)
     for report in run.advance():
         print(f"{name} seed {seed}: {report.frames:,} frames, best score {report.best_score:.3f}", flush=True)

@@ -1,12 +1,12 @@
 """Learning on Gymnasium's MuJoCo tasks beside Stable-Baselines3's PPO: same budget, same machine, same evaluation.
 
-Usage: python benchmarks/mujoco_learning.py [--frames 1000000] [--seeds 3] [--learners areapo sb3-ppo] [--out FOLDER]
-[ID ...]
+Usage: python benchmarks/mujoco_learning.py [ID ...] [--frames 1000000] [--seeds 3] [--learners areapo sb3-ppo]
+[--out runs/mujoco]
 
 Needs swingup[mujoco], and stable-baselines3 for the peer. The peer has its own defaults and its VecNormalize, since
 ours normalises observations as well. Curves go to FOLDER/LEARNER/ID/seed-N.jsonl: frames, the mean return of ten
-deterministic episodes of the plain environment, seconds. Prints a table in Markdown: the interquartile mean over the
-seeds of the last return, with 95 % bootstrap intervals. A curve that is complete is not made again.
+deterministic episodes of the plain environment, seconds. Prints a table in Markdown: the interquartile mean over
+the seeds of the last return, with 95 % bootstrap intervals. A curve that is complete is not made again.
 """
 
 import argparse
