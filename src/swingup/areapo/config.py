@@ -54,7 +54,8 @@ class Config(eqx.Module):
     average_reward: bool = eqx.field(static=True, default=True)
     """Subtract the gains (average reward); without it, the discounts below 1 bound the values."""
     gain_trace: bool = eqx.field(static=True, default=True)
-    """Divide the gains' step by its trace, which removes the bias of their start at 0 (authors' code)."""
+    """Divide the gains' step by its trace, which removes the bias of their start at 0 (authors' code). Not with a λ
+    near 1: λ-advantages scale the step by about 1 / (1 - λ), and the first estimates overshoot more and more."""
     centre_values: bool = eqx.field(static=True, default=False)
     """Fix the values' free constant: after each rollout, take their mean off the heads' biases."""
     normalise_advantages: bool = eqx.field(static=True, default=True)
