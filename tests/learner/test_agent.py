@@ -1,5 +1,6 @@
 """The public class: learning, going on, predicting, saving, loading, evaluating."""
 
+import doctest
 import functools
 
 import gymnasium
@@ -178,6 +179,12 @@ def test_the_family_trains_on_a_gymnasium_id(preset):
 def test_bad_arguments(arguments, message):
     with pytest.raises(SwingupError, match=message):
         AREAPO(**({"env": Noisy} | TINY | arguments))
+
+
+def test_the_docstrings_example():
+    from swingup.learner import agent
+
+    assert doctest.testmod(agent) == (0, 4)
 
 
 def test_mujoco_learns_where_it_is_installed():

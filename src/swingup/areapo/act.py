@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Array, Float, Shaped
 
 from ..types import Key
-from .config import Config
 from .networks import AbstractActor
 from .normalise import RunningStatistics
 from .policy import Policy
@@ -35,7 +34,7 @@ def take_in(
     statistics: RunningStatistics,
     following: Float[Array, "envs n"],
     true_next: Float[Array, "envs n"],
-    config: Config,
+    clip: float,
 ) -> tuple[RunningStatistics, Float[Array, "envs n"], Float[Array, "envs n"]]:
     """Update the observation statistics and normalise what was seen.
 
@@ -45,10 +44,10 @@ def take_in(
         statistics: of all observations before.
         following: observations to act on next, after the resets.
         true_next: observations of the states after the step, before any reset.
-        config: the hyperparameters.
+        clip: normalised observations are clipped to ± this.
     """
     statistics = statistics.update(following)
-    normalise = statistics.stage(config.observation_clip)
+    normalise = statistics.stage(clip)
     return statistics, normalise(following), normalise(true_next)
 
 

@@ -60,7 +60,7 @@ def init_learner(key: Key, spaces: Spaces, config: Config) -> LearnerState:
 
 def restarted(state: LearnerState, observations: Float[Array, "envs n"], config: Config) -> LearnerState:
     """The learner at the start of new episodes, of which it sees these first observations (not normalised)."""
-    statistics, seen, _ = take_in(state.statistics, observations, observations, config)
+    statistics, seen, _ = take_in(state.statistics, observations, observations, config.observation_clip)
     return eqx.tree_at(lambda s: (s.statistics, s.observations), state, (statistics, seen))
 
 
@@ -117,7 +117,7 @@ def collect(state: LearnerState, key: Key, task: Task, config: Config) -> tuple[
         fresh = jax.vmap(task.reset)(jax.random.split(reset_key, config.num_envs))
         following = jax.tree.map(lambda new, old: _where(ended, new, old), fresh, step.state)
         statistics, seen, true_next = take_in(
-            statistics, jax.vmap(task.observe)(following), step.observation, config
+            statistics, jax.vmap(task.observe)(following), step.observation, config.observation_clip
         )
         return (following, seen, statistics), Rollout(
             observations=observations,

@@ -25,7 +25,6 @@ from ..tasks.task import Spaces
 MAKES_SENSE = (
     "a Gymnasium id, a function that makes a gymnasium.Env, a gymnasium.vector.VectorEnv, or a task in JAX"
 )
-MAX_ENVIRONMENTS = 4096
 
 
 @dataclass(frozen=True)
@@ -136,29 +135,37 @@ class Environments:
         Raises:
             SwingupError: an observation or a reward is not finite.
         """
-        seen, rewards, terminated, truncated, infos = self._env.step(self.actions(actions))
-        true_next, counted = self._flat(seen), ~self._resetting
+        counted = ~self._resetting
+        observations, rewards, terminated, truncated, infos = self._env.step(self.actions(actions))
         terminated, truncated = terminated & counted, truncated & counted
-        ended = terminated | truncated
-        following = true_next
-        self._starts = np.where(counted[:, None], self._starts, true_next)
-        if ended.any():
-            following = true_next.copy()
-            if self._mode is AutoresetMode.SAME_STEP:
-                true_next = following.copy()
-                for index in np.flatnonzero(ended):
-                    true_next[index] = np.ravel(infos["final_obs"][index])
-            elif self._mode is AutoresetMode.DISABLED:
-                fresh, _ = self._env.reset(options={"reset_mask": ended})
-                following[ended] = self._flat(fresh)[ended]
-            else:
-                following[ended] = self._starts[ended]
-        if self._mode is AutoresetMode.NEXT_STEP:
-            self._resetting = ended
+        following, true_next = self._around_resets(self._flat(observations), terminated | truncated, infos)
         rewards = np.where(counted, rewards, 0.0).astype(np.float32)
         if not (np.isfinite(rewards).all() and np.isfinite(true_next).all()):
             raise SwingupError("the environment returned an observation or a reward that is not finite: mend it")
         return HostStep(following, true_next, rewards, terminated, truncated, counted)
+
+    def _around_resets(
+        self, seen: Float32[np.ndarray, "envs n"], ended: Bool[np.ndarray, "envs"], infos: dict[str, Any]
+    ) -> tuple[Float32[np.ndarray, "envs n"], Float32[np.ndarray, "envs n"]]:
+        """What to act on next, and what was truly next, of what a step returned."""
+        if self._mode is AutoresetMode.NEXT_STEP:
+            self._starts[self._resetting] = seen[self._resetting]
+            self._resetting = ended
+        if not ended.any():
+            return seen, seen
+        other = seen.copy()
+        if self._mode is AutoresetMode.NEXT_STEP:
+            other[ended] = self._starts[ended]
+            return other, seen
+        if self._mode is AutoresetMode.DISABLED:
+            fresh, _ = self._env.reset(options={"reset_mask": ended})
+            other[ended] = self._flat(fresh)[ended]
+            return other, seen
+        if "final_obs" not in infos:
+            raise SwingupError("the vector environment resets in the same step and gives no final_obs in its infos")
+        for index in np.flatnonzero(ended):
+            other[index] = np.ravel(infos["final_obs"][index])
+        return seen, other
 
     def close(self) -> None:
         """Close the environments."""

@@ -63,12 +63,13 @@ def collect(
     seen = np.asarray(state.observations)
     statistics = state.statistics
     chosen = jax.device_get(_decide(state.actor, seen, key, np.uint32(0)))
+    clip = np.float32(config.observation_clip)
     rows = []
     for index in range(1, config.num_steps + 1):
         step = environments.step(chosen.actions)
         episodes.add(step)
         statistics, *answer = _advance(
-            state.actor, statistics, step.following, step.true_next, key, np.uint32(index), config
+            state.actor, statistics, step.following, step.true_next, key, np.uint32(index), clip
         )
         following, true_next, following_chosen = jax.device_get(answer)
         rows.append((seen, chosen.latents, chosen.log_probs, true_next, step))
@@ -110,10 +111,10 @@ def _advance(
     true_next: Float[Array, "envs n"],
     key: Key,
     index: Count,
-    config: Config,
+    clip: float,
 ) -> tuple[RunningStatistics, Float[Array, "envs n"], Float[Array, "envs n"], Decisions]:
     """Take in what a step showed and decide on the next, in one call."""
-    statistics, seen, seen_next = take_in(statistics, following, true_next, config)
+    statistics, seen, seen_next = take_in(statistics, following, true_next, clip)
     return statistics, seen, seen_next, decide(actor, seen, jax.random.fold_in(key, index))
 
 

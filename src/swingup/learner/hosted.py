@@ -16,9 +16,9 @@ from ..areapo.config import Config
 from ..areapo.policy import Policy
 from ..areapo.state import LearnerState, Metrics
 from ..errors import SwingupError
-from .compiled import summary
 from .environments import Environments, make_environments
 from .host import iterate, new_episodes
+from .judges import summary
 from .world import AbstractWorld, batched, portable_policy
 
 MAX_EPISODE_STEPS = 10_000

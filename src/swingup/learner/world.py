@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Shaped
 
@@ -90,8 +89,3 @@ def batched(observation: Any, shape: tuple[int, ...]) -> tuple[Float[np.ndarray,
         )
     single = values.shape == shape
     return values.reshape(1 if single else len(values), -1), single
-
-
-def seed_keys(seed: int, seeds: int) -> jax.Array:
-    """The keys of consecutive seeds."""
-    return jnp.stack([jax.random.key(seed + index) for index in range(seeds)])

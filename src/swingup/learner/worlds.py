@@ -5,7 +5,8 @@ from typing import Any
 from ..errors import SwingupError
 from ..tasks.pendulum import PendulumTask
 from ..tasks.task import AbstractTask
-from .compiled import PendulumWorld, TaskWorld
+from .compiled import CompiledWorld
+from .judges import RealAIJudge, ReturnJudge
 from .settings import Settings
 from .world import AbstractWorld
 
@@ -24,9 +25,10 @@ def make_world(settings: Settings, env: Any = None) -> AbstractWorld:
     config, seed, seeds = settings.config, settings.seed, settings.seeds
     if settings.robot is not None:
         task = env if isinstance(env, PendulumTask) else settings.task()
-        return PendulumWorld(task, config, seed, seeds)
+        return CompiledWorld(task, config, seed, seeds, RealAIJudge(task))
     if isinstance(env, AbstractTask):
-        return TaskWorld(env, config, seed, seeds, max(1, settings.evaluation_episodes))
+        judge = ReturnJudge(env, seed, max(1, settings.evaluation_episodes))
+        return CompiledWorld(env, config, seed, seeds, judge)
     if seeds > 1:
         raise SwingupError(
             f"seeds = {seeds}, but Gymnasium environments train one seed at a time: use swingup sweep"
