@@ -21,7 +21,7 @@ from .config import Config
 from .loss import Batch, LossMetrics, loss
 from .networks import Critic, init_critic, init_policy
 from .normalise import init_statistics
-from .popart import ValueScale, init_value_scale, rescale
+from .popart import init_value_scale, rescale
 from .state import LearnerState, Metrics, Rollout
 
 Task = AbstractTask[Any]
@@ -153,20 +153,14 @@ def estimate(
     outputs = jax.vmap(jax.vmap(state.critic))(rollout.observations)
     last = jax.vmap(state.critic)(state.observations)
     next_outputs = jnp.concatenate([outputs[1:], last[None]])
-    limited = rollout.truncated & ~rollout.terminated
-    bootstrapped = rollout.truncated | rollout.terminated if config.ending == "bootstrap" else limited
-    next_outputs = _bootstrapped(state.critic, rollout.next_observations, bootstrapped, next_outputs)
+    next_outputs = _bootstrapped(state.critic, rollout, next_outputs, config)
     values, next_values = _values(state, outputs), _values(state, next_outputs)
     offset = _mean_of_both(values, rollout)
     if config.centre_values:
         critic = eqx.tree_at(lambda c: c.heads.bias, state.critic, replace_fn=lambda bias: bias - offset)
         state = eqx.tree_at(lambda s: s.critic, state, critic)
         values, next_values = values - offset, next_values - offset
-    rewards = rollout.rewards
-    if config.ending == "end":
-        next_values = jnp.where(rollout.terminated[..., None], 0.0, next_values)
-    elif config.ending == "reset_cost":
-        rewards = jnp.where(rollout.terminated, rewards - config.reset_cost, rewards)
+    rewards, next_values = _ended(rollout, next_values, config)
 
     cuts = rollout.terminated | rollout.truncated
     entropy_rewards = -config.temperature * rollout.log_probs
@@ -181,17 +175,13 @@ def estimate(
     # Without temperature there is no entropy objective, whatever an untrained V_H says.
     entropy_advantages = jnp.where(config.temperature > 0.0, entropy_advantages, 0.0)
     returns = jnp.stack([reward_advantages, entropy_advantages], axis=-1) + values
-    if state.value_scale is not None:
-        scale = _follow(state.value_scale, returns, rollout, config)
-        critic = rescale(state.critic, state.value_scale, scale)
-        state = eqx.tree_at(lambda s: (s.critic, s.value_scale), state, (critic, scale))
-        returns = scale.normalise(returns)
+    state, targets = _rescaled(state, returns, rollout, config)
     batch = Batch(
         observations=rollout.observations,
         latents=rollout.latents,
         log_probs=rollout.log_probs,
         advantages=reward_advantages + entropy_advantages,
-        returns=returns,
+        returns=targets,
         weights=rollout.counted,
     )
     gains = update_gains(state.gains, reward_advantages, entropy_advantages, config, rollout.counted)
@@ -242,23 +232,39 @@ def _mean_of_both(values: Float[Array, "steps envs 2"], rollout: Rollout) -> Flo
     return mean(values, weights, axis=(0, 1))
 
 
-def _follow(
-    scale: ValueScale, returns: Float[Array, "steps envs 2"], rollout: Rollout, config: Config
-) -> ValueScale:
-    """PopArt's scale after a rollout's returns."""
+def _rescaled(
+    state: LearnerState, returns: Float[Array, "steps envs 2"], rollout: Rollout, config: Config
+) -> tuple[LearnerState, Float[Array, "steps envs 2"]]:
+    """PopArt's scale moved towards the returns, all values kept; and what the critic shall put out."""
+    if state.value_scale is None:
+        return state, returns
     first, second = _mean_of_both(returns, rollout), _mean_of_both(returns**2, rollout)
-    return scale.update(first, second, config.popart_step_size)
+    scale = state.value_scale.update(first, second, config.popart_step_size)
+    critic = rescale(state.critic, state.value_scale, scale)
+    rescaled = eqx.tree_at(lambda s: (s.critic, s.value_scale), state, (critic, scale))
+    return rescaled, scale.normalise(returns)
+
+
+def _ended(
+    rollout: Rollout, next_values: Float[Array, "steps envs 2"], config: Config
+) -> tuple[Float[Array, "steps envs"], Float[Array, "steps envs 2"]]:
+    """Rewards and next values, with what a termination means."""
+    if config.ending == "end":
+        return rollout.rewards, jnp.where(rollout.terminated[..., None], 0.0, next_values)
+    if config.ending == "reset_cost":
+        return jnp.where(rollout.terminated, rollout.rewards - config.reset_cost, rollout.rewards), next_values
+    return rollout.rewards, next_values
 
 
 def _bootstrapped(
-    critic: Critic,
-    true_next: Float[Array, "steps envs n"],
-    replaced: Bool[Array, "steps envs"],
-    next_values: Float[Array, "steps envs 2"],
+    critic: Critic, rollout: Rollout, next_values: Float[Array, "steps envs 2"], config: Config
 ) -> Float[Array, "steps envs 2"]:
-    """Replace some of the next values by those of the true next states, a few at a time."""
-    truncated = replaced.reshape(-1)
-    observations = true_next.reshape(truncated.size, -1)
+    """Replace next values where the task was cut short by those of the true next states, a few at a time."""
+    cut_short = rollout.truncated & ~rollout.terminated
+    if config.ending == "bootstrap":
+        cut_short = rollout.truncated | rollout.terminated
+    truncated = cut_short.reshape(-1)
+    observations = rollout.next_observations.reshape(truncated.size, -1)
     order = jnp.argsort(~truncated)  # those to replace first
 
     def replace(carry: tuple[Count, Array]) -> tuple[Count, Array]:
