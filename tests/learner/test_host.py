@@ -4,16 +4,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
+from swingup.areapo import train
 from swingup.areapo.config import Config
+from swingup.learner import host
 from swingup.learner.environments import make_environments
 from swingup.learner.host import collect, new_episodes
 from swingup.learner.hosted import HostWorld
 from swingup.learner.run import Run
 from swingup.learner.settings import Settings
 
-from .environments import Chain, Noisy
+from .environments import Chain, Noisy, Stairs
 from .test_run import assert_same_files, measured
 
 SMALL = Config(
@@ -100,3 +102,34 @@ def test_killed_and_resumed_equals_uninterrupted(tmp_path):
     assert_same_files(tmp_path / "whole", tmp_path / "part")
     assert measured(tmp_path / "whole") == measured(tmp_path / "part")
     assert len(measured(tmp_path / "whole")) == 6
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP])
+def test_a_rollout_holds_what_the_actor_saw_and_did(mode):
+    config = Config(**(vars(SMALL) | {"num_envs": 3, "num_steps": 10, "batch_size": 30}))
+    environments = make_environments(SyncVectorEnv([Stairs] * 3, autoreset_mode=mode), 3)
+    state = train.init_learner(jax.random.key(0), environments.spaces, config)
+    state = train.restarted(state, environments.reset(0), config)
+    after, rollout = collect(state, environments, new_episodes(3), jax.random.key(1), config)
+    log_probs = jax.vmap(jax.vmap(lambda o, z: state.actor(o).log_prob(z)))(rollout.observations, rollout.latents)
+    np.testing.assert_allclose(log_probs, rollout.log_probs, atol=1e-5)
+    assert np.ptp(rollout.latents) > 0.1
+    # Where nothing ended the next observation is the next row's.
+    following = np.concatenate([rollout.observations[1:], np.asarray(after.observations)[None]])
+    same = np.isclose(rollout.next_observations, following, atol=1e-6)[..., 0]
+    np.testing.assert_array_equal(same, ~rollout.truncated)
+    # Episodes of three steps, and in one mode a row for the reset.
+    every = 3 if mode is AutoresetMode.SAME_STEP else 4
+    np.testing.assert_array_equal(np.flatnonzero(rollout.truncated[:, 0]), np.arange(2, 10, every))
+    # 11 batches of three: the reset and ten steps.
+    assert after.statistics.count == pytest.approx(33.0, abs=0.01)
+
+
+def test_nothing_is_compiled_twice():
+    world = HostWorld(Noisy, "noisy", TINY, 0, 0)
+    state, _, _ = world.train(world.begin(world.init(), 0), 1)
+    compiled = (host._decide, host._advance, host._update, host._split)
+    before = [function._cache_size() for function in compiled]
+    state, _, _ = world.train(state, 2)
+    world.train(world.begin(state, 3), 1)
+    assert [function._cache_size() for function in compiled] == before
