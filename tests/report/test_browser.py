@@ -262,7 +262,7 @@ def test_the_live_pendulum_swings_up_and_recovers_from_a_pull(page, sections, in
     page.mouse.move(middle, shoulder + 0.5 * scale, steps=3)
     page.evaluate(f"{live}.advance(2)")
     height = float(tip_height(leaderboard_parameters(ROBOTS[section.robot]), jnp.array(page.evaluate(f"{live}.x"))))
-    assert height < -0.3  # the policy pulls, too
+    assert height < -0.2  # well below the shoulder, although the policy pulls, too
     page.mouse.up()
     page.evaluate(f"{live}.advance(8)")
     assert is_upright(page.evaluate(f"{live}.x"))
