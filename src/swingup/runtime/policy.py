@@ -34,7 +34,7 @@ class NumpyPolicy:
         self._torque_limit = policy.torque_limit
 
     def __call__(self, x: np.ndarray) -> float:
-        """The torque (N m) for a state of shape (4,); NaN for a state that is not finite."""
+        """The torque (N m) for a state of shape (4,); NaN for a state that is none."""
         features = np.asarray(x, np.float64)
         for observe in self._stages:
             features = observe(features)
@@ -55,7 +55,7 @@ def _pendulum(stage: PendulumStage) -> Observe:
 
     def observe(x: np.ndarray) -> np.ndarray:
         q1, q2, dq1, dq2 = x.tolist()
-        if not math.isfinite(q1 + q2 + dq1 + dq2):
+        if not math.isfinite(q1 + q2) or math.isnan(dq1) or math.isnan(dq2):
             return np.full(stage.size(4), np.nan)
         v1, v2 = max(-scale, min(scale, dq1)) / scale, max(-scale, min(scale, dq2)) / scale
         if wrapped:
