@@ -41,11 +41,16 @@ class _Compiled:
     """A controller in JAX as a function with a memory; its first call compiles it."""
 
     def __init__(self, name: str, robot: Robot, estimator: bool | None) -> None:
-        import equinox as eqx
-        import jax
+        try:
+            import equinox as eqx
+            import jax
 
-        from .control.controller import AbstractController
-        from .control.named import get_controller
+            from .control.controller import AbstractController
+            from .control.named import get_controller
+        except ModuleNotFoundError as error:
+            raise SwingupError(
+                f"controller {name!r} needs {error.name}: install swingup with its dependencies, or use a policy"
+            ) from error
 
         found = get_controller(name, robot, estimator)
         if not isinstance(found, AbstractController):
