@@ -110,7 +110,7 @@ def main(robot: str) -> None:
     result = np.empty(256, np.float32)
     with jax.enable_x64(True):
         judged = shipped_policy(robot)[0]
-        compiled = jax.jit(lambda x: judged(None, 0.0, x)[1])
+        compiled = jax.jit(lambda x: judged(None, jax.numpy.zeros(()), x)[1])
         times = {
             "floor: one 256 x 256 product": measure(lambda k: np.dot(matrix, vector, out=result)),
             "NumPy": measure(lambda k: alone(states[k])),
