@@ -1,4 +1,4 @@
-"""Tables of numbers as CSV files: a header line and comma-separated columns, found by name; the first is the time."""
+"""Tables of numbers as CSV files: a header line and comma-separated columns, found by name; first the time."""
 
 import itertools
 import math

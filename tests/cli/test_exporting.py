@@ -10,6 +10,7 @@ import pytest
 import swingup
 from swingup.benchmark.rollout import Trajectory
 from swingup.cli import main
+from swingup.control.learned import save_controller
 from swingup.control.named import get_controller
 from swingup.control.zoo import shipped_policy
 
@@ -72,7 +73,7 @@ def test_a_folder_for_realaigym_needs_numpy_alone(tmp_path, robot, capsys):
 
 def test_a_policy_file_and_its_username(tmp_path):
     source = tmp_path / "mine.npz"
-    swingup.control.learned.save_controller(source, *shipped_policy("pendubot", "base"))
+    save_controller(source, *shipped_policy("pendubot", "base"))
     assert (
         main(["export", str(source), "--to", "realaigym", "--out", str(tmp_path / "e"), "--username", "Ada"]) == 0
     )

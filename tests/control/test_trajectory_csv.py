@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import swingup
+from swingup.benchmark.trajectory_file import load_trajectory
+from swingup.cli import main, planning
 from swingup.control.builtin import shipped_reference
 from swingup.control.tracking import RiccatiGains
 from swingup.control.trajectory_csv import load_reference_csv, save_reference_csv
@@ -20,7 +22,7 @@ def test_round_trip(tmp_path, robot):
     for name in ("states", "torque", "gains"):
         np.testing.assert_array_equal(getattr(read, name), getattr(reference, name))
     # The judge reads the same file as a run.
-    swingup.score(swingup.benchmark.trajectory_file.load_trajectory(tmp_path / "r.csv"), robot)
+    swingup.score(load_trajectory(tmp_path / "r.csv"), robot)
 
 
 def test_gains_act_as_realaigyms_controller_has_them(tmp_path, robot, x64):
@@ -39,6 +41,13 @@ def test_gains_act_as_realaigyms_controller_has_them(tmp_path, robot, x64):
             for joint in (1, 2)
         ]
         np.testing.assert_allclose(controller(None, row * reference.dt, x)[1], expected, rtol=1e-9, atol=1e-12)
+
+
+def test_the_command_writes_it(tmp_path, monkeypatch):
+    reference = shipped_reference("acrobot")[0]
+    monkeypatch.setattr(planning, "compute_reference", lambda *_: (reference, {}))  # which takes a minute
+    assert main(["trajectory", "acrobot", "--out", str(tmp_path / "r.csv")]) == 0
+    np.testing.assert_array_equal(load_reference_csv(tmp_path / "r.csv", "acrobot").gains, reference.gains)
 
 
 @pytest.mark.parametrize(
