@@ -70,6 +70,13 @@ def test_baselines_score_as_they_do_in_jax(name):
     assert ours.criteria.score == pytest.approx(judged.criteria.score, abs=1e-9)
 
 
+@pytest.mark.parametrize("name", ["ar-eapo", "tvlqr"])
+def test_the_checker_finds_nothing(name):
+    assert swingup.check_controller(realaigym.load_controller(name, "acrobot"), "acrobot") == []
+    findings = swingup.check_controller(realaigym.load_controller(name, "acrobot"), "pendubot")
+    assert findings == ["it is for the acrobot, not the pendubot: judge it there"]
+
+
 def test_the_mpc_answers():
     controller = realaigym.load_controller("ilqr-mpc", "acrobot")
     states, torques = Simulator(get_robot("acrobot")).run(controller, 0.04)

@@ -4,6 +4,7 @@ Policies run by NumPy alone. Baselines (``tvlqr``, ``ilqr-riccati``, ``ilqr-mpc`
 package load JAX when they are asked for; RealAIGym's package is never imported.
 """
 
+import copy
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +63,10 @@ class _Compiled:
         self.reset()
         self(np.zeros(4), 0.0)  # compiled now, not in the loop
         self.reset()
+
+    def __deepcopy__(self, known: dict[int, Any]) -> "_Compiled":
+        # Memories are replaced, never altered: a shallow copy has its own, and shares what is compiled.
+        return copy.copy(self)
 
     def reset(self) -> None:
         self._memory: Any = self._start

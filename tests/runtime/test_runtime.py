@@ -53,6 +53,10 @@ def test_the_estimator_follows_a_recorded_run(name, sensor):
     assert sensor != "late" or len(dead_times) > 2
 
 
+def test_the_checker_finds_nothing(robot):
+    assert swingup.check_controller(load_controller("ar-eapo", robot), robot) == []
+
+
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_the_score_is_the_judges(name):
     in_numpy, in_jax = (

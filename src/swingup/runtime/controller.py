@@ -35,6 +35,11 @@ class RuntimeController:
         self._act = NumpyPolicy(policy)
         self._estimator = NumpyEstimator(settings, nominal_plant(), self._joint, TORQUE_LIMIT) if wanted else None
 
+    @property
+    def robot(self) -> Robot:
+        """Which joint is driven."""
+        return self.policy.robot
+
     def reset(self) -> None:
         """Forget the run so far."""
         if self._estimator is not None:
