@@ -11,7 +11,7 @@ from swingup.physics.parameters import get_robot
 from swingup.runtime.controller import RuntimeController, read_policy
 
 from .compiled import compile_header, needs_gcc, run, torques
-from .loops import DT, SENSORS, TOLERANCE, judged_torques, paper_policy, random_states, recorded
+from .loops import DT, SENSORS, judged_torques, paper_policy, random_states, recorded
 
 pytestmark = needs_gcc
 ROBOT_NAMES = ("acrobot", "pendubot")
@@ -26,7 +26,13 @@ def shipped(request, tmp_path_factory):
 
 def test_torques_are_the_judges(shipped):
     name, library = shipped
-    np.testing.assert_allclose(torques(library, random_states()), judged_torques(name), rtol=0, atol=TOLERANCE)
+    np.testing.assert_allclose(torques(library, random_states()), judged_torques(name), rtol=0, atol=1e-11)
+
+
+def test_in_single_precision(tmp_path):
+    library = compile_header(tmp_path, c_header(read_policy("ar-eapo", "acrobot")), "-DSWINGUP_REAL=float")
+    error = np.abs(torques(library, random_states()) - judged_torques("acrobot")).max()
+    assert 1e-6 < error < 1e-4
 
 
 @pytest.mark.parametrize("sensor", SENSORS)
@@ -34,7 +40,7 @@ def test_the_estimator_follows_a_recorded_run(shipped, sensor):
     name, library = shipped
     times, measured, expected = recorded(name, sensor)
     u = run(library, times, np.ascontiguousarray(measured))
-    np.testing.assert_allclose(u, expected, rtol=0, atol=TOLERANCE)
+    np.testing.assert_allclose(u, expected, rtol=0, atol=1e-9)
     assert not u[:, 1 - get_robot(name).joint].any()
 
 
@@ -49,7 +55,7 @@ def test_pauses_jumps_and_what_is_not_finite(shipped):
     x[45], x[48], x[51, 2] = np.nan, np.inf, 1e200
     controller = RuntimeController(read_policy("ar-eapo", name))
     expected = [controller(*each) for each in zip(x, times, strict=True)]
-    np.testing.assert_allclose(run(library, times, x), expected, rtol=0, atol=TOLERANCE)
+    np.testing.assert_allclose(run(library, times, x), expected, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("normalised", [True, False])
@@ -59,7 +65,7 @@ def test_the_papers_observation_without_an_estimator(tmp_path, normalised):
     library = compile_header(tmp_path, c_header(policy))
     states, controller = random_states()[:500], RuntimeController(policy)
     expected = np.array([controller(x, 0.0) for x in states])
-    np.testing.assert_allclose(run(library, np.zeros(500), states), expected, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(run(library, np.zeros(500), states), expected, rtol=0, atol=1e-12)
 
 
 def test_numbers_are_the_files(shipped):

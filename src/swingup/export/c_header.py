@@ -15,39 +15,27 @@ from ..runtime.settings import LOST, EstimatorSettings, kalman_gains
 from ..version import __version__
 from .template import asset, fill
 
-GROUP = 16
-"""Products whose sum is made in single precision."""
-
 LAYER = """\
-static inline void swingup_layer_{index}(const double x[{inputs}], double y[{outputs}])
+static inline void swingup_layer_{index}(const swingup_real x[{inputs}], swingup_real y[{outputs}])
 {{
-    int start, k, j;
+    swingup_real sum[{outputs}];
+    int k, j;
     for (j = 0; j < {outputs}; j++) {{
-        y[j] = swingup_bias_{index}[j];
+        sum[j] = swingup_bias_{index}[j];
     }}
-    for (start = 0; start < {inputs}; start += SWINGUP_GROUP) {{
-        const int end = start + SWINGUP_GROUP < {inputs} ? start + SWINGUP_GROUP : {inputs};
-        float sum[{outputs}] = {{0.0f}};
-        for (k = start; k < end; k++) {{
-            const float value = (float)x[k];
-            const float *weight = swingup_weight_{index}[k];
-            if (value != 0.0f) {{
-                for (j = 0; j < {outputs}; j++) {{
-                    sum[j] += weight[j] * value;
-                }}
+    for (k = 0; k < {inputs}; k++) {{
+        const swingup_real value = x[k];
+        if (value != 0) {{
+            for (j = 0; j < {outputs}; j++) {{
+                sum[j] += swingup_weight_{index}[k][j] * value;
             }}
         }}
-        for (j = 0; j < {outputs}; j++) {{
-            y[j] += sum[j];
-        }}
-    }}{rectify}
+    }}
+    for (j = 0; j < {outputs}; j++) {{
+        y[j] = {result};
+    }}
 }}
 """
-
-RECTIFY = """
-    for (j = 0; j < {outputs}; j++) {{
-        y[j] = y[j] > 0.0 ? y[j] : 0.0;
-    }}"""
 
 WRAPPED = """\
     for (i = 0; i < 2; i++) {
@@ -81,7 +69,7 @@ def c_header(policy: PendulumPolicy) -> str:
         SwingupError: the policy has an observation that this program does not write.
     """
     layers = policy.file.layers
-    names = ["observation", *(f"layer_{index}" for index in range(len(layers)))]
+    names = ["input", *(f"layer_{index}" for index in range(len(layers)))]
     sizes = [len(layer.bias) for layer in layers]
     behind = "a policy behind its state estimator" if policy.estimator else "a policy"
     rate = f"every {policy.estimator.dt:g} s" if policy.estimator else "at the loop's rate"
@@ -90,11 +78,10 @@ def c_header(policy: PendulumPolicy) -> str:
         "RATE": rate,
         "DRIVEN": str(policy.robot.joint),
         "TORQUE_LIMIT": repr(policy.torque_limit),
-        "GROUP": str(GROUP),
         "INPUTS": str(layers[0].weight.shape[1]),
         "ARRAYS": "\n\n".join(_arrays(index, layer.weight, layer.bias) for index, layer in enumerate(layers)),
         "LAYERS": "\n".join(_layer(index, len(layers), layer.weight) for index, layer in enumerate(layers)),
-        "BUFFERS": "\n".join(f"    double {name}[{n}];" for name, n in zip(names[1:], sizes, strict=True)),
+        "BUFFERS": "\n".join(f"    swingup_real {name}[{n}];" for name, n in zip(names[1:], sizes, strict=True)),
         "OBSERVE": "".join(map(_observe, policy.file.stages)).rstrip("\n"),
         "CALLS": "\n".join(
             f"    swingup_layer_{index}({before}, {after});"
@@ -156,8 +143,8 @@ def _arrays(index: int, weight: np.ndarray, bias: np.ndarray) -> str:
 
 def _layer(index: int, depth: int, weight: np.ndarray) -> str:
     outputs, inputs = weight.shape
-    rectify = RECTIFY.format(outputs=outputs) if index < depth - 1 else ""
-    return LAYER.format(index=index, inputs=inputs, outputs=outputs, rectify=rectify)
+    result = "sum[j] > 0 ? sum[j] : 0" if index < depth - 1 else "sum[j]"
+    return LAYER.format(index=index, inputs=inputs, outputs=outputs, result=result)
 
 
 def _braces(values: np.ndarray, suffix: str = "") -> str:
