@@ -8,21 +8,20 @@ from pathlib import Path
 from typing import Any
 
 import equinox as eqx
-import jax
 import numpy as np
 
-from ..arrays import load_archive, save_archive
-from ..errors import SwingupError
+from ..arrays import save_archive
+from ..runtime.policy_file import FORMAT, FORMAT_VERSION, STAGES, Layer, PolicyFile, read_policy_file
 from ..tasks.observation import AbstractStage, PendulumObservation
 from ..types import Action, Observation
 from .networks import Actor, Linear
 from .normalise import Normalise
 
-FORMAT = "swingup policy"
-FORMAT_VERSION = 1
-
-STAGES: dict[str, type[AbstractStage]] = {"pendulum": PendulumObservation, "normalise": Normalise}
-"""Observation stages by their name in the file. Their fields are what the file holds of them."""
+_KINDS: dict[type, type[AbstractStage]] = {
+    STAGES["pendulum"]: PendulumObservation,
+    STAGES["normalise"]: Normalise,
+}
+"""From a file's stages to those that compute; both have the same fields."""
 
 
 class Policy(eqx.Module):
@@ -32,13 +31,18 @@ class Policy(eqx.Module):
     actor: Actor
 
     def observe(self, observation: Observation) -> Observation:
-        """Apply the stages; their result has the dtype of the actor's weights."""
+        """Apply the stages; their result has the dtype of what they are given."""
+        dtype = observation.dtype
         for stage in self.stages:
             observation = stage(observation)
-        return observation.astype(self.actor.mean_head.weight.dtype)
+        return observation.astype(dtype)
 
     def __call__(self, observation: Observation) -> Action:
-        """The deterministic action, each entry in [-1, 1]."""
+        """The deterministic action, each entry in [-1, 1].
+
+        The network's weights are float32 numbers, its arithmetic has the observation's precision: where that is
+        double, as in the judge, no order of sums matters, and every runtime arrives at the same torque.
+        """
         return self.actor.mode(self.observe(observation))
 
 
@@ -63,45 +67,24 @@ def save_policy(path: str | Path, policy: Policy, metadata: Mapping[str, Any]) -
 
 
 def load_policy(path: str | Path) -> tuple[Policy, dict[str, Any]]:
-    """Read a policy and its metadata; arrays keep the file's precision.
+    """Read a policy and its metadata.
 
     Raises:
         SwingupError: the file cannot be read, is truncated, or is not a policy file of this version.
     """
-    metadata, arrays = load_archive(path, FORMAT, FORMAT_VERSION)
-    try:
-        for name, array in arrays.items():
-            if array.dtype.kind != "f" or not np.isfinite(array).all():
-                raise SwingupError(f"array {name} holds values that are not finite floating-point numbers")
-        stages = tuple(_stage(index, entry, arrays) for index, entry in enumerate(metadata["observation"]))
-        policy = Policy(stages=stages, actor=_actor(arrays))
-        _check_sizes(policy)
-    except SwingupError as error:
-        raise SwingupError(f"policy file {path}: {error}; see docs/policy-format.md") from error
-    except (KeyError, TypeError, AttributeError) as error:
-        raise SwingupError(f"policy file {path} lacks or mistakes {error}: see docs/policy-format.md") from error
-    return policy, metadata
+    file, metadata = read_policy_file(path)
+    return make_policy(file), metadata
 
 
-def _stage(index: int, entry: Mapping[str, Any], arrays: Mapping[str, Any]) -> AbstractStage:
-    prefix = f"observation.{index}."
-    state = {
-        name.removeprefix(prefix): array.astype(np.float64)
-        for name, array in arrays.items()
-        if name.startswith(prefix)
-    }
-    settings = {name: value for name, value in entry.items() if name != "name"}
-    for name, value in settings.items():
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        if name != "angles" and not (number and 0 < value < 1e9):
-            raise SwingupError(f"stage {entry['name']!r} has {name} = {value!r}, not a positive number")
-    if entry["name"] not in STAGES:
-        raise SwingupError(f"unknown observation stage {entry['name']!r}: this program knows {', '.join(STAGES)}")
-    return STAGES[entry["name"]](**settings, **state)
+def make_policy(file: PolicyFile) -> Policy:
+    """The policy that a file holds."""
+    trunk, mean, std = tuple(map(_linear, file.trunk)), _linear(file.mean), file.std
+    stages = tuple(_KINDS[type(stage)](**vars(stage)) for stage in file.stages)
+    return Policy(stages, Actor(trunk, mean, None if std is None else _linear(std)))
 
 
 def _stage_name(stage: AbstractStage) -> str:
-    return next(name for name, kind in STAGES.items() if type(stage) is kind)
+    return next(name for name, kind in STAGES.items() if type(stage) is _KINDS[kind])
 
 
 def _actor_arrays(actor: Actor) -> dict[str, Any]:
@@ -110,40 +93,5 @@ def _actor_arrays(actor: Actor) -> dict[str, Any]:
     return {f"{name}.{part}": getattr(layer, part) for name, layer in layers.items() for part in ("weight", "bias")}
 
 
-def _actor(arrays: Mapping[str, Any]) -> Actor:
-    depth = len([name for name in arrays if name.startswith("network.trunk.") and name.endswith(".weight")])
-    return Actor(
-        trunk=tuple(_layer(arrays, f"network.trunk.{index}") for index in range(depth)),
-        mean_head=_layer(arrays, "network.mean"),
-        std_head=_layer(arrays, "network.std") if "network.std.weight" in arrays else None,
-    )
-
-
-def _layer(arrays: Mapping[str, Any], name: str) -> Linear:
-    weight, bias = arrays[f"{name}.weight"], arrays[f"{name}.bias"]
-    if weight.ndim != 2 or bias.shape != weight.shape[:1]:
-        raise SwingupError(f"{name} has weight {weight.shape} and bias {bias.shape}: expected (out, in), (out,)")
-    # Native single precision, whatever the file has: the network's own precision.
-    return Linear(weight.astype(np.float32), bias.astype(np.float32))
-
-
-def _check_sizes(policy: Policy) -> None:
-    """Follow one observation through the stages and the layers."""
-    seen = jax.ShapeDtypeStruct((4,), np.float32)
-    for stage in policy.stages:
-        if isinstance(stage, Normalise):
-            if not np.shape(stage.mean) == np.shape(stage.variance) == seen.shape:
-                shapes = f"{np.shape(stage.mean)} and {np.shape(stage.variance)}"
-                raise SwingupError(f"mean and variance have shapes {shapes}, the observation {seen.shape}")
-            if np.any(np.asarray(stage.variance) < 0):
-                raise SwingupError("a variance is negative")
-        seen = jax.eval_shape(stage, seen)
-    size = seen.shape[0]
-    for layer in (*policy.actor.trunk, policy.actor.mean_head):
-        size_out, size_in = layer.weight.shape
-        if size != size_in:
-            raise SwingupError(f"a layer of {size_in} inputs is fed {size} values")
-        size = size_out
-    std_head, mean_head = policy.actor.std_head, policy.actor.mean_head
-    if std_head is not None and std_head.weight.shape != mean_head.weight.shape:
-        raise SwingupError(f"network.std has shape {std_head.weight.shape}, network.mean {mean_head.weight.shape}")
+def _linear(layer: Layer) -> Linear:
+    return Linear(layer.weight, layer.bias)  # type: ignore[arg-type]  # JAX takes NumPy's arrays
