@@ -29,7 +29,7 @@ PRESETS = {
     "global": Preset(
         "to come back from throws: rewarded for time up, networks of half the width, less entropy",
         Config(centre_values=True, temperature=0.4, policy_layers=(128, 128), value_layers=(256, 256)),
-        8_000_000,
+        6_000_000,
         "global",
     ),
     "apo": Preset(

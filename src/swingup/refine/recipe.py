@@ -47,13 +47,12 @@ RECOVER = Refinement(
 )
 """Be up again soon, from wherever a throw leaves the pendulum."""
 
-RECIPES: dict[str, dict[str, tuple[Stage, ...]]] = {
-    # Hardened after the lesson, the acrobot's policy loses more on errors of the model than it gains elsewhere.
-    "score": {"acrobot": (ImitationSettings(),), "pendubot": (ImitationSettings(), HARDEN)},
-    "harden": {"acrobot": (HARDEN,), "pendubot": (HARDEN,)},
-    "recover": {"acrobot": (RECOVER,), "pendubot": (RECOVER,)},
+RECIPES: dict[str, tuple[Stage, ...]] = {
+    "score": (ImitationSettings(),),
+    "harden": (HARDEN,),
+    "recover": (RECOVER,),
 }
-"""By name and robot. ``score``: the teacher's swing-up, made robust. ``harden``: the policy's own, made robust."""
+"""``score``: a teacher's swing-up. ``harden``: the policy's own, made robust. ``recover``: back up after throws."""
 
 
 @dataclass(frozen=True)
