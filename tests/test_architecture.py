@@ -11,9 +11,10 @@ import swingup
 
 ROOT = Path(swingup.__file__).parent
 LAYERS = {
-    "errors": 0, "version": 0, "types": 0, "files": 1, "arrays": 2, "physics": 3, "tasks": 4, "areapo": 5,
-    "control": 6, "benchmark": 7, "drawing": 7, "learner": 8, "gym": 8, "refine": 8, "report": 9, "sweep": 9,
-    "cli": 10,
+    "errors": 0, "version": 0, "types": 0, "files": 1, "robots": 1, "arrays": 2, "table": 2, "runtime": 3,
+    "physics": 3, "tasks": 4, "areapo": 5, "control": 6, "benchmark": 7, "drawing": 7, "learner": 8, "gym": 8,
+    "refine": 8, "realaigym": 8, "report": 9, "export": 9,
+    "sweep": 9, "cli": 10,
 }  # fmt: skip
 """Every module or package at the top, and its layer: imports go to a lower layer or stay at home."""
 
@@ -23,6 +24,7 @@ ONE_PLACE = {
     "PIL": {"drawing", "report"},
     "matplotlib": {"report"},
     "bokeh": {"report"},
+    "onnx": {"export"},
     "jinja2": {"report"},
     "scipy": {"control", "benchmark"},
     "tyro": {"cli"},
@@ -79,6 +81,31 @@ def test_import_is_light():
     code = f"import sys, swingup; print([name for name in {heavy} if name in sys.modules])"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert result.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("name", ["", ".runtime", ".realaigym"])
+def test_numpy_is_enough(name):
+    code = f"""
+import sys
+class Only:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] not in {{*sys.stdlib_module_names, "numpy", "swingup"}}:
+            raise ModuleNotFoundError(f"{{name}} is not there", name=name)
+sys.meta_path.insert(0, Only())
+import numpy as np
+import swingup{name}
+from swingup.realaigym import load_controller
+print(load_controller("ar-eapo", "acrobot").get_control_output(np.zeros(4), 0.0).dtype)
+try:
+    load_controller("tvlqr", "acrobot")
+except swingup.SwingupError as error:
+    print(error)
+"""
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert result.stderr == ""
+    dtype, refusal = result.stdout.splitlines()
+    assert dtype == "float64"
+    assert refusal.startswith("controller 'tvlqr' needs equinox: install swingup with its dependencies")
 
 
 def test_the_public_names_exist():

@@ -78,7 +78,7 @@ def test_a_file_written_by_hand(tmp_path):
     policy, _ = load_policy(tmp_path / "p.npz")
     with jax.enable_x64(True):
         actions = jax.vmap(policy)(jnp.asarray(STATES))
-    np.testing.assert_allclose(actions, [numpy_policy(arrays, x) for x in STATES], atol=2e-6)
+    np.testing.assert_allclose(actions, [numpy_policy(arrays, x) for x in STATES], atol=1e-13)
     assert np.ptp(actions) > 0.1
 
 

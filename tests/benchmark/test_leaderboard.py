@@ -21,13 +21,13 @@ from swingup.benchmark.leaderboard import (
 )
 from swingup.benchmark.robustness import Robustness
 from swingup.benchmark.rules import CRITERIA, PERFORMANCE_RULES
-from swingup.control import zoo
 from swingup.control.controller import AbstractController
 from swingup.control.estimator import EstimatingController
 from swingup.control.learned import PolicyController, save_controller
 from swingup.control.zoo import BASE, shipped_policy
 from swingup.errors import SwingupError
 from swingup.physics.parameters import get_robot
+from swingup.runtime import shipped
 
 
 class Hanging(AbstractController):
@@ -104,7 +104,7 @@ def other_files(tmp_path, monkeypatch, robot):
     policy, metadata = shipped_policy(robot, "base")
     save_controller(tmp_path / ".npz", policy, {"scores": metadata["scores"], "estimator": {}})
     save_controller(tmp_path / "global.npz", policy, {"scores": metadata["scores"]})
-    monkeypatch.setattr(zoo, "_file", lambda robot, kind: tmp_path / f"{kind}.npz")
+    monkeypatch.setattr(shipped, "_file", lambda robot, kind: tmp_path / f"{kind}.npz")
     monkeypatch.setattr(boards, "ENTRANTS", ("ar-eapo",))
     monkeypatch.setattr(boards, "FURTHER", ())
 

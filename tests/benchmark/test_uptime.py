@@ -14,6 +14,7 @@ from swingup.benchmark.uptime import draw_throws, uptime
 from swingup.control.controller import AbstractController
 from swingup.errors import SwingupError
 from swingup.physics.parameters import leaderboard_parameters
+from swingup.tasks.throws import TURNS, thrown_states
 
 from .independent import gravity, rk4
 
@@ -125,3 +126,22 @@ def test_a_controller_that_fails_scores_nothing():
 def test_unknown_rules():
     with pytest.raises(SwingupError, match="unknown uptime rules 'v2': use one of v3"):
         uptime(Counting(), "acrobot", rules="v2")
+
+
+def test_thrown_states_are_ends_of_throws(robot):
+    found = thrown_states(np.random.default_rng(5), leaderboard_parameters(robot), 40)
+    assert found.shape == (40, 4)
+    # The same numbers, thrown one by one by the independent loop: calls before give the PID its last error.
+    random, p = np.random.default_rng(5), vars(leaderboard_parameters(robot))
+    turns = [random.choice(len(odds), 40, p=odds) - len(odds) // 2 for odds in TURNS]
+    upright = np.stack([np.pi * (2 * turns[0] + 1), 2 * np.pi * turns[1], np.zeros(40), np.zeros(40)], axis=1)
+    starts = upright + 0.05 * random.normal(size=(40, 4))
+    targets, lasts = random.uniform(-np.pi, np.pi, (40, 2)), random.uniform(-6, 6, (40, 2))
+    for x, target, last, end in list(zip(starts, targets, lasts, found, strict=True))[:8]:
+        total = np.zeros(2)
+        for _ in range(100):
+            error = target - x[:2]
+            total = total + error
+            u = np.clip(10 * error + 1e-4 * total + (error - last) / 0.001, -6, 6) - gravity(p, x)
+            x, last = rk4(p, x, np.clip(u, -6, 6), 0.002), error
+        np.testing.assert_allclose(end, x, rtol=2e-3, atol=2e-3)  # single precision, and fast

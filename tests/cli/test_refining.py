@@ -17,7 +17,7 @@ TINY = Refinement(
 
 
 def test_refine_writes_a_policy_with_its_origin(tmp_path, monkeypatch, capsys):
-    monkeypatch.setitem(refining.RECIPES, "score", {"pendubot": (TINY,)})
+    monkeypatch.setitem(refining.RECIPES, "score", (TINY,))
     out = tmp_path / "refined.npz"
     assert main(["refine", "pendubot", "--out", str(out), "--seed", "3"]) == 0
     assert "swingup evaluate pendubot" in capsys.readouterr().out

@@ -13,6 +13,7 @@ from swingup.control.named import get_controller, has_estimator
 from swingup.control.switch import Latching
 from swingup.errors import SwingupError
 from swingup.physics.parameters import leaderboard_parameters
+from swingup.runtime import shipped
 
 MODULE = """
 import jax.numpy as jnp
@@ -134,7 +135,7 @@ def test_built_in_names(files):
 def test_the_global_policy(files, monkeypatch, robot):
     with pytest.raises(SwingupError, match="unknown kind of policy 'best': use '' or 'base' or 'global'"):
         swingup.shipped_policy(robot, "best")
-    monkeypatch.setattr(zoo, "_file", lambda each, kind: files / f"{each.name}{kind}.npz")
+    monkeypatch.setattr(shipped, "_file", lambda each, kind: files / f"{each.name}{kind}.npz")
     assert not zoo.is_shipped(robot, "global")
     with pytest.raises(SwingupError, match=f"lacks the policy {robot.name}global.npz: use ar-eapo or train one"):
         get_controller("ar-eapo-global", robot)
@@ -148,9 +149,9 @@ def test_the_global_policy(files, monkeypatch, robot):
 
 
 def test_where_the_shipped_files_are(robot):
-    assert zoo._file(robot, "").name == f"{robot.name}.npz"
+    assert shipped._file(robot, "").name == f"{robot.name}.npz"
     for kind in ("base", "global"):
-        assert zoo._file(robot, kind).name == f"{robot.name}-{kind}.npz"
+        assert shipped._file(robot, kind).name == f"{robot.name}-{kind}.npz"
     assert zoo.is_shipped(robot, "")
     assert zoo.is_shipped(robot, "base")
 

@@ -21,7 +21,7 @@ from swingup.physics.parameters import get_robot, leaderboard_parameters
 from swingup.refine.descent import Descent, DescentSettings, batch_cost
 from swingup.refine.draws import Draws, draw
 from swingup.refine.imitate import ImitationSettings, demonstrate, imitate
-from swingup.refine.objective import Measures, bound_adjoint, cost, measure
+from swingup.refine.objective import Measures, Weights, bound_adjoint, measure
 from swingup.refine.recipe import Refinement, refine
 from swingup.tasks.observation import PendulumObservation
 
@@ -103,10 +103,18 @@ def test_being_away_costs_more_the_farther():
     assert away([3 * np.pi, -2 * np.pi, 0, 0]) == pytest.approx(0, abs=1e-6)
 
 
-def test_nominal_episodes_cost_their_score_and_others_their_time_away():
+def test_the_cost_weighs_the_measures():
     measures = Measures(score=jnp.array(0.5), down=jnp.array(0.2), away=jnp.array(0.4))
-    assert float(cost(measures, jnp.array(True))) == -float(measures.score)
-    assert float(cost(measures, jnp.array(False))) == pytest.approx(0.5 * (0.2 + 0.4) - 0.5 * 0.5)
+    assert float(Weights(score=1.0).cost(measures)) == -0.5
+    assert float(Weights(0.5, 0.5, 0.25).cost(measures)) == pytest.approx(0.1 + 0.1 - 0.25)
+
+
+def test_nominal_episodes_have_weights_of_their_own():
+    episodes = draw(np.random.default_rng(0), ACROBOT, Draws(nominal=1, model=1, pushed=0, measured=0, anywhere=0))
+    settings = DescentSettings(duration=0.1, nominal=Weights(score=1.0), others=Weights(down=3.0))
+    total, measures = batch_cost(small().policy.actor, small(), episodes, settings)
+    first = int(np.argmax(episodes.nominal))
+    assert float(total) == pytest.approx(float(3 * measures.down[1 - first] - measures.score[first]) / 2, rel=1e-5)
 
 
 def test_the_adjoint_is_cut_and_the_state_is_not():

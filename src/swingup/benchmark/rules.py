@@ -7,6 +7,7 @@ from typing import TypeVar
 import numpy as np
 
 from ..errors import SwingupError
+from ..tasks.throws import THROWER, Thrower
 
 
 @dataclass(frozen=True)
@@ -145,13 +146,8 @@ class UptimeRules(_Timing):
     """Throws come at uniform random times within this of their mean times (s)."""
     throw_duration: float = 0.2
     """s"""
-    torque_limit: float = 6.0
-    """Of each of the two motors and of the PID (N m)."""
-    kp: float = 10.0
-    ki: float = 0.1
-    kd: float = 1.0
-    pid_dt: float = 0.001
-    """What the PID believes to be its period (s); it is called every ``dt``."""
+    thrower: Thrower = THROWER
+    """The PID that throws."""
 
 
 PERFORMANCE_RULES = {

@@ -85,8 +85,8 @@ def uptime(
     controller = prepare(controller, robot, name)
     check_seeds(seed, seeds)
     every = tuple(range(seed, seed + seeds))
-    limits = {"tl1": rules.torque_limit, "tl2": rules.torque_limit}
-    parameters = dataclasses.replace(leaderboard_parameters(robot), **limits)
+    limit = rules.thrower.limit
+    parameters = dataclasses.replace(leaderboard_parameters(robot), tl1=limit, tl2=limit)
     uptimes: list[float] = []
     faults: list[str | None] = []
     first = None
@@ -115,5 +115,4 @@ def draw_throws(rules: UptimeRules, seed: int) -> Throws:
     for index, start in enumerate(starts):
         first = int(np.searchsorted(time, start))
         number[(np.arange(rules.steps) >= first) & (time - time[first] <= rules.throw_duration)] = index
-    gains = {"kp": rules.kp, "ki": rules.ki, "kd": rules.kd, "dt": rules.pid_dt, "limit": rules.torque_limit}
-    return Throws(number=number, target=target, **gains)
+    return Throws(number, target, rules.thrower)

@@ -8,7 +8,7 @@ from tyro.conf import OmitArgPrefixes
 
 from ..areapo.config import Config
 from ..learner.presets import DEFAULT_PRESET, ENV_PRESET, get_preset
-from . import judging, pictures, planning, refining, sweeping, training
+from . import exporting, judging, pictures, planning, refining, sweeping, training
 from .arguments import RobotOrNone
 
 
@@ -27,6 +27,7 @@ def run_command(arguments: list[str]) -> int:
         "plot": pictures.plot,
         "report": pictures.report,
         "trajectory": planning.trajectory,
+        "export": exporting.export,
     }
     return tyro.extras.subcommand_cli_from_dict(
         commands,

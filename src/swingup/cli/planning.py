@@ -8,6 +8,7 @@ from tyro.conf import arg
 from ..control.optimal import OPTIMAL, compute_optimal_reference
 from ..control.published import PUBLISHED
 from ..control.reference import compute_reference, save_reference
+from ..control.trajectory_csv import save_reference_csv
 from ..errors import SwingupError
 from ..files import check_writable
 from ..physics.parameters import get_robot
@@ -25,7 +26,7 @@ def trajectory(
 
     Args:
         robot: the robot.
-        out: the trajectory's file.
+        out: the trajectory's file; one that ends in .csv is in RealAIGym's format.
         problem: the published one, or ours: nearly the best RealAI score, which tvlqr-score follows.
         seed: seed of the first torques; another one may end in another local optimum.
     """
@@ -39,7 +40,10 @@ def trajectory(
         reference, provenance = compute_reference(chosen, PUBLISHED[chosen.name].swingup, seed)
     choice = [] if problem == "published" else ["--problem", problem]
     command = shlex.join(["swingup", "trajectory", robot, *choice, "--seed", str(seed), "--out", out])
-    save_reference(out, reference, {**provenance, "command": command})
+    if out.endswith(".csv"):
+        save_reference_csv(out, reference)
+    else:
+        save_reference(out, reference, {**provenance, "command": command})
     for name, value in provenance.items():
         print(f"{name:<20}{value}")
     return 0

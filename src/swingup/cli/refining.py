@@ -33,7 +33,7 @@ def refine(
     recipe: str = "score",
     seed: int = 0,
 ) -> int:
-    """Refine a policy on the score itself, by its gradient through the simulation; takes some minutes.
+    """Refine a trained policy, by a lesson or by gradients through the simulation; takes seconds to minutes.
 
     The file is written anew at each line of progress, so that an interrupted run leaves the policy as it is then.
 
@@ -41,7 +41,7 @@ def refine(
         robot: the robot.
         out: the refined policy's file.
         policy: the policy to start from: a file, or the name of a shipped one.
-        recipe: score (a teacher's swing-up, made robust) or harden (the policy's own, made robust).
+        recipe: score (a teacher's swing-up), harden (its own, made robust) or recover (back up after throws).
         seed: seed of everything that is drawn.
     """
     chosen = get_robot(robot)
@@ -51,7 +51,7 @@ def refine(
         raise SwingupError(f"seed = {seed} is out of range: use 0 to 2³¹ - 1")
     check_writable(out)
     start, metadata = shipped_policy(chosen, KINDS[policy]) if policy in KINDS else load_policy(policy, chosen)
-    stages, console = RECIPES[recipe][chosen.name], Console(stderr=True)
+    stages, console = RECIPES[recipe], Console(stderr=True)
     options = {"policy": policy, "recipe": recipe, "seed": seed, "out": Path(out).name}
     words = ["swingup", "refine", robot, *(f"--{name}={value}" for name, value in options.items())]
     shown = -math.inf

@@ -8,8 +8,7 @@ estimate is carried ahead over that time with the torques that are still on thei
 
 import itertools
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -18,56 +17,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..errors import SwingupError
 from ..physics.dynamics import acceleration
 from ..physics.integrate import midpoint_step
 from ..physics.parameters import Parameters, Robot
+from ..runtime.settings import LOST as LOST
+from ..runtime.settings import EstimatorSettings as EstimatorSettings
+from ..runtime.settings import kalman_gains as kalman_gains
+from ..runtime.settings import read_settings as read_settings
 from ..types import Count, Flag, Scalar, State, Torque
 from .controller import AbstractController, check_robot
-
-KEY = "estimator"
-"""Where a policy file's metadata holds the settings."""
-DOUBLINGS = 50
-"""2^50 measurements: far more than any filter needs to become steady."""
-LOST = 100
-"""An estimated rate so many standard deviations off the measured one is no estimate: a measurement has jumped."""
-
-
-@dataclass(frozen=True)
-class EstimatorSettings:
-    """What the estimator expects of the measurement and of the loop; every value is chosen, not identified."""
-
-    dt: float = 0.002
-    """Time between calls (s). After a longer pause the estimator starts anew from what it is shown."""
-    position_noise: float = 1e-4
-    """Standard deviation of the measured angles (rad): that of an encoder of 2^14 counts is 1.1e-4."""
-    velocity_noise: float = 0.25
-    """Standard deviation of the measured velocities (rad/s)."""
-    acceleration_noise: float = 50.0
-    """Standard deviation of what the model does not know of the accelerations (rad/s²)."""
-    longest_dead_time: int = 25
-    """Longest dead time that is considered (steps)."""
-    residual_scale: float = 1e-4
-    """A miss of a predicted angle far above this counts little more (rad): a push must not decide a dead time."""
-    caution: float = 20.0
-    """Log likelihood that a dead time must gain for each step that it is longer."""
-    memory: float = 5.0
-    """Time in which evidence on the dead time fades (s)."""
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot work.
-
-        Raises:
-            SwingupError: a value is no number of its range.
-        """
-        for field in fields(self):
-            name, value = field.name, getattr(self, field.name)
-            kinds = int if name == "longest_dead_time" else int | float
-            least = 0 if name in ("longest_dead_time", "caution") else 1e-6
-            most = 0.1 if name == "dt" else 1000
-            if not isinstance(value, kinds) or isinstance(value, bool) or not least <= value <= most:
-                kind = "whole number" if kinds is int else "number"
-                raise SwingupError(f"estimator setting {name} = {value!r}: use a {kind} of {least:g} to {most:g}")
 
 
 class EstimatorMemory(eqx.Module):
@@ -216,42 +174,6 @@ def with_estimator(
     return EstimatingController(
         controller, parameters, kalman_gains(settings), math.exp(-settings.dt / settings.memory), settings, robot
     )
-
-
-def kalman_gains(settings: EstimatorSettings) -> Float[np.ndarray, "2 2"]:
-    """Gains of the steady-state Kalman filter of one joint: a double integrator whose acceleration is unsure.
-
-    K = P (P + R)⁻¹ with the solution P of P = A (P - K P) Aᵀ + Q, the covariance of a prediction. It is found for
-    any noise by doubling: step k gives P after 2^k measurements.
-    """
-    dt = settings.dt
-    # In units of the measured noise, so that R = I.
-    scale = np.array([settings.position_noise, settings.velocity_noise])
-    A = (np.array([[1.0, dt], [0.0, 1.0]]) * scale / scale[:, None]).T
-    into = settings.acceleration_noise * np.array([0.5 * dt**2, dt]) / scale
-    G, P = np.eye(2), np.outer(into, into)
-    for _ in range(DOUBLINGS):
-        W = np.linalg.inv(np.eye(2) + G @ P)
-        A, G, P = A @ W @ A, G + A @ W @ G @ A.T, P + A.T @ P @ W @ A
-        G, P = 0.5 * (G + G.T), 0.5 * (P + P.T)
-    return scale[:, None] * (P @ np.linalg.inv(P + np.eye(2))) / scale
-
-
-def read_settings(metadata: Mapping[str, Any]) -> EstimatorSettings | None:
-    """The settings that a policy file's metadata holds under ``estimator``; None if there is no such key.
-
-    Raises:
-        SwingupError: it holds something else, an unknown setting, or a value out of range.
-    """
-    if KEY not in metadata:
-        return None
-    given, known = metadata[KEY], [field.name for field in fields(EstimatorSettings)]
-    if not isinstance(given, Mapping):
-        raise SwingupError(f"estimator {given!r} is no object of settings: use {{}} for the defaults")
-    unknown = [name for name in given if name not in known]
-    if unknown:
-        raise SwingupError(f"unknown estimator setting {unknown[0]!r}: use some of {', '.join(known)}")
-    return EstimatorSettings(**given)
 
 
 def _nearest(angle: Float[Array, "n"]) -> Float[Array, "n"]:

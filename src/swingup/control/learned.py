@@ -10,12 +10,10 @@ import jax.numpy as jnp
 from ..areapo import policy as policies
 from ..areapo.networks import Actor
 from ..areapo.policy import Policy
-from ..errors import SwingupError
-from ..physics.parameters import Robot, get_robot
-from ..tasks.observation import PendulumObservation
+from ..physics.parameters import Robot
+from ..runtime.policy_file import read_pendulum_policy
 from ..types import Scalar, State, Torque
 from .controller import AbstractController
-from .estimator import read_settings
 
 
 class PolicyController(AbstractController[None]):
@@ -62,22 +60,5 @@ def load_policy(path: str | Path, robot: Robot | str | None = None) -> tuple[Pol
         SwingupError: the file cannot be read, is no policy of a pendulum, asks for an impossible estimator, or is
             for another robot.
     """
-    policy, metadata = policies.load_policy(path)
-    missing = [name for name in ("robot", "torque_limit") if name not in metadata]
-    if missing or not policy.stages or not isinstance(policy.stages[0], PendulumObservation):
-        what = f"metadata {', '.join(missing)}" if missing else "observation stage 'pendulum' at the start"
-        raise SwingupError(f"policy file {path} lacks {what}: see docs/policy-format.md")
-    if robot is not None and metadata["robot"] != get_robot(robot).name:
-        raise SwingupError(f"policy file {path} is for {metadata['robot']!r}, not the {get_robot(robot).name}")
-    if not isinstance(policy.actor, Actor):
-        raise SwingupError(f"policy file {path} has discrete actions: a pendulum needs a torque")
-    actions, limit = policy.actor.mean_head.weight.shape[0], metadata["torque_limit"]
-    if actions != 1:
-        raise SwingupError(f"policy file {path} has {actions} actions: one is needed")
-    if isinstance(limit, bool) or not isinstance(limit, int | float) or not 0 < limit < 1e9:
-        raise SwingupError(f"policy file {path} has torque_limit {limit!r}: a positive number of N m is needed")
-    try:
-        read_settings(metadata)
-    except SwingupError as error:
-        raise SwingupError(f"policy file {path}: {error}; see docs/policy-format.md") from error
-    return PolicyController(policy, float(limit), get_robot(metadata["robot"])), metadata
+    read = read_pendulum_policy(path, robot)
+    return PolicyController(policies.make_policy(read.file), read.torque_limit, read.robot), dict(read.metadata)

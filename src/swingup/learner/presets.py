@@ -27,9 +27,9 @@ PRESETS = {
     ),
     "paper": Preset("Table I of the paper to the letter, on the paper's task", Config(), 30_000_000, "paper"),
     "global": Preset(
-        "to come back from anywhere: resets everywhere, networks of half the width",
-        Config(centre_values=True, policy_layers=(128, 128), value_layers=(256, 256)),
-        16_000_000,
+        "to come back from throws: rewarded for time up, networks of half the width, less entropy",
+        Config(centre_values=True, temperature=0.4, policy_layers=(128, 128), value_layers=(256, 256)),
+        6_000_000,
         "global",
     ),
     "apo": Preset(

@@ -14,6 +14,10 @@ import yaml
 
 from ..errors import SwingupError
 from ..files import write_atomically
+from ..robots import ROBOTS as ROBOTS
+from ..robots import TORQUE_LIMIT as TORQUE_LIMIT
+from ..robots import Robot as Robot
+from ..robots import get_robot as get_robot
 from ..types import Scalar
 
 Real = float | Scalar
@@ -21,9 +25,6 @@ Real = float | Scalar
 IDENTIFIED_MODEL = "design_C.1_model_1.0.yml"
 LARGEST = 1e9
 """No parameter of a pendulum in SI units comes near this; squares of larger ones might overflow."""
-
-TORQUE_LIMIT = 6.0
-"""Torque limit of the driven joint on the leaderboards (N m)."""
 
 
 class Parameters(eqx.Module):
@@ -74,37 +75,6 @@ class Parameters(eqx.Module):
 
 
 NAMES = tuple(field.name for field in dataclasses.fields(Parameters))
-
-
-@dataclasses.dataclass(frozen=True)
-class Robot:
-    """An underactuated double pendulum: which of the two joints is driven."""
-
-    name: str
-    """``acrobot`` or ``pendubot``."""
-    joint: int
-    """Index of the driven joint: 0 is the shoulder, 1 the elbow."""
-
-    @property
-    def actuation(self) -> tuple[float, float]:
-        """Diagonal of B: 1 for the driven joint, 0 for the passive one."""
-        return (1.0, 0.0) if self.joint == 0 else (0.0, 1.0)
-
-
-ROBOTS = {robot.name: robot for robot in (Robot("acrobot", joint=1), Robot("pendubot", joint=0))}
-
-
-def get_robot(name: str | Robot) -> Robot:
-    """Look a robot up by its name; a robot is returned as it is.
-
-    Raises:
-        SwingupError: there is no such robot.
-    """
-    if isinstance(name, Robot):
-        return name
-    if name not in ROBOTS:
-        raise SwingupError(f"unknown robot {name!r}: use one of {', '.join(ROBOTS)}")
-    return ROBOTS[name]
 
 
 def identified_parameters() -> Parameters:

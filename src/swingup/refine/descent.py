@@ -18,7 +18,7 @@ from ..benchmark.runner import cores
 from ..control.learned import PolicyController
 from ..types import Scalar
 from .draws import DEPTH, Episodes
-from .objective import Measures, bound_adjoint, cost, measure
+from .objective import SCORE, SCORE_AND_TIME, Measures, Weights, bound_adjoint, measure
 
 RULES = PERFORMANCE_RULES["v2"]
 
@@ -37,6 +37,10 @@ class DescentSettings:
     """Largest norm of an episode's gradient with respect to a state on its way (1/rad, s/rad)."""
     gradient_limit: float = 0.5
     """Norm to which the policy's gradient is cut."""
+    nominal: Weights = SCORE
+    """What counts in nominal episodes."""
+    others: Weights = SCORE_AND_TIME
+    """What counts in all others."""
 
     @property
     def steps(self) -> int:
@@ -98,7 +102,8 @@ def batch_cost(
             guard=lambda x: bound_adjoint(x, limit),
         )  # fmt: skip
         measures = measure(rows, episode.scenario.parameters, RULES.dt, RULES)
-        return cost(measures, jnp.asarray(episode.nominal)), measures
+        cost = jnp.where(episode.nominal, settings.nominal.cost(measures), settings.others.cost(measures))
+        return cost, measures
 
     costs, measures = jax.vmap(one)(episodes)
     return jnp.mean(costs), measures

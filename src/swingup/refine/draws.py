@@ -4,6 +4,7 @@ Ranges are those of the benchmark's rules, a little wider; every number drawn is
 """
 
 import dataclasses
+import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,12 +20,16 @@ from ..control.upright import UPRIGHT
 from ..errors import SwingupError
 from ..physics.parameters import Parameters, Robot, leaderboard_parameters
 from ..tasks.disturbance import Disturbance, Pushes, undisturbed
+from ..tasks.throws import thrown_states
 
 RULES = ROBUSTNESS_RULES["v2"]
 PUSHES = 3
 """Pushes a joint that an episode has room for."""
 DEPTH = delay_steps(RULES.delay.high, RULES.dt) + 2
 """States that are remembered for delays."""
+
+KINDS = ("nominal", "model", "pushed", "measured", "anywhere", "thrown")
+"""Kinds of episodes."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +46,8 @@ class Draws:
     """One of velocity noise, torque noise, delay or a slow or hasty motor."""
     anywhere: int = 8
     """From any configuration, at velocities of up to some ``speed``."""
+    thrown: int = 0
+    """From where the throws of the global-policy score leave the pendulum."""
     widen: float = 1.1
     """Parameters of the plant are drawn from the benchmark's ranges times this."""
     speed: float = 8.0
@@ -60,12 +67,12 @@ class Draws:
             if not 0 <= value < 1e6:
                 raise SwingupError(f"{name} = {value} must be a number from 0 on")
         if self.episodes < 1:
-            raise SwingupError("no episodes: ask for some of nominal, model, pushed, measured and anywhere")
+            raise SwingupError(f"no episodes: ask for some of {', '.join(KINDS)}")
 
     @property
     def episodes(self) -> int:
         """Episodes of a step."""
-        return self.nominal + self.model + self.pushed + self.measured + self.anywhere
+        return sum(getattr(self, kind) for kind in KINDS)
 
 
 class Episodes(eqx.Module):
@@ -87,9 +94,11 @@ def draw(random: np.random.Generator, robot: Robot, draws: Draws, strength: floa
         strength: of all errors and disturbances, from 0 to 1.
     """
     plant = leaderboard_parameters(robot)
+    thrown = thrown_states(random, plant, draws.thrown) if draws.thrown else ()
     kinds = [
         *[_nominal] * draws.nominal, *[_model] * draws.model, *[_pushed] * draws.pushed,
         *[_measured] * draws.measured, *[_anywhere] * draws.anywhere,
+        *[functools.partial(_start, x0=x0) for x0 in thrown],
     ]  # fmt: skip
     episodes = [kinds[index](random, plant, draws, strength) for index in random.permutation(len(kinds))]
     return jax.tree.map(lambda *leaves: _single(np.stack([np.asarray(leaf) for leaf in leaves])), *episodes)
@@ -131,9 +140,15 @@ def _measured(random: np.random.Generator, plant: Parameters, draws: Draws, stre
 
 
 def _anywhere(random: np.random.Generator, plant: Parameters, draws: Draws, strength: float) -> Episodes:
-    episode = _episode(random, draws, plant)
     rates = strength * draws.speed * random.uniform() * random.normal(size=2)
     x0 = np.concatenate([random.uniform(-np.pi, np.pi, 2), rates])
+    return _start(random, plant, draws, strength, x0)
+
+
+def _start(
+    random: np.random.Generator, plant: Parameters, draws: Draws, strength: float, x0: np.ndarray
+) -> Episodes:
+    episode = _episode(random, draws, plant)
     return Episodes(episode.scenario, x0, episode.nominal)
 
 

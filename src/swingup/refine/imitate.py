@@ -4,6 +4,7 @@ Gradients improve the swing-up that a policy has; they do not find another kind 
 """
 
 import dataclasses
+import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
+from jaxtyping import Array, Float, Int
 
 from ..areapo.networks import Actor
 from ..areapo.policy import Policy
@@ -29,6 +31,10 @@ from .descent import single_precision
 
 RULES = ROBUSTNESS_RULES["v2"]
 PUSHES = 3
+FREE = 100_000
+"""States from anywhere in which the policy's own torque is remembered."""
+FAST = 10.0
+"""Largest standard deviation of their velocities (rad/s)."""
 
 
 @dataclass(frozen=True)
@@ -68,43 +74,43 @@ def imitate(
         SwingupError: no run of the teacher ended upright.
     """
     shown, answers = demonstrate(teacher, robot, settings, random)
-    anywhere = np.concatenate(
-        [
-            random.uniform(-np.pi, np.pi, (100_000, 2)),
-            random.uniform(0, 10, (100_000, 1)) * random.normal(size=(100_000, 2)),
-        ],
-        axis=1,
-    )
+    size = (FREE, 2)
+    rates = random.uniform(0, FAST, (FREE, 1)) * random.normal(size=size)
+    free = np.concatenate([random.uniform(-np.pi, np.pi, size), rates], axis=1)
     single = single_precision(student)
-    habits = jax.jit(jax.vmap(lambda x: single(None, jnp.zeros(()), x)[1][robot.joint]))(jnp.float32(anywhere))
-    states = jnp.float32(np.concatenate([shown, anywhere]))
+    habits = jax.jit(jax.vmap(lambda x: single(None, jnp.zeros(()), x)[1][robot.joint]))(jnp.float32(free))
+    states = jnp.float32(np.concatenate([shown, free]))
     torques = jnp.concatenate([jnp.float32(answers), habits])
+    lesson = random.integers(0, len(shown), (settings.steps, settings.batch))
+    memory = len(shown) + random.integers(0, FREE, (settings.steps, settings.remembered))
+    rows = np.concatenate([lesson, memory], axis=1).astype(np.int32)
+    actor = _fit(single, settings, states, torques, jnp.asarray(rows))
+    return eqx.tree_at(lambda c: c.policy.actor, student, jax.tree.map(np.asarray, actor))
+
+
+def _fit(
+    student: PolicyController,
+    settings: ImitationSettings,
+    states: Float[Array, "n 4"],
+    torques: Float[Array, "n"],
+    rows: Int[Array, "steps batch"],
+) -> Actor:
+    """Adam on weighted squared errors of the torque; each step's minibatch is given by its rows."""
     weights = np.repeat([1.0, settings.remembered_weight], [settings.batch, settings.remembered]).astype(np.float32)
     optimiser = optax.adam(optax.cosine_decay_schedule(settings.learning_rate, settings.steps))
 
-    def loss(actor: Actor, x: Any, u: Any) -> Scalar:
-        policy = Policy(single.policy.stages, actor)
-        given = single.torque_limit * jax.vmap(policy)(x)[:, 0]
-        return jnp.mean(weights * (given - u) ** 2)
+    def loss(actor: Actor, x: Float[Array, "batch 4"], u: Float[Array, "batch"]) -> Scalar:
+        policy = Policy(student.policy.stages, actor)
+        return jnp.mean(weights * (student.torque_limit * jax.vmap(policy)(x)[:, 0] - u) ** 2)
 
-    def step(carry: Any, chosen: Any) -> tuple[Any, Scalar]:
+    def step(carry: Any, chosen: Int[Array, "batch"]) -> tuple[Any, None]:
         actor, state = carry
-        value, gradient = jax.value_and_grad(loss)(actor, states[chosen], torques[chosen])
-        updates, state = optimiser.update(gradient, state)
-        return (optax.apply_updates(actor, updates), state), value
+        updates, state = optimiser.update(jax.grad(loss)(actor, states[chosen], torques[chosen]), state)
+        return (optax.apply_updates(actor, updates), state), None
 
-    actor = single.policy.actor
-    chosen = np.concatenate(
-        [
-            random.integers(0, len(shown), (settings.steps, settings.batch)),
-            len(shown) + random.integers(0, len(anywhere), (settings.steps, settings.remembered)),
-        ],
-        axis=1,
-    ).astype(np.int32)
-    (actor, _), _ = jax.jit(lambda carry, rows: jax.lax.scan(step, carry, rows))(
-        (actor, optimiser.init(actor)), jnp.asarray(chosen)
-    )
-    return eqx.tree_at(lambda c: c.policy.actor, student, jax.tree.map(np.asarray, actor))
+    start = student.policy.actor
+    (actor, _), _ = jax.jit(functools.partial(jax.lax.scan, step))((start, optimiser.init(start)), rows)
+    return actor
 
 
 def demonstrate(

@@ -2,7 +2,7 @@
 
 import functools
 import math
-from dataclasses import fields
+from dataclasses import dataclass, fields
 
 import equinox as eqx
 import jax
@@ -13,7 +13,7 @@ from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import PerformanceRules
 from ..physics.dynamics import tip_height
 from ..physics.parameters import Parameters
-from ..types import Flag, Scalar, State
+from ..types import Scalar, State
 
 EDGE = 0.01
 """Width of the smoothed line above which the tip is up (m)."""
@@ -64,10 +64,25 @@ def _away(x: State) -> Scalar:
     return 0.5 * far + 0.5 * (1 - jnp.exp(-0.5 * near / NEAR**2))
 
 
-def cost(measures: Measures, nominal: Flag) -> Scalar:
-    """What is minimised: the score in nominal episodes; in others also the time away from the goal."""
-    elsewhere = 0.5 * (measures.down + measures.away) - 0.5 * measures.score
-    return jnp.where(nominal, -measures.score, elsewhere)
+@dataclass(frozen=True)
+class Weights:
+    """What counts in an episode, and how much: the cost is down and away, less the score."""
+
+    score: float = 0.0
+    down: float = 0.0
+    away: float = 0.0
+
+    def cost(self, measures: Measures) -> Scalar:
+        """What is minimised."""
+        return self.down * measures.down + self.away * measures.away - self.score * measures.score
+
+
+SCORE = Weights(score=1.0)
+"""The score alone."""
+SCORE_AND_TIME = Weights(score=0.5, down=0.5, away=0.5)
+"""The score, and being at the goal."""
+TIME = Weights(down=1.0, away=0.5)
+"""Being up, and not only for a moment."""
 
 
 @functools.partial(jax.custom_vjp, nondiff_argnums=(1,))

@@ -19,6 +19,7 @@ from ..physics.parameters import Robot
 from .descent import Descent, DescentSettings
 from .draws import Draws, draw
 from .imitate import ImitationSettings, imitate
+from .objective import TIME
 
 
 @dataclass(frozen=True)
@@ -40,12 +41,18 @@ Stage = ImitationSettings | Refinement
 HARDEN = Refinement(DescentSettings(), Draws(nominal=40, model=48, pushed=24, measured=16, anywhere=8), weak=0.3)
 """Make a good swing-up robust, from mild disturbances to strong ones."""
 
-RECIPES: dict[str, dict[str, tuple[Stage, ...]]] = {
-    # Hardened after the lesson, the acrobot's policy loses more on errors of the model than it gains elsewhere.
-    "score": {"acrobot": (ImitationSettings(),), "pendubot": (ImitationSettings(), HARDEN)},
-    "harden": {"acrobot": (HARDEN,), "pendubot": (HARDEN,)},
+RECOVER = Refinement(
+    DescentSettings(iterations=300, learning_rate=3e-4, duration=1.5, adjoint_limit=4.0, nominal=TIME, others=TIME),
+    Draws(nominal=10, model=0, pushed=0, measured=0, anywhere=40, thrown=152),
+)
+"""Be up again soon, from wherever a throw leaves the pendulum."""
+
+RECIPES: dict[str, tuple[Stage, ...]] = {
+    "score": (ImitationSettings(),),
+    "harden": (HARDEN,),
+    "recover": (RECOVER,),
 }
-"""By name and robot. ``score``: the teacher's swing-up, made robust. ``harden``: the policy's own, made robust."""
+"""``score``: a teacher's swing-up. ``harden``: the policy's own, made robust. ``recover``: back up after throws."""
 
 
 @dataclass(frozen=True)

@@ -51,10 +51,6 @@ class PendulumTask(AbstractTask[PendulumState]):
     """α."""
     reset_noise: float = 0.01
     """Standard deviation of the initial state around hanging (rad, rad/s)."""
-    anywhere: float = eqx.field(static=True, default=0.0)
-    """Share of the resets to any configuration, at any speed up to ``anywhere_speed``, instead of hanging."""
-    anywhere_speed: float = 8.0
-    """Largest standard deviation of the velocities of such a reset, itself uniform (rad/s)."""
     truncation_probability: float = 1e-3
     """p_trunc: probability of a random truncation at each step."""
     max_steps: int = eqx.field(static=True, default=1000)
@@ -79,16 +75,8 @@ class PendulumTask(AbstractTask[PendulumState]):
         return action * limits * jnp.array(self.robot.actuation, action.dtype)
 
     def reset(self, key: Key) -> PendulumState:
-        """Hang down, disturbed by Gaussian noise on all four states; or start anywhere, if the task does."""
-        hanging = self.reset_noise * jax.random.normal(key, (4,))
-        if self.anywhere == 0.0:
-            return PendulumState(x=hanging, steps=jnp.array(0))
-        chance_key, angle_key, size_key, rate_key = jax.random.split(key, 4)
-        angles = jax.random.uniform(angle_key, (2,), minval=-jnp.pi, maxval=jnp.pi)
-        size = self.anywhere_speed * jax.random.uniform(size_key)
-        free = jnp.concatenate([angles, size * jax.random.normal(rate_key, (2,))])
-        chosen = jnp.where(jax.random.bernoulli(chance_key, self.anywhere), free, hanging)
-        return PendulumState(x=chosen, steps=jnp.array(0))
+        """Hang down, disturbed by Gaussian noise on all four states."""
+        return PendulumState(x=self.reset_noise * jax.random.normal(key, (4,)), steps=jnp.array(0))
 
     def observe(self, state: PendulumState) -> Observation:
         """Scaled angles and velocities."""

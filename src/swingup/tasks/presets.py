@@ -1,12 +1,19 @@
 """Variants of the pendulum's task by name; presets are Python values."""
 
-import dataclasses
 from collections.abc import Callable
+
+import jax.numpy as jnp
+import numpy as np
 
 from ..errors import SwingupError
 from ..physics.parameters import Robot, leaderboard_parameters
 from .observation import PendulumObservation
 from .pendulum import PendulumTask
+from .recovery import RecoveryTask
+from .throws import thrown_states
+
+STARTS_SEED = 0
+"""Seed of the states that the global task begins in."""
 
 
 def paper_task(robot: Robot) -> PendulumTask:
@@ -25,9 +32,16 @@ def smooth_task(robot: Robot) -> PendulumTask:
     )
 
 
-def global_task(robot: Robot) -> PendulumTask:
-    """The smooth task, for a policy that comes back from anywhere: most episodes start there."""
-    return dataclasses.replace(smooth_task(robot), anywhere=0.7, anywhere_speed=10.0)
+def global_task(robot: Robot) -> RecoveryTask:
+    """The smooth task's pendulum: be back up soon, mostly after throws, but also from anywhere and from hanging."""
+    smooth = smooth_task(robot)
+    random = np.random.default_rng(STARTS_SEED)
+    thrown = thrown_states(random, smooth.parameters, 14_000)
+    rates = random.uniform(0, 10, (3000, 1)) * random.normal(size=(3000, 2))
+    anywhere = np.concatenate([random.uniform(-np.pi, np.pi, (3000, 2)), rates], axis=1)
+    starts = np.concatenate([thrown, anywhere, 0.05 * random.normal(size=(3000, 4))])
+    starts[:, :2] = (starts[:, :2] + np.pi) % (2 * np.pi) - np.pi  # in single precision, full turns cost digits
+    return RecoveryTask(**(vars(smooth) | {"max_steps": 300}), starts=jnp.asarray(starts, jnp.float32))
 
 
 TASKS: dict[str, Callable[[Robot], PendulumTask]] = {

@@ -4,17 +4,43 @@ Source: the rules of the global-policy benchmark (ICRA 2025). The PID's quirks b
 wrapped, its error sum and its last error run on from throw to throw, and its period is not the loop's.
 """
 
+import functools
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..physics.dynamics import gravity_torque
+from ..physics.integrate import rk4_step
 from ..physics.parameters import Parameters
 from ..types import Count, Flag, Scalar, State, Torque
 
 WITHOUT_DERIVATIVE = 2
 """First calls of the run in which the PID takes its derivative for 0."""
+
+TURNS = ((0.1, 0.4, 0.4, 0.1), (0.1, 0.8, 0.1))
+"""Chosen: how often a thrown pendulum stood at q1 = -3π, -π, π or 3π, and at q2 = -2π, 0 or 2π."""
+
+
+class Thrower(eqx.Module):
+    """Gains of the PID that throws."""
+
+    kp: float | Scalar = 10.0
+    """N m/rad"""
+    ki: float | Scalar = 0.1
+    """N m/(rad s)"""
+    kd: float | Scalar = 1.0
+    """N m s/rad"""
+    dt: float | Scalar = 0.001
+    """What the PID believes to be its period (s)."""
+    limit: float | Scalar = 6.0
+    """Torque limit of the PID, and of each of the two motors (N m)."""
+
+
+THROWER = Thrower()
+"""The benchmark's."""
 
 
 class Throws(eqx.Module):
@@ -24,16 +50,7 @@ class Throws(eqx.Module):
     """Number of the throw at each step, -1 between throws."""
     target: Float[Array | np.ndarray, "throws 2"]
     """Angles that each throw aims at (rad)."""
-    kp: float | Scalar
-    """N m/rad"""
-    ki: float | Scalar
-    """N m/(rad s)"""
-    kd: float | Scalar
-    """N m s/rad"""
-    dt: float | Scalar
-    """What the PID believes to be its period (s)."""
-    limit: float | Scalar
-    """Torque limit of the PID (N m)."""
+    thrower: Thrower = THROWER
 
 
 class PID(eqx.Module):
@@ -58,9 +75,59 @@ def is_thrown(throws: Throws, step: Count) -> Flag:
 
 def throw(throws: Throws, parameters: Parameters, pid: PID, step: Count, x: State) -> tuple[PID, Torque]:
     """The PID's torque (N m) at this step, with the gravity torque taken off, before the motors' limits."""
-    error = jnp.asarray(throws.target)[jnp.asarray(throws.number)[step]] - x[:2]
+    target = jnp.asarray(throws.target)[jnp.asarray(throws.number)[step]]
+    return _control(throws.thrower, parameters, pid, target, x)
+
+
+def _control(
+    thrower: Thrower, parameters: Parameters, pid: PID, target: Float[Array, "2"], x: State
+) -> tuple[PID, Torque]:
+    error = target - x[:2]
     total = pid.total + error
-    derivative = jnp.where(pid.calls < WITHOUT_DERIVATIVE, 0.0, (error - pid.last) / throws.dt)
-    u = throws.kp * error + throws.ki * throws.dt * total + throws.kd * derivative
-    command = jnp.clip(u, -throws.limit, throws.limit) - gravity_torque(parameters, x)
+    derivative = jnp.where(pid.calls < WITHOUT_DERIVATIVE, 0.0, (error - pid.last) / thrower.dt)
+    u = thrower.kp * error + thrower.ki * thrower.dt * total + thrower.kd * derivative
+    command = jnp.clip(u, -thrower.limit, thrower.limit) - gravity_torque(parameters, x)
     return PID(pid.calls + 1, total, error), command
+
+
+def thrown_states(
+    random: np.random.Generator, plant: Parameters, number: int, steps: int = 100, dt: float = 0.002
+) -> Float[np.ndarray, "number 4"]:
+    """States in which throws leave a pendulum that stood upright: what a controller has to come back from.
+
+    Args:
+        random: source of the numbers.
+        plant: the plant.
+        number: how many.
+        steps: length of a throw.
+        dt: time of a step (s).
+    """
+    turns = [random.choice(len(odds), number, p=odds) - len(odds) // 2 for odds in TURNS]
+    upright = np.stack([np.pi * (2 * turns[0] + 1), 2 * np.pi * turns[1]], axis=1)
+    x0 = np.concatenate([upright, np.zeros((number, 2))], axis=1) + 0.05 * random.normal(size=(number, 4))
+    targets, last = random.uniform(-np.pi, np.pi, (number, 2)), random.uniform(-6.0, 6.0, (number, 2))
+    x = _thrown(THROWER, plant, jnp.asarray(targets), jnp.asarray(last), jnp.asarray(x0), steps, dt)
+    return np.array(x)
+
+
+@functools.partial(jax.jit, static_argnums=(5, 6))
+@functools.partial(jax.vmap, in_axes=(None, None, 0, 0, 0, None, None))
+def _thrown(
+    thrower: Thrower,
+    plant: Parameters,
+    target: Float[Array, "2"],
+    last: Float[Array, "2"],
+    x: State,
+    steps: int,
+    dt: float,
+) -> State:
+    """State after one throw by a PID whose throw before ended with the error ``last``."""
+
+    def step(carry: tuple[State, PID], _: None) -> tuple[tuple[State, PID], None]:
+        x, pid = carry
+        pid, u = _control(thrower, plant, pid, target, x)
+        return (rk4_step(plant, x, jnp.clip(u, -thrower.limit, thrower.limit), dt), pid), None
+
+    pid = PID(jnp.array(WITHOUT_DERIVATIVE), jnp.zeros_like(last), last)
+    (x, _), _ = jax.lax.scan(step, (x, pid), length=steps)
+    return x

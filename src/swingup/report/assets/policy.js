@@ -1,6 +1,6 @@
 /*
- * A policy file's policy: observation stages in double precision, then the network in single precision, as in
- * areapo/policy.py. Sums inside a layer run in double precision; each layer's result is rounded to single.
+ * A policy file's policy, as in areapo/policy.py: the weights are single-precision numbers, all arithmetic is in
+ * double precision, as the judge's.
  */
 (function (swingup) {
   "use strict";
@@ -30,7 +30,7 @@
   };
 
   function apply({ weight, bias }, input) {
-    const output = new Float32Array(bias.length);
+    const output = new Float64Array(bias.length);
     for (let row = 0, k = 0; row < bias.length; row++) {
       let sum = bias[row];
       for (let column = 0; column < input.length; column++, k++) {
@@ -45,14 +45,14 @@
   function makePolicy(spec, driven) {
     const layers = spec.layers.map(({ weight, bias }) => ({ weight: decode(weight), bias: decode(bias) }));
     return (x) => {
-      let features = Float32Array.from(spec.stages.reduce((seen, stage) => STAGES[stage.name](stage, seen), x));
+      let features = spec.stages.reduce((seen, stage) => STAGES[stage.name](stage, seen), x);
       layers.forEach((layer, depth) => {
         features = apply(layer, features);
         if (depth < layers.length - 1) {
           features.forEach((value, i) => (features[i] = Math.max(0, value)));
         }
       });
-      const torque = spec.torque_limit * Math.fround(Math.tanh(features[0]));
+      const torque = spec.torque_limit * Math.tanh(features[0]);
       return driven === 0 ? [torque, 0] : [0, torque];
     };
   }

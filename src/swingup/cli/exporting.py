@@ -1,0 +1,51 @@
+"""The command ``export``: a policy for other programs."""
+
+from importlib import resources
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+from ..errors import SwingupError
+from ..export.c_header import c_header
+from ..export.onnx_graph import onnx_model
+from ..export.realaigym import export_realaigym
+from ..files import check_writable, write_atomically
+from ..runtime.controller import read_policy
+from ..runtime.shipped import KINDS, shipped_file
+
+FORMS = ("realaigym", "onnx", "c")
+
+
+def export(
+    policy: Positional[Annotated[str, arg(metavar="POLICY")]],
+    /,
+    to: Annotated[str, arg(metavar="{realaigym,onnx,c}")],
+    out: Annotated[str, arg(metavar="PATH")],
+    robot: str | None = None,
+    username: str = "swingup",
+) -> int:
+    """Write a policy for RealAIGym, ONNX Runtime or C.
+
+    Args:
+        policy: a policy file, or ar-eapo, ar-eapo-base or ar-eapo-global.
+        to: realaigym, a folder that needs NumPy alone; onnx, a graph of the policy without its estimator; or c, a
+            C99 header.
+        out: the folder, new or empty; or the file.
+        robot: acrobot or pendubot; needed with a name, checked with a file.
+        username: who is named on RealAIGym's leaderboard.
+    """
+    if to not in FORMS:
+        raise SwingupError(f"cannot export to {to!r}: use one of {', '.join(FORMS)}")
+    found = read_policy(policy, robot)
+    if to == "realaigym":
+        file = shipped_file(found.robot, KINDS[policy]) if policy in KINDS else Path(policy)
+        with resources.as_file(file) as source:
+            print(export_realaigym(found, source, out, username))
+        return 0
+    check_writable(out)
+    write_atomically(out, onnx_model(found) if to == "onnx" else c_header(found).encode())
+    print(out)
+    if to == "onnx" and found.estimator is not None:
+        print("without the state estimator that the policy ships with: feed it good states, or run one yourself")
+    return 0

@@ -1,0 +1,192 @@
+/* ---- the controller: the policy behind a state estimator, as docs/policy-format.md of swingup describes it ---- */
+
+#define SWINGUP_DT @DT@ /* time between calls (s) */
+#define SWINGUP_DEPTH @DEPTH@ /* dead times that are considered: 0 to SWINGUP_DEPTH - 1 steps */
+#define SWINGUP_PIECES 4 /* steps in which the estimate is carried ahead */
+#define SWINGUP_MOTOR_LIMIT @MOTOR_LIMIT@ /* what is asked for beyond it does not act (N m) */
+
+typedef struct {
+    int called;                         /* 0 before the first call */
+    int dead_time;                      /* the dead time found (steps) */
+    double time;                        /* of the last call (s) */
+    double state[4];                    /* estimate of the measured state, as old as the dead time */
+    double torques[SWINGUP_DEPTH];      /* asked for, newest first (N m) */
+    double deviations[SWINGUP_DEPTH][4]; /* what the filter with each dead time estimates besides */
+    double surprise[SWINGUP_DEPTH];     /* evidence against each dead time */
+} swingup_controller;
+
+static inline void swingup_reset(swingup_controller *c)
+{
+    static const swingup_controller fresh = {0};
+    *c = fresh;
+}
+
+/* Accelerations (rad/s^2) of the leaderboards' plant under a torque of the driven joint (N m). */
+static inline void swingup_acceleration(const double x[4], double torque, double a[2])
+{
+    const double cosine = @COUPLING@ * cos(x[1]), sine = @COUPLING@ * sin(x[1]);
+    const double m11 = @SHOULDER@ + 2.0 * cosine, m12 = @ELBOW@ + cosine, m22 = @ELBOW@;
+    const double weight = @GRAVITY2@ * sin(x[0] + x[1]), determinant = m11 * m22 - m12 * m12;
+    double f[2];
+    f[0] = -@GRAVITY1@ * sin(x[0]) - weight + sine * x[3] * (2.0 * x[2] + x[3]);
+    f[1] = -weight - sine * x[2] * x[2];
+    f[SWINGUP_DRIVEN] += torque;
+    a[0] = (m22 * f[0] - m12 * f[1]) / determinant;
+    a[1] = (m11 * f[1] - m12 * f[0]) / determinant;
+}
+
+/* One step of the explicit midpoint rule over h (s), in place. */
+static inline void swingup_step(double x[4], double torque, double h)
+{
+    double a[2], middle[4];
+    swingup_acceleration(x, torque, a);
+    middle[0] = x[0] + 0.5 * h * x[2];
+    middle[1] = x[1] + 0.5 * h * x[3];
+    middle[2] = x[2] + 0.5 * h * a[0];
+    middle[3] = x[3] + 0.5 * h * a[1];
+    swingup_acceleration(middle, torque, a);
+    x[0] += h * middle[2];
+    x[1] += h * middle[3];
+    x[2] += h * a[0];
+    x[3] += h * a[1];
+}
+
+/* What the steady-state Kalman gains make of a miss. */
+static inline void swingup_correction(const double miss[4], double correction[4])
+{
+    int joint;
+    for (joint = 0; joint < 2; joint++) {
+        correction[joint] = @GAIN_QQ@ * miss[joint] + @GAIN_QV@ * miss[joint + 2];
+        correction[joint + 2] = @GAIN_VQ@ * miss[joint] + @GAIN_VV@ * miss[joint + 2];
+    }
+}
+
+/* One step of the filter in charge and of the bank; returns 0, with all as it was, if the estimate is lost. */
+static inline int swingup_follow(swingup_controller *c, const double x[4])
+{
+    const double torque = c->torques[c->dead_time];
+    double drifted[SWINGUP_DEPTH][4], surprise[SWINGUP_DEPTH], least = 0.0;
+    double predicted[4], miss[4], correction[4], change[4], response[2], still[2], rest[4] = {0.0, 0.0, 0.0, 0.0};
+    int i, n, best = 0;
+
+    for (i = 0; i < 4; i++) {
+        predicted[i] = c->state[i];
+    }
+    swingup_step(predicted, torque, SWINGUP_DT);
+    for (i = 0; i < 4; i++) {
+        miss[i] = x[i] - predicted[i];
+    }
+    for (i = 0; i < 2; i++) {
+        miss[i] -= 2.0 * SWINGUP_PI * rint(miss[i] / (2.0 * SWINGUP_PI));
+        rest[i] = c->state[i];
+    }
+    swingup_acceleration(rest, 1.0, response);
+    swingup_acceleration(rest, 0.0, still);
+
+    for (n = 0; n < SWINGUP_DEPTH; n++) {
+        double far = 0.0, evidence;
+        for (i = 0; i < 2; i++) {
+            const double extra = (c->torques[n] - torque) * (response[i] - still[i]);
+            const double *d = c->deviations[n];
+            drifted[n][i] = d[i] + SWINGUP_DT * d[i + 2] + 0.5 * SWINGUP_DT * SWINGUP_DT * extra;
+            drifted[n][i + 2] = d[i + 2] + SWINGUP_DT * extra;
+            far += (miss[i] - drifted[n][i]) * (miss[i] - drifted[n][i]);
+        }
+        surprise[n] = @FADING@ * c->surprise[n] + log1p(far / @SCALE2@);
+        evidence = surprise[n] + @CAUTION@ * n;
+        if (isnan(evidence)) {
+            return 0;
+        }
+        if (n == 0 || evidence < least) {
+            least = evidence;
+            best = n;
+        }
+    }
+
+    for (n = 0; n < SWINGUP_DEPTH; n++) {
+        swingup_correction(drifted[n], correction);
+        for (i = 0; i < 4; i++) {
+            drifted[n][i] -= correction[i];
+        }
+    }
+    swingup_correction(miss, change);
+    for (i = 0; i < 4; i++) {
+        predicted[i] += change[i] + drifted[best][i];
+    }
+    if (!(fabs(x[2] - predicted[2]) <= @LOST@ && fabs(x[3] - predicted[3]) <= @LOST@)) {
+        return 0;
+    }
+    for (i = 0; i < 4; i++) {
+        const double in_charge = drifted[best][i];
+        c->state[i] = predicted[i];
+        for (n = 0; n < SWINGUP_DEPTH; n++) {
+            c->deviations[n][i] = drifted[n][i] - in_charge;
+        }
+    }
+    for (n = 0; n < SWINGUP_DEPTH; n++) {
+        c->surprise[n] = surprise[n];
+    }
+    c->dead_time = best;
+    return 1;
+}
+
+/* Sum of the torques asked for in the last n steps, linear between whole n, n >= 0. */
+static inline double swingup_asked(const swingup_controller *c, double n)
+{
+    double sum = 0.0;
+    int k;
+    for (k = 0; k < SWINGUP_DEPTH && k + 1 <= n; k++) {
+        sum += c->torques[k];
+    }
+    return k < SWINGUP_DEPTH ? sum + (n - k) * c->torques[k] : sum;
+}
+
+/* The state after the dead time, in steps with the mean of the torques that act in each. */
+static inline void swingup_ahead(const swingup_controller *c, double x[4])
+{
+    const double steps = (double)c->dead_time / SWINGUP_PIECES;
+    int piece;
+    for (piece = SWINGUP_PIECES; piece > 0 && c->dead_time > 0; piece--) {
+        const double asked = swingup_asked(c, piece * steps) - swingup_asked(c, (piece - 1) * steps);
+        swingup_step(x, asked / steps, steps * SWINGUP_DT);
+    }
+}
+
+static inline void swingup_control(swingup_controller *c, double t, const double x[4], double u[2])
+{
+    const int late = !c->called || t < c->time || t - c->time > 1.5 * SWINGUP_DT;
+    double seen[4];
+    int i, n, finite = 1;
+
+    if (late || !swingup_follow(c, x)) {
+        for (i = 0; i < 4; i++) {
+            c->state[i] = seen[i] = x[i];
+        }
+        for (n = 0; n < SWINGUP_DEPTH; n++) {
+            c->torques[n] = 0.0;
+            for (i = 0; i < 4; i++) {
+                c->deviations[n][i] = 0.0;
+            }
+        }
+    } else {
+        for (i = 0; i < 4; i++) {
+            seen[i] = c->state[i];
+        }
+        swingup_ahead(c, seen);
+        for (i = 0; i < 4; i++) {
+            finite = finite && isfinite(seen[i]);
+        }
+        for (i = 0; i < 4 && !finite; i++) {
+            seen[i] = x[i];
+        }
+    }
+    c->called = 1;
+    c->time = t;
+
+    u[1 - SWINGUP_DRIVEN] = 0.0;
+    u[SWINGUP_DRIVEN] = swingup_policy(seen);
+    for (n = SWINGUP_DEPTH - 1; n > 0; n--) {
+        c->torques[n] = c->torques[n - 1];
+    }
+    c->torques[0] = swingup_clip(u[SWINGUP_DRIVEN], SWINGUP_MOTOR_LIMIT);
+}

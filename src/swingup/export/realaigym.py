@@ -1,0 +1,113 @@
+"""A folder for RealAIGym's leaderboards and its robot that needs NumPy alone: our source, the policy, an entry."""
+
+import shutil
+import tempfile
+from importlib import resources
+from pathlib import Path
+
+from ..errors import SwingupError
+from ..files import write_atomically
+from ..runtime.plant import MODEL
+from ..runtime.policy_file import PendulumPolicy
+from ..version import __version__
+from .template import asset, fill
+
+PACKAGE = "swingup_controller"
+"""Name of the copied source, so that an installed swingup is never meant."""
+
+NAME = "swingup"
+"""The entry's name on a leaderboard."""
+
+SOURCES = (
+    "errors.py", "files.py", "arrays.py", "robots.py", MODEL,
+    *(f"runtime/{name}.py" for name in (
+        "__init__", "controller", "estimator", "plant", "policy", "policy_file", "realaigym", "settings", "shipped",
+    )),
+)  # fmt: skip
+"""What the controller needs of this package; a test runs it without the rest."""
+
+ABOUT = f'"""What a policy needs to run, copied from swingup {__version__} (Apache-2.0)."""\n'
+
+
+def export_realaigym(policy: PendulumPolicy, source: Path, folder: str | Path, username: str) -> Path:
+    """Write the folder, whole or not at all.
+
+    Args:
+        policy: what the policy file holds.
+        source: the policy file.
+        folder: a new or empty folder.
+        username: who is named on the leaderboard.
+
+    Returns:
+        The entry's file, ``con_swingup.py``.
+
+    Raises:
+        SwingupError: the folder is not empty or cannot be written, or the name does not fit the entry.
+    """
+    target = Path(folder).resolve()
+    if not username.isprintable() or any(sign in username for sign in '"\\,') or not 0 < len(username) <= 60:
+        raise SwingupError(
+            f"username {username!r} does not fit an entry: use up to 60 letters, no quotes or commas"
+        )
+    if target.exists() and (not target.is_dir() or any(target.iterdir())):
+        raise SwingupError(f"{folder} is there already: name a folder that is new or empty")
+    root = resources.files("swingup")
+    try:
+        with tempfile.TemporaryDirectory(dir=target.parent, prefix=f".{target.name}.") as temporary:
+            made = Path(temporary) / target.name
+            package = made / PACKAGE
+            for name in SOURCES:
+                _write(package / name, root.joinpath(*name.split("/")).read_bytes())
+            _write(package / "__init__.py", ABOUT.encode())
+            _write(package / "policy.npz", source.read_bytes())
+            _write(made / f"con_{NAME}.py", _entry(policy, username).encode())
+            _write(made / "readmes" / f"{NAME}.md", _readme(policy).encode())
+            if target.exists():
+                target.rmdir()
+            shutil.move(made, target)
+    except OSError as error:
+        reason = error.strerror or error
+        raise SwingupError(
+            f"cannot write {folder}: {reason}; choose a place that exists and can be written"
+        ) from error
+    return target / f"con_{NAME}.py"
+
+
+def _write(path: Path, content: bytes) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, content)
+
+
+def _entry(policy: PendulumPolicy, username: str) -> str:
+    behind = " behind a state estimator" if policy.estimator else ""
+    values = {
+        "DESCRIPTION": f"Average-reward maximum-entropy RL (AR-EAPO): one network{behind}",
+        "NAME": NAME,
+        "PACKAGE": PACKAGE,
+        "ROBOT": policy.robot.name,
+        "USERNAME": username,
+        "VERSION": __version__,
+    }
+    return fill(asset("con_swingup.py.txt"), values)
+
+
+def _readme(policy: PendulumPolicy) -> str:
+    estimator, command = policy.estimator, policy.metadata.get("command")
+    seen = (
+        "an estimate of the state by a Kalman filter, which also finds the loop's dead time"
+        if estimator
+        else "the measured state"
+    )
+    values = {
+        "ESTIMATOR": f"It is shown {seen}.",
+        "JOINT": ("shoulder", "elbow")[policy.robot.joint],
+        "LAYERS": " and ".join(str(len(layer.bias)) for layer in policy.file.trunk),
+        "LIMIT": f"{policy.torque_limit:g}",
+        "NAME": NAME,
+        "ORIGIN": f"- The policy file was made by `{command}`." if isinstance(command, str) else "",
+        "PACKAGE": PACKAGE,
+        "RATE": f"one call every {estimator.dt:g} s" if estimator else "any; 500 Hz on the leaderboards",
+        "ROBOT": policy.robot.name,
+        "VERSION": __version__,
+    }
+    return fill(asset("readme.md"), values)

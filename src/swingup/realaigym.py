@@ -1,0 +1,77 @@
+"""Controllers for RealAIGym's simulator and its robot: ``load_controller("ar-eapo", "acrobot")``.
+
+Policies run by NumPy alone. Baselines (``tvlqr``, ``ilqr-riccati``, ``ilqr-mpc``...) and other controllers of this
+package load JAX when they are asked for; RealAIGym's package is never imported.
+"""
+
+import copy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .errors import SwingupError
+from .robots import Robot, get_robot
+from .runtime.realaigym import RealAIGymController as RealAIGymController
+from .runtime.realaigym import load_policy_controller
+from .runtime.shipped import KINDS
+
+
+def load_controller(
+    name: str | Path, robot: Robot | str | None = None, estimator: bool | None = None
+) -> RealAIGymController:
+    """A controller as RealAIGym calls it, ready: ``init()`` has been called.
+
+    Args:
+        name: a policy file, or a built-in name.
+        robot: which joint is driven; needed with a name.
+        estimator: behind a state estimator as the policy file asks (None), never (False) or always (True).
+
+    Raises:
+        SwingupError: there is no such controller, or it is damaged, or for another robot.
+    """
+    if name in KINDS or str(name).endswith(".npz"):
+        return load_policy_controller(name, robot, estimator)
+    if robot is None:
+        raise SwingupError(f"controller {str(name)!r} needs a robot: name acrobot or pendubot")
+    robot = get_robot(robot)
+    return RealAIGymController(_Compiled(str(name), robot, estimator), robot, {"controller": str(name)})
+
+
+class _Compiled:
+    """A controller in JAX as a function with a memory; its first call compiles it."""
+
+    def __init__(self, name: str, robot: Robot, estimator: bool | None) -> None:
+        try:
+            import equinox as eqx
+            import jax
+
+            from .control.controller import AbstractController
+            from .control.named import get_controller
+        except ModuleNotFoundError as error:
+            raise SwingupError(
+                f"controller {name!r} needs {error.name}: install swingup with its dependencies, or use a policy"
+            ) from error
+
+        found = get_controller(name, robot, estimator)
+        if not isinstance(found, AbstractController):
+            raise SwingupError(f"controller {name!r} is in plain Python: hand it to RealAIGym as it is")
+        self._x64 = jax.enable_x64
+        with self._x64(True):
+            self._call: Any = eqx.filter_jit(found)
+            self._start = found.init()
+        self.reset()
+        self(np.zeros(4), 0.0)  # compiled now, not in the loop
+        self.reset()
+
+    def __deepcopy__(self, known: dict[int, Any]) -> "_Compiled":
+        # Memories are replaced, never altered: a shallow copy has its own, and shares what is compiled.
+        return copy.copy(self)
+
+    def reset(self) -> None:
+        self._memory: Any = self._start
+
+    def __call__(self, x: np.ndarray, t: float) -> np.ndarray:
+        with self._x64(True):
+            self._memory, u = self._call(self._memory, np.float64(t), x)
+            return np.asarray(u, np.float64)

@@ -1,0 +1,39 @@
+"""The two robots that are made from one double pendulum by driving only one of its joints."""
+
+from dataclasses import dataclass
+
+from .errors import SwingupError
+
+
+@dataclass(frozen=True)
+class Robot:
+    """An underactuated double pendulum: which of the two joints is driven."""
+
+    name: str
+    """``acrobot`` or ``pendubot``."""
+    joint: int
+    """Index of the driven joint: 0 is the shoulder, 1 the elbow."""
+
+    @property
+    def actuation(self) -> tuple[float, float]:
+        """Diagonal of B: 1 for the driven joint, 0 for the passive one."""
+        return (1.0, 0.0) if self.joint == 0 else (0.0, 1.0)
+
+
+ROBOTS = {robot.name: robot for robot in (Robot("acrobot", joint=1), Robot("pendubot", joint=0))}
+
+TORQUE_LIMIT = 6.0
+"""Torque limit of the driven joint on the leaderboards (N m)."""
+
+
+def get_robot(name: str | Robot) -> Robot:
+    """Look a robot up by its name; a robot is returned as it is.
+
+    Raises:
+        SwingupError: there is no such robot.
+    """
+    if isinstance(name, Robot):
+        return name
+    if name not in ROBOTS:
+        raise SwingupError(f"unknown robot {name!r}: use one of {', '.join(ROBOTS)}")
+    return ROBOTS[name]

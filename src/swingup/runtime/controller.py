@@ -1,0 +1,88 @@
+"""A policy file as a controller: what runs on the robot, with NumPy alone."""
+
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import SwingupError
+from ..robots import TORQUE_LIMIT, Robot
+from .estimator import NumpyEstimator
+from .plant import nominal_plant
+from .policy import NumpyPolicy
+from .policy_file import PendulumPolicy, read_pendulum_policy
+from .settings import EstimatorSettings
+from .shipped import KINDS, shipped_file
+
+
+class RuntimeController:
+    """A policy, behind a state estimator where its file asks for one; a function of (x, t) with a memory.
+
+    ``reset()`` clears the memory. Use one object for one pendulum, in one thread.
+    """
+
+    def __init__(self, policy: PendulumPolicy, estimator: bool | None = None) -> None:
+        """Make a controller of a policy file.
+
+        Args:
+            policy: what the file holds.
+            estimator: as the file asks (None), never (False) or always (True, by default with default settings).
+        """
+        self.policy = policy
+        settings = policy.estimator or EstimatorSettings()
+        wanted = policy.estimator is not None if estimator is None else estimator
+        self._joint = policy.robot.joint
+        self._act = NumpyPolicy(policy)
+        self._estimator = NumpyEstimator(settings, nominal_plant(), self._joint, TORQUE_LIMIT) if wanted else None
+
+    @property
+    def robot(self) -> Robot:
+        """Which joint is driven."""
+        return self.policy.robot
+
+    def reset(self) -> None:
+        """Forget the run so far."""
+        if self._estimator is not None:
+            self._estimator.reset()
+
+    def __call__(self, x: np.ndarray, t: float) -> np.ndarray:
+        """The torques [u1, u2] (N m), float64, for the state x (4,) (rad, rad/s) measured at time t (s).
+
+        A torque is NaN where x is not finite.
+        """
+        x = np.asarray(x, np.float64)
+        u = np.zeros(2)
+        if self._estimator is None:
+            u[self._joint] = self._act(x)
+            return u
+        u[self._joint] = torque = self._act(self._estimator.observe(float(t), x))
+        self._estimator.remember(torque)
+        return u
+
+
+def load_controller(
+    source: str | Path, robot: Robot | str | None = None, estimator: bool | None = None
+) -> RuntimeController:
+    """Load a controller from a policy file, or one that the package ships.
+
+    Args:
+        source: a policy file, or ``ar-eapo``, ``ar-eapo-base`` or ``ar-eapo-global``.
+        robot: the robot that it must be for; needed with a name.
+        estimator: as the file asks (None), never (False) or always (True).
+
+    Raises:
+        SwingupError: there is no such controller, or the file is damaged, or for another robot.
+    """
+    return RuntimeController(read_policy(source, robot), estimator)
+
+
+def read_policy(source: str | Path, robot: Robot | str | None = None) -> PendulumPolicy:
+    """What a policy file holds; arguments and errors as those of ``load_controller``."""
+    if source not in KINDS:
+        if not str(source).endswith(".npz"):
+            raise SwingupError(f"unknown policy {str(source)!r}: use {', '.join(KINDS)} or a policy file (.npz)")
+        return read_pendulum_policy(source, robot)
+    if robot is None:
+        raise SwingupError(f"policy {source!r} is shipped for both robots: name acrobot or pendubot")
+    with resources.as_file(shipped_file(robot, KINDS[str(source)])) as path:
+        return read_pendulum_policy(path, robot)

@@ -1,0 +1,123 @@
+"""The command export: what it writes runs where it is meant to, and bad input leaves nothing."""
+
+import ast
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import swingup
+from swingup.benchmark.rollout import Trajectory
+from swingup.cli import main
+from swingup.control.learned import save_controller
+from swingup.control.named import get_controller
+from swingup.control.zoo import shipped_policy
+
+RUN = """
+import sys
+
+class Only:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] not in {{*sys.stdlib_module_names, "numpy", "swingup_controller", "con_swingup"}}:
+            raise ModuleNotFoundError(f"{{name}} is not there", name=name)
+
+sys.meta_path.insert(0, Only())
+sys.path.insert(0, {folder!r})
+import numpy as np
+from con_swingup import controller, leaderboard_config
+from swingup_controller.runtime.plant import acceleration, nominal_plant
+
+assert not [name for name in sys.modules if name.partition(".")[0] in ("jax", "equinox", "swingup", "yaml")]
+print(leaderboard_config)
+plant, dt, limit = nominal_plant(), 0.002, 6.0 * np.array({driven})
+
+def rates(x, u):
+    return np.array([*x[2:], *acceleration(plant, tuple(x.tolist()), *u.tolist())])
+
+x, rows = np.zeros(4), []
+controller.reset()
+controller.init()
+for step in range(5000):
+    u = controller.get_control_output(x=x, t=step * dt)
+    rows.append([step * dt, *x, *u])
+    u = np.clip(u, -limit, limit)
+    k1 = rates(x, u)
+    k2 = rates(x + dt / 2 * k1, u)
+    k3 = rates(x + dt / 2 * k2, u)
+    x = x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + rates(x + dt * k3, u))
+np.save({rows!r}, rows)
+"""
+
+
+def test_a_folder_for_realaigym_needs_numpy_alone(tmp_path, robot, capsys):
+    folder, rows = tmp_path / "entry", str(tmp_path / "rows.npy")
+    assert main(["export", "ar-eapo", "--robot", robot.name, "--to", "realaigym", "--out", str(folder)]) == 0
+    assert capsys.readouterr().out.strip() == str(folder / "con_swingup.py")
+    code = RUN.format(folder=str(folder), rows=rows, driven=list(robot.actuation))
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (result.returncode, result.stderr) == (0, "")
+    table = np.load(rows)
+    trajectory = Trajectory(time=table[:, 0], x=table[:, 1:5], u=table[:, 5:])
+    judged = swingup.evaluate(get_controller("ar-eapo", robot), robot).criteria
+    assert swingup.score(trajectory, robot).score == pytest.approx(judged.score, abs=1e-4)
+
+    config = ast.literal_eval(result.stdout)
+    assert set(config) == {"csv_path", "name", "simple_name", "short_description", "readme_path", "username"}
+    assert config["csv_path"] == "swingup/sim_swingup.csv"
+    assert len(config["short_description"]) <= 100
+    assert "," not in config["short_description"]
+    assert (folder / config["readme_path"]).read_text().startswith(f"# swingup, {robot.name}")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["entry", "rows.npy"]
+
+
+def test_a_policy_file_and_its_username(tmp_path):
+    source = tmp_path / "mine.npz"
+    save_controller(source, *shipped_policy("pendubot", "base"))
+    assert (
+        main(["export", str(source), "--to", "realaigym", "--out", str(tmp_path / "e"), "--username", "Ada"]) == 0
+    )
+    assert (tmp_path / "e/swingup_controller/policy.npz").read_bytes() == source.read_bytes()
+    entry = (tmp_path / "e/con_swingup.py").read_text()
+    assert '"username": "Ada"' in entry
+    assert 'robot = "pendubot"' in entry
+
+
+def test_graphs_and_headers(tmp_path, capsys):
+    pytest.importorskip("onnx", reason="onnx is not installed")
+    for form, start in (("onnx", b"\x08"), ("c", b"/*")):
+        out = tmp_path / form
+        assert main(["export", "ar-eapo", "--robot", "acrobot", "--to", form, "--out", str(out)]) == 0
+        assert out.read_bytes().startswith(start)
+        assert ("without the state estimator" in capsys.readouterr().out) == (form == "onnx")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["ar-eapo", "--to", "c"], "shipped for both robots: name acrobot or pendubot"),
+        (["tvlqr", "--to", "c"], "unknown policy 'tvlqr'"),
+        (
+            ["ar-eapo", "--robot", "acrobot", "--to", "java"],
+            "cannot export to 'java': use one of realaigym, onnx, c",
+        ),
+        (["ar-eapo", "--robot", "acrobot", "--to", "c", "--out", "none/x.h"], "cannot write none/x.h"),
+        (["ar-eapo", "--robot", "acrobot", "--to", "realaigym", "--out", "none/x"], "cannot write none/x: No such"),
+        (["ar-eapo", "--robot", "acrobot", "--to", "realaigym", "--out", "full"], "full is there already"),
+        (
+            ["ar-eapo", "--robot", "acrobot", "--to", "realaigym", "--username", "a,b"],
+            "username 'a,b' does not fit",
+        ),
+        (["none.npz", "--to", "realaigym"], "no such file: none.npz"),
+    ],
+)
+def test_bad_input_is_one_line_and_leaves_nothing(options, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full/x").touch()
+    out = [] if "--out" in options else ["--out", "made"]
+    assert main(["export", *options, *out]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["full"]

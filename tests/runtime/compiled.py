@@ -1,0 +1,68 @@
+"""C headers as functions of Python: compiled by gcc without a warning, called through ctypes."""
+
+import ctypes
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+STRICT = ["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2"]
+
+needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+
+DRIVER = """
+#include "policy.h"
+
+void torques(int n, const double *x, double *u);
+void run(int n, const double *t, const double *x, double *u);
+
+void torques(int n, const double *x, double *u)
+{
+    int k;
+    for (k = 0; k < n; k++) {
+        u[k] = swingup_policy(x + 4 * k);
+    }
+}
+
+void run(int n, const double *t, const double *x, double *u)
+{
+    swingup_controller controller;
+    int k;
+    swingup_reset(&controller);
+    for (k = 0; k < n; k++) {
+        swingup_control(&controller, t[k], x + 4 * k, u + 2 * k);
+    }
+}
+"""
+
+
+def compile_header(folder, text, *flags):
+    """The shared library of a header's text."""
+    (folder / "policy.h").write_text(text, encoding="utf-8")
+    (folder / "driver.c").write_text(DRIVER, encoding="utf-8")
+    library = folder / "driver.so"
+    command = [*STRICT, *flags, "-shared", "-fPIC", "-o", str(library), str(folder / "driver.c"), "-lm"]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (result.returncode, result.stderr) == (0, "")
+    return ctypes.CDLL(str(library))
+
+
+def torques(library, states):
+    """The policy's torques (n,) for states (n, 4)."""
+    u = np.empty(len(states))
+    library.torques(len(states), _pointer(states), _pointer(u))
+    return u
+
+
+def run(library, times, states):
+    """The controller's torques (n, 2) from its reset on."""
+    u = np.empty((len(states), 2))
+    library.run(len(states), _pointer(times), _pointer(states), _pointer(u))
+    return u
+
+
+def _pointer(array):
+    assert array.flags.c_contiguous
+    assert array.dtype == np.float64
+    return array.ctypes.data_as(ctypes.c_void_p)

@@ -1,0 +1,81 @@
+"""Closed loops to compare runtimes on: states, recorded measurements, and a plain simulator."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from swingup.areapo.networks import init_actor
+from swingup.areapo.normalise import Normalise
+from swingup.areapo.policy import Policy
+from swingup.control.learned import PolicyController
+from swingup.control.named import get_controller
+from swingup.control.zoo import shipped_policy
+from swingup.physics.integrate import rk4_step
+from swingup.physics.parameters import get_robot, leaderboard_parameters
+from swingup.tasks.observation import PendulumObservation
+
+DT = 0.002
+AWAY = 1e-3
+"""Distance from a wrap of the angles (rad) from which runtimes must agree."""
+TOLERANCE = 3e-5
+"""How far torques of different runtimes may lie apart (N m)."""
+
+SENSORS = {
+    # Noise of the velocities (rad/s), age of a measurement (steps), steps of the angles (rad).
+    "perfect": (0.0, 0, 0.0),
+    "noisy": (0.5, 0, 2 * np.pi / 2**14),
+    "late": (0.0, 20, 0.0),
+    "late and noisy": (0.3, 15, 2 * np.pi / 2**14),
+}
+
+
+@functools.cache
+def random_states(number=10_000):
+    """States (number, 4) in several turns and beyond the velocities' scale, away from where an angle is wrapped."""
+    x = np.random.default_rng(5).uniform(-1, 1, (2 * number, 4)) * [9, 9, 25, 25]
+    wrap = np.abs((x[:, :2] + np.pi) % (2 * np.pi) - np.pi).min(axis=1)
+    return x[wrap > AWAY][:number]
+
+
+@functools.cache
+def judged_torques(robot, kind=""):
+    """The torques (N m) of a shipped policy's driven joint at the random states, as the judge computes them."""
+    policy, joint = shipped_policy(robot, kind)[0], get_robot(robot).joint
+    with jax.enable_x64(True):
+        call = jax.jit(jax.vmap(lambda x: policy(None, jnp.zeros(()), x)[1][joint]))
+        return np.asarray(call(jnp.asarray(random_states())))
+
+
+def paper_policy(normalised=True):
+    """A small untrained policy of the pendubot with the paper's observation, which jumps at its wraps."""
+    with jax.enable_x64(False):  # single precision, as a file has it
+        actor = jax.tree.map(lambda leaf: leaf + 0.1, init_actor(jax.random.key(0), 4, 1, (16, 12), -1.0))
+    normalise = Normalise(mean=np.linspace(-1, 1, 4), variance=np.linspace(0.5, 2, 4), clip=1.0)
+    stages = (PendulumObservation(20.0, "wrapped"), *([normalise] if normalised else []))
+    return PolicyController(Policy(stages, actor), 3.0, get_robot("pendubot"))
+
+
+@functools.cache
+def recorded(robot, sensor, steps=2500):
+    """A closed loop of the shipped controller in JAX: times, measurements (n, 4) and torques (n, 2)."""
+    sigma, age, quantum = SENSORS[sensor]
+    p, controller = leaderboard_parameters(get_robot(robot)), get_controller("ar-eapo", robot)
+    noise = sigma * np.random.default_rng(3).normal(size=(steps, 2))
+
+    def step(carry, now):
+        past, memory = carry
+        t, normal = now
+        angles = past[age, :2]
+        angles = jnp.round(angles / quantum) * quantum if quantum else angles
+        measured = jnp.concatenate([angles, past[age, 2:] + normal])
+        memory, u = controller(memory, t, measured)
+        x = rk4_step(p, past[0], jnp.clip(u, -jnp.array([p.tl1, p.tl2]), jnp.array([p.tl1, p.tl2])), DT)
+        return (jnp.concatenate([x[None], past[:-1]]), memory), (measured, u)
+
+    times = DT * np.arange(steps)
+    with jax.enable_x64(True):
+        start = (jnp.zeros((age + 1, 4)), controller.init())
+        _, rows = jax.jit(lambda: jax.lax.scan(step, start, (jnp.asarray(times), jnp.asarray(noise))))()
+        return times, *(np.asarray(part) for part in rows)

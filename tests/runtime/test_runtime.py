@@ -1,0 +1,120 @@
+"""The NumPy runtime against the judge's JAX: torques, the estimator over whole runs, and what it refuses."""
+
+import numpy as np
+import pytest
+
+import swingup
+from swingup.control.learned import save_controller
+from swingup.control.named import get_controller
+from swingup.errors import SwingupError
+from swingup.physics.dynamics import acceleration
+from swingup.physics.integrate import midpoint_step
+from swingup.physics.parameters import get_robot, leaderboard_parameters
+from swingup.runtime import load_controller, plant
+from swingup.runtime.controller import read_policy
+
+from .loops import DT, SENSORS, judged_torques, paper_policy, random_states, recorded
+
+ROBOT_NAMES = ("acrobot", "pendubot")
+
+
+@pytest.mark.parametrize("kind", ["", "base"])
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_torques_are_the_judges(name, kind):
+    controller = load_controller("-".join(filter(None, ("ar-eapo", kind))), name, estimator=False)
+    torques = np.array([controller(x, 0.0) for x in random_states()])
+    joint = get_robot(name).joint
+    # Both compute in float64: what is left is the order of sums.
+    np.testing.assert_allclose(torques[:, joint], judged_torques(name, kind), rtol=0, atol=1e-11)
+    assert not torques[:, 1 - joint].any()
+    assert np.ptp(torques[:, joint]) > 6
+
+
+@pytest.mark.parametrize("normalised", [True, False])
+def test_the_papers_observation(tmp_path, x64, normalised):
+    reference = paper_policy(normalised)
+    save_controller(tmp_path / "p.npz", reference, {})
+    controller = load_controller(tmp_path / "p.npz", "pendubot")
+    for x in random_states()[:50]:
+        np.testing.assert_allclose(controller(x, 0.0), reference(None, 0.0, x)[1], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_the_estimator_follows_a_recorded_run(name, sensor):
+    times, measured, expected = recorded(name, sensor)
+    controller, dead_times = load_controller("ar-eapo", name), set()
+    for steps in (100, len(times)):  # the second time after a reset
+        controller.reset()
+        for t, x, u in zip(times[:steps], measured, expected, strict=False):
+            # Far below what matters: both compute in float64, so that rounding is all there is.
+            np.testing.assert_allclose(controller(x, t), u, rtol=0, atol=1e-9)
+            dead_times.add(controller._estimator.dead_time)
+    assert sensor != "late" or len(dead_times) > 2
+
+
+def test_the_checker_finds_nothing(robot):
+    assert swingup.check_controller(load_controller("ar-eapo", robot), robot) == []
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_the_score_is_the_judges(name):
+    in_numpy, in_jax = (
+        swingup.evaluate(found, name).criteria.score
+        for found in (load_controller("ar-eapo", name), get_controller("ar-eapo", name))
+    )
+    assert in_numpy == pytest.approx(in_jax, abs=1e-4)
+
+
+def test_pauses_jumps_and_what_is_not_finite(x64):
+    """Measurements that make the estimator start anew, against JAX call by call."""
+    steps = 60
+    random = np.random.default_rng(0)
+    x = np.cumsum(random.normal(size=(steps, 4)) * [5e-4, 5e-4, 0.1, 0.1], axis=0) + np.array([0.3, 0.2, 0, 0])
+    times = DT * np.arange(steps)
+    times[20:] += 0.01  # a pause
+    times[30:] -= 0.05  # a clock set back
+    x[40:, 1] += 1.0  # a jump
+    x[45], x[48], x[51, 2] = np.nan, np.inf, 1e200
+    reference, controller = get_controller("ar-eapo", "acrobot"), load_controller("ar-eapo", "acrobot")
+    memory = reference.init()
+    for t, measured in zip(times, x, strict=True):
+        memory, expected = reference(memory, t, measured)
+        np.testing.assert_allclose(controller(measured, t)[1], expected[1], rtol=0, atol=1e-7)
+        np.testing.assert_allclose(controller._estimator._state, memory.state, rtol=1e-12, atol=1e-9)
+
+
+def test_the_plant_is_the_leaderboards(robot, x64):
+    p, numbers = leaderboard_parameters(robot), plant.nominal_plant()
+    for x, u in zip(random_states()[:20], np.random.default_rng(1).uniform(-6, 6, (20, 2)), strict=True):
+        state, (u1, u2) = tuple(x.tolist()), u.tolist()
+        np.testing.assert_allclose(plant.acceleration(numbers, state, u1, u2), acceleration(p, x, u), rtol=1e-12)
+        np.testing.assert_allclose(
+            plant.midpoint_step(numbers, state, u1, u2, 0.01), midpoint_step(p, x, u, 0.01), rtol=1e-12
+        )
+        response = acceleration(p, x, u) - acceleration(p, x, 0 * u)
+        np.testing.assert_allclose(plant.torque_response(numbers, state, u1, u2), response, rtol=1e-9)
+
+
+def test_flat_yaml():
+    text = "# comment\n---\nm1: 0.5 # kg\nname: 'x'\n\nI1: 1e-3\n"
+    assert plant.parse_flat_yaml(text) == {"m1": 0.5, "I1": 1e-3}
+    for bad in ("m1 0.5", "a:\n  m1: 2"):
+        with pytest.raises(SwingupError, match="no line of a flat map: write 'name: value'"):
+            plant.parse_flat_yaml(bad)
+    with pytest.raises(SwingupError, match="lacks parameter 'm1'"):
+        plant.make_plant({})
+
+
+@pytest.mark.parametrize(
+    ("source", "robot", "message"),
+    [
+        ("ar-eapo", None, "shipped for both robots: name acrobot or pendubot"),
+        ("ar-eapo", "cartpole", "unknown robot 'cartpole'"),
+        ("tvlqr", "acrobot", "unknown policy 'tvlqr': use ar-eapo, ar-eapo-base, ar-eapo-global or a policy file"),
+        ("nothing.npz", "acrobot", "no such file: nothing.npz"),
+    ],
+)
+def test_what_is_refused(source, robot, message):
+    with pytest.raises(SwingupError, match=message):
+        read_policy(source, robot)

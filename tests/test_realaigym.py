@@ -1,0 +1,138 @@
+"""Controllers in a stand-in of RealAIGym's simulator, which calls them as its interface says."""
+
+import json
+
+import numpy as np
+import pytest
+
+import swingup
+from swingup import realaigym
+from swingup.control.named import get_controller
+from swingup.errors import SwingupError
+from swingup.physics.parameters import get_robot
+from swingup.runtime.plant import midpoint_step, nominal_plant
+
+DT = 0.002
+UP = np.array([np.pi, 0.0])
+
+
+class Simulator:
+    """One run after another: reset() and init() before each, then a call a step, by keywords or in order."""
+
+    def __init__(self, robot):
+        self.limits = 6.0 * np.array(robot.actuation)
+        self.plant = nominal_plant()
+
+    def run(self, controller, duration, keywords=True, inner=False):
+        """The states (n + 1, 4) and the torques (n, 2) that acted."""
+        controller.reset_() if inner else controller.reset()
+        controller.init_() if inner else controller.init()
+        call = controller.get_control_output_ if inner else controller.get_control_output
+        x, states, torques = np.zeros(4), [np.zeros(4)], []
+        for step in range(round(duration / DT)):
+            t = step * DT
+            u = call(x=x, t=t) if keywords else call(x.tolist(), t)
+            u += 0.0  # the loop adds noise to the answer, in place
+            np.clip(u, -self.limits, self.limits, out=u)
+            x = np.array(midpoint_step(self.plant, tuple(x.tolist()), *u.tolist(), DT))
+            states.append(x)
+            torques.append(u)
+        return np.array(states), np.array(torques)
+
+
+def away_from_upright(x):
+    return np.abs((x[:2] - UP + np.pi) % (2 * np.pi) - np.pi).max()
+
+
+def test_a_policy_swings_up_in_the_simulator(robot):
+    controller, simulator = realaigym.load_controller("ar-eapo", robot.name), Simulator(robot)
+    states, torques = simulator.run(controller, 3.0)
+    assert away_from_upright(states[-1]) < 0.02
+    assert len(controller.u_hist) == 1501
+    np.testing.assert_array_equal(controller.u_hist[0], [0, 0])
+    np.testing.assert_allclose(controller.u_hist[1:], torques)
+    np.testing.assert_array_equal(controller.x_hist, states[:-1])
+    np.testing.assert_array_equal(controller.filter.x_hist, states[:-1])
+    assert len(controller.u_fric_hist) == len(controller.u_grav_hist) == 1500
+    # Again, in order and by the inner forms: nothing of the first run is left.
+    for how in ({"keywords": False}, {"inner": True}):
+        again, _ = simulator.run(controller, 0.3, **how)
+        np.testing.assert_array_equal(again, states[:151])
+    controller.init()
+    assert (len(controller.u_hist), controller.filter.x_hist) == (1, [])
+
+
+@pytest.mark.parametrize("name", ["tvlqr", "ilqr-riccati", "tvlqr-score"])
+def test_baselines_score_as_they_do_in_jax(name):
+    controller = realaigym.load_controller(name, "pendubot")
+    ours, judged = (swingup.evaluate(each, "pendubot") for each in (controller, get_controller(name, "pendubot")))
+    np.testing.assert_allclose(ours.trajectory.u, judged.trajectory.u, atol=1e-9)
+    assert ours.criteria.score == pytest.approx(judged.criteria.score, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["ar-eapo", "tvlqr"])
+def test_the_checker_finds_nothing(name):
+    assert swingup.check_controller(realaigym.load_controller(name, "acrobot"), "acrobot") == []
+    findings = swingup.check_controller(realaigym.load_controller(name, "acrobot"), "pendubot")
+    assert findings == ["it is for the acrobot, not the pendubot: judge it there"]
+
+
+def test_the_mpc_answers():
+    controller = realaigym.load_controller("ilqr-mpc", "acrobot")
+    states, torques = Simulator(get_robot("acrobot")).run(controller, 0.04)
+    assert np.isfinite(states).all()
+    assert np.abs(torques[:, 1]).max() > 0.1
+    assert not torques[:, 0].any()
+
+
+def test_settings_and_what_is_harmless(tmp_path):
+    controller = realaigym.load_controller("ar-eapo", "acrobot")
+    plain = controller.get_control_output([0.1, 0.2, 1.0, -2.0], 0.0)
+    assert plain.dtype == np.float64
+    assert plain.shape == (2,)
+    assert controller.disturbance_intervals == []
+    assert controller.get_forecast() == controller.get_init_trajectory() == ([], [], [])
+    for setting in ("set_start", "set_goal", "set_gravity_compensation", "set_parameters"):
+        getattr(controller, setting)(np.zeros(4))
+    controller.set_filter_args(filt="None", dt=0.002)
+    # Friction: 0.01 · 1 + 0.1 atan(100) at the shoulder; 0.02 · -2 + 0.2 atan(-200) at the elbow.
+    controller.set_friction_compensation(damping=[0.01, 0.02], coulomb_fric=[0.1, 0.2])
+    controller.init()
+    friction = [0.01 + 0.1 * 1.5607966601, -0.04 - 0.2 * 1.5657963684]
+    with_friction = controller.get_control_output([0.1, 0.2, 1.0, -2.0], 0.0)
+    np.testing.assert_allclose(with_friction - plain, friction, atol=1e-9)
+    np.testing.assert_allclose(controller.u_fric_hist, [friction], atol=1e-9)
+    controller.save(tmp_path)
+    saved = json.loads((tmp_path / "controller_swingup.json").read_text())
+    assert (saved["robot"], saved["controller"], saved["damping"]) == ("acrobot", "ar-eapo", [0.01, 0.02])
+    # A filter sees the measurement and the last torques; reset() takes everything back.
+    controller.set_filter(lambda x, u: np.array([0.1, 0.2, 1.0, -2.0]) + 0 * x)
+    controller.set_friction_compensation()
+    controller.init()
+    np.testing.assert_array_equal(controller.get_control_output(np.zeros(4), 0.0), plain)
+    controller.reset()
+    controller.init()
+    assert not np.array_equal(controller.get_control_output(np.zeros(4), 0.0), plain)
+
+
+def test_without_a_time_calls_are_steps(robot):
+    timed, counted = (realaigym.load_controller("ar-eapo", robot.name) for _ in range(2))
+    for step in range(20):
+        x = np.array([0.001 * step, 0.0, 0.5, 0.1])
+        np.testing.assert_array_equal(counted.get_control_output(x), timed.get_control_output(x, step * DT))
+
+
+@pytest.mark.parametrize(
+    ("name", "robot", "message"),
+    [
+        ("pid", "acrobot", "unknown controller 'pid'"),
+        ("tvlqr", None, "controller 'tvlqr' needs a robot: name acrobot or pendubot"),
+        ("ar-eapo", None, "shipped for both robots"),
+        ("math:sin", "acrobot", "in plain Python: hand it to RealAIGym as it is"),
+    ],
+)
+def test_what_is_refused(name, robot, message):
+    with pytest.raises(SwingupError, match=message):
+        realaigym.load_controller(name, robot)
+    with pytest.raises(SwingupError, match=r"damping = .*two finite numbers"):
+        realaigym.load_controller("ar-eapo", "acrobot").set_friction_compensation(damping=[0.1])
