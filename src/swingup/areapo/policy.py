@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 
 from ..arrays import save_archive
@@ -35,6 +36,7 @@ class Policy(eqx.Module, Generic[ActorT]):
 
     def observe(self, observation: Observation) -> Observation:
         """Apply the stages; their result has the dtype of what they are given."""
+        observation = jnp.asarray(observation)
         dtype = observation.dtype
         for stage in self.stages:
             observation = stage(observation)
