@@ -12,6 +12,7 @@ from .version import __version__
 if TYPE_CHECKING:
     from .benchmark.disturbances import make_disturbance
     from .benchmark.evaluate import Evaluation, evaluate, score
+    from .benchmark.hardware import Hardware, hardware
     from .benchmark.leaderboard import Board, leaderboard
     from .benchmark.robustness import Robustness, robustness
     from .benchmark.uptime import Uptime, uptime
@@ -28,12 +29,14 @@ _HOMES = {
     "AbstractController": "control.controller",
     "Board": "benchmark.leaderboard",
     "Evaluation": "benchmark.evaluate",
+    "Hardware": "benchmark.hardware",
     "Robustness": "benchmark.robustness",
     "Uptime": "benchmark.uptime",
     "baseline": "control.builtin",
     "check_controller": "control.check",
     "evaluate": "benchmark.evaluate",
     "get_controller": "control.named",
+    "hardware": "benchmark.hardware",
     "leaderboard": "benchmark.leaderboard",
     "load_policy": "control.learned",
     "make_disturbance": "benchmark.disturbances",
@@ -44,9 +47,9 @@ _HOMES = {
 }
 
 __all__ = [
-    "AREAPO", "AbstractController", "Board", "Evaluation", "Robustness", "SwingupError", "Uptime", "__version__",
-    "baseline", "check_controller", "evaluate", "get_controller", "leaderboard", "load_policy", "make_disturbance",
-    "robustness", "score", "shipped_policy", "uptime",
+    "AREAPO", "AbstractController", "Board", "Evaluation", "Hardware", "Robustness", "SwingupError", "Uptime",
+    "__version__", "baseline", "check_controller", "evaluate", "get_controller", "hardware", "leaderboard",
+    "load_policy", "make_disturbance", "robustness", "score", "shipped_policy", "uptime",
 ]  # fmt: skip
 
 

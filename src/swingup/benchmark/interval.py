@@ -23,6 +23,14 @@ def mean_interval(values: Sequence[float], lowest: float, highest: float) -> Int
     return max(lowest, fmean(values) - reach), min(highest, fmean(values) + reach)
 
 
+def share_interval(successes: int, number: int) -> Interval:
+    """Wilson's 95 % interval of a share of successes."""
+    from scipy.stats import binomtest  # imported here: slow to load
+
+    interval = binomtest(successes, number).proportion_ci(method="wilson")
+    return float(interval.low), float(interval.high)
+
+
 def interquartile_mean(values: Sequence[float]) -> float:
     """Mean of the middle half: a quarter of the values, rounded down, is left out at each end.
 

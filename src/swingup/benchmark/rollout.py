@@ -94,7 +94,7 @@ def act(scenario: Scenario, plant: Plant, step: Count, command: Torque, dt: floa
     else:
         _, noise = step_noise(scenario.disturbance, step, plant.x.dtype)
         time = step.astype(plant.x.dtype) * dt
-        u = drive(scenario.disturbance, command, plant.u, time, noise, limits)
+        u = drive(scenario.disturbance, command, plant.u, time, noise, limits, plant.x[:2], dt)
     return Plant(rk4_step(p, plant.x, u, dt), u, plant.past, pid)
 
 

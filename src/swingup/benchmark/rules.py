@@ -1,5 +1,6 @@
 """The benchmark's rules, version by version, as data."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TypeVar
@@ -158,6 +159,24 @@ PERFORMANCE_RULES = {
     )
 }
 """``v2``: the simulation leaderboard of IROS 2024. ``hardware``: the real robot's of the same year."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HardwareRules(_Timing):
+    """What a swing-up on a plant like the real robot's has to keep to."""
+
+    performance: PerformanceRules = PERFORMANCE_RULES["hardware"]
+    """How its costs are scored."""
+    hold: float = 2.0
+    """Last part of the run in which the tip must be up (s). Chosen."""
+    speed: float = 20.0
+    """Speed of a joint at which the robot stops (rad/s). Source: the AI Olympics' loop on the robot."""
+    angle: float = 4 * math.pi
+    """Angle of a joint at which it stops (rad). Source: the same."""
+
+
+HARDWARE_RULES = HardwareRules(name="hardware")
+"""What :func:`swingup.benchmark.hardware.hardware` asks for."""
 
 ROBUSTNESS_RULES = {"v2": RobustnessRules(name="v2")}
 """``v2``: the robustness leaderboard of IROS 2024."""

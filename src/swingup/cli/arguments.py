@@ -20,9 +20,11 @@ ControllerName = Annotated[
     str,
     arg(
         metavar="NAME",
-        help="ar-eapo, ar-eapo-global, tvlqr, ilqr-riccati, ilqr-mpc, lqr, a policy file, or module:object.",
+        help="ar-eapo, ar-eapo-global, ar-eapo-hardware, tvlqr, ilqr-riccati, ilqr-mpc, lqr, a policy file, or "
+        "module:object.",
     ),
 ]
+DomainName = Annotated[str, arg(metavar="DOMAIN")]
 ControllerNames = Annotated[
     UseAppendAction[tuple[str, ...]],
     arg(metavar="NAME", help="a controller of yours, a policy file or module:object; may be repeated."),

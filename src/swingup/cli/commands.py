@@ -2,12 +2,14 @@
 
 import itertools
 from collections.abc import Callable
+from typing import Annotated
 
 import tyro
-from tyro.conf import OmitArgPrefixes
+from tyro.conf import OmitArgPrefixes, arg
 
 from ..areapo.config import Config
 from ..learner.presets import DEFAULT_PRESET, ENV_PRESET, get_preset
+from ..tasks.domain import load_domain
 from . import exporting, judging, pictures, planning, refining, sweeping, training
 from .arguments import RobotOrNone
 
@@ -22,6 +24,7 @@ def run_command(arguments: list[str]) -> int:
         "score": judging.score,
         "robustness": judging.robustness,
         "uptime": judging.uptime,
+        "hardware": judging.hardware,
         "leaderboard": judging.leaderboard,
         "check": judging.check,
         "plot": pictures.plot,
@@ -53,6 +56,7 @@ def _train_command(base: Config) -> Callable[..., int]:
         evaluate_every: int | None = None,
         checkpoint_every: int | None = None,
         evaluation_episodes: int | None = None,
+        domain: Annotated[str | None, arg(metavar="DOMAIN")] = None,
         config: OmitArgPrefixes[Config] = base,
     ) -> int:
         """Train a policy, show where it stands, and end with its score.
@@ -62,7 +66,8 @@ def _train_command(base: Config) -> Callable[..., int]:
         Args:
             robot: the robot; none with --env or --resume.
             env: Gymnasium id of another task, such as Swimmer-v5 or your.module:Task-v0.
-            preset: named settings: default, paper, global, apo, eapo, ppo or mujoco; the options below change them.
+            preset: named settings: default, paper, global, hardware, apo, eapo, ppo or mujoco; the options below
+                change them.
             frames: frames to train each seed for; default: the preset's.
             seed: the first seed; default 0.
             seeds: how many seeds to train side by side; default 1.
@@ -71,12 +76,14 @@ def _train_command(base: Config) -> Callable[..., int]:
             evaluate_every: frames between evaluations, metrics and progress; default 65536.
             checkpoint_every: frames between checkpoints; default 1048576, or 262144 with --env.
             evaluation_episodes: episodes of an evaluation with --env; default 5.
+            domain: what --preset hardware draws its plants from: randomised, the default, hardware or a YAML file.
             config: the algorithm.
         """
         options = {
             "robot": robot, "env": env, "preset": preset, "seed": seed, "seeds": seeds,
             "evaluate_every": evaluate_every, "checkpoint_every": checkpoint_every,
             "evaluation_episodes": evaluation_episodes,
+            "domain": None if domain is None else load_domain(domain).ranges,
         }  # fmt: skip
         return training.train(frames, options, out, resume, config)
 

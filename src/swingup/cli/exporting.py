@@ -28,7 +28,7 @@ def export(
     """Write a policy for RealAIGym, ONNX Runtime or C.
 
     Args:
-        policy: a policy file, or ar-eapo, ar-eapo-base or ar-eapo-global.
+        policy: a policy file, or ar-eapo, ar-eapo-base, ar-eapo-global or ar-eapo-hardware.
         to: realaigym, a folder that needs NumPy alone; onnx, a graph of the policy without its estimator; or c, a
             C99 header.
         out: the folder, new or empty; or the file.
@@ -48,4 +48,6 @@ def export(
     print(out)
     if to == "onnx" and found.estimator is not None:
         print("without the state estimator that the policy ships with: feed it good states, or run one yourself")
+    if to == "onnx" and found.front_end is not None:
+        print("without the front end that the policy ships with: feed it what that shows, and add its compensation")
     return 0

@@ -1,15 +1,18 @@
-"""The commands that judge: ``evaluate``, ``score``, ``robustness``, ``uptime``, ``check`` and ``leaderboard``."""
+"""The commands that judge: evaluate, score, robustness, uptime, hardware, check and leaderboard."""
 
 import contextlib
 import json as json_format
+import math
 import shlex
 import sys
 from pathlib import Path
+from statistics import median
 from typing import Annotated, Any
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from ..benchmark import evaluate as performance_of
+from ..benchmark import hardware as hardware_of
 from ..benchmark import leaderboard as boards_of
 from ..benchmark import robustness as robustness_of
 from ..benchmark import uptime as uptime_of
@@ -20,15 +23,17 @@ from ..benchmark.rules import CRITERIA, get_robustness_rules
 from ..benchmark.trajectory_file import load_trajectory, save_trajectory
 from ..control.check import check_controller
 from ..control.named import get_controller, has_estimator
-from ..control.zoo import SHIPPED
+from ..control.zoo import HARDWARE, SHIPPED
 from ..errors import SwingupError
 from ..files import check_writable
 from ..physics.parameters import get_robot
+from ..tasks.domain import load_domain
 from . import tables
 from .arguments import (
     ControllerName,
     ControllerNames,
     DisturbanceOptions,
+    DomainName,
     EstimatorFlags,
     EstimatorOptions,
     RobotName,
@@ -199,6 +204,56 @@ def uptime(
     for number, fault in zip(result.seeds, result.faults, strict=True):
         if fault:
             print(f"  seed {number}: {fault}")
+    return 0
+
+
+def hardware(
+    robot: RobotName,
+    /,
+    controller: ControllerName = HARDWARE,
+    estimator: EstimatorFlags = AS_IT_COMES,
+    domain: DomainName = "hardware",
+    seed: int = 0,
+    seeds: int = 100,
+    json: bool = False,
+    save: str | None = None,
+) -> int:
+    """Swing up on a plant and in a loop like the real robot's, with friction, delay and noise, many times.
+
+    Success is to be up for the last 2 s of 10 without ever reaching 20 rad/s or 4π, where the robot stops.
+
+    Args:
+        robot: the robot.
+        controller: the controller.
+        estimator: whether a state estimator goes before it.
+        domain: plant and loop: hardware, randomised (another plant for each seed), or a YAML file.
+        seed: seed of noise and plants.
+        seeds: seeds in a row.
+        json: print one JSON object, with every run.
+        save: also write the first seed's trajectory to this CSV file.
+    """
+    chosen, drawn_from = get_robot(robot), load_domain(domain)
+    if save is not None:
+        check_writable(save)
+    with foreign_prints_apart():
+        found = get_controller(controller, chosen, estimator.wanted)
+        result = hardware_of.hardware(found, chosen, controller, drawn_from, seed, seeds)
+    if save is not None:
+        save_trajectory(save, result.trajectory)
+    if json:
+        _print_json(result.as_dict(), found)
+        return 0
+    print(f"{result.robot}, {describe(controller, found)} (domain {domain}, seed {seed}{_to_last(seed, seeds)})")
+    low, high = result.interval
+    print(f"  {'Success':<26}{f'{result.successes} of {seeds}':>12}   ({low:.0%} to {high:.0%})")
+    print(f"  {'Score (rules hardware)':<26}{result.score:>12.3f}")
+    times = [run.criteria.swingup_time or 0.0 for run in result.runs if run.success]
+    print(f"  {'Swing-up time [s]':<26}{median(times) if times else math.nan:>12.2f}   (median of the successes)")
+    print(f"  {'Largest speed [rad/s]':<26}{max(run.speed for run in result.runs):>12.1f}")
+    print(f"  {'Largest angle [rad]':<26}{max(run.angle for run in result.runs):>12.1f}")
+    for run in result.runs:
+        if run.fault:
+            print(f"  seed {run.seed}: {run.fault}")
     return 0
 
 

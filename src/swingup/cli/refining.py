@@ -41,7 +41,8 @@ def refine(
         robot: the robot.
         out: the refined policy's file.
         policy: the policy to start from: a file, or the name of a shipped one.
-        recipe: score (a teacher's swing-up), harden (its own, made robust) or recover (back up after throws).
+        recipe: score (a teacher's swing-up), harden (its own, made robust), recover (back up after throws) or
+            hardware (steady on the real robot's plants).
         seed: seed of everything that is drawn.
     """
     chosen = get_robot(robot)
@@ -84,8 +85,9 @@ def _provenance(
         "seconds": round(now.seconds, 1),
         "stages": [{"kind": type(stage).__name__} | dataclasses.asdict(stage) for stage in stages],
         "scores": {"v2": dataclasses.asdict(now.criteria)},
-        "estimator": dataclasses.asdict(EstimatorSettings()),
         "base": origin,
+        # A front end has a filter of its own.
+        **({} if now.controller.front_end else {"estimator": dataclasses.asdict(EstimatorSettings())}),
     }
 
 

@@ -1,5 +1,6 @@
 """A learned policy as a controller of the pendulum."""
 
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,28 +12,57 @@ from ..areapo import policy as policies
 from ..areapo.networks import Actor
 from ..areapo.policy import Policy
 from ..physics.parameters import Robot
+from ..runtime.front_end import KEY
 from ..runtime.policy_file import read_pendulum_policy
-from ..types import Scalar, State, Torque
+from ..tasks.front_end import FrontEnd, FrontEndMemory, choose
+from ..types import Observation, Scalar, State, Torque
 from .controller import AbstractController
 
 
-class PolicyController(AbstractController[None]):
-    """The deterministic policy, called at whatever rate the loop runs; it remembers nothing."""
+class PolicyMemory(eqx.Module):
+    """What a policy with a front end remembers."""
+
+    time: Scalar
+    """Time of the last call (s), -inf before the first."""
+    front_end: FrontEndMemory
+
+
+class PolicyController(AbstractController[PolicyMemory | None]):
+    """The deterministic policy, called at whatever rate the loop runs; only a front end remembers anything."""
 
     policy: Policy[Actor]
-    """From a state [q1, q2, dq1, dq2] to an action in [-1, 1]."""
+    """From a state [q1, q2, dq1, dq2], or what the front end shows, to an action in [-1, 1]."""
     torque_limit: float
     """Torque of an action of 1 (N m)."""
     robot: Robot = eqx.field(static=True)
     """Which joint is driven."""
+    front_end: FrontEnd | None = None
+    """What stands between measurement, policy and motors, if anything."""
 
-    def init(self) -> None:
-        """Nothing to remember."""
+    def init(self) -> PolicyMemory | None:
+        """Nothing measured yet."""
+        return (
+            None
+            if self.front_end is None
+            else PolicyMemory(jnp.array(-jnp.inf), self.front_end.begin(jnp.zeros(4)))
+        )
 
-    def __call__(self, carry: None, t: Scalar, x: State) -> tuple[None, Torque]:
-        """The policy's torque on the driven joint."""
-        action = self.policy(x).astype(x.dtype)
-        return None, self.torque_limit * action * jnp.array(self.robot.actuation, x.dtype)
+    def __call__(self, carry: PolicyMemory | None, t: Scalar, x: State) -> tuple[PolicyMemory | None, Torque]:
+        """The policy's torque on the driven joint, and the front end's on both."""
+        if self.front_end is None:
+            return None, self._torque(x) * jnp.array(self.robot.actuation, x.dtype)
+        assert carry is not None
+        pause, before = t - carry.time, carry.front_end
+        going_on = (pause >= 0) & (pause <= 1.5 * self.front_end.settings.dt)
+        going_on &= jnp.isfinite(before.past[0]).all() & jnp.isfinite(x).all()
+        memory = choose(going_on, self.front_end.measure(before, x), self.front_end.begin(x))
+        torque = self._torque(self.front_end.shown(memory))
+        command = self.front_end.command(memory, torque, self.robot)
+        memory = self.front_end.remember(memory, torque / self.torque_limit)
+        return PolicyMemory(jnp.asarray(t, carry.time.dtype), memory), command
+
+    def _torque(self, seen: Observation) -> Scalar:
+        return self.torque_limit * self.policy(seen).astype(seen.dtype)[0]
 
 
 def save_controller(path: str | Path, controller: PolicyController, provenance: Mapping[str, Any]) -> None:
@@ -43,7 +73,9 @@ def save_controller(path: str | Path, controller: PolicyController, provenance: 
     Raises:
         SwingupError: the file cannot be written.
     """
-    head = {"robot": controller.robot.name, "torque_limit": float(controller.torque_limit)}
+    head: dict[str, Any] = {"robot": controller.robot.name, "torque_limit": float(controller.torque_limit)}
+    if controller.front_end is not None:
+        head[KEY] = dataclasses.asdict(controller.front_end.settings)
     policies.save_policy(path, controller.policy, {**head, **provenance})
 
 
@@ -61,4 +93,7 @@ def load_policy(path: str | Path, robot: Robot | str | None = None) -> tuple[Pol
             for another robot.
     """
     read = read_pendulum_policy(path, robot)
-    return PolicyController(policies.make_policy(read.file), read.torque_limit, read.robot), dict(read.metadata)
+    settings, seen = read.front_end, read.stage
+    front_end = None if settings is None else FrontEnd(settings, seen.torques, seen.history)
+    policy = policies.make_policy(read.file)
+    return PolicyController(policy, read.torque_limit, read.robot, front_end), dict(read.metadata)

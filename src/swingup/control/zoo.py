@@ -6,6 +6,7 @@ from typing import Any
 from ..physics.parameters import Robot
 from ..runtime.shipped import BASE as BASE
 from ..runtime.shipped import GLOBAL as GLOBAL
+from ..runtime.shipped import HARDWARE as HARDWARE
 from ..runtime.shipped import KINDS as KINDS
 from ..runtime.shipped import SHIPPED as SHIPPED
 from ..runtime.shipped import shipped_file
@@ -17,7 +18,7 @@ def shipped_policy(robot: Robot | str, kind: str = "") -> tuple[PolicyController
 
     Args:
         robot: which joint is driven.
-        kind: nothing, ``base`` or ``global``.
+        kind: nothing, ``base``, ``global`` or ``hardware``.
 
     Raises:
         SwingupError: there is no such robot or kind, or the package lacks the file.

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import SwingupError
 from ..robots import TORQUE_LIMIT
+from ..runtime.front_end import STEEPNESS, FrontEndSettings
 from ..runtime.plant import nominal_plant
 from ..runtime.policy_file import NormaliseStage, PendulumPolicy, PendulumStage, Stage
 from ..runtime.settings import LOST, EstimatorSettings, kalman_gains
@@ -39,18 +40,24 @@ static inline void swingup_layer_{index}(const swingup_real x[{inputs}], swingup
 
 WRAPPED = """\
     for (i = 0; i < 2; i++) {
-        double angle = fmod(x[i], 2.0 * SWINGUP_PI);
+        double angle = fmod(x[@FROM@ + i], 2.0 * SWINGUP_PI);
         angle = angle < 0.0 ? angle + 2.0 * SWINGUP_PI : angle;
-        observation[i] = (angle - SWINGUP_PI) / SWINGUP_PI;
-        observation[i + 2] = swingup_clip(x[i + 2], @SCALE@) / @SCALE@;
+        observation[@TO@ + i] = (angle - SWINGUP_PI) / SWINGUP_PI;
+        observation[@TO@ + i + 2] = swingup_clip(x[@FROM@ + i + 2], @SCALE@) / @SCALE@;
     }
 """
 
 SINCOS = """\
     for (i = 0; i < 2; i++) {
-        observation[2 * i] = sin(x[i]);
-        observation[2 * i + 1] = cos(x[i]);
-        observation[i + 4] = swingup_clip(x[i + 2], @SCALE@) / @SCALE@;
+        observation[@TO@ + 2 * i] = sin(x[@FROM@ + i]);
+        observation[@TO@ + 2 * i + 1] = cos(x[@FROM@ + i]);
+        observation[@TO@ + i + 4] = swingup_clip(x[@FROM@ + i + 2], @SCALE@) / @SCALE@;
+    }
+"""
+
+TORQUES = """\
+    for (i = 0; i < @COUNT@; i++) {
+        observation[@TO@ + i] = x[4 + i];
     }
 """
 
@@ -71,11 +78,16 @@ def c_header(policy: PendulumPolicy) -> str:
     layers = policy.file.layers
     names = ["input", *(f"layer_{index}" for index in range(len(layers)))]
     sizes = [len(layer.bias) for layer in layers]
-    behind = "a policy behind its state estimator" if policy.estimator else "a policy"
-    rate = f"every {policy.estimator.dt:g} s" if policy.estimator else "at the loop's rate"
+    front = policy.estimator or policy.front_end
+    behind = (
+        f"a policy behind its {'state estimator' if policy.estimator else 'front end'}" if front else "a policy"
+    )
+    rate = f"every {front.dt:g} s" if front else "at the loop's rate"
     values = {
         "ABOUT": f"{behind} for the {policy.robot.name}, written by swingup {__version__}.".capitalize(),
         "RATE": rate,
+        "PASSIVE": "for its friction" if policy.front_end else "0",
+        "SHOWN": str(policy.stage.input_size),
         "DRIVEN": str(policy.robot.joint),
         "TORQUE_LIMIT": repr(policy.torque_limit),
         "INPUTS": str(layers[0].weight.shape[1]),
@@ -94,9 +106,31 @@ def c_header(policy: PendulumPolicy) -> str:
 
 
 def _controller(policy: PendulumPolicy) -> str:
-    if policy.estimator is None:
-        return asset("alone.h")
-    return fill(asset("estimator.h"), _estimator_values(policy.estimator))
+    if policy.estimator is not None:
+        return fill(asset("estimator.h"), _estimator_values(policy.estimator))
+    if policy.front_end is not None:
+        return fill(asset("front_end.h"), _front_end_values(policy.front_end, policy.stage))
+    return asset("alone.h")
+
+
+def _front_end_values(settings: FrontEndSettings, stage: PendulumStage) -> dict[str, str]:
+    numbers = {
+        "DT": settings.dt,
+        "WEIGHT": settings.velocity_weight,
+        "DEAD_BAND": settings.dead_band,
+        "STEEPNESS": STEEPNESS,
+        "PASSIVE_LIMIT": settings.passive_limit,
+    }
+    counts = {
+        "SPACING": settings.spacing,
+        "TORQUES": stage.torques,
+        "HISTORY": stage.history,
+        "SHOWN": stage.input_size,
+    }
+    pairs = {"DAMPING": settings.damping, "COULOMB": settings.coulomb}
+    texts = {name: repr(float(value)) for name, value in numbers.items()}
+    texts |= {name: _braces(np.array(pair, np.float64)) for name, pair in pairs.items()}
+    return texts | {name: str(count) for name, count in counts.items()}
 
 
 def _estimator_values(settings: EstimatorSettings) -> dict[str, str]:
@@ -124,12 +158,23 @@ def _estimator_values(settings: EstimatorSettings) -> dict[str, str]:
 
 def _observe(stage: Stage) -> str:
     if isinstance(stage, PendulumStage):
-        text = WRAPPED if stage.angles == "wrapped" else SINCOS
-        return fill(text, {"SCALE": repr(float(stage.velocity_scale))})
+        return _pendulum(stage)
     if isinstance(stage, NormaliseStage):
         numbers = {"MEAN": _braces(stage.mean), "DEVIATION": _braces(stage.deviation)}
         return fill(NORMALISE, numbers | {"SIZE": str(len(stage.mean)), "CLIP": repr(float(stage.clip))})
     raise SwingupError(f"a header cannot have the observation stage {type(stage).__name__}: export to NumPy")
+
+
+def _pendulum(stage: PendulumStage) -> str:
+    text, size = (WRAPPED, 4) if stage.angles == "wrapped" else (SINCOS, 6)
+    scale = repr(float(stage.velocity_scale))
+    parts = [fill(text, {"FROM": "0", "TO": "0", "SCALE": scale})]
+    if stage.torques:
+        parts.append(fill(TORQUES, {"TO": str(size), "COUNT": str(stage.torques)}))
+    for number in range(1, stage.history + 1):
+        places = {"FROM": str(4 * number + stage.torques), "TO": str(size * number + stage.torques)}
+        parts.append(fill(text, places | {"SCALE": scale}))
+    return "".join(parts)
 
 
 def _arrays(index: int, weight: np.ndarray, bias: np.ndarray) -> str:

@@ -26,6 +26,8 @@ GROUP = 64
 def onnx_model(policy: PendulumPolicy) -> bytes:
     """The model: input ``state`` (batch, 4) in rad and rad/s, output ``torque`` (batch, 2) in N m, both float64.
 
+    A policy with a front end has more inputs: what that shows. The front end's friction compensation is not in it.
+
     Raises:
         SwingupError: the package onnx is not installed.
     """
@@ -47,13 +49,25 @@ def onnx_model(policy: PendulumPolicy) -> bytes:
     )
     torques = policy.torque_limit * np.array([policy.robot.actuation])
     graph.add("Mul", action, graph.constant(torques), outputs=["torque"])
-    model = graph.finish(onnx.TensorProto.DOUBLE, f"policy of the {policy.robot.name}, N m for rad and rad/s")
+    inputs = policy.stage.input_size
+    model = graph.finish(
+        onnx.TensorProto.DOUBLE, inputs, f"policy of the {policy.robot.name}, N m for rad and rad/s"
+    )
     onnx.checker.check_model(model)
     return bytes(model.SerializeToString())
 
 
-def _pendulum(graph: "_Graph", stage: PendulumStage, state: str) -> str:
-    """Scaled angles and velocities, as ``tasks/observation.py`` has them."""
+def _pendulum(graph: "_Graph", stage: PendulumStage, shown: str) -> str:
+    """Scaled angles and velocities, as ``tasks/observation.py`` has them, and what is remembered."""
+    sizes = [4, *[stage.torques] * (stage.torques > 0), *[4] * stage.history]
+    parts = graph.split(shown, sizes)
+    torques = parts[1:2] if stage.torques else []
+    states = [_state(graph, stage, part) for part in [parts[0], *parts[1 + len(torques) :]]]
+    observed = [states[0], *torques, *states[1:]]
+    return observed[0] if len(observed) == 1 else graph.add("Concat", *observed, axis=1)
+
+
+def _state(graph: "_Graph", stage: PendulumStage, state: str) -> str:
     scale = stage.velocity_scale
     angles, rates = graph.split(state, [2, 2])
     velocities = graph.add("Div", graph.clip(rates, scale), graph.number(scale))
@@ -122,11 +136,11 @@ class _Graph:
         self.add("Split", values, self.constant(np.array(sizes)), outputs=names, axis=1)
         return names
 
-    def finish(self, kind: int, about: str) -> Any:
+    def finish(self, kind: int, inputs: int, about: str) -> Any:
         """The model."""
         make = self._helper.make_tensor_value_info
-        inputs, outputs = make("state", kind, ["batch", 4]), make("torque", kind, ["batch", 2])
-        graph = self._helper.make_graph(self._nodes, "policy", [inputs], [outputs], self._constants, about)
+        states, torques = make("state", kind, ["batch", inputs]), make("torque", kind, ["batch", 2])
+        graph = self._helper.make_graph(self._nodes, "policy", [states], [torques], self._constants, about)
         return self._helper.make_model(
             graph,
             opset_imports=[self._helper.make_opsetid("", OPSET)],

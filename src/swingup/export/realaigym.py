@@ -21,7 +21,8 @@ NAME = "swingup"
 SOURCES = (
     "errors.py", "files.py", "arrays.py", "robots.py", MODEL,
     *(f"runtime/{name}.py" for name in (
-        "__init__", "controller", "estimator", "plant", "policy", "policy_file", "realaigym", "settings", "shipped",
+        "__init__", "controller", "estimator", "front_end", "plant", "policy", "policy_file", "realaigym",
+        "settings", "shipped",
     )),
 )  # fmt: skip
 """What the controller needs of this package; a test runs it without the rest."""

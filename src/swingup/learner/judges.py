@@ -13,8 +13,10 @@ import numpy as np
 from ..areapo import policy as policies
 from ..areapo.policy import Policy
 from ..benchmark.evaluate import evaluate
+from ..benchmark.hardware import hardware
 from ..control.learned import PolicyController, save_controller
 from ..physics.parameters import TORQUE_LIMIT
+from ..tasks.hardware import HardwareTask
 from ..tasks.observation import AbstractStage
 from ..tasks.pendulum import PendulumTask
 from ..tasks.task import AbstractTask
@@ -22,6 +24,11 @@ from ..types import Key, Scalar
 
 EPISODE_STEPS = 1000
 """Longest episode of an evaluation of a task in JAX (steps)."""
+
+JUDGED = 10
+"""Swing-ups of an evaluation for the real robot."""
+JUDGED_FROM = 100_000
+"""Added to a run's seed for the noise that its policies are judged with."""
 
 
 class AbstractJudge(abc.ABC):
@@ -63,6 +70,30 @@ class RealAIJudge(AbstractJudge):
 
     def _controller(self, policy: Policy[Any]) -> PolicyController:
         return PolicyController(policy, TORQUE_LIMIT, self._robot)
+
+
+class HardwareJudge(RealAIJudge):
+    """The real robot's: the mean score of swing-ups on the domain ``hardware``, which differ in their noise."""
+
+    measure = "hardware"
+
+    def __init__(self, task: HardwareTask, seed: int) -> None:
+        """The judge of the task for the real robot; its noise is not that of the seeds that are reported."""
+        super().__init__(task)
+        self.input_size, self._front_end, self._seed = task.shown_size, task.front_end, JUDGED_FROM + seed
+
+    def evaluate(self, policy: Policy[Any], episodes: int | None) -> dict[str, Any]:
+        """Successes, score and largest speed."""
+        number = episodes or JUDGED
+        result = hardware(self._controller(policy), self._robot, seed=self._seed, seeds=number)
+        return {
+            "score": result.score,
+            "success": result.successes / number,
+            "speed": max(run.speed for run in result.runs),
+        }
+
+    def _controller(self, policy: Policy[Any]) -> PolicyController:
+        return PolicyController(policy, TORQUE_LIMIT, self._robot, self._front_end)
 
 
 class ReturnJudge(AbstractJudge):

@@ -32,6 +32,12 @@ PRESETS = {
         6_000_000,
         "global",
     ),
+    "hardware": Preset(
+        "for the real robot: friction, delay, noise and motors as data, another plant in each episode",
+        Config(centre_values=True, temperature=0.2, policy_layers=(128, 128), value_layers=(256, 256)),
+        10_000_000,
+        "hardware",
+    ),
     "apo": Preset(
         "average reward without entropy (after APO, arXiv 2106.03442)", Config(temperature=0.0, centre_values=True)
     ),

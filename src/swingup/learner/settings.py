@@ -10,8 +10,9 @@ from ..areapo.config import Config, config_from_dict
 from ..errors import SwingupError
 from ..files import write_atomically
 from ..physics.parameters import get_robot
+from ..tasks.domain import Domain
 from ..tasks.pendulum import PendulumTask
-from ..tasks.presets import get_task
+from ..tasks.presets import get_task, hardware_task
 from ..version import __version__
 from .presets import get_preset
 
@@ -43,6 +44,8 @@ class Settings:
     """Gymnasium id of another task than the pendulum's, or what an object that was passed in is called."""
     evaluation_episodes: int = 5
     """Episodes of an evaluation on another task; 0 for none, where the host steps the environments."""
+    domain: tuple[tuple[str, float, float], ...] | None = None
+    """Ranges that plants for the real robot are drawn from (name, low, high); None for the preset's."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot work."""
@@ -50,7 +53,11 @@ class Settings:
             raise SwingupError(f"robot = {self.robot} and env = {self.env}: give one of the two")
         if self.robot is not None:
             get_robot(self.robot)
-        get_preset(self.preset)
+        preset = get_preset(self.preset)
+        if self.domain is not None:
+            if preset.task != "hardware" or self.robot is None:
+                raise SwingupError(f"a domain goes with the preset hardware alone, not with {self.preset}")
+            Domain(self.domain)
         if self.evaluation_episodes < 0:
             raise SwingupError(f"evaluation_episodes = {self.evaluation_episodes} must be at least 0")
         for name in ("seeds", "evaluate_every", "checkpoint_every"):
@@ -73,12 +80,18 @@ class Settings:
         """The pendulum's task that these settings train on."""
         if self.robot is None:
             raise SwingupError(f"{self.env} is no task of the pendulum")
-        return get_task(get_preset(self.preset).task, get_robot(self.robot))
+        robot, domain = get_robot(self.robot), self.domain
+        return (
+            get_task(get_preset(self.preset).task, robot)
+            if domain is None
+            else hardware_task(robot, Domain(domain))
+        )
 
     def command(self, frames: int) -> str:
         """The command that makes such a run from scratch."""
         task = self.robot if self.env is None else f"--env {self.env}"
         words = [f"swingup train {task} --preset {self.preset} --frames {frames} --seed {self.seed}"]
+        words += [] if self.domain is None else ["--domain DOMAIN.yml"]
         words += [] if self.seeds == 1 else [f"--seeds {self.seeds}"]
         usual = vars(get_preset(self.preset).config)
         for name, value in vars(self.config).items():
@@ -93,7 +106,9 @@ class Settings:
 
 def settings_from_dict(content: dict[str, Any]) -> Settings:
     """The inverse of ``as_dict``; what an older version did not know has its default."""
-    return Settings(**{**content, "config": config_from_dict(content["config"])})
+    domain = content.get("domain")
+    ranges = None if domain is None else tuple((str(name), float(low), float(high)) for name, low, high in domain)
+    return Settings(**{**content, "domain": ranges, "config": config_from_dict(content["config"])})
 
 
 def write_settings(folder: Path, settings: Settings, frames: int) -> None:

@@ -3,10 +3,11 @@
 from typing import Any
 
 from ..errors import SwingupError
+from ..tasks.hardware import HardwareTask
 from ..tasks.pendulum import PendulumTask
 from ..tasks.task import AbstractTask
 from .compiled import CompiledWorld
-from .judges import RealAIJudge, ReturnJudge
+from .judges import HardwareJudge, RealAIJudge, ReturnJudge
 from .settings import Settings
 from .world import AbstractWorld
 
@@ -25,7 +26,8 @@ def make_world(settings: Settings, env: Any = None) -> AbstractWorld:
     config, seed, seeds = settings.config, settings.seed, settings.seeds
     if settings.robot is not None:
         task = env if isinstance(env, PendulumTask) else settings.task()
-        return CompiledWorld(task, config, seed, seeds, RealAIJudge(task))
+        real = HardwareJudge(task, seed) if isinstance(task, HardwareTask) else RealAIJudge(task)
+        return CompiledWorld(task, config, seed, seeds, real)
     if isinstance(env, AbstractTask):
         judge = ReturnJudge(env, seed, max(1, settings.evaluation_episodes))
         return CompiledWorld(env, config, seed, seeds, judge)

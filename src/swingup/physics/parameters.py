@@ -95,23 +95,31 @@ def load_parameters(path: str | Path) -> Parameters:
     Raises:
         SwingupError: the file cannot be read, lacks a key, or its values make no pendulum.
     """
-    try:
-        data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise SwingupError(f"cannot read parameter file {path}: {error.strerror}; check the path") from error
-    except UnicodeDecodeError as error:
-        raise SwingupError(f"parameter file {path} is not UTF-8 text: write one 'name: value' a line") from error
-    except yaml.YAMLError as error:
-        reason = " ".join(str(error).split())
-        raise SwingupError(
-            f"parameter file {path} is not YAML ({reason}): write one 'name: value' a line"
-        ) from error
-    if not isinstance(data, dict):
-        raise SwingupError(f"parameter file {path} is not a map: write one 'name: value' a line")
+    data = read_map(path, "parameter")
     missing = [name for name in NAMES if name not in data]
     if missing:
         raise SwingupError(f"parameter file {path} lacks {', '.join(missing)}: add them in SI units")
     return validated(Parameters(**{name: _real(name, data[name]) for name in NAMES}))
+
+
+def read_map(path: str | Path, kind: str) -> dict[str, Any]:
+    """Read a flat YAML map; ``kind`` of file is named in errors.
+
+    Raises:
+        SwingupError: the file cannot be read or is no map.
+    """
+    try:
+        data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise SwingupError(f"cannot read {kind} file {path}: {error.strerror}; check the path") from error
+    except UnicodeDecodeError as error:
+        raise SwingupError(f"{kind} file {path} is not UTF-8 text: write one 'name: value' a line") from error
+    except yaml.YAMLError as error:
+        reason = " ".join(str(error).split())
+        raise SwingupError(f"{kind} file {path} is not YAML ({reason}): write one 'name: value' a line") from error
+    if not isinstance(data, dict):
+        raise SwingupError(f"{kind} file {path} is not a map: write one 'name: value' a line")
+    return data
 
 
 def save_parameters(parameters: Parameters, path: str | Path) -> None:

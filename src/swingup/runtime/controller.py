@@ -8,6 +8,7 @@ import numpy as np
 from ..errors import SwingupError
 from ..robots import TORQUE_LIMIT, Robot
 from .estimator import NumpyEstimator
+from .front_end import NumpyFrontEnd
 from .plant import nominal_plant
 from .policy import NumpyPolicy
 from .policy_file import PendulumPolicy, read_pendulum_policy
@@ -16,7 +17,7 @@ from .shipped import KINDS, shipped_file
 
 
 class RuntimeController:
-    """A policy, behind a state estimator where its file asks for one; a function of (x, t) with a memory.
+    """A policy, behind an estimator or a front end where its file asks for one: a function of (x, t) with a memory.
 
     ``reset()`` clears the memory. Use one object for one pendulum, in one thread.
     """
@@ -34,6 +35,12 @@ class RuntimeController:
         self._joint = policy.robot.joint
         self._act = NumpyPolicy(policy)
         self._estimator = NumpyEstimator(settings, nominal_plant(), self._joint, TORQUE_LIMIT) if wanted else None
+        self._front_end = None
+        if policy.front_end is not None:
+            stage = policy.stage
+            self._front_end = NumpyFrontEnd(
+                policy.front_end, stage.torques, stage.history, self._joint, policy.torque_limit
+            )
 
     @property
     def robot(self) -> Robot:
@@ -42,8 +49,9 @@ class RuntimeController:
 
     def reset(self) -> None:
         """Forget the run so far."""
-        if self._estimator is not None:
-            self._estimator.reset()
+        for part in (self._estimator, self._front_end):
+            if part is not None:
+                part.reset()
 
     def __call__(self, x: np.ndarray, t: float) -> np.ndarray:
         """The torques [u1, u2] (N m), float64, for the state x (4,) (rad, rad/s) measured at time t (s).
@@ -51,12 +59,15 @@ class RuntimeController:
         A torque is NaN where x is not finite.
         """
         x = np.asarray(x, np.float64)
-        u = np.zeros(2)
-        if self._estimator is None:
+        if self._estimator is not None:
+            x = self._estimator.observe(float(t), x)
+        if self._front_end is not None:
+            u = self._front_end.command(self._act(self._front_end.see(float(t), x)))
+        else:
+            u = np.zeros(2)
             u[self._joint] = self._act(x)
-            return u
-        u[self._joint] = torque = self._act(self._estimator.observe(float(t), x))
-        self._estimator.remember(torque)
+        if self._estimator is not None:
+            self._estimator.remember(float(u[self._joint]))
         return u
 
 
@@ -66,7 +77,7 @@ def load_controller(
     """Load a controller from a policy file, or one that the package ships.
 
     Args:
-        source: a policy file, or ``ar-eapo``, ``ar-eapo-base`` or ``ar-eapo-global``.
+        source: a policy file, or ``ar-eapo``, ``ar-eapo-base``, ``ar-eapo-global`` or ``ar-eapo-hardware``.
         robot: the robot that it must be for; needed with a name.
         estimator: as the file asks (None), never (False) or always (True).
 

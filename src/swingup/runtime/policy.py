@@ -19,6 +19,8 @@ TURN = 2 * math.pi
 class NumpyPolicy:
     """The deterministic policy: x = [q1, q2, dq1, dq2] (rad, rad/s) to the torque of the driven joint (N m).
 
+    A policy with a front end is given what that shows.
+
     A call works in buffers of its own: use one object in one thread.
     """
 
@@ -34,7 +36,7 @@ class NumpyPolicy:
         self._torque_limit = policy.torque_limit
 
     def __call__(self, x: np.ndarray) -> float:
-        """The torque (N m) for a state of shape (4,); NaN for a state that is none."""
+        """The torque (N m) for a state of shape (4,), or what the front end shows; NaN where that is not finite."""
         features = np.asarray(x, np.float64)
         for observe in self._stages:
             features = observe(features)
@@ -51,12 +53,25 @@ def _observer(stage: Stage) -> Observe:
 
 
 def _pendulum(stage: PendulumStage) -> Observe:
+    """Of a state, and of what a front end remembers, if anything."""
+    see, after = _state(stage), 4 + stage.torques
+    if stage.input_size == 4:
+        return see
+
+    def observe(x: np.ndarray) -> np.ndarray:
+        earlier = [see(x[start : start + 4]) for start in range(after, len(x), 4)]
+        return np.concatenate([see(x[:4]), x[4:after], *earlier])
+
+    return observe
+
+
+def _state(stage: PendulumStage) -> Observe:
     scale, wrapped = stage.velocity_scale, stage.angles == "wrapped"
 
     def observe(x: np.ndarray) -> np.ndarray:
         q1, q2, dq1, dq2 = x.tolist()
         if not math.isfinite(q1 + q2) or math.isnan(dq1) or math.isnan(dq2):
-            return np.full(stage.size(4), np.nan)
+            return np.full(4 if wrapped else 6, np.nan)
         v1, v2 = max(-scale, min(scale, dq1)) / scale, max(-scale, min(scale, dq2)) / scale
         if wrapped:
             return np.array([(q1 % TURN - math.pi) / math.pi, (q2 % TURN - math.pi) / math.pi, v1, v2])

@@ -13,6 +13,7 @@ import numpy as np
 from ..arrays import load_archive
 from ..errors import SwingupError
 from ..robots import Robot, get_robot
+from .front_end import FrontEndSettings, read_front_end
 from .settings import EstimatorSettings, read_settings
 
 FORMAT = "swingup policy"
@@ -20,6 +21,10 @@ FORMAT_VERSION = 1
 
 ANGLES = ("wrapped", "sincos")
 """Encodings of the angles."""
+MOST = 100
+"""Past torques or earlier states that a policy may be shown."""
+COUNTS = ("torques", "history")
+"""Settings of a stage that count, and may be 0."""
 
 
 @dataclass(frozen=True)
@@ -29,15 +34,27 @@ class PendulumStage:
     angles: str = "wrapped"
     velocity_scale: float = 20.0
     """Velocities are clipped to ± this and divided by it (rad/s)."""
+    torques: int = 0
+    """How many past torques follow the state."""
+    history: int = 0
+    """How many earlier states follow these."""
 
     def __post_init__(self) -> None:
-        """Refuse an unknown encoding."""
+        """Refuse an unknown encoding, and what the front end cannot remember."""
+        for name in COUNTS:
+            if not (isinstance(getattr(self, name), int) and 0 <= getattr(self, name) <= MOST):
+                raise SwingupError(f"{name} = {getattr(self, name)!r} must be a whole number of 0 to {MOST}")
         if self.angles not in ANGLES:
             raise SwingupError(f"unknown angle encoding {self.angles!r}: use one of {', '.join(ANGLES)}")
 
+    @property
+    def input_size(self) -> int:
+        """Length of what it is shown: a state, and what is remembered."""
+        return 4 * (1 + self.history) + self.torques
+
     def size(self, before: int) -> int:
-        """Length of the result for a state of length ``before``."""
-        return before if self.angles == "wrapped" else before + 2
+        """Length of the result for what is shown, of length ``before``."""
+        return before if self.angles == "wrapped" else before + 2 * (1 + self.history)
 
 
 @dataclass(frozen=True)
@@ -111,6 +128,15 @@ class PendulumPolicy:
     estimator: EstimatorSettings | None
     """What the metadata asks for; None for the policy alone."""
     metadata: Mapping[str, Any]
+    front_end: FrontEndSettings | None = None
+    """What the metadata asks for: a memory, a filter, friction compensation."""
+
+    @property
+    def stage(self) -> PendulumStage:
+        """Its first stage."""
+        stage = self.file.stages[0]
+        assert isinstance(stage, PendulumStage)
+        return stage
 
 
 def read_policy_file(path: str | Path) -> tuple[PolicyFile, dict[str, Any]]:
@@ -168,10 +194,14 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
     if isinstance(limit, bool) or not isinstance(limit, int | float) or not 0 < limit < 1e9:
         raise SwingupError(f"policy file {path} has torque_limit {limit!r}: a positive number of N m is needed")
     try:
-        settings = read_settings(metadata)
+        settings, front_end = read_settings(metadata), read_front_end(metadata)
+        if front_end is None and file.stages[0].input_size > 4:
+            raise SwingupError("its stage 'pendulum' asks for a memory: name its front_end, {} for the defaults")
+        if front_end is not None and settings is not None:
+            raise SwingupError("it has both an estimator and a front_end: keep one of them")
     except SwingupError as error:
         raise SwingupError(f"policy file {path}: {error}; see docs/policy-format.md") from error
-    return PendulumPolicy(file, get_robot(metadata["robot"]), float(limit), settings, metadata)
+    return PendulumPolicy(file, get_robot(metadata["robot"]), float(limit), settings, metadata, front_end)
 
 
 def _stage(index: int, entry: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Stage:
@@ -184,7 +214,7 @@ def _stage(index: int, entry: Mapping[str, Any], arrays: Mapping[str, np.ndarray
     settings = {name: value for name, value in entry.items() if name != "name"}
     for name, value in settings.items():
         number = isinstance(value, int | float) and not isinstance(value, bool)
-        if name != "angles" and not (number and 0 < value < 1e9):
+        if name not in ("angles", *COUNTS) and not (number and 0 < value < 1e9):
             raise SwingupError(f"stage {entry['name']!r} has {name} = {value!r}, not a positive number")
     if entry["name"] not in STAGES:
         raise SwingupError(f"unknown observation stage {entry['name']!r}: this program knows {', '.join(STAGES)}")
@@ -228,5 +258,5 @@ def _input_size(file: PolicyFile) -> int:
     """Length of what the first stage is shown: a pendulum's state, or what the statistics are of."""
     first = file.stages[0] if file.stages else None
     if isinstance(first, PendulumStage):
-        return 4
+        return first.input_size
     return int(first.mean.size if first is not None else file.layers[0].weight.shape[1])

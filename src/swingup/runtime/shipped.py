@@ -12,8 +12,10 @@ BASE = "ar-eapo-base"
 """Name of the policies that these were refined from, as AR-EAPO alone trained them."""
 GLOBAL = "ar-eapo-global"
 """Name of the policies that were also trained to come back from anywhere."""
+HARDWARE = "ar-eapo-hardware"
+"""Name of the policies that were trained for the real robot."""
 
-KINDS = {SHIPPED: "", BASE: "base", GLOBAL: "global"}
+KINDS = {SHIPPED: "", BASE: "base", GLOBAL: "global", HARDWARE: "hardware"}
 """Kinds of the shipped policies by the names of their controllers."""
 
 
@@ -22,7 +24,7 @@ def shipped_file(robot: Robot | str, kind: str = "") -> Traversable:
 
     Args:
         robot: which joint is driven.
-        kind: nothing, ``base`` or ``global``.
+        kind: nothing, ``base``, ``global`` or ``hardware``.
 
     Raises:
         SwingupError: there is no such robot or kind, or the package lacks the file.

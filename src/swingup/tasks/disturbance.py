@@ -34,6 +34,22 @@ class Pushes(eqx.Module):
         return jnp.sum(jnp.asarray(self.amplitude) * jnp.exp(-0.5 * distance**2), axis=1)
 
 
+class Motor(eqx.Module):
+    """What keeps a motor from giving just the torque that it is asked for, besides its response."""
+
+    rate_limit: float | Scalar
+    """Fastest change of its torque (N m/s)."""
+    ripple: float | Scalar
+    """Amplitude of the torque ripple, a sine of the joint's angle (N m)."""
+    ripple_periods: float | Scalar
+    """Its periods in a turn of the joint."""
+
+    def torque(self, wanted: Torque, before: Torque, q: Float[Array, "2"], dt: float) -> Torque:
+        """The torque for a wanted one (N m), after the one before by dt (s), at angles q (rad)."""
+        most = self.rate_limit * dt
+        return before + jnp.clip(wanted - before, -most, most) + self.ripple * jnp.sin(self.ripple_periods * q)
+
+
 class Disturbance(eqx.Module):
     """Everything that disturbs one simulation, besides an error of the model."""
 
@@ -49,6 +65,8 @@ class Disturbance(eqx.Module):
     """Torques that act beside the motor's, and may exceed its limit."""
     noise: UInt32[Array | np.ndarray, "2"]
     """What tells this noise from others: the two words of a threefry key."""
+    motor: Motor | None = None
+    """None for motors without torque-rate limit and ripple."""
 
 
 def undisturbed(pushes: int = 1) -> Disturbance:
@@ -89,7 +107,14 @@ def measure(disturbance: Disturbance, past: Past, step: Count, velocity_noise: F
 
 
 def drive(
-    disturbance: Disturbance, command: Torque, before: Torque, t: Scalar, torque_noise: Scalar, limits: Torque
+    disturbance: Disturbance,
+    command: Torque,
+    before: Torque,
+    t: Scalar,
+    torque_noise: Scalar,
+    limits: Torque,
+    q: Float[Array, "2"],
+    dt: float,
 ) -> Torque:
     """The torque that acts on the joints at time t (s).
 
@@ -104,7 +129,12 @@ def drive(
         t: time (s).
         torque_noise: the noise of this step (N m).
         limits: torque limits of the two motors (N m).
+        q: angles of the joints (rad), for the motors' ripple.
+        dt: time of the step (s), for their rate limit.
     """
     driven = limits > 0
-    motor = before + disturbance.response * (command - before) + jnp.where(driven, torque_noise, 0.0)
+    motor = before + disturbance.response * (command - before)
+    if disturbance.motor is not None:
+        motor = disturbance.motor.torque(motor, before, q, dt)
+    motor = motor + jnp.where(driven, torque_noise, 0.0)
     return jnp.clip(motor, -limits, limits) + jnp.where(driven, disturbance.pushes.torque(t), 0.0)

@@ -6,9 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..errors import SwingupError
-from ..physics.parameters import Robot, leaderboard_parameters
+from ..physics.parameters import Robot, identified_parameters, leaderboard_parameters
+from .domain import Domain, load_domain
+from .front_end import FrontEnd, FrontEndSettings
+from .hardware import HardwareTask
 from .observation import PendulumObservation
-from .pendulum import PendulumTask
+from .pendulum import UPRIGHT, PendulumTask
 from .recovery import RecoveryTask
 from .throws import thrown_states
 
@@ -44,10 +47,40 @@ def global_task(robot: Robot) -> RecoveryTask:
     return RecoveryTask(**(vars(smooth) | {"max_steps": 300}), starts=jnp.asarray(starts, jnp.float32))
 
 
+def hardware_task(robot: Robot, domain: Domain | None = None) -> HardwareTask:
+    """The real robot's: swing up from hanging, or come back from anywhere, on plants drawn from a domain.
+
+    Every number here is chosen, but for the frictions, which are the identified ones.
+    """
+    observation = PendulumObservation(angles="sincos", torques=2, history=2)
+    plant = identified_parameters()
+    front_end = FrontEndSettings(
+        velocity_weight=0.2, dead_band=0.1,
+        damping=(float(plant.b1), float(plant.b2)), coulomb=(float(plant.cf1), float(plant.cf2)),
+    )  # fmt: skip
+    random = np.random.default_rng(STARTS_SEED)
+    rates = random.uniform(0, 4, (6000, 1)) * random.normal(size=(6000, 2))
+    anywhere = np.concatenate([random.uniform(-np.pi, np.pi, (6000, 2)), rates], axis=1)
+    hanging = 0.05 * random.normal(size=(8000, 4))
+    near = UPRIGHT + random.uniform(0, 1, (6000, 1)) * [0.2, 0.2, 1.0, 1.0] * random.normal(size=(6000, 4))
+    starts = np.concatenate([anywhere, hanging, near])
+    return HardwareTask(
+        robot=robot,
+        parameters=leaderboard_parameters(robot),
+        observation=observation,
+        cost_velocity_limit=observation.velocity_scale,
+        max_steps=500,
+        starts=jnp.asarray(starts, jnp.float32),
+        domain=load_domain("randomised") if domain is None else domain,
+        front_end=FrontEnd(front_end, observation.torques, observation.history),
+    )
+
+
 TASKS: dict[str, Callable[[Robot], PendulumTask]] = {
     "paper": paper_task,
     "smooth": smooth_task,
     "global": global_task,
+    "hardware": hardware_task,
 }
 
 

@@ -8,7 +8,7 @@
  *     swingup_control(&controller, t, x, u);          at every step, @RATE@
  *
  * x = [q1, q2, dq1, dq2]: shoulder angle from hanging down, elbow angle relative to link 1 (rad), and their rates
- * (rad/s); t is the time (s); u = [u1, u2] are the torques of shoulder and elbow (N m), the passive joint's 0.
+ * (rad/s); t is the time (s); u = [u1, u2] are the torques of shoulder and elbow (N m), the passive joint's @PASSIVE@.
  * swingup_policy(x) is the policy alone: the torque of the driven joint, without memory.
  * A torque is NaN where the state is not finite: check what you send to a motor.
  */
@@ -41,7 +41,7 @@ static inline double swingup_clip(double value, double limit)
 
 @LAYERS@
 
-static inline double swingup_policy(const double x[4])
+static inline double swingup_policy(const double x[@SHOWN@])
 {
     double observation[@INPUTS@];
     swingup_real input[@INPUTS@];

@@ -1,0 +1,148 @@
+"""What stands between measurement, policy and motors on a robot: filter, memory and friction compensation.
+
+Its settings stand in a policy file's metadata. :class:`NumpyFrontEnd` is what runs on the robot;
+``tasks/front_end.py`` has the same in JAX, for training and judging.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from ..errors import SwingupError
+
+KEY = "front_end"
+"""Where a policy file's metadata holds the settings."""
+STEEPNESS = 100.0
+"""Slope of RealAIGym's smoothed Coulomb friction, cf arctan(100 q̇) (s/rad)."""
+
+
+@dataclass(frozen=True)
+class FrontEndSettings:
+    """How measurements are filtered, how far apart the remembered ones are, and what friction is made up for."""
+
+    dt: float = 0.002
+    """Time between calls (s). After a longer pause the memory starts anew from what is measured."""
+    velocity_weight: float = 1.0
+    """Weight of the newest velocity in the low-pass v ← v + w (measured - v); 1 is no filter."""
+    dead_band: float = 0.0
+    """Filtered velocities below it are seen as 0 (rad/s)."""
+    spacing: int = 5
+    """Calls from one remembered measurement to the next; a remembered torque is the mean over as many."""
+    damping: tuple[float, float] = (0.0, 0.0)
+    """b of the friction b q̇ + cf arctan(100 q̇) that is made up for, of shoulder and elbow (N m s/rad)."""
+    coulomb: tuple[float, float] = (0.0, 0.0)
+    """cf of that friction (N m)."""
+    passive_limit: float = 0.5
+    """Largest torque on the passive joint (N m)."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot work, and make tuples of lists.
+
+        Raises:
+            SwingupError: a value is no number of its range.
+        """
+        for name in ("damping", "coulomb"):
+            values = getattr(self, name)
+            pair = tuple(values) if isinstance(values, Sequence) and not isinstance(values, str) else ()
+            if len(pair) != 2 or not all(_is_number(value, 0.0, 10.0) for value in pair):
+                raise SwingupError(f"front end's {name} = {values!r}: two numbers of 0 to 10 are needed")
+            object.__setattr__(self, name, pair)
+        ranges = {
+            "dt": (1e-6, 0.1), "velocity_weight": (1e-6, 1.0), "dead_band": (0.0, 10.0), "spacing": (1, 1000),
+            "passive_limit": (0.0, 1000.0),
+        }  # fmt: skip
+        for name, (least, most) in ranges.items():
+            value = getattr(self, name)
+            whole = name != "spacing" or isinstance(value, int)
+            if not (whole and _is_number(value, least, most)):
+                kind = "whole number" if name == "spacing" else "number"
+                raise SwingupError(f"front end's {name} = {value!r}: a {kind} of {least:g} to {most:g} is needed")
+
+
+def read_front_end(metadata: Mapping[str, Any]) -> FrontEndSettings | None:
+    """The settings that a policy file's metadata holds under ``front_end``; None if there is no such key.
+
+    Raises:
+        SwingupError: it holds something else, an unknown setting, or a value out of range.
+    """
+    if KEY not in metadata:
+        return None
+    given, known = metadata[KEY], [field.name for field in fields(FrontEndSettings)]
+    if not isinstance(given, Mapping):
+        raise SwingupError(f"front_end {given!r} is no object of settings: use {{}} for the defaults")
+    unknown = [name for name in given if name not in known]
+    if unknown:
+        raise SwingupError(f"unknown setting {unknown[0]!r} of the front end: use some of {', '.join(known)}")
+    return FrontEndSettings(**given)
+
+
+class NumpyFrontEnd:
+    """The front end of one pendulum, one call at a time; ``reset()`` clears its memory.
+
+    At each call :meth:`see` takes the measurement and gives what the policy is shown, then :meth:`command` takes
+    the policy's torque and gives those of both motors.
+    """
+
+    def __init__(
+        self, settings: FrontEndSettings, torques: int, history: int, joint: int, torque_limit: float
+    ) -> None:
+        """Prepare.
+
+        Args:
+            settings: filter, spacing and friction.
+            torques: how many past torques the policy is shown.
+            history: how many earlier measurements it is shown.
+            joint: index of the driven joint.
+            torque_limit: torque of an action of 1 (N m).
+        """
+        self._settings, self._joint, self._limit = settings, joint, torque_limit
+        self._past_torques = np.zeros(torques * settings.spacing)
+        self._past = np.zeros((history * settings.spacing + 1, 4))
+        self._windows = (torques, settings.spacing)
+        bounds = np.full(2, settings.passive_limit)
+        bounds[joint] = np.inf
+        self._bounds = bounds
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing measured yet."""
+        self._time = -math.inf
+        self._rates = np.zeros(2)
+
+    def see(self, t: float, x: np.ndarray) -> np.ndarray:
+        """What the policy is shown for the state x (4,) (rad, rad/s) measured at time t (s).
+
+        The filtered state, the past torques in units of the limit, newest first, then the earlier states.
+        """
+        settings = self._settings
+        going_on = 0 <= t - self._time <= 1.5 * settings.dt
+        anew = not (going_on and np.isfinite(self._past[0]).all() and np.isfinite(x).all())
+        self._time = t
+        self._rates = x[2:].copy() if anew else self._rates + settings.velocity_weight * (x[2:] - self._rates)
+        seen = np.concatenate([x[:2], np.where(np.abs(self._rates) < settings.dead_band, 0.0, self._rates)])
+        if anew:
+            self._past_torques[:] = 0.0
+            self._past[:] = seen
+        else:
+            self._past[1:] = self._past[:-1].copy()
+            self._past[0] = seen
+        means = self._past_torques.reshape(self._windows).mean(axis=1)
+        return np.concatenate([seen, means, self._past[settings.spacing :: settings.spacing].ravel()])
+
+    def command(self, torque: float) -> np.ndarray:
+        """The torques [u1, u2] (N m) for the policy's torque (N m), which is remembered."""
+        if self._past_torques.size:
+            self._past_torques[1:] = self._past_torques[:-1].copy()
+            self._past_torques[0] = torque / self._limit
+        rates = self._past[0, 2:]
+        friction = self._settings.damping * rates + self._settings.coulomb * np.arctan(STEEPNESS * rates)
+        u = np.clip(friction, -self._bounds, self._bounds)
+        u[self._joint] += torque
+        return u
+
+
+def _is_number(value: Any, least: float, most: float) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most

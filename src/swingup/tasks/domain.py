@@ -1,0 +1,141 @@
+"""Domains: what a pendulum and its loop are like, as ranges that each episode draws its own from.
+
+A range of one value is a fact that is taken for known; wider ranges are domain randomisation. Every number is data:
+the files of the package stand in ``tasks/domains``, with their sources.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from ..errors import SwingupError
+from ..physics.parameters import NAMES, Parameters, Robot, identified_parameters, read_map, validated
+from ..types import Key
+from .disturbance import Disturbance, Motor, Pushes
+
+DT = 0.002
+"""Time of a step of loop and plant (s)."""
+
+PLANT = tuple(name for name in NAMES if name not in ("tl1", "tl2"))
+"""Parameters that a domain may give; what it leaves out is as identified."""
+
+LOOP = {
+    "torque_limit": 6.0, "passive_limit": 0.0, "delay": 0.0, "velocity_noise": 0.0, "torque_noise": 0.0,
+    "response": 1.0, "rate_limit": 1e6, "ripple": 0.0, "ripple_periods": 36.0, "push": 0.0,
+}  # fmt: skip
+"""What else it may give, and what is meant where it does not: a perfect loop."""
+
+LARGEST = {"delay": 0.2, "response": 2.0, "velocity_noise": 10.0, "torque_noise": 10.0}
+"""Beyond these, nothing can be controlled."""
+
+PUSH_WIDTH = 0.05
+"""Standard deviation of a push (s), the benchmark's shortest."""
+PUSH_TIME = 2.0
+"""Within so many seconds of an episode's start comes the peak of its push (s)."""
+
+SHIPPED = ("hardware", "randomised")
+"""Domains that the package ships."""
+
+
+@dataclass(frozen=True)
+class Domain:
+    """A range of values, low to high, for everything about plant and loop; hashable."""
+
+    ranges: tuple[tuple[str, float, float], ...]
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot work.
+
+        Raises:
+            SwingupError: a name is unknown, a range is turned round, or a value makes no pendulum or loop.
+        """
+        for name, low, high in self.ranges:
+            if name not in PLANT and name not in LOOP:
+                raise SwingupError(f"unknown name {name!r}: use some of {', '.join((*PLANT, *LOOP))}")
+            if not low <= high:
+                raise SwingupError(f"{name} = [{low:g}, {high:g}] must be a range from low to high")
+            if name in LOOP and not 0 <= low <= high <= LARGEST.get(name, 1e9):
+                raise SwingupError(
+                    f"{name} = [{low:g}, {high:g}] must lie between 0 and {LARGEST.get(name, 1e9):g}"
+                )
+        for end in (0, 1):
+            values = {name: (low, high)[end] for name, low, high in self.ranges}
+            validated(dataclasses.replace(identified_parameters(), **{n: values[n] for n in PLANT if n in values}))
+
+    @property
+    def depth(self) -> int:
+        """States that the loop has to remember for the longest delay."""
+        return delay_steps({name: high for name, _, high in self.ranges}.get("delay", 0.0)) + 1
+
+    def as_dict(self) -> dict[str, list[float]]:
+        """As JSON values."""
+        return {name: [low, high] for name, low, high in self.ranges}
+
+    def draw(self, key: Key, robot: Robot) -> tuple[Parameters, Disturbance]:
+        """A plant and what disturbs its loop, each number drawn evenly from its range."""
+        value_key, push_key, noise_key = jax.random.split(key, 3)
+        low = jnp.array([low for _, low, _ in self.ranges])
+        high = jnp.array([high for _, _, high in self.ranges])
+        drawn = jax.random.uniform(value_key, low.shape, low.dtype, low, jnp.maximum(high, low))
+        values = dict(zip([name for name, _, _ in self.ranges], drawn, strict=True))
+        loop = {name: values.get(name, jnp.asarray(usual)) for name, usual in LOOP.items()}
+        limits = jnp.where(jnp.array(robot.actuation) > 0, loop["torque_limit"], loop["passive_limit"])
+        plant = {name: values.get(name, getattr(identified_parameters(), name)) for name in PLANT}
+        parameters = Parameters(**plant, tl1=limits[0], tl2=limits[1])
+        time, size = jax.random.uniform(push_key, (2, 2, 1))
+        peak = loop["push"] * (2 * size - 1) * jnp.array(robot.actuation)[:, None]
+        disturbance = Disturbance(
+            velocity_noise=loop["velocity_noise"],
+            torque_noise=loop["torque_noise"],
+            response=loop["response"],
+            delay=jnp.floor(loop["delay"] / DT + 1e-4).astype(int),
+            pushes=Pushes(PUSH_TIME * time, jnp.full((2, 1), PUSH_WIDTH), peak),
+            noise=jax.random.key_data(noise_key).astype(jnp.uint32)[-2:],
+            motor=Motor(loop["rate_limit"], loop["ripple"], loop["ripple_periods"]),
+        )
+        return parameters, disturbance
+
+
+def delay_steps(delay: float) -> int:
+    """Whole steps of a delay (s)."""
+    return int(delay / DT + 1e-4)
+
+
+def make_domain(content: Mapping[str, Any]) -> Domain:
+    """A domain from values by name: a number, or a range of two.
+
+    Raises:
+        SwingupError: a name is unknown, or a value is none.
+    """
+    return Domain(tuple((name, *_range(name, value)) for name, value in content.items()))
+
+
+def load_domain(source: str | Path) -> Domain:
+    """A domain that the package ships, by its name, or a YAML file of ``name: value`` and ``name: [low, high]``.
+
+    Raises:
+        SwingupError: there is no such domain, the file cannot be read, or its content makes none.
+    """
+    if source in SHIPPED:
+        with resources.as_file(resources.files(__package__) / "domains" / f"{source}.yml") as path:
+            return make_domain(read_map(path, "domain"))
+    if not str(source).endswith((".yml", ".yaml")):
+        raise SwingupError(f"unknown domain {str(source)!r}: use {', '.join(SHIPPED)} or a YAML file (.yml)")
+    try:
+        return make_domain(read_map(source, "domain"))
+    except SwingupError as error:
+        raise SwingupError(f"domain {source}: {error}") from error
+
+
+def _range(name: str, value: Any) -> tuple[float, float]:
+    ends = value if isinstance(value, list | tuple) else [value, value]
+    numbers = [end for end in ends if isinstance(end, int | float) and not isinstance(end, bool)]
+    if len(ends) != 2 or len(numbers) != 2:
+        raise SwingupError(f"{name} = {value!r} must be a number, or a range [low, high]")
+    return float(ends[0]), float(ends[1])

@@ -1,0 +1,134 @@
+"""The real robot's task: friction, motors with limits, old and noisy measurements, and no two plants alike."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..physics.integrate import rk4_step
+from ..physics.parameters import Parameters
+from ..types import Action, Flag, Key, Observation, Scalar, State, Torque
+from .disturbance import Disturbance, Past, drive, measure, remember
+from .domain import DT, Domain
+from .front_end import FrontEnd, FrontEndMemory
+from .pendulum import DIVERGED, PendulumState, PendulumTask
+from .recovery import RecoveryTask
+from .task import Step
+
+CALLS = 5
+"""Steps of the loop in an action: the policy acts at 100 Hz."""
+
+
+class HardwareState(PendulumState):
+    """State of the task: plant, loop, and what the controller remembers."""
+
+    plant: Parameters
+    disturbance: Disturbance
+    u: Torque
+    """The torques that act (N m)."""
+    past: Past
+    """The last states, for the delay."""
+    memory: FrontEndMemory
+    calls: Scalar
+    """Steps of the loop since the last reset."""
+
+
+class HardwareTask(RecoveryTask):
+    """Swing up and stay there on a plant that every episode draws from a domain, through the front end.
+
+    The loop runs at 500 Hz as on the robot, the policy acts at the task's rate: the front end sees every
+    measurement, and its friction compensation acts at every step. Rewarded as recovering is, but speeds and turns
+    that would stop the robot cost as much again as being down.
+    """
+
+    domain: Domain = eqx.field(kw_only=True, static=True)
+    """What plants and loops are drawn from."""
+    front_end: FrontEnd = eqx.field(kw_only=True)
+    """What stands between measurement, policy and motors."""
+    speed_limit: float = 17.0
+    """Speed of a joint from which on it costs (rad/s). Chosen: the robot stops at 20."""
+    speed_edge: float = 0.5
+    """Width of that edge (rad/s). Chosen."""
+    turn_limit: float = 11.5
+    """Angle from which on it costs (rad). Chosen: the robot stops at 4π = 12.57."""
+    penalty: float = 1.0
+    """What a step beyond these costs. Chosen."""
+    steady_weight: float = 0.3
+    """Share of the reward for being not only up but upright. Chosen."""
+    steady_saturation: float = 0.02
+    """A quadratic cost that is far for this share: 0.4 rad off in one joint cost 0.33 of it. Chosen."""
+
+    @property
+    def shown_size(self) -> int:
+        """Length of what the front end shows the policy."""
+        return 4 * (1 + self.front_end.history) + self.front_end.torques
+
+    def reset(self, key: Key) -> HardwareState:
+        """Any of the given states, on a plant and in a loop drawn from the domain."""
+        start_key, domain_key, noise_key = jax.random.split(key, 3)
+        start = super().reset(start_key)
+        plant, disturbance = self.domain.draw(domain_key, self.robot)
+        past = jnp.tile(start.x, (self.domain.depth, 1))
+        noise = disturbance.velocity_noise * jax.random.normal(noise_key, (2,))
+        memory = self.front_end.begin(measure(disturbance, past, jnp.array(0), noise))
+        return HardwareState(
+            start.x, start.steps, plant, disturbance, jnp.zeros(2), past, memory, calls=jnp.array(0)
+        )
+
+    def observe(self, state: PendulumState) -> Observation:
+        """What the front end shows, scaled."""
+        assert isinstance(state, HardwareState)
+        return self.observation(self.front_end.shown(state.memory))
+
+    def reward(self, x: State, u: Torque) -> Scalar:
+        """That of recovering and of being upright, from -1 to 0, less the penalty for what would stop the robot."""
+        off = 1 - jnp.exp(PendulumTask.reward(self, x, u) / self.steady_saturation)
+        fast = jax.nn.sigmoid((jnp.max(jnp.abs(x[2:])) - self.speed_limit) / self.speed_edge)
+        turned = jax.nn.sigmoid((jnp.max(jnp.abs(x[:2])) - self.turn_limit) / self.speed_edge)
+        recovering = (1 - self.steady_weight) * super().reward(x, u)
+        return recovering - self.steady_weight * off - self.penalty * jnp.maximum(fast, turned)
+
+    def step(self, state: PendulumState, action: Action, key: Key) -> Step[PendulumState]:
+        """Hold the policy's torque for dt: steps of the loop at 500 Hz, each with a measurement and its noise.
+
+        Should the integrator diverge, the last good state is kept and truncated.
+        """
+        assert isinstance(state, HardwareState)
+        noise_key, end_key = jax.random.split(key)
+        noises = jax.random.normal(noise_key, (CALLS, 3), action.dtype)
+        limits = jnp.array([state.plant.tl1, state.plant.tl2])
+        asked = self.torque(action)
+
+        def loop(now: HardwareState, noise: Float[Array, "3"]) -> tuple[HardwareState, Flag]:
+            memory = self.front_end.remember(now.memory, action[0])
+            command = self.front_end.command(memory, jnp.sum(asked), self.robot)
+            time = now.calls * DT
+            u = drive(
+                now.disturbance,
+                command,
+                now.u,
+                time,
+                now.disturbance.torque_noise * noise[2],
+                limits,
+                now.x[:2],
+                DT,
+            )
+            x = rk4_step(now.plant, now.x, u, DT)
+            diverged = ~jnp.all(jnp.abs(x[2:]) < DIVERGED)
+            x = jnp.where(diverged, now.x, x)
+            call = now.calls + 1
+            past = remember(now.past, call, x)
+            seen = measure(now.disturbance, past, call, now.disturbance.velocity_noise * noise[:2])
+            memory = self.front_end.measure(memory, seen)
+            return HardwareState(x, now.steps, now.plant, now.disturbance, u, past, memory, call), diverged
+
+        after, diverged = jax.lax.scan(loop, state, noises, unroll=True)
+        after = eqx.tree_at(lambda s: s.steps, after, state.steps + 1)
+        at_random = jax.random.bernoulli(end_key, self.truncation_probability)
+        return Step(
+            state=after,
+            observation=self.observe(after),
+            reward=self.reward(after.x, asked),
+            terminated=jnp.array(False),
+            truncated=at_random | jnp.any(diverged) | (after.steps >= self.max_steps),
+        )

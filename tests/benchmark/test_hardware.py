@@ -1,0 +1,86 @@
+"""Judging for the real robot: what counts as success, and that seeds differ in what the domain leaves open."""
+
+import numpy as np
+import pytest
+
+from swingup.benchmark.hardware import _judged, hardware
+from swingup.benchmark.interval import share_interval
+from swingup.benchmark.rollout import Scenario, Trajectory
+from swingup.benchmark.rules import HARDWARE_RULES
+from swingup.errors import SwingupError
+from swingup.physics.parameters import identified_parameters
+from swingup.tasks.domain import make_domain
+
+UPRIGHT = np.array([np.pi, 0.0, 0.0, 0.0])
+
+
+def verdict(change, fault=None):
+    """The verdict on a run that hangs for a second and is up from then on, but for a change of its states."""
+    rules = HARDWARE_RULES
+    time = rules.dt * np.arange(rules.steps)
+    x = np.where(time[:, None] < 1.0, 0.0, UPRIGHT)
+    change(x, time)
+    rows = Trajectory(time, x, np.zeros((len(time), 2)))
+    return _judged(7, rows, Scenario(identified_parameters()), rules, fault)
+
+
+def test_success():
+    run = verdict(lambda x, time: None)
+    assert (run.success, run.speed, run.fault) == (True, 0.0, None)
+    assert run.angle == pytest.approx(np.pi)
+    assert run.criteria.swingup_time == pytest.approx(1.0, abs=0.003)
+    assert run.score == run.criteria.score > 0.9
+
+
+@pytest.mark.parametrize(
+    ("row", "entry", "value"),
+    [(2000, 2, 20.1), (2000, 3, -20.1), (100, 1, 12.6), (4000, 0, 0.0), (4999, 0, 0.0)],
+    ids=["fast shoulder", "fast elbow", "turned", "down 8 s in", "down at the end"],
+)
+def test_failures(row, entry, value):
+    def change(x, time):
+        x[row, entry] = value
+
+    run = verdict(change)
+    assert not run.success
+    assert run.score == 0.0
+
+
+def test_down_before_the_last_two_seconds_is_no_failure():
+    def change(x, time):
+        x[3900, 0] = 0.0
+
+    assert verdict(change).success
+    assert not verdict(lambda x, time: None, "it gave up").success
+
+
+def test_a_pendulum_without_motors_fails_and_seeds_differ(robot):
+    quiet = hardware(lambda x, t: [0.0, 0.0], robot, "nothing", make_domain({"velocity_noise": 0.1}), seeds=2)
+    assert (quiet.successes, quiet.score) == (0, 0.0)
+    assert quiet.interval[0] == 0.0
+    pushed = make_domain({"push": 3.0, "torque_limit": 6.0})
+    one, two = (hardware(lambda x, t: [0.0, 0.0], robot, "nothing", pushed, seed, 1) for seed in (0, 1))
+    assert np.abs(one.trajectory.x).max() > 0.01
+    assert one.runs[0].speed != two.runs[0].speed
+    again = hardware(lambda x, t: [0.0, 0.0], robot, "nothing", pushed, 0, 2)
+    assert [run.speed for run in again.runs] == pytest.approx([one.runs[0].speed, two.runs[0].speed], rel=1e-9)
+
+
+def test_results_are_ready_for_json(robot):
+    import json
+
+    result = hardware(lambda x, t: [0.0, np.nan], robot, "broken", make_domain({}), seeds=1).as_dict()
+    assert json.loads(json.dumps(result))["details"][0]["fault"].startswith("it gave a torque that is not finite")
+
+
+def test_wilsons_interval():
+    """(p + z²/2n ± z sqrt(p (1 - p)/n + z²/4n²)) / (1 + z²/n) with z = 1.96."""
+    z, n, p = 1.959963984540054, 100, 0.95
+    middle, reach = p + z * z / (2 * n), z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    expected = [(middle - reach) / (1 + z * z / n), (middle + reach) / (1 + z * z / n)]
+    assert share_interval(95, 100) == pytest.approx(expected)
+
+
+def test_bad_input(robot):
+    with pytest.raises(SwingupError, match="unknown domain"):
+        hardware(lambda x, t: [0, 0], robot, domain="moon")

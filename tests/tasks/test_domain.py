@@ -1,0 +1,108 @@
+"""Domains: what plants and loops are drawn from, and what is refused."""
+
+import jax
+import numpy as np
+import pytest
+
+from swingup.errors import SwingupError
+from swingup.physics.parameters import get_robot, identified_parameters
+from swingup.tasks.domain import LOOP, PLANT, Domain, load_domain, make_domain
+
+ACROBOT = get_robot("acrobot")
+
+
+def drawn(domain, number=200, robot=ACROBOT):
+    """Plants and disturbances with a leading axis."""
+    return jax.vmap(lambda key: domain.draw(key, robot))(jax.random.split(jax.random.key(0), number))
+
+
+def test_the_hardware_domain_is_the_identified_plant(robot):
+    domain = load_domain("hardware")
+    assert all(low == high for _, low, high in domain.ranges)
+    with jax.enable_x64(True):
+        plant, loop = domain.draw(jax.random.key(3), robot)
+    for name in PLANT:
+        assert float(getattr(plant, name)) == getattr(identified_parameters(), name)
+    limits = [float(plant.tl1), float(plant.tl2)]
+    assert (limits[robot.joint], limits[1 - robot.joint]) == (6.0, 0.5)
+    assert (int(loop.delay), float(loop.velocity_noise)) == (5, 0.1)  # 10 ms in steps of 2 ms
+    assert not np.any(loop.pushes.amplitude)
+
+
+def test_every_number_of_the_package_says_where_it_comes_from():
+    from importlib import resources
+
+    text = (resources.files("swingup.tasks") / "domains" / "hardware.yml").read_text(encoding="utf-8")
+    rows = [line for line in text.splitlines() if line and not line.startswith("#")]
+    assert {row.partition(":")[0] for row in rows} == set(LOOP)
+    assert all("Source:" in row or "Chosen" in row for row in rows)
+
+
+def test_draws_fill_their_ranges():
+    domain = load_domain("randomised")
+    plant, loop = drawn(domain)
+    ranges = {name: (low, high) for name, low, high in domain.ranges}
+    found = {name: getattr(plant, name) for name in PLANT}
+    found |= {name: getattr(loop, name) for name in ("velocity_noise", "torque_noise", "response")}
+    found |= {name: getattr(loop.motor, name) for name in ("rate_limit", "ripple", "ripple_periods")}
+    for name, values in found.items():
+        low, high = ranges.get(name, (None, None))
+        if low == high:
+            assert np.ptp(values) == 0
+        else:
+            assert low * 0.9999 <= values.min() < low + 0.1 * (high - low)
+            assert high * 1.0001 >= values.max() > high - 0.1 * (high - low)
+    assert set(np.unique(loop.delay)) == {3, 4, 5, 6}  # 6 to 14 ms, 14 ms at the edge alone
+    assert domain.depth == 8
+    pushes = loop.pushes.amplitude
+    assert 0.5 < pushes[:, 1].max() <= 1.0
+    assert -1.0 <= pushes[:, 1].min() < -0.5
+    assert not pushes[:, 0].any()  # the acrobot's shoulder has no motor to push
+
+
+def test_what_is_left_out_is_perfect():
+    plant, loop = drawn(make_domain({"m1": 0.5}), 2)
+    assert plant.m1.tolist() == [0.5, 0.5]
+    assert (loop.delay.tolist(), loop.response.tolist(), loop.torque_noise.tolist()) == ([0, 0], [1, 1], [0, 0])
+    assert plant.tl1.tolist() == [0, 0]
+
+
+def test_a_file_of_ones_own(tmp_path):
+    path = tmp_path / "mine.yml"
+    path.write_text("delay: [0, 0.004]\nb1: 0.02\n")
+    assert load_domain(path).as_dict() == {"delay": [0.0, 0.004], "b1": [0.02, 0.02]}
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("nothing: 1", "unknown name 'nothing': use some of m1, "),
+        ("delay: [0.02, 0.01]", r"delay = \[0.02, 0.01\] must be a range from low to high"),
+        ("delay: [0.0, 1.0]", r"delay = \[0, 1\] must lie between 0 and 0.2"),
+        ("velocity_noise: -0.1", r"velocity_noise = \[-0.1, -0.1\] must lie between 0 and 10"),
+        ("m1: [0.1, 0.2, 0.3]", r"m1 = \[0.1, 0.2, 0.3\] must be a number, or a range \[low, high\]"),
+        ("m1: heavy", "m1 = 'heavy' must be a number"),
+        ("m1: .nan", r"m1 = \[nan, nan\] must be a range from low to high"),
+        ("m1: [0.0, 0.5]", "parameter m1 = 0 must be positive"),
+        ("I2: 1.0e-6", "mass matrix is not positive definite"),
+        ("- 1", "is not a map: write one 'name: value' a line"),
+        ("m1: [", "is not YAML"),
+    ],
+)
+def test_bad_domains(tmp_path, content, message):
+    path = tmp_path / "bad.yml"
+    path.write_text(content)
+    with pytest.raises(SwingupError, match=message) as caught:
+        load_domain(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_unknown_domains(tmp_path):
+    with pytest.raises(SwingupError, match="unknown domain 'moon': use hardware, randomised or a YAML file"):
+        load_domain("moon")
+    with pytest.raises(SwingupError, match="No such file or directory; check the path"):
+        load_domain(tmp_path / "none.yml")
+
+
+def test_domains_are_hashable():
+    assert hash(load_domain("hardware")) == hash(Domain(load_domain("hardware").ranges))

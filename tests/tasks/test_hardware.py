@@ -1,0 +1,151 @@
+"""The task for the real robot against the judge's own steps, and its front end against closed forms."""
+
+import dataclasses
+import math
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from swingup.benchmark.rollout import Scenario, act, begin, sense
+from swingup.physics.parameters import get_robot
+from swingup.runtime.front_end import FrontEndSettings, NumpyFrontEnd
+from swingup.tasks.disturbance import Motor
+from swingup.tasks.domain import DT, make_domain
+from swingup.tasks.front_end import FrontEnd
+from swingup.tasks.hardware import CALLS
+from swingup.tasks.presets import hardware_task
+
+QUIET = make_domain(
+    {
+        "passive_limit": 0.5, "delay": 0.01, "response": 0.9, "rate_limit": 1000.0, "ripple": 0.05,
+        "ripple_periods": 36.0,
+    }
+)  # fmt: skip
+"""No noise: what happens then is determined."""
+
+
+def test_a_motor_by_hand():
+    motor = Motor(rate_limit=1500.0, ripple=0.1, ripple_periods=36.0)
+    before, wanted = jnp.array([0.0, -2.0]), jnp.array([6.0, -2.5])
+    q = jnp.array([math.pi / 72, 0.0])  # a quarter of a period
+    np.testing.assert_allclose(motor.torque(wanted, before, q, 0.002), [3.1, -2.5], rtol=1e-6)
+
+
+def test_steps_are_the_judges(robot):
+    """Actions held for 10 ms on a plant without noise, beside the judge's loop and NumPy's front end."""
+    task = hardware_task(robot, QUIET)
+    with jax.enable_x64(True):
+        task = eqx.tree_at(lambda each: each.starts, task, jnp.asarray(np.asarray(task.starts, np.float64)))
+    actions = np.random.default_rng(1).uniform(-1, 1, (8, 1))
+    with jax.enable_x64(True):
+        state = jax.jit(lambda key: task.reset(key))(jax.random.key(4))
+        start = np.asarray(state.x)
+        scenario = Scenario(state.plant, state.disturbance)
+        judged = begin(jnp.asarray(start), QUIET.depth)
+        front = NumpyFrontEnd(task.front_end.settings, 2, 2, robot.joint, 6.0)
+        step, half, other = jax.jit(lambda *given: task.step(*given)), jax.jit(sense), jax.jit(act)
+        judged, seen, _ = half(scenario, judged, 0)
+        shown = front.see(0.0, np.asarray(seen))
+        for number, action in enumerate(actions):
+            result = step(state, jnp.asarray(action), jax.random.key(number))
+            state = result.state
+            for call in range(number * CALLS, (number + 1) * CALLS):
+                judged = other(scenario, judged, call, front.command(6.0 * float(action[0])), DT)
+                judged, seen, _ = half(scenario, judged, call + 1)
+                shown = front.see((call + 1) * DT, np.asarray(seen))
+            np.testing.assert_allclose(state.x, judged.x, rtol=0, atol=1e-9)
+            np.testing.assert_allclose(state.u, judged.u, rtol=0, atol=1e-9)
+            np.testing.assert_allclose(result.observation, task.observation(jnp.asarray(shown)), rtol=0, atol=1e-9)
+    passive = 1 - robot.joint
+    assert 0 < abs(float(judged.u[passive])) <= 0.5  # friction compensation
+    assert abs(float(judged.x[passive]) - start[passive]) > 1e-3
+
+
+@jax.jit
+def fifty(task):
+    """Fresh states and their observations."""
+    states = jax.vmap(task.reset)(jax.random.split(jax.random.key(0), 50))
+    return states, jax.vmap(task.observe)(states)
+
+
+def test_ends():
+    """Never terminated; truncated by the limit of steps, and where the integrator diverges."""
+    task = dataclasses.replace(hardware_task(get_robot("acrobot")), truncation_probability=0.0)
+    states, _ = fifty(task)
+    fast = states.x.at[:10, 2].set(5000.0)
+    states = eqx.tree_at(lambda s: (s.x, s.steps), states, (fast, states.steps.at[40:].set(499)))
+    results = jax.jit(jax.vmap(lambda *given: task.step(*given)))(
+        states, jnp.zeros((50, 1)), jax.random.split(jax.random.key(1), 50)
+    )
+    assert not results.terminated.any()
+    assert results.truncated.nonzero()[0].tolist() == [*range(10), *range(40, 50)]
+    np.testing.assert_array_equal(results.state.x[:10], fast[:10])
+    assert np.isfinite(results.observation).all()
+
+
+def test_noise_and_plants_differ():
+    task = hardware_task(get_robot("acrobot"))
+    states, observations = fifty(task)
+    assert len(np.unique(states.plant.cf1)) == 50
+    noise = states.memory.past[:, 0, 2:] - jnp.where(
+        jnp.abs(states.memory.past[:, 0, 2:]) > 0, states.x[:, 2:], 0.0
+    )
+    assert 0.02 < float(noise.std()) < 0.2
+    assert observations.shape == (50, task.observation_size) == (50, 20)
+
+
+def test_what_would_stop_the_robot_costs():
+    task = hardware_task(get_robot("acrobot"))
+    none, upright = jnp.zeros(2), jnp.array([jnp.pi, 0.0, 0.0, 0.0])
+    assert -0.01 < float(task.reward(upright, none)) <= 0
+    hanging = float(task.reward(jnp.zeros(4), none))
+    fast = float(task.reward(jnp.array([0.0, 0.0, 20.0, 0.0]), none))
+    turned = float(task.reward(jnp.array([0.0, 4 * jnp.pi, 0.0, 0.0]), none))
+    assert -1.01 < hanging < -0.9
+    assert fast == pytest.approx(-2.0, abs=0.01)
+    assert turned == pytest.approx(hanging - 1, abs=0.15)
+
+
+def test_filter_and_dead_band():
+    """The response of the low-pass to a step is 1 - (1 - w)ⁿ; slow is seen as still."""
+    front = FrontEnd(FrontEndSettings(velocity_weight=0.2, dead_band=0.1))
+    memory = front.begin(jnp.zeros(4))
+    for n in range(1, 10):
+        memory = front.measure(memory, jnp.array([0.5, -0.5, 1.0, 0.15]))
+        expected = 1 - 0.8**n
+        np.testing.assert_allclose(memory.rates, [expected, 0.15 * expected], rtol=1e-5)
+        slow = 0.15 * expected
+        seen = [0.5, -0.5, expected, slow if slow >= 0.1 else 0.0]
+        np.testing.assert_allclose(front.shown(memory), seen, rtol=1e-5)
+    assert slow > 0.1
+
+
+def test_memory_of_torques_and_states():
+    front = FrontEnd(FrontEndSettings(spacing=2), torques=2, history=2)
+    memory = front.begin(jnp.zeros(4))
+    for n in range(1, 7):
+        memory = front.remember(memory, jnp.array(float(n)))
+        memory = front.measure(memory, jnp.full(4, 10.0 * n))
+    # Torques 6, 5 and 4, 3; states of now, two and four calls ago.
+    expected = [60.0] * 4 + [5.5, 3.5] + [40.0] * 4 + [20.0] * 4
+    np.testing.assert_allclose(front.shown(memory), expected)
+
+
+def test_friction_compensation(robot):
+    settings = FrontEndSettings(damping=(0.1, 0.2), coulomb=(0.3, 0.4), passive_limit=0.5)
+    front = FrontEnd(settings)
+    memory = front.begin(jnp.array([0.0, 0.0, 1.0, -3.0]))
+    u = front.command(memory, jnp.array(2.0), robot)
+    friction = [0.1 + 0.3 * math.atan(100), -0.6 - 0.4 * math.atan(300)]
+    expected = np.clip(friction, -0.5, 0.5)
+    expected[robot.joint] = friction[robot.joint] + 2.0
+    np.testing.assert_allclose(u, expected, rtol=1e-5)
+    assert float(front.command(front.begin(jnp.zeros(4)), jnp.array(2.0), robot)[robot.joint]) == 2.0
+
+
+def test_settings_are_data():
+    assert FrontEndSettings(**dataclasses.asdict(FrontEndSettings(coulomb=(0.1, 0.2)))).coulomb == (0.1, 0.2)
+    assert FrontEndSettings(coulomb=[0.1, 0.2]).coulomb == (0.1, 0.2)
