@@ -11,7 +11,7 @@ from swingup.areapo.networks import init_actor
 from swingup.areapo.normalise import Normalise
 from swingup.areapo.policy import Policy
 from swingup.control.learned import PolicyController, load_policy, save_controller
-from swingup.control.named import get_controller
+from swingup.control.named import get_controller, has_estimator
 from swingup.errors import SwingupError
 from swingup.export.c_header import c_header
 from swingup.physics.parameters import get_robot
@@ -105,13 +105,24 @@ def test_the_graph_takes_what_the_front_end_shows(tmp_path):
 
 def test_behind_an_estimator(tmp_path, x64):
     """Both may be asked for together: the front end then sees the estimate."""
-    save_controller(tmp_path / "p.npz", small_policy("all"), {})
+    save_controller(tmp_path / "p.npz", small_policy("all"), {"estimator": {}})
     path = str(tmp_path / "p.npz")
-    times, x = (rows[:30] for rows in measurements())
-    controller = load_controller(path, estimator=True)
-    found = [controller(each, t) for t, each in zip(times, x, strict=True)]
-    reference = get_controller(path, "pendubot", estimator=True)
-    np.testing.assert_allclose(found, answers_of_jax(reference, times, x), rtol=0, atol=1e-9)
+    times, x = measurements()
+    controller = load_controller(path)
+    found = np.array([controller(each, t) for t, each in zip(times, x, strict=True)])
+    expected = answers_of_jax(get_controller(path, "pendubot"), times, x)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+    assert has_estimator(get_controller(path, "pendubot"))
+
+
+@needs_gcc
+def test_behind_an_estimator_in_c(tmp_path):
+    save_controller(tmp_path / "p.npz", small_policy("all"), {"estimator": {}})
+    policy = read_policy(tmp_path / "p.npz")
+    library, controller = compile_header(tmp_path, c_header(policy)), RuntimeController(policy)
+    times, x = measurements()
+    expected = [controller(each, t) for t, each in zip(times, x, strict=True)]
+    np.testing.assert_allclose(run(library, times, x), expected, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -133,10 +144,7 @@ def test_bad_settings_in_a_file(tmp_path, front_end, message):
         load_policy(tmp_path / "p.npz")
 
 
-def test_what_does_not_go_together(tmp_path):
-    save_controller(tmp_path / "both.npz", small_policy("plain"), {"estimator": {}})
-    with pytest.raises(SwingupError, match="both an estimator and a front_end: keep one of them"):
-        load_policy(tmp_path / "both.npz")
+def test_a_memory_needs_a_front_end(tmp_path):
     save_controller(tmp_path / "none.npz", dataclasses.replace(small_policy("all"), front_end=None), {})
     with pytest.raises(SwingupError, match="'pendulum' asks for a memory: name its front_end"):
         load_policy(tmp_path / "none.npz")

@@ -16,7 +16,7 @@ from swingup.tasks.disturbance import Motor
 from swingup.tasks.domain import DT, make_domain
 from swingup.tasks.front_end import FrontEnd
 from swingup.tasks.hardware import CALLS
-from swingup.tasks.presets import hardware_task
+from swingup.tasks.presets import hardware_task, memory_task
 
 QUIET = make_domain(
     {
@@ -36,9 +36,7 @@ def test_a_motor_by_hand():
 
 def test_steps_are_the_judges(robot):
     """Actions held for 10 ms on a plant without noise, beside the judge's loop and NumPy's front end."""
-    task = hardware_task(robot, QUIET)
-    with jax.enable_x64(True):
-        task = eqx.tree_at(lambda each: each.starts, task, jnp.asarray(np.asarray(task.starts, np.float64)))
+    task = dataclasses.replace(memory_task(robot, QUIET), reset_noise=0.3)
     actions = np.random.default_rng(1).uniform(-1, 1, (8, 1))
     with jax.enable_x64(True):
         state = jax.jit(lambda key: task.reset(key))(jax.random.key(4))
@@ -73,10 +71,10 @@ def fifty(task):
 
 def test_ends():
     """Never terminated; truncated by the limit of steps, and where the integrator diverges."""
-    task = dataclasses.replace(hardware_task(get_robot("acrobot")), truncation_probability=0.0)
+    task = dataclasses.replace(memory_task(get_robot("acrobot")), truncation_probability=0.0)
     states, _ = fifty(task)
     fast = states.x.at[:10, 2].set(5000.0)
-    states = eqx.tree_at(lambda s: (s.x, s.steps), states, (fast, states.steps.at[40:].set(499)))
+    states = eqx.tree_at(lambda s: (s.x, s.steps), states, (fast, states.steps.at[40:].set(999)))
     results = jax.jit(jax.vmap(lambda *given: task.step(*given)))(
         states, jnp.zeros((50, 1)), jax.random.split(jax.random.key(1), 50)
     )
@@ -87,7 +85,7 @@ def test_ends():
 
 
 def test_noise_and_plants_differ():
-    task = hardware_task(get_robot("acrobot"))
+    task = memory_task(get_robot("acrobot"))
     states, observations = fifty(task)
     assert len(np.unique(states.plant.cf1)) == 50
     noise = states.memory.past[:, 0, 2:] - jnp.where(
@@ -97,6 +95,16 @@ def test_noise_and_plants_differ():
     assert observations.shape == (50, task.observation_size) == (50, 20)
 
 
+def test_behind_an_estimator_the_state_is_seen():
+    task = hardware_task(get_robot("acrobot"))
+    states, observations = fifty(task)
+    seen = jax.vmap(task.observation)(states.x)
+    np.testing.assert_allclose(observations, seen, rtol=0, atol=1e-6)
+    step = jax.jit(jax.vmap(lambda *given: task.step(*given)))
+    after = step(states, jnp.ones((50, 1)), jax.random.split(jax.random.key(1), 50))
+    np.testing.assert_allclose(after.observation, jax.vmap(task.observation)(after.state.x), rtol=0, atol=1e-6)
+
+
 def test_what_would_stop_the_robot_costs():
     task = hardware_task(get_robot("acrobot"))
     none, upright = jnp.zeros(2), jnp.array([jnp.pi, 0.0, 0.0, 0.0])
@@ -104,9 +112,10 @@ def test_what_would_stop_the_robot_costs():
     hanging = float(task.reward(jnp.zeros(4), none))
     fast = float(task.reward(jnp.array([0.0, 0.0, 20.0, 0.0]), none))
     turned = float(task.reward(jnp.array([0.0, 4 * jnp.pi, 0.0, 0.0]), none))
-    assert -1.01 < hanging < -0.9
-    assert fast == pytest.approx(-2.0, abs=0.01)
+    assert hanging == pytest.approx(-0.05 * math.pi**2)  # the paper's: 50 π² / 1000
+    assert fast == pytest.approx(hanging - 4 * 20**2 / 1000 - 1, abs=0.01)
     assert turned == pytest.approx(hanging - 1, abs=0.15)
+    assert float(task.reward(jnp.array([0.0, 0.0, 15.0, 0.0]), none)) == pytest.approx(hanging - 0.9, abs=0.02)
 
 
 def test_filter_and_dead_band():

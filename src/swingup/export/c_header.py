@@ -78,14 +78,13 @@ def c_header(policy: PendulumPolicy) -> str:
     layers = policy.file.layers
     names = ["input", *(f"layer_{index}" for index in range(len(layers)))]
     sizes = [len(layer.bias) for layer in layers]
-    front = policy.estimator or policy.front_end
-    behind = (
-        f"a policy behind its {'state estimator' if policy.estimator else 'front end'}" if front else "a policy"
-    )
-    rate = f"every {front.dt:g} s" if front else "at the loop's rate"
+    fronts = {"state estimator": policy.estimator, "front end": policy.front_end}
+    parts = " and its ".join(name for name, front in fronts.items() if front is not None)
+    periods = [front.dt for front in (policy.estimator, policy.front_end) if front is not None]
+    about = f"a policy{f' behind its {parts}' if parts else ''} for the {policy.robot.name}"
     values = {
-        "ABOUT": f"{behind} for the {policy.robot.name}, written by swingup {__version__}.".capitalize(),
-        "RATE": rate,
+        "ABOUT": f"{about}, written by swingup {__version__}.".capitalize(),
+        "RATE": f"every {periods[0]:g} s" if periods else "at the loop's rate",
         "PASSIVE": "for its friction" if policy.front_end else "0",
         "SHOWN": str(policy.stage.input_size),
         "DRIVEN": str(policy.robot.joint),
@@ -106,16 +105,18 @@ def c_header(policy: PendulumPolicy) -> str:
 
 
 def _controller(policy: PendulumPolicy) -> str:
-    if policy.estimator is not None:
-        return fill(asset("estimator.h"), _estimator_values(policy.estimator))
-    if policy.front_end is not None:
-        return fill(asset("front_end.h"), _front_end_values(policy.front_end, policy.stage))
-    return asset("alone.h")
+    front_end, estimator = policy.front_end, policy.estimator
+    inside, outside = asset("alone.h"), asset("direct.h")
+    if front_end is not None:
+        inside = fill(asset("front_end.h"), _front_end_values(front_end, policy.stage))
+    if estimator is not None:
+        outside = fill(asset("estimator.h"), _estimator_values(estimator))
+    return f"{inside}\n{outside}"
 
 
 def _front_end_values(settings: FrontEndSettings, stage: PendulumStage) -> dict[str, str]:
     numbers = {
-        "DT": settings.dt,
+        "PERIOD": settings.dt,
         "WEIGHT": settings.velocity_weight,
         "DEAD_BAND": settings.dead_band,
         "STEEPNESS": STEEPNESS,

@@ -14,8 +14,10 @@ from ..areapo import policy as policies
 from ..areapo.policy import Policy
 from ..benchmark.evaluate import evaluate
 from ..benchmark.hardware import hardware
+from ..control.estimator import EstimatorSettings, with_estimator
 from ..control.learned import PolicyController, save_controller
-from ..physics.parameters import TORQUE_LIMIT
+from ..physics.parameters import TORQUE_LIMIT, leaderboard_parameters
+from ..runtime.settings import KEY
 from ..tasks.hardware import HardwareTask
 from ..tasks.observation import AbstractStage
 from ..tasks.pendulum import PendulumTask
@@ -81,16 +83,26 @@ class HardwareJudge(RealAIJudge):
         """The judge of the task for the real robot; its noise is not that of the seeds that are reported."""
         super().__init__(task)
         self.input_size, self._front_end, self._seed = task.shown_size, task.front_end, JUDGED_FROM + seed
+        self._estimated = task.estimated
 
     def evaluate(self, policy: Policy[Any], episodes: int | None) -> dict[str, Any]:
         """Successes, score and largest speed."""
         number = episodes or JUDGED
-        result = hardware(self._controller(policy), self._robot, seed=self._seed, seeds=number)
+        alone = self._controller(policy)
+        controller = (
+            with_estimator(alone, self._robot, leaderboard_parameters(self._robot)) if self._estimated else alone
+        )
+        result = hardware(controller, self._robot, seed=self._seed, seeds=number)
         return {
             "score": result.score,
             "success": result.successes / number,
             "speed": max(run.speed for run in result.runs),
         }
+
+    def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
+        """Write a controller's policy file; with the estimator that the task counts on."""
+        settings = {KEY: dataclasses.asdict(EstimatorSettings())} if self._estimated else {}
+        super().save(path, policy, {**provenance, **settings})
 
     def _controller(self, policy: Policy[Any]) -> PolicyController:
         return PolicyController(policy, TORQUE_LIMIT, self._robot, self._front_end)

@@ -33,10 +33,14 @@ PRESETS = {
         "global",
     ),
     "hardware": Preset(
-        "for the real robot: friction, delay, noise and motors as data, another plant in each episode",
-        Config(centre_values=True, temperature=0.2, policy_layers=(128, 128), value_layers=(256, 256)),
-        10_000_000,
-        "hardware",
+        "for the real robot, behind a state estimator: another plant in each episode, friction made up for",
+        Config(centre_values=True),
+        task="hardware",
+    ),
+    "hardware-memory": Preset(
+        "for the real robot without an estimator: filtered velocities, last torques and a short history are seen",
+        Config(centre_values=True),
+        task="hardware-memory",
     ),
     "apo": Preset(
         "average reward without entropy (after APO, arXiv 2106.03442)", Config(temperature=0.0, centre_values=True)

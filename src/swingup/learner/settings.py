@@ -12,7 +12,7 @@ from ..files import write_atomically
 from ..physics.parameters import get_robot
 from ..tasks.domain import Domain
 from ..tasks.pendulum import PendulumTask
-from ..tasks.presets import get_task, hardware_task
+from ..tasks.presets import HARDWARE_TASKS, get_task
 from ..version import __version__
 from .presets import get_preset
 
@@ -55,8 +55,8 @@ class Settings:
             get_robot(self.robot)
         preset = get_preset(self.preset)
         if self.domain is not None:
-            if preset.task != "hardware" or self.robot is None:
-                raise SwingupError(f"a domain goes with the preset hardware alone, not with {self.preset}")
+            if preset.task not in HARDWARE_TASKS or self.robot is None:
+                raise SwingupError(f"a domain goes with the presets for hardware, not with {self.preset}")
             Domain(self.domain)
         if self.evaluation_episodes < 0:
             raise SwingupError(f"evaluation_episodes = {self.evaluation_episodes} must be at least 0")
@@ -80,12 +80,8 @@ class Settings:
         """The pendulum's task that these settings train on."""
         if self.robot is None:
             raise SwingupError(f"{self.env} is no task of the pendulum")
-        robot, domain = get_robot(self.robot), self.domain
-        return (
-            get_task(get_preset(self.preset).task, robot)
-            if domain is None
-            else hardware_task(robot, Domain(domain))
-        )
+        robot, name = get_robot(self.robot), get_preset(self.preset).task
+        return get_task(name, robot) if self.domain is None else HARDWARE_TASKS[name](robot, Domain(self.domain))
 
     def command(self, frames: int) -> str:
         """The command that makes such a run from scratch."""

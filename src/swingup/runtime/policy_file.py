@@ -197,8 +197,6 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
         settings, front_end = read_settings(metadata), read_front_end(metadata)
         if front_end is None and file.stages[0].input_size > 4:
             raise SwingupError("its stage 'pendulum' asks for a memory: name its front_end, {} for the defaults")
-        if front_end is not None and settings is not None:
-            raise SwingupError("it has both an estimator and a front_end: keep one of them")
     except SwingupError as error:
         raise SwingupError(f"policy file {path}: {error}; see docs/policy-format.md") from error
     return PendulumPolicy(file, get_robot(metadata["robot"]), float(limit), settings, metadata, front_end)

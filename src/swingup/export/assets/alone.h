@@ -1,15 +1,10 @@
-/* ---- the controller: the policy on the measured state ---- */
+/* ---- the policy on the state that it is shown ---- */
 
 typedef struct {
     int unused;
-} swingup_controller;
+} swingup_front_end;
 
-static inline void swingup_reset(swingup_controller *c)
-{
-    c->unused = 0;
-}
-
-static inline void swingup_control(swingup_controller *c, double t, const double x[4], double u[2])
+static inline void swingup_act(swingup_front_end *c, double t, const double x[4], double u[2])
 {
     (void)c;
     (void)t;

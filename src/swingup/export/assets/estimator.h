@@ -1,4 +1,4 @@
-/* ---- the controller: the policy behind a state estimator, as docs/policy-format.md of swingup describes it ---- */
+/* ---- the controller: the above behind a state estimator, as docs/policy-format.md of swingup describes it ---- */
 
 #define SWINGUP_DT @DT@ /* time between calls (s) */
 #define SWINGUP_DEPTH @DEPTH@ /* dead times that are considered: 0 to SWINGUP_DEPTH - 1 steps */
@@ -13,6 +13,7 @@ typedef struct {
     double torques[SWINGUP_DEPTH];      /* asked for, newest first (N m) */
     double deviations[SWINGUP_DEPTH][4]; /* what the filter with each dead time estimates besides */
     double surprise[SWINGUP_DEPTH];     /* evidence against each dead time */
+    swingup_front_end behind;           /* what the policy behind remembers */
 } swingup_controller;
 
 static inline void swingup_reset(swingup_controller *c)
@@ -183,8 +184,7 @@ static inline void swingup_control(swingup_controller *c, double t, const double
     c->called = 1;
     c->time = t;
 
-    u[1 - SWINGUP_DRIVEN] = 0.0;
-    u[SWINGUP_DRIVEN] = swingup_policy(seen);
+    swingup_act(&c->behind, t, seen, u);
     for (n = SWINGUP_DEPTH - 1; n > 0; n--) {
         c->torques[n] = c->torques[n - 1];
     }

@@ -1,6 +1,6 @@
-/* ---- the controller: the policy behind its front end, as docs/policy-format.md of swingup describes it ---- */
+/* ---- the policy behind its front end, as docs/policy-format.md of swingup describes it ---- */
 
-#define SWINGUP_DT @DT@ /* time between calls (s) */
+#define SWINGUP_PERIOD @PERIOD@ /* time between calls (s) */
 #define SWINGUP_SPACING @SPACING@ /* calls from one remembered state to the next */
 #define SWINGUP_TORQUES @TORQUES@ /* past torques that the policy is shown */
 #define SWINGUP_HISTORY @HISTORY@ /* earlier states that it is shown */
@@ -13,19 +13,13 @@ typedef struct {
     double rates[2];                  /* filtered velocities (rad/s) */
     double past[SWINGUP_PAST][4];     /* states as they were seen, the latest first */
     double torques[SWINGUP_ASKED + 1]; /* the policy's, in units of its limit, the latest first */
-} swingup_controller;
+} swingup_front_end;
 
-static inline void swingup_reset(swingup_controller *c)
-{
-    static const swingup_controller fresh = {0};
-    *c = fresh;
-}
-
-static inline void swingup_control(swingup_controller *c, double t, const double x[4], double u[2])
+static inline void swingup_act(swingup_front_end *c, double t, const double x[4], double u[2])
 {
     static const double damping[2] = @DAMPING@, coulomb[2] = @COULOMB@;
     double shown[@SHOWN@], torque;
-    int going_on = c->called && t >= c->time && t - c->time <= 1.5 * SWINGUP_DT;
+    int going_on = c->called && t >= c->time && t - c->time <= 1.5 * SWINGUP_PERIOD;
     int i, k, n;
 
     for (i = 0; i < 4; i++) {
