@@ -8,8 +8,8 @@ COMPILED = tempfile.TemporaryDirectory(prefix="swingup-tests-")
 """What several tests and their commands need is compiled once a worker. JAX reads this when it is imported."""
 os.environ |= {"JAX_COMPILATION_CACHE_DIR": COMPILED.name, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1"}
 CHEAP = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
-"""Tests mostly compile: with these flags in a fifth to a half of the time. ``XLA_FLAGS= make test`` runs them without, as
-``make slow`` does; a jaxlib that no longer knows a flag stops with its name: delete it here."""
+"""Tests mostly compile: with these flags two to five times as fast. ``make slow`` runs without them, and so does
+``XLA_FLAGS= make test``; a jaxlib that no longer knows a flag stops with its name: delete it here."""
 os.environ.setdefault("XLA_FLAGS", CHEAP)
 
 import jax  # noqa: E402
