@@ -1,15 +1,22 @@
 """Fixtures and options that all layers share."""
 
+import dataclasses
 import os
 import tempfile
 
 COMPILED = tempfile.TemporaryDirectory(prefix="swingup-tests-")
 """What several tests and their commands need is compiled once a worker. JAX reads this when it is imported."""
 os.environ |= {"JAX_COMPILATION_CACHE_DIR": COMPILED.name, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1"}
+CHEAP = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
+"""Tests mostly compile: with these flags two to five times as fast. ``make slow`` runs without them, and so does
+``XLA_FLAGS= make test``; a jaxlib that no longer knows a flag stops with its name: delete it here."""
+os.environ.setdefault("XLA_FLAGS", CHEAP)
 
 import jax  # noqa: E402
 import pytest  # noqa: E402
 
+from swingup.benchmark import rules  # noqa: E402
+from swingup.benchmark.grid import change_grid  # noqa: E402
 from swingup.physics.parameters import ROBOTS  # noqa: E402
 
 
@@ -24,6 +31,20 @@ def x64():
     """Double precision for one test, as the package's entry points use it: never a global flag."""
     with jax.enable_x64(True):
         yield
+
+
+@pytest.fixture
+def small_grid(monkeypatch):
+    """The robustness board with 52 simulations of the 722: all six criteria, fewer values and repetitions."""
+    grid = rules.ROBUSTNESS_RULES["v2"]
+    texts = ["velocity_noise=0:0.5:3:3", "torque_noise=0:1.1:3:3", "torque_response=0.1:2:3", "delay=0:0.04:3"]
+    for text in [*texts, "perturbations=8"]:
+        grid = change_grid(grid, text)
+    model = {
+        name: dataclasses.replace(each, sweep=dataclasses.replace(each.sweep, count=2))
+        for name, each in grid.model.items()
+    }
+    monkeypatch.setitem(rules.ROBUSTNESS_RULES, "v2", dataclasses.replace(grid, name="v2", model=model))
 
 
 def pytest_sessionfinish(session):

@@ -19,6 +19,7 @@ from .probes import Cycle
 
 CONFIG = Config(num_envs=4, num_steps=8, num_epochs=2, batch_size=16, policy_layers=(16,), value_layers=(16,))
 PENDULUM = smooth_task(ROBOTS["acrobot"])
+collect, estimate, improve = jax.jit(train.collect), jax.jit(train.estimate), jax.jit(train.improve)
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +27,7 @@ def collected():
     """A state after a rollout of a pendulum that is truncated every three steps, and the rollout."""
     task = dataclasses.replace(PENDULUM, max_steps=3)
     state = train.init(jax.random.key(0), task, CONFIG)
-    return jax.jit(train.collect)(state, jax.random.key(1), task, CONFIG)
+    return collect(state, jax.random.key(1), task, CONFIG)
 
 
 def test_an_iteration_keeps_every_type():
@@ -113,7 +114,7 @@ def test_estimates_equal_plain_loops(collected, changes):
     state, rollout = collected
     config = Config(**(vars(CONFIG) | changes))
     expected, values = independent_estimate(state, rollout, config)
-    after, batch, offset = jax.jit(train.estimate)(state, rollout, config)
+    after, batch, offset = estimate(state, rollout, config)
     np.testing.assert_allclose(batch.advantages, expected.sum(axis=-1), atol=2e-4)
     # λ-returns: advantage plus value, on the centred values if they are centred.
     shift = np.asarray(offset) if config.centre_values else 0.0
@@ -127,10 +128,10 @@ def test_many_truncations_are_all_bootstrapped():
     """More truncated steps than are evaluated at once (every second of 8 x 32)."""
     config = Config(**(vars(CONFIG) | {"num_envs": 32, "batch_size": 256}))
     task = Cycle(max_steps=2)
-    state, rollout = train.collect(train.init(jax.random.key(0), task, config), jax.random.key(1), task, config)
+    state, rollout = collect(train.init(jax.random.key(0), task, config), jax.random.key(1), task, config)
     assert int(rollout.truncated.sum()) == 4 * 32 > train.BOOTSTRAP_SIZE
     expected, _ = independent_estimate(state, rollout, config)
-    _, batch, _ = train.estimate(state, rollout, config)
+    _, batch, _ = estimate(state, rollout, config)
     np.testing.assert_allclose(batch.advantages, expected.sum(axis=-1), atol=2e-4)
 
 
@@ -138,10 +139,10 @@ def test_an_epoch_uses_every_frame_once(collected):
     """One epoch of plain gradient steps in one minibatch equals the gradient over all frames."""
     state, rollout = collected
     config = Config(**(vars(CONFIG) | {"num_epochs": 1, "batch_size": 32}))
-    _, batch, _ = train.estimate(state, rollout, config)
+    _, batch, _ = estimate(state, rollout, config)
     shuffled = jax.tree.map(lambda leaf: leaf[::-1], batch)
-    one, _, norm = train.improve(state, batch, jax.random.key(5), config)
-    other, _, other_norm = train.improve(state, shuffled, jax.random.key(6), config)
+    one, _, norm = improve(state, batch, jax.random.key(5), config)
+    other, _, other_norm = improve(state, shuffled, jax.random.key(6), config)
     assert float(norm) == pytest.approx(float(other_norm), rel=1e-4)
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=2e-5), one.actor, other.actor)
 
@@ -150,7 +151,7 @@ def test_statistics_take_in_the_states_after_resets_and_before_normalising():
     """Three steps to a truncation: the value goes 0, 1, 0, 1 and is reset to 0; all environments in step."""
     task = Cycle(max_steps=3)
     start = train.init(jax.random.key(0), task, CONFIG)
-    state, rollout = train.collect(start, jax.random.key(1), task, CONFIG)
+    state, rollout = collect(start, jax.random.key(1), task, CONFIG)
     seen = [0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0]
     before_reset = [1.0, 0.0, 1.0, 1.0, 0.0, 1.0, 1.0, 0.0]
 
@@ -175,11 +176,11 @@ def test_one_step_of_adam_by_hand(collected):
     state, rollout = collected
     changes = {"num_epochs": 1, "batch_size": 32, "max_grad_norm": 1e-3, "adam_epsilon": 1e-5}
     config = Config(**(vars(CONFIG) | changes))
-    _, batch, _ = train.estimate(state, rollout, config)
-    after, _, norm = train.improve(state, batch, jax.random.key(5), config)
+    _, batch, _ = estimate(state, rollout, config)
+    after, _, norm = improve(state, batch, jax.random.key(5), config)
     frames = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), batch)
     before = (state.actor, state.critic)
-    gradients = jax.grad(lambda networks: loss(networks, frames, config)[0])(before)
+    gradients = jax.jit(jax.grad(lambda networks: loss(networks, frames, config)[0]))(before)
     size = np.sqrt(sum(float(jnp.sum(leaf**2)) for leaf in jax.tree.leaves(gradients)))
     assert float(norm) == pytest.approx(size, rel=1e-4)
     assert size > 1e-2  # clipping matters
@@ -191,8 +192,8 @@ def test_one_step_of_adam_by_hand(collected):
 
 def test_every_epoch_has_all_its_minibatches(collected):
     state, rollout = collected
-    _, batch, _ = train.estimate(state, rollout, CONFIG)
-    after, _, _ = train.improve(state, batch, jax.random.key(5), CONFIG)
+    _, batch, _ = estimate(state, rollout, CONFIG)
+    after, _, _ = improve(state, batch, jax.random.key(5), CONFIG)
     # 2 epochs of 32 frames in minibatches of 16: four steps of Adam.
     counts = [leaf for leaf in jax.tree.leaves(after.optimiser) if leaf.ndim == 0]
     assert [int(count) for count in counts] == [4]

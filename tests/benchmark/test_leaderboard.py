@@ -58,7 +58,7 @@ def ours(board):
     return {row.controller: row for row in board.rows if row.source == "ours"}
 
 
-@pytest.mark.usefixtures("only_the_policy")
+@pytest.mark.usefixtures("only_the_policy", "small_grid")
 def test_boards_are_sorted_and_mark_what_is_ours(robot):
     performance, robustness = leaderboard(robot, {"hanging": Hanging()})
     assert (performance.measure, performance.seed) == ("performance", None)

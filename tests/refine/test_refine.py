@@ -112,7 +112,8 @@ def test_the_cost_weighs_the_measures():
 def test_nominal_episodes_have_weights_of_their_own():
     episodes = draw(np.random.default_rng(0), ACROBOT, Draws(nominal=1, model=1, pushed=0, measured=0, anywhere=0))
     settings = DescentSettings(duration=0.1, nominal=Weights(score=1.0), others=Weights(down=3.0))
-    total, measures = batch_cost(small().policy.actor, small(), episodes, settings)
+    cost = jax.jit(batch_cost, static_argnames="settings")
+    total, measures = cost(small().policy.actor, small(), episodes, settings=settings)
     first = int(np.argmax(episodes.nominal))
     assert float(total) == pytest.approx(float(3 * measures.down[1 - first] - measures.score[first]) / 2, rel=1e-5)
 
@@ -133,10 +134,11 @@ def test_the_gradient_through_an_episode_is_that_of_finite_differences(x64):
     settings = DescentSettings(duration=0.2, adjoint_limit=1e9)
     actor = controller.policy.actor
 
+    @jax.jit
     def value(actor):
         return batch_cost(actor, controller, episodes, settings)[0]
 
-    gradient = jax.grad(value)(actor)
+    gradient = jax.jit(jax.grad(value))(actor)
     direction = jax.tree.map(
         lambda leaf: jnp.asarray(np.random.default_rng(leaf.size).normal(size=leaf.shape)), actor
     )
