@@ -33,13 +33,13 @@ PRESETS = {
         "global",
     ),
     "hardware": Preset(
-        "for the real robot, behind a state estimator: another plant in each episode, friction made up for",
-        Config(centre_values=True),
+        "for the real robot, behind a state estimator: its friction and motors, networks of half the width",
+        Config(centre_values=True, policy_layers=(128, 128), value_layers=(256, 256)),
         task="hardware",
     ),
     "hardware-memory": Preset(
         "for the real robot without an estimator: filtered velocities, last torques and a short history are seen",
-        Config(centre_values=True),
+        Config(centre_values=True, policy_layers=(128, 128), value_layers=(256, 256)),
         task="hardware-memory",
     ),
     "apo": Preset(

@@ -79,7 +79,7 @@ def _hardware_task(
         parameters=leaderboard_parameters(robot),
         observation=observation,
         cost_velocity_limit=observation.velocity_scale,
-        domain=load_domain("randomised") if domain is None else domain,
+        domain=load_domain("hardware") if domain is None else domain,
         front_end=FrontEnd(settings, observation.torques, observation.history),
         estimated=estimated,
     )
