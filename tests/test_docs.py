@@ -20,8 +20,7 @@ from swingup.cli import commands
 
 ROOT = Path(swingup.__file__).parents[2]
 PAGES = [
-    ROOT / name
-    for name in ("README.md", "CONTRIBUTING.md", "benchmarks/README.md", "src/swingup/zoo/README.md")
+    ROOT / name for name in ("README.md", "CONTRIBUTING.md", "benchmarks/README.md", "src/swingup/zoo/README.md")
 ] + sorted((ROOT / "docs").glob("*.md"))
 NOTEBOOK = ROOT / "examples" / "07_first_steps.ipynb"
 
@@ -38,7 +37,9 @@ def python_blocks():
         text = page.read_text(encoding="utf-8")
         for match in BLOCK.finditer(text):
             line = text[: match.start("code")].count("\n") + 1
-            comments = {found["kind"]: found["text"] for found in re.finditer(COMMENT, match["comments"], re.DOTALL)}
+            comments = {
+                found["kind"]: found["text"] for found in re.finditer(COMMENT, match["comments"], re.DOTALL)
+            }
             if "not run" in comments:
                 continue
             # Empty lines above, so that a traceback names the page's own line.
@@ -48,11 +49,11 @@ def python_blocks():
 
 
 def command_lines():
-    """Lines of code blocks that call swingup, without comments, once each."""
+    """Lines of indented blocks that call swingup, without comments, once each."""
     lines = {}
     for page in PAGES:
         for line in page.read_text(encoding="utf-8").splitlines():
-            if re.match(r"( {4})?swingup ", line):
+            if line.startswith("    swingup "):
                 lines.setdefault(" ".join(shlex.split(line, comments=True)[1:]), page.name)
     return [pytest.param(line, id=f"{page}: {line}") for line, page in lines.items()]
 
