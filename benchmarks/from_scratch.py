@@ -1,9 +1,9 @@
 """From nothing to the scores of the shipped policies, seed by seed: training, a lesson, and what the judge says.
 
 Usage: python benchmarks/from_scratch.py ROBOT FOLDER [FRAMES [SEEDS]], by default 6,000,000 frames and 5 seeds.
-Each stage is the command that a user would give, timed as a whole, compilation included: leave the machine idle for the
-times. FOLDER receives the runs and results.jsonl, a line a seed; seeds that it has are left out, so that an
-interrupted study goes on.
+Each stage is the command that a user would give, timed as a whole with its compilation: leave the machine idle for
+the times. FOLDER receives the runs and results.jsonl, a line a seed. Seeds that it has are left out: an interrupted
+study goes on.
 """
 
 import json

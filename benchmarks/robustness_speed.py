@@ -1,9 +1,9 @@
 """Time of the robustness benchmark's 722 simulations, beside the same simulations run one by one.
 
-Usage: python benchmarks/robustness_speed.py [ROBOT [CONTROLLER...]], by default acrobot with ar-eapo, tvlqr and
-ilqr-riccati; leave the machine idle. Times are after compilation, the best of three. The peer is the public code's
-way: one simulation after another, one call of the controller and one of the integrator a step, here in NumPy. It is
-timed on a few seconds of simulation in the same process and scaled to the grid.
+Usage: python benchmarks/robustness_speed.py [ROBOT [CONTROLLER...]], by default acrobot with ar-eapo-base, ar-eapo,
+tvlqr and ilqr-riccati; leave the machine idle. Times are after compilation, the best of three. The peer is the
+public code's way: one simulation after another, one call of the controller and one of the integrator a step, here
+in NumPy. It is timed on a few seconds of simulation in the same process and scaled to the grid.
 """
 
 import dataclasses
@@ -73,12 +73,12 @@ def main(robot_name: str = "acrobot", *controllers: str) -> None:
     """Print one line a controller."""
     robot, rules = get_robot(robot_name), get_robustness_rules("v2")
     simulations = sum(len(make_cases(robot, rules, criterion, 0)) for criterion in CRITERIA)
-    policy = get_controller("ar-eapo", robot)
+    policy = get_controller("ar-eapo-base", robot)
     assert isinstance(policy, PolicyController)
     peer = best_of(3, lambda: one_by_one(policy, SAMPLE)) / SAMPLE * rules.steps * simulations
     print(f"{robot.name}: {simulations} simulations of {rules.steps} steps")
     print(f"one by one in NumPy (a 256-256 policy): {peer:.0f} s, scaled from {SAMPLE} steps")
-    for name in controllers or ("ar-eapo", "tvlqr", "ilqr-riccati"):
+    for name in controllers or ("ar-eapo-base", "ar-eapo", "tvlqr", "ilqr-riccati"):
         controller = get_controller(name, robot)
         start = time.perf_counter()
         robustness(controller, robot, name, dataclasses.replace(rules))

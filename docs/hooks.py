@@ -14,7 +14,7 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).resolve().parent.parent
-NOTEBOOK = "examples/07_first_steps.ipynb"
+NOTEBOOK = "examples/08_first_steps.ipynb"
 
 ELSEWHERE = {
     "index.md": "README.md",

@@ -1,11 +1,16 @@
 """Fixtures and options that all layers share."""
 
 import os
+import tempfile
 
-import jax
-import pytest
+COMPILED = tempfile.TemporaryDirectory(prefix="swingup-tests-")
+"""What several tests and their commands need is compiled once a worker. JAX reads this when it is imported."""
+os.environ |= {"JAX_COMPILATION_CACHE_DIR": COMPILED.name, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1"}
 
-from swingup.physics.parameters import ROBOTS
+import jax  # noqa: E402
+import pytest  # noqa: E402
+
+from swingup.physics.parameters import ROBOTS  # noqa: E402
 
 
 @pytest.fixture(params=list(ROBOTS.values()), ids=list(ROBOTS))

@@ -13,13 +13,14 @@ ROOT = Path(swingup.__file__).parent
 LAYERS = {
     "errors": 0, "version": 0, "types": 0, "files": 1, "robots": 1, "arrays": 2, "table": 2, "runtime": 3,
     "physics": 3, "tasks": 4, "areapo": 5, "control": 6, "benchmark": 7, "drawing": 7, "learner": 8, "gym": 8,
-    "refine": 8, "realaigym": 8, "report": 9, "export": 9, "cli": 10,
+    "refine": 8, "realaigym": 8, "report": 9, "export": 9,
+    "sweep": 9, "cli": 10,
 }  # fmt: skip
 """Every module or package at the top, and its layer: imports go to a lower layer or stay at home."""
 
 ONE_PLACE = {
     "optax": {"areapo", "refine"},
-    "gymnasium": {"gym"},
+    "gymnasium": {"gym", "learner"},
     "PIL": {"drawing", "report"},
     "matplotlib": {"report"},
     "bokeh": {"report"},
@@ -30,6 +31,7 @@ ONE_PLACE = {
     "rich": {"cli"},
     "tensorboardX": {"learner"},
     "yaml": {"physics"},
+    "distributed": {"sweep"},
 }
 """Third-party packages that only these parts may import."""
 

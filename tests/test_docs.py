@@ -22,7 +22,7 @@ ROOT = Path(swingup.__file__).parents[2]
 PAGES = [
     ROOT / name for name in ("README.md", "CONTRIBUTING.md", "benchmarks/README.md", "src/swingup/zoo/README.md")
 ] + sorted((ROOT / "docs").glob("*.md"))
-NOTEBOOK = ROOT / "examples" / "07_first_steps.ipynb"
+NOTEBOOK = ROOT / "examples" / "08_first_steps.ipynb"
 
 pytestmark = pytest.mark.skipif(not (ROOT / "docs").is_dir(), reason="the pages are only in a checkout")
 

@@ -21,8 +21,10 @@ if TYPE_CHECKING:
     from .control.learned import load_policy
     from .control.named import get_controller
     from .control.zoo import shipped_policy
+    from .learner.agent import AREAPO
 
 _HOMES = {
+    "AREAPO": "learner.agent",
     "AbstractController": "control.controller",
     "Board": "benchmark.leaderboard",
     "Evaluation": "benchmark.evaluate",
@@ -42,8 +44,8 @@ _HOMES = {
 }
 
 __all__ = [
-    "AbstractController", "Board", "Evaluation", "Robustness", "SwingupError", "Uptime", "__version__", "baseline",
-    "check_controller", "evaluate", "get_controller", "leaderboard", "load_policy", "make_disturbance",
+    "AREAPO", "AbstractController", "Board", "Evaluation", "Robustness", "SwingupError", "Uptime", "__version__",
+    "baseline", "check_controller", "evaluate", "get_controller", "leaderboard", "load_policy", "make_disturbance",
     "robustness", "score", "shipped_policy", "uptime",
 ]  # fmt: skip
 

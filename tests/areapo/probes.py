@@ -85,3 +85,32 @@ def best_squashed_gaussian(reward, temperature):
             objective = np.sum(weight * (reward(np.tanh(z)) - temperature * (log_normal - log_slope)))
             best = max(best, (objective, mean, log_std))
     return best
+
+
+class Lever(Probe):
+    """Three choices that pay 0, 1 and 2: the best policy is proportional to exp(r/τ)."""
+
+    choices = (3,)
+
+    def outcome(self, value, action):
+        return action.astype(float), value
+
+
+class Levers(Probe):
+    """Two choices at a time: the first decides the next state, which pays or not; the second does nothing."""
+
+    choices = (2, 4)
+    action_size = 2
+
+    def step(self, state, action, key):
+        return super().step(state, action[None], key)
+
+    def outcome(self, value, action):
+        return value, (action[0] == 1).astype(float)
+
+
+class Walk(Probe):
+    """Reward 1 until the task ends itself, after ``max_steps``."""
+
+    def outcome(self, value, action):
+        return jnp.array(1.0), value + 1.0

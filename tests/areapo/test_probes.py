@@ -10,7 +10,7 @@ import pytest
 from swingup.areapo import train
 from swingup.areapo.config import Config
 
-from .probes import Bowl, Constant, Cycle, Switch, best_squashed_gaussian
+from .probes import Bowl, Constant, Cycle, Lever, Levers, Switch, Walk, best_squashed_gaussian
 
 SMALL = Config(
     num_envs=16, num_steps=32, num_epochs=4, batch_size=128, policy_layers=(32, 32), value_layers=(32, 32),
@@ -110,3 +110,63 @@ def test_without_temperature_the_policy_is_greedy():
     assert metrics.gain == pytest.approx(0.0, abs=0.01)
     assert metrics.entropy_gain == 0.0
     assert float(state.actor.mode(jnp.zeros(1))[0]) == pytest.approx(0.0, abs=0.05)
+
+
+def softmax_policy(rewards, temperature):
+    """The maximum-entropy policy of a bandit, exp(r/τ)/Z, and its objective τ log Z."""
+    weights = np.exp(np.asarray(rewards) / temperature)
+    return weights / weights.sum(), temperature * np.log(weights.sum())
+
+
+@pytest.mark.parametrize("temperature", [0.5, 2.0])
+def test_maximum_entropy_policy_of_a_lever(temperature):
+    best, objective = softmax_policy([0.0, 1.0, 2.0], temperature)
+    state, metrics = learn(Lever(), temperature=temperature)
+    assert metrics.gain + metrics.entropy_gain == pytest.approx(objective, rel=0.02)
+    assert metrics.gain == pytest.approx(best @ [0.0, 1.0, 2.0], rel=0.02)
+    np.testing.assert_allclose(jax.nn.softmax(state.actor(jnp.zeros(1)).logits), best, atol=0.02)
+
+
+def test_maximum_entropy_policy_of_two_levers():
+    # The first choice pays one step later, the second nothing: softmax(0, 1/τ) and uniform.
+    best, objective = softmax_policy([0.0, 1.0], 0.5)
+    state, metrics = learn(Levers(), temperature=0.5)
+    assert metrics.gain + metrics.entropy_gain == pytest.approx(objective + 0.5 * np.log(4.0), rel=0.02)
+    stage = state.statistics.stage(10.0)
+    logits = state.actor(stage(jnp.array([1.0]))).logits
+    np.testing.assert_allclose(jax.nn.softmax(logits[:2]), best, atol=0.02)
+    np.testing.assert_allclose(jax.nn.softmax(logits[2:]), 0.25, atol=0.02)
+    # As for the switch: v(1) - v(0) = 1 / (1 - (p(1) - p(0))), p(s) = P(first choice = 1 | s) of this policy.
+    p_zero, p_one = (jax.nn.softmax(state.actor(stage(jnp.array([s]))).logits[:2])[1] for s in (0.0, 1.0))
+    zero, one = values(state, [0.0, 1.0])[:, 0]
+    assert one - zero == pytest.approx(1.0 / (1.0 - float(p_one - p_zero)), rel=0.1)
+
+
+def test_a_termination_costs_and_goes_on_from_a_new_start():
+    # Four steps of reward 1, of which the last costs 10 and leads back to the start: ρ = (4 - 10) / 4 = -1.5.
+    # v(s_k+1) - v(s_k) = ρ - 1 = -2.5 for the states 0, 1, 2, 3 of the walk.
+    state, metrics = learn(Walk(max_steps=4, terminates=True), temperature=0.0)
+    assert metrics.gain == pytest.approx(-1.5, rel=0.02)
+    np.testing.assert_allclose(np.diff(values(state, [0.0, 1.0, 2.0, 3.0])[:, 0]), -2.5, rtol=0.02)
+
+
+def test_a_bootstrapped_termination_is_a_time_limit():
+    # As for the time limit of the cycle above: both states are visited elsewhere, so that their values are known.
+    state, metrics = learn(Cycle(max_steps=9, terminates=True), temperature=0.1, terminations="bootstrap")
+    zero, one = values(state, [0.0, 1.0])[:, 0]
+    assert one - zero == pytest.approx(1.0, rel=0.02)
+    assert metrics.gain == pytest.approx(1.0, rel=0.02)
+
+
+def test_popart_learns_the_same_values():
+    # Rewards of 1000 and the end after four steps, γ = 0.5: v(s_3) = 1000, v(s_k) = 1000 + v(s_k+1) / 2.
+    class Rich(Walk):
+        def outcome(self, value, action):
+            return jnp.array(1000.0), value + 1.0
+
+    state, _ = learn(
+        Rich(max_steps=4, terminates=True), temperature=0.0, average_reward=False, centre_values=False,
+        discount=0.5, entropy_discount=0.5, popart=True,
+    )  # fmt: skip
+    raw = state.value_scale.denormalise(values(state, [0.0, 1.0, 2.0, 3.0]))[:, 0]
+    np.testing.assert_allclose(raw, [1875.0, 1750.0, 1500.0, 1000.0], rtol=0.02)

@@ -97,9 +97,28 @@ def test_train_resume_and_evaluate(capsys):
     assert result["controller"] == "runs/pendubot-default-5/last.npz"
 
 
+def test_train_another_task_and_resume(capsys):
+    options = [*TINY, "--evaluation-episodes", "1"]
+    assert main(["train", "--env", "CartPole-v1", "--frames", "128", *options]) == 0
+    output = capsys.readouterr()
+    assert "best mean return" in output.out
+    assert "training CartPole-v1 (mujoco) to 128 frames in runs/CartPole-v1-mujoco-0" in output.err
+    assert main(["train", "--resume", "runs/CartPole-v1-mujoco-0", "--frames", "256"]) == 0
+    rows = read_metrics("runs/CartPole-v1-mujoco-0/metrics.jsonl")
+    assert [row["frames"] for row in rows] == [128, 256]
+    assert main(["train", "acrobot", "--resume", "runs/CartPole-v1-mujoco-0"]) == 2
+    assert "robot = None, not acrobot" in capsys.readouterr().err
+    with np.load("runs/CartPole-v1-mujoco-0/best.npz") as file:
+        assert file["network.logits.weight"].shape == (2, 8)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        ("train", "robot = None and env = None: give one of the two"),
+        ("train acrobot --env CartPole-v1", "give one of the two"),
+        ("train --env NoSuchTask-v0", "cannot make 'NoSuchTask-v0'"),
+        ("train --env CartPole-v1 --seeds 2", "one seed at a time: use swingup sweep"),
         ("evaluate cartpole", "unknown robot 'cartpole'"),
         ("evaluate acrobot --controller no-such", "unknown controller 'no-such'"),
         ("evaluate acrobot --controller missing.npz", "no such file: missing.npz"),

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..types import Scalar
+from .average import Weights, mean
 from .config import Config
 
 Sequence = Float[Array, "steps *envs"]
@@ -58,7 +59,13 @@ def advantages(
     return result
 
 
-def update_gains(gains: Gains, reward_advantages: Sequence, entropy_advantages: Sequence, config: Config) -> Gains:
+def update_gains(
+    gains: Gains,
+    reward_advantages: Sequence,
+    entropy_advantages: Sequence,
+    config: Config,
+    weights: Weights = None,
+) -> Gains:
     """ρ ← ρ + η' mean(A) and ρ_H ← ρ_H + η' mean(A_H), after the advantages are computed.
 
     Without the trace η' = η, as in the paper. With it trace ← trace + η (1 - trace), then η' = η / trace: the
@@ -69,7 +76,7 @@ def update_gains(gains: Gains, reward_advantages: Sequence, entropy_advantages: 
     trace = gains.trace + config.gain_step_size * (1.0 - gains.trace)
     step_size = config.gain_step_size / trace if config.gain_trace else config.gain_step_size
     return Gains(
-        reward=gains.reward + step_size * jnp.mean(reward_advantages),
-        entropy=gains.entropy + step_size * jnp.mean(entropy_advantages),
+        reward=gains.reward + step_size * mean(reward_advantages, weights),
+        entropy=gains.entropy + step_size * mean(entropy_advantages, weights),
         trace=trace,
     )

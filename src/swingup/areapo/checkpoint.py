@@ -41,6 +41,15 @@ def load_checkpoint(path: str | Path, like: Tree) -> tuple[Tree, dict[str, Any]]
     return jax.tree.unflatten(jax.tree.structure(like), leaves), metadata
 
 
+def read_metadata(path: str | Path) -> dict[str, Any]:
+    """Read the metadata of a checkpoint alone.
+
+    Raises:
+        SwingupError: the file cannot be read.
+    """
+    return load_archive(path, FORMAT, FORMAT_VERSION)[0]
+
+
 def _named(tree: Any) -> list[tuple[str, Any]]:
     leaves = jax.tree_util.tree_leaves_with_path(tree)
     return [(jax.tree_util.keystr(path, simple=True, separator="."), leaf) for path, leaf in leaves]

@@ -5,7 +5,7 @@ temperatures can be batched with ``vmap``. Defaults are Table I of the paper, to
 """
 
 import dataclasses
-from typing import Any
+from typing import Any, Literal, get_args
 
 import equinox as eqx
 
@@ -27,8 +27,13 @@ RANGES = {
     "entropy_value_coefficient": (0.0, HUGE),
     "log_std_init": (-20.0, 2.0),
     "observation_clip": (TINY, HUGE),
+    "reset_cost": (0.0, HUGE),
+    "popart_step_size": (TINY, 1.0),
 }
 """Least and largest value of each hyperparameter that is a number; not asked of traced ones."""
+
+
+Terminations = Literal["auto", "end", "reset_cost", "bootstrap"]
 
 
 class Config(eqx.Module):
@@ -49,11 +54,18 @@ class Config(eqx.Module):
     average_reward: bool = eqx.field(static=True, default=True)
     """Subtract the gains (average reward); without it, the discounts below 1 bound the values."""
     gain_trace: bool = eqx.field(static=True, default=True)
-    """Divide the gains' step by its trace, which removes the bias of their start at 0 (authors' code)."""
+    """Divide the gains' step by its trace, which removes the bias of their start at 0 (authors' code). Not with a λ
+    near 1: λ-advantages scale the step by about 1 / (1 - λ), and the first estimates overshoot more and more."""
     centre_values: bool = eqx.field(static=True, default=False)
     """Fix the values' free constant: after each rollout, take their mean off the heads' biases."""
     normalise_advantages: bool = eqx.field(static=True, default=True)
     """Normalise the soft advantages in each minibatch."""
+    terminations: Terminations = eqx.field(static=True, default="auto")
+    """What follows where a task ends itself. end: nothing, its value is 0; reset_cost: a new start, at a cost
+    (ATRPO, arXiv 2106.07329); bootstrap: what would follow had the task gone on; auto: reset_cost with average
+    reward, end without."""
+    popart: bool = eqx.field(static=True, default=False)
+    """Learn the values on a normalised scale that follows the returns (PopArt)."""
     temperature: float = 2.0
     """Temperature τ of the entropy reward -τ log π."""
     discount: float = 1.0
@@ -82,6 +94,11 @@ class Config(eqx.Module):
     """Logarithm of the policy's initial standard deviation (before tanh)."""
     observation_clip: float = 10.0
     """Normalised observations are clipped to ± this."""
+    reset_cost: float = 10.0
+    """Taken off the reward where a task ends itself, with terminations = reset_cost (10 in arXiv 2501.06937's
+    continuing MuJoCo tasks)."""
+    popart_step_size: float = 0.1
+    """Weight of a rollout's returns in PopArt's running moments."""
 
     def __check_init__(self) -> None:
         """Refuse what cannot work, before anything is traced."""
@@ -102,6 +119,17 @@ class Config(eqx.Module):
                 raise SwingupError(
                     f"{name} = {getattr(self, name)} must name at least one layer of at least 1 unit"
                 )
+        if self.terminations not in get_args(Terminations):
+            raise SwingupError(
+                f"unknown terminations {self.terminations!r}: use one of {', '.join(get_args(Terminations))}"
+            )
+        if self.average_reward and self.terminations == "end":
+            raise SwingupError(
+                "terminations = 'end' does not go with average_reward, whose task goes on: "
+                "use reset_cost or bootstrap"
+            )
+        if self.centre_values and self.popart:
+            raise SwingupError("centre_values does not go with popart, which centres as well: choose one")
         for name in ("discount", "entropy_discount"):
             value = getattr(self, name)
             if not self.average_reward and isinstance(value, int | float) and value >= 1.0:
@@ -110,6 +138,13 @@ class Config(eqx.Module):
                 raise SwingupError(
                     f"centre_values does not go with {name} = {value}: such a value has no free constant"
                 )
+
+    @property
+    def ending(self) -> Literal["end", "reset_cost", "bootstrap"]:
+        """What follows a termination, with ``auto`` resolved."""
+        if self.terminations == "auto":
+            return "reset_cost" if self.average_reward else "end"
+        return self.terminations
 
     @property
     def rollout_size(self) -> int:

@@ -5,18 +5,18 @@ Samples are kept before the tanh: recovering them with atanh loses precision nea
 
 import math
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..types import Key
+from .distribution import AbstractDistribution
 
 _LOG_2 = math.log(2.0)
 _LOG_SQRT_2PI = 0.5 * math.log(2.0 * math.pi)
 
 
-class SquashedGaussian(eqx.Module):
+class SquashedGaussian(AbstractDistribution):
     """Distribution of a = tanh(z), z ~ N(mean, exp(log_std)²), entries independent; batch axes come last."""
 
     mean: Float[Array, "m *batch"]

@@ -2,11 +2,12 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Shaped
 
 from ..types import Scalar
+from .average import mean, standardise
 from .config import Config
-from .networks import Actor, Critic
+from .networks import AbstractActor, Critic
 
 
 class Batch(eqx.Module):
@@ -14,14 +15,16 @@ class Batch(eqx.Module):
 
     observations: Float[Array, "*b n"]
     """Normalised with the statistics of their time."""
-    latents: Float[Array, "*b m"]
-    """Samples before tanh."""
+    latents: Shaped[Array, "*b m"]
+    """Samples, before tanh if they are continuous."""
     log_probs: Float[Array, "*b"]
     """log π(a|s) under the policy that drew them."""
     advantages: Float[Array, "*b"]
     """Soft advantages A + A_H."""
     returns: Float[Array, "*b 2"]
-    """λ-returns of the reward and of the entropy objective: the values' targets."""
+    """λ-returns of the reward and of the entropy objective, on the scale of the critic's outputs: its targets."""
+    weights: Float[Array, "*b"] | None = None
+    """1 for a frame that counts, 0 for one that does not; None: all count."""
 
 
 class LossMetrics(eqx.Module):
@@ -34,7 +37,7 @@ class LossMetrics(eqx.Module):
     clip_fraction: Scalar
 
 
-def loss(networks: tuple[Actor, Critic], batch: Batch, config: Config) -> tuple[Scalar, LossMetrics]:
+def loss(networks: tuple[AbstractActor, Critic], batch: Batch, config: Config) -> tuple[Scalar, LossMetrics]:
     """-L(θ) + c_v (MSE_V + c2 MSE_H) (paper, eq. for L(θ), and Table I).
 
     L(θ) = mean min(r A, clip(r, 1 - ε, 1 + ε) A), r = π_θ(a|s) / π_old(a|s).
@@ -43,12 +46,14 @@ def loss(networks: tuple[Actor, Critic], batch: Batch, config: Config) -> tuple[
     observations = batch.observations.T
     log_ratios = actor(observations).log_prob(batch.latents.T) - batch.log_probs
     ratios = jnp.exp(log_ratios)
-    soft_advantages = _normalised(batch.advantages) if config.normalise_advantages else batch.advantages
+    soft_advantages = batch.advantages
+    if config.normalise_advantages:
+        soft_advantages = standardise(soft_advantages, batch.weights)
     clipped = jnp.clip(ratios, 1.0 - config.clip_range, 1.0 + config.clip_range)
-    policy_loss = -jnp.mean(jnp.minimum(ratios * soft_advantages, clipped * soft_advantages))
+    policy_loss = -mean(jnp.minimum(ratios * soft_advantages, clipped * soft_advantages), batch.weights)
 
     errors = critic(observations) - batch.returns.T
-    value_loss, entropy_value_loss = jnp.mean(errors**2, axis=1)
+    value_loss, entropy_value_loss = mean(errors**2, batch.weights, axis=1)
     total = policy_loss + config.value_coefficient * (
         value_loss + config.entropy_value_coefficient * entropy_value_loss
     )
@@ -56,10 +61,6 @@ def loss(networks: tuple[Actor, Critic], batch: Batch, config: Config) -> tuple[
         policy_loss=policy_loss,
         value_loss=value_loss,
         entropy_value_loss=entropy_value_loss,
-        approximate_kl=jnp.mean(ratios - 1.0 - log_ratios),
-        clip_fraction=jnp.mean(jnp.abs(ratios - 1.0) > config.clip_range),
+        approximate_kl=mean(ratios - 1.0 - log_ratios, batch.weights),
+        clip_fraction=mean(jnp.abs(ratios - 1.0) > config.clip_range, batch.weights),
     )
-
-
-def _normalised(advantages: Float[Array, "b"]) -> Float[Array, "b"]:
-    return (advantages - jnp.mean(advantages)) / (jnp.std(advantages) + 1e-8)

@@ -4,13 +4,18 @@ They take one observation, or a batch whose axis comes last. With the features f
 update have a form for which XLA has a fast CPU kernel; ``vmap`` does not arrive at it, and is a tenth slower.
 """
 
+import abc
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int, Shaped
 
 from ..errors import SwingupError
+from ..tasks.task import Spaces
 from ..types import Key
+from .categorical import Categoricals
+from .distribution import AbstractDistribution
 from .gaussian import SquashedGaussian
 
 LOG_STD_RANGE = (-20.0, 2.0)
@@ -28,8 +33,22 @@ class Linear(eqx.Module):
         return self.weight @ x + self.bias.reshape(-1, *(1,) * (x.ndim - 1))
 
 
-class Actor(eqx.Module):
-    """π(a|s): a tanh-squashed Gaussian whose standard deviation depends on the state."""
+class AbstractActor(eqx.Module):
+    """π(a|s): hidden layers, then a distribution over actions."""
+
+    trunk: eqx.AbstractVar[tuple[Linear, ...]]
+
+    @abc.abstractmethod
+    def __call__(self, observation: Float[Array, "n *batch"]) -> AbstractDistribution:
+        """Distribution of the action for normalised observations."""
+
+    @abc.abstractmethod
+    def mode(self, observation: Float[Array, "n *batch"]) -> Shaped[Array, "m *batch"]:
+        """The deterministic action."""
+
+
+class Actor(AbstractActor):
+    """π(a|s) of continuous actions: a tanh-squashed Gaussian whose standard deviation depends on the state."""
 
     trunk: tuple[Linear, ...]
     mean_head: Linear
@@ -52,6 +71,23 @@ class Actor(eqx.Module):
         return jnp.tanh(self.mean_head(_features(self.trunk, observation)))
 
 
+class CategoricalActor(AbstractActor):
+    """π(a|s) of discrete actions: a categorical distribution for each of them."""
+
+    trunk: tuple[Linear, ...]
+    logits_head: Linear
+    choices: tuple[int, ...] = eqx.field(static=True)
+    """Number of alternatives of each action."""
+
+    def __call__(self, observation: Float[Array, "n *batch"]) -> Categoricals:
+        """Distribution of the actions for normalised observations."""
+        return Categoricals(self.logits_head(_features(self.trunk, observation)), self.choices)
+
+    def mode(self, observation: Float[Array, "n *batch"]) -> Int[Array, "m *batch"]:
+        """The most probable alternative of each action."""
+        return self(observation).mode()
+
+
 class Critic(eqx.Module):
     """The bias values v and v_H: two linear heads on one trunk."""
 
@@ -61,6 +97,19 @@ class Critic(eqx.Module):
     def __call__(self, observation: Float[Array, "n *batch"]) -> Float[Array, "2 *batch"]:
         """[v(s), v_H(s)] for normalised observations."""
         return self.heads(_features(self.trunk, observation))
+
+
+def init_policy(key: Key, spaces: Spaces, layers: tuple[int, ...], log_std_init: float) -> AbstractActor:
+    """An actor for these spaces, next to uniform if its actions are discrete."""
+    if not spaces.choices:
+        return init_actor(key, spaces.observation_size, spaces.action_size, layers, log_std_init)
+    trunk_key, head_key = jax.random.split(key)
+    outputs = sum(spaces.choices)
+    return CategoricalActor(
+        trunk=_trunk(trunk_key, spaces.observation_size, layers),
+        logits_head=Linear(_orthogonal(head_key, layers[-1], outputs, 0.01), jnp.zeros(outputs)),
+        choices=spaces.choices,
+    )
 
 
 def init_actor(

@@ -5,16 +5,17 @@ The file is a NumPy ``.npz``: named arrays and JSON metadata; ``docs/policy-form
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 
 from ..arrays import save_archive
 from ..runtime.policy_file import FORMAT, FORMAT_VERSION, STAGES, Layer, PolicyFile, read_policy_file
 from ..tasks.observation import AbstractStage, PendulumObservation
 from ..types import Action, Observation
-from .networks import Actor, Linear
+from .networks import AbstractActor, Actor, CategoricalActor, Linear
 from .normalise import Normalise
 
 _KINDS: dict[type, type[AbstractStage]] = {
@@ -24,21 +25,25 @@ _KINDS: dict[type, type[AbstractStage]] = {
 """From a file's stages to those that compute; both have the same fields."""
 
 
-class Policy(eqx.Module):
+ActorT = TypeVar("ActorT", bound=AbstractActor)
+
+
+class Policy(eqx.Module, Generic[ActorT]):
     """Observation stages, then the actor."""
 
     stages: tuple[AbstractStage, ...]
-    actor: Actor
+    actor: ActorT
 
     def observe(self, observation: Observation) -> Observation:
         """Apply the stages; their result has the dtype of what they are given."""
+        observation = jnp.asarray(observation)
         dtype = observation.dtype
         for stage in self.stages:
             observation = stage(observation)
         return observation.astype(dtype)
 
     def __call__(self, observation: Observation) -> Action:
-        """The deterministic action, each entry in [-1, 1].
+        """The deterministic action: each entry in [-1, 1], or a whole number if actions are discrete.
 
         The network's weights are float32 numbers, its arithmetic has the observation's precision: where that is
         double, as in the judge, no order of sums matters, and every runtime arrives at the same torque.
@@ -46,7 +51,7 @@ class Policy(eqx.Module):
         return self.actor.mode(self.observe(observation))
 
 
-def save_policy(path: str | Path, policy: Policy, metadata: Mapping[str, Any]) -> None:
+def save_policy(path: str | Path, policy: Policy[Any], metadata: Mapping[str, Any]) -> None:
     """Write a policy atomically; ``metadata`` (JSON values) is kept under its own names.
 
     Raises:
@@ -63,10 +68,11 @@ def save_policy(path: str | Path, policy: Policy, metadata: Mapping[str, Any]) -
                 arrays[f"observation.{index}.{name}"] = np.asarray(value, np.float64)
         stages.append(entry)
     arrays |= {f"network.{name}": np.asarray(value) for name, value in _actor_arrays(policy.actor).items()}
-    save_archive(path, FORMAT, FORMAT_VERSION, {"observation": stages, **metadata}, arrays)
+    head = {"choices": list(policy.actor.choices)} if isinstance(policy.actor, CategoricalActor) else {}
+    save_archive(path, FORMAT, FORMAT_VERSION, {"observation": stages, **head, **metadata}, arrays)
 
 
-def load_policy(path: str | Path) -> tuple[Policy, dict[str, Any]]:
+def load_policy(path: str | Path) -> tuple[Policy[Any], dict[str, Any]]:
     """Read a policy and its metadata.
 
     Raises:
@@ -76,20 +82,29 @@ def load_policy(path: str | Path) -> tuple[Policy, dict[str, Any]]:
     return make_policy(file), metadata
 
 
-def make_policy(file: PolicyFile) -> Policy:
+def make_policy(file: PolicyFile) -> Policy[Any]:
     """The policy that a file holds."""
-    trunk, mean, std = tuple(map(_linear, file.trunk)), _linear(file.mean), file.std
+    trunk, head, std = tuple(map(_linear, file.trunk)), _linear(file.head), file.std
     stages = tuple(_KINDS[type(stage)](**vars(stage)) for stage in file.stages)
-    return Policy(stages, Actor(trunk, mean, None if std is None else _linear(std)))
+    if file.choices is not None:
+        return Policy(stages, CategoricalActor(trunk, head, file.choices))
+    return Policy(stages, Actor(trunk, head, None if std is None else _linear(std)))
 
 
 def _stage_name(stage: AbstractStage) -> str:
     return next(name for name, kind in STAGES.items() if type(stage) is _KINDS[kind])
 
 
-def _actor_arrays(actor: Actor) -> dict[str, Any]:
-    layers = {f"trunk.{index}": layer for index, layer in enumerate(actor.trunk)}
-    layers |= {"mean": actor.mean_head} | ({} if actor.std_head is None else {"std": actor.std_head})
+def _heads(actor: AbstractActor) -> dict[str, Linear]:
+    """The output layers by their names in the file."""
+    if isinstance(actor, CategoricalActor):
+        return {"logits": actor.logits_head}
+    assert isinstance(actor, Actor)
+    return {"mean": actor.mean_head} | ({} if actor.std_head is None else {"std": actor.std_head})
+
+
+def _actor_arrays(actor: AbstractActor) -> dict[str, Any]:
+    layers = {f"trunk.{index}": layer for index, layer in enumerate(actor.trunk)} | _heads(actor)
     return {f"{name}.{part}": getattr(layer, part) for name, layer in layers.items() for part in ("weight", "bias")}
 
 

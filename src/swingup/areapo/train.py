@@ -4,7 +4,6 @@ Everything is a pure function of a :class:`LearnerState` for one seed; ``vmap`` 
 AR-EAPO paper, section III, and the authors' public implementation where the paper is silent.
 """
 
-import dataclasses
 from typing import Any
 
 import equinox as eqx
@@ -13,13 +12,17 @@ import jax.numpy as jnp
 import optax
 from jaxtyping import Array, Bool, Float
 
-from ..tasks.task import AbstractTask
+from ..tasks.task import AbstractTask, Spaces
 from ..types import Count, Key, Scalar
-from .advantage import Gains, advantages, init_gains, update_gains
+from .act import decide, over_envs, take_in
+from .advantage import advantages, init_gains, update_gains
+from .average import mean
 from .config import Config
 from .loss import Batch, LossMetrics, loss
-from .networks import Actor, Critic, init_actor, init_critic
-from .normalise import RunningStatistics, init_statistics
+from .networks import Critic, init_critic, init_policy
+from .normalise import init_statistics
+from .popart import init_value_scale, rescale
+from .state import LearnerState, Metrics, Rollout
 
 Task = AbstractTask[Any]
 
@@ -27,83 +30,38 @@ BOOTSTRAP_SIZE = 64
 """Truncated states whose values are computed at once; a rollout of Table I holds about 13."""
 
 
-class LearnerState(eqx.Module):
-    """Everything that training needs to go on, bit for bit."""
-
-    actor: Actor
-    critic: Critic
-    optimiser: optax.OptState
-    gains: Gains
-    statistics: RunningStatistics
-    task_states: Any
-    """States of the environments (leading axis: environment)."""
-    observations: Float[Array, "envs n"]
-    """Their observations, normalised with the statistics of their time."""
-    key: Key
-    iterations: Count
-
-
-class Rollout(eqx.Module):
-    """What was collected (leading axes: step, environment)."""
-
-    observations: Float[Array, "steps envs n"]
-    latents: Float[Array, "steps envs m"]
-    log_probs: Float[Array, "steps envs"]
-    rewards: Float[Array, "steps envs"]
-    next_observations: Float[Array, "steps envs n"]
-    """Of the state after the step and before any reset."""
-    terminated: Bool[Array, "steps envs"]
-    truncated: Bool[Array, "steps envs"]
-
-
-class Metrics(eqx.Module):
-    """Means over the frames of an iteration."""
-
-    reward: Scalar
-    """Reward of a step."""
-    entropy: Scalar
-    """-log π of the sampled actions (nats)."""
-    gain: Scalar
-    """ρ after its update."""
-    entropy_gain: Scalar
-    """ρ_H after its update, in units of the reward."""
-    value: Scalar
-    """Mean of V before any centring."""
-    entropy_value: Scalar
-    """Mean of V_H before any centring."""
-    gradient_norm: Scalar
-    """Joint norm before clipping."""
-    losses: LossMetrics
-
-    def as_dict(self) -> dict[str, float]:
-        """Flat, as Python floats."""
-        own = {
-            field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name != "losses"
-        }
-        return {name: float(value) for name, value in (own | vars(self.losses)).items()}
-
-
 def init(key: Key, task: Task, config: Config) -> LearnerState:
     """The state before the first iteration."""
-    actor_key, critic_key, reset_key, state_key = jax.random.split(key, 4)
-    actor = init_actor(
-        actor_key, task.observation_size, task.action_size, config.policy_layers, config.log_std_init
-    )
-    critic = init_critic(critic_key, task.observation_size, config.value_layers)
+    state = init_learner(key, task.spaces, config)
+    reset_key = jax.random.split(key, 4)[2]
     task_states = jax.vmap(task.reset)(jax.random.split(reset_key, config.num_envs))
-    observations = jax.vmap(task.observe)(task_states)
-    statistics = init_statistics(task.observation_size).update(observations)
+    state = eqx.tree_at(lambda s: s.task_states, state, task_states, is_leaf=lambda leaf: leaf is None)
+    return restarted(state, jax.vmap(task.observe)(task_states), config)
+
+
+def init_learner(key: Key, spaces: Spaces, config: Config) -> LearnerState:
+    """The state of a learner that has seen no environment yet."""
+    actor_key, critic_key, _, state_key = jax.random.split(key, 4)
+    actor = init_policy(actor_key, spaces, config.policy_layers, config.log_std_init)
+    critic = init_critic(critic_key, spaces.observation_size, config.value_layers)
     return LearnerState(
         actor=actor,
         critic=critic,
         optimiser=_optimiser(config).init((actor, critic)),
         gains=init_gains(),
-        statistics=statistics,
-        task_states=task_states,
-        observations=statistics.stage(config.observation_clip)(observations),
+        statistics=init_statistics(spaces.observation_size),
+        task_states=None,
+        observations=jnp.zeros((config.num_envs, spaces.observation_size)),
         key=state_key,
         iterations=jnp.array(0),
+        value_scale=init_value_scale() if config.popart else None,
     )
+
+
+def restarted(state: LearnerState, observations: Float[Array, "envs n"], config: Config) -> LearnerState:
+    """The learner at the start of new episodes, of which it sees these first observations (not normalised)."""
+    statistics, seen, _ = take_in(state.statistics, observations, observations, config.observation_clip)
+    return eqx.tree_at(lambda s: (s.statistics, s.observations), state, (statistics, seen))
 
 
 def train(state: LearnerState, task: Task, config: Config, iterations: Count | int) -> tuple[LearnerState, Metrics]:
@@ -124,11 +82,18 @@ def iteration(state: LearnerState, task: Task, config: Config) -> tuple[LearnerS
     """One iteration: collect a rollout, estimate soft advantages and gains, improve actor and critic."""
     collect_key, improve_key, next_key = jax.random.split(state.key, 3)
     collected, rollout = collect(state, collect_key, task, config)
-    estimated, batch, offset = estimate(collected, rollout, config)
+    return update(collected, rollout, improve_key, next_key, config)
+
+
+def update(
+    state: LearnerState, rollout: Rollout, improve_key: Key, next_key: Key, config: Config
+) -> tuple[LearnerState, Metrics]:
+    """Learn from a rollout, wherever it was collected: estimate, then improve."""
+    estimated, batch, offset = estimate(state, rollout, config)
     improved, losses, gradient_norm = improve(estimated, batch, improve_key, config)
     metrics = Metrics(
-        reward=jnp.mean(rollout.rewards),
-        entropy=-jnp.mean(rollout.log_probs),
+        reward=mean(rollout.rewards, rollout.counted),
+        entropy=-mean(rollout.log_probs, rollout.counted),
         gain=improved.gains.reward,
         entropy_gain=improved.gains.entropy,
         value=offset[0],
@@ -141,32 +106,25 @@ def iteration(state: LearnerState, task: Task, config: Config) -> tuple[LearnerS
 
 
 def collect(state: LearnerState, key: Key, task: Task, config: Config) -> tuple[LearnerState, Rollout]:
-    """Act for ``num_steps`` in every environment; reset those that ended.
-
-    The observation statistics take in the states after the resets and before they are normalised, as in the
-    authors' code.
-    """
+    """Act for ``num_steps`` in every environment; reset those that ended."""
 
     def act(carry: tuple[Any, ...], key: Key) -> tuple[tuple[Any, ...], Rollout]:
         task_states, observations, statistics = carry
         sample_key, step_key, reset_key = jax.random.split(key, 3)
-        policy = jax.vmap(state.actor)(observations)
-        latents = _over_envs(lambda p, k: p.sample(k), sample_key, policy)
-        log_probs = jax.vmap(lambda p, z: p.log_prob(z))(policy, latents)
-        actions = jax.vmap(lambda p, z: p.action(z))(policy, latents)
-        step = _over_envs(lambda s, a, k: task.step(s, a, k), step_key, task_states, actions)
+        chosen = decide(state.actor, observations, sample_key)
+        step = over_envs(lambda s, a, k: task.step(s, a, k), step_key, task_states, chosen.actions)
         ended = step.terminated | step.truncated
         fresh = jax.vmap(task.reset)(jax.random.split(reset_key, config.num_envs))
         following = jax.tree.map(lambda new, old: _where(ended, new, old), fresh, step.state)
-        raw = jax.vmap(task.observe)(following)
-        statistics = statistics.update(raw)
-        normalise = statistics.stage(config.observation_clip)
-        return (following, normalise(raw), statistics), Rollout(
+        statistics, seen, true_next = take_in(
+            statistics, jax.vmap(task.observe)(following), step.observation, config.observation_clip
+        )
+        return (following, seen, statistics), Rollout(
             observations=observations,
-            latents=latents,
-            log_probs=log_probs,
+            latents=chosen.latents,
+            log_probs=chosen.log_probs,
             rewards=step.reward,
-            next_observations=normalise(step.observation),
+            next_observations=true_next,
             terminated=step.terminated,
             truncated=step.truncated,
         )
@@ -188,24 +146,26 @@ def estimate(
 ) -> tuple[LearnerState, Batch, Float[Array, "2"]]:
     """Soft advantages and λ-returns of a rollout, then the gains; also the means of both values.
 
-    A truncated step bootstraps from the state before the reset; a terminated one has no value beyond it; both cut
-    the recursion. The entropy reward is -τ log π(a|s), τ included.
+    A truncated step bootstraps from the state before the reset. A terminated one has, by ``config.terminations``,
+    no value beyond it, or that of the state before the reset, or it pays a cost and goes on from the state after
+    the reset. All cut the recursion. The entropy reward is -τ log π(a|s), τ included.
     """
-    values = jax.vmap(jax.vmap(state.critic))(rollout.observations)
+    outputs = jax.vmap(jax.vmap(state.critic))(rollout.observations)
     last = jax.vmap(state.critic)(state.observations)
-    next_values = jnp.concatenate([values[1:], last[None]])
-    next_values = _bootstrapped(state.critic, rollout, next_values)
-    offset = jnp.mean(values, axis=(0, 1))
+    next_outputs = jnp.concatenate([outputs[1:], last[None]])
+    next_outputs = _bootstrapped(state.critic, rollout, next_outputs, config)
+    values, next_values = _values(state, outputs), _values(state, next_outputs)
+    offset = _mean_of_both(values, rollout)
     if config.centre_values:
         critic = eqx.tree_at(lambda c: c.heads.bias, state.critic, replace_fn=lambda bias: bias - offset)
         state = eqx.tree_at(lambda s: s.critic, state, critic)
         values, next_values = values - offset, next_values - offset
-    next_values = jnp.where(rollout.terminated[..., None], 0.0, next_values)
+    rewards, next_values = _ended(rollout, next_values, config)
 
     cuts = rollout.terminated | rollout.truncated
     entropy_rewards = -config.temperature * rollout.log_probs
     reward_advantages = advantages(
-        rollout.rewards, values[..., 0], next_values[..., 0], cuts,
+        rewards, values[..., 0], next_values[..., 0], cuts,
         state.gains.reward, config.discount, config.gae_lambda,
     )  # fmt: skip
     entropy_advantages = advantages(
@@ -214,14 +174,17 @@ def estimate(
     )  # fmt: skip
     # Without temperature there is no entropy objective, whatever an untrained V_H says.
     entropy_advantages = jnp.where(config.temperature > 0.0, entropy_advantages, 0.0)
+    returns = jnp.stack([reward_advantages, entropy_advantages], axis=-1) + values
+    state, targets = _rescaled(state, returns, rollout, config)
     batch = Batch(
         observations=rollout.observations,
         latents=rollout.latents,
         log_probs=rollout.log_probs,
         advantages=reward_advantages + entropy_advantages,
-        returns=jnp.stack([reward_advantages, entropy_advantages], axis=-1) + values,
+        returns=targets,
+        weights=rollout.counted,
     )
-    gains = update_gains(state.gains, reward_advantages, entropy_advantages, config)
+    gains = update_gains(state.gains, reward_advantages, entropy_advantages, config, rollout.counted)
     return eqx.tree_at(lambda s: s.gains, state, gains), batch, offset
 
 
@@ -260,13 +223,49 @@ def _optimiser(config: Config) -> optax.GradientTransformation:
     )
 
 
+def _values(state: LearnerState, outputs: Float[Array, "steps envs 2"]) -> Float[Array, "steps envs 2"]:
+    return outputs if state.value_scale is None else state.value_scale.denormalise(outputs)
+
+
+def _mean_of_both(values: Float[Array, "steps envs 2"], rollout: Rollout) -> Float[Array, "2"]:
+    weights = None if rollout.counted is None else rollout.counted[..., None]
+    return mean(values, weights, axis=(0, 1))
+
+
+def _rescaled(
+    state: LearnerState, returns: Float[Array, "steps envs 2"], rollout: Rollout, config: Config
+) -> tuple[LearnerState, Float[Array, "steps envs 2"]]:
+    """PopArt's scale moved towards the returns, all values kept; and what the critic shall put out."""
+    if state.value_scale is None:
+        return state, returns
+    first, second = _mean_of_both(returns, rollout), _mean_of_both(returns**2, rollout)
+    scale = state.value_scale.update(first, second, config.popart_step_size)
+    critic = rescale(state.critic, state.value_scale, scale)
+    rescaled = eqx.tree_at(lambda s: (s.critic, s.value_scale), state, (critic, scale))
+    return rescaled, scale.normalise(returns)
+
+
+def _ended(
+    rollout: Rollout, next_values: Float[Array, "steps envs 2"], config: Config
+) -> tuple[Float[Array, "steps envs"], Float[Array, "steps envs 2"]]:
+    """Rewards and next values, with what a termination means."""
+    if config.ending == "end":
+        return rollout.rewards, jnp.where(rollout.terminated[..., None], 0.0, next_values)
+    if config.ending == "reset_cost":
+        return jnp.where(rollout.terminated, rollout.rewards - config.reset_cost, rollout.rewards), next_values
+    return rollout.rewards, next_values
+
+
 def _bootstrapped(
-    critic: Critic, rollout: Rollout, next_values: Float[Array, "steps envs 2"]
+    critic: Critic, rollout: Rollout, next_values: Float[Array, "steps envs 2"], config: Config
 ) -> Float[Array, "steps envs 2"]:
-    """Replace the next values at truncated steps by those of the true next states, a few at a time."""
-    truncated = rollout.truncated.reshape(-1)
+    """Replace next values where the task was cut short by those of the true next states, a few at a time."""
+    cut_short = rollout.truncated & ~rollout.terminated
+    if config.ending == "bootstrap":
+        cut_short = rollout.truncated | rollout.terminated
+    truncated = cut_short.reshape(-1)
     observations = rollout.next_observations.reshape(truncated.size, -1)
-    order = jnp.argsort(~truncated)  # the truncated steps first
+    order = jnp.argsort(~truncated)  # those to replace first
 
     def replace(carry: tuple[Count, Array]) -> tuple[Count, Array]:
         start, flat = carry
@@ -279,12 +278,6 @@ def _bootstrapped(
     count = jnp.sum(truncated)
     _, flat = jax.lax.while_loop(lambda carry: carry[0] < count, replace, (jnp.array(0), flat))
     return flat.reshape(next_values.shape)
-
-
-def _over_envs(function: Any, key: Key, *arguments: Any) -> Any:
-    """Map over environments with a key for each."""
-    size = jax.tree.leaves(arguments[0])[0].shape[0]
-    return jax.vmap(function)(*arguments, jax.random.split(key, size))
 
 
 def _where(condition: Bool[Array, "envs"], new: Array, old: Array) -> Array:

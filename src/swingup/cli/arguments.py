@@ -14,6 +14,7 @@ from ..physics.parameters import ROBOTS, Robot, get_robot
 from ..tasks.disturbance import Disturbance
 
 RobotName = Positional[Annotated[str, arg(metavar="ROBOT", help="acrobot or pendubot.")]]
+RobotOrNone = Positional[Annotated[str | None, arg(metavar="[ROBOT]", help="acrobot or pendubot.")]]
 RobotOrAll = Positional[Annotated[str, arg(metavar="[ROBOT]", help="acrobot, pendubot or all.")]]
 ControllerName = Annotated[
     str,

@@ -7,15 +7,16 @@ import tyro
 from tyro.conf import OmitArgPrefixes
 
 from ..areapo.config import Config
-from ..learner.presets import DEFAULT_PRESET, get_preset
-from . import exporting, judging, pictures, planning, refining, training
-from .arguments import RobotName
+from ..learner.presets import DEFAULT_PRESET, ENV_PRESET, get_preset
+from . import exporting, judging, pictures, planning, refining, sweeping, training
+from .arguments import RobotOrNone
 
 
 def run_command(arguments: list[str]) -> int:
     """Parse the arguments and run the command."""
     commands: dict[str, Callable[..., int]] = {
         "train": _train_command(get_preset(_preset_named_in(arguments)).config),
+        "sweep": sweeping.sweep,
         "refine": refining.refine,
         "evaluate": judging.evaluate,
         "score": judging.score,
@@ -40,8 +41,9 @@ def _train_command(base: Config) -> Callable[..., int]:
     """The command ``train``, with the hyperparameters of a preset for defaults."""
 
     def train(
-        robot: RobotName,
+        robot: RobotOrNone = None,
         /,
+        env: str | None = None,
         preset: str | None = None,
         frames: int | None = None,
         seed: int | None = None,
@@ -50,6 +52,7 @@ def _train_command(base: Config) -> Callable[..., int]:
         resume: str | None = None,
         evaluate_every: int | None = None,
         checkpoint_every: int | None = None,
+        evaluation_episodes: int | None = None,
         config: OmitArgPrefixes[Config] = base,
     ) -> int:
         """Train a policy, show where it stands, and end with its score.
@@ -57,20 +60,25 @@ def _train_command(base: Config) -> Callable[..., int]:
         The folder holds config.json, metrics.jsonl, tensorboard/, checkpoints/, best.npz and last.npz.
 
         Args:
-            robot: the robot.
-            preset: named settings: default, paper, global, apo, eapo or ppo; the hyperparameters below change them.
+            robot: the robot; none with --env or --resume.
+            env: Gymnasium id of another task, such as Swimmer-v5 or your.module:Task-v0.
+            preset: named settings: default, paper, global, apo, eapo, ppo or mujoco; the options below change them.
             frames: frames to train each seed for; default: the preset's.
             seed: the first seed; default 0.
             seeds: how many seeds to train side by side; default 1.
-            out: folder of the run, new or empty; default runs/ROBOT-PRESET-SEED.
+            out: folder of the run, new or empty; default runs/ROBOT-PRESET-SEED, or the id's name for the robot's.
             resume: folder of a run to continue from its last checkpoint, bit for bit.
             evaluate_every: frames between evaluations, metrics and progress; default 65536.
-            checkpoint_every: frames between checkpoints; default 1048576.
+            checkpoint_every: frames between checkpoints; default 1048576, or 262144 with --env.
+            evaluation_episodes: episodes of an evaluation with --env; default 5.
             config: the algorithm.
         """
-        options = {"preset": preset, "seed": seed, "seeds": seeds}
-        intervals = {"evaluate_every": evaluate_every, "checkpoint_every": checkpoint_every}
-        return training.train(robot, frames, options | intervals, out, resume, config)
+        options = {
+            "robot": robot, "env": env, "preset": preset, "seed": seed, "seeds": seeds,
+            "evaluate_every": evaluate_every, "checkpoint_every": checkpoint_every,
+            "evaluation_episodes": evaluation_episodes,
+        }  # fmt: skip
+        return training.train(frames, options, out, resume, config)
 
     return train
 
@@ -81,4 +89,5 @@ def _preset_named_in(arguments: list[str]) -> str:
         name, _, value = argument.partition("=")
         if name == "--preset":
             return value or following
-    return DEFAULT_PRESET
+    named = any(argument.partition("=")[0] == "--env" for argument in arguments)
+    return ENV_PRESET if named else DEFAULT_PRESET

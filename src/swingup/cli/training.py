@@ -12,67 +12,65 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from ..areapo.config import Config
 from ..errors import SwingupError
-from ..learner.presets import DEFAULT_PRESET, get_preset
+from ..learner.presets import DEFAULT_PRESET, ENV_PRESET, get_preset
 from ..learner.run import Report, Run
-from ..learner.settings import Settings, read_settings
+from ..learner.settings import ENV_INTERVALS, PENDULUM_INTERVALS, Settings, read_settings
 from ..physics.parameters import get_robot
 from .judging import evaluate
 
-DEFAULTS = {
-    "preset": DEFAULT_PRESET,
-    "seed": 0,
-    "seeds": 1,
-    "evaluate_every": 65_536,
-    "checkpoint_every": 1_048_576,
-}
 LINE_EVERY = 10.0
 """Seconds between lines where there is no terminal for a progress bar."""
 
 
-def train(
-    robot: str,
-    frames: int | None,
-    options: dict[str, Any],
-    out: str | None,
-    resume: str | None,
-    config: Config,
-) -> int:
+def train(frames: int | None, options: dict[str, Any], out: str | None, resume: str | None, config: Config) -> int:
     """Start or resume a run, show its progress, and score its best policy.
 
     Options that are None were not given. The status is 128 plus the number of the signal that stopped the run.
     """
-    get_robot(robot)
     if frames is not None and frames < 1:
         raise SwingupError(f"frames = {frames} must be at least 1")
     if resume is None:
-        run = _start(robot, frames, options, out, config)
+        run = _start(frames, options, out, config)
     else:
-        run = _resume(robot, frames, options, out, Path(resume), config)
+        run = _resume(frames, options, out, Path(resume), config)
     received = _stop_on_signals(run)
     console = Console(stderr=True)
     _show(run, console)
+    run.close()
     if received:
         console.print(f"stopped at {run.frames:,} frames and saved: continue with --resume {run.folder}")
         return 128 + received[0]
-    return evaluate(robot, controller=str(run.folder / "best.npz"))
+    if run.settings.robot is None:
+        print(f"best mean return {run.best_score:.6g}, policy {run.folder / 'best.npz'}")
+        return 0
+    return evaluate(run.settings.robot, controller=str(run.folder / "best.npz"))
 
 
-def _start(robot: str, frames: int | None, options: dict[str, Any], out: str | None, config: Config) -> Run:
-    chosen: dict[str, Any] = {name: DEFAULTS[name] if value is None else value for name, value in options.items()}
-    settings = Settings(robot=robot, config=config, **chosen)
-    folder = out or f"runs/{robot}-{settings.preset}-{settings.seed}"
+def usual_options(options: dict[str, Any]) -> dict[str, Any]:
+    """Options with the defaults of those that were not given, which differ between the pendulum and other tasks."""
+    if options["robot"] is not None:
+        get_robot(options["robot"])
+    other = options["env"] is not None
+    usual: dict[str, Any] = {"preset": ENV_PRESET if other else DEFAULT_PRESET, "seed": 0, "seeds": 1}
+    usual |= ENV_INTERVALS if other else PENDULUM_INTERVALS
+    return usual | {name: value for name, value in options.items() if value is not None}
+
+
+def _start(frames: int | None, options: dict[str, Any], out: str | None, config: Config) -> Run:
+    chosen = {"robot": None, **usual_options(options)}
+    settings = Settings(config=config, **chosen)
+    name = settings.name.replace("/", "-").replace(":", "-")
+    folder = out or f"runs/{name}-{settings.preset}-{settings.seed}"
     return Run(settings, folder, frames or get_preset(settings.preset).frames)
 
 
-def _resume(
-    robot: str, frames: int | None, options: dict[str, Any], out: str | None, folder: Path, config: Config
-) -> Run:
+def _resume(frames: int | None, options: dict[str, Any], out: str | None, folder: Path, config: Config) -> Run:
     """Continue a run, unless what was given contradicts its configuration."""
     if out is not None:
         raise SwingupError(f"--out {out} does not go with --resume {folder}: a run stays in its folder")
     saved, _ = read_settings(folder)
-    given = {"robot": robot} | {name: value for name, value in options.items() if value is not None}
-    usual = vars(get_preset(options["preset"] or DEFAULT_PRESET).config)
+    given = {name: value for name, value in options.items() if value is not None}
+    usual = vars(get_preset(usual_options(options)["preset"]).config)
     given |= {name: value for name, value in vars(config).items() if value != usual[name]}
     known = vars(saved) | vars(saved.config)
     for name, value in given.items():
@@ -100,7 +98,7 @@ def _stop_on_signals(run: Run) -> list[int]:
 
 def _show(run: Run, console: Console) -> None:
     """A progress bar on a terminal; elsewhere a line every few seconds."""
-    console.print(f"training {run.settings.robot} ({run.settings.preset}) to {run.goal:,} frames in {run.folder}")
+    console.print(f"training {run.settings.name} ({run.settings.preset}) to {run.goal:,} frames in {run.folder}")
     shown = -math.inf
     columns = (TextColumn("{task.description}"), BarColumn(bar_width=12), TimeRemainingColumn())
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
@@ -119,7 +117,8 @@ def _lines(report: Report) -> tuple[str, str]:
     """Where the run stands, in two lines that fit a narrow terminal; means over the seeds."""
 
     def mean(name: str) -> float:
-        return sum(row[name] for row in report.rows) / len(report.rows)
+        values = [math.nan if row[name] is None else row[name] for row in report.rows]
+        return sum(values) / len(values)
 
     return (
         f"{report.frames:,} frames  {report.frames_per_second:,.0f}/s  reward {mean('reward'):.3f}",

@@ -8,6 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from ..areapo import policy as policies
+from ..areapo.networks import Actor
 from ..areapo.policy import Policy
 from ..physics.parameters import Robot
 from ..runtime.policy_file import read_pendulum_policy
@@ -18,7 +19,7 @@ from .controller import AbstractController
 class PolicyController(AbstractController[None]):
     """The deterministic policy, called at whatever rate the loop runs; it remembers nothing."""
 
-    policy: Policy
+    policy: Policy[Actor]
     """From a state [q1, q2, dq1, dq2] to an action in [-1, 1]."""
     torque_limit: float
     """Torque of an action of 1 (N m)."""

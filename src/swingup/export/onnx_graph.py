@@ -41,7 +41,7 @@ def onnx_model(policy: PendulumPolicy) -> bytes:
     features = graph.cast(features, onnx.TensorProto.FLOAT)
     for layer in policy.file.trunk:
         features = graph.add("Relu", _hidden(graph, layer, features))
-    head, features = policy.file.mean, graph.cast(features, onnx.TensorProto.DOUBLE)
+    head, features = policy.file.head, graph.cast(features, onnx.TensorProto.DOUBLE)
     action = graph.add(
         "Tanh", graph.gemm(features, head.weight.astype(float), graph.constant(head.bias.astype(float)))
     )

@@ -30,7 +30,17 @@ class MetricsWriter:
         )
 
     def write(self, rows: Iterable[Mapping[str, Any]]) -> None:
-        """Append rows that hold at least ``seed`` and ``frames``."""
+        """Append rows that hold at least ``seed`` and ``frames``.
+
+        Raises:
+            SwingupError: a file cannot be written.
+        """
+        try:
+            self._write(rows)
+        except OSError as error:
+            raise SwingupError(f"cannot write {self._file.name}: {error.strerror}; make room and resume") from error
+
+    def _write(self, rows: Iterable[Mapping[str, Any]]) -> None:
         for row in rows:
             self._file.write(json.dumps(row) + "\n")
             if row["seed"] not in self._boards:

@@ -17,7 +17,7 @@ class Preset:
     frames: int = 12_000_000
     """Length of a run unless another is asked for."""
     task: str = "smooth"
-    """The task's variant, a name of :data:`swingup.tasks.presets.TASKS`."""
+    """The pendulum's variant, a name of :data:`swingup.tasks.presets.TASKS`."""
 
 
 PRESETS = {
@@ -36,10 +36,10 @@ PRESETS = {
         "average reward without entropy (after APO, arXiv 2106.03442)", Config(temperature=0.0, centre_values=True)
     ),
     "eapo": Preset(
-        "discounted rewards with entropy advantages (EAPO, arXiv 2407.18143)",
+        "discounted rewards with entropy advantages and PopArt (EAPO, arXiv 2407.18143)",
         Config(
             average_reward=False, discount=0.99, entropy_discount=0.99, gae_lambda=0.95, entropy_gae_lambda=0.6,
-            clip_range=0.2,
+            clip_range=0.2, popart=True,
         ),
     ),
     "ppo": Preset(
@@ -49,9 +49,21 @@ PRESETS = {
             clip_range=0.2,
         ),
     ),
+    "mujoco": Preset(
+        "AR-EAPO with sizes for Gymnasium's control tasks and a million frames",
+        Config(
+            num_envs=8, num_steps=256, num_epochs=10, batch_size=128, policy_layers=(64, 64), value_layers=(64, 64),
+            temperature=0.02, gae_lambda=0.95, entropy_gae_lambda=0.95, clip_range=0.2, learning_rate=3e-4,
+            max_grad_norm=0.5, centre_values=True, gain_trace=False,
+        ),
+        1_000_000,
+    ),
 }  # fmt: skip
 
 DEFAULT_PRESET = "default"
+"""Of the pendulum."""
+ENV_PRESET = "mujoco"
+"""Of any other task."""
 
 
 def get_preset(name: str) -> Preset:

@@ -1,41 +1,31 @@
-"""A training run on disk: a host loop over compiled chunks, so that progress shows, runs resume and seeds batch.
+"""A training run: a host loop over chunks of iterations, so that progress shows, runs resume and seeds batch.
 
 A run's folder holds config.json, metrics.jsonl, tensorboard/, checkpoints/, best.npz and last.npz; with several
-seeds also best-SEED.npz and last-SEED.npz, and best.npz is the best of all.
+seeds also best-SEED.npz and last-SEED.npz, and best.npz is the best of all. A run without a folder writes nothing.
 """
 
-import dataclasses
+import contextlib
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from ..areapo import train
-from ..areapo.checkpoint import load_checkpoint, save_checkpoint
-from ..areapo.policy import Policy
-from ..areapo.train import LearnerState
-from ..benchmark.criteria import Criteria
-from ..benchmark.evaluate import evaluate
-from ..control.learned import PolicyController, load_policy, save_controller
+from ..areapo.policy import Policy, load_policy
+from ..areapo.state import LearnerState, Metrics
 from ..errors import SwingupError
-from ..physics.parameters import TORQUE_LIMIT, get_robot
 from ..version import __version__
+from .folder import RunFolder
 from .metrics import MetricsWriter
-from .settings import Settings, read_settings, write_settings
+from .settings import Settings, read_settings, settings_from_dict, write_settings
+from .world import AbstractWorld
+from .worlds import make_world
 
-CHECKPOINTS_KEPT = 2
-
-# Compiled once for all runs of a program. A single seed goes without vmap, which costs it speed on a CPU.
-_init = jax.jit(train.init)
-_init_seeds = jax.jit(jax.vmap(train.init, in_axes=(0, None, None)))
-_train = jax.jit(train.train, donate_argnums=0)
-_train_seeds = jax.jit(jax.vmap(train.train, in_axes=(0, None, None, None)), donate_argnums=0)
+Snapshot = Callable[[LearnerState], tuple[LearnerState, dict[str, Any]]]
 
 
 @dataclass(frozen=True)
@@ -45,80 +35,100 @@ class Report:
     frames: int
     """Frames of each seed so far."""
     frames_per_second: float
-    """Of all seeds together, over the last chunk, evaluation and files included."""
+    """Of all seeds together, since the last report, evaluation and files included."""
     rows: list[dict[str, Any]]
     """What was written to metrics.jsonl: one row a seed."""
     best_score: float
-    """Best RealAI score of any seed so far."""
+    """Best score of any seed so far."""
 
 
 class Run:
     """A training run that can be advanced, stopped between chunks, and resumed."""
 
-    def __init__(self, settings: Settings, folder: str | Path, frames: int) -> None:
-        """Start a new run of ``frames`` frames a seed in a folder that does not exist yet or is empty.
+    def __init__(self, settings: Settings, folder: str | Path | None, frames: int, env: Any = None) -> None:
+        """Start a new run of ``frames`` frames a seed.
+
+        Args:
+            settings: what to train.
+            folder: one that does not exist yet or is empty; None to write nothing.
+            frames: length of the run.
+            env: the environment or the task, where the settings only name it.
 
         Raises:
-            SwingupError: the folder holds something or cannot be written.
+            SwingupError: the folder holds something or cannot be written, or the task cannot be made.
         """
-        folder = Path(folder)
         _check_frames(frames)
-        self._prepare(settings, folder, frames)
-        try:
-            if folder.exists() and any(folder.iterdir()):
-                raise SwingupError(f"{folder} exists: continue it with --resume {folder}, or choose another --out")
-            self._state = self._init()  # compiles for seconds: interrupted here, a run leaves nothing behind
-            (folder / "checkpoints").mkdir(parents=True)
-        except OSError as error:
-            raise SwingupError(f"cannot create {folder}: {error.strerror}; choose another --out") from error
-        write_settings(folder, settings, frames)
+        self._prepare(settings, folder, frames, env)
+        if self._folder is not None:
+            self._folder.check_new()
+        self._state = self._world.init()  # compiles for seconds: interrupted here, a run leaves nothing behind
+        if self._folder is not None:
+            self._folder.create()
+            write_settings(self._folder.path, settings, frames)
         self._save_checkpoint()
 
     @classmethod
-    def resume(cls, folder: str | Path, frames: int | None = None) -> "Run":
+    def resume(cls, folder: str | Path, frames: int | None = None, env: Any = None) -> "Run":
         """Continue a run from its last checkpoint, bit for bit; to another number of frames if one is given.
 
         Raises:
             SwingupError: the folder is no run, has no checkpoint, or its checkpoint is of another configuration.
         """
-        folder = Path(folder)
-        settings, goal = read_settings(folder)
+        settings, goal = read_settings(Path(folder))
         goal = goal if frames is None else frames
         _check_frames(goal)
-        paths = sorted((folder / "checkpoints").glob("*.npz"))
-        if not paths:
-            raise SwingupError(f"{folder} has no checkpoint: delete it and train again")
         run = cls.__new__(cls)
-        run._prepare(settings, folder, goal)
-        try:
-            run._state, metadata = load_checkpoint(paths[-1], like=jax.eval_shape(run._init))
-        except SwingupError as error:
-            advice = "; delete it to resume from the one before" if len(paths) > 1 else ""
-            raise SwingupError(f"{error}{advice}") from error
-        if metadata.get("settings") != settings.as_dict():
-            raise SwingupError(f"checkpoint {paths[-1]} is of another configuration than {folder / 'config.json'}")
-        run.iterations = metadata["iterations"]
-        if goal < run.frames:
+        run._prepare(settings, folder, goal, env)
+        assert run._folder is not None
+        state, metadata = run._folder.load_checkpoint(run.like())
+        run._restore(state, metadata)
+        if frames is not None and goal < run.frames:
             raise SwingupError(f"frames = {goal}, but {folder} stands at {run.frames} already: ask for more")
-        run._seconds = metadata["seconds"]
-        run._best = [max(best, run._kept_score(index)) for index, best in enumerate(metadata["best"])]
-        write_settings(folder, settings, goal)
+        run._best = [max(best, run._kept_score(index)) for index, best in enumerate(run._best)]
+        write_settings(run._folder.path, settings, goal)
         return run
 
-    def _prepare(self, settings: Settings, folder: Path, frames: int) -> None:
-        self.settings, self.folder, self.goal = settings, folder, frames
+    @classmethod
+    def from_snapshot(cls, settings: Settings, load: Snapshot, env: Any = None) -> "Run":
+        """A run without a folder that goes on from what ``snapshot`` gave; ``load`` is told the state's shapes."""
+        run = cls.__new__(cls)
+        run._prepare(settings, None, 1, env)
+        run._restore(*load(run.like()))
+        run.goal = max(1, run.frames)
+        return run
+
+    def _prepare(self, settings: Settings, folder: str | Path | None, frames: int, env: Any) -> None:
+        self.settings, self.goal = settings, frames
+        self._folder = None if folder is None else RunFolder(folder)
         self.iterations = 0
         self._seconds = 0.0
         self._best = [-math.inf] * settings.seeds
-        self._task = settings.task()
+        self._world = make_world(settings, env)
         self._stopping = False
 
-    def _init(self) -> LearnerState:
-        config, seeds = self.settings.config, self.settings.seeds
-        keys = [jax.random.key(self.settings.seed + index) for index in range(seeds)]
-        if seeds == 1:
-            return _init(keys[0], self._task, config)
-        return _init_seeds(jnp.stack(keys), self._task, config)
+    def _restore(self, state: LearnerState, metadata: dict[str, Any]) -> None:
+        if settings_from_dict(metadata["settings"]).as_dict() != self.settings.as_dict():
+            raise SwingupError(
+                f"the checkpoint is of another configuration than {self._folder}'s config.json: restore one of them"
+            )
+        self._state = state
+        self.iterations, self._seconds, self._best = metadata["iterations"], metadata["seconds"], metadata["best"]
+
+    @property
+    def folder(self) -> Path:
+        """The run's folder.
+
+        Raises:
+            SwingupError: it has none.
+        """
+        if self._folder is None:
+            raise SwingupError("this run writes no files: give it a folder")
+        return self._folder.path
+
+    @property
+    def world(self) -> AbstractWorld:
+        """Where the run trains."""
+        return self._world
 
     @property
     def frames(self) -> int:
@@ -127,8 +137,33 @@ class Run:
 
     @property
     def best_score(self) -> float:
-        """Best RealAI score of any seed so far; -inf before the first evaluation."""
+        """Best score of any seed so far; -inf before the first evaluation."""
         return max(self._best)
+
+    def like(self) -> LearnerState:
+        """Shapes and types of the state."""
+        return jax.eval_shape(self._world.init)
+
+    def snapshot(self) -> tuple[LearnerState, dict[str, Any]]:
+        """The complete state, and the metadata of a checkpoint."""
+        self._check_finite((self._state.actor, self._state.critic), "weights are")
+        return self._state, {
+            "settings": self.settings.as_dict(),
+            "iterations": self.iterations,
+            "seconds": self._seconds,
+            "best": self._best,
+        }
+
+    def policy(self, index: int = 0) -> Policy[Any]:
+        """The policy of one seed as it stands."""
+        return self._world.policy(self._member(index))
+
+    def extend(self, frames: int) -> None:
+        """Set the goal to so many frames more than the run has seen."""
+        _check_frames(frames)
+        self.goal = self.frames + frames
+        if self._folder is not None:
+            write_settings(self._folder.path, self.settings, self.goal)
 
     def stop(self) -> None:
         """Ask the run to end after the chunk in progress."""
@@ -137,65 +172,84 @@ class Run:
     def advance(self) -> Iterator[Report]:
         """Train until each seed has seen its frames (rounded up to whole iterations), reporting each chunk.
 
-        A checkpoint is written at intervals, at the end and when asked to stop.
+        A checkpoint is written at intervals, at the end and when asked to stop. Whatever a checkpoint does not hold
+        (environments that the host steps) starts anew after each, so that a resumed run does what this one does.
 
         Raises:
-            SwingupError: training diverged (something is not finite), or a file cannot be written.
+            SwingupError: training diverged (something is not finite), a file cannot be written, or another process
+                trains in the folder.
         """
         target = math.ceil(self.goal / self.settings.config.rollout_size)
-        every = max(1, self.settings.checkpoint_every // self.settings.config.rollout_size)
-        with MetricsWriter(self.folder, after_frames=self.frames) as writer:
+        with self._locked(), self._metrics_writer() as writer:
+            mark, fresh = time.perf_counter(), True
             while self.iterations < target and not self._stopping:
-                start, before = time.perf_counter(), self.iterations
-                chunk_end = (before // self.settings.chunk + 1) * self.settings.chunk
-                metrics = self._train_chunk(min(chunk_end, target) - before)
+                if fresh:
+                    self._state = self._world.begin(self._state, self.iterations)
+                before = self.iterations
+                metrics, extras = self._train_chunk(self._chunk_end(target) - before)
                 evaluations = [self._evaluate(index) for index in range(self.settings.seeds)]
-                if self.iterations // every > before // every or self.iterations >= target or self._stopping:
-                    self._save()
-                seconds = time.perf_counter() - start
-                self._seconds += seconds
+                now = time.perf_counter()
                 rate = (
-                    (self.iterations - before) * self.settings.config.rollout_size * self.settings.seeds / seconds
+                    (self.frames - before * self.settings.config.rollout_size) * self.settings.seeds / (now - mark)
                 )
-                rows = self._rows(metrics, evaluations, rate)
-                writer.write(rows)
+                self._seconds += now - mark
+                mark = now
+                rows = self._rows(metrics, extras, evaluations, rate)
+                if writer is not None:
+                    writer.write(rows)
+                fresh = self._is_due(before) or self.iterations >= target or self._stopping
+                if fresh:
+                    self._save(evaluations)
                 yield Report(self.frames, rate, rows, self.best_score)
-            if self._stopping:
-                self._save()
+            if self._stopping and not fresh:
+                self._save([self._evaluate(index) for index in range(self.settings.seeds)])
+            self._stopping = False
 
-    def _train_chunk(self, count: int) -> train.Metrics:
-        advance = _train if self.settings.seeds == 1 else _train_seeds
-        self._state, metrics = advance(self._state, self._task, self.settings.config, count)
+    def close(self) -> None:
+        """Free the environments."""
+        self._world.close()
+
+    def _locked(self) -> contextlib.AbstractContextManager[None]:
+        return contextlib.nullcontext() if self._folder is None else self._folder.locked(self.frames)
+
+    def _metrics_writer(self) -> contextlib.AbstractContextManager[MetricsWriter | None]:
+        if self._folder is None:
+            return contextlib.nullcontext()
+        return MetricsWriter(self._folder.path, after_frames=self.frames)
+
+    def _chunk_end(self, target: int) -> int:
+        """The iteration that ends the chunk: the next multiple of its length, or the last of all."""
+        return min((self.iterations // self.settings.chunk + 1) * self.settings.chunk, target)
+
+    def _is_due(self, before: int) -> bool:
+        """Whether a checkpoint falls between an iteration and this one."""
+        every = max(1, self.settings.checkpoint_every // self.settings.config.rollout_size)
+        return self.iterations // every > before // every
+
+    def _train_chunk(self, count: int) -> tuple[Metrics, dict[str, Any]]:
+        self._state, metrics, extras = self._world.train(self._state, count)
         metrics = jax.tree.map(np.asarray, metrics)
         self._check_finite(metrics, "metrics are")
         self.iterations += count
-        return metrics
+        return metrics, extras
 
     def _member(self, index: int) -> LearnerState:
         if self.settings.seeds == 1:
             return self._state
         return jax.tree.map(lambda leaf: leaf[index], self._state)
 
-    def _controller(self, index: int) -> PolicyController:
-        state = self._member(index)
-        stages = (self._task.observation, state.statistics.stage(self.settings.config.observation_clip))
-        # Policies observe in double precision, whatever they were trained in.
-        stages = jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), stages)
-        policy = Policy(stages, jax.tree.map(np.asarray, state.actor))
-        return PolicyController(policy, TORQUE_LIMIT, get_robot(self.settings.robot))
-
-    def _evaluate(self, index: int) -> Criteria:
-        """Score the deterministic policy of one seed; keep it if it is its seed's best."""
-        controller = self._controller(index)
-        criteria = evaluate(controller, get_robot(self.settings.robot)).criteria
-        if criteria.score > self._best[index]:
-            record = criteria.score > self.best_score
-            self._best[index] = criteria.score
+    def _evaluate(self, index: int) -> dict[str, Any]:
+        """Judge the deterministic policy of one seed; keep it if it is its seed's best."""
+        policy = self.policy(index)
+        result = self._world.evaluate(policy)
+        if result["score"] > self._best[index]:
+            record = result["score"] > self.best_score
+            self._best[index] = result["score"]
             if self.settings.seeds > 1:
-                self._save_policy(self._best_name(index), index, controller, criteria)
+                self._save_policy(self._best_name(index), index, policy, result)
             if record:
-                self._save_policy("best.npz", index, controller, criteria)
-        return criteria
+                self._save_policy("best.npz", index, policy, result)
+        return result
 
     def _best_name(self, index: int) -> str:
         return "best.npz" if self.settings.seeds == 1 else f"best-{self.settings.seed + index}.npz"
@@ -205,10 +259,11 @@ class Run:
         path = self.folder / self._best_name(index)
         if not path.exists():
             return -math.inf
-        return float(load_policy(path)[1]["scores"]["v2"]["score"])
+        return float(load_policy(path)[1]["scores"][self._world.measure]["score"])
 
-    def _save_policy(self, name: str, index: int, controller: PolicyController, criteria: Criteria) -> None:
-        provenance = {
+    def provenance(self, index: int, result: dict[str, Any]) -> dict[str, Any]:
+        """Where a seed's policy comes from, and how it was judged."""
+        return {
             "version": __version__,
             "preset": self.settings.preset,
             "command": self.settings.command(self.goal),
@@ -216,58 +271,59 @@ class Run:
             "frames": self.frames,
             "seconds": round(self._seconds, 1),
             "hyperparameters": self.settings.as_dict()["config"],
-            "scores": {"v2": dataclasses.asdict(criteria)},
+            "scores": {self._world.measure: result},
         }
-        save_controller(self.folder / name, controller, provenance)
 
-    def _rows(self, metrics: train.Metrics, evaluations: list[Criteria], rate: float) -> list[dict[str, Any]]:
+    def _save_policy(self, name: str, index: int, policy: Policy[Any], result: dict[str, Any]) -> None:
+        if self._folder is not None:
+            self._world.save(self._folder.path / name, policy, self.provenance(index, result))
+
+    def _rows(
+        self, metrics: Metrics, extras: dict[str, Any], evaluations: list[dict[str, Any]], rate: float
+    ) -> list[dict[str, Any]]:
         rows = []
-        for index, criteria in enumerate(evaluations):
+        for index, result in enumerate(evaluations):
             mine = metrics if self.settings.seeds == 1 else jax.tree.map(lambda leaf, i=index: leaf[i], metrics)
-            rows.append(
-                {
-                    "seed": self.settings.seed + index,
-                    "frames": self.frames,
-                    "seconds": round(self._seconds, 3),
-                    "frames_per_second": round(rate, 1),
-                    **mine.as_dict(),
-                    **dataclasses.asdict(criteria),
-                    "best_score": self._best[index],
-                }
-            )
+            row = {
+                "seed": self.settings.seed + index,
+                "frames": self.frames,
+                "seconds": round(self._seconds, 3),
+                "frames_per_second": round(rate, 1),
+                **mine.as_dict(),
+                **extras,
+                **result,
+                "best_score": self._best[index],
+            }
+            rows.append({name: _json_value(value) for name, value in row.items()})
         return rows
 
     def _check_finite(self, tree: Any, what: str) -> None:
         if all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(tree)):
             return
+        kept = "" if self._folder is None else f"; the last good checkpoint is in {self._folder.checkpoints}"
         raise SwingupError(
-            f"training diverged: {what} not finite after frame {self.frames}; the last good checkpoint is in "
-            f"{self.folder / 'checkpoints'}: lower --learning-rate or change --seed"
+            f"training diverged: {what} not finite after frame {self.frames}{kept}: "
+            f"lower --learning-rate or change --seed"
         )
 
-    def _save(self) -> None:
+    def _save(self, evaluations: list[dict[str, Any]]) -> None:
         """Write a checkpoint, and each seed's last policy with its score."""
         self._save_checkpoint()
-        for index in range(self.settings.seeds):
-            controller = self._controller(index)
-            criteria = evaluate(controller, get_robot(self.settings.robot)).criteria
+        for index, result in enumerate(evaluations):
             name = "last.npz" if self.settings.seeds == 1 else f"last-{self.settings.seed + index}.npz"
-            self._save_policy(name, index, controller, criteria)
+            self._save_policy(name, index, self.policy(index), result)
 
     def _save_checkpoint(self) -> None:
-        self._check_finite((self._state.actor, self._state.critic), "weights are")
-        metadata = {
-            "settings": self.settings.as_dict(),
-            "iterations": self.iterations,
-            "seconds": self._seconds,
-            "best": self._best,
-        }
-        checkpoints = self.folder / "checkpoints"
-        save_checkpoint(checkpoints / f"{self.frames:012d}.npz", self._state, metadata)
-        for old in sorted(checkpoints.glob("*.npz"))[:-CHECKPOINTS_KEPT]:
-            old.unlink(missing_ok=True)
+        state, metadata = self.snapshot()
+        if self._folder is not None:
+            self._folder.save_checkpoint(self.frames, state, metadata)
 
 
 def _check_frames(frames: int) -> None:
     if frames < 1:
         raise SwingupError(f"frames = {frames} must be at least 1")
+
+
+def _json_value(value: Any) -> Any:
+    """JSON has no infinities."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value

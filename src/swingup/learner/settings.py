@@ -17,12 +17,17 @@ from .presets import get_preset
 
 FILE = "config.json"
 
+PENDULUM_INTERVALS = {"evaluate_every": 65_536, "checkpoint_every": 1_048_576}
+ENV_INTERVALS = {"evaluate_every": 65_536, "checkpoint_every": 262_144}
+"""Frames between evaluations and between checkpoints unless others are asked for."""
+
 
 @dataclass(frozen=True)
 class Settings:
     """What defines a run, but for its length; written to config.json."""
 
-    robot: str
+    robot: str | None
+    """The pendulum's robot; None for another task."""
     preset: str
     seed: int
     """The first seed."""
@@ -34,11 +39,20 @@ class Settings:
     """Frames of a seed between checkpoints."""
     config: Config
     """The algorithm's hyperparameters."""
+    env: str | None = None
+    """Gymnasium id of another task than the pendulum's, or what an object that was passed in is called."""
+    evaluation_episodes: int = 5
+    """Episodes of an evaluation on another task; 0 for none, where the host steps the environments."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot work."""
-        get_robot(self.robot)
+        if (self.robot is None) == (self.env is None):
+            raise SwingupError(f"robot = {self.robot} and env = {self.env}: give one of the two")
+        if self.robot is not None:
+            get_robot(self.robot)
         get_preset(self.preset)
+        if self.evaluation_episodes < 0:
+            raise SwingupError(f"evaluation_episodes = {self.evaluation_episodes} must be at least 0")
         for name in ("seeds", "evaluate_every", "checkpoint_every"):
             if getattr(self, name) < 1:
                 raise SwingupError(f"{name} = {getattr(self, name)} must be at least 1")
@@ -50,13 +64,21 @@ class Settings:
         """Iterations between reports."""
         return max(1, self.evaluate_every // self.config.rollout_size)
 
+    @property
+    def name(self) -> str:
+        """What is trained on: the robot or the environment."""
+        return str(self.robot or self.env)
+
     def task(self) -> PendulumTask:
-        """The task that these settings train on."""
+        """The pendulum's task that these settings train on."""
+        if self.robot is None:
+            raise SwingupError(f"{self.env} is no task of the pendulum")
         return get_task(get_preset(self.preset).task, get_robot(self.robot))
 
     def command(self, frames: int) -> str:
         """The command that makes such a run from scratch."""
-        words = [f"swingup train {self.robot} --preset {self.preset} --frames {frames} --seed {self.seed}"]
+        task = self.robot if self.env is None else f"--env {self.env}"
+        words = [f"swingup train {task} --preset {self.preset} --frames {frames} --seed {self.seed}"]
         words += [] if self.seeds == 1 else [f"--seeds {self.seeds}"]
         usual = vars(get_preset(self.preset).config)
         for name, value in vars(self.config).items():
@@ -67,6 +89,11 @@ class Settings:
     def as_dict(self) -> dict[str, Any]:
         """As JSON values."""
         return json.loads(json.dumps(dataclasses.asdict(self)))
+
+
+def settings_from_dict(content: dict[str, Any]) -> Settings:
+    """The inverse of ``as_dict``; what an older version did not know has its default."""
+    return Settings(**{**content, "config": config_from_dict(content["config"])})
 
 
 def write_settings(folder: Path, settings: Settings, frames: int) -> None:
@@ -90,7 +117,7 @@ def read_settings(folder: Path) -> tuple[Settings, int]:
         content = json.loads(path.read_text(encoding="utf-8"))
         del content["version"]
         frames = int(content.pop("frames"))
-        return Settings(**{**content, "config": config_from_dict(content["config"])}), frames
+        return settings_from_dict(content), frames
     except OSError as error:
         raise SwingupError(f"{folder} is not a run's folder: cannot read {path} ({error.strerror})") from error
     except (KeyError, TypeError, ValueError, AttributeError) as error:

@@ -42,8 +42,8 @@ HARDEN = Refinement(DescentSettings(), Draws(nominal=40, model=48, pushed=24, me
 """Make a good swing-up robust, from mild disturbances to strong ones."""
 
 RECOVER = Refinement(
-    DescentSettings(iterations=300, learning_rate=5e-4, duration=1.5, adjoint_limit=4.0, nominal=TIME, others=TIME),
-    Draws(nominal=10, model=0, pushed=0, measured=0, anywhere=30, thrown=152),
+    DescentSettings(iterations=300, learning_rate=3e-4, duration=1.5, adjoint_limit=4.0, nominal=TIME, others=TIME),
+    Draws(nominal=10, model=0, pushed=0, measured=0, anywhere=40, thrown=152),
 )
 """Be up again soon, from wherever a throw leaves the pendulum."""
 

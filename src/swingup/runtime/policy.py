@@ -29,8 +29,8 @@ class NumpyPolicy:
             (layer.weight.astype(np.float64), layer.bias.astype(np.float64), np.empty(layer.bias.shape))
             for layer in policy.file.trunk
         ]
-        self._head = policy.file.mean.weight[0].astype(np.float64)
-        self._offset = float(policy.file.mean.bias[0])
+        self._head = policy.file.head.weight[0].astype(np.float64)
+        self._offset = float(policy.file.head.bias[0])
         self._torque_limit = policy.torque_limit
 
     def __call__(self, x: np.ndarray) -> float:

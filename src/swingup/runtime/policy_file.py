@@ -88,13 +88,16 @@ class PolicyFile:
 
     stages: tuple[Stage, ...]
     trunk: tuple[Layer, ...]
-    mean: Layer
-    std: Layer | None
+    head: Layer
+    """Means of continuous actions before tanh, or the logits of discrete ones."""
+    std: Layer | None = None
+    choices: tuple[int, ...] | None = None
+    """Number of alternatives of each discrete action; None if actions are continuous."""
 
     @property
     def layers(self) -> tuple[Layer, ...]:
         """The layers of the deterministic policy."""
-        return (*self.trunk, self.mean)
+        return (*self.trunk, self.head)
 
 
 @dataclass(frozen=True)
@@ -123,11 +126,13 @@ def read_policy_file(path: str | Path) -> tuple[PolicyFile, dict[str, Any]]:
                 raise SwingupError(f"array {name} holds values that are not finite floating-point numbers")
         stages = tuple(_stage(index, entry, arrays) for index, entry in enumerate(metadata["observation"]))
         depth = len([name for name in arrays if name.startswith("network.trunk.") and name.endswith(".weight")])
+        choices = _choices(metadata)
         file = PolicyFile(
             stages=stages,
             trunk=tuple(_layer(arrays, f"network.trunk.{index}") for index in range(depth)),
-            mean=_layer(arrays, "network.mean"),
+            head=_layer(arrays, "network.mean" if choices is None else "network.logits"),
             std=_layer(arrays, "network.std") if "network.std.weight" in arrays else None,
+            choices=choices,
         )
         _check_sizes(file)
     except SwingupError as error:
@@ -155,7 +160,9 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
         raise SwingupError(f"policy file {path} lacks {what}: see docs/policy-format.md")
     if robot is not None and metadata["robot"] != get_robot(robot).name:
         raise SwingupError(f"policy file {path} is for {metadata['robot']!r}, not the {get_robot(robot).name}")
-    actions, limit = file.mean.weight.shape[0], metadata["torque_limit"]
+    if file.choices is not None:
+        raise SwingupError(f"policy file {path} has discrete actions: a pendulum needs a torque")
+    actions, limit = file.head.weight.shape[0], metadata["torque_limit"]
     if actions != 1:
         raise SwingupError(f"policy file {path} has {actions} actions: one is needed")
     if isinstance(limit, bool) or not isinstance(limit, int | float) or not 0 < limit < 1e9:
@@ -192,9 +199,18 @@ def _layer(arrays: Mapping[str, np.ndarray], name: str) -> Layer:
     return Layer(weight.astype(np.float32), bias.astype(np.float32))
 
 
+def _choices(metadata: Mapping[str, Any]) -> tuple[int, ...] | None:
+    if "choices" not in metadata:
+        return None
+    choices = metadata["choices"]
+    if not (isinstance(choices, list) and choices and all(type(n) is int and n > 0 for n in choices)):
+        raise SwingupError(f"choices = {choices!r} must be a list of whole numbers from 1")
+    return tuple(choices)
+
+
 def _check_sizes(file: PolicyFile) -> None:
-    """Follow one state through the stages and the layers."""
-    size = 4
+    """Follow one observation through the stages and the layers."""
+    size = _input_size(file)
     for stage in file.stages:
         size = stage.size(size)
     for layer in file.layers:
@@ -202,5 +218,15 @@ def _check_sizes(file: PolicyFile) -> None:
         if size != size_in:
             raise SwingupError(f"a layer of {size_in} inputs is fed {size} values")
         size = size_out
-    if file.std is not None and file.std.weight.shape != file.mean.weight.shape:
-        raise SwingupError(f"network.std has shape {file.std.weight.shape}, network.mean {file.mean.weight.shape}")
+    if file.std is not None and file.std.weight.shape != file.head.weight.shape:
+        raise SwingupError(f"network.std has shape {file.std.weight.shape}, network.mean {file.head.weight.shape}")
+    if file.choices is not None and size != sum(file.choices):
+        raise SwingupError(f"network.logits has {size} outputs, choices {file.choices} need their sum")
+
+
+def _input_size(file: PolicyFile) -> int:
+    """Length of what the first stage is shown: a pendulum's state, or what the statistics are of."""
+    first = file.stages[0] if file.stages else None
+    if isinstance(first, PendulumStage):
+        return 4
+    return int(first.mean.size if first is not None else file.layers[0].weight.shape[1])

@@ -1,6 +1,7 @@
 """What a learner needs of a task: a pure, unbatched Markov decision process that never resets itself."""
 
 import abc
+from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 import equinox as eqx
@@ -8,6 +9,18 @@ import equinox as eqx
 from ..types import Action, Flag, Key, Observation, Scalar
 
 StateT = TypeVar("StateT")
+
+
+@dataclass(frozen=True)
+class Spaces:
+    """What the networks need to know of a task's observations and actions."""
+
+    observation_size: int
+    """Length of an observation."""
+    action_size: int
+    """Number of actions at a time."""
+    choices: tuple[int, ...] = ()
+    """Number of alternatives of each action if actions are discrete; empty if each is a number in [-1, 1]."""
 
 
 class Step(eqx.Module, Generic[StateT]):
@@ -26,7 +39,20 @@ class Step(eqx.Module, Generic[StateT]):
 
 
 class AbstractTask(eqx.Module, Generic[StateT]):
-    """A Markov decision process with actions in [-1, 1]; the caller batches it with ``vmap`` and resets it."""
+    """A Markov decision process; the caller batches it with ``vmap`` and resets it.
+
+    Actions are numbers in [-1, 1], or, in a task with ``choices``, integers that count from 0.
+    """
+
+    @property
+    def choices(self) -> tuple[int, ...]:
+        """Number of alternatives of each discrete action; empty where actions are continuous."""
+        return ()
+
+    @property
+    def spaces(self) -> Spaces:
+        """Sizes of the observations and the actions."""
+        return Spaces(self.observation_size, self.action_size, self.choices)
 
     @property
     @abc.abstractmethod
@@ -48,4 +74,4 @@ class AbstractTask(eqx.Module, Generic[StateT]):
 
     @abc.abstractmethod
     def step(self, state: StateT, action: Action, key: Key) -> Step[StateT]:
-        """Advance by one action, each entry in [-1, 1]."""
+        """Advance by one action, each entry in [-1, 1] or one of its choices."""

@@ -1,0 +1,107 @@
+"""Learning on Gymnasium's MuJoCo tasks beside Stable-Baselines3's PPO: same budget, same machine, same evaluation.
+
+Usage: python benchmarks/mujoco_learning.py [ID ...] [--frames 1000000] [--seeds 3] [--learners areapo sb3-ppo]
+[--out runs/mujoco]
+
+Needs swingup[mujoco], and stable-baselines3 for the peer. The peer has its own defaults and its VecNormalize, since
+ours normalises observations as well. Curves go to FOLDER/LEARNER/ID/seed-N.jsonl: frames, the mean return of ten
+deterministic episodes of the plain environment, seconds. Prints a table in Markdown: the interquartile mean over
+the seeds of the last return, with 95 % bootstrap intervals. A curve that is complete is not made again.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from swingup import AREAPO
+from swingup.benchmark.interval import bootstrap_interval, interquartile_mean
+from swingup.learner.run import Report
+
+TASKS = ["Swimmer-v5", "HalfCheetah-v5", "Hopper-v5", "Walker2d-v5"]
+EPISODES = 10
+POINTS = 20
+"""Evaluations of a run."""
+
+Point = tuple[int, float, float]
+"""Frames, mean return, seconds so far."""
+
+
+def areapo(task: str, seed: int, frames: int) -> Iterator[Point]:
+    """Ours, with the preset for such tasks."""
+    points: list[Point] = []
+    start = time.perf_counter()
+
+    def note(model: AREAPO, report: Report) -> None:
+        points.append((report.frames, report.rows[0]["score"], time.perf_counter() - start))
+
+    model = AREAPO(task, "mujoco", seed, evaluate_every=frames // POINTS, evaluation_episodes=EPISODES)
+    model.learn(frames, note)
+    model.close()
+    yield from points
+
+
+def sb3_ppo(task: str, seed: int, frames: int) -> Iterator[Point]:
+    """Stable-Baselines3's PPO with its defaults, on normalised observations and rewards."""
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.env_util import make_vec_env
+    from stable_baselines3.common.evaluation import evaluate_policy
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    env = VecNormalize(make_vec_env(task, 1, seed=seed))
+    judge = VecNormalize(make_vec_env(task, 1, seed=seed + 1000), training=False, norm_reward=False)
+    judge.obs_rms = env.obs_rms
+    model = PPO("MlpPolicy", env, seed=seed, device="cpu")
+    start = time.perf_counter()
+    for _ in range(POINTS):
+        model.learn(frames // POINTS, reset_num_timesteps=False)
+        mean, _ = evaluate_policy(model, judge, EPISODES, deterministic=True)
+        yield model.num_timesteps, float(mean), time.perf_counter() - start
+
+
+LEARNERS = {"areapo": areapo, "sb3-ppo": sb3_ppo}
+
+
+def curve(learner: str, task: str, seed: int, frames: int, out: Path) -> list[Point]:
+    """A run's points, from its file if it is complete."""
+    path = out / learner / task / f"seed-{seed}.jsonl"
+    if path.exists():
+        return [tuple(json.loads(line)) for line in path.read_text().splitlines()]
+    points = []
+    for point in LEARNERS[learner](task, seed, frames):
+        points.append(point)
+        print(
+            f"{learner} {task} seed {seed}: {point[0]:,} frames, return {point[1]:.1f}, {point[2]:.0f} s",
+            flush=True,
+        )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("".join(json.dumps(point) + "\n" for point in points))
+    return points
+
+
+def main() -> None:
+    """Train what was asked for and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("tasks", nargs="*", default=TASKS, metavar="ID")
+    parser.add_argument("--frames", type=int, default=1_000_000)
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--learners", nargs="+", choices=list(LEARNERS), default=list(LEARNERS))
+    parser.add_argument("--out", type=Path, default=Path("runs/mujoco"))
+    options = parser.parse_args()
+    rows = []
+    for task in options.tasks:
+        cells = []
+        for learner in options.learners:
+            curves = [curve(learner, task, seed, options.frames, options.out) for seed in range(options.seeds)]
+            last = [points[-1][1] for points in curves]
+            low, high = bootstrap_interval(last)
+            cells.append(f"{interquartile_mean(last):.0f} ({low:.0f} to {high:.0f})")
+        rows.append(f"| {task} | {' | '.join(cells)} |")
+    print(f"\n| {options.frames:,} frames, {options.seeds} seeds | {' | '.join(options.learners)} |")
+    print("|---" * (1 + len(options.learners)) + "|")
+    print("\n".join(rows))
+
+
+if __name__ == "__main__":
+    main()

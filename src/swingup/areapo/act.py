@@ -1,0 +1,74 @@
+"""What a learner does at every step, whoever steps the environments: take in what it sees, and act."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Array, Float, Shaped
+
+from ..types import Key
+from .networks import AbstractActor
+from .normalise import RunningStatistics
+from .policy import Policy
+
+
+class Decisions(eqx.Module):
+    """What a policy chose in each environment."""
+
+    latents: Shaped[Array, "envs m"]
+    log_probs: Float[Array, "envs"]
+    actions: Shaped[Array, "envs m"]
+    """In [-1, 1], or integers if they are discrete."""
+
+
+def decide(actor: AbstractActor, observations: Float[Array, "envs n"], key: Key) -> Decisions:
+    """Sample an action in each environment, for normalised observations."""
+    policy = jax.vmap(actor)(observations)
+    latents = over_envs(lambda p, k: p.sample(k), key, policy)
+    log_probs = jax.vmap(lambda p, z: p.log_prob(z))(policy, latents)
+    return Decisions(latents, log_probs, jax.vmap(lambda p, z: p.action(z))(policy, latents))
+
+
+def take_in(
+    statistics: RunningStatistics,
+    following: Float[Array, "envs n"],
+    true_next: Float[Array, "envs n"],
+    clip: float,
+) -> tuple[RunningStatistics, Float[Array, "envs n"], Float[Array, "envs n"]]:
+    """Update the observation statistics and normalise what was seen.
+
+    The statistics take in the states after the resets and before they are normalised, as in the authors' code.
+
+    Args:
+        statistics: of all observations before.
+        following: observations to act on next, after the resets.
+        true_next: observations of the states after the step, before any reset.
+        clip: normalised observations are clipped to ± this.
+    """
+    statistics = statistics.update(following)
+    normalise = statistics.stage(clip)
+    return statistics, normalise(following), normalise(true_next)
+
+
+def act(
+    policy: Policy[Any], observations: Float[np.ndarray, "b n"], key: Key | None = None
+) -> Shaped[np.ndarray, "b m"]:
+    """A policy's actions for a batch of observations: its mode, or samples if there is a key."""
+    return np.asarray(_modes(policy, observations) if key is None else _samples(policy, observations, key))
+
+
+@jax.jit
+def _modes(policy: Policy[Any], observations: Float[Array, "b n"]) -> Shaped[Array, "b m"]:
+    return jax.vmap(policy)(observations)
+
+
+@jax.jit
+def _samples(policy: Policy[Any], observations: Float[Array, "b n"], key: Key) -> Shaped[Array, "b m"]:
+    return decide(policy.actor, jax.vmap(policy.observe)(observations), key).actions
+
+
+def over_envs(function: Any, key: Key, *arguments: Any) -> Any:
+    """Map over environments with a key for each."""
+    size = jax.tree.leaves(arguments[0])[0].shape[0]
+    return jax.vmap(function)(*arguments, jax.random.split(key, size))

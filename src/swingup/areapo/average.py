@@ -1,0 +1,31 @@
+"""Means over frames, some of which may not count."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+Weights = Float[Array, "*frames"] | None
+"""1 for a frame that counts, 0 for one that does not; None where all do."""
+
+Axes = int | tuple[int, ...] | None
+
+
+def mean(values: Float[Array, "..."], weights: Weights = None, axis: Axes = None) -> Float[Array, "..."]:
+    """Mean over the axes of the frames, of those that count; 0 if none does.
+
+    Args:
+        values: one or more numbers a frame.
+        weights: of the frames; they broadcast against the values.
+        axis: the axes of the frames, None for all axes.
+    """
+    if weights is None:
+        return jnp.mean(values, axis=axis)
+    total = jnp.sum(jnp.broadcast_to(weights, values.shape), axis=axis)
+    return jnp.sum(values * weights, axis=axis) / jnp.maximum(total, 1.0)
+
+
+def standardise(values: Float[Array, "*frames"], weights: Weights = None) -> Float[Array, "*frames"]:
+    """Shift and scale to mean 0 and standard deviation 1 over the frames that count."""
+    if weights is None:
+        return (values - jnp.mean(values)) / (jnp.std(values) + 1e-8)
+    centred = values - mean(values, weights)
+    return centred / (jnp.sqrt(mean(centred**2, weights)) + 1e-8)

@@ -1,0 +1,49 @@
+"""Independent categorical distributions over one or several discrete actions."""
+
+from collections.abc import Iterator
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from ..types import Key
+from .distribution import AbstractDistribution
+
+
+class Categoricals(AbstractDistribution):
+    """Distribution of m actions, the i-th one of 0 … choices[i] - 1; a latent is the action itself."""
+
+    logits: Float[Array, "k *batch"]
+    """Unnormalised log probabilities of all alternatives, one action's after the other's; k = sum(choices)."""
+    choices: tuple[int, ...] = eqx.field(static=True)
+    """Number of alternatives of each action."""
+
+    def _each(self) -> Iterator[Float[Array, "n *batch"]]:
+        """The logits of each action in turn."""
+        start = 0
+        for size in self.choices:
+            yield self.logits[start : start + size]
+            start += size
+
+    def sample(self, key: Key) -> Int[Array, "m *batch"]:
+        """Draw the actions."""
+        keys = jax.random.split(key, len(self.choices))
+        drawn = [jax.random.categorical(k, logits, axis=0) for k, logits in zip(keys, self._each(), strict=True)]
+        return jnp.stack(drawn)
+
+    def log_prob(self, z: Int[Array, "m *batch"]) -> Float[Array, "*batch"]:
+        """Log probability of actions (nats): the sum of log softmax over the m actions."""
+        chosen = [
+            jnp.take_along_axis(jax.nn.log_softmax(logits, axis=0), index[None], axis=0)[0]
+            for logits, index in zip(self._each(), z, strict=True)
+        ]
+        return jnp.sum(jnp.stack(chosen), axis=0)
+
+    def action(self, z: Int[Array, "m *batch"]) -> Int[Array, "m *batch"]:
+        """The actions as they are."""
+        return z
+
+    def mode(self) -> Int[Array, "m *batch"]:
+        """The most probable alternative of each action."""
+        return jnp.stack([jnp.argmax(logits, axis=0) for logits in self._each()])

@@ -1,0 +1,28 @@
+"""What the algorithm asks of a policy's distribution over actions, whatever the actions are."""
+
+import abc
+
+import equinox as eqx
+from jaxtyping import Array, Float, Shaped
+
+from ..types import Key
+
+
+class AbstractDistribution(eqx.Module):
+    """π(·|s) over m entries, independent given the state; batch axes come last.
+
+    A sample is kept as a *latent*, the form in which its probability is exact; ``action`` turns it into what the
+    task takes.
+    """
+
+    @abc.abstractmethod
+    def sample(self, key: Key) -> Shaped[Array, "m *batch"]:
+        """Draw a latent."""
+
+    @abc.abstractmethod
+    def log_prob(self, z: Shaped[Array, "m *batch"]) -> Float[Array, "*batch"]:
+        """Log density (or log probability) of the action of a latent (nats), summed over the entries."""
+
+    @abc.abstractmethod
+    def action(self, z: Shaped[Array, "m *batch"]) -> Shaped[Array, "m *batch"]:
+        """The action of a latent."""

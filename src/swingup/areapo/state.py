@@ -1,0 +1,75 @@
+"""What training carries from iteration to iteration, what it collects, and what it reports."""
+
+import dataclasses
+from typing import Any
+
+import equinox as eqx
+import optax
+from jaxtyping import Array, Bool, Float, Shaped
+
+from ..types import Count, Key, Scalar
+from .advantage import Gains
+from .loss import LossMetrics
+from .networks import AbstractActor, Critic
+from .normalise import RunningStatistics
+from .popart import ValueScale
+
+
+class LearnerState(eqx.Module):
+    """Everything that training needs to go on, bit for bit."""
+
+    actor: AbstractActor
+    critic: Critic
+    optimiser: optax.OptState
+    gains: Gains
+    statistics: RunningStatistics
+    task_states: Any
+    """States of the environments (leading axis: environment); None where the host steps them."""
+    observations: Float[Array, "envs n"]
+    """Their observations, normalised with the statistics of their time."""
+    key: Key
+    iterations: Count
+    value_scale: ValueScale | None = None
+    """What the critic's outputs stand for, with PopArt."""
+
+
+class Rollout(eqx.Module):
+    """What was collected (leading axes: step, environment)."""
+
+    observations: Float[Array, "steps envs n"]
+    latents: Shaped[Array, "steps envs m"]
+    log_probs: Float[Array, "steps envs"]
+    rewards: Float[Array, "steps envs"]
+    next_observations: Float[Array, "steps envs n"]
+    """Of the state after the step and before any reset."""
+    terminated: Bool[Array, "steps envs"]
+    truncated: Bool[Array, "steps envs"]
+    counted: Float[Array, "steps envs"] | None = None
+    """0 for a row in which an environment did nothing but reset itself, else 1; None: all rows count."""
+
+
+class Metrics(eqx.Module):
+    """Means over the frames of an iteration."""
+
+    reward: Scalar
+    """Reward of a step."""
+    entropy: Scalar
+    """-log π of the sampled actions (nats)."""
+    gain: Scalar
+    """ρ after its update."""
+    entropy_gain: Scalar
+    """ρ_H after its update, in units of the reward."""
+    value: Scalar
+    """Mean of V before any centring."""
+    entropy_value: Scalar
+    """Mean of V_H before any centring."""
+    gradient_norm: Scalar
+    """Joint norm before clipping."""
+    losses: LossMetrics
+
+    def as_dict(self) -> dict[str, float]:
+        """Flat, as Python floats."""
+        own = {
+            field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name != "losses"
+        }
+        return {name: float(value) for name, value in (own | vars(self.losses)).items()}

@@ -1,0 +1,103 @@
+"""The command ``sweep``: many runs, one table."""
+
+import dataclasses
+import json
+from typing import Annotated, Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+from tyro.conf import UseAppendAction, arg
+
+from ..errors import SwingupError
+from ..files import write_atomically
+from ..sweep import Outcome, Row, executor_for, parse_grid, plan, summarise
+from ..sweep import sweep as run_sweep
+from .arguments import RobotOrNone
+from .training import usual_options
+
+Assignments = Annotated[
+    UseAppendAction[tuple[str, ...]],
+    arg(
+        name="set", metavar="NAME=VALUE,...", help="alternatives of a hyperparameter or of preset; may be repeated."
+    ),
+]
+
+
+def sweep(
+    robot: RobotOrNone = None,
+    /,
+    env: str | None = None,
+    assignments: Assignments = (),
+    preset: str | None = None,
+    seeds: int = 8,
+    seed: int = 0,
+    frames: int | None = None,
+    out: str | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    evaluate_every: int | None = None,
+    checkpoint_every: int | None = None,
+    evaluation_episodes: int | None = None,
+    json: bool = False,
+) -> int:
+    """Train every combination of settings with several seeds; one table with intervals.
+
+    Given again, the command repeats nothing: finished runs are read, runs that were cut off resume.
+
+    Args:
+        robot: the robot; none with --env.
+        env: Gymnasium id of another task.
+        assignments: what varies, such as learning_rate=3e-4,5e-4 or policy_layers=64x64,128x128.
+        preset: named settings that the runs share.
+        seeds: seeds of each combination.
+        seed: the first seed.
+        frames: frames of each run; default: the preset's.
+        out: folder of the sweep; default sweeps/ROBOT-PRESET.
+        workers: local processes; default one for every two cores.
+        scheduler: address of a Dask scheduler to run on instead; it needs to see the same files.
+        evaluate_every: frames between evaluations; default as for train.
+        checkpoint_every: frames between checkpoints; default as for train.
+        evaluation_episodes: episodes of an evaluation with --env; default 5.
+        json: print JSON instead of the table.
+    """
+    if seeds < 1:
+        raise SwingupError(f"seeds = {seeds} must be at least 1")
+    options: dict[str, Any] = {"robot": robot, "env": env, "preset": preset, "evaluate_every": evaluate_every}
+    options |= {"checkpoint_every": checkpoint_every, "evaluation_episodes": evaluation_episodes}
+    base = {"robot": None, **usual_options(options)}
+    folder = out or f"sweeps/{str(robot or env).replace('/', '-')}-{base['preset']}"
+    jobs = plan(base, parse_grid(assignments), range(seed, seed + seeds), folder, frames)
+    console = Console(stderr=True)
+
+    def tell(outcome: Outcome) -> None:
+        name = f"{outcome.job.variant} seed {outcome.job.settings['seed']}".strip()
+        console.print(escape(f"{name}: {outcome.error or f'{outcome.score:.6g}'}"), soft_wrap=True, highlight=False)
+
+    with executor_for(scheduler, workers) as executor:
+        rows = summarise(run_sweep(jobs, executor, tell))
+    text = as_json(rows)
+    write_atomically(f"{folder}/sweep.json", (text + "\n").encode())
+    if json:
+        print(text)
+    else:
+        _show(rows)
+    return 1 if any(row.failed for row in rows) else 0
+
+
+def as_json(rows: list[Row]) -> str:
+    """One list of rows."""
+    return json.dumps([dataclasses.asdict(row) for row in rows], indent=2)
+
+
+def _show(rows: list[Row]) -> None:
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    table.add_column("Settings", no_wrap=True)
+    for heading in ("Runs", "Score (IQM)", "95 % interval", "Best"):
+        table.add_column(heading, justify="right")
+    for row in rows:
+        low, high = row.interval
+        cells = (str(row.runs), f"{row.score:.4g}", f"{low:.4g} to {high:.4g}", f"{row.best:.4g}")
+        table.add_row(escape(row.variant or "as the preset has it"), *cells)
+    Console().print(table)

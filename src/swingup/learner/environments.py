@@ -1,0 +1,216 @@
+"""Gymnasium environments in the one form in which the learner steps them, whatever their spaces and autoreset mode.
+
+Every step yields the observation to act on next (after a reset, where there was one), the true next observation
+(before it), and whether the row counts. How a vector environment resets is its own business:
+
+- ``SAME_STEP``: it returns the first observation of the new episode; the true next one is in ``final_obs``.
+- ``NEXT_STEP``: it returns the true next observation, and spends its next step on the reset: that row counts for
+  nothing. What follows the end is shown as the start before it, another draw of the same distribution.
+- ``DISABLED``: it is told to reset those that ended.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box, Discrete, MultiDiscrete
+from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
+from jaxtyping import Bool, Float32, Shaped
+
+from ..errors import SwingupError
+from ..tasks.task import Spaces
+
+MAKES_SENSE = (
+    "a Gymnasium id, a function that makes a gymnasium.Env, a gymnasium.vector.VectorEnv, or a task in JAX"
+)
+
+
+@dataclass(frozen=True)
+class HostStep:
+    """What a step of all environments yields."""
+
+    following: Float32[np.ndarray, "envs n"]
+    """Observations to act on next."""
+    true_next: Float32[np.ndarray, "envs n"]
+    """Observations after the step and before any reset."""
+    rewards: Float32[np.ndarray, "envs"]
+    terminated: Bool[np.ndarray, "envs"]
+    truncated: Bool[np.ndarray, "envs"]
+    counted: Bool[np.ndarray, "envs"]
+    """False where the environment did nothing but reset itself."""
+
+    @property
+    def ended(self) -> Bool[np.ndarray, "envs"]:
+        """Where an episode ended."""
+        return self.terminated | self.truncated
+
+
+class Actions:
+    """From the policy's actions to those of an action space, and their sizes.
+
+    Box: entries in [-1, 1] are scaled to its bounds. Discrete, MultiDiscrete: integers count from its start.
+    """
+
+    def __init__(self, space: Any) -> None:
+        """Read a space.
+
+        Raises:
+            SwingupError: it is none of the three, or a Box without bounds.
+        """
+        self._shape, self._dtype = space.shape or (), space.dtype
+        self.size = int(np.prod(self._shape))
+        self.choices: tuple[int, ...] = ()
+        if isinstance(space, Box) and np.issubdtype(space.dtype, np.floating):
+            if not (np.isfinite(space.low).all() and np.isfinite(space.high).all()):
+                raise SwingupError(
+                    f"actions {space} have no bounds to scale to: give them some in a "
+                    f"gymnasium.wrappers.TransformAction"
+                )
+            self._low, self._high = space.low, space.high
+        elif isinstance(space, Discrete | MultiDiscrete):
+            self.choices = tuple(int(n) for n in np.ravel(space.n if isinstance(space, Discrete) else space.nvec))
+            self._start = space.start
+        else:
+            raise SwingupError(f"actions {space} are not supported: use a bounded Box, Discrete or MultiDiscrete")
+
+    def __call__(self, actions: Shaped[np.ndarray, "*b m"]) -> Shaped[np.ndarray, "..."]:
+        """Actions of the space, with the same leading axes."""
+        shaped = actions.reshape(*actions.shape[:-1], *self._shape)
+        if self.choices:
+            return shaped.astype(self._dtype) + self._start
+        return (self._low + 0.5 * (shaped + 1.0) * (self._high - self._low)).astype(self._dtype)
+
+    def describe(self) -> dict[str, Any]:
+        """What a policy file says of the actions, as JSON values."""
+        if self.choices:
+            return {"action_start": np.asarray(self._start).tolist()}
+        return {"action_low": self._low.tolist(), "action_high": self._high.tolist()}
+
+
+class Environments:
+    """Environments side by side, with flat observations in single precision."""
+
+    def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
+        """Wrap a vector environment.
+
+        Raises:
+            SwingupError: its spaces or its autoreset mode are not supported.
+        """
+        space = env.single_observation_space
+        if not isinstance(space, Box):
+            raise SwingupError(
+                f"observations {space} are not a Box: wrap it in gymnasium.wrappers.FlattenObservation"
+            )
+        mode = env.metadata.get("autoreset_mode")
+        if not isinstance(mode, AutoresetMode):
+            raise SwingupError(f"{env} says autoreset_mode = {mode!r} in its metadata: it must be an AutoresetMode")
+        self.observation_space, self.actions = space, Actions(env.single_action_space)
+        self.num_envs = env.num_envs
+        self._env, self._mode = env, mode
+        self._resetting = np.zeros(env.num_envs, np.bool_)
+        self._starts = np.zeros((env.num_envs, self.spaces.observation_size), np.float32)
+
+    @property
+    def spaces(self) -> Spaces:
+        """Sizes of the observations and the actions."""
+        return Spaces(int(np.prod(self.observation_space.shape)), self.actions.size, self.actions.choices)
+
+    @property
+    def all_count(self) -> bool:
+        """Whether no row is spent on a reset."""
+        return self._mode is not AutoresetMode.NEXT_STEP
+
+    def reset(self, seed: int) -> Float32[np.ndarray, "envs n"]:
+        """Start new episodes everywhere, from a seed on which all that follows depends."""
+        observations, _ = self._env.reset(seed=seed)
+        self._resetting = np.zeros(self.num_envs, np.bool_)
+        self._starts = self._flat(observations)
+        return self._starts.copy()
+
+    def step(self, actions: Shaped[np.ndarray, "envs m"]) -> HostStep:
+        """Take the policy's actions in all environments.
+
+        Raises:
+            SwingupError: an observation or a reward is not finite.
+        """
+        counted = ~self._resetting
+        observations, rewards, terminated, truncated, infos = self._env.step(self.actions(actions))
+        terminated, truncated = terminated & counted, truncated & counted
+        following, true_next = self._around_resets(self._flat(observations), terminated | truncated, infos)
+        rewards = np.where(counted, rewards, 0.0).astype(np.float32)
+        if not (np.isfinite(rewards).all() and np.isfinite(true_next).all()):
+            raise SwingupError("the environment returned an observation or a reward that is not finite: mend it")
+        return HostStep(following, true_next, rewards, terminated, truncated, counted)
+
+    def _around_resets(
+        self, seen: Float32[np.ndarray, "envs n"], ended: Bool[np.ndarray, "envs"], infos: dict[str, Any]
+    ) -> tuple[Float32[np.ndarray, "envs n"], Float32[np.ndarray, "envs n"]]:
+        """What to act on next, and what was truly next, of what a step returned."""
+        if self._mode is AutoresetMode.NEXT_STEP:
+            self._starts[self._resetting] = seen[self._resetting]
+            self._resetting = ended
+        if not ended.any():
+            return seen, seen
+        other = seen.copy()
+        if self._mode is AutoresetMode.NEXT_STEP:
+            other[ended] = self._starts[ended]
+            return other, seen
+        if self._mode is AutoresetMode.DISABLED:
+            fresh, _ = self._env.reset(options={"reset_mask": ended})
+            other[ended] = self._flat(fresh)[ended]
+            return other, seen
+        if "final_obs" not in infos:
+            raise SwingupError("the vector environment resets in the same step and gives no final_obs in its infos")
+        for index in np.flatnonzero(ended):
+            other[index] = np.ravel(infos["final_obs"][index])
+        return seen, other
+
+    def close(self) -> None:
+        """Close the environments."""
+        self._env.close()
+
+    def _flat(self, observations: Any) -> Float32[np.ndarray, "envs n"]:
+        return np.array(observations, np.float32).reshape(self.num_envs, -1)
+
+
+def make_environments(env: Any, num_envs: int) -> Environments:
+    """Environments from an id, from a function that makes one, or from a vector environment.
+
+    Raises:
+        SwingupError: it is none of these, cannot be made, or its spaces are not supported.
+    """
+    if isinstance(env, VectorEnv):
+        if env.num_envs != num_envs:
+            raise SwingupError(
+                f"num_envs = {num_envs}, but the vector environment has {env.num_envs}: make them equal"
+            )
+        return Environments(env)
+    return Environments(SyncVectorEnv([_maker(env)] * num_envs, autoreset_mode=AutoresetMode.SAME_STEP))
+
+
+def _maker(env: Any) -> Callable[[], gymnasium.Env[Any, Any]]:
+    """A function that makes one environment, tried once."""
+    if isinstance(env, str):
+        make: Callable[[], gymnasium.Env[Any, Any]] = lambda: gymnasium.make(env)  # noqa: E731
+    elif callable(env) and not isinstance(env, gymnasium.Env):
+        make = env
+    else:
+        kind = type(env).__name__
+        hint = ": pass the function that makes it" if isinstance(env, gymnasium.Env) else ""
+        raise SwingupError(f"{kind} {_short(env)} cannot be trained on{hint}: use {MAKES_SENSE}")
+    try:
+        first = make()
+    except gymnasium.error.DependencyNotInstalled as error:
+        raise SwingupError(f"{env}: {_short(error)}; for MuJoCo: pip install 'swingup[mujoco]'") from error
+    except gymnasium.error.Error as error:
+        raise SwingupError(f"cannot make {env!r}: {_short(error)}; use {MAKES_SENSE}") from error
+    if not isinstance(first, gymnasium.Env):
+        raise SwingupError(f"{_short(env)} made a {type(first).__name__}: it must make a gymnasium.Env")
+    first.close()
+    return make
+
+
+def _short(value: object) -> str:
+    return " ".join(str(value).split())[:200]

@@ -1,0 +1,128 @@
+"""A run's folder: one process at a time, checkpoints that are never lost, policies by seed."""
+
+import contextlib
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from ..areapo.checkpoint import load_checkpoint, save_checkpoint
+from ..errors import SwingupError
+
+CHECKPOINTS_KEPT = 2
+
+
+class RunFolder:
+    """Where a run keeps its files."""
+
+    def __init__(self, path: str | Path) -> None:
+        """Name a folder, which need not exist."""
+        self.path = Path(path)
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+    def check_new(self) -> None:
+        """Refuse a folder that holds something.
+
+        Raises:
+            SwingupError: it does, or it cannot be looked into.
+        """
+        try:
+            if self.path.exists() and any(self.path.iterdir()):
+                raise SwingupError(
+                    f"{self.path} exists: continue it with --resume {self.path}, or choose another --out"
+                )
+        except OSError as error:
+            raise _cannot_create(self.path, error) from error
+
+    def create(self) -> None:
+        """Make the folder.
+
+        Raises:
+            SwingupError: it cannot be made.
+        """
+        try:
+            self.checkpoints.mkdir(parents=True)
+        except OSError as error:
+            raise _cannot_create(self.path, error) from error
+
+    @property
+    def checkpoints(self) -> Path:
+        """Where the checkpoints lie."""
+        return self.path / "checkpoints"
+
+    def save_checkpoint(self, frames: int, state: Any, metadata: Mapping[str, Any]) -> None:
+        """Write a checkpoint, then delete the oldest: a write that fails loses nothing.
+
+        Raises:
+            SwingupError: the file cannot be written.
+        """
+        save_checkpoint(self.checkpoints / f"{frames:012d}.npz", state, metadata)
+        for old in self._checkpoints()[:-CHECKPOINTS_KEPT]:
+            old.unlink(missing_ok=True)
+
+    def load_checkpoint(self, like: Any) -> tuple[Any, dict[str, Any]]:
+        """Read the newest checkpoint.
+
+        Raises:
+            SwingupError: there is none, it cannot be read, or it is of another configuration.
+        """
+        paths = self._checkpoints()
+        if not paths:
+            raise SwingupError(f"{self.path} has no checkpoint: delete it and train again")
+        try:
+            return load_checkpoint(paths[-1], like=like)
+        except SwingupError as error:
+            advice = "; delete it to resume from the one before" if len(paths) > 1 else ""
+            raise SwingupError(f"{error}{advice}") from error
+
+    @contextlib.contextmanager
+    def locked(self, frames: int) -> Iterator[None]:
+        """Keep other processes from training here; the lock goes with the process, however that ends.
+
+        Args:
+            frames: where this process believes the run to stand.
+
+        Raises:
+            SwingupError: another process trains here, or has done so since this one read the checkpoint.
+        """
+        with _exclusive(self.checkpoints):
+            newest = int(self._checkpoints()[-1].stem) if self._checkpoints() else frames
+            if newest > frames:
+                raise SwingupError(
+                    f"{self.path} has moved on to {newest} frames: continue it with --resume {self.path}"
+                )
+            for leftover in (*self.path.glob(".*.npz.*"), *self.checkpoints.glob(".*.npz.*")):
+                leftover.unlink(missing_ok=True)  # half-written by a process that was killed
+            yield
+
+    def _checkpoints(self) -> list[Path]:
+        return sorted(self.checkpoints.glob("[0-9]*.npz"))
+
+
+@contextlib.contextmanager
+def _exclusive(folder: Path) -> Iterator[None]:
+    """Hold the kernel's lock on a folder, where there are such locks."""
+    try:
+        import fcntl
+    except ImportError:  # no such module on Windows
+        yield
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise SwingupError(
+                f"another process trains in {folder.parent}: wait for it, stop it, or choose another --out"
+            ) from None
+        except OSError:
+            pass  # a file system without locks
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _cannot_create(path: Path, error: OSError) -> SwingupError:
+    return SwingupError(f"cannot create {path}: {error.strerror}; choose another --out")

@@ -1,0 +1,122 @@
+"""Collecting a rollout from environments that the host steps: one compiled call for each step of all of them."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..areapo import train
+from ..areapo.act import Decisions, decide, take_in
+from ..areapo.config import Config
+from ..areapo.networks import AbstractActor
+from ..areapo.normalise import RunningStatistics
+from ..areapo.state import LearnerState, Metrics, Rollout
+from ..types import Count, Key
+from .environments import Environments, HostStep
+
+
+@dataclass
+class Episodes:
+    """Returns of the episodes that ended, and of those that still run."""
+
+    running: np.ndarray
+    """Sum of the rewards so far in each environment."""
+    lengths: np.ndarray
+    """Steps so far in each environment."""
+    returns: list[float] = field(default_factory=list)
+    finished: list[int] = field(default_factory=list)
+    """Lengths of the episodes that ended."""
+
+    def add(self, step: HostStep) -> None:
+        """Take in a step of all environments."""
+        self.running += step.rewards
+        self.lengths += step.counted
+        for index in np.flatnonzero(step.ended):
+            self.returns.append(float(self.running[index]))
+            self.finished.append(int(self.lengths[index]))
+            self.running[index], self.lengths[index] = 0.0, 0
+
+
+def new_episodes(num_envs: int) -> Episodes:
+    """Nothing so far."""
+    return Episodes(np.zeros(num_envs), np.zeros(num_envs, np.int64))
+
+
+def iterate(
+    state: LearnerState, environments: Environments, episodes: Episodes, config: Config
+) -> tuple[LearnerState, Metrics]:
+    """One iteration, as :func:`swingup.areapo.train.iteration` of a compiled task."""
+    collect_key, improve_key, next_key = _split(state.key)
+    state, rollout = collect(state, environments, episodes, collect_key, config)
+    return _update(state, rollout, improve_key, next_key, config)
+
+
+def collect(
+    state: LearnerState, environments: Environments, episodes: Episodes, key: Key, config: Config
+) -> tuple[LearnerState, Rollout]:
+    """Act for ``num_steps`` in every environment, as :func:`swingup.areapo.train.collect` does."""
+    seen = np.asarray(state.observations)
+    statistics = state.statistics
+    chosen = jax.device_get(_decide(state.actor, seen, key, np.uint32(0)))
+    clip = np.float32(config.observation_clip)
+    rows = []
+    for index in range(1, config.num_steps + 1):
+        step = environments.step(chosen.actions)
+        episodes.add(step)
+        statistics, *answer = _advance(
+            state.actor, statistics, step.following, step.true_next, key, np.uint32(index), clip
+        )
+        following, true_next, following_chosen = jax.device_get(answer)
+        rows.append((seen, chosen.latents, chosen.log_probs, true_next, step))
+        seen, chosen = following, following_chosen
+    after = eqx.tree_at(lambda s: (s.statistics, s.observations), state, (statistics, jnp.asarray(seen)))
+    return after, _rollout(rows, environments.all_count)
+
+
+def _rollout(rows: list[tuple[Any, ...]], all_count: bool) -> Rollout:
+    """Stack the steps: (observations, latents, log_probs, next_observations, step) each."""
+    seen, latents, log_probs, true_next, steps = zip(*rows, strict=True)
+    return Rollout(
+        observations=_stack(seen),
+        latents=_stack(latents),
+        log_probs=_stack(log_probs),
+        rewards=_stack(step.rewards for step in steps),
+        next_observations=_stack(true_next),
+        terminated=_stack(step.terminated for step in steps),
+        truncated=_stack(step.truncated for step in steps),
+        counted=None if all_count else _stack(step.counted.astype(np.float32) for step in steps),
+    )
+
+
+def _stack(arrays: Iterable[np.ndarray]) -> Any:
+    """One array, which compiled functions take as one of JAX."""
+    return np.stack(list(arrays))
+
+
+@jax.jit
+def _decide(actor: AbstractActor, seen: Float[Array, "envs n"], key: Key, index: Count) -> Decisions:
+    return decide(actor, seen, jax.random.fold_in(key, index))
+
+
+@jax.jit
+def _advance(
+    actor: AbstractActor,
+    statistics: RunningStatistics,
+    following: Float[Array, "envs n"],
+    true_next: Float[Array, "envs n"],
+    key: Key,
+    index: Count,
+    clip: float,
+) -> tuple[RunningStatistics, Float[Array, "envs n"], Float[Array, "envs n"], Decisions]:
+    """Take in what a step showed and decide on the next, in one call."""
+    statistics, seen, seen_next = take_in(statistics, following, true_next, clip)
+    return statistics, seen, seen_next, decide(actor, seen, jax.random.fold_in(key, index))
+
+
+_split = jax.jit(lambda key: tuple(jax.random.split(key, 3)))
+_update = jax.jit(train.update, donate_argnums=0)

@@ -1,0 +1,116 @@
+"""How policies of compiled tasks are judged: the pendulum's by the benchmark, others by their return."""
+
+import abc
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..areapo import policy as policies
+from ..areapo.policy import Policy
+from ..benchmark.evaluate import evaluate
+from ..control.learned import PolicyController, save_controller
+from ..physics.parameters import TORQUE_LIMIT
+from ..tasks.observation import AbstractStage
+from ..tasks.pendulum import PendulumTask
+from ..tasks.task import AbstractTask
+from ..types import Key, Scalar
+
+EPISODE_STEPS = 1000
+"""Longest episode of an evaluation of a task in JAX (steps)."""
+
+
+class AbstractJudge(abc.ABC):
+    """What to do with policies of a compiled task."""
+
+    measure: str
+    """Name under which policy files keep their scores."""
+    stages: tuple[AbstractStage, ...]
+    """Observation stages before the normalisation."""
+    input_size: int
+    """Length of what the first stage, or else the normalisation, is shown."""
+
+    @abc.abstractmethod
+    def evaluate(self, policy: Policy[Any], episodes: int | None) -> dict[str, Any]:
+        """Judge the deterministic policy; among the results is ``score``."""
+
+    @abc.abstractmethod
+    def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
+        """Write a policy file."""
+
+
+class RealAIJudge(AbstractJudge):
+    """The pendulum's: the criteria and the score of the one deterministic episode (rules v2)."""
+
+    measure = "v2"
+    input_size = 4
+
+    def __init__(self, task: PendulumTask) -> None:
+        """The judge of a variant of the pendulum's task."""
+        self.stages, self._robot = (task.observation,), task.robot
+
+    def evaluate(self, policy: Policy[Any], episodes: int | None) -> dict[str, Any]:
+        """The criteria; there is one episode, whatever is asked for."""
+        return dataclasses.asdict(evaluate(self._controller(policy), self._robot).criteria)
+
+    def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
+        """Write a controller's policy file."""
+        save_controller(path, self._controller(policy), provenance)
+
+    def _controller(self, policy: Policy[Any]) -> PolicyController:
+        return PolicyController(policy, TORQUE_LIMIT, self._robot)
+
+
+class ReturnJudge(AbstractJudge):
+    """Any task's: the mean return of episodes that are the same each time, cut after 1,000 steps."""
+
+    measure = "episodes"
+    stages = ()
+
+    def __init__(self, task: AbstractTask[Any], seed: int, episodes: int) -> None:
+        """The judge of a task, with so many episodes unless others are asked for."""
+        self.input_size = task.observation_size
+        self._task, self._seed, self._episodes = task, seed, episodes
+
+    def evaluate(self, policy: Policy[Any], episodes: int | None) -> dict[str, Any]:
+        """Means over the episodes."""
+        keys = jax.random.split(jax.random.key(self._seed), episodes or self._episodes)
+        total, length = jax.device_get(_episodes(policy, self._task, keys))
+        return summary(total.tolist(), length.tolist())
+
+    def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
+        """Write a policy file."""
+        policies.save_policy(path, policy, provenance)
+
+
+def summary(returns: list[float], lengths: list[int]) -> dict[str, Any]:
+    """Means over episodes: the return, which is the score, its length, and the reward of a step."""
+    return {
+        "score": float(np.mean(returns)),
+        "mean_length": float(np.mean(lengths)),
+        "mean_reward": float(np.sum(returns) / np.sum(lengths)),
+    }
+
+
+@jax.jit
+def _episodes(policy: Policy[Any], task: AbstractTask[Any], keys: Key) -> tuple[jax.Array, jax.Array]:
+    """Returns and lengths of the deterministic policy's episodes, one a key."""
+
+    def episode(key: Key) -> tuple[Scalar, Scalar]:
+        reset_key, steps_key = jax.random.split(key)
+
+        def advance(carry: tuple[Any, ...], key: Key) -> tuple[tuple[Any, ...], None]:
+            state, running, total, length = carry
+            step = task.step(state, policy(task.observe(state)), key)
+            after = (total + running * step.reward, length + running)
+            return (step.state, running & ~(step.terminated | step.truncated), *after), None
+
+        start = (task.reset(reset_key), jnp.array(True), jnp.zeros(()), jnp.array(0))
+        (_, _, total, length), _ = jax.lax.scan(advance, start, jax.random.split(steps_key, EPISODE_STEPS))
+        return total, length
+
+    return jax.vmap(episode)(keys)

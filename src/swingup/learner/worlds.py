@@ -1,0 +1,56 @@
+"""Which world a run's settings, or an environment that was passed in, call for."""
+
+from typing import Any
+
+from ..errors import SwingupError
+from ..tasks.pendulum import PendulumTask
+from ..tasks.task import AbstractTask
+from .compiled import CompiledWorld
+from .judges import RealAIJudge, ReturnJudge
+from .settings import Settings
+from .world import AbstractWorld
+
+
+def make_world(settings: Settings, env: Any = None) -> AbstractWorld:
+    """The world of these settings.
+
+    Args:
+        settings: what to train on, by name.
+        env: the environment or the task itself, where it has no name to be made from; with a robot, another
+            variant of its task than the preset's.
+
+    Raises:
+        SwingupError: the task cannot be made, or was passed in once and is not now.
+    """
+    config, seed, seeds = settings.config, settings.seed, settings.seeds
+    if settings.robot is not None:
+        task = env if isinstance(env, PendulumTask) else settings.task()
+        return CompiledWorld(task, config, seed, seeds, RealAIJudge(task))
+    if isinstance(env, AbstractTask):
+        judge = ReturnJudge(env, seed, max(1, settings.evaluation_episodes))
+        return CompiledWorld(env, config, seed, seeds, judge)
+    if seeds > 1:
+        raise SwingupError(
+            f"seeds = {seeds}, but Gymnasium environments train one seed at a time: use swingup sweep"
+        )
+    if env is None and is_label(settings.name):
+        raise SwingupError(f"this run's environment was passed in ({settings.name}): pass it again as env")
+    # Imported here: Gymnasium is slow to load, and the pendulum does without.
+    from .hosted import HostWorld
+
+    return HostWorld(
+        settings.env if env is None else env, settings.name, config, seed, settings.evaluation_episodes
+    )
+
+
+def label(env: Any) -> str:
+    """What to call an environment: its id, or its type or function in angle brackets."""
+    if isinstance(env, str):
+        return env
+    named = env if hasattr(env, "__qualname__") else type(env)
+    return f"<{named.__module__}.{named.__qualname__}>"
+
+
+def is_label(name: str) -> bool:
+    """Whether a name only describes an environment, which cannot be made from it."""
+    return name.startswith("<")

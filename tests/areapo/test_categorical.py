@@ -1,0 +1,80 @@
+"""Discrete actions: probabilities, samples, policies and their files."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from swingup.areapo.categorical import Categoricals
+from swingup.areapo.networks import init_policy
+from swingup.areapo.normalise import Normalise
+from swingup.areapo.policy import Policy, load_policy, save_policy
+from swingup.errors import SwingupError
+from swingup.tasks.task import Spaces
+
+# Probabilities 0.2, 0.3, 0.5 of the first action and 0.9, 0.1 of the second; logits are free up to a constant.
+PAIR = Categoricals(
+    jnp.concatenate([jnp.log(jnp.array([0.2, 0.3, 0.5])) + 4.0, jnp.log(jnp.array([0.9, 0.1])) - 2.0]), (3, 2)
+)
+
+
+def test_log_prob_by_hand():
+    # P(2, 0) = 0.5 · 0.9
+    assert PAIR.log_prob(jnp.array([2, 0])) == pytest.approx(np.log(0.45), rel=1e-5)
+    assert PAIR.log_prob(jnp.array([0, 1])) == pytest.approx(np.log(0.02), rel=1e-5)
+
+
+def test_probabilities_sum_to_one():
+    actions = jnp.array([[i, j] for i in range(3) for j in range(2)])
+    assert jnp.sum(jnp.exp(jax.vmap(PAIR.log_prob)(actions))) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_samples_follow_the_probabilities():
+    drawn = np.asarray(jax.vmap(PAIR.sample)(jax.random.split(jax.random.key(0), 100_000)))
+    # Standard deviation of a share: at most 0.5 / sqrt(100,000) = 0.0016.
+    np.testing.assert_allclose(np.bincount(drawn[:, 0]) / 1e5, [0.2, 0.3, 0.5], atol=0.007)
+    np.testing.assert_allclose(np.bincount(drawn[:, 1]) / 1e5, [0.9, 0.1], atol=0.007)
+    # The actions are drawn apart: P(2, 1) = 0.5 · 0.1.
+    assert np.mean((drawn == [2, 1]).all(axis=1)) == pytest.approx(0.05, abs=0.005)
+
+
+def test_batch_axes_come_last():
+    logits = jax.random.normal(jax.random.key(1), (5, 7))
+    drawn = jax.random.randint(jax.random.key(2), (2, 7), 0, 2)
+    together = Categoricals(logits, (3, 2))
+    for column in range(7):
+        alone = Categoricals(logits[:, column], (3, 2))
+        np.testing.assert_allclose(together.log_prob(drawn)[column], alone.log_prob(drawn[:, column]), rtol=1e-5)
+        np.testing.assert_array_equal(together.mode()[:, column], alone.mode())
+
+
+def test_a_new_policy_is_next_to_uniform():
+    actor = init_policy(jax.random.key(0), Spaces(3, 2, (3, 2)), (32, 32), -1.0)
+    for observation in jax.random.normal(jax.random.key(1), (20, 3)):
+        for size, logits in zip((3, 2), actor(observation)._each(), strict=True):
+            np.testing.assert_allclose(jax.nn.softmax(logits), 1 / size, atol=0.02)
+
+
+@pytest.fixture
+def policy():
+    actor = init_policy(jax.random.key(0), Spaces(4, 2, (3, 2)), (8,), -1.0)
+    actor = jax.tree.map(lambda leaf: leaf + jax.random.normal(jax.random.key(5), leaf.shape), actor)
+    return Policy((Normalise(np.linspace(-1, 1, 4), np.linspace(0.5, 2, 4)),), actor)
+
+
+def test_the_policy_file_keeps_the_policy(policy, tmp_path):
+    save_policy(tmp_path / "p.npz", policy, {"env": "Task-v0"})
+    loaded, metadata = load_policy(tmp_path / "p.npz")
+    assert (metadata["choices"], metadata["env"]) == ([3, 2], "Task-v0")
+    for observation in np.random.default_rng(0).normal(size=(20, 4)):
+        np.testing.assert_array_equal(loaded(observation), policy(observation))
+
+
+@pytest.mark.parametrize(
+    ("choices", "message"),
+    [([3, 3], "has 5 outputs"), ([], "must be a list"), ([3.5], "must be a list"), ("32", "must be a list")],
+)
+def test_bad_choices(policy, tmp_path, choices, message):
+    save_policy(tmp_path / "p.npz", policy, {"choices": choices})
+    with pytest.raises(SwingupError, match=message):
+        load_policy(tmp_path / "p.npz")

@@ -1,0 +1,194 @@
+"""The public class: learning, going on, predicting, saving, loading, evaluating."""
+
+import doctest
+import functools
+
+import gymnasium
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+from swingup import AREAPO
+from swingup.areapo.policy import load_policy
+from swingup.errors import SwingupError
+from swingup.learner.metrics import read_metrics
+from swingup.tasks.task import AbstractTask, Step
+
+from .environments import Chain, Noisy, Stairs
+
+TINY = {
+    "num_envs": 2, "num_steps": 16, "num_epochs": 1, "batch_size": 32, "policy_layers": (8,), "value_layers": (8,),
+    "evaluate_every": 64, "checkpoint_every": 128, "evaluation_episodes": 2,
+}  # fmt: skip
+
+
+class Lever(AbstractTask):
+    """A task in JAX: ten choices of three, which pay 0, 1 and 2."""
+
+    observation_size = 1
+    action_size = 1
+    choices = (3,)
+
+    def reset(self, key):
+        return jnp.zeros(())
+
+    def observe(self, state):
+        return state[None] * 0.0
+
+    def step(self, state, action, key):
+        after = state + 1.0
+        reward, ended = action[0].astype(float), after >= 10.0
+        return Step(after, self.observe(after), reward, jnp.array(False), ended)
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    return AREAPO(Noisy, seed=3, **TINY).learn(64)
+
+
+def same_weights(one, other):
+    left, right = (jax.tree.leaves(model._run.snapshot()[0]) for model in (one, other))
+    keys = [jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key) for leaf in left]
+    return all(
+        np.array_equal(*(jax.random.key_data(leaf) if key else leaf for leaf in pair))
+        for pair, key in zip(zip(left, right, strict=True), keys, strict=True)
+    )
+
+
+def test_learning_goes_on_as_if_it_had_been_saved(tmp_path):
+    one = AREAPO(Noisy, seed=3, **TINY).learn(64)
+    one.save(tmp_path / "model.npz")
+    other = AREAPO.load(tmp_path / "model.npz", env=Noisy)
+    assert (other.frames, other.settings) == (64, one.settings)
+    one.learn(100)
+    other.learn(100)
+    assert one.frames == other.frames == 192
+    assert same_weights(one, other)
+    assert not same_weights(one, AREAPO(Noisy, seed=4, **TINY).learn(64).learn(100))
+
+
+def test_predict_one_and_several(noisy):
+    space = Noisy().action_space
+    single = noisy.predict(np.zeros((2, 1)))
+    assert space.contains(single)
+    several = noisy.predict(np.zeros((5, 2, 1)))
+    np.testing.assert_array_equal(several, np.tile(single, (5, 1)))
+    drawn = noisy.predict(np.zeros((200, 2, 1)), deterministic=False)
+    assert all(space.contains(action) for action in drawn)
+    assert len(np.unique(drawn, axis=0)) == 6
+    with pytest.raises(SwingupError, match=r"shape \(3,\): pass \(2, 1\)"):
+        noisy.predict(np.zeros(3))
+
+
+def test_box_actions_have_the_bounds_of_the_space():
+    model = AREAPO(Stairs, **TINY)
+    drawn = model.predict(np.zeros((500, 1)), deterministic=False)
+    assert np.all((drawn >= [-2.0, 0.0]) & (drawn <= [2.0, 1.0]))
+    assert np.ptp(drawn[:, 0]) > 1.0
+    # The mean starts near the middle of the bounds.
+    np.testing.assert_allclose(model.predict([0.0]), [0.0, 0.5], atol=0.05)
+
+
+def test_callbacks_see_reports_and_may_stop():
+    frames = []
+    model = AREAPO(Noisy, **TINY)
+    model.learn(1000, [lambda model, report: frames.append(report.frames), lambda _, report: report.frames < 128])
+    assert frames == [64, 128]
+    assert model.frames == 128
+    # Asked again it goes on.
+    assert model.learn(64).frames == 192
+
+
+def test_a_folder_holds_what_the_command_writes(tmp_path):
+    model = AREAPO(Noisy, folder=tmp_path / "run", **TINY).learn(200)
+    assert {path.name for path in (tmp_path / "run").iterdir()} == {
+        "config.json", "metrics.jsonl", "tensorboard", "checkpoints", "best.npz", "last.npz",
+    }  # fmt: skip
+    rows = read_metrics(tmp_path / "run" / "metrics.jsonl")
+    assert [row["frames"] for row in rows] == [64, 128, 192, 224]
+    assert {"score", "mean_length", "episode_return", "gain", "entropy"} <= rows[0].keys()
+    again = AREAPO.load(tmp_path / "run", env=Noisy)
+    assert same_weights(model, again)
+    with pytest.raises(SwingupError, match=r"passed in \(<.*Noisy>\): pass it again as env"):
+        AREAPO.load(tmp_path / "run")
+
+
+def test_the_policy_file_says_what_it_is_for(noisy, tmp_path):
+    noisy.export_policy(tmp_path / "p.npz")
+    policy, metadata = load_policy(tmp_path / "p.npz")
+    assert metadata["choices"] == [3, 2]
+    assert metadata["action_start"] == [1, 5]
+    observations = np.random.default_rng(0).normal(size=(20, 2, 1)).astype(np.float32)
+    expected = noisy.predict(observations)
+    actions = [np.asarray(policy(observation.ravel())) + metadata["action_start"] for observation in observations]
+    np.testing.assert_array_equal(actions, expected)
+
+
+def test_evaluate_is_the_mean_return():
+    # Stairs pay 1 + 2 + 3 in three steps, whatever is done.
+    model = AREAPO(Stairs, **TINY)
+    assert model.evaluate(4) == {"score": 6.0, "mean_length": 3.0, "mean_reward": 2.0}
+    assert model.evaluate(3, env=functools.partial(Stairs, terminates=True))["score"] == 6.0
+
+
+def test_a_vector_environment_evaluates_elsewhere():
+    model = AREAPO(Chain(2, "cycle", AutoresetMode.NEXT_STEP), **TINY).learn(64)
+    with pytest.raises(SwingupError, match="pass evaluate another"):
+        model.evaluate()
+    assert model.evaluate(env=Chain(3, "walk", AutoresetMode.SAME_STEP))["mean_length"] == 4.0
+    with pytest.raises(SwingupError, match="the policy sees 1 numbers, the environment shows 2"):
+        model.evaluate(env=Noisy)
+
+
+def test_a_task_in_jax_is_compiled():
+    model = AREAPO(Lever(), temperature=0.0, **(TINY | {"num_steps": 64, "learning_rate": 0.01})).learn(20_000)
+    assert model.predict([0.0]) == [2]
+    # Ten steps of the best choice.
+    assert model.evaluate(4)["score"] == 20.0
+
+
+def test_a_robot_by_name():
+    model = AREAPO("pendubot", **TINY)
+    assert (model.settings.preset, model.settings.robot) == ("default", "pendubot")
+    assert model.predict(np.zeros(4)).shape == (1,)
+    assert 0.0 <= model.evaluate()["score"] < 0.1
+
+
+@pytest.mark.parametrize("preset", ["ppo", "eapo", "apo", "mujoco"])
+def test_the_family_trains_on_a_gymnasium_id(preset):
+    row = []
+    model = AREAPO("CartPole-v1", preset, **TINY)
+    model.learn(64, lambda _, report: row.extend(report.rows))
+    assert row[0]["gradient_norm"] > 0.0
+    assert (row[0]["gain"] != 0.0) == (preset in ("apo", "mujoco"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"preset": "best"}, "unknown preset 'best'"),
+        ({"learning_rat": 0.1}, "unknown hyperparameter learning_rat"),
+        ({"batch_size": 1000}, "batch_size = 1000 does not divide"),
+        ({"env": "NoSuchTask-v0"}, "cannot make"),
+        ({"seed": -1}, "seed = -1"),
+        ({"evaluation_episodes": -1}, "evaluation_episodes = -1"),
+    ],
+)
+def test_bad_arguments(arguments, message):
+    with pytest.raises(SwingupError, match=message):
+        AREAPO(**({"env": Noisy} | TINY | arguments))
+
+
+def test_the_docstrings_example():
+    from swingup.learner import agent
+
+    assert doctest.testmod(agent) == (0, 4)
+
+
+def test_mujoco_learns_where_it_is_installed():
+    pytest.importorskip("mujoco")
+    space = gymnasium.make("Swimmer-v5").action_space
+    model = AREAPO("Swimmer-v5", **TINY).learn(64)
+    assert space.contains(model.predict(np.zeros(8)))

@@ -1,0 +1,45 @@
+"""Several devices share a run's seeds."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+PROGRAM = """
+import jax
+from swingup.areapo.config import Config
+from swingup.learner.run import Run
+from swingup.learner.settings import Settings
+
+config = Config(num_envs=2, num_steps=8, num_epochs=1, batch_size=16, policy_layers=(8,), value_layers=(8,))
+run = Run(Settings("acrobot", "default", 0, 4, 16, 64, config), None, 32)
+reports = list(run.advance())
+state, _ = run.snapshot()
+weights = state.actor.mean_head.weight
+print(len(jax.devices()), len(weights.sharding.device_set), [row["gain"] for row in reports[-1].rows])
+"""
+
+
+def trained(devices, seeds=4):
+    environment = os.environ | {"XLA_FLAGS": f"--xla_force_host_platform_device_count={devices}"}
+    program = PROGRAM.replace('"default", 0, 4', f'"default", 0, {seeds}')
+    result = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    there, used, gains = result.stdout.split(maxsplit=2)
+    return int(there), int(used), [float(gain) for gain in gains.strip("[]\n").split(",")]
+
+
+def test_two_devices_share_four_seeds():
+    there, used, gains = trained(2)
+    assert (there, used) == (2, 2)
+    _, alone, expected = trained(1)
+    assert alone == 1
+    assert len(set(gains)) == 4
+    # The same seeds, to rounding: each device has a batch of half the size.
+    assert gains == pytest.approx(expected, rel=1e-3, abs=1e-5)
+
+
+@pytest.mark.slow
+def test_seeds_that_the_devices_do_not_divide_stay_on_one():
+    assert trained(2, seeds=3)[:2] == (2, 1)

@@ -1,0 +1,126 @@
+"""What may befall a run: killed processes, two processes in one folder, a full disk."""
+
+import fcntl
+import os
+import random
+import resource
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from swingup.errors import SwingupError
+from swingup.learner.run import Run
+
+from .test_run import FRAMES, SETTINGS, arrays, assert_same_files, measured, run
+
+TINY = shlex.split(
+    "--num-envs 4 --num-steps 16 --batch-size 64 --num-epochs 1 --policy-layers 8 8 --value-layers 8 8 "
+    "--evaluate-every 64 --checkpoint-every 128 --seed 2"
+)
+TASKS = {"compiled": ["pendubot"], "host": ["--env", "CartPole-v1", "--evaluation-episodes", "0"]}
+
+
+def start(arguments, cache):
+    command = [sys.executable, "-m", "swingup", "train", *arguments]
+    environment = os.environ | {"XDG_CACHE_HOME": str(cache)}
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=environment)
+
+
+def finish(process):
+    _, error = process.communicate(timeout=300)
+    assert process.returncode == 0, error
+
+
+def kill_and_resume(folder, arguments, cache, kills, seed):
+    """Train to the end through so many kills; returns how often a checkpoint was resumed from."""
+    moments, resumed = random.Random(seed), 0
+    for remaining in range(kills, -1, -1):
+        if any((folder / "checkpoints").glob("[0-9]*.npz")):
+            process = start(["--resume", str(folder)], cache)
+            resumed += 1
+        else:  # killed before there was anything to lose
+            shutil.rmtree(folder, ignore_errors=True)
+            process = start([*arguments, "--out", str(folder)], cache)
+        if remaining == 0:
+            finish(process)
+            continue
+        if remaining % 4:  # mostly in the midst of training, sometimes anywhere
+            wait_for_a_report(folder, process)
+        time.sleep(moments.uniform(0.0, 0.4 if remaining % 4 else 4.0))
+        process.send_signal(signal.SIGKILL)
+        process.communicate()
+    return resumed
+
+
+def wait_for_a_report(folder, process):
+    metrics = folder / "metrics.jsonl"
+    before = metrics.stat().st_mtime_ns if metrics.exists() else 0
+    deadline = time.monotonic() + 120
+    while time.monotonic() < deadline and process.poll() is None:
+        # The file is rewritten when a run opens it, then it grows with each report.
+        if metrics.exists() and metrics.stat().st_mtime_ns > before and metrics.stat().st_size > 0:
+            return
+        time.sleep(0.005)
+
+
+def check_kills(tmp_path, task, kills, frames):
+    arguments = [*TASKS[task], "--frames", str(frames), *TINY]
+    finish(start([*arguments, "--out", str(tmp_path / "whole")], tmp_path / "cache"))
+    resumed = kill_and_resume(tmp_path / "part", arguments, tmp_path / "cache", kills, seed=kills)
+    assert resumed >= kills // 2
+    assert_same_files(tmp_path / "whole", tmp_path / "part")
+    assert measured(tmp_path / "whole") == measured(tmp_path / "part")
+    assert not [path for path in (tmp_path / "part").rglob(".*") if path.is_file()]
+
+
+@pytest.mark.parametrize(("task", "kills"), [("compiled", 1), ("host", 2)])
+def test_killed_processes_resume_to_the_same_bits(tmp_path, task, kills):
+    check_kills(tmp_path, task, kills, frames=64 * 40)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("task", ["compiled", "host"])
+def test_many_killed_processes_resume_to_the_same_bits(tmp_path, task):
+    check_kills(tmp_path, task, kills=12, frames=64 * 400)
+
+
+def test_two_processes_do_not_train_in_one_folder(tmp_path):
+    run(tmp_path / "r", 2)
+    descriptor = os.open(tmp_path / "r" / "checkpoints", os.O_RDONLY)
+    fcntl.flock(descriptor, fcntl.LOCK_EX)  # as another process would hold it
+    with pytest.raises(SwingupError, match=f"another process trains in {tmp_path / 'r'}: wait for it, stop it"):
+        list(Run.resume(tmp_path / "r", 4 * FRAMES).advance())
+    os.close(descriptor)
+    late = Run.resume(tmp_path / "r", 4 * FRAMES)
+    list(Run.resume(tmp_path / "r", 4 * FRAMES).advance())
+    # Who read the checkpoint before the other one trained does not undo its work.
+    with pytest.raises(SwingupError, match="has moved on to 256 frames"):
+        list(late.advance())
+
+
+def test_a_full_disk_leaves_the_last_good_checkpoint(tmp_path):
+    run(tmp_path / "r", 4)
+    checkpoint = tmp_path / "r" / "checkpoints" / "000000000256.npz"
+    good = arrays(checkpoint)
+    files = sorted(Path(tmp_path / "r").rglob("*.npz"))
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        # The kernel refuses to write beyond this, in the midst of a file, as it does on a full disk.
+        resource.setrlimit(resource.RLIMIT_FSIZE, (checkpoint.stat().st_size // 2, limits[1]))
+        with pytest.raises(SwingupError, match=r"cannot write .*: File too large"):
+            list(Run.resume(tmp_path / "r", 8 * FRAMES).advance())
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert sorted(Path(tmp_path / "r").rglob("*.npz")) == files
+    after = arrays(checkpoint)
+    assert all((after[name] == good[name]).all() for name in good)
+    # With room again it goes on.
+    list(Run.resume(tmp_path / "r", 8 * FRAMES).advance())
+    list(Run(SETTINGS, tmp_path / "whole", 8 * FRAMES).advance())
+    assert_same_files(tmp_path / "r", tmp_path / "whole")

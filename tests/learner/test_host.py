@@ -1,0 +1,135 @@
+"""The host loop: the same algorithm, on environments with known answers; bit-identical when resumed."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+from swingup.areapo import train
+from swingup.areapo.config import Config
+from swingup.learner import host
+from swingup.learner.environments import make_environments
+from swingup.learner.host import collect, new_episodes
+from swingup.learner.hosted import HostWorld
+from swingup.learner.run import Run
+from swingup.learner.settings import Settings
+
+from .environments import Chain, Noisy, Stairs
+from .test_run import assert_same_files, measured
+
+SMALL = Config(
+    num_envs=16, num_steps=32, num_epochs=4, batch_size=128, policy_layers=(32, 32), value_layers=(32, 32),
+    clip_range=0.2, learning_rate=2e-3, gain_step_size=0.05, centre_values=True,
+)  # fmt: skip
+
+
+def learn(kind, mode, **changes):
+    """Train with a high learning rate, then with a low one to settle; the metrics are the mean of the last part."""
+    config = Config(**(vars(SMALL) | changes))
+    fine = Config(**(vars(config) | {"learning_rate": config.learning_rate / 10, "gain_step_size": 0.01}))
+    env = Chain(config.num_envs, kind, mode)
+    first, second = (HostWorld(env, kind, c, 0, 0) for c in (config, fine))
+    state = first.begin(first.init(), 0)
+    state, _, _ = first.train(state, 200)
+    state, _, _ = second.train(second.begin(state, 200), 80)
+    return second.train(state, 60)
+
+
+def values(state, observations):
+    stage = state.statistics.stage(10.0)
+    return np.asarray(jax.vmap(lambda o: state.critic(stage(o)))(jnp.asarray(observations)[:, None]))
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP])
+def test_gain_bias_and_policy_of_a_cycle(mode):
+    # As without the choice ρ = 1 and v(1) - v(0) = 1; the choice adds softmax((0, 1, 2) / τ), whose soft gain is
+    # τ log(1 + e^(1/τ) + e^(2/τ)). The time limit after 9 steps shows in the reward collected, not in the gain.
+    temperature = 0.4
+    weights = np.exp(np.arange(3) / temperature)
+    best = weights / weights.sum()
+    state, metrics, extras = learn("cycle", mode, temperature=temperature)
+    assert metrics.gain + metrics.entropy_gain == pytest.approx(1.0 + temperature * np.log(weights.sum()), rel=0.02)
+    assert metrics.gain == pytest.approx(1.0 + best @ [0, 1, 2], rel=0.02)
+    assert metrics.reward == pytest.approx(8 / 9 + best @ [0, 1, 2], rel=0.02)
+    stage = state.statistics.stage(10.0)
+    policies = [np.asarray(jax.nn.softmax(state.actor(stage(jnp.array([s]))).logits)) for s in (0.0, 1.0)]
+    np.testing.assert_allclose(policies, [best, best], atol=0.02)
+    # v(0) = r(0) - ρ + v(1) and v(1) = r(1) - ρ + v(0), so that v(1) - v(0) = (r(1) - r(0)) / 2 of this policy.
+    zero, one = values(state, [0.0, 1.0])[:, 0]
+    assert one - zero == pytest.approx(1.0 + (policies[1] - policies[0]) @ [0, 1, 2] / 2, rel=0.02)
+    assert extras["episode_length"] == 9.0
+    assert extras["episode_return"] == pytest.approx(9 * metrics.reward, rel=0.02)
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP])
+def test_a_termination_costs_and_goes_on_from_a_new_start(mode):
+    # Uniform choices (no reward difference would do; here a high temperature): the walk pays 1 + E[choice] a step,
+    # and 10 at its end after four: ρ = 1 + E - 10 / 4 and v(k+1) - v(k) = ρ - (1 + E) = -2.5.
+    state, metrics, _ = learn("walk", mode, temperature=0.8)
+    weights = np.exp(np.arange(3) / 0.8)
+    mean_choice = weights @ [0, 1, 2] / weights.sum()
+    assert metrics.gain == pytest.approx(1.0 + mean_choice - 2.5, abs=0.02)
+    np.testing.assert_allclose(np.diff(values(state, [0.0, 1.0, 2.0, 3.0])[:, 0]), -2.5, rtol=0.03)
+
+
+def test_rows_of_a_reset_do_not_count():
+    config = Config(**(vars(SMALL) | {"num_envs": 2, "num_steps": 12, "batch_size": 24}))
+    world = HostWorld(Chain(2, "walk", AutoresetMode.NEXT_STEP), "walk", config, 0, 0)
+    state = world.begin(world.init(), 0)
+    environments = make_environments(Chain(2, "walk", AutoresetMode.NEXT_STEP), 2)
+    environments.reset(0)
+    _, rollout = collect(state, environments, new_episodes(2), jax.random.key(0), config)
+    # Four steps, of which the last ends, then the reset.
+    np.testing.assert_array_equal(rollout.counted[:, 0], [1, 1, 1, 1, 0, 1, 1, 1, 1, 0, 1, 1])
+    np.testing.assert_array_equal(np.flatnonzero(rollout.terminated[:, 0]), [3, 8])
+
+
+TINY = Config(num_envs=2, num_steps=16, num_epochs=1, batch_size=32, policy_layers=(8,), value_layers=(8,))
+NOISY = Settings(None, "mujoco", 3, 1, 64, 128, TINY, "<noisy>", 2)
+
+
+def test_killed_and_resumed_equals_uninterrupted(tmp_path):
+    """Environments start anew at each checkpoint, also where nobody stopped."""
+    list(Run(NOISY, tmp_path / "whole", 384, Noisy).advance())
+    run = Run(NOISY, tmp_path / "part", 384, Noisy)
+    for report in run.advance():
+        if report.frames == 320:  # past the checkpoint at 256: what came since is lost
+            break
+    run = Run.resume(tmp_path / "part", env=Noisy)
+    assert run.frames == 256
+    list(run.advance())
+    assert_same_files(tmp_path / "whole", tmp_path / "part")
+    assert measured(tmp_path / "whole") == measured(tmp_path / "part")
+    assert len(measured(tmp_path / "whole")) == 6
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP])
+def test_a_rollout_holds_what_the_actor_saw_and_did(mode):
+    config = Config(**(vars(SMALL) | {"num_envs": 3, "num_steps": 10, "batch_size": 30}))
+    environments = make_environments(SyncVectorEnv([Stairs] * 3, autoreset_mode=mode), 3)
+    state = train.init_learner(jax.random.key(0), environments.spaces, config)
+    state = train.restarted(state, environments.reset(0), config)
+    after, rollout = collect(state, environments, new_episodes(3), jax.random.key(1), config)
+    log_probs = jax.vmap(jax.vmap(lambda o, z: state.actor(o).log_prob(z)))(rollout.observations, rollout.latents)
+    np.testing.assert_allclose(log_probs, rollout.log_probs, atol=1e-5)
+    assert np.ptp(rollout.latents) > 0.1
+    # Where nothing ended the next observation is the next row's.
+    following = np.concatenate([rollout.observations[1:], np.asarray(after.observations)[None]])
+    same = np.isclose(rollout.next_observations, following, atol=1e-6)[..., 0]
+    np.testing.assert_array_equal(same, ~rollout.truncated)
+    # Episodes of three steps, and in one mode a row for the reset.
+    every = 3 if mode is AutoresetMode.SAME_STEP else 4
+    np.testing.assert_array_equal(np.flatnonzero(rollout.truncated[:, 0]), np.arange(2, 10, every))
+    # 11 batches of three: the reset and ten steps.
+    assert after.statistics.count == pytest.approx(33.0, abs=0.01)
+
+
+def test_nothing_is_compiled_twice():
+    world = HostWorld(Noisy, "noisy", TINY, 0, 0)
+    state, _, _ = world.train(world.begin(world.init(), 0), 1)
+    compiled = (host._decide, host._advance, host._update, host._split)
+    before = [function._cache_size() for function in compiled]
+    state, _, _ = world.train(state, 2)
+    world.train(world.begin(state, 3), 1)
+    assert [function._cache_size() for function in compiled] == before

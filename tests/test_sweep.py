@@ -1,0 +1,232 @@
+"""Sweeps: what is planned, what is not repeated, what resumes, what survives the loss of a worker."""
+
+import json
+import shutil
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from swingup.areapo.config import Config
+from swingup.benchmark.interval import bootstrap_interval, interquartile_mean
+from swingup.cli import main
+from swingup.errors import SwingupError
+from swingup.learner.metrics import read_metrics
+from swingup.learner.run import Run
+from swingup.learner.settings import settings_from_dict
+from swingup.sweep import Job, Outcome, executor_for, parse_grid, plan, summarise, sweep, train_one
+
+SIZES = {"num_envs": [2], "num_steps": [16], "num_epochs": [1], "batch_size": [32]}
+TINY = SIZES | {"policy_layers": [(8,)], "value_layers": [(8,)]}
+BASE = {
+    "robot": None, "env": "CartPole-v1", "preset": "mujoco", "evaluate_every": 64, "checkpoint_every": 128,
+    "evaluation_episodes": 1,
+}  # fmt: skip
+
+
+def jobs_of(out, seeds=(0,), frames=256, **grid):
+    return plan(BASE, TINY | grid, seeds, out, frames)
+
+
+def inline(jobs):
+    with ThreadPoolExecutor(1) as executor:
+        return sweep(jobs, executor)
+
+
+def test_a_plan_has_every_combination(tmp_path):
+    jobs = plan(BASE, {"learning_rate": [1e-3, 1e-4], "preset": ["ppo", "mujoco"]}, (3, 4), tmp_path, 100)
+    assert len({job.folder for job in jobs}) == len(jobs) == 8
+    configs = [settings_from_dict(job.settings) for job in jobs]
+    assert [(c.config.learning_rate, c.preset, c.seed) for c in configs[:3]] == [
+        (1e-3, "ppo", 3), (1e-3, "ppo", 4), (1e-3, "mujoco", 3),
+    ]  # fmt: skip
+    # The preset's hyperparameters come with it.
+    assert (configs[0].config.average_reward, configs[2].config.average_reward) == (False, True)
+    assert jobs[0].variant == "learning_rate=0.001 preset=ppo"
+
+
+def test_words_become_values():
+    grid = parse_grid(
+        ["learning_rate=3e-4,5e-4", "policy-layers=64x64,8", "popart=true", "num_envs=4", "preset=ppo"]
+    )
+    assert grid == {
+        "learning_rate": [3e-4, 5e-4], "policy_layers": [(64, 64), (8,)], "popart": [True], "num_envs": [4],
+        "preset": ["ppo"],
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("learning_rate", "write NAME=VALUE,VALUE"),
+        ("rate=3", "--set rate=3: write NAME"),
+        ("learning_rate=fast", "'fast' must be float"),
+        ("popart=perhaps", "'perhaps' must be bool"),
+        ("policy_layers=64-64", "must be numbers like 64x64"),
+    ],
+)
+def test_bad_words(words, message):
+    with pytest.raises(SwingupError, match=message):
+        parse_grid([words])
+
+
+def test_a_sweep_repeats_nothing_and_resumes(tmp_path):
+    jobs = jobs_of(tmp_path, seeds=(0, 1))
+    first = inline(jobs)
+    assert [outcome.error for outcome in first] == ["", ""]
+    files = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("last.npz")}
+    assert len(files) == 2
+    # One run is cut off after its first checkpoint, one killed before it had any.
+    cut = Run(settings_from_dict(jobs[0].settings), tmp_path / "cut", 128)
+    list(cut.advance())
+    shutil.rmtree(jobs[0].folder)
+    shutil.copytree(tmp_path / "cut", jobs[0].folder)
+    again = inline(jobs)
+    assert [(o.score, o.best_score) for o in again] == [(o.score, o.best_score) for o in first]
+    assert read_metrics(f"{jobs[0].folder}/metrics.jsonl")[-1]["frames"] == 256
+    untouched = f"{jobs[1].folder}/last.npz"
+    assert all(path.stat().st_mtime_ns == time_ for path, time_ in files.items() if str(path) == untouched)
+    for path in (tmp_path / "cut" / "checkpoints").iterdir():
+        path.unlink()
+    assert train_one(Job("", jobs[0].settings, str(tmp_path / "cut"), 64)).error == ""
+
+
+def test_a_run_that_fails_does_not_stop_the_others(tmp_path):
+    jobs = jobs_of(tmp_path, learning_rate=[1e-3, 1e12], frames=64)
+    (tmp_path / "full").mkdir()
+    good, bad = inline(jobs)
+    assert good.error == ""
+    assert "diverged" in bad.error
+    rows = summarise([good, bad])
+    assert [(row.runs, row.failed) for row in rows] == [(1, 0), (0, 1)]
+
+
+def test_a_folder_of_other_settings_is_left_alone(tmp_path):
+    job = jobs_of(tmp_path, frames=64)[0]
+    inline([job])
+    other = Job("", jobs_of(tmp_path, frames=64, seeds=(5,))[0].settings, job.folder, 64)
+    assert "other settings: choose another --out" in train_one(other).error
+
+
+def test_rows_summarise_by_hand():
+    jobs = [Job("a", {"seed": seed}, "", 1) for seed in range(8)]
+    # The middle half of 0, 0, 1, 2, 3, 4, 100, 100 is 1, 2, 3, 4.
+    scores = [100.0, 0.0, 3.0, 1.0, 4.0, 2.0, 0.0, 100.0]
+    (row,) = summarise([Outcome(job, score, score + 1.0) for job, score in zip(jobs, scores, strict=True)])
+    assert (row.score, row.best, row.runs) == (2.5, 3.5, 8)
+    assert row.interval[0] < 2.5 < row.interval[1]
+
+
+def test_intervals():
+    assert interquartile_mean([5.0]) == 5.0
+    assert interquartile_mean([1.0, 2.0, 9.0]) == 4.0
+    assert bootstrap_interval([3.0, 3.0, 3.0]) == (3.0, 3.0)
+    # Of a mean of many values the interval is ±1.96 σ / sqrt(n); that of the middle half of a uniform
+    # distribution on [0, 1] is known to be close to ±1.96 · 0.289 · 1.09 / sqrt(n): here ±0.031 for n = 400.
+    low, high = bootstrap_interval([(i + 0.5) / 400 for i in range(400)], 2000)
+    assert (low + high) / 2 == pytest.approx(0.5, abs=0.01)
+    assert (high - low) / 2 == pytest.approx(0.031, rel=0.3)
+
+
+WORDS = ["--set", "learning_rate=0.001,0.0001", *(
+    word for name, values in TINY.items()
+    for word in ("--set", f"{name}={values[0][0] if isinstance(values[0], tuple) else values[0]}")
+)]  # fmt: skip
+
+
+def test_the_command_on_local_processes(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    common = [
+        "sweep",
+        "--env",
+        "CartPole-v1",
+        "--seeds",
+        "2",
+        "--frames",
+        "64",
+        "--evaluation-episodes",
+        "1",
+        *WORDS,
+    ]
+    assert main([*common, "--workers", "2", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [row["runs"] for row in rows] == [2, 2]
+    assert rows[0]["variant"].startswith("learning_rate=0.001 num_envs=2")
+    assert json.loads((tmp_path / "sweeps/CartPole-v1-mujoco/sweep.json").read_text()) == rows
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("sweep", "robot = None and env = None: give one of the two"),
+        ("sweep acrobot --seeds 0", "seeds = 0 must be at least 1"),
+        ("sweep acrobot --set batch_size=1000", "batch_size = 1000 does not divide"),
+        ("sweep acrobot --workers 0", "workers = 0 must be at least 1"),
+    ],
+)
+def test_bad_sweeps(arguments, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments.split()) == 2
+    assert message in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    """A Dask scheduler and two workers on this machine: its address and the workers' processes."""
+    pytest.importorskip("distributed")
+    file = tmp_path / "scheduler.json"
+    python = [sys.executable, "-m", "dask"]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    common = ["--scheduler-file", str(file), "--no-dashboard"]
+    scheduler = [*python, "scheduler", "--host", "tcp://127.0.0.1", "--port", "0", *common]
+    worker = [*python, "worker", "--nthreads", "1", "--no-nanny", "--host", "127.0.0.1", *common]
+    with subprocess.Popen(scheduler, **quiet) as one:
+        workers = [subprocess.Popen(worker, cwd=tmp_path, **quiet) for _ in range(2)]
+        deadline = time.monotonic() + 60
+        while not file.exists() and time.monotonic() < deadline:
+            time.sleep(0.1)
+        yield json.loads(file.read_text())["address"], workers
+        for process in (*workers, one):
+            process.kill()
+            process.wait()
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_dask_worker_is_killed_and_no_run_is_lost(cluster, tmp_path):
+    address, workers = cluster
+    jobs = jobs_of(tmp_path / "dask", seeds=(0, 1, 2, 3), frames=128 * 12)
+    killed = []
+
+    def kill_one(outcome):
+        if not killed:  # the others are under way or waiting
+            killed.append(workers[0].pid)
+            workers[0].kill()
+
+    with executor_for(address, None) as executor:
+        outcomes = sweep(jobs, executor, kill_one)
+    assert killed
+    assert [outcome.error for outcome in outcomes] == [""] * 4
+    expected = inline(jobs_of(tmp_path / "here", seeds=(0, 1, 2, 3), frames=128 * 12))
+    assert [outcome.score for outcome in outcomes] == [outcome.score for outcome in expected]
+
+
+def test_no_scheduler_there(tmp_path):
+    pytest.importorskip("distributed")
+    with (
+        pytest.raises(SwingupError, match="no Dask scheduler answers"),
+        executor_for("tcp://127.0.0.1:1", None),
+    ):
+        pass
+
+
+def test_settings_travel(tmp_path):
+    """A job's settings are JSON values, from which the same settings come back."""
+    job = jobs_of(tmp_path)[0]
+    settings = settings_from_dict(json.loads(json.dumps(job.settings)))
+    assert settings.as_dict() == job.settings
+    assert settings.config.policy_layers == (8,)
+    assert isinstance(settings.config, Config)
