@@ -226,7 +226,6 @@ def test_leaderboard_of_the_third_rules(capsys):
         ("evaluate acrobot --pushes --seed -1", "seed = -1"),
         ("evaluate acrobot --estimator --no-estimator", "--estimator and --no-estimator exclude each other"),
         ("evaluate acrobot --controller others_controllers:nan --estimator", "is in plain Python"),
-        ("evaluate acrobot --controller ar-eapo-global", "lacks the policy acrobot-global.npz"),
         ("check acrobot --controller nothing", "unknown controller 'nothing'"),
         ("plot trajectory missing.csv --out t.png", "missing.csv"),
         ("plot shape others_controllers.py --out t.png", "unknown kind of plot 'shape'"),

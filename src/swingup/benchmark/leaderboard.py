@@ -8,7 +8,7 @@ from importlib import resources
 from typing import Any
 
 from ..control.named import get_controller, has_estimator
-from ..control.zoo import BASE, GLOBAL, KINDS, is_shipped
+from ..control.zoo import BASE, GLOBAL
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot
 from .columns import BOARDS, PERFORMANCE
@@ -91,7 +91,7 @@ def leaderboard(
     """
     robot = get_robot(robot)
     makers = _makers(rules, seed, recompute)
-    anywhere = (GLOBAL,) if rules in UPTIME_RULES and is_shipped(robot, KINDS[GLOBAL]) else ()
+    anywhere = (GLOBAL,) if rules in UPTIME_RULES else ()
     entrants = entrants_for(robot, controllers or {}, (*FURTHER, *anywhere), alone=True)
     return [
         _board(robot, measure, rules, None if measure == "performance" else seed, entrants, make_row)

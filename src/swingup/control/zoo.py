@@ -8,7 +8,6 @@ from ..runtime.shipped import BASE as BASE
 from ..runtime.shipped import GLOBAL as GLOBAL
 from ..runtime.shipped import KINDS as KINDS
 from ..runtime.shipped import SHIPPED as SHIPPED
-from ..runtime.shipped import is_shipped as is_shipped
 from ..runtime.shipped import shipped_file
 from .learned import PolicyController, load_policy
 

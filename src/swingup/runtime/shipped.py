@@ -30,14 +30,10 @@ def shipped_file(robot: Robot | str, kind: str = "") -> Traversable:
     robot = get_robot(robot)
     if kind not in KINDS.values():
         raise SwingupError(f"unknown kind of policy {kind!r}: use {' or '.join(map(repr, KINDS.values()))}")
-    if not is_shipped(robot, kind):
-        raise SwingupError(f"this package lacks the policy {_file(robot, kind).name}: use {SHIPPED} or train one")
-    return _file(robot, kind)
-
-
-def is_shipped(robot: Robot, kind: str) -> bool:
-    """Whether the package has a policy of this kind for a robot."""
-    return _file(robot, kind).is_file()
+    file = _file(robot, kind)
+    if not file.is_file():
+        raise SwingupError(f"this package lacks the policy {file.name}: use {SHIPPED} or train one")
+    return file
 
 
 def _file(robot: Robot, kind: str) -> Traversable:
