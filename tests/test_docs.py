@@ -14,6 +14,7 @@ import types
 from pathlib import Path
 
 import pytest
+import tyro
 
 import swingup
 from swingup.cli import commands
@@ -72,21 +73,13 @@ def test_python_block_runs(page, first, source, tmp_path, monkeypatch):
 def parse(monkeypatch):
     """The command line with functions that do nothing: arguments are parsed, and that is all."""
 
-    def idle(function):
-        return functools.wraps(function)(lambda *arguments, **options: 0)
+    choose = tyro.extras.subcommand_cli_from_dict
 
-    homes = {
-        "refining": ["refine"],
-        "judging": ["evaluate", "score", "robustness", "uptime", "leaderboard", "check"],
-        "pictures": ["plot", "report"],
-        "planning": ["trajectory"],
-        "exporting": ["export"],
-        "training": ["train"],
-    }
-    for home, names in homes.items():
-        for name in names:
-            module = getattr(commands, home)
-            monkeypatch.setattr(module, name, idle(getattr(module, name)))
+    def choose_idle(known, **options):
+        idle = {name: functools.wraps(known[name])(lambda *_, **__: 0) for name in known}
+        return choose(idle, **options)
+
+    monkeypatch.setattr(tyro.extras, "subcommand_cli_from_dict", choose_idle)
     return commands.run_command
 
 
@@ -130,15 +123,18 @@ def test_the_api_page_has_every_public_name():
     assert documented == set(swingup.__all__) - {"__version__"}
 
 
-def test_code_named_on_the_method_page_exists():
-    """``file.py: name, name.method`` and plain paths, all below src/swingup."""
-    text = (ROOT / "docs" / "ar-eapo.md").read_text(encoding="utf-8")
-    named = re.findall(r"`(\w+/\w+\.py)(?:: ([\w.]+))?`", text)
-    assert len(named) > 15
-    for file, name in named:
+def test_links_to_code_name_what_is_there():
+    """[`file: name`](../src/swingup/file)."""
+    found = []
+    for page in PAGES:
+        found += re.findall(
+            r"\[`([\w/]+\.py)(?:: (\w+))?`\]\(\.\./src/swingup/([^)]*)\)", page.read_text(encoding="utf-8")
+        )
+    assert len(found) > 25
+    for file, name, target in found:
+        assert file == target
         source = (ROOT / "src" / "swingup" / file).read_text(encoding="utf-8")
-        for part in name.split(".") if name else []:
-            assert re.search(rf"^\s*(def |class ){part}\b|^{part}\b", source, re.MULTILINE), f"{file}: {part}"
+        assert not name or re.search(rf"^(def |class )?{name}\b", source, re.MULTILINE), f"{file}: {name}"
 
 
 def test_the_notebook_is_stored_without_outputs():
