@@ -1,8 +1,10 @@
 """What the site needs besides the pages in docs/: pages whose source lies elsewhere, links to them, and equations.
 
-Nothing is copied by hand: README, cards, examples and the notebook are read where they are.
+Nothing is copied by hand: README, cards, examples, the notebook and the source files that pages link to are read
+where they are.
 """
 
+import ast
 import json
 import posixpath
 import re
@@ -28,6 +30,10 @@ ELSEWHERE = {
 PICTURES = {"curves.png": "benchmarks/curves.png"}
 
 LINK = re.compile(r"\[([^\]]*)\]\(([^)#\s]+)(#[^)\s]*)?\)")
+SOURCE_NAME = re.compile(r"\.py: (\w+)`$")
+"""In the text of a link to a source file: what the link is to, defined in that file."""
+
+SOURCE = re.compile(r"src/swingup/[\w/]+\.py")
 MATH = re.compile(r"^```math\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -35,6 +41,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages and pictures whose source is not in docs/."""
     contents = {page: (ROOT / source).read_text(encoding="utf-8") for page, source in ELSEWHERE.items()}
     contents |= {"examples.md": _examples(), "first-steps.md": _notebook()}
+    contents |= {_page_of(source): _code(source) for source in _linked_sources()}
     for page, content in contents.items():
         files.append(File.generated(config, page, content=content))
     for picture, source in PICTURES.items():
@@ -53,6 +60,9 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         if "://" in target or not (ROOT / path).exists():
             return link.group(0)  # not a file of the repository: MkDocs judges it
         found = _page_of(path)
+        name = SOURCE_NAME.search(text)
+        if name:
+            anchor = f"#{name.group(1).lower()}"
         return f"[{text}]({found}{anchor})" if found else text  # a file that the site does not show
 
     return MATH.sub(lambda block: convert(block.group(1).strip(), display="block"), LINK.sub(point, markdown))
@@ -66,7 +76,33 @@ def _page_of(path: str) -> str | None:
         return homes[path]
     if path.startswith("examples/"):
         return "examples.md"
+    if SOURCE.fullmatch(path):
+        return path.removeprefix("src/swingup/").replace(".py", ".md")
     return path.removeprefix("docs/") if path.startswith("docs/") else None
+
+
+def _linked_sources() -> set[str]:
+    """The source files that pages in docs/ link to."""
+    texts = (path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md"))
+    return {source for text in texts for source in SOURCE.findall(text)}
+
+
+def _code(source: str) -> str:
+    """A source file as Markdown, each of its definitions with a heading that links can point to."""
+    text = (ROOT / source).read_text(encoding="utf-8")
+    starts = {0: source}
+    for node in ast.parse(text).body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            starts[min(line.lineno for line in [node, *node.decorator_list]) - 1] = node.name
+        elif isinstance(node, ast.Assign | ast.AnnAssign):
+            target = node.targets[0] if isinstance(node, ast.Assign) else node.target
+            starts[node.lineno - 1] = ast.unparse(target)
+    lines, firsts = text.splitlines(), sorted(starts)
+    parts = []
+    for first, end in zip(firsts, [*firsts[1:], len(lines)], strict=True):
+        code = "\n".join(lines[first:end]).strip()
+        parts.append(f"{'##' if first else '#'} {starts[first]}\n\n```python\n{code}\n```")
+    return "\n\n".join(parts)
 
 
 def _examples() -> str:
