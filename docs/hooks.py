@@ -41,7 +41,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages and pictures whose source is not in docs/."""
     contents = {page: (ROOT / source).read_text(encoding="utf-8") for page, source in ELSEWHERE.items()}
     contents |= {"examples.md": _examples(), "first-steps.md": _notebook()}
-    contents |= {_page_of(source): _code(source) for source in _linked_sources()}
+    contents |= {_code_page(source): _code(source) for source in _linked_sources()}
     for page, content in contents.items():
         files.append(File.generated(config, page, content=content))
     for picture, source in PICTURES.items():
@@ -77,8 +77,12 @@ def _page_of(path: str) -> str | None:
     if path.startswith("examples/"):
         return "examples.md"
     if SOURCE.fullmatch(path):
-        return path.removeprefix("src/swingup/").replace(".py", ".md")
+        return _code_page(path)
     return path.removeprefix("docs/") if path.startswith("docs/") else None
+
+
+def _code_page(source: str) -> str:
+    return source.removeprefix("src/swingup/").removesuffix(".py") + ".md"
 
 
 def _linked_sources() -> set[str]:
