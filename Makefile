@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: leaderboard test slow lint types format examples check clean
+.PHONY: leaderboard test slow lint types format examples docs check clean
 
 leaderboard: $(READY)
 	$(BIN)/swingup leaderboard
@@ -31,7 +31,10 @@ examples: $(READY)
 		echo "$$example" && (cd "$$folder" && $(abspath $(BIN))/python "$$example") || exit 1; \
 	done && rm -r "$$folder"
 
-check: lint types test examples
+docs: $(READY)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+check: lint types test examples docs
 
 $(READY): pyproject.toml
 	$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'swingup needs Python 3.11 or newer: make PYTHON=python3.12')"
@@ -40,4 +43,4 @@ $(READY): pyproject.toml
 	touch $(READY)
 
 clean:
-	rm -rf $(VENV) build dist src/*.egg-info .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) build dist site src/*.egg-info .mypy_cache .pytest_cache .ruff_cache

@@ -1,0 +1,156 @@
+"""What the documentation shows runs: Python blocks, command lines, the notebook, and the names of the API page.
+
+Comments in the pages' source say what a block needs; readers do not see them. Before a block,
+``<!-- run first: CODE -->`` is run in the same namespace, ``<!-- slow -->`` leaves it to the slow tests, and
+``<!-- not run: REASON -->`` to nobody. A block is run by itself, in an empty folder.
+"""
+
+import functools
+import json
+import re
+import shlex
+import sys
+import types
+from pathlib import Path
+
+import pytest
+import tyro
+
+import swingup
+from swingup.cli import commands
+
+ROOT = Path(swingup.__file__).parents[2]
+PAGES = [
+    ROOT / name for name in ("README.md", "CONTRIBUTING.md", "benchmarks/README.md", "src/swingup/zoo/README.md")
+] + sorted((ROOT / "docs").glob("*.md"))
+NOTEBOOK = ROOT / "examples" / "08_first_steps.ipynb"
+
+pytestmark = pytest.mark.skipif(not (ROOT / "docs").is_dir(), reason="the pages are only in a checkout")
+
+COMMENT = r"<!-- (?P<kind>run first|slow|not run)(?::\s+(?P<text>.*?))?\s+-->\n+"
+BLOCK = re.compile(rf"(?P<comments>(?:{COMMENT})*)^```python\n(?P<code>.*?)^```$", re.MULTILINE | re.DOTALL)
+LANGUAGES = {"", "c", "math", "python"}
+"""Of fenced blocks; another one needs a test first."""
+
+
+def python_blocks():
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        for match in BLOCK.finditer(text):
+            line = text[: match.start("code")].count("\n") + 1
+            comments = {
+                found["kind"]: found["text"] for found in re.finditer(COMMENT, match["comments"], re.DOTALL)
+            }
+            if "not run" in comments:
+                continue
+            # Empty lines above, so that a traceback names the page's own line.
+            source = "\n" * (line - 1) + match["code"]
+            marks = [pytest.mark.slow] if "slow" in comments else []
+            yield pytest.param(page, comments.get("run first"), source, id=f"{page.name}:{line}", marks=marks)
+
+
+def command_lines():
+    """Lines of indented blocks that call swingup, without comments, once each."""
+    lines = {}
+    for page in PAGES:
+        for line in page.read_text(encoding="utf-8").splitlines():
+            if line.startswith("    swingup "):
+                lines.setdefault(" ".join(shlex.split(line, comments=True)[1:]), page.name)
+    return [pytest.param(line, id=f"{page}: {line}") for line, page in lines.items()]
+
+
+@pytest.mark.parametrize(("page", "first", "source"), list(python_blocks()))
+def test_python_block_runs(page, first, source, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    module = types.ModuleType("block_of_a_page")
+    monkeypatch.setitem(sys.modules, module.__name__, module)  # where dataclasses look for their own names
+    if first:
+        exec(compile(first, f"{page.name} (run first)", "exec"), vars(module))
+    exec(compile(source, str(page), "exec"), vars(module))
+
+
+@pytest.fixture
+def parse(monkeypatch):
+    """The command line with functions that do nothing: arguments are parsed, and that is all."""
+
+    choose = tyro.extras.subcommand_cli_from_dict
+
+    def choose_idle(known, **options):
+        idle = {name: functools.wraps(known[name])(lambda *_, **__: 0) for name in known}
+        return choose(idle, **options)
+
+    monkeypatch.setattr(tyro.extras, "subcommand_cli_from_dict", choose_idle)
+    return commands.run_command
+
+
+@pytest.mark.parametrize("line", command_lines())
+def test_command_line_parses(line, parse):
+    assert parse(shlex.split(line)) == 0
+
+
+def test_a_wrong_command_line_does_not_parse(parse, capsys):
+    for line in ("evaluate acrobot --wrong 1", "train acrobot --frames many", "nothing"):
+        with pytest.raises(SystemExit):
+            parse(shlex.split(line))
+    assert "--wrong" in capsys.readouterr().err
+
+
+def test_commands_named_in_sentences_exist(parse, capsys):
+    with pytest.raises(SystemExit):
+        parse(["--help"])
+    known = capsys.readouterr().out
+    options = {}
+    for page in PAGES:
+        prose = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+        for words in re.findall(r"`swingup ([a-z]+)([^`]*)`", prose):
+            options.setdefault(words[0], set()).update(re.findall(r"--[a-z][a-z-]*", words[1]))
+    for command, flags in options.items():
+        assert re.search(rf"\b{command}\b", known), command
+        with pytest.raises(SystemExit):
+            parse([command, "--help"])
+        told = capsys.readouterr().out
+        assert [flag for flag in sorted(flags) if flag not in told and flag != "--help"] == [], command
+
+
+def test_fenced_blocks_are_of_known_languages():
+    for page in PAGES:
+        fences = re.findall(r"^```(.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+        assert set(fences) <= LANGUAGES, page.name
+
+
+def test_the_api_page_has_every_public_name():
+    documented = set(re.findall(r"^::: swingup\.(\w+)$", (ROOT / "docs" / "api.md").read_text(), re.MULTILINE))
+    assert documented == set(swingup.__all__) - {"__version__"}
+
+
+def test_links_to_code_name_what_is_there():
+    """[`file: name`](../src/swingup/file)."""
+    found = []
+    for page in PAGES:
+        found += re.findall(
+            r"\[`([\w/]+\.py)(?:: (\w+))?`\]\(\.\./src/swingup/([^)]*)\)", page.read_text(encoding="utf-8")
+        )
+    assert len(found) > 25
+    for file, name, target in found:
+        assert file == target
+        source = (ROOT / "src" / "swingup" / file).read_text(encoding="utf-8")
+        assert not name or re.search(rf"^(def |class )?{name}\b", source, re.MULTILINE), f"{file}: {name}"
+
+
+def test_the_notebook_is_stored_without_outputs():
+    cells = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
+    code = [cell for cell in cells if cell["cell_type"] == "code"]
+    assert all(cell["outputs"] == [] and cell["execution_count"] is None for cell in code)
+
+
+@pytest.mark.slow
+# Of nbclient's own dependencies, not of the notebook's code, which runs in a process of its own.
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
+def test_the_notebook_runs(tmp_path):
+    nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
+    notebook = nbformat.read(NOTEBOOK, as_version=4)
+    nbclient.NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
+    assert sum("image/png" in output.get("data", {}) for output in outputs) == 2
+    printed = "".join(output.get("text", "") for output in outputs)
+    assert re.search(r"shipped: score 0\.[67]", printed)

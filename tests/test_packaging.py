@@ -1,0 +1,108 @@
+"""Wheel and source distribution: all of the package is inside, nothing else, and the wheel works by itself."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import swingup
+
+ROOT = Path(swingup.__file__).parents[2]
+PACKAGE = ROOT / "src" / "swingup"
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not (ROOT / "pyproject.toml").exists(), reason="only a checkout can be built"),
+]
+
+OUTSIDE = """
+import json
+
+import swingup
+from swingup.cli import main
+from swingup.runtime import load_controller
+
+assert main("export ar-eapo --robot acrobot --to realaigym --out entry".split()) == 0
+assert main("export ar-eapo --robot acrobot --to c --out policy.h".split()) == 0
+scores = [
+    swingup.evaluate(controller, "acrobot").criteria.score
+    for controller in (swingup.get_controller("ar-eapo", "acrobot"), swingup.baseline("tvlqr-score", "acrobot"))
+]
+torque = load_controller("ar-eapo", "pendubot")([0.1, 0.0, 0.0, 0.0], 0.0)
+print(json.dumps([swingup.__file__, scores, torque.tolist()]))
+"""
+
+
+def run(*command, **options):
+    """What a command prints; its errors, if it fails."""
+    result = subprocess.run([*map(str, command)], capture_output=True, text=True, check=False, **options)
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stdout
+
+
+@pytest.fixture(scope="module")
+def distributions(tmp_path_factory):
+    """Wheel and source distribution, built from a copy, so that an older build in the checkout plays no part."""
+    pytest.importorskip("build")
+    folder = tmp_path_factory.mktemp("built")
+    for name in ("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, folder)
+    for name in ("src", "tests"):
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
+    run(sys.executable, "-m", "build", folder)
+    (wheel,), (source,) = ((folder / "dist").glob(pattern) for pattern in ("*.whl", "*.tar.gz"))
+    return wheel, source
+
+
+def ours():
+    """The package's files, relative to the folder that holds it."""
+    files = (path for path in PACKAGE.rglob("*") if path.is_file() and "__pycache__" not in path.parts)
+    return {path.relative_to(PACKAGE.parent).as_posix() for path in files}
+
+
+def test_every_file_of_the_package_is_in_the_wheel(distributions):
+    inside = {name for name in zipfile.ZipFile(distributions[0]).namelist() if ".dist-info/" not in name}
+    assert inside == ours()
+    for ending in ("py.typed", ".npz", ".csv", ".yml", "export/assets/policy.h", "report/assets/page.html"):
+        assert any(name.endswith(ending) for name in inside), ending
+
+
+def test_the_source_distribution_holds_the_package_and_what_builds_it(distributions):
+    with tarfile.open(distributions[1]) as archive:
+        names = {file.name.partition("/")[2] for file in archive if file.isfile()}
+    inside = {name for name in names if ".egg-info/" not in name}
+    built_by = {"LICENSE", "MANIFEST.in", "PKG-INFO", "README.md", "pyproject.toml", "setup.cfg"}
+    assert inside == built_by | {f"src/{name}" for name in ours()}
+
+
+def test_the_wheel_works_without_the_checkout(distributions, tmp_path):
+    target = tmp_path / "site"
+    run(
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--no-deps",
+        "--no-index",
+        "--target",
+        target,
+        distributions[0],
+    )
+    # The dependencies come from this environment; its own swingup, which may be the checkout's, comes later.
+    code = f"import sys; sys.path.insert(0, {str(target)!r})\n{OUTSIDE}"
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    kept["XDG_CACHE_HOME"] = str(tmp_path / "cache")
+    printed = run(sys.executable, "-c", code, cwd=tmp_path, env=kept)
+    home, scores, torque = json.loads(printed.splitlines()[-1])
+    assert Path(home).is_relative_to(target)
+    assert scores == pytest.approx([0.699, 0.710], abs=0.005)
+    assert len(torque) == 2
+    assert (tmp_path / "entry" / "con_swingup.py").exists()
+    assert (tmp_path / "policy.h").exists()
