@@ -14,6 +14,7 @@ import pytest
 from swingup.cli import main
 from swingup.control.zoo import shipped_policy
 from swingup.learner.metrics import read_metrics
+from swingup.runtime.controller import read_policy
 
 KEYS = [
     "robot", "controller", "estimator", "success", "swingup_time", "energy", "torque_cost", "torque_smoothness",
@@ -97,6 +98,22 @@ def test_train_resume_and_evaluate(capsys):
     assert result["controller"] == "runs/pendubot-default-5/last.npz"
 
 
+def test_train_for_the_real_robot_and_resume(capsys, tmp_path):
+    (tmp_path / "mine.yml").write_text("cf1: [0.1, 0.2]\ndelay: 0.004\n")
+    options = ["--preset", "hardware-memory", "--domain", "mine.yml", "--evaluation-episodes", "1"]
+    assert main(["train", "acrobot", "--frames", "128", "--out", "run", *options, *TINY]) == 0
+    output = capsys.readouterr()
+    assert "acrobot, run/best.npz, policy alone (domain hardware, seed 0 to 99)" in output.out
+    assert "0 of 100" in output.out
+    assert main(["train", "--resume", "run", "--domain", "hardware"]) == 2
+    assert (
+        "run was trained with domain = (('cf1', 0.1, 0.2), ('delay', 0.004, 0.004)), not" in capsys.readouterr().err
+    )
+    policy = read_policy("run/best.npz")
+    assert (policy.front_end.velocity_weight, policy.stage.torques, policy.stage.history) == (0.2, 2, 2)
+    assert policy.estimator is None
+
+
 def test_train_another_task_and_resume(capsys):
     options = [*TINY, "--evaluation-episodes", "1"]
     assert main(["train", "--env", "CartPole-v1", "--frames", "128", *options]) == 0
@@ -134,6 +151,13 @@ def test_train_another_task_and_resume(capsys):
         ("train acrobot --preset", "unknown preset ''"),
         ("train acrobot --frames 0", "frames = 0 must be at least 1"),
         ("train acrobot --seeds 0", "seeds = 0 must be at least 1"),
+        ("train acrobot --domain hardware", "a domain goes with the presets for hardware, not with default"),
+        ("train acrobot --preset hardware --domain moon", "unknown domain 'moon'"),
+        ("train acrobot --preset hardware --domain missing.yml", "cannot read domain file missing.yml"),
+        ("hardware cartpole", "unknown robot 'cartpole'"),
+        ("hardware acrobot --domain moon", "unknown domain 'moon': use hardware, randomised or a YAML file"),
+        ("hardware acrobot --seeds 0", "seeds = 0"),
+        ("hardware acrobot --save missing/t.csv", "cannot write missing/t.csv"),
         ("train acrobot --batch-size 1000", "batch_size = 1000 does not divide"),
         ("train acrobot --out text.npz/run", "cannot create text.npz/run"),
         ("train acrobot --out full", "full exists"),

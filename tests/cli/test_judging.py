@@ -158,6 +158,16 @@ def test_uptime(capsys, tmp_path):
     assert result["seed"] == 0
 
 
+def test_hardware(capsys, tmp_path):
+    out = run(capsys, "hardware", "pendubot", "--controller", "lqr", "--seeds", "2", "--save", "run.csv")
+    assert "pendubot, lqr (domain hardware, seed 0 to 1)" in out
+    assert "Success                         0 of 2   (0% to 66%)" in out
+    assert len((tmp_path / "run.csv").read_text().splitlines()) == 5001
+    result = json.loads(run(capsys, "hardware", "pendubot", "--controller", "lqr", "--seeds", "2", "--json"))
+    assert (result["successes"], result["estimator"], result["domain"]["delay"]) == (0, False, [0.01, 0.01])
+    assert [row["seed"] for row in result["details"]] == [0, 1]
+
+
 def test_disturbed_runs_differ_and_repeat(capsys):
     options = shlex.split(
         "--velocity-noise 0.1 --torque-noise 0.2 --torque-response 0.8 --delay 0.004 --pushes --json"

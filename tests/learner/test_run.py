@@ -239,7 +239,7 @@ def test_a_damaged_checkpoint_is_named_and_nothing_changes(tmp_path):
     assert Run.resume(tmp_path / "r").frames == 0
 
 
-@pytest.mark.parametrize("preset", ["default", "paper", "apo", "eapo", "ppo"])
+@pytest.mark.parametrize("preset", ["default", "paper", "apo", "eapo", "ppo", "hardware"])
 def test_every_preset_trains(tmp_path, preset):
     sizes = ("num_envs", "num_steps", "num_epochs", "batch_size", "policy_layers", "value_layers")
     small = {name: getattr(CONFIG, name) for name in sizes}
@@ -249,8 +249,8 @@ def test_every_preset_trains(tmp_path, preset):
     row = reports[-1].rows[0]
     assert row["gradient_norm"] > 0.0
     # Without average reward there is no gain; without temperature no entropy reward.
-    assert (row["gain"] != 0.0) == (preset in ("default", "paper", "apo"))
-    assert (row["entropy_gain"] != 0.0) == (preset in ("default", "paper"))
+    assert (row["gain"] != 0.0) == (preset in ("default", "paper", "apo", "hardware"))
+    assert (row["entropy_gain"] != 0.0) == (preset in ("default", "paper", "hardware"))
 
 
 @pytest.mark.parametrize(
@@ -258,6 +258,8 @@ def test_every_preset_trains(tmp_path, preset):
     [
         ({"robot": "cartpole"}, "unknown robot 'cartpole'"),
         ({"preset": "best"}, "unknown preset 'best'"),
+        ({"domain": (("m1", 0.5, 0.6),)}, "a domain goes with the presets for hardware, not with default"),
+        ({"preset": "hardware", "domain": (("x", 0.5, 0.6),)}, "unknown name 'x'"),
         ({"seeds": 0}, "seeds = 0 must be at least 1"),
         ({"seed": -1}, "seed = -1"),
         ({"evaluate_every": 0}, "evaluate_every = 0"),

@@ -16,7 +16,8 @@ from ..learner.presets import DEFAULT_PRESET, ENV_PRESET, get_preset
 from ..learner.run import Report, Run
 from ..learner.settings import ENV_INTERVALS, PENDULUM_INTERVALS, Settings, read_settings
 from ..physics.parameters import get_robot
-from .judging import evaluate
+from ..tasks.presets import HARDWARE_TASKS
+from .judging import evaluate, hardware
 
 LINE_EVERY = 10.0
 """Seconds between lines where there is no terminal for a progress bar."""
@@ -43,7 +44,8 @@ def train(frames: int | None, options: dict[str, Any], out: str | None, resume: 
     if run.settings.robot is None:
         print(f"best mean return {run.best_score:.6g}, policy {run.folder / 'best.npz'}")
         return 0
-    return evaluate(run.settings.robot, controller=str(run.folder / "best.npz"))
+    judge = hardware if get_preset(run.settings.preset).task in HARDWARE_TASKS else evaluate
+    return judge(run.settings.robot, controller=str(run.folder / "best.npz"))
 
 
 def usual_options(options: dict[str, Any]) -> dict[str, Any]:

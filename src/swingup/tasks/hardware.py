@@ -36,8 +36,7 @@ class HardwareTask(PendulumTask):
     """Swing up and stay there on a plant that every episode draws from a domain, through the front end.
 
     The loop runs at 500 Hz as on the robot, the policy acts at the task's rate: the front end sees every
-    measurement, and its friction compensation acts at every step. The reward is the paper's, but speeds and turns
-    that would stop the robot cost more than hanging.
+    measurement, and its friction compensation acts at every step. First states, reward and ends are the paper's.
     """
 
     domain: Domain = eqx.field(kw_only=True, static=True)
@@ -46,14 +45,6 @@ class HardwareTask(PendulumTask):
     """What stands between measurement, policy and motors."""
     estimated: bool = eqx.field(kw_only=True, static=True, default=False)
     """A state estimator goes before the front end, and is taken to be right: neither delay nor noise is seen."""
-    speed_limit: float = 17.0
-    """Speed of a joint from which on it costs (rad/s). Chosen: the robot stops at 20."""
-    speed_edge: float = 0.5
-    """Width of that edge (rad/s). Chosen."""
-    turn_limit: float = 11.5
-    """Angle from which on it costs (rad). Chosen: the robot stops at 4π = 12.57."""
-    penalty: float = 1.0
-    """What a step beyond these costs. Chosen: twice as much as hanging."""
 
     @property
     def shown_size(self) -> int:
@@ -80,12 +71,6 @@ class HardwareTask(PendulumTask):
         """What the front end shows, scaled."""
         assert isinstance(state, HardwareState)
         return self.observation(self.front_end.shown(state.memory))
-
-    def reward(self, x: State, u: Torque) -> Scalar:
-        """The paper's, less the penalty for what would stop the robot."""
-        fast = jax.nn.sigmoid((jnp.max(jnp.abs(x[2:])) - self.speed_limit) / self.speed_edge)
-        turned = jax.nn.sigmoid((jnp.max(jnp.abs(x[:2])) - self.turn_limit) / self.speed_edge)
-        return super().reward(x, u) - self.penalty * jnp.maximum(fast, turned)
 
     def step(self, state: PendulumState, action: Action, key: Key) -> Step[PendulumState]:
         """Hold the policy's torque for dt: steps of the loop at 500 Hz, each with a measurement and its noise.
