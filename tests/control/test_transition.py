@@ -7,7 +7,6 @@ import pytest
 
 from swingup.control.algebra import unpack
 from swingup.control.transition import PendulumTransition
-from swingup.control.trigonometry import sine_cosine
 from swingup.physics.dynamics import derivative
 from swingup.physics.integrate import rk4_step
 from swingup.physics.parameters import ROBOTS, identified_parameters, leaderboard_parameters
@@ -25,16 +24,6 @@ def both_joints(robot, u):
 def full_jacobian(transition):
     columns = jax.jit(transition.jacobian)(unpack(jnp.asarray(STATES)), jnp.asarray(TORQUES))
     return np.array([[np.broadcast_to(entry, len(STATES)) for entry in column] for column in columns]).T
-
-
-@pytest.mark.parametrize("size", [1.0, 100.0, 1e5])
-def test_sine_and_cosine(x64, size):
-    angles = RANDOM.uniform(-size, size, 10_000)
-    sine, cosine = sine_cosine(jnp.asarray(angles))
-    np.testing.assert_allclose(sine, np.sin(angles), atol=4e-16)
-    np.testing.assert_allclose(cosine, np.cos(angles), atol=4e-16)
-    slopes = jax.jvp(sine_cosine, (jnp.asarray(angles),), (jnp.ones(angles.size),))[1]
-    np.testing.assert_allclose(slopes, [np.cos(angles), -np.sin(angles)], atol=4e-16)
 
 
 def test_equations_of_motion_are_those_of_the_physics(x64, robot):

@@ -39,10 +39,21 @@ def random_states(number=10_000):
     return x[wrap > AWAY][:number]
 
 
+def in_double(controller):
+    """A controller whose weights are float64: its networks do all in double precision, which the judge's do not."""
+    return jax.tree.map(
+        lambda leaf: leaf.astype(np.float64) if getattr(leaf, "dtype", None) == np.float32 else leaf, controller
+    )
+
+
 @functools.cache
-def judged_torques(robot, kind=""):
-    """The torques (N m) of a shipped policy's driven joint at the random states, as the judge computes them."""
+def judged_torques(robot, kind="", exact=False):
+    """The torques (N m) of a shipped policy's driven joint at the random states, as the judge computes them.
+
+    Where they are to be exact, they are those of the same network in double precision.
+    """
     policy, joint = shipped_policy(robot, kind)[0], get_robot(robot).joint
+    policy = in_double(policy) if exact else policy
     with jax.enable_x64(True):
         call = jax.jit(jax.vmap(lambda x: policy(None, jnp.zeros(()), x)[1][joint]))
         return np.asarray(call(jnp.asarray(random_states())))
@@ -61,7 +72,7 @@ def paper_policy(normalised=True):
 def recorded(robot, sensor, steps=2500):
     """A closed loop of the shipped controller in JAX: times, measurements (n, 4) and torques (n, 2)."""
     sigma, age, quantum = SENSORS[sensor]
-    p, controller = leaderboard_parameters(get_robot(robot)), get_controller("ar-eapo", robot)
+    p, controller = leaderboard_parameters(get_robot(robot)), in_double(get_controller("ar-eapo", robot))
     noise = sigma * np.random.default_rng(3).normal(size=(steps, 2))
 
     def step(carry, now):

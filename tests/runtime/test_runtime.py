@@ -13,19 +13,21 @@ from swingup.physics.parameters import get_robot, leaderboard_parameters
 from swingup.runtime import load_controller, plant
 from swingup.runtime.controller import read_policy
 
-from .loops import DT, SENSORS, judged_torques, paper_policy, random_states, recorded
+from .loops import DT, SENSORS, TOLERANCE, in_double, judged_torques, paper_policy, random_states, recorded
 
 ROBOT_NAMES = ("acrobot", "pendubot")
 
 
-@pytest.mark.parametrize("kind", ["", "base"])
+@pytest.mark.parametrize("kind", ["", "base", "global"])
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_torques_are_the_judges(name, kind):
     controller = load_controller("-".join(filter(None, ("ar-eapo", kind))), name, estimator=False)
     torques = np.array([controller(x, 0.0) for x in random_states()])
     joint = get_robot(name).joint
-    # Both compute in float64: what is left is the order of sums.
-    np.testing.assert_allclose(torques[:, joint], judged_torques(name, kind), rtol=0, atol=1e-11)
+    # Where both compute in float64, what is left is the order of sums.
+    np.testing.assert_allclose(torques[:, joint], judged_torques(name, kind, exact=True), rtol=0, atol=1e-11)
+    # The judge's hidden layers sum 64 products in float32 each: at most half of what runtimes may lie apart.
+    np.testing.assert_allclose(torques[:, joint], judged_torques(name, kind), rtol=0, atol=TOLERANCE / 2)
     assert not torques[:, 1 - joint].any()
     assert np.ptp(torques[:, joint]) > 6
 
@@ -76,7 +78,7 @@ def test_pauses_jumps_and_what_is_not_finite(x64):
     times[30:] -= 0.05  # a clock set back
     x[40:, 1] += 1.0  # a jump
     x[45], x[48], x[51, 2] = np.nan, np.inf, 1e200
-    reference, controller = get_controller("ar-eapo", "acrobot"), load_controller("ar-eapo", "acrobot")
+    reference, controller = in_double(get_controller("ar-eapo", "acrobot")), load_controller("ar-eapo", "acrobot")
     memory = reference.init()
     for t, measured in zip(times, x, strict=True):
         memory, expected = reference(memory, t, measured)

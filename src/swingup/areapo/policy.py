@@ -46,7 +46,8 @@ class Policy(eqx.Module, Generic[ActorT]):
         """The deterministic action: each entry in [-1, 1], or a whole number if actions are discrete.
 
         The network's weights are float32 numbers, its arithmetic has the observation's precision: where that is
-        double, as in the judge, no order of sums matters, and every runtime arrives at the same torque.
+        double, as in the judge, every runtime arrives at the same torque, within what short sums in single
+        precision are worth (:class:`.networks.Linear`).
         """
         return self.actor.mode(self.observe(observation))
 

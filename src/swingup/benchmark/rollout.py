@@ -5,6 +5,7 @@ Two loops run the same steps: :func:`simulate` compiles a whole simulation with 
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -18,7 +19,7 @@ from ..physics.integrate import rk4_step
 from ..physics.parameters import Parameters
 from ..tasks.disturbance import Disturbance, Past, drive, measure, remember, step_noise
 from ..tasks.throws import PID, Throws, is_thrown, start_pid, throw
-from ..types import Count, Flag, State, Torque
+from ..types import Count, Flag, Scalar, State, Torque
 
 Rows = Array | np.ndarray
 
@@ -53,6 +54,8 @@ class Plant(eqx.Module):
     """The torques that acted in the step before (N m)."""
     past: Past
     pid: PID
+    torque_noise: Scalar
+    """What the step that was sensed last adds to its torque (N m): drawn with the measurement's noise, once."""
 
 
 class Outcome(eqx.Module):
@@ -66,7 +69,7 @@ class Outcome(eqx.Module):
 
 def begin(x0: State, depth: int = 1) -> Plant:
     """A plant before its first step, with room for delays below ``depth`` steps."""
-    return Plant(x0, jnp.zeros(2, x0.dtype), jnp.tile(x0, (depth, 1)), start_pid(x0.dtype))
+    return Plant(x0, jnp.zeros(2, x0.dtype), jnp.tile(x0, (depth, 1)), start_pid(x0.dtype), jnp.zeros((), x0.dtype))
 
 
 def sense(scenario: Scenario, plant: Plant, step: Count) -> tuple[Plant, State, Flag]:
@@ -75,9 +78,9 @@ def sense(scenario: Scenario, plant: Plant, step: Count) -> tuple[Plant, State, 
     if scenario.disturbance is None:
         return plant, plant.x, called
     past = remember(plant.past, step, plant.x)
-    noise, _ = step_noise(scenario.disturbance, step, plant.x.dtype)
+    noise, torque_noise = step_noise(scenario.disturbance, step, plant.x.dtype)
     seen = measure(scenario.disturbance, past, step, noise)
-    return Plant(plant.x, plant.u, past, plant.pid), seen, called
+    return replace(plant, past=past, torque_noise=torque_noise), seen, called
 
 
 def act(scenario: Scenario, plant: Plant, step: Count, command: Torque, dt: float) -> Plant:
@@ -92,10 +95,10 @@ def act(scenario: Scenario, plant: Plant, step: Count, command: Torque, dt: floa
     if scenario.disturbance is None:
         u = jnp.clip(command, -limits, limits)
     else:
-        _, noise = step_noise(scenario.disturbance, step, plant.x.dtype)
         time = step.astype(plant.x.dtype) * dt
+        noise = plant.torque_noise
         u = drive(scenario.disturbance, command, plant.u, time, noise, limits, plant.x[:2], dt)
-    return Plant(rk4_step(p, plant.x, u, dt), u, plant.past, pid)
+    return replace(plant, x=rk4_step(p, plant.x, u, dt), u=u, pid=pid)
 
 
 def simulate(

@@ -6,7 +6,6 @@ motor): a bank of such filters, one for each dead time, tells which explains the
 estimate is carried ahead over that time with the torques that are still on their way.
 """
 
-import itertools
 import math
 from dataclasses import replace
 from typing import Any
@@ -142,12 +141,12 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         pieces = 4
         driven = jnp.array(self.robot.actuation, memory.state.dtype)
         steps = memory.dead_time.astype(memory.state.dtype) / pieces
-        # Sum of the torques asked for in the last n steps, also between whole n.
-        sums = jnp.concatenate([jnp.zeros(1), jnp.cumsum(memory.torques)])
-        to_go = jnp.interp(steps * jnp.arange(pieces, -1, -1), jnp.arange(len(sums)), sums)
+        ages = jnp.arange(len(memory.torques))
         x = memory.state
-        for before, after in itertools.pairwise(to_go):
-            torque = (before - after) / jnp.maximum(steps, 1e-6)
+        for left in range(pieces, 0, -1):
+            # How much of each torque's step lies in the piece: it began and will end so many steps ago.
+            within = jnp.clip(left * steps - ages, 0, 1) - jnp.clip((left - 1) * steps - ages, 0, 1)
+            torque = jnp.sum(within * memory.torques) / jnp.maximum(steps, 1e-6)
             x = midpoint_step(self.parameters, x, torque * driven, steps * self.settings.dt)
         return x
 

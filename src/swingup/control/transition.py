@@ -12,8 +12,8 @@ import jax.numpy as jnp
 
 from ..physics.dynamics import COULOMB_STEEPNESS
 from ..physics.parameters import Parameters, mass_entries
+from ..physics.trigonometry import sine_cosine
 from .algebra import Matrix, Real, Vector, add_scaled, dot
-from .trigonometry import sine_cosine
 
 
 class AbstractTransition(eqx.Module):

@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from ..types import Scalar, State, Torque
 from .parameters import Parameters, mass_entries
+from .trigonometry import sine_cosine
 
 COULOMB_STEEPNESS = 100.0
 """Slope of the smoothed Coulomb friction cf arctan(100 q̇) (s/rad)."""
@@ -25,15 +26,15 @@ def mass_matrix(parameters: Parameters, x: State) -> Float[Array, "2 2"]:
 def coriolis_torque(parameters: Parameters, x: State) -> Torque:
     """C(q, q̇) q̇ (N m)."""
     p, (_, q2, dq1, dq2) = parameters, x
-    h_sin = p.m2 * p.l1 * p.r2 * jnp.sin(q2)
+    h_sin = p.m2 * p.l1 * p.r2 * sine_cosine(q2)[0]
     return jnp.array([-h_sin * dq2 * (2 * dq1 + dq2), h_sin * dq1 * dq1])
 
 
 def gravity_torque(parameters: Parameters, x: State) -> Torque:
     """G(q) (N m), the torque with which gravity drives each joint."""
     p, (q1, q2, _, _) = parameters, x
-    g2 = -p.m2 * p.g * p.r2 * jnp.sin(q1 + q2)
-    g1 = -(p.m1 * p.r1 + p.m2 * p.l1) * p.g * jnp.sin(q1) + g2
+    g2 = -p.m2 * p.g * p.r2 * sine_cosine(q1 + q2)[0]
+    g1 = -(p.m1 * p.r1 + p.m2 * p.l1) * p.g * sine_cosine(q1)[0] + g2
     return jnp.array([g1, g2])
 
 
@@ -48,7 +49,7 @@ def friction_torque(parameters: Parameters, x: State) -> Torque:
 def acceleration(parameters: Parameters, x: State, u: Torque) -> Float[Array, "2"]:
     """q̈ (rad/s²) under the joint torques u (N m)."""
     force = u + gravity_torque(parameters, x) - coriolis_torque(parameters, x) - friction_torque(parameters, x)
-    m11, m12, m22 = mass_entries(parameters, jnp.cos(x[1]))
+    m11, m12, m22 = mass_entries(parameters, sine_cosine(x[1])[1])
     determinant = m11 * m22 - m12 * m12
     return jnp.array([m22 * force[0] - m12 * force[1], m11 * force[1] - m12 * force[0]]) / determinant
 

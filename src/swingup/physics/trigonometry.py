@@ -1,13 +1,17 @@
 """Sine and cosine together, as short polynomials that compile to vector instructions.
 
 XLA's CPU backend calls the C library for every single sine in double precision, which also keeps the loop around it
-from being vectorised. Accurate to 2e-16 up to 1e5 rad. Source of the coefficients: fdlibm (Sun Microsystems, 1993).
+from being vectorised; single precision is left to XLA. Accurate to 2e-16 up to 1e5 rad. Source of the coefficients:
+fdlibm (Sun Microsystems, 1993).
 """
+
+from typing import Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
 
-from .algebra import Real
+Real: TypeAlias = Any
+"""A Python float or an array of JAX."""
 
 HALF_PI = (1.57079632673412561417e00, 6.07710050650619224932e-11)
 """π/2 as a sum whose first part has 33 bits, so that its small multiples are exact."""
@@ -23,9 +27,14 @@ COSINE = (
 """Of z², z³, ... in cos(r) - 1 + z/2."""
 
 
-@jax.custom_jvp
 def sine_cosine(angle: Real) -> tuple[Real, Real]:
     """(sin, cos) of an angle (rad)."""
+    angle = jnp.asarray(angle)
+    return _polynomials(angle) if angle.dtype == jnp.float64 else (jnp.sin(angle), jnp.cos(angle))
+
+
+@jax.custom_jvp
+def _polynomials(angle: Real) -> tuple[Real, Real]:
     turns = jnp.round(angle * (2.0 / jnp.pi))
     r = (angle - turns * HALF_PI[0]) - turns * HALF_PI[1]
     z = r * r
@@ -37,7 +46,7 @@ def sine_cosine(angle: Real) -> tuple[Real, Real]:
     return jnp.where(second, -sine, sine), jnp.where(first, -cosine, cosine)
 
 
-@sine_cosine.defjvp
+@_polynomials.defjvp
 def _derivative(primals: tuple[Real], tangents: tuple[Real]) -> tuple[tuple[Real, Real], tuple[Real, Real]]:
     sine, cosine = sine_cosine(primals[0])
     return (sine, cosine), (cosine * tangents[0], -sine * tangents[0])
