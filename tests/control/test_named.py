@@ -124,7 +124,7 @@ def test_built_in_names(files):
     assert settings(get_controller("ar-eapo", "pendubot", False)) is None
     assert settings(get_controller("ar-eapo-base", "pendubot")) is None
     assert settings(get_controller("ar-eapo-base", "pendubot", True)) == EstimatorSettings()
-    known = "ar-eapo, ar-eapo-base, ar-eapo-global, lqr"
+    known = "ar-eapo, ar-eapo-base, ar-eapo-global, ar-eapo-hardware, lqr"
     with pytest.raises(SwingupError, match=f"unknown controller 'pid': use {known}"):
         get_controller("pid", "pendubot")
     with pytest.raises(SwingupError, match="unknown robot 'cartpole'"):

@@ -41,8 +41,7 @@ def refine(
         robot: the robot.
         out: the refined policy's file.
         policy: the policy to start from: a file, or the name of a shipped one.
-        recipe: score (a teacher's swing-up), harden (its own, made robust), recover (back up after throws) or
-            hardware (steady on the real robot's plants).
+        recipe: score (a teacher's swing-up), harden (its own, made robust) or recover (back up after throws).
         seed: seed of everything that is drawn.
     """
     chosen = get_robot(robot)

@@ -20,9 +20,7 @@ from ..control.upright import UPRIGHT
 from ..errors import SwingupError
 from ..physics.parameters import Parameters, Robot, leaderboard_parameters
 from ..tasks.disturbance import Disturbance, Pushes, undisturbed
-from ..tasks.domain import Domain
 from ..tasks.throws import thrown_states
-from ..types import Key
 
 RULES = ROBUSTNESS_RULES["v2"]
 PUSHES = 3
@@ -58,8 +56,6 @@ class Draws:
     """Share of the episodes of ``model`` and ``measured`` that start near upright."""
     start: float = 0.02
     """Largest standard deviation of the first states of all others (rad, rad/s)."""
-    domain: Domain | None = None
-    """What the plants and loops of all episodes are drawn from instead, if anything."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot work.
@@ -68,7 +64,7 @@ class Draws:
             SwingupError: a value is negative, or no episode is left.
         """
         for name, value in vars(self).items():
-            if name != "domain" and not 0 <= value < 1e6:
+            if not 0 <= value < 1e6:
                 raise SwingupError(f"{name} = {value} must be a number from 0 on")
         if self.episodes < 1:
             raise SwingupError(f"no episodes: ask for some of {', '.join(KINDS)}")
@@ -105,17 +101,7 @@ def draw(random: np.random.Generator, robot: Robot, draws: Draws, strength: floa
         *[functools.partial(_start, x0=x0) for x0 in thrown],
     ]  # fmt: skip
     episodes = [kinds[index](random, plant, draws, strength) for index in random.permutation(len(kinds))]
-    drawn = jax.tree.map(lambda *leaves: _single(np.stack([np.asarray(leaf) for leaf in leaves])), *episodes)
-    if draws.domain is None:
-        return drawn
-    key = jax.random.key(int(random.integers(2**32)))
-    scenario = Scenario(*_from_domain(jax.random.split(key, len(episodes)), draws.domain, robot))
-    return Episodes(scenario, drawn.x0, drawn.nominal)
-
-
-@functools.partial(jax.jit, static_argnums=(1, 2))
-def _from_domain(keys: Key, domain: Domain, robot: Robot) -> tuple[Parameters, Disturbance]:
-    return jax.vmap(lambda key: domain.draw(key, robot))(keys)
+    return jax.tree.map(lambda *leaves: _single(np.stack([np.asarray(leaf) for leaf in leaves])), *episodes)
 
 
 def _nominal(random: np.random.Generator, plant: Parameters, draws: Draws, strength: float) -> Episodes:

@@ -81,7 +81,7 @@ SCORE = Weights(score=1.0)
 """The score alone."""
 SCORE_AND_TIME = Weights(score=0.5, down=0.5, away=0.5)
 """The score, and being at the goal."""
-TIME = Weights(down=1.0, away=0.5)
+TIME = Weights(down=1.0, away=0.2)
 """Being up, and not only for a moment."""
 
 

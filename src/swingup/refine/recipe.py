@@ -16,7 +16,6 @@ from ..control.learned import PolicyController
 from ..control.named import get_controller
 from ..errors import SwingupError
 from ..physics.parameters import Robot
-from ..tasks.domain import load_domain
 from .descent import Descent, DescentSettings
 from .draws import Draws, draw
 from .imitate import ImitationSettings, imitate
@@ -43,25 +42,17 @@ HARDEN = Refinement(DescentSettings(), Draws(nominal=40, model=48, pushed=24, me
 """Make a good swing-up robust, from mild disturbances to strong ones."""
 
 RECOVER = Refinement(
-    DescentSettings(iterations=300, learning_rate=3e-4, duration=1.5, adjoint_limit=4.0, nominal=TIME, others=TIME),
-    Draws(nominal=10, model=0, pushed=0, measured=0, anywhere=40, thrown=152),
+    DescentSettings(iterations=900, learning_rate=5e-4, duration=1.5, adjoint_limit=4.0, nominal=TIME, others=TIME),
+    Draws(nominal=4, model=0, pushed=0, measured=0, anywhere=18, thrown=180),
 )
 """Be up again soon, from wherever a throw leaves the pendulum."""
-
-STEADY = Refinement(
-    DescentSettings(iterations=200, learning_rate=3e-4, duration=3.0, adjoint_limit=2.0, nominal=TIME, others=TIME),
-    Draws(nominal=64, model=0, pushed=0, measured=0, anywhere=32, speed=3.0, domain=load_domain("randomised")),
-)
-"""Swing up and stay there on plants and in loops like the real robot's."""
 
 RECIPES: dict[str, tuple[Stage, ...]] = {
     "score": (ImitationSettings(),),
     "harden": (HARDEN,),
     "recover": (RECOVER,),
-    "hardware": (STEADY,),
 }
-"""``score``: a teacher's swing-up. ``harden``: the policy's own, made robust. ``recover``: back up after throws.
-``hardware``: a policy for the real robot made steady."""
+"""``score``: a teacher's swing-up. ``harden``: the policy's own, made robust. ``recover``: back up after throws."""
 
 
 @dataclass(frozen=True)
