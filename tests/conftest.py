@@ -1,13 +1,17 @@
 """Fixtures and options that all layers share."""
 
 import dataclasses
+import gc
 import os
 import tempfile
 
 COMPILED = tempfile.TemporaryDirectory(prefix="swingup-tests-")
 """What several tests and their commands need is compiled once a worker. JAX reads this when it is imported."""
 os.environ |= {"JAX_COMPILATION_CACHE_DIR": COMPILED.name, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1"}
-CHEAP = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
+CHEAP = (
+    "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
+    " --xla_cpu_parallel_codegen_split_count=1"
+)
 """Tests mostly compile: with these flags two to five times as fast. ``make slow`` runs without them, and so does
 ``XLA_FLAGS= make test``; a jaxlib that no longer knows a flag stops with its name: delete it here."""
 os.environ.setdefault("XLA_FLAGS", CHEAP)
@@ -35,7 +39,7 @@ def x64():
 
 @pytest.fixture
 def small_grid(monkeypatch):
-    """The robustness board with 52 simulations of the 722: all six criteria, fewer values and repetitions."""
+    """The robustness board with all six criteria, but fewer values and repetitions: 52 simulations, each of 4 s."""
     grid = rules.ROBUSTNESS_RULES["v2"]
     texts = ["velocity_noise=0:0.5:3:3", "torque_noise=0:1.1:3:3", "torque_response=0.1:2:3", "delay=0:0.04:3"]
     for text in [*texts, "perturbations=8"]:
@@ -44,7 +48,23 @@ def small_grid(monkeypatch):
         name: dataclasses.replace(each, sweep=dataclasses.replace(each.sweep, count=2))
         for name, each in grid.model.items()
     }
-    monkeypatch.setitem(rules.ROBUSTNESS_RULES, "v2", dataclasses.replace(grid, name="v2", model=model))
+    pushes = dataclasses.replace(grid.perturbations, apart=0.5)
+    brief = dataclasses.replace(grid, name="v2", duration=4.0, model=model, perturbations=pushes)
+    monkeypatch.setitem(rules.ROBUSTNESS_RULES, "v2", brief)
+
+
+@pytest.fixture
+def brief_minute(monkeypatch):
+    """The global-policy board with 8 s of its minute and two throws."""
+    brief = dataclasses.replace(rules.UPTIME_RULES["v3"], duration=8.0, throws=2, first=2.5)
+    monkeypatch.setitem(rules.UPTIME_RULES, "v3", brief)
+
+
+def pytest_collection_finish():
+    """What was imported stays: the collector, which JAX makes dear, need not walk through it, nor often."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(20_000, 10, 10)
 
 
 def pytest_sessionfinish(session):

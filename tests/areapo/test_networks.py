@@ -17,11 +17,11 @@ def test_actor_starts_near_zero_with_the_given_deviation():
 
 
 def test_weights_are_orthogonal():
-    actor = init_actor(jax.random.key(0), 4, 1, (256, 256), -1.0)
-    critic = init_critic(jax.random.key(0), 4, (512, 512))
+    actor = init_actor(jax.random.key(0), 4, 1, (64, 64), -1.0)
+    critic = init_critic(jax.random.key(0), 4, (96, 96))
     square = actor.trunk[1].weight
     # Gain √2: W Wᵀ = 2 I.
-    np.testing.assert_allclose(square @ square.T, 2.0 * np.eye(256), atol=1e-4)
+    np.testing.assert_allclose(square @ square.T, 2.0 * np.eye(64), atol=1e-4)
     first = critic.trunk[0].weight
     np.testing.assert_allclose(first.T @ first, 2.0 * np.eye(4), atol=1e-4)
     # One row each: norm 0.01 for the mean, 1 for both values.
@@ -31,8 +31,8 @@ def test_weights_are_orthogonal():
 
 
 def test_table_one_sizes():
-    actor = init_actor(jax.random.key(0), 4, 1, (256, 256), -1.0)
-    critic = init_critic(jax.random.key(0), 4, (512, 512))
+    actor = jax.eval_shape(lambda key: init_actor(key, 4, 1, (256, 256), -1.0), jax.random.key(0))
+    critic = jax.eval_shape(lambda key: init_critic(key, 4, (512, 512)), jax.random.key(0))
     # 4·256 + 256 + 256·256 + 256 + 2 (256 + 1) and 4·512 + 512 + 512·512 + 512 + 2 (512 + 1)
     assert sum(leaf.size for leaf in jax.tree.leaves(actor)) == 67_586
     assert sum(leaf.size for leaf in jax.tree.leaves(critic)) == 266_242

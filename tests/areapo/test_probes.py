@@ -1,4 +1,8 @@
-"""The learner on tasks with known answers: gains, bias values and the maximum-entropy policy."""
+"""The learner on tasks with known answers: gains, bias values and the maximum-entropy policy.
+
+By default one task of each kind of action is learned, here, and by the host loop (``learner/test_host.py``) one
+without and one with terminations; what an ending means for a single rollout is in ``test_train.py``.
+"""
 
 import functools
 
@@ -23,7 +27,7 @@ def learn(task, iterations=300, **changes):
     """Train with a high learning rate, then with a low one to settle; the metrics are the mean of the last part."""
     config = Config(**(vars(SMALL) | changes))
     advance = jax.jit(train.train)
-    state = train.init(jax.random.key(0), task, config)
+    state = jax.jit(train.init)(jax.random.key(0), task, config)
     state, _ = advance(state, task, config, iterations)
     fine = Config(**(vars(config) | {"learning_rate": config.learning_rate / 10, "gain_step_size": 0.01}))
     state, _ = advance(state, task, fine, 100)
@@ -36,12 +40,14 @@ def values(state, observations):
     return np.asarray(jax.vmap(lambda o: state.critic(stage(o)))(jnp.asarray(observations)[:, None]))
 
 
+@pytest.mark.slow
 def test_constant_reward_has_gain_one_and_no_bias():
     state, metrics = learn(Constant(), temperature=0.1)
     assert metrics.gain == pytest.approx(1.0, rel=0.01)
     assert values(state, [0.0])[0, 0] == pytest.approx(0.0, abs=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("centre_values", [True, False])
 def test_cycle_has_gain_one_and_bias_difference_one(centre_values):
     # An odd time limit visits state 0 once more than state 1 (5 : 4 in 9 steps); bootstrapping at the truncation
@@ -53,6 +59,7 @@ def test_cycle_has_gain_one_and_bias_difference_one(centre_values):
     assert metrics.reward == pytest.approx(8 / 9, rel=0.02)
 
 
+@pytest.mark.slow
 def test_discounted_values_of_a_terminating_task():
     # Three steps of reward 1 and the end: v(s0) = 1 + γ + γ² with γ = 0.5. The probe's one state hides the step,
     # so that its value is the mean over the three steps: (1.75 + 1.5 + 1) / 3.
@@ -63,6 +70,7 @@ def test_discounted_values_of_a_terminating_task():
     assert values(state, [0.0])[0, 0] == pytest.approx((1.75 + 1.5 + 1.0) / 3, rel=0.02)
 
 
+@pytest.mark.slow
 def test_entropy_alone_makes_the_policy_as_uniform_as_it_can_be():
     objective, _, log_std = best_squashed_gaussian(lambda a: 0.0 * a, 1.0)
     state, metrics = learn(Constant(), temperature=1.0)
@@ -73,12 +81,13 @@ def test_entropy_alone_makes_the_policy_as_uniform_as_it_can_be():
     assert float(policy.log_std[0]) == pytest.approx(log_std, abs=0.05)
 
 
+@pytest.mark.slow
 def test_entropy_gain_is_in_units_of_the_temperature():
     _, metrics = learn(Constant(), temperature=0.3)
     assert metrics.entropy_gain == pytest.approx(0.3 * float(metrics.entropy), rel=0.02)
 
 
-@pytest.mark.parametrize("temperature", [0.1, 0.5])
+@pytest.mark.parametrize("temperature", [pytest.param(0.1, marks=pytest.mark.slow), 0.5])
 def test_maximum_entropy_policy_of_a_bowl(temperature):
     objective, mean, log_std = best_squashed_gaussian(lambda a: -(a**2), temperature)
     state, metrics = learn(Bowl(), temperature=temperature)
@@ -88,6 +97,7 @@ def test_maximum_entropy_policy_of_a_bowl(temperature):
     assert float(policy.log_std[0]) == pytest.approx(log_std, abs=0.05)
 
 
+@pytest.mark.slow
 def test_soft_gain_where_actions_choose_states():
     # The choice pays one step later and is the same in both states, so that it is the bandit r(a) = [a > 0].
     temperature = 0.3
@@ -105,6 +115,7 @@ def test_soft_gain_where_actions_choose_states():
     assert one - zero == pytest.approx(1.0 / (1.0 - (p_one - p_zero)), rel=0.1)
 
 
+@pytest.mark.slow
 def test_without_temperature_the_policy_is_greedy():
     state, metrics = learn(Bowl(), temperature=0.0)
     assert metrics.gain == pytest.approx(0.0, abs=0.01)
@@ -118,6 +129,7 @@ def softmax_policy(rewards, temperature):
     return weights / weights.sum(), temperature * np.log(weights.sum())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("temperature", [0.5, 2.0])
 def test_maximum_entropy_policy_of_a_lever(temperature):
     best, objective = softmax_policy([0.0, 1.0, 2.0], temperature)
@@ -142,6 +154,7 @@ def test_maximum_entropy_policy_of_two_levers():
     assert one - zero == pytest.approx(1.0 / (1.0 - float(p_one - p_zero)), rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_termination_costs_and_goes_on_from_a_new_start():
     # Four steps of reward 1, of which the last costs 10 and leads back to the start: ρ = (4 - 10) / 4 = -1.5.
     # v(s_k+1) - v(s_k) = ρ - 1 = -2.5 for the states 0, 1, 2, 3 of the walk.
@@ -150,6 +163,7 @@ def test_a_termination_costs_and_goes_on_from_a_new_start():
     np.testing.assert_allclose(np.diff(values(state, [0.0, 1.0, 2.0, 3.0])[:, 0]), -2.5, rtol=0.02)
 
 
+@pytest.mark.slow
 def test_a_bootstrapped_termination_is_a_time_limit():
     # As for the time limit of the cycle above: both states are visited elsewhere, so that their values are known.
     state, metrics = learn(Cycle(max_steps=9, terminates=True), temperature=0.1, terminations="bootstrap")
@@ -158,6 +172,7 @@ def test_a_bootstrapped_termination_is_a_time_limit():
     assert metrics.gain == pytest.approx(1.0, rel=0.02)
 
 
+@pytest.mark.slow
 def test_popart_learns_the_same_values():
     # Rewards of 1000 and the end after four steps, γ = 0.5: v(s_3) = 1000, v(s_k) = 1000 + v(s_k+1) / 2.
     class Rich(Walk):

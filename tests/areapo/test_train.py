@@ -19,14 +19,15 @@ from .probes import Cycle
 
 CONFIG = Config(num_envs=4, num_steps=8, num_epochs=2, batch_size=16, policy_layers=(16,), value_layers=(16,))
 PENDULUM = smooth_task(ROBOTS["acrobot"])
-collect, estimate, improve = jax.jit(train.collect), jax.jit(train.estimate), jax.jit(train.improve)
+init, collect = jax.jit(train.init), jax.jit(train.collect)
+estimate, improve = jax.jit(train.estimate), jax.jit(train.improve)
 
 
 @pytest.fixture(scope="module")
 def collected():
     """A state after a rollout of a pendulum that is truncated every three steps, and the rollout."""
     task = dataclasses.replace(PENDULUM, max_steps=3)
-    state = train.init(jax.random.key(0), task, CONFIG)
+    state = init(jax.random.key(0), task, CONFIG)
     return collect(state, jax.random.key(1), task, CONFIG)
 
 
@@ -41,7 +42,7 @@ def test_an_iteration_keeps_every_type():
 def test_chunks_add_up():
     """Two iterations in one call are those of two calls, bit for bit."""
     advance = jax.jit(train.train)
-    start = train.init(jax.random.key(0), PENDULUM, CONFIG)
+    start = init(jax.random.key(0), PENDULUM, CONFIG)
     together, _ = advance(start, PENDULUM, CONFIG, 2)
     apart, _ = advance(advance(start, PENDULUM, CONFIG, 1)[0], PENDULUM, CONFIG, 1)
     for one, other in zip(jax.tree.leaves(together), jax.tree.leaves(apart), strict=True):
@@ -87,7 +88,12 @@ def independent_estimate(state, rollout, config):
     """Advantages of both objectives by plain loops over true next observations."""
     critic = jax.vmap(jax.vmap(state.critic))
     values, next_values = np.asarray(critic(rollout.observations)), np.asarray(critic(rollout.next_observations))
-    rewards = np.stack([rollout.rewards, -config.temperature * rollout.log_probs], axis=-1)
+    values_after_reset = np.concatenate([values[1:], np.asarray(jax.vmap(state.critic)(state.observations))[None]])
+    ended = np.asarray(rollout.terminated)
+    beyond = {"end": 0.0 * values, "reset_cost": values_after_reset, "bootstrap": next_values}[config.ending]
+    next_values = np.where(ended[..., None], beyond, next_values)
+    cost = config.reset_cost if config.ending == "reset_cost" else 0.0
+    rewards = np.stack([rollout.rewards - cost * ended, -config.temperature * rollout.log_probs], axis=-1)
     result = np.zeros_like(values)
     for objective, (discount, gae_lambda, gain) in enumerate(
         [
@@ -97,8 +103,9 @@ def independent_estimate(state, rollout, config):
     ):
         following = np.zeros(config.num_envs)
         for t in reversed(range(config.num_steps)):
-            bootstrap = np.where(rollout.terminated[t], 0.0, next_values[t, :, objective])
-            delta = rewards[t, :, objective] - gain + discount * bootstrap - values[t, :, objective]
+            delta = (
+                rewards[t, :, objective] - gain + discount * next_values[t, :, objective] - values[t, :, objective]
+            )
             cut = rollout.terminated[t] | rollout.truncated[t]
             following = delta + discount * gae_lambda * np.where(cut, 0.0, following)
             result[t, :, objective] = following
@@ -124,11 +131,32 @@ def test_estimates_equal_plain_loops(collected, changes):
     np.testing.assert_allclose(centred, values - shift, atol=1e-5)
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"average_reward": False, "discount": 0.9, "entropy_discount": 0.8},
+        {"reset_cost": 3.0},
+        {"terminations": "bootstrap"},
+    ],
+    ids=["end", "reset cost", "bootstrap"],
+)
+def test_what_a_termination_means_by_plain_loops(collected, changes):
+    """As if half of the environments had ended themselves where they were cut short."""
+    state, rollout = collected
+    terminated = rollout.truncated & (jnp.arange(CONFIG.num_envs) % 2 == 0)
+    rollout = dataclasses.replace(rollout, terminated=terminated, truncated=rollout.truncated & ~terminated)
+    assert int(rollout.terminated.sum()) == int(rollout.truncated.sum()) == 4
+    config = Config(**(vars(CONFIG) | changes))
+    expected, _ = independent_estimate(state, rollout, config)
+    _, batch, _ = estimate(state, rollout, config)
+    np.testing.assert_allclose(batch.advantages, expected.sum(axis=-1), atol=2e-4)
+
+
 def test_many_truncations_are_all_bootstrapped():
     """More truncated steps than are evaluated at once (every second of 8 x 32)."""
     config = Config(**(vars(CONFIG) | {"num_envs": 32, "batch_size": 256}))
     task = Cycle(max_steps=2)
-    state, rollout = collect(train.init(jax.random.key(0), task, config), jax.random.key(1), task, config)
+    state, rollout = collect(init(jax.random.key(0), task, config), jax.random.key(1), task, config)
     assert int(rollout.truncated.sum()) == 4 * 32 > train.BOOTSTRAP_SIZE
     expected, _ = independent_estimate(state, rollout, config)
     _, batch, _ = estimate(state, rollout, config)
@@ -150,7 +178,7 @@ def test_an_epoch_uses_every_frame_once(collected):
 def test_statistics_take_in_the_states_after_resets_and_before_normalising():
     """Three steps to a truncation: the value goes 0, 1, 0, 1 and is reset to 0; all environments in step."""
     task = Cycle(max_steps=3)
-    start = train.init(jax.random.key(0), task, CONFIG)
+    start = init(jax.random.key(0), task, CONFIG)
     state, rollout = collect(start, jax.random.key(1), task, CONFIG)
     seen = [0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0]
     before_reset = [1.0, 0.0, 1.0, 1.0, 0.0, 1.0, 1.0, 0.0]

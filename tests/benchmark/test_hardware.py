@@ -1,5 +1,7 @@
 """Judging for the real robot: what counts as success, and that seeds differ in what the domain leaves open."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,8 @@ from swingup.errors import SwingupError
 from swingup.physics.parameters import identified_parameters
 from swingup.tasks.domain import make_domain
 
+BRIEF = dataclasses.replace(HARDWARE_RULES, duration=2.5)
+"""Long enough for the domain's push, which comes within 2 s."""
 UPRIGHT = np.array([np.pi, 0.0, 0.0, 0.0])
 
 
@@ -55,21 +59,24 @@ def test_down_before_the_last_two_seconds_is_no_failure():
 
 
 def test_a_pendulum_without_motors_fails_and_seeds_differ(robot):
-    quiet = hardware(lambda x, t: [0.0, 0.0], robot, "nothing", make_domain({"velocity_noise": 0.1}), seeds=2)
+    def judged(domain, seed, seeds):
+        return hardware(lambda x, t: [0.0, 0.0], robot, "nothing", domain, seed, seeds, BRIEF)
+
+    quiet = judged(make_domain({"velocity_noise": 0.1}), 0, 2)
     assert (quiet.successes, quiet.score) == (0, 0.0)
     assert quiet.interval[0] == 0.0
     pushed = make_domain({"push": 3.0, "torque_limit": 6.0})
-    one, two = (hardware(lambda x, t: [0.0, 0.0], robot, "nothing", pushed, seed, 1) for seed in (0, 1))
+    one, two = (judged(pushed, seed, 1) for seed in (0, 1))
     assert np.abs(one.trajectory.x).max() > 0.01
     assert one.runs[0].speed != two.runs[0].speed
-    again = hardware(lambda x, t: [0.0, 0.0], robot, "nothing", pushed, 0, 2)
+    again = judged(pushed, 0, 2)
     assert [run.speed for run in again.runs] == pytest.approx([one.runs[0].speed, two.runs[0].speed], rel=1e-9)
 
 
 def test_results_are_ready_for_json(robot):
     import json
 
-    result = hardware(lambda x, t: [0.0, np.nan], robot, "broken", make_domain({}), seeds=1).as_dict()
+    result = hardware(lambda x, t: [0.0, np.nan], robot, "broken", make_domain({}), rules=BRIEF).as_dict()
     assert json.loads(json.dumps(result))["details"][0]["fault"].startswith("it gave a torque that is not finite")
 
 

@@ -89,7 +89,7 @@ def test_a_controller_that_fails_gets_a_row_that_says_so():
     assert rows["raising"].values["score"] == 0.0
 
 
-@pytest.mark.usefixtures("only_the_policy")
+@pytest.mark.usefixtures("only_the_policy", "brief_minute")
 def test_the_third_rules_have_a_board_of_their_own(robot):
     (board,) = leaderboard(robot, {"raising": raising}, rules="v3", seed=4)
     assert (board.measure, board.rules, board.seed, board.columns) == ("uptime", "v3", 4, ("uptime",))
@@ -157,7 +157,7 @@ def test_our_own_trajectory_scores_more_than_the_policy(robot, monkeypatch):
     assert rows["tvlqr-score"].values["score"] > rows[BASE].values["score"]
 
 
-@pytest.mark.usefixtures("other_files")
+@pytest.mark.usefixtures("other_files", "brief_minute")
 def test_the_global_policy_enters_the_uptime_board(robot, monkeypatch):
     (board,) = leaderboard(robot, rules="v3")
     assert set(ours(board)) == {"ar-eapo", "ar-eapo --no-estimator", "ar-eapo-global"}

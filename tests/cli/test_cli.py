@@ -6,6 +6,7 @@ import shlex
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import numpy as np
@@ -198,17 +199,40 @@ def test_resuming_with_other_settings(capsys):
         assert message in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
-def test_signals_save_and_exit(number, status, tmp_path):
-    command = [sys.executable, "-m", "swingup", "train", "acrobot", "--frames", "100000000", "--out", "r", *TINY]
+ENDLESS = ["train", "acrobot", "--frames", "100000000", "--out", "r", *TINY]
+
+
+def test_a_signal_ends_the_process(tmp_path):
     environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path / "cache")}
+    command = [sys.executable, "-m", "swingup", *ENDLESS]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as process:
-        deadline = time.monotonic() + 120
-        while time.monotonic() < deadline and not _lines("r/metrics.jsonl"):
-            time.sleep(0.1)
-        process.send_signal(number)
+        _wait_for_a_report()
+        process.send_signal(signal.SIGTERM)
         _, error = process.communicate(timeout=120)
-    assert process.returncode == status
+    assert process.returncode == 143
+    _check_stopped(error)
+
+
+def test_ctrl_c_ends_the_command(capsys):
+    def press():
+        _wait_for_a_report()  # by then the command handles signals
+        os.kill(os.getpid(), signal.SIGINT)
+
+    thread = threading.Thread(target=press)
+    thread.start()
+    status = main(ENDLESS)
+    thread.join()
+    assert status == 130
+    _check_stopped(capsys.readouterr().err)
+
+
+def _wait_for_a_report():
+    deadline = time.monotonic() + 300
+    while time.monotonic() < deadline and not _lines("r/metrics.jsonl"):
+        time.sleep(0.1)
+
+
+def _check_stopped(error):
     assert "stopped at" in error
     frames = read_metrics("r/metrics.jsonl")[-1]["frames"]
     assert f"{frames:012d}.npz" in os.listdir("r/checkpoints")

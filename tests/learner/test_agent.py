@@ -162,7 +162,9 @@ def test_the_family_trains_on_a_gymnasium_id(preset):
     model = AREAPO("CartPole-v1", preset, **TINY)
     model.learn(64, lambda _, report: row.extend(report.rows))
     assert row[0]["gradient_norm"] > 0.0
+    # Without average reward there is no gain; without temperature no entropy reward.
     assert (row[0]["gain"] != 0.0) == (preset in ("apo", "mujoco"))
+    assert (row[0]["entropy_gain"] != 0.0) == (preset == "mujoco")
 
 
 @pytest.mark.parametrize(

@@ -13,16 +13,18 @@ from swingup.learner.run import Run
 from swingup.learner.settings import Settings
 
 config = Config(num_envs=2, num_steps=8, num_epochs=1, batch_size=16, policy_layers=(8,), value_layers=(8,))
-run = Run(Settings("acrobot", "default", 0, 4, 16, 64, config), None, 32)
+run = Run(Settings("acrobot", "default", 0, 4, 32, 64, config), None, 32)
 reports = list(run.advance())
 state, _ = run.snapshot()
 weights = state.actor.mean_head.weight
 print(len(jax.devices()), len(weights.sharding.device_set), [row["gain"] for row in reports[-1].rows])
 """
 
+CHEAP = os.environ.get("XLA_FLAGS", "")
+
 
 def trained(devices, seeds=4):
-    environment = os.environ | {"XLA_FLAGS": f"--xla_force_host_platform_device_count={devices}"}
+    environment = os.environ | {"XLA_FLAGS": f"{CHEAP} --xla_force_host_platform_device_count={devices}"}
     program = PROGRAM.replace('"default", 0, 4', f'"default", 0, {seeds}')
     result = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True)
     assert result.returncode == 0, result.stderr

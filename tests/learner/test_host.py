@@ -41,7 +41,9 @@ def values(state, observations):
     return np.asarray(jax.vmap(lambda o: state.critic(stage(o)))(jnp.asarray(observations)[:, None]))
 
 
-@pytest.mark.parametrize("mode", [AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP])
+@pytest.mark.parametrize(
+    "mode", [AutoresetMode.SAME_STEP, pytest.param(AutoresetMode.NEXT_STEP, marks=pytest.mark.slow)]
+)
 def test_gain_bias_and_policy_of_a_cycle(mode):
     # As without the choice ρ = 1 and v(1) - v(0) = 1; the choice adds softmax((0, 1, 2) / τ), whose soft gain is
     # τ log(1 + e^(1/τ) + e^(2/τ)). The time limit after 9 steps shows in the reward collected, not in the gain.
@@ -62,7 +64,9 @@ def test_gain_bias_and_policy_of_a_cycle(mode):
     assert extras["episode_return"] == pytest.approx(9 * metrics.reward, rel=0.02)
 
 
-@pytest.mark.parametrize("mode", [AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP])
+@pytest.mark.parametrize(
+    "mode", [pytest.param(AutoresetMode.SAME_STEP, marks=pytest.mark.slow), AutoresetMode.NEXT_STEP]
+)
 def test_a_termination_costs_and_goes_on_from_a_new_start(mode):
     # Uniform choices (no reward difference would do; here a high temperature): the walk pays 1 + E[choice] a step,
     # and 10 at its end after four: ρ = 1 + E - 10 / 4 and v(k+1) - v(k) = ρ - (1 + E) = -2.5.

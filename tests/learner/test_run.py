@@ -15,6 +15,8 @@ from swingup.learner.presets import get_preset
 from swingup.learner.run import Run
 from swingup.learner.settings import Settings
 
+from .brief import briefly_judged
+
 CONFIG = Config(
     num_envs=4, num_steps=16, num_epochs=1, batch_size=64, policy_layers=(8, 8), value_layers=(8, 8),
     centre_values=True,
@@ -50,6 +52,12 @@ def measured(folder):
     clock = ("seconds", "frames_per_second")
     rows = read_metrics(folder / "metrics.jsonl")
     return [{name: value for name, value in row.items() if name not in clock} for row in rows]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def brief():
+    with briefly_judged():
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -239,8 +247,15 @@ def test_a_damaged_checkpoint_is_named_and_nothing_changes(tmp_path):
     assert Run.resume(tmp_path / "r").frames == 0
 
 
+<<<<<<< HEAD
 @pytest.mark.parametrize("preset", ["default", "paper", "apo", "eapo", "ppo", "hardware"])
+=======
+@pytest.mark.parametrize(
+    "preset", ["default", "paper", *(pytest.param(name, marks=pytest.mark.slow) for name in ("apo", "eapo", "ppo"))]
+)
+>>>>>>> suite2
 def test_every_preset_trains(tmp_path, preset):
+    """By default the algorithm's relatives train on a Gymnasium environment, in ``test_agent.py``."""
     sizes = ("num_envs", "num_steps", "num_epochs", "batch_size", "policy_layers", "value_layers")
     small = {name: getattr(CONFIG, name) for name in sizes}
     config = Config(**(vars(get_preset(preset).config) | small))

@@ -113,7 +113,11 @@ def test_flat_yaml():
     [
         ("ar-eapo", None, "shipped for both robots: name acrobot or pendubot"),
         ("ar-eapo", "cartpole", "unknown robot 'cartpole'"),
-        ("tvlqr", "acrobot", "unknown policy 'tvlqr': use ar-eapo, ar-eapo-base, ar-eapo-global, ar-eapo-hardware or a policy file"),
+        (
+            "tvlqr",
+            "acrobot",
+            "unknown policy 'tvlqr': use ar-eapo, ar-eapo-base, ar-eapo-global, ar-eapo-hardware or a policy file",
+        ),
         ("nothing.npz", "acrobot", "no such file: nothing.npz"),
     ],
 )

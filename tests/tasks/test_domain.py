@@ -11,16 +11,20 @@ from swingup.tasks.domain import LOOP, PLANT, Domain, load_domain, make_domain
 ACROBOT = get_robot("acrobot")
 
 
+draw = jax.jit(Domain.draw, static_argnums=(0, 2))
+
+
 def drawn(domain, number=200, robot=ACROBOT):
     """Plants and disturbances with a leading axis."""
-    return jax.vmap(lambda key: domain.draw(key, robot))(jax.random.split(jax.random.key(0), number))
+    keys = jax.random.split(jax.random.key(0), number)
+    return jax.jit(jax.vmap(lambda key: domain.draw(key, robot)))(keys)
 
 
 def test_the_hardware_domain_is_the_identified_plant(robot):
     domain = load_domain("hardware")
     assert all(low == high for _, low, high in domain.ranges)
     with jax.enable_x64(True):
-        plant, loop = domain.draw(jax.random.key(3), robot)
+        plant, loop = draw(domain, jax.random.key(3), robot)
     for name in PLANT:
         assert float(getattr(plant, name)) == getattr(identified_parameters(), name)
     limits = [float(plant.tl1), float(plant.tl2)]

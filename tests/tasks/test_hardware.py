@@ -97,33 +97,34 @@ def test_noise_and_plants_differ():
 def test_behind_an_estimator_the_state_is_seen():
     task = hardware_task(get_robot("acrobot"))
     states, observations = fifty(task)
-    seen = jax.vmap(task.observation)(states.x)
-    np.testing.assert_allclose(observations, seen, rtol=0, atol=1e-6)
+    observe = jax.jit(jax.vmap(task.observation))
+    np.testing.assert_allclose(observations, observe(states.x), rtol=0, atol=1e-6)
     step = jax.jit(jax.vmap(lambda *given: task.step(*given)))
     after = step(states, jnp.ones((50, 1)), jax.random.split(jax.random.key(1), 50))
-    np.testing.assert_allclose(after.observation, jax.vmap(task.observation)(after.state.x), rtol=0, atol=1e-6)
+    np.testing.assert_allclose(after.observation, observe(after.state.x), rtol=0, atol=1e-6)
 
 
 def test_filter_and_dead_band():
     """The response of the low-pass to a step is 1 - (1 - w)ⁿ; slow is seen as still."""
     front = FrontEnd(FrontEndSettings(velocity_weight=0.2, dead_band=0.1))
+    measure, shown = jax.jit(lambda *given: front.measure(*given)), jax.jit(lambda memory: front.shown(memory))
     memory = front.begin(jnp.zeros(4))
     for n in range(1, 10):
-        memory = front.measure(memory, jnp.array([0.5, -0.5, 1.0, 0.15]))
+        memory = measure(memory, jnp.array([0.5, -0.5, 1.0, 0.15]))
         expected = 1 - 0.8**n
         np.testing.assert_allclose(memory.rates, [expected, 0.15 * expected], rtol=1e-5)
         slow = 0.15 * expected
         seen = [0.5, -0.5, expected, slow if slow >= 0.1 else 0.0]
-        np.testing.assert_allclose(front.shown(memory), seen, rtol=1e-5)
+        np.testing.assert_allclose(shown(memory), seen, rtol=1e-5)
     assert slow > 0.1
 
 
 def test_memory_of_torques_and_states():
     front = FrontEnd(FrontEndSettings(spacing=2), torques=2, history=2)
+    call = jax.jit(lambda memory, torque, x: front.measure(front.remember(memory, torque), x))
     memory = front.begin(jnp.zeros(4))
     for n in range(1, 7):
-        memory = front.remember(memory, jnp.array(float(n)))
-        memory = front.measure(memory, jnp.full(4, 10.0 * n))
+        memory = call(memory, jnp.array(float(n)), jnp.full(4, 10.0 * n))
     # Torques 6, 5 and 4, 3; states of now, two and four calls ago.
     expected = [60.0] * 4 + [5.5, 3.5] + [40.0] * 4 + [20.0] * 4
     np.testing.assert_allclose(front.shown(memory), expected)
