@@ -247,13 +247,12 @@ def test_a_damaged_checkpoint_is_named_and_nothing_changes(tmp_path):
     assert Run.resume(tmp_path / "r").frames == 0
 
 
-<<<<<<< HEAD
-@pytest.mark.parametrize("preset", ["default", "paper", "apo", "eapo", "ppo", "hardware"])
-=======
+SLOW = ("apo", "eapo", "ppo", "hardware")
+
+
 @pytest.mark.parametrize(
-    "preset", ["default", "paper", *(pytest.param(name, marks=pytest.mark.slow) for name in ("apo", "eapo", "ppo"))]
+    "preset", ["default", "paper", *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)]
 )
->>>>>>> suite2
 def test_every_preset_trains(tmp_path, preset):
     """By default the algorithm's relatives train on a Gymnasium environment, in ``test_agent.py``."""
     sizes = ("num_envs", "num_steps", "num_epochs", "batch_size", "policy_layers", "value_layers")
