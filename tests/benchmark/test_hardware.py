@@ -9,8 +9,10 @@ from swingup.benchmark.hardware import _judged, hardware
 from swingup.benchmark.interval import share_interval
 from swingup.benchmark.rollout import Scenario, Trajectory
 from swingup.benchmark.rules import HARDWARE_RULES
+from swingup.control.named import get_controller
 from swingup.errors import SwingupError
 from swingup.physics.parameters import identified_parameters
+from swingup.runtime import load_controller
 from swingup.tasks.domain import make_domain
 
 BRIEF = dataclasses.replace(HARDWARE_RULES, duration=2.5)
@@ -71,6 +73,16 @@ def test_a_pendulum_without_motors_fails_and_seeds_differ(robot):
     assert one.runs[0].speed != two.runs[0].speed
     again = judged(pushed, 0, 2)
     assert [run.speed for run in again.runs] == pytest.approx([one.runs[0].speed, two.runs[0].speed], rel=1e-9)
+
+
+def test_the_shipped_policies_swing_up_and_stay(robot):
+    """In JAX four times, and once by NumPy, which gives the same run."""
+    judged = hardware(get_controller("ar-eapo-hardware", robot), robot, seeds=4)
+    assert judged.successes == 4
+    assert judged.score > 0.6
+    assert max(run.speed for run in judged.runs) < 16
+    in_numpy = hardware(load_controller("ar-eapo-hardware", robot), robot, seeds=1)
+    assert in_numpy.runs[0].score == pytest.approx(judged.runs[0].score, abs=1e-3)
 
 
 def test_results_are_ready_for_json(robot):

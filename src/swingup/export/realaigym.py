@@ -103,7 +103,7 @@ def _readme(policy: PendulumPolicy) -> str:
         "ESTIMATOR": f"It is shown {seen}.",
         "JOINT": ("shoulder", "elbow")[policy.robot.joint],
         "LAYERS": " and ".join(str(len(layer.bias)) for layer in policy.file.trunk),
-        "LIMIT": f"{policy.torque_limit:g}",
+        "TORQUE": _torque(policy),
         "NAME": NAME,
         "ORIGIN": f"- The policy file was made by `{command}`." if isinstance(command, str) else "",
         "PACKAGE": PACKAGE,
@@ -112,3 +112,14 @@ def _readme(policy: PendulumPolicy) -> str:
         "VERSION": __version__,
     }
     return fill(asset("readme.md"), values)
+
+
+def _torque(policy: PendulumPolicy) -> str:
+    most, joints = f"at most {policy.torque_limit:g} N m", ("shoulder", "elbow")
+    joint, passive = joints[policy.robot.joint], joints[1 - policy.robot.joint]
+    if policy.front_end is None:
+        return f"{most}, on the {joint} alone"
+    return (
+        f"{most} on the {joint}, and compensation of friction: there, and within "
+        f"{policy.front_end.passive_limit:g} N m on the {passive}"
+    )
