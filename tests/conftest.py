@@ -55,8 +55,8 @@ def small_grid(monkeypatch):
 
 @pytest.fixture
 def brief_minute(monkeypatch):
-    """The global-policy board with 8 s of its minute and two throws."""
-    brief = dataclasses.replace(rules.UPTIME_RULES["v3"], duration=8.0, throws=2, first=2.5)
+    """The global-policy board with 9 s of its minute and two throws, of which the first comes as late as ever."""
+    brief = dataclasses.replace(rules.UPTIME_RULES["v3"], duration=9.0, throws=2)
     monkeypatch.setitem(rules.UPTIME_RULES, "v3", brief)
 
 

@@ -176,7 +176,7 @@ def test_uptime(capsys, tmp_path):
     out = run(capsys, "uptime", "pendubot", "--seeds", "2", "--save", "minute.csv")
     assert "Uptime score" in out
     assert " to " in out
-    assert len((tmp_path / "minute.csv").read_text().splitlines()) == 4_001  # rows, each of 2 ms, and a head
+    assert len((tmp_path / "minute.csv").read_text().splitlines()) == 4_501  # rows, each of 2 ms, and a head
     result = json.loads(run(capsys, "uptime", "pendubot", "--json"))
     assert 0 < result["uptime"] < 1
     assert result["seed"] == 0

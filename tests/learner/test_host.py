@@ -26,7 +26,8 @@ SMALL = Config(
 
 def learn(kind, mode, **changes):
     """Train with a high learning rate, then with a low one to settle; the metrics are the mean of the last part."""
-    config = Config(**(vars(SMALL) | changes))
+    # Many environments and few steps: the host pays by the step.
+    config = Config(**(vars(SMALL) | {"num_envs": 64, "num_steps": 8} | changes))
     fine = Config(**(vars(config) | {"learning_rate": config.learning_rate / 10, "gain_step_size": 0.01}))
     env = Chain(config.num_envs, kind, mode)
     first, second = (HostWorld(env, kind, c, 0, 0) for c in (config, fine))
