@@ -356,6 +356,12 @@ def test_torques_are_clipped_and_passive_joints_have_none(page, robot):
     assert rows["u"][0] == ([6, 0] if robot.joint == 0 else [0, -6])
 
 
+def in_double(controller):
+    """The controller with a network that computes in double precision throughout, as the page does."""
+    actor = jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), controller.policy.actor)
+    return eqx.tree_at(lambda c: c.policy.actor, controller, actor)
+
+
 def with_angles(controller, angles):
     """The controller with an observation of this kind, and statistics that clip some of it."""
     observation = PendulumObservation(angles=angles, velocity_scale=12.0)
@@ -383,7 +389,8 @@ def test_the_policys_torque_is_pythons(page, robot, angles):
         [encode_policy(controller), robot.joint, x.tolist()],
     )
     with jax.enable_x64(True):
-        expected = jax.vmap(lambda state: controller(None, 0.0, state)[1])(jnp.asarray(x))
+        exact = in_double(controller)
+        expected = jax.vmap(lambda state: exact(None, 0.0, state)[1])(jnp.asarray(x))
     assert np.ptp(expected[:, robot.joint]) > 6  # the policies use their torque
     # Both compute in double precision: what is left is the order of sums.
     np.testing.assert_allclose(torques, expected, rtol=0, atol=1e-10)
@@ -392,7 +399,7 @@ def test_the_policys_torque_is_pythons(page, robot, angles):
 def test_the_closed_loop_is_pythons(page, robot):
     steps = 5000
     rows = page.evaluate("(robot) => swingup.simulate(robot, [0, 0, 0, 0], 5000)", robot.name)
-    expected = evaluate(shipped_policy(robot)[0], robot).trajectory
+    expected = evaluate(in_double(shipped_policy(robot)[0]), robot).trajectory
     assert len(rows["x"]) == steps == len(expected.time)
     np.testing.assert_allclose(rows["time"], expected.time, rtol=0, atol=1e-12)
     # Both compute in double precision. A torque that is wrong by 1e-3 N m (4e-3 rad) or late by one step (0.2 rad)

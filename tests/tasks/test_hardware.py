@@ -12,7 +12,7 @@ from swingup.benchmark.rollout import Scenario, act, begin, sense
 from swingup.physics.parameters import get_robot
 from swingup.runtime.front_end import FrontEndSettings, NumpyFrontEnd
 from swingup.tasks.disturbance import Motor
-from swingup.tasks.domain import DT, make_domain
+from swingup.tasks.domain import DT, load_domain, make_domain
 from swingup.tasks.front_end import FrontEnd
 from swingup.tasks.hardware import CALLS
 from swingup.tasks.presets import hardware_task, memory_task
@@ -84,7 +84,7 @@ def test_ends():
 
 
 def test_noise_and_plants_differ():
-    task = memory_task(get_robot("acrobot"))
+    task = memory_task(get_robot("acrobot"), load_domain("randomised"))
     states, observations = fifty(task)
     assert len(np.unique(states.plant.cf1)) == 50
     noise = states.memory.past[:, 0, 2:] - jnp.where(
