@@ -30,6 +30,14 @@ def robot(request):
     return request.param
 
 
+@pytest.fixture(
+    params=[ROBOTS["acrobot"], pytest.param(ROBOTS["pendubot"], marks=pytest.mark.slow)], ids=list(ROBOTS)
+)
+def either_robot(request):
+    """For what does not depend on the robot and takes seconds: the acrobot, and the pendubot in the slow tests."""
+    return request.param
+
+
 @pytest.fixture
 def x64():
     """Double precision for one test, as the package's entry points use it: never a global flag."""

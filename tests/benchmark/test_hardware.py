@@ -60,9 +60,9 @@ def test_down_before_the_last_two_seconds_is_no_failure():
     assert not verdict(lambda x, time: None, "it gave up").success
 
 
-def test_a_pendulum_without_motors_fails_and_seeds_differ(robot):
+def test_a_pendulum_without_motors_fails_and_seeds_differ(either_robot):
     def judged(domain, seed, seeds):
-        return hardware(lambda x, t: [0.0, 0.0], robot, "nothing", domain, seed, seeds, BRIEF)
+        return hardware(lambda x, t: [0.0, 0.0], either_robot, "nothing", domain, seed, seeds, BRIEF)
 
     quiet = judged(make_domain({"velocity_noise": 0.1}), 0, 2)
     assert (quiet.successes, quiet.score) == (0, 0.0)

@@ -59,8 +59,8 @@ def ours(board):
 
 
 @pytest.mark.usefixtures("only_the_policy", "small_grid")
-def test_boards_are_sorted_and_mark_what_is_ours(robot):
-    performance, robustness = leaderboard(robot, {"hanging": Hanging()})
+def test_boards_are_sorted_and_mark_what_is_ours(either_robot):
+    performance, robustness = leaderboard(either_robot, {"hanging": Hanging()})
     assert (performance.measure, performance.seed) == ("performance", None)
     assert (robustness.measure, robustness.seed) == ("robustness", 0)
     for board in (performance, robustness):
@@ -68,7 +68,7 @@ def test_boards_are_sorted_and_mark_what_is_ours(robot):
         assert scores == sorted(scores, reverse=True)
         assert set(ours(board)) == {BASE, "hanging"}
         assert {row.source for row in board.rows} == {"ours", "paper", "board"}
-        assert len(board.rows) == 2 + len(published_rows(robot, board.measure, "v2"))
+        assert len(board.rows) == 2 + len(published_rows(either_robot, board.measure, "v2"))
     assert ours(performance)["hanging"].remark == "no swing-up"
     assert ours(performance)["hanging"].values["swingup_time"] is None
     assert ours(robustness)["hanging"].values["overall"] == 0.0
@@ -90,8 +90,8 @@ def test_a_controller_that_fails_gets_a_row_that_says_so():
 
 
 @pytest.mark.usefixtures("only_the_policy", "brief_minute")
-def test_the_third_rules_have_a_board_of_their_own(robot):
-    (board,) = leaderboard(robot, {"raising": raising}, rules="v3", seed=4)
+def test_the_third_rules_have_a_board_of_their_own(either_robot):
+    (board,) = leaderboard(either_robot, {"raising": raising}, rules="v3", seed=4)
     assert (board.measure, board.rules, board.seed, board.columns) == ("uptime", "v3", 4, ("uptime",))
     assert len(board.rows) == 8
     assert 0 < ours(board)[BASE].values["uptime"] < 1
@@ -110,7 +110,7 @@ def other_files(tmp_path, monkeypatch, robot):
 
 
 @pytest.mark.usefixtures("other_files")
-def test_policies_that_ship_with_an_estimator_enter_without_it_too(robot, monkeypatch):
+def test_policies_that_ship_with_an_estimator_enter_without_it_too(either_robot, monkeypatch):
     asked = {}
 
     def measured(controller, robot, name, rules, seed):
@@ -118,12 +118,12 @@ def test_policies_that_ship_with_an_estimator_enter_without_it_too(robot, monkey
         return Robustness(robot.name, name, rules, (seed,), dict.fromkeys(CRITERIA, 50.0), 0.5, {}, ())
 
     monkeypatch.setattr(boards, "robustness", measured)
-    for board in leaderboard(robot):
+    for board in leaderboard(either_robot):
         assert set(ours(board)) == {"ar-eapo", "ar-eapo --no-estimator"}
     assert asked == {"ar-eapo": EstimatingController, "ar-eapo --no-estimator": PolicyController}
     with pytest.raises(SwingupError, match="'ar-eapo --no-estimator' is on the board already"):
-        leaderboard(robot, {"ar-eapo --no-estimator": Hanging()})
-    assert set(entrants_for(robot, {})) == {"ar-eapo"}
+        leaderboard(either_robot, {"ar-eapo --no-estimator": Hanging()})
+    assert set(entrants_for(either_robot, {})) == {"ar-eapo"}
 
 
 def test_our_further_controllers_enter_every_board_beside_the_papers(robot, monkeypatch):
@@ -158,14 +158,14 @@ def test_our_own_trajectory_scores_more_than_the_policy(robot, monkeypatch):
 
 
 @pytest.mark.usefixtures("other_files", "brief_minute")
-def test_the_global_policy_enters_the_uptime_board(robot, monkeypatch):
-    (board,) = leaderboard(robot, rules="v3")
+def test_the_global_policy_enters_the_uptime_board(either_robot, monkeypatch):
+    (board,) = leaderboard(either_robot, rules="v3")
     assert set(ours(board)) == {"ar-eapo", "ar-eapo --no-estimator", "ar-eapo-global"}
     shares = {name: row.values["uptime"] for name, row in ours(board).items()}
     # Without an estimator both are the same policy here.
     assert shares["ar-eapo --no-estimator"] == shares["ar-eapo-global"] > 0
     with pytest.raises(SwingupError, match="'ar-eapo-global' is on the board already"):
-        leaderboard(robot, {"ar-eapo-global": Hanging()}, rules="v3")
+        leaderboard(either_robot, {"ar-eapo-global": Hanging()}, rules="v3")
 
 
 def test_names_on_the_board_are_taken():

@@ -36,6 +36,7 @@ def trained(devices, seeds=4):
     return int(there), int(used), [float(gain) for gain in gains.strip("[]\n").split(",")]
 
 
+@pytest.mark.slow
 def test_two_devices_share_four_seeds():
     there, used, gains = trained(2)
     assert (there, used) == (2, 2)

@@ -109,7 +109,7 @@ def check_kills(tmp_path, task, kills, frames):
     assert not [path for path in (tmp_path / "part").rglob(".*") if path.is_file()]
 
 
-@pytest.mark.parametrize("task", ["compiled", "host"])
+@pytest.mark.parametrize("task", ["compiled", pytest.param("host", marks=pytest.mark.slow)])
 def test_a_killed_process_resumes_to_the_same_bits(tmp_path, task):
     check_kills(tmp_path, task, kills=1, frames=64 * (10 if task == "compiled" else 40))
 
