@@ -99,9 +99,9 @@ def test_the_third_rules_have_a_board_of_their_own(either_robot):
 
 
 @pytest.fixture
-def other_files(tmp_path, monkeypatch, robot):
+def other_files(tmp_path, monkeypatch, either_robot):
     """One policy in two shipped files: one that asks for an estimator, and a global one that does not."""
-    policy, metadata = shipped_policy(robot, "base")
+    policy, metadata = shipped_policy(either_robot, "base")
     save_controller(tmp_path / ".npz", policy, {"scores": metadata["scores"], "estimator": {}})
     save_controller(tmp_path / "global.npz", policy, {"scores": metadata["scores"]})
     monkeypatch.setattr(shipped, "_file", lambda robot, kind: tmp_path / f"{kind}.npz")
