@@ -99,6 +99,7 @@ class NumpyFrontEnd:
             torque_limit: torque of an action of 1 (N m).
         """
         self._settings, self._joint, self._limit = settings, joint, torque_limit
+        self._damping, self._coulomb = np.array(settings.damping), np.array(settings.coulomb)
         self._past_torques = np.zeros(torques * settings.spacing)
         self._past = np.zeros((history * settings.spacing + 1, 4))
         self._windows = (torques, settings.spacing)
@@ -138,10 +139,15 @@ class NumpyFrontEnd:
             self._past_torques[1:] = self._past_torques[:-1].copy()
             self._past_torques[0] = torque / self._limit
         rates = self._past[0, 2:]
-        friction = self._settings.damping * rates + self._settings.coulomb * np.arctan(STEEPNESS * rates)
+        friction = friction_torque(rates, self._damping, self._coulomb)
         u = np.clip(friction, -self._bounds, self._bounds)
         u[self._joint] += torque
         return u
+
+
+def friction_torque(rates: np.ndarray, damping: np.ndarray, coulomb: np.ndarray) -> np.ndarray:
+    """The friction b q̇ + cf arctan(100 q̇) of both joints (N m), as RealAIGym has it; all of shape (2,)."""
+    return damping * rates + coulomb * np.arctan(STEEPNESS * rates)
 
 
 def _is_number(value: Any, least: float, most: float) -> bool:

@@ -16,9 +16,7 @@ from ..errors import SwingupError
 from ..files import write_atomically
 from ..robots import Robot
 from .controller import RuntimeController, load_controller
-
-COULOMB_STEEPNESS = 100.0
-"""Slope of RealAIGym's smoothed Coulomb friction, cf arctan(100 q̇) (s/rad)."""
+from .front_end import friction_torque
 
 SAVED = "controller_swingup.json"
 """Where ``save`` writes."""
@@ -103,7 +101,7 @@ class RealAIGymController:
         measured = np.array(x, np.float64)
         self.x_hist.append(measured)
         seen = np.asarray(self.filter(measured.copy(), self.u_hist[-1]), np.float64)
-        friction = self._damping * seen[2:] + self._coulomb * np.arctan(COULOMB_STEEPNESS * seen[2:])
+        friction = friction_torque(seen[2:], self._damping, self._coulomb)
         u = self.get_control_output_(seen, t) + friction
         self.u_fric_hist.append(friction)
         self.u_grav_hist.append(np.zeros(2))
