@@ -119,7 +119,9 @@ class Network(AbstractController):
 def test_controllers_may_hold_what_is_no_array():
     controller = Network(eqx.nn.MLP(4, 2, 8, 1, key=jax.random.key(0)), "mine")
     assert swingup.check_controller(controller, "acrobot")[0].startswith("it commands up to")
-    assert swingup.evaluate(controller, "acrobot").criteria.score == 0.0
+    trajectory = swingup.evaluate(controller, "acrobot").trajectory
+    assert np.isfinite(trajectory.x).all()
+    assert np.ptp(trajectory.u[:, 1]) > 0  # it is the network that acts; where it spins the pendulum to is chaos
     rules = dataclasses.replace(BRIEF, duration=0.1, tolerance=(9.0, 9.0, 1e9, 1e9))
     assert robustness(controller, "acrobot", rules=rules, criteria="delay").percent["delay"] == 100.0
 

@@ -30,7 +30,7 @@ class Linear(eqx.Module):
     """y = W x + b, in the precision of x.
 
     Wide layers with float32 weights are an exception where x is float64: their products are summed in single
-    precision in groups of inputs, the groups in double. It takes half the time, and all that it loses is 1e-5 N m
+    precision in groups of inputs, the groups in double. It takes half the time, and all that it loses is 2e-5 N m
     of a shipped policy's torque; layers with few inputs or few outputs cost little as they are.
     """
 
