@@ -198,7 +198,7 @@ def cluster(tmp_path):
 @pytest.mark.filterwarnings("default")
 def test_a_dask_worker_is_killed_and_no_run_is_lost(cluster, tmp_path):
     address, workers = cluster
-    jobs = jobs_of(tmp_path / "dask", seeds=(0, 1, 2, 3), frames=128 * 12)
+    jobs = jobs_of(tmp_path / "dask", seeds=(0, 1, 2, 3), frames=128 * 6)
     killed = []
 
     def kill_one(outcome):
@@ -210,7 +210,7 @@ def test_a_dask_worker_is_killed_and_no_run_is_lost(cluster, tmp_path):
         outcomes = sweep(jobs, executor, kill_one)
     assert killed
     assert [outcome.error for outcome in outcomes] == [""] * 4
-    expected = inline(jobs_of(tmp_path / "here", seeds=(0, 1, 2, 3), frames=128 * 12))
+    expected = inline(jobs_of(tmp_path / "here", seeds=(0, 1, 2, 3), frames=128 * 6))
     assert [outcome.score for outcome in outcomes] == [outcome.score for outcome in expected]
 
 

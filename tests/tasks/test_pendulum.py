@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +18,9 @@ IDEAL = [name for name in TASKS if name not in HARDWARE_TASKS]
 KEY = jax.random.key(0)
 BATCH = 1000
 """Transitions are made in batches of one size, so that each task compiles once."""
+
+made = functools.cache(get_task)
+"""Starts after throws are simulated: each task is made once."""
 
 rk4 = jax.jit(jax.vmap(rk4_step, (None, 0, 0, None)))
 
@@ -191,7 +195,7 @@ def test_truncated_at_random_about_as_often_as_asked(probability):
 def test_never_terminated(name, robot):
     # Neither at the limit of steps, nor at velocities where the integrator diverges.
     x, actions, keys = random_transitions()
-    result = steps(get_task(name, robot), x.at[::2].multiply(1e3), 999, actions, keys)
+    result = steps(made(name, robot), x.at[::2].multiply(1e3), 999, actions, keys)
     assert not np.any(result.terminated)
     assert np.all(result.truncated)
 
@@ -201,7 +205,7 @@ def test_never_terminated(name, robot):
 def test_diverging_step_keeps_the_last_state_and_truncates(name, robot, rates):
     # At such rates a Runge-Kutta step of 0.01 s overshoots without bound, to inf and NaN.
     x = np.array([0.3, 0.2, *rates], np.float32)
-    task = dataclasses.replace(get_task(name, robot), truncation_probability=0.0)
+    task = dataclasses.replace(made(name, robot), truncation_probability=0.0)
     assert not np.all(np.abs(rk4(task.parameters, jnp.array([x]), jnp.zeros((1, 2)), 0.01)[0, 2:]) < 1000)
     result = step_from(task, x)
     assert result.truncated
@@ -232,7 +236,7 @@ def test_wrap_to_goal_by_hand(q, wrapped):
 
 @pytest.mark.parametrize("name", TASKS)
 def test_tasks_are_found_by_name(name, robot):
-    assert get_task(name, robot) == TASKS[name](robot)
+    assert made(name, robot) == TASKS[name](robot)
 
 
 def test_unknown_task_is_refused_with_the_choice(robot):
@@ -241,8 +245,8 @@ def test_unknown_task_is_refused_with_the_choice(robot):
 
 
 def test_the_global_task_starts_after_throws_anywhere_and_hanging(robot):
-    task = get_task("global", robot)
-    x = np.asarray(jax.vmap(task.reset)(jax.random.split(jax.random.key(0), 2000)).x)
+    task = made("global", robot)
+    x = np.asarray(jax.jit(jax.vmap(task.reset))(jax.random.split(jax.random.key(0), 2000)).x)
     assert np.abs(x[:, :2]).max() <= np.pi
     hanging = np.all(np.abs(x) < 0.3, axis=1)
     assert hanging.mean() == pytest.approx(0.15, abs=0.03)
@@ -251,7 +255,7 @@ def test_the_global_task_starts_after_throws_anywhere_and_hanging(robot):
 
 
 def test_recovering_is_rewarded_for_being_up_and_not_for_being_slow(robot):
-    task = get_task("global", robot)
+    task = made("global", robot)
     still = jnp.zeros(2)
     upright, hanging = jnp.array(UPRIGHT), jnp.zeros(4)
     # Upright the tip is 0.05 m above the line, five widths of the smoothed edge.
