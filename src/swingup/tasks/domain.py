@@ -86,8 +86,8 @@ class Domain:
         values = dict(zip([name for name, _, _ in self.ranges], drawn, strict=True))
         loop = {name: values.get(name, jnp.asarray(usual)) for name, usual in LOOP.items()}
         limits = jnp.where(jnp.array(robot.actuation) > 0, loop["torque_limit"], loop["passive_limit"])
-        plant = {name: values.get(name, getattr(identified_parameters(), name)) for name in PLANT}
-        parameters = Parameters(**plant, tl1=limits[0], tl2=limits[1])
+        plant = {name: value for name, value in values.items() if name in PLANT}
+        parameters = dataclasses.replace(identified_parameters(), **plant, tl1=limits[0], tl2=limits[1])
         time, size = jax.random.uniform(push_key, (2, 2, 1))
         peak = loop["push"] * (2 * size - 1) * jnp.array(robot.actuation)[:, None]
         disturbance = Disturbance(

@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 
 from ..physics.integrate import rk4_step
 from ..physics.parameters import Parameters
-from ..types import Action, Count, Flag, Key, Observation, Scalar, State, Torque
+from ..types import Action, Count, Flag, Key, Observation, State, Torque
 from .disturbance import Disturbance, Past, drive, measure, remember
 from .domain import DT, Domain
 from .front_end import FrontEnd, FrontEndMemory
@@ -28,7 +28,7 @@ class HardwareState(PendulumState):
     past: Past
     """The last states, for the delay."""
     memory: FrontEndMemory
-    calls: Scalar
+    calls: Count
     """Steps of the loop since the last reset."""
 
 
@@ -87,16 +87,8 @@ class HardwareTask(PendulumTask):
             memory = self.front_end.remember(now.memory, action[0])
             command = self.front_end.command(memory, jnp.sum(asked), self.robot)
             time = now.calls * DT
-            u = drive(
-                now.disturbance,
-                command,
-                now.u,
-                time,
-                now.disturbance.torque_noise * noise[2],
-                limits,
-                now.x[:2],
-                DT,
-            )
+            torque_noise = now.disturbance.torque_noise * noise[2]
+            u = drive(now.disturbance, command, now.u, time, torque_noise, limits, now.x[:2], DT)
             x = rk4_step(now.plant, now.x, u, DT)
             diverged = ~jnp.all(jnp.abs(x[2:]) < DIVERGED)
             x = jnp.where(diverged, now.x, x)
