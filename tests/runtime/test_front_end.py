@@ -129,7 +129,7 @@ def test_behind_an_estimator_in_c(tmp_path):
     ("front_end", "message"),
     [
         (3, "front_end 3 is no object of settings: use {} for the defaults"),
-        ({"nothing": 1}, "unknown setting 'nothing' of the front end: use some of dt, velocity_weight"),
+        ({"nothing": 1}, "unknown front_end setting 'nothing': use some of dt, velocity_weight"),
         ({"velocity_weight": 0}, "velocity_weight = 0: a number of 1e-06 to 1 is needed"),
         ({"spacing": 1.5}, "spacing = 1.5: a whole number of 1 to 1000 is needed"),
         ({"damping": [1]}, r"damping = \[1\]: two numbers of 0 to 10 are needed"),

@@ -6,12 +6,13 @@ Its settings stand in a policy file's metadata. :class:`NumpyFrontEnd` is what r
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..errors import SwingupError
+from .settings import read_object
 
 KEY = "front_end"
 """Where a policy file's metadata holds the settings."""
@@ -68,15 +69,7 @@ def read_front_end(metadata: Mapping[str, Any]) -> FrontEndSettings | None:
     Raises:
         SwingupError: it holds something else, an unknown setting, or a value out of range.
     """
-    if KEY not in metadata:
-        return None
-    given, known = metadata[KEY], [field.name for field in fields(FrontEndSettings)]
-    if not isinstance(given, Mapping):
-        raise SwingupError(f"front_end {given!r} is no object of settings: use {{}} for the defaults")
-    unknown = [name for name in given if name not in known]
-    if unknown:
-        raise SwingupError(f"unknown setting {unknown[0]!r} of the front end: use some of {', '.join(known)}")
-    return FrontEndSettings(**given)
+    return read_object(metadata, KEY, FrontEndSettings)
 
 
 class NumpyFrontEnd:

@@ -2,11 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from ..errors import SwingupError
+
+SettingsT = TypeVar("SettingsT")
 
 KEY = "estimator"
 """Where a policy file's metadata holds the settings."""
@@ -78,12 +80,21 @@ def read_settings(metadata: Mapping[str, Any]) -> EstimatorSettings | None:
     Raises:
         SwingupError: it holds something else, an unknown setting, or a value out of range.
     """
-    if KEY not in metadata:
+    return read_object(metadata, KEY, EstimatorSettings)
+
+
+def read_object(metadata: Mapping[str, Any], key: str, kind: type[SettingsT]) -> SettingsT | None:
+    """Settings of a kind that a policy file's metadata holds under a key; None if there is no such key.
+
+    Raises:
+        SwingupError: it holds something else, an unknown setting, or a value out of range.
+    """
+    if key not in metadata:
         return None
-    given, known = metadata[KEY], [field.name for field in fields(EstimatorSettings)]
+    given, known = metadata[key], [field.name for field in fields(kind)]  # type: ignore[arg-type]  # a dataclass
     if not isinstance(given, Mapping):
-        raise SwingupError(f"estimator {given!r} is no object of settings: use {{}} for the defaults")
+        raise SwingupError(f"{key} {given!r} is no object of settings: use {{}} for the defaults")
     unknown = [name for name in given if name not in known]
     if unknown:
-        raise SwingupError(f"unknown estimator setting {unknown[0]!r}: use some of {', '.join(known)}")
-    return EstimatorSettings(**given)
+        raise SwingupError(f"unknown {key} setting {unknown[0]!r}: use some of {', '.join(known)}")
+    return kind(**given)
