@@ -1,21 +1,21 @@
 """Ablations on the acrobot: one change at a time from the default preset, several seeds each.
 
-Usage: python benchmarks/ablations.py [--frames 8000000] [--seeds 3] [--out runs/ablations] [NAME ...]
+Usage: python benchmarks/ablations.py [NAME ...] [--frames 8000000] [--seeds 3] [--study FILE] [--runs FOLDER]
+[--plot FILE]
 
-Each run is a folder that `swingup train` would write; what is there already is not repeated, and what was cut
-off resumes. Prints a table in Markdown: the interquartile mean over the seeds of the last tenth's median score and
-of the best score, with 95 % bootstrap intervals.
+Finished runs are lines of the study's file and are not repeated. Each run has a folder as `swingup train` writes
+it, from which one that was cut off resumes. Prints a table in Markdown: the interquartile mean over the seeds of
+the last tenth's median score and of the best score, with 95 % bootstrap intervals.
 """
 
 import argparse
 import dataclasses
-import json
 from collections.abc import Callable
 from pathlib import Path
-from statistics import median
+
+from study import Study, cell, draw, ends
 
 from swingup.areapo.config import Config
-from swingup.benchmark.interval import bootstrap_interval, interquartile_mean
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
 from swingup.learner.run import Run
@@ -42,18 +42,17 @@ CHANGES: dict[str, Change] = {
     "default": hyperparameter(),
     "paper-observation": task_setting(observation=PendulumObservation()),
     "no-offset-repair": hyperparameter(centre_values=False),
-    "popart": hyperparameter(centre_values=False, popart=True),
     "temperature-0": hyperparameter(temperature=0.0),
     "temperature-0.5": hyperparameter(temperature=0.5),
     "no-random-truncation": task_setting(truncation_probability=0.0),
+    "popart": hyperparameter(centre_values=False, popart=True),
 }
-"""What the paper claims matters, each taken away alone."""
+"""What the paper claims matters, each taken away alone; and another repair of the offset."""
 
 
-def train(name: str, seed: int, frames: int, out: Path) -> list[float]:
-    """One run, or what is left of it; the scores of its evaluations."""
+def train(name: str, seed: int, frames: int, folder: Path) -> list[tuple[int, float, float]]:
+    """One run, or what is left of it: frames, score and seconds of its evaluations."""
     config, task = CHANGES[name](get_preset("default").config, smooth_task(ROBOTS["acrobot"]))
-    folder = out / name / f"seed-{seed}"
     if (folder / "config.json").exists():
         run = Run.resume(folder, env=task)
     else:
@@ -62,32 +61,33 @@ def train(name: str, seed: int, frames: int, out: Path) -> list[float]:
         run = Run(settings, folder, frames, task)
     for report in run.advance():
         print(f"{name} seed {seed}: {report.frames:,} frames, best score {report.best_score:.3f}", flush=True)
-    return [row["score"] for row in read_metrics(folder / "metrics.jsonl")]
-
-
-def cell(values: list[float]) -> str:
-    """Interquartile mean and interval."""
-    low, high = bootstrap_interval(values)
-    return f"{interquartile_mean(values):.3f} ({low:.3f} to {high:.3f})"
+    return [
+        (row["frames"], round(row["score"], 4), row["seconds"]) for row in read_metrics(folder / "metrics.jsonl")
+    ]
 
 
 def main() -> None:
-    """Train what was asked for and print the table."""
+    """Train what is missing and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", default=list(CHANGES), metavar="NAME", help=", ".join(CHANGES))
     parser.add_argument("--frames", type=int, default=8_000_000)
     parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--out", type=Path, default=Path("runs/ablations"))
+    parser.add_argument("--study", type=Path, default=Path("benchmarks/runs/ablations.jsonl"))
+    parser.add_argument("--runs", type=Path, default=Path("runs/ablations"))
+    parser.add_argument("--plot", type=Path)
     options = parser.parse_args()
-    results = {
-        name: [train(name, seed, options.frames, options.out) for seed in range(options.seeds)]
-        for name in options.names
-    }
-    (options.out / "ablations.json").write_text(json.dumps(results))
+    for seed in range(options.seeds):
+        for name in options.names:
+            if not Study(options.study).has([name], seed):
+                points = train(name, seed, options.frames, options.runs / name / f"seed-{seed}")
+                Study(options.study).add([name], seed, points)  # read anew: another process may have added to it
+    study = Study(options.study)
     print(f"\n| change ({options.seeds} seeds, {options.frames:,} frames) | last tenth | best |\n|---|---|---|")
-    for name, curves in results.items():
-        last = [median(scores[-max(1, len(scores) // 10) :]) for scores in curves]
-        print(f"| {name} | {cell(last)} | {cell([max(scores) for scores in curves])} |")
+    for name in options.names:
+        print(f"| {name} | {cell(ends(study.of(name)))} | {cell([max(c['scores']) for c in study.of(name)])} |")
+    if options.plot:
+        lines = {name: study.of(name) for name in options.names}
+        draw(options.plot, {"acrobot": lines}, "RealAI score")
 
 
 if __name__ == "__main__":

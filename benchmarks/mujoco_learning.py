@@ -1,23 +1,23 @@
 """Learning on Gymnasium's MuJoCo tasks beside Stable-Baselines3's PPO: same budget, same machine, same evaluation.
 
 Usage: python benchmarks/mujoco_learning.py [ID ...] [--frames 1000000] [--seeds 3] [--learners areapo sb3-ppo]
-[--out runs/mujoco]
+[--study FILE] [--plot FILE]
 
-Needs swingup[mujoco], and stable-baselines3 for the peer. The peer has its own defaults, but its 2,048 frames of
-a rollout come from 8 environments of 256 steps, as ours do. It has its VecNormalize, since ours normalises
-observations as well. Curves go to FOLDER/LEARNER/ID/seed-N.jsonl: frames, the mean return of ten deterministic
-episodes of the plain environment, seconds. Prints a table in Markdown: the interquartile mean over the seeds of
-the last return, with 95 % bootstrap intervals. A curve that is complete is not made again.
+Needs swingup[mujoco], and stable-baselines3 for the peer. The peer has its own defaults, but its 2,048 frames of a
+rollout come from 8 environments of 256 steps, as ours do. It has its VecNormalize, since ours normalises
+observations as well. Finished runs are lines of the study's file and are not repeated: frames, the mean return of
+ten deterministic episodes of the plain environment, seconds. Prints a table in Markdown: the interquartile mean
+over the seeds of the last return, with 95 % bootstrap intervals.
 """
 
 import argparse
-import json
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from study import Study, cell, draw
+
 from swingup import AREAPO
-from swingup.benchmark.interval import bootstrap_interval, interquartile_mean
 from swingup.learner.run import Report
 
 TASKS = ["HalfCheetah-v5", "Hopper-v5", "Swimmer-v5"]
@@ -69,44 +69,40 @@ def sb3_ppo(task: str, seed: int, frames: int) -> Iterator[Point]:
 LEARNERS = {"areapo": areapo, "sb3-ppo": sb3_ppo}
 
 
-def curve(learner: str, task: str, seed: int, frames: int, out: Path) -> list[Point]:
-    """A run's points, from its file if it is complete."""
-    path = out / learner / task / f"seed-{seed}.jsonl"
-    if path.exists():
-        return [tuple(json.loads(line)) for line in path.read_text().splitlines()]
+def run(learner: str, task: str, seed: int, frames: int) -> list[Point]:
+    """One run's points."""
     points = []
-    for point in LEARNERS[learner](task, seed, frames):
-        points.append(point)
-        print(
-            f"{learner} {task} seed {seed}: {point[0]:,} frames, return {point[1]:.1f}, {point[2]:.0f} s",
-            flush=True,
-        )
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("".join(json.dumps(point) + "\n" for point in points))
+    for count, score, seconds in LEARNERS[learner](task, seed, frames):
+        points.append((count, round(score, 2), round(seconds, 1)))
+        print(f"{learner} {task} seed {seed}: {count:,} frames, return {score:.1f}, {seconds:.0f} s", flush=True)
     return points
 
 
 def main() -> None:
-    """Train what was asked for and print the table."""
+    """Train what is missing and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("tasks", nargs="*", default=TASKS, metavar="ID")
     parser.add_argument("--frames", type=int, default=1_000_000)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--learners", nargs="+", choices=list(LEARNERS), default=list(LEARNERS))
-    parser.add_argument("--out", type=Path, default=Path("runs/mujoco"))
+    parser.add_argument("--study", type=Path, default=Path("benchmarks/runs/mujoco.jsonl"))
+    parser.add_argument("--plot", type=Path)
     options = parser.parse_args()
-    rows = []
-    for task in options.tasks:
-        cells = []
-        for learner in options.learners:
-            curves = [curve(learner, task, seed, options.frames, options.out) for seed in range(options.seeds)]
-            last = [points[-1][1] for points in curves]
-            low, high = bootstrap_interval(last)
-            cells.append(f"{interquartile_mean(last):.0f} ({low:.0f} to {high:.0f})")
-        rows.append(f"| {task} | {' | '.join(cells)} |")
+    for seed in range(options.seeds):
+        for task in options.tasks:
+            for learner in options.learners:
+                if not Study(options.study).has([task, learner], seed):
+                    points = run(learner, task, seed, options.frames)
+                    Study(options.study).add([task, learner], seed, points)  # another process may have added to it
+    study = Study(options.study)
     print(f"\n| {options.frames:,} frames, {options.seeds} seeds | {' | '.join(options.learners)} |")
     print("|---" * (1 + len(options.learners)) + "|")
-    print("\n".join(rows))
+    for task in options.tasks:
+        last = [[curve["scores"][-1] for curve in study.of(task, learner)] for learner in options.learners]
+        print(f"| {task} | {' | '.join(cell(values, digits=0) for values in last)} |")
+    if options.plot:
+        panels = {task: {each: study.of(task, each) for each in options.learners} for task in options.tasks}
+        draw(options.plot, panels, "mean return")
 
 
 if __name__ == "__main__":

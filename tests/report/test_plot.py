@@ -235,6 +235,13 @@ def test_curves_show_reward_and_score_of_every_seed():
     assert legend_texts(figure.legends[0]) == ["a (2 seeds)", "b", "one evaluation"]
 
 
+def test_the_curves_of_a_task_judged_by_episodes_show_returns():
+    rows = [{**row, "score": -100.0 + k, "mean_length": 200.0} for k, row in enumerate(curve())]
+    scores = plot_curves({"a": rows}).axes[1]
+    assert scores.get_ylabel() == "best mean return"
+    assert scores.get_ylim()[0] < -99.0
+
+
 def test_curves_have_gaps_where_nothing_was_measured():
     rows = curve()
     rows[0]["score"], rows[1]["reward"] = None, math.nan

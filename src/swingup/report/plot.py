@@ -137,9 +137,10 @@ def plot_robustness(results: Mapping[str, Mapping[str, Any]]) -> "Figure":
 
 
 def plot_curves(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> "Figure":
-    """Draw mean reward and RealAI score over frames, one line for each seed of each run.
+    """Draw mean reward and score over frames, one line for each seed of each run.
 
-    Dots are single evaluations; the line through them is the best so far.
+    Dots are single evaluations; the line through them is the best so far. The score is the RealAI score, or the mean
+    return of a task that is judged by episodes.
 
     Args:
         runs: rows of ``metrics.jsonl``, by the names in the legend.
@@ -165,7 +166,11 @@ def plot_curves(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> "Figure":
             entries.append((line, plain(name) + (f" ({len(seeds)} seeds)" if len(seeds) > 1 else "")))
         top.set(ylabel="mean reward of a step")
         (dot,) = bottom.plot([], [], ".", color="black", **DOTS)
-        bottom.set(xlabel="frames (millions)", ylabel="best RealAI score", xlim=(0, None), ylim=(-0.02, None))
+        bottom.set(xlabel="frames (millions)", xlim=(0, None))
+        if any("mean_length" in row for rows in runs.values() for row in rows):
+            bottom.set(ylabel="best mean return")
+        else:
+            bottom.set(ylabel="best RealAI score", ylim=(-0.02, None))
         figure.align_ylabels((top, bottom))
         legend_below(figure, [*entries, (dot, "one evaluation")])
     return figure

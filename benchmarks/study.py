@@ -1,0 +1,90 @@
+"""What the studies of learning share: a file of finished runs, a cell of a table, and a picture of the curves."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any, TypedDict
+
+import numpy as np
+
+from swingup.benchmark.interval import bootstrap_interval, interquartile_mean
+from swingup.files import write_atomically
+
+TAIL = 0.1
+"""Share of a curve, at its end, whose median stands for the end."""
+
+
+class Curve(TypedDict):
+    """One finished run, a line of the file."""
+
+    run: list[str]
+    """What tells runs apart, such as task and learner."""
+    seed: int
+    frames: list[int]
+    """Of each evaluation."""
+    scores: list[float]
+    seconds: list[float]
+    """Since the run's start."""
+
+
+class Study:
+    """Finished runs in a file of JSON lines; what it has is not run again."""
+
+    def __init__(self, path: Path) -> None:
+        """Read the file if it exists."""
+        self._path = path
+        self.curves: list[Curve] = []
+        if path.exists():
+            self.curves = [json.loads(line) for line in path.read_text().splitlines()]
+
+    def has(self, run: Sequence[str], seed: int) -> bool:
+        """Whether such a run is finished."""
+        return any((curve["run"], curve["seed"]) == (list(run), seed) for curve in self.curves)
+
+    def add(self, run: Sequence[str], seed: int, points: Sequence[tuple[int, float, float]]) -> None:
+        """Write down a run of (frames, score, seconds)."""
+        frames, scores, seconds = ([row[k] for row in points] for k in range(3))
+        curve = {"run": list(run), "seed": seed, "frames": frames, "scores": scores, "seconds": seconds}
+        self.curves.append(Curve(**curve))  # type: ignore[typeddict-item]
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(self._path, "".join(json.dumps(each) + "\n" for each in self.curves).encode())
+
+    def of(self, *run: str) -> list[Curve]:
+        """The finished runs of a kind, by seed."""
+        return sorted((each for each in self.curves if each["run"] == list(run)), key=lambda each: each["seed"])
+
+
+def ends(curves: Sequence[Curve]) -> list[float]:
+    """The median score of the last tenth of each curve."""
+    return [median(curve["scores"][-max(1, round(TAIL * len(curve["scores"]))) :]) for curve in curves]
+
+
+def cell(values: Sequence[float], digits: int = 3) -> str:
+    """Interquartile mean and interval; how many seeds, if there are fewer than three."""
+    if not values:
+        return "not run"
+    low, high = bootstrap_interval(values)
+    few = f", {len(values)} seeds only" if len(values) < 3 else ""
+    return f"{interquartile_mean(values):.{digits}f} ({low:.{digits}f} to {high:.{digits}f}{few})"
+
+
+def draw(path: Path, panels: Mapping[str, Mapping[str, Sequence[Curve]]], ylabel: str) -> None:
+    """A panel for each title, in it a line for each label: the mean over the seeds, and the seeds in faint."""
+    from swingup.report.look import legend_below, line_look, new_figure, render, styled
+
+    with styled():
+        figure = new_figure(max(5.6, 2.4 * len(panels)), 2.9)
+        entries: dict[str, Any] = {}
+        for axes, (title, lines) in zip(np.ravel(figure.subplots(1, len(panels))), panels.items(), strict=True):
+            for k, (label, curves) in enumerate(lines.items()):
+                look = line_look(k)
+                for curve in curves:
+                    axes.plot(np.array(curve["frames"]) / 1e6, curve["scores"], **look, alpha=0.3, linewidth=0.6)
+                if curves:
+                    mean = np.mean([curve["scores"] for curve in curves], axis=0)
+                    (entries[label],) = axes.plot(np.array(curves[0]["frames"]) / 1e6, mean, **look)
+            axes.set(title=title, xlabel="frames (millions)", xlim=(0, None))
+        figure.axes[0].set_ylabel(ylabel)
+        legend_below(figure, [(line, label) for label, line in entries.items()])
+        write_atomically(path, render(figure, path.suffix))
