@@ -8,10 +8,14 @@ from collections.abc import Callable, Sequence
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
+from rich.measure import Measurement
 from rich.table import Table
 
 from ..benchmark.columns import COLUMNS
 from ..benchmark.leaderboard import OURS, Board, Row
+
+WIDEST = 1000
+"""No table needs more columns of text than this."""
 
 
 def show(boards: Sequence[Board]) -> None:
@@ -19,13 +23,17 @@ def show(boards: Sequence[Board]) -> None:
     for board in boards:
         table = Table(title=_title(board), title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
         table.add_column("Controller", no_wrap=True)
-        table.add_column("Source")
+        table.add_column("Source", no_wrap=True)
         for name in board.columns:
-            table.add_column(escape(COLUMNS[name].heading), justify="right")
+            # Headings may be cut where a terminal is narrow, numbers never.
+            longest = max(len(COLUMNS[name].show(row.values[name])) for row in board.rows)
+            table.add_column(escape(COLUMNS[name].heading), justify="right", min_width=longest)
         for row in board.rows:
             style = "bold" if row.source == OURS else ""
             table.add_row(escape(row.controller), row.source, *_cells(board, row), style=style)
         console = Console()
+        needed = Measurement.get(console, console.options.update(max_width=WIDEST), table)
+        console.width = max(console.width, needed.minimum if console.is_terminal else needed.maximum)
         console.print(table)
         for remark in _remarks(board):
             console.print(escape(remark), soft_wrap=True, highlight=False)

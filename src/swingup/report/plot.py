@@ -139,8 +139,8 @@ def plot_robustness(results: Mapping[str, Mapping[str, Any]]) -> "Figure":
 def plot_curves(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> "Figure":
     """Draw mean reward and score over frames, one line for each seed of each run.
 
-    Dots are single evaluations; the line through them is the best so far. The score is the RealAI score, or the mean
-    return of a task that is judged by episodes.
+    Dots are single evaluations; the line through them is the best so far. The score is the RealAI score, or the
+    mean return of a task that is judged by episodes.
 
     Args:
         runs: rows of ``metrics.jsonl``, by the names in the legend.
