@@ -185,6 +185,7 @@ def test_uptime(capsys, tmp_path):
 def test_hardware(capsys, tmp_path):
     out = run(capsys, "hardware", "pendubot", "--controller", "lqr", "--seeds", "2", "--save", "run.csv")
     assert "pendubot, lqr (domain hardware, seed 0 to 1)" in out
+    assert "Swing-up time [s]                    –   (median of the successes)" in out
     assert "Success                         0 of 2   (0% to 66%)" in out
     assert len((tmp_path / "run.csv").read_text().splitlines()) == 5001
     result = json.loads(run(capsys, "hardware", "pendubot", "--controller", "lqr", "--seeds", "2", "--json"))

@@ -2,7 +2,6 @@
 
 import contextlib
 import json as json_format
-import math
 import shlex
 import sys
 from pathlib import Path
@@ -248,7 +247,8 @@ def hardware(
     print(f"  {'Success':<26}{f'{result.successes} of {seeds}':>12}   ({low:.0%} to {high:.0%})")
     print(f"  {'Score (rules hardware)':<26}{result.score:>12.3f}")
     times = [run.criteria.swingup_time or 0.0 for run in result.runs if run.success]
-    print(f"  {'Swing-up time [s]':<26}{median(times) if times else math.nan:>12.2f}   (median of the successes)")
+    usual = COLUMNS["swingup_time"].show(median(times) if times else None)
+    print(f"  {'Swing-up time [s]':<26}{usual:>12}   (median of the successes)")
     print(f"  {'Largest speed [rad/s]':<26}{max(run.speed for run in result.runs):>12.1f}")
     print(f"  {'Largest angle [rad]':<26}{max(run.angle for run in result.runs):>12.1f}")
     for run in result.runs:
