@@ -23,11 +23,14 @@ TOLERANCE = 3e-5
 """How far torques of different runtimes may lie apart (N m)."""
 
 SENSORS = {
-    # Noise of the velocities (rad/s), age of a measurement (steps), steps of the angles (rad).
-    "perfect": (0.0, 0, 0.0),
-    "noisy": (0.5, 0, 2 * np.pi / 2**14),
-    "late": (0.0, 20, 0.0),
-    "late and noisy": (0.3, 15, 2 * np.pi / 2**14),
+    # Noise of the velocities (rad/s), age of a measurement (steps), steps of the angles (rad), and times between
+    # calls (s), one of which is drawn for each.
+    "perfect": (0.0, 0, 0.0, [DT]),
+    "noisy": (0.5, 0, 2 * np.pi / 2**14, [DT]),
+    "late": (0.0, 20, 0.0, [DT]),
+    "late and noisy": (0.3, 15, 2 * np.pi / 2**14, [DT]),
+    "400 Hz": (0.1, 4, 2 * np.pi / 2**14, [0.0025]),
+    "uneven": (0.1, 4, 2 * np.pi / 2**14, [DT, 0.0025]),
 }
 
 
@@ -71,22 +74,23 @@ def paper_policy(normalised=True):
 @functools.cache
 def recorded(robot, sensor, steps=2500):
     """A closed loop of the shipped controller in JAX: times, measurements (n, 4) and torques (n, 2)."""
-    sigma, age, quantum = SENSORS[sensor]
+    sigma, age, quantum, periods = SENSORS[sensor]
     p, controller = leaderboard_parameters(get_robot(robot)), in_double(get_controller("ar-eapo", robot))
-    noise = sigma * np.random.default_rng(3).normal(size=(steps, 2))
+    random = np.random.default_rng(3)
+    noise, pauses = sigma * random.normal(size=(steps, 2)), random.choice(periods, steps)
 
     def step(carry, now):
         past, memory = carry
-        t, normal = now
+        t, pause, normal = now
         angles = past[age, :2]
         angles = jnp.round(angles / quantum) * quantum if quantum else angles
         measured = jnp.concatenate([angles, past[age, 2:] + normal])
         memory, u = controller(memory, t, measured)
-        x = rk4_step(p, past[0], jnp.clip(u, -jnp.array([p.tl1, p.tl2]), jnp.array([p.tl1, p.tl2])), DT)
+        x = rk4_step(p, past[0], jnp.clip(u, -jnp.array([p.tl1, p.tl2]), jnp.array([p.tl1, p.tl2])), pause)
         return (jnp.concatenate([x[None], past[:-1]]), memory), (measured, u)
 
-    times = DT * np.arange(steps)
+    times = np.cumsum(pauses) - pauses
     with jax.enable_x64(True):
         start = (jnp.zeros((age + 1, 4)), controller.init())
-        _, rows = jax.jit(lambda: jax.lax.scan(step, start, (jnp.asarray(times), jnp.asarray(noise))))()
+        _, rows = jax.jit(lambda: jax.lax.scan(step, start, tuple(map(jnp.asarray, (times, pauses, noise)))))()
         return times, *(np.asarray(part) for part in rows)

@@ -55,6 +55,14 @@ def test_the_estimator_follows_a_recorded_run(name, sensor):
     assert sensor != "late" or len(dead_times) > 2
 
 
+@pytest.mark.parametrize("sensor", ["400 Hz", "uneven"])
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_a_loop_at_another_rate_swings_up_and_holds(name, sensor):
+    times, measured, _ = recorded(name, sensor)
+    off = np.abs((measured[times > times[-1] - 1, :2] - [np.pi, 0] + np.pi) % (2 * np.pi) - np.pi)
+    assert off.max() < 0.1
+
+
 def test_the_checker_finds_nothing(robot):
     assert swingup.check_controller(load_controller("ar-eapo", robot), robot) == []
 

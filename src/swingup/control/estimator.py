@@ -76,12 +76,15 @@ class EstimatingController(AbstractController[EstimatorMemory]):
 
     def __call__(self, carry: EstimatorMemory, t: Scalar, x: State) -> tuple[EstimatorMemory, Torque]:
         """The controller's torques for the estimated state (N m); x is the measurement."""
-        followed = self._follow(carry, x)
+        pause, usual = jnp.asarray(t, carry.time.dtype) - carry.time, self.settings.dt
+        late = ~((pause >= 0) & (pause <= 1.5 * usual))
+        dt = jnp.where(late | (pause == 0), usual, pause)
+        followed = self._follow(carry, x, dt)
         # What is not finite fails the comparison, and is lost.
         kept = jnp.all(jnp.abs(x - followed.state)[2:] <= LOST * self.settings.velocity_noise)
-        anew = (t < carry.time) | (t - carry.time > 1.5 * self.settings.dt) | ~kept
+        anew = late | ~kept
         memory = _choose(anew, self._restart(carry, x), followed)
-        ahead = self._ahead(memory)
+        ahead = self._ahead(memory, dt)
         seen = _choose(anew | ~jnp.all(jnp.isfinite(ahead)), x, ahead)
         inner, u = self.controller(carry.controller, t, seen)
         joint, limits = self.robot.joint, (self.parameters.tl1, self.parameters.tl2)
@@ -95,13 +98,13 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         torques, deviations = jnp.zeros_like(memory.torques), jnp.zeros_like(memory.deviations)
         return replace(memory, state=x, torques=torques, deviations=deviations)
 
-    def _follow(self, memory: EstimatorMemory, x: State) -> EstimatorMemory:
-        """One step of the filter in charge and of the bank.
+    def _follow(self, memory: EstimatorMemory, x: State, dt: Scalar) -> EstimatorMemory:
+        """One step of dt (s) of the filter in charge and of the bank.
 
         The filters of the bank differ in nothing but the torque, in which accelerations are linear: so their
         deviations follow from a double integrator, and no filter but the one in charge needs the model.
         """
-        dt, driven = self.settings.dt, jnp.array(self.robot.actuation, x.dtype)
+        dt, driven = dt.astype(x.dtype), jnp.array(self.robot.actuation, x.dtype)
         torque = memory.torques[memory.dead_time]
         predicted = midpoint_step(self.parameters, memory.state, torque * driven, dt)
         miss = x - predicted
@@ -136,8 +139,8 @@ class EstimatingController(AbstractController[EstimatorMemory]):
             [gains[0, 0] * angles + gains[0, 1] * rates, gains[1, 0] * angles + gains[1, 1] * rates], axis=-1
         )
 
-    def _ahead(self, memory: EstimatorMemory) -> State:
-        """The state after the dead time, in four steps with the mean of the torques that act in each."""
+    def _ahead(self, memory: EstimatorMemory, dt: Scalar) -> State:
+        """The state after the dead time, steps of dt (s), in four with the mean of the torques that act in each."""
         pieces = 4
         driven = jnp.array(self.robot.actuation, memory.state.dtype)
         steps = memory.dead_time.astype(memory.state.dtype) / pieces
@@ -147,7 +150,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
             # How much of each torque's step lies in the piece: it began and will end so many steps ago.
             within = jnp.clip(left * steps - ages, 0, 1) - jnp.clip((left - 1) * steps - ages, 0, 1)
             torque = jnp.sum(within * memory.torques) / jnp.maximum(steps, 1e-6)
-            x = midpoint_step(self.parameters, x, torque * driven, steps * self.settings.dt)
+            x = midpoint_step(self.parameters, x, torque * driven, steps * dt.astype(x.dtype))
         return x
 
 

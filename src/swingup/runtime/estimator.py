@@ -51,11 +51,12 @@ class NumpyEstimator:
 
     def observe(self, t: float, x: np.ndarray) -> np.ndarray:
         """The state now, as far as it can be told, for the state x (4,) (rad, rad/s) measured at time t (s)."""
-        late = t < self._time or t - self._time > 1.5 * self._settings.dt
-        self._time = t
+        pause, self._time = t - self._time, t
+        late = not 0 <= pause <= 1.5 * self._settings.dt
+        step = pause or self._settings.dt
         with np.errstate(all="ignore"):  # what is not finite is found, and let go
-            if not late and self._follow(x):
-                seen = self._ahead()
+            if not late and self._follow(x, step):
+                seen = self._ahead(step)
                 return seen if np.isfinite(seen).all() else x.copy()
         self._state, self._torques[:], self._deviations[:] = x.copy(), 0.0, 0.0
         return x.copy()
@@ -65,9 +66,9 @@ class NumpyEstimator:
         self._torques[1:] = self._torques[:-1]
         self._torques[0] = np.clip(torque, -self._limit, self._limit)
 
-    def _follow(self, x: np.ndarray) -> bool:
-        """One step of the filter in charge and of the bank; False, and all as it was, if the estimate is lost."""
-        dt, (b1, b2) = self._settings.dt, self._driven
+    def _follow(self, x: np.ndarray, dt: float) -> bool:
+        """One step (s) of the filter in charge and of the bank; False, all as it was, if the estimate is lost."""
+        b1, b2 = self._driven
         state = _four(self._state)
         torque = float(self._torques[self.dead_time])
         predicted = np.array(midpoint_step(self._plant, state, torque * b1, torque * b2, dt))
@@ -92,8 +93,8 @@ class NumpyEstimator:
         self._surprise, self.dead_time = surprise, dead_time
         return True
 
-    def _ahead(self) -> np.ndarray:
-        """The state after the dead time, in four steps with the mean of the torques that act in each."""
+    def _ahead(self, dt: float) -> np.ndarray:
+        """The state after the dead time, steps of dt (s), in four with the mean of the torques that act in each."""
         if self.dead_time == 0:
             return self._state.copy()
         steps, (b1, b2) = self.dead_time / PIECES, self._driven
@@ -103,7 +104,7 @@ class NumpyEstimator:
         x = _four(self._state)
         for before, after in itertools.pairwise(to_go):
             torque = (before - after) / steps
-            x = midpoint_step(self._plant, x, torque * b1, torque * b2, steps * self._settings.dt)
+            x = midpoint_step(self._plant, x, torque * b1, torque * b2, steps * dt)
         return np.array(x)
 
 

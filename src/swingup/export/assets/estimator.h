@@ -1,6 +1,6 @@
 /* ---- the controller: the above behind a state estimator, as docs/policy-format.md of swingup describes it ---- */
 
-#define SWINGUP_DT @DT@ /* time between calls (s) */
+#define SWINGUP_DT @DT@ /* usual time between calls (s) */
 #define SWINGUP_DEPTH @DEPTH@ /* dead times that are considered: 0 to SWINGUP_DEPTH - 1 steps */
 #define SWINGUP_PIECES 4 /* steps in which the estimate is carried ahead */
 #define SWINGUP_MOTOR_LIMIT @MOTOR_LIMIT@ /* what is asked for beyond it does not act (N m) */
@@ -62,8 +62,8 @@ static inline void swingup_correction(const double miss[4], double correction[4]
     }
 }
 
-/* One step of the filter in charge and of the bank; returns 0, with all as it was, if the estimate is lost. */
-static inline int swingup_follow(swingup_controller *c, const double x[4])
+/* One step over h (s) of the filter in charge and of the bank; 0, with all as it was, if the estimate is lost. */
+static inline int swingup_follow(swingup_controller *c, const double x[4], double h)
 {
     const double torque = c->torques[c->dead_time];
     double drifted[SWINGUP_DEPTH][4], surprise[SWINGUP_DEPTH], least = 0.0;
@@ -73,7 +73,7 @@ static inline int swingup_follow(swingup_controller *c, const double x[4])
     for (i = 0; i < 4; i++) {
         predicted[i] = c->state[i];
     }
-    swingup_step(predicted, torque, SWINGUP_DT);
+    swingup_step(predicted, torque, h);
     for (i = 0; i < 4; i++) {
         miss[i] = x[i] - predicted[i];
     }
@@ -89,8 +89,8 @@ static inline int swingup_follow(swingup_controller *c, const double x[4])
         for (i = 0; i < 2; i++) {
             const double extra = (c->torques[n] - torque) * (response[i] - still[i]);
             const double *d = c->deviations[n];
-            drifted[n][i] = d[i] + SWINGUP_DT * d[i + 2] + 0.5 * SWINGUP_DT * SWINGUP_DT * extra;
-            drifted[n][i + 2] = d[i + 2] + SWINGUP_DT * extra;
+            drifted[n][i] = d[i] + h * d[i + 2] + 0.5 * h * h * extra;
+            drifted[n][i + 2] = d[i + 2] + h * extra;
             far += (miss[i] - drifted[n][i]) * (miss[i] - drifted[n][i]);
         }
         surprise[n] = @FADING@ * c->surprise[n] + log1p(far / @SCALE2@);
@@ -142,24 +142,25 @@ static inline double swingup_asked(const swingup_controller *c, double n)
     return k < SWINGUP_DEPTH ? sum + (n - k) * c->torques[k] : sum;
 }
 
-/* The state after the dead time, in steps with the mean of the torques that act in each. */
-static inline void swingup_ahead(const swingup_controller *c, double x[4])
+/* The state after the dead time, steps of h (s), in pieces with the mean of the torques that act in each. */
+static inline void swingup_ahead(const swingup_controller *c, double x[4], double h)
 {
     const double steps = (double)c->dead_time / SWINGUP_PIECES;
     int piece;
     for (piece = SWINGUP_PIECES; piece > 0 && c->dead_time > 0; piece--) {
         const double asked = swingup_asked(c, piece * steps) - swingup_asked(c, (piece - 1) * steps);
-        swingup_step(x, asked / steps, steps * SWINGUP_DT);
+        swingup_step(x, asked / steps, steps * h);
     }
 }
 
 static inline void swingup_control(swingup_controller *c, double t, const double x[4], double u[2])
 {
-    const int late = !c->called || t < c->time || t - c->time > 1.5 * SWINGUP_DT;
+    const double pause = t - c->time, h = pause > 0.0 ? pause : SWINGUP_DT;
+    const int late = !c->called || !(pause >= 0.0 && pause <= 1.5 * SWINGUP_DT);
     double seen[4];
     int i, n, finite = 1;
 
-    if (late || !swingup_follow(c, x)) {
+    if (late || !swingup_follow(c, x, h)) {
         for (i = 0; i < 4; i++) {
             c->state[i] = seen[i] = x[i];
         }
@@ -173,7 +174,7 @@ static inline void swingup_control(swingup_controller *c, double t, const double
         for (i = 0; i < 4; i++) {
             seen[i] = c->state[i];
         }
-        swingup_ahead(c, seen);
+        swingup_ahead(c, seen, h);
         for (i = 0; i < 4; i++) {
             finite = finite && isfinite(seen[i]);
         }
