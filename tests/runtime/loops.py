@@ -33,6 +33,9 @@ SENSORS = {
     "uneven": (0.1, 4, 2 * np.pi / 2**14, [DT, 0.0025]),
 }
 
+UNSOUND = np.where(np.eye(4), np.array([np.nan, np.inf, -np.inf])[:, None, None], 0.1).reshape(-1, 4)
+"""States (12, 4) with one number that is not finite, for which every torque must be NaN."""
+
 
 @functools.cache
 def random_states(number=10_000):

@@ -11,7 +11,7 @@ from swingup.physics.parameters import get_robot
 from swingup.runtime.controller import RuntimeController, read_policy
 
 from .compiled import compile_header, needs_gcc, run, torques
-from .loops import DT, SENSORS, judged_torques, paper_policy, random_states, recorded
+from .loops import DT, SENSORS, UNSOUND, judged_torques, paper_policy, random_states, recorded
 
 pytestmark = needs_gcc
 ROBOT_NAMES = ("acrobot", "pendubot")
@@ -58,6 +58,8 @@ def test_pauses_jumps_and_what_is_not_finite(shipped):
     controller = RuntimeController(read_policy("ar-eapo", name))
     expected = [controller(*each) for each in zip(x, times, strict=True)]
     np.testing.assert_allclose(run(library, times, x), expected, rtol=0, atol=1e-9)
+    torques = run(library, np.zeros(len(UNSOUND)), UNSOUND)
+    assert np.isnan(torques[:, get_robot(name).joint]).all()
 
 
 @pytest.mark.parametrize("normalised", [True, False])

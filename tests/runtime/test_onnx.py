@@ -11,7 +11,7 @@ from swingup.export.onnx_graph import onnx_model
 from swingup.physics.parameters import get_robot
 from swingup.runtime.controller import RuntimeController, read_policy
 
-from .loops import TOLERANCE, judged_torques, paper_policy, random_states
+from .loops import TOLERANCE, UNSOUND, judged_torques, paper_policy, random_states
 
 
 def session(policy):
@@ -34,6 +34,7 @@ def test_torques_are_the_judges(name, kind):
     single = [model.run(["torque"], {"state": x[None]})[0][0, joint] for x in states[:1000]]
     np.testing.assert_allclose(single, expected[:1000], rtol=0, atol=TOLERANCE)
     assert model.run(None, {"state": states[:0]})[0].shape == (0, 2)
+    assert np.isnan(model.run(None, {"state": UNSOUND})[0][:, joint]).all()
 
 
 @pytest.mark.parametrize("normalised", [True, False])

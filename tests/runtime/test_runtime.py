@@ -13,7 +13,7 @@ from swingup.physics.parameters import get_robot, leaderboard_parameters
 from swingup.runtime import load_controller, plant
 from swingup.runtime.controller import read_policy
 
-from .loops import DT, SENSORS, TOLERANCE, in_double, judged_torques, paper_policy, random_states, recorded
+from .loops import DT, SENSORS, TOLERANCE, UNSOUND, in_double, judged_torques, paper_policy, random_states, recorded
 
 ROBOT_NAMES = ("acrobot", "pendubot")
 
@@ -30,6 +30,17 @@ def test_torques_are_the_judges(name, kind):
     np.testing.assert_allclose(torques[:, joint], judged_torques(name, kind), rtol=0, atol=TOLERANCE)
     assert not torques[:, 1 - joint].any()
     assert np.ptp(torques[:, joint]) > 6
+
+
+@pytest.mark.parametrize("kind", ["ar-eapo", "ar-eapo-base", "ar-eapo-hardware"])
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_no_torque_hides_a_number_that_is_not_finite(name, kind, x64):
+    controller, reference, joint = load_controller(kind, name), get_controller(kind, name), get_robot(name).joint
+    for x in UNSOUND:
+        controller.reset()
+        u, judged = controller(x, 0.0), np.asarray(reference(reference.init(), 0.0, x)[1])
+        assert np.isnan([u[joint], judged[joint]]).all()
+        np.testing.assert_array_equal(np.isinf(u) | np.isinf(judged), False)
 
 
 @pytest.mark.parametrize("normalised", [True, False])

@@ -62,7 +62,9 @@ class PolicyController(AbstractController[PolicyMemory | None]):
         return PolicyMemory(jnp.asarray(t, carry.time.dtype), memory), command
 
     def _torque(self, seen: Observation) -> Scalar:
-        return self.torque_limit * self.policy(seen).astype(seen.dtype)[0]
+        """NaN if anything seen is not finite: what is clipped must not hide it."""
+        torque = self.torque_limit * self.policy(seen).astype(seen.dtype)[0]
+        return jnp.where(jnp.isfinite(seen).all(), torque, jnp.nan)
 
 
 def save_controller(path: str | Path, controller: PolicyController, provenance: Mapping[str, Any]) -> None:

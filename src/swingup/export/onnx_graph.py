@@ -48,8 +48,10 @@ def onnx_model(policy: PendulumPolicy) -> bytes:
         "Tanh", graph.gemm(features, head.weight.astype(float), graph.constant(head.bias.astype(float)))
     )
     torques = policy.torque_limit * np.array([policy.robot.actuation])
-    graph.add("Mul", action, graph.constant(torques), outputs=["torque"])
     inputs = policy.stage.input_size
+    # Zero times what is not finite is NaN: what is clipped must not hide it.
+    unsound = graph.add("MatMul", "state", graph.constant(np.zeros((inputs, 2))))
+    graph.add("Add", graph.add("Mul", action, graph.constant(torques)), unsound, outputs=["torque"])
     model = graph.finish(
         onnx.TensorProto.DOUBLE, inputs, f"policy of the {policy.robot.name}, N m for rad and rad/s"
     )

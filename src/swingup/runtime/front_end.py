@@ -131,7 +131,7 @@ class NumpyFrontEnd:
         if self._past_torques.size:
             self._past_torques[1:] = self._past_torques[:-1].copy()
             self._past_torques[0] = torque / self._limit
-        rates = self._past[0, 2:]
+        rates = np.where(np.isfinite(self._past[0, 2:]), self._past[0, 2:], np.nan)
         friction = friction_torque(rates, self._damping, self._coulomb)
         u = np.clip(friction, -self._bounds, self._bounds)
         u[self._joint] += torque

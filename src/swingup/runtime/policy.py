@@ -70,7 +70,7 @@ def _state(stage: PendulumStage) -> Observe:
 
     def observe(x: np.ndarray) -> np.ndarray:
         q1, q2, dq1, dq2 = x.tolist()
-        if not math.isfinite(q1 + q2) or math.isnan(dq1) or math.isnan(dq2):
+        if not math.isfinite(q1 + q2 + dq1 + dq2):
             return np.full(4 if wrapped else 6, np.nan)
         v1, v2 = max(-scale, min(scale, dq1)) / scale, max(-scale, min(scale, dq2)) / scale
         if wrapped:

@@ -61,6 +61,7 @@ class FrontEnd(eqx.Module):
     def command(self, memory: FrontEndMemory, torque: Scalar, robot: Robot) -> Torque:
         """The torques [u1, u2] of both motors (N m): the policy's, and what makes up for friction."""
         rates, settings = memory.past[0, 2:], self.settings
+        rates = jnp.where(jnp.isfinite(rates), rates, jnp.nan)
         damping, coulomb = jnp.array(settings.damping, rates.dtype), jnp.array(settings.coulomb, rates.dtype)
         friction = damping * rates + coulomb * jnp.arctan(STEEPNESS * rates)
         passive = jnp.clip(friction, -settings.passive_limit, settings.passive_limit)

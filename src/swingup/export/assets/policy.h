@@ -48,11 +48,13 @@ static inline double swingup_policy(const double x[@SHOWN@])
 @BUFFERS@
     int i;
 
+    for (i = 0; i < @SHOWN@; i++) {
+        if (!isfinite(x[i])) {
+            return NAN;
+        }
+    }
 @OBSERVE@
     for (i = 0; i < @INPUTS@; i++) {
-        if (isnan(observation[i])) {
-            return observation[i];
-        }
         input[i] = (swingup_real)observation[i];
     }
 @CALLS@
