@@ -105,14 +105,44 @@ def test_settings_and_what_is_harmless(tmp_path):
     controller.save(tmp_path)
     saved = json.loads((tmp_path / "controller_swingup.json").read_text())
     assert (saved["robot"], saved["controller"], saved["damping"]) == ("acrobot", "ar-eapo", [0.01, 0.02])
-    # A filter sees the measurement and the last torques; reset() takes everything back.
-    controller.set_filter(lambda x, u: np.array([0.1, 0.2, 1.0, -2.0]) + 0 * x)
-    controller.set_friction_compensation()
-    controller.init()
-    np.testing.assert_array_equal(controller.get_control_output(np.zeros(4), 0.0), plain)
     controller.reset()
     controller.init()
-    assert not np.array_equal(controller.get_control_output(np.zeros(4), 0.0), plain)
+    np.testing.assert_array_equal(controller.get_control_output([0.1, 0.2, 1.0, -2.0], 0.0), plain)
+    controller.save(tmp_path / "new" / "folder")
+    assert (tmp_path / "new" / "folder" / "controller_swingup.json").exists()
+    with pytest.raises(SwingupError, match="choose another folder"):
+        controller.save(tmp_path / "controller_swingup.json")
+
+
+class LowPass:
+    """A filter with the methods of RealAIGym's."""
+
+    def __init__(self):
+        self.begun = 0
+
+    def init(self):
+        self.begun, self.state = self.begun + 1, np.zeros(4)
+
+    def get_filtered_state(self, x, u):
+        self.state = 0.5 * self.state + 0.5 * np.asarray(x)
+        return self.state
+
+
+@pytest.mark.parametrize("kind", ["object", "function"])
+def test_a_filter_of_realaigyms_or_a_function(kind):
+    x = np.array([0.1, 0.2, 1.0, -2.0])
+    controller, low_pass = realaigym.load_controller("ar-eapo-base", "acrobot"), LowPass()
+    half = controller.get_control_output(0.5 * x, 0.0)
+    controller.set_filter(low_pass if kind == "object" else lambda x, u: 0.5 * x)
+    for _ in range(2):  # the filter stays, its memory does not
+        controller.reset()
+        controller.init()
+        np.testing.assert_array_equal(controller.get_control_output(x, 0.0), half)
+        np.testing.assert_array_equal(controller.filter.x_hist, [x])
+        np.testing.assert_array_equal(controller.filter.x_filt_hist, [0.5 * x])
+    assert low_pass.begun == (3 if kind == "object" else 0)  # once when it was set
+    controller.set_filter()
+    assert not np.array_equal(controller.get_control_output(x, 0.0), half)
 
 
 def test_without_a_time_calls_are_steps(robot):

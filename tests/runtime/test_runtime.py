@@ -1,5 +1,7 @@
 """The NumPy runtime against the judge's JAX: torques, the estimator over whole runs, and what it refuses."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -10,8 +12,9 @@ from swingup.errors import SwingupError
 from swingup.physics.dynamics import acceleration
 from swingup.physics.integrate import midpoint_step
 from swingup.physics.parameters import get_robot, leaderboard_parameters
-from swingup.runtime import load_controller, plant
-from swingup.runtime.controller import read_policy
+from swingup.runtime import load_controller, plant, realaigym
+from swingup.runtime.controller import RuntimeController, read_policy
+from swingup.runtime.front_end import FrontEndSettings
 
 from .loops import DT, SENSORS, TOLERANCE, UNSOUND, in_double, judged_torques, paper_policy, random_states, recorded
 
@@ -76,6 +79,17 @@ def test_a_loop_at_another_rate_swings_up_and_holds(name, sensor):
 
 def test_the_checker_finds_nothing(robot):
     assert swingup.check_controller(load_controller("ar-eapo", robot), robot) == []
+
+
+def test_the_period_is_the_estimators_or_the_front_ends():
+    policy = read_policy("ar-eapo-hardware", "acrobot")
+    assert policy.period == DT
+    alone = dataclasses.replace(policy, estimator=None, front_end=FrontEndSettings(dt=0.001))
+    assert (alone.period, dataclasses.replace(alone, front_end=None).period) == (0.001, None)
+    counted, timed = (realaigym.wrap_policy(RuntimeController(alone), "memory") for _ in range(2))
+    for step in range(5):
+        x = np.full(4, 0.1 * step)
+        np.testing.assert_array_equal(counted.get_control_output(x), timed.get_control_output(x, 0.001 * step))
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)

@@ -80,11 +80,10 @@ def c_header(policy: PendulumPolicy) -> str:
     sizes = [len(layer.bias) for layer in layers]
     fronts = {"state estimator": policy.estimator, "front end": policy.front_end}
     parts = " and its ".join(name for name, front in fronts.items() if front is not None)
-    periods = [front.dt for front in (policy.estimator, policy.front_end) if front is not None]
     about = f"a policy{f' behind its {parts}' if parts else ''} for the {policy.robot.name}"
     values = {
         "ABOUT": f"{about}, written by swingup {__version__}.".capitalize(),
-        "RATE": f"every {periods[0]:g} s" if periods else "at the loop's rate",
+        "RATE": f"every {policy.period:g} s" if policy.period else "at the loop's rate",
         "PASSIVE": "for its friction" if policy.front_end else "0",
         "SHOWN": str(policy.stage.input_size),
         "DRIVEN": str(policy.robot.joint),

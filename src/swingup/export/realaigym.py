@@ -93,21 +93,22 @@ def _entry(policy: PendulumPolicy, username: str) -> str:
 
 
 def _readme(policy: PendulumPolicy) -> str:
-    estimator, command = policy.estimator, policy.metadata.get("command")
+    command = policy.metadata.get("command")
     seen = (
         "an estimate of the state by a Kalman filter, which also finds the loop's dead time"
-        if estimator
+        if policy.estimator
         else "the measured state"
     )
+    front = ", through a front end with filter, memory and friction compensation" if policy.front_end else ""
     values = {
-        "ESTIMATOR": f"It is shown {seen}.",
+        "ESTIMATOR": f"It is shown {seen}{front}.",
         "JOINT": ("shoulder", "elbow")[policy.robot.joint],
         "LAYERS": " and ".join(str(len(layer.bias)) for layer in policy.file.trunk),
         "TORQUE": _torque(policy),
         "NAME": NAME,
         "ORIGIN": f"- The policy file was made by `{command}`." if isinstance(command, str) else "",
         "PACKAGE": PACKAGE,
-        "RATE": f"one call every {estimator.dt:g} s" if estimator else "any; 500 Hz on the leaderboards",
+        "RATE": f"one call every {policy.period:g} s" if policy.period else "any; 500 Hz on the leaderboards",
         "ROBOT": policy.robot.name,
         "VERSION": __version__,
     }

@@ -138,6 +138,12 @@ class PendulumPolicy:
         assert isinstance(stage, PendulumStage)
         return stage
 
+    @property
+    def period(self) -> float | None:
+        """Time between calls that its estimator or its front end reckons with (s); None for any."""
+        fronts = (self.estimator, self.front_end)
+        return next((front.dt for front in fronts if front is not None), None)
+
 
 def read_policy_file(path: str | Path) -> tuple[PolicyFile, dict[str, Any]]:
     """Read a policy and its metadata; statistics are float64, weights float32.

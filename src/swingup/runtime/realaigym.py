@@ -6,7 +6,7 @@ histories; wrappers (combined and testing controllers) call the inner forms, who
 """
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -32,24 +32,36 @@ class Answering(Protocol):
         """The torques."""
 
 
-class PassingFilter:
-    """RealAIGym's place for a filter of measurements, and here its history; it changes nothing."""
+class Filter:
+    """A filter of measurements with the interface of RealAIGym's, and its histories."""
 
-    def __init__(self) -> None:
+    def __init__(self, inner: Any = None) -> None:
+        """Wrap an object with ``get_filtered_state(x, u)`` or a function of (x, u); None changes nothing."""
+        self._inner, self._call = inner, getattr(inner, "get_filtered_state", inner)
+        self.init()
+
+    def init(self) -> None:
+        """Begin a run; a filter with an ``init()`` of its own is told."""
         self.x_hist: list[np.ndarray] = []
         """Measurements so far."""
+        self.x_filt_hist: list[np.ndarray] = []
+        """What the controller was shown."""
+        if hasattr(self._inner, "init"):
+            self._inner.init()
 
-    def __call__(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """The measurement."""
+    def get_filtered_state(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """What the controller is shown for the measurement x (4,) after the torques u (2,)."""
         self.x_hist.append(x)
-        return x
+        seen = x.copy() if self._call is None else np.array(self._call(x.copy(), u), np.float64)
+        self.x_filt_hist.append(seen)
+        return seen
 
 
 class RealAIGymController:
     """A controller as RealAIGym calls it.
 
-    ``init()`` begins a run: memory and histories are cleared. ``reset()`` also takes back the settings (filter,
-    friction compensation), as its own controllers do, and wants an ``init()`` afterwards.
+    ``init()`` begins a run: memory and histories are cleared. ``reset()`` also takes the friction compensation
+    back, as its own controllers do, and wants an ``init()`` afterwards.
     """
 
     def __init__(self, controller: Answering, robot: Robot, about: dict[str, Any], dt: float = 0.002) -> None:
@@ -65,12 +77,14 @@ class RealAIGymController:
         self.disturbance_intervals: list[Any] = []
         """When somebody disturbs the run on purpose; never."""
         self._controller, self._about, self._dt = controller, about, dt
+        self.filter = Filter()
+        """What filters measurements, with its histories."""
         self.reset()
         self.init()
 
     def init(self) -> None:
         """Begin a run."""
-        self.filter = self._new_filter()
+        self.filter.init()
         self.x_hist: list[np.ndarray] = []
         """Measurements so far."""
         self.u_hist: list[np.ndarray] = [np.zeros(2)]
@@ -87,8 +101,7 @@ class RealAIGymController:
         self._controller.reset()
 
     def reset(self) -> None:
-        """No filter, no friction compensation, and no memory."""
-        self._new_filter: Callable[[], Any] = PassingFilter
+        """No friction compensation, and no memory."""
         self.set_friction_compensation()
         self.reset_()
 
@@ -100,7 +113,7 @@ class RealAIGymController:
         """The torques [u1, u2] (N m), a new float64 array, for the state x measured at time t (s)."""
         measured = np.array(x, np.float64)
         self.x_hist.append(measured)
-        seen = np.asarray(self.filter(measured.copy(), self.u_hist[-1]), np.float64)
+        seen = self.filter.get_filtered_state(measured, self.u_hist[-1])
         friction = friction_torque(seen[2:], self._damping, self._coulomb)
         u = self.get_control_output_(seen, t) + friction
         self.u_fric_hist.append(friction)
@@ -118,7 +131,7 @@ class RealAIGymController:
         """Write what this controller is to ``controller_swingup.json`` in a folder.
 
         Raises:
-            SwingupError: the folder does not exist or cannot be written.
+            SwingupError: the folder cannot be made or written.
         """
         self.save_(directory)
 
@@ -126,15 +139,24 @@ class RealAIGymController:
         """The same, as wrappers call it."""
         settings = {"damping": self._damping.tolist(), "coulomb_fric": self._coulomb.tolist()}
         text = json.dumps({"robot": self.robot.name, **self._about, **settings}, indent=2)
+        try:
+            Path(directory).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise SwingupError(
+                f"cannot make {directory}: {error.strerror or error}; choose another folder"
+            ) from error
         write_atomically(Path(directory) / SAVED, (text + "\n").encode())
 
     def set_filter(self, filter: Any = None) -> None:
-        """Filter measurements by ``filter(x, u)`` with the last torques u; None for no filter.
+        """Filter measurements from now on, after ``reset()`` as well.
 
-        A policy that ships with a state estimator wants none. Histories are the filter's own.
+        A policy that ships with a state estimator wants no filter.
+
+        Args:
+            filter: an object with ``get_filtered_state(x, u)``, as RealAIGym's, or a function of (x, u): the
+                measurement and the last torques; None for no filter.
         """
-        self._new_filter = PassingFilter if filter is None else lambda: filter
-        self.filter = self._new_filter()
+        self.filter = Filter(filter)
 
     def set_friction_compensation(
         self, damping: Sequence[float] = (0.0, 0.0), coulomb_fric: Sequence[float] = (0.0, 0.0)
@@ -191,8 +213,8 @@ def wrap_policy(controller: RuntimeController, name: str) -> RealAIGymController
     policy = controller.policy
     about = {"controller": name, "torque_limit": policy.torque_limit}
     origin = {key: policy.metadata[key] for key in ("version", "command", "seed") if key in policy.metadata}
-    dt = {} if policy.estimator is None else {"dt": policy.estimator.dt}
-    return RealAIGymController(controller, policy.robot, about | {"policy": origin}, **dt)
+    period = {} if policy.period is None else {"dt": policy.period}
+    return RealAIGymController(controller, policy.robot, about | {"policy": origin}, **period)
 
 
 def _two(name: str, given: Sequence[float]) -> np.ndarray:
