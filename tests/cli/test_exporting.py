@@ -74,12 +74,14 @@ def test_a_folder_for_realaigym_needs_numpy_alone(tmp_path, robot, capsys):
 def test_a_policy_file_and_its_username(tmp_path):
     source = tmp_path / "mine.npz"
     save_controller(source, *shipped_policy("pendubot", "base"))
-    assert (
-        main(["export", str(source), "--to", "realaigym", "--out", str(tmp_path / "e"), "--username", "Ada"]) == 0
-    )
-    assert (tmp_path / "e/swingup_controller/policy.npz").read_bytes() == source.read_bytes()
-    entry = (tmp_path / "e/con_swingup.py").read_text()
+    options = ["--to", "realaigym", "--out", str(tmp_path / "e"), "--username", "Ada", "--name", "twin_2"]
+    assert main(["export", str(source), *options]) == 0
+    assert (tmp_path / "e/twin_2_controller/policy.npz").read_bytes() == source.read_bytes()
+    assert (tmp_path / "e/readmes/twin_2.md").exists()
+    entry = (tmp_path / "e/con_twin_2.py").read_text()
     assert '"username": "Ada"' in entry
+    assert 'name = "twin_2"' in entry
+    assert "from twin_2_controller.runtime" in entry
     assert 'robot = "pendubot"' in entry
 
 
@@ -109,6 +111,8 @@ def test_graphs_and_headers(tmp_path, capsys):
             "username 'a,b' does not fit",
         ),
         (["none.npz", "--to", "realaigym"], "no such file: none.npz"),
+        (["ar-eapo", "--robot", "acrobot", "--to", "realaigym", "--name", "../x"], "name '../x': use up to 40"),
+        (["ar-eapo", "--robot", "acrobot", "--to", "c", "--name", "2x"], "name '2x': use up to 40 small letters"),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(options, message, tmp_path, monkeypatch, capsys):

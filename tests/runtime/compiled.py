@@ -40,7 +40,12 @@ void run(int n, const double *t, const double *x, double *u)
 def compile_header(folder, text, *flags):
     """The shared library of a header's text."""
     (folder / "policy.h").write_text(text, encoding="utf-8")
-    (folder / "driver.c").write_text(DRIVER, encoding="utf-8")
+    return compile_program(folder, DRIVER, *flags)
+
+
+def compile_program(folder, text, *flags):
+    """The shared library of a program that includes headers of the folder."""
+    (folder / "driver.c").write_text(text, encoding="utf-8")
     library = folder / "driver.so"
     command = [*STRICT, *flags, "-shared", "-fPIC", "-o", str(library), str(folder / "driver.c"), "-lm"]
     result = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -51,18 +56,19 @@ def compile_header(folder, text, *flags):
 def torques(library, states):
     """The policy's torques (n,) for states (n, 4)."""
     u = np.empty(len(states))
-    library.torques(len(states), _pointer(states), _pointer(u))
+    library.torques(len(states), pointer(states), pointer(u))
     return u
 
 
 def run(library, times, states):
     """The controller's torques (n, 2) from its reset on."""
     u = np.empty((len(states), 2))
-    library.run(len(states), _pointer(times), _pointer(states), _pointer(u))
+    library.run(len(states), pointer(times), pointer(states), pointer(u))
     return u
 
 
-def _pointer(array):
+def pointer(array):
+    """An array for C."""
     assert array.flags.c_contiguous
     assert array.dtype == np.float64
     return array.ctypes.data_as(ctypes.c_void_p)

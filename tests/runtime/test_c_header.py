@@ -9,8 +9,9 @@ from swingup.control.learned import save_controller
 from swingup.export.c_header import c_header
 from swingup.physics.parameters import get_robot
 from swingup.runtime.controller import RuntimeController, read_policy
+from swingup.runtime.policy import NumpyPolicy
 
-from .compiled import compile_header, needs_gcc, run, torques
+from .compiled import compile_header, compile_program, needs_gcc, pointer, run, torques
 from .loops import DT, SENSORS, UNSOUND, judged_torques, paper_policy, random_states, recorded
 
 pytestmark = needs_gcc
@@ -84,3 +85,27 @@ def test_numbers_are_the_files(shipped):
     assert "@" not in text
     assert "malloc" not in text
     assert set(re.findall(r"#include (.*)", text)) == {"<math.h>"}
+
+
+TWO = """
+#include "left.h"
+#include "right.h"
+
+void both(const double *x, double *u);
+
+void both(const double *x, double *u)
+{
+    u[0] = left_policy(x);
+    u[1] = right_policy(x);
+}
+"""
+
+
+def test_two_policies_in_one_program(tmp_path):
+    policies = [read_policy("ar-eapo", name) for name in ("acrobot", "pendubot")]
+    for policy, name in zip(policies, ("left", "right"), strict=True):
+        (tmp_path / f"{name}.h").write_text(c_header(policy, name))
+    library, u = compile_program(tmp_path, TWO), np.zeros(2)
+    for x in random_states()[:5]:
+        library.both(pointer(np.ascontiguousarray(x)), pointer(u))
+        np.testing.assert_allclose(u, [NumpyPolicy(policy)(x) for policy in policies], rtol=0, atol=1e-11)

@@ -10,7 +10,8 @@ from ..errors import SwingupError
 from ..export.c_header import c_header
 from ..export.onnx_graph import onnx_model
 from ..export.realaigym import export_realaigym
-from ..files import check_writable, write_atomically
+from ..export.template import NAME
+from ..files import write_atomically
 from ..runtime.controller import read_policy
 from ..runtime.shipped import KINDS, shipped_file
 
@@ -24,6 +25,7 @@ def export(
     out: Annotated[str, arg(metavar="PATH")],
     robot: str | None = None,
     username: str = "swingup",
+    name: str = NAME,
 ) -> int:
     """Write a policy for RealAIGym, ONNX Runtime or C.
 
@@ -34,6 +36,8 @@ def export(
         out: the folder, new or empty; or the file.
         robot: acrobot or pendubot; needed with a name, checked with a file.
         username: who is named on RealAIGym's leaderboard.
+        name: of the leaderboard's entry (con_NAME.py), and what all names in a C header begin with, so that several
+            go side by side; ONNX has none.
     """
     if to not in FORMS:
         raise SwingupError(f"cannot export to {to!r}: use one of {', '.join(FORMS)}")
@@ -41,10 +45,10 @@ def export(
     if to == "realaigym":
         file = shipped_file(found.robot, KINDS[policy]) if policy in KINDS else Path(policy)
         with resources.as_file(file) as source:
-            print(export_realaigym(found, source, out, username))
+            print(export_realaigym(found, source, out, username, name))
         return 0
-    check_writable(out)
-    write_atomically(out, onnx_model(found) if to == "onnx" else c_header(found).encode())
+    content = onnx_model(found) if to == "onnx" else c_header(found, name).encode()
+    write_atomically(out, content)
     print(out)
     if to == "onnx" and found.estimator is not None:
         print("without the state estimator that the policy ships with: feed it good states, or run one yourself")

@@ -14,7 +14,7 @@ from ..runtime.plant import nominal_plant
 from ..runtime.policy_file import NormaliseStage, PendulumPolicy, PendulumStage, Stage
 from ..runtime.settings import LOST, EstimatorSettings, kalman_gains
 from ..version import __version__
-from .template import asset, fill
+from .template import NAME, asset, check_name, fill
 
 LAYER = """\
 static inline void swingup_layer_{index}(const swingup_real x[{inputs}], swingup_real y[{outputs}])
@@ -69,12 +69,17 @@ NORMALISE = """\
 """
 
 
-def c_header(policy: PendulumPolicy) -> str:
+def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
     """The header's text.
 
+    Args:
+        policy: what the policy file holds.
+        name: what all names in it begin with; headers with different names go into one program.
+
     Raises:
-        SwingupError: the policy has an observation that this program does not write.
+        SwingupError: the name is no identifier, or the policy has an observation that this program does not write.
     """
+    check_name(name)
     layers = policy.file.layers
     names = ["input", *(f"layer_{index}" for index in range(len(layers)))]
     sizes = [len(layer.bias) for layer in layers]
@@ -100,7 +105,8 @@ def c_header(policy: PendulumPolicy) -> str:
         "RESULT": names[-1],
         "CONTROLLER": _controller(policy),
     }
-    return fill(asset("policy.h"), values)
+    text = fill(asset("policy.h"), values)
+    return text.replace(f"{NAME}_", f"{name}_").replace(f"{NAME.upper()}_", f"{name.upper()}_")
 
 
 def _controller(policy: PendulumPolicy) -> str:

@@ -10,13 +10,10 @@ from ..files import write_atomically
 from ..runtime.plant import MODEL
 from ..runtime.policy_file import PendulumPolicy
 from ..version import __version__
-from .template import asset, fill
+from .template import NAME, asset, check_name, fill
 
-PACKAGE = "swingup_controller"
-"""Name of the copied source, so that an installed swingup is never meant."""
-
-NAME = "swingup"
-"""The entry's name on a leaderboard."""
+PACKAGE = "{name}_controller"
+"""Name of the copied source, so that an installed swingup or another entry is never meant."""
 
 SOURCES = (
     "errors.py", "files.py", "arrays.py", "robots.py", MODEL,
@@ -30,7 +27,9 @@ SOURCES = (
 ABOUT = f'"""What a policy needs to run, copied from swingup {__version__} (Apache-2.0)."""\n'
 
 
-def export_realaigym(policy: PendulumPolicy, source: Path, folder: str | Path, username: str) -> Path:
+def export_realaigym(
+    policy: PendulumPolicy, source: Path, folder: str | Path, username: str, name: str = NAME
+) -> Path:
     """Write the folder, whole or not at all.
 
     Args:
@@ -38,13 +37,15 @@ def export_realaigym(policy: PendulumPolicy, source: Path, folder: str | Path, u
         source: the policy file.
         folder: a new or empty folder.
         username: who is named on the leaderboard.
+        name: the entry's name there.
 
     Returns:
-        The entry's file, ``con_swingup.py``.
+        The entry's file, ``con_NAME.py``.
 
     Raises:
-        SwingupError: the folder is not empty or cannot be written, or the name does not fit the entry.
+        SwingupError: the folder is not empty or cannot be written, or a name does not fit the entry.
     """
+    check_name(name)
     target = Path(folder).resolve()
     if not username.isprintable() or any(sign in username for sign in '"\\,') or not 0 < len(username) <= 60:
         raise SwingupError(
@@ -56,13 +57,13 @@ def export_realaigym(policy: PendulumPolicy, source: Path, folder: str | Path, u
     try:
         with tempfile.TemporaryDirectory(dir=target.parent, prefix=f".{target.name}.") as temporary:
             made = Path(temporary) / target.name
-            package = made / PACKAGE
-            for name in SOURCES:
-                _write(package / name, root.joinpath(*name.split("/")).read_bytes())
+            package = made / PACKAGE.format(name=name)
+            for file in SOURCES:
+                _write(package / file, root.joinpath(*file.split("/")).read_bytes())
             _write(package / "__init__.py", ABOUT.encode())
             _write(package / "policy.npz", source.read_bytes())
-            _write(made / f"con_{NAME}.py", _entry(policy, username).encode())
-            _write(made / "readmes" / f"{NAME}.md", _readme(policy).encode())
+            _write(made / f"con_{name}.py", _entry(policy, username, name).encode())
+            _write(made / "readmes" / f"{name}.md", _readme(policy, name).encode())
             if target.exists():
                 target.rmdir()
             shutil.move(made, target)
@@ -71,7 +72,7 @@ def export_realaigym(policy: PendulumPolicy, source: Path, folder: str | Path, u
         raise SwingupError(
             f"cannot write {folder}: {reason}; choose a place that exists and can be written"
         ) from error
-    return target / f"con_{NAME}.py"
+    return target / f"con_{name}.py"
 
 
 def _write(path: Path, content: bytes) -> None:
@@ -79,12 +80,12 @@ def _write(path: Path, content: bytes) -> None:
     write_atomically(path, content)
 
 
-def _entry(policy: PendulumPolicy, username: str) -> str:
+def _entry(policy: PendulumPolicy, username: str, name: str) -> str:
     behind = " behind a state estimator" if policy.estimator else ""
     values = {
         "DESCRIPTION": f"Average-reward maximum-entropy RL (AR-EAPO): one network{behind}",
-        "NAME": NAME,
-        "PACKAGE": PACKAGE,
+        "NAME": name,
+        "PACKAGE": PACKAGE.format(name=name),
         "ROBOT": policy.robot.name,
         "USERNAME": username,
         "VERSION": __version__,
@@ -92,7 +93,7 @@ def _entry(policy: PendulumPolicy, username: str) -> str:
     return fill(asset("con_swingup.py.txt"), values)
 
 
-def _readme(policy: PendulumPolicy) -> str:
+def _readme(policy: PendulumPolicy, name: str) -> str:
     command = policy.metadata.get("command")
     seen = (
         "an estimate of the state by a Kalman filter, which also finds the loop's dead time"
@@ -105,9 +106,9 @@ def _readme(policy: PendulumPolicy) -> str:
         "JOINT": ("shoulder", "elbow")[policy.robot.joint],
         "LAYERS": " and ".join(str(len(layer.bias)) for layer in policy.file.trunk),
         "TORQUE": _torque(policy),
-        "NAME": NAME,
+        "NAME": name,
         "ORIGIN": f"- The policy file was made by `{command}`." if isinstance(command, str) else "",
-        "PACKAGE": PACKAGE,
+        "PACKAGE": PACKAGE.format(name=name),
         "RATE": f"one call every {policy.period:g} s" if policy.period else "any; 500 Hz on the leaderboards",
         "ROBOT": policy.robot.name,
         "VERSION": __version__,

@@ -4,6 +4,22 @@ import re
 from collections.abc import Mapping
 from importlib import resources
 
+from ..errors import SwingupError
+
+NAME = "swingup"
+"""What exported things are called unless another name is asked for."""
+
+
+def check_name(name: str) -> str:
+    """A name for an export, which must do for files, for Python and for C.
+
+    Raises:
+        SwingupError: it does not.
+    """
+    if not re.fullmatch(r"[a-z][a-z0-9_]{0,39}", name):
+        raise SwingupError(f"name {name!r}: use up to 40 small letters, digits and _, a letter first")
+    return name
+
 
 def asset(name: str) -> str:
     """The text of a file in ``assets``."""
