@@ -1,0 +1,34 @@
+"""Onto the robot: the policy for the real plant, judged there, run as a 500 Hz loop runs it, and exported to C."""
+
+import time
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+
+import swingup
+from swingup.export.c_header import c_header
+from swingup.realaigym import load_controller
+from swingup.runtime.controller import read_policy
+
+ROBOT, NAME, SEEDS = "acrobot", "ar-eapo-hardware", 5
+
+# Friction, motor inertia, a dead time of 10 ms, noisy velocities, imperfect motors: docs/hardware.md.
+result = swingup.hardware(swingup.get_controller(NAME, ROBOT), ROBOT, NAME, seeds=SEEDS)
+print(f"{NAME} on the {ROBOT}'s plant: {result.successes} of {SEEDS} swing-ups held")
+
+# What the robot's loop calls: NumPy alone. Here it is shown what was measured in the first of these runs.
+controller = load_controller(NAME, ROBOT)
+controller.reset()
+controller.init()
+rows, took = result.trajectory, []
+for t, x in zip(np.asarray(rows.time), np.asarray(rows.x), strict=True):
+    start = time.perf_counter()
+    u = controller.get_control_output(x=x, t=t)
+    took.append(time.perf_counter() - start)
+    assert u.shape == (2,)
+    assert abs(u[0]) < 1.0  # the passive joint's motor only makes up for friction
+print(f"{len(took)} calls, {1e6 * median(took):.0f} microseconds each in the median")
+
+Path("policy.h").write_text(c_header(read_policy(NAME, ROBOT)), encoding="utf-8")
+print("written: policy.h, for a microcontroller")
