@@ -5,6 +5,7 @@ the files of the package stand in ``tasks/domains``, with their sources.
 """
 
 import dataclasses
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
@@ -24,6 +25,9 @@ DT = 0.002
 
 PLANT = tuple(name for name in NAMES if name not in ("tl1", "tl2"))
 """Parameters that a domain may give; what it leaves out is as identified."""
+
+MASSES = ("m2", "l1", "r2", "I1", "I2", "Ir", "gr")
+"""Those that enter the mass matrix, which must be positive definite for all their combinations."""
 
 LOOP = {
     "torque_limit": 6.0, "passive_limit": 0.0, "delay": 0.0, "velocity_noise": 0.0, "torque_noise": 0.0,
@@ -64,9 +68,12 @@ class Domain:
                 raise SwingupError(
                     f"{name} = [{low:g}, {high:g}] must lie between 0 and {LARGEST.get(name, 1e9):g}"
                 )
-        for end in (0, 1):
-            values = {name: (low, high)[end] for name, low, high in self.ranges}
-            validated(dataclasses.replace(identified_parameters(), **{n: values[n] for n in PLANT if n in values}))
+        plant = {name: (low, high) for name, low, high in self.ranges if name in PLANT}
+        apart, usual = [name for name in MASSES if name in plant], identified_parameters()
+        corners = itertools.product(*(dict.fromkeys(plant[name]) for name in apart))
+        for end, corner in itertools.product((0, 1), corners):
+            values = {name: pair[end] for name, pair in plant.items()} | dict(zip(apart, corner, strict=True))
+            validated(dataclasses.replace(usual, **values))
 
     @property
     def depth(self) -> int:
@@ -135,7 +142,15 @@ def load_domain(source: str | Path) -> Domain:
 
 def _range(name: str, value: Any) -> tuple[float, float]:
     ends = value if isinstance(value, list | tuple) else [value, value]
-    numbers = [end for end in ends if isinstance(end, int | float) and not isinstance(end, bool)]
+    numbers = [number for number in map(_number, ends) if number is not None]
     if len(ends) != 2 or len(numbers) != 2:
         raise SwingupError(f"{name} = {value!r} must be a number, or a range [low, high]")
-    return float(ends[0]), float(ends[1])
+    return numbers[0], numbers[1]
+
+
+def _number(value: Any) -> float | None:
+    """A number, or a text that is one: YAML's 4e-5 has no point."""
+    try:
+        return None if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        return None
