@@ -76,14 +76,15 @@ def _train_command(base: Config) -> Callable[..., int]:
             evaluate_every: frames between evaluations, metrics and progress; default 65536.
             checkpoint_every: frames between checkpoints; default 1048576, or 262144 with --env.
             evaluation_episodes: episodes of an evaluation with --env; default 5.
-            domain: what --preset hardware draws its plants from: randomised, the default, hardware or a YAML file.
+            domain: what the presets for hardware draw their plants from, and are judged on: hardware, the default,
+                randomised or a YAML file.
             config: the algorithm.
         """
         options = {
             "robot": robot, "env": env, "preset": preset, "seed": seed, "seeds": seeds,
             "evaluate_every": evaluate_every, "checkpoint_every": checkpoint_every,
             "evaluation_episodes": evaluation_episodes,
-            "domain": None if domain is None else load_domain(domain).ranges,
+            "domain": None if domain is None else load_domain(domain),
         }  # fmt: skip
         return training.train(frames, options, out, resume, config)
 

@@ -7,7 +7,7 @@ the files of the package stand in ``tasks/domains``, with their sources.
 import dataclasses
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -52,6 +52,8 @@ class Domain:
     """A range of values, low to high, for everything about plant and loop; hashable."""
 
     ranges: tuple[tuple[str, float, float], ...]
+    name: str = field(default="DOMAIN.yml", compare=False)
+    """What ``load_domain`` was given for it: a name or a file."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot work.
@@ -79,6 +81,16 @@ class Domain:
     def depth(self) -> int:
         """States that the loop has to remember for the longest delay."""
         return delay_steps({name: high for name, _, high in self.ranges}.get("delay", 0.0)) + 1
+
+    def middle(self, name: str) -> float:
+        """Middle of a range, or what is meant where the domain leaves it out."""
+        usual = vars(identified_parameters()) | LOOP
+        low, high = {each: (low, high) for each, low, high in self.ranges}.get(name, (usual[name], usual[name]))
+        return 0.5 * (low + high)
+
+    def __str__(self) -> str:
+        """Its name and its ranges."""
+        return f"{self.name} {self.as_dict()}"
 
     def as_dict(self) -> dict[str, list[float]]:
         """As JSON values."""
@@ -114,13 +126,13 @@ def delay_steps(delay: float) -> int:
     return int(delay / DT + 1e-4)
 
 
-def make_domain(content: Mapping[str, Any]) -> Domain:
+def make_domain(content: Mapping[str, Any], name: str = "DOMAIN.yml") -> Domain:
     """A domain from values by name: a number, or a range of two.
 
     Raises:
         SwingupError: a name is unknown, or a value is none.
     """
-    return Domain(tuple((name, *_range(name, value)) for name, value in content.items()))
+    return Domain(tuple((each, *_range(each, value)) for each, value in content.items()), name)
 
 
 def load_domain(source: str | Path) -> Domain:
@@ -131,11 +143,11 @@ def load_domain(source: str | Path) -> Domain:
     """
     if source in SHIPPED:
         with resources.as_file(resources.files(__package__) / "domains" / f"{source}.yml") as path:
-            return make_domain(read_map(path, "domain"))
+            return make_domain(read_map(path, "domain"), str(source))
     if not str(source).endswith((".yml", ".yaml")):
         raise SwingupError(f"unknown domain {str(source)!r}: use {', '.join(SHIPPED)} or a YAML file (.yml)")
     try:
-        return make_domain(read_map(source, "domain"))
+        return make_domain(read_map(source, "domain"), str(source))
     except SwingupError as error:
         raise SwingupError(f"domain {source}: {error}") from error
 

@@ -49,6 +49,12 @@ class HardwareTask(PendulumTask):
     """A state estimator goes before the front end, and is taken to be right: neither delay nor noise is seen."""
 
     @property
+    def unseen(self) -> list[str]:
+        """What the domain does to measurements, and training behind an estimator leaves out."""
+        highs = {name: high for name, _, high in self.domain.ranges}
+        return [name for name in ("delay", "velocity_noise") if self.estimated and highs.get(name, 0.0) > 0]
+
+    @property
     def shown_size(self) -> int:
         """Length of what the front end shows the policy."""
         return 4 * (1 + self.front_end.history) + self.front_end.torques
