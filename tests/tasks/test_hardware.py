@@ -187,6 +187,15 @@ def test_friction_compensation(robot):
     assert float(front.command(front.begin(jnp.zeros(4)), jnp.array(2.0), robot)[robot.joint]) == 2.0
 
 
+def test_the_friction_made_up_for_is_the_domains():
+    settings = hardware_task(get_robot("acrobot")).front_end.settings
+    assert settings == FrontEndSettings(damping=(0.001, 0.001), coulomb=(0.16, 0.12), passive_limit=0.5)
+    mine = make_domain({"cf1": [0.1, 0.3], "b2": -0.1, "passive_limit": [0.25, 0.75]})
+    settings = memory_task(get_robot("acrobot"), mine).front_end.settings
+    np.testing.assert_allclose(settings.coulomb, [0.2, 0.12], rtol=1e-12)  # cf2 and b1 as identified
+    assert (settings.damping, settings.passive_limit, settings.dead_band) == ((0.001, 0.0), 0.5, 0.1)
+
+
 def test_settings_are_data():
     assert FrontEndSettings(**dataclasses.asdict(FrontEndSettings(coulomb=(0.1, 0.2)))).coulomb == (0.1, 0.2)
     assert FrontEndSettings(coulomb=[0.1, 0.2]).coulomb == (0.1, 0.2)
