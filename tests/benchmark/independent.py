@@ -46,7 +46,7 @@ class World:
     def __init__(self, steps, response=1.0, delay=0, pushes=(), velocity_noise=None, torque_noise=None):
         self.response, self.delay, self.pushes = response, delay, pushes
         self.velocity_noise = np.zeros((steps, 2)) if velocity_noise is None else velocity_noise
-        self.torque_noise = np.zeros(steps) if torque_noise is None else torque_noise
+        self.torque_noise = np.zeros((steps, 2)) if torque_noise is None else torque_noise
 
 
 def closed_loop(p, driven, control, x, dt, world):
@@ -64,7 +64,7 @@ def closed_loop(p, driven, control, x, dt, world):
         wanted = control(seen, t)
         u = np.zeros(2)
         for joint in driven:
-            motor = before[joint] + world.response * (wanted[joint] - before[joint]) + world.torque_noise[k]
+            motor = before[joint] + world.response * (wanted[joint] - before[joint]) + world.torque_noise[k, joint]
             limit = p[f"tl{joint + 1}"]
             u[joint] = min(max(motor, -limit), limit)
             for where, centre, width, amplitude in world.pushes:

@@ -144,7 +144,8 @@ def test_noise_is_standard_normal_and_differs_from_step_to_step_and_key_to_key()
             undisturbed(), velocity_noise=0.5, torque_noise=2.0, noise=np.array(key, np.uint32)
         )
         velocity, torque = jax.vmap(lambda k: step_noise(disturbance, k, jnp.dtype(float)))(jnp.arange(steps))
-        return np.column_stack([velocity, torque]) / [0.5, 0.5, 2.0]
+        np.testing.assert_array_equal(torque[:, 0], torque[:, 1])  # one motor, one draw
+        return np.column_stack([velocity, torque[:, 0]]) / [0.5, 0.5, 2.0]
 
     first, second = draw([0, 1]), draw([0, 2])
     # Standard errors of 20,000 draws: means 0.0071, variances 0.01, correlations 0.0071; five of each.

@@ -8,12 +8,14 @@ import subprocess
 import sys
 import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from swingup.cli import main
+from swingup.cli import main, training
 from swingup.control.zoo import shipped_policy
+from swingup.learner import judges
 from swingup.learner.metrics import read_metrics
 from swingup.runtime.controller import read_policy
 
@@ -104,15 +106,37 @@ def test_train_for_the_real_robot_and_resume(capsys, tmp_path):
     options = ["--preset", "hardware-memory", "--domain", "mine.yml", "--evaluation-episodes", "1"]
     assert main(["train", "acrobot", "--frames", "128", "--out", "run", *options, *TINY]) == 0
     output = capsys.readouterr()
-    assert "acrobot, run/best.npz, policy alone (domain hardware, seed 0 to 99)" in output.out
+    assert "acrobot, run/best.npz, policy alone (domain mine.yml, seed 0 to 99)" in output.out
     assert "0 of 100" in output.out
+    assert "training acrobot (hardware-memory, domain mine.yml) to 128 frames in run" in output.err
+    assert "note" not in output.err  # it trains with the delay
     assert main(["train", "--resume", "run", "--domain", "hardware"]) == 2
-    assert (
-        "run was trained with domain = (('cf1', 0.1, 0.2), ('delay', 0.004, 0.004)), not" in capsys.readouterr().err
-    )
+    known = "mine.yml {'cf1': [0.1, 0.2], 'delay': [0.004, 0.004]}"
+    assert f"run was trained with domain = {known}, not hardware {{" in capsys.readouterr().err
     policy = read_policy("run/best.npz")
     assert (policy.front_end.velocity_weight, policy.stage.torques, policy.stage.history) == (0.2, 2, 2)
     assert policy.estimator is None
+
+
+def test_a_run_is_judged_on_its_own_domain(capsys, tmp_path, monkeypatch):
+    """At evaluations and at the end; what training behind an estimator leaves out of it is said."""
+    domains = []
+
+    def judged(controller, robot, domain, seed, seeds):
+        domains.append(domain.name)
+        return SimpleNamespace(score=0.1, successes=0, runs=[SimpleNamespace(speed=1.0)])
+
+    monkeypatch.setattr(judges, "hardware", judged)
+    monkeypatch.setattr(training, "judge_on", lambda domain, *_: domains.append(f"{domain.name} at the end") or 0)
+    (tmp_path / "mine.yml").write_text("delay: 0.004\nvelocity_noise: [0.0, 0.1]\n")
+    options = ["--preset", "hardware", "--domain", "mine.yml", "--out", "run"]
+    assert main(["train", "acrobot", "--frames", "64", *options, *TINY]) == 0
+    assert domains == ["mine.yml", "mine.yml at the end"]
+    assert (
+        "trains without the domain's delay and velocity_noise; its evaluations have them" in capsys.readouterr().err
+    )
+    with np.load("run/best.npz") as file:
+        assert "--domain mine.yml" in json.loads(bytes(file["metadata"]))["command"]
 
 
 def test_train_another_task_and_resume(capsys):

@@ -13,7 +13,8 @@ from swingup.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
 from swingup.learner.run import Run
-from swingup.learner.settings import Settings
+from swingup.learner.settings import Settings, settings_from_dict
+from swingup.tasks.domain import Domain
 
 from .brief import briefly_judged
 
@@ -267,13 +268,20 @@ def test_every_preset_trains(tmp_path, preset):
     assert (row["entropy_gain"] != 0.0) == (preset in ("default", "paper", "hardware"))
 
 
+def test_a_domain_stands_in_settings_and_command():
+    domain = Domain((("cf1", 0.1, 0.2),), "my plants.yml")
+    settings = dataclasses.replace(SETTINGS, preset="hardware", domain=domain)
+    again = settings_from_dict(settings.as_dict())
+    assert (again.domain, again.domain.name) == (domain, "my plants.yml")
+    assert "--domain 'my plants.yml'" in again.command(100)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"robot": "cartpole"}, "unknown robot 'cartpole'"),
         ({"preset": "best"}, "unknown preset 'best'"),
-        ({"domain": (("m1", 0.5, 0.6),)}, "a domain goes with the presets for hardware, not with default"),
-        ({"preset": "hardware", "domain": (("x", 0.5, 0.6),)}, "unknown name 'x'"),
+        ({"domain": Domain((("m1", 0.5, 0.6),))}, "a domain goes with the presets for hardware, not with default"),
         ({"seeds": 0}, "seeds = 0 must be at least 1"),
         ({"seed": -1}, "seed = -1"),
         ({"evaluate_every": 0}, "evaluate_every = 0"),

@@ -139,6 +139,7 @@ def test_bad_value_is_named(tmp_path, name, value, message):
         ("- 1\n- 2\n", "is not a map"),
         ("just words", "is not a map"),
         ("", "is not a map"),
+        ("m1: 1\nm2: 2\nm1: 3\n", "gives m1 2 times: keep one of its values"),
     ],
 )
 def test_file_that_is_no_yaml_map_is_refused(tmp_path, content, message):

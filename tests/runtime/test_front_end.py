@@ -144,6 +144,13 @@ def test_bad_settings_in_a_file(tmp_path, front_end, message):
         load_policy(tmp_path / "p.npz")
 
 
+@pytest.mark.parametrize("robot", [["acrobot"], "cart", None])
+def test_a_file_for_no_robot(tmp_path, robot):
+    save_controller(tmp_path / "p.npz", small_policy("plain"), {"robot": robot})
+    with pytest.raises(SwingupError, match=r"policy file .*p\.npz is for robot .*: acrobot or pendubot is needed"):
+        load_policy(tmp_path / "p.npz")
+
+
 def test_a_memory_needs_a_front_end(tmp_path):
     save_controller(tmp_path / "none.npz", dataclasses.replace(small_policy("all"), front_end=None), {})
     with pytest.raises(SwingupError, match="'pendulum' asks for a memory: name its front_end"):

@@ -73,8 +73,8 @@ def test_what_is_left_out_is_perfect():
 
 def test_a_file_of_ones_own(tmp_path):
     path = tmp_path / "mine.yml"
-    path.write_text("delay: [0, 0.004]\nb1: 0.02\n")
-    assert load_domain(path).as_dict() == {"delay": [0.0, 0.004], "b1": [0.02, 0.02]}
+    path.write_text("delay: [0, 0.004]\nb1: 0.02\nIr: [4e-5, 9.0e-5]\n")  # without a point, YAML reads a text
+    assert load_domain(path).as_dict() == {"delay": [0.0, 0.004], "b1": [0.02, 0.02], "Ir": [4e-5, 9e-5]}
 
 
 @pytest.mark.parametrize(
@@ -89,6 +89,9 @@ def test_a_file_of_ones_own(tmp_path):
         ("m1: .nan", r"m1 = \[nan, nan\] must be a range from low to high"),
         ("m1: [0.0, 0.5]", "parameter m1 = 0 must be positive"),
         ("I2: 1.0e-6", "mass matrix is not positive definite"),
+        ("m2: [0.3, 1.0]\nI2: [0.02, 0.08]", "mass matrix is not positive definite"),
+        ("m1: true", "m1 = True must be a number"),
+        ("m1: 0.5\nm2: 0.6\nm1: 0.4", "gives m1 2 times: keep one of its values"),
         ("- 1", "is not a map: write one 'name: value' a line"),
         ("m1: [", "is not YAML"),
     ],

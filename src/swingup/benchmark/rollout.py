@@ -19,7 +19,7 @@ from ..physics.integrate import rk4_step
 from ..physics.parameters import Parameters
 from ..tasks.disturbance import Disturbance, Past, drive, measure, remember, step_noise
 from ..tasks.throws import PID, Throws, is_thrown, start_pid, throw
-from ..types import Count, Flag, Scalar, State, Torque
+from ..types import Count, Flag, State, Torque
 
 Rows = Array | np.ndarray
 
@@ -52,10 +52,12 @@ class Plant(eqx.Module):
     x: State
     u: Torque
     """The torques that acted in the step before (N m)."""
+    motors: Torque
+    """What the motors start from (N m)."""
     past: Past
     pid: PID
-    torque_noise: Scalar
-    """What the step that was sensed last adds to its torque (N m): drawn with the measurement's noise, once."""
+    torque_noise: Torque
+    """What the step that was sensed last adds to its torques (N m): drawn with the measurement's noise, once."""
 
 
 class Outcome(eqx.Module):
@@ -69,7 +71,8 @@ class Outcome(eqx.Module):
 
 def begin(x0: State, depth: int = 1) -> Plant:
     """A plant before its first step, with room for delays below ``depth`` steps."""
-    return Plant(x0, jnp.zeros(2, x0.dtype), jnp.tile(x0, (depth, 1)), start_pid(x0.dtype), jnp.zeros((), x0.dtype))
+    rest = jnp.zeros(2, x0.dtype)
+    return Plant(x0, rest, rest, jnp.tile(x0, (depth, 1)), start_pid(x0.dtype), rest)
 
 
 def sense(scenario: Scenario, plant: Plant, step: Count) -> tuple[Plant, State, Flag]:
@@ -85,7 +88,7 @@ def sense(scenario: Scenario, plant: Plant, step: Count) -> tuple[Plant, State, 
 
 def act(scenario: Scenario, plant: Plant, step: Count, command: Torque, dt: float) -> Plant:
     """Second half of a step: the motor, the pushes, and the plant for dt (s) with its torque held."""
-    p, pid = scenario.parameters, plant.pid
+    p, pid, motors = scenario.parameters, plant.pid, plant.motors
     limits = jnp.array([p.tl1, p.tl2], plant.x.dtype)
     if scenario.throws is not None:
         thrown = is_thrown(scenario.throws, step)
@@ -97,8 +100,8 @@ def act(scenario: Scenario, plant: Plant, step: Count, command: Torque, dt: floa
     else:
         time = step.astype(plant.x.dtype) * dt
         noise = plant.torque_noise
-        u = drive(scenario.disturbance, command, plant.u, time, noise, limits, plant.x[:2], dt)
-    return replace(plant, x=rk4_step(p, plant.x, u, dt), u=u, pid=pid)
+        u, motors = drive(scenario.disturbance, command, motors, time, noise, limits, plant.x[:2], dt)
+    return replace(plant, x=rk4_step(p, plant.x, u, dt), u=u, motors=motors, pid=pid)
 
 
 def simulate(

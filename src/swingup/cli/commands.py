@@ -8,10 +8,12 @@ import tyro
 from tyro.conf import OmitArgPrefixes, arg
 
 from ..areapo.config import Config
-from ..learner.presets import DEFAULT_PRESET, ENV_PRESET, get_preset
+from ..learner.presets import DEFAULT_PRESET, ENV_PRESET, PRESETS, get_preset
 from ..tasks.domain import load_domain
 from . import exporting, judging, pictures, planning, refining, sweeping, training
 from .arguments import RobotOrNone
+
+Preset = Annotated[str | None, arg(help=f"named settings: {', '.join(PRESETS)}; the options below change them.")]
 
 
 def run_command(arguments: list[str]) -> int:
@@ -47,7 +49,7 @@ def _train_command(base: Config) -> Callable[..., int]:
         robot: RobotOrNone = None,
         /,
         env: str | None = None,
-        preset: str | None = None,
+        preset: Preset = None,
         frames: int | None = None,
         seed: int | None = None,
         seeds: int | None = None,
@@ -66,8 +68,7 @@ def _train_command(base: Config) -> Callable[..., int]:
         Args:
             robot: the robot; none with --env or --resume.
             env: Gymnasium id of another task, such as Swimmer-v5 or your.module:Task-v0.
-            preset: named settings: default, paper, global, hardware, apo, eapo, ppo or mujoco; the options below
-                change them.
+            preset: named settings.
             frames: frames to train each seed for; default: the preset's.
             seed: the first seed; default 0.
             seeds: how many seeds to train side by side; default 1.
@@ -76,14 +77,15 @@ def _train_command(base: Config) -> Callable[..., int]:
             evaluate_every: frames between evaluations, metrics and progress; default 65536.
             checkpoint_every: frames between checkpoints; default 1048576, or 262144 with --env.
             evaluation_episodes: episodes of an evaluation with --env; default 5.
-            domain: what --preset hardware draws its plants from: randomised, the default, hardware or a YAML file.
+            domain: what the presets for hardware draw their plants from, and are judged on: hardware, the default,
+                randomised or a YAML file.
             config: the algorithm.
         """
         options = {
             "robot": robot, "env": env, "preset": preset, "seed": seed, "seeds": seeds,
             "evaluate_every": evaluate_every, "checkpoint_every": checkpoint_every,
             "evaluation_episodes": evaluation_episodes,
-            "domain": None if domain is None else load_domain(domain).ranges,
+            "domain": None if domain is None else load_domain(domain),
         }  # fmt: skip
         return training.train(frames, options, out, resume, config)
 

@@ -26,7 +26,7 @@ from ..control.zoo import HARDWARE, SHIPPED
 from ..errors import SwingupError
 from ..files import check_writable
 from ..physics.parameters import get_robot
-from ..tasks.domain import load_domain
+from ..tasks.domain import Domain, load_domain
 from . import tables
 from .arguments import (
     ControllerName,
@@ -231,18 +231,34 @@ def hardware(
         json: print one JSON object, with every run.
         save: also write the first seed's trajectory to this CSV file.
     """
-    chosen, drawn_from = get_robot(robot), load_domain(domain)
+    return judge_on(load_domain(domain), robot, controller, estimator, seed, seeds, json, save)
+
+
+def judge_on(
+    domain: Domain,
+    robot: str,
+    controller: str,
+    estimator: EstimatorOptions = AS_IT_COMES,
+    seed: int = 0,
+    seeds: int = 100,
+    json: bool = False,
+    save: str | None = None,
+) -> int:
+    """What ``hardware`` does, on a domain that was read before."""
+    chosen = get_robot(robot)
     if save is not None:
         check_writable(save)
     with foreign_prints_apart():
         found = get_controller(controller, chosen, estimator.wanted)
-        result = hardware_of.hardware(found, chosen, controller, drawn_from, seed, seeds)
+        result = hardware_of.hardware(found, chosen, controller, domain, seed, seeds)
     if save is not None:
         save_trajectory(save, result.trajectory)
     if json:
         _print_json(result.as_dict(), found)
         return 0
-    print(f"{result.robot}, {describe(controller, found)} (domain {domain}, seed {seed}{_to_last(seed, seeds)})")
+    print(
+        f"{result.robot}, {describe(controller, found)} (domain {domain.name}, seed {seed}{_to_last(seed, seeds)})"
+    )
     low, high = result.interval
     print(f"  {'Success':<26}{f'{result.successes} of {seeds}':>12}   ({low:.0%} to {high:.0%})")
     print(f"  {'Score (rules hardware)':<26}{result.score:>12.3f}")

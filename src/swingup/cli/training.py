@@ -16,8 +16,8 @@ from ..learner.presets import DEFAULT_PRESET, ENV_PRESET, get_preset
 from ..learner.run import Report, Run
 from ..learner.settings import ENV_INTERVALS, PENDULUM_INTERVALS, Settings, read_settings
 from ..physics.parameters import get_robot
-from ..tasks.presets import HARDWARE_TASKS
-from .judging import evaluate, hardware
+from ..tasks.hardware import HardwareTask
+from .judging import evaluate, judge_on
 
 LINE_EVERY = 10.0
 """Seconds between lines where there is no terminal for a progress bar."""
@@ -44,8 +44,10 @@ def train(frames: int | None, options: dict[str, Any], out: str | None, resume: 
     if run.settings.robot is None:
         print(f"best mean return {run.best_score:.6g}, policy {run.folder / 'best.npz'}")
         return 0
-    judge = hardware if get_preset(run.settings.preset).task in HARDWARE_TASKS else evaluate
-    return judge(run.settings.robot, controller=str(run.folder / "best.npz"))
+    task, best = run.settings.task(), str(run.folder / "best.npz")
+    if isinstance(task, HardwareTask):
+        return judge_on(task.domain, run.settings.robot, best)
+    return evaluate(run.settings.robot, controller=best)
 
 
 def usual_options(options: dict[str, Any]) -> dict[str, Any]:
@@ -100,7 +102,13 @@ def _stop_on_signals(run: Run) -> list[int]:
 
 def _show(run: Run, console: Console) -> None:
     """A progress bar on a terminal; elsewhere a line every few seconds."""
-    console.print(f"training {run.settings.name} ({run.settings.preset}) to {run.goal:,} frames in {run.folder}")
+    settings, domain = run.settings, run.settings.domain
+    on = settings.preset if domain is None else f"{settings.preset}, domain {domain.name}"
+    console.print(f"training {settings.name} ({on}) to {run.goal:,} frames in {run.folder}", soft_wrap=True)
+    task = None if domain is None else settings.task()
+    if isinstance(task, HardwareTask) and task.unseen:
+        note = f"a policy behind an estimator trains without the domain's {' and '.join(task.unseen)}"
+        console.print(f"note: {note}; its evaluations have them", soft_wrap=True, highlight=False)
     shown = -math.inf
     columns = (TextColumn("{task.description}"), BarColumn(bar_width=12), TimeRemainingColumn())
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:

@@ -75,15 +75,15 @@ class RealAIJudge(AbstractJudge):
 
 
 class HardwareJudge(RealAIJudge):
-    """The real robot's: the mean score of swing-ups on the domain ``hardware``, which differ in their noise."""
+    """The real robot's: the mean score of swing-ups on the task's domain, which differ in what is drawn from it."""
 
     measure = "hardware"
 
     def __init__(self, task: HardwareTask, seed: int) -> None:
-        """The judge of the task for the real robot; its noise is not that of the seeds that are reported."""
+        """The judge of the task for the real robot; its draws are not those of the seeds that are reported."""
         super().__init__(task)
         self.input_size, self._front_end, self._seed = task.shown_size, task.front_end, JUDGED_FROM + seed
-        self._estimated = task.estimated
+        self._estimated, self._domain = task.estimated, task.domain
 
     def evaluate(self, policy: Policy[Any], episodes: int | None) -> dict[str, Any]:
         """Successes, score and largest speed."""
@@ -92,7 +92,7 @@ class HardwareJudge(RealAIJudge):
         controller = (
             with_estimator(alone, self._robot, leaderboard_parameters(self._robot)) if self._estimated else alone
         )
-        result = hardware(controller, self._robot, seed=self._seed, seeds=number)
+        result = hardware(controller, self._robot, domain=self._domain, seed=self._seed, seeds=number)
         return {
             "score": result.score,
             "success": result.successes / number,

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -44,8 +45,8 @@ class Settings:
     """Gymnasium id of another task than the pendulum's, or what an object that was passed in is called."""
     evaluation_episodes: int = 5
     """Episodes of an evaluation on another task; 0 for none, where the host steps the environments."""
-    domain: tuple[tuple[str, float, float], ...] | None = None
-    """Ranges that plants for the real robot are drawn from (name, low, high); None for the preset's."""
+    domain: Domain | None = None
+    """What plants for the real robot are drawn from; None for the preset's."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot work."""
@@ -54,10 +55,8 @@ class Settings:
         if self.robot is not None:
             get_robot(self.robot)
         preset = get_preset(self.preset)
-        if self.domain is not None:
-            if preset.task not in HARDWARE_TASKS or self.robot is None:
-                raise SwingupError(f"a domain goes with the presets for hardware, not with {self.preset}")
-            Domain(self.domain)
+        if self.domain is not None and (preset.task not in HARDWARE_TASKS or self.robot is None):
+            raise SwingupError(f"a domain goes with the presets for hardware, not with {self.preset}")
         if self.evaluation_episodes < 0:
             raise SwingupError(f"evaluation_episodes = {self.evaluation_episodes} must be at least 0")
         for name in ("seeds", "evaluate_every", "checkpoint_every"):
@@ -81,13 +80,13 @@ class Settings:
         if self.robot is None:
             raise SwingupError(f"{self.env} is no task of the pendulum")
         robot, name = get_robot(self.robot), get_preset(self.preset).task
-        return get_task(name, robot) if self.domain is None else HARDWARE_TASKS[name](robot, Domain(self.domain))
+        return get_task(name, robot) if self.domain is None else HARDWARE_TASKS[name](robot, self.domain)
 
     def command(self, frames: int) -> str:
         """The command that makes such a run from scratch."""
         task = self.robot if self.env is None else f"--env {self.env}"
         words = [f"swingup train {task} --preset {self.preset} --frames {frames} --seed {self.seed}"]
-        words += [] if self.domain is None else ["--domain DOMAIN.yml"]
+        words += [] if self.domain is None else [f"--domain {shlex.quote(self.domain.name)}"]
         words += [] if self.seeds == 1 else [f"--seeds {self.seeds}"]
         usual = vars(get_preset(self.preset).config)
         for name, value in vars(self.config).items():
@@ -103,8 +102,11 @@ class Settings:
 def settings_from_dict(content: dict[str, Any]) -> Settings:
     """The inverse of ``as_dict``; what an older version did not know has its default."""
     domain = content.get("domain")
-    ranges = None if domain is None else tuple((str(name), float(low), float(high)) for name, low, high in domain)
-    return Settings(**{**content, "domain": ranges, "config": config_from_dict(content["config"])})
+    if domain is not None:
+        domain = Domain(
+            tuple((str(n), float(low), float(high)) for n, low, high in domain["ranges"]), domain["name"]
+        )
+    return Settings(**{**content, "domain": domain, "config": config_from_dict(content["config"])})
 
 
 def write_settings(folder: Path, settings: Settings, frames: int) -> None:

@@ -106,10 +106,11 @@ def read_map(path: str | Path, kind: str) -> dict[str, Any]:
     """Read a flat YAML map; ``kind`` of file is named in errors.
 
     Raises:
-        SwingupError: the file cannot be read or is no map.
+        SwingupError: the file cannot be read, is no map, or gives a name twice.
     """
     try:
-        data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        text = Path(path).read_text(encoding="utf-8")
+        data, tree = yaml.safe_load(text), yaml.compose(text, yaml.SafeLoader)
     except OSError as error:
         raise SwingupError(f"cannot read {kind} file {path}: {error.strerror}; check the path") from error
     except UnicodeDecodeError as error:
@@ -119,6 +120,11 @@ def read_map(path: str | Path, kind: str) -> dict[str, Any]:
         raise SwingupError(f"{kind} file {path} is not YAML ({reason}): write one 'name: value' a line") from error
     if not isinstance(data, dict):
         raise SwingupError(f"{kind} file {path} is not a map: write one 'name: value' a line")
+    assert tree is not None
+    names = [key.value for key, _ in tree.value]
+    for name in names:
+        if names.count(name) > 1:
+            raise SwingupError(f"{kind} file {path} gives {name} {names.count(name)} times: keep one of its values")
     return data
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..arrays import load_archive
 from ..errors import SwingupError
-from ..robots import Robot, get_robot
+from ..robots import ROBOTS, Robot, get_robot
 from .front_end import FrontEndSettings, read_front_end
 from .settings import EstimatorSettings, read_settings
 
@@ -190,8 +190,11 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
     if missing or not file.stages or not isinstance(file.stages[0], PendulumStage):
         what = f"metadata {', '.join(missing)}" if missing else "observation stage 'pendulum' at the start"
         raise SwingupError(f"policy file {path} lacks {what}: see docs/policy-format.md")
-    if robot is not None and metadata["robot"] != get_robot(robot).name:
-        raise SwingupError(f"policy file {path} is for {metadata['robot']!r}, not the {get_robot(robot).name}")
+    name = metadata["robot"]
+    if not isinstance(name, str) or name not in ROBOTS:
+        raise SwingupError(f"policy file {path} is for robot {name!r}: {' or '.join(ROBOTS)} is needed")
+    if robot is not None and name != get_robot(robot).name:
+        raise SwingupError(f"policy file {path} is for {name!r}, not the {get_robot(robot).name}")
     if file.choices is not None:
         raise SwingupError(f"policy file {path} has discrete actions: a pendulum needs a torque")
     actions, limit = file.head.weight.shape[0], metadata["torque_limit"]
@@ -205,7 +208,7 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
             raise SwingupError("its stage 'pendulum' asks for a memory: name its front_end, {} for the defaults")
     except SwingupError as error:
         raise SwingupError(f"policy file {path}: {error}; see docs/policy-format.md") from error
-    return PendulumPolicy(file, get_robot(metadata["robot"]), float(limit), settings, metadata, front_end)
+    return PendulumPolicy(file, ROBOTS[name], float(limit), settings, metadata, front_end)
 
 
 def _stage(index: int, entry: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Stage:

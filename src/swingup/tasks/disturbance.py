@@ -44,10 +44,14 @@ class Motor(eqx.Module):
     ripple_periods: float | Scalar
     """Its periods in a turn of the joint."""
 
-    def torque(self, wanted: Torque, before: Torque, q: Float[Array, "2"], dt: float) -> Torque:
-        """The torque for a wanted one (N m), after the one before by dt (s), at angles q (rad)."""
+    def follow(self, wanted: Torque, before: Torque, dt: float) -> Torque:
+        """The motor's own torque for a wanted one (N m), after the one before by dt (s)."""
         most = self.rate_limit * dt
-        return before + jnp.clip(wanted - before, -most, most) + self.ripple * jnp.sin(self.ripple_periods * q)
+        return before + jnp.clip(wanted - before, -most, most)
+
+    def ripple_torque(self, q: Float[Array, "2"]) -> Torque:
+        """What the ripple adds at angles q (rad)."""
+        return self.ripple * jnp.sin(self.ripple_periods * q)
 
 
 class Disturbance(eqx.Module):
@@ -56,7 +60,7 @@ class Disturbance(eqx.Module):
     velocity_noise: float | Scalar
     """Standard deviation of the noise on both measured velocities (rad/s)."""
     torque_noise: float | Scalar
-    """Standard deviation of the noise on the driven joint's torque (N m)."""
+    """Standard deviation of the noise on a motor's torque (N m)."""
     response: float | Scalar
     """Motor response k in u_applied = u_before + k (u - u_before); 1 is a perfect motor."""
     delay: int | Count
@@ -85,11 +89,15 @@ def describe(disturbance: Disturbance) -> dict[str, Any]:
     )
 
 
-def step_noise(disturbance: Disturbance, step: Count, dtype: jnp.dtype) -> tuple[Float[Array, "2"], Scalar]:
-    """The noise of one step: on the two measured velocities (rad/s) and on the torque (N m)."""
+def step_noise(disturbance: Disturbance, step: Count, dtype: jnp.dtype) -> tuple[Float[Array, "2"], Torque]:
+    """The noise of one step: on the two measured velocities (rad/s) and on the torques (N m).
+
+    The benchmark has one driven joint, and draws once for its torque; with motors on both each has its own.
+    """
     key = jax.random.wrap_key_data(jnp.asarray(disturbance.noise), impl="threefry2x32")
-    normal = jax.random.normal(jax.random.fold_in(key, step), (3,), dtype)
-    return disturbance.velocity_noise * normal[:2], disturbance.torque_noise * normal[2]
+    torques = 1 if disturbance.motor is None else 2
+    normal = jax.random.normal(jax.random.fold_in(key, step), (2 + torques,), dtype)
+    return disturbance.velocity_noise * normal[:2], disturbance.torque_noise * jnp.broadcast_to(normal[2:], (2,))
 
 
 def remember(past: Past, step: Count, x: State) -> Past:
@@ -111,21 +119,22 @@ def drive(
     command: Torque,
     before: Torque,
     t: Scalar,
-    torque_noise: Scalar,
+    torque_noise: Torque,
     limits: Torque,
     q: Float[Array, "2"],
     dt: float,
-) -> Torque:
-    """The torque that acts on the joints at time t (s).
+) -> tuple[Torque, Torque]:
+    """The torques that act on the joints at time t (s), and what the motors' next ones start from.
 
-    The motor moves from the torque that acted before towards the command, takes noise and is clipped to its
-    limits; the push comes on top. A joint with limit 0 is passive: nothing acts on it, not even its pushes,
-    as in the public benchmark.
+    In the public benchmark the motor moves from the torque that acted before towards the command, takes noise and
+    is clipped to its limits; the push comes on top. With a ``motor`` it moves from its own torque, within its rate
+    limit and its limits, and ripple, noise and push come on top. A joint with limit 0 is passive: nothing acts on
+    it, not even its pushes, as in the public benchmark.
 
     Args:
         disturbance: what disturbs.
         command: the controller's torques (N m).
-        before: the torques that acted in the step before (N m), 0 before the first.
+        before: what the motors start from (N m): the second result of the step before, 0 before the first.
         t: time (s).
         torque_noise: the noise of this step (N m).
         limits: torque limits of the two motors (N m).
@@ -133,8 +142,11 @@ def drive(
         dt: time of the step (s), for their rate limit.
     """
     driven = limits > 0
-    motor = before + disturbance.response * (command - before)
-    if disturbance.motor is not None:
-        motor = disturbance.motor.torque(motor, before, q, dt)
-    motor = motor + jnp.where(driven, torque_noise, 0.0)
-    return jnp.clip(motor, -limits, limits) + jnp.where(driven, disturbance.pushes.torque(t), 0.0)
+    torque = before + disturbance.response * (command - before)
+    noise, push = (jnp.where(driven, added, 0.0) for added in (torque_noise, disturbance.pushes.torque(t)))
+    if disturbance.motor is None:
+        acting = jnp.clip(torque + noise, -limits, limits) + push
+        return acting, acting
+    own = jnp.clip(disturbance.motor.follow(torque, before, dt), -limits, limits)
+    ripple = jnp.where(driven, disturbance.motor.ripple_torque(q), 0.0)
+    return own + ripple + noise + push, own

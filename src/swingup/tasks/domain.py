@@ -5,8 +5,9 @@ the files of the package stand in ``tasks/domains``, with their sources.
 """
 
 import dataclasses
+import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,9 @@ DT = 0.002
 
 PLANT = tuple(name for name in NAMES if name not in ("tl1", "tl2"))
 """Parameters that a domain may give; what it leaves out is as identified."""
+
+MASSES = ("m2", "l1", "r2", "I1", "I2", "Ir", "gr")
+"""Those that enter the mass matrix, which must be positive definite for all their combinations."""
 
 LOOP = {
     "torque_limit": 6.0, "passive_limit": 0.0, "delay": 0.0, "velocity_noise": 0.0, "torque_noise": 0.0,
@@ -48,6 +52,8 @@ class Domain:
     """A range of values, low to high, for everything about plant and loop; hashable."""
 
     ranges: tuple[tuple[str, float, float], ...]
+    name: str = field(default="DOMAIN.yml", compare=False)
+    """What ``load_domain`` was given for it: a name or a file."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot work.
@@ -64,14 +70,27 @@ class Domain:
                 raise SwingupError(
                     f"{name} = [{low:g}, {high:g}] must lie between 0 and {LARGEST.get(name, 1e9):g}"
                 )
-        for end in (0, 1):
-            values = {name: (low, high)[end] for name, low, high in self.ranges}
-            validated(dataclasses.replace(identified_parameters(), **{n: values[n] for n in PLANT if n in values}))
+        plant = {name: (low, high) for name, low, high in self.ranges if name in PLANT}
+        apart, usual = [name for name in MASSES if name in plant], identified_parameters()
+        corners = itertools.product(*(dict.fromkeys(plant[name]) for name in apart))
+        for end, corner in itertools.product((0, 1), corners):
+            values = {name: pair[end] for name, pair in plant.items()} | dict(zip(apart, corner, strict=True))
+            validated(dataclasses.replace(usual, **values))
 
     @property
     def depth(self) -> int:
         """States that the loop has to remember for the longest delay."""
         return delay_steps({name: high for name, _, high in self.ranges}.get("delay", 0.0)) + 1
+
+    def middle(self, name: str) -> float:
+        """Middle of a range, or what is meant where the domain leaves it out."""
+        usual = vars(identified_parameters()) | LOOP
+        low, high = {each: (low, high) for each, low, high in self.ranges}.get(name, (usual[name], usual[name]))
+        return 0.5 * (low + high)
+
+    def __str__(self) -> str:
+        """Its name and its ranges."""
+        return f"{self.name} {self.as_dict()}"
 
     def as_dict(self) -> dict[str, list[float]]:
         """As JSON values."""
@@ -107,13 +126,13 @@ def delay_steps(delay: float) -> int:
     return int(delay / DT + 1e-4)
 
 
-def make_domain(content: Mapping[str, Any]) -> Domain:
+def make_domain(content: Mapping[str, Any], name: str = "DOMAIN.yml") -> Domain:
     """A domain from values by name: a number, or a range of two.
 
     Raises:
         SwingupError: a name is unknown, or a value is none.
     """
-    return Domain(tuple((name, *_range(name, value)) for name, value in content.items()))
+    return Domain(tuple((each, *_range(each, value)) for each, value in content.items()), name)
 
 
 def load_domain(source: str | Path) -> Domain:
@@ -124,18 +143,26 @@ def load_domain(source: str | Path) -> Domain:
     """
     if source in SHIPPED:
         with resources.as_file(resources.files(__package__) / "domains" / f"{source}.yml") as path:
-            return make_domain(read_map(path, "domain"))
+            return make_domain(read_map(path, "domain"), str(source))
     if not str(source).endswith((".yml", ".yaml")):
         raise SwingupError(f"unknown domain {str(source)!r}: use {', '.join(SHIPPED)} or a YAML file (.yml)")
     try:
-        return make_domain(read_map(source, "domain"))
+        return make_domain(read_map(source, "domain"), str(source))
     except SwingupError as error:
         raise SwingupError(f"domain {source}: {error}") from error
 
 
 def _range(name: str, value: Any) -> tuple[float, float]:
     ends = value if isinstance(value, list | tuple) else [value, value]
-    numbers = [end for end in ends if isinstance(end, int | float) and not isinstance(end, bool)]
+    numbers = [number for number in map(_number, ends) if number is not None]
     if len(ends) != 2 or len(numbers) != 2:
         raise SwingupError(f"{name} = {value!r} must be a number, or a range [low, high]")
-    return float(ends[0]), float(ends[1])
+    return numbers[0], numbers[1]
+
+
+def _number(value: Any) -> float | None:
+    """A number, or a text that is one: YAML's 4e-5 has no point."""
+    try:
+        return None if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        return None

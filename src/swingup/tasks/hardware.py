@@ -25,6 +25,8 @@ class HardwareState(PendulumState):
     disturbance: Disturbance
     u: Torque
     """The torques that act (N m)."""
+    motors: Torque
+    """The motors' own (N m), without ripple, noise and push."""
     past: Past
     """The last states, for the delay."""
     memory: FrontEndMemory
@@ -47,6 +49,12 @@ class HardwareTask(PendulumTask):
     """A state estimator goes before the front end, and is taken to be right: neither delay nor noise is seen."""
 
     @property
+    def unseen(self) -> list[str]:
+        """What the domain does to measurements, and training behind an estimator leaves out."""
+        highs = {name: high for name, _, high in self.domain.ranges}
+        return [name for name in ("delay", "velocity_noise") if self.estimated and highs.get(name, 0.0) > 0]
+
+    @property
     def shown_size(self) -> int:
         """Length of what the front end shows the policy."""
         return 4 * (1 + self.front_end.history) + self.front_end.torques
@@ -59,9 +67,8 @@ class HardwareTask(PendulumTask):
         past = jnp.tile(start.x, (self.domain.depth, 1))
         seen = self._seen(disturbance, past, jnp.array(0), jax.random.normal(noise_key, (2,)), start.x)
         memory = self.front_end.begin(seen)
-        return HardwareState(
-            start.x, start.steps, plant, disturbance, jnp.zeros(2), past, memory, calls=jnp.array(0)
-        )
+        rest = jnp.zeros(2)
+        return HardwareState(start.x, start.steps, plant, disturbance, rest, rest, past, memory, calls=jnp.array(0))
 
     def _seen(self, disturbance: Disturbance, past: Past, call: Count, noise: Float[Array, "2"], x: State) -> State:
         """What the front end is given at a call, for noise of deviation 1 and the present state."""
@@ -79,23 +86,24 @@ class HardwareTask(PendulumTask):
         """
         assert isinstance(state, HardwareState)
         noise_key, end_key = jax.random.split(key)
-        noises = jax.random.normal(noise_key, (CALLS, 3), action.dtype)
+        noises = jax.random.normal(noise_key, (CALLS, 4), action.dtype)
         limits = jnp.array([state.plant.tl1, state.plant.tl2])
         asked = self.torque(action)
 
-        def loop(now: HardwareState, noise: Float[Array, "3"]) -> tuple[HardwareState, Flag]:
+        def loop(now: HardwareState, noise: Float[Array, "4"]) -> tuple[HardwareState, Flag]:
             memory = self.front_end.remember(now.memory, action[0])
             command = self.front_end.command(memory, jnp.sum(asked), self.robot)
             time = now.calls * DT
-            torque_noise = now.disturbance.torque_noise * noise[2]
-            u = drive(now.disturbance, command, now.u, time, torque_noise, limits, now.x[:2], DT)
+            torque_noise = now.disturbance.torque_noise * noise[2:]
+            u, motors = drive(now.disturbance, command, now.motors, time, torque_noise, limits, now.x[:2], DT)
             x = rk4_step(now.plant, now.x, u, DT)
             diverged = ~jnp.all(jnp.abs(x[2:]) < DIVERGED)
             x = jnp.where(diverged, now.x, x)
             call = now.calls + 1
             past = remember(now.past, call, x)
             memory = self.front_end.measure(memory, self._seen(now.disturbance, past, call, noise[:2], x))
-            return HardwareState(x, now.steps, now.plant, now.disturbance, u, past, memory, call), diverged
+            after = HardwareState(x, now.steps, now.plant, now.disturbance, u, motors, past, memory, call)
+            return after, diverged
 
         after, diverged = jax.lax.scan(loop, state, noises, unroll=True)
         after = eqx.tree_at(lambda s: s.steps, after, state.steps + 1)

@@ -1,6 +1,5 @@
 """Variants of the pendulum's task by name; presets are Python values."""
 
-import dataclasses
 from collections.abc import Callable
 
 import jax.numpy as jnp
@@ -50,7 +49,7 @@ def global_task(robot: Robot) -> RecoveryTask:
 
 def hardware_task(robot: Robot, domain: Domain | None = None) -> HardwareTask:
     """The real robot's, for a policy behind a state estimator: friction is made up for, the estimate is right."""
-    return _hardware_task(robot, domain, PendulumObservation(angles="sincos"), _FRICTION, estimated=True)
+    return _hardware_task(robot, domain, PendulumObservation(angles="sincos"), estimated=True)
 
 
 def memory_task(robot: Robot, domain: Domain | None = None) -> HardwareTask:
@@ -59,27 +58,32 @@ def memory_task(robot: Robot, domain: Domain | None = None) -> HardwareTask:
     The filter's weight and the dead-band are those of the paper's authors on the robot; all else is chosen.
     """
     observation = PendulumObservation(angles="sincos", torques=2, history=2)
-    settings = dataclasses.replace(_FRICTION, velocity_weight=0.2, dead_band=0.1)
-    return _hardware_task(robot, domain, observation, settings, estimated=False)
-
-
-_FRICTION = FrontEndSettings(damping=(0.001, 0.001), coulomb=(0.16, 0.12))
-"""Compensation of the identified friction (design C.1, model 1.0)."""
+    return _hardware_task(robot, domain, observation, estimated=False, velocity_weight=0.2, dead_band=0.1)
 
 
 def _hardware_task(
     robot: Robot,
     domain: Domain | None,
     observation: PendulumObservation,
-    settings: FrontEndSettings,
     estimated: bool,
+    velocity_weight: float = 1.0,
+    dead_band: float = 0.0,
 ) -> HardwareTask:
+    """The front end makes up for the friction in the middle of the domain's ranges, where it is not negative."""
+    domain = load_domain("hardware") if domain is None else domain
+    settings = FrontEndSettings(
+        damping=(max(0.0, domain.middle("b1")), max(0.0, domain.middle("b2"))),
+        coulomb=(max(0.0, domain.middle("cf1")), max(0.0, domain.middle("cf2"))),
+        passive_limit=domain.middle("passive_limit"),
+        velocity_weight=velocity_weight,
+        dead_band=dead_band,
+    )
     return HardwareTask(
         robot=robot,
         parameters=leaderboard_parameters(robot),
         observation=observation,
         cost_velocity_limit=observation.velocity_scale,
-        domain=load_domain("hardware") if domain is None else domain,
+        domain=domain,
         front_end=FrontEnd(settings, observation.torques, observation.history),
         estimated=estimated,
     )
