@@ -43,7 +43,7 @@ def train(frames: int | None, options: dict[str, Any], out: str | None, resume: 
         return 128 + received[0]
     if run.settings.robot is None:
         name = "best.npz" if (run.folder / "best.npz").exists() else "last.npz"
-        print(f"best mean return {run.best_score:.6g}, policy {run.folder / name}")
+        print(f"best score {run.best_score:.6g}, policy {run.folder / name}")
         return 0
     judge = hardware if get_preset(run.settings.preset).task in HARDWARE_TASKS else evaluate
     return judge(run.settings.robot, controller=str(run.folder / "best.npz"))

@@ -165,7 +165,7 @@ class Run:
 
     def extend(self, frames: int) -> None:
         """Set the goal to so many frames more than the run has seen."""
-        self.goal = self.frames + whole("frames", frames, 1)
+        self.goal, self._stopping = self.frames + whole("frames", frames, 1), False
         if self._folder is not None:
             write_settings(self._folder.path, self.settings, self.goal)
 
@@ -173,7 +173,7 @@ class Run:
         """Ask the run to end after the chunk in progress."""
         self._stopping = True
 
-    def advance(self) -> Generator[Report]:
+    def advance(self) -> Generator[Report, None, None]:
         """Train until each seed has seen its frames (rounded up to whole iterations), reporting each chunk.
 
         A checkpoint is written at intervals, at the end and when asked to stop. Whatever a checkpoint does not hold

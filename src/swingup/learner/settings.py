@@ -106,7 +106,8 @@ class Settings:
 
     def _unusual(self) -> dict[str, Any]:
         """Hyperparameters that are not the preset's, then intervals and episodes that are not the usual ones."""
-        usual = vars(get_preset(self.preset).config) | usual_intervals(self.robot) | {"evaluation_episodes": 5}
+        usual = vars(get_preset(self.preset).config) | usual_intervals(self.robot)
+        usual |= {"evaluation_episodes": Settings.evaluation_episodes}
         mine = {name: (vars(self.config) | vars(self))[name] for name in usual}
         return {name: value for name, value in mine.items() if value != usual[name]}
 
