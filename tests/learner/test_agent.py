@@ -106,7 +106,7 @@ def test_a_callback_that_raises_lets_the_folder_go(tmp_path):
     model = AREAPO(Noisy, folder=tmp_path / "run", **TINY)
     with pytest.raises(ZeroDivisionError) as caught:
         model.learn(64, lambda model, report: 1 / 0)
-    assert caught.tb is not None  # it holds the frames, and these the generator
+    assert caught.tb is not None  # it holds the frame of learn()
     assert model.learn(64).frames == 128
 
 

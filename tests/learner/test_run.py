@@ -210,6 +210,24 @@ def test_divergence_keeps_the_last_good_checkpoint(tmp_path):
     assert Run.resume(tmp_path / "r").frames == training.frames
 
 
+def test_an_interrupted_chunk_is_trained_again(finished, tmp_path, monkeypatch):
+    folder, _, _ = finished
+    training = Run(SETTINGS, tmp_path / "part", 10 * FRAMES)
+    train = training.world.train
+
+    def interrupted(state, iterations):
+        train(state, iterations)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(training.world, "train", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        list(training.advance())
+    monkeypatch.undo()
+    list(training.advance())
+    assert_same_files(folder, tmp_path / "part")
+    assert measured(folder) == measured(tmp_path / "part")
+
+
 def test_a_folder_is_never_overwritten(finished):
     folder, _, _ = finished
     before = (folder / "config.json").read_text()

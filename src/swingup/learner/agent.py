@@ -1,6 +1,5 @@
 """``swingup.AREAPO``: the learner for a task of one's own, in the manner of Gymnasium's users."""
 
-import contextlib
 import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -139,16 +138,15 @@ class AREAPO:
         """
         self._run.extend(frames)
         callbacks = [callback] if callable(callback) else list(callback)
-        with contextlib.closing(self._run.advance()) as reports:  # the lock is let go where a callback raises
-            for report in reports:
-                row = report.rows[0]
-                _LOGGER.info(
-                    "%s frames, %.0f/s, reward %.4g, gain %.4g, score %s",
-                    f"{report.frames:,}", report.frames_per_second, row["reward"], row["gain"], row["score"],
-                )  # fmt: skip
-                # Every callback is called, whatever another one says.
-                if [True for each in callbacks if each(self, report) is False]:
-                    self._run.stop()
+        for report in self._run.advance():
+            row = report.rows[0]
+            _LOGGER.info(
+                "%s frames, %.0f/s, reward %.4g, gain %.4g, score %s",
+                f"{report.frames:,}", report.frames_per_second, row["reward"], row["gain"], row["score"],
+            )  # fmt: skip
+            # Every callback is called, whatever another one says.
+            if [True for each in callbacks if each(self, report) is False]:
+                self._run.stop()
         return self
 
     def predict(self, observation: Any, deterministic: bool = True) -> Shaped[np.ndarray, "..."]:

@@ -7,7 +7,7 @@ seeds also best-SEED.npz and last-SEED.npz, and best.npz is the best of all. A r
 import contextlib
 import math
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -173,7 +173,7 @@ class Run:
         """Ask the run to end after the chunk in progress."""
         self._stopping = True
 
-    def advance(self) -> Generator[Report, None, None]:
+    def advance(self) -> Iterator[Report]:
         """Train until each seed has seen its frames (rounded up to whole iterations), reporting each chunk.
 
         A checkpoint is written at intervals, at the end and when asked to stop. Whatever a checkpoint does not hold
