@@ -1,11 +1,14 @@
 """Sweeps: what is planned, what is not repeated, what resumes, what survives the loss of a worker."""
 
 import json
+import multiprocessing
 import shutil
+import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 
@@ -13,6 +16,7 @@ from swingup.areapo.config import Config
 from swingup.benchmark.interval import bootstrap_interval, interquartile_mean
 from swingup.cli import main
 from swingup.errors import SwingupError
+from swingup.learner.folder import RunFolder
 from swingup.learner.metrics import read_metrics
 from swingup.learner.run import Run
 from swingup.learner.settings import settings_from_dict
@@ -47,10 +51,26 @@ def test_a_plan_has_every_combination(tmp_path):
     assert jobs[0].variant == "learning_rate=0.001 preset=ppo"
 
 
+@pytest.mark.parametrize(
+    ("grid", "frames", "message"),
+    [
+        (
+            {"preset": ["mujoco", "ppo"]},
+            None,
+            r"\(mujoco 1,000,000, ppo 12,000,000 frames\): give --frames",
+        ),
+        ({"temperature": [1.0, 1.0]}, 64, "temperature=1.0/seed-0 would hold 2 runs: give each alternative"),
+        ({}, 0, "frames = 0 must be at least 1"),
+    ],
+)
+def test_plans_that_are_refused(tmp_path, grid, frames, message):
+    with pytest.raises(SwingupError, match=message):
+        plan(BASE, grid, (0,), tmp_path, frames)
+
+
 def test_words_become_values():
-    grid = parse_grid(
-        ["learning_rate=3e-4,5e-4", "policy-layers=64x64,8", "popart=true", "num_envs=4", "preset=ppo"]
-    )
+    words = ["learning_rate=3e-4", "policy-layers=64x64,8", "popart=true", "num_envs=4", "preset=ppo"]
+    grid = parse_grid([*words, "learning_rate=5e-4"])
     assert grid == {
         "learning_rate": [3e-4, 5e-4], "policy_layers": [(64, 64), (8,)], "popart": [True], "num_envs": [4],
         "preset": ["ppo"],
@@ -101,6 +121,81 @@ def test_a_run_that_fails_does_not_stop_the_others(tmp_path):
     assert "diverged" in bad.error
     rows = summarise([good, bad])
     assert [(row.runs, row.failed) for row in rows] == [(1, 0), (0, 1)]
+
+
+@pytest.mark.parametrize("raised", [ValueError("no"), OSError(28, "No space left on device")])
+def test_whatever_a_run_raises_is_its_outcome(tmp_path, monkeypatch, raised):
+    jobs, closed = jobs_of(tmp_path, seeds=(0, 1), frames=64), []
+
+    def advance(run):
+        if run.settings.seed == 0:
+            raise raised
+        yield from original(run)
+
+    original, close = Run.advance, Run.close
+    monkeypatch.setattr(Run, "advance", advance)
+    monkeypatch.setattr(Run, "close", lambda run: (closed.append(run), close(run)))
+    bad, good = inline(jobs)
+    assert (bad.error, good.error) == (f"{type(raised).__name__}: {raised}", "")
+    assert len(closed) == 2
+
+
+def test_what_an_executor_raises_is_an_outcome(tmp_path):
+    class GivesUp(ThreadPoolExecutor):
+        def submit(self, function, job):  # as Dask does with a job that has killed several workers
+            future = Future()
+            future.set_exception(KeyError("killed"))
+            return future
+
+    with GivesUp(1) as executor:
+        (outcome,) = sweep(jobs_of(tmp_path), executor)
+    assert outcome.error == "KeyError: 'killed'"
+    assert outcome.score != outcome.score
+
+
+def test_a_finished_run_without_metrics_says_so(tmp_path):
+    (job,) = jobs_of(tmp_path, frames=64)
+    inline([job])
+    (Path(job.folder) / "metrics.jsonl").write_text("")
+    assert "holds no metrics: remove it" in train_one(job).error
+
+
+def test_a_folder_that_another_process_begins_is_left_alone(tmp_path):
+    (job,) = jobs_of(tmp_path, frames=64)
+    with RunFolder(job.folder).exclusive():
+        (Path(job.folder) / "config.json").write_text("theirs")
+        assert "another process trains in" in train_one(job).error
+    assert (Path(job.folder) / "config.json").read_text() == "theirs"
+    assert train_one(job).error == ""
+
+
+def test_an_interrupted_sweep_begins_nothing_more():
+    futures = []
+
+    def interrupted():
+        with executor_for(None, 1) as executor:
+            futures.extend(executor.submit(time.sleep, 600) for _ in range(4))
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert all(future.done() for future in futures)
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.slow
+def test_interrupted_workers_save_their_runs(tmp_path):
+    words = ["--env", "CartPole-v1", "--seeds", "3", "--workers", "1", "--frames", "100000000", *WORDS[:1]]
+    words += ["learning_rate=0.001", *WORDS[2:], "--evaluate-every", "64", "--out", str(tmp_path / "s")]
+    process = subprocess.Popen([sys.executable, "-m", "swingup", "sweep", *words])
+    deadline = time.monotonic() + 120
+    while not any(path.stat().st_size for path in tmp_path.rglob("metrics.jsonl")) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    process.send_signal(signal.SIGINT)  # to the command alone, which tells its workers
+    assert process.wait(timeout=60) == 130
+    (metrics,) = tmp_path.rglob("metrics.jsonl")
+    frames = read_metrics(metrics)[-1]["frames"]
+    assert (metrics.parent / "checkpoints" / f"{frames:012d}.npz").exists()
 
 
 def test_a_folder_of_other_settings_is_left_alone(tmp_path):

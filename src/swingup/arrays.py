@@ -2,6 +2,7 @@
 
 import io
 import json
+import math
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -31,11 +32,20 @@ def save_archive(
     Raises:
         SwingupError: the file cannot be written.
     """
-    text = json.dumps({"format": kind, "format_version": version, **metadata}, indent=2)
+    text = json.dumps(finite({"format": kind, "format_version": version, **metadata}), indent=2)
     buffer = io.BytesIO()
     contents: dict[str, Any] = {METADATA: np.frombuffer(text.encode(), np.uint8), **arrays}
     np.savez_compressed(buffer, **contents)
     write_atomically(path, buffer.getvalue())
+
+
+def finite(value: Any) -> Any:
+    """A JSON value with null for every number that is not finite: JSON has none of these."""
+    if isinstance(value, Mapping):
+        return {name: finite(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def load_archive(path: str | Path, kind: str, version: int) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

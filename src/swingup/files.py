@@ -1,5 +1,6 @@
 """Writing files so that a crash, a full disk or a signal never leaves half of one."""
 
+import contextlib
 import os
 import tempfile
 from pathlib import Path
@@ -8,7 +9,7 @@ from .errors import SwingupError
 
 
 def write_atomically(path: str | Path, content: bytes) -> None:
-    """Write a whole file or none: to a temporary file beside it, to the disk, then rename.
+    """Write a whole file or none: to a temporary file beside it, to the disk, then rename, that too to the disk.
 
     Raises:
         SwingupError: the folder does not exist or cannot be written, or the disk is full.
@@ -27,6 +28,7 @@ def write_atomically(path: str | Path, content: bytes) -> None:
             os.fsync(file.fileno())
         temporary.chmod(mode)
         temporary.replace(target)
+        _sync_folder(target.parent)
     except OSError as error:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
@@ -34,6 +36,18 @@ def write_atomically(path: str | Path, content: bytes) -> None:
         raise SwingupError(
             f"cannot write {path}: {reason}; choose a folder that exists and can be written"
         ) from error
+
+
+def make_folder(path: str | Path) -> None:
+    """Make a folder, and those that it is in, if there is none.
+
+    Raises:
+        SwingupError: it cannot be made.
+    """
+    try:
+        Path(path).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SwingupError(f"cannot create {path}: {error.strerror}; choose another --out") from error
 
 
 def check_writable(path: str | Path) -> None:
@@ -46,6 +60,16 @@ def check_writable(path: str | Path) -> None:
     if not os.access(target.parent, os.W_OK | os.X_OK) or target.is_dir():
         reason = "is a folder" if target.is_dir() else "no such folder, or not to be written"
         raise SwingupError(f"cannot write {path}: {reason}; choose a folder that exists and can be written")
+
+
+def _sync_folder(folder: Path) -> None:
+    """Have a folder's names on the disk, where the system can."""
+    with contextlib.suppress(OSError):  # the file is whole; Windows opens no folders
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
 
 
 def _umask() -> int:

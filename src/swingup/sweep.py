@@ -8,20 +8,23 @@ import contextlib
 import itertools
 import multiprocessing
 import os
-import shutil
+import signal
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 from .areapo.config import Config, config_from_dict
 from .benchmark.interval import Interval, bootstrap_interval, interquartile_mean
 from .errors import SwingupError
+from .learner.folder import RunFolder
 from .learner.metrics import FILE, read_metrics
 from .learner.presets import get_preset
 from .learner.run import Run
-from .learner.settings import Settings, read_settings, settings_from_dict
+from .learner.settings import Settings, read_settings, settings_from_dict, whole
 
 Grid = Mapping[str, Sequence[Any]]
 """Alternatives of each setting: names of the hyperparameters, or ``preset``."""
@@ -79,9 +82,14 @@ def plan(
         frames: length of the runs; by default the preset's.
 
     Raises:
-        SwingupError: a setting is unknown or cannot work.
+        SwingupError: a setting is unknown or cannot work, two runs would be the same, or presets that are to be
+            compared have runs of different lengths.
     """
-    jobs = []
+    presets = {name: get_preset(name).frames for name in grid.get("preset", [base["preset"]])}
+    if frames is None and len(set(presets.values())) > 1:
+        lengths = ", ".join(f"{name} {length:,}" for name, length in presets.items())
+        raise SwingupError(f"presets have runs of different lengths ({lengths} frames): give --frames")
+    jobs: list[Job] = []
     for values in itertools.product(*grid.values()):
         chosen = dict(zip(grid, values, strict=True))
         words = [f"{name}={format_value(value)}" for name, value in chosen.items()]
@@ -90,8 +98,11 @@ def plan(
         for seed in seeds:
             settings = Settings(**{**base, "preset": preset, "seed": seed, "seeds": 1}, config=config)
             folder = Path(out).absolute() / (",".join(words) or "base") / f"seed-{seed}"
-            length = frames or get_preset(preset).frames
+            length = presets[preset] if frames is None else whole("frames", frames, 1)
             jobs.append(Job(" ".join(words), settings.as_dict(), str(folder), length))
+    for path, count in Counter(job.folder for job in jobs).items():
+        if count > 1:
+            raise SwingupError(f"{path} would hold {count} runs: give each alternative and each seed once")
     return jobs
 
 
@@ -108,7 +119,7 @@ def parse_grid(assignments: Sequence[str]) -> dict[str, list[Any]]:
         usual = "" if name == "preset" else vars(Config()).get(name)
         if not equals or usual is None:
             raise SwingupError(f"--set {assignment}: write NAME=VALUE,VALUE with a hyperparameter's name or preset")
-        grid[name] = [_parse(assignment, text, usual) for text in values.split(",")]
+        grid.setdefault(name, []).extend(_parse(assignment, text, usual) for text in values.split(","))
     return grid
 
 
@@ -150,6 +161,8 @@ def sweep(
             outcome = future.result()
         except BrokenExecutor as error:
             raise SwingupError("a worker of the sweep died: give the same command again, it goes on") from error
+        except Exception as error:  # what an executor has to say of a job that it gave up
+            outcome = _failed(jobs[futures[future]], error)
         outcomes[futures[future]] = outcome
         if progress is not None:
             progress(outcome)
@@ -157,30 +170,62 @@ def sweep(
 
 
 def train_one(job: Job) -> Outcome:
-    """Do one job, or what is left of it, in the process that calls this."""
+    """Do one job, or what is left of it, in the process that calls this; what goes wrong is in the outcome."""
     try:
-        run = _open(job)
-        for _ in run.advance():
-            pass
-        run.close()
-        last = read_metrics(Path(job.folder) / FILE)[-1]
-        return Outcome(job, _number(last["score"]), _number(last["best_score"]))
-    except SwingupError as error:
-        return Outcome(job, float("nan"), float("nan"), str(error))
+        with contextlib.closing(_open(job)) as run:
+            _in_progress.append(run)
+            try:
+                for _ in run.advance():
+                    pass
+            finally:
+                _in_progress.remove(run)
+        if run.frames < job.frames:  # a signal stopped it, in a worker of ours
+            signal.raise_signal(signal.SIGTERM)
+        rows = read_metrics(Path(job.folder) / FILE)
+        if not rows:
+            raise SwingupError(f"{job.folder} holds no metrics: remove it to train again")
+        return Outcome(job, _number(rows[-1]["score"]), _number(rows[-1]["best_score"]))
+    except Exception as error:
+        return _failed(job, error)
+
+
+def _failed(job: Job, error: Exception) -> Outcome:
+    words = str(error) if isinstance(error, SwingupError) else f"{type(error).__name__}: {error}"
+    return Outcome(job, float("nan"), float("nan"), words)
 
 
 def _open(job: Job) -> Run:
     """A run's beginning, or where its folder has it."""
-    folder, settings = Path(job.folder), settings_from_dict(job.settings)
-    if not any((folder / "checkpoints").glob("[0-9]*.npz")):
-        shutil.rmtree(folder, ignore_errors=True)  # killed before there was anything to lose
-        return Run(settings, folder, job.frames)
-    if read_settings(folder)[0].as_dict() != job.settings:
+    folder, settings = RunFolder(job.folder), settings_from_dict(job.settings)
+    with folder.exclusive():
+        if not folder.has_checkpoint():
+            folder.clear()  # killed before there was anything to lose
+            return Run(settings, folder.path, job.frames)
+    if read_settings(folder.path)[0].as_dict() != job.settings:
         raise SwingupError(f"{folder} holds a run with other settings: choose another --out")
-    run = Run.resume(folder)
+    run = Run.resume(folder.path)
     if run.frames < job.frames:
         run.extend(job.frames - run.frames)
     return run
+
+
+_in_progress: list[Run] = []
+"""What this process trains."""
+
+
+def _obey_signals() -> None:
+    """In a local worker: Ctrl-C and SIGTERM end the run in progress after its chunk, saved, and then the worker."""
+
+    def end(number: int, frame: FrameType | None) -> None:
+        if number == signal.SIGINT or not _in_progress:  # a second Ctrl-C does not wait
+            signal.signal(number, signal.SIG_DFL)
+        if not _in_progress:
+            signal.raise_signal(number)
+        for run in _in_progress:
+            run.stop()
+
+    signal.signal(signal.SIGINT, end)
+    signal.signal(signal.SIGTERM, end)
 
 
 def _number(value: float | None) -> float:
@@ -224,8 +269,15 @@ def executor_for(scheduler: str | None, workers: int | None) -> Iterator[Executo
     if scheduler is None:
         count = workers or max(1, (os.cpu_count() or 1) // 2)
         # Fresh processes: JAX does not survive a fork.
-        with ProcessPoolExecutor(count, multiprocessing.get_context("spawn")) as pool:
-            yield pool
+        others = set(multiprocessing.active_children())
+        with ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), _obey_signals) as pool:
+            try:
+                yield pool
+            except BaseException:
+                for worker in set(multiprocessing.active_children()) - others:
+                    worker.terminate()
+                pool.shutdown(cancel_futures=True)
+                raise
         return
     try:
         from distributed import Client
@@ -236,4 +288,8 @@ def executor_for(scheduler: str | None, workers: int | None) -> Iterator[Executo
     except (OSError, ValueError) as error:
         raise SwingupError(f"no Dask scheduler answers at {scheduler}: start one with dask scheduler") from error
     with client, client.get_executor() as executor:
-        yield executor
+        try:
+            yield executor
+        except BaseException:
+            executor.shutdown(wait=False)  # gives up what was not begun
+            raise

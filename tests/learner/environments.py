@@ -47,6 +47,26 @@ class Noisy(gymnasium.Env):
         return self.position.astype(np.float32), float(reward), False, bool(self.np_random.random() < 0.02), {}
 
 
+class Endless(Stairs):
+    """Stairs that never end and pay 2 a step."""
+
+    def step(self, action):
+        observation, *_, infos = super().step(action)
+        return observation, 2.0, False, False, infos
+
+
+class Failing(Noisy):
+    """Fails in one step, counted over all of them; ``raises`` is what it raises, or None once it is mended."""
+
+    steps, fails_at, raises = 0, 70, None
+
+    def step(self, action):
+        Failing.steps += 1
+        if Failing.raises is not None and Failing.steps == Failing.fails_at:
+            raise Failing.raises
+        return super().step(action)
+
+
 class Chain(VectorEnv):
     """Hand-made, vectorised, in any autoreset mode; two kinds.
 

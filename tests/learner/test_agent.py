@@ -2,6 +2,7 @@
 
 import doctest
 import functools
+import json
 
 import gymnasium
 import jax
@@ -16,7 +17,7 @@ from swingup.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.tasks.task import AbstractTask, Step
 
-from .environments import Chain, Noisy, Stairs
+from .environments import Chain, Endless, Failing, Noisy, Stairs
 
 TINY = {
     "num_envs": 2, "num_steps": 16, "num_epochs": 1, "batch_size": 32, "policy_layers": (8,), "value_layers": (8,),
@@ -69,6 +70,67 @@ def test_learning_goes_on_as_if_it_had_been_saved(tmp_path):
     assert not same_weights(one, AREAPO(Noisy, seed=4, **TINY).learn(64).learn(100))
 
 
+def test_whoever_loads_what_a_callback_saved_goes_on_as_the_saver_did(tmp_path):
+    def save_at_64(model, report):
+        if report.frames == 64:  # no checkpoint is due here
+            model.save(tmp_path / "model.npz")
+
+    one = AREAPO(Noisy, seed=3, **TINY).learn(192, save_at_64)
+    other = AREAPO.load(tmp_path / "model.npz", env=Noisy)
+    assert other.frames == 64
+    assert same_weights(one, other.learn(128))
+
+
+@pytest.mark.parametrize(
+    ("raised", "seen", "message"),
+    [
+        (ValueError("no\nway"), SwingupError, "the environment failed in a step: ValueError: no way"),
+        (KeyboardInterrupt("now"), KeyboardInterrupt, "now"),
+    ],
+)
+def test_an_interrupted_learner_stands_where_it_stood(tmp_path, monkeypatch, raised, seen, message):
+    monkeypatch.setattr(Failing, "steps", 0)
+    monkeypatch.setattr(Failing, "raises", raised)
+    model = AREAPO(Failing, seed=3, folder=tmp_path / "run", **(TINY | {"evaluation_episodes": 0}))
+    with pytest.raises(seen, match=message):
+        model.learn(128)
+    assert model.frames == 64
+    model.predict(np.zeros((2, 1)))
+    model.save(tmp_path / "model.npz")
+    monkeypatch.setattr(Failing, "raises", None)
+    assert model.learn(64).frames == 128
+    assert same_weights(model, AREAPO.load(tmp_path / "model.npz", env=Failing).learn(64))
+
+
+def test_a_callback_that_raises_lets_the_folder_go(tmp_path):
+    model = AREAPO(Noisy, folder=tmp_path / "run", **TINY)
+    with pytest.raises(ZeroDivisionError) as caught:
+        model.learn(64, lambda model, report: 1 / 0)
+    assert caught.tb is not None  # it holds the frame of learn()
+    assert model.learn(64).frames == 128
+
+
+@pytest.mark.parametrize("vector", [False, True])
+def test_a_task_without_an_end_is_scored_by_the_reward_of_a_step(tmp_path, vector):
+    env = gymnasium.vector.SyncVectorEnv([Endless] * 2) if vector else Endless
+    episodes = {} if vector else {"evaluation_episodes": 0}
+    model = AREAPO(env, folder=tmp_path / "run", **(TINY | episodes)).learn(64)
+    row = read_metrics(tmp_path / "run" / "metrics.jsonl")[-1]
+    assert (row["score"], row["best_score"], row["episode_return"]) == (2.0, 2.0, None)
+    assert load_policy(tmp_path / "run" / "best.npz")[1]["scores"]["episodes"]["score"] == 2.0
+    model.close()
+
+
+def test_a_policy_file_without_a_score_is_json(tmp_path):
+    AREAPO(Endless, **(TINY | {"evaluation_episodes": 0})).export_policy(tmp_path / "p.npz")
+
+    def refuse(word):
+        raise AssertionError(word)
+
+    text = np.load(tmp_path / "p.npz")["metadata"].tobytes().decode()
+    assert json.loads(text, parse_constant=refuse)["scores"]["episodes"]["score"] is None
+
+
 def test_predict_one_and_several(noisy):
     space = Noisy().action_space
     single = noisy.predict(np.zeros((2, 1)))
@@ -104,7 +166,7 @@ def test_callbacks_see_reports_and_may_stop():
 def test_a_folder_holds_what_the_command_writes(tmp_path):
     model = AREAPO(Noisy, folder=tmp_path / "run", **TINY).learn(200)
     assert {path.name for path in (tmp_path / "run").iterdir()} == {
-        "config.json", "metrics.jsonl", "tensorboard", "checkpoints", "best.npz", "last.npz",
+        ".lock", "config.json", "metrics.jsonl", "tensorboard", "checkpoints", "best.npz", "last.npz",
     }  # fmt: skip
     rows = read_metrics(tmp_path / "run" / "metrics.jsonl")
     assert [row["frames"] for row in rows] == [64, 128, 192, 224]
@@ -142,6 +204,18 @@ def test_a_vector_environment_evaluates_elsewhere():
         model.evaluate(env=Noisy)
 
 
+def test_evaluation_refuses_other_actions_and_closes_what_it_made(monkeypatch):
+    closed = []
+    monkeypatch.setattr(Stairs, "close", lambda self: closed.append(self))
+    model = AREAPO(Chain(2, "cycle", AutoresetMode.SAME_STEP), **TINY)
+    with pytest.raises(SwingupError, match="policy's actions are 1 choices of 3, the environment's are 2 num"):
+        model.evaluate(3, env=Stairs)
+    assert len(closed) == 1 + 3  # the one that was tried, and those that were made
+    for episodes in (0, -1, 1.5, "2"):
+        with pytest.raises(SwingupError, match=f"episodes = {episodes!r} must be"):
+            model.evaluate(episodes, env=Stairs)
+
+
 def test_a_task_in_jax_is_compiled():
     model = AREAPO(Lever(), temperature=0.0, **(TINY | {"num_steps": 64, "learning_rate": 0.01})).learn(20_000)
     assert model.predict([0.0]) == [2]
@@ -176,11 +250,27 @@ def test_the_family_trains_on_a_gymnasium_id(preset):
         ({"env": "NoSuchTask-v0"}, "cannot make"),
         ({"seed": -1}, "seed = -1"),
         ({"evaluation_episodes": -1}, "evaluation_episodes = -1"),
+        ({"evaluate_every": 0}, "evaluate_every = 0 must be at least 1"),
+        ({"checkpoint_every": 0}, "checkpoint_every = 0 must be at least 1"),
+        ({"seed": "3"}, "seed = '3' must be a whole number"),
+        ({"env": "no_such_mod:Task-v0"}, "cannot make 'no_such_mod:Task-v0': ModuleNotFoundError"),
+        ({"policy_layers": 64}, r"policy_layers = 64 must be integers such as \(64, 64\)"),
+        ({"policy_layers": ("8",)}, r"policy_layers = \('8',\) must be integers"),
+        ({"num_envs": 2.0}, "num_envs = 2.0 must be an integer"),
+        ({"learning_rate": "3e-4"}, "learning_rate = '3e-4' must be a number"),
+        ({"popart": 1}, "popart = 1 must be True or False"),
     ],
 )
 def test_bad_arguments(arguments, message):
     with pytest.raises(SwingupError, match=message):
         AREAPO(**({"env": Noisy} | TINY | arguments))
+
+
+def test_numbers_of_numpy_become_pythons():
+    given = {"learning_rate": np.float32(1e-3), "num_envs": np.int64(2), "policy_layers": np.array([8]).tolist()}
+    model = AREAPO(Noisy, seed=np.int64(3), **(TINY | given | {"value_layers": (np.int32(8),)}))
+    plain = AREAPO(Noisy, seed=3, **(TINY | {"learning_rate": float(np.float32(1e-3))}))
+    assert model.settings.as_dict() == plain.settings.as_dict()
 
 
 def test_the_docstrings_example():

@@ -13,6 +13,7 @@ from swingup.learner.environments import Actions, Environments, make_environment
 
 from .environments import Chain, Noisy, Stairs
 
+LARGEST = np.finfo(np.float32).max
 ZEROS = np.zeros((2, 2), np.float32)
 
 
@@ -113,6 +114,8 @@ class Odd(Stairs):
         ),
         (functools.partial(Odd, Discrete(2)), "observations .* are not a Box"),
         (functools.partial(Odd, None, Box(-np.inf, np.inf, (1,))), "have no bounds to scale to"),
+        (functools.partial(Odd, None, Box(-LARGEST, LARGEST, (1,))), "have no bounds to scale to"),
+        (functools.partial(Odd, None, Box(0, 9, (1,), np.int64)), "are whole numbers in a Box: make them a Multi"),
         (
             functools.partial(Odd, None, Dict({"a": Discrete(2)})),
             "are not supported: use a bounded Box, Discrete or",

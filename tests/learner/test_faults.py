@@ -1,6 +1,7 @@
 """What may befall a run: killed processes, two processes in one folder, a full disk."""
 
 import contextlib
+import errno
 import fcntl
 import math
 import os
@@ -18,6 +19,7 @@ import pytest
 
 from swingup.cli import main
 from swingup.errors import SwingupError
+from swingup.learner.folder import RunFolder
 from swingup.learner.run import Run
 
 from .brief import briefly_judged
@@ -42,24 +44,29 @@ def finish(process):
 
 
 def kill_and_resume(folder, arguments, cache, kills, seed):
-    """Train to the end through so many kills; returns how often a checkpoint was resumed from."""
-    moments, resumed = random.Random(seed), 0
-    for remaining in range(kills, -1, -1):
-        if any((folder / "checkpoints").glob("[0-9]*.npz")):
-            process = start(["--resume", str(folder)], cache)
-            resumed += 1
-        else:  # killed before there was anything to lose
+    """Train to the end through so many kills; returns how often a checkpoint was resumed from.
+
+    A process that comes to its end before it is killed does not count, and there is nothing left to kill then.
+    """
+    moments, killed, resumed = random.Random(seed), 0, 0
+    while True:
+        newest = max((int(path.stem) for path in (folder / "checkpoints").glob("[0-9]*.npz")), default=None)
+        if newest is None:  # killed before there was anything to lose
             shutil.rmtree(folder, ignore_errors=True)
             process = start([*arguments, "--out", str(folder)], cache)
-        if remaining == 0:
+        else:
+            process = start(["--resume", str(folder)], cache)
+            resumed += newest > 0
+        if killed == kills:
             finish(process)
-            continue
-        if remaining % 4:  # mostly in the midst of training, sometimes anywhere
+            return resumed
+        if killed % 4 != 3:  # mostly in the midst of training, sometimes anywhere
             wait_for_a_report(folder, process)
-        time.sleep(moments.uniform(0.0, 0.4 if remaining % 4 else 4.0))
+        time.sleep(moments.uniform(0.0, 0.4 if killed % 4 != 3 else 4.0))
         process.send_signal(signal.SIGKILL)
         process.communicate()
-    return resumed
+        assert process.returncode == -signal.SIGKILL, f"came to its end after {killed} kills: give it more frames"
+        killed += 1
 
 
 def wait_for_a_report(folder, process):
@@ -94,19 +101,19 @@ def best_score(row):
     return -math.inf if row["best_score"] is None else row["best_score"]
 
 
-def check_kills(tmp_path, task, kills, frames):
+def check_kills(tmp_path, task, kills, frames, resumes=0):
     arguments = [*TASKS[task], "--frames", str(frames), *TINY]
     with signals_as_they_were():
         assert main(["train", *arguments, "--out", str(tmp_path / "whole")]) == 0  # here: nobody kills it
     resumed = kill_and_resume(tmp_path / "part", arguments, tmp_path / "cache", kills, seed=kills)
-    assert resumed >= (kills + 1) // 2
+    assert resumed >= resumes
     assert_same_files(tmp_path / "whole", tmp_path / "part")
     whole, part = measured(tmp_path / "whole"), measured(tmp_path / "part")
     assert whole[-1] == part[-1]
     # A best policy that was written after the last checkpoint outlives the kill: its score is known earlier.
     assert all(best_score(one) <= best_score(other) for one, other in zip(whole, part, strict=True))
     assert [row | {"best_score": None} for row in whole] == [row | {"best_score": None} for row in part]
-    assert not [path for path in (tmp_path / "part").rglob(".*") if path.is_file()]
+    assert [path.name for path in (tmp_path / "part").rglob(".*")] == [".lock"]
 
 
 @pytest.mark.parametrize("task", ["compiled", pytest.param("host", marks=pytest.mark.slow)])
@@ -117,22 +124,39 @@ def test_a_killed_process_resumes_to_the_same_bits(tmp_path, task):
 @pytest.mark.slow
 @pytest.mark.parametrize("task", ["compiled", "host"])
 def test_many_killed_processes_resume_to_the_same_bits(tmp_path, task):
-    check_kills(tmp_path, task, kills=12, frames=64 * 400)
+    check_kills(tmp_path, task, kills=14, frames=64 * (400 if task == "compiled" else 1_000), resumes=10)
 
 
 @pytest.mark.usefixtures("brief")
 def test_two_processes_do_not_train_in_one_folder(tmp_path):
     run(tmp_path / "r", 2)
-    descriptor = os.open(tmp_path / "r" / "checkpoints", os.O_RDONLY)
-    fcntl.flock(descriptor, fcntl.LOCK_EX)  # as another process would hold it
-    with pytest.raises(SwingupError, match=f"another process trains in {tmp_path / 'r'}: wait for it, stop it"):
-        list(Run.resume(tmp_path / "r", 4 * FRAMES).advance())
-    os.close(descriptor)
+    with (tmp_path / "r" / ".lock").open("ab") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)  # as another process would hold it
+        with pytest.raises(SwingupError, match=f"another process trains in {tmp_path / 'r'}: wait for it, stop it"):
+            list(Run.resume(tmp_path / "r", 4 * FRAMES).advance())
     late = Run.resume(tmp_path / "r", 4 * FRAMES)
     list(Run.resume(tmp_path / "r", 4 * FRAMES).advance())
     # Who read the checkpoint before the other one trained does not undo its work.
     with pytest.raises(SwingupError, match="has moved on to 256 frames"):
         list(late.advance())
+
+
+@pytest.mark.parametrize(
+    ("number", "message"),
+    [
+        (errno.ENOLCK, None), (errno.EOPNOTSUPP, None), (errno.EACCES, "another process trains in"),
+        (errno.EBADF, "cannot lock .*lock: Bad file descriptor"),
+    ],
+)  # fmt: skip
+def test_what_a_file_system_says_of_locks(tmp_path, monkeypatch, number, message):
+    def flock(file, operation):
+        assert "a" in file.mode  # NFS locks no file that is open for reading
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(fcntl, "flock", flock)
+    refused = contextlib.nullcontext() if message is None else pytest.raises(SwingupError, match=message)
+    with refused, RunFolder(tmp_path / "new").exclusive():
+        pass
 
 
 @pytest.mark.usefixtures("brief")

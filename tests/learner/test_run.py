@@ -13,7 +13,7 @@ from swingup.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
 from swingup.learner.run import Run
-from swingup.learner.settings import Settings, settings_from_dict
+from swingup.learner.settings import PENDULUM_INTERVALS, Settings, settings_from_dict
 from swingup.tasks.domain import Domain
 
 from .brief import briefly_judged
@@ -73,7 +73,7 @@ def test_a_run_leaves_its_files(finished):
     folder, _, reports = finished
     assert [report.frames for report in reports] == [128, 256, 384, 512, 640]
     assert {path.name for path in folder.iterdir()} == {
-        "config.json", "metrics.jsonl", "tensorboard", "checkpoints", "best.npz", "last.npz",
+        ".lock", "config.json", "metrics.jsonl", "tensorboard", "checkpoints", "best.npz", "last.npz",
     }  # fmt: skip
     assert sorted(path.name for path in (folder / "checkpoints").iterdir()) == [
         "000000000512.npz",
@@ -131,7 +131,41 @@ def test_killed_after_a_checkpoint_and_resumed(finished, tmp_path):
     assert measured(folder) == measured(tmp_path / "part")
 
 
-def test_seeds_side_by_side(tmp_path):
+@pytest.mark.parametrize("every", [1, 3])
+def test_no_more_is_lost_than_was_said(tmp_path, every):
+    """Checkpoints fall where they are due, whatever the reports' interval of two iterations."""
+    settings = dataclasses.replace(SETTINGS, checkpoint_every=every * FRAMES)
+    training, ends = Run(settings, tmp_path / "whole", 7 * FRAMES), []
+    for report in training.advance():
+        ends.append(report.frames // FRAMES)
+        kept = max(int(path.stem) for path in (tmp_path / "whole" / "checkpoints").glob("*.npz"))
+        assert report.frames - kept < every * FRAMES
+    assert ends == ([1, 2, 3, 4, 5, 6, 7] if every == 1 else [2, 3, 4, 6, 7])
+    part = Run(settings, tmp_path / "part", 7 * FRAMES)
+    for report in part.advance():
+        if report.frames == 4 * FRAMES:
+            break
+    list(Run.resume(tmp_path / "part").advance())
+    assert_same_files(tmp_path / "whole", tmp_path / "part")
+    assert measured(tmp_path / "whole") == measured(tmp_path / "part")
+
+
+def test_the_command_makes_the_same_settings():
+    usual = dataclasses.replace(SETTINGS, config=get_preset("default").config, **PENDULUM_INTERVALS)
+    assert usual.command(64) == "swingup train acrobot --preset default --frames 64 --seed 0"
+    changed = dataclasses.replace(usual, robot=None, env="a.b:C-v0", preset="mujoco", evaluation_episodes=2)
+    changed = dataclasses.replace(changed, evaluate_every=64, config=get_preset("mujoco").config)
+    assert changed.command(64) == (
+        "swingup train --env a.b:C-v0 --preset mujoco --frames 64 --seed 0 --evaluate-every 64 "
+        "--checkpoint-every 1048576 --evaluation-episodes 2"
+    )
+    passed_in = dataclasses.replace(changed, env="<a.C>", checkpoint_every=262_144, evaluation_episodes=5)
+    assert passed_in.command(64) == (
+        "swingup.AREAPO(env, preset='mujoco', seed=0, evaluate_every=64).learn(64)  # env: <a.C>"
+    )
+
+
+def test_seeds_side_by_side(tmp_path, monkeypatch):
     settings = dataclasses.replace(SETTINGS, seed=3, seeds=2)
     training, _ = run(tmp_path / "r", 4, settings)
     assert {path.name for path in (tmp_path / "r").glob("*.npz")} == {
@@ -141,11 +175,22 @@ def test_seeds_side_by_side(tmp_path):
     one, other = (arrays(tmp_path / "r" / f"last-{seed}.npz") for seed in (3, 4))
     assert not np.array_equal(one["network.trunk.1.weight"], other["network.trunk.1.weight"])
     assert training.frames == 4 * FRAMES
-    # Resumed seeds go on bit for bit as well.
-    run(tmp_path / "part", 2, settings)
+    # Resumed seeds go on bit for bit as well, also where they were killed between two files of the best policy.
+    save = Run._save_policy
+
+    def killed(self, *arguments):
+        if (tmp_path / "part" / "best.npz").exists() or (tmp_path / "part" / "best-3.npz").exists():
+            raise KeyboardInterrupt
+        save(self, *arguments)
+
+    monkeypatch.setattr(Run, "_save_policy", killed)
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path / "part", 2, settings)
+    monkeypatch.setattr(Run, "_save_policy", save)
+    list(Run.resume(tmp_path / "part").advance())
     list(Run.resume(tmp_path / "part", 4 * FRAMES).advance())
-    for seed in (3, 4):
-        left, right = (arrays(tmp_path / name / f"last-{seed}.npz") for name in ("r", "part"))
+    for file in ("best", "best-3", "best-4", "last-3", "last-4"):
+        left, right = (arrays(tmp_path / name / f"{file}.npz") for name in ("r", "part"))
         for name in left:
             np.testing.assert_array_equal(left[name], right[name])
 
@@ -164,6 +209,24 @@ def test_divergence_keeps_the_last_good_checkpoint(tmp_path):
     after = arrays(tmp_path / "r" / "checkpoints" / "000000000256.npz")
     assert all(np.array_equal(good[name], after[name]) for name in good)
     assert Run.resume(tmp_path / "r").frames == training.frames
+
+
+def test_an_interrupted_chunk_is_trained_again(finished, tmp_path, monkeypatch):
+    folder, _, _ = finished
+    training = Run(SETTINGS, tmp_path / "part", 10 * FRAMES)
+    train = training.world.train
+
+    def interrupted(state, iterations):
+        train(state, iterations)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(training.world, "train", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        list(training.advance())
+    monkeypatch.undo()
+    list(training.advance())
+    assert_same_files(folder, tmp_path / "part")
+    assert measured(folder) == measured(tmp_path / "part")
 
 
 def test_a_folder_is_never_overwritten(finished):

@@ -5,9 +5,12 @@ temperatures can be batched with ``vmap``. Defaults are Table I of the paper, to
 """
 
 import dataclasses
+from numbers import Integral, Real
 from typing import Any, Literal, get_args
 
 import equinox as eqx
+import jax
+import numpy as np
 
 from ..errors import SwingupError
 
@@ -102,6 +105,8 @@ class Config(eqx.Module):
 
     def __check_init__(self) -> None:
         """Refuse what cannot work, before anything is traced."""
+        for field in dataclasses.fields(self):
+            _check_kind(field.name, getattr(self, field.name), field.default)
         for name in ("num_envs", "num_steps", "num_epochs", "batch_size"):
             if getattr(self, name) < 1:
                 raise SwingupError(f"{name} = {getattr(self, name)} must be at least 1")
@@ -167,4 +172,32 @@ def config_from_dict(values: dict[str, Any]) -> Config:
     unknown = sorted(set(values) - names)
     if unknown:
         raise SwingupError(f"unknown hyperparameter {', '.join(unknown)}: use names of areapo.config.Config")
-    return Config(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})  # type: ignore[arg-type]
+    return Config(**{name: _plain(value) for name, value in values.items()})
+
+
+def _plain(value: Any) -> Any:
+    """A value as Python has it: no list, no number of NumPy's or JAX's."""
+    if isinstance(value, list | tuple):
+        return tuple(_plain(each) for each in value)
+    return value.item() if isinstance(value, np.generic | np.ndarray | jax.Array) and value.ndim == 0 else value
+
+
+def _check_kind(name: str, value: Any, usual: Any) -> None:
+    """Refuse what is not of the usual value's kind; numbers may be traced."""
+    if isinstance(usual, bool):
+        good, wanted = isinstance(value, bool | np.bool_), "True or False"
+    elif isinstance(usual, int):
+        good, wanted = _is_integer(value), "an integer"
+    elif isinstance(usual, float):
+        good = isinstance(value, Real | np.ndarray | jax.Array) and not isinstance(value, bool)
+        wanted = "a number"
+    elif isinstance(usual, tuple):
+        good, wanted = isinstance(value, tuple) and all(map(_is_integer, value)), "integers such as (64, 64)"
+    else:
+        return
+    if not good:
+        raise SwingupError(f"{name} = {value!r} must be {wanted}")
+
+
+def _is_integer(value: Any) -> bool:
+    return isinstance(value, Integral) and not isinstance(value, bool)

@@ -10,8 +10,9 @@ from rich.markup import escape
 from rich.table import Table
 from tyro.conf import UseAppendAction, arg
 
+from ..arrays import finite
 from ..errors import SwingupError
-from ..files import write_atomically
+from ..files import make_folder, write_atomically
 from ..sweep import Outcome, Row, executor_for, parse_grid, plan, summarise
 from ..sweep import sweep as run_sweep
 from .arguments import RobotOrNone
@@ -76,6 +77,7 @@ def sweep(
         console.print(escape(f"{name}: {outcome.error or f'{outcome.score:.6g}'}"), soft_wrap=True, highlight=False)
 
     with executor_for(scheduler, workers) as executor:
+        make_folder(folder)
         rows = summarise(run_sweep(jobs, executor, tell))
     text = as_json(rows)
     write_atomically(f"{folder}/sweep.json", (text + "\n").encode())
@@ -88,7 +90,7 @@ def sweep(
 
 def as_json(rows: list[Row]) -> str:
     """One list of rows."""
-    return json.dumps([dataclasses.asdict(row) for row in rows], indent=2)
+    return json.dumps(finite([dataclasses.asdict(row) for row in rows]), indent=2)
 
 
 def _show(rows: list[Row]) -> None:

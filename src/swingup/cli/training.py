@@ -42,7 +42,8 @@ def train(frames: int | None, options: dict[str, Any], out: str | None, resume: 
         console.print(f"stopped at {run.frames:,} frames and saved: continue with --resume {run.folder}")
         return 128 + received[0]
     if run.settings.robot is None:
-        print(f"best mean return {run.best_score:.6g}, policy {run.folder / 'best.npz'}")
+        name = "best.npz" if (run.folder / "best.npz").exists() else "last.npz"
+        print(f"best score {run.best_score:.6g}, policy {run.folder / name}")
         return 0
     task, best = run.settings.task(), str(run.folder / "best.npz")
     if isinstance(task, HardwareTask):

@@ -17,8 +17,7 @@ from ..areapo.policy import Policy
 from ..physics.parameters import ROBOTS
 from .presets import DEFAULT_PRESET, ENV_PRESET, get_preset
 from .run import Report, Run
-from .settings import ENV_INTERVALS, PENDULUM_INTERVALS, Settings, settings_from_dict
-from .worlds import label
+from .settings import Settings, label, settings_from_dict, usual_intervals, whole
 
 Callback = Callable[["AREAPO", Report], bool | None]
 """Called after each chunk; returning False ends ``learn``."""
@@ -58,9 +57,10 @@ class AREAPO:
                 pendulum and ``mujoco`` for anything else.
             seed: from which all randomness follows.
             folder: new or empty; learning then writes what ``swingup train`` writes. None: nothing is written.
-            evaluate_every: frames between evaluations, reports and callbacks.
+            evaluate_every: frames between evaluations, reports and callbacks, which come at checkpoints as well.
             checkpoint_every: frames between checkpoints; environments that the host steps start anew there.
-            evaluation_episodes: episodes of an evaluation; 0: none, where the host steps the environments.
+            evaluation_episodes: episodes of an evaluation; 0: none, where the host steps the environments, which
+                leaves training's episodes, or the reward of a step where none of them ends.
             **overrides: hyperparameters, names of :class:`swingup.areapo.config.Config`.
 
         Raises:
@@ -68,14 +68,14 @@ class AREAPO:
         """
         robot = env if isinstance(env, str) and env in ROBOTS else None
         preset = preset or (DEFAULT_PRESET if robot else ENV_PRESET)
-        usual = PENDULUM_INTERVALS if robot else ENV_INTERVALS
+        usual = usual_intervals(robot)
         settings = Settings(
             robot=robot,
             preset=preset,
             seed=seed,
             seeds=1,
-            evaluate_every=evaluate_every or usual["evaluate_every"],
-            checkpoint_every=checkpoint_every or usual["checkpoint_every"],
+            evaluate_every=usual["evaluate_every"] if evaluate_every is None else evaluate_every,
+            checkpoint_every=usual["checkpoint_every"] if checkpoint_every is None else checkpoint_every,
             config=_config(preset, overrides),
             env=None if robot else label(env),
             evaluation_episodes=evaluation_episodes,
@@ -126,7 +126,8 @@ class AREAPO:
     def learn(self, frames: int, callback: Callback | Sequence[Callback] = ()) -> "AREAPO":
         """Learn from so many frames more (rounded up to whole iterations), and return the learner itself.
 
-        Called again it goes on. Environments that the host steps are reset at its start.
+        Called again it goes on. Environments that the host steps are reset at its start. Whatever is raised, the
+        learner stands where the last whole chunk left it.
 
         Args:
             frames: how many.
@@ -176,13 +177,16 @@ class AREAPO:
     def evaluate(self, episodes: int = 10, env: Any = None) -> dict[str, Any]:
         """Judge the deterministic policy: ``score`` is the mean return; the pendulum's is the RealAI score.
 
+        Episodes are cut after 10,000 steps where the host steps them, after 1,000 in a task in JAX.
+
         Args:
             episodes: how many.
             env: another environment than the one learned on; needed where that is a vector environment.
 
         Raises:
-            SwingupError: there is no environment to evaluate on.
+            SwingupError: there is no environment to evaluate on, or it has other spaces.
         """
+        episodes = whole("episodes", episodes, 1)
         if env is None:
             return self._run.world.evaluate(self._run.policy(), episodes)
         from .hosted import play_once
@@ -191,6 +195,8 @@ class AREAPO:
 
     def save(self, path: str | Path) -> None:
         """Write the complete state: a learner that is loaded goes on as this one does, bit for bit.
+
+        Therefore environments that the host steps start anew in both, also where a callback saves.
 
         Raises:
             SwingupError: the file cannot be written.

@@ -19,10 +19,11 @@ from .judges import AbstractJudge
 from .world import AbstractWorld, batched, portable_policy
 
 # Compiled once for all runs of a program. A single seed goes without vmap, which costs it speed on a CPU.
+# The state is not donated: a run that is interrupted stands where it was.
 _init = jax.jit(train.init)
 _init_seeds = jax.jit(jax.vmap(train.init, in_axes=(0, None, None)))
-_train = jax.jit(train.train, donate_argnums=0)
-_train_seeds = jax.jit(jax.vmap(train.train, in_axes=(0, None, None, None)), donate_argnums=0)
+_train = jax.jit(train.train)
+_train_seeds = jax.jit(jax.vmap(train.train, in_axes=(0, None, None, None)))
 
 
 class CompiledWorld(AbstractWorld):

@@ -9,7 +9,8 @@ Every step yields the observation to act on next (after a reset, where there was
 - ``DISABLED``: it is told to reset those that ended.
 """
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -57,13 +58,17 @@ class Actions:
         """Read a space.
 
         Raises:
-            SwingupError: it is none of the three, or a Box without bounds.
+            SwingupError: it is none of the three, or a Box of integers or without bounds.
         """
         self._shape, self._dtype = space.shape or (), space.dtype
         self.size = int(np.prod(self._shape))
         self.choices: tuple[int, ...] = ()
-        if isinstance(space, Box) and np.issubdtype(space.dtype, np.floating):
-            if not (np.isfinite(space.low).all() and np.isfinite(space.high).all()):
+        if isinstance(space, Box) and not np.issubdtype(space.dtype, np.floating):
+            raise SwingupError(f"actions {space} are whole numbers in a Box: make them a MultiDiscrete")
+        if isinstance(space, Box):
+            with np.errstate(over="ignore"):  # the largest numbers that there are do not bound either
+                span = np.float32(space.high) - np.float32(space.low)
+            if not np.isfinite(span).all():
                 raise SwingupError(
                     f"actions {space} have no bounds to scale to: give them some in a "
                     f"gymnasium.wrappers.TransformAction"
@@ -123,8 +128,13 @@ class Environments:
         return self._mode is not AutoresetMode.NEXT_STEP
 
     def reset(self, seed: int) -> Float32[np.ndarray, "envs n"]:
-        """Start new episodes everywhere, from a seed on which all that follows depends."""
-        observations, _ = self._env.reset(seed=seed)
+        """Start new episodes everywhere, from a seed on which all that follows depends.
+
+        Raises:
+            SwingupError: an environment failed.
+        """
+        with _blaming("the environment failed in its reset"):
+            observations, _ = self._env.reset(seed=seed)
         self._resetting = np.zeros(self.num_envs, np.bool_)
         self._starts = self._flat(observations)
         return self._starts.copy()
@@ -133,10 +143,12 @@ class Environments:
         """Take the policy's actions in all environments.
 
         Raises:
-            SwingupError: an observation or a reward is not finite.
+            SwingupError: an environment failed, or an observation or a reward is not finite.
         """
         counted = ~self._resetting
-        observations, rewards, terminated, truncated, infos = self._env.step(self.actions(actions))
+        chosen = self.actions(actions)
+        with _blaming("the environment failed in a step"):
+            observations, rewards, terminated, truncated, infos = self._env.step(chosen)
         terminated, truncated = terminated & counted, truncated & counted
         following, true_next = self._around_resets(self._flat(observations), terminated | truncated, infos)
         rewards = np.where(counted, rewards, 0.0).astype(np.float32)
@@ -158,7 +170,8 @@ class Environments:
             other[ended] = self._starts[ended]
             return other, seen
         if self._mode is AutoresetMode.DISABLED:
-            fresh, _ = self._env.reset(options={"reset_mask": ended})
+            with _blaming("the environment failed in its reset"):
+                fresh, _ = self._env.reset(options={"reset_mask": ended})
             other[ended] = self._flat(fresh)[ended]
             return other, seen
         if "final_obs" not in infos:
@@ -187,7 +200,14 @@ def make_environments(env: Any, num_envs: int) -> Environments:
                 f"num_envs = {num_envs}, but the vector environment has {env.num_envs}: make them equal"
             )
         return Environments(env)
-    return Environments(SyncVectorEnv([_maker(env)] * num_envs, autoreset_mode=AutoresetMode.SAME_STEP))
+    make = _maker(env)
+    with _blaming(f"cannot make {num_envs} of {_short(env)}"):
+        several = SyncVectorEnv([make] * num_envs, autoreset_mode=AutoresetMode.SAME_STEP)
+    try:
+        return Environments(several)
+    except SwingupError:
+        several.close()
+        raise
 
 
 def _maker(env: Any) -> Callable[[], gymnasium.Env[Any, Any]]:
@@ -204,12 +224,23 @@ def _maker(env: Any) -> Callable[[], gymnasium.Env[Any, Any]]:
         first = make()
     except gymnasium.error.DependencyNotInstalled as error:
         raise SwingupError(f"{env}: {_short(error)}; for MuJoCo: pip install 'swingup[mujoco]'") from error
-    except gymnasium.error.Error as error:
-        raise SwingupError(f"cannot make {env!r}: {_short(error)}; use {MAKES_SENSE}") from error
+    except Exception as error:
+        kind = "" if isinstance(error, gymnasium.error.Error) else f"{type(error).__name__}: "
+        raise SwingupError(f"cannot make {_short(repr(env))}: {kind}{_short(error)}; use {MAKES_SENSE}") from error
     if not isinstance(first, gymnasium.Env):
         raise SwingupError(f"{_short(env)} made a {type(first).__name__}: it must make a gymnasium.Env")
-    first.close()
+    with _blaming(f"cannot close {_short(env)}"):
+        first.close()
     return make
+
+
+@contextlib.contextmanager
+def _blaming(what: str) -> Iterator[None]:
+    """Whatever is raised by code that is not ours, in one line."""
+    try:
+        yield
+    except Exception as error:
+        raise SwingupError(f"{what}: {type(error).__name__}: {_short(error)}; mend it and go on") from error
 
 
 def _short(value: object) -> str:

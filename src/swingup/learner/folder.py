@@ -1,7 +1,8 @@
 """A run's folder: one process at a time, checkpoints that are never lost, policies by seed."""
 
 import contextlib
-import os
+import errno
+import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,13 @@ from ..areapo.checkpoint import load_checkpoint, save_checkpoint
 from ..errors import SwingupError
 
 CHECKPOINTS_KEPT = 2
+
+LOCK = ".lock"
+"""An empty file in the folder, which stays: removed, it could be locked twice."""
+HELD = (errno.EAGAIN, errno.EACCES)
+"""How the kernel says that another process holds a lock; the second, on some network file systems."""
+NO_LOCKS = (errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK, errno.ENOSYS)
+"""How it says that a file system has no locks."""
 
 
 class RunFolder:
@@ -29,12 +37,17 @@ class RunFolder:
             SwingupError: it does, or it cannot be looked into.
         """
         try:
-            if self.path.exists() and any(self.path.iterdir()):
+            if any(self._content()):
                 raise SwingupError(
                     f"{self.path} exists: continue it with --resume {self.path}, or choose another --out"
                 )
         except OSError as error:
             raise _cannot_create(self.path, error) from error
+
+    def clear(self) -> None:
+        """Remove what is in the folder, but for the lock."""
+        for path in self._content():
+            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
 
     def create(self) -> None:
         """Make the folder.
@@ -62,6 +75,10 @@ class RunFolder:
         for old in self._checkpoints()[:-CHECKPOINTS_KEPT]:
             old.unlink(missing_ok=True)
 
+    def has_checkpoint(self) -> bool:
+        """Whether there is something to go on from."""
+        return bool(self._checkpoints())
+
     def load_checkpoint(self, like: Any) -> tuple[Any, dict[str, Any]]:
         """Read the newest checkpoint.
 
@@ -87,7 +104,7 @@ class RunFolder:
         Raises:
             SwingupError: another process trains here, or has done so since this one read the checkpoint.
         """
-        with _exclusive(self.checkpoints):
+        with self.exclusive():
             newest = int(self._checkpoints()[-1].stem) if self._checkpoints() else frames
             if newest > frames:
                 raise SwingupError(
@@ -97,31 +114,41 @@ class RunFolder:
                 leftover.unlink(missing_ok=True)  # half-written by a process that was killed
             yield
 
+    @contextlib.contextmanager
+    def exclusive(self) -> Iterator[None]:
+        """Hold the kernel's lock on the folder, which is made if need be, where there are such locks.
+
+        Raises:
+            SwingupError: another process holds it, or the folder cannot be written.
+        """
+        try:
+            import fcntl
+        except ImportError:  # no such module on Windows
+            yield
+            return
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            # Open for writing, or NFS refuses to lock it.
+            file = (self.path / LOCK).open("ab")
+        except OSError as error:
+            raise _cannot_create(self.path / LOCK, error) from error
+        with file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                if error.errno in HELD:
+                    raise SwingupError(
+                        f"another process trains in {self.path}: wait for it, stop it, or choose another --out"
+                    ) from None
+                if error.errno not in NO_LOCKS:
+                    raise SwingupError(f"cannot lock {file.name}: {error.strerror}") from error
+            yield
+
+    def _content(self) -> list[Path]:
+        return [path for path in self.path.iterdir() if path.name != LOCK] if self.path.exists() else []
+
     def _checkpoints(self) -> list[Path]:
         return sorted(self.checkpoints.glob("[0-9]*.npz"))
-
-
-@contextlib.contextmanager
-def _exclusive(folder: Path) -> Iterator[None]:
-    """Hold the kernel's lock on a folder, where there are such locks."""
-    try:
-        import fcntl
-    except ImportError:  # no such module on Windows
-        yield
-        return
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise SwingupError(
-                f"another process trains in {folder.parent}: wait for it, stop it, or choose another --out"
-            ) from None
-        except OSError:
-            pass  # a file system without locks
-        yield
-    finally:
-        os.close(descriptor)
 
 
 def _cannot_create(path: Path, error: OSError) -> SwingupError:

@@ -119,4 +119,4 @@ def _advance(
 
 
 _split = jax.jit(lambda key: tuple(jax.random.split(key, 3)))
-_update = jax.jit(train.update, donate_argnums=0)
+_update = jax.jit(train.update)

@@ -13,9 +13,11 @@ from ..areapo import policy as policies
 from ..areapo import train
 from ..areapo.act import act
 from ..areapo.config import Config
+from ..areapo.networks import CategoricalActor
 from ..areapo.policy import Policy
 from ..areapo.state import LearnerState, Metrics
 from ..errors import SwingupError
+from ..tasks.task import Spaces
 from .environments import Environments, make_environments
 from .host import iterate, new_episodes
 from .judges import summary
@@ -47,7 +49,7 @@ class HostWorld(AbstractWorld):
         self.environments = make_environments(env, config.num_envs)
         self._env, self._config, self._seed, self._count = env, config, seed, episodes
         self._running = new_episodes(config.num_envs)
-        self._recent: dict[str, Any] = {}
+        self._recent: dict[str, Any] = {}  # how training went since the last report
         self._judges: dict[int, Environments] = {}
 
     def init(self) -> LearnerState:
@@ -69,11 +71,13 @@ class HostWorld(AbstractWorld):
             state, metrics = iterate(state, self.environments, self._running, self._config)
             rows.append(jax.device_get(metrics))
         mean = jax.tree.map(lambda *leaves: np.mean(leaves, dtype=np.float32), *rows)
-        ended = self._running
-        self._recent = summary(ended.returns, ended.finished) if ended.returns else {}
-        return state, mean, {
-            "episode_return": self._recent.get("score"), "episode_length": self._recent.get("mean_length"),
-        }  # fmt: skip
+        ended, reward = self._running, float(mean.reward)
+        if ended.returns:
+            self._recent = summary(ended.returns, ended.finished)
+        else:
+            self._recent = {"score": reward, "mean_length": None, "mean_reward": reward}
+        extras = {"episode_return": self._recent["score"] if ended.returns else None}
+        return state, mean, extras | {"episode_length": self._recent["mean_length"]}
 
     def policy(self, member: LearnerState) -> Policy[Any]:
         """The policy of an observation, flattened."""
@@ -82,7 +86,8 @@ class HostWorld(AbstractWorld):
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
         """Returns of episodes of other environments, the same ones each time.
 
-        A vector environment that was passed in has no others: the score is the return of training's episodes.
+        A vector environment that was passed in has no others: the score is the mean return of the episodes that
+        ended in training since the last report, or, where none did, the mean reward of a step.
 
         Raises:
             SwingupError: episodes were asked for and there are no other environments.
@@ -91,7 +96,7 @@ class HostWorld(AbstractWorld):
         if own and episodes is not None:
             raise SwingupError("a vector environment trains and cannot evaluate: pass evaluate another as env")
         if own or not (episodes or self._count):
-            # JSON has no infinity; the score of no episode at all is as low as scores get.
+            # The score of no step at all is as low as scores get.
             return self._recent or {"score": -np.inf, "mean_length": None, "mean_reward": None}
         count = episodes or self._count
         if count not in self._judges:
@@ -127,12 +132,29 @@ def play_once(policy: Policy[Any], env: Any, episodes: int, seed: int) -> dict[s
         SwingupError: the environments cannot be made, or the policy is for other spaces.
     """
     environments = make_environments(env, env.num_envs if isinstance(env, VectorEnv) else episodes)
-    size = policy.actor.trunk[0].weight.shape[1]
-    if size != environments.spaces.observation_size:
-        raise SwingupError(
-            f"the policy sees {size} numbers, the environment shows {environments.spaces.observation_size}"
-        )
-    return play(policy, environments, seed)
+    try:
+        _check_spaces(policy, environments.spaces)
+        return play(policy, environments, seed)
+    finally:
+        if not isinstance(env, VectorEnv):
+            environments.close()
+
+
+def _check_spaces(policy: Policy[Any], spaces: Spaces) -> None:
+    """Refuse an environment whose observations or actions are not the policy's."""
+    actor = policy.actor
+    seen, discrete = actor.trunk[0].weight.shape[1], isinstance(actor, CategoricalActor)
+    if seen != spaces.observation_size:
+        raise SwingupError(f"the policy sees {seen} numbers, the environment shows {spaces.observation_size}")
+    choices = actor.choices if discrete else ()
+    size = len(choices) if discrete else actor.mean_head.weight.shape[0]
+    if (size, choices) != (spaces.action_size, spaces.choices):
+        mine, its = _actions(size, choices), _actions(spaces.action_size, spaces.choices)
+        raise SwingupError(f"the policy's actions are {mine}, the environment's are {its}")
+
+
+def _actions(size: int, choices: tuple[int, ...]) -> str:
+    return f"{size} choices of {', '.join(map(str, choices))}" if choices else f"{size} numbers"
 
 
 def play(policy: Policy[Any], environments: Environments, seed: int) -> dict[str, Any]:

@@ -1,8 +1,12 @@
 """A run's metrics: ``metrics.jsonl``, one line a report and seed, and TensorBoard events beside it."""
 
+import contextlib
 import json
 import math
-from collections.abc import Iterable, Mapping
+import os
+import socket
+import time
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,18 +20,18 @@ class MetricsWriter:
     """Appends reports to a run's folder; resuming drops those after the checkpoint."""
 
     def __init__(self, folder: Path, after_frames: int = 0) -> None:
-        """Open the files of a run that stands at ``after_frames``."""
-        # Imported here: a third of a second that only training needs to spend.
-        from tensorboardX import SummaryWriter
+        """Open the files of a run that stands at ``after_frames``.
 
+        Raises:
+            SwingupError: a file cannot be written.
+        """
+        self._folder, self._start = folder, after_frames
         path = folder / FILE
         kept = [row for row in read_metrics(path) if row["frames"] <= after_frames] if path.exists() else []
         write_atomically(path, "".join(json.dumps(row) + "\n" for row in kept).encode())
-        self._file = path.open("a", encoding="utf-8")
-        self._boards: dict[int, Any] = {}
-        self._new_board = lambda seed: SummaryWriter(
-            str(folder / "tensorboard" / f"seed-{seed}"), purge_step=after_frames + 1
-        )
+        self._boards: dict[int, _Board] = {}
+        with self._errors_in_words():
+            self._file = path.open("a", encoding="utf-8")
 
     def write(self, rows: Iterable[Mapping[str, Any]]) -> None:
         """Append rows that hold at least ``seed`` and ``frames``.
@@ -35,30 +39,92 @@ class MetricsWriter:
         Raises:
             SwingupError: a file cannot be written.
         """
-        try:
-            self._write(rows)
-        except OSError as error:
-            raise SwingupError(f"cannot write {self._file.name}: {error.strerror}; make room and resume") from error
+        with self._errors_in_words():
+            for row in rows:
+                self._file.write(json.dumps(row) + "\n")
+                if row["seed"] not in self._boards:
+                    self._boards[row["seed"]] = _Board(
+                        self._folder / "tensorboard" / f"seed-{row['seed']}", self._start
+                    )
+                self._boards[row["seed"]].write(row)
+            self._file.flush()
 
-    def _write(self, rows: Iterable[Mapping[str, Any]]) -> None:
-        for row in rows:
-            self._file.write(json.dumps(row) + "\n")
-            if row["seed"] not in self._boards:
-                self._boards[row["seed"]] = self._new_board(row["seed"])
-            board = self._boards[row["seed"]]
-            for name, value in row.items():
-                if name not in ("seed", "frames") and isinstance(value, int | float) and math.isfinite(value):
-                    board.add_scalar(name, value, row["frames"])
-        self._file.flush()
+    def sync(self) -> None:
+        """Have the rows on the disk, as a checkpoint is that follows them.
+
+        Raises:
+            SwingupError: a file cannot be written.
+        """
+        with self._errors_in_words():
+            self._file.flush()
+            os.fsync(self._file.fileno())
 
     def __enter__(self) -> "MetricsWriter":
         return self
 
-    def __exit__(self, *exception: object) -> None:
-        """Flush and close all files."""
-        self._file.close()
-        for board in self._boards.values():
-            board.close()
+    def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
+        """Close all files; what cannot be flushed is an error only where there is no other.
+
+        Raises:
+            SwingupError: a file cannot be written.
+        """
+        failures = []
+        for close in (self._file.close, *(board.close for board in self._boards.values())):
+            try:
+                close()
+            except OSError as failure:
+                failures.append(failure)
+        if failures and error is None:
+            with self._errors_in_words():
+                raise failures[0]
+
+    @contextlib.contextmanager
+    def _errors_in_words(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise SwingupError(
+                f"cannot write metrics in {self._folder}: {error.strerror}; make room and resume"
+            ) from error
+
+
+class _Board:
+    """TensorBoard's events of one seed.
+
+    Written here and now: tensorboardX's SummaryWriter leaves it to a thread, which a full disk ends, and whoever
+    writes next waits for it.
+    """
+
+    def __init__(self, folder: Path, after_frames: int) -> None:
+        # Imported here: a third of a second that only training needs to spend.
+        from tensorboardX.proto.event_pb2 import Event, SessionLog
+        from tensorboardX.proto.summary_pb2 import Summary
+        from tensorboardX.record_writer import RecordWriter
+
+        self._event, self._summary = Event, Summary
+        folder.mkdir(parents=True, exist_ok=True)
+        name = f"events.out.tfevents.{int(time.time()):010d}.{socket.gethostname()}.{os.getpid()}.{after_frames}"
+        self._records = RecordWriter(str(folder / name))
+        self._add(0, file_version="brain.Event:2")
+        # What a run that was cut off wrote beyond its checkpoint is not shown.
+        self._add(after_frames + 1, session_log=SessionLog(status=SessionLog.START))
+
+    def write(self, row: Mapping[str, Any]) -> None:
+        """Write a row's numbers at its frames."""
+        values = [
+            self._summary.Value(tag=name, simple_value=value)
+            for name, value in row.items()
+            if name not in ("seed", "frames") and isinstance(value, int | float) and math.isfinite(value)
+        ]
+        self._add(row["frames"], summary=self._summary(value=values))
+        self._records.flush()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._records.close()
+
+    def _add(self, step: int, **content: Any) -> None:
+        self._records.write(self._event(wall_time=time.time(), step=step, **content).SerializeToString())
 
 
 def read_metrics(path: str | Path) -> list[dict[str, Any]]:

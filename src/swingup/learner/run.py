@@ -17,11 +17,12 @@ import numpy as np
 
 from ..areapo.policy import Policy, load_policy
 from ..areapo.state import LearnerState, Metrics
+from ..arrays import finite
 from ..errors import SwingupError
 from ..version import __version__
 from .folder import RunFolder
 from .metrics import MetricsWriter
-from .settings import Settings, read_settings, settings_from_dict, write_settings
+from .settings import Settings, read_settings, settings_from_dict, whole, write_settings
 from .world import AbstractWorld
 from .worlds import make_world
 
@@ -57,8 +58,7 @@ class Run:
         Raises:
             SwingupError: the folder holds something or cannot be written, or the task cannot be made.
         """
-        _check_frames(frames)
-        self._prepare(settings, folder, frames, env)
+        self._prepare(settings, folder, whole("frames", frames, 1), env)
         if self._folder is not None:
             self._folder.check_new()
         self._state = self._world.init()  # compiles for seconds: interrupted here, a run leaves nothing behind
@@ -75,8 +75,7 @@ class Run:
             SwingupError: the folder is no run, has no checkpoint, or its checkpoint is of another configuration.
         """
         settings, goal = read_settings(Path(folder))
-        goal = goal if frames is None else frames
-        _check_frames(goal)
+        goal = whole("frames", goal if frames is None else frames, 1)
         run = cls.__new__(cls)
         run._prepare(settings, folder, goal, env)
         assert run._folder is not None
@@ -105,6 +104,7 @@ class Run:
         self._best = [-math.inf] * settings.seeds
         self._world = make_world(settings, env)
         self._stopping = False
+        self._fresh = True  # what a checkpoint does not hold is to start anew
 
     def _restore(self, state: LearnerState, metadata: dict[str, Any]) -> None:
         if settings_from_dict(metadata["settings"]).as_dict() != self.settings.as_dict():
@@ -112,7 +112,8 @@ class Run:
                 f"the checkpoint is of another configuration than {self._folder}'s config.json: restore one of them"
             )
         self._state = state
-        self.iterations, self._seconds, self._best = metadata["iterations"], metadata["seconds"], metadata["best"]
+        self.iterations, self._seconds = metadata["iterations"], metadata["seconds"]
+        self._best = [-math.inf if best is None else best for best in metadata["best"]]
 
     @property
     def folder(self) -> Path:
@@ -145,13 +146,17 @@ class Run:
         return jax.eval_shape(self._world.init)
 
     def snapshot(self) -> tuple[LearnerState, dict[str, Any]]:
-        """The complete state, and the metadata of a checkpoint."""
+        """The complete state, and the metadata of a checkpoint.
+
+        What it does not hold starts anew here as well, so that whoever goes on from it does what this run does.
+        """
         self._check_finite((self._state.actor, self._state.critic), "weights are")
+        self._fresh = True
         return self._state, {
             "settings": self.settings.as_dict(),
             "iterations": self.iterations,
             "seconds": self._seconds,
-            "best": self._best,
+            "best": list(self._best),
         }
 
     def policy(self, index: int = 0) -> Policy[Any]:
@@ -160,8 +165,7 @@ class Run:
 
     def extend(self, frames: int) -> None:
         """Set the goal to so many frames more than the run has seen."""
-        _check_frames(frames)
-        self.goal = self.frames + frames
+        self.goal, self._stopping = self.frames + whole("frames", frames, 1), False
         if self._folder is not None:
             write_settings(self._folder.path, self.settings, self.goal)
 
@@ -174,17 +178,16 @@ class Run:
 
         A checkpoint is written at intervals, at the end and when asked to stop. Whatever a checkpoint does not hold
         (environments that the host steps) starts anew after each, so that a resumed run does what this one does.
+        Whatever is raised, the run stands where the last whole chunk left it.
 
         Raises:
-            SwingupError: training diverged (something is not finite), a file cannot be written, or another process
-                trains in the folder.
+            SwingupError: training diverged (something is not finite), an environment failed, a file cannot be
+                written, or another process trains in the folder.
         """
         target = math.ceil(self.goal / self.settings.config.rollout_size)
         with self._locked(), self._metrics_writer() as writer:
-            mark, fresh = time.perf_counter(), True
+            mark, saved, self._fresh = time.perf_counter(), True, True
             while self.iterations < target and not self._stopping:
-                if fresh:
-                    self._state = self._world.begin(self._state, self.iterations)
                 before = self.iterations
                 metrics, extras = self._train_chunk(self._chunk_end(target) - before)
                 evaluations = [self._evaluate(index) for index in range(self.settings.seeds)]
@@ -197,12 +200,12 @@ class Run:
                 rows = self._rows(metrics, extras, evaluations, rate)
                 if writer is not None:
                     writer.write(rows)
-                fresh = self._is_due(before) or self.iterations >= target or self._stopping
-                if fresh:
-                    self._save(evaluations)
+                saved = self._is_due(before) or self.iterations >= target or self._stopping
+                if saved:
+                    self._save(evaluations, writer)
                 yield Report(self.frames, rate, rows, self.best_score)
-            if self._stopping and not fresh:
-                self._save([self._evaluate(index) for index in range(self.settings.seeds)])
+            if self._stopping and not saved:
+                self._save([self._evaluate(index) for index in range(self.settings.seeds)], writer)
             self._stopping = False
 
     def close(self) -> None:
@@ -218,19 +221,22 @@ class Run:
         return MetricsWriter(self._folder.path, after_frames=self.frames)
 
     def _chunk_end(self, target: int) -> int:
-        """The iteration that ends the chunk: the next multiple of its length, or the last of all."""
-        return min((self.iterations // self.settings.chunk + 1) * self.settings.chunk, target)
+        """The iteration that ends the chunk: where the next report or checkpoint is due, or the last of all."""
+        intervals = (self.settings.chunk, self.settings.checkpoint_interval)
+        return min(target, *((self.iterations // every + 1) * every for every in intervals))
 
     def _is_due(self, before: int) -> bool:
         """Whether a checkpoint falls between an iteration and this one."""
-        every = max(1, self.settings.checkpoint_every // self.settings.config.rollout_size)
+        every = self.settings.checkpoint_interval
         return self.iterations // every > before // every
 
     def _train_chunk(self, count: int) -> tuple[Metrics, dict[str, Any]]:
-        self._state, metrics, extras = self._world.train(self._state, count)
+        state = self._world.begin(self._state, self.iterations) if self._fresh else self._state
+        self._fresh = True  # until the chunk is whole
+        state, metrics, extras = self._world.train(state, count)
         metrics = jax.tree.map(np.asarray, metrics)
         self._check_finite(metrics, "metrics are")
-        self.iterations += count
+        self._state, self.iterations, self._fresh = state, self.iterations + count, False
         return metrics, extras
 
     def _member(self, index: int) -> LearnerState:
@@ -243,12 +249,12 @@ class Run:
         policy = self.policy(index)
         result = self._world.evaluate(policy)
         if result["score"] > self._best[index]:
-            record = result["score"] > self.best_score
-            self._best[index] = result["score"]
+            # The best of all first: killed before its own file is written, the seed finds the same record again.
+            if result["score"] > self.best_score:
+                self._save_policy("best.npz", index, policy, result)
             if self.settings.seeds > 1:
                 self._save_policy(self._best_name(index), index, policy, result)
-            if record:
-                self._save_policy("best.npz", index, policy, result)
+            self._best[index] = result["score"]
         return result
 
     def _best_name(self, index: int) -> str:
@@ -294,7 +300,7 @@ class Run:
                 **result,
                 "best_score": self._best[index],
             }
-            rows.append({name: _json_value(value) for name, value in row.items()})
+            rows.append(finite(row))
         return rows
 
     def _check_finite(self, tree: Any, what: str) -> None:
@@ -306,8 +312,10 @@ class Run:
             f"lower --learning-rate or change --seed"
         )
 
-    def _save(self, evaluations: list[dict[str, Any]]) -> None:
-        """Write a checkpoint, and each seed's last policy with its score."""
+    def _save(self, evaluations: list[dict[str, Any]], writer: MetricsWriter | None) -> None:
+        """Write a checkpoint, after the metrics until there, and each seed's last policy with its score."""
+        if writer is not None:
+            writer.sync()
         self._save_checkpoint()
         for index, result in enumerate(evaluations):
             name = "last.npz" if self.settings.seeds == 1 else f"last-{self.settings.seed + index}.npz"
@@ -317,13 +325,3 @@ class Run:
         state, metadata = self.snapshot()
         if self._folder is not None:
             self._folder.save_checkpoint(self.frames, state, metadata)
-
-
-def _check_frames(frames: int) -> None:
-    if frames < 1:
-        raise SwingupError(f"frames = {frames} must be at least 1")
-
-
-def _json_value(value: Any) -> Any:
-    """JSON has no infinities."""
-    return None if isinstance(value, float) and not math.isfinite(value) else value

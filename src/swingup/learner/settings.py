@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..areapo.config import Config, config_from_dict
 from ..errors import SwingupError
 from ..files import write_atomically
@@ -23,6 +25,9 @@ PENDULUM_INTERVALS = {"evaluate_every": 65_536, "checkpoint_every": 1_048_576}
 ENV_INTERVALS = {"evaluate_every": 65_536, "checkpoint_every": 262_144}
 """Frames between evaluations and between checkpoints unless others are asked for."""
 
+LEAST = {"seed": 0, "seeds": 1, "evaluate_every": 1, "checkpoint_every": 1, "evaluation_episodes": 0}
+"""Least value of each setting that is a whole number."""
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -36,7 +41,7 @@ class Settings:
     seeds: int
     """How many seeds train side by side."""
     evaluate_every: int
-    """Frames of a seed between evaluations and reports."""
+    """Frames of a seed between evaluations and reports, of which checkpoints add theirs."""
     checkpoint_every: int
     """Frames of a seed between checkpoints."""
     config: Config
@@ -57,18 +62,21 @@ class Settings:
         preset = get_preset(self.preset)
         if self.domain is not None and (preset.task not in HARDWARE_TASKS or self.robot is None):
             raise SwingupError(f"a domain goes with the presets for hardware, not with {self.preset}")
-        if self.evaluation_episodes < 0:
-            raise SwingupError(f"evaluation_episodes = {self.evaluation_episodes} must be at least 0")
-        for name in ("seeds", "evaluate_every", "checkpoint_every"):
-            if getattr(self, name) < 1:
-                raise SwingupError(f"{name} = {getattr(self, name)} must be at least 1")
+        for name, least in LEAST.items():
+            object.__setattr__(self, name, whole(name, getattr(self, name), least))
+        object.__setattr__(self, "config", config_from_dict(vars(self.config)))  # NumPy's numbers become Python's
         if not 0 <= self.seed <= 2**32 - self.seeds:
             raise SwingupError(f"seed = {self.seed} must lie between 0 and 2^32 - {self.seeds}")
 
     @property
     def chunk(self) -> int:
-        """Iterations between reports."""
+        """Iterations between reports; there is one at each checkpoint as well."""
         return max(1, self.evaluate_every // self.config.rollout_size)
+
+    @property
+    def checkpoint_interval(self) -> int:
+        """Iterations between checkpoints."""
+        return max(1, self.checkpoint_every // self.config.rollout_size)
 
     @property
     def name(self) -> str:
@@ -83,16 +91,23 @@ class Settings:
         return get_task(name, robot) if self.domain is None else HARDWARE_TASKS[name](robot, self.domain)
 
     def command(self, frames: int) -> str:
-        """The command that makes such a run from scratch."""
-        task = self.robot if self.env is None else f"--env {self.env}"
+        """The command that makes such a run from scratch; in Python where the environment was passed in."""
+        if is_label(self.name):
+            words = ["env", f"preset={self.preset!r}", f"seed={self.seed}"]
+            words += [f"{name}={value!r}" for name, value in self._unusual().items()]
+            return f"swingup.AREAPO({', '.join(words)}).learn({frames})  # env: {self.name}"
+        task = self.robot if self.env is None else f"--env {shlex.quote(self.env)}"
         words = [f"swingup train {task} --preset {self.preset} --frames {frames} --seed {self.seed}"]
         words += [] if self.domain is None else [f"--domain {shlex.quote(self.domain.name)}"]
         words += [] if self.seeds == 1 else [f"--seeds {self.seeds}"]
-        usual = vars(get_preset(self.preset).config)
-        for name, value in vars(self.config).items():
-            if value != usual[name]:
-                words.append(_option(name, value))
-        return " ".join(words)
+        return " ".join(words + [_option(name, value) for name, value in self._unusual().items()])
+
+    def _unusual(self) -> dict[str, Any]:
+        """Hyperparameters that are not the preset's, then intervals and episodes that are not the usual ones."""
+        usual = vars(get_preset(self.preset).config) | usual_intervals(self.robot)
+        usual |= {"evaluation_episodes": Settings.evaluation_episodes}
+        mine = {name: (vars(self.config) | vars(self))[name] for name in usual}
+        return {name: value for name, value in mine.items() if value != usual[name]}
 
     def as_dict(self) -> dict[str, Any]:
         """As JSON values."""
@@ -135,6 +150,37 @@ def read_settings(folder: Path) -> tuple[Settings, int]:
         raise SwingupError(f"{folder} is not a run's folder: cannot read {path} ({error.strerror})") from error
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise SwingupError(f"{path} is malformed ({error}): restore it or train again") from error
+
+
+def usual_intervals(robot: str | None) -> dict[str, int]:
+    """Frames between evaluations and between checkpoints, of the pendulum's robots and of other tasks."""
+    return ENV_INTERVALS if robot is None else PENDULUM_INTERVALS
+
+
+def whole(name: str, value: Any, least: int) -> int:
+    """A whole number, as Python's.
+
+    Raises:
+        SwingupError: it is none, or too small.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating) or value % 1 != 0:
+        raise SwingupError(f"{name} = {value!r} must be a whole number")
+    if value < least:
+        raise SwingupError(f"{name} = {value} must be at least {least}")
+    return int(value)
+
+
+def label(env: Any) -> str:
+    """What to call an environment: its id, or its type or function in angle brackets."""
+    if isinstance(env, str):
+        return env
+    named = env if hasattr(env, "__qualname__") else type(env)
+    return f"<{named.__module__}.{named.__qualname__}>"
+
+
+def is_label(name: str) -> bool:
+    """Whether a name only describes an environment, which cannot be made from it."""
+    return name.startswith("<")
 
 
 def _option(name: str, value: Any) -> str:

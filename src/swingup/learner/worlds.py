@@ -8,7 +8,7 @@ from ..tasks.pendulum import PendulumTask
 from ..tasks.task import AbstractTask
 from .compiled import CompiledWorld
 from .judges import HardwareJudge, RealAIJudge, ReturnJudge
-from .settings import Settings
+from .settings import Settings, is_label
 from .world import AbstractWorld
 
 
@@ -43,16 +43,3 @@ def make_world(settings: Settings, env: Any = None) -> AbstractWorld:
     return HostWorld(
         settings.env if env is None else env, settings.name, config, seed, settings.evaluation_episodes
     )
-
-
-def label(env: Any) -> str:
-    """What to call an environment: its id, or its type or function in angle brackets."""
-    if isinstance(env, str):
-        return env
-    named = env if hasattr(env, "__qualname__") else type(env)
-    return f"<{named.__module__}.{named.__qualname__}>"
-
-
-def is_label(name: str) -> bool:
-    """Whether a name only describes an environment, which cannot be made from it."""
-    return name.startswith("<")

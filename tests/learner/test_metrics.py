@@ -1,0 +1,75 @@
+"""A run's metrics on disk: rows, TensorBoard's events, and what a full disk does to them."""
+
+import subprocess
+import sys
+import types
+
+import pytest
+
+from swingup.errors import SwingupError
+from swingup.learner.metrics import MetricsWriter, read_metrics
+
+FULL = """
+import json, pathlib, resource, sys, tempfile
+from swingup.errors import SwingupError
+from swingup.learner.metrics import MetricsWriter
+
+def fill(folder, row, limit):
+    writer = MetricsWriter(folder)
+    with writer:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
+        for frames in range(2000):
+            writer.write([{"seed": 0, "frames": frames, **row}])
+            if frames % 100 == 99:
+                writer.sync()
+
+# The rows' file is the first to be full with long words, the events' with short numbers.
+for row in ({"word": "x" * 300}, {chr(97 + i) * 2: 1 for i in range(20)}):
+    for limit in (0, 1, 40, 100, 1_000, 5_000, 8_192, 20_000):
+        folder = pathlib.Path(tempfile.mkdtemp(dir=sys.argv[1]))
+        try:
+            fill(folder, row, limit)
+        except SwingupError as error:
+            print(error)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+"""
+
+
+def test_a_full_disk_neither_hangs_nor_hides_its_error(tmp_path):
+    command = [sys.executable, "-W", "error", "-X", "dev", "-c", FULL, str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    lines = done.stdout.splitlines()
+    assert len(lines) == 16
+    assert all(line.startswith("cannot write metrics in ") and "File too large" in line for line in lines)
+
+
+def test_an_error_in_flight_is_not_replaced(tmp_path):
+    def fails_to_flush():
+        writer = MetricsWriter(tmp_path)
+        close = writer._file.close
+
+        def fail():
+            close()
+            raise OSError(28, "No space left on device")
+
+        writer._file = types.SimpleNamespace(close=fail)
+        return writer
+
+    with pytest.raises(KeyboardInterrupt), fails_to_flush():
+        raise KeyboardInterrupt
+    with pytest.raises(SwingupError, match=r"cannot write metrics in .*: No space left"), fails_to_flush():
+        pass
+
+
+def test_tensorboard_reads_the_events(tmp_path):
+    accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
+    for start, end in ((0, 30), (20, 40)):  # cut off after 30 frames, resumed at 20
+        with MetricsWriter(tmp_path, after_frames=start) as writer:
+            for frames in range(start + 10, end + 10, 10):
+                writer.write([{"seed": 3, "frames": frames, "score": frames + start / 100, "none": None}])
+    assert [row["score"] for row in read_metrics(tmp_path / "metrics.jsonl")] == [10.0, 20.0, 30.2, 40.2]
+    events = accumulator.EventAccumulator(str(tmp_path / "tensorboard" / "seed-3")).Reload()
+    assert events.Tags()["scalars"] == ["score"]
+    shown = [(event.step, round(event.value, 1)) for event in events.Scalars("score")]
+    assert shown == [(10, 10.0), (20, 20.0), (30, 30.2), (40, 40.2)]
