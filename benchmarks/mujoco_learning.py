@@ -39,9 +39,10 @@ def areapo(task: str, seed: int, frames: int) -> Iterator[Point]:
     def note(model: AREAPO, report: Report) -> None:
         points.append((report.frames, report.rows[0]["score"], time.perf_counter() - start))
 
+    every = frames // POINTS
     model = AREAPO(
-        task, "mujoco", seed, evaluate_every=frames // POINTS, evaluation_episodes=EPISODES, num_envs=ENVS,
-        num_steps=STEPS,
+        task, "mujoco", seed, evaluate_every=every, checkpoint_every=5 * every, evaluation_episodes=EPISODES,
+        num_envs=ENVS, num_steps=STEPS,
     )  # fmt: skip
     model.learn(frames, note)
     model.close()
