@@ -47,7 +47,7 @@ def make_folder(path: str | Path) -> None:
     try:
         Path(path).mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise SwingupError(f"cannot create {path}: {error.strerror}; choose another --out") from error
+        raise SwingupError(f"cannot create {path}: {error.strerror}; choose another folder") from error
 
 
 def check_writable(path: str | Path) -> None:

@@ -14,7 +14,7 @@ from ..areapo.config import Config
 from ..errors import SwingupError
 from ..learner.presets import DEFAULT_PRESET, ENV_PRESET, get_preset
 from ..learner.run import Report, Run
-from ..learner.settings import ENV_INTERVALS, PENDULUM_INTERVALS, Settings, read_settings
+from ..learner.settings import Settings, read_settings, usual_intervals
 from ..physics.parameters import get_robot
 from ..tasks.hardware import HardwareTask
 from .judging import evaluate, judge_on
@@ -57,7 +57,7 @@ def usual_options(options: dict[str, Any]) -> dict[str, Any]:
         get_robot(options["robot"])
     other = options["env"] is not None
     usual: dict[str, Any] = {"preset": ENV_PRESET if other else DEFAULT_PRESET, "seed": 0, "seeds": 1}
-    usual |= ENV_INTERVALS if other else PENDULUM_INTERVALS
+    usual |= usual_intervals(options["robot"])
     return usual | {name: value for name, value in options.items() if value is not None}
 
 

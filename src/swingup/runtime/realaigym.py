@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..errors import SwingupError
-from ..files import write_atomically
+from ..files import make_folder, write_atomically
 from ..robots import Robot
 from .controller import RuntimeController, load_controller
 from .front_end import friction_torque
@@ -139,12 +139,7 @@ class RealAIGymController:
         """The same, as wrappers call it."""
         settings = {"damping": self._damping.tolist(), "coulomb_fric": self._coulomb.tolist()}
         text = json.dumps({"robot": self.robot.name, **self._about, **settings}, indent=2)
-        try:
-            Path(directory).mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise SwingupError(
-                f"cannot make {directory}: {error.strerror or error}; choose another folder"
-            ) from error
+        make_folder(directory)
         write_atomically(Path(directory) / SAVED, (text + "\n").encode())
 
     def set_filter(self, filter: Any = None) -> None:
