@@ -69,14 +69,28 @@ def cell(values: Sequence[float], digits: int = 3) -> str:
     return f"{interquartile_mean(values):.{digits}f} ({low:.{digits}f} to {high:.{digits}f}{few})"
 
 
+def smooth(curves: Sequence[Curve], evaluations: int) -> list[Curve]:
+    """Curves whose scores are the medians of the last few evaluations."""
+
+    def medians(scores: Sequence[float]) -> list[float]:
+        return [median(scores[max(0, end - evaluations) : end]) for end in range(1, len(scores) + 1)]
+
+    return [Curve(**{**curve, "scores": medians(curve["scores"])}) for curve in curves]
+
+
 def draw(path: Path, panels: Mapping[str, Mapping[str, Sequence[Curve]]], ylabel: str) -> None:
     """A panel for each title, in it a line for each label: the mean over the seeds, and the seeds in faint."""
     from swingup.report.look import legend_below, line_look, new_figure, render, styled
 
+    columns = min(3, len(panels))
+    rows = -(-len(panels) // columns)
     with styled():
-        figure = new_figure(max(5.6, 2.4 * len(panels)), 2.9)
+        figure = new_figure(max(5.6, 2.4 * columns), 0.9 + 2.0 * rows)
+        grid = figure.subplots(rows, columns, sharey="all" if rows > 1 else "none", squeeze=False)
+        for axes in np.ravel(grid)[len(panels) :]:
+            axes.remove()
         entries: dict[str, Any] = {}
-        for axes, (title, lines) in zip(np.ravel(figure.subplots(1, len(panels))), panels.items(), strict=True):
+        for place, (axes, (title, lines)) in enumerate(zip(np.ravel(grid), panels.items(), strict=False)):
             for k, (label, curves) in enumerate(lines.items()):
                 look = line_look(k)
                 for curve in curves:
@@ -84,7 +98,10 @@ def draw(path: Path, panels: Mapping[str, Mapping[str, Sequence[Curve]]], ylabel
                 if curves:
                     mean = np.mean([curve["scores"] for curve in curves], axis=0)
                     (entries[label],) = axes.plot(np.array(curves[0]["frames"]) / 1e6, mean, **look)
-            axes.set(title=title, xlabel="frames (millions)", xlim=(0, None))
-        figure.axes[0].set_ylabel(ylabel)
+            axes.set(title=title, xlim=(0, None))
+            if place % columns == 0:
+                axes.set_ylabel(ylabel)
+            if place + columns >= len(panels):
+                axes.set_xlabel("frames (millions)")
         legend_below(figure, [(line, label) for label, line in entries.items()])
         write_atomically(path, render(figure, path.suffix))
