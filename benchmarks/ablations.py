@@ -45,9 +45,8 @@ CHANGES: dict[str, Change] = {
     "temperature-0": hyperparameter(temperature=0.0),
     "temperature-0.5": hyperparameter(temperature=0.5),
     "no-random-truncation": task_setting(truncation_probability=0.0),
-    "popart": hyperparameter(centre_values=False, popart=True),
 }
-"""What the paper claims matters, each taken away alone; and another repair of the offset."""
+"""What the paper claims matters, each taken away alone."""
 
 SMOOTHED = 9
 """Evaluations whose median is a point of the picture: 0.6 million frames. A policy that falls scores 0."""
