@@ -163,6 +163,7 @@ def test_robustness_and_uptime_with_an_estimator(capsys, meant):
     assert held["estimator"] is False
     assert " --no-estimator " in held["command"]
     assert "ar-eapo-base, with estimator (rules v3" in run(capsys, "uptime", *base, "--estimator")
+    assert json.loads(run(capsys, "uptime", *base, "--estimator", "--json"))["estimator"] is True
 
 
 def test_check_names_the_fault(capsys):
