@@ -1,0 +1,84 @@
+"""Checks of what users give, before anything is traced or written: each returns the value as plain Python."""
+
+import difflib
+import math
+from collections.abc import Iterable
+from numbers import Integral, Real
+from typing import Any
+
+from .errors import SwingupError
+from .text import quoted
+
+LARGEST = 1e9
+"""No quantity in SI units comes near this; squares of larger numbers might overflow."""
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value is a finite real number; truth values are none."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # an integer beyond floating point
+        return False
+
+
+def finite_number(name: str, value: Any, least: float = -LARGEST, most: float = LARGEST, unit: str = "") -> float:
+    """A finite number from ``least`` to ``most``.
+
+    Raises:
+        SwingupError: the value is no number, not finite, or outside the range.
+    """
+    if not is_number(value) or not least <= value <= most:
+        wanted = f"a number from {least:g} to {most:g}{unit and ' '}{unit}"
+        raise SwingupError(f"{name} = {quoted(value)}: use {wanted}")
+    return float(value)
+
+
+def positive_number(name: str, value: Any, most: float = LARGEST, unit: str = "") -> float:
+    """A finite number above 0, at most ``most``.
+
+    Raises:
+        SwingupError: the value is no number, not finite, or outside the range.
+    """
+    if not is_number(value) or not 0 < value <= most:
+        raise SwingupError(f"{name} = {quoted(value)}: use a positive number up to {most:g}{unit and ' '}{unit}")
+    return float(value)
+
+
+def whole_number(name: str, value: Any, least: int, most: int | None = None) -> int:
+    """A whole number from ``least`` to ``most``; 3.0 counts as 3.
+
+    Raises:
+        SwingupError: the value is no whole number, or outside the range.
+    """
+    if not is_number(value) or (not isinstance(value, Integral) and value % 1 != 0):
+        raise SwingupError(f"{name} = {quoted(value)}: use a whole number")
+    if value < least or (most is not None and value > most):
+        bounds = f"of at least {least}" if most is None else f"from {least} to {most}"
+        raise SwingupError(f"{name} = {quoted(value)}: use a whole number {bounds}")
+    return int(value)
+
+
+def one_of(kind: str, value: Any, choices: Iterable[str], more: str = "") -> str:
+    """One of several names; a misspelt one gets a suggestion.
+
+    Args:
+        kind: what the names are of, as in "unknown KIND".
+        value: what was given.
+        choices: the names.
+        more: what else would do, for the message.
+
+    Raises:
+        SwingupError: the value is none of them.
+    """
+    names = list(choices)
+    if isinstance(value, str) and value in names:
+        return value
+    raise SwingupError(f"unknown {kind} {quoted(value)}: use one of {', '.join(names)}{more}{suggestion(value, names)}")
+
+
+def suggestion(value: Any, choices: Iterable[str]) -> str:
+    """"; did you mean NAME?" for the nearest name, or nothing."""
+    near = difflib.get_close_matches(value, list(choices), 1) if isinstance(value, str) else []
+    return f"; did you mean {near[0]}?" if near else ""

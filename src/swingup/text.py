@@ -1,0 +1,34 @@
+"""Foreign values in messages: one line, printable and short, whatever their ``repr`` does."""
+
+import reprlib
+
+LONGEST = 60
+"""Characters that a message quotes of a value."""
+
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel = 3
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = LONGEST
+
+
+def one_line(thing: object, length: int = 300) -> str:
+    """The text of a foreign object or error: printable, in one line of bounded length."""
+    try:
+        text = thing if isinstance(thing, str) else str(thing)
+    except Exception as error:  # a foreign __str__ may raise anything
+        return f"<{type(thing).__name__} whose text raises {type(error).__name__}>"
+    # Cut first: a text of gigabytes must not be copied.
+    words = " ".join(text[: 4 * length].split())
+    shown = "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in words)
+    return shown if len(shown) <= length else shown[: length - 3] + "..."
+
+
+def quoted(value: object, length: int = LONGEST) -> str:
+    """A value as an error message quotes it: its ``repr``, shortened before it is built.
+
+    Containers are cut at six entries and three levels, so that nested aliases or long lists cost nothing.
+    """
+    try:
+        text = _SHORT.repr(value)
+    except Exception as error:  # a foreign __repr__ may raise anything
+        return f"<{type(value).__name__} whose repr raises {type(error).__name__}>"
+    return one_line(text, length)
