@@ -75,10 +75,11 @@ def one_of(kind: str, value: Any, choices: Iterable[str], more: str = "") -> str
     names = list(choices)
     if isinstance(value, str) and value in names:
         return value
-    raise SwingupError(f"unknown {kind} {quoted(value)}: use one of {', '.join(names)}{more}{suggestion(value, names)}")
+    known = ", ".join(names)
+    raise SwingupError(f"unknown {kind} {quoted(value)}: use one of {known}{more}{suggestion(value, names)}")
 
 
 def suggestion(value: Any, choices: Iterable[str]) -> str:
-    """"; did you mean NAME?" for the nearest name, or nothing."""
+    """ "; did you mean NAME?" for the nearest name, or nothing."""
     near = difflib.get_close_matches(value, list(choices), 1) if isinstance(value, str) else []
     return f"; did you mean {near[0]}?" if near else ""
