@@ -19,7 +19,7 @@ from swingup.areapo.config import Config
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
 from swingup.learner.run import Run
-from swingup.learner.settings import PENDULUM_INTERVALS, Settings
+from swingup.learner.run_settings import PENDULUM_INTERVALS, Settings
 from swingup.physics.parameters import ROBOTS
 from swingup.tasks.observation import PendulumObservation
 from swingup.tasks.pendulum import PendulumTask

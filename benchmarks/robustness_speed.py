@@ -1,6 +1,6 @@
 """Time of the robustness benchmark's 722 simulations, beside the same simulations run one by one.
 
-Usage: python benchmarks/robustness_speed.py [ROBOT [CONTROLLER...]], by default acrobot with ar-eapo-base, ar-eapo,
+Usage: python benchmarks/robustness_speed.py [ROBOT [CONTROLLER...]], by default acrobot with ar-eapo, refined,
 tvlqr and ilqr-riccati; leave the machine idle. Times are after compilation, the best of three. The peer is the
 public code's way: one simulation after another, one call of the controller and one of the integrator a step, here
 in NumPy. It is timed on a few seconds of simulation in the same process and scaled to the grid.
@@ -17,7 +17,7 @@ from swingup.benchmark.grid import make_cases
 from swingup.benchmark.robustness import robustness
 from swingup.benchmark.rules import CRITERIA, get_robustness_rules
 from swingup.control.learned import PolicyController
-from swingup.control.named import get_controller
+from swingup.control.registry import get_controller
 from swingup.physics.parameters import Parameters, get_robot, leaderboard_parameters
 
 SAMPLE = 2000
@@ -73,12 +73,12 @@ def main(robot_name: str = "acrobot", *controllers: str) -> None:
     """Print one line a controller."""
     robot, rules = get_robot(robot_name), get_robustness_rules("v2")
     simulations = sum(len(make_cases(robot, rules, criterion, 0)) for criterion in CRITERIA)
-    policy = get_controller("ar-eapo-base", robot)
+    policy = get_controller("ar-eapo", robot)
     assert isinstance(policy, PolicyController)
     peer = best_of(3, lambda: one_by_one(policy, SAMPLE)) / SAMPLE * rules.steps * simulations
     print(f"{robot.name}: {simulations} simulations of {rules.steps} steps")
     print(f"one by one in NumPy (a 256-256 policy): {peer:.0f} s, scaled from {SAMPLE} steps")
-    for name in controllers or ("ar-eapo-base", "ar-eapo", "tvlqr", "ilqr-riccati"):
+    for name in controllers or ("ar-eapo", "refined", "tvlqr", "ilqr-riccati"):
         controller = get_controller(name, robot)
         start = time.perf_counter()
         robustness(controller, robot, name, dataclasses.replace(rules))

@@ -21,13 +21,14 @@ import jax
 import numpy as np
 import onnxruntime
 
-from swingup.control.zoo import BASE, KINDS, shipped_policy
+from swingup.control.zoo import shipped_policy
 from swingup.export.c_header import c_header
 from swingup.export.onnx_graph import onnx_model
 from swingup.runtime import load_controller
 from swingup.runtime.controller import read_policy
 from swingup.runtime.policy import NumpyPolicy
 from swingup.runtime.settings import EstimatorSettings
+from swingup.runtime.shipped import AR_EAPO
 
 CALLS, WARM_UP, DT = 20_000, 500, 0.002
 
@@ -101,17 +102,17 @@ def measure_c(text: str, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def main(robot: str) -> None:
     """Measure and print."""
-    policy = dataclasses.replace(read_policy(BASE, robot), estimator=EstimatorSettings())
+    policy = dataclasses.replace(read_policy(AR_EAPO, robot), estimator=EstimatorSettings())
     # A slow drift: the estimator would start anew at every jump, and have less to do.
     states = np.cumsum(np.random.default_rng(0).normal(size=(CALLS, 4)) * [2e-3, 2e-3, 0.05, 0.05], axis=0)
-    alone, whole = NumpyPolicy(policy), load_controller(BASE, robot, estimator=True)
+    alone, whole = NumpyPolicy(policy), load_controller(AR_EAPO, robot, estimator=True)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     session = onnxruntime.InferenceSession(onnx_model(policy), options, providers=["CPUExecutionProvider"])
     matrix, vector = np.ones((256, 256), np.float32), np.ones(256, np.float32)
     result = np.empty(256, np.float32)
     with jax.enable_x64(True):
-        judged = shipped_policy(robot, KINDS[BASE])[0]
+        judged = shipped_policy(robot, AR_EAPO)[0]
         compiled = jax.jit(lambda x: judged(None, jax.numpy.zeros(()), x)[1])
         times = {
             "floor: one 256 x 256 product": measure(lambda k: np.dot(matrix, vector, out=result)),

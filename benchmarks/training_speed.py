@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from swingup.areapo.config import Config
 from swingup.learner.presets import get_preset
 from swingup.learner.run import Run
-from swingup.learner.settings import Settings
+from swingup.learner.run_settings import Settings
 
 
 def flops_per_frame(config: Config, observation_size: int) -> float:

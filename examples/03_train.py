@@ -10,7 +10,7 @@ from pathlib import Path
 
 from swingup.areapo.config import Config
 from swingup.learner.run import Run
-from swingup.learner.settings import Settings
+from swingup.learner.run_settings import Settings
 
 
 def main(folder: Path, frames: int) -> None:

@@ -11,9 +11,9 @@ from swingup.export.c_header import c_header
 from swingup.realaigym import load_controller
 from swingup.runtime.controller import read_policy
 
-ROBOT, NAME, SEEDS = "acrobot", "ar-eapo-hardware", 5
+ROBOT, NAME, SEEDS = "acrobot", "robot", 5
 
-# Friction, motor inertia, a dead time of 10 ms, noisy velocities, imperfect motors: docs/hardware.md.
+# Friction, motor inertia, a dead time of 10 ms, noisy velocities, imperfect motors: docs/sim2real.md.
 result = swingup.hardware(swingup.get_controller(NAME, ROBOT), ROBOT, NAME, seeds=SEEDS)
 print(f"{NAME} on the {ROBOT}'s plant: {result.successes} of {SEEDS} swing-ups held")
 

@@ -11,8 +11,9 @@ import swingup
 
 ROOT = Path(swingup.__file__).parent
 LAYERS = {
-    "errors": 0, "version": 0, "types": 0, "text": 0, "checks": 1, "files": 1, "robots": 1, "arrays": 2, "table": 2,
-    "runtime": 3, "physics": 3, "tasks": 4, "areapo": 5, "control": 6, "benchmark": 7, "drawing": 7, "learner": 8, "gym": 8,
+    "errors": 0, "version": 0, "types": 0, "text": 0, "renamed": 0, "checks": 1, "files": 1, "robots": 1,
+    "arrays": 2, "table": 2, "runtime": 3, "physics": 3, "tasks": 4, "areapo": 5, "control": 6, "benchmark": 7,
+    "drawing": 7, "learner": 8, "gym": 8,
     "refine": 8, "realaigym": 8, "report": 9, "export": 9,
     "sweep": 9, "cli": 10,
 }  # fmt: skip
@@ -95,7 +96,7 @@ sys.meta_path.insert(0, Only())
 import numpy as np
 import swingup{name}
 from swingup.realaigym import load_controller
-print(load_controller("ar-eapo", "acrobot").get_control_output(np.zeros(4), 0.0).dtype)
+print(load_controller("refined", "acrobot").get_control_output(np.zeros(4), 0.0).dtype)
 try:
     load_controller("tvlqr", "acrobot")
 except swingup.SwingupError as error:

@@ -123,9 +123,9 @@ def test_command_lines_run_in_their_order(tmp_path, monkeypatch, small_grid, bri
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))  # of the sweeps' workers
     monkeypatch.syspath_prepend(tmp_path)
-    with resources.as_file(shipped_file("acrobot", "base")) as source:
+    with resources.as_file(shipped_file("acrobot", "ar-eapo")) as source:
         shutil.copy(source, "best.npz")
-    shutil.copy(ROOT / "src" / "swingup" / "tasks" / "domains" / "hardware.yml", "mine.yml")
+    shutil.copy(ROOT / "src" / "swingup" / "tasks" / "domains" / "identified.yml", "mine.yml")
     Path("mine.py").write_text(MINE, encoding="utf-8")
     assert main(["evaluate", "acrobot", "--save", "robot.csv"]) == 0
     lines = [param.values[0] for param in command_lines()]

@@ -16,10 +16,10 @@ from swingup.areapo.config import Config
 from swingup.benchmark.interval import bootstrap_interval, interquartile_mean
 from swingup.cli import main
 from swingup.errors import SwingupError
-from swingup.learner.folder import RunFolder
 from swingup.learner.metrics import read_metrics
 from swingup.learner.run import Run
-from swingup.learner.settings import settings_from_dict
+from swingup.learner.run_folder import RunFolder
+from swingup.learner.run_settings import settings_from_dict
 from swingup.sweep import Job, Outcome, executor_for, parse_grid, plan, summarise, sweep, train_one
 
 SIZES = {"num_envs": [2], "num_steps": [16], "num_epochs": [1], "batch_size": [32]}

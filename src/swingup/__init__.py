@@ -12,15 +12,15 @@ from .version import __version__
 if TYPE_CHECKING:
     from .benchmark.disturbances import make_disturbance
     from .benchmark.evaluate import Evaluation, evaluate, score
-    from .benchmark.hardware import Hardware, hardware
     from .benchmark.leaderboard import Board, leaderboard
     from .benchmark.robustness import Robustness, robustness
+    from .benchmark.sim2real import Sim2Real, sim2real
     from .benchmark.uptime import Uptime, uptime
-    from .control.builtin import baseline
+    from .control.baselines import baseline
     from .control.check import check_controller
     from .control.controller import AbstractController
     from .control.learned import load_policy
-    from .control.named import get_controller
+    from .control.registry import get_controller
     from .control.zoo import shipped_policy
     from .learner.agent import AREAPO
 
@@ -29,14 +29,14 @@ _HOMES = {
     "AbstractController": "control.controller",
     "Board": "benchmark.leaderboard",
     "Evaluation": "benchmark.evaluate",
-    "Hardware": "benchmark.hardware",
+    "Sim2Real": "benchmark.sim2real",
     "Robustness": "benchmark.robustness",
     "Uptime": "benchmark.uptime",
-    "baseline": "control.builtin",
+    "baseline": "control.baselines",
     "check_controller": "control.check",
     "evaluate": "benchmark.evaluate",
-    "get_controller": "control.named",
-    "hardware": "benchmark.hardware",
+    "get_controller": "control.registry",
+    "sim2real": "benchmark.sim2real",
     "leaderboard": "benchmark.leaderboard",
     "load_policy": "control.learned",
     "make_disturbance": "benchmark.disturbances",
@@ -47,9 +47,27 @@ _HOMES = {
 }
 
 __all__ = [
-    "AREAPO", "AbstractController", "Board", "Evaluation", "Hardware", "Robustness", "SwingupError", "Uptime",
-    "__version__", "baseline", "check_controller", "evaluate", "get_controller", "hardware", "leaderboard",
-    "load_policy", "make_disturbance", "robustness", "score", "shipped_policy", "uptime",
+    "AREAPO",
+    "AbstractController",
+    "Board",
+    "Evaluation",
+    "Robustness",
+    "Sim2Real",
+    "SwingupError",
+    "Uptime",
+    "__version__",
+    "baseline",
+    "check_controller",
+    "evaluate",
+    "get_controller",
+    "leaderboard",
+    "load_policy",
+    "make_disturbance",
+    "robustness",
+    "score",
+    "shipped_policy",
+    "sim2real",
+    "uptime",
 ]  # fmt: skip
 
 

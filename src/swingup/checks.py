@@ -80,6 +80,6 @@ def one_of(kind: str, value: Any, choices: Iterable[str], more: str = "") -> str
 
 
 def suggestion(value: Any, choices: Iterable[str]) -> str:
-    """ "; did you mean NAME?" for the nearest name, or nothing."""
+    """The end of a message that suggests the nearest name; empty if none is near."""
     near = difflib.get_close_matches(value, list(choices), 1) if isinstance(value, str) else []
     return f"; did you mean {near[0]}?" if near else ""

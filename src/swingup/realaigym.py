@@ -1,4 +1,4 @@
-"""Controllers for RealAIGym's simulator and its robot: ``load_controller("ar-eapo", "acrobot")``.
+"""Controllers for RealAIGym's simulator and its robot: ``load_controller("refined", "acrobot")``.
 
 Policies run by NumPy alone. Baselines (``tvlqr``, ``ilqr-riccati``, ``ilqr-mpc``...) and other controllers of this
 package load JAX when they are asked for; RealAIGym's package is never imported.
@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from .errors import SwingupError
+from .renamed import current_name
 from .robots import Robot, get_robot
 from .runtime.realaigym import RealAIGymController as RealAIGymController
 from .runtime.realaigym import load_policy_controller
-from .runtime.shipped import KINDS
+from .runtime.shipped import SHIPPED_POLICIES
 
 
 def load_controller(
@@ -30,7 +31,7 @@ def load_controller(
     Raises:
         SwingupError: there is no such controller, or it is damaged, or for another robot.
     """
-    if name in KINDS or str(name).endswith(".npz"):
+    if current_name("controller", str(name)) in SHIPPED_POLICIES or str(name).endswith(".npz"):
         return load_policy_controller(name, robot, estimator)
     if robot is None:
         raise SwingupError(f"controller {str(name)!r} needs a robot: name acrobot or pendubot")
@@ -47,7 +48,7 @@ class _Compiled:
             import jax
 
             from .control.controller import AbstractController
-            from .control.named import get_controller
+            from .control.registry import get_controller
         except ModuleNotFoundError as error:
             raise SwingupError(
                 f"controller {name!r} needs {error.name}: install swingup with its dependencies, or use a policy"

@@ -20,11 +20,11 @@ from typing import Any
 from .areapo.config import Config, config_from_dict
 from .benchmark.interval import Interval, bootstrap_interval, interquartile_mean
 from .errors import SwingupError
-from .learner.folder import RunFolder
 from .learner.metrics import FILE, read_metrics
 from .learner.presets import get_preset
 from .learner.run import Run
-from .learner.settings import Settings, read_settings, settings_from_dict, whole
+from .learner.run_folder import RunFolder
+from .learner.run_settings import Settings, read_settings, settings_from_dict, whole
 
 Grid = Mapping[str, Sequence[Any]]
 """Alternatives of each setting: names of the hyperparameters, or ``preset``."""
@@ -75,7 +75,7 @@ def plan(
     """The jobs of a sweep: every combination of the grid with every seed.
 
     Args:
-        base: fields of :class:`swingup.learner.settings.Settings` that all runs share, but for seed and config.
+        base: fields of :class:`swingup.learner.run_settings.Settings` that all runs share, but for seed and config.
         grid: what varies.
         seeds: the seeds.
         out: folder of the sweep; each run's is in it.

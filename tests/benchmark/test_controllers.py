@@ -14,7 +14,7 @@ from swingup.benchmark.grid import change_grid, make_cases
 from swingup.benchmark.robustness import robustness
 from swingup.benchmark.runner import run_many, stack
 from swingup.control.controller import AbstractController
-from swingup.control.plain import PlainController
+from swingup.control.python_controller import PythonController
 from swingup.errors import SwingupError
 from swingup.physics.parameters import get_robot
 
@@ -191,7 +191,7 @@ def test_copies_that_share_a_memory_run_one_by_one():
 
     rules = change_grid(dataclasses.replace(BRIEF, duration=0.3, tolerance=(0.1, 3.2, 9.0, 9.0)), "delay=0:0.04:3")
     cases = [case.scenario for case in make_cases(get_robot("acrobot"), rules, "delay", 0)]
-    found = run_many(PlainController(Shared()), stack(cases), rules.dt, rules.steps, depth=21)
+    found = run_many(PythonController(Shared()), stack(cases), rules.dt, rules.steps, depth=21)
     expected = run_many(JaxCounting(), stack(cases), rules.dt, rules.steps, depth=21)
     np.testing.assert_allclose(found.final, expected.final, rtol=1e-9, atol=1e-9)
 

@@ -24,10 +24,11 @@ from swingup.benchmark.rules import CRITERIA, PERFORMANCE_RULES
 from swingup.control.controller import AbstractController
 from swingup.control.estimator import EstimatingController
 from swingup.control.learned import PolicyController, save_controller
-from swingup.control.zoo import BASE, shipped_policy
+from swingup.control.zoo import shipped_policy
 from swingup.errors import SwingupError
 from swingup.physics.parameters import get_robot
 from swingup.runtime import shipped
+from swingup.runtime.shipped import AR_EAPO
 
 
 class Hanging(AbstractController):
@@ -50,7 +51,7 @@ def raising(x, t):
 @pytest.fixture
 def only_the_policy(monkeypatch):
     """One policy, which ships without an estimator: the full boards are for the slow tests and the README."""
-    monkeypatch.setattr(boards, "ENTRANTS", (BASE,))
+    monkeypatch.setattr(boards, "ENTRANTS", (AR_EAPO,))
     monkeypatch.setattr(boards, "FURTHER", ())
 
 
@@ -66,7 +67,7 @@ def test_boards_are_sorted_and_mark_what_is_ours(either_robot):
     for board in (performance, robustness):
         scores = [row.values[board.columns[-1]] for row in board.rows]
         assert scores == sorted(scores, reverse=True)
-        assert set(ours(board)) == {BASE, "hanging"}
+        assert set(ours(board)) == {AR_EAPO, "hanging"}
         assert {row.source for row in board.rows} == {"ours", "paper", "board"}
         assert len(board.rows) == 2 + len(published_rows(either_robot, board.measure, "v2"))
     assert ours(performance)["hanging"].remark == "no swing-up"
@@ -83,7 +84,7 @@ def test_a_controller_that_fails_gets_a_row_that_says_so():
     boards = leaderboard("acrobot", {"nan": Failing(), "raising": raising}, rules="hardware")
     rows = ours(boards[0])
     assert [board.measure for board in boards] == ["performance"]
-    assert rows[BASE].values["score"] > 0.6
+    assert rows[AR_EAPO].values["score"] > 0.6
     assert "not finite at t = 0 s" in rows["nan"].remark
     assert "RuntimeError (no idea)" in rows["raising"].remark
     assert rows["raising"].values["score"] == 0.0
@@ -94,18 +95,18 @@ def test_the_third_rules_have_a_board_of_their_own(either_robot):
     (board,) = leaderboard(either_robot, {"raising": raising}, rules="v3", seed=4)
     assert (board.measure, board.rules, board.seed, board.columns) == ("uptime", "v3", 4, ("uptime",))
     assert len(board.rows) == 8
-    assert 0 < ours(board)[BASE].values["uptime"] < 1
+    assert 0 < ours(board)[AR_EAPO].values["uptime"] < 1
     assert "no idea" in ours(board)["raising"].remark
 
 
 @pytest.fixture
 def other_files(tmp_path, monkeypatch, either_robot):
     """One policy in two shipped files: one that asks for an estimator, and a global one that does not."""
-    policy, metadata = shipped_policy(either_robot, "base")
+    policy, metadata = shipped_policy(either_robot, "ar-eapo")
     save_controller(tmp_path / ".npz", policy, {"scores": metadata["scores"], "estimator": {}})
     save_controller(tmp_path / "global.npz", policy, {"scores": metadata["scores"]})
     monkeypatch.setattr(shipped, "_file", lambda robot, kind: tmp_path / f"{kind}.npz")
-    monkeypatch.setattr(boards, "ENTRANTS", ("ar-eapo",))
+    monkeypatch.setattr(boards, "ENTRANTS", ("refined",))
     monkeypatch.setattr(boards, "FURTHER", ())
 
 
@@ -119,15 +120,15 @@ def test_policies_that_ship_with_an_estimator_enter_without_it_too(either_robot,
 
     monkeypatch.setattr(boards, "robustness", measured)
     for board in leaderboard(either_robot):
-        assert set(ours(board)) == {"ar-eapo", "ar-eapo --no-estimator"}
-    assert asked == {"ar-eapo": EstimatingController, "ar-eapo --no-estimator": PolicyController}
-    with pytest.raises(SwingupError, match="'ar-eapo --no-estimator' is on the board already"):
-        leaderboard(either_robot, {"ar-eapo --no-estimator": Hanging()})
-    assert set(entrants_for(either_robot, {})) == {"ar-eapo"}
+        assert set(ours(board)) == {"refined", "refined --no-estimator"}
+    assert asked == {"refined": EstimatingController, "refined --no-estimator": PolicyController}
+    with pytest.raises(SwingupError, match="'refined --no-estimator' is on the board already"):
+        leaderboard(either_robot, {"refined --no-estimator": Hanging()})
+    assert set(entrants_for(either_robot, {})) == {"refined"}
 
 
 def test_our_further_controllers_enter_every_board_beside_the_papers(robot, monkeypatch):
-    expected = {*ENTRANTS, "ar-eapo --no-estimator", "ar-eapo-base", "tvlqr-score"}
+    expected = {*ENTRANTS, "refined --no-estimator", "ar-eapo", "tvlqr-score"}
     makers = boards._makers
 
     def unmeasured(*arguments):
@@ -138,11 +139,11 @@ def test_our_further_controllers_enter_every_board_beside_the_papers(robot, monk
 
     monkeypatch.setattr(boards, "_makers", unmeasured)
     monkeypatch.setattr(boards, "get_controller", lambda name, robot, estimator=None: name)
-    monkeypatch.setattr(boards, "has_estimator", lambda controller: controller == "ar-eapo")
+    monkeypatch.setattr(boards, "has_estimator", lambda controller: controller == "refined")
     filled = [board for rules in ("v2", "hardware", "v3") for board in leaderboard(robot, rules=rules)]
     assert [board.measure for board in filled] == ["performance", "robustness", "performance", "uptime"]
     assert all(set(ours(board)) == expected for board in filled[:3])
-    assert set(ours(filled[3])) == expected | {"ar-eapo-global"}
+    assert set(ours(filled[3])) == expected | {"global"}
     for name in FURTHER:
         with pytest.raises(SwingupError, match=f"'{name}' is on the board already"):
             leaderboard(robot, {name: Hanging()})
@@ -154,18 +155,18 @@ def test_our_further_controllers_enter_every_board_beside_the_papers(robot, monk
 def test_our_own_trajectory_scores_more_than_the_policy(robot, monkeypatch):
     monkeypatch.setattr(boards, "FURTHER", ("tvlqr-score",))
     rows = ours(leaderboard(robot, rules="hardware")[0])
-    assert rows["tvlqr-score"].values["score"] > rows[BASE].values["score"]
+    assert rows["tvlqr-score"].values["score"] > rows[AR_EAPO].values["score"]
 
 
 @pytest.mark.usefixtures("other_files", "brief_minute")
 def test_the_global_policy_enters_the_uptime_board(either_robot, monkeypatch):
     (board,) = leaderboard(either_robot, rules="v3")
-    assert set(ours(board)) == {"ar-eapo", "ar-eapo --no-estimator", "ar-eapo-global"}
+    assert set(ours(board)) == {"refined", "refined --no-estimator", "global"}
     shares = {name: row.values["uptime"] for name, row in ours(board).items()}
     # Without an estimator both are the same policy here.
-    assert shares["ar-eapo --no-estimator"] == shares["ar-eapo-global"] > 0
-    with pytest.raises(SwingupError, match="'ar-eapo-global' is on the board already"):
-        leaderboard(either_robot, {"ar-eapo-global": Hanging()}, rules="v3")
+    assert shares["refined --no-estimator"] == shares["global"] > 0
+    with pytest.raises(SwingupError, match="'global' is on the board already"):
+        leaderboard(either_robot, {"global": Hanging()}, rules="v3")
 
 
 def test_names_on_the_board_are_taken():
@@ -204,6 +205,6 @@ def test_the_shipped_row_says_how_it_was_made(robot):
 @pytest.mark.slow
 def test_the_papers_boards(robot):
     performance, robustness = leaderboard(robot)
-    entered = {*ENTRANTS, *FURTHER, "ar-eapo --no-estimator"}
+    entered = {*ENTRANTS, *FURTHER, "refined --no-estimator"}
     assert set(ours(performance)) == set(ours(robustness)) == entered
     assert all(row.values["score"] > 0.33 for row in ours(performance).values())

@@ -16,7 +16,6 @@ import pytest
 
 from swingup.cli import main, training
 from swingup.control.zoo import shipped_policy
-from swingup.learner import judges
 from swingup.learner.metrics import read_metrics
 from swingup.runtime.controller import read_policy
 
@@ -64,7 +63,7 @@ def test_evaluate_then_score_the_same_trajectory(robot, capsys, tmp_path):
 def test_the_cards_score_is_the_score(capsys):
     """The cards' scores are the policies' alone; without noise an estimator hardly changes them."""
     for robot in ("acrobot", "pendubot"):
-        for controller, kind in (("ar-eapo", ""), ("ar-eapo-base", "base")):
+        for controller, kind in (("refined", ""), ("ar-eapo", "base")):
             card = shipped_policy(robot, kind)[1]["scores"]["v2"]["score"]
             alone = run_json(capsys, "evaluate", robot, "--controller", controller, "--no-estimator")
             assert alone["score"] == pytest.approx(card, abs=1e-6)
@@ -85,7 +84,7 @@ def test_a_failed_swingup_has_no_time(capsys):
 def test_text_output(capsys):
     assert main(["evaluate", "pendubot"]) == 0
     out = capsys.readouterr().out
-    assert "pendubot, ar-eapo, with estimator (rules v2)" in out
+    assert "pendubot, refined, with estimator (rules v2)" in out
     assert "RealAI score" in out
 
 
@@ -112,9 +111,9 @@ def test_train_for_the_real_robot_and_resume(capsys, tmp_path, monkeypatch):
     assert "0 of 2" in output.out
     assert "training acrobot (hardware-memory, domain mine.yml) to 128 frames in run" in output.err
     assert "note" not in output.err  # it trains with the delay
-    assert main(["train", "--resume", "run", "--domain", "hardware"]) == 2
+    assert main(["train", "--resume", "run", "--domain", "identified"]) == 2
     known = "mine.yml {'cf1': [0.1, 0.2], 'delay': [0.004, 0.004]}"
-    assert f"run was trained with domain = {known}, not hardware {{" in capsys.readouterr().err
+    assert f"run was trained with domain = {known}, not identified {{" in capsys.readouterr().err
     policy = read_policy("run/best.npz")
     assert (policy.front_end.velocity_weight, policy.stage.torques, policy.stage.history) == (0.2, 2, 2)
     assert policy.estimator is None
@@ -128,10 +127,10 @@ def test_a_run_is_judged_on_its_own_domain(capsys, tmp_path, monkeypatch):
         domains.append(domain.name)
         return SimpleNamespace(score=0.1, successes=0, runs=[SimpleNamespace(speed=1.0)])
 
-    monkeypatch.setattr(judges, "hardware", judged)
+    monkeypatch.setattr(judges, "sim2real", judged)
     monkeypatch.setattr(training, "judge_on", lambda domain, *_: domains.append(f"{domain.name} at the end") or 0)
     (tmp_path / "mine.yml").write_text("delay: 0.004\nvelocity_noise: [0.0, 0.1]\n")
-    options = ["--preset", "hardware", "--domain", "mine.yml", "--out", "run"]
+    options = ["--preset", "sim2real", "--domain", "mine.yml", "--out", "run"]
     assert main(["train", "acrobot", "--frames", "64", *options, *TINY]) == 0
     assert domains == ["mine.yml", "mine.yml at the end"]
     assert (
@@ -178,13 +177,13 @@ def test_train_another_task_and_resume(capsys):
         ("train acrobot --preset", "unknown preset ''"),
         ("train acrobot --frames 0", "frames = 0 must be at least 1"),
         ("train acrobot --seeds 0", "seeds = 0 must be at least 1"),
-        ("train acrobot --domain hardware", "a domain goes with the presets for hardware, not with default"),
-        ("train acrobot --preset hardware --domain moon", "unknown domain 'moon'"),
-        ("train acrobot --preset hardware --domain missing.yml", "cannot read domain file missing.yml"),
-        ("hardware cartpole", "unknown robot 'cartpole'"),
-        ("hardware acrobot --domain moon", "unknown domain 'moon': use hardware, randomised or a YAML file"),
-        ("hardware acrobot --seeds 0", "seeds = 0"),
-        ("hardware acrobot --save missing/t.csv", "cannot write missing/t.csv"),
+        ("train acrobot --domain identified", "a domain goes with the preset sim2real, not with default"),
+        ("train acrobot --preset sim2real --domain moon", "unknown domain 'moon'"),
+        ("train acrobot --preset sim2real --domain missing.yml", "cannot read domain file missing.yml"),
+        ("sim2real cartpole", "unknown robot 'cartpole'"),
+        ("sim2real acrobot --domain moon", "unknown domain 'moon': use identified, randomised or a YAML file"),
+        ("sim2real acrobot --seeds 0", "seeds = 0"),
+        ("sim2real acrobot --save missing/t.csv", "cannot write missing/t.csv"),
         ("train acrobot --batch-size 1000", "batch_size = 1000 does not divide"),
         ("train acrobot --out text.npz/run", "cannot create text.npz/run"),
         ("train acrobot --out full", "full exists"),

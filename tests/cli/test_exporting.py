@@ -11,7 +11,7 @@ import swingup
 from swingup.benchmark.rollout import Trajectory
 from swingup.cli import main
 from swingup.control.learned import save_controller
-from swingup.control.named import get_controller
+from swingup.control.registry import get_controller
 from swingup.control.zoo import shipped_policy
 
 RUN = """
@@ -52,14 +52,14 @@ np.save({rows!r}, rows)
 
 def test_a_folder_for_realaigym_needs_numpy_alone(tmp_path, robot, capsys):
     folder, rows = tmp_path / "entry", str(tmp_path / "rows.npy")
-    assert main(["export", "ar-eapo", "--robot", robot.name, "--to", "realaigym", "--out", str(folder)]) == 0
+    assert main(["export", "refined", "--robot", robot.name, "--to", "realaigym", "--out", str(folder)]) == 0
     assert capsys.readouterr().out.strip() == str(folder / "con_swingup.py")
     code = RUN.format(folder=str(folder), rows=rows, driven=list(robot.actuation))
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (result.returncode, result.stderr) == (0, "")
     table = np.load(rows)
     trajectory = Trajectory(time=table[:, 0], x=table[:, 1:5], u=table[:, 5:])
-    judged = swingup.evaluate(get_controller("ar-eapo", robot), robot).criteria
+    judged = swingup.evaluate(get_controller("refined", robot), robot).criteria
     assert swingup.score(trajectory, robot).score == pytest.approx(judged.score, abs=1e-4)
 
     config = ast.literal_eval(result.stdout)
@@ -73,7 +73,7 @@ def test_a_folder_for_realaigym_needs_numpy_alone(tmp_path, robot, capsys):
 
 def test_a_policy_file_and_its_username(tmp_path):
     source = tmp_path / "mine.npz"
-    save_controller(source, *shipped_policy("pendubot", "base"))
+    save_controller(source, *shipped_policy("pendubot", "ar-eapo"))
     options = ["--to", "realaigym", "--out", str(tmp_path / "e"), "--username", "Ada", "--name", "twin_2"]
     assert main(["export", str(source), *options]) == 0
     assert (tmp_path / "e/twin_2_controller/policy.npz").read_bytes() == source.read_bytes()
@@ -89,7 +89,7 @@ def test_graphs_and_headers(tmp_path, capsys):
     pytest.importorskip("onnx", reason="onnx is not installed")
     for form, start in (("onnx", b"\x08"), ("c", b"/*")):
         out = tmp_path / form
-        assert main(["export", "ar-eapo", "--robot", "acrobot", "--to", form, "--out", str(out)]) == 0
+        assert main(["export", "refined", "--robot", "acrobot", "--to", form, "--out", str(out)]) == 0
         assert out.read_bytes().startswith(start)
         assert ("without the state estimator" in capsys.readouterr().out) == (form == "onnx")
 
@@ -97,22 +97,22 @@ def test_graphs_and_headers(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["ar-eapo", "--to", "c"], "shipped for both robots: name acrobot or pendubot"),
+        (["refined", "--to", "c"], "shipped for both robots: name acrobot or pendubot"),
         (["tvlqr", "--to", "c"], "unknown policy 'tvlqr'"),
         (
-            ["ar-eapo", "--robot", "acrobot", "--to", "java"],
+            ["refined", "--robot", "acrobot", "--to", "java"],
             "cannot export to 'java': use one of realaigym, onnx, c",
         ),
-        (["ar-eapo", "--robot", "acrobot", "--to", "c", "--out", "none/x.h"], "cannot write none/x.h"),
-        (["ar-eapo", "--robot", "acrobot", "--to", "realaigym", "--out", "none/x"], "cannot write none/x: No such"),
-        (["ar-eapo", "--robot", "acrobot", "--to", "realaigym", "--out", "full"], "full is there already"),
+        (["refined", "--robot", "acrobot", "--to", "c", "--out", "none/x.h"], "cannot write none/x.h"),
+        (["refined", "--robot", "acrobot", "--to", "realaigym", "--out", "none/x"], "cannot write none/x: No such"),
+        (["refined", "--robot", "acrobot", "--to", "realaigym", "--out", "full"], "full is there already"),
         (
-            ["ar-eapo", "--robot", "acrobot", "--to", "realaigym", "--username", "a,b"],
+            ["refined", "--robot", "acrobot", "--to", "realaigym", "--username", "a,b"],
             "username 'a,b' does not fit",
         ),
         (["none.npz", "--to", "realaigym"], "no such file: none.npz"),
-        (["ar-eapo", "--robot", "acrobot", "--to", "realaigym", "--name", "../x"], "name '../x': use up to 40"),
-        (["ar-eapo", "--robot", "acrobot", "--to", "c", "--name", "2x"], "name '2x': use up to 40 small letters"),
+        (["refined", "--robot", "acrobot", "--to", "realaigym", "--name", "../x"], "name '../x': use up to 40"),
+        (["refined", "--robot", "acrobot", "--to", "c", "--name", "2x"], "name '2x': use up to 40 small letters"),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(options, message, tmp_path, monkeypatch, capsys):

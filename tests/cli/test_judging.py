@@ -50,7 +50,7 @@ def surroundings(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setattr(boards, "ENTRANTS", ("ar-eapo",))
+    monkeypatch.setattr(boards, "ENTRANTS", ("refined",))
     monkeypatch.setattr(boards, "FURTHER", ())
     (tmp_path / "others_controllers.py").write_text(CONTROLLERS)
 
@@ -90,14 +90,14 @@ def test_robustness_as_json(capsys):
     ]  # fmt: skip
     assert (result["robot"], result["controller"], result["rules"], result["seed"]) == (
         "pendubot",
-        "ar-eapo",
+        "refined",
         "v2",
         3,
     )
     assert result["overall"] is None
     assert len(result["details"]) == 11  # 3 delays, 8 profiles of pushes
     assert result["details"][0] == {"criterion": "delay", "value": 0.0, "success": True}
-    assert result["command"].startswith("swingup robustness pendubot --controller=ar-eapo --rules=v2 --seed=3")
+    assert result["command"].startswith("swingup robustness pendubot --controller=refined --rules=v2 --seed=3")
     # The command that the result names prints the result again.
     again = json.loads(run(capsys, *result["command"].split()[1:], "--json"))
     assert again == result
@@ -108,7 +108,7 @@ def test_robustness_as_text_with_intervals(capsys):
         capsys, "robustness", "acrobot", "--seeds", "2", "--grid", "velocity_noise=0:0.5:3:3", "--criteria",
         "velocity_noise",
     )  # fmt: skip
-    assert "acrobot, ar-eapo, with estimator (rules v2 velocity_noise=0:0.5:3:3, seed 0 to 1)" in out
+    assert "acrobot, refined, with estimator (rules v2 velocity_noise=0:0.5:3:3, seed 0 to 1)" in out
     assert " to " in out.splitlines()[1]
     assert "18" in out  # 3 values, 3 repetitions, 2 seeds
 
@@ -149,7 +149,7 @@ def test_with_and_without_an_estimator(capsys, meant, flags, judged):
 
 @pytest.mark.usefixtures("brief_minute")
 def test_robustness_and_uptime_with_an_estimator(capsys, meant):
-    base = ("pendubot", "--controller", "ar-eapo-base")
+    base = ("pendubot", "--controller", "ar-eapo")
     brief = ("pendubot", "--criteria", "delay", "--grid", "delay=0.03:0.04:2", "--json")
     alone, estimating = (
         json.loads(run(capsys, "robustness", *brief, *base[1:], *flags)) for flags in ((), ("--estimator",))
@@ -162,7 +162,7 @@ def test_robustness_and_uptime_with_an_estimator(capsys, meant):
     held = json.loads(run(capsys, "robustness", *brief, "--controller", meant, "--no-estimator"))
     assert held["estimator"] is False
     assert " --no-estimator " in held["command"]
-    assert "ar-eapo-base, with estimator (rules v3" in run(capsys, "uptime", *base, "--estimator")
+    assert "ar-eapo, with estimator (rules v3" in run(capsys, "uptime", *base, "--estimator")
     assert json.loads(run(capsys, "uptime", *base, "--estimator", "--json"))["estimator"] is True
 
 
@@ -182,13 +182,13 @@ def test_uptime(capsys, tmp_path):
     assert result["seed"] == 0
 
 
-def test_hardware(capsys, tmp_path):
-    out = run(capsys, "hardware", "pendubot", "--controller", "lqr", "--seeds", "2", "--save", "run.csv")
-    assert "pendubot, lqr (domain hardware, seed 0 to 1)" in out
+def test_sim2real(capsys, tmp_path):
+    out = run(capsys, "sim2real", "pendubot", "--controller", "lqr", "--seeds", "2", "--save", "run.csv")
+    assert "pendubot, lqr (domain identified, seed 0 to 1)" in out
     assert "Swing-up time [s]                    –   (median of the successes)" in out
     assert "Success                         0 of 2   (0% to 66%)" in out
     assert len((tmp_path / "run.csv").read_text().splitlines()) == 5001
-    result = json.loads(run(capsys, "hardware", "pendubot", "--controller", "lqr", "--seeds", "2", "--json"))
+    result = json.loads(run(capsys, "sim2real", "pendubot", "--controller", "lqr", "--seeds", "2", "--json"))
     assert (result["successes"], result["estimator"], result["domain"]["delay"]) == (0, False, [0.01, 0.01])
     assert [row["seed"] for row in result["details"]] == [0, 1]
 
@@ -224,11 +224,11 @@ def test_leaderboard_formats(capsys, monkeypatch):
     table = list(csv.DictReader(io.StringIO(run(capsys, *brief, "--csv"))))
     names = [row["controller"] for row in rows]
     assert [row["controller"] for row in table] == names
-    assert (set(names[:2]), names[2:]) == ({"ar-eapo", "ar-eapo --no-estimator"}, [mine[1]])
+    assert (set(names[:2]), names[2:]) == ({"refined", "refined --no-estimator"}, [mine[1]])
     assert float(table[0]["score"]) == rows[0]["score"]
     markdown = run(capsys, *brief, "--markdown")
     assert "### Performance scores of the acrobot (rules hardware)" in markdown
-    assert "| **ar-eapo** | **ours** |" in markdown
+    assert "| **refined** | **ours** |" in markdown
     text = run(capsys, *brief)
     assert "Performance scores of the acrobot (rules hardware)" in text
     assert "others_controllers:nan: " in text
@@ -239,7 +239,7 @@ def test_leaderboard_of_the_third_rules(capsys):
     rows = json.loads(run(capsys, "leaderboard", "--rules", "v3", "--seed", "1", "--json"))
     assert {row["robot"] for row in rows} == {"acrobot", "pendubot"}
     assert all(set(CRITERIA).isdisjoint(row) for row in rows)
-    assert {row["controller"] for row in rows if row["robot"] == "pendubot"} >= {"ar-eapo", "VIMPPI"}
+    assert {row["controller"] for row in rows if row["robot"] == "pendubot"} >= {"refined", "VIMPPI"}
 
 
 @pytest.mark.parametrize(

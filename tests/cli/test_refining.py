@@ -7,12 +7,12 @@ from swingup.cli import main, refining
 from swingup.control.estimator import EstimatorSettings, read_settings
 from swingup.control.learned import load_policy
 from swingup.control.zoo import shipped_policy
-from swingup.refine.descent import DescentSettings
-from swingup.refine.draws import Draws
+from swingup.refine.analytic_policy_gradient import PolicyGradientSettings
+from swingup.refine.episodes import Draws
 from swingup.refine.recipe import Refinement
 
 TINY = Refinement(
-    DescentSettings(iterations=2, duration=0.02), Draws(nominal=2, model=0, pushed=0, measured=0, anywhere=0)
+    PolicyGradientSettings(iterations=2, duration=0.02), Draws(nominal=2, model=0, pushed=0, measured=0, anywhere=0)
 )
 
 
@@ -22,9 +22,9 @@ def test_refine_writes_a_policy_with_its_origin(tmp_path, monkeypatch, capsys):
     assert main(["refine", "pendubot", "--out", str(out), "--seed", "3"]) == 0
     assert "swingup evaluate pendubot" in capsys.readouterr().out
     policy, metadata = load_policy(out, "pendubot")
-    base, origin = shipped_policy("pendubot", "base")
+    base, origin = shipped_policy("pendubot", "ar-eapo")
     assert metadata["command"] == (
-        "swingup refine pendubot --policy=ar-eapo-base --recipe=score --seed=3 --out=refined.npz"
+        "swingup refine pendubot --policy=ar-eapo --recipe=score --seed=3 --out=refined.npz"
     )
     assert metadata["base"]["frames"] == origin["frames"]
     assert metadata["stages"][0]["descent"]["iterations"] == 2

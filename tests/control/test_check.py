@@ -7,7 +7,7 @@ import pytest
 import swingup
 from swingup.control.check import check_controller
 from swingup.control.controller import AbstractController
-from swingup.control.plain import PlainController, answer
+from swingup.control.python_controller import PythonController, answer
 from swingup.errors import SwingupError
 from swingup.physics.parameters import get_robot
 
@@ -183,7 +183,7 @@ def other_names(measured, now):
 def test_calls_by_name_or_in_order(source):
     # RealAIGym calls get_control_output(x=x, t=t).
     x = np.array([0.5, 0.0, 0.0, 0.0])
-    assert answer(PlainController(source).start(), x, 0.25).tolist() == [0.0, 0.75]
+    assert answer(PythonController(source).start(), x, 0.25).tolist() == [0.0, 0.75]
     assert check_controller(source, "acrobot") == []
 
 
@@ -195,5 +195,5 @@ def test_a_robot_of_another_kind_is_not_ours(robot):
 
 
 def test_copies_that_share_a_memory_do_not_run_side_by_side():
-    assert len(PlainController(Shared()).copies(5)) == 1
-    assert len(PlainController(Remembering()).copies(5)) == 5
+    assert len(PythonController(Shared()).copies(5)) == 1
+    assert len(PythonController(Remembering()).copies(5)) == 5

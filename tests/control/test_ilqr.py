@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.control.algebra import dot, unpack
 from swingup.control.ilqr import Settings, Solution, Status, feedback_gains, improve, solve, start
-from swingup.control.passes import Cost
+from swingup.control.riccati_passes import Cost
+from swingup.control.scalar_algebra import dot, unpack
 from swingup.control.transition import AbstractTransition, PendulumTransition
 from swingup.physics.parameters import ROBOTS, leaderboard_parameters
 

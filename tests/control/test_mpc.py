@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.control.builtin import baseline, shipped_reference
+from swingup.control.baselines import baseline, shipped_reference
 from swingup.control.mpc import MPC
 from swingup.control.switch import Latching
 from swingup.control.upright import UPRIGHT

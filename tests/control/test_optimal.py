@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 import swingup
-from swingup.control.builtin import baseline, shipped_reference
+from swingup.control.baselines import baseline, shipped_reference
 from swingup.control.ilqr import Solution
 from swingup.control.optimal import GOAL, OPTIMAL, _cheapest, compute_optimal_reference, first_torques
-from swingup.control.ramp import RampedTransition
+from swingup.control.torque_rate import TorqueRateTransition
 from swingup.control.transition import PendulumTransition
 from swingup.errors import SwingupError
 from swingup.physics.integrate import rk4_step
@@ -18,7 +18,7 @@ SCORES = {"acrobot": 0.711, "pendubot": 0.697}
 
 
 def ramped(robot, dt=0.002):
-    return RampedTransition(PendulumTransition(leaderboard_parameters(robot), robot.joint, dt))
+    return TorqueRateTransition(PendulumTransition(leaderboard_parameters(robot), robot.joint, dt))
 
 
 def test_shipped_trajectories_are_the_plants_own(x64, robot):

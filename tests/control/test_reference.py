@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from swingup.arrays import save_archive
-from swingup.control.builtin import shipped_reference
+from swingup.control.baselines import shipped_reference
 from swingup.control.published import PUBLISHED
 from swingup.control.reference import (
     ARRAYS,

@@ -6,7 +6,7 @@ import pytest
 import swingup
 from swingup.benchmark.trajectory_file import load_trajectory
 from swingup.cli import main, planning
-from swingup.control.builtin import shipped_reference
+from swingup.control.baselines import shipped_reference
 from swingup.control.tracking import RiccatiGains
 from swingup.control.trajectory_csv import load_reference_csv, save_reference_csv
 from swingup.errors import SwingupError

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.control.algebra import unpack
+from swingup.control.scalar_algebra import unpack
 from swingup.control.transition import PendulumTransition
 from swingup.physics.dynamics import derivative
 from swingup.physics.integrate import rk4_step

@@ -13,7 +13,7 @@ import jax
 from swingup.areapo.config import Config
 from swingup.benchmark.rules import PERFORMANCE_RULES
 from swingup.learner.run import Run
-from swingup.learner.settings import Settings
+from swingup.learner.run_settings import Settings
 
 PERFORMANCE_RULES["v2"] = dataclasses.replace(PERFORMANCE_RULES["v2"], duration=0.5)
 config = Config(num_envs=2, num_steps=8, num_epochs=1, batch_size=16, policy_layers=(8,), value_layers=(8,))

@@ -19,8 +19,8 @@ import pytest
 
 from swingup.cli import main
 from swingup.errors import SwingupError
-from swingup.learner.folder import RunFolder
 from swingup.learner.run import Run
+from swingup.learner.run_folder import RunFolder
 
 from .brief import briefly_judged
 from .test_run import FRAMES, SETTINGS, arrays, assert_same_files, measured, run

@@ -13,7 +13,7 @@ from swingup.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
 from swingup.learner.run import Run
-from swingup.learner.settings import PENDULUM_INTERVALS, Settings, settings_from_dict
+from swingup.learner.run_settings import PENDULUM_INTERVALS, Settings, settings_from_dict
 from swingup.tasks.domain import Domain
 
 from .brief import briefly_judged
@@ -311,7 +311,7 @@ def test_a_damaged_checkpoint_is_named_and_nothing_changes(tmp_path):
     assert Run.resume(tmp_path / "r").frames == 0
 
 
-SLOW = ("apo", "eapo", "ppo", "hardware")
+SLOW = ("apo", "eapo", "ppo", "sim2real")
 
 
 @pytest.mark.parametrize(
@@ -327,13 +327,13 @@ def test_every_preset_trains(tmp_path, preset):
     row = reports[-1].rows[0]
     assert row["gradient_norm"] > 0.0
     # Without average reward there is no gain; without temperature no entropy reward.
-    assert (row["gain"] != 0.0) == (preset in ("default", "paper", "apo", "hardware"))
-    assert (row["entropy_gain"] != 0.0) == (preset in ("default", "paper", "hardware"))
+    assert (row["gain"] != 0.0) == (preset in ("default", "paper", "apo", "sim2real"))
+    assert (row["entropy_gain"] != 0.0) == (preset in ("default", "paper", "sim2real"))
 
 
 def test_a_domain_stands_in_settings_and_command():
     domain = Domain((("cf1", 0.1, 0.2),), "my plants.yml")
-    settings = dataclasses.replace(SETTINGS, preset="hardware", domain=domain)
+    settings = dataclasses.replace(SETTINGS, preset="sim2real", domain=domain)
     again = settings_from_dict(settings.as_dict())
     assert (again.domain, again.domain.name) == (domain, "my plants.yml")
     assert "--domain 'my plants.yml'" in again.command(100)
@@ -344,7 +344,7 @@ def test_a_domain_stands_in_settings_and_command():
     [
         ({"robot": "cartpole"}, "unknown robot 'cartpole'"),
         ({"preset": "best"}, "unknown preset 'best'"),
-        ({"domain": Domain((("m1", 0.5, 0.6),))}, "a domain goes with the presets for hardware, not with default"),
+        ({"domain": Domain((("m1", 0.5, 0.6),))}, "a domain goes with the preset sim2real, not with default"),
         ({"seeds": 0}, "seeds = 0 must be at least 1"),
         ({"seed": -1}, "seed = -1"),
         ({"evaluate_every": 0}, "evaluate_every = 0"),

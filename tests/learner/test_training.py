@@ -4,7 +4,7 @@ import pytest
 
 from swingup.learner.presets import get_preset
 from swingup.learner.run import Run
-from swingup.learner.settings import Settings
+from swingup.learner.run_settings import Settings
 
 
 @pytest.mark.slow

@@ -13,14 +13,14 @@ from swingup.areapo.policy import Policy
 from swingup.benchmark.evaluate import evaluate
 from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.rules import PERFORMANCE_RULES
-from swingup.control.builtin import baseline
+from swingup.control.baselines import baseline
 from swingup.control.learned import PolicyController
 from swingup.control.zoo import shipped_policy
 from swingup.errors import SwingupError
 from swingup.physics.parameters import get_robot, leaderboard_parameters
-from swingup.refine.descent import Descent, DescentSettings, batch_cost
-from swingup.refine.draws import Draws, draw
-from swingup.refine.imitate import ImitationSettings, demonstrate, imitate
+from swingup.refine.analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings, batch_cost
+from swingup.refine.behaviour_cloning import CloningSettings, demonstrate, imitate
+from swingup.refine.episodes import Draws, draw
 from swingup.refine.objective import Measures, Weights, bound_adjoint, measure
 from swingup.refine.recipe import Refinement, refine
 from swingup.tasks.observation import PendulumObservation
@@ -28,7 +28,7 @@ from swingup.tasks.observation import PendulumObservation
 RULES = PERFORMANCE_RULES["v2"]
 ACROBOT = get_robot("acrobot")
 FEW = Draws(nominal=2, model=3, pushed=2, measured=2, anywhere=1)
-SHORT = DescentSettings(iterations=4, learning_rate=1e-3, duration=0.1)
+SHORT = PolicyGradientSettings(iterations=4, learning_rate=1e-3, duration=0.1)
 
 
 def small(robot=ACROBOT, seed=0):
@@ -111,7 +111,7 @@ def test_the_cost_weighs_the_measures():
 
 def test_nominal_episodes_have_weights_of_their_own():
     episodes = draw(np.random.default_rng(0), ACROBOT, Draws(nominal=1, model=1, pushed=0, measured=0, anywhere=0))
-    settings = DescentSettings(duration=0.1, nominal=Weights(score=1.0), others=Weights(down=3.0))
+    settings = PolicyGradientSettings(duration=0.1, nominal=Weights(score=1.0), others=Weights(down=3.0))
     cost = jax.jit(batch_cost, static_argnames="settings")
     total, measures = cost(small().policy.actor, small(), episodes, settings=settings)
     first = int(np.argmax(episodes.nominal))
@@ -131,7 +131,7 @@ def test_the_gradient_through_an_episode_is_that_of_finite_differences(x64):
     controller = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float64) if eqx.is_array(leaf) else leaf, small())
     episodes = draw(np.random.default_rng(3), ACROBOT, FEW)
     episodes = jax.tree.map(lambda leaf: leaf.astype(np.float64) if leaf.dtype.kind == "f" else leaf, episodes)
-    settings = DescentSettings(duration=0.2, adjoint_limit=1e9)
+    settings = PolicyGradientSettings(duration=0.2, adjoint_limit=1e9)
     actor = controller.policy.actor
 
     @jax.jit
@@ -152,8 +152,8 @@ def test_the_gradient_through_an_episode_is_that_of_finite_differences(x64):
 def test_a_descent_lowers_the_cost_and_does_not_depend_on_how_it_is_split():
     draws = Draws(nominal=0, model=8, pushed=0, measured=0, anywhere=0, upright=1.0)
     episodes = draw(np.random.default_rng(0), ACROBOT, draws)
-    settings = DescentSettings(iterations=16, learning_rate=3e-3, duration=0.06)
-    one, two = Descent(small(), settings), Descent(small(), settings)
+    settings = PolicyGradientSettings(iterations=16, learning_rate=3e-3, duration=0.06)
+    one, two = AnalyticPolicyGradient(small(), settings), AnalyticPolicyGradient(small(), settings)
     one._parts, two._parts = 1, 2
     first = one.step(episodes)
     assert np.allclose(two.step(episodes).away, first.away, atol=1e-6)
@@ -165,7 +165,7 @@ def test_a_descent_lowers_the_cost_and_does_not_depend_on_how_it_is_split():
 
 
 def test_a_policy_learns_what_a_teacher_shows():
-    settings = ImitationSettings("tvlqr", steps=300, batch=256, shown=8, duration=5.0, shove=0.1)
+    settings = CloningSettings("tvlqr", steps=300, batch=256, shown=8, duration=5.0, shove=0.1)
     teacher = baseline("tvlqr", ACROBOT)
     states, torques = demonstrate(teacher, ACROBOT, settings, np.random.default_rng(0))
     assert states.shape == (len(torques), 4)
@@ -181,7 +181,7 @@ def test_a_policy_learns_what_a_teacher_shows():
 
 
 def test_a_teacher_that_never_ends_upright_is_refused():
-    settings = ImitationSettings("lqr", shown=2, duration=0.1)
+    settings = CloningSettings("lqr", shown=2, duration=0.1)
     with pytest.raises(SwingupError, match="never ended upright"):
         demonstrate(baseline("lqr", ACROBOT), ACROBOT, settings, np.random.default_rng(0))
 

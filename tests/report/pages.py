@@ -24,7 +24,7 @@ def make_board(robot: Robot, measure: str) -> Board:
     published = published_rows(robot, measure, "v2")
     score = BOARDS[measure][-1]
     ours = [
-        Row("ar-eapo", OURS, dict(published[0].values)),
+        Row("refined", OURS, dict(published[0].values)),
         Row(NASTY, OURS, dict.fromkeys(BOARDS[measure]) | {score: 0.0}, "it is <b>not</b> a controller"),
     ]
     rows = sorted([*published, *ours], key=lambda row: -(row.values[score] or 0.0))
@@ -35,7 +35,7 @@ def make_section(robot: Robot) -> Section:
     """A section with the shipped policy, a controller that does nothing and one that fails."""
     policy = shipped_policy(robot)[0]
     shows = [
-        make_show("ar-eapo", policy, robot, 0),
+        make_show("refined", policy, robot, 0),
         Show(NASTY, HANGING, HANGING),
         Show("broken", None, None, "It's <i>broken</i>."),
     ]

@@ -13,7 +13,7 @@ import pytest
 from swingup.benchmark import leaderboard as boards
 from swingup.benchmark.leaderboard import Board, Row
 from swingup.benchmark.rollout import Trajectory
-from swingup.control.named import get_controller
+from swingup.control.registry import get_controller
 from swingup.control.zoo import shipped_policy
 from swingup.errors import SwingupError
 from swingup.physics.parameters import ROBOTS, leaderboard_parameters
@@ -71,7 +71,7 @@ def test_names_and_remarks_are_text(html):
     assert "&lt;/script&gt;&lt;img src=x onerror=alert(1)&gt; $$x^2$$" in html
     assert "it is &lt;b&gt;not&lt;/b&gt; a controller" in html
     assert "<title>Tables &amp; &lt;plots&gt;</title>" in html
-    assert [show["name"] for show in data_of(html)["sections"][0]["shows"]] == ["ar-eapo", NASTY]
+    assert [show["name"] for show in data_of(html)["sections"][0]["shows"]] == ["refined", NASTY]
 
 
 def test_tables_show_the_boards_rows_in_order(html):
@@ -86,7 +86,7 @@ def test_tables_show_the_boards_rows_in_order(html):
 
 
 def test_a_board_of_another_measure_is_shown_too():
-    board = Board("acrobot", "uptime", "v3", 7, (Row("ar-eapo", "board", {"uptime": 0.658}),))
+    board = Board("acrobot", "uptime", "v3", 7, (Row("refined", "board", {"uptime": 0.658}),))
     html = render_page([a_section(boards=[board])])
     assert "0.658" in html
     assert "Rules v3. Seed 7." in html
@@ -168,7 +168,7 @@ def test_without_the_extra_the_remedy_is_named(missing, section, monkeypatch):
 
 
 def test_sections_judge_everybody_with_one_disturbance(monkeypatch):
-    policy = get_controller("ar-eapo", ACROBOT)
+    policy = get_controller("refined", ACROBOT)
     asked = []
 
     def leaderboard(robot, controllers, seed):
@@ -176,18 +176,18 @@ def test_sections_judge_everybody_with_one_disturbance(monkeypatch):
         return [make_board(robot, "performance")]
 
     monkeypatch.setattr(make, "leaderboard", leaderboard)
-    monkeypatch.setattr(boards, "ENTRANTS", ("ar-eapo",))
+    monkeypatch.setattr(boards, "ENTRANTS", ("refined",))
     mine = {"mine": policy, "none": "no controller"}
     html = render_page([make.make_section(robot, mine, seed=3) for robot in ("acrobot", "pendubot")])
     assert asked == [(name, ["mine", "none"], 3) for name in ("acrobot", "pendubot")]
     first, second = data_of(html)["sections"]
-    assert [show["name"] for show in first["shows"]] == ["ar-eapo", "mine"]
+    assert [show["name"] for show in first["shows"]] == ["refined", "mine"]
     # One policy under two names: the same noise and the same pushes.
     assert first["shows"][0]["disturbed"] == first["shows"][1]["disturbed"]
     assert first["shows"][0]["clean"] != first["shows"][0]["disturbed"]
     assert "<b>none</b>: controller &#39;none&#39;: &#39;no controller&#39; is no controller" in html
     # A controller for the other robot.
-    assert [show["name"] for show in second["shows"]] == ["ar-eapo"]
+    assert [show["name"] for show in second["shows"]] == ["refined"]
     assert "is for the acrobot, not the pendubot" in html
     assert "(seed 3)" in html
 

@@ -10,7 +10,7 @@ from swingup.areapo.networks import init_actor
 from swingup.areapo.normalise import Normalise
 from swingup.areapo.policy import Policy
 from swingup.control.learned import PolicyController
-from swingup.control.named import get_controller
+from swingup.control.registry import get_controller
 from swingup.control.zoo import shipped_policy
 from swingup.physics.integrate import rk4_step
 from swingup.physics.parameters import get_robot, leaderboard_parameters
@@ -78,7 +78,7 @@ def paper_policy(normalised=True):
 def recorded(robot, sensor, steps=2500):
     """A closed loop of the shipped controller in JAX: times, measurements (n, 4) and torques (n, 2)."""
     sigma, age, quantum, periods = SENSORS[sensor]
-    p, controller = leaderboard_parameters(get_robot(robot)), in_double(get_controller("ar-eapo", robot))
+    p, controller = leaderboard_parameters(get_robot(robot)), in_double(get_controller("refined", robot))
     random = np.random.default_rng(3)
     noise, pauses = sigma * random.normal(size=(steps, 2)), random.choice(periods, steps)
 

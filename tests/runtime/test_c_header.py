@@ -21,7 +21,7 @@ ROBOT_NAMES = ("acrobot", "pendubot")
 @pytest.fixture(scope="module", params=ROBOT_NAMES)
 def shipped(request, tmp_path_factory):
     """A robot's name and the shipped policy's library."""
-    policy = read_policy("ar-eapo", request.param)
+    policy = read_policy("refined", request.param)
     return request.param, compile_header(tmp_path_factory.mktemp("c"), c_header(policy))
 
 
@@ -33,7 +33,7 @@ def test_torques_are_the_judges(shipped):
 
 
 def test_in_single_precision(tmp_path):
-    library = compile_header(tmp_path, c_header(read_policy("ar-eapo", "acrobot")), "-DSWINGUP_REAL=float")
+    library = compile_header(tmp_path, c_header(read_policy("refined", "acrobot")), "-DSWINGUP_REAL=float")
     error = np.abs(torques(library, random_states()) - judged_torques("acrobot", exact=True)).max()
     assert 1e-6 < error < 1e-4
 
@@ -56,7 +56,7 @@ def test_pauses_jumps_and_what_is_not_finite(shipped):
     times[30:] -= 0.05  # a clock set back
     x[40:, 1] += 1.0  # a jump
     x[45], x[48], x[51, 2] = np.nan, np.inf, 1e200
-    controller = RuntimeController(read_policy("ar-eapo", name))
+    controller = RuntimeController(read_policy("refined", name))
     expected = [controller(*each) for each in zip(x, times, strict=True)]
     np.testing.assert_allclose(run(library, times, x), expected, rtol=0, atol=1e-9)
     torques = run(library, np.zeros(len(UNSOUND)), UNSOUND)
@@ -76,7 +76,7 @@ def test_the_papers_observation_without_an_estimator(tmp_path, normalised):
 def test_numbers_are_the_files(shipped):
     """The header's decimals are the file's float32 numbers, input by input."""
     name, _ = shipped
-    policy = read_policy("ar-eapo", name)
+    policy = read_policy("refined", name)
     text = c_header(policy)
     for index, layer in enumerate(policy.file.layers):
         body = re.search(rf"swingup_weight_{index}\[\d+\]\[\d+\] = {{(.*?)}};", text, re.DOTALL)[1]
@@ -102,7 +102,7 @@ void both(const double *x, double *u)
 
 
 def test_two_policies_in_one_program(tmp_path):
-    policies = [read_policy("ar-eapo", name) for name in ("acrobot", "pendubot")]
+    policies = [read_policy("refined", name) for name in ("acrobot", "pendubot")]
     for policy, name in zip(policies, ("left", "right"), strict=True):
         (tmp_path / f"{name}.h").write_text(c_header(policy, name))
     library, u = compile_program(tmp_path, TWO), np.zeros(2)

@@ -11,7 +11,7 @@ from swingup.areapo.networks import init_actor
 from swingup.areapo.normalise import Normalise
 from swingup.areapo.policy import Policy
 from swingup.control.learned import PolicyController, load_policy, save_controller
-from swingup.control.named import get_controller, has_estimator
+from swingup.control.registry import get_controller, has_estimator
 from swingup.errors import SwingupError
 from swingup.export.c_header import c_header
 from swingup.physics.parameters import get_robot

@@ -21,11 +21,11 @@ def session(policy):
     return runtime.InferenceSession(onnx_model(policy), providers=["CPUExecutionProvider"])
 
 
-@pytest.mark.parametrize("kind", ["ar-eapo", "ar-eapo-base"])
+@pytest.mark.parametrize("kind", ["refined", "ar-eapo"])
 @pytest.mark.parametrize("name", ["acrobot", "pendubot"])
 def test_torques_are_the_judges(name, kind):
     states, joint = random_states(), get_robot(name).joint
-    expected = judged_torques(name, kind.removeprefix("ar-eapo").removeprefix("-"))
+    expected = judged_torques(name, kind.removeprefix("refined").removeprefix("-"))
     model = session(read_policy(kind, name))
     batch = model.run(None, {"state": states})[0]
     assert batch.dtype == np.float64
@@ -49,4 +49,4 @@ def test_the_papers_observation(tmp_path, normalised):
 def test_without_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "onnx", None)
     with pytest.raises(SwingupError, match=r"onnx is not installed: pip install 'swingup\[onnx\]'"):
-        onnx_model(read_policy("ar-eapo", "acrobot"))
+        onnx_model(read_policy("refined", "acrobot"))

@@ -7,7 +7,7 @@ import pytest
 
 import swingup
 from swingup.control.learned import save_controller
-from swingup.control.named import get_controller
+from swingup.control.registry import get_controller
 from swingup.errors import SwingupError
 from swingup.physics.dynamics import acceleration
 from swingup.physics.integrate import midpoint_step
@@ -24,7 +24,7 @@ ROBOT_NAMES = ("acrobot", "pendubot")
 @pytest.mark.parametrize("kind", ["", "base", "global"])
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_torques_are_the_judges(name, kind):
-    controller = load_controller("-".join(filter(None, ("ar-eapo", kind))), name, estimator=False)
+    controller = load_controller("-".join(filter(None, ("refined", kind))), name, estimator=False)
     torques = np.array([controller(x, 0.0) for x in random_states()])
     joint = get_robot(name).joint
     # Where both compute in float64, what is left is the order of sums.
@@ -35,7 +35,7 @@ def test_torques_are_the_judges(name, kind):
     assert np.ptp(torques[:, joint]) > 6
 
 
-@pytest.mark.parametrize("kind", ["ar-eapo", "ar-eapo-base", "ar-eapo-hardware"])
+@pytest.mark.parametrize("kind", ["refined", "ar-eapo", "robot"])
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_no_torque_hides_a_number_that_is_not_finite(name, kind, x64):
     controller, reference, joint = load_controller(kind, name), get_controller(kind, name), get_robot(name).joint
@@ -59,7 +59,7 @@ def test_the_papers_observation(tmp_path, x64, normalised):
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_the_estimator_follows_a_recorded_run(name, sensor):
     times, measured, expected = recorded(name, sensor)
-    controller, dead_times = load_controller("ar-eapo", name), set()
+    controller, dead_times = load_controller("refined", name), set()
     for steps in (100, len(times)):  # the second time after a reset
         controller.reset()
         for t, x, u in zip(times[:steps], measured, expected, strict=False):
@@ -78,11 +78,11 @@ def test_a_loop_at_another_rate_swings_up_and_holds(name, sensor):
 
 
 def test_the_checker_finds_nothing(robot):
-    assert swingup.check_controller(load_controller("ar-eapo", robot), robot) == []
+    assert swingup.check_controller(load_controller("refined", robot), robot) == []
 
 
 def test_the_period_is_the_estimators_or_the_front_ends():
-    policy = read_policy("ar-eapo-hardware", "acrobot")
+    policy = read_policy("robot", "acrobot")
     assert policy.period == DT
     alone = dataclasses.replace(policy, estimator=None, front_end=FrontEndSettings(dt=0.001))
     assert (alone.period, dataclasses.replace(alone, front_end=None).period) == (0.001, None)
@@ -96,7 +96,7 @@ def test_the_period_is_the_estimators_or_the_front_ends():
 def test_the_score_is_the_judges(name):
     in_numpy, in_jax = (
         swingup.evaluate(found, name).criteria.score
-        for found in (load_controller("ar-eapo", name), get_controller("ar-eapo", name))
+        for found in (load_controller("refined", name), get_controller("refined", name))
     )
     assert in_numpy == pytest.approx(in_jax, abs=1e-4)
 
@@ -111,7 +111,7 @@ def test_pauses_jumps_and_what_is_not_finite(x64):
     times[30:] -= 0.05  # a clock set back
     x[40:, 1] += 1.0  # a jump
     x[45], x[48], x[51, 2] = np.nan, np.inf, 1e200
-    reference, controller = in_double(get_controller("ar-eapo", "acrobot")), load_controller("ar-eapo", "acrobot")
+    reference, controller = in_double(get_controller("refined", "acrobot")), load_controller("refined", "acrobot")
     memory = reference.init()
     for t, measured in zip(times, x, strict=True):
         memory, expected = reference(memory, t, measured)
@@ -144,12 +144,12 @@ def test_flat_yaml():
 @pytest.mark.parametrize(
     ("source", "robot", "message"),
     [
-        ("ar-eapo", None, "shipped for both robots: name acrobot or pendubot"),
-        ("ar-eapo", "cartpole", "unknown robot 'cartpole'"),
+        ("refined", None, "shipped for both robots: name acrobot or pendubot"),
+        ("refined", "cartpole", "unknown robot 'cartpole'"),
         (
             "tvlqr",
             "acrobot",
-            "unknown policy 'tvlqr': use ar-eapo, ar-eapo-base, ar-eapo-global, ar-eapo-hardware or a policy file",
+            "unknown policy 'tvlqr': use refined, ar-eapo, global, robot or a policy file",
         ),
         ("nothing.npz", "acrobot", "no such file: nothing.npz"),
     ],

@@ -20,8 +20,8 @@ def drawn(domain, number=200, robot=ACROBOT):
     return jax.jit(jax.vmap(lambda key: domain.draw(key, robot)))(keys)
 
 
-def test_the_hardware_domain_is_the_identified_plant(robot):
-    domain = load_domain("hardware")
+def test_the_identified_domain_is_the_identified_plant(robot):
+    domain = load_domain("identified")
     assert all(low == high for _, low, high in domain.ranges)
     with jax.enable_x64(True):
         plant, loop = draw(domain, jax.random.key(3), robot)
@@ -36,7 +36,7 @@ def test_the_hardware_domain_is_the_identified_plant(robot):
 def test_every_number_of_the_package_says_where_it_comes_from():
     from importlib import resources
 
-    text = (resources.files("swingup.tasks") / "domains" / "hardware.yml").read_text(encoding="utf-8")
+    text = (resources.files("swingup.tasks") / "domains" / "identified.yml").read_text(encoding="utf-8")
     rows = [line for line in text.splitlines() if line and not line.startswith("#")]
     assert {row.partition(":")[0] for row in rows} == set(LOOP)
     assert all("Source:" in row or "Chosen" in row for row in rows)
@@ -105,11 +105,11 @@ def test_bad_domains(tmp_path, content, message):
 
 
 def test_unknown_domains(tmp_path):
-    with pytest.raises(SwingupError, match="unknown domain 'moon': use hardware, randomised or a YAML file"):
+    with pytest.raises(SwingupError, match="unknown domain 'moon': use identified, randomised or a YAML file"):
         load_domain("moon")
     with pytest.raises(SwingupError, match="No such file or directory; check the path"):
         load_domain(tmp_path / "none.yml")
 
 
 def test_domains_are_hashable():
-    assert hash(load_domain("hardware")) == hash(Domain(load_domain("hardware").ranges))
+    assert hash(load_domain("identified")) == hash(Domain(load_domain("identified").ranges))

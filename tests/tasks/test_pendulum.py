@@ -10,11 +10,11 @@ from swingup.errors import SwingupError
 from swingup.physics.integrate import rk4_step
 from swingup.physics.parameters import ROBOTS, identified_parameters, leaderboard_parameters
 from swingup.tasks.pendulum import UPRIGHT, PendulumState, wrap_to_goal
-from swingup.tasks.presets import HARDWARE_TASKS, TASKS, get_task, paper_task, smooth_task
+from swingup.tasks.presets import SIM2REAL_TASKS, TASKS, get_task, paper_task, smooth_task
 
 PI = np.pi
-IDEAL = [name for name in TASKS if name not in HARDWARE_TASKS]
-"""Tasks without a loop of their own; the others are tested in test_hardware.py."""
+IDEAL = [name for name in TASKS if name not in SIM2REAL_TASKS]
+"""Tasks without a loop of their own; the others are tested in test_sim2real.py."""
 KEY = jax.random.key(0)
 BATCH = 1000
 """Transitions are made in batches of one size, so that each task compiles once."""

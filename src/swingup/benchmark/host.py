@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..control.plain import Answer, PlainController, answer
+from ..control.python_controller import Answer, PythonController, answer
 from ..errors import SwingupError
 from .rollout import Plant, Scenario, Trajectory, act, begin, sense
 
@@ -28,7 +28,7 @@ class HostRun:
 
 
 def simulate_on_host(
-    scenarios: Scenario, controllers: Sequence[PlainController], dt: float, steps: int, depth: int, keep: bool
+    scenarios: Scenario, controllers: Sequence[PythonController], dt: float, steps: int, depth: int, keep: bool
 ) -> HostRun:
     """Run one controller in each of a batch of scenarios from hanging at rest; call it in 64-bit mode."""
     number = len(controllers)

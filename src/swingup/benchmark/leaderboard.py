@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from importlib import resources
 from typing import Any
 
-from ..control.named import get_controller, has_estimator
-from ..control.zoo import BASE, GLOBAL
+from ..control.registry import get_controller, has_estimator
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot
+from ..runtime.shipped import AR_EAPO, GLOBAL, REFINED
 from .columns import BOARDS, PERFORMANCE
 from .evaluate import evaluate
 from .robustness import robustness
@@ -18,9 +18,9 @@ from .rules import DEFAULT_RULES, PERFORMANCE_RULES, ROBUSTNESS_RULES, UPTIME_RU
 from .uptime import uptime
 
 OURS = "ours"
-ENTRANTS = ("ar-eapo", "tvlqr", "ilqr-riccati", "ilqr-mpc")
+ENTRANTS = (AR_EAPO, "tvlqr", "ilqr-riccati", "ilqr-mpc")
 """The paper's controllers, by our names."""
-FURTHER = (BASE, "tvlqr-score")
+FURTHER = (REFINED, "tvlqr-score")
 """Further controllers of ours that enter every board beside the paper's."""
 ALONE = " --no-estimator"
 """Ends the name of a shipped policy that enters a second time, without the estimator that it ships with."""

@@ -162,7 +162,7 @@ PERFORMANCE_RULES = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class HardwareRules(_Timing):
+class Sim2RealRules(_Timing):
     """What a swing-up on a plant like the real robot's has to keep to."""
 
     performance: PerformanceRules = PERFORMANCE_RULES["hardware"]
@@ -175,8 +175,8 @@ class HardwareRules(_Timing):
     """Angle of a joint at which it stops (rad). Source: the same."""
 
 
-HARDWARE_RULES = HardwareRules(name="hardware")
-"""What :func:`swingup.benchmark.hardware.hardware` asks for."""
+SIM2REAL_RULES = Sim2RealRules(name="sim2real")
+"""What :func:`swingup.benchmark.sim2real.sim2real` asks for."""
 
 ROBUSTNESS_RULES = {"v2": RobustnessRules(name="v2")}
 """``v2``: the robustness leaderboard of IROS 2024."""

@@ -11,14 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..control.controller import AbstractController, check_interface, check_robot
-from ..control.plain import PlainController
+from ..control.python_controller import PythonController
 from ..control.switch import AbstractSparing
 from ..errors import SwingupError
 from ..physics.parameters import Robot
 from .host import HostRun, simulate_on_host
 from .rollout import Outcome, Scenario, Trajectory, simulate
 
-Controller: TypeAlias = AbstractController[Any] | PlainController
+Controller: TypeAlias = AbstractController[Any] | PythonController
 
 SIDE_BY_SIDE = 64
 """Copies of a plain controller that exist at a time."""
@@ -61,7 +61,9 @@ def prepare(source: Any, robot: Robot, name: str) -> Controller:
         SwingupError: it is none, is for another robot, or cannot be compiled; the message names it.
     """
     try:
-        controller = source if isinstance(source, AbstractController | PlainController) else PlainController(source)
+        controller = (
+            source if isinstance(source, AbstractController | PythonController) else PythonController(source)
+        )
         check_robot(controller, robot)
         if isinstance(controller, AbstractController):
             with jax.enable_x64(True):
@@ -78,7 +80,7 @@ def run_one(controller: Controller, scenario: Scenario, dt: float, steps: int, d
         SwingupError: the controller failed, or its torque is not two finite numbers.
     """
     with jax.enable_x64(True):
-        if isinstance(controller, PlainController):
+        if isinstance(controller, PythonController):
             run = simulate_on_host(stack([scenario]), [controller], dt, steps, depth, keep=True)
             if run.faults[0] is not None:
                 raise SwingupError(run.faults[0])
@@ -103,7 +105,7 @@ def run_many(
         depth: more than the largest delay (steps).
         keep: whether to return the rows as well.
     """
-    if isinstance(controller, PlainController):
+    if isinstance(controller, PythonController):
         runs = _run_plain(controller, scenarios, dt, steps, depth, keep)
         rows = (
             jax.tree.map(lambda *parts: np.concatenate(parts), *[run.trajectory for run in runs]) if keep else None
@@ -179,7 +181,7 @@ def _is_sparing(controller: AbstractController[Any]) -> bool:
 
 
 def _run_plain(
-    controller: PlainController, scenarios: Scenario, dt: float, steps: int, depth: int, keep: bool
+    controller: PythonController, scenarios: Scenario, dt: float, steps: int, depth: int, keep: bool
 ) -> list[HostRun]:
     number, runs = _length(scenarios), []
     copies = controller.copies(min(SIDE_BY_SIDE, number))

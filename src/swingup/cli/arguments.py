@@ -8,7 +8,7 @@ from tyro.conf import FlagCreatePairsOff, OmitArgPrefixes, Positional, UseAppend
 from ..benchmark.disturbances import make_disturbance
 from ..benchmark.rules import PushRules
 from ..control.learned import PolicyController
-from ..control.named import has_estimator
+from ..control.registry import has_estimator
 from ..errors import SwingupError
 from ..physics.parameters import ROBOTS, Robot, get_robot
 from ..tasks.disturbance import Disturbance
@@ -20,8 +20,7 @@ ControllerName = Annotated[
     str,
     arg(
         metavar="NAME",
-        help="ar-eapo, ar-eapo-global, ar-eapo-hardware, tvlqr, ilqr-riccati, ilqr-mpc, lqr, a policy file, or "
-        "module:object.",
+        help="refined, global, robot, tvlqr, ilqr-riccati, ilqr-mpc, lqr, a policy file, or module:object.",
     ),
 ]
 DomainName = Annotated[str, arg(metavar="DOMAIN")]

@@ -26,7 +26,7 @@ def run_command(arguments: list[str]) -> int:
         "score": judging.score,
         "robustness": judging.robustness,
         "uptime": judging.uptime,
-        "hardware": judging.hardware,
+        "sim2real": judging.sim2real,
         "leaderboard": judging.leaderboard,
         "check": judging.check,
         "plot": pictures.plot,
@@ -77,8 +77,8 @@ def _train_command(base: Config) -> Callable[..., int]:
             evaluate_every: frames between evaluations, metrics and progress; default 65536.
             checkpoint_every: frames between checkpoints; default 1048576, or 262144 with --env.
             evaluation_episodes: episodes of an evaluation with --env; default 5.
-            domain: what the presets for hardware draw their plants from, and are judged on: hardware, the default,
-                randomised or a YAML file.
+            domain: what the preset sim2real draws plants and loops from: identified (the default), randomised or a
+                YAML file.
             config: the algorithm.
         """
         options = {

@@ -12,8 +12,9 @@ from ..export.onnx_graph import onnx_model
 from ..export.realaigym import export_realaigym
 from ..export.template import NAME
 from ..files import write_atomically
+from ..renamed import current_name
 from ..runtime.controller import read_policy
-from ..runtime.shipped import KINDS, shipped_file
+from ..runtime.shipped import SHIPPED_POLICIES, shipped_file
 
 FORMS = ("realaigym", "onnx", "c")
 
@@ -30,7 +31,7 @@ def export(
     """Write a policy for RealAIGym, ONNX Runtime or C.
 
     Args:
-        policy: a policy file, or ar-eapo, ar-eapo-base, ar-eapo-global or ar-eapo-hardware.
+        policy: a policy file, or refined, ar-eapo, global or robot.
         to: realaigym, a folder that needs NumPy alone; onnx, a graph of the policy without its estimator; or c, a
             C99 header.
         out: the folder, new or empty; or the file.
@@ -41,9 +42,10 @@ def export(
     """
     if to not in FORMS:
         raise SwingupError(f"cannot export to {to!r}: use one of {', '.join(FORMS)}")
+    policy = current_name("controller", policy)
     found = read_policy(policy, robot)
     if to == "realaigym":
-        file = shipped_file(found.robot, KINDS[policy]) if policy in KINDS else Path(policy)
+        file = shipped_file(found.robot, policy) if policy in SHIPPED_POLICIES else Path(policy)
         with resources.as_file(file) as source:
             print(export_realaigym(found, source, out, username, name))
         return 0

@@ -1,4 +1,4 @@
-"""The commands that judge: evaluate, score, robustness, uptime, hardware, check and leaderboard."""
+"""The commands that judge: evaluate, score, robustness, uptime, sim2real, check and leaderboard."""
 
 import contextlib
 import json as json_format
@@ -11,9 +11,9 @@ from typing import Annotated, Any
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from ..benchmark import evaluate as performance_of
-from ..benchmark import hardware as hardware_of
 from ..benchmark import leaderboard as boards_of
 from ..benchmark import robustness as robustness_of
+from ..benchmark import sim2real as sim2real_of
 from ..benchmark import uptime as uptime_of
 from ..benchmark.columns import COLUMNS, PERFORMANCE
 from ..benchmark.evaluate import Evaluation
@@ -21,11 +21,11 @@ from ..benchmark.grid import change_grid
 from ..benchmark.rules import CRITERIA, get_robustness_rules
 from ..benchmark.trajectory_file import load_trajectory, save_trajectory
 from ..control.check import check_controller
-from ..control.named import get_controller, has_estimator
-from ..control.zoo import HARDWARE, SHIPPED
+from ..control.registry import get_controller, has_estimator
 from ..errors import SwingupError
 from ..files import check_writable
 from ..physics.parameters import get_robot
+from ..runtime.shipped import REFINED, ROBOT
 from ..tasks.domain import Domain, load_domain
 from . import tables
 from .arguments import (
@@ -51,7 +51,7 @@ AS_IT_COMES = EstimatorOptions()
 def evaluate(
     robot: RobotName,
     /,
-    controller: ControllerName = SHIPPED,
+    controller: ControllerName = REFINED,
     estimator: EstimatorFlags = AS_IT_COMES,
     rules: str = "v2",
     json: bool = False,
@@ -113,7 +113,7 @@ def score(
 def robustness(
     robot: RobotName,
     /,
-    controller: ControllerName = SHIPPED,
+    controller: ControllerName = REFINED,
     estimator: EstimatorFlags = AS_IT_COMES,
     rules: str = "v2",
     seed: int = 0,
@@ -166,7 +166,7 @@ def robustness(
 def uptime(
     robot: RobotName,
     /,
-    controller: ControllerName = SHIPPED,
+    controller: ControllerName = REFINED,
     estimator: EstimatorFlags = AS_IT_COMES,
     rules: str = "v3",
     seed: int = 0,
@@ -206,12 +206,12 @@ def uptime(
     return 0
 
 
-def hardware(
+def sim2real(
     robot: RobotName,
     /,
-    controller: ControllerName = HARDWARE,
+    controller: ControllerName = ROBOT,
     estimator: EstimatorFlags = AS_IT_COMES,
-    domain: DomainName = "hardware",
+    domain: DomainName = "identified",
     seed: int = 0,
     seeds: int = 100,
     json: bool = False,
@@ -225,7 +225,7 @@ def hardware(
         robot: the robot.
         controller: the controller.
         estimator: whether a state estimator goes before it.
-        domain: plant and loop: hardware, randomised (another plant for each seed), or a YAML file.
+        domain: plant and loop: identified, randomised (another plant for each seed), or a YAML file.
         seed: seed of noise and plants.
         seeds: seeds in a row.
         json: print one JSON object, with every run.
@@ -244,13 +244,13 @@ def judge_on(
     json: bool = False,
     save: str | None = None,
 ) -> int:
-    """What ``hardware`` does, on a domain that was read before."""
+    """What ``sim2real`` does, on a domain that was read before."""
     chosen = get_robot(robot)
     if save is not None:
         check_writable(save)
     with foreign_prints_apart():
         found = get_controller(controller, chosen, estimator.wanted)
-        result = hardware_of.hardware(found, chosen, controller, domain, seed, seeds)
+        result = sim2real_of.sim2real(found, chosen, controller, domain, seed, seeds)
     if save is not None:
         save_trajectory(save, result.trajectory)
     if json:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from ..control.named import get_controller
+from ..control.registry import get_controller
 from ..files import check_writable, write_atomically
 from ..report.animate import FPS, SIZE
 from ..report.make import make_section

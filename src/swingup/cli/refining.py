@@ -11,13 +11,15 @@ from rich.console import Console
 from tyro.conf import arg
 
 from ..control.estimator import EstimatorSettings
-from ..control.learned import load_policy, save_controller
-from ..control.zoo import BASE, KINDS, shipped_policy
+from ..control.learned import PolicyController, load_policy, save_controller
+from ..control.zoo import shipped_policy
 from ..errors import SwingupError
 from ..files import check_writable
-from ..physics.parameters import get_robot
+from ..physics.parameters import Robot, get_robot
 from ..refine.recipe import RECIPES, Report
 from ..refine.recipe import refine as run_recipe
+from ..renamed import current_name
+from ..runtime.shipped import AR_EAPO, SHIPPED_POLICIES
 from ..version import __version__
 from .arguments import RobotName
 
@@ -29,7 +31,7 @@ def refine(
     robot: RobotName,
     /,
     out: Annotated[str, arg(metavar="FILE.npz")],
-    policy: Annotated[str, arg(metavar="POLICY")] = BASE,
+    policy: Annotated[str, arg(metavar="POLICY")] = AR_EAPO,
     recipe: str = "score",
     seed: int = 0,
 ) -> int:
@@ -50,7 +52,8 @@ def refine(
     if not 0 <= seed < 2**31:
         raise SwingupError(f"seed = {seed} is out of range: use 0 to 2³¹ - 1")
     check_writable(out)
-    start, metadata = shipped_policy(chosen, KINDS[policy]) if policy in KINDS else load_policy(policy, chosen)
+    policy = current_name("controller", policy)
+    start, metadata = (shipped_policy if policy in SHIPPED_POLICIES else _load)(chosen, policy)
     stages, console = RECIPES[recipe], Console(stderr=True)
     options = {"policy": policy, "recipe": recipe, "seed": seed, "out": Path(out).name}
     words = ["swingup", "refine", robot, *(f"--{name}={value}" for name, value in options.items())]
@@ -66,6 +69,10 @@ def refine(
     run_recipe(start, chosen, stages, seed, report)
     print(f"wrote {out}: judge it with swingup evaluate {robot} --controller {shlex.quote(out)}")
     return 0
+
+
+def _load(robot: Robot, path: str) -> tuple[PolicyController, dict[str, Any]]:
+    return load_policy(path, robot)
 
 
 def _provenance(

@@ -16,7 +16,7 @@ from ..files import make_folder, write_atomically
 from ..sweep import Outcome, Row, executor_for, parse_grid, plan, summarise
 from ..sweep import sweep as run_sweep
 from .arguments import RobotOrNone
-from .training import usual_options
+from .training import default_options
 
 Assignments = Annotated[
     UseAppendAction[tuple[str, ...]],
@@ -67,7 +67,7 @@ def sweep(
         raise SwingupError(f"seeds = {seeds} must be at least 1")
     options: dict[str, Any] = {"robot": robot, "env": env, "preset": preset, "evaluate_every": evaluate_every}
     options |= {"checkpoint_every": checkpoint_every, "evaluation_episodes": evaluation_episodes}
-    base = {"robot": None, **usual_options(options)}
+    base = {"robot": None, **default_options(options)}
     folder = out or f"sweeps/{str(robot or env).replace('/', '-')}-{base['preset']}"
     jobs = plan(base, parse_grid(assignments), range(seed, seed + seeds), folder, frames)
     console = Console(stderr=True)

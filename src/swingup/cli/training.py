@@ -14,9 +14,9 @@ from ..areapo.config import Config
 from ..errors import SwingupError
 from ..learner.presets import DEFAULT_PRESET, ENV_PRESET, get_preset
 from ..learner.run import Report, Run
-from ..learner.settings import Settings, read_settings, usual_intervals
+from ..learner.run_settings import Settings, default_intervals, read_settings
 from ..physics.parameters import get_robot
-from ..tasks.hardware import HardwareTask
+from ..tasks.sim2real import Sim2RealTask
 from .judging import evaluate, judge_on
 
 LINE_EVERY = 10.0
@@ -46,23 +46,23 @@ def train(frames: int | None, options: dict[str, Any], out: str | None, resume: 
         print(f"best score {run.best_score:.6g}, policy {run.folder / name}")
         return 0
     task, best = run.settings.task(), str(run.folder / "best.npz")
-    if isinstance(task, HardwareTask):
+    if isinstance(task, Sim2RealTask):
         return judge_on(task.domain, run.settings.robot, best)
     return evaluate(run.settings.robot, controller=best)
 
 
-def usual_options(options: dict[str, Any]) -> dict[str, Any]:
+def default_options(options: dict[str, Any]) -> dict[str, Any]:
     """Options with the defaults of those that were not given, which differ between the pendulum and other tasks."""
     if options["robot"] is not None:
         get_robot(options["robot"])
     other = options["env"] is not None
     usual: dict[str, Any] = {"preset": ENV_PRESET if other else DEFAULT_PRESET, "seed": 0, "seeds": 1}
-    usual |= usual_intervals(options["robot"])
+    usual |= default_intervals(options["robot"])
     return usual | {name: value for name, value in options.items() if value is not None}
 
 
 def _start(frames: int | None, options: dict[str, Any], out: str | None, config: Config) -> Run:
-    chosen = {"robot": None, **usual_options(options)}
+    chosen = {"robot": None, **default_options(options)}
     settings = Settings(config=config, **chosen)
     name = settings.name.replace("/", "-").replace(":", "-")
     folder = out or f"runs/{name}-{settings.preset}-{settings.seed}"
@@ -75,7 +75,7 @@ def _resume(frames: int | None, options: dict[str, Any], out: str | None, folder
         raise SwingupError(f"--out {out} does not go with --resume {folder}: a run stays in its folder")
     saved, _ = read_settings(folder)
     given = {name: value for name, value in options.items() if value is not None}
-    usual = vars(get_preset(usual_options(options)["preset"]).config)
+    usual = vars(get_preset(default_options(options)["preset"]).config)
     given |= {name: value for name, value in vars(config).items() if value != usual[name]}
     known = vars(saved) | vars(saved.config)
     for name, value in given.items():
@@ -107,7 +107,7 @@ def _show(run: Run, console: Console) -> None:
     on = settings.preset if domain is None else f"{settings.preset}, domain {domain.name}"
     console.print(f"training {settings.name} ({on}) to {run.goal:,} frames in {run.folder}", soft_wrap=True)
     task = None if domain is None else settings.task()
-    if isinstance(task, HardwareTask) and task.unseen:
+    if isinstance(task, Sim2RealTask) and task.unseen:
         note = f"a policy behind an estimator trains without the domain's {' and '.join(task.unseen)}"
         console.print(f"note: {note}; its evaluations have them", soft_wrap=True, highlight=False)
     shown = -math.inf

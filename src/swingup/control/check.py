@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot
 from .controller import AbstractController, check_interface, check_robot
-from .plain import DT, PlainController, call_in_turn, trial_states
+from .python_controller import DT, PythonController, call_in_turn, trial_states
 
 
 def check_controller(source: Any, robot: Robot | str) -> list[str]:
@@ -30,8 +30,8 @@ def check_controller(source: Any, robot: Robot | str) -> list[str]:
         SwingupError: there is no such robot, or this is no controller at all.
     """
     robot = get_robot(robot)
-    if not isinstance(source, AbstractController | PlainController):
-        source = PlainController(source)
+    if not isinstance(source, AbstractController | PythonController):
+        source = PythonController(source)
     findings: list[str] = []
     try:
         check_robot(source, robot)
@@ -65,7 +65,7 @@ def _try_compiled(controller: AbstractController[Any]) -> np.ndarray:
     return torques
 
 
-def _try_plain(controller: PlainController) -> tuple[list[str], np.ndarray]:
+def _try_plain(controller: PythonController) -> tuple[list[str], np.ndarray]:
     states, findings = trial_states(), []
     first = call_in_turn([controller], states)[0]
     copies = controller.copies(2)

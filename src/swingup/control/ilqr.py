@@ -16,8 +16,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..types import Count, Flag, Scalar
-from .algebra import unpack
-from .passes import Cost, Policy, Rollout, backward, forward
+from .riccati_passes import Cost, Policy, Rollout, backward, forward
+from .scalar_algebra import unpack
 from .transition import AbstractTransition
 
 

@@ -13,8 +13,8 @@ from jaxtyping import Array, Float
 
 from ..physics.parameters import Parameters, Robot
 from ..types import Flag, Scalar, State, Torque
-from .fit import fit_piecewise_cubic
 from .ilqr import solve
+from .piecewise_cubic import fit_piecewise_cubic
 from .published import MPCSettings
 from .reference import Reference
 from .switch import AbstractSparing

@@ -18,13 +18,13 @@ from jaxtyping import Float
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
 from ..types import Scalar
-from .algebra import unpack
 from .ilqr import Settings, Solution, Status, feedback_gains, solve
 from .lqr import LQRSettings
-from .passes import Cost, forward
 from .published import Four
-from .ramp import RampedTransition
 from .reference import Reference
+from .riccati_passes import Cost, forward
+from .scalar_algebra import unpack
+from .torque_rate import TorqueRateTransition
 from .transition import PendulumTransition
 from .upright import UPRIGHT
 
@@ -174,7 +174,7 @@ def _cheapest(solutions: Solution, seed: int) -> Solution:
 
 @jax.jit(static_argnames="problem")
 def _restarts(
-    transition: RampedTransition, cost: Cost, solution: Solution, problem: ScoreProblem
+    transition: TorqueRateTransition, cost: Cost, solution: Solution, problem: ScoreProblem
 ) -> Float[Any, "starts n+1"]:
     """Torques from other first ones that feedback leads back to a solution: what they are at t = 0 has no cost."""
     gains = unpack(feedback_gains(transition, cost, solution, 0.0))
@@ -196,13 +196,13 @@ def _cost(problem: ScoreProblem, dt: float, final: Four) -> Cost:
     return Cost(state, problem.duration * problem.rate, last, np.tile(GOAL, (rows, 1)), np.zeros(rows), GOAL)
 
 
-def _transition(robot: Robot, dt: float) -> RampedTransition:
-    return RampedTransition(PendulumTransition(leaderboard_parameters(robot), robot.joint, dt))
+def _transition(robot: Robot, dt: float) -> TorqueRateTransition:
+    return TorqueRateTransition(PendulumTransition(leaderboard_parameters(robot), robot.joint, dt))
 
 
 @jax.jit(static_argnames="settings")
 def _solve_all(
-    transition: RampedTransition, cost: Cost, torques: Float[Any, "starts n+1"], settings: Settings
+    transition: TorqueRateTransition, cost: Cost, torques: Float[Any, "starts n+1"], settings: Settings
 ) -> Solution:
     def one(torque: Float[Any, "n+1"]) -> Solution:
         x0 = jnp.zeros(5).at[4].set(torque[0])

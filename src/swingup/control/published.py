@@ -10,7 +10,7 @@ import numpy as np
 
 from .ilqr import Settings
 from .lqr import LQRSettings
-from .passes import Cost
+from .riccati_passes import Cost
 
 Four = tuple[float, float, float, float]
 

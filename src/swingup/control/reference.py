@@ -17,8 +17,8 @@ from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
 from ..version import __version__
 from .ilqr import Settings, Solution, Status, feedback_gains, solve
-from .passes import Cost
 from .published import SwingupProblem
+from .riccati_passes import Cost
 from .transition import PendulumTransition
 from .upright import UPRIGHT
 

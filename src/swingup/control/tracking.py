@@ -13,8 +13,8 @@ from jaxtyping import Float
 from ..physics.parameters import Parameters, Robot
 from ..types import Scalar, State, Torque
 from .controller import AbstractController
-from .fit import PiecewiseCubic, fit_piecewise_cubic
 from .lqr import linearised, riccati_recursion
+from .piecewise_cubic import PiecewiseCubic, fit_piecewise_cubic
 from .reference import Reference
 from .upright import drive, wrap_error
 

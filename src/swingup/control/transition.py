@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from ..physics.dynamics import COULOMB_STEEPNESS
 from ..physics.parameters import Parameters, mass_entries
 from ..physics.trigonometry import sine_cosine
-from .algebra import Matrix, Real, Vector, add_scaled, dot
+from .scalar_algebra import Matrix, Real, Vector, add_scaled, dot
 
 
 class AbstractTransition(eqx.Module):

@@ -4,24 +4,19 @@ from importlib import resources
 from typing import Any
 
 from ..physics.parameters import Robot
-from ..runtime.shipped import BASE as BASE
-from ..runtime.shipped import GLOBAL as GLOBAL
-from ..runtime.shipped import HARDWARE as HARDWARE
-from ..runtime.shipped import KINDS as KINDS
-from ..runtime.shipped import SHIPPED as SHIPPED
-from ..runtime.shipped import shipped_file
+from ..runtime.shipped import REFINED, shipped_file
 from .learned import PolicyController, load_policy
 
 
-def shipped_policy(robot: Robot | str, kind: str = "") -> tuple[PolicyController, dict[str, Any]]:
+def shipped_policy(robot: Robot | str, name: str = REFINED) -> tuple[PolicyController, dict[str, Any]]:
     """A policy that the package ships for a robot, without an estimator, and its metadata.
 
     Args:
         robot: which joint is driven.
-        kind: nothing, ``base``, ``global`` or ``hardware``.
+        name: ``refined``, ``ar-eapo``, ``global`` or ``robot``.
 
     Raises:
-        SwingupError: there is no such robot or kind, or the package lacks the file.
+        SwingupError: there is no such robot or policy, or the package lacks the file.
     """
-    with resources.as_file(shipped_file(robot, kind)) as path:
+    with resources.as_file(shipped_file(robot, name)) as path:
         return load_policy(path, robot)

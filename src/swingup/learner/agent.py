@@ -17,7 +17,7 @@ from ..areapo.policy import Policy
 from ..physics.parameters import ROBOTS
 from .presets import DEFAULT_PRESET, ENV_PRESET, get_preset
 from .run import Report, Run
-from .settings import Settings, label, settings_from_dict, usual_intervals, whole
+from .run_settings import Settings, default_intervals, label, settings_from_dict, whole
 
 Callback = Callable[["AREAPO", Report], bool | None]
 """Called after each chunk; returning False ends ``learn``."""
@@ -68,7 +68,7 @@ class AREAPO:
         """
         robot = env if isinstance(env, str) and env in ROBOTS else None
         preset = preset or (DEFAULT_PRESET if robot else ENV_PRESET)
-        usual = usual_intervals(robot)
+        usual = default_intervals(robot)
         settings = Settings(
             robot=robot,
             preset=preset,
@@ -189,7 +189,7 @@ class AREAPO:
         episodes = whole("episodes", episodes, 1)
         if env is None:
             return self._run.world.evaluate(self._run.policy(), episodes)
-        from .hosted import play_once
+        from .host_backend import play_once
 
         return play_once(self._run.policy(), env, episodes, self.settings.seed)
 

@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 
 from ..areapo.config import Config
-from ..errors import SwingupError
+from ..checks import one_of
+from ..renamed import current_name
 
 
 @dataclass(frozen=True)
@@ -32,10 +33,10 @@ PRESETS = {
         6_000_000,
         "global",
     ),
-    "hardware": Preset(
+    "sim2real": Preset(
         "for the real robot, behind a state estimator: its friction and motors, networks of half the width",
         Config(centre_values=True, policy_layers=(128, 128), value_layers=(256, 256)),
-        task="hardware",
+        task="sim2real",
     ),
     "hardware-memory": Preset(
         "for the real robot without an estimator: filtered velocities, last torques and a short history are seen",
@@ -82,6 +83,4 @@ def get_preset(name: str) -> Preset:
     Raises:
         SwingupError: there is no such preset.
     """
-    if name not in PRESETS:
-        raise SwingupError(f"unknown preset {name!r}: use one of {', '.join(PRESETS)}")
-    return PRESETS[name]
+    return PRESETS[one_of("preset", current_name("preset", name), PRESETS)]

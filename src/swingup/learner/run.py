@@ -20,11 +20,11 @@ from ..areapo.state import LearnerState, Metrics
 from ..arrays import finite
 from ..errors import SwingupError
 from ..version import __version__
-from .folder import RunFolder
+from .backend import AbstractBackend
+from .make_backend import make_backend
 from .metrics import MetricsWriter
-from .settings import Settings, read_settings, settings_from_dict, whole, write_settings
-from .world import AbstractWorld
-from .worlds import make_world
+from .run_folder import RunFolder
+from .run_settings import Settings, read_settings, settings_from_dict, whole, write_settings
 
 Snapshot = Callable[[LearnerState], tuple[LearnerState, dict[str, Any]]]
 
@@ -102,7 +102,7 @@ class Run:
         self.iterations = 0
         self._seconds = 0.0
         self._best = [-math.inf] * settings.seeds
-        self._world = make_world(settings, env)
+        self._world = make_backend(settings, env)
         self._stopping = False
         self._fresh = True  # what a checkpoint does not hold is to start anew
 
@@ -127,7 +127,7 @@ class Run:
         return self._folder.path
 
     @property
-    def world(self) -> AbstractWorld:
+    def world(self) -> AbstractBackend:
         """Where the run trains."""
         return self._world
 

@@ -13,12 +13,12 @@ from ..benchmark.criteria import Criteria
 from ..benchmark.evaluate import evaluate
 from ..control.controller import AbstractController
 from ..control.learned import PolicyController
-from ..control.named import get_controller
+from ..control.registry import get_controller
 from ..errors import SwingupError
 from ..physics.parameters import Robot
-from .descent import Descent, DescentSettings
-from .draws import Draws, draw
-from .imitate import ImitationSettings, imitate
+from .analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings
+from .behaviour_cloning import CloningSettings, imitate
+from .episodes import Draws, draw
 from .objective import TIME
 
 
@@ -26,7 +26,7 @@ from .objective import TIME
 class Refinement:
     """A stage of gradient steps."""
 
-    descent: DescentSettings
+    descent: PolicyGradientSettings
     draws: Draws
     weak: float = 1.0
     """Strength of errors and disturbances in the first step; it grows to 1 over four fifths of the steps."""
@@ -36,19 +36,23 @@ class Refinement:
         return min(1.0, self.weak + (1.0 - self.weak) * iteration / (0.8 * self.descent.iterations))
 
 
-Stage = ImitationSettings | Refinement
+Stage = CloningSettings | Refinement
 
-HARDEN = Refinement(DescentSettings(), Draws(nominal=40, model=48, pushed=24, measured=16, anywhere=8), weak=0.3)
+HARDEN = Refinement(
+    PolicyGradientSettings(), Draws(nominal=40, model=48, pushed=24, measured=16, anywhere=8), weak=0.3
+)
 """Make a good swing-up robust, from mild disturbances to strong ones."""
 
 RECOVER = Refinement(
-    DescentSettings(iterations=900, learning_rate=5e-4, duration=1.5, adjoint_limit=4.0, nominal=TIME, others=TIME),
+    PolicyGradientSettings(
+        iterations=900, learning_rate=5e-4, duration=1.5, adjoint_limit=4.0, nominal=TIME, others=TIME
+    ),
     Draws(nominal=4, model=0, pushed=0, measured=0, anywhere=18, thrown=180),
 )
 """Be up again soon, from wherever a throw leaves the pendulum."""
 
 RECIPES: dict[str, tuple[Stage, ...]] = {
-    "score": (ImitationSettings(),),
+    "score": (CloningSettings(),),
     "harden": (HARDEN,),
     "recover": (RECOVER,),
 }
@@ -107,7 +111,7 @@ def refine(
             criteria = evaluate(now, robot).criteria
             report(Report(number, iteration, of, time.perf_counter() - start, now, criteria, measures))
 
-        if isinstance(stage, ImitationSettings):
+        if isinstance(stage, CloningSettings):
             teacher = get_controller(stage.teacher, robot)
             if not isinstance(teacher, AbstractController):
                 raise SwingupError(f"teacher {stage.teacher!r} is plain Python: use a controller in JAX")
@@ -126,7 +130,7 @@ def _descend(
     tell: Callable[[PolicyController, int, int, dict[str, float]], None],
     every: int,
 ) -> PolicyController:
-    descent, number = Descent(controller, stage.descent), stage.descent.iterations
+    descent, number = AnalyticPolicyGradient(controller, stage.descent), stage.descent.iterations
     recent: list[dict[str, float]] = []
     for iteration in range(number):
         episodes = draw(random, robot, stage.draws, stage.strength(iteration))
@@ -150,7 +154,7 @@ def _means(nominal: np.ndarray, measures: Any) -> dict[str, float]:
     return {name: float(values.mean()) for name, values in means.items() if values.size}
 
 
-def _with_actor(controller: PolicyController, descent: Descent) -> PolicyController:
+def _with_actor(controller: PolicyController, descent: AnalyticPolicyGradient) -> PolicyController:
     actor = jax.tree.map(np.asarray, descent.iterate.actor)
     if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(actor)):
         raise SwingupError("refining diverged: weights are not finite; start from another policy or seed")

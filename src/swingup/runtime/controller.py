@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import SwingupError
+from ..renamed import current_name
 from ..robots import TORQUE_LIMIT, Robot
 from .estimator import NumpyEstimator
 from .front_end import NumpyFrontEnd
@@ -13,7 +14,7 @@ from .plant import nominal_plant
 from .policy import NumpyPolicy
 from .policy_file import PendulumPolicy, read_pendulum_policy
 from .settings import EstimatorSettings
-from .shipped import KINDS, shipped_file
+from .shipped import SHIPPED_POLICIES, shipped_file
 
 
 class RuntimeController:
@@ -77,7 +78,7 @@ def load_controller(
     """Load a controller from a policy file, or one that the package ships.
 
     Args:
-        source: a policy file, or ``ar-eapo``, ``ar-eapo-base``, ``ar-eapo-global`` or ``ar-eapo-hardware``.
+        source: a policy file, or ``refined``, ``ar-eapo``, ``global`` or ``robot``.
         robot: the robot that it must be for; needed with a name.
         estimator: as the file asks (None), never (False) or always (True).
 
@@ -89,11 +90,14 @@ def load_controller(
 
 def read_policy(source: str | Path, robot: Robot | str | None = None) -> PendulumPolicy:
     """What a policy file holds; arguments and errors as those of ``load_controller``."""
-    if source not in KINDS:
+    source = current_name("controller", str(source))
+    if source not in SHIPPED_POLICIES:
         if not str(source).endswith(".npz"):
-            raise SwingupError(f"unknown policy {str(source)!r}: use {', '.join(KINDS)} or a policy file (.npz)")
+            raise SwingupError(
+                f"unknown policy {source!r}: use {', '.join(SHIPPED_POLICIES)} or a policy file (.npz)"
+            )
         return read_pendulum_policy(source, robot)
     if robot is None:
         raise SwingupError(f"policy {source!r} is shipped for both robots: name acrobot or pendubot")
-    with resources.as_file(shipped_file(robot, KINDS[str(source)])) as path:
+    with resources.as_file(shipped_file(robot, source)) as path:
         return read_pendulum_policy(path, robot)

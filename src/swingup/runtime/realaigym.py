@@ -193,7 +193,7 @@ def load_policy_controller(
     """A policy as RealAIGym calls it, ready: ``init()`` has been called.
 
     Args:
-        source: a policy file, or ``ar-eapo``, ``ar-eapo-base``, ``ar-eapo-global`` or ``ar-eapo-hardware``.
+        source: a policy file, or ``refined``, ``ar-eapo``, ``global`` or ``robot``.
         robot: the robot that it must be for; needed with a name.
         estimator: behind a state estimator as the file asks (None), never (False) or always (True).
 

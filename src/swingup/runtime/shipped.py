@@ -3,41 +3,36 @@
 from importlib import resources
 from importlib.resources.abc import Traversable
 
+from ..checks import one_of
 from ..errors import SwingupError
 from ..robots import Robot, get_robot
 
-SHIPPED = "ar-eapo"
-"""Name of the shipped policies' controller: refined, with an estimator."""
-BASE = "ar-eapo-base"
-"""Name of the policies that these were refined from, as AR-EAPO alone trained them."""
-GLOBAL = "ar-eapo-global"
-"""Name of the policies that were also trained to come back from anywhere."""
-HARDWARE = "ar-eapo-hardware"
-"""Name of the policies that were trained for the real robot."""
+REFINED = "refined"
+"""The default: trained by AR-EAPO, then taught by a teacher's swing-up; it runs behind a state estimator."""
+AR_EAPO = "ar-eapo"
+"""What the paper's learner alone gives."""
+GLOBAL = "global"
+"""Trained to recover from throws."""
+ROBOT = "robot"
+"""Trained on the simulated robot."""
 
-KINDS = {SHIPPED: "", BASE: "base", GLOBAL: "global", HARDWARE: "hardware"}
-"""Kinds of the shipped policies by the names of their controllers."""
+SHIPPED_POLICIES = (REFINED, AR_EAPO, GLOBAL, ROBOT)
+"""Names of the shipped policies, which are those of their controllers and of their files."""
 
 
-def shipped_file(robot: Robot | str, kind: str = "") -> Traversable:
+def shipped_file(robot: Robot | str, name: str = REFINED) -> Traversable:
     """The file of a policy that the package ships for a robot.
 
     Args:
         robot: which joint is driven.
-        kind: nothing, ``base``, ``global`` or ``hardware``.
+        name: one of :data:`SHIPPED_POLICIES`.
 
     Raises:
-        SwingupError: there is no such robot or kind, or the package lacks the file.
+        SwingupError: there is no such robot or policy, or the package lacks the file.
     """
     robot = get_robot(robot)
-    if kind not in KINDS.values():
-        raise SwingupError(f"unknown kind of policy {kind!r}: use {' or '.join(map(repr, KINDS.values()))}")
-    file = _file(robot, kind)
+    one_of("policy", name, SHIPPED_POLICIES)
+    file = resources.files(__package__.rpartition(".")[0]) / "zoo" / f"{robot.name}-{name}.npz"
     if not file.is_file():
-        raise SwingupError(f"this package lacks the policy {file.name}: use {SHIPPED} or train one")
+        raise SwingupError(f"this package lacks the policy {file.name}: use {REFINED} or train one")
     return file
-
-
-def _file(robot: Robot, kind: str) -> Traversable:
-    root = resources.files(__package__.rpartition(".")[0])
-    return root / "zoo" / f"{'-'.join(filter(None, (robot.name, kind)))}.npz"

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 
 from ..errors import SwingupError
 from ..physics.parameters import NAMES, Parameters, Robot, identified_parameters, read_map, validated
+from ..renamed import current_name
 from ..types import Key
 from .disturbance import Disturbance, Motor, Pushes
 
@@ -43,7 +44,7 @@ PUSH_WIDTH = 0.05
 PUSH_TIME = 2.0
 """Within so many seconds of an episode's start comes the peak of its push (s)."""
 
-SHIPPED = ("hardware", "randomised")
+SHIPPED = ("identified", "randomised")
 """Domains that the package ships."""
 
 
@@ -141,11 +142,12 @@ def load_domain(source: str | Path) -> Domain:
     Raises:
         SwingupError: there is no such domain, the file cannot be read, or its content makes none.
     """
+    source = current_name("domain", str(source))
     if source in SHIPPED:
         with resources.as_file(resources.files(__package__) / "domains" / f"{source}.yml") as path:
             return make_domain(read_map(path, "domain"), str(source))
     if not str(source).endswith((".yml", ".yaml")):
-        raise SwingupError(f"unknown domain {str(source)!r}: use {', '.join(SHIPPED)} or a YAML file (.yml)")
+        raise SwingupError(f"unknown domain {source!r}: use {', '.join(SHIPPED)} or a YAML file (.yml)")
     try:
         return make_domain(read_map(source, "domain"), str(source))
     except SwingupError as error:

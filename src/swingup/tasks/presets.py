@@ -9,10 +9,10 @@ from ..errors import SwingupError
 from ..physics.parameters import Robot, leaderboard_parameters
 from .domain import Domain, load_domain
 from .front_end import FrontEnd, FrontEndSettings
-from .hardware import HardwareTask
 from .observation import PendulumObservation
 from .pendulum import PendulumTask
 from .recovery import RecoveryTask
+from .sim2real import Sim2RealTask
 from .throws import thrown_states
 
 STARTS_SEED = 0
@@ -47,30 +47,30 @@ def global_task(robot: Robot) -> RecoveryTask:
     return RecoveryTask(**(vars(smooth) | {"max_steps": 300}), starts=jnp.asarray(starts, jnp.float32))
 
 
-def hardware_task(robot: Robot, domain: Domain | None = None) -> HardwareTask:
+def sim2real_task(robot: Robot, domain: Domain | None = None) -> Sim2RealTask:
     """The real robot's, for a policy behind a state estimator: friction is made up for, the estimate is right."""
-    return _hardware_task(robot, domain, PendulumObservation(angles="sincos"), estimated=True)
+    return _sim2real_task(robot, domain, PendulumObservation(angles="sincos"), estimated=True)
 
 
-def memory_task(robot: Robot, domain: Domain | None = None) -> HardwareTask:
+def memory_task(robot: Robot, domain: Domain | None = None) -> Sim2RealTask:
     """The real robot's, for a policy without one: filtered velocities, a dead-band, last torques, a short history.
 
     The filter's weight and the dead-band are those of the paper's authors on the robot; all else is chosen.
     """
     observation = PendulumObservation(angles="sincos", torques=2, history=2)
-    return _hardware_task(robot, domain, observation, estimated=False, velocity_weight=0.2, dead_band=0.1)
+    return _sim2real_task(robot, domain, observation, estimated=False, velocity_weight=0.2, dead_band=0.1)
 
 
-def _hardware_task(
+def _sim2real_task(
     robot: Robot,
     domain: Domain | None,
     observation: PendulumObservation,
     estimated: bool,
     velocity_weight: float = 1.0,
     dead_band: float = 0.0,
-) -> HardwareTask:
+) -> Sim2RealTask:
     """The front end makes up for the friction in the middle of the domain's ranges, where it is not negative."""
-    domain = load_domain("hardware") if domain is None else domain
+    domain = load_domain("identified") if domain is None else domain
     settings = FrontEndSettings(
         damping=(max(0.0, domain.middle("b1")), max(0.0, domain.middle("b2"))),
         coulomb=(max(0.0, domain.middle("cf1")), max(0.0, domain.middle("cf2"))),
@@ -78,7 +78,7 @@ def _hardware_task(
         velocity_weight=velocity_weight,
         dead_band=dead_band,
     )
-    return HardwareTask(
+    return Sim2RealTask(
         robot=robot,
         parameters=leaderboard_parameters(robot),
         observation=observation,
@@ -89,8 +89,8 @@ def _hardware_task(
     )
 
 
-HARDWARE_TASKS: dict[str, Callable[[Robot, Domain | None], HardwareTask]] = {
-    "hardware": hardware_task,
+SIM2REAL_TASKS: dict[str, Callable[[Robot, Domain | None], Sim2RealTask]] = {
+    "sim2real": sim2real_task,
     "hardware-memory": memory_task,
 }
 """Those for the real robot, on a domain or on their own."""
@@ -99,7 +99,7 @@ TASKS: dict[str, Callable[[Robot], PendulumTask]] = {
     "paper": paper_task,
     "smooth": smooth_task,
     "global": global_task,
-    "hardware": hardware_task,
+    "sim2real": sim2real_task,
     "hardware-memory": memory_task,
 }
 

@@ -1,10 +1,10 @@
 """A pendulum with the torque as a fifth state and its rate as the input: a cost can then ask for smooth torques."""
 
-from .algebra import Matrix, Real, Vector
+from .scalar_algebra import Matrix, Real, Vector
 from .transition import AbstractTransition, PendulumTransition, differentiate
 
 
-class RampedTransition(AbstractTransition):
+class TorqueRateTransition(AbstractTransition):
     """[x, u] → [f(x, u), u + v dt]: states [q1, q2, dq1, dq2, u] (rad, rad/s, N m), input v (N m/s)."""
 
     pendulum: PendulumTransition

@@ -15,8 +15,8 @@ from swingup.runtime.front_end import FrontEndSettings, NumpyFrontEnd
 from swingup.tasks.disturbance import Motor, Pushes, drive, step_noise, undisturbed
 from swingup.tasks.domain import DT, load_domain, make_domain
 from swingup.tasks.front_end import FrontEnd
-from swingup.tasks.hardware import CALLS
-from swingup.tasks.presets import hardware_task, memory_task
+from swingup.tasks.presets import memory_task, sim2real_task
+from swingup.tasks.sim2real import CALLS
 
 QUIET = make_domain(
     {
@@ -140,7 +140,7 @@ def test_noise_and_plants_differ():
 
 
 def test_behind_an_estimator_the_state_is_seen():
-    task = hardware_task(get_robot("acrobot"))
+    task = sim2real_task(get_robot("acrobot"))
     states, observations = fifty(task)
     observe = jax.jit(jax.vmap(task.observation))
     np.testing.assert_allclose(observations, observe(states.x), rtol=0, atol=1e-6)
@@ -188,7 +188,7 @@ def test_friction_compensation(robot):
 
 
 def test_the_friction_made_up_for_is_the_domains():
-    settings = hardware_task(get_robot("acrobot")).front_end.settings
+    settings = sim2real_task(get_robot("acrobot")).front_end.settings
     assert settings == FrontEndSettings(damping=(0.001, 0.001), coulomb=(0.16, 0.12), passive_limit=0.5)
     mine = make_domain({"cf1": [0.1, 0.3], "b2": -0.1, "passive_limit": [0.25, 0.75]})
     settings = memory_task(get_robot("acrobot"), mine).front_end.settings

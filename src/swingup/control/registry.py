@@ -7,18 +7,20 @@ from typing import Any
 
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
-from .builtin import BASELINES, baseline
+from ..renamed import current_name
+from ..runtime.shipped import SHIPPED_POLICIES
+from .baselines import BASELINES, baseline
 from .controller import AbstractController, one_line
 from .estimator import EstimatingController, EstimatorSettings, read_settings, with_estimator
 from .learned import load_policy
-from .plain import PlainController
-from .zoo import KINDS, shipped_policy
+from .python_controller import PythonController
+from .zoo import shipped_policy
 
-BUILT_IN = (*KINDS, *BASELINES)
+BUILT_IN = (*SHIPPED_POLICIES, *BASELINES)
 """Names of the controllers that the package ships."""
 
 
-Controller = AbstractController[Any] | PlainController
+Controller = AbstractController[Any] | PythonController
 
 
 def get_controller(name: str, robot: Robot | str, estimator: bool | None = None) -> Controller:
@@ -42,7 +44,7 @@ def get_controller(name: str, robot: Robot | str, estimator: bool | None = None)
         return found.controller if estimator is False else found
     if not (settings is not None if estimator is None else estimator):
         return found
-    if isinstance(found, PlainController):
+    if isinstance(found, PythonController):
         raise SwingupError(
             f"controller {name!r} is in plain Python: an estimator goes only before policies and controllers in JAX"
         )
@@ -61,8 +63,9 @@ def _find(name: str, robot: Robot) -> tuple[Controller, EstimatorSettings | None
     """A controller, and the settings of the estimator that its policy file asks for, if any."""
     if name in BASELINES:
         return baseline(name, robot), None
-    if name in KINDS or name.endswith(".npz"):
-        policy, metadata = shipped_policy(robot, KINDS[name]) if name in KINDS else load_policy(name, robot)
+    name = current_name("controller", name)
+    if name in SHIPPED_POLICIES or name.endswith(".npz"):
+        policy, metadata = shipped_policy(robot, name) if name in SHIPPED_POLICIES else load_policy(name, robot)
         return policy, read_settings(metadata)
     if ":" in name:
         return _imported(name), None
@@ -86,4 +89,4 @@ def _imported(name: str) -> Controller:
             f"cannot load controller {name!r}: {type(error).__name__}: {one_line(error)}; write module:object "
             "with an object, or a class without arguments, of a module that can be imported"
         ) from error
-    return found if isinstance(found, AbstractController) else PlainController(found)
+    return found if isinstance(found, AbstractController) else PythonController(found)

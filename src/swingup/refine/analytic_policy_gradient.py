@@ -17,14 +17,14 @@ from ..benchmark.rules import PERFORMANCE_RULES
 from ..benchmark.runner import cores
 from ..control.learned import PolicyController
 from ..types import Scalar
-from .draws import DEPTH, Episodes
+from .episodes import DEPTH, Episodes
 from .objective import SCORE, SCORE_AND_TIME, Measures, Weights, bound_adjoint, measure
 
 RULES = PERFORMANCE_RULES["v2"]
 
 
 @dataclass(frozen=True)
-class DescentSettings:
+class PolicyGradientSettings:
     """How to descend."""
 
     iterations: int = 100
@@ -55,10 +55,10 @@ class Iterate(NamedTuple):
     optimiser: optax.OptState
 
 
-class Descent:
+class AnalyticPolicyGradient:
     """Descends for one controller: a part of each batch on every core, one batch on an accelerator."""
 
-    def __init__(self, controller: PolicyController, settings: DescentSettings) -> None:
+    def __init__(self, controller: PolicyController, settings: PolicyGradientSettings) -> None:
         """Prepare; nothing is compiled before the first step."""
         self._controller = eqx.tree_at(lambda c: c.policy.actor, single_precision(controller), None)
         self._settings = settings
@@ -90,7 +90,7 @@ class Descent:
 
 
 def batch_cost(
-    actor: Actor, controller: PolicyController, episodes: Episodes, settings: DescentSettings
+    actor: Actor, controller: PolicyController, episodes: Episodes, settings: PolicyGradientSettings
 ) -> tuple[Scalar, Measures]:
     """Mean cost of a batch of episodes under a policy with this actor, and their measures."""
     controller = eqx.tree_at(lambda c: c.policy.actor, controller, actor, is_leaf=lambda leaf: leaf is None)
@@ -112,7 +112,7 @@ def batch_cost(
 _gradient = jax.jit(jax.value_and_grad(batch_cost, has_aux=True), static_argnames="settings")
 
 
-def _optimiser(settings: DescentSettings) -> optax.GradientTransformation:
+def _optimiser(settings: PolicyGradientSettings) -> optax.GradientTransformation:
     rate, number = settings.learning_rate, settings.iterations
     schedule = optax.warmup_cosine_decay_schedule(0.0, rate, number // 8, number, rate / 50)
     return optax.chain(optax.clip_by_global_norm(settings.gradient_limit), optax.adam(schedule, b2=0.98))

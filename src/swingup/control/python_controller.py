@@ -16,7 +16,7 @@ DT = 0.002
 """Time between the calls of a trial (s)."""
 
 
-class PlainController:
+class PythonController:
     """A controller that is run as it is, one call after another.
 
     Its memory, if any, is cleared by its own ``reset()`` and ``init()``, in this order, where it has them.
@@ -52,10 +52,10 @@ class PlainController:
                     raise SwingupError(f"its {name}() raised {reason}: mend it there") from error
         return _by_keywords(getattr(self.source, "get_control_output", self.source))
 
-    def copies(self, number: int) -> "list[PlainController]":
+    def copies(self, number: int) -> "list[PythonController]":
         """Independent controllers for simulations side by side; just this one where it has none."""
         try:
-            made = [self, *(PlainController(copy.deepcopy(self.source)) for _ in range(number - 1))]
+            made = [self, *(PythonController(copy.deepcopy(self.source)) for _ in range(number - 1))]
         except Exception:  # whatever a foreign object's copying raises
             return [self]
         return made if number == 1 or are_independent(made[:2]) else [self]
@@ -81,7 +81,7 @@ def answer(call: Answer, x: np.ndarray, t: float) -> np.ndarray:
     return u.astype(np.float64)
 
 
-def call_in_turn(controllers: Sequence[PlainController], states: np.ndarray) -> list[np.ndarray]:
+def call_in_turn(controllers: Sequence[PythonController], states: np.ndarray) -> list[np.ndarray]:
     """The answers (n, 2) of controllers that are started afresh and called in turn, state by state (n, 4).
 
     Raises:
@@ -92,7 +92,7 @@ def call_in_turn(controllers: Sequence[PlainController], states: np.ndarray) -> 
     return [np.array([row[index] for row in answers]) for index in range(len(calls))]
 
 
-def are_independent(controllers: Sequence[PlainController]) -> bool:
+def are_independent(controllers: Sequence[PythonController]) -> bool:
     """Whether copies of a controller that are called in turn answer as one that is called alone.
 
     They do not where they share a memory, as closures, globals and class attributes are. Those that fail share

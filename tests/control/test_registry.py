@@ -8,7 +8,7 @@ import pytest
 import swingup
 from swingup.control.estimator import EstimatingController, EstimatorSettings
 from swingup.control.learned import PolicyController, load_policy, save_controller
-from swingup.control.named import get_controller, has_estimator
+from swingup.control.registry import get_controller, has_estimator
 from swingup.control.switch import Latching
 from swingup.errors import SwingupError
 from swingup.physics.parameters import leaderboard_parameters
@@ -120,11 +120,11 @@ def test_controllers_of_modules(files):
 def test_built_in_names(files):
     assert isinstance(swingup.get_controller("tvlqr", "pendubot"), Latching)
     assert isinstance(get_controller("tvlqr", "pendubot", True).controller, Latching)
-    assert settings(get_controller("ar-eapo", "pendubot")) == EstimatorSettings()
-    assert settings(get_controller("ar-eapo", "pendubot", False)) is None
-    assert settings(get_controller("ar-eapo-base", "pendubot")) is None
-    assert settings(get_controller("ar-eapo-base", "pendubot", True)) == EstimatorSettings()
-    known = "ar-eapo, ar-eapo-base, ar-eapo-global, ar-eapo-hardware, lqr"
+    assert settings(get_controller("refined", "pendubot")) == EstimatorSettings()
+    assert settings(get_controller("refined", "pendubot", False)) is None
+    assert settings(get_controller("ar-eapo", "pendubot")) is None
+    assert settings(get_controller("ar-eapo", "pendubot", True)) == EstimatorSettings()
+    known = "refined, ar-eapo, global, robot, lqr"
     with pytest.raises(SwingupError, match=f"unknown controller 'pid': use {known}"):
         get_controller("pid", "pendubot")
     with pytest.raises(SwingupError, match="unknown robot 'cartpole'"):
@@ -135,21 +135,21 @@ def test_the_global_policy(files, monkeypatch, robot):
     with pytest.raises(SwingupError, match="unknown kind of policy 'best': use '' or 'base' or 'global'"):
         swingup.shipped_policy(robot, "best")
     monkeypatch.setattr(shipped, "_file", lambda each, kind: files / f"{each.name}{kind}.npz")
-    with pytest.raises(SwingupError, match=f"lacks the policy {robot.name}global.npz: use ar-eapo or train one"):
-        get_controller("ar-eapo-global", robot)
+    with pytest.raises(SwingupError, match=f"lacks the policy {robot.name}global.npz: use refined or train one"):
+        get_controller("global", robot)
     policy = load_policy("alone.npz", "acrobot")[0]
     policy = PolicyController(policy.policy, 5.0, robot)
     save_controller(files / f"{robot.name}global.npz", policy, {"estimator": {"caution": 3}})
-    found = get_controller("ar-eapo-global", robot)
+    found = get_controller("global", robot)
     assert (found.settings.caution, found.controller.torque_limit) == (3, 5.0)
-    assert not has_estimator(get_controller("ar-eapo-global", robot, False))
+    assert not has_estimator(get_controller("global", robot, False))
 
 
 def test_where_the_shipped_files_are(robot):
     assert shipped._file(robot, "").name == f"{robot.name}.npz"
     for kind in ("base", "global"):
         assert shipped._file(robot, kind).name == f"{robot.name}-{kind}.npz"
-    assert all(shipped.shipped_file(robot, kind).is_file() for kind in shipped.KINDS.values())
+    assert all(shipped.shipped_file(robot, name).is_file() for name in shipped.SHIPPED_POLICIES)
 
 
 def test_the_metadata_stays_json(files):

@@ -13,14 +13,14 @@ import numpy as np
 from ..areapo import policy as policies
 from ..areapo.policy import Policy
 from ..benchmark.evaluate import evaluate
-from ..benchmark.hardware import hardware
+from ..benchmark.sim2real import sim2real
 from ..control.estimator import EstimatorSettings, with_estimator
 from ..control.learned import PolicyController, save_controller
 from ..physics.parameters import TORQUE_LIMIT, leaderboard_parameters
 from ..runtime.settings import KEY
-from ..tasks.hardware import HardwareTask
 from ..tasks.observation import AbstractStage
 from ..tasks.pendulum import PendulumTask
+from ..tasks.sim2real import Sim2RealTask
 from ..tasks.task import AbstractTask
 from ..types import Key, Scalar
 
@@ -33,7 +33,7 @@ JUDGED_FROM = 100_000
 """Added to a run's seed for the noise that its policies are judged with."""
 
 
-class AbstractJudge(abc.ABC):
+class AbstractEvaluator(abc.ABC):
     """What to do with policies of a compiled task."""
 
     measure: str
@@ -52,7 +52,7 @@ class AbstractJudge(abc.ABC):
         """Write a policy file."""
 
 
-class RealAIJudge(AbstractJudge):
+class SwingUpEvaluator(AbstractEvaluator):
     """The pendulum's: the criteria and the score of the one deterministic episode (rules v2)."""
 
     measure = "v2"
@@ -74,12 +74,12 @@ class RealAIJudge(AbstractJudge):
         return PolicyController(policy, TORQUE_LIMIT, self._robot)
 
 
-class HardwareJudge(RealAIJudge):
+class Sim2RealEvaluator(SwingUpEvaluator):
     """The real robot's: the mean score of swing-ups on the task's domain, which differ in what is drawn from it."""
 
-    measure = "hardware"
+    measure = "sim2real"
 
-    def __init__(self, task: HardwareTask, seed: int) -> None:
+    def __init__(self, task: Sim2RealTask, seed: int) -> None:
         """The judge of the task for the real robot; its draws are not those of the seeds that are reported."""
         super().__init__(task)
         self.input_size, self._front_end, self._seed = task.shown_size, task.front_end, JUDGED_FROM + seed
@@ -92,7 +92,7 @@ class HardwareJudge(RealAIJudge):
         controller = (
             with_estimator(alone, self._robot, leaderboard_parameters(self._robot)) if self._estimated else alone
         )
-        result = hardware(controller, self._robot, domain=self._domain, seed=self._seed, seeds=number)
+        result = sim2real(controller, self._robot, domain=self._domain, seed=self._seed, seeds=number)
         return {
             "score": result.score,
             "success": result.successes / number,
@@ -108,7 +108,7 @@ class HardwareJudge(RealAIJudge):
         return PolicyController(policy, TORQUE_LIMIT, self._robot, self._front_end)
 
 
-class ReturnJudge(AbstractJudge):
+class ReturnEvaluator(AbstractEvaluator):
     """Any task's: the mean return of episodes that are the same each time, cut after 1,000 steps."""
 
     measure = "episodes"

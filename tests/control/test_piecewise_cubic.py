@@ -2,7 +2,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.control.fit import fit_piecewise_cubic
+from swingup.control.piecewise_cubic import fit_piecewise_cubic
 
 TIME = 0.01 * np.arange(103)
 VALUES = np.column_stack([np.sin(5 * TIME), np.random.default_rng(0).normal(size=TIME.size)])

@@ -27,7 +27,7 @@ from ..errors import SwingupError
 from ..physics.parameters import Robot, leaderboard_parameters
 from ..tasks.disturbance import Pushes, undisturbed
 from ..types import Scalar
-from .descent import single_precision
+from .analytic_policy_gradient import single_precision
 
 RULES = ROBUSTNESS_RULES["v2"]
 PUSHES = 3
@@ -38,7 +38,7 @@ FAST = 10.0
 
 
 @dataclass(frozen=True)
-class ImitationSettings:
+class CloningSettings:
     """How to imitate."""
 
     teacher: str = "tvlqr-score"
@@ -65,7 +65,7 @@ def imitate(
     student: PolicyController,
     teacher: AbstractController[Any],
     robot: Robot,
-    settings: ImitationSettings,
+    settings: CloningSettings,
     random: np.random.Generator,
 ) -> PolicyController:
     """A policy that does as the teacher does where the teacher goes, and as it did elsewhere.
@@ -90,7 +90,7 @@ def imitate(
 
 def _fit(
     student: PolicyController,
-    settings: ImitationSettings,
+    settings: CloningSettings,
     states: Float[Array, "n 4"],
     torques: Float[Array, "n"],
     rows: Int[Array, "steps batch"],
@@ -114,7 +114,7 @@ def _fit(
 
 
 def demonstrate(
-    teacher: AbstractController[Any], robot: Robot, settings: ImitationSettings, random: np.random.Generator
+    teacher: AbstractController[Any], robot: Robot, settings: CloningSettings, random: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """States (n, 4) of the teacher's runs from hanging, shoved about, and its torques in them (N m).
 

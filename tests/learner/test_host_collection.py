@@ -8,12 +8,11 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from swingup.areapo import train
 from swingup.areapo.config import Config
-from swingup.learner import host
 from swingup.learner.environments import make_environments
-from swingup.learner.host import collect, new_episodes
-from swingup.learner.hosted import HostWorld
+from swingup.learner.host_backend import HostBackend
+from swingup.learner.host_collection import collect, new_episodes
 from swingup.learner.run import Run
-from swingup.learner.settings import Settings
+from swingup.learner.run_settings import Settings
 
 from .environments import Chain, Noisy, Stairs
 from .test_run import assert_same_files, measured
@@ -30,7 +29,7 @@ def learn(kind, mode, **changes):
     config = Config(**(vars(SMALL) | {"num_envs": 64, "num_steps": 8} | changes))
     fine = Config(**(vars(config) | {"learning_rate": config.learning_rate / 10, "gain_step_size": 0.01}))
     env = Chain(config.num_envs, kind, mode)
-    first, second = (HostWorld(env, kind, c, 0, 0) for c in (config, fine))
+    first, second = (HostBackend(env, kind, c, 0, 0) for c in (config, fine))
     state = first.begin(first.init(), 0)
     state, _, _ = first.train(state, 200)
     state, _, _ = second.train(second.begin(state, 200), 80)
@@ -80,7 +79,7 @@ def test_a_termination_costs_and_goes_on_from_a_new_start(mode):
 
 def test_rows_of_a_reset_do_not_count():
     config = Config(**(vars(SMALL) | {"num_envs": 2, "num_steps": 12, "batch_size": 24}))
-    world = HostWorld(Chain(2, "walk", AutoresetMode.NEXT_STEP), "walk", config, 0, 0)
+    world = HostBackend(Chain(2, "walk", AutoresetMode.NEXT_STEP), "walk", config, 0, 0)
     state = world.begin(world.init(), 0)
     environments = make_environments(Chain(2, "walk", AutoresetMode.NEXT_STEP), 2)
     environments.reset(0)
@@ -131,7 +130,7 @@ def test_a_rollout_holds_what_the_actor_saw_and_did(mode):
 
 
 def test_nothing_is_compiled_twice():
-    world = HostWorld(Noisy, "noisy", TINY, 0, 0)
+    world = HostBackend(Noisy, "noisy", TINY, 0, 0)
     state, _, _ = world.train(world.begin(world.init(), 0), 1)
     compiled = (host._decide, host._advance, host._update, host._split)
     before = [function._cache_size() for function in compiled]

@@ -14,7 +14,7 @@ from .criteria import Criteria, judge, tip_is_up
 from .interval import Interval, share_interval
 from .robustness import check_seeds
 from .rollout import Scenario, Trajectory
-from .rules import HARDWARE_RULES, HardwareRules
+from .rules import SIM2REAL_RULES, Sim2RealRules
 from .runner import prepare, run_many, stack
 
 AT_ONCE = 100
@@ -22,7 +22,7 @@ AT_ONCE = 100
 
 
 @dataclass(frozen=True)
-class HardwareRun:
+class Sim2RealRun:
     """One swing-up."""
 
     seed: int
@@ -44,13 +44,13 @@ class HardwareRun:
 
 
 @dataclass(frozen=True)
-class Hardware:
+class Sim2Real:
     """How a controller does on plants and in loops like the real robot's."""
 
     robot: str
     controller: str
     domain: Domain
-    runs: tuple[HardwareRun, ...]
+    runs: tuple[Sim2RealRun, ...]
     trajectory: Trajectory
     """Rows of the first seed; NumPy arrays in float64."""
     version: str = __version__
@@ -85,22 +85,22 @@ class Hardware:
         }
 
 
-def hardware(
+def sim2real(
     controller: Any,
     robot: Robot | str,
     name: str = "controller",
-    domain: Domain | str = "hardware",
+    domain: Domain | str = "identified",
     seed: int = 0,
     seeds: int = 1,
-    rules: HardwareRules = HARDWARE_RULES,
-) -> Hardware:
+    rules: Sim2RealRules = SIM2REAL_RULES,
+) -> Sim2Real:
     """Simulate swing-ups from hanging at rest in float64, one a seed, and judge them.
 
     Args:
         controller: a controller in JAX, an object with ``get_control_output(x, t)`` or a function of (x, t).
         robot: which joint is driven.
         name: what to call the controller in the result.
-        domain: what plants and loops are drawn from; in ``hardware`` the seeds differ in nothing but their noise.
+        domain: what plants and loops are drawn from; in ``identified`` the seeds differ in nothing but their noise.
         seed: the first seed of everything that is drawn.
         seeds: number of seeds in a row.
         rules: what is asked for.
@@ -113,7 +113,7 @@ def hardware(
     controller = prepare(controller, robot, name)
     check_seeds(seed, seeds)
     every = list(range(seed, seed + seeds))
-    runs: list[HardwareRun] = []
+    runs: list[Sim2RealRun] = []
     first = None
     for start in range(0, seeds, AT_ONCE):
         group = every[start : start + AT_ONCE]
@@ -126,16 +126,16 @@ def hardware(
             first = first or one
             runs.append(_judged(each, one, scenarios[index], rules, fault))
     assert first is not None
-    return Hardware(robot.name, name, domain, tuple(runs), first)
+    return Sim2Real(robot.name, name, domain, tuple(runs), first)
 
 
 def _judged(
-    seed: int, rows: Trajectory, scenario: Scenario, rules: HardwareRules, fault: str | None
-) -> HardwareRun:
+    seed: int, rows: Trajectory, scenario: Scenario, rules: Sim2RealRules, fault: str | None
+) -> Sim2RealRun:
     x, u, time = np.asarray(rows.x), np.asarray(rows.u), np.asarray(rows.time)
     l1, l2 = float(scenario.parameters.l1), float(scenario.parameters.l2)
     speed, angle = float(np.abs(x[:, 2:]).max()), float(np.abs(x[:, :2]).max())
     held = tip_is_up(x[time >= rules.duration - rules.hold], l1, l2, rules.performance.height).all()
     safe = speed <= rules.speed and angle <= rules.angle
     criteria = judge(time, x, u, l1, l2, rules.performance)
-    return HardwareRun(seed, bool(held and safe and fault is None), speed, angle, criteria, fault)
+    return Sim2RealRun(seed, bool(held and safe and fault is None), speed, angle, criteria, fault)

@@ -15,8 +15,8 @@ from ..areapo.config import Config
 from ..areapo.policy import Policy
 from ..areapo.state import LearnerState, Metrics
 from ..tasks.task import AbstractTask
-from .judges import AbstractJudge
-from .world import AbstractWorld, batched, portable_policy
+from .backend import AbstractBackend, batched, portable_policy
+from .evaluators import AbstractEvaluator
 
 # Compiled once for all runs of a program. A single seed goes without vmap, which costs it speed on a CPU.
 # The state is not donated: a run that is interrupted stands where it was.
@@ -26,11 +26,11 @@ _train = jax.jit(train.train)
 _train_seeds = jax.jit(jax.vmap(train.train, in_axes=(0, None, None, None)))
 
 
-class CompiledWorld(AbstractWorld):
+class CompiledBackend(AbstractBackend):
     """One or several seeds of a task in JAX; several devices share the seeds."""
 
     def __init__(
-        self, task: AbstractTask[Any], config: Config, seed: int, seeds: int, judge: AbstractJudge
+        self, task: AbstractTask[Any], config: Config, seed: int, seeds: int, judge: AbstractEvaluator
     ) -> None:
         """Consecutive seeds of a task, and who judges their policies."""
         self.measure = judge.measure

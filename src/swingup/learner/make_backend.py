@@ -3,16 +3,16 @@
 from typing import Any
 
 from ..errors import SwingupError
-from ..tasks.hardware import HardwareTask
 from ..tasks.pendulum import PendulumTask
+from ..tasks.sim2real import Sim2RealTask
 from ..tasks.task import AbstractTask
-from .compiled import CompiledWorld
-from .judges import HardwareJudge, RealAIJudge, ReturnJudge
-from .settings import Settings, is_label
-from .world import AbstractWorld
+from .backend import AbstractBackend
+from .compiled_backend import CompiledBackend
+from .evaluators import ReturnEvaluator, Sim2RealEvaluator, SwingUpEvaluator
+from .run_settings import Settings, is_label
 
 
-def make_world(settings: Settings, env: Any = None) -> AbstractWorld:
+def make_backend(settings: Settings, env: Any = None) -> AbstractBackend:
     """The world of these settings.
 
     Args:
@@ -26,11 +26,11 @@ def make_world(settings: Settings, env: Any = None) -> AbstractWorld:
     config, seed, seeds = settings.config, settings.seed, settings.seeds
     if settings.robot is not None:
         task = env if isinstance(env, PendulumTask) else settings.task()
-        real = HardwareJudge(task, seed) if isinstance(task, HardwareTask) else RealAIJudge(task)
-        return CompiledWorld(task, config, seed, seeds, real)
+        real = Sim2RealEvaluator(task, seed) if isinstance(task, Sim2RealTask) else SwingUpEvaluator(task)
+        return CompiledBackend(task, config, seed, seeds, real)
     if isinstance(env, AbstractTask):
-        judge = ReturnJudge(env, seed, max(1, settings.evaluation_episodes))
-        return CompiledWorld(env, config, seed, seeds, judge)
+        judge = ReturnEvaluator(env, seed, max(1, settings.evaluation_episodes))
+        return CompiledBackend(env, config, seed, seeds, judge)
     if seeds > 1:
         raise SwingupError(
             f"seeds = {seeds}, but Gymnasium environments train one seed at a time: use swingup sweep"
@@ -38,8 +38,8 @@ def make_world(settings: Settings, env: Any = None) -> AbstractWorld:
     if env is None and is_label(settings.name):
         raise SwingupError(f"this run's environment was passed in ({settings.name}): pass it again as env")
     # Imported here: Gymnasium is slow to load, and the pendulum does without.
-    from .hosted import HostWorld
+    from .host_backend import HostBackend
 
-    return HostWorld(
+    return HostBackend(
         settings.env if env is None else env, settings.name, config, seed, settings.evaluation_episodes
     )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import swingup
-from swingup.control.builtin import BASELINES, baseline, shipped_reference
+from swingup.control.baselines import BASELINES, baseline, shipped_reference
 from swingup.errors import SwingupError
 
 LEAST_SCORES = {

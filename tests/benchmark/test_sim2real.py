@@ -5,24 +5,24 @@ import dataclasses
 import numpy as np
 import pytest
 
-from swingup.benchmark.hardware import _judged, hardware
 from swingup.benchmark.interval import share_interval
 from swingup.benchmark.rollout import Scenario, Trajectory
-from swingup.benchmark.rules import HARDWARE_RULES
-from swingup.control.named import get_controller
+from swingup.benchmark.rules import SIM2REAL_RULES
+from swingup.benchmark.sim2real import _judged, sim2real
+from swingup.control.registry import get_controller
 from swingup.errors import SwingupError
 from swingup.physics.parameters import identified_parameters
 from swingup.runtime import load_controller
 from swingup.tasks.domain import make_domain
 
-BRIEF = dataclasses.replace(HARDWARE_RULES, duration=2.5)
+BRIEF = dataclasses.replace(SIM2REAL_RULES, duration=2.5)
 """Long enough for the domain's push, which comes within 2 s."""
 UPRIGHT = np.array([np.pi, 0.0, 0.0, 0.0])
 
 
 def verdict(change, fault=None):
     """The verdict on a run that hangs for a second and is up from then on, but for a change of its states."""
-    rules = HARDWARE_RULES
+    rules = SIM2REAL_RULES
     time = rules.dt * np.arange(rules.steps)
     x = np.where(time[:, None] < 1.0, 0.0, UPRIGHT)
     change(x, time)
@@ -62,7 +62,7 @@ def test_down_before_the_last_two_seconds_is_no_failure():
 
 def test_a_pendulum_without_motors_fails_and_seeds_differ(either_robot):
     def judged(domain, seed, seeds):
-        return hardware(lambda x, t: [0.0, 0.0], either_robot, "nothing", domain, seed, seeds, BRIEF)
+        return sim2real(lambda x, t: [0.0, 0.0], either_robot, "nothing", domain, seed, seeds, BRIEF)
 
     quiet = judged(make_domain({"velocity_noise": 0.1}), 0, 2)
     assert (quiet.successes, quiet.score) == (0, 0.0)
@@ -80,11 +80,11 @@ def test_the_shipped_policies_swing_up_and_stay(either_robot):
 
     At the top rounding grows from 1e-7 at 2 s to 0.1 at 5 s, in JAX from batch to batch as well.
     """
-    judged = hardware(get_controller("ar-eapo-hardware", either_robot), either_robot, seeds=4)
+    judged = sim2real(get_controller("robot", either_robot), either_robot, seeds=4)
     assert judged.successes == 4
     assert judged.score > 0.6
     assert max(run.speed for run in judged.runs) < 16
-    in_numpy = hardware(load_controller("ar-eapo-hardware", either_robot), either_robot, seeds=1)
+    in_numpy = sim2real(load_controller("robot", either_robot), either_robot, seeds=1)
     np.testing.assert_allclose(in_numpy.trajectory.x[:750], judged.trajectory.x[:750], rtol=0, atol=1e-4)  # 1.5 s
     assert in_numpy.runs[0].score == pytest.approx(judged.runs[0].score, abs=0.02)
 
@@ -92,7 +92,7 @@ def test_the_shipped_policies_swing_up_and_stay(either_robot):
 def test_results_are_ready_for_json(robot):
     import json
 
-    result = hardware(lambda x, t: [0.0, np.nan], robot, "broken", make_domain({}), rules=BRIEF).as_dict()
+    result = sim2real(lambda x, t: [0.0, np.nan], robot, "broken", make_domain({}), rules=BRIEF).as_dict()
     assert json.loads(json.dumps(result))["details"][0]["fault"].startswith("it gave a torque that is not finite")
 
 
@@ -106,4 +106,4 @@ def test_wilsons_interval():
 
 def test_bad_input(robot):
     with pytest.raises(SwingupError, match="unknown domain"):
-        hardware(lambda x, t: [0, 0], robot, domain="moon")
+        sim2real(lambda x, t: [0, 0], robot, domain="moon")

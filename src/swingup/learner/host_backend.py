@@ -18,16 +18,16 @@ from ..areapo.policy import Policy
 from ..areapo.state import LearnerState, Metrics
 from ..errors import SwingupError
 from ..tasks.task import Spaces
+from .backend import AbstractBackend, batched, portable_policy
 from .environments import Environments, make_environments
-from .host import iterate, new_episodes
-from .judges import summary
-from .world import AbstractWorld, batched, portable_policy
+from .evaluators import summary
+from .host_collection import iterate, new_episodes
 
 MAX_EPISODE_STEPS = 10_000
 """Where an evaluation cuts an episode that does not end (steps)."""
 
 
-class HostWorld(AbstractWorld):
+class HostBackend(AbstractBackend):
     """Environments of Gymnasium; policies are judged by their mean return."""
 
     measure = "episodes"

@@ -18,7 +18,7 @@ CALLS = 5
 """Steps of the loop in an action: the policy acts at 100 Hz."""
 
 
-class HardwareState(PendulumState):
+class Sim2RealState(PendulumState):
     """State of the task: plant, loop, and what the controller remembers."""
 
     plant: Parameters
@@ -34,7 +34,7 @@ class HardwareState(PendulumState):
     """Steps of the loop since the last reset."""
 
 
-class HardwareTask(PendulumTask):
+class Sim2RealTask(PendulumTask):
     """Swing up and stay there on a plant that every episode draws from a domain, through the front end.
 
     The loop runs at 500 Hz as on the robot, the policy acts at the task's rate: the front end sees every
@@ -59,7 +59,7 @@ class HardwareTask(PendulumTask):
         """Length of what the front end shows the policy."""
         return 4 * (1 + self.front_end.history) + self.front_end.torques
 
-    def reset(self, key: Key) -> HardwareState:
+    def reset(self, key: Key) -> Sim2RealState:
         """Hang down, disturbed by noise, on a plant and in a loop drawn from the domain."""
         start_key, domain_key, noise_key = jax.random.split(key, 3)
         start = super().reset(start_key)
@@ -68,7 +68,7 @@ class HardwareTask(PendulumTask):
         seen = self._seen(disturbance, past, jnp.array(0), jax.random.normal(noise_key, (2,)), start.x)
         memory = self.front_end.begin(seen)
         rest = jnp.zeros(2)
-        return HardwareState(start.x, start.steps, plant, disturbance, rest, rest, past, memory, calls=jnp.array(0))
+        return Sim2RealState(start.x, start.steps, plant, disturbance, rest, rest, past, memory, calls=jnp.array(0))
 
     def _seen(self, disturbance: Disturbance, past: Past, call: Count, noise: Float[Array, "2"], x: State) -> State:
         """What the front end is given at a call, for noise of deviation 1 and the present state."""
@@ -76,7 +76,7 @@ class HardwareTask(PendulumTask):
 
     def observe(self, state: PendulumState) -> Observation:
         """What the front end shows, scaled."""
-        assert isinstance(state, HardwareState)
+        assert isinstance(state, Sim2RealState)
         return self.observation(self.front_end.shown(state.memory))
 
     def step(self, state: PendulumState, action: Action, key: Key) -> Step[PendulumState]:
@@ -84,13 +84,13 @@ class HardwareTask(PendulumTask):
 
         Should the integrator diverge, the last good state is kept and truncated.
         """
-        assert isinstance(state, HardwareState)
+        assert isinstance(state, Sim2RealState)
         noise_key, end_key = jax.random.split(key)
         noises = jax.random.normal(noise_key, (CALLS, 4), action.dtype)
         limits = jnp.array([state.plant.tl1, state.plant.tl2])
         asked = self.torque(action)
 
-        def loop(now: HardwareState, noise: Float[Array, "4"]) -> tuple[HardwareState, Flag]:
+        def loop(now: Sim2RealState, noise: Float[Array, "4"]) -> tuple[Sim2RealState, Flag]:
             memory = self.front_end.remember(now.memory, action[0])
             command = self.front_end.command(memory, jnp.sum(asked), self.robot)
             time = now.calls * DT
@@ -102,7 +102,7 @@ class HardwareTask(PendulumTask):
             call = now.calls + 1
             past = remember(now.past, call, x)
             memory = self.front_end.measure(memory, self._seen(now.disturbance, past, call, noise[:2], x))
-            after = HardwareState(x, now.steps, now.plant, now.disturbance, u, motors, past, memory, call)
+            after = Sim2RealState(x, now.steps, now.plant, now.disturbance, u, motors, past, memory, call)
             return after, diverged
 
         after, diverged = jax.lax.scan(loop, state, noises, unroll=True)

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..types import Scalar
-from .algebra import Matrix, Real, Vector, add_scaled, diagonal, dot, symmetric_times, unpack
+from .scalar_algebra import Matrix, Real, Vector, add_scaled, diagonal, dot, symmetric_times, unpack
 from .transition import AbstractTransition
 
 

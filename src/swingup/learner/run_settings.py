@@ -15,7 +15,7 @@ from ..files import write_atomically
 from ..physics.parameters import get_robot
 from ..tasks.domain import Domain
 from ..tasks.pendulum import PendulumTask
-from ..tasks.presets import HARDWARE_TASKS, get_task
+from ..tasks.presets import SIM2REAL_TASKS, get_task
 from ..version import __version__
 from .presets import get_preset
 
@@ -60,8 +60,8 @@ class Settings:
         if self.robot is not None:
             get_robot(self.robot)
         preset = get_preset(self.preset)
-        if self.domain is not None and (preset.task not in HARDWARE_TASKS or self.robot is None):
-            raise SwingupError(f"a domain goes with the presets for hardware, not with {self.preset}")
+        if self.domain is not None and (preset.task not in SIM2REAL_TASKS or self.robot is None):
+            raise SwingupError(f"a domain goes with the preset sim2real, not with {self.preset}")
         for name, least in LEAST.items():
             object.__setattr__(self, name, whole(name, getattr(self, name), least))
         object.__setattr__(self, "config", config_from_dict(vars(self.config)))  # NumPy's numbers become Python's
@@ -88,7 +88,7 @@ class Settings:
         if self.robot is None:
             raise SwingupError(f"{self.env} is no task of the pendulum")
         robot, name = get_robot(self.robot), get_preset(self.preset).task
-        return get_task(name, robot) if self.domain is None else HARDWARE_TASKS[name](robot, self.domain)
+        return get_task(name, robot) if self.domain is None else SIM2REAL_TASKS[name](robot, self.domain)
 
     def command(self, frames: int) -> str:
         """The command that makes such a run from scratch; in Python where the environment was passed in."""
@@ -104,7 +104,7 @@ class Settings:
 
     def _unusual(self) -> dict[str, Any]:
         """Hyperparameters that are not the preset's, then intervals and episodes that are not the usual ones."""
-        usual = vars(get_preset(self.preset).config) | usual_intervals(self.robot)
+        usual = vars(get_preset(self.preset).config) | default_intervals(self.robot)
         usual |= {"evaluation_episodes": Settings.evaluation_episodes}
         mine = {name: (vars(self.config) | vars(self))[name] for name in usual}
         return {name: value for name, value in mine.items() if value != usual[name]}
@@ -152,7 +152,7 @@ def read_settings(folder: Path) -> tuple[Settings, int]:
         raise SwingupError(f"{path} is malformed ({error}): restore it or train again") from error
 
 
-def usual_intervals(robot: str | None) -> dict[str, int]:
+def default_intervals(robot: str | None) -> dict[str, int]:
     """Frames between evaluations and between checkpoints, of the pendulum's robots and of other tasks."""
     return ENV_INTERVALS if robot is None else PENDULUM_INTERVALS
 

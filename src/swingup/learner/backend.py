@@ -16,7 +16,7 @@ from ..errors import SwingupError
 from ..tasks.observation import AbstractStage
 
 
-class AbstractWorld(abc.ABC):
+class AbstractBackend(abc.ABC):
     """A task to train on, compiled or stepped by the host."""
 
     measure: str
