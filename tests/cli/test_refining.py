@@ -5,7 +5,7 @@ import pytest
 
 from swingup.cli import main, refining
 from swingup.policy.jax_backend.controller import load_policy, shipped_policy
-from swingup.policy.settings import EstimatorSettings, read_settings
+from swingup.policy.settings import EstimatorSettings, estimator_settings
 from swingup.refine.analytic_policy_gradient import PolicyGradientSettings
 from swingup.refine.episodes import Draws
 from swingup.refine.recipe import Refinement
@@ -27,7 +27,7 @@ def test_refine_writes_a_policy_with_its_origin(tmp_path, monkeypatch, capsys):
     )
     assert metadata["base"]["frames"] == origin["frames"]
     assert metadata["stages"][0]["descent"]["iterations"] == 2
-    assert read_settings(metadata) == EstimatorSettings()
+    assert estimator_settings(metadata) == EstimatorSettings()
     moved = np.abs(policy.policy.actor.mean_head.weight - base.policy.actor.mean_head.weight).max()
     assert 0 < moved < 1e-3
 

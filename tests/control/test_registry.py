@@ -90,7 +90,7 @@ def test_load_policy_gives_the_policy_alone(files):
     ("estimator", "message"),
     [
         ({"delay": 1}, "unknown estimator setting 'delay'"),
-        ({"dt": -0.002}, "estimator setting dt = -0.002: use a number of 1e-06 to 0.1"),
+        ({"dt": -0.002}, "estimator setting dt = -0.002: use a number from 1e-06 to 0.1"),
         (None, "estimator None is no object"),
     ],
 )

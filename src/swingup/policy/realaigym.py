@@ -8,28 +8,19 @@ histories; wrappers (combined and testing controllers) call the inner forms, who
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from ..errors import SwingupError
 from ..files import make_folder, write_atomically
 from ..robots import Robot
-from .numpy_backend.controller import RuntimeController, load_controller
+from .contract import LoopController
+from .numpy_backend.controller import NumpyController, load_controller
 from .numpy_backend.front_end import friction_torque
 
 SAVED = "controller_swingup.json"
 """Where ``save`` writes."""
-
-
-class Answering(Protocol):
-    """What is behind: a function of a state (4,) and a time (s) that gives [u1, u2] (N m), and its memory."""
-
-    def reset(self) -> None:
-        """Forget the run so far."""
-
-    def __call__(self, x: np.ndarray, t: float) -> np.ndarray:
-        """The torques."""
 
 
 class Filter:
@@ -64,7 +55,7 @@ class RealAIGymController:
     back, as its own controllers do, and wants an ``init()`` afterwards.
     """
 
-    def __init__(self, controller: Answering, robot: Robot, about: dict[str, Any], dt: float = 0.002) -> None:
+    def __init__(self, controller: LoopController, robot: Robot, about: dict[str, Any], dt: float = 0.002) -> None:
         """Wrap a controller.
 
         Args:
@@ -203,7 +194,7 @@ def load_policy_controller(
     return wrap_policy(load_controller(source, robot, estimator), str(source))
 
 
-def wrap_policy(controller: RuntimeController, name: str) -> RealAIGymController:
+def wrap_policy(controller: NumpyController, name: str) -> RealAIGymController:
     """A loaded policy as RealAIGym calls it."""
     policy = controller.policy
     about = {"controller": name, "torque_limit": policy.torque_limit}
