@@ -12,7 +12,7 @@ import swingup
 ROOT = Path(swingup.__file__).parent
 LAYERS = {
     "errors": 0, "version": 0, "types": 0, "text": 0, "renamed": 0, "checks": 1, "files": 1, "robots": 1,
-    "arrays": 2, "table": 2, "runtime": 3, "physics": 3, "tasks": 4, "areapo": 5, "control": 6, "benchmark": 7,
+    "arrays": 2, "table": 2, "physics": 2, "runtime": 3, "tasks": 4, "areapo": 5, "control": 6, "benchmark": 7,
     "drawing": 7, "learner": 8, "gym": 8,
     "refine": 8, "realaigym": 8, "report": 9, "export": 9,
     "sweep": 9, "cli": 10,

@@ -16,7 +16,7 @@ PACKAGE = "{name}_controller"
 """Name of the copied source, so that an installed swingup or another entry is never meant."""
 
 SOURCES = (
-    "errors.py", "files.py", "arrays.py", "robots.py", MODEL,
+    "errors.py", "files.py", "arrays.py", "robots.py", MODEL, "physics/__init__.py", "physics/equations.py",
     *(f"runtime/{name}.py" for name in (
         "__init__", "controller", "estimator", "front_end", "plant", "policy", "policy_file", "realaigym",
         "settings", "shipped",
