@@ -17,6 +17,7 @@ PACKAGE = "{name}_controller"
 
 SOURCES = (
     "errors.py", "text.py", "checks.py", "renamed.py", "files.py", "arrays.py", "robots.py", MODEL,
+    "physics/__init__.py", "physics/equations.py",
     *(f"policy/{name}.py" for name in (
         "__init__", "contract", "file", "network", "pendulum", "plant", "realaigym", "settings", "shipped",
         "stages",
