@@ -9,8 +9,8 @@ import jax.numpy as jnp
 from ..physics.angles import UPRIGHT, wrap
 from ..physics.integrate import rk4_step
 from ..physics.parameters import Parameters, Robot
+from ..policy.jax_backend.observation import PendulumObservation
 from ..types import Action, Count, Key, Observation, Scalar, State, Torque
-from .observation import PendulumObservation
 from .task import AbstractTask, Step
 
 DIVERGED = 1000.0
