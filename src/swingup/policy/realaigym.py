@@ -14,10 +14,10 @@ import numpy as np
 
 from ..errors import SwingupError
 from ..files import make_folder, write_atomically
+from ..physics.equations import friction
 from ..robots import Robot
 from .contract import LoopController
 from .numpy_backend.controller import NumpyController, load_controller
-from .numpy_backend.front_end import friction_torque
 
 SAVED = "controller_swingup.json"
 """Where ``save`` writes."""
@@ -105,9 +105,9 @@ class RealAIGymController:
         measured = np.array(x, np.float64)
         self.x_hist.append(measured)
         seen = self.filter.get_filtered_state(measured, self.u_hist[-1])
-        friction = friction_torque(seen[2:], self._damping, self._coulomb)
-        u = self.get_control_output_(seen, t) + friction
-        self.u_fric_hist.append(friction)
+        compensation = friction(self._damping, self._coulomb, seen[2:], np.arctan)
+        u = self.get_control_output_(seen, t) + compensation
+        self.u_fric_hist.append(compensation)
         self.u_grav_hist.append(np.zeros(2))
         self.u_hist.append(u)
         return u.copy()
