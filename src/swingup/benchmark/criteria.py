@@ -10,6 +10,9 @@ import numpy as np
 
 from .rules import Normalisers, PerformanceRules
 
+SHARE = 0.99
+"""Part of the rules' duration that a run must span to score."""
+
 
 @dataclass(frozen=True)
 class Criteria:
@@ -46,7 +49,7 @@ def judge(
     """
     dt = np.diff(time)
     swingup_time = _swingup_time(time, x, l1, l2, rules)
-    long_enough = bool(time[-1] >= 0.99 * rules.duration)
+    long_enough = bool(time[-1] - time[0] >= SHARE * rules.duration)
     costs = {
         "energy": float(np.sum(np.abs(np.diff(x[:, :2], axis=0) * u[:-1]))),
         "torque_cost": float(np.sum(np.sum(u[:-1] ** 2, axis=1) * dt)),
@@ -80,4 +83,4 @@ def _swingup_time(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: 
         return None
     below = np.flatnonzero(~looked_at)
     start = 0 if below.size == 0 else int(below[-1]) + 1
-    return float(time[1 + start])
+    return max(0.0, float(time[1 + start]))  # a clock may start some periods early: no time is below 0

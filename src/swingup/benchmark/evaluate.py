@@ -13,6 +13,9 @@ from .rollout import Scenario, Trajectory
 from .rules import DEFAULT_RULES, PerformanceRules, get_performance_rules
 from .runner import prepare, run_one
 
+START = 0.2
+"""A run's first time is within this of 0 (s): six periods of the slowest recordings, which have 33 Hz."""
+
 
 @dataclass(frozen=True)
 class Evaluation:
@@ -74,7 +77,7 @@ def score(trajectory: Trajectory, robot: Robot | str, rules: PerformanceRules | 
 
     Raises:
         SwingupError: there is no such robot, there are no such rules, or the trajectory has fewer than 3 rows, rows
-            of other shapes, or values that are not finite.
+            of other shapes, values that are not finite, or times that do not increase or start far from 0.
     """
     parameters = leaderboard_parameters(get_robot(robot))
     lengths = float(parameters.l1), float(parameters.l2)
@@ -85,4 +88,8 @@ def score(trajectory: Trajectory, robot: Robot | str, rules: PerformanceRules | 
         raise SwingupError(f"time, x and u have shapes {shapes}: pass (N,), (N, 4) and (N, 2) with N of 3 or more")
     if not (np.isfinite(time).all() and np.isfinite(x).all() and np.isfinite(u).all()):
         raise SwingupError("the trajectory holds values that are not finite: end it before them")
+    if not np.all(np.diff(time) > 0):
+        raise SwingupError("the trajectory's times do not increase: keep one run, in order")
+    if abs(time[0]) > START:
+        raise SwingupError(f"the trajectory starts at t = {time[0]:g} s: give its times as seconds since its start")
     return judge(time, x, u, *lengths, get_performance_rules(rules))
