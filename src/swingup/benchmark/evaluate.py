@@ -8,7 +8,7 @@ import numpy as np
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
 from ..tasks.disturbance import Disturbance, describe
-from .criteria import Criteria, judge
+from .criteria import SHARE, Criteria, failed, judge
 from .rollout import Scenario, Trajectory
 from .rules import DEFAULT_RULES, PerformanceRules, get_performance_rules
 from .runner import prepare, run_one
@@ -70,6 +70,8 @@ def evaluate(
 def score(trajectory: Trajectory, robot: Robot | str, rules: PerformanceRules | str = DEFAULT_RULES) -> Criteria:
     """Score a trajectory from any source by the rules of the performance board.
 
+    Times count from 0, or from the first row where that is earlier. A span below 99 % of the duration scores 0.
+
     Args:
         trajectory: NumPy arrays in float64.
         robot: which joint is driven; gives the lengths of the links.
@@ -92,4 +94,6 @@ def score(trajectory: Trajectory, robot: Robot | str, rules: PerformanceRules | 
         raise SwingupError("the trajectory's times do not increase: keep one run, in order")
     if abs(time[0]) > START:
         raise SwingupError(f"the trajectory starts at t = {time[0]:g} s: give its times as seconds since its start")
-    return judge(time, x, u, *lengths, get_performance_rules(rules))
+    rules = get_performance_rules(rules)
+    criteria = judge(time - min(0.0, time[0]), x, u, *lengths, rules)  # no swing-up takes less than no time
+    return criteria if time[-1] - time[0] >= SHARE * rules.duration else failed(criteria)
