@@ -6,14 +6,16 @@ import sys
 from typing import Any
 
 from ..errors import SwingupError
+from ..foreign import described
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
 from ..policy.jax_backend.controller import load_policy, shipped_policy
 from ..policy.jax_backend.estimator import EstimatingController, with_estimator
 from ..policy.settings import EstimatorSettings, read_settings
 from ..policy.shipped import SHIPPED_POLICIES
 from ..renamed import current_name
+from ..text import quoted
 from .baselines import BASELINES, baseline
-from .controller import AbstractController, one_line
+from .controller import AbstractController
 from .python_controller import PythonController
 
 BUILT_IN = (*SHIPPED_POLICIES, *BASELINES)
@@ -75,18 +77,25 @@ def _find(name: str, robot: Robot) -> tuple[Controller, EstimatorSettings | None
 
 
 def _imported(name: str) -> Controller:
+    """An object of a module, looked for in the working folder first, as ``python`` itself would."""
     module_name, _, object_name = name.partition(":")
-    if "" not in sys.path:
-        sys.path.insert(0, "")  # a module in the working folder, as `python` itself would find it
+    here = [] if "" in sys.path else [""]
+    sys.path[:0] = here
     try:
         found: Any = importlib.import_module(module_name)
         for attribute in object_name.split("."):
             found = getattr(found, attribute)
         if inspect.isclass(found):
             found = found()
-    except (Exception, SystemExit) as error:  # whatever a foreign module raises
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # whatever a foreign module raises
         raise SwingupError(
-            f"cannot load controller {name!r}: {type(error).__name__}: {one_line(error)}; write module:object "
-            "with an object, or a class without arguments, of a module that can be imported"
+            f"cannot load controller {quoted(name)}: {described(error)}; write module:object with an object, or a "
+            "class without arguments, of a module that can be imported"
         ) from error
+    finally:
+        # What is imported later must not be found in the working folder: a json.py there, say.
+        for folder in here:
+            sys.path.remove(folder)
     return found if isinstance(found, AbstractController) else PythonController(found)
