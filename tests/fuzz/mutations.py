@@ -39,8 +39,8 @@ HEADERS = [
 
 
 FAULTS = [
-    "text", "array", "array", "missing", "extra", "twice", "header", "header", "bytes", "bytes", "bytes", "directory",
-    "bomb", "compression", "encrypted", "none",
+    "text", "array", "array", "missing", "extra", "twice", "header", "header", "bytes", "bytes", "bytes",
+    "directory", "bomb", "compression", "encrypted", "none",
 ]  # fmt: skip
 """What may be wrong with an archive; some more often than others."""
 
