@@ -24,8 +24,6 @@ FORMER_NAMES = {"longest_dead_time": "max_delay_steps"}
 FORMER_SETTINGS = ("spacing",)
 """Settings that files may hold and that mean nothing any more."""
 
-STEEPNESS = 100.0
-"""Slope of RealAIGym's smoothed Coulomb friction, cf arctan(100 q̇) (s/rad)."""
 DOUBLINGS = 50
 """2^50 measurements: far more than any filter needs to become steady."""
 LOST = 100

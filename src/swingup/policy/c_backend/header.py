@@ -8,11 +8,12 @@ import itertools
 import numpy as np
 
 from ...errors import SwingupError
+from ...physics.equations import COULOMB_STEEPNESS
 from ...robots import TORQUE_LIMIT
 from ...version import __version__
 from ..pendulum import PendulumPolicy
 from ..plant import nominal_plant
-from ..settings import LOST, PIECES, STEEPNESS, EstimatorSettings, FrontEndSettings, kalman_gains
+from ..settings import LOST, PIECES, EstimatorSettings, FrontEndSettings, kalman_gains
 from ..stages import NormaliseStage, PendulumStage, Stage
 from ..template import NAME, asset, check_name, fill
 
@@ -117,7 +118,7 @@ def _front_end_values(settings: FrontEndSettings) -> dict[str, str]:
         "PERIOD": settings.dt,
         "WEIGHT": settings.velocity_weight,
         "DEAD_BAND": settings.dead_band,
-        "STEEPNESS": STEEPNESS,
+        "STEEPNESS": COULOMB_STEEPNESS,
         "PASSIVE_LIMIT": settings.passive_limit,
     }
     pairs = {"DAMPING": settings.damping, "COULOMB": settings.coulomb}

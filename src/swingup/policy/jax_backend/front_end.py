@@ -5,9 +5,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ...physics.equations import friction
 from ...robots import Robot
 from ...types import Scalar, State, Torque
-from ..settings import STEEPNESS, FrontEndSettings
+from ..settings import FrontEndSettings
 
 
 class FrontEndMemory(eqx.Module):
@@ -39,9 +40,9 @@ class FrontEnd(eqx.Module):
         rates, settings = memory.seen[2:], self.settings
         rates = jnp.where(jnp.isfinite(rates), rates, jnp.nan)
         damping, coulomb = jnp.array(settings.damping, rates.dtype), jnp.array(settings.coulomb, rates.dtype)
-        friction = damping * rates + coulomb * jnp.arctan(STEEPNESS * rates)
-        passive = jnp.clip(friction, -settings.passive_limit, settings.passive_limit)
-        return jnp.where(jnp.array(robot.actuation) > 0, torque + friction, passive)
+        compensation = friction(damping, coulomb, rates, jnp.arctan)
+        passive = jnp.clip(compensation, -settings.passive_limit, settings.passive_limit)
+        return jnp.where(jnp.array(robot.actuation) > 0, torque + compensation, passive)
 
     def _seen(self, q: Float[Array, "2"], rates: Float[Array, "2"]) -> State:
         return jnp.concatenate([q, jnp.where(jnp.abs(rates) < self.settings.dead_band, 0.0, rates)])

@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from ..settings import STEEPNESS, FrontEndSettings
+from ...physics.equations import friction
+from ..settings import FrontEndSettings
 
 
 class NumpyFrontEnd:
@@ -46,11 +47,7 @@ class NumpyFrontEnd:
     def command(self, torque: float) -> np.ndarray:
         """The torques [u1, u2] (N m) for the policy's torque (N m)."""
         rates = np.where(np.isfinite(self._seen[2:]), self._seen[2:], np.nan)
-        u = np.clip(friction_torque(rates, self._damping, self._coulomb), -self._bounds, self._bounds)
+        compensation = friction(self._damping, self._coulomb, rates, np.arctan)
+        u = np.clip(compensation, -self._bounds, self._bounds)
         u[self._joint] += torque
         return u
-
-
-def friction_torque(rates: np.ndarray, damping: np.ndarray, coulomb: np.ndarray) -> np.ndarray:
-    """The friction b q̇ + cf arctan(100 q̇) of both joints (N m), as RealAIGym has it; all of shape (2,)."""
-    return damping * rates + coulomb * np.arctan(STEEPNESS * rates)
