@@ -70,8 +70,8 @@ def train(
         evaluation_episodes: episodes of an evaluation with --env; default 5.
         domain: domain of the preset sim2real, which plants and loops are drawn from: identified (the default),
             randomised or a YAML file.
-        hyperparameters: those that are left out are the preset's. In brackets: the value in the preset default, then
-            in presets that differ.
+        hyperparameters: those that are left out are the preset's. In brackets: the value in the preset default,
+            then in presets that differ.
     """
     options = {
         "robot": robot, "env": env, "preset": preset, "seed": seed, "seeds": seeds,

@@ -10,13 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Shaped
 
-from ..areapo.act import act
 from ..areapo.checkpoint import load_checkpoint, read_metadata, save_checkpoint
 from ..areapo.config import Config, config_from_dict
-from ..areapo.policy import Policy
 from ..checks import whole_number
 from ..errors import SwingupError
 from ..physics.parameters import ROBOTS
+from ..policy.jax_backend.policy import Policy, act
 from .backend import batched
 from .presets import choose_preset, get_preset
 from .report import TrainingReport

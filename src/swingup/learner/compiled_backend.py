@@ -10,8 +10,8 @@ from jaxtyping import Shaped
 
 from ..areapo import train
 from ..areapo.config import Config
-from ..areapo.policy import Policy
 from ..areapo.state import LearnerState, Metrics
+from ..policy.jax_backend.policy import Policy
 from ..tasks.task import AbstractTask
 from .backend import AbstractBackend, portable_policy
 from .evaluators import AbstractEvaluator

@@ -10,8 +10,8 @@ from jaxtyping import Shaped
 from ..areapo.config import Config
 from ..areapo.initial import begin_episodes, init_learner
 from ..areapo.keys import initial_keys
-from ..areapo.policy import Policy
 from ..areapo.state import LearnerState, Metrics
+from ..policy.jax_backend.policy import Policy
 from ..tasks.task import Spaces
 from .backend import AbstractBackend, portable_policy
 from .environments import make_environments

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import VectorEnv
 
-from ..areapo.act import act
 from ..areapo.networks import CategoricalActor
-from ..areapo.policy import Policy, save_policy
 from ..errors import SwingupError
+from ..policy.jax_backend.policy import Policy, act, save_policy
 from ..tasks.task import Spaces
 from .environments import Environments, make_environments
 from .evaluators import AbstractEvaluator, summarise_episodes

@@ -5,9 +5,9 @@ import math
 from pathlib import Path
 from typing import Any
 
-from ..areapo.policy import load_policy
 from ..checks import finite_number
 from ..errors import SwingupError
+from ..policy.jax_backend.policy import load_policy
 from ..text import one_line
 from ..version import __version__
 from .progress import Progress

@@ -15,10 +15,10 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..areapo.policy import Policy
 from ..areapo.state import LearnerState, Metrics
 from ..checks import whole_number
 from ..errors import SwingupError
+from ..policy.jax_backend.policy import Policy
 from .backend import AbstractBackend
 from .metrics import MetricsWriter
 from .policy_files import BEST, best_name, last_name, provenance

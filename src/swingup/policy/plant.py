@@ -1,0 +1,86 @@
+"""The leaderboards' plant in plain floats: no friction, no motor inertia.
+
+The state is x = [q1, q2, dq1, dq2] (rad, rad/s). The equations of motion stand in ``physics/equations.py``. The
+estimator calls them for one state at a time, where a dozen numbers are fastest as Python's own.
+"""
+
+import math
+from importlib import resources
+from types import SimpleNamespace
+
+from ..errors import SwingupError
+from ..physics import equations
+from ..physics.equations import Lumped, lump
+
+Four = tuple[float, float, float, float]
+
+MODEL = "physics/models/design_C.1_model_1.0.yml"
+"""The identified model's file, inside the package."""
+
+NAMES = ("m1", "m2", "l1", "r1", "r2", "I1", "I2", "g")
+"""The parameters that the plant is made of."""
+
+
+def make_plant(values: dict[str, float]) -> Lumped:
+    """The plant with parameters by RealAIGym's names (SI, inertias about the joints).
+
+    Raises:
+        SwingupError: one is missing.
+    """
+    try:
+        return lump(SimpleNamespace(**{name: values[name] for name in NAMES}, gr=0.0, Ir=0.0))
+    except KeyError as error:
+        raise SwingupError(f"the model lacks parameter {error}: add it in SI units") from error
+
+
+def nominal_plant() -> Lumped:
+    """The plant that the policies were trained for and that their estimator believes in."""
+    root = resources.files(__package__.rpartition(".")[0])
+    return make_plant(parse_flat_yaml((root / MODEL).read_text(encoding="utf-8")))
+
+
+def parse_flat_yaml(text: str) -> dict[str, float]:
+    """The numbers of a flat YAML map, one ``name: value`` a line, without PyYAML; what is no number is left out.
+
+    Raises:
+        SwingupError: a line is neither blank, a comment, nor ``name: value``.
+    """
+    values = {}
+    for line in text.splitlines():
+        content = line.partition("#")[0].strip()
+        if not content or content == "---":
+            continue
+        name, colon, value = content.partition(":")
+        if not colon or line[:1].isspace():
+            raise SwingupError(f"{content[:40]!r} is no line of a flat map: write 'name: value'")
+        try:
+            values[name.strip()] = float(value)
+        except ValueError:
+            continue
+    return values
+
+
+def acceleration(plant: Lumped, x: Four, u1: float, u2: float) -> tuple[float, float]:
+    """q̈ (rad/s²) of M(q) q̈ = G(q) + u - C(q, q̇) q̇; NaN where an angle is not finite."""
+    q1, q2, dq1, dq2 = x
+    if not math.isfinite(q1 + q2):  # for which math.sin raises an error
+        return math.nan, math.nan
+    sines = math.sin(q1), math.sin(q2), math.sin(q1 + q2)
+    first, second = equations.acceleration(plant, sines, math.cos(q2), (dq1, dq2), (u1, u2))
+    return first, second
+
+
+def torque_response(plant: Lumped, x: Four, u1: float, u2: float) -> tuple[float, float]:
+    """∂q̈/∂u · u = M(q)⁻¹ u (rad/s²)."""
+    first, second = equations.response(plant, math.cos(x[1]) if math.isfinite(x[1]) else math.nan, (u1, u2))
+    return first, second
+
+
+def midpoint_step(plant: Lumped, x: Four, u1: float, u2: float, dt: float) -> Four:
+    """One step of the explicit midpoint rule over dt (s)."""
+    q1, q2, dq1, dq2 = x
+    a1, a2 = acceleration(plant, x, u1, u2)
+    half = 0.5 * dt
+    v1, v2 = dq1 + half * a1, dq2 + half * a2
+    a1, a2 = acceleration(plant, (q1 + half * dq1, q2 + half * dq2, v1, v2), u1, u2)
+    return q1 + dt * v1, q2 + dt * v2, dq1 + dt * a1, dq2 + dt * a2
