@@ -60,7 +60,7 @@ class LocalWorkers(Executor):
                 with self._lock:
                     self._idle.append(pool)
                 return future.result()
-            pool.shutdown(wait=False)
+            pool.shutdown()
         raise SwingupError(
             f"its worker died {ATTEMPTS} times: was memory short? The same command goes on from its checkpoint"
         )
