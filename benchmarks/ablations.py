@@ -22,10 +22,10 @@ from swingup.learner.run import Run
 from swingup.learner.run_settings import PENDULUM_INTERVALS, Settings
 from swingup.physics.parameters import ROBOTS
 from swingup.tasks.observation import PendulumObservation
-from swingup.tasks.pendulum import PendulumTask
+from swingup.tasks.pendulum import AbstractPendulumTask
 from swingup.tasks.presets import smooth_task
 
-Change = Callable[[Config, PendulumTask], tuple[Config, PendulumTask]]
+Change = Callable[[Config, AbstractPendulumTask], tuple[Config, AbstractPendulumTask]]
 
 
 def hyperparameter(**changes: object) -> Change:

@@ -53,7 +53,7 @@ def test_model_errors_change_one_parameter_each(robot):
         ("velocity_noise", "velocity_noise", np.repeat(np.linspace(0, 0.5, 21), 10)),
         ("torque_noise", "torque_noise", np.repeat(np.linspace(0, 1.1, 21), 10)),
         ("torque_response", "response", np.linspace(0.1, 2.0, 21)),
-        ("delay", "delay", range(21)),  # 0 to 0.04 s in steps of 0.002 s
+        ("delay", "delay_steps", range(21)),  # 0 to 0.04 s in steps of 0.002 s
     ],
 )
 def test_sweeps(robot, criterion, field, values):

@@ -96,11 +96,11 @@ DISTURBANCES = {
     "torque noise": ({"torque_noise": 0.9}, {}),
     "slow motor": ({"response": 0.15}, {"response": 0.15}),
     "overshooting motor": ({"response": 1.7}, {"response": 1.7}),
-    "delay": ({"delay": 7}, {"delay": 7}),
+    "delay": ({"delay_steps": 7}, {"delay": 7}),
     "pushes": ({"pushes": Pushes(CENTRES, WIDTHS, AMPLITUDES)}, {"pushes": PUSHES}),
     "all at once": (
         {
-            "velocity_noise": 0.2, "torque_noise": 0.4, "response": 0.6, "delay": 3,
+            "velocity_noise": 0.2, "torque_noise": 0.4, "response": 0.6, "delay_steps": 3,
             "pushes": Pushes(CENTRES, WIDTHS, AMPLITUDES),
         },
         {"response": 0.6, "delay": 3, "pushes": PUSHES},

@@ -56,7 +56,7 @@ def test_draws_are_of_the_kinds_asked_for_and_within_the_benchmark_s_ranges():
     assert amplitudes.min() >= 0.5
     assert amplitudes.max() <= 5.0
     assert 0 < disturbed.velocity_noise.max() <= 0.5
-    assert 0 < disturbed.delay.max() <= 20
+    assert 0 < disturbed.delay_steps.max() <= 20
     assert episodes.x0.dtype == np.float32
     assert len(np.unique(disturbed.noise, axis=0)) == draws.episodes
     upright = np.abs(episodes.x0[:, 0] - np.pi) < 0.8

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import SwingupError
 from ..tasks.disturbance import Disturbance, undisturbed
-from .grid import delay_steps, draw_pushes
+from .grid import draw_pushes, floored_delay_steps
 from .rules import DEFAULT_RULES, PushRules, get_robustness_rules
 
 LARGEST = 1000.0
@@ -52,7 +52,7 @@ def make_disturbance(
         velocity_noise=velocity_noise,
         torque_noise=torque_noise,
         response=torque_response,
-        delay=delay_steps(delay, rules.dt),
+        delay_steps=floored_delay_steps(delay, rules.dt),
         pushes=calm.pushes
         if pushes is None
         else draw_pushes(np.random.default_rng(int(seed)), pushes, rules.duration),

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
-from ..tasks.disturbance import Disturbance, describe
+from ..tasks.disturbance import Disturbance, disturbance_as_dict
 from .criteria import Criteria, judge
 from .rollout import Scenario, Trajectory
 from .rules import DEFAULT_RULES, PerformanceRules, get_performance_rules
@@ -28,7 +28,7 @@ class Evaluation:
 
     def as_dict(self) -> dict[str, Any]:
         """Ready for JSON: robot, controller, success, the criteria, the score, and what disturbed, if anything."""
-        disturbed = {} if self.disturbance is None else {"disturbance": describe(self.disturbance)}
+        disturbed = {} if self.disturbance is None else {"disturbance": disturbance_as_dict(self.disturbance)}
         return {"robot": self.robot, "controller": self.controller, **asdict(self.criteria), **disturbed}
 
 
@@ -56,7 +56,7 @@ def evaluate(
     robot, rules = get_robot(robot), get_performance_rules(rules)
     controller = prepare(controller, robot, name)
     scenario = Scenario(leaderboard_parameters(robot), disturbance)
-    depth = 1 if disturbance is None else int(disturbance.delay) + 1
+    depth = 1 if disturbance is None else int(disturbance.delay_steps) + 1
     try:
         trajectory = run_one(controller, scenario, rules.dt, rules.steps, depth)
     except SwingupError as error:

@@ -100,7 +100,7 @@ def robustness(
     for other in every[1:]:
         cases += [case for one in chosen if one in RANDOM for case in make_cases(robot, rules, one, other)]
     disturbances = [case.scenario.disturbance for case in cases]
-    depth = 1 + max(int(each.delay) for each in disturbances if each is not None)
+    depth = 1 + max(int(each.delay_steps) for each in disturbances if each is not None)
     batch = run_many(controller, stack([case.scenario for case in cases]), rules.dt, rules.steps, depth)
     ends = zip(cases, upright(batch.final, rules.tolerance), batch.faults, strict=True)
     results = tuple(Result(case, bool(success) and fault is None, fault) for case, success, fault in ends)

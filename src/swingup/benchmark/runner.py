@@ -16,16 +16,16 @@ from ..control.switch import AbstractSparing
 from ..errors import SwingupError
 from ..physics.parameters import Robot
 from .host import HostRun, simulate_on_host
-from .rollout import Outcome, Scenario, Trajectory, simulate
+from .rollout import Scenario, SimulationEnd, Trajectory, simulate
 
 Controller: TypeAlias = AbstractController[Any] | PythonController
 
 SIDE_BY_SIDE = 64
 """Copies of a plain controller that exist at a time."""
-LEAST = 32
+SMALLEST_BATCH = 32
 """Scenarios side by side that keep a core busy with more than calling compiled loops."""
 
-_Result: TypeAlias = tuple[Outcome, Trajectory | None]
+_Result: TypeAlias = tuple[SimulationEnd, Trajectory | None]
 
 
 @jax.jit(static_argnames=("static", "dt", "steps", "depth", "keep", "batched"))
@@ -43,7 +43,7 @@ def _simulate(
 
 
 @dataclass
-class Batch:
+class SimulatedBatch:
     """Simulations side by side; NumPy arrays in float64."""
 
     final: np.ndarray
@@ -94,7 +94,7 @@ def run_one(controller: Controller, scenario: Scenario, dt: float, steps: int, d
 
 def run_many(
     controller: Controller, scenarios: Scenario, dt: float, steps: int, depth: int = 1, keep: bool = False
-) -> Batch:
+) -> SimulatedBatch:
     """Simulate a batch of scenarios from hanging at rest.
 
     Args:
@@ -110,12 +110,12 @@ def run_many(
         rows = (
             jax.tree.map(lambda *parts: np.concatenate(parts), *[run.trajectory for run in runs]) if keep else None
         )
-        return Batch(
+        return SimulatedBatch(
             np.concatenate([run.final for run in runs]), [fault for run in runs for fault in run.faults], rows
         )
     outcome, rows = _run_compiled(controller, scenarios, dt, steps, depth, keep)
     faults = [None if step < 0 else _not_finite(int(step), dt) for step in outcome.fault]
-    return Batch(np.asarray(outcome.final), faults, rows)
+    return SimulatedBatch(np.asarray(outcome.final), faults, rows)
 
 
 def stack(scenarios: list[Scenario]) -> Scenario:
@@ -138,8 +138,8 @@ def _run_compiled(
     number = _length(scenarios)
     on_cpu = jax.default_backend() == "cpu"
     threads = cores() if on_cpu else 1
-    most = LEAST if on_cpu and _is_sparing(controller) else -(-number // threads)
-    size = min(number, max(LEAST, most))
+    most = SMALLEST_BATCH if on_cpu and _is_sparing(controller) else -(-number // threads)
+    size = min(number, max(SMALLEST_BATCH, most))
     parts = -(-number // size)
     # Parts of one shape need one compilation: the last scenario fills up the last part.
     padded = jax.tree.map(lambda leaf: leaf[np.minimum(np.arange(parts * size), number - 1)], scenarios)

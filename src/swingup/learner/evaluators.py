@@ -19,7 +19,7 @@ from ..control.learned import PolicyController, save_controller
 from ..physics.parameters import TORQUE_LIMIT, leaderboard_parameters
 from ..runtime.settings import KEY
 from ..tasks.observation import AbstractStage
-from ..tasks.pendulum import PendulumTask
+from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.sim2real import Sim2RealTask
 from ..tasks.task import AbstractTask
 from ..types import Key, Scalar
@@ -58,7 +58,7 @@ class SwingUpEvaluator(AbstractEvaluator):
     measure = "v2"
     input_size = 4
 
-    def __init__(self, task: PendulumTask) -> None:
+    def __init__(self, task: AbstractPendulumTask[Any]) -> None:
         """The judge of a variant of the pendulum's task."""
         self.stages, self._robot = (task.observation,), task.robot
 
@@ -82,7 +82,7 @@ class Sim2RealEvaluator(SwingUpEvaluator):
     def __init__(self, task: Sim2RealTask, seed: int) -> None:
         """The judge of the task for the real robot; its draws are not those of the seeds that are reported."""
         super().__init__(task)
-        self.input_size, self._front_end, self._seed = task.shown_size, task.front_end, JUDGED_FROM + seed
+        self._front_end, self._seed = task.front_end, JUDGED_FROM + seed
         self._estimated, self._domain = task.estimated, task.domain
 
     def evaluate(self, policy: Policy[Any], episodes: int | None) -> dict[str, Any]:

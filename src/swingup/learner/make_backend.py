@@ -3,7 +3,7 @@
 from typing import Any
 
 from ..errors import SwingupError
-from ..tasks.pendulum import PendulumTask
+from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.sim2real import Sim2RealTask
 from ..tasks.task import AbstractTask
 from .backend import AbstractBackend
@@ -25,7 +25,7 @@ def make_backend(settings: Settings, env: Any = None) -> AbstractBackend:
     """
     config, seed, seeds = settings.config, settings.seed, settings.seeds
     if settings.robot is not None:
-        task = env if isinstance(env, PendulumTask) else settings.task()
+        task = env if isinstance(env, AbstractPendulumTask) else settings.task()
         real = Sim2RealEvaluator(task, seed) if isinstance(task, Sim2RealTask) else SwingUpEvaluator(task)
         return CompiledBackend(task, config, seed, seeds, real)
     if isinstance(env, AbstractTask):

@@ -14,7 +14,7 @@ from ..errors import SwingupError
 from ..files import write_atomically
 from ..physics.parameters import get_robot
 from ..tasks.domain import Domain
-from ..tasks.pendulum import PendulumTask
+from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.presets import SIM2REAL_TASKS, get_task
 from ..version import __version__
 from .presets import get_preset
@@ -83,7 +83,7 @@ class Settings:
         """What is trained on: the robot or the environment."""
         return str(self.robot or self.env)
 
-    def task(self) -> PendulumTask:
+    def task(self) -> AbstractPendulumTask[Any]:
         """The pendulum's task that these settings train on."""
         if self.robot is None:
             raise SwingupError(f"{self.env} is no task of the pendulum")

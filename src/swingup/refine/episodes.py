@@ -13,7 +13,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..benchmark.grid import delay_steps, vary
+from ..benchmark.grid import floored_delay_steps, vary
 from ..benchmark.rollout import Scenario
 from ..benchmark.rules import ROBUSTNESS_RULES, Sweep
 from ..control.upright import UPRIGHT
@@ -25,7 +25,7 @@ from ..tasks.throws import thrown_states
 RULES = ROBUSTNESS_RULES["v2"]
 PUSHES = 3
 """Pushes a joint that an episode has room for."""
-DEPTH = delay_steps(RULES.delay.high, RULES.dt) + 2
+DEPTH = floored_delay_steps(RULES.delay.high, RULES.dt) + 2
 """States that are remembered for delays."""
 
 KINDS = ("nominal", "model", "pushed", "measured", "anywhere", "thrown")
@@ -135,7 +135,9 @@ def _measured(random: np.random.Generator, plant: Parameters, draws: Draws, stre
     sweep: Sweep = RULES.torque_response if name == "response" else getattr(RULES, name)
     value = random.uniform(sweep.low, sweep.high)
     value = 1.0 + strength * (value - 1.0) if name == "response" else strength * value
-    disturbance: dict[str, Any] = {name: delay_steps(value, RULES.dt) if name == "delay" else value}
+    disturbance: dict[str, Any] = {name: value}
+    if name == "delay":
+        disturbance = {"delay_steps": floored_delay_steps(value, RULES.dt)}
     return _maybe_upright(random, draws, _episode(random, draws, plant, **disturbance))
 
 
