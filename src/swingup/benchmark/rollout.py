@@ -57,7 +57,7 @@ class LoopState(eqx.Module):
     past: Past
     pid: PID
     torque_noise: Torque
-    """Noise on the torques of the step that was measured last (N m), drawn together with the measurement's noise."""
+    """Noise on the torques of the step measured last (N m), drawn together with the measurement's noise."""
 
 
 class SimulationEnd(eqx.Module):

@@ -1,45 +1,62 @@
 """All commands: their arguments and help stand with the functions that run them."""
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Annotated
 
-import tyro
 from tyro.conf import OmitArgPrefixes, arg
 
 from ..areapo.config import Config
+from ..benchmark.board_rules import BOARD_RULES, BoardRules
 from ..learner.presets import DEFAULT_PRESET, ENV_PRESET, PRESETS, get_preset
 from ..tasks.domain import load_domain
-from . import exporting, judging, pictures, planning, refining, sweeping, training
+from . import exporting, pictures, planning, refining, sweeping, training
 from .arguments import RobotOrNone
+from .boards import BoardCommands, check_command, score_command
+from .judging import JudgingCommands
+from .parsing import parse
 
 Preset = Annotated[str | None, arg(help=f"named settings: {', '.join(PRESETS)}; the options below change them.")]
 
 
-def run_command(arguments: list[str]) -> int:
+DESCRIPTION = """Swing up and balance the acrobot and the pendubot with AR-EAPO.
+
+Judge a controller: evaluate, robustness, uptime, sim2real, leaderboard, score, check.
+Make one: train, sweep, refine, trajectory. Show one: plot, report. Take one elsewhere: export."""
+
+
+@dataclass(frozen=True)
+class Boards:
+    """What the judging commands judge by, as data: a test or a notebook can have smaller boards."""
+
+    rules: Mapping[str, BoardRules] = field(default_factory=lambda: BOARD_RULES)
+    """By the name that --rules takes."""
+    entrants: Sequence[str] | None = None
+    """Built-in controllers on the leaderboards; None for those of the rules."""
+
+
+def run_command(arguments: Sequence[str], boards: Boards | None = None) -> int:
     """Parse the arguments and run the command."""
+    boards = boards or Boards()
+    judging, leaderboards = JudgingCommands(boards.rules), BoardCommands(boards.rules, boards.entrants)
     commands: dict[str, Callable[..., int]] = {
-        "train": _train_command(get_preset(_preset_named_in(arguments)).config),
-        "sweep": sweeping.sweep,
-        "refine": refining.refine,
         "evaluate": judging.evaluate,
-        "score": judging.score,
         "robustness": judging.robustness,
         "uptime": judging.uptime,
         "sim2real": judging.sim2real,
-        "leaderboard": judging.leaderboard,
-        "check": judging.check,
+        "leaderboard": leaderboards.leaderboard,
+        "score": score_command,
+        "check": check_command,
+        "train": _train_command(get_preset(_preset_named_in(arguments)).config),
+        "sweep": sweeping.sweep,
+        "refine": refining.refine_command,
+        "trajectory": planning.trajectory,
         "plot": pictures.plot,
         "report": pictures.report,
-        "trajectory": planning.trajectory,
         "export": exporting.export,
     }
-    return tyro.extras.subcommand_cli_from_dict(
-        commands,
-        prog="swingup",
-        description="Swing up and balance the acrobot and the pendubot with AR-EAPO.",
-        args=arguments,
-    )
+    return parse(commands, arguments, DESCRIPTION)()
 
 
 def _train_command(base: Config) -> Callable[..., int]:
@@ -92,7 +109,7 @@ def _train_command(base: Config) -> Callable[..., int]:
     return train
 
 
-def _preset_named_in(arguments: list[str]) -> str:
+def _preset_named_in(arguments: Sequence[str]) -> str:
     """The preset decides the hyperparameters' defaults, so that it is needed before they are parsed."""
     for argument, following in itertools.zip_longest(arguments, arguments[1:], fillvalue=""):
         name, _, value = argument.partition("=")

@@ -6,6 +6,8 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
+from ..checks import suggestion
+from ..control.baselines import BASELINES
 from ..errors import SwingupError
 from ..export.c_header import c_header
 from ..export.onnx_graph import onnx_model
@@ -14,14 +16,21 @@ from ..export.template import NAME
 from ..files import write_atomically
 from ..renamed import current_name
 from ..runtime.controller import read_policy
-from ..runtime.shipped import SHIPPED_POLICIES, shipped_file
+from ..runtime.shipped import REFINED, SHIPPED_POLICIES, shipped_file
+from ..text import quoted
+from .output import tell
 
+BASELINE_EXPORT = (
+    "unknown policy '{0}': baselines have no policy file; swingup.realaigym.load_controller('{0}', ROBOT) runs one in "
+    "RealAIGym, and swingup trajectory writes the swing-up that it follows"
+)
 FORMS = ("realaigym", "onnx", "c")
 
 
 def export(
-    policy: Positional[Annotated[str, arg(metavar="POLICY")]],
+    policy: Positional[Annotated[str, arg(metavar="[POLICY]")]] = REFINED,
     /,
+    *,
     to: Annotated[str, arg(metavar="{realaigym,onnx,c}")],
     out: Annotated[str, arg(metavar="PATH")],
     robot: str | None = None,
@@ -31,29 +40,33 @@ def export(
     """Write a policy for RealAIGym, ONNX Runtime or C.
 
     Args:
-        policy: a policy file, or refined, ar-eapo, global or robot.
+        policy: a policy file, or refined (the default), ar-eapo, global or robot.
         to: realaigym, a folder that needs NumPy alone; onnx, a graph of the policy without its estimator; or c, a
             C99 header.
         out: the folder, new or empty; or the file.
         robot: acrobot or pendubot; needed with a name, checked with a file.
-        username: who is named on RealAIGym's leaderboard.
+        username: your name on RealAIGym's leaderboard.
         name: of the leaderboard's entry (con_NAME.py), and what all names in a C header begin with, so that several
             go side by side; ONNX has none.
     """
     if to not in FORMS:
-        raise SwingupError(f"cannot export to {to!r}: use one of {', '.join(FORMS)}")
+        raise SwingupError(f"cannot export to {quoted(to)}: use one of {', '.join(FORMS)}{suggestion(to, FORMS)}")
+    if policy in BASELINES:
+        raise SwingupError(BASELINE_EXPORT.format(policy))
     policy = current_name("controller", policy)
     found = read_policy(policy, robot)
     if to == "realaigym":
         file = shipped_file(found.robot, policy) if policy in SHIPPED_POLICIES else Path(policy)
         with resources.as_file(file) as source:
-            print(export_realaigym(found, source, out, username, name))
+            tell(str(export_realaigym(found, source, out, username, name)))
         return 0
     content = onnx_model(found) if to == "onnx" else c_header(found, name).encode()
     write_atomically(out, content)
-    print(out)
+    tell(out)
     if to == "onnx" and found.estimator is not None:
-        print("without the state estimator that the policy ships with: feed it good states, or run one yourself")
+        print("without the policy's state estimator: give it good states, or run an estimator yourself")
     if to == "onnx" and found.front_end is not None:
-        print("without the front end that the policy ships with: feed it what that shows, and add its compensation")
+        print(
+            "without the policy's front end: give it the front end's output, and add its compensation to the torques"
+        )
     return 0

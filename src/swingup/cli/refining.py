@@ -1,4 +1,4 @@
-"""The command ``refine``: a policy through the stages of a recipe, with its progress."""
+"""The command ``refine``: a policy through the stages of a recipe, with progress."""
 
 import dataclasses
 import math
@@ -10,49 +10,45 @@ from typing import Annotated, Any
 from rich.console import Console
 from tyro.conf import arg
 
+from ..benchmark.seeds import check_seeds
+from ..checks import one_of
 from ..control.estimator import EstimatorSettings
 from ..control.learned import PolicyController, load_policy, save_controller
 from ..control.zoo import shipped_policy
-from ..errors import SwingupError
 from ..files import check_writable
 from ..physics.parameters import Robot, get_robot
-from ..refine.recipe import RECIPES, Report
-from ..refine.recipe import refine as run_recipe
+from ..refine.recipe import RECIPES, Report, refine
 from ..renamed import current_name
 from ..runtime.shipped import AR_EAPO, SHIPPED_POLICIES
 from ..version import __version__
 from .arguments import RobotName
-
-LINE_EVERY = 10.0
-"""Seconds between lines of progress."""
+from .output import SECONDS_BETWEEN_LINES, tell
 
 
-def refine(
+def refine_command(
     robot: RobotName,
     /,
     out: Annotated[str, arg(metavar="FILE.npz")],
-    policy: Annotated[str, arg(metavar="POLICY")] = AR_EAPO,
+    policy: Annotated[str | None, arg(metavar="POLICY")] = None,
     recipe: str = "score",
     seed: int = 0,
 ) -> int:
     """Refine a trained policy, by a lesson or by gradients through the simulation; takes seconds to minutes.
 
-    The file is written anew at each line of progress, so that an interrupted run leaves the policy as it is then.
+    The file is written again at each line of progress, so that an interrupted run leaves a policy.
 
     Args:
         robot: the robot.
         out: the refined policy's file.
-        policy: the policy to start from: a file, or the name of a shipped one.
+        policy: the policy to start from: a file, or the name of a shipped one; default ar-eapo.
         recipe: score (a teacher's swing-up), harden (its own, made robust) or recover (back up after throws).
         seed: seed of everything that is drawn.
     """
     chosen = get_robot(robot)
-    if recipe not in RECIPES:
-        raise SwingupError(f"unknown recipe {recipe!r}: use one of {', '.join(RECIPES)}")
-    if not 0 <= seed < 2**31:
-        raise SwingupError(f"seed = {seed} is out of range: use 0 to 2³¹ - 1")
+    one_of("recipe", recipe, RECIPES)
+    check_seeds(seed, 1)
     check_writable(out)
-    policy = current_name("controller", policy)
+    policy = AR_EAPO if policy is None else current_name("controller", policy)
     start, metadata = (shipped_policy if policy in SHIPPED_POLICIES else _load)(chosen, policy)
     stages, console = RECIPES[recipe], Console(stderr=True)
     options = {"policy": policy, "recipe": recipe, "seed": seed, "out": Path(out).name}
@@ -62,12 +58,12 @@ def refine(
     def report(now: Report) -> None:
         nonlocal shown
         save_controller(out, now.controller, _provenance(metadata, shlex.join(words), seed, stages, now))
-        if now.iteration == now.of or time.monotonic() - shown >= LINE_EVERY:
+        if now.iteration == now.of or time.monotonic() - shown >= SECONDS_BETWEEN_LINES:
             shown = time.monotonic()
             console.print(_line(now, len(stages)), soft_wrap=True, highlight=False)
 
-    run_recipe(start, chosen, stages, seed, report)
-    print(f"wrote {out}: judge it with swingup evaluate {robot} --controller {shlex.quote(out)}")
+    refine(start, chosen, stages, seed, report)
+    tell(f"wrote {out}: judge it with swingup evaluate {robot} --controller {shlex.quote(out)}")
     return 0
 
 

@@ -17,7 +17,7 @@ from ..learner.run import Report, Run
 from ..learner.run_settings import Settings, default_intervals, read_settings
 from ..physics.parameters import get_robot
 from ..tasks.sim2real import Sim2RealTask
-from .judging import evaluate, judge_on
+from .judging import JudgingCommands, judge_sim2real
 
 LINE_EVERY = 10.0
 """Seconds between lines where there is no terminal for a progress bar."""
@@ -47,8 +47,8 @@ def train(frames: int | None, options: dict[str, Any], out: str | None, resume: 
         return 0
     task, best = run.settings.task(), str(run.folder / "best.npz")
     if isinstance(task, Sim2RealTask):
-        return judge_on(task.domain, run.settings.robot, best)
-    return evaluate(run.settings.robot, controller=best)
+        return judge_sim2real(task.domain, run.settings.robot, best)
+    return JudgingCommands().evaluate(run.settings.robot, controller=best)
 
 
 def default_options(options: dict[str, Any]) -> dict[str, Any]:

@@ -5,10 +5,12 @@ import inspect
 import sys
 from typing import Any
 
+from ..checks import suggestion
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
 from ..renamed import current_name
 from ..runtime.shipped import SHIPPED_POLICIES
+from ..text import quoted
 from .baselines import BASELINES, baseline
 from .controller import AbstractController, one_line
 from .estimator import EstimatingController, EstimatorSettings, read_settings, with_estimator
@@ -38,6 +40,11 @@ def get_controller(name: str, robot: Robot | str, estimator: bool | None = None)
         SwingupError: there is no such controller, it cannot be loaded, is for another robot, or is in plain Python,
             which no estimator goes before.
     """
+    return find_controller(current_name("controller", name), robot, estimator)
+
+
+def find_controller(name: str, robot: Robot | str, estimator: bool | None = None) -> Controller:
+    """As :func:`get_controller`, for names that the package itself asks for: changed names are not noted."""
     robot = get_robot(robot)
     found, settings = _find(name, robot)
     if isinstance(found, EstimatingController):
@@ -63,7 +70,6 @@ def _find(name: str, robot: Robot) -> tuple[Controller, EstimatorSettings | None
     """A controller, and the settings of the estimator that its policy file asks for, if any."""
     if name in BASELINES:
         return baseline(name, robot), None
-    name = current_name("controller", name)
     if name in SHIPPED_POLICIES or name.endswith(".npz"):
         policy, metadata = shipped_policy(robot, name) if name in SHIPPED_POLICIES else load_policy(name, robot)
         return policy, read_settings(metadata)
@@ -71,7 +77,10 @@ def _find(name: str, robot: Robot) -> tuple[Controller, EstimatorSettings | None
         return _imported(name), None
     known = ", ".join(BUILT_IN)
     hint = f"; for an object of a module: {name.removesuffix('.py')}:NAME" if name.endswith(".py") else ""
-    raise SwingupError(f"unknown controller {name!r}: use {known}, a policy file (.npz) or module:object{hint}")
+    near = suggestion(name, BUILT_IN)
+    raise SwingupError(
+        f"unknown controller {quoted(name)}: use {known}, a policy file (.npz) or module:object{hint}{near}"
+    )
 
 
 def _imported(name: str) -> Controller:
