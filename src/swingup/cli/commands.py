@@ -22,8 +22,11 @@ Preset = Annotated[str | None, arg(help=f"named settings: {', '.join(PRESETS)}; 
 
 DESCRIPTION = """Swing up and balance the acrobot and the pendubot with AR-EAPO.
 
-Judge a controller: evaluate, robustness, uptime, sim2real, leaderboard, score, check.
-Make one: train, sweep, refine, trajectory. Show one: plot, report. Take one elsewhere: export."""
+Judge controllers: evaluate, robustness, uptime, sim2real, leaderboard, score, check.
+
+Make them: train, sweep, refine, trajectory.
+
+Show and share them: plot, report, export."""
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from ..text import quoted
 from .output import tell
 
 BASELINE_EXPORT = (
-    "unknown policy '{0}': baselines have no policy file; swingup.realaigym.load_controller('{0}', ROBOT) runs one in "
+    "unknown policy '{0}': baselines have no policy file; swingup.realaigym.load_controller('{0}', ROBOT) is for "
     "RealAIGym, and swingup trajectory writes the swing-up that it follows"
 )
 FORMS = ("realaigym", "onnx", "c")
@@ -66,7 +66,5 @@ def export(
     if to == "onnx" and found.estimator is not None:
         print("without the policy's state estimator: give it good states, or run an estimator yourself")
     if to == "onnx" and found.front_end is not None:
-        print(
-            "without the policy's front end: give it the front end's output, and add its compensation to the torques"
-        )
+        print("without the policy's front end: give it the front end's output, and add the friction compensation")
     return 0

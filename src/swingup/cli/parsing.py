@@ -54,6 +54,8 @@ def _run_tyro(commands: Mapping[str, Command], arguments: Sequence[str], descrip
         def bound(*values: object, **options: object) -> Ready:
             return functools.partial(function, *values, **options)
 
+        if next(iter(arguments), "") not in commands:  # the list of commands, with one sentence for each
+            bound.__doc__ = (function.__doc__ or "").partition("\n\n")[0]
         return bound
 
     bound = {name: bind(function) for name, function in commands.items()}
