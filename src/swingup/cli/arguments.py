@@ -9,10 +9,10 @@ from tyro.conf import FlagCreatePairsOff, OmitArgPrefixes, Positional, arg
 
 from ..benchmark.disturbances import make_disturbance
 from ..benchmark.rules import PushRules
-from ..control.learned import PolicyController
 from ..control.registry import BUILT_IN, has_estimator
 from ..errors import SwingupError
 from ..physics.parameters import ROBOTS, Robot, get_robot
+from ..policy.jax_backend.controller import PolicyController
 from ..tasks.disturbance import Disturbance
 
 RobotName = Positional[Annotated[str, arg(metavar="ROBOT", help="acrobot or pendubot.")]]

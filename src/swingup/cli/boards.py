@@ -16,7 +16,7 @@ from ..control.check import check_controller
 from ..control.registry import get_controller
 from ..errors import SwingupError
 from ..physics.parameters import get_robot
-from ..runtime.shipped import REFINED
+from ..policy.shipped import REFINED
 from . import tables
 from .arguments import (
     ControllerName,

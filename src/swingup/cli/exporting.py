@@ -9,14 +9,13 @@ from tyro.conf import Positional, arg
 from ..checks import suggestion
 from ..control.baselines import BASELINES
 from ..errors import SwingupError
-from ..export.c_header import c_header
-from ..export.onnx_graph import onnx_model
-from ..export.realaigym import export_realaigym
-from ..export.template import NAME
 from ..files import write_atomically
+from ..policy.c_backend.header import c_header
+from ..policy.export_folder import export_realaigym
+from ..policy.onnx_backend.graph import onnx_model
+from ..policy.shipped import REFINED, SHIPPED_POLICIES, read_policy, shipped_file
+from ..policy.template import NAME
 from ..renamed import current_name
-from ..runtime.controller import read_policy
-from ..runtime.shipped import REFINED, SHIPPED_POLICIES, shipped_file
 from ..text import quoted
 from .output import tell
 

@@ -24,7 +24,7 @@ from ..checks import one_of
 from ..control.registry import Controller, get_controller
 from ..files import check_writable
 from ..physics.parameters import Robot, get_robot
-from ..runtime.shipped import REFINED, ROBOT
+from ..policy.shipped import REFINED, ROBOT
 from ..tasks.domain import Domain, load_domain
 from .arguments import (
     ControllerName,

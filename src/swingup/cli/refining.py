@@ -12,14 +12,13 @@ from tyro.conf import arg
 
 from ..benchmark.seeds import check_seeds
 from ..checks import one_of
-from ..control.estimator import EstimatorSettings
-from ..control.learned import PolicyController, load_policy, save_controller
-from ..control.zoo import shipped_policy
 from ..files import check_writable
 from ..physics.parameters import Robot, get_robot
+from ..policy.jax_backend.controller import PolicyController, load_policy, save_controller, shipped_policy
+from ..policy.settings import EstimatorSettings
+from ..policy.shipped import AR_EAPO, SHIPPED_POLICIES
 from ..refine.recipe import RECIPES, Report, refine
 from ..renamed import current_name
-from ..runtime.shipped import AR_EAPO, SHIPPED_POLICIES
 from ..version import __version__
 from .arguments import RobotName
 from .output import SECONDS_BETWEEN_LINES, tell
