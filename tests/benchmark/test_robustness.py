@@ -93,7 +93,7 @@ def test_a_whole_grid_as_json():
     result = robustness(Swinging(), "pendubot", "mine", LOOSE, seed=4)
     row = json.loads(json.dumps(result.as_dict()))
     assert list(row) == [
-        "robot", "controller", "rules", "seed", "version", *CRITERIA, "overall", "details",
+        "robot", "controller", "estimator", "rules", "seed", "version", *CRITERIA, "overall", "details",
     ]  # fmt: skip
     assert (row["robot"], row["controller"], row["rules"], row["seed"]) == ("pendubot", "mine", "loose", 4)
     assert len(row["details"]) == 722

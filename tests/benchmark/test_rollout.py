@@ -182,6 +182,7 @@ def test_evaluation_of_a_pendulum_that_hangs(robot):
     assert json.loads(json.dumps(evaluation.as_dict())) == {
         "robot": robot.name,
         "controller": "idle",
+        "estimator": False,
         "success": False,
         "swingup_time": None,
         "energy": 0.0,
@@ -189,4 +190,8 @@ def test_evaluation_of_a_pendulum_that_hangs(robot):
         "torque_smoothness": 0.0,
         "velocity_cost": 0.0,
         "score": 0.0,
+        # Hanging: both links down, l1 + l2 = 0.5 m below the shoulder.
+        "highest_tip": -0.5,
+        "highest_tip_percent": -100.0,
+        "failure": "never up: the tip reached -0.500 m and must pass 0.45 m",
     }

@@ -91,9 +91,7 @@ def follow_tip(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: Per
     # The benchmark looks neither at the first row nor at the last.
     up, times = tip_is_up(x, l1, l2, rules.height)[1:-1], time[1:-1]
     if not up.any():
-        failure = (
-            f"never up: the tip reached {highest:.3f} m of {reach:g} m and must pass {rules.height * reach:g} m"
-        )
+        failure = f"never up: the tip reached {highest:.3f} m and must pass {rules.height * reach:g} m"
     elif not up[-1]:
         last = int(np.flatnonzero(up)[-1])
         failure = f"up at t = {times[int(up.argmax())]:.3f} s, fell at t = {times[last + 1]:.3f} s"

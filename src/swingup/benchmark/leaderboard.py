@@ -2,7 +2,7 @@
 
 import csv
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any
@@ -102,11 +102,15 @@ def leaderboard(
             controller that fails says so.
     """
     robot, rules, seed = get_robot(robot), get_board_rules(rules), check_seeds(seed, 1)[0]
-    if entrants is None:
-        entrants = (*ENTRANTS, *FURTHER, *(FOR_THROWS if rules.uptime else ()))
-    entered = entrants_for(robot, controllers or {}, entrants, alone=True)
+    names = default_entrants(rules) if entrants is None else entrants
+    entered = entrants_for(robot, controllers or {}, names, alone=True)
     makers = _makers(rules, seed, recompute, progress)
     return [_board(robot, measure, rules.name, seed, entered, make_row) for measure, make_row in makers.items()]
+
+
+def default_entrants(rules: BoardRules) -> tuple[str, ...]:
+    """Names of the built-in controllers on the boards of a version of the rules."""
+    return (*ENTRANTS, *FURTHER, *(FOR_THROWS if rules.uptime else ()))
 
 
 def entrants_for(
@@ -123,14 +127,19 @@ def entrants_for(
     Raises:
         SwingupError: another controller has a name of ours.
     """
+    _check_names(others, names)  # before controllers are made, which takes seconds
     # Not get_controller: its notes on changed names are for what a user asks for.
     ours = {name: find_controller(name, robot) for name in names}
     twice = [name for name in names if alone and has_estimator(ours[name])]
     ours |= {f"{name}{ALONE}": find_controller(name, robot, estimator=False) for name in twice}
+    _check_names(others, ours)
+    return ours | dict(others)
+
+
+def _check_names(others: Iterable[str], ours: Iterable[str]) -> None:
     taken = sorted(set(others) & set(ours))
     if taken:
         raise SwingupError(f"controller {taken[0]!r} is on the board already: give yours another name")
-    return ours | dict(others)
 
 
 def _makers(rules: BoardRules, seed: int, recompute: bool, progress: RowProgress | None) -> dict[str, _Maker]:

@@ -14,6 +14,8 @@ from ..errors import SwingupError
 from ..text import one_line, quoted
 
 PROGRAM = "swingup"
+REPEATABLE = {"--set"}
+"""Options that may be given more than once."""
 
 Command = Callable[..., int]
 Ready = Callable[[], int]
@@ -39,7 +41,9 @@ def parse(commands: Mapping[str, Command], arguments: Sequence[str], description
         if not stopped.code:
             raise
         raise SwingupError(_explain(commands, arguments, told.getvalue())) from None
-    repeated = [name for name, number in Counter(_options(arguments)).items() if number > 1]
+    repeated = [
+        name for name, number in Counter(_options(arguments)).items() if number > 1 and name not in REPEATABLE
+    ]
     if repeated:
         name = repeated[0]
         raise SwingupError(f"{name} is given twice: write its values after one {name}, with spaces or commas")
@@ -99,12 +103,11 @@ def _known_options(commands: Mapping[str, Command], command: str) -> list[str]:
 def _rows(told: str) -> list[str]:
     """The first part of tyro's box, without its frame."""
     rows = []
-    for line in re.sub(r"\x1b\[[0-9;]*m", "", told).splitlines():
-        if line.startswith("│"):
-            row = line.removeprefix("│ ").rstrip("│ ")
-            if set(row) == {"─"}:
-                break
-            rows.append(row)
+    for line in re.sub(r"\x1b\[[0-9;]*m", "", told).splitlines()[1:]:
+        row = line[2:].rstrip("│ ")  # the frame is blank where the terminal's encoding has no lines
+        if set(row.strip()) <= {"─", "-"}:
+            break
+        rows.append(row)
     return rows
 
 
