@@ -102,12 +102,13 @@ def _known_options(commands: Mapping[str, Command], command: str) -> list[str]:
 
 def _rows(told: str) -> list[str]:
     """The first part of tyro's box, without its frame."""
-    rows = []
+    rows: list[str] = []
     for line in re.sub(r"\x1b\[[0-9;]*m", "", told).splitlines()[1:]:
         row = line[2:].rstrip("│ ")  # the frame is blank where the terminal's encoding has no lines
-        if set(row.strip()) <= {"─", "-"}:
+        rule = set(row.strip()) <= {"─", "-"}
+        if rule and rows:
             break
-        rows.append(row)
+        rows += [] if rule else [row]
     return rows
 
 
