@@ -4,15 +4,15 @@ Sums run over the rows k = 0 .. N-2 with Δt_k = t_{k+1} - t_k, standard deviati
 """
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
 from .rules import Normalisers, PerformanceRules
 
-LEAST_SHARE = 0.99
-"""Of the rules' duration: a run that ends earlier is no success."""
+SHARE = 0.99
+"""Part of the rules' duration that a run must span to score."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def judge(
     """
     dt = np.diff(time)
     swingup_time = _swingup_time(time, x, l1, l2, rules)
-    long_enough = bool(time[-1] >= LEAST_SHARE * rules.duration)
+    long_enough = bool(time[-1] >= SHARE * rules.duration)
     costs = {
         "energy": float(np.sum(np.abs(np.diff(x[:, :2], axis=0) * u[:-1]))),
         "torque_cost": float(np.sum(np.sum(u[:-1] ** 2, axis=1) * dt)),
@@ -95,11 +95,16 @@ def follow_tip(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: Per
     elif not up[-1]:
         last = int(np.flatnonzero(up)[-1])
         failure = f"up at t = {times[int(up.argmax())]:.3f} s, fell at t = {times[last + 1]:.3f} s"
-    elif time[-1] < LEAST_SHARE * rules.duration:
-        failure = f"it ends at t = {time[-1]:g} s, before {LEAST_SHARE:.0%} of {rules.duration:g} s"
+    elif min(time[-1], time[-1] - time[0]) < SHARE * rules.duration:
+        failure = f"it spans {time[-1] - time[0]:g} s, below {SHARE:.0%} of {rules.duration:g} s"
     else:
         failure = None
     return TipHistory(highest, reach, failure)
+
+
+def failed(criteria: Criteria) -> Criteria:
+    """The same costs without a success."""
+    return replace(criteria, success=False, swingup_time=None, score=0.0)
 
 
 def realai_score(costs: dict[str, float], normalisers: Normalisers) -> float:

@@ -9,10 +9,13 @@ from ..control.registry import has_estimator
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
 from ..tasks.disturbance import Disturbance, disturbance_as_dict
-from .criteria import Criteria, TipHistory, follow_tip, judge
+from .criteria import SHARE, Criteria, TipHistory, failed, follow_tip, judge
 from .rollout import Scenario, Trajectory
 from .rules import DEFAULT_RULES, PerformanceRules, get_performance_rules
 from .runner import prepare, run_one
+
+START = 0.2
+"""A run's first time is within this of 0 (s): six periods of the slowest recordings, which have 33 Hz."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +96,8 @@ def evaluate_recorded(
 def score(trajectory: Trajectory, robot: Robot | str, rules: PerformanceRules | str = DEFAULT_RULES) -> Criteria:
     """Score a trajectory from any source by the rules of the performance board.
 
+    Times count from 0, or from the first row where that is earlier. A span below 99 % of the duration scores 0.
+
     Args:
         trajectory: NumPy arrays in float64.
         robot: which joint is driven; gives the lengths of the links.
@@ -100,7 +105,7 @@ def score(trajectory: Trajectory, robot: Robot | str, rules: PerformanceRules | 
 
     Raises:
         SwingupError: there is no such robot, there are no such rules, or the trajectory has fewer than 3 rows, rows
-            of other shapes, or values that are not finite.
+            of other shapes, values that are not finite, or times that do not increase or start far from 0.
     """
     return _judged(trajectory, get_robot(robot), get_performance_rules(rules))[0]
 
@@ -115,4 +120,10 @@ def _judged(trajectory: Trajectory, robot: Robot, rules: PerformanceRules) -> tu
         raise SwingupError(f"time, x and u have shapes {shapes}: pass (N,), (N, 4) and (N, 2) with N of 3 or more")
     if not (np.isfinite(time).all() and np.isfinite(x).all() and np.isfinite(u).all()):
         raise SwingupError("the trajectory holds values that are not finite: end it before them")
-    return judge(time, x, u, *lengths, rules), follow_tip(time, x, *lengths, rules)
+    if not np.all(np.diff(time) > 0):
+        raise SwingupError("the trajectory's times do not increase: keep one run, in order")
+    if abs(time[0]) > START:
+        raise SwingupError(f"the trajectory starts at t = {time[0]:g} s: give its times as seconds since its start")
+    criteria = judge(time - min(0.0, time[0]), x, u, *lengths, rules)  # no swing-up takes less than no time
+    long_enough = time[-1] - time[0] >= SHARE * rules.duration
+    return criteria if long_enough else failed(criteria), follow_tip(time, x, *lengths, rules)

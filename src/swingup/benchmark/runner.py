@@ -11,11 +11,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..control.controller import AbstractController, check_interface, check_robot
+from ..control.controller import AbstractController, check_interface, check_robot, split
 from ..control.python_controller import PythonController
 from ..control.registry import Controller
-from ..control.switch import AbstractSparing
+from ..control.switch import AbstractExpensiveController
 from ..errors import SwingupError
+from ..foreign import blaming
 from ..physics.parameters import Robot
 from .host import HostRun, simulate_on_host
 from .rollout import Scenario, SimulationEnd, Trajectory, simulate
@@ -88,8 +89,11 @@ def run_one(controller: Controller, scenario: Scenario, dt: float, steps: int, d
             if run.faults[0] is not None:
                 raise SwingupError(run.faults[0])
             return jax.tree.map(lambda rows: rows[0], run.trajectory)
-        arrays, static = _split(controller)
-        end, trajectory = _simulate(scenario, arrays, static, dt, steps, depth, keep=True, batched=False)
+        arrays, static = split(controller)
+        with blaming("running it"):
+            end, trajectory = jax.block_until_ready(
+                _simulate(scenario, arrays, static, dt, steps, depth, keep=True, batched=False)
+            )
         if end.fault >= 0:
             raise SwingupError(_not_finite(int(end.fault), dt))
         return jax.tree.map(np.asarray, trajectory)
@@ -160,13 +164,14 @@ def _run_compiled(
     # Parts of one shape need one compilation: the last scenario fills up the last part.
     padded = jax.tree.map(lambda leaf: leaf[np.minimum(np.arange(parts * size), number - 1)], scenarios)
 
-    arrays, static = _split(controller)
+    arrays, static = split(controller)
 
     def run(part: int) -> _Result:
         with jax.enable_x64(True):  # which is a setting of the thread
             piece = jax.tree.map(lambda leaf: leaf[part * size : (part + 1) * size], padded)
-            result = _simulate(piece, arrays, static, dt, steps, depth, keep, batched=True)
-            return jax.tree.map(np.asarray, result)
+            with blaming("running it"):
+                result = _simulate(piece, arrays, static, dt, steps, depth, keep, batched=True)
+                return jax.tree.map(np.asarray, result)
 
     pool, results = ThreadPoolExecutor(threads), []
     try:
@@ -177,11 +182,6 @@ def _run_compiled(
     finally:  # interrupted, it does not wait for the parts that run
         pool.shutdown(wait=False, cancel_futures=True)
     return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:number], *results)
-
-
-def _split(controller: AbstractController[Any]) -> tuple[Any, Any]:
-    """Numbers, the arguments of the compiled program, and the rest (activations, say), which is part of it."""
-    return eqx.partition(controller, eqx.is_array_like)
 
 
 def _not_finite(step: int, dt: float) -> str:
@@ -195,8 +195,8 @@ def cores() -> int:
 
 
 def _is_sparing(controller: AbstractController[Any]) -> bool:
-    nodes = jax.tree.leaves(controller, is_leaf=lambda node: isinstance(node, AbstractSparing))
-    return any(isinstance(node, AbstractSparing) for node in nodes)
+    nodes = jax.tree.leaves(controller, is_leaf=lambda node: isinstance(node, AbstractExpensiveController))
+    return any(isinstance(node, AbstractExpensiveController) for node in nodes)
 
 
 def _run_plain(

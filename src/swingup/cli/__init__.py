@@ -27,6 +27,8 @@ def main(arguments: list[str] | None = None, boards: "Boards | None" = None) -> 
         arguments: the words after the program's name; default: those of the process.
         boards: rules and entrants of the boards; default: the published ones.
     """
+    # XLA's alarms about slow compilation, with their source lines, tell a user nothing; read when JAX is imported.
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     try:
         _accept_any_text()
 

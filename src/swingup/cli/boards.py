@@ -10,6 +10,7 @@ from tyro.conf import Positional, arg
 from ..benchmark import leaderboard as boards_of
 from ..benchmark.board_rules import BOARD_RULES, BoardRules
 from ..benchmark.evaluate import evaluate_recorded
+from ..benchmark.plausibility import examine
 from ..benchmark.trajectory_file import load_trajectory
 from ..checks import one_of
 from ..control.check import check_controller
@@ -30,7 +31,7 @@ from .arguments import (
 )
 from .judging import AS_IT_COMES
 from .output import foreign_prints_apart, progress_shown, tell, tell_json
-from .results import evaluation_lines
+from .results import evaluation_lines, plausibility_lines
 
 FOUND = 1
 """Exit status of a check that found something."""
@@ -45,6 +46,8 @@ def score_command(
 ) -> int:
     """Score a trajectory file in RealAIGym's CSV format, from this program, another or a real robot.
 
+    Warnings name what cannot be the physics of this pendulum; they do not change the score.
+
     Args:
         trajectory: the CSV file.
         robot: acrobot or pendubot.
@@ -52,11 +55,12 @@ def score_command(
         json: print one JSON object.
     """
     chosen = get_robot(robot)
-    result = evaluate_recorded(load_trajectory(trajectory), chosen, Path(trajectory).stem, rules)
+    rows = load_trajectory(trajectory)
+    result, found = evaluate_recorded(rows, chosen, Path(trajectory).stem, rules), examine(rows, chosen, rules)
     if json:
-        tell_json(result.as_dict())
+        tell_json(result.as_dict() | found.as_dict())
     else:
-        tell(*evaluation_lines(result, result.controller, rules))
+        tell(*evaluation_lines(result, result.controller, rules), *plausibility_lines(found))
     return 0
 
 

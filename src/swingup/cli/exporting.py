@@ -6,7 +6,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from ..checks import suggestion
+from ..checks import one_of
 from ..control.baselines import BASELINES
 from ..errors import SwingupError
 from ..files import write_atomically
@@ -16,13 +16,8 @@ from ..policy.onnx_backend.graph import onnx_model
 from ..policy.shipped import REFINED, SHIPPED_POLICIES, read_policy, shipped_file
 from ..policy.template import NAME
 from ..renamed import current_name
-from ..text import quoted
 from .output import tell
 
-BASELINE_EXPORT = (
-    "unknown policy '{0}': baselines have no policy file; swingup.realaigym.load_controller('{0}', ROBOT) is for "
-    "RealAIGym, and swingup trajectory writes the swing-up that it follows"
-)
 FORMS = ("realaigym", "onnx", "c")
 
 
@@ -38,6 +33,8 @@ def export(
 ) -> int:
     """Write a policy for RealAIGym, ONNX Runtime or C.
 
+    Baselines have no policy file: see swingup.realaigym.load_controller and swingup trajectory.
+
     Args:
         policy: a policy file, or refined (the default), ar-eapo, global or robot.
         to: realaigym, a folder that needs NumPy alone; onnx, a graph of the policy without its estimator; or c, a
@@ -48,10 +45,8 @@ def export(
         name: of the leaderboard's entry (con_NAME.py), and what all names in a C header begin with, so that several
             go side by side; ONNX has none.
     """
-    if to not in FORMS:
-        raise SwingupError(f"cannot export to {quoted(to)}: use one of {', '.join(FORMS)}{suggestion(to, FORMS)}")
-    if policy in BASELINES:
-        raise SwingupError(BASELINE_EXPORT.format(policy))
+    one_of("format", to, FORMS)
+    _refuse_baselines(policy, robot)
     policy = current_name("controller", policy)
     found = read_policy(policy, robot)
     if to == "realaigym":
@@ -65,5 +60,19 @@ def export(
     if to == "onnx" and found.estimator is not None:
         print("without the policy's state estimator: give it good states, or run an estimator yourself")
     if to == "onnx" and found.front_end is not None:
-        print("without the policy's front end: give it the front end's output, and add the friction compensation")
+        print("without the policy's front end: filter the state and compensate friction yourself")
     return 0
+
+
+def _refuse_baselines(name: str, robot: str | None) -> None:
+    """Say where a baseline goes instead: it has no policy file.
+
+    Raises:
+        SwingupError: the name is a baseline's.
+    """
+    if name in BASELINES:
+        call = f"swingup.realaigym.load_controller({name!r}, {robot or 'acrobot'!r})"
+        raise SwingupError(
+            f"{name!r} is a baseline, which has no policy file: {call} is its controller for RealAIGym, and "
+            f"swingup trajectory {robot or 'ROBOT'} --out x.csv writes a swing-up with gains"
+        )

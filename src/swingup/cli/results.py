@@ -4,6 +4,7 @@ from statistics import median
 
 from ..benchmark.columns import COLUMNS, PERFORMANCE
 from ..benchmark.evaluate import Evaluation
+from ..benchmark.plausibility import Plausibility
 from ..benchmark.robustness import Robustness
 from ..benchmark.sim2real import Sim2Real
 from ..benchmark.uptime import Uptime
@@ -21,6 +22,12 @@ def evaluation_lines(result: Evaluation, judged: str, rules: str) -> list[str]:
         *(aligned(title, value) for title, value in values),
         aligned("Highest tip [m]", f"{result.tip.highest:.3f}", f"{result.tip.percent:.1f} % of l1 + l2"),
     ]
+
+
+def plausibility_lines(found: Plausibility) -> list[str]:
+    """The rate of a recording, and what cannot be physics."""
+    warnings = [f"  warning: {each.name}: {each.text}" for each in found.warnings]
+    return [aligned("Rate of the log [Hz]", f"{found.rate:.4g}"), *warnings]
 
 
 def robustness_lines(result: Robustness, judged: str) -> list[str]:

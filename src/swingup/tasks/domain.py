@@ -17,10 +17,11 @@ import jax.numpy as jnp
 
 from ..checks import LARGEST, suggestion
 from ..errors import SwingupError
-from ..physics.parameters import NAMES, Parameters, Robot, identified_parameters, read_map, validated
+from ..physics.parameters import NAMES, Parameters, Robot, identified_parameters, validated
 from ..renamed import current_name
 from ..text import one_line, quoted
 from ..types import Key
+from ..yaml_map import read_map
 from .disturbance import Disturbance, Motor, Pushes
 
 LOOP_DT = 0.002

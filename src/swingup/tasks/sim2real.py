@@ -78,7 +78,7 @@ class Sim2RealTask(AbstractPendulumTask[Sim2RealState]):
 
     def observe(self, state: Sim2RealState) -> Observation:
         """Output of the front end, scaled."""
-        return self.observation(self.front_end.shown(state.memory))
+        return self.observation(state.memory.seen)
 
     def reward(self, x: State, u: Torque) -> Scalar:
         """The paper's, of the state after the step and the policy's torque (N m)."""
