@@ -23,6 +23,7 @@ from .physics.parameters import ROBOTS, get_robot
 from .tasks.pendulum import DIVERGED, PendulumState, PendulumTask
 from .tasks.presets import get_task
 from .tasks.task import Step
+from .text import quoted
 from .types import Action, Key, Observation, State
 
 RENDER_MODES = ["rgb_array"]
@@ -259,14 +260,14 @@ def _spaces(task: PendulumTask) -> tuple[Box, Box]:
 
 def _checked_render_mode(render_mode: str | None) -> str | None:
     if render_mode is not None and render_mode not in RENDER_MODES:
-        raise SwingupError(f"unknown render_mode {render_mode!r}: use {', '.join(RENDER_MODES)} or None")
+        raise SwingupError(f"unknown render_mode {quoted(render_mode)}: use {', '.join(RENDER_MODES)} or None")
     return render_mode
 
 
 def _checked_start(options: dict[str, Any] | None) -> Float[np.ndarray, "4"] | None:
     unknown = [name for name in options or {} if name != "state"]
     if unknown:
-        raise SwingupError(f"unknown reset option {unknown[0]!r}: use 'state' alone")
+        raise SwingupError(f"unknown reset option {quoted(unknown[0])}: use 'state' alone")
     if not options:
         return None
     try:
@@ -275,7 +276,7 @@ def _checked_start(options: dict[str, Any] | None) -> Float[np.ndarray, "4"] | N
     except (TypeError, ValueError):
         valid = False
     if not valid:
-        given = _one_line(options["state"])
+        given = quoted(options["state"])
         raise SwingupError(f"state {given} must be [q1, q2, dq1, dq2], 4 numbers within ±{DIVERGED:g} (rad, rad/s)")
     return start
 
@@ -283,7 +284,7 @@ def _checked_start(options: dict[str, Any] | None) -> Float[np.ndarray, "4"] | N
 def _check_seed(seed: int | None, count: int) -> None:
     """Refuse seeds that JAX would cut to 32 bits."""
     if seed is not None and not (isinstance(seed, int) and 0 <= seed <= 2**32 - count):
-        raise SwingupError(f"seed {_one_line(seed)} must be a Python int from 0 to 2^32 - {count}")
+        raise SwingupError(f"seed {quoted(seed)} must be a Python int from 0 to 2^32 - {count}")
 
 
 def _new_keys(seed: int | None, generator: np.random.Generator, count: int) -> Key:
@@ -296,7 +297,7 @@ def _checked_actions(actions: Any, shape: tuple[int, ...]) -> Float32[np.ndarray
     try:
         values = np.asarray(actions, np.float64)
     except (TypeError, ValueError):
-        raise SwingupError(f"action {_one_line(actions)} is not numeric: pass shape {shape} in [-1, 1]") from None
+        raise SwingupError(f"action {quoted(actions)} is not numeric: pass shape {shape} in [-1, 1]") from None
     if values.shape != shape:
         raise SwingupError(f"action has shape {values.shape}: pass shape {shape}, entries in [-1, 1]")
     if not np.isfinite(values).all():
@@ -314,10 +315,6 @@ def _running(episode: Episode | None) -> Episode:
 def _draw(task: PendulumTask, x: Any, action: Any) -> UInt8[np.ndarray, "400 400 3"]:
     lengths = float(task.parameters.l1), float(task.parameters.l2)
     return draw_frame(np.asarray(x), *lengths, torque=np.asarray(task.torque(action)), driven=task.robot.joint)
-
-
-def _one_line(value: Any) -> str:
-    return " ".join(repr(value).split())
 
 
 for _robot in ROBOTS:

@@ -54,7 +54,8 @@ def test_evaluate_then_score_the_same_trajectory(robot, capsys, tmp_path):
     # The paper's scores.
     assert result["score"] >= {"acrobot": 0.633, "pendubot": 0.659}[robot]
     again = run_json(capsys, "score", "t.csv", "--robot", robot)
-    assert list(again) == [name for name in KEYS if name != "estimator"]
+    assert list(again) == [*(name for name in KEYS if name != "estimator"), "rate", "warnings"]
+    assert (round(again["rate"]), again["warnings"]) == (500, [])
     assert {name: again[name] for name in KEYS[3:]} == {name: result[name] for name in KEYS[3:]}
     hardware = run_json(capsys, "score", "t.csv", "--robot", robot, "--rules", "hardware")
     # Torque and smoothness count for less there.

@@ -1,19 +1,18 @@
 """Controllers by name: a built-in one, a policy file, or ``module:object``."""
 
-import contextlib
 import importlib
 import inspect
 import sys
-from collections.abc import Iterator
 from typing import Any
 
 from ..checks import suggestion
 from ..errors import SwingupError
+from ..foreign import described
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
 from ..policy.jax_backend.controller import make_controller
 from ..policy.jax_backend.estimator import EstimatingController, with_estimator
 from ..policy.shipped import SHIPPED_POLICIES, is_policy, read_policy
-from ..text import one_line, quoted
+from ..text import quoted
 from .baselines import BASELINES, baseline
 from .controller import AbstractController
 from .python_controller import PythonController
@@ -64,38 +63,30 @@ def has_estimator(controller: Any) -> bool:
 
 
 def _imported(name: str) -> Controller:
-    """An object of a module, or of a class of it without arguments."""
+    """An object of a module, looked for in the working folder first, as ``python`` itself would."""
     module_name, colon, object_name = name.partition(":")
     if not colon:
         known = f"{', '.join(BUILT_IN)}, a policy file (.npz) or module:object"
         near = suggestion(name, BUILT_IN)
         hint = f"; for an object of a module: {name.removesuffix('.py')}:NAME" if name.endswith(".py") else near
         raise SwingupError(f"unknown controller {quoted(name)}: use {known}{hint}")
+    here = [] if "" in sys.path else [""]
+    sys.path[:0] = here
     try:
-        with _working_folder_first():
-            found: Any = importlib.import_module(module_name)
-            for attribute in object_name.split("."):
-                found = getattr(found, attribute)
-            if inspect.isclass(found):
-                found = found()
-    except (Exception, SystemExit) as error:  # whatever a foreign module raises
+        found: Any = importlib.import_module(module_name)
+        for attribute in object_name.split("."):
+            found = getattr(found, attribute)
+        if inspect.isclass(found):
+            found = found()
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # whatever a foreign module raises
         raise SwingupError(
-            f"cannot load controller {quoted(name)}: {type(error).__name__}: {one_line(error)}; write "
-            "module:object with an object, or a class without arguments, of a module that can be imported"
+            f"cannot load controller {quoted(name)}: {described(error)}; write module:object with an object, or a "
+            "class without arguments, of a module that can be imported"
         ) from error
-    return found if isinstance(found, AbstractController) else PythonController(found)
-
-
-@contextlib.contextmanager
-def _working_folder_first() -> Iterator[None]:
-    """Import from the working folder as ``python`` itself does, and no longer than this takes.
-
-    Afterwards the folder comes last, for what the module imports when it is called: there it hides no package.
-    """
-    sys.path.insert(0, "")
-    try:
-        yield
     finally:
-        sys.path.remove("")
-        if "" not in sys.path:
-            sys.path.append("")
+        # What is imported later must not be found in the working folder: a json.py there, say.
+        for folder in here:
+            sys.path.remove(folder)
+    return found if isinstance(found, AbstractController) else PythonController(found)
