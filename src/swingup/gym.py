@@ -17,6 +17,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from jaxtyping import Bool, Float, Float32, UInt8
 
+from .checks import whole_number
 from .drawing import draw_frame
 from .errors import SwingupError
 from .physics.parameters import ROBOTS, get_robot
@@ -79,7 +80,7 @@ class PendulumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             SwingupError: the seed or an option is invalid.
         """
         start = _checked_start(options)
-        _check_seed(seed, 1)
+        seed = _checked_seed(seed, 1)
         super().reset(seed=seed)
         if seed is None and self._episode is not None:
             key = self._episode.key
@@ -139,9 +140,7 @@ class PendulumVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Raises:
             SwingupError: ``num_envs`` is not positive, or as :class:`PendulumEnv`.
         """
-        if num_envs < 1:
-            raise SwingupError(f"num_envs = {num_envs} must be at least 1")
-        self.num_envs = num_envs
+        self.num_envs = num_envs = whole_number("num_envs", num_envs, 1)
         self.task = _compiled_task(robot, task)
         self.render_mode = _checked_render_mode(render_mode)
         self.metadata = {**self.metadata, "render_fps": round(1 / float(self.task.dt))}
@@ -159,7 +158,7 @@ class PendulumVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             SwingupError: the seed or an option is invalid.
         """
         start = _checked_start(options)
-        _check_seed(seed, self.num_envs)
+        seed = _checked_seed(seed, self.num_envs)
         super().reset(seed=seed)
         if seed is None and self._episodes is not None:
             keys = self._episodes.key
@@ -281,10 +280,9 @@ def _checked_start(options: dict[str, Any] | None) -> Float[np.ndarray, "4"] | N
     return start
 
 
-def _check_seed(seed: int | None, count: int) -> None:
-    """Refuse seeds that JAX would cut to 32 bits."""
-    if seed is not None and not (isinstance(seed, int) and 0 <= seed <= 2**32 - count):
-        raise SwingupError(f"seed {quoted(seed)} must be a Python int from 0 to 2^32 - {count}")
+def _checked_seed(seed: int | None, count: int) -> int | None:
+    """A seed that JAX, which has 32 bits for them, does not cut; nor the last of ``count`` seeds in a row."""
+    return None if seed is None else whole_number("seed", seed, 0, 2**32 - count)
 
 
 def _new_keys(seed: int | None, generator: np.random.Generator, count: int) -> Key:

@@ -1,8 +1,10 @@
 """Controllers by name: a built-in one, a policy file, or ``module:object``."""
 
+import contextlib
 import importlib
 import inspect
 import sys
+from collections.abc import Iterator
 from typing import Any
 
 from ..checks import suggestion
@@ -63,21 +65,20 @@ def has_estimator(controller: Any) -> bool:
 
 
 def _imported(name: str) -> Controller:
-    """An object of a module, looked for in the working folder first, as ``python`` itself would."""
+    """An object of a module, or of a class of it without arguments."""
     module_name, colon, object_name = name.partition(":")
     if not colon:
         known = f"{', '.join(BUILT_IN)}, a policy file (.npz) or module:object"
         near = suggestion(name, BUILT_IN)
         hint = f"; for an object of a module: {name.removesuffix('.py')}:NAME" if name.endswith(".py") else near
         raise SwingupError(f"unknown controller {quoted(name)}: use {known}{hint}")
-    here = [] if "" in sys.path else [""]
-    sys.path[:0] = here
     try:
-        found: Any = importlib.import_module(module_name)
-        for attribute in object_name.split("."):
-            found = getattr(found, attribute)
-        if inspect.isclass(found):
-            found = found()
+        with _working_folder_first():
+            found: Any = importlib.import_module(module_name)
+            for attribute in object_name.split("."):
+                found = getattr(found, attribute)
+            if inspect.isclass(found):
+                found = found()
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # whatever a foreign module raises
@@ -85,8 +86,20 @@ def _imported(name: str) -> Controller:
             f"cannot load controller {quoted(name)}: {described(error)}; write module:object with an object, or a "
             "class without arguments, of a module that can be imported"
         ) from error
-    finally:
-        # What is imported later must not be found in the working folder: a json.py there, say.
-        for folder in here:
-            sys.path.remove(folder)
     return found if isinstance(found, AbstractController) else PythonController(found)
+
+
+@contextlib.contextmanager
+def _working_folder_first() -> Iterator[None]:
+    """Import from the working folder as ``python`` itself does, and no longer than this takes.
+
+    Afterwards the folder comes last, for what the module imports when it is called. There it hides no package: a
+    ``json.py`` in the working folder is not taken for Python's.
+    """
+    sys.path.insert(0, "")
+    try:
+        yield
+    finally:
+        sys.path.remove("")
+        if "" not in sys.path:
+            sys.path.append("")

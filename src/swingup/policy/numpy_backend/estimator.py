@@ -5,8 +5,8 @@ import math
 
 import numpy as np
 
-from ...physics.equations import Lumped
-from ..plant import Four, midpoint_step, torque_response
+from ...physics.equations import Lumped, StateFloats
+from ..plant import midpoint_step, torque_response
 from ..settings import LOST, PIECES, EstimatorSettings, kalman_gains
 
 TURN = 2 * math.pi
@@ -68,7 +68,7 @@ class NumpyEstimator:
     def _follow(self, x: np.ndarray, dt: float) -> bool:
         """One step (s) of the filter in charge and of the bank; False, and no change, if the estimate is lost."""
         b1, b2 = self._driven
-        state = _four(self._state)
+        state = _floats(self._state)
         torque = float(self._torques[self.delay_steps])
         predicted = np.array(midpoint_step(self._plant, state, torque * b1, torque * b2, dt))
         miss = x - predicted
@@ -100,14 +100,14 @@ class NumpyEstimator:
         # Sum of the torques commanded in the last n steps, also between whole n.
         sums = np.concatenate([[0.0], np.cumsum(self._torques)])
         to_go = np.interp(steps * np.arange(PIECES, -1, -1), np.arange(len(sums)), sums).tolist()
-        x = _four(self._state)
+        x = _floats(self._state)
         for before, after in itertools.pairwise(to_go):
             torque = (before - after) / steps
             x = midpoint_step(self._plant, x, torque * b1, torque * b2, steps * dt)
         return np.array(x)
 
 
-def _four(x: np.ndarray) -> Four:
+def _floats(x: np.ndarray) -> StateFloats:
     """A state as Python's numbers."""
     q1, q2, dq1, dq2 = x.tolist()
     return q1, q2, dq1, dq2
