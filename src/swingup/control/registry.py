@@ -98,4 +98,7 @@ def _imported(name: str) -> Controller:
         # What is imported later must not be found in the working folder: a json.py there, say.
         for folder in here:
             sys.path.remove(folder)
-    return found if isinstance(found, AbstractController) else PythonController(found)
+    try:
+        return found if isinstance(found, AbstractController) else PythonController(found)
+    except SwingupError as error:
+        raise SwingupError(f"controller {quoted(name)}: {error}") from error
