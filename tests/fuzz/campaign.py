@@ -22,7 +22,8 @@ from swingup.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.run_settings import read_run_settings
 from swingup.physics.parameters import load_parameters
-from swingup.policy.file import read_pendulum_policy, read_policy_file
+from swingup.policy.file import read_network
+from swingup.policy.pendulum import read_pendulum_policy
 from swingup.report.files import read_curve, read_robustness
 from swingup.tasks.domain import load_domain
 
@@ -34,7 +35,7 @@ READERS = {
         lambda path: score(load_trajectory(path), "acrobot"),
         lambda path: load_reference_csv(path, "acrobot"),
     ],
-    "policy": [read_pendulum_policy, read_policy_file],
+    "policy": [read_pendulum_policy, read_network],
     "reference": [load_reference],
     "checkpoint": [lambda path: load_checkpoint(path, LIKE), read_metadata],
     "config": [lambda path: read_run_settings(Path(path).parent)],
