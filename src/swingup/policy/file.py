@@ -31,7 +31,7 @@ def read_network(path: str | Path) -> tuple[Network, dict[str, Any]]:
     Raises:
         SwingupError: the file cannot be read, is truncated, or is not a policy file of this version.
     """
-    metadata, found = load_archive(path, FORMAT, FORMAT_VERSION, lambda name: KNOWN.fullmatch(name) is not None)
+    metadata, found = load_archive(path, FORMAT, FORMAT_VERSION, lambda name: bool(KNOWN.fullmatch(name)))
     try:
         arrays = {name: _checked(name, array) for name, array in found.items()}
         return _network(metadata, arrays), metadata
