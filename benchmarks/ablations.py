@@ -21,7 +21,7 @@ from swingup.learner.presets import get_preset
 from swingup.learner.run import Run
 from swingup.learner.run_settings import PENDULUM_INTERVALS, Settings
 from swingup.physics.parameters import ROBOTS
-from swingup.tasks.observation import PendulumObservation
+from swingup.policy.jax_backend.observation import PendulumObservation
 from swingup.tasks.pendulum import PendulumTask
 from swingup.tasks.presets import smooth_task
 

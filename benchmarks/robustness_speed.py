@@ -16,9 +16,9 @@ import numpy as np
 from swingup.benchmark.grid import make_cases
 from swingup.benchmark.robustness import robustness
 from swingup.benchmark.rules import CRITERIA, get_robustness_rules
-from swingup.control.learned import PolicyController
 from swingup.control.registry import get_controller
 from swingup.physics.parameters import Parameters, get_robot, leaderboard_parameters
+from swingup.policy.jax_backend.controller import PolicyController
 
 SAMPLE = 2000
 """Steps that the peer is timed on."""

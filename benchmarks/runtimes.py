@@ -21,14 +21,13 @@ import jax
 import numpy as np
 import onnxruntime
 
-from swingup.control.zoo import shipped_policy
-from swingup.export.c_header import c_header
-from swingup.export.onnx_graph import onnx_model
+from swingup.policy.c_backend.header import c_header
+from swingup.policy.jax_backend.controller import shipped_policy
+from swingup.policy.numpy_backend.network import NumpyPolicy
+from swingup.policy.onnx_backend.graph import onnx_model
+from swingup.policy.settings import EstimatorSettings
+from swingup.policy.shipped import AR_EAPO, read_policy
 from swingup.runtime import load_controller
-from swingup.runtime.controller import read_policy
-from swingup.runtime.policy import NumpyPolicy
-from swingup.runtime.settings import EstimatorSettings
-from swingup.runtime.shipped import AR_EAPO
 
 CALLS, WARM_UP, DT = 20_000, 500, 0.002
 

@@ -7,9 +7,9 @@ from statistics import median
 import numpy as np
 
 import swingup
-from swingup.export.c_header import c_header
+from swingup.policy.c_backend.header import c_header
+from swingup.policy.shipped import read_policy
 from swingup.realaigym import load_controller
-from swingup.runtime.controller import read_policy
 
 ROBOT, NAME, SEEDS = "acrobot", "robot", 5
 

@@ -22,7 +22,7 @@ import tyro
 import swingup
 from swingup.benchmark import rules
 from swingup.cli import commands, main
-from swingup.runtime.shipped import shipped_file
+from swingup.policy.shipped import shipped_file
 
 ROOT = Path(swingup.__file__).parents[2]
 PAGES = [

@@ -69,7 +69,14 @@ def ours():
 def test_every_file_of_the_package_is_in_the_wheel(distributions):
     inside = {name for name in zipfile.ZipFile(distributions[0]).namelist() if ".dist-info/" not in name}
     assert inside == ours()
-    for ending in ("py.typed", ".npz", ".csv", ".yml", "export/assets/policy.h", "report/assets/page.html"):
+    for ending in (
+        "py.typed",
+        ".npz",
+        ".csv",
+        ".yml",
+        "policy/c_backend/assets/policy.h",
+        "report/assets/page.html",
+    ):
         assert any(name.endswith(ending) for name in inside), ending
 
 

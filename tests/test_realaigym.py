@@ -10,7 +10,7 @@ from swingup import realaigym
 from swingup.control.registry import get_controller
 from swingup.errors import SwingupError
 from swingup.physics.parameters import get_robot
-from swingup.runtime.plant import midpoint_step, nominal_plant
+from swingup.policy.plant import midpoint_step, nominal_plant
 
 DT = 0.002
 UP = np.array([np.pi, 0.0])

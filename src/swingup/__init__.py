@@ -19,10 +19,9 @@ if TYPE_CHECKING:
     from .control.baselines import baseline
     from .control.check import check_controller
     from .control.controller import AbstractController
-    from .control.learned import load_policy
     from .control.registry import get_controller
-    from .control.zoo import shipped_policy
     from .learner.agent import AREAPO
+    from .policy.jax_backend.controller import load_policy, shipped_policy
 
 _HOMES = {
     "AREAPO": "learner.agent",
@@ -38,11 +37,11 @@ _HOMES = {
     "get_controller": "control.registry",
     "sim2real": "benchmark.sim2real",
     "leaderboard": "benchmark.leaderboard",
-    "load_policy": "control.learned",
+    "load_policy": "policy.jax_backend.controller",
     "make_disturbance": "benchmark.disturbances",
     "robustness": "benchmark.robustness",
     "score": "benchmark.evaluate",
-    "shipped_policy": "control.zoo",
+    "shipped_policy": "policy.jax_backend.controller",
     "uptime": "benchmark.uptime",
 }
 

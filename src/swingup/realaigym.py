@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from .errors import SwingupError
+from .policy.realaigym import RealAIGymController as RealAIGymController
+from .policy.realaigym import load_policy_controller
+from .policy.shipped import SHIPPED_POLICIES
 from .renamed import current_name
 from .robots import Robot, get_robot
-from .runtime.realaigym import RealAIGymController as RealAIGymController
-from .runtime.realaigym import load_policy_controller
-from .runtime.shipped import SHIPPED_POLICIES
 
 
 def load_controller(

@@ -3,7 +3,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.areapo.normalise import Normalise, init_statistics
+from swingup.areapo.normalise import init_statistics
+from swingup.policy.jax_backend.observation import Normalise
 
 
 def test_statistics_equal_those_of_all_data_at_once():

@@ -22,13 +22,12 @@ from swingup.benchmark.leaderboard import (
 from swingup.benchmark.robustness import Robustness
 from swingup.benchmark.rules import CRITERIA, PERFORMANCE_RULES
 from swingup.control.controller import AbstractController
-from swingup.control.estimator import EstimatingController
-from swingup.control.learned import PolicyController, save_controller
-from swingup.control.zoo import shipped_policy
 from swingup.errors import SwingupError
 from swingup.physics.parameters import get_robot
-from swingup.runtime import shipped
-from swingup.runtime.shipped import AR_EAPO
+from swingup.policy import shipped
+from swingup.policy.jax_backend.controller import PolicyController, save_controller, shipped_policy
+from swingup.policy.jax_backend.estimator import EstimatingController
+from swingup.policy.shipped import AR_EAPO
 
 
 class Hanging(AbstractController):

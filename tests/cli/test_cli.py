@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from swingup.cli import main, training
-from swingup.control.zoo import shipped_policy
 from swingup.learner.metrics import read_metrics
-from swingup.runtime.controller import read_policy
+from swingup.policy.jax_backend.controller import shipped_policy
+from swingup.policy.shipped import read_policy
 
 KEYS = [
     "robot", "controller", "estimator", "success", "swingup_time", "energy", "torque_cost", "torque_smoothness",

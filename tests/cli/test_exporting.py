@@ -10,9 +10,8 @@ import pytest
 import swingup
 from swingup.benchmark.rollout import Trajectory
 from swingup.cli import main
-from swingup.control.learned import save_controller
 from swingup.control.registry import get_controller
-from swingup.control.zoo import shipped_policy
+from swingup.policy.jax_backend.controller import save_controller, shipped_policy
 
 RUN = """
 import sys
@@ -26,7 +25,7 @@ sys.meta_path.insert(0, Only())
 sys.path.insert(0, {folder!r})
 import numpy as np
 from con_swingup import controller, leaderboard_config
-from swingup_controller.runtime.plant import acceleration, nominal_plant
+from swingup_controller.policy.plant import acceleration, nominal_plant
 
 assert not [name for name in sys.modules if name.partition(".")[0] in ("jax", "equinox", "swingup", "yaml")]
 print(leaderboard_config)
@@ -81,7 +80,7 @@ def test_a_policy_file_and_its_username(tmp_path):
     entry = (tmp_path / "e/con_twin_2.py").read_text()
     assert '"username": "Ada"' in entry
     assert 'name = "twin_2"' in entry
-    assert "from twin_2_controller.runtime" in entry
+    assert "from twin_2_controller.policy.realaigym" in entry
     assert 'robot = "pendubot"' in entry
 
 

@@ -13,7 +13,7 @@ import swingup
 from swingup.benchmark import leaderboard as boards
 from swingup.benchmark.rules import CRITERIA, PERFORMANCE_RULES, ROBUSTNESS_RULES
 from swingup.cli import main
-from swingup.control.learned import save_controller
+from swingup.policy.jax_backend.controller import save_controller
 
 CONTROLLERS = textwrap.dedent(
     """

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from swingup.cli import main, refining
-from swingup.control.estimator import EstimatorSettings, read_settings
-from swingup.control.learned import load_policy
-from swingup.control.zoo import shipped_policy
+from swingup.policy.jax_backend.controller import load_policy, shipped_policy
+from swingup.policy.settings import EstimatorSettings, read_settings
 from swingup.refine.analytic_policy_gradient import PolicyGradientSettings
 from swingup.refine.episodes import Draws
 from swingup.refine.recipe import Refinement

@@ -6,19 +6,20 @@ import numpy as np
 import pytest
 
 import swingup
-from swingup.control.estimator import EstimatingController, EstimatorSettings
-from swingup.control.learned import PolicyController, load_policy, save_controller
 from swingup.control.registry import get_controller, has_estimator
 from swingup.control.switch import Latching
 from swingup.errors import SwingupError
 from swingup.physics.parameters import leaderboard_parameters
-from swingup.runtime import shipped
+from swingup.policy import shipped
+from swingup.policy.jax_backend.controller import PolicyController, load_policy, save_controller
+from swingup.policy.jax_backend.estimator import EstimatingController
+from swingup.policy.settings import EstimatorSettings
 
 MODULE = """
 import jax.numpy as jnp
 import swingup
 from swingup.physics.parameters import get_robot, leaderboard_parameters
-from swingup.control.estimator import with_estimator
+from swingup.policy.jax_backend.estimator import with_estimator
 
 class Damping(swingup.AbstractController):
     def init(self):
@@ -132,24 +133,23 @@ def test_built_in_names(files):
 
 
 def test_the_global_policy(files, monkeypatch, robot):
-    with pytest.raises(SwingupError, match="unknown kind of policy 'best': use '' or 'base' or 'global'"):
+    with pytest.raises(SwingupError, match="unknown policy 'best': use one of refined, ar-eapo, global, robot"):
         swingup.shipped_policy(robot, "best")
-    monkeypatch.setattr(shipped, "_file", lambda each, kind: files / f"{each.name}{kind}.npz")
-    with pytest.raises(SwingupError, match=f"lacks the policy {robot.name}global.npz: use refined or train one"):
+    monkeypatch.setattr(shipped, "ZOO", files)
+    with pytest.raises(SwingupError, match=f"lacks the policy {robot.name}-global.npz: use refined or train one"):
         get_controller("global", robot)
     policy = load_policy("alone.npz", "acrobot")[0]
     policy = PolicyController(policy.policy, 5.0, robot)
-    save_controller(files / f"{robot.name}global.npz", policy, {"estimator": {"caution": 3}})
+    save_controller(files / f"{robot.name}-global.npz", policy, {"estimator": {"caution": 3}})
     found = get_controller("global", robot)
     assert (found.settings.caution, found.controller.torque_limit) == (3, 5.0)
     assert not has_estimator(get_controller("global", robot, False))
 
 
 def test_where_the_shipped_files_are(robot):
-    assert shipped._file(robot, "").name == f"{robot.name}.npz"
-    for kind in ("base", "global"):
-        assert shipped._file(robot, kind).name == f"{robot.name}-{kind}.npz"
-    assert all(shipped.shipped_file(robot, name).is_file() for name in shipped.SHIPPED_POLICIES)
+    for name in shipped.SHIPPED_POLICIES:
+        file = shipped.shipped_file(robot, name)
+        assert (file.name, file.is_file()) == (f"{robot.name}-{name}.npz", True)
 
 
 def test_the_metadata_stays_json(files):

@@ -12,9 +12,9 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from swingup import AREAPO
-from swingup.areapo.policy import load_policy
 from swingup.errors import SwingupError
 from swingup.learner.metrics import read_metrics
+from swingup.policy.jax_backend.policy import load_policy
 from swingup.tasks.task import AbstractTask, Step
 
 from .environments import Chain, Endless, Failing, Noisy, Stairs

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from swingup.areapo.config import Config
-from swingup.control.learned import load_policy, save_controller
 from swingup.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
 from swingup.learner.run import Run
 from swingup.learner.run_settings import PENDULUM_INTERVALS, Settings, settings_from_dict
+from swingup.policy.jax_backend.controller import load_policy, save_controller
 from swingup.tasks.domain import Domain
 
 from .brief import briefly_judged

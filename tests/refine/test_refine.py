@@ -9,21 +9,20 @@ import numpy as np
 import pytest
 
 from swingup.areapo.networks import init_actor
-from swingup.areapo.policy import Policy
 from swingup.benchmark.evaluate import evaluate
 from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.rules import PERFORMANCE_RULES
 from swingup.control.baselines import baseline
-from swingup.control.learned import PolicyController
-from swingup.control.zoo import shipped_policy
 from swingup.errors import SwingupError
 from swingup.physics.parameters import get_robot, leaderboard_parameters
+from swingup.policy.jax_backend.controller import PolicyController, shipped_policy
+from swingup.policy.jax_backend.observation import PendulumObservation
+from swingup.policy.jax_backend.policy import Policy
 from swingup.refine.analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings, batch_cost
 from swingup.refine.behaviour_cloning import CloningSettings, demonstrate, imitate
 from swingup.refine.episodes import Draws, draw
 from swingup.refine.objective import Measures, Weights, bound_adjoint, measure
 from swingup.refine.recipe import Refinement, refine
-from swingup.tasks.observation import PendulumObservation
 
 RULES = PERFORMANCE_RULES["v2"]
 ACROBOT = get_robot("acrobot")

@@ -7,8 +7,8 @@ import numpy as np
 from swingup.benchmark.columns import BOARDS
 from swingup.benchmark.leaderboard import OURS, Board, Row, published_rows
 from swingup.benchmark.rollout import Trajectory
-from swingup.control.zoo import shipped_policy
 from swingup.physics.parameters import ROBOTS, Robot, leaderboard_parameters
+from swingup.policy.jax_backend.controller import shipped_policy
 from swingup.report.content import Section, Show
 from swingup.report.make import describe_disturbance, make_show
 

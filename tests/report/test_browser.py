@@ -10,15 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.areapo.normalise import Normalise
 from swingup.benchmark.evaluate import evaluate
-from swingup.control.zoo import shipped_policy
 from swingup.physics.dynamics import tip_height
 from swingup.physics.integrate import rk4_step
 from swingup.physics.parameters import NAMES, ROBOTS, identified_parameters, leaderboard_parameters
+from swingup.policy.jax_backend.controller import shipped_policy
+from swingup.policy.jax_backend.observation import Normalise, PendulumObservation
 from swingup.report.content import encode_policy
 from swingup.report.page import render_page
-from swingup.tasks.observation import PendulumObservation
 
 from .pages import NASTY, make_sections
 

@@ -14,13 +14,13 @@ from swingup.benchmark import leaderboard as boards
 from swingup.benchmark.leaderboard import Board, Row
 from swingup.benchmark.rollout import Trajectory
 from swingup.control.registry import get_controller
-from swingup.control.zoo import shipped_policy
 from swingup.errors import SwingupError
 from swingup.physics.parameters import ROBOTS, leaderboard_parameters
+from swingup.policy.jax_backend.controller import shipped_policy
+from swingup.policy.jax_backend.observation import AbstractStage
 from swingup.report import make
 from swingup.report.content import encode_policy, encode_section
 from swingup.report.page import Section, Show, render_page
-from swingup.tasks.observation import AbstractStage
 
 from .pages import NASTY, make_board, make_section, without_shows
 

@@ -11,10 +11,11 @@ import numpy as np
 
 from swingup.benchmark.rollout import Scenario, act, begin, sense
 from swingup.physics.parameters import get_robot
-from swingup.runtime.front_end import FrontEndSettings, NumpyFrontEnd
+from swingup.policy.jax_backend.front_end import FrontEnd
+from swingup.policy.numpy_backend.front_end import NumpyFrontEnd
+from swingup.policy.settings import FrontEndSettings
 from swingup.tasks.disturbance import Motor, Pushes, drive, step_noise, undisturbed
 from swingup.tasks.domain import DT, load_domain, make_domain
-from swingup.tasks.front_end import FrontEnd
 from swingup.tasks.presets import memory_task, sim2real_task
 from swingup.tasks.sim2real import CALLS
 

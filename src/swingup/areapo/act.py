@@ -4,13 +4,11 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import numpy as np
 from jaxtyping import Array, Float, Shaped
 
 from ..types import Key
 from .networks import AbstractActor
 from .normalise import RunningStatistics
-from .policy import Policy
 
 
 class Decisions(eqx.Module):
@@ -49,23 +47,6 @@ def take_in(
     statistics = statistics.update(following)
     normalise = statistics.stage(clip)
     return statistics, normalise(following), normalise(true_next)
-
-
-def act(
-    policy: Policy[Any], observations: Float[np.ndarray, "b n"], key: Key | None = None
-) -> Shaped[np.ndarray, "b m"]:
-    """A policy's actions for a batch of observations: its mode, or samples if there is a key."""
-    return np.asarray(_modes(policy, observations) if key is None else _samples(policy, observations, key))
-
-
-@jax.jit
-def _modes(policy: Policy[Any], observations: Float[Array, "b n"]) -> Shaped[Array, "b m"]:
-    return jax.vmap(policy)(observations)
-
-
-@jax.jit
-def _samples(policy: Policy[Any], observations: Float[Array, "b n"], key: Key) -> Shaped[Array, "b m"]:
-    return decide(policy.actor, jax.vmap(policy.observe)(observations), key).actions
 
 
 def over_envs(function: Any, key: Key, *arguments: Any) -> Any:

@@ -4,24 +4,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..tasks.observation import AbstractStage
-from ..types import Observation, Scalar
-
-
-class Normalise(AbstractStage):
-    """(observation - mean) / sqrt(variance + ε), clipped; the observation may have leading axes."""
-
-    mean: Float[Array, "n"]
-    variance: Float[Array, "n"]
-    clip: float = 10.0
-    """The result is clipped to ± this."""
-    epsilon: float = 1e-8
-    """ε."""
-
-    def __call__(self, observation: Observation) -> Observation:
-        """Normalise and clip."""
-        scaled = (observation - self.mean) / jnp.sqrt(self.variance + self.epsilon)
-        return jnp.clip(scaled, -self.clip, self.clip)
+from ..policy.jax_backend.observation import Normalise
+from ..types import Scalar
 
 
 class RunningStatistics(eqx.Module):

@@ -10,7 +10,7 @@ from typing import Any
 from ..control.registry import get_controller, has_estimator
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot
-from ..runtime.shipped import AR_EAPO, GLOBAL, REFINED
+from ..policy.shipped import AR_EAPO, GLOBAL, REFINED
 from .columns import BOARDS, PERFORMANCE
 from .evaluate import evaluate
 from .robustness import robustness

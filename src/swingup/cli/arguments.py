@@ -7,10 +7,10 @@ from tyro.conf import FlagCreatePairsOff, OmitArgPrefixes, Positional, UseAppend
 
 from ..benchmark.disturbances import make_disturbance
 from ..benchmark.rules import PushRules
-from ..control.learned import PolicyController
 from ..control.registry import has_estimator
 from ..errors import SwingupError
 from ..physics.parameters import ROBOTS, Robot, get_robot
+from ..policy.jax_backend.controller import PolicyController
 from ..tasks.disturbance import Disturbance
 
 RobotName = Positional[Annotated[str, arg(metavar="ROBOT", help="acrobot or pendubot.")]]

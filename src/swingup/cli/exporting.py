@@ -7,14 +7,13 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from ..errors import SwingupError
-from ..export.c_header import c_header
-from ..export.onnx_graph import onnx_model
-from ..export.realaigym import export_realaigym
-from ..export.template import NAME
 from ..files import write_atomically
+from ..policy.c_backend.header import c_header
+from ..policy.export_folder import export_realaigym
+from ..policy.onnx_backend.graph import onnx_model
+from ..policy.shipped import SHIPPED_POLICIES, read_policy, shipped_file
+from ..policy.template import NAME
 from ..renamed import current_name
-from ..runtime.controller import read_policy
-from ..runtime.shipped import SHIPPED_POLICIES, shipped_file
 
 FORMS = ("realaigym", "onnx", "c")
 

@@ -25,7 +25,7 @@ from ..control.registry import get_controller, has_estimator
 from ..errors import SwingupError
 from ..files import check_writable
 from ..physics.parameters import get_robot
-from ..runtime.shipped import REFINED, ROBOT
+from ..policy.shipped import REFINED, ROBOT
 from ..tasks.domain import Domain, load_domain
 from . import tables
 from .arguments import (

@@ -10,16 +10,15 @@ from typing import Annotated, Any
 from rich.console import Console
 from tyro.conf import arg
 
-from ..control.estimator import EstimatorSettings
-from ..control.learned import PolicyController, load_policy, save_controller
-from ..control.zoo import shipped_policy
 from ..errors import SwingupError
 from ..files import check_writable
 from ..physics.parameters import Robot, get_robot
+from ..policy.jax_backend.controller import PolicyController, load_policy, save_controller, shipped_policy
+from ..policy.settings import EstimatorSettings
+from ..policy.shipped import AR_EAPO, SHIPPED_POLICIES
 from ..refine.recipe import RECIPES, Report
 from ..refine.recipe import refine as run_recipe
 from ..renamed import current_name
-from ..runtime.shipped import AR_EAPO, SHIPPED_POLICIES
 from ..version import __version__
 from .arguments import RobotName
 

@@ -7,14 +7,14 @@ from typing import Any
 
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
+from ..policy.jax_backend.controller import load_policy, shipped_policy
+from ..policy.jax_backend.estimator import EstimatingController, with_estimator
+from ..policy.settings import EstimatorSettings, read_settings
+from ..policy.shipped import SHIPPED_POLICIES
 from ..renamed import current_name
-from ..runtime.shipped import SHIPPED_POLICIES
 from .baselines import BASELINES, baseline
 from .controller import AbstractController, one_line
-from .estimator import EstimatingController, EstimatorSettings, read_settings, with_estimator
-from .learned import load_policy
 from .python_controller import PythonController
-from .zoo import shipped_policy
 
 BUILT_IN = (*SHIPPED_POLICIES, *BASELINES)
 """Names of the controllers that the package ships."""

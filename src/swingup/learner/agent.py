@@ -10,11 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Shaped
 
-from ..areapo.act import act
 from ..areapo.checkpoint import load_checkpoint, read_metadata, save_checkpoint
 from ..areapo.config import Config, config_from_dict
-from ..areapo.policy import Policy
 from ..physics.parameters import ROBOTS
+from ..policy.jax_backend.policy import Policy, act
 from .presets import DEFAULT_PRESET, ENV_PRESET, get_preset
 from .run import Report, Run
 from .run_settings import Settings, default_intervals, label, settings_from_dict, whole

@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Float, Shaped
 
 from ..areapo.config import Config
-from ..areapo.policy import Policy
 from ..areapo.state import LearnerState, Metrics
 from ..errors import SwingupError
-from ..tasks.observation import AbstractStage
+from ..policy.jax_backend.observation import AbstractStage
+from ..policy.jax_backend.policy import Policy
 
 
 class AbstractBackend(abc.ABC):

@@ -12,8 +12,8 @@ from jaxtyping import Float, Shaped
 
 from ..areapo import train
 from ..areapo.config import Config
-from ..areapo.policy import Policy
 from ..areapo.state import LearnerState, Metrics
+from ..policy.jax_backend.policy import Policy
 from ..tasks.task import AbstractTask
 from .backend import AbstractBackend, batched, portable_policy
 from .evaluators import AbstractEvaluator

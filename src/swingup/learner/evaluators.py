@@ -10,15 +10,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..areapo import policy as policies
-from ..areapo.policy import Policy
 from ..benchmark.evaluate import evaluate
 from ..benchmark.sim2real import sim2real
-from ..control.estimator import EstimatorSettings, with_estimator
-from ..control.learned import PolicyController, save_controller
 from ..physics.parameters import TORQUE_LIMIT, leaderboard_parameters
-from ..runtime.settings import KEY
-from ..tasks.observation import AbstractStage
+from ..policy.jax_backend.controller import PolicyController, save_controller
+from ..policy.jax_backend.estimator import with_estimator
+from ..policy.jax_backend.observation import AbstractStage
+from ..policy.jax_backend.policy import Policy, save_policy
+from ..policy.settings import ESTIMATOR, EstimatorSettings
 from ..tasks.pendulum import PendulumTask
 from ..tasks.sim2real import Sim2RealTask
 from ..tasks.task import AbstractTask
@@ -101,7 +100,7 @@ class Sim2RealEvaluator(SwingUpEvaluator):
 
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
         """Write a controller's policy file; with the estimator that the task counts on."""
-        settings = {KEY: dataclasses.asdict(EstimatorSettings())} if self._estimated else {}
+        settings = {ESTIMATOR: dataclasses.asdict(EstimatorSettings())} if self._estimated else {}
         super().save(path, policy, {**provenance, **settings})
 
     def _controller(self, policy: Policy[Any]) -> PolicyController:
@@ -127,7 +126,7 @@ class ReturnEvaluator(AbstractEvaluator):
 
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
         """Write a policy file."""
-        policies.save_policy(path, policy, provenance)
+        save_policy(path, policy, provenance)
 
 
 def summary(returns: list[float], lengths: list[int]) -> dict[str, Any]:

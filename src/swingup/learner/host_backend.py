@@ -9,14 +9,12 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from jaxtyping import Float, Shaped
 
-from ..areapo import policy as policies
 from ..areapo import train
-from ..areapo.act import act
 from ..areapo.config import Config
 from ..areapo.networks import CategoricalActor
-from ..areapo.policy import Policy
 from ..areapo.state import LearnerState, Metrics
 from ..errors import SwingupError
+from ..policy.jax_backend.policy import Policy, act, save_policy
 from ..tasks.task import Spaces
 from .backend import AbstractBackend, batched, portable_policy
 from .environments import Environments, make_environments
@@ -106,7 +104,7 @@ class HostBackend(AbstractBackend):
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
         """Write a policy file that names the environment and the bounds of its actions."""
         head = {"env": self.name, **self.environments.actions.describe()}
-        policies.save_policy(path, policy, {**head, **provenance})
+        save_policy(path, policy, {**head, **provenance})
 
     def flatten(self, observation: Any) -> tuple[Float[np.ndarray, "b n"], bool]:
         """Observations of the environment's space as a batch of vectors."""

@@ -15,10 +15,10 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..areapo.policy import Policy, load_policy
 from ..areapo.state import LearnerState, Metrics
 from ..arrays import finite
 from ..errors import SwingupError
+from ..policy.jax_backend.policy import Policy, load_policy
 from ..version import __version__
 from .backend import AbstractBackend
 from .make_backend import make_backend

@@ -15,7 +15,7 @@ from ..areapo.networks import Actor
 from ..benchmark.rollout import simulate
 from ..benchmark.rules import PERFORMANCE_RULES
 from ..benchmark.runner import cores
-from ..control.learned import PolicyController
+from ..policy.jax_backend.controller import PolicyController
 from ..types import Scalar
 from .episodes import DEPTH, Episodes
 from .objective import SCORE, SCORE_AND_TIME, Measures, Weights, bound_adjoint, measure

@@ -16,15 +16,15 @@ import optax
 from jaxtyping import Array, Float, Int
 
 from ..areapo.networks import Actor
-from ..areapo.policy import Policy
 from ..benchmark.robustness import upright
 from ..benchmark.rollout import Scenario, Trajectory, simulate
 from ..benchmark.rules import ROBUSTNESS_RULES
 from ..benchmark.runner import stack
 from ..control.controller import AbstractController
-from ..control.learned import PolicyController
 from ..errors import SwingupError
 from ..physics.parameters import Robot, leaderboard_parameters
+from ..policy.jax_backend.controller import PolicyController
+from ..policy.jax_backend.policy import Policy
 from ..tasks.disturbance import Pushes, undisturbed
 from ..types import Scalar
 from .analytic_policy_gradient import single_precision

@@ -12,10 +12,10 @@ import numpy as np
 from ..benchmark.criteria import Criteria
 from ..benchmark.evaluate import evaluate
 from ..control.controller import AbstractController
-from ..control.learned import PolicyController
 from ..control.registry import get_controller
 from ..errors import SwingupError
 from ..physics.parameters import Robot
+from ..policy.jax_backend.controller import PolicyController
 from .analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings
 from .behaviour_cloning import CloningSettings, imitate
 from .episodes import Draws, draw

@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..areapo.normalise import Normalise
-from ..areapo.policy import Policy
 from ..benchmark.rollout import Trajectory
-from ..control.learned import PolicyController
 from ..errors import SwingupError
 from ..physics.parameters import NAMES, Parameters, get_robot
-from ..tasks.observation import AbstractStage, PendulumObservation
+from ..policy.jax_backend.controller import PolicyController
+from ..policy.jax_backend.observation import AbstractStage, Normalise, PendulumObservation
+from ..policy.jax_backend.policy import Policy
 
 if TYPE_CHECKING:
     from ..benchmark.leaderboard import Board

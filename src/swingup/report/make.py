@@ -8,9 +8,9 @@ from ..benchmark.evaluate import evaluate
 from ..benchmark.leaderboard import entrants_for, leaderboard
 from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import PushRules
-from ..control.zoo import shipped_policy
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
+from ..policy.jax_backend.controller import shipped_policy
 from ..tasks.disturbance import Disturbance
 from .content import Section, Show
 

@@ -16,6 +16,7 @@ from ..benchmark.columns import COLUMNS
 from ..benchmark.rules import CRITERIA
 from ..errors import SwingupError
 from ..physics.parameters import get_robot
+from ..policy.javascript_backend.script import policy_script
 from ..version import __version__
 from .content import Section, Show, encode_section
 
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Section", "Show", "render_page"]
 
-SCRIPTS = ("physics.js", "policy.js", "pendulum.js", "player.js", "live.js", "plots.js")
+SCRIPTS = ("physics.js", "pendulum.js", "player.js", "live.js", "plots.js")
 """In this order, before ``main.js``."""
 
 DRIVEN = ("the shoulder", "the elbow")
@@ -57,7 +58,7 @@ def render_page(sections: Sequence[Section], title: str = "Swinging up double pe
         raise SwingupError(f"a report of {', '.join(names) or 'no robot'}: give one section for each robot")
     figures, template = _tools()
     encoded = [_encode(figures, section) for section in sections]
-    scripts = [_asset(name) for name in SCRIPTS]
+    scripts = [policy_script(), *map(_asset, SCRIPTS)]
     return str(
         template.render(
             title=title,

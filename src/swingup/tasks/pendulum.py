@@ -8,8 +8,8 @@ import jax.numpy as jnp
 
 from ..physics.integrate import rk4_step
 from ..physics.parameters import Parameters, Robot
+from ..policy.jax_backend.observation import PendulumObservation
 from ..types import Action, Count, Key, Observation, Scalar, State, Torque
-from .observation import PendulumObservation
 from .task import AbstractTask, Step
 
 UPRIGHT = (jnp.pi, 0.0, 0.0, 0.0)

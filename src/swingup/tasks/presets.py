@@ -7,9 +7,10 @@ import numpy as np
 
 from ..errors import SwingupError
 from ..physics.parameters import Robot, leaderboard_parameters
+from ..policy.jax_backend.front_end import FrontEnd
+from ..policy.jax_backend.observation import PendulumObservation
+from ..policy.settings import FrontEndSettings
 from .domain import Domain, load_domain
-from .front_end import FrontEnd, FrontEndSettings
-from .observation import PendulumObservation
 from .pendulum import PendulumTask
 from .recovery import RecoveryTask
 from .sim2real import Sim2RealTask

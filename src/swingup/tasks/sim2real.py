@@ -7,10 +7,10 @@ from jaxtyping import Array, Float
 
 from ..physics.integrate import rk4_step
 from ..physics.parameters import Parameters
+from ..policy.jax_backend.front_end import FrontEnd, FrontEndMemory
 from ..types import Action, Count, Flag, Key, Observation, State, Torque
 from .disturbance import Disturbance, Past, drive, measure, remember
 from .domain import DT, Domain
-from .front_end import FrontEnd, FrontEndMemory
 from .pendulum import DIVERGED, PendulumState, PendulumTask
 from .task import Step
 

@@ -1,0 +1,1 @@
+"""Policies as C99 headers."""

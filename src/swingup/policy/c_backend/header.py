@@ -1,0 +1,202 @@
+"""A policy as a single C99 header: no allocation, no library but the standard's own mathematics.
+
+``assets/policy.h`` is the program; this module fills in the numbers and unrolls nothing but the layers.
+"""
+
+import itertools
+
+import numpy as np
+
+from ...errors import SwingupError
+from ...robots import TORQUE_LIMIT
+from ...version import __version__
+from ..file import NormaliseStage, PendulumPolicy, PendulumStage, Stage
+from ..plant import nominal_plant
+from ..settings import LOST, STEEPNESS, EstimatorSettings, FrontEndSettings, kalman_gains
+from ..template import NAME, asset, check_name, fill
+
+LAYER = """\
+static inline void swingup_layer_{index}(const swingup_real x[{inputs}], swingup_real y[{outputs}])
+{{
+    swingup_real sum[{outputs}];
+    int k, j;
+    for (j = 0; j < {outputs}; j++) {{
+        sum[j] = swingup_bias_{index}[j];
+    }}
+    for (k = 0; k < {inputs}; k++) {{
+        const swingup_real value = x[k];
+        if (value != 0) {{
+            for (j = 0; j < {outputs}; j++) {{
+                sum[j] += swingup_weight_{index}[k][j] * value;
+            }}
+        }}
+    }}
+    for (j = 0; j < {outputs}; j++) {{
+        y[j] = {result};
+    }}
+}}
+"""
+
+WRAPPED = """\
+    for (i = 0; i < 2; i++) {
+        double angle = fmod(x[@FROM@ + i], 2.0 * SWINGUP_PI);
+        angle = angle < 0.0 ? angle + 2.0 * SWINGUP_PI : angle;
+        observation[@TO@ + i] = (angle - SWINGUP_PI) / SWINGUP_PI;
+        observation[@TO@ + i + 2] = swingup_clip(x[@FROM@ + i + 2], @SCALE@) / @SCALE@;
+    }
+"""
+
+SINCOS = """\
+    for (i = 0; i < 2; i++) {
+        observation[@TO@ + 2 * i] = sin(x[@FROM@ + i]);
+        observation[@TO@ + 2 * i + 1] = cos(x[@FROM@ + i]);
+        observation[@TO@ + i + 4] = swingup_clip(x[@FROM@ + i + 2], @SCALE@) / @SCALE@;
+    }
+"""
+
+TORQUES = """\
+    for (i = 0; i < @COUNT@; i++) {
+        observation[@TO@ + i] = x[4 + i];
+    }
+"""
+
+NORMALISE = """\
+    for (i = 0; i < @SIZE@; i++) {
+        static const double mean[@SIZE@] = @MEAN@, deviation[@SIZE@] = @DEVIATION@;
+        observation[i] = swingup_clip((observation[i] - mean[i]) / deviation[i], @CLIP@);
+    }
+"""
+
+
+def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
+    """The header's text.
+
+    Args:
+        policy: what the policy file holds.
+        name: what all names in it begin with; headers with different names go into one program.
+
+    Raises:
+        SwingupError: the name is no identifier, or the policy has an observation that this program does not write.
+    """
+    check_name(name)
+    layers = policy.file.layers
+    names = ["input", *(f"layer_{index}" for index in range(len(layers)))]
+    sizes = [len(layer.bias) for layer in layers]
+    fronts = {"state estimator": policy.estimator, "front end": policy.front_end}
+    parts = " and its ".join(name for name, front in fronts.items() if front is not None)
+    about = f"a policy{f' behind its {parts}' if parts else ''} for the {policy.robot.name}"
+    values = {
+        "ABOUT": f"{about}, written by swingup {__version__}.".capitalize(),
+        "RATE": f"every {policy.period:g} s" if policy.period else "at the loop's rate",
+        "PASSIVE": "for its friction" if policy.front_end else "0",
+        "SHOWN": str(policy.stage.input_size),
+        "DRIVEN": str(policy.robot.joint),
+        "TORQUE_LIMIT": repr(policy.torque_limit),
+        "INPUTS": str(layers[0].weight.shape[1]),
+        "ARRAYS": "\n\n".join(_arrays(index, layer.weight, layer.bias) for index, layer in enumerate(layers)),
+        "LAYERS": "\n".join(_layer(index, len(layers), layer.weight) for index, layer in enumerate(layers)),
+        "BUFFERS": "\n".join(f"    swingup_real {name}[{n}];" for name, n in zip(names[1:], sizes, strict=True)),
+        "OBSERVE": "".join(map(_observe, policy.file.stages)).rstrip("\n"),
+        "CALLS": "\n".join(
+            f"    swingup_layer_{index}({before}, {after});"
+            for index, (before, after) in enumerate(itertools.pairwise(names))
+        ),
+        "RESULT": names[-1],
+        "CONTROLLER": _controller(policy),
+    }
+    text = fill(asset(__package__, "policy.h"), values)
+    return text.replace(f"{NAME}_", f"{name}_").replace(f"{NAME.upper()}_", f"{name.upper()}_")
+
+
+def _controller(policy: PendulumPolicy) -> str:
+    front_end, estimator = policy.front_end, policy.estimator
+    inside, outside = asset(__package__, "alone.h"), asset(__package__, "direct.h")
+    if front_end is not None:
+        inside = fill(asset(__package__, "front_end.h"), _front_end_values(front_end, policy.stage))
+    if estimator is not None:
+        outside = fill(asset(__package__, "estimator.h"), _estimator_values(estimator))
+    return f"{inside}\n{outside}"
+
+
+def _front_end_values(settings: FrontEndSettings, stage: PendulumStage) -> dict[str, str]:
+    numbers = {
+        "PERIOD": settings.dt,
+        "WEIGHT": settings.velocity_weight,
+        "DEAD_BAND": settings.dead_band,
+        "STEEPNESS": STEEPNESS,
+        "PASSIVE_LIMIT": settings.passive_limit,
+    }
+    counts = {
+        "SPACING": settings.spacing,
+        "TORQUES": stage.torques,
+        "HISTORY": stage.history,
+        "SHOWN": stage.input_size,
+    }
+    pairs = {"DAMPING": settings.damping, "COULOMB": settings.coulomb}
+    texts = {name: repr(float(value)) for name, value in numbers.items()}
+    texts |= {name: _braces(np.array(pair, np.float64)) for name, pair in pairs.items()}
+    return texts | {name: str(count) for name, count in counts.items()}
+
+
+def _estimator_values(settings: EstimatorSettings) -> dict[str, str]:
+    plant, gains = nominal_plant(), kalman_gains(settings)
+    numbers = {
+        "DT": settings.dt,
+        "MOTOR_LIMIT": TORQUE_LIMIT,
+        "COUPLING": plant.coupling,
+        "SHOULDER": plant.shoulder,
+        "ELBOW": plant.elbow,
+        "GRAVITY1": plant.gravity1,
+        "GRAVITY2": plant.gravity2,
+        "GAIN_QQ": gains[0, 0],
+        "GAIN_QV": gains[0, 1],
+        "GAIN_VQ": gains[1, 0],
+        "GAIN_VV": gains[1, 1],
+        "FADING": np.exp(-settings.dt / settings.memory),
+        "SCALE2": settings.residual_scale**2,
+        "CAUTION": settings.caution,
+        "LOST": LOST * settings.velocity_noise,
+    }
+    texts = {name: repr(float(value)) for name, value in numbers.items()}
+    return texts | {"DEPTH": str(settings.longest_dead_time + 1)}
+
+
+def _observe(stage: Stage) -> str:
+    if isinstance(stage, PendulumStage):
+        return _pendulum(stage)
+    if isinstance(stage, NormaliseStage):
+        numbers = {"MEAN": _braces(stage.mean), "DEVIATION": _braces(stage.deviation)}
+        return fill(NORMALISE, numbers | {"SIZE": str(len(stage.mean)), "CLIP": repr(float(stage.clip))})
+    raise SwingupError(f"a header cannot have the observation stage {type(stage).__name__}: export to NumPy")
+
+
+def _pendulum(stage: PendulumStage) -> str:
+    text, size = (WRAPPED, 4) if stage.angles == "wrapped" else (SINCOS, 6)
+    scale = repr(float(stage.velocity_scale))
+    parts = [fill(text, {"FROM": "0", "TO": "0", "SCALE": scale})]
+    if stage.torques:
+        parts.append(fill(TORQUES, {"TO": str(size), "COUNT": str(stage.torques)}))
+    for number in range(1, stage.history + 1):
+        places = {"FROM": str(4 * number + stage.torques), "TO": str(size * number + stage.torques)}
+        parts.append(fill(text, places | {"SCALE": scale}))
+    return "".join(parts)
+
+
+def _arrays(index: int, weight: np.ndarray, bias: np.ndarray) -> str:
+    outputs, inputs = weight.shape
+    rows = ",\n".join(_braces(column, "f") for column in weight.T)
+    return (
+        f"static const float swingup_bias_{index}[{outputs}] = {_braces(bias, 'f')};\n"
+        f"static const float swingup_weight_{index}[{inputs}][{outputs}] = {{\n{rows}\n}};"
+    )
+
+
+def _layer(index: int, depth: int, weight: np.ndarray) -> str:
+    outputs, inputs = weight.shape
+    result = "sum[j] > 0 ? sum[j] : 0" if index < depth - 1 else "sum[j]"
+    return LAYER.format(index=index, inputs=inputs, outputs=outputs, result=result)
+
+
+def _braces(values: np.ndarray, suffix: str = "") -> str:
+    """An initialiser; decimals that C reads back as the same numbers."""
+    return "{" + ", ".join(f"{np.format_float_scientific(value)}{suffix}" for value in values) + "}"

@@ -1,0 +1,127 @@
+"""A folder for RealAIGym's leaderboards and its robot that needs NumPy alone: our source, the policy, an entry."""
+
+import shutil
+import tempfile
+from importlib import resources
+from pathlib import Path
+
+from ..errors import SwingupError
+from ..files import write_atomically
+from ..version import __version__
+from .file import PendulumPolicy
+from .plant import MODEL
+from .template import NAME, asset, check_name, fill
+
+PACKAGE = "{name}_controller"
+"""Name of the copied source, so that an installed swingup or another entry is never meant."""
+
+SOURCES = (
+    "errors.py", "text.py", "checks.py", "renamed.py", "files.py", "arrays.py", "robots.py", MODEL,
+    *(f"policy/{name}.py" for name in ("__init__", "settings", "file", "shipped", "plant", "realaigym")),
+    *(f"policy/numpy_backend/{name}.py" for name in (
+        "__init__", "controller", "estimator", "front_end", "network",
+    )),
+)  # fmt: skip
+"""What the controller needs of this package; a test runs it without the rest."""
+
+ABOUT = f'"""What a policy needs to run, copied from swingup {__version__} (Apache-2.0)."""\n'
+
+
+def export_realaigym(
+    policy: PendulumPolicy, source: Path, folder: str | Path, username: str, name: str = NAME
+) -> Path:
+    """Write the folder, whole or not at all.
+
+    Args:
+        policy: what the policy file holds.
+        source: the policy file.
+        folder: a new or empty folder.
+        username: who is named on the leaderboard.
+        name: the entry's name there.
+
+    Returns:
+        The entry's file, ``con_NAME.py``.
+
+    Raises:
+        SwingupError: the folder is not empty or cannot be written, or a name does not fit the entry.
+    """
+    check_name(name)
+    target = Path(folder).resolve()
+    if not username.isprintable() or any(sign in username for sign in '"\\,') or not 0 < len(username) <= 60:
+        raise SwingupError(
+            f"username {username!r} does not fit an entry: use up to 60 letters, no quotes or commas"
+        )
+    if target.exists() and (not target.is_dir() or any(target.iterdir())):
+        raise SwingupError(f"{folder} is there already: name a folder that is new or empty")
+    root = resources.files("swingup")
+    try:
+        with tempfile.TemporaryDirectory(dir=target.parent, prefix=f".{target.name}.") as temporary:
+            made = Path(temporary) / target.name
+            package = made / PACKAGE.format(name=name)
+            for file in SOURCES:
+                _write(package / file, root.joinpath(*file.split("/")).read_bytes())
+            _write(package / "__init__.py", ABOUT.encode())
+            _write(package / "policy.npz", source.read_bytes())
+            _write(made / f"con_{name}.py", _entry(policy, username, name).encode())
+            _write(made / "readmes" / f"{name}.md", _readme(policy, name).encode())
+            if target.exists():
+                target.rmdir()
+            shutil.move(made, target)
+    except OSError as error:
+        reason = error.strerror or error
+        raise SwingupError(
+            f"cannot write {folder}: {reason}; choose a place that exists and can be written"
+        ) from error
+    return target / f"con_{name}.py"
+
+
+def _write(path: Path, content: bytes) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, content)
+
+
+def _entry(policy: PendulumPolicy, username: str, name: str) -> str:
+    behind = " behind a state estimator" if policy.estimator else ""
+    values = {
+        "DESCRIPTION": f"Average-reward maximum-entropy RL (AR-EAPO): one network{behind}",
+        "NAME": name,
+        "PACKAGE": PACKAGE.format(name=name),
+        "ROBOT": policy.robot.name,
+        "USERNAME": username,
+        "VERSION": __version__,
+    }
+    return fill(asset(__package__, "con_swingup.py.txt"), values)
+
+
+def _readme(policy: PendulumPolicy, name: str) -> str:
+    command = policy.metadata.get("command")
+    seen = (
+        "an estimate of the state by a Kalman filter, which also finds the loop's dead time"
+        if policy.estimator
+        else "the measured state"
+    )
+    front = ", through a front end with filter, memory and friction compensation" if policy.front_end else ""
+    values = {
+        "ESTIMATOR": f"It is shown {seen}{front}.",
+        "JOINT": ("shoulder", "elbow")[policy.robot.joint],
+        "LAYERS": " and ".join(str(len(layer.bias)) for layer in policy.file.trunk),
+        "TORQUE": _torque(policy),
+        "NAME": name,
+        "ORIGIN": f"- The policy file was made by `{command}`." if isinstance(command, str) else "",
+        "PACKAGE": PACKAGE.format(name=name),
+        "RATE": f"one call every {policy.period:g} s" if policy.period else "any; 500 Hz on the leaderboards",
+        "ROBOT": policy.robot.name,
+        "VERSION": __version__,
+    }
+    return fill(asset(__package__, "readme.md"), values)
+
+
+def _torque(policy: PendulumPolicy) -> str:
+    most, joints = f"at most {policy.torque_limit:g} N m", ("shoulder", "elbow")
+    joint, passive = joints[policy.robot.joint], joints[1 - policy.robot.joint]
+    if policy.front_end is None:
+        return f"{most}, on the {joint} alone"
+    return (
+        f"{most} on the {joint}, and compensation of friction: there, and within "
+        f"{policy.front_end.passive_limit:g} N m on the {passive}"
+    )

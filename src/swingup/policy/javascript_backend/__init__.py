@@ -1,0 +1,1 @@
+"""Policies in a browser: the script that the report's pages hold."""

@@ -1,0 +1,1 @@
+"""Policies in JAX: what is trained and judged."""

@@ -1,0 +1,184 @@
+"""A state estimator before a controller: it knows the nominal model, the torques asked for, and what is measured.
+
+Encoders are good and velocities are noisy, on the real robots as in the robustness benchmark. A Kalman filter takes
+velocities mostly from successive positions and the model. The loop may hold dead time (an old measurement, a slow
+motor): a bank of such filters, one for each dead time, tells which explains the measured motion best, and the
+estimate is carried ahead over that time with the torques that are still on their way.
+"""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ...control.controller import AbstractController, check_robot
+from ...physics.dynamics import acceleration
+from ...physics.integrate import midpoint_step
+from ...physics.parameters import Parameters, Robot
+from ...types import Count, Flag, Scalar, State, Torque
+from ..settings import LOST, EstimatorSettings, kalman_gains
+
+
+class EstimatorMemory(eqx.Module):
+    """What is remembered from call to call."""
+
+    time: Scalar
+    """Time of the last call (s), -inf before the first."""
+    state: State
+    """Estimate of the measured state, which is as old as the dead time."""
+    torques: Float[Array, "depth"]
+    """Torques asked for, newest first (N m)."""
+    deviations: Float[Array, "depth 4"]
+    """The bank: what the filter with each dead time estimates besides ``state``."""
+    surprise: Float[Array, "depth"]
+    """Evidence against each dead time, the lower the better."""
+    dead_time: Count
+    """The dead time found (steps)."""
+    controller: Any
+    """What the controller behind remembers."""
+
+
+class EstimatingController(AbstractController[EstimatorMemory]):
+    """A controller that sees an estimate of the state instead of its measurement."""
+
+    controller: AbstractController[Any]
+    """The controller behind."""
+    parameters: Parameters
+    """The model."""
+    gains: Float[np.ndarray, "2 2"]
+    """Kalman gains of a joint, from the misses of its angle and its rate to corrections of both."""
+    fading: float
+    """Factor on the evidence at each step."""
+    settings: EstimatorSettings = eqx.field(static=True)
+    robot: Robot = eqx.field(static=True)
+    """Which joint is driven."""
+
+    def init(self) -> EstimatorMemory:
+        """Nothing seen yet."""
+        depth = self.settings.longest_dead_time + 1
+        return EstimatorMemory(
+            time=jnp.array(-jnp.inf),
+            state=jnp.zeros(4),
+            torques=jnp.zeros(depth),
+            deviations=jnp.zeros((depth, 4)),
+            surprise=jnp.zeros(depth),
+            dead_time=jnp.array(0),
+            controller=self.controller.init(),
+        )
+
+    def __call__(self, carry: EstimatorMemory, t: Scalar, x: State) -> tuple[EstimatorMemory, Torque]:
+        """The controller's torques for the estimated state (N m); x is the measurement."""
+        pause, usual = jnp.asarray(t, carry.time.dtype) - carry.time, self.settings.dt
+        late = ~((pause >= 0) & (pause <= 1.5 * usual))
+        dt = jnp.where(late | (pause == 0), usual, pause)
+        followed = self._follow(carry, x, dt)
+        # What is not finite fails the comparison, and is lost.
+        kept = jnp.all(jnp.abs(x - followed.state)[2:] <= LOST * self.settings.velocity_noise)
+        anew = late | ~kept
+        memory = _choose(anew, self._restart(carry, x), followed)
+        ahead = self._ahead(memory, dt)
+        seen = _choose(anew | ~jnp.all(jnp.isfinite(ahead)), x, ahead)
+        inner, u = self.controller(carry.controller, t, seen)
+        joint, limits = self.robot.joint, (self.parameters.tl1, self.parameters.tl2)
+        newest = jnp.clip(u[joint], -limits[joint], limits[joint])
+        torques = jnp.concatenate([newest[None], memory.torques[:-1]])
+        now = jnp.asarray(t, carry.time.dtype)
+        return replace(memory, time=now, torques=torques, controller=inner), u
+
+    def _restart(self, memory: EstimatorMemory, x: State) -> EstimatorMemory:
+        """Believe the measurement; only what was learned of the dead time is kept."""
+        torques, deviations = jnp.zeros_like(memory.torques), jnp.zeros_like(memory.deviations)
+        return replace(memory, state=x, torques=torques, deviations=deviations)
+
+    def _follow(self, memory: EstimatorMemory, x: State, dt: Scalar) -> EstimatorMemory:
+        """One step of dt (s) of the filter in charge and of the bank.
+
+        The filters of the bank differ in nothing but the torque, in which accelerations are linear: so their
+        deviations follow from a double integrator, and no filter but the one in charge needs the model.
+        """
+        dt, driven = dt.astype(x.dtype), jnp.array(self.robot.actuation, x.dtype)
+        torque = memory.torques[memory.dead_time]
+        predicted = midpoint_step(self.parameters, memory.state, torque * driven, dt)
+        miss = x - predicted
+        miss = miss.at[:2].set(_nearest(miss[:2]))
+
+        p, at_rest = self.parameters, jnp.concatenate([memory.state[:2], jnp.zeros(2)])
+        response = acceleration(p, at_rest, driven) - acceleration(p, at_rest, jnp.zeros(2))
+        extra = (memory.torques - torque)[:, None] * response
+        angles, rates = memory.deviations[:, :2], memory.deviations[:, 2:]
+        drifted = jnp.concatenate([angles + dt * rates + 0.5 * dt**2 * extra, rates + dt * extra], axis=1)
+        misses = miss - drifted
+
+        scaled = jnp.sum(misses[:, :2] ** 2, axis=1) / self.settings.residual_scale**2
+        surprise = self.fading * memory.surprise + jnp.log1p(scaled)
+        dead_time = jnp.argmin(surprise + self.settings.caution * jnp.arange(len(surprise)))
+
+        deviations = drifted - self._correction(drifted)
+        in_charge = deviations[dead_time]
+        return replace(
+            memory,
+            state=predicted + self._correction(miss) + in_charge,
+            deviations=deviations - in_charge,
+            surprise=surprise,
+            dead_time=dead_time.astype(memory.dead_time.dtype),
+        )
+
+    def _correction(self, miss: Float[Array, "*n 4"]) -> Float[Array, "*n 4"]:
+        """What the Kalman gains make of a miss."""
+        gains = jnp.asarray(self.gains, miss.dtype)
+        angles, rates = miss[..., :2], miss[..., 2:]
+        return jnp.concatenate(
+            [gains[0, 0] * angles + gains[0, 1] * rates, gains[1, 0] * angles + gains[1, 1] * rates], axis=-1
+        )
+
+    def _ahead(self, memory: EstimatorMemory, dt: Scalar) -> State:
+        """The state after the dead time, steps of dt (s), in four with the mean of the torques that act in each."""
+        pieces = 4
+        driven = jnp.array(self.robot.actuation, memory.state.dtype)
+        steps = memory.dead_time.astype(memory.state.dtype) / pieces
+        ages = jnp.arange(len(memory.torques))
+        x = memory.state
+        for left in range(pieces, 0, -1):
+            # How much of each torque's step lies in the piece: it began and will end so many steps ago.
+            within = jnp.clip(left * steps - ages, 0, 1) - jnp.clip((left - 1) * steps - ages, 0, 1)
+            torque = jnp.sum(within * memory.torques) / jnp.maximum(steps, 1e-6)
+            x = midpoint_step(self.parameters, x, torque * driven, steps * dt.astype(x.dtype))
+        return x
+
+
+def with_estimator(
+    controller: AbstractController[Any],
+    robot: Robot,
+    parameters: Parameters,
+    settings: EstimatorSettings | None = None,
+) -> EstimatingController:
+    """Put an estimator in front of a controller.
+
+    Args:
+        controller: the controller; called with estimates of the state.
+        robot: which joint is driven.
+        parameters: the model, with the motor's torque limit.
+        settings: what to expect of measurement and loop.
+
+    Raises:
+        SwingupError: the controller is for the other robot.
+    """
+    check_robot(controller, robot)
+    settings = EstimatorSettings() if settings is None else settings
+    return EstimatingController(
+        controller, parameters, kalman_gains(settings), math.exp(-settings.dt / settings.memory), settings, robot
+    )
+
+
+def _nearest(angle: Float[Array, "n"]) -> Float[Array, "n"]:
+    """An angle's miss, should a measurement have been wrapped by full turns."""
+    return angle - 2 * jnp.pi * jnp.round(angle / (2 * jnp.pi))
+
+
+def _choose(condition: Flag, yes: Any, no: Any) -> Any:
+    return jax.tree.map(lambda one, other: jnp.where(condition, one, other), yes, no)

@@ -1,0 +1,1 @@
+"""Policies by NumPy alone: what runs on the robot."""

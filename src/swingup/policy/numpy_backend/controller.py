@@ -1,0 +1,85 @@
+"""A policy file as a controller: what runs on the robot, with NumPy alone."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ...robots import TORQUE_LIMIT, Robot
+from ..file import PendulumPolicy
+from ..plant import nominal_plant
+from ..settings import EstimatorSettings
+from ..shipped import read_policy
+from .estimator import NumpyEstimator
+from .front_end import NumpyFrontEnd
+from .network import NumpyPolicy
+
+
+class RuntimeController:
+    """A policy, behind an estimator or a front end where its file asks for one: a function of (x, t) with a memory.
+
+    ``reset()`` clears the memory. Use one object for one pendulum, in one thread.
+    """
+
+    def __init__(self, policy: PendulumPolicy, estimator: bool | None = None) -> None:
+        """Make a controller of a policy file.
+
+        Args:
+            policy: what the file holds.
+            estimator: as the file asks (None), never (False) or always (True, by default with default settings).
+        """
+        self.policy = policy
+        settings = policy.estimator or EstimatorSettings()
+        wanted = policy.estimator is not None if estimator is None else estimator
+        self._joint = policy.robot.joint
+        self._act = NumpyPolicy(policy)
+        self._estimator = NumpyEstimator(settings, nominal_plant(), self._joint, TORQUE_LIMIT) if wanted else None
+        self._front_end = None
+        if policy.front_end is not None:
+            stage = policy.stage
+            self._front_end = NumpyFrontEnd(
+                policy.front_end, stage.torques, stage.history, self._joint, policy.torque_limit
+            )
+
+    @property
+    def robot(self) -> Robot:
+        """Which joint is driven."""
+        return self.policy.robot
+
+    def reset(self) -> None:
+        """Forget the run so far."""
+        for part in (self._estimator, self._front_end):
+            if part is not None:
+                part.reset()
+
+    def __call__(self, x: np.ndarray, t: float) -> np.ndarray:
+        """The torques [u1, u2] (N m), float64, for the state x (4,) (rad, rad/s) measured at time t (s).
+
+        A torque is NaN where x is not finite.
+        """
+        x = np.asarray(x, np.float64)
+        if self._estimator is not None:
+            x = self._estimator.observe(float(t), x)
+        if self._front_end is not None:
+            u = self._front_end.command(self._act(self._front_end.see(float(t), x)))
+        else:
+            u = np.zeros(2)
+            u[self._joint] = self._act(x)
+        if self._estimator is not None:
+            self._estimator.remember(float(u[self._joint]))
+        return u
+
+
+def load_controller(
+    source: str | Path, robot: Robot | str | None = None, estimator: bool | None = None
+) -> RuntimeController:
+    """Load a controller from a policy file, or one that the package ships.
+
+    Args:
+        source: a policy file, or ``refined``, ``ar-eapo``, ``global`` or ``robot``.
+        robot: the robot that it must be for; needed with a name.
+        estimator: as the file asks (None), never (False) or always (True).
+
+    Raises:
+        SwingupError: there is no such controller, or the file is damaged, or for another robot.
+    """
+    return RuntimeController(read_policy(source, robot), estimator)

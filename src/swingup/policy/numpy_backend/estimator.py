@@ -1,0 +1,114 @@
+"""The state estimator in NumPy: the steps of ``docs/policy-format.md``, in JAX in ``jax_backend/estimator.py``."""
+
+import itertools
+import math
+
+import numpy as np
+
+from ..plant import Four, Plant, midpoint_step, torque_response
+from ..settings import LOST, EstimatorSettings, kalman_gains
+
+PIECES = 4
+"""Steps in which the estimate is carried ahead over the dead time."""
+TURN = 2 * math.pi
+
+
+class NumpyEstimator:
+    """An estimate of the state from measurements and the torques that were asked for.
+
+    Call ``observe`` with each measurement, then ``remember`` with the torque that was commanded.
+    """
+
+    def __init__(self, settings: EstimatorSettings, plant: Plant, joint: int, torque_limit: float) -> None:
+        """Prepare for a loop.
+
+        Args:
+            settings: what to expect of measurement and loop.
+            plant: the model.
+            joint: index of the driven joint.
+            torque_limit: of the motor (N m): what is asked for beyond it does not act.
+        """
+        self._settings, self._plant = settings, plant
+        self._driven = (1.0, 0.0) if joint == 0 else (0.0, 1.0)
+        self._limit = torque_limit
+        # From the misses [e_q1, e_q2, e_v1, e_v2] to corrections: the gains of one joint, for both.
+        self._gains = np.kron(kalman_gains(settings), np.eye(2)).T
+        self._fading = math.exp(-settings.dt / settings.memory)
+        self._lost = LOST * settings.velocity_noise
+        self._caution = settings.caution * np.arange(settings.longest_dead_time + 1)
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing seen yet."""
+        depth = self._settings.longest_dead_time + 1
+        self._time = -math.inf
+        self._state = np.zeros(4)
+        self._torques = np.zeros(depth)
+        self._deviations = np.zeros((depth, 4))
+        self._surprise = np.zeros(depth)
+        self.dead_time = 0
+        """The dead time found (steps)."""
+
+    def observe(self, t: float, x: np.ndarray) -> np.ndarray:
+        """The state now, as far as it can be told, for the state x (4,) (rad, rad/s) measured at time t (s)."""
+        pause, self._time = t - self._time, t
+        late = not 0 <= pause <= 1.5 * self._settings.dt
+        step = pause or self._settings.dt
+        with np.errstate(all="ignore"):  # what is not finite is found, and let go
+            if not late and self._follow(x, step):
+                seen = self._ahead(step)
+                return seen if np.isfinite(seen).all() else x.copy()
+        self._state, self._torques[:], self._deviations[:] = x.copy(), 0.0, 0.0
+        return x.copy()
+
+    def remember(self, torque: float) -> None:
+        """Note the torque that was asked of the driven joint (N m)."""
+        self._torques[1:] = self._torques[:-1]
+        self._torques[0] = np.clip(torque, -self._limit, self._limit)
+
+    def _follow(self, x: np.ndarray, dt: float) -> bool:
+        """One step (s) of the filter in charge and of the bank; False, all as it was, if the estimate is lost."""
+        b1, b2 = self._driven
+        state = _four(self._state)
+        torque = float(self._torques[self.dead_time])
+        predicted = np.array(midpoint_step(self._plant, state, torque * b1, torque * b2, dt))
+        miss = x - predicted
+        miss[:2] -= TURN * np.round(miss[:2] / TURN)
+
+        response = np.array(torque_response(self._plant, state, b1, b2))
+        extra = (self._torques - torque)[:, None] * response
+        drifted = self._deviations.copy()
+        drifted[:, :2] += dt * drifted[:, 2:] + 0.5 * dt * dt * extra
+        drifted[:, 2:] += dt * extra
+
+        scaled = np.sum((miss - drifted)[:, :2] ** 2, axis=1) / self._settings.residual_scale**2
+        surprise = self._fading * self._surprise + np.log1p(scaled)
+        dead_time = int(np.argmin(surprise + self._caution))
+        deviations = drifted - drifted @ self._gains
+        estimate = predicted + miss @ self._gains + deviations[dead_time]
+        # What is not finite fails the comparison.
+        if not np.all(np.abs(x - estimate)[2:] <= self._lost):
+            return False
+        self._state, self._deviations = estimate, deviations - deviations[dead_time]
+        self._surprise, self.dead_time = surprise, dead_time
+        return True
+
+    def _ahead(self, dt: float) -> np.ndarray:
+        """The state after the dead time, steps of dt (s), in four with the mean of the torques that act in each."""
+        if self.dead_time == 0:
+            return self._state.copy()
+        steps, (b1, b2) = self.dead_time / PIECES, self._driven
+        # Sum of the torques asked for in the last n steps, also between whole n.
+        sums = np.concatenate([[0.0], np.cumsum(self._torques)])
+        to_go = np.interp(steps * np.arange(PIECES, -1, -1), np.arange(len(sums)), sums).tolist()
+        x = _four(self._state)
+        for before, after in itertools.pairwise(to_go):
+            torque = (before - after) / steps
+            x = midpoint_step(self._plant, x, torque * b1, torque * b2, steps * dt)
+        return np.array(x)
+
+
+def _four(x: np.ndarray) -> Four:
+    """A state as Python's numbers."""
+    q1, q2, dq1, dq2 = x.tolist()
+    return q1, q2, dq1, dq2

@@ -1,0 +1,92 @@
+"""A policy in NumPy: from a state to the torque of the driven joint, one call at a time.
+
+The network's weights are the file's float32 numbers, its arithmetic is float64: then the order of a sum is worth
+1e-14 N m, where in float32 two libraries differ by up to 6e-5 N m on the shipped policies.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from ..file import NormaliseStage, PendulumPolicy, PendulumStage, Stage
+
+Observe = Callable[[np.ndarray], np.ndarray]
+
+TURN = 2 * math.pi
+
+
+class NumpyPolicy:
+    """The deterministic policy: x = [q1, q2, dq1, dq2] (rad, rad/s) to the torque of the driven joint (N m).
+
+    A policy with a front end is given what that shows.
+
+    A call works in buffers of its own: use one object in one thread.
+    """
+
+    def __init__(self, policy: PendulumPolicy) -> None:
+        """Take a policy file's arrays."""
+        self._stages = [_observer(stage) for stage in policy.file.stages]
+        self._layers = [
+            (layer.weight.astype(np.float64), layer.bias.astype(np.float64), np.empty(layer.bias.shape))
+            for layer in policy.file.trunk
+        ]
+        self._head = policy.file.head.weight[0].astype(np.float64)
+        self._offset = float(policy.file.head.bias[0])
+        self._torque_limit = policy.torque_limit
+
+    def __call__(self, x: np.ndarray) -> float:
+        """The torque (N m) for a state of shape (4,), or what the front end shows; NaN where that is not finite."""
+        features = np.asarray(x, np.float64)
+        for observe in self._stages:
+            features = observe(features)
+        for weight, bias, result in self._layers:
+            np.dot(weight, features, out=result)
+            np.add(result, bias, out=result)
+            features = np.maximum(result, 0.0, out=result)
+        return self._torque_limit * math.tanh(float(np.dot(self._head, features)) + self._offset)
+
+
+def _observer(stage: Stage) -> Observe:
+    """The function of a stage."""
+    return _pendulum(stage) if isinstance(stage, PendulumStage) else _normalise(stage)
+
+
+def _pendulum(stage: PendulumStage) -> Observe:
+    """Of a state, and of what a front end remembers, if anything."""
+    see, after = _state(stage), 4 + stage.torques
+    if stage.input_size == 4:
+        return see
+
+    def observe(x: np.ndarray) -> np.ndarray:
+        earlier = [see(x[start : start + 4]) for start in range(after, len(x), 4)]
+        return np.concatenate([see(x[:4]), x[4:after], *earlier])
+
+    return observe
+
+
+def _state(stage: PendulumStage) -> Observe:
+    scale, wrapped = stage.velocity_scale, stage.angles == "wrapped"
+
+    def observe(x: np.ndarray) -> np.ndarray:
+        q1, q2, dq1, dq2 = x.tolist()
+        if not math.isfinite(q1 + q2 + dq1 + dq2):
+            return np.full(4 if wrapped else 6, np.nan)
+        v1, v2 = max(-scale, min(scale, dq1)) / scale, max(-scale, min(scale, dq2)) / scale
+        if wrapped:
+            return np.array([(q1 % TURN - math.pi) / math.pi, (q2 % TURN - math.pi) / math.pi, v1, v2])
+        return np.array([math.sin(q1), math.cos(q1), math.sin(q2), math.cos(q2), v1, v2])
+
+    return observe
+
+
+def _normalise(stage: NormaliseStage) -> Observe:
+    mean, deviation, clip = stage.mean, stage.deviation, stage.clip
+
+    def observe(observation: np.ndarray) -> np.ndarray:
+        scaled = observation - mean
+        scaled /= deviation
+        np.minimum(scaled, clip, out=scaled)
+        return np.maximum(scaled, -clip, out=scaled)
+
+    return observe

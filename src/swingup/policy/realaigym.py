@@ -1,0 +1,219 @@
+"""Controllers with the interface that RealAIGym's simulator and its real-robot loop call, with NumPy alone.
+
+Nothing is inherited from its package, so that it need not be installed. Its order of things is kept: the outer
+``get_control_output`` filters the measurement, asks the controller, adds friction compensation and keeps the
+histories; wrappers (combined and testing controllers) call the inner forms, whose names end in an underscore.
+"""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..errors import SwingupError
+from ..files import make_folder, write_atomically
+from ..robots import Robot
+from .numpy_backend.controller import RuntimeController, load_controller
+from .numpy_backend.front_end import friction_torque
+
+SAVED = "controller_swingup.json"
+"""Where ``save`` writes."""
+
+
+class Answering(Protocol):
+    """What is behind: a function of a state (4,) and a time (s) that gives [u1, u2] (N m), and its memory."""
+
+    def reset(self) -> None:
+        """Forget the run so far."""
+
+    def __call__(self, x: np.ndarray, t: float) -> np.ndarray:
+        """The torques."""
+
+
+class Filter:
+    """A filter of measurements with the interface of RealAIGym's, and its histories."""
+
+    def __init__(self, inner: Any = None) -> None:
+        """Wrap an object with ``get_filtered_state(x, u)`` or a function of (x, u); None changes nothing."""
+        self._inner, self._call = inner, getattr(inner, "get_filtered_state", inner)
+        self.init()
+
+    def init(self) -> None:
+        """Begin a run; a filter with an ``init()`` of its own is told."""
+        self.x_hist: list[np.ndarray] = []
+        """Measurements so far."""
+        self.x_filt_hist: list[np.ndarray] = []
+        """What the controller was shown."""
+        if hasattr(self._inner, "init"):
+            self._inner.init()
+
+    def get_filtered_state(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """What the controller is shown for the measurement x (4,) after the torques u (2,)."""
+        self.x_hist.append(x)
+        seen = x.copy() if self._call is None else np.array(self._call(x.copy(), u), np.float64)
+        self.x_filt_hist.append(seen)
+        return seen
+
+
+class RealAIGymController:
+    """A controller as RealAIGym calls it.
+
+    ``init()`` begins a run: memory and histories are cleared. ``reset()`` also takes the friction compensation
+    back, as its own controllers do, and wants an ``init()`` afterwards.
+    """
+
+    def __init__(self, controller: Answering, robot: Robot, about: dict[str, Any], dt: float = 0.002) -> None:
+        """Wrap a controller.
+
+        Args:
+            controller: what answers.
+            robot: which joint is driven.
+            about: what ``save`` writes, JSON values.
+            dt: time between calls (s), which counts where a caller gives no time.
+        """
+        self.robot = robot
+        self.disturbance_intervals: list[Any] = []
+        """When somebody disturbs the run on purpose; never."""
+        self._controller, self._about, self._dt = controller, about, dt
+        self.filter = Filter()
+        """What filters measurements, with its histories."""
+        self.reset()
+        self.init()
+
+    def init(self) -> None:
+        """Begin a run."""
+        self.filter.init()
+        self.x_hist: list[np.ndarray] = []
+        """Measurements so far."""
+        self.u_hist: list[np.ndarray] = [np.zeros(2)]
+        """Zeros, then the torques so far: one entry more than there were steps."""
+        self.u_fric_hist: list[np.ndarray] = []
+        """Friction compensation so far (N m)."""
+        self.u_grav_hist: list[np.ndarray] = []
+        """Gravity compensation so far: zeros."""
+        self.init_()
+
+    def init_(self) -> None:
+        """Clear the controller's own memory."""
+        self._steps = 0
+        self._controller.reset()
+
+    def reset(self) -> None:
+        """No friction compensation, and no memory."""
+        self.set_friction_compensation()
+        self.reset_()
+
+    def reset_(self) -> None:
+        """Clear the controller's own memory."""
+        self.init_()
+
+    def get_control_output(self, x: Sequence[float] | np.ndarray, t: float | None = None) -> np.ndarray:
+        """The torques [u1, u2] (N m), a new float64 array, for the state x measured at time t (s)."""
+        measured = np.array(x, np.float64)
+        self.x_hist.append(measured)
+        seen = self.filter.get_filtered_state(measured, self.u_hist[-1])
+        friction = friction_torque(seen[2:], self._damping, self._coulomb)
+        u = self.get_control_output_(seen, t) + friction
+        self.u_fric_hist.append(friction)
+        self.u_grav_hist.append(np.zeros(2))
+        self.u_hist.append(u)
+        return u.copy()
+
+    def get_control_output_(self, x: Sequence[float] | np.ndarray, t: float | None = None) -> np.ndarray:
+        """The controller's own torques; without a time, calls are counted as steps."""
+        now = self._steps * self._dt if t is None else float(t)
+        self._steps += 1
+        return np.array(self._controller(np.array(x, np.float64), now), np.float64)
+
+    def save(self, directory: str | Path) -> None:
+        """Write what this controller is to ``controller_swingup.json`` in a folder.
+
+        Raises:
+            SwingupError: the folder cannot be made or written.
+        """
+        self.save_(directory)
+
+    def save_(self, directory: str | Path) -> None:
+        """The same, as wrappers call it."""
+        settings = {"damping": self._damping.tolist(), "coulomb_fric": self._coulomb.tolist()}
+        text = json.dumps({"robot": self.robot.name, **self._about, **settings}, indent=2)
+        make_folder(directory)
+        write_atomically(Path(directory) / SAVED, (text + "\n").encode())
+
+    def set_filter(self, filter: Any = None) -> None:
+        """Filter measurements from now on, after ``reset()`` as well.
+
+        A policy that ships with a state estimator wants no filter.
+
+        Args:
+            filter: an object with ``get_filtered_state(x, u)``, as RealAIGym's, or a function of (x, u): the
+                measurement and the last torques; None for no filter.
+        """
+        self.filter = Filter(filter)
+
+    def set_friction_compensation(
+        self, damping: Sequence[float] = (0.0, 0.0), coulomb_fric: Sequence[float] = (0.0, 0.0)
+    ) -> None:
+        """Add damping q̇ + coulomb_fric arctan(100 q̇) to the torques, for both joints (N m s/rad, N m).
+
+        Raises:
+            SwingupError: these are not two finite numbers each.
+        """
+        self._damping, self._coulomb = _two("damping", damping), _two("coulomb_fric", coulomb_fric)
+
+    def set_gravity_compensation(self, plant: Any = None) -> None:
+        """Nothing: these controllers reckon with gravity."""
+
+    def set_filter_args(self, *arguments: Any, **settings: Any) -> None:
+        """Nothing: RealAIGym's own filters need its package; see ``set_filter``."""
+
+    def set_parameters(self, *arguments: Any, **parameters: Any) -> None:
+        """Nothing: a policy has none."""
+
+    def set_start(self, x: Any) -> None:
+        """Nothing: the policy starts from anywhere."""
+
+    def set_goal(self, x: Any) -> None:
+        """Nothing: the goal is upright."""
+
+    def get_forecast(self) -> tuple[list[Any], list[Any], list[Any]]:
+        """Nothing is forecast."""
+        return [], [], []
+
+    def get_init_trajectory(self) -> tuple[list[Any], list[Any], list[Any]]:
+        """Nothing is planned beforehand."""
+        return [], [], []
+
+
+def load_policy_controller(
+    source: str | Path, robot: Robot | str | None = None, estimator: bool | None = None
+) -> RealAIGymController:
+    """A policy as RealAIGym calls it, ready: ``init()`` has been called.
+
+    Args:
+        source: a policy file, or ``refined``, ``ar-eapo``, ``global`` or ``robot``.
+        robot: the robot that it must be for; needed with a name.
+        estimator: behind a state estimator as the file asks (None), never (False) or always (True).
+
+    Raises:
+        SwingupError: there is no such policy, or it is damaged, or for another robot.
+    """
+    return wrap_policy(load_controller(source, robot, estimator), str(source))
+
+
+def wrap_policy(controller: RuntimeController, name: str) -> RealAIGymController:
+    """A loaded policy as RealAIGym calls it."""
+    policy = controller.policy
+    about = {"controller": name, "torque_limit": policy.torque_limit}
+    origin = {key: policy.metadata[key] for key in ("version", "command", "seed") if key in policy.metadata}
+    period = {} if policy.period is None else {"dt": policy.period}
+    return RealAIGymController(controller, policy.robot, about | {"policy": origin}, **period)
+
+
+def _two(name: str, given: Sequence[float]) -> np.ndarray:
+    values = np.array(given, np.float64)
+    if values.shape != (2,) or not np.isfinite(values).all():
+        raise SwingupError(f"{name} = {given!r}: two finite numbers are needed, for shoulder and elbow")
+    return values
