@@ -6,7 +6,7 @@ from scipy.linalg import solve_discrete_are
 
 from swingup.control.lqr import linearised, riccati_recursion, upright_lqr
 from swingup.control.published import PUBLISHED
-from swingup.control.upright import UPRIGHT
+from swingup.physics.angles import UPRIGHT
 from swingup.physics.integrate import rk4_step
 from swingup.physics.parameters import leaderboard_parameters
 

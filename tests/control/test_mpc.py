@@ -6,7 +6,7 @@ import pytest
 from swingup.control.baselines import baseline, shipped_reference
 from swingup.control.mpc import MPC
 from swingup.control.switch import Latching
-from swingup.control.upright import UPRIGHT
+from swingup.physics.angles import UPRIGHT
 from swingup.physics.parameters import ROBOTS
 
 ACROBOT = ROBOTS["acrobot"]

@@ -4,7 +4,6 @@ import pytest
 
 from swingup.control.controller import AbstractController
 from swingup.control.switch import AbstractSparing, Latching
-from swingup.control.upright import wrap
 from swingup.physics.parameters import ROBOTS
 
 ACROBOT = ROBOTS["acrobot"]
@@ -67,12 +66,6 @@ def test_all_four_have_to_be_near(x64, controller, index):
 def test_the_threshold_is_strict(x64, controller):
     assert torques(controller, [UP + np.array([0, 0, 1.0, 0])])[0] == [1.0]
     assert torques(controller, [UP + np.array([0, 0, np.nextafter(1.0, 0.0), 0])])[0] == [2.0]
-
-
-def test_wrapping(x64):
-    # q1 to [0, 2π), q2 to [-π, π).
-    x = wrap(jnp.array([-0.5, np.pi, 7.0, -7.0]))
-    np.testing.assert_allclose(x, [2 * np.pi - 0.5, -np.pi, 7.0, -7.0])
 
 
 def test_a_sparing_controller_learns_that_it_is_idle(x64):

@@ -7,7 +7,6 @@ import pytest
 
 from swingup.control.scalar_algebra import unpack
 from swingup.control.transition import PendulumTransition
-from swingup.physics.dynamics import derivative
 from swingup.physics.integrate import rk4_step
 from swingup.physics.parameters import ROBOTS, identified_parameters, leaderboard_parameters
 
@@ -26,15 +25,13 @@ def full_jacobian(transition):
     return np.array([[np.broadcast_to(entry, len(STATES)) for entry in column] for column in columns]).T
 
 
-def test_equations_of_motion_are_those_of_the_physics(x64, robot):
+def test_a_step_is_the_judges_runge_kutta_step(x64, robot):
     # Friction and motor inertia included.
     p = identified_parameters()
-    transition = PendulumTransition(p, robot.joint, 0.002)
     x, u = unpack(jnp.asarray(STATES)), jnp.asarray(TORQUES)
-    rates = jax.jit(jax.vmap(lambda x, u: derivative(p, x, both_joints(robot, u))))(STATES, TORQUES)
-    np.testing.assert_allclose(np.transpose(transition.derivative(x, u)), rates, rtol=1e-11, atol=1e-11)
     steps = jax.jit(jax.vmap(lambda x, u: rk4_step(p, x, both_joints(robot, u), 0.002)))(STATES, TORQUES)
-    np.testing.assert_allclose(np.transpose(transition.step(x, u)), steps, rtol=1e-13, atol=1e-13)
+    found = jax.jit(PendulumTransition(p, robot.joint, 0.002).step)(x, u)
+    np.testing.assert_allclose(np.transpose(found), steps, rtol=1e-13, atol=1e-13)
 
 
 def finite_differences(p, robot, dt):

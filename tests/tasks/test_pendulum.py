@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from swingup.errors import SwingupError
+from swingup.physics.angles import UPRIGHT
 from swingup.physics.integrate import rk4_step
 from swingup.physics.parameters import ROBOTS, identified_parameters, leaderboard_parameters
-from swingup.tasks.pendulum import UPRIGHT, PendulumState, wrap_to_goal
+from swingup.tasks.pendulum import PendulumState
 from swingup.tasks.presets import SIM2REAL_TASKS, TASKS, get_task, paper_task, smooth_task
 
 PI = np.pi
@@ -218,20 +219,6 @@ def test_diverging_step_keeps_the_last_state_and_truncates(name, robot, rates):
 def test_fast_but_sound_motion_is_not_taken_for_divergence(robot):
     task = dataclasses.replace(paper_task(robot), truncation_probability=0.0)
     assert not step_from(task, [0.3, 0.2, 20.0, -20.0], 1.0).truncated
-
-
-@pytest.mark.parametrize(
-    ("q", "wrapped"),
-    [
-        ((0, 0), (0, 0)),
-        ((-0.1, PI + 0.1), (2 * PI - 0.1, -PI + 0.1)),
-        ((2 * PI + 0.1, -PI - 0.1), (0.1, PI - 0.1)),
-        ((7 * PI, -8.5 * PI), (PI, -PI / 2)),
-    ],
-)
-def test_wrap_to_goal_by_hand(q, wrapped):
-    found = wrap_to_goal(jnp.array([*q, 30.0, -40.0]))
-    np.testing.assert_allclose(found, [*wrapped, 30.0, -40.0], atol=5e-6)
 
 
 @pytest.mark.parametrize("name", TASKS)

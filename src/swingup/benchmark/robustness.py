@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..control.upright import UPRIGHT
 from ..errors import SwingupError
+from ..physics.angles import UPRIGHT, wrap_difference
 from ..physics.parameters import Robot, get_robot
 from ..version import __version__
 from .grid import Case, make_cases
@@ -135,7 +135,7 @@ def check_criteria(criteria: str | Sequence[str]) -> list[str]:
 def upright(final: np.ndarray, tolerance: Sequence[float]) -> np.ndarray:
     """Whether states (n, 4) are strictly within the tolerance of upright at rest, angles wrapped about it."""
     error = np.asarray(final, np.float64) - UPRIGHT
-    error[:, :2] = (error[:, :2] + np.pi) % (2 * np.pi) - np.pi
+    error[:, :2] = wrap_difference(error[:, :2])
     return np.all(np.abs(error) < np.asarray(tolerance), axis=1)
 
 

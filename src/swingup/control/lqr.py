@@ -14,11 +14,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import solve_continuous_are
 
+from ..physics.angles import UPRIGHT, wrap
 from ..physics.dynamics import linearise
 from ..physics.parameters import Parameters, Robot
 from ..types import Scalar, State, Torque
+from .actuation import joint_torques
 from .controller import AbstractController
-from .upright import UPRIGHT, drive, wrap
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class LQR(AbstractController[None]):
         """The regulator's torque on the driven joint (N m)."""
         error = wrap(x) - jnp.asarray(UPRIGHT)
         within = error @ jnp.asarray(self.cost_to_go) @ error <= self.max_cost_to_go
-        return None, drive(jnp.where(within, -jnp.asarray(self.gains) @ error, 0.0), self.robot)
+        return None, joint_torques(jnp.where(within, -jnp.asarray(self.gains) @ error, 0.0), self.robot)
 
 
 def upright_lqr(parameters: Parameters, robot: Robot, settings: LQRSettings) -> LQR:

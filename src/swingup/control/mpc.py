@@ -11,15 +11,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..physics.angles import UPRIGHT
 from ..physics.parameters import Parameters, Robot
 from ..types import Flag, Scalar, State, Torque
+from .actuation import joint_torques
 from .ilqr import solve
 from .piecewise_cubic import fit_piecewise_cubic
 from .published import MPCSettings
 from .reference import Reference
 from .switch import AbstractSparing
 from .transition import PendulumTransition
-from .upright import UPRIGHT, drive
 
 Plan = Float[Array, "n"]
 """The driven joint's torques from now on (N m)."""
@@ -49,7 +50,7 @@ class MPC(AbstractSparing[Plan]):
         row = self.row(t) + self.published.horizon - 1
         rows = jnp.asarray(self.torque)
         coming = jnp.where(row < len(rows) - 1, rows[jnp.minimum(row, len(rows) - 1)], 0.0)
-        return jnp.append(torque[1:], coming), drive(torque[0], self.robot)
+        return jnp.append(torque[1:], coming), joint_torques(torque[0], self.robot)
 
     def plan(self, guess: Plan, t: Scalar, x: State, idle: Flag) -> Plan:
         """The torques that track the trajectory best from x on."""

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import SwingupError
+from ..physics.angles import UPRIGHT
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
 from ..types import Scalar
 from .ilqr import Settings, Solution, Status, feedback_gains, solve
@@ -26,7 +27,6 @@ from .riccati_passes import Cost, forward
 from .scalar_algebra import unpack
 from .torque_rate import TorqueRateTransition
 from .transition import PendulumTransition
-from .upright import UPRIGHT
 
 _COARSE = Settings(
     max_iterations=150,

@@ -14,13 +14,13 @@ from jaxtyping import Float
 
 from ..arrays import load_archive, save_archive
 from ..errors import SwingupError
+from ..physics.angles import UPRIGHT
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
 from ..version import __version__
 from .ilqr import Settings, Solution, Status, feedback_gains, solve
 from .published import SwingupProblem
 from .riccati_passes import Cost
 from .transition import PendulumTransition
-from .upright import UPRIGHT
 
 FORMAT = "swingup trajectory"
 FORMAT_VERSION = 1

@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from ..physics.angles import UPRIGHT, wrap
 from ..physics.parameters import Robot
 from ..types import Flag, Scalar, State, Torque
 from .controller import AbstractController, Carry
-from .upright import UPRIGHT, wrap
 
 
 class AbstractSparing(AbstractController[Carry]):

@@ -10,13 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from ..physics.angles import wrap_difference
 from ..physics.parameters import Parameters, Robot
 from ..types import Scalar, State, Torque
+from .actuation import joint_torques
 from .controller import AbstractController
 from .lqr import linearised, riccati_recursion
 from .piecewise_cubic import PiecewiseCubic, fit_piecewise_cubic
 from .reference import Reference
-from .upright import drive, wrap_error
 
 
 class RiccatiGains(AbstractController[None]):
@@ -37,7 +38,7 @@ class RiccatiGains(AbstractController[None]):
         """The trajectory's torque and feedback on the driven joint (N m)."""
         row = jnp.clip(jnp.round(t / self.dt), 0, len(self.torque) - 1).astype(jnp.int32)
         states, torque, gains = (jnp.asarray(rows)[row] for rows in (self.states, self.torque, self.gains))
-        return None, drive(torque + gains @ (x - states), self.robot)
+        return None, joint_torques(torque + gains @ (x - states), self.robot)
 
 
 class TVLQR(AbstractController[None]):
@@ -54,8 +55,8 @@ class TVLQR(AbstractController[None]):
         """The trajectory's torque and feedback on the driven joint (N m)."""
         now = self.fit(t)
         error = x - now[:4]
-        error = jnp.concatenate([wrap_error(error[:2]), error[2:]])
-        return None, drive(now[4] - now[5:] @ error, self.robot)
+        error = jnp.concatenate([wrap_difference(error[:2]), error[2:]])
+        return None, joint_torques(now[4] - now[5:] @ error, self.robot)
 
 
 def tvlqr(

@@ -1,6 +1,7 @@
 """One step of the pendulum under its driven joint's torque, and the step's Jacobian.
 
-States are tuples of scalars (see ``algebra``). All is elementwise, so that entries may also be rows of many steps.
+States are tuples of scalars (see ``scalar_algebra``). All operations are elementwise, so that an entry may
+also be a row of many steps.
 """
 
 import abc
@@ -10,8 +11,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..physics.dynamics import COULOMB_STEEPNESS
-from ..physics.parameters import Parameters, mass_entries
+from ..physics.equations import acceleration, friction, lump
+from ..physics.parameters import Parameters
 from ..physics.trigonometry import sine_cosine
 from .scalar_algebra import Matrix, Real, Vector, add_scaled, dot
 
@@ -66,18 +67,14 @@ class PendulumTransition(AbstractTransition):
         )
 
     def derivative(self, x: Vector, u: Real) -> Vector:
-        """The equations of motion of ``physics.dynamics``, written out in scalars."""
+        """[dq1, dq2, ddq1, ddq2] under the driven joint's torque u (N m)."""
         p, (q1, q2, dq1, dq2) = self.parameters, x
         (sin1, cos1), (sin2, cos2) = sine_cosine(q1), sine_cosine(q2)
-        g2 = -p.m2 * p.g * p.r2 * (sin1 * cos2 + cos1 * sin2)
-        g1 = -(p.m1 * p.r1 + p.m2 * p.l1) * p.g * sin1 + g2
-        h_sin = p.m2 * p.l1 * p.r2 * sin2
-        f1 = g1 + h_sin * dq2 * (2.0 * dq1 + dq2) - _friction(p.b1, p.cf1, dq1)
-        f2 = g2 - h_sin * dq1 * dq1 - _friction(p.b2, p.cf2, dq2)
-        f1, f2 = (f1 + u, f2) if self.joint == 0 else (f1, f2 + u)
-        m11, m12, m22 = mass_entries(p, cos2)
-        inverse = 1.0 / (m11 * m22 - m12 * m12)
-        return (dq1, dq2, inverse * (m22 * f1 - m12 * f2), inverse * (m11 * f2 - m12 * f1))
+        # The addition theorem costs less than another sine.
+        sines = sin1, sin2, sin1 * cos2 + cos1 * sin2
+        torques = (u, 0.0) if self.joint == 0 else (0.0, u)
+        losses = _friction(p.b1, p.cf1, dq1), _friction(p.b2, p.cf2, dq2)
+        return (dq1, dq2, *acceleration(lump(p), sines, cos2, (dq1, dq2), torques, losses))
 
 
 def differentiate(function: Callable[[Vector, Real], Vector], x: Vector, u: Real) -> Matrix:
@@ -95,6 +92,6 @@ def differentiate(function: Callable[[Vector, Real], Vector], x: Vector, u: Real
     return tuple(column(index) for index in range(len(inputs)))
 
 
-def _friction(viscous: Real, coulomb: Real, rate: Real) -> Real:
-    torque = viscous * rate if viscous else 0.0
-    return torque + coulomb * jnp.arctan(COULOMB_STEEPNESS * rate) if coulomb else torque
+def _friction(damping: Real, coulomb: Real, rate: Real) -> Real:
+    # Without friction an arctangent would be compiled for nothing: XLA keeps 0 · arctan(x), which may be NaN.
+    return friction(damping, coulomb, rate, jnp.arctan) if damping or coulomb else 0.0

@@ -19,6 +19,7 @@ from ..robots import TORQUE_LIMIT as TORQUE_LIMIT
 from ..robots import Robot as Robot
 from ..robots import get_robot as get_robot
 from ..types import Scalar
+from .equations import lump, mass_entries
 
 Real = float | Scalar
 
@@ -156,23 +157,13 @@ def validated(parameters: Parameters) -> Parameters:
             raise SwingupError(f"parameter {name} = {values[name]:g} must not be negative")
     # det M is concave in cos(q2), so that its least value lies at cos(q2) = 1 or -1.
     for cos_q2 in (1.0, -1.0):
-        m11, m12, m22 = mass_entries(Parameters(**values), cos_q2)
+        m11, m12, m22 = mass_entries(lump(Parameters(**values)), cos_q2)
         if not (m22 > 0 and m11 * m22 - m12 * m12 > 0):
             raise SwingupError(
                 f"mass matrix is not positive definite at cos(q2) = {cos_q2:g}: "
                 f"raise I1 = {values['I1']:g} or I2 = {values['I2']:g}"
             )
     return parameters
-
-
-def mass_entries(parameters: Parameters, cos_q2: Any) -> tuple[Any, Any, Any]:
-    """M11, M12 = M21 and M22 (kg m²) for a cosine of the elbow angle, which may be a float or an array."""
-    p = parameters
-    h = p.m2 * p.l1 * p.r2
-    m11 = p.I1 + p.I2 + p.m2 * p.l1**2 + 2 * h * cos_q2 + p.gr**2 * p.Ir + p.Ir
-    m12 = p.I2 + h * cos_q2 - p.gr * p.Ir
-    m22 = p.I2 + p.gr**2 * p.Ir
-    return m11, m12, m22
 
 
 def _real(name: str, value: Any) -> float:

@@ -17,6 +17,7 @@ PACKAGE = "{name}_controller"
 
 SOURCES = (
     "errors.py", "text.py", "checks.py", "renamed.py", "files.py", "arrays.py", "robots.py", MODEL,
+    "physics/__init__.py", "physics/equations.py",
     *(f"policy/{name}.py" for name in ("__init__", "settings", "file", "shipped", "plant", "realaigym")),
     *(f"policy/numpy_backend/{name}.py" for name in (
         "__init__", "controller", "estimator", "front_end", "network",

@@ -16,8 +16,8 @@ from jaxtyping import Array, Bool, Float
 from ..benchmark.grid import delay_steps, vary
 from ..benchmark.rollout import Scenario
 from ..benchmark.rules import ROBUSTNESS_RULES, Sweep
-from ..control.upright import UPRIGHT
 from ..errors import SwingupError
+from ..physics.angles import UPRIGHT
 from ..physics.parameters import Parameters, Robot, leaderboard_parameters
 from ..tasks.disturbance import Disturbance, Pushes, undisturbed
 from ..tasks.throws import thrown_states

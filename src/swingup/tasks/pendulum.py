@@ -6,14 +6,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from ..physics.angles import UPRIGHT, wrap
 from ..physics.integrate import rk4_step
 from ..physics.parameters import Parameters, Robot
 from ..policy.jax_backend.observation import PendulumObservation
 from ..types import Action, Count, Key, Observation, Scalar, State, Torque
 from .task import AbstractTask, Step
-
-UPRIGHT = (jnp.pi, 0.0, 0.0, 0.0)
-"""g = [π, 0, 0, 0], the goal state (rad, rad/s)."""
 
 DIVERGED = 1000.0
 """Velocity beyond which a state is no longer physics but an integration error (rad/s)."""
@@ -85,7 +83,7 @@ class PendulumTask(AbstractTask[PendulumState]):
     def reward(self, x: State, u: Torque) -> Scalar:
         """r(x', a) of the state after the step and the torque (N m)."""
         limited = jnp.clip(x[2:], -self.cost_velocity_limit, self.cost_velocity_limit)
-        error = jnp.concatenate([wrap_to_goal(x)[:2], limited]) - jnp.array(UPRIGHT, x.dtype)
+        error = jnp.concatenate([wrap(x)[:2], limited]) - jnp.array(UPRIGHT, x.dtype)
         cost = error @ (jnp.array(self.state_cost, x.dtype) * error) + self.torque_cost * (u @ u)
         return -self.reward_scale * cost
 
@@ -106,10 +104,3 @@ class PendulumTask(AbstractTask[PendulumState]):
             terminated=jnp.array(False),
             truncated=at_random | diverged | (after.steps >= self.max_steps),
         )
-
-
-def wrap_to_goal(x: State) -> State:
-    """Wrap q1 to [0, 2π) and q2 to [-π, π), so that both angles are continuous around upright."""
-    q1 = jnp.mod(x[0], 2 * jnp.pi)
-    q2 = jnp.mod(x[1] + jnp.pi, 2 * jnp.pi) - jnp.pi
-    return jnp.concatenate([jnp.array([q1, q2]), x[2:]])

@@ -5,7 +5,8 @@ import math
 
 import numpy as np
 
-from ..plant import Four, Plant, midpoint_step, torque_response
+from ...physics.equations import Lumped
+from ..plant import Four, midpoint_step, torque_response
 from ..settings import LOST, EstimatorSettings, kalman_gains
 
 PIECES = 4
@@ -19,7 +20,7 @@ class NumpyEstimator:
     Call ``observe`` with each measurement, then ``remember`` with the torque that was commanded.
     """
 
-    def __init__(self, settings: EstimatorSettings, plant: Plant, joint: int, torque_limit: float) -> None:
+    def __init__(self, settings: EstimatorSettings, plant: Lumped, joint: int, torque_limit: float) -> None:
         """Prepare for a loop.
 
         Args:

@@ -1,0 +1,11 @@
+"""From a controller's one torque to those of both joints."""
+
+import jax.numpy as jnp
+
+from ..physics.parameters import TORQUE_LIMIT, Robot
+from ..types import Scalar, Torque
+
+
+def joint_torques(u: Scalar, robot: Robot, limit: float = TORQUE_LIMIT) -> Torque:
+    """Both joints' torques (N m): u, clipped to the limit, on the driven joint and 0 on the passive one."""
+    return jnp.clip(u, -limit, limit) * jnp.array(robot.actuation, u.dtype)

@@ -1,0 +1,131 @@
+"""The equations of motion M(q) q̈ = G(q) + u - C(q, q̇) q̇ - F(q̇), once for all of Python.
+
+Everything here is arithmetic on sines, cosines, rates and torques that the caller computed. So the same lines serve
+JAX's arrays (``dynamics``), rows of scalars (iLQR's transition), and Python's own floats (the NumPy policies). This
+module imports nothing of JAX or equinox: NumPy's policies need it on machines that have neither. Source: the public
+RealAIGym double-pendulum benchmark.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeAlias
+
+Real: TypeAlias = Any
+"""A float, an array of NumPy, or an array of JAX."""
+
+Pair: TypeAlias = tuple[Real, Real]
+"""One entry for the shoulder and one for the elbow."""
+
+Stack: TypeAlias = Callable[[Any], Any]
+"""Makes a vector of a pair."""
+
+COULOMB_STEEPNESS = 100.0
+"""Slope of the smoothed Coulomb friction cf arctan(100 q̇) (s/rad)."""
+
+
+class Lumped(NamedTuple):
+    """The combinations of the plant's parameters that the equations of motion consist of."""
+
+    shoulder: Real
+    """I1 + I2 + m2 l1², the part of M11 that no angle and no motor changes (kg m²)."""
+    elbow: Real
+    """I2, inertia of link 2 about the elbow (kg m²)."""
+    coupling: Real
+    """m2 l1 r2 (kg m²)."""
+    gravity1: Real
+    """(m1 r1 + m2 l1) g (N m)."""
+    gravity2: Real
+    """m2 g r2 (N m)."""
+    reflected: Real
+    """gr² Ir, a rotor's inertia at its joint (kg m²)."""
+    geared: Real
+    """gr Ir (kg m²)."""
+    rotor: Real
+    """Ir (kg m²)."""
+
+
+def lump(p: Any) -> Lumped:
+    """The combinations for a plant whose attributes are those of ``physics.parameters.Parameters``."""
+    return Lumped(
+        shoulder=p.I1 + p.I2 + p.m2 * p.l1**2,
+        elbow=p.I2,
+        coupling=p.m2 * p.l1 * p.r2,
+        gravity1=(p.m1 * p.r1 + p.m2 * p.l1) * p.g,
+        gravity2=p.m2 * p.g * p.r2,
+        reflected=p.gr**2 * p.Ir,
+        geared=p.gr * p.Ir,
+        rotor=p.Ir,
+    )
+
+
+def mass_entries(plant: Lumped, cos2: Real) -> tuple[Real, Real, Real]:
+    """M11, M12 = M21 and M22 (kg m²), with the motors' inertia."""
+    shoulder, elbow, coupling, _, _, reflected, geared, rotor = plant
+    m11 = shoulder + 2 * coupling * cos2 + reflected + rotor
+    return m11, elbow + coupling * cos2 - geared, elbow + reflected
+
+
+def gravity(plant: Lumped, sin1: Real, sin12: Real) -> Pair:
+    """G(q) (N m), the torque with which gravity drives each joint; sin12 = sin(q1 + q2)."""
+    second = -plant.gravity2 * sin12
+    return -plant.gravity1 * sin1 + second, second
+
+
+def coriolis(plant: Lumped, sin2: Real, dq1: Real, dq2: Real) -> Pair:
+    """C(q, q̇) q̇ (N m)."""
+    h = plant.coupling * sin2
+    return -h * dq2 * (2 * dq1 + dq2), h * dq1 * dq1
+
+
+def friction(damping: Real, coulomb: Real, rate: Real, arctan: Callable[[Any], Any]) -> Real:
+    """F(q̇) = b q̇ + cf arctan(100 q̇) of a joint (N m), viscous and smoothed Coulomb friction.
+
+    Args:
+        damping: b (N m s/rad).
+        coulomb: cf (N m).
+        rate: q̇ (rad/s).
+        arctan: the arctangent for this kind of number.
+    """
+    return damping * rate + coulomb * arctan(COULOMB_STEEPNESS * rate)
+
+
+def response(plant: Lumped, cos2: Real, torques: Any, stack: Stack | None = None) -> Any:
+    """M(q)⁻¹ τ (rad/s²): the accelerations that torques τ (N m) cause."""
+    m11, m12, m22 = mass_entries(plant, cos2)
+    determinant = m11 * m22 - m12 * m12
+    # No unpacking: iterating over a vector of JAX is another operation than indexing it, and slower.
+    adjugate1, adjugate2 = m22 * torques[0] - m12 * torques[1], m11 * torques[1] - m12 * torques[0]
+    if stack is None:
+        return adjugate1 / determinant, adjugate2 / determinant
+    return stack((adjugate1, adjugate2)) / determinant
+
+
+def acceleration(
+    plant: Lumped,
+    sines: tuple[Real, Real, Real],
+    cos2: Real,
+    rates: Pair,
+    torques: Any,
+    losses: Any = (0.0, 0.0),
+    stack: Stack | None = None,
+) -> Any:
+    """q̈ (rad/s²).
+
+    Args:
+        plant: the plant.
+        sines: of q1, q2 and q1 + q2.
+        cos2: cosine of q2.
+        rates: q̇ (rad/s).
+        torques: u (N m).
+        losses: F(q̇) (N m). The zeros of a plant without friction cost nothing once compiled.
+        stack: None for a pair of numbers. With it, both joints are computed as one vector, which is the result too.
+    """
+    sin1, sin2, sin12 = sines
+    pulls, swings = gravity(plant, sin1, sin12), coriolis(plant, sin2, rates[0], rates[1])
+    if stack is None:
+        first = _sum(torques[0], pulls[0], swings[0], losses[0])
+        return response(plant, cos2, (first, _sum(torques[1], pulls[1], swings[1], losses[1])))
+    return response(plant, cos2, _sum(torques, stack(pulls), stack(swings), stack(losses)), stack)
+
+
+def _sum(torque: Real, pull: Real, swing: Real, loss: Real) -> Real:
+    return torque + pull - swing - loss
