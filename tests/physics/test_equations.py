@@ -13,7 +13,7 @@ from swingup.control.transition import PendulumTransition
 from swingup.physics import dynamics, equations
 from swingup.physics.equations import lump
 from swingup.physics.parameters import identified_parameters, leaderboard_parameters
-from swingup.runtime import plant as floats
+from swingup.policy import plant as floats
 
 RANDOM = np.random.default_rng(0)
 STATES = RANDOM.uniform(-1, 1, (200, 4)) * [7, 7, 12, 12]
