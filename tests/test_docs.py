@@ -1,8 +1,8 @@
-"""What the documentation shows runs: Python blocks, command lines, the notebook, and the names of the API page.
+"""The documentation runs: Python blocks, command lines, the notebook; and the API page has every public name.
 
-Comments in the pages' source say what a block needs; readers do not see them. Before a block,
-``<!-- run first: CODE -->`` is run in the same namespace, ``<!-- slow -->`` leaves it to the slow tests, and
-``<!-- not run: REASON -->`` to nobody. A block is run by itself, in an empty folder.
+Comments in the pages' source, which readers do not see, say what a block needs. Before a block,
+``<!-- run first: CODE -->`` gives code to run in the same namespace, ``<!-- slow -->`` leaves the block to the slow
+tests, and ``<!-- not run: REASON -->`` excludes it. Each block runs by itself, in an empty folder.
 """
 
 import dataclasses
@@ -35,7 +35,7 @@ pytestmark = pytest.mark.skipif(not (ROOT / "docs").is_dir(), reason="the pages 
 COMMENT = r"<!-- (?P<kind>run first|slow|not run)(?::\s+(?P<text>.*?))?\s+-->\n+"
 BLOCK = re.compile(rf"(?P<comments>(?:{COMMENT})*)^```python\n(?P<code>.*?)^```$", re.MULTILINE | re.DOTALL)
 LANGUAGES = {"", "c", "math", "python"}
-"""Of fenced blocks; another one needs a test first."""
+"""Languages of fenced blocks; another one needs a test first."""
 
 
 def python_blocks():
@@ -48,14 +48,14 @@ def python_blocks():
             }
             if "not run" in comments:
                 continue
-            # Empty lines above, so that a traceback names the page's own line.
+            # Empty lines above, so that a traceback has the page's line number.
             source = "\n" * (line - 1) + match["code"]
             marks = [pytest.mark.slow] if "slow" in comments else []
             yield pytest.param(page, comments.get("run first"), source, id=f"{page.name}:{line}", marks=marks)
 
 
 def command_lines():
-    """Lines of indented blocks that call swingup, without comments, once each."""
+    """Lines of indented blocks that call swingup, without comments, each once."""
     lines = {}
     for page in PAGES:
         for line in page.read_text(encoding="utf-8").splitlines():
@@ -76,7 +76,7 @@ def test_python_block_runs(page, first, source, tmp_path, monkeypatch):
 
 @pytest.fixture
 def parse(monkeypatch):
-    """The command line with functions that do nothing: arguments are parsed, and that is all."""
+    """The command line with functions that do nothing: it only parses arguments."""
 
     choose = tyro.extras.subcommand_cli_from_dict
 
@@ -94,9 +94,9 @@ def test_command_line_parses(line, parse):
 
 
 LEFT_OUT = {"--scheduler": "a cluster", "--recipe recover": "six minutes; tests/refine has it"}
-"""Command lines that are not run, and why."""
+"""Command lines that do not run here, and why."""
 SHORTER = {r"--seeds \d+": "--seeds 1", r"--frames \d+": "--frames 16384"}
-"""What is made shorter before a command line is run."""
+"""Options that are shortened before a command line runs."""
 MINE = """
 def controller(x, t):
     return [0.0, -0.5 * x[3]]
@@ -108,7 +108,7 @@ def brake(x, t):
 
 
 def shortened(line):
-    """The command line with short trainings, which must not take what the page says."""
+    """The command line with short trainings."""
     for pattern, text in SHORTER.items():
         line = re.sub(pattern, text, line)
     return line + " --frames 16384" * (line.startswith(("train", "sweep")) and "--frames" not in line)
@@ -116,7 +116,7 @@ def shortened(line):
 
 @pytest.mark.slow
 def test_command_lines_run_in_their_order(tmp_path, monkeypatch, small_grid, brief_minute):
-    """All in one folder, since what one writes another one reads; two trainings may have the same folder."""
+    """All run in one folder, since some read what others wrote; two trainings may have the same folder."""
     pytest.importorskip("mujoco", reason="mujoco is not installed")
     long = dataclasses.replace(rules.ROBUSTNESS_RULES["v2"], duration=10.0)  # --pushes need their time
     monkeypatch.setitem(rules.ROBUSTNESS_RULES, "v2", long)
