@@ -17,6 +17,7 @@ import pytest
 from swingup.cli import main, training
 from swingup.learner.metrics import read_metrics
 from swingup.policy.jax_backend.controller import shipped_policy
+from swingup.policy.settings import EstimatorSettings
 from swingup.policy.shipped import read_policy
 
 KEYS = [
@@ -104,19 +105,18 @@ def test_train_resume_and_evaluate(capsys):
 def test_train_for_the_real_robot_and_resume(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr(training, "judge_on", functools.partial(training.judge_on, seeds=2))  # not a hundred
     (tmp_path / "mine.yml").write_text("cf1: [0.1, 0.2]\ndelay: 0.004\n")
-    options = ["--preset", "hardware-memory", "--domain", "mine.yml", "--evaluation-episodes", "1"]
+    options = ["--preset", "sim2real", "--domain", "mine.yml", "--evaluation-episodes", "1"]
     assert main(["train", "acrobot", "--frames", "128", "--out", "run", *options, *TINY]) == 0
     output = capsys.readouterr()
-    assert "acrobot, run/best.npz, policy alone (domain mine.yml, seed 0 to 1)" in output.out
+    assert "acrobot, run/best.npz, with estimator (domain mine.yml, seed 0 to 1)" in output.out
     assert "0 of 2" in output.out
-    assert "training acrobot (hardware-memory, domain mine.yml) to 128 frames in run" in output.err
-    assert "note" not in output.err  # it trains with the delay
+    assert "training acrobot (sim2real, domain mine.yml) to 128 frames in run" in output.err
     assert main(["train", "--resume", "run", "--domain", "identified"]) == 2
     known = "mine.yml {'cf1': [0.1, 0.2], 'delay': [0.004, 0.004]}"
     assert f"run was trained with domain = {known}, not identified {{" in capsys.readouterr().err
     policy = read_policy("run/best.npz")
-    assert (policy.front_end.velocity_weight, policy.stage.torques, policy.stage.history) == (0.2, 2, 2)
-    assert policy.estimator is None
+    np.testing.assert_allclose(policy.front_end.coulomb, [0.15, 0.12], rtol=1e-12)
+    assert policy.estimator == EstimatorSettings()
 
 
 def test_a_run_is_judged_on_its_own_domain(capsys, tmp_path, monkeypatch):

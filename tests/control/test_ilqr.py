@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.control.ilqr import Settings, Solution, Status, feedback_gains, improve, solve, start
+from swingup.control.ilqr import ILQRSettings, Solution, Status, feedback_gains, initial_state, iterate, solve
 from swingup.control.riccati_passes import Cost
 from swingup.control.scalar_algebra import dot, unpack
 from swingup.control.transition import AbstractTransition, PendulumTransition
@@ -18,7 +18,7 @@ B = RANDOM.normal(size=4)
 X0 = RANDOM.normal(size=4)
 WEIGHTS = np.array([1.0, 0.5, 2.0, 0.1]), 0.3, np.array([5.0, 4.0, 3.0, 2.0])
 TARGETS = RANDOM.normal(size=(N, 4)), RANDOM.normal(size=N), RANDOM.normal(size=4)
-PLAIN = Settings(
+PLAIN = ILQRSettings(
     max_iterations=50,
     tolerance=1e-9,
     regularisation=0.0,
@@ -136,12 +136,12 @@ def test_the_cost_falls_and_the_limit_holds(x64):
     transition, cost, settings = swing(limit=1.5)
 
     def step(now, _):
-        after = improve(transition, cost, now, settings)
-        return after, (after.rollout.cost, after.regularisation, jnp.abs(after.rollout.u).max())
+        after = iterate(transition, cost, now, settings)
+        return after, (after.trajectory.cost, after.regularisation, jnp.abs(after.trajectory.u).max())
 
-    first = start(transition, cost, jnp.zeros(4), jnp.full(100, 0.1), settings)
+    first = initial_state(transition, cost, jnp.zeros(4), jnp.full(100, 0.1), settings)
     costs, mu, largest = jax.jit(lambda now: jax.lax.scan(step, now, length=60))(first)[1]
-    costs, mu = np.append(first.rollout.cost, costs), np.append(settings.regularisation, mu)
+    costs, mu = np.append(first.trajectory.cost, costs), np.append(settings.regularisation, mu)
     accepted = mu[1:] < mu[:-1]
     assert 10 < accepted.sum() < 60
     assert (np.diff(costs)[accepted] < 0).all()

@@ -7,7 +7,7 @@ import pytest
 
 import swingup
 from swingup.control.registry import get_controller, has_estimator
-from swingup.control.switch import Latching
+from swingup.control.switch import LatchingSwitch
 from swingup.errors import SwingupError
 from swingup.physics.parameters import leaderboard_parameters
 from swingup.policy import shipped
@@ -90,7 +90,7 @@ def test_load_policy_gives_the_policy_alone(files):
     ("estimator", "message"),
     [
         ({"delay": 1}, "unknown estimator setting 'delay'"),
-        ({"dt": -0.002}, "estimator setting dt = -0.002: use a number of 1e-06 to 0.1"),
+        ({"dt": -0.002}, "estimator setting dt = -0.002: use a number from 1e-06 to 0.1"),
         (None, "estimator None is no object"),
     ],
 )
@@ -119,8 +119,8 @@ def test_controllers_of_modules(files):
 
 
 def test_built_in_names(files):
-    assert isinstance(swingup.get_controller("tvlqr", "pendubot"), Latching)
-    assert isinstance(get_controller("tvlqr", "pendubot", True).controller, Latching)
+    assert isinstance(swingup.get_controller("tvlqr", "pendubot"), LatchingSwitch)
+    assert isinstance(get_controller("tvlqr", "pendubot", True).controller, LatchingSwitch)
     assert settings(get_controller("refined", "pendubot")) == EstimatorSettings()
     assert settings(get_controller("refined", "pendubot", False)) is None
     assert settings(get_controller("ar-eapo", "pendubot")) is None

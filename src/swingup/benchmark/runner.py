@@ -12,7 +12,7 @@ import numpy as np
 
 from ..control.controller import AbstractController, check_interface, check_robot
 from ..control.python_controller import PythonController
-from ..control.switch import AbstractSparing
+from ..control.switch import AbstractExpensiveController
 from ..errors import SwingupError
 from ..physics.parameters import Robot
 from .host import HostRun, simulate_on_host
@@ -176,8 +176,8 @@ def cores() -> int:
 
 
 def _is_sparing(controller: AbstractController[Any]) -> bool:
-    nodes = jax.tree.leaves(controller, is_leaf=lambda node: isinstance(node, AbstractSparing))
-    return any(isinstance(node, AbstractSparing) for node in nodes)
+    nodes = jax.tree.leaves(controller, is_leaf=lambda node: isinstance(node, AbstractExpensiveController))
+    return any(isinstance(node, AbstractExpensiveController) for node in nodes)
 
 
 def _run_plain(

@@ -16,8 +16,7 @@ from ..physics.parameters import Robot, get_robot
 from ..policy.jax_backend.controller import PolicyController, load_policy, save_controller, shipped_policy
 from ..policy.settings import EstimatorSettings
 from ..policy.shipped import AR_EAPO, SHIPPED_POLICIES
-from ..refine.recipe import RECIPES, Report
-from ..refine.recipe import refine as run_recipe
+from ..refine.recipe import RECIPES, RefinementReport, run_recipe
 from ..renamed import current_name
 from ..version import __version__
 from .arguments import RobotName
@@ -34,16 +33,16 @@ def refine(
     recipe: str = "score",
     seed: int = 0,
 ) -> int:
-    """Refine a trained policy, by a lesson or by gradients through the simulation; takes seconds to minutes.
+    """Refine a trained policy by a teacher or by gradients through the simulation; takes seconds to minutes.
 
-    The file is written anew at each line of progress, so that an interrupted run leaves the policy as it is then.
+    The file is rewritten at each line of progress: an interrupted run leaves its latest policy.
 
     Args:
         robot: the robot.
         out: the refined policy's file.
         policy: the policy to start from: a file, or the name of a shipped one.
-        recipe: score (a teacher's swing-up), harden (its own, made robust) or recover (back up after throws).
-        seed: seed of everything that is drawn.
+        recipe: score (learn a teacher's swing-up) or recover (be up again soon after throws).
+        seed: seed of all random numbers.
     """
     chosen = get_robot(robot)
     if recipe not in RECIPES:
@@ -58,7 +57,7 @@ def refine(
     words = ["swingup", "refine", robot, *(f"--{name}={value}" for name, value in options.items())]
     shown = -math.inf
 
-    def report(now: Report) -> None:
+    def report(now: RefinementReport) -> None:
         nonlocal shown
         save_controller(out, now.controller, _provenance(metadata, shlex.join(words), seed, stages, now))
         if now.iteration == now.of or time.monotonic() - shown >= LINE_EVERY:
@@ -75,7 +74,7 @@ def _load(robot: Robot, path: str) -> tuple[PolicyController, dict[str, Any]]:
 
 
 def _provenance(
-    base: dict[str, Any], command: str, seed: int, stages: tuple[Any, ...], now: Report
+    base: dict[str, Any], command: str, seed: int, stages: tuple[Any, ...], now: RefinementReport
 ) -> dict[str, Any]:
     """Where the refined policy comes from, and the base's own origin; it goes with the estimator."""
     origin = {
@@ -96,7 +95,7 @@ def _provenance(
     }
 
 
-def _line(now: Report, stages: int) -> str:
+def _line(now: RefinementReport, stages: int) -> str:
     means = "  ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in now.measures.items())
     return (
         f"stage {now.stage}/{stages}  {now.iteration}/{now.of} steps  {now.seconds:.0f} s  "

@@ -81,7 +81,7 @@ class Sim2RealEvaluator(SwingUpEvaluator):
     def __init__(self, task: Sim2RealTask, seed: int) -> None:
         """The judge of the task for the real robot; its draws are not those of the seeds that are reported."""
         super().__init__(task)
-        self.input_size, self._front_end, self._seed = task.shown_size, task.front_end, JUDGED_FROM + seed
+        self._front_end, self._seed = task.front_end, JUDGED_FROM + seed
         self._estimated, self._domain = task.estimated, task.domain
 
     def evaluate(self, policy: Policy[Any], episodes: int | None) -> dict[str, Any]:

@@ -38,11 +38,6 @@ PRESETS = {
         Config(centre_values=True, policy_layers=(128, 128), value_layers=(256, 256)),
         task="sim2real",
     ),
-    "hardware-memory": Preset(
-        "for the real robot without an estimator: filtered velocities, last torques and a short history are seen",
-        Config(centre_values=True, policy_layers=(128, 128), value_layers=(256, 256)),
-        task="hardware-memory",
-    ),
     "apo": Preset(
         "average reward without entropy (after APO, arXiv 2106.03442)", Config(temperature=0.0, centre_values=True)
     ),

@@ -8,28 +8,19 @@ histories; wrappers (combined and testing controllers) call the inner forms, who
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from ..errors import SwingupError
 from ..files import make_folder, write_atomically
+from ..physics.equations import friction
 from ..robots import Robot
-from .numpy_backend.controller import RuntimeController, load_controller
-from .numpy_backend.front_end import friction_torque
+from .contract import LoopController
+from .numpy_backend.controller import NumpyController, load_controller
 
 SAVED = "controller_swingup.json"
 """Where ``save`` writes."""
-
-
-class Answering(Protocol):
-    """What is behind: a function of a state (4,) and a time (s) that gives [u1, u2] (N m), and its memory."""
-
-    def reset(self) -> None:
-        """Forget the run so far."""
-
-    def __call__(self, x: np.ndarray, t: float) -> np.ndarray:
-        """The torques."""
 
 
 class Filter:
@@ -64,7 +55,7 @@ class RealAIGymController:
     back, as its own controllers do, and wants an ``init()`` afterwards.
     """
 
-    def __init__(self, controller: Answering, robot: Robot, about: dict[str, Any], dt: float = 0.002) -> None:
+    def __init__(self, controller: LoopController, robot: Robot, about: dict[str, Any], dt: float = 0.002) -> None:
         """Wrap a controller.
 
         Args:
@@ -114,9 +105,9 @@ class RealAIGymController:
         measured = np.array(x, np.float64)
         self.x_hist.append(measured)
         seen = self.filter.get_filtered_state(measured, self.u_hist[-1])
-        friction = friction_torque(seen[2:], self._damping, self._coulomb)
-        u = self.get_control_output_(seen, t) + friction
-        self.u_fric_hist.append(friction)
+        compensation = friction(self._damping, self._coulomb, seen[2:], np.arctan)
+        u = self.get_control_output_(seen, t) + compensation
+        self.u_fric_hist.append(compensation)
         self.u_grav_hist.append(np.zeros(2))
         self.u_hist.append(u)
         return u.copy()
@@ -203,7 +194,7 @@ def load_policy_controller(
     return wrap_policy(load_controller(source, robot, estimator), str(source))
 
 
-def wrap_policy(controller: RuntimeController, name: str) -> RealAIGymController:
+def wrap_policy(controller: NumpyController, name: str) -> RealAIGymController:
     """A loaded policy as RealAIGym calls it."""
     policy = controller.policy
     about = {"controller": name, "torque_limit": policy.torque_limit}

@@ -49,35 +49,16 @@ def global_task(robot: Robot) -> RecoveryTask:
 
 
 def sim2real_task(robot: Robot, domain: Domain | None = None) -> Sim2RealTask:
-    """The real robot's, for a policy behind a state estimator: friction is made up for, the estimate is right."""
-    return _sim2real_task(robot, domain, PendulumObservation(angles="sincos"), estimated=True)
+    """The simulated robot's, for a policy behind a state estimator: training shows it the true state.
 
-
-def memory_task(robot: Robot, domain: Domain | None = None) -> Sim2RealTask:
-    """The real robot's, for a policy without one: filtered velocities, a dead-band, last torques, a short history.
-
-    The filter's weight and the dead-band are those of the paper's authors on the robot; all else is chosen.
+    The front end compensates the friction in the middle of the domain's ranges, where it is not negative.
     """
-    observation = PendulumObservation(angles="sincos", torques=2, history=2)
-    return _sim2real_task(robot, domain, observation, estimated=False, velocity_weight=0.2, dead_band=0.1)
-
-
-def _sim2real_task(
-    robot: Robot,
-    domain: Domain | None,
-    observation: PendulumObservation,
-    estimated: bool,
-    velocity_weight: float = 1.0,
-    dead_band: float = 0.0,
-) -> Sim2RealTask:
-    """The front end makes up for the friction in the middle of the domain's ranges, where it is not negative."""
     domain = load_domain("identified") if domain is None else domain
+    observation = PendulumObservation(angles="sincos")
     settings = FrontEndSettings(
         damping=(max(0.0, domain.middle("b1")), max(0.0, domain.middle("b2"))),
         coulomb=(max(0.0, domain.middle("cf1")), max(0.0, domain.middle("cf2"))),
         passive_limit=domain.middle("passive_limit"),
-        velocity_weight=velocity_weight,
-        dead_band=dead_band,
     )
     return Sim2RealTask(
         robot=robot,
@@ -85,14 +66,13 @@ def _sim2real_task(
         observation=observation,
         cost_velocity_limit=observation.velocity_scale,
         domain=domain,
-        front_end=FrontEnd(settings, observation.torques, observation.history),
-        estimated=estimated,
+        front_end=FrontEnd(settings),
+        estimated=True,
     )
 
 
 SIM2REAL_TASKS: dict[str, Callable[[Robot, Domain | None], Sim2RealTask]] = {
     "sim2real": sim2real_task,
-    "hardware-memory": memory_task,
 }
 """Those for the real robot, on a domain or on their own."""
 
@@ -101,7 +81,6 @@ TASKS: dict[str, Callable[[Robot], PendulumTask]] = {
     "smooth": smooth_task,
     "global": global_task,
     "sim2real": sim2real_task,
-    "hardware-memory": memory_task,
 }
 
 

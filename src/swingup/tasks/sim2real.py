@@ -54,11 +54,6 @@ class Sim2RealTask(PendulumTask):
         highs = {name: high for name, _, high in self.domain.ranges}
         return [name for name in ("delay", "velocity_noise") if self.estimated and highs.get(name, 0.0) > 0]
 
-    @property
-    def shown_size(self) -> int:
-        """Length of what the front end shows the policy."""
-        return 4 * (1 + self.front_end.history) + self.front_end.torques
-
     def reset(self, key: Key) -> Sim2RealState:
         """Hang down, disturbed by noise, on a plant and in a loop drawn from the domain."""
         start_key, domain_key, noise_key = jax.random.split(key, 3)
@@ -77,7 +72,7 @@ class Sim2RealTask(PendulumTask):
     def observe(self, state: PendulumState) -> Observation:
         """What the front end shows, scaled."""
         assert isinstance(state, Sim2RealState)
-        return self.observation(self.front_end.shown(state.memory))
+        return self.observation(state.memory.seen)
 
     def step(self, state: PendulumState, action: Action, key: Key) -> Step[PendulumState]:
         """Hold the policy's torque for dt: steps of the loop at 500 Hz, each with a measurement and its noise.
@@ -91,8 +86,7 @@ class Sim2RealTask(PendulumTask):
         asked = self.torque(action)
 
         def loop(now: Sim2RealState, noise: Float[Array, "4"]) -> tuple[Sim2RealState, Flag]:
-            memory = self.front_end.remember(now.memory, action[0])
-            command = self.front_end.command(memory, jnp.sum(asked), self.robot)
+            command = self.front_end.command(now.memory, jnp.sum(asked), self.robot)
             time = now.calls * DT
             torque_noise = now.disturbance.torque_noise * noise[2:]
             u, motors = drive(now.disturbance, command, now.motors, time, torque_noise, limits, now.x[:2], DT)
@@ -101,7 +95,7 @@ class Sim2RealTask(PendulumTask):
             x = jnp.where(diverged, now.x, x)
             call = now.calls + 1
             past = remember(now.past, call, x)
-            memory = self.front_end.measure(memory, self._seen(now.disturbance, past, call, noise[:2], x))
+            memory = self.front_end.measure(now.memory, self._seen(now.disturbance, past, call, noise[:2], x))
             after = Sim2RealState(x, now.steps, now.plant, now.disturbance, u, motors, past, memory, call)
             return after, diverged
 
