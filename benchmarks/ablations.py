@@ -18,8 +18,8 @@ from study import Study, cell, draw, ends, smooth
 from swingup.areapo.config import Config
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
-from swingup.learner.run import Run
-from swingup.learner.run_settings import PENDULUM_INTERVALS, Settings
+from swingup.learner.run_settings import PENDULUM_INTERVALS, RunSettings
+from swingup.learner.start import resume_run, start_run
 from swingup.physics.parameters import ROBOTS
 from swingup.policy.jax_backend.observation import PendulumObservation
 from swingup.tasks.pendulum import PendulumTask
@@ -56,11 +56,11 @@ def train(name: str, seed: int, frames: int, folder: Path) -> list[tuple[int, fl
     """Train one run, or the rest of it; frames, score and seconds of its evaluations."""
     config, task = CHANGES[name](get_preset("default").config, smooth_task(ROBOTS["acrobot"]))
     if (folder / "config.json").exists():
-        run = Run.resume(folder, env=task)
+        run = resume_run(folder, env=task)
     else:
         every = PENDULUM_INTERVALS["evaluate_every"], PENDULUM_INTERVALS["checkpoint_every"]
-        settings = Settings("acrobot", "default", seed, 1, *every, config)
-        run = Run(settings, folder, frames, task)
+        settings = RunSettings("acrobot", "default", seed, 1, *every, config)
+        run = start_run(settings, folder, frames, task)
     for report in run.advance():
         print(f"{name} seed {seed}: {report.frames:,} frames, best score {report.best_score:.3f}", flush=True)
     return [

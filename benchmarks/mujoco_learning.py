@@ -18,7 +18,7 @@ from pathlib import Path
 from study import Study, cell, draw
 
 from swingup import AREAPO
-from swingup.learner.run import Report
+from swingup.learner.report import TrainingReport
 
 TASKS = ["HalfCheetah-v5", "Hopper-v5", "Swimmer-v5"]
 EPISODES = 10
@@ -36,7 +36,7 @@ def areapo(task: str, seed: int, frames: int) -> Iterator[Point]:
     points: list[Point] = []
     start = time.perf_counter()
 
-    def note(model: AREAPO, report: Report) -> None:
+    def note(model: AREAPO, report: TrainingReport) -> None:
         points.append((report.frames, report.rows[0]["score"], time.perf_counter() - start))
 
     every = frames // POINTS

@@ -18,8 +18,8 @@ import jax.numpy as jnp
 
 from swingup.areapo.config import Config
 from swingup.learner.presets import get_preset
-from swingup.learner.run import Run
-from swingup.learner.run_settings import Settings
+from swingup.learner.run_settings import RunSettings
+from swingup.learner.start import start_run
 
 
 def flops_per_frame(config: Config, observation_size: int) -> float:
@@ -59,12 +59,12 @@ def main(robot: str, frames: int) -> None:
     """Time one run and print frames/s, the floor, their ratio, and the peak memory."""
     preset = get_preset("paper")
     config = preset.config
-    settings = Settings(robot, "paper", 0, 1, 65_536, 1_048_576, config)
+    settings = RunSettings(robot, "paper", 0, 1, 65_536, 1_048_576, config)
     speed = matmul_speed(config)
     with tempfile.TemporaryDirectory() as folder:
         start = time.perf_counter()
         marks = []
-        for report in Run(settings, Path(folder) / "run", frames).advance():
+        for report in start_run(settings, Path(folder) / "run", frames).advance():
             marks.append((time.perf_counter(), report.frames))
     total = marks[-1][1] / (marks[-1][0] - start)
     (first_time, first_frames), (last_time, last_frames) = marks[0], marks[-1]

@@ -10,12 +10,13 @@ from pathlib import Path
 
 from swingup.areapo.config import Config
 from swingup.learner.run import Run
-from swingup.learner.run_settings import Settings
+from swingup.learner.run_settings import RunSettings
+from swingup.learner.start import resume_run, start_run
 
 
 def main(folder: Path, frames: int) -> None:
     """Train for half of the frames, then resume from the checkpoint for the rest."""
-    settings = Settings(
+    settings = RunSettings(
         robot="pendubot",
         preset="default",
         seed=0,
@@ -24,8 +25,8 @@ def main(folder: Path, frames: int) -> None:
         checkpoint_every=65_536,
         config=Config(centre_values=True, policy_layers=(64, 64), value_layers=(64, 64)),
     )
-    show(Run(settings, folder, frames // 2))
-    show(Run.resume(folder, frames))
+    show(start_run(settings, folder, frames // 2))
+    show(resume_run(folder, frames))
 
 
 def show(run: Run) -> None:

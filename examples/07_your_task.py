@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from swingup import AREAPO
-from swingup.learner.run import Report
+from swingup.learner.report import TrainingReport
 
 
 class Tank(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -36,7 +36,7 @@ def main(frames: int) -> None:
     """Learn, print the gain meanwhile, and print the policy's actions."""
     model = AREAPO(Tank, learning_rate=1e-3, evaluate_every=4096)
 
-    def show(_: AREAPO, report: Report) -> None:
+    def show(_: AREAPO, report: TrainingReport) -> None:
         row = report.rows[0]
         print(f"{row['frames']:6,} frames: gain {row['gain']:.3f}, mean return {row['score']:.1f}")
 

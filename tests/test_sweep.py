@@ -19,8 +19,12 @@ from swingup.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.run import Run
 from swingup.learner.run_folder import RunFolder
-from swingup.learner.run_settings import settings_from_dict
-from swingup.sweep import Job, Outcome, executor_for, parse_grid, plan, summarise, sweep, train_one
+from swingup.learner.run_settings import run_settings_from_dict
+from swingup.learner.start import start_run
+from swingup.sweep.executors import executor_for
+from swingup.sweep.jobs import Job, JobOutcome, run_jobs, train_one
+from swingup.sweep.plan import parse_grid, plan_jobs
+from swingup.sweep.summary import summarise_variants
 
 SIZES = {"num_envs": [2], "num_steps": [16], "num_epochs": [1], "batch_size": [32]}
 TINY = SIZES | {"policy_layers": [(8,)], "value_layers": [(8,)]}
@@ -31,18 +35,18 @@ BASE = {
 
 
 def jobs_of(out, seeds=(0,), frames=256, **grid):
-    return plan(BASE, TINY | grid, seeds, out, frames)
+    return plan_jobs(BASE, TINY | grid, seeds, out, frames)
 
 
 def inline(jobs):
     with ThreadPoolExecutor(1) as executor:
-        return sweep(jobs, executor)
+        return run_jobs(jobs, executor)
 
 
 def test_a_plan_has_every_combination(tmp_path):
-    jobs = plan(BASE, {"learning_rate": [1e-3, 1e-4], "preset": ["ppo", "mujoco"]}, (3, 4), tmp_path, 100)
+    jobs = plan_jobs(BASE, {"learning_rate": [1e-3, 1e-4], "preset": ["ppo", "mujoco"]}, (3, 4), tmp_path, 100)
     assert len({job.folder for job in jobs}) == len(jobs) == 8
-    configs = [settings_from_dict(job.settings) for job in jobs]
+    configs = [run_settings_from_dict(job.settings) for job in jobs]
     assert [(c.config.learning_rate, c.preset, c.seed) for c in configs[:3]] == [
         (1e-3, "ppo", 3), (1e-3, "ppo", 4), (1e-3, "mujoco", 3),
     ]  # fmt: skip
@@ -60,12 +64,12 @@ def test_a_plan_has_every_combination(tmp_path):
             r"\(mujoco 1,000,000, ppo 12,000,000 frames\): give --frames",
         ),
         ({"temperature": [1.0, 1.0]}, 64, "temperature=1.0/seed-0 would hold 2 runs: give each alternative"),
-        ({}, 0, "frames = 0 must be at least 1"),
+        ({}, 0, "frames = 0: use a whole number of at least 1"),
     ],
 )
 def test_plans_that_are_refused(tmp_path, grid, frames, message):
     with pytest.raises(SwingupError, match=message):
-        plan(BASE, grid, (0,), tmp_path, frames)
+        plan_jobs(BASE, grid, (0,), tmp_path, frames)
 
 
 def test_words_become_values():
@@ -81,10 +85,10 @@ def test_words_become_values():
     ("words", "message"),
     [
         ("learning_rate", "write NAME=VALUE,VALUE"),
-        ("rate=3", "--set rate=3: write NAME"),
-        ("learning_rate=fast", "'fast' must be float"),
-        ("popart=perhaps", "'perhaps' must be bool"),
-        ("policy_layers=64-64", "must be numbers like 64x64"),
+        ("rate=3", "--set 'rate=3': unknown hyperparameter 'rate'"),
+        ("learning_rate=fast", "learning_rate = 'fast': use a number"),
+        ("popart=perhaps", "popart = 'perhaps': use True or False"),
+        ("policy_layers=64-64", "policy_layers = '64-64': use integers such as"),
     ],
 )
 def test_bad_words(words, message):
@@ -99,7 +103,7 @@ def test_a_sweep_repeats_nothing_and_resumes(tmp_path):
     files = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("last.npz")}
     assert len(files) == 2
     # One run is cut off after its first checkpoint, one killed before it had any.
-    cut = Run(settings_from_dict(jobs[0].settings), tmp_path / "cut", 128)
+    cut = start_run(run_settings_from_dict(jobs[0].settings), tmp_path / "cut", 128)
     list(cut.advance())
     shutil.rmtree(jobs[0].folder)
     shutil.copytree(tmp_path / "cut", jobs[0].folder)
@@ -119,7 +123,7 @@ def test_a_run_that_fails_does_not_stop_the_others(tmp_path):
     good, bad = inline(jobs)
     assert good.error == ""
     assert "diverged" in bad.error
-    rows = summarise([good, bad])
+    rows = summarise_variants([good, bad])
     assert [(row.runs, row.failed) for row in rows] == [(1, 0), (0, 1)]
 
 
@@ -148,7 +152,7 @@ def test_what_an_executor_raises_is_an_outcome(tmp_path):
             return future
 
     with GivesUp(1) as executor:
-        (outcome,) = sweep(jobs_of(tmp_path), executor)
+        (outcome,) = run_jobs(jobs_of(tmp_path), executor)
     assert outcome.error == "KeyError: 'killed'"
     assert outcome.score != outcome.score
 
@@ -209,7 +213,9 @@ def test_rows_summarise_by_hand():
     jobs = [Job("a", {"seed": seed}, "", 1) for seed in range(8)]
     # The middle half of 0, 0, 1, 2, 3, 4, 100, 100 is 1, 2, 3, 4.
     scores = [100.0, 0.0, 3.0, 1.0, 4.0, 2.0, 0.0, 100.0]
-    (row,) = summarise([Outcome(job, score, score + 1.0) for job, score in zip(jobs, scores, strict=True)])
+    (row,) = summarise_variants(
+        [JobOutcome(job, score, score + 1.0) for job, score in zip(jobs, scores, strict=True)]
+    )
     assert (row.score, row.best, row.runs) == (2.5, 3.5, 8)
     assert row.interval[0] < 2.5 < row.interval[1]
 
@@ -257,9 +263,9 @@ def test_the_command_on_local_processes(tmp_path, capsys, monkeypatch):
     ("arguments", "message"),
     [
         ("sweep", "robot = None and env = None: give one of the two"),
-        ("sweep acrobot --seeds 0", "seeds = 0 must be at least 1"),
+        ("sweep acrobot --seeds 0", "seeds = 0: use a whole number from 1"),
         ("sweep acrobot --set batch_size=1000", "batch_size = 1000 does not divide"),
-        ("sweep acrobot --workers 0", "workers = 0 must be at least 1"),
+        ("sweep acrobot --workers 0", "workers = 0: use a whole number from 1"),
     ],
 )
 def test_bad_sweeps(arguments, message, capsys, tmp_path, monkeypatch):
@@ -302,7 +308,7 @@ def test_a_dask_worker_is_killed_and_no_run_is_lost(cluster, tmp_path):
             workers[0].kill()
 
     with executor_for(address, None) as executor:
-        outcomes = sweep(jobs, executor, kill_one)
+        outcomes = run_jobs(jobs, executor, kill_one)
     assert killed
     assert [outcome.error for outcome in outcomes] == [""] * 4
     expected = inline(jobs_of(tmp_path / "here", seeds=(0, 1, 2, 3), frames=128 * 6))
@@ -321,7 +327,7 @@ def test_no_scheduler_there(tmp_path):
 def test_settings_travel(tmp_path):
     """A job's settings are JSON values, from which the same settings come back."""
     job = jobs_of(tmp_path)[0]
-    settings = settings_from_dict(json.loads(json.dumps(job.settings)))
+    settings = run_settings_from_dict(json.loads(json.dumps(job.settings)))
     assert settings.as_dict() == job.settings
     assert settings.config.policy_layers == (8,)
     assert isinstance(settings.config, Config)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from swingup.areapo.config import Config
-from swingup.areapo.loss import Batch, loss
+from swingup.areapo.loss import Frames, loss
 from swingup.areapo.networks import init_actor, init_critic
 
 NETWORKS = (init_actor(jax.random.key(0), 3, 1, (8,), -1.0), init_critic(jax.random.key(1), 3, (8,)))
@@ -17,7 +17,7 @@ CONFIG = Config(num_envs=2, num_steps=2, batch_size=4)
 
 def batch(log_ratios=0.0, advantages=(1.0, -1.0, 1.0, -1.0), errors=0.0):
     """A batch whose probability ratios are e^log_ratios and whose value errors are ``errors``."""
-    return Batch(OBSERVATIONS, LATENTS, LOG_PROBS - log_ratios, jnp.array(advantages), VALUES - errors)
+    return Frames(OBSERVATIONS, LATENTS, LOG_PROBS - log_ratios, jnp.array(advantages), VALUES - errors)
 
 
 def test_value_losses_by_hand():

@@ -11,6 +11,7 @@ import pytest
 from swingup.areapo import train
 from swingup.areapo.config import Config, config_from_dict
 from swingup.areapo.loss import loss
+from swingup.areapo.targets import BOOTSTRAP_SIZE
 from swingup.errors import SwingupError
 from swingup.physics.parameters import ROBOTS
 from swingup.tasks.presets import smooth_task
@@ -157,7 +158,7 @@ def test_many_truncations_are_all_bootstrapped():
     config = Config(**(vars(CONFIG) | {"num_envs": 32, "batch_size": 256}))
     task = Cycle(max_steps=2)
     state, rollout = collect(init(jax.random.key(0), task, config), jax.random.key(1), task, config)
-    assert int(rollout.truncated.sum()) == 4 * 32 > train.BOOTSTRAP_SIZE
+    assert int(rollout.truncated.sum()) == 4 * 32 > BOOTSTRAP_SIZE
     expected, _ = independent_estimate(state, rollout, config)
     _, batch, _ = estimate(state, rollout, config)
     np.testing.assert_allclose(batch.advantages, expected.sum(axis=-1), atol=2e-4)
@@ -243,17 +244,17 @@ def test_table_one():
     ("changes", "message"),
     [
         ({"batch_size": 1000}, "does not divide"),
-        ({"num_envs": 0}, "num_envs = 0 must be at least 1"),
-        ({"learning_rate": float("nan")}, "learning_rate = nan must lie between 0 and 1e"),
+        ({"num_envs": 0}, "num_envs = 0: use a whole number from 1"),
+        ({"learning_rate": float("nan")}, "learning_rate = nan: use a number from 0 to 1e"),
         (
             {"average_reward": False, "discount": 0.9, "entropy_discount": 0.9, "centre_values": True},
             "centre_values does not go with discount = 0.9",
         ),
-        ({"discount": 1.1}, "discount = 1.1 must lie between 0 and 1"),
-        ({"temperature": -0.5}, "temperature = -0.5 must lie between"),
-        ({"policy_layers": ()}, r"policy_layers = \(\) must name at least one layer"),
+        ({"discount": 1.1}, "discount = 1.1: use a number from 0 to 1"),
+        ({"temperature": -0.5}, "temperature = -0.5: use a number from"),
+        ({"policy_layers": ()}, r"policy_layers = \(\): name at least one layer"),
         ({"average_reward": False}, "discount = 1.0 must be below 1 without average_reward"),
-        ({"clip_rnage": 0.1}, "unknown hyperparameter clip_rnage"),
+        ({"clip_rnage": 0.1}, "unknown hyperparameter 'clip_rnage'; did you mean clip_range"),
     ],
 )
 def test_bad_hyperparameters(changes, message):

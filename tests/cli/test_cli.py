@@ -54,7 +54,8 @@ def test_evaluate_then_score_the_same_trajectory(robot, capsys, tmp_path):
     # The paper's scores.
     assert result["score"] >= {"acrobot": 0.633, "pendubot": 0.659}[robot]
     again = run_json(capsys, "score", "t.csv", "--robot", robot)
-    assert list(again) == [name for name in KEYS if name != "estimator"]
+    assert list(again) == [*(name for name in KEYS if name != "estimator"), "rate", "warnings"]
+    assert (round(again["rate"]), again["warnings"]) == (500, [])
     assert {name: again[name] for name in KEYS[3:]} == {name: result[name] for name in KEYS[3:]}
     hardware = run_json(capsys, "score", "t.csv", "--robot", robot, "--rules", "hardware")
     # Torque and smoothness count for less there.
@@ -175,8 +176,8 @@ def test_train_another_task_and_resume(capsys):
         ("train cartpole", "unknown robot 'cartpole'"),
         ("train acrobot --preset best", "unknown preset 'best'"),
         ("train acrobot --preset", "unknown preset ''"),
-        ("train acrobot --frames 0", "frames = 0 must be at least 1"),
-        ("train acrobot --seeds 0", "seeds = 0 must be at least 1"),
+        ("train acrobot --frames 0", "frames = 0: use a whole number of at least 1"),
+        ("train acrobot --seeds 0", "seeds = 0: use a whole number of at least 1"),
         ("train acrobot --domain identified", "a domain goes with the preset sim2real, not with default"),
         ("train acrobot --preset sim2real --domain moon", "unknown domain 'moon'"),
         ("train acrobot --preset sim2real --domain missing.yml", "cannot read domain file missing.yml"),

@@ -1,6 +1,8 @@
 """Controllers by their names, with and without a state estimator before them."""
 
+import importlib
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -116,6 +118,31 @@ def test_controllers_of_modules(files):
         get_controller("some_controllers:plain", "acrobot", True)
     with pytest.raises(SwingupError, match="'some_controllers:pendubot': it is for the pendubot, not the acrobot"):
         get_controller("some_controllers:pendubot", "acrobot", True)
+
+
+def test_the_working_folder_is_on_the_path_only_while_a_module_is_imported(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [entry for entry in sys.path if entry])
+    (tmp_path / "neighbour_of_mine.py").write_text("torque = [0.0, 1.0]\n", encoding="utf-8")
+    (tmp_path / "mine_alone.py").write_text(
+        "import neighbour_of_mine\n\ndef act(x, t):\n    return neighbour_of_mine.torque\n", encoding="utf-8"
+    )
+    (tmp_path / "mine_failing.py").write_text("raise ValueError('no\\nway')\n", encoding="utf-8")
+    (tmp_path / "hijacker_of_later_imports.py").write_text("", encoding="utf-8")
+    before = list(sys.path)
+    assert get_controller("mine_alone:act", "acrobot").source([0, 0, 0, 0], 0.0) == [0.0, 1.0]
+    with pytest.raises(SwingupError, match=r"cannot load controller 'mine_failing:act': ValueError \(no way\)"):
+        get_controller("mine_failing:act", "acrobot")
+    assert sys.path == before
+    with pytest.raises(ModuleNotFoundError):
+        importlib.import_module("hijacker_of_later_imports")
+
+
+@pytest.mark.parametrize("name", ["mine:", ":it", "a\nb:it", "..x:it", "math:pi.nothing", "\udce9:it"])
+def test_names_of_modules_that_cannot_be(name):
+    with pytest.raises(SwingupError, match="cannot load controller") as error:
+        get_controller(name, "acrobot")
+    assert str(error.value).isprintable()
 
 
 def test_built_in_names(files):

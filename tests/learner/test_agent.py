@@ -212,7 +212,7 @@ def test_evaluation_refuses_other_actions_and_closes_what_it_made(monkeypatch):
         model.evaluate(3, env=Stairs)
     assert len(closed) == 1 + 3  # the one that was tried, and those that were made
     for episodes in (0, -1, 1.5, "2"):
-        with pytest.raises(SwingupError, match=f"episodes = {episodes!r} must be"):
+        with pytest.raises(SwingupError, match=f"episodes = {episodes!r}: use"):
             model.evaluate(episodes, env=Stairs)
 
 
@@ -245,20 +245,20 @@ def test_the_family_trains_on_a_gymnasium_id(preset):
     ("arguments", "message"),
     [
         ({"preset": "best"}, "unknown preset 'best'"),
-        ({"learning_rat": 0.1}, "unknown hyperparameter learning_rat"),
+        ({"learning_rat": 0.1}, "unknown hyperparameter 'learning_rat'; did you mean learning_rate"),
         ({"batch_size": 1000}, "batch_size = 1000 does not divide"),
         ({"env": "NoSuchTask-v0"}, "cannot make"),
         ({"seed": -1}, "seed = -1"),
         ({"evaluation_episodes": -1}, "evaluation_episodes = -1"),
-        ({"evaluate_every": 0}, "evaluate_every = 0 must be at least 1"),
-        ({"checkpoint_every": 0}, "checkpoint_every = 0 must be at least 1"),
-        ({"seed": "3"}, "seed = '3' must be a whole number"),
+        ({"evaluate_every": 0}, "evaluate_every = 0: use a whole number of at least 1"),
+        ({"checkpoint_every": 0}, "checkpoint_every = 0: use a whole number of at least 1"),
+        ({"seed": "3"}, "seed = '3': use a whole number"),
         ({"env": "no_such_mod:Task-v0"}, "cannot make 'no_such_mod:Task-v0': ModuleNotFoundError"),
-        ({"policy_layers": 64}, r"policy_layers = 64 must be integers such as \(64, 64\)"),
-        ({"policy_layers": ("8",)}, r"policy_layers = \('8',\) must be integers"),
-        ({"num_envs": 2.0}, "num_envs = 2.0 must be an integer"),
-        ({"learning_rate": "3e-4"}, "learning_rate = '3e-4' must be a number"),
-        ({"popart": 1}, "popart = 1 must be True or False"),
+        ({"policy_layers": 64}, r"policy_layers = 64: use integers such as \(64, 64\)"),
+        ({"policy_layers": ("8",)}, r"policy_layers = \('8',\): use integers"),
+        ({"num_envs": 2.0}, "num_envs = 2.0: use an integer"),
+        ({"learning_rate": "3e-4"}, "learning_rate = '3e-4': use a number"),
+        ({"popart": 1}, "popart = 1: use True or False"),
     ],
 )
 def test_bad_arguments(arguments, message):

@@ -12,12 +12,12 @@ import dataclasses
 import jax
 from swingup.areapo.config import Config
 from swingup.benchmark.rules import PERFORMANCE_RULES
-from swingup.learner.run import Run
-from swingup.learner.run_settings import Settings
+from swingup.learner.run_settings import RunSettings
+from swingup.learner.start import start_run
 
 PERFORMANCE_RULES["v2"] = dataclasses.replace(PERFORMANCE_RULES["v2"], duration=0.5)
 config = Config(num_envs=2, num_steps=8, num_epochs=1, batch_size=16, policy_layers=(8,), value_layers=(8,))
-run = Run(Settings("acrobot", "default", 0, 4, 32, 64, config), None, 32)
+run = start_run(RunSettings("acrobot", "default", 0, 4, 32, 64, config), None, 32)
 reports = list(run.advance())
 state, _ = run.snapshot()
 weights = state.actor.mean_head.weight

@@ -19,8 +19,8 @@ import pytest
 
 from swingup.cli import main
 from swingup.errors import SwingupError
-from swingup.learner.run import Run
 from swingup.learner.run_folder import RunFolder
+from swingup.learner.start import resume_run, start_run
 
 from .brief import briefly_judged
 from .test_run import FRAMES, SETTINGS, arrays, assert_same_files, measured, run
@@ -133,9 +133,9 @@ def test_two_processes_do_not_train_in_one_folder(tmp_path):
     with (tmp_path / "r" / ".lock").open("ab") as file:
         fcntl.flock(file, fcntl.LOCK_EX)  # as another process would hold it
         with pytest.raises(SwingupError, match=f"another process trains in {tmp_path / 'r'}: wait for it, stop it"):
-            list(Run.resume(tmp_path / "r", 4 * FRAMES).advance())
-    late = Run.resume(tmp_path / "r", 4 * FRAMES)
-    list(Run.resume(tmp_path / "r", 4 * FRAMES).advance())
+            list(resume_run(tmp_path / "r", 4 * FRAMES).advance())
+    late = resume_run(tmp_path / "r", 4 * FRAMES)
+    list(resume_run(tmp_path / "r", 4 * FRAMES).advance())
     # Who read the checkpoint before the other one trained does not undo its work.
     with pytest.raises(SwingupError, match="has moved on to 256 frames"):
         list(late.advance())
@@ -163,7 +163,7 @@ def test_what_a_file_system_says_of_locks(tmp_path, monkeypatch, number, message
 def test_a_full_disk_leaves_the_last_good_checkpoint(tmp_path):
     run(tmp_path / "r", 2)
     # Resumed once before: the compiled program, which JAX keeps in a file, shall not meet the limit below.
-    list(Run.resume(tmp_path / "r", 4 * FRAMES).advance())
+    list(resume_run(tmp_path / "r", 4 * FRAMES).advance())
     checkpoint = tmp_path / "r" / "checkpoints" / "000000000256.npz"
     good = arrays(checkpoint)
     files = sorted(Path(tmp_path / "r").rglob("*.npz"))
@@ -172,13 +172,13 @@ def test_a_full_disk_leaves_the_last_good_checkpoint(tmp_path):
         # The kernel refuses to write beyond this, in the midst of a file, as it does on a full disk.
         resource.setrlimit(resource.RLIMIT_FSIZE, (checkpoint.stat().st_size // 2, limits[1]))
         with pytest.raises(SwingupError, match=r"cannot write .*: File too large"):
-            list(Run.resume(tmp_path / "r", 8 * FRAMES).advance())
+            list(resume_run(tmp_path / "r", 8 * FRAMES).advance())
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert sorted(Path(tmp_path / "r").rglob("*.npz")) == files
     after = arrays(checkpoint)
     assert all((after[name] == good[name]).all() for name in good)
     # With room again it goes on.
-    list(Run.resume(tmp_path / "r", 8 * FRAMES).advance())
-    list(Run(SETTINGS, tmp_path / "whole", 8 * FRAMES).advance())
+    list(resume_run(tmp_path / "r", 8 * FRAMES).advance())
+    list(start_run(SETTINGS, tmp_path / "whole", 8 * FRAMES).advance())
     assert_same_files(tmp_path / "r", tmp_path / "whole")

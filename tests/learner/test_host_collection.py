@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from swingup.areapo import train
 from swingup.areapo.config import Config
+from swingup.areapo.initial import begin_episodes, init_learner
+from swingup.areapo.keys import initial_keys
+from swingup.learner import host_collection as host
 from swingup.learner.environments import make_environments
 from swingup.learner.host_backend import HostBackend
-from swingup.learner.host_collection import collect, new_episodes
-from swingup.learner.run import Run
-from swingup.learner.run_settings import Settings
+from swingup.learner.host_collection import collect_on_host, new_tally
+from swingup.learner.run_settings import RunSettings
+from swingup.learner.start import resume_run, start_run
 
 from .environments import Chain, Noisy, Stairs
 from .test_run import assert_same_files, measured
@@ -79,28 +81,28 @@ def test_a_termination_costs_and_goes_on_from_a_new_start(mode):
 
 def test_rows_of_a_reset_do_not_count():
     config = Config(**(vars(SMALL) | {"num_envs": 2, "num_steps": 12, "batch_size": 24}))
-    world = HostBackend(Chain(2, "walk", AutoresetMode.NEXT_STEP), "walk", config, 0, 0)
-    state = world.begin(world.init(), 0)
+    backend = HostBackend(Chain(2, "walk", AutoresetMode.NEXT_STEP), "walk", config, 0, 0)
+    state = backend.begin(backend.init(), 0)
     environments = make_environments(Chain(2, "walk", AutoresetMode.NEXT_STEP), 2)
     environments.reset(0)
-    _, rollout = collect(state, environments, new_episodes(2), jax.random.key(0), config)
+    _, rollout = collect_on_host(state, environments, new_tally(2), jax.random.key(0), config)
     # Four steps, of which the last ends, then the reset.
     np.testing.assert_array_equal(rollout.counted[:, 0], [1, 1, 1, 1, 0, 1, 1, 1, 1, 0, 1, 1])
     np.testing.assert_array_equal(np.flatnonzero(rollout.terminated[:, 0]), [3, 8])
 
 
 TINY = Config(num_envs=2, num_steps=16, num_epochs=1, batch_size=32, policy_layers=(8,), value_layers=(8,))
-NOISY = Settings(None, "mujoco", 3, 1, 64, 128, TINY, "<noisy>", 2)
+NOISY = RunSettings(None, "mujoco", 3, 1, 64, 128, TINY, "<noisy>", 2)
 
 
 def test_killed_and_resumed_equals_uninterrupted(tmp_path):
     """Environments start anew at each checkpoint, also where nobody stopped."""
-    list(Run(NOISY, tmp_path / "whole", 384, Noisy).advance())
-    run = Run(NOISY, tmp_path / "part", 384, Noisy)
+    list(start_run(NOISY, tmp_path / "whole", 384, Noisy).advance())
+    run = start_run(NOISY, tmp_path / "part", 384, Noisy)
     for report in run.advance():
         if report.frames == 320:  # past the checkpoint at 256: what came since is lost
             break
-    run = Run.resume(tmp_path / "part", env=Noisy)
+    run = resume_run(tmp_path / "part", env=Noisy)
     assert run.frames == 256
     list(run.advance())
     assert_same_files(tmp_path / "whole", tmp_path / "part")
@@ -112,9 +114,9 @@ def test_killed_and_resumed_equals_uninterrupted(tmp_path):
 def test_a_rollout_holds_what_the_actor_saw_and_did(mode):
     config = Config(**(vars(SMALL) | {"num_envs": 3, "num_steps": 10, "batch_size": 30}))
     environments = make_environments(SyncVectorEnv([Stairs] * 3, autoreset_mode=mode), 3)
-    state = train.init_learner(jax.random.key(0), environments.spaces, config)
-    state = train.restarted(state, environments.reset(0), config)
-    after, rollout = collect(state, environments, new_episodes(3), jax.random.key(1), config)
+    state = init_learner(initial_keys(jax.random.key(0)), environments.spaces, config)
+    state = begin_episodes(state, environments.reset(0), config)
+    after, rollout = collect_on_host(state, environments, new_tally(3), jax.random.key(1), config)
     log_probs = jax.vmap(jax.vmap(lambda o, z: state.actor(o).log_prob(z)))(rollout.observations, rollout.latents)
     np.testing.assert_allclose(log_probs, rollout.log_probs, atol=1e-5)
     assert np.ptp(rollout.latents) > 0.1
@@ -130,10 +132,10 @@ def test_a_rollout_holds_what_the_actor_saw_and_did(mode):
 
 
 def test_nothing_is_compiled_twice():
-    world = HostBackend(Noisy, "noisy", TINY, 0, 0)
-    state, _, _ = world.train(world.begin(world.init(), 0), 1)
-    compiled = (host._decide, host._advance, host._update, host._split)
+    backend = HostBackend(Noisy, "noisy", TINY, 0, 0)
+    state, _, _ = backend.train(backend.begin(backend.init(), 0), 1)
+    compiled = (host._decide, host._advance, host._update, host._keys)
     before = [function._cache_size() for function in compiled]
-    state, _, _ = world.train(state, 2)
-    world.train(world.begin(state, 3), 1)
+    state, _, _ = backend.train(state, 2)
+    backend.train(backend.begin(state, 3), 1)
     assert [function._cache_size() for function in compiled] == before

@@ -12,7 +12,8 @@ from swingup.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
 from swingup.learner.run import Run
-from swingup.learner.run_settings import PENDULUM_INTERVALS, Settings, settings_from_dict
+from swingup.learner.run_settings import PENDULUM_INTERVALS, RunSettings, run_settings_from_dict
+from swingup.learner.start import resume_run, start_run
 from swingup.policy.jax_backend.controller import load_policy, save_controller
 from swingup.tasks.domain import Domain
 
@@ -24,11 +25,11 @@ CONFIG = Config(
 )  # fmt: skip
 FRAMES = 64
 """Frames of one iteration."""
-SETTINGS = Settings("acrobot", "default", 0, 1, 2 * FRAMES, 4 * FRAMES, CONFIG)
+SETTINGS = RunSettings("acrobot", "default", 0, 1, 2 * FRAMES, 4 * FRAMES, CONFIG)
 
 
 def run(folder, iterations, settings=SETTINGS):
-    training = Run(settings, folder, iterations * FRAMES)
+    training = start_run(settings, folder, iterations * FRAMES)
     return training, list(training.advance())
 
 
@@ -101,7 +102,7 @@ def test_policies_say_where_they_come_from(finished):
 def test_resumed_equals_uninterrupted(finished, tmp_path):
     folder, _, _ = finished
     run(tmp_path / "part", 4)
-    resumed = Run.resume(tmp_path / "part", 10 * FRAMES)
+    resumed = resume_run(tmp_path / "part", 10 * FRAMES)
     assert resumed.frames == 4 * FRAMES
     list(resumed.advance())
     assert_same_files(folder, tmp_path / "part")
@@ -110,12 +111,12 @@ def test_resumed_equals_uninterrupted(finished, tmp_path):
 
 def test_stopped_between_checkpoints_and_resumed(finished, tmp_path):
     folder, _, _ = finished
-    training = Run(SETTINGS, tmp_path / "part", 10 * FRAMES)
+    training = start_run(SETTINGS, tmp_path / "part", 10 * FRAMES)
     for report in training.advance():
         if report.frames == 6 * FRAMES:
             training.stop()
     assert training.frames == 6 * FRAMES
-    resumed = Run.resume(tmp_path / "part")
+    resumed = resume_run(tmp_path / "part")
     assert resumed.frames == 6 * FRAMES
     list(resumed.advance())
     assert_same_files(folder, tmp_path / "part")
@@ -127,7 +128,7 @@ def test_killed_after_a_checkpoint_and_resumed(finished, tmp_path):
     run(tmp_path / "part", 4)
     with (tmp_path / "part" / "metrics.jsonl").open("a") as file:
         file.write('{"seed": 0, "frames": 384, "reward": 0.0}\n{"seed": 0, "fra')
-    list(Run.resume(tmp_path / "part", 10 * FRAMES).advance())
+    list(resume_run(tmp_path / "part", 10 * FRAMES).advance())
     assert measured(folder) == measured(tmp_path / "part")
 
 
@@ -135,17 +136,17 @@ def test_killed_after_a_checkpoint_and_resumed(finished, tmp_path):
 def test_no_more_is_lost_than_was_said(tmp_path, every):
     """Checkpoints fall where they are due, whatever the reports' interval of two iterations."""
     settings = dataclasses.replace(SETTINGS, checkpoint_every=every * FRAMES)
-    training, ends = Run(settings, tmp_path / "whole", 7 * FRAMES), []
+    training, ends = start_run(settings, tmp_path / "whole", 7 * FRAMES), []
     for report in training.advance():
         ends.append(report.frames // FRAMES)
         kept = max(int(path.stem) for path in (tmp_path / "whole" / "checkpoints").glob("*.npz"))
         assert report.frames - kept < every * FRAMES
     assert ends == ([1, 2, 3, 4, 5, 6, 7] if every == 1 else [2, 3, 4, 6, 7])
-    part = Run(settings, tmp_path / "part", 7 * FRAMES)
+    part = start_run(settings, tmp_path / "part", 7 * FRAMES)
     for report in part.advance():
         if report.frames == 4 * FRAMES:
             break
-    list(Run.resume(tmp_path / "part").advance())
+    list(resume_run(tmp_path / "part").advance())
     assert_same_files(tmp_path / "whole", tmp_path / "part")
     assert measured(tmp_path / "whole") == measured(tmp_path / "part")
 
@@ -187,8 +188,8 @@ def test_seeds_side_by_side(tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         run(tmp_path / "part", 2, settings)
     monkeypatch.setattr(Run, "_save_policy", save)
-    list(Run.resume(tmp_path / "part").advance())
-    list(Run.resume(tmp_path / "part", 4 * FRAMES).advance())
+    list(resume_run(tmp_path / "part").advance())
+    list(resume_run(tmp_path / "part", 4 * FRAMES).advance())
     for file in ("best", "best-3", "best-4", "last-3", "last-4"):
         left, right = (arrays(tmp_path / name / f"{file}.npz") for name in ("r", "part"))
         for name in left:
@@ -199,28 +200,29 @@ def test_divergence_keeps_the_last_good_checkpoint(tmp_path):
     training, _ = run(tmp_path / "r", 4)
     good = arrays(tmp_path / "r" / "checkpoints" / "000000000256.npz")
     # What a NaN in the weights does, without waiting for one.
-    resumed = Run.resume(tmp_path / "r", 8 * FRAMES)
-    resumed._state = jax.tree.map(
-        lambda leaf: leaf * np.nan if leaf.dtype == np.float32 and leaf.ndim == 2 else leaf, resumed._state
+    resumed = resume_run(tmp_path / "r", 8 * FRAMES)
+    broken = jax.tree.map(
+        lambda leaf: leaf * np.nan if leaf.dtype == np.float32 and leaf.ndim == 2 else leaf, resumed.progress.state
     )
+    resumed.progress = dataclasses.replace(resumed.progress, state=broken)
     with pytest.raises(SwingupError, match="training diverged: metrics are not finite after frame 256"):
         list(resumed.advance())
     assert [path.name for path in sorted((tmp_path / "r" / "checkpoints").iterdir())][-1] == "000000000256.npz"
     after = arrays(tmp_path / "r" / "checkpoints" / "000000000256.npz")
     assert all(np.array_equal(good[name], after[name]) for name in good)
-    assert Run.resume(tmp_path / "r").frames == training.frames
+    assert resume_run(tmp_path / "r").frames == training.frames
 
 
 def test_an_interrupted_chunk_is_trained_again(finished, tmp_path, monkeypatch):
     folder, _, _ = finished
-    training = Run(SETTINGS, tmp_path / "part", 10 * FRAMES)
-    train = training.world.train
+    training = start_run(SETTINGS, tmp_path / "part", 10 * FRAMES)
+    train = training.backend.train
 
     def interrupted(state, iterations):
         train(state, iterations)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(training.world, "train", interrupted)
+    monkeypatch.setattr(training.backend, "train", interrupted)
     with pytest.raises(KeyboardInterrupt):
         list(training.advance())
     monkeypatch.undo()
@@ -233,14 +235,14 @@ def test_a_folder_is_never_overwritten(finished):
     folder, _, _ = finished
     before = (folder / "config.json").read_text()
     with pytest.raises(SwingupError, match=f"{folder} exists: continue it with --resume"):
-        Run(SETTINGS, folder, 100)
+        start_run(SETTINGS, folder, 100)
     assert (folder / "config.json").read_text() == before
 
 
 def test_an_unwritable_folder(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(SwingupError, match="cannot create"):
-        Run(SETTINGS, tmp_path / "file" / "r", 100)
+        start_run(SETTINGS, tmp_path / "file" / "r", 100)
 
 
 def test_a_checkpoint_of_another_configuration(tmp_path):
@@ -251,30 +253,30 @@ def test_a_checkpoint_of_another_configuration(tmp_path):
         changed = content | {"config": content["config"] | change}
         (folder / "config.json").write_text(json.dumps(changed))
         with pytest.raises(SwingupError, match=message):
-            Run.resume(folder)
+            resume_run(folder)
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"version": "0", "frames": 1, "robot": "acrobot"}'])
 def test_a_malformed_config(tmp_path, text):
     (tmp_path / "config.json").write_text(text)
     with pytest.raises(SwingupError, match="malformed"):
-        Run.resume(tmp_path)
+        resume_run(tmp_path)
 
 
 def test_what_cannot_be_resumed(tmp_path):
     with pytest.raises(SwingupError, match="is not a run's folder"):
-        Run.resume(tmp_path / "nothing")
-    Run(SETTINGS, tmp_path / "r", 100)
+        resume_run(tmp_path / "nothing")
+    start_run(SETTINGS, tmp_path / "r", 100)
     for path in (tmp_path / "r" / "checkpoints").iterdir():
         path.unlink()
     with pytest.raises(SwingupError, match="has no checkpoint"):
-        Run.resume(tmp_path / "r")
+        resume_run(tmp_path / "r")
 
 
 def test_a_run_killed_before_its_first_report_resumes(finished, tmp_path):
     folder, _, _ = finished
-    Run(SETTINGS, tmp_path / "r", 10 * FRAMES)
-    list(Run.resume(tmp_path / "r").advance())
+    start_run(SETTINGS, tmp_path / "r", 10 * FRAMES)
+    list(resume_run(tmp_path / "r").advance())
     assert_same_files(folder, tmp_path / "r")
 
 
@@ -284,7 +286,7 @@ def test_resuming_keeps_a_better_policy_than_the_checkpoint_knows(tmp_path):
     controller, _ = load_policy(tmp_path / "r" / "best.npz")
     save_controller(tmp_path / "r" / "best.npz", controller, {"scores": {"v2": {"score": 0.9}}})
     kept = (tmp_path / "r" / "best.npz").read_bytes()
-    resumed = Run.resume(tmp_path / "r", 4 * FRAMES)
+    resumed = resume_run(tmp_path / "r", 4 * FRAMES)
     list(resumed.advance())
     assert resumed.best_score == 0.9
     assert (tmp_path / "r" / "best.npz").read_bytes() == kept
@@ -294,7 +296,7 @@ def test_a_run_does_not_go_back(finished):
     folder, _, _ = finished
     config = (folder / "config.json").read_text()
     with pytest.raises(SwingupError, match=r"frames = 64, but .* stands at 640 already: ask for more"):
-        Run.resume(folder, 64)
+        resume_run(folder, 64)
     assert (folder / "config.json").read_text() == config
 
 
@@ -304,11 +306,11 @@ def test_a_damaged_checkpoint_is_named_and_nothing_changes(tmp_path):
     checkpoint.write_bytes(checkpoint.read_bytes()[:1000])
     config = (tmp_path / "r" / "config.json").read_text()
     with pytest.raises(SwingupError, match=f"{checkpoint}.*truncated.*delete it to resume from the one before"):
-        Run.resume(tmp_path / "r", 999)
+        resume_run(tmp_path / "r", 999)
     assert (tmp_path / "r" / "config.json").read_text() == config
     # That advice is good.
     checkpoint.unlink()
-    assert Run.resume(tmp_path / "r").frames == 0
+    assert resume_run(tmp_path / "r").frames == 0
 
 
 SLOW = ("apo", "eapo", "ppo", "sim2real")
@@ -334,7 +336,7 @@ def test_every_preset_trains(tmp_path, preset):
 def test_a_domain_stands_in_settings_and_command():
     domain = Domain((("cf1", 0.1, 0.2),), "my plants.yml")
     settings = dataclasses.replace(SETTINGS, preset="sim2real", domain=domain)
-    again = settings_from_dict(settings.as_dict())
+    again = run_settings_from_dict(settings.as_dict())
     assert (again.domain, again.domain.name) == (domain, "my plants.yml")
     assert "--domain 'my plants.yml'" in again.command(100)
 
@@ -345,7 +347,7 @@ def test_a_domain_stands_in_settings_and_command():
         ({"robot": "cartpole"}, "unknown robot 'cartpole'"),
         ({"preset": "best"}, "unknown preset 'best'"),
         ({"domain": Domain((("m1", 0.5, 0.6),))}, "a domain goes with the preset sim2real, not with default"),
-        ({"seeds": 0}, "seeds = 0 must be at least 1"),
+        ({"seeds": 0}, "seeds = 0: use a whole number of at least 1"),
         ({"seed": -1}, "seed = -1"),
         ({"evaluate_every": 0}, "evaluate_every = 0"),
     ],

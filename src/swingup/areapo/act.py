@@ -1,4 +1,4 @@
-"""What a learner does at every step, whoever steps the environments: take in what it sees, and act."""
+"""What a learner does at every step on every back end: update the observation statistics, and act."""
 
 from typing import Any
 
@@ -23,20 +23,20 @@ class Decisions(eqx.Module):
 def decide(actor: AbstractActor, observations: Float[Array, "envs n"], key: Key) -> Decisions:
     """Sample an action in each environment, for normalised observations."""
     policy = jax.vmap(actor)(observations)
-    latents = over_envs(lambda p, k: p.sample(k), key, policy)
+    latents = vmap_with_keys(lambda p, k: p.sample(k), key, policy)
     log_probs = jax.vmap(lambda p, z: p.log_prob(z))(policy, latents)
     return Decisions(latents, log_probs, jax.vmap(lambda p, z: p.action(z))(policy, latents))
 
 
-def take_in(
+def update_statistics(
     statistics: RunningStatistics,
     following: Float[Array, "envs n"],
     true_next: Float[Array, "envs n"],
     clip: float,
 ) -> tuple[RunningStatistics, Float[Array, "envs n"], Float[Array, "envs n"]]:
-    """Update the observation statistics and normalise what was seen.
+    """Update the observation statistics and normalise the observations with them.
 
-    The statistics take in the states after the resets and before they are normalised, as in the authors' code.
+    The update uses the states after the resets and before normalisation, as in the authors' code.
 
     Args:
         statistics: of all observations before.
@@ -49,7 +49,7 @@ def take_in(
     return statistics, normalise(following), normalise(true_next)
 
 
-def over_envs(function: Any, key: Key, *arguments: Any) -> Any:
+def vmap_with_keys(function: Any, key: Key, *arguments: Any) -> Any:
     """Map over environments with a key for each."""
     size = jax.tree.leaves(arguments[0])[0].shape[0]
     return jax.vmap(function)(*arguments, jax.random.split(key, size))

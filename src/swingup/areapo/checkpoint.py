@@ -11,8 +11,8 @@ import numpy as np
 from ..arrays import load_archive, save_archive
 from ..errors import SwingupError
 
-FORMAT = "swingup checkpoint"
-FORMAT_VERSION = 1
+CHECKPOINT_FORMAT = "swingup checkpoint"
+CHECKPOINT_VERSION = 1
 
 Tree = TypeVar("Tree")
 
@@ -23,7 +23,13 @@ def save_checkpoint(path: str | Path, tree: Any, metadata: Mapping[str, Any]) ->
     Raises:
         SwingupError: the file cannot be written.
     """
-    save_archive(path, FORMAT, FORMAT_VERSION, metadata, {name: _to_numpy(leaf) for name, leaf in _named(tree)})
+    save_archive(
+        path,
+        CHECKPOINT_FORMAT,
+        CHECKPOINT_VERSION,
+        metadata,
+        {name: _to_numpy(leaf) for name, leaf in _named(tree)},
+    )
 
 
 def load_checkpoint(path: str | Path, like: Tree) -> tuple[Tree, dict[str, Any]]:
@@ -32,7 +38,7 @@ def load_checkpoint(path: str | Path, like: Tree) -> tuple[Tree, dict[str, Any]]
     Raises:
         SwingupError: the file cannot be read, or it holds another structure.
     """
-    metadata, arrays = load_archive(path, FORMAT, FORMAT_VERSION)
+    metadata, arrays = load_archive(path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION)
     leaves = []
     for name, expected in _named(like):
         if name not in arrays:
@@ -47,7 +53,7 @@ def read_metadata(path: str | Path) -> dict[str, Any]:
     Raises:
         SwingupError: the file cannot be read.
     """
-    return load_archive(path, FORMAT, FORMAT_VERSION)[0]
+    return load_archive(path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION)[0]
 
 
 def _named(tree: Any) -> list[tuple[str, Any]]:

@@ -5,6 +5,7 @@ temperatures can be batched with ``vmap``. Defaults are Table I of the paper, to
 """
 
 import dataclasses
+from collections.abc import Iterable
 from numbers import Integral, Real
 from typing import Any, Literal, get_args
 
@@ -12,122 +13,106 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from ..checks import finite_number, one_of, suggestion, whole_number
 from ..errors import SwingupError
+from ..text import quoted
 
 TINY, HUGE = 1e-12, 1e12
-RANGES = {
-    "temperature": (0.0, HUGE),
-    "discount": (0.0, 1.0),
-    "entropy_discount": (0.0, 1.0),
-    "gae_lambda": (0.0, 1.0),
-    "entropy_gae_lambda": (0.0, 1.0),
-    "gain_step_size": (TINY, 1.0),
-    "clip_range": (TINY, 1.0),
-    "learning_rate": (0.0, HUGE),
-    "adam_epsilon": (TINY, HUGE),
-    "max_grad_norm": (TINY, HUGE),
-    "value_coefficient": (0.0, HUGE),
-    "entropy_value_coefficient": (0.0, HUGE),
-    "log_std_init": (-20.0, 2.0),
-    "observation_clip": (TINY, HUGE),
-    "reset_cost": (0.0, HUGE),
-    "popart_step_size": (TINY, 1.0),
-}
-"""Least and largest value of each hyperparameter that is a number; not asked of traced ones."""
-
+LARGEST_COUNT = 2**31 - 1
+"""Frames and units are indexed in 32 bits."""
 
 Terminations = Literal["auto", "end", "reset_cost", "bootstrap"]
+
+
+def _number(default: float, least: float, most: float) -> Any:
+    """A real number, a leaf of the pytree, and its range; traced values are not checked."""
+    return eqx.field(default=default, metadata={"range": (least, most)})
+
+
+def _static(default: Any) -> Any:
+    """A value that is compiled in."""
+    return eqx.field(static=True, default=default)
+
+
+def _count(default: int) -> Any:
+    """A whole number of at least 1 that is compiled in."""
+    return eqx.field(static=True, default=default, metadata={"range": (1, LARGEST_COUNT)})
 
 
 class Config(eqx.Module):
     """Hyperparameters of AR-EAPO (paper, Table I) and of its relatives."""
 
-    num_envs: int = eqx.field(static=True, default=64)
+    num_envs: int = _count(64)
     """Environments side by side."""
-    num_steps: int = eqx.field(static=True, default=128)
+    num_steps: int = _count(128)
     """Steps of each environment in a rollout."""
-    num_epochs: int = eqx.field(static=True, default=6)
+    num_epochs: int = _count(6)
     """Passes over a rollout."""
-    batch_size: int = eqx.field(static=True, default=1024)
+    batch_size: int = _count(1024)
     """Frames in a minibatch."""
-    policy_layers: tuple[int, ...] = eqx.field(static=True, default=(256, 256))
+    policy_layers: tuple[int, ...] = _static((256, 256))
     """Widths of the policy's hidden layers (ReLU)."""
-    value_layers: tuple[int, ...] = eqx.field(static=True, default=(512, 512))
+    value_layers: tuple[int, ...] = _static((512, 512))
     """Widths of the hidden layers that both value heads share (ReLU)."""
-    average_reward: bool = eqx.field(static=True, default=True)
+    average_reward: bool = _static(True)
     """Subtract the gains (average reward); without it, the discounts below 1 bound the values."""
-    gain_trace: bool = eqx.field(static=True, default=True)
+    gain_trace: bool = _static(True)
     """Divide the gains' step by its trace, which removes the bias of their start at 0 (authors' code). Not with a λ
     near 1: λ-advantages scale the step by about 1 / (1 - λ), and the first estimates overshoot more and more."""
-    centre_values: bool = eqx.field(static=True, default=False)
-    """Fix the values' free constant: after each rollout, take their mean off the heads' biases."""
-    normalise_advantages: bool = eqx.field(static=True, default=True)
+    centre_values: bool = _static(False)
+    """Fix the values' free constant: after each rollout, subtract their mean from the heads' biases."""
+    normalise_advantages: bool = _static(True)
     """Normalise the soft advantages in each minibatch."""
-    terminations: Terminations = eqx.field(static=True, default="auto")
-    """What follows where a task ends itself. end: nothing, its value is 0; reset_cost: a new start, at a cost
-    (ATRPO, arXiv 2106.07329); bootstrap: what would follow had the task gone on; auto: reset_cost with average
-    reward, end without."""
-    popart: bool = eqx.field(static=True, default=False)
+    terminations: Terminations = _static("auto")
+    """What follows where a task terminates. end: nothing, the value beyond is 0; reset_cost: a new start, at a cost
+    (ATRPO, arXiv 2106.07329); bootstrap: the value of the last state, as at a time limit; auto: reset_cost with
+    average reward, end without."""
+    popart: bool = _static(False)
     """Learn the values on a normalised scale that follows the returns (PopArt)."""
-    temperature: float = 2.0
+    temperature: float = _number(2.0, 0.0, HUGE)
     """Temperature τ of the entropy reward -τ log π."""
-    discount: float = 1.0
+    discount: float = _number(1.0, 0.0, 1.0)
     """Discount γ of the reward objective."""
-    entropy_discount: float = 1.0
+    entropy_discount: float = _number(1.0, 0.0, 1.0)
     """Discount γ_H of the entropy objective."""
-    gae_lambda: float = 0.8
+    gae_lambda: float = _number(0.8, 0.0, 1.0)
     """λ of the reward advantages."""
-    entropy_gae_lambda: float = 0.6
+    entropy_gae_lambda: float = _number(0.6, 0.0, 1.0)
     """λ_e of the entropy advantages."""
-    gain_step_size: float = 0.01
+    gain_step_size: float = _number(0.01, TINY, 1.0)
     """Step size η of both gains."""
-    clip_range: float = 0.05
+    clip_range: float = _number(0.05, TINY, 1.0)
     """ε of the clipped surrogate."""
-    learning_rate: float = 5e-4
+    learning_rate: float = _number(5e-4, 0.0, HUGE)
     """Adam's step size."""
-    adam_epsilon: float = 1e-5
+    adam_epsilon: float = _number(1e-5, TINY, HUGE)
     """Adam's ε."""
-    max_grad_norm: float = 10.0
+    max_grad_norm: float = _number(10.0, TINY, HUGE)
     """Joint norm to which the gradients are clipped."""
-    value_coefficient: float = 0.25
+    value_coefficient: float = _number(0.25, 0.0, HUGE)
     """Weight of the value loss."""
-    entropy_value_coefficient: float = 0.5
+    entropy_value_coefficient: float = _number(0.5, 0.0, HUGE)
     """c2: weight of the entropy value's loss within the value loss."""
-    log_std_init: float = -1.0
+    log_std_init: float = _number(-1.0, -20.0, 2.0)
     """Logarithm of the policy's initial standard deviation (before tanh)."""
-    observation_clip: float = 10.0
+    observation_clip: float = _number(10.0, TINY, HUGE)
     """Normalised observations are clipped to ± this."""
-    reset_cost: float = 10.0
-    """Taken off the reward where a task ends itself, with terminations = reset_cost (10 in arXiv 2501.06937's
+    reset_cost: float = _number(10.0, 0.0, HUGE)
+    """Subtracted from the reward where a task terminates, with terminations = reset_cost (10 in arXiv 2501.06937's
     continuing MuJoCo tasks)."""
-    popart_step_size: float = 0.1
+    popart_step_size: float = _number(0.1, TINY, 1.0)
     """Weight of a rollout's returns in PopArt's running moments."""
 
     def __check_init__(self) -> None:
         """Refuse what cannot work, before anything is traced."""
         for field in dataclasses.fields(self):
-            _check_kind(field.name, getattr(self, field.name), field.default)
-        for name in ("num_envs", "num_steps", "num_epochs", "batch_size"):
-            if getattr(self, name) < 1:
-                raise SwingupError(f"{name} = {getattr(self, name)} must be at least 1")
+            _check_field(field, getattr(self, field.name))
         if self.rollout_size % self.batch_size:
             raise SwingupError(
                 f"batch_size = {self.batch_size} does not divide a rollout of num_envs x num_steps = "
                 f"{self.num_envs} x {self.num_steps} = {self.rollout_size} frames: choose a divisor"
             )
-        for name, (least, most) in RANGES.items():
-            value = getattr(self, name)
-            if isinstance(value, int | float) and not least <= value <= most:
-                raise SwingupError(f"{name} = {value} must lie between {least:g} and {most:g}")
-        for name in ("policy_layers", "value_layers"):
-            if not getattr(self, name) or min(getattr(self, name)) < 1:
-                raise SwingupError(
-                    f"{name} = {getattr(self, name)} must name at least one layer of at least 1 unit"
-                )
-        if self.terminations not in get_args(Terminations):
-            raise SwingupError(
-                f"unknown terminations {self.terminations!r}: use one of {', '.join(get_args(Terminations))}"
-            )
+        one_of("terminations", self.terminations, get_args(Terminations))
         if self.average_reward and self.terminations == "end":
             raise SwingupError(
                 "terminations = 'end' does not go with average_reward, whose task goes on: "
@@ -162,41 +147,78 @@ class Config(eqx.Module):
         return self.rollout_size // self.batch_size
 
 
-def config_from_dict(values: dict[str, Any]) -> Config:
+def config_from_dict(values: dict[str, Any], others: Iterable[str] = ()) -> Config:
     """The inverse of ``dataclasses.asdict``, also after a trip through JSON.
+
+    Args:
+        values: hyperparameters by name; those that are missing have the defaults of Table I.
+        others: names that a caller takes besides, to suggest for a misspelt one.
 
     Raises:
         SwingupError: a name is unknown or a value cannot work.
     """
-    names = {field.name for field in dataclasses.fields(Config)}
-    unknown = sorted(set(values) - names)
-    if unknown:
-        raise SwingupError(f"unknown hyperparameter {', '.join(unknown)}: use names of areapo.config.Config")
-    return Config(**{name: _plain(value) for name, value in values.items()})
+    for name in values:
+        check_name(name, others)
+    return Config(**{name: _to_python(value) for name, value in values.items()})
 
 
-def _plain(value: Any) -> Any:
+def check_name(name: Any, others: Iterable[str] = ()) -> str:
+    """The name of a hyperparameter.
+
+    Raises:
+        SwingupError: there is none of that name; the line suggests the nearest.
+    """
+    names = hyperparameters()
+    if name in names:
+        return name
+    near = suggestion(name, [*names, *others]) or "; swingup train --help lists them all"
+    raise SwingupError(f"unknown hyperparameter {quoted(name)}{near}")
+
+
+def hyperparameters() -> list[str]:
+    """The names of all hyperparameters."""
+    return [field.name for field in dataclasses.fields(Config)]
+
+
+def kind_of(default: Any) -> str:
+    """What values of a hyperparameter with this default are, in words."""
+    kinds = {bool: "True or False", int: "an integer", float: "a number", tuple: "integers such as (64, 64)"}
+    return kinds.get(type(default), "a word")
+
+
+def _to_python(value: Any) -> Any:
     """A value as Python has it: no list, no number of NumPy's or JAX's."""
     if isinstance(value, list | tuple):
-        return tuple(_plain(each) for each in value)
+        return tuple(_to_python(each) for each in value)
     return value.item() if isinstance(value, np.generic | np.ndarray | jax.Array) and value.ndim == 0 else value
 
 
-def _check_kind(name: str, value: Any, usual: Any) -> None:
-    """Refuse what is not of the usual value's kind; numbers may be traced."""
-    if isinstance(usual, bool):
-        good, wanted = isinstance(value, bool | np.bool_), "True or False"
-    elif isinstance(usual, int):
-        good, wanted = _is_integer(value), "an integer"
-    elif isinstance(usual, float):
-        good = isinstance(value, Real | np.ndarray | jax.Array) and not isinstance(value, bool)
-        wanted = "a number"
-    elif isinstance(usual, tuple):
-        good, wanted = isinstance(value, tuple) and all(map(_is_integer, value)), "integers such as (64, 64)"
-    else:
-        return
-    if not good:
-        raise SwingupError(f"{name} = {value!r} must be {wanted}")
+def _check_field(field: Any, value: Any) -> None:
+    """Refuse a value of another kind than the default's or outside the field's range; numbers may be traced."""
+    name, default = field.name, field.default
+    if not _is_of_kind(value, default):
+        raise SwingupError(f"{name} = {quoted(value)}: use {kind_of(default)}")
+    if isinstance(default, tuple):
+        if not value:
+            raise SwingupError(f"{name} = (): name at least one layer, such as 64")
+        for width in value:
+            whole_number(name, width, 1, LARGEST_COUNT)
+    elif "range" in field.metadata and isinstance(default, int):
+        whole_number(name, value, *field.metadata["range"])
+    elif "range" in field.metadata and isinstance(value, Real):
+        finite_number(name, value, *field.metadata["range"])
+
+
+def _is_of_kind(value: Any, default: Any) -> bool:
+    if isinstance(default, bool):
+        return isinstance(value, bool | np.bool_)
+    if isinstance(default, int):
+        return _is_integer(value)
+    if isinstance(default, float):
+        return isinstance(value, Real | np.ndarray | jax.Array) and not isinstance(value, bool)
+    if isinstance(default, tuple):
+        return isinstance(value, tuple) and all(map(_is_integer, value))
+    return True
 
 
 def _is_integer(value: Any) -> bool:

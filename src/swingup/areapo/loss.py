@@ -10,7 +10,7 @@ from .config import Config
 from .networks import AbstractActor, Critic
 
 
-class Batch(eqx.Module):
+class Frames(eqx.Module):
     """Frames to learn from; every leaf has the same leading axes."""
 
     observations: Float[Array, "*b n"]
@@ -37,23 +37,23 @@ class LossMetrics(eqx.Module):
     clip_fraction: Scalar
 
 
-def loss(networks: tuple[AbstractActor, Critic], batch: Batch, config: Config) -> tuple[Scalar, LossMetrics]:
+def loss(networks: tuple[AbstractActor, Critic], frames: Frames, config: Config) -> tuple[Scalar, LossMetrics]:
     """-L(θ) + c_v (MSE_V + c2 MSE_H) (paper, eq. for L(θ), and Table I).
 
     L(θ) = mean min(r A, clip(r, 1 - ε, 1 + ε) A), r = π_θ(a|s) / π_old(a|s).
     """
     actor, critic = networks
-    observations = batch.observations.T
-    log_ratios = actor(observations).log_prob(batch.latents.T) - batch.log_probs
+    observations = frames.observations.T
+    log_ratios = actor(observations).log_prob(frames.latents.T) - frames.log_probs
     ratios = jnp.exp(log_ratios)
-    soft_advantages = batch.advantages
+    soft_advantages = frames.advantages
     if config.normalise_advantages:
-        soft_advantages = standardise(soft_advantages, batch.weights)
+        soft_advantages = standardise(soft_advantages, frames.weights)
     clipped = jnp.clip(ratios, 1.0 - config.clip_range, 1.0 + config.clip_range)
-    policy_loss = -mean(jnp.minimum(ratios * soft_advantages, clipped * soft_advantages), batch.weights)
+    policy_loss = -mean(jnp.minimum(ratios * soft_advantages, clipped * soft_advantages), frames.weights)
 
-    errors = critic(observations) - batch.returns.T
-    value_loss, entropy_value_loss = mean(errors**2, batch.weights, axis=1)
+    errors = critic(observations) - frames.returns.T
+    value_loss, entropy_value_loss = mean(errors**2, frames.weights, axis=1)
     total = policy_loss + config.value_coefficient * (
         value_loss + config.entropy_value_coefficient * entropy_value_loss
     )
@@ -61,6 +61,6 @@ def loss(networks: tuple[AbstractActor, Critic], batch: Batch, config: Config) -
         policy_loss=policy_loss,
         value_loss=value_loss,
         entropy_value_loss=entropy_value_loss,
-        approximate_kl=mean(ratios - 1.0 - log_ratios, batch.weights),
-        clip_fraction=mean(jnp.abs(ratios - 1.0) > config.clip_range, batch.weights),
+        approximate_kl=mean(ratios - 1.0 - log_ratios, frames.weights),
+        clip_fraction=mean(jnp.abs(ratios - 1.0) > config.clip_range, frames.weights),
     )

@@ -4,11 +4,14 @@ import dataclasses
 from typing import Any
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 import optax
 from jaxtyping import Array, Bool, Float, Shaped
 
 from ..types import Count, Key, Scalar
 from .advantage import Gains
+from .average import mean
 from .loss import LossMetrics
 from .networks import AbstractActor, Critic
 from .normalise import RunningStatistics
@@ -73,3 +76,28 @@ class Metrics(eqx.Module):
             field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name != "losses"
         }
         return {name: float(value) for name, value in (own | vars(self.losses)).items()}
+
+
+def iteration_metrics(
+    rollout: Rollout, gains: Gains, value_means: Float[Array, "2"], losses: LossMetrics, gradient_norm: Scalar
+) -> Metrics:
+    """The metrics of one iteration, over the frames that count."""
+    return Metrics(
+        reward=mean(rollout.rewards, rollout.counted),
+        entropy=-mean(rollout.log_probs, rollout.counted),
+        gain=gains.reward,
+        entropy_gain=gains.entropy,
+        value=value_means[0],
+        entropy_value=value_means[1],
+        gradient_norm=gradient_norm,
+        losses=losses,
+    )
+
+
+def select(condition: Bool[Array, "envs"], new: Any, old: Any) -> Any:
+    """A pytree with the leaves of ``new`` in the environments where the condition holds, else those of ``old``."""
+
+    def choose(one: Array, other: Array) -> Array:
+        return jnp.where(condition.reshape(-1, *(1,) * (one.ndim - 1)), one, other)
+
+    return jax.tree.map(choose, new, old)

@@ -4,11 +4,14 @@ Sums run over the rows k = 0 .. N-2 with Δt_k = t_{k+1} - t_k, standard deviati
 """
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from .rules import Normalisers, PerformanceRules
+
+SHARE = 0.99
+"""Part of the rules' duration that a run must span to score."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,7 @@ def judge(
     """
     dt = np.diff(time)
     swingup_time = _swingup_time(time, x, l1, l2, rules)
-    long_enough = bool(time[-1] >= 0.99 * rules.duration)
+    long_enough = bool(time[-1] >= SHARE * rules.duration)
     costs = {
         "energy": float(np.sum(np.abs(np.diff(x[:, :2], axis=0) * u[:-1]))),
         "torque_cost": float(np.sum(np.sum(u[:-1] ** 2, axis=1) * dt)),
@@ -57,6 +60,11 @@ def judge(
         return Criteria(success=False, swingup_time=None, **costs, score=0.0)
     score = realai_score({"swingup_time": swingup_time, **costs}, rules.normalisers)
     return Criteria(success=True, swingup_time=swingup_time, **costs, score=score)
+
+
+def failed(criteria: Criteria) -> Criteria:
+    """The same costs without a success."""
+    return replace(criteria, success=False, swingup_time=None, score=0.0)
 
 
 def realai_score(costs: dict[str, float], normalisers: Normalisers) -> float:

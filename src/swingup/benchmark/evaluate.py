@@ -8,10 +8,13 @@ import numpy as np
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
 from ..tasks.disturbance import Disturbance, describe
-from .criteria import Criteria, judge
+from .criteria import SHARE, Criteria, failed, judge
 from .rollout import Scenario, Trajectory
 from .rules import DEFAULT_RULES, PerformanceRules, get_performance_rules
 from .runner import prepare, run_one
+
+START = 0.2
+"""A run's first time is within this of 0 (s): six periods of the slowest recordings, which have 33 Hz."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,8 @@ def evaluate(
 def score(trajectory: Trajectory, robot: Robot | str, rules: PerformanceRules | str = DEFAULT_RULES) -> Criteria:
     """Score a trajectory from any source by the rules of the performance board.
 
+    Times count from 0, or from the first row where that is earlier. A span below 99 % of the duration scores 0.
+
     Args:
         trajectory: NumPy arrays in float64.
         robot: which joint is driven; gives the lengths of the links.
@@ -74,7 +79,7 @@ def score(trajectory: Trajectory, robot: Robot | str, rules: PerformanceRules | 
 
     Raises:
         SwingupError: there is no such robot, there are no such rules, or the trajectory has fewer than 3 rows, rows
-            of other shapes, or values that are not finite.
+            of other shapes, values that are not finite, or times that do not increase or start far from 0.
     """
     parameters = leaderboard_parameters(get_robot(robot))
     lengths = float(parameters.l1), float(parameters.l2)
@@ -85,4 +90,10 @@ def score(trajectory: Trajectory, robot: Robot | str, rules: PerformanceRules | 
         raise SwingupError(f"time, x and u have shapes {shapes}: pass (N,), (N, 4) and (N, 2) with N of 3 or more")
     if not (np.isfinite(time).all() and np.isfinite(x).all() and np.isfinite(u).all()):
         raise SwingupError("the trajectory holds values that are not finite: end it before them")
-    return judge(time, x, u, *lengths, get_performance_rules(rules))
+    if not np.all(np.diff(time) > 0):
+        raise SwingupError("the trajectory's times do not increase: keep one run, in order")
+    if abs(time[0]) > START:
+        raise SwingupError(f"the trajectory starts at t = {time[0]:g} s: give its times as seconds since its start")
+    rules = get_performance_rules(rules)
+    criteria = judge(time - min(0.0, time[0]), x, u, *lengths, rules)  # no swing-up takes less than no time
+    return criteria if time[-1] - time[0] >= SHARE * rules.duration else failed(criteria)

@@ -10,10 +10,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..control.controller import AbstractController, check_interface, check_robot
+from ..control.controller import AbstractController, check_interface, check_robot, split
 from ..control.python_controller import PythonController
 from ..control.switch import AbstractExpensiveController
 from ..errors import SwingupError
+from ..foreign import blaming
 from ..physics.parameters import Robot
 from .host import HostRun, simulate_on_host
 from .rollout import Outcome, Scenario, Trajectory, simulate
@@ -85,8 +86,11 @@ def run_one(controller: Controller, scenario: Scenario, dt: float, steps: int, d
             if run.faults[0] is not None:
                 raise SwingupError(run.faults[0])
             return jax.tree.map(lambda rows: rows[0], run.trajectory)
-        arrays, static = _split(controller)
-        outcome, trajectory = _simulate(scenario, arrays, static, dt, steps, depth, keep=True, batched=False)
+        arrays, static = split(controller)
+        with blaming("running it"):
+            outcome, trajectory = jax.block_until_ready(
+                _simulate(scenario, arrays, static, dt, steps, depth, keep=True, batched=False)
+            )
         if outcome.fault >= 0:
             raise SwingupError(_not_finite(int(outcome.fault), dt))
         return jax.tree.map(np.asarray, trajectory)
@@ -144,13 +148,14 @@ def _run_compiled(
     # Parts of one shape need one compilation: the last scenario fills up the last part.
     padded = jax.tree.map(lambda leaf: leaf[np.minimum(np.arange(parts * size), number - 1)], scenarios)
 
-    arrays, static = _split(controller)
+    arrays, static = split(controller)
 
     def run(part: int) -> _Result:
         with jax.enable_x64(True):  # which is a setting of the thread
             piece = jax.tree.map(lambda leaf: leaf[part * size : (part + 1) * size], padded)
-            result = _simulate(piece, arrays, static, dt, steps, depth, keep, batched=True)
-            return jax.tree.map(np.asarray, result)
+            with blaming("running it"):
+                result = _simulate(piece, arrays, static, dt, steps, depth, keep, batched=True)
+                return jax.tree.map(np.asarray, result)
 
     pool = ThreadPoolExecutor(threads)
     try:
@@ -160,13 +165,8 @@ def _run_compiled(
     return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:number], *results)
 
 
-def _split(controller: AbstractController[Any]) -> tuple[Any, Any]:
-    """Numbers, which compiled programs take as they come, and all else, which they contain: activations, say."""
-    return eqx.partition(controller, eqx.is_array_like)
-
-
 def _not_finite(step: int, dt: float) -> str:
-    return f"it gave a torque that is not finite at t = {step * dt:g} s: mend it there"
+    return f"it gave a torque that is not finite at t = {step * dt:g} s: correct it there"
 
 
 def cores() -> int:

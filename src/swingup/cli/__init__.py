@@ -13,6 +13,8 @@ ERROR = 2
 
 def main(arguments: list[str] | None = None) -> int:
     """Run a command; bad input ends in one line on standard error and a non-zero status."""
+    # XLA's alarms about slow compilation, with their source lines, tell a user nothing; read when JAX is imported.
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     try:
         # Imported here, so that other modules of this package can be used without tyro.
         from .commands import run_command

@@ -6,6 +6,8 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
+from ..checks import one_of
+from ..control.baselines import BASELINES
 from ..errors import SwingupError
 from ..files import write_atomically
 from ..policy.c_backend.header import c_header
@@ -29,6 +31,8 @@ def export(
 ) -> int:
     """Write a policy for RealAIGym, ONNX Runtime or C.
 
+    Baselines have no policy file: see swingup.realaigym.load_controller and swingup trajectory.
+
     Args:
         policy: a policy file, or refined, ar-eapo, global or robot.
         to: realaigym, a folder that needs NumPy alone; onnx, a graph of the policy without its estimator; or c, a
@@ -39,8 +43,8 @@ def export(
         name: of the leaderboard's entry (con_NAME.py), and what all names in a C header begin with, so that several
             go side by side; ONNX has none.
     """
-    if to not in FORMS:
-        raise SwingupError(f"cannot export to {to!r}: use one of {', '.join(FORMS)}")
+    one_of("format", to, FORMS)
+    _refuse_baselines(policy, robot)
     policy = current_name("controller", policy)
     found = read_policy(policy, robot)
     if to == "realaigym":
@@ -54,5 +58,19 @@ def export(
     if to == "onnx" and found.estimator is not None:
         print("without the state estimator that the policy ships with: feed it good states, or run one yourself")
     if to == "onnx" and found.front_end is not None:
-        print("without the front end that the policy ships with: feed it what that shows, and add its compensation")
+        print("without the front end that the policy ships with: filter the state and compensate friction yourself")
     return 0
+
+
+def _refuse_baselines(name: str, robot: str | None) -> None:
+    """Say where a baseline goes instead: it has no policy file.
+
+    Raises:
+        SwingupError: the name is a baseline's.
+    """
+    if name in BASELINES:
+        call = f"swingup.realaigym.load_controller({name!r}, {robot or 'acrobot'!r})"
+        raise SwingupError(
+            f"{name!r} is a baseline, which has no policy file: {call} is its controller for RealAIGym, and "
+            f"swingup trajectory {robot or 'ROBOT'} --out x.csv writes a swing-up with gains"
+        )

@@ -18,6 +18,7 @@ from ..benchmark import uptime as uptime_of
 from ..benchmark.columns import COLUMNS, PERFORMANCE
 from ..benchmark.evaluate import Evaluation
 from ..benchmark.grid import change_grid
+from ..benchmark.plausibility import examine
 from ..benchmark.rules import CRITERIA, get_robustness_rules
 from ..benchmark.trajectory_file import load_trajectory, save_trajectory
 from ..control.check import check_controller
@@ -27,6 +28,7 @@ from ..files import check_writable
 from ..physics.parameters import get_robot
 from ..policy.shipped import REFINED, ROBOT
 from ..tasks.domain import Domain, load_domain
+from ..text import one_line
 from . import tables
 from .arguments import (
     ControllerName,
@@ -93,6 +95,8 @@ def score(
 ) -> int:
     """Score a trajectory file in RealAIGym's CSV format, from this program, another or a real robot.
 
+    Warnings name what cannot be the physics of this pendulum; they do not change the score.
+
     Args:
         trajectory: the CSV file.
         robot: acrobot or pendubot.
@@ -103,10 +107,14 @@ def score(
     rows = load_trajectory(trajectory)
     criteria = performance_of.score(rows, chosen, rules)
     result = Evaluation(chosen.name, Path(trajectory).stem, criteria, rows)
+    found = examine(rows, chosen, rules)
     if json:
-        print(json_format.dumps(result.as_dict()))
+        print(json_format.dumps(result.as_dict() | found.as_dict()))
     else:
-        _print_evaluation(result, rules, result.controller)
+        _print_evaluation(result, rules, one_line(result.controller))
+        print(f"  {'Rate of the log [Hz]':<24}{found.rate:>10.4g}")
+        for warning in found.warnings:
+            print(f"  warning: {warning.name}: {warning.text}")
     return 0
 
 

@@ -11,19 +11,20 @@ from rich.table import Table
 from tyro.conf import UseAppendAction, arg
 
 from ..arrays import finite
-from ..errors import SwingupError
+from ..checks import whole_number
 from ..files import make_folder, write_atomically
-from ..sweep import Outcome, Row, executor_for, parse_grid, plan, summarise
-from ..sweep import sweep as run_sweep
+from ..sweep.executors import executor_for
+from ..sweep.jobs import JobOutcome, run_jobs
+from ..sweep.plan import parse_grid, plan_jobs
+from ..sweep.summary import VariantRow, summarise_variants
 from .arguments import RobotOrNone
 from .training import default_options
 
 Assignments = Annotated[
-    UseAppendAction[tuple[str, ...]],
-    arg(
-        name="set", metavar="NAME=VALUE,...", help="alternatives of a hyperparameter or of preset; may be repeated."
-    ),
+    UseAppendAction[tuple[tuple[str, ...], ...]],
+    arg(name="set", metavar="NAME=VALUE,...", help="alternatives of hyperparameters or of preset."),
 ]
+"""One option may name several; given again, it adds to them."""
 
 
 def sweep(
@@ -50,7 +51,7 @@ def sweep(
     Args:
         robot: the robot; none with --env.
         env: Gymnasium id of another task.
-        assignments: what varies, such as learning_rate=3e-4,5e-4 or policy_layers=64x64,128x128.
+        assignments: what varies, such as learning_rate=3e-4,5e-4 policy_layers=64x64,128x128.
         preset: named settings that the runs share.
         seeds: seeds of each combination.
         seed: the first seed.
@@ -63,23 +64,23 @@ def sweep(
         evaluation_episodes: episodes of an evaluation with --env; default 5.
         json: print JSON instead of the table.
     """
-    if seeds < 1:
-        raise SwingupError(f"seeds = {seeds} must be at least 1")
+    whole_number("seeds", seeds, 1, 2**32)
     options: dict[str, Any] = {"robot": robot, "env": env, "preset": preset, "evaluate_every": evaluate_every}
     options |= {"checkpoint_every": checkpoint_every, "evaluation_episodes": evaluation_episodes}
-    base = {"robot": None, **default_options(options)}
+    base = default_options(options)
     folder = out or f"sweeps/{str(robot or env).replace('/', '-')}-{base['preset']}"
-    jobs = plan(base, parse_grid(assignments), range(seed, seed + seeds), folder, frames)
+    grid = parse_grid([word for words in assignments for word in words])
+    jobs = plan_jobs(base, grid, range(seed, seed + seeds), folder, frames)
     console = Console(stderr=True)
 
-    def tell(outcome: Outcome) -> None:
+    def tell(outcome: JobOutcome) -> None:
         name = f"{outcome.job.variant} seed {outcome.job.settings['seed']}".strip()
         console.print(escape(f"{name}: {outcome.error or f'{outcome.score:.6g}'}"), soft_wrap=True, highlight=False)
 
     with executor_for(scheduler, workers) as executor:
         make_folder(folder)
-        rows = summarise(run_sweep(jobs, executor, tell))
-    text = as_json(rows)
+        rows = summarise_variants(run_jobs(jobs, executor, tell))
+    text = rows_as_json(rows)
     write_atomically(f"{folder}/sweep.json", (text + "\n").encode())
     if json:
         print(text)
@@ -88,12 +89,12 @@ def sweep(
     return 1 if any(row.failed for row in rows) else 0
 
 
-def as_json(rows: list[Row]) -> str:
+def rows_as_json(rows: list[VariantRow]) -> str:
     """One list of rows."""
     return json.dumps(finite([dataclasses.asdict(row) for row in rows]), indent=2)
 
 
-def _show(rows: list[Row]) -> None:
+def _show(rows: list[VariantRow]) -> None:
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     table.add_column("Settings", no_wrap=True)
     for heading in ("Runs", "Score (IQM)", "95 % interval", "Best"):

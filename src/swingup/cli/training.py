@@ -5,35 +5,87 @@ import signal
 import time
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Annotated, Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TextColumn
+from tyro.conf import OmitArgPrefixes, arg
 
-from ..areapo.config import Config
+from ..areapo.config import config_from_dict
+from ..checks import whole_number
 from ..errors import SwingupError
-from ..learner.presets import DEFAULT_PRESET, ENV_PRESET, get_preset
-from ..learner.run import Report, Run
-from ..learner.run_settings import Settings, default_intervals, read_settings
+from ..learner.presets import PRESETS, choose_preset, get_preset
+from ..learner.run import Run
+from ..learner.run_settings import RunSettings, default_intervals, read_run_settings
+from ..learner.start import resume_run, start_run
 from ..physics.parameters import get_robot
+from ..tasks.domain import load_domain
 from ..tasks.sim2real import Sim2RealTask
+from .arguments import RobotOrNone
+from .hyperparameters import HyperparameterOptions, given_hyperparameters
 from .judging import evaluate, judge_on
+from .progress import WIDTH, progress_line
 
-LINE_EVERY = 10.0
+PROGRESS_INTERVAL = 10.0
 """Seconds between lines where there is no terminal for a progress bar."""
+BAR_WIDTH = 10
+
+FROM_PRESET = HyperparameterOptions()
+"""No hyperparameter given: the preset has them all."""
+
+PresetName = Annotated[str | None, arg(metavar="NAME", help=f"named settings: {', '.join(PRESETS)}.")]
 
 
-def train(frames: int | None, options: dict[str, Any], out: str | None, resume: str | None, config: Config) -> int:
-    """Start or resume a run, show its progress, and score its best policy.
+def train(
+    robot: RobotOrNone = None,
+    /,
+    env: str | None = None,
+    preset: PresetName = None,
+    frames: int | None = None,
+    seed: int | None = None,
+    seeds: int | None = None,
+    out: str | None = None,
+    resume: str | None = None,
+    evaluate_every: int | None = None,
+    checkpoint_every: int | None = None,
+    evaluation_episodes: int | None = None,
+    domain: Annotated[str | None, arg(metavar="DOMAIN")] = None,
+    hyperparameters: OmitArgPrefixes[HyperparameterOptions] = FROM_PRESET,
+) -> int:
+    """Train a policy, show the progress, and end with the score of the best one.
 
-    Options that are None were not given. The status is 128 plus the number of the signal that stopped the run.
+    The folder holds config.json, metrics.jsonl, tensorboard/, checkpoints/, best.npz and last.npz.
+
+    Args:
+        robot: the robot; none with --env or --resume.
+        env: Gymnasium id of another task, such as Swimmer-v5 or your.module:Task-v0.
+        preset: named settings.
+        frames: frames to train each seed for; default: the preset's.
+        seed: the first seed; default 0.
+        seeds: how many seeds to train side by side; default 1.
+        out: folder of the run, new or empty; default runs/ROBOT-PRESET-SEED, or the id's name for the robot's.
+        resume: folder of a run to continue from its last checkpoint, bit for bit.
+        evaluate_every: frames between evaluations, metrics and progress; default 65536.
+        checkpoint_every: frames between checkpoints; default 1048576, or 262144 with --env.
+        evaluation_episodes: episodes of an evaluation with --env; default 5.
+        domain: domain of the preset sim2real, which plants and loops are drawn from: identified (the default),
+            randomised or a YAML file.
+        hyperparameters: those that are left out are the preset's. In brackets: the value in the preset default,
+            then in presets that differ.
     """
-    if frames is not None and frames < 1:
-        raise SwingupError(f"frames = {frames} must be at least 1")
+    options = {
+        "robot": robot, "env": env, "preset": preset, "seed": seed, "seeds": seeds,
+        "evaluate_every": evaluate_every, "checkpoint_every": checkpoint_every,
+        "evaluation_episodes": evaluation_episodes,
+        "domain": None if domain is None else load_domain(domain),
+    }  # fmt: skip
+    if frames is not None:
+        whole_number("frames", frames, 1)
+    changes = given_hyperparameters(hyperparameters)
     if resume is None:
-        run = _start(frames, options, out, config)
+        run = _start(frames, options, out, changes)
     else:
-        run = _resume(frames, options, out, Path(resume), config)
+        run = _resume(frames, options, out, Path(resume), changes)
     received = _stop_on_signals(run)
     console = Console(stderr=True)
     _show(run, console)
@@ -41,6 +93,48 @@ def train(frames: int | None, options: dict[str, Any], out: str | None, resume: 
     if received:
         console.print(f"stopped at {run.frames:,} frames and saved: continue with --resume {run.folder}")
         return 128 + received[0]
+    return _score(run)
+
+
+def default_options(options: dict[str, Any]) -> dict[str, Any]:
+    """Options with the defaults of those that were not given, which differ between the pendulum and other tasks."""
+    if options["robot"] is not None:
+        get_robot(options["robot"])
+    preset = choose_preset(options["preset"], options["env"] or options["robot"])
+    defaults: dict[str, Any] = {"seed": 0, "seeds": 1} | default_intervals(options["robot"])
+    given = {name: value for name, value in options.items() if value is not None}
+    return {"robot": None, **defaults, **given, "preset": preset}
+
+
+def _start(frames: int | None, options: dict[str, Any], out: str | None, changes: dict[str, Any]) -> Run:
+    chosen = default_options(options)
+    preset = get_preset(chosen["preset"])
+    settings = RunSettings(config=config_from_dict(vars(preset.config) | changes), **chosen)
+    name = settings.name.replace("/", "-").replace(":", "-")
+    folder = out or f"runs/{name}-{settings.preset}-{settings.seed}"
+    return start_run(settings, folder, frames or preset.frames)
+
+
+def _resume(
+    frames: int | None, options: dict[str, Any], out: str | None, folder: Path, changes: dict[str, Any]
+) -> Run:
+    """Continue a run, unless an option contradicts its settings."""
+    if out is not None:
+        raise SwingupError(f"--out {out} does not go with --resume {folder}: a run stays in its folder")
+    saved, _ = read_run_settings(folder)
+    known = vars(saved) | vars(saved.config)
+    given = {name: value for name, value in options.items() if value is not None} | changes
+    for name, value in given.items():
+        if value != known[name]:
+            raise SwingupError(
+                f"{folder} was trained with {name} = {known[name]}, not {value}: resume it without "
+                f"that option, or train anew with another --out"
+            )
+    return resume_run(folder, frames)
+
+
+def _score(run: Run) -> int:
+    """Print the score of the best policy; judge that of a robot."""
     if run.settings.robot is None:
         name = "best.npz" if (run.folder / "best.npz").exists() else "last.npz"
         print(f"best score {run.best_score:.6g}, policy {run.folder / name}")
@@ -49,42 +143,6 @@ def train(frames: int | None, options: dict[str, Any], out: str | None, resume: 
     if isinstance(task, Sim2RealTask):
         return judge_on(task.domain, run.settings.robot, best)
     return evaluate(run.settings.robot, controller=best)
-
-
-def default_options(options: dict[str, Any]) -> dict[str, Any]:
-    """Options with the defaults of those that were not given, which differ between the pendulum and other tasks."""
-    if options["robot"] is not None:
-        get_robot(options["robot"])
-    other = options["env"] is not None
-    usual: dict[str, Any] = {"preset": ENV_PRESET if other else DEFAULT_PRESET, "seed": 0, "seeds": 1}
-    usual |= default_intervals(options["robot"])
-    return usual | {name: value for name, value in options.items() if value is not None}
-
-
-def _start(frames: int | None, options: dict[str, Any], out: str | None, config: Config) -> Run:
-    chosen = {"robot": None, **default_options(options)}
-    settings = Settings(config=config, **chosen)
-    name = settings.name.replace("/", "-").replace(":", "-")
-    folder = out or f"runs/{name}-{settings.preset}-{settings.seed}"
-    return Run(settings, folder, frames or get_preset(settings.preset).frames)
-
-
-def _resume(frames: int | None, options: dict[str, Any], out: str | None, folder: Path, config: Config) -> Run:
-    """Continue a run, unless what was given contradicts its configuration."""
-    if out is not None:
-        raise SwingupError(f"--out {out} does not go with --resume {folder}: a run stays in its folder")
-    saved, _ = read_settings(folder)
-    given = {name: value for name, value in options.items() if value is not None}
-    usual = vars(get_preset(default_options(options)["preset"]).config)
-    given |= {name: value for name, value in vars(config).items() if value != usual[name]}
-    known = vars(saved) | vars(saved.config)
-    for name, value in given.items():
-        if value != known[name]:
-            raise SwingupError(
-                f"{folder} was trained with {name} = {known[name]}, not {value}: resume it without "
-                f"that option, or train anew with another --out"
-            )
-    return Run.resume(folder, frames)
 
 
 def _stop_on_signals(run: Run) -> list[int]:
@@ -102,37 +160,32 @@ def _stop_on_signals(run: Run) -> list[int]:
 
 
 def _show(run: Run, console: Console) -> None:
-    """A progress bar on a terminal; elsewhere a line every few seconds."""
+    """Train with a progress bar on a terminal; elsewhere with a line every few seconds."""
+    _announce(run, console)
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(bar_width=BAR_WIDTH))
+    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+        bar = progress.add_task("compiling", total=run.goal, completed=run.frames)
+        if not console.is_terminal:
+            console.print("compiling")
+        run.compile()  # apart from training, or the first estimate of the time left would count it
+        shown = -math.inf
+        for report in run.advance():
+            room = WIDTH if not console.is_terminal else min(console.width, WIDTH) - BAR_WIDTH - 1
+            line = progress_line(report, run.goal, run.settings.seeds, room)
+            progress.update(bar, completed=report.frames, description=line)
+            due = time.monotonic() - shown >= PROGRESS_INTERVAL or report.frames >= run.goal
+            if due and not console.is_terminal:
+                console.print(line, soft_wrap=True, highlight=False, markup=False)
+                shown = time.monotonic()
+
+
+def _announce(run: Run, console: Console) -> None:
+    """Say what is trained, to where, and what a domain has that training leaves out."""
     settings, domain = run.settings, run.settings.domain
     on = settings.preset if domain is None else f"{settings.preset}, domain {domain.name}"
-    console.print(f"training {settings.name} ({on}) to {run.goal:,} frames in {run.folder}", soft_wrap=True)
+    text = f"training {settings.name} ({on}) to {run.goal:,} frames in {run.folder}"
+    console.print(text, soft_wrap=True, markup=False)
     task = None if domain is None else settings.task()
     if isinstance(task, Sim2RealTask) and task.unseen:
         note = f"a policy behind an estimator trains without the domain's {' and '.join(task.unseen)}"
         console.print(f"note: {note}; its evaluations have them", soft_wrap=True, highlight=False)
-    shown = -math.inf
-    columns = (TextColumn("{task.description}"), BarColumn(bar_width=12), TimeRemainingColumn())
-    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
-        bar = progress.add_task("compiling", total=run.goal, completed=run.frames)
-        for report in run.advance():
-            first, second = _lines(report)
-            progress.update(bar, completed=report.frames, description=f"{first}\n{second}")
-            due = time.monotonic() - shown >= LINE_EVERY or report.frames >= run.goal
-            if due and not console.is_terminal:
-                left = (run.goal - report.frames) * run.settings.seeds / report.frames_per_second
-                console.print(f"{first}  {max(0.0, left):.0f} s left  {second}", soft_wrap=True, highlight=False)
-                shown = time.monotonic()
-
-
-def _lines(report: Report) -> tuple[str, str]:
-    """Where the run stands, in two lines that fit a narrow terminal; means over the seeds."""
-
-    def mean(name: str) -> float:
-        values = [math.nan if row[name] is None else row[name] for row in report.rows]
-        return sum(values) / len(values)
-
-    return (
-        f"{report.frames:,} frames  {report.frames_per_second:,.0f}/s  reward {mean('reward'):.3f}",
-        f"gains {mean('gain'):.3f} {mean('entropy_gain'):.3f}  entropy {mean('entropy'):.2f}  "
-        f"score {mean('score'):.3f} (best {report.best_score:.3f})",
-    )

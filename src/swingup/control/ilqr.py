@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..types import Count, Flag, Scalar
-from .riccati_passes import Cost, FeedbackPolicy, LinearisedTrajectory, backward, forward
+from .riccati_passes import Cost, CostedTrajectory, FeedbackPolicy, backward, forward
 from .scalar_algebra import unpack
 from .transition import AbstractTransition
 
@@ -72,7 +72,7 @@ class Solution(eqx.Module):
 class ILQRState(eqx.Module):
     """An optimisation between two iterations."""
 
-    trajectory: LinearisedTrajectory
+    trajectory: CostedTrajectory
     """The best trajectory so far."""
     regularisation: Scalar
     iteration: Count
@@ -90,7 +90,7 @@ def solve(
     """Optimise the torques from a first guess; where ``idle``, return the guess."""
     last = jax.lax.while_loop(
         lambda now: now.status == Status.RUNNING,
-        lambda now: iterate(transition, cost, now, settings),
+        lambda now: ilqr_iteration(transition, cost, now, settings),
         initial_state(transition, cost, x0, torque, settings, idle),
     )
     return Solution(
@@ -120,9 +120,9 @@ def initial_state(
     )
 
 
-def iterate(transition: AbstractTransition, cost: Cost, now: ILQRState, settings: ILQRSettings) -> ILQRState:
+def ilqr_iteration(transition: AbstractTransition, cost: Cost, now: ILQRState, settings: ILQRSettings) -> ILQRState:
     """One iteration: backward pass, forward pass, acceptance, new μ, and whether to go on."""
-    policy, expected = backward(cost, now.trajectory, now.regularisation)
+    policy, expected = backward(transition, cost, now.trajectory, now.regularisation)
     tried = _search(transition, cost, now.trajectory, policy, settings)
     improved = tried.cost < now.trajectory.cost
     regularisation = now.regularisation * jnp.where(improved, settings.decrease, settings.increase)
@@ -144,20 +144,20 @@ def feedback_gains(
 ) -> Float[Array, "n 4"]:
     """K of a backward pass about a solution: LQ-optimal without regularisation, weaker with it."""
     x, u = unpack(solution.states[:-1]), solution.torque
-    trajectory = LinearisedTrajectory(x, u, transition.jacobian(x, u), tuple(solution.states[-1]), solution.cost)
-    return jnp.stack(backward(cost, trajectory, regularisation)[0].gains, -1)
+    trajectory = CostedTrajectory(x, u, tuple(solution.states[-1]), solution.cost)
+    return jnp.stack(backward(transition, cost, trajectory, regularisation)[0].gains, -1)
 
 
 def _search(
     transition: AbstractTransition,
     cost: Cost,
-    now: LinearisedTrajectory,
+    now: CostedTrajectory,
     policy: FeedbackPolicy,
     settings: ILQRSettings,
-) -> LinearisedTrajectory:
+) -> CostedTrajectory:
     first = tuple(rows[0] for rows in now.x)
 
-    def attempt(size: Scalar | float) -> LinearisedTrajectory:
+    def attempt(size: Scalar | float) -> CostedTrajectory:
         torque = now.u + size * policy.feedforward
         return forward(transition, cost, first, torque, settings.torque_limit, (now.x, policy.gains))
 

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..arrays import load_archive, save_archive
+from ..checks import positive_number
 from ..errors import SwingupError
 from ..physics.angles import UPRIGHT
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
@@ -105,17 +106,14 @@ def load_reference(path: str | Path) -> tuple[Reference, dict[str, Any]]:
     Raises:
         SwingupError: the file cannot be read, is truncated, or is no trajectory file of this version.
     """
-    metadata, arrays = load_archive(path, REFERENCE_FORMAT, REFERENCE_VERSION)
+    metadata, arrays = load_archive(path, REFERENCE_FORMAT, REFERENCE_VERSION, REFERENCE_ARRAYS.__contains__)
     missing = [name for name in ("robot", "dt") if name not in metadata] + [
         n for n in REFERENCE_ARRAYS if n not in arrays
     ]
     if missing:
         raise SwingupError(f"trajectory file {path} lacks {', '.join(missing)}: make it anew")
     dt, rows = metadata["dt"], arrays["torque"].shape
-    if isinstance(dt, bool) or not isinstance(dt, int | float) or not 0 < dt < 1:
-        raise SwingupError(
-            f"trajectory file {path} has dt = {dt!r}: a positive number of seconds below 1 is needed"
-        )
+    dt = positive_number(f"trajectory file {path} has dt", dt, 1.0, "s")
     for name in REFERENCE_ARRAYS:
         array, shape = arrays[name], rows if name == "torque" else (*rows, 4)
         if len(rows) != 1 or rows[0] < 2 or array.shape != shape:
@@ -125,4 +123,4 @@ def load_reference(path: str | Path) -> tuple[Reference, dict[str, Any]]:
                 f"trajectory file {path} has values in {name} that are not finite numbers: make it anew"
             )
     fields = {name: arrays[name].astype(np.float64) for name in REFERENCE_ARRAYS}
-    return Reference(robot=get_robot(metadata["robot"]), dt=float(dt), **fields), metadata
+    return Reference(robot=get_robot(metadata["robot"]), dt=dt, **fields), metadata

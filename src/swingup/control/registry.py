@@ -9,11 +9,12 @@ from typing import Any
 
 from ..checks import suggestion
 from ..errors import SwingupError
+from ..foreign import described
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
 from ..policy.jax_backend.controller import make_controller
 from ..policy.jax_backend.estimator import EstimatingController, with_estimator
 from ..policy.shipped import SHIPPED_POLICIES, is_policy, read_policy
-from ..text import one_line, quoted
+from ..text import quoted
 from .baselines import BASELINES, baseline
 from .controller import AbstractController
 from .python_controller import PythonController
@@ -78,10 +79,12 @@ def _imported(name: str) -> Controller:
                 found = getattr(found, attribute)
             if inspect.isclass(found):
                 found = found()
-    except (Exception, SystemExit) as error:  # whatever a foreign module raises
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # whatever a foreign module raises
         raise SwingupError(
-            f"cannot load controller {quoted(name)}: {type(error).__name__}: {one_line(error)}; write "
-            "module:object with an object, or a class without arguments, of a module that can be imported"
+            f"cannot load controller {quoted(name)}: {described(error)}; write module:object with an object, or a "
+            "class without arguments, of a module that can be imported"
         ) from error
     return found if isinstance(found, AbstractController) else PythonController(found)
 
@@ -90,7 +93,8 @@ def _imported(name: str) -> Controller:
 def _working_folder_first() -> Iterator[None]:
     """Import from the working folder as ``python`` itself does, and no longer than this takes.
 
-    Afterwards the folder comes last, for what the module imports when it is called: there it hides no package.
+    Afterwards the folder comes last, for what the module imports when it is called. There it hides no package: a
+    ``json.py`` in the working folder is not taken for Python's.
     """
     sys.path.insert(0, "")
     try:

@@ -37,13 +37,11 @@ class Cost(eqx.Module):
     """g"""
 
 
-class LinearisedTrajectory(eqx.Module):
-    """A trajectory with the Jacobian of each of its steps; rows i < n."""
+class CostedTrajectory(eqx.Module):
+    """A trajectory and its cost; rows i < n."""
 
     x: Vector
     u: Number
-    jacobian: Matrix
-    """Columns."""
     last: Vector
     """x_n"""
     cost: Scalar
@@ -59,7 +57,9 @@ class FeedbackPolicy(eqx.Module):
     """K"""
 
 
-def backward(cost: Cost, trajectory: LinearisedTrajectory, regularisation: Number) -> tuple[FeedbackPolicy, Scalar]:
+def backward(
+    transition: AbstractTransition, cost: Cost, trajectory: CostedTrajectory, regularisation: Number
+) -> tuple[FeedbackPolicy, Scalar]:
     """The policy with k = -(Q_uu + μ)⁻¹ Q_u and K = -(Q_uu + μ)⁻¹ Q_ux, and the fall of the cost that it promises.
 
     Q is the cost from a step on, to second order with the dynamics linearised; μ is the regularisation.
@@ -97,13 +97,9 @@ def backward(cost: Cost, trajectory: LinearisedTrajectory, regularisation: Numbe
         )
         return (v_x, v_xx, expected - k * (q_u + 0.5 * q_uu * k)), FeedbackPolicy(k, gains)
 
-    rows = (
-        trajectory.x,
-        trajectory.u,
-        trajectory.jacobian,
-        unpack(jnp.asarray(cost.states)),
-        jnp.asarray(cost.torque),
-    )
+    # The Jacobians of all steps are computed at once: only the value function needs the step after.
+    jacobian, targets = transition.jacobian(trajectory.x, trajectory.u), unpack(jnp.asarray(cost.states))
+    rows = (trajectory.x, trajectory.u, jacobian, targets, jnp.asarray(cost.torque))
     (_, _, expected), policy = jax.lax.scan(step, (v_x, v_xx, zero), rows, reverse=True)
     return policy, expected
 
@@ -115,7 +111,7 @@ def forward(
     torque: Float[Array, "n"],
     limit: float,
     about: tuple[Vector, Vector] | None = None,
-) -> LinearisedTrajectory:
+) -> CostedTrajectory:
     """Simulate torques, with the feedback of ``about`` = (states, gains) if given, clipped to the limit."""
 
     def step(x: Vector, row: Any) -> tuple[Vector, Any]:
@@ -127,11 +123,11 @@ def forward(
         return transition.step(x, u), (x, u)
 
     last, (x, u) = jax.lax.scan(step, start, (torque, about))
-    # Jacobians and costs of all steps are computed at once: only the states need the step before.
+    # The costs of all steps are computed at once: only the states need the step before.
     stages = cost.torque_weight * (u - jnp.asarray(cost.torque)) ** 2
     stages = stages + _square(cost.state_weights, x, cost.states)
     total = jnp.sum(stages) / torque.shape[0] + _square(cost.final_weights, last, cost.final_state)
-    return LinearisedTrajectory(x=x, u=u, jacobian=transition.jacobian(x, u), last=last, cost=total)
+    return CostedTrajectory(x=x, u=u, last=last, cost=total)
 
 
 def _square(weights: Float[Any, "4"], x: Vector, target: Float[Any, "*n 4"]) -> Any:

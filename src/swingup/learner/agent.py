@@ -1,4 +1,4 @@
-"""``swingup.AREAPO``: the learner for a task of one's own, in the manner of Gymnasium's users."""
+"""``swingup.AREAPO``: the learner for tasks of your own."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -12,14 +12,22 @@ from jaxtyping import Shaped
 
 from ..areapo.checkpoint import load_checkpoint, read_metadata, save_checkpoint
 from ..areapo.config import Config, config_from_dict
+from ..checks import whole_number
+from ..errors import SwingupError
 from ..physics.parameters import ROBOTS
 from ..policy.jax_backend.policy import Policy, act
-from .presets import DEFAULT_PRESET, ENV_PRESET, get_preset
-from .run import Report, Run
-from .run_settings import Settings, default_intervals, label, settings_from_dict, whole
+from .backend import batched
+from .presets import choose_preset, get_preset
+from .report import TrainingReport
+from .run import Run
+from .run_settings import RunSettings, default_intervals, describe_env, run_settings_from_dict
+from .start import restore_run, resume_run, start_run
 
-Callback = Callable[["AREAPO", Report], bool | None]
+Callback = Callable[["AREAPO", TrainingReport], bool | None]
 """Called after each chunk; returning False ends ``learn``."""
+
+OPTIONS = ("preset", "seed", "folder", "evaluate_every", "checkpoint_every", "evaluation_episodes")
+"""Keywords of the class besides the hyperparameters, to suggest for a misspelt one."""
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -37,7 +45,7 @@ class AREAPO:
 
     def __init__(
         self,
-        env: Any,
+        env: Any = None,
         preset: str | None = None,
         seed: int = 0,
         *,
@@ -45,6 +53,7 @@ class AREAPO:
         evaluate_every: int | None = None,
         checkpoint_every: int | None = None,
         evaluation_episodes: int = 5,
+        run: Run | None = None,
         **overrides: Any,
     ) -> None:
         """Prepare to learn.
@@ -52,38 +61,30 @@ class AREAPO:
         Args:
             env: a Gymnasium id, a function that makes a ``gymnasium.Env``, a ``gymnasium.vector.VectorEnv``, a task
                 in JAX (:class:`swingup.tasks.task.AbstractTask`), or ``acrobot`` or ``pendubot``.
-            preset: named settings, see :data:`swingup.learner.presets.PRESETS`; by default ``default`` for the
-                pendulum and ``mujoco`` for anything else.
+            preset: named settings, see :data:`swingup.learner.presets.PRESETS`. The default is ``default`` for the
+                robots and ``mujoco`` for anything else; a pendulum task that is passed in needs a name.
             seed: from which all randomness follows.
             folder: new or empty; learning then writes what ``swingup train`` writes. None: nothing is written.
             evaluate_every: frames between evaluations, reports and callbacks, which come at checkpoints as well.
             checkpoint_every: frames between checkpoints; environments that the host steps start anew there.
-            evaluation_episodes: episodes of an evaluation; 0: none, where the host steps the environments, which
-                leaves training's episodes, or the reward of a step where none of them ends.
+            evaluation_episodes: episodes of an evaluation. With 0, where the host steps the environments, the
+                episodes of training give the score; where none of them ends, the mean reward of a step does.
+            run: a run to go on with; all other arguments are then without effect.
             **overrides: hyperparameters, names of :class:`swingup.areapo.config.Config`.
 
         Raises:
             SwingupError: an argument cannot work, or the environment's spaces are not supported.
         """
-        robot = env if isinstance(env, str) and env in ROBOTS else None
-        preset = preset or (DEFAULT_PRESET if robot else ENV_PRESET)
-        usual = default_intervals(robot)
-        settings = Settings(
-            robot=robot,
-            preset=preset,
-            seed=seed,
-            seeds=1,
-            evaluate_every=usual["evaluate_every"] if evaluate_every is None else evaluate_every,
-            checkpoint_every=usual["checkpoint_every"] if checkpoint_every is None else checkpoint_every,
-            config=_config(preset, overrides),
-            env=None if robot else label(env),
-            evaluation_episodes=evaluation_episodes,
-        )
-        self._run = Run(settings, folder, get_preset(preset).frames, env)
-        self._start_sampling()
+        if run is None:
+            intervals = {"evaluate_every": evaluate_every, "checkpoint_every": checkpoint_every}
+            settings = _settings(env, preset, seed, intervals, evaluation_episodes, overrides)
+            run = start_run(settings, folder, get_preset(settings.preset).frames, env)
+        self._run = run
+        self._sampling = jax.random.key(run.settings.seed)
+        self._cached: tuple[int, Policy[Any]] | None = None
 
-    @classmethod
-    def load(cls, path: str | Path, env: Any = None) -> "AREAPO":
+    @staticmethod
+    def load(path: str | Path, env: Any = None) -> "AREAPO":
         """A learner as it was saved by ``save``, or, from the folder of a run, as its last checkpoint has it.
 
         Args:
@@ -93,22 +94,16 @@ class AREAPO:
         Raises:
             SwingupError: the file cannot be read, or the environment is needed and was not given.
         """
-        model = cls.__new__(cls)
         if Path(path).is_dir():
-            model._run = Run.resume(path, env=env)
-        else:
-            metadata = read_metadata(path)
-            settings = settings_from_dict(metadata["settings"])
-            model._run = Run.from_snapshot(settings, lambda like: load_checkpoint(path, like), env)
-        model._start_sampling()
-        return model
-
-    def _start_sampling(self) -> None:
-        self._sampling = jax.random.key(self.settings.seed)
-        self._cached: tuple[int, Policy[Any]] | None = None
+            return AREAPO(run=resume_run(path, env=env))
+        try:
+            settings = run_settings_from_dict(read_metadata(path).get("settings"))
+        except SwingupError as error:
+            raise SwingupError(f"cannot load {path}: {error}") from error
+        return AREAPO(run=restore_run(settings, lambda like: load_checkpoint(path, like), str(path), env))
 
     @property
-    def settings(self) -> Settings:
+    def settings(self) -> RunSettings:
         """What defines the run."""
         return self._run.settings
 
@@ -123,14 +118,14 @@ class AREAPO:
         return self._run.frames
 
     def learn(self, frames: int, callback: Callback | Sequence[Callback] = ()) -> "AREAPO":
-        """Learn from so many frames more (rounded up to whole iterations), and return the learner itself.
+        """Learn from a number of frames more (rounded up to whole iterations), and return the learner itself.
 
-        Called again it goes on. Environments that the host steps are reset at its start. Whatever is raised, the
-        learner stands where the last whole chunk left it.
+        Called again it goes on. Environments that the host steps are reset at its start. After an error the learner
+        stands where the last whole chunk left it.
 
         Args:
             frames: how many.
-            callback: what to call after each chunk with the learner and a :class:`Report`; one or several.
+            callback: what to call after each chunk with the learner and a :class:`.TrainingReport`; one or several.
 
         Raises:
             SwingupError: training diverged, an environment failed, or a file cannot be written.
@@ -160,21 +155,21 @@ class AREAPO:
         Raises:
             SwingupError: the observation has another shape.
         """
-        flat, single = self._run.world.flatten(observation)
+        flat, single = batched(observation, self._run.backend.evaluator.observation_shape)
         key = None
         if not deterministic:
             self._sampling, key = jax.random.split(self._sampling)
-        actions = self._run.world.to_actions(act(self._policy(), flat, key))
+        actions = self._run.backend.to_actions(act(self._policy(), flat, key))
         return actions[0] if single else actions
 
     def _policy(self) -> Policy[Any]:
-        """The policy on the device, copied there once after each learning."""
+        """The policy on the device, copied there once after each call of ``learn``."""
         if self._cached is None or self._cached[0] != self.frames:
             self._cached = (self.frames, jax.tree.map(jnp.asarray, self._run.policy()))
         return self._cached[1]
 
     def evaluate(self, episodes: int = 10, env: Any = None) -> dict[str, Any]:
-        """Judge the deterministic policy: ``score`` is the mean return; the pendulum's is the RealAI score.
+        """Evaluate the deterministic policy: ``score`` is the mean return; that of a robot is the RealAI score.
 
         Episodes are cut after 10,000 steps where the host steps them, after 1,000 in a task in JAX.
 
@@ -185,10 +180,10 @@ class AREAPO:
         Raises:
             SwingupError: there is no environment to evaluate on, or it has other spaces.
         """
-        episodes = whole("episodes", episodes, 1)
+        episodes = whole_number("episodes", episodes, 1)
         if env is None:
-            return self._run.world.evaluate(self._run.policy(), episodes)
-        from .host_backend import play_once
+            return self._run.backend.evaluator.evaluate(self._run.policy(), episodes)
+        from .host_evaluators import play_once
 
         return play_once(self._run.policy(), env, episodes, self.settings.seed)
 
@@ -210,12 +205,32 @@ class AREAPO:
             SwingupError: the file cannot be written.
         """
         policy = self._run.policy()
-        self._run.world.save(Path(path), policy, self._run.provenance(0, self._run.world.evaluate(policy)))
+        self._run.save_policy(Path(path), 0, policy, self._run.backend.evaluator.evaluate(policy))
 
     def close(self) -> None:
         """Close the environments that were made here."""
         self._run.close()
 
 
-def _config(preset: str, overrides: dict[str, Any]) -> Config:
-    return config_from_dict(vars(get_preset(preset).config) | overrides)
+def _settings(
+    env: Any,
+    preset: str | None,
+    seed: int,
+    intervals: dict[str, int | None],
+    evaluation_episodes: int,
+    overrides: dict[str, Any],
+) -> RunSettings:
+    """The settings of a new learner, with the defaults of what was not given."""
+    robot = env if isinstance(env, str) and env in ROBOTS else None
+    chosen = choose_preset(preset, env)
+    given: dict[str, Any] = {name: value for name, value in intervals.items() if value is not None}
+    return RunSettings(
+        robot=robot,
+        preset=chosen,
+        seed=seed,
+        seeds=1,
+        **(default_intervals(robot) | given),
+        config=config_from_dict(vars(get_preset(chosen).config) | overrides, OPTIONS),
+        env=None if robot else describe_env(env),
+        evaluation_episodes=evaluation_episodes,
+    )

@@ -1,8 +1,6 @@
-"""Where a run trains: what steps its environments, and how its policies are judged."""
+"""Where a run trains: what steps its environments; an evaluator scores the policies."""
 
 import abc
-from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -14,17 +12,22 @@ from ..areapo.state import LearnerState, Metrics
 from ..errors import SwingupError
 from ..policy.jax_backend.observation import AbstractStage
 from ..policy.jax_backend.policy import Policy
+from .evaluators import AbstractEvaluator
 
 
 class AbstractBackend(abc.ABC):
     """A task to train on, compiled or stepped by the host."""
 
-    measure: str
-    """Name under which policy files keep their scores."""
+    evaluator: AbstractEvaluator
+    """What scores and saves the policies."""
 
     @abc.abstractmethod
     def init(self) -> LearnerState:
         """The state before the first iteration; of several seeds, with a leading axis."""
+
+    @abc.abstractmethod
+    def compile(self, state: LearnerState) -> None:
+        """Compile what training calls, from the shapes of a state."""
 
     @abc.abstractmethod
     def begin(self, state: LearnerState, iterations: int) -> LearnerState:
@@ -42,28 +45,16 @@ class AbstractBackend(abc.ABC):
         """The policy of one seed."""
 
     @abc.abstractmethod
-    def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
-        """Judge the deterministic policy; among the results is ``score``, the higher the better."""
-
-    @abc.abstractmethod
-    def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
-        """Write a policy file."""
-
-    @abc.abstractmethod
-    def flatten(self, observation: Any) -> tuple[Float[np.ndarray, "b n"], bool]:
-        """What the policy takes, a batch, of one observation or several; and whether it was one.
-
-        Raises:
-            SwingupError: the observation has another shape.
-        """
+    def find_fault(self) -> str:
+        """After training diverged: what is wrong with the environment, and the remedy; empty if nothing is."""
 
     @abc.abstractmethod
     def to_actions(self, actions: Shaped[np.ndarray, "b m"]) -> Shaped[np.ndarray, "b ..."]:
-        """What the environment takes, of the policy's actions."""
+        """Actions of the environment for actions of the policy."""
 
     @abc.abstractmethod
     def close(self) -> None:
-        """Free what the world holds."""
+        """Free the environments."""
 
 
 def portable_policy(stages: tuple[AbstractStage, ...], state: LearnerState, config: Config) -> Policy[Any]:
@@ -82,7 +73,10 @@ def batched(observation: Any, shape: tuple[int, ...]) -> tuple[Float[np.ndarray,
     Raises:
         SwingupError: the observation has another shape.
     """
-    values = np.asarray(observation, np.float32)
+    try:
+        values = np.asarray(observation, np.float32)
+    except (TypeError, ValueError) as error:
+        raise SwingupError(f"observation is no array of numbers: pass one of shape {shape}") from error
     if values.shape != shape and values.shape[1:] != shape:
         raise SwingupError(
             f"observation has shape {values.shape}: pass {shape}, or one axis more in front for several"

@@ -1,21 +1,19 @@
-"""The world of tasks in JAX: environments are compiled with the learner, seeds train side by side."""
+"""The back end of tasks in JAX: environments are compiled with the learner, seeds train side by side."""
 
-from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
-from jaxtyping import Float, Shaped
+from jaxtyping import Shaped
 
 from ..areapo import train
 from ..areapo.config import Config
 from ..areapo.state import LearnerState, Metrics
 from ..policy.jax_backend.policy import Policy
 from ..tasks.task import AbstractTask
-from .backend import AbstractBackend, batched, portable_policy
+from .backend import AbstractBackend, portable_policy
 from .evaluators import AbstractEvaluator
 
 # Compiled once for all runs of a program. A single seed goes without vmap, which costs it speed on a CPU.
@@ -25,16 +23,19 @@ _init_seeds = jax.jit(jax.vmap(train.init, in_axes=(0, None, None)))
 _train = jax.jit(train.train)
 _train_seeds = jax.jit(jax.vmap(train.train, in_axes=(0, None, None, None)))
 
+RESETS_TRIED = 1024
+"""Resets that are looked at where training diverged."""
+
 
 class CompiledBackend(AbstractBackend):
     """One or several seeds of a task in JAX; several devices share the seeds."""
 
     def __init__(
-        self, task: AbstractTask[Any], config: Config, seed: int, seeds: int, judge: AbstractEvaluator
+        self, task: AbstractTask[Any], config: Config, seed: int, seeds: int, evaluator: AbstractEvaluator
     ) -> None:
-        """Consecutive seeds of a task, and who judges their policies."""
-        self.measure = judge.measure
-        self._task, self._config, self._seeds, self._judge = task, config, range(seed, seed + seeds), judge
+        """Consecutive seeds of a task, and what evaluates their policies."""
+        self.evaluator = evaluator
+        self._task, self._config, self._seeds = task, config, range(seed, seed + seeds)
 
     def init(self) -> LearnerState:
         """The state before the first iteration."""
@@ -42,6 +43,14 @@ class CompiledBackend(AbstractBackend):
         if len(keys) == 1:
             return _init(keys[0], self._task, self._config)
         return _init_seeds(jnp.stack(keys), self._task, self._config)
+
+    def compile(self, state: LearnerState) -> None:
+        """Compile a chunk of training, and an evaluation by running one."""
+        advance = _train if len(self._seeds) == 1 else _train_seeds
+        state = self.begin(state, 0)
+        advance.lower(state, self._task, self._config, 1).compile()
+        member = state if len(self._seeds) == 1 else jax.tree.map(lambda leaf: leaf[0], state)
+        self.evaluator.evaluate(self.policy(member))
 
     def begin(self, state: LearnerState, iterations: int) -> LearnerState:
         """A checkpoint holds everything; the devices take their shares."""
@@ -54,19 +63,16 @@ class CompiledBackend(AbstractBackend):
 
     def policy(self, member: LearnerState) -> Policy[Any]:
         """The policy of one seed."""
-        return portable_policy(self._judge.stages, member, self._config)
+        return portable_policy(self.evaluator.stages, member, self._config)
 
-    def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
-        """As the judge does."""
-        return self._judge.evaluate(policy, episodes)
-
-    def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
-        """As the judge does."""
-        self._judge.save(path, policy, provenance)
-
-    def flatten(self, observation: Any) -> tuple[Float[np.ndarray, "b n"], bool]:
-        """What the policy is shown, as a batch: the pendulum's states, or the task's observations."""
-        return batched(observation, (self._judge.input_size,))
+    def find_fault(self) -> str:
+        """Whether resets of the task give observations that are not finite."""
+        keys = jax.random.split(jax.random.key(self._seeds[0]), RESETS_TRIED)
+        observations = np.asarray(_first_observations(self._task, keys))
+        broken = int(np.sum(~np.isfinite(observations).all(axis=-1)))
+        if not broken:
+            return ""
+        return f"{broken} of {RESETS_TRIED} resets gave an observation that is not finite: correct the task's reset"
 
     def to_actions(self, actions: Shaped[np.ndarray, "b m"]) -> Shaped[np.ndarray, "b ..."]:
         """The task's actions are the policy's."""
@@ -83,3 +89,8 @@ def spread(state: LearnerState, seeds: int) -> LearnerState:
         return state
     mesh = Mesh(np.array(jax.devices()[:count]), ("seeds",))
     return jax.device_put(state, NamedSharding(mesh, PartitionSpec("seeds")))
+
+
+@jax.jit
+def _first_observations(task: AbstractTask[Any], keys: jax.Array) -> jax.Array:
+    return jax.vmap(lambda key: task.observe(task.reset(key)))(keys)

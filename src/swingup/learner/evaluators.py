@@ -1,4 +1,4 @@
-"""How policies of compiled tasks are judged: the pendulum's by the benchmark, others by their return."""
+"""How policies of compiled tasks are evaluated: the pendulum's by the benchmark, others by their return."""
 
 import abc
 import dataclasses
@@ -26,25 +26,25 @@ from ..types import Key, Scalar
 EPISODE_STEPS = 1000
 """Longest episode of an evaluation of a task in JAX (steps)."""
 
-JUDGED = 10
-"""Swing-ups of an evaluation for the real robot."""
-JUDGED_FROM = 100_000
-"""Added to a run's seed for the noise that its policies are judged with."""
+SIM2REAL_EPISODES = 10
+"""Swing-ups of an evaluation of the simulated robot."""
+SIM2REAL_FIRST_SEED = 100_000
+"""Added to a run's seed for the noise of its evaluations, which are not on the seeds that are reported."""
 
 
 class AbstractEvaluator(abc.ABC):
-    """What to do with policies of a compiled task."""
+    """What scores the policies of a task and writes their files."""
 
     measure: str
     """Name under which policy files keep their scores."""
     stages: tuple[AbstractStage, ...]
     """Observation stages before the normalisation."""
-    input_size: int
-    """Length of what the first stage, or else the normalisation, is shown."""
+    observation_shape: tuple[int, ...]
+    """Shape of what the first stage, or else the normalisation, is given."""
 
     @abc.abstractmethod
-    def evaluate(self, policy: Policy[Any], episodes: int | None) -> dict[str, Any]:
-        """Judge the deterministic policy; among the results is ``score``."""
+    def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
+        """Evaluate the deterministic policy; among the results is ``score``, the higher the better."""
 
     @abc.abstractmethod
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
@@ -55,14 +55,14 @@ class SwingUpEvaluator(AbstractEvaluator):
     """The pendulum's: the criteria and the score of the one deterministic episode (rules v2)."""
 
     measure = "v2"
-    input_size = 4
+    observation_shape = (4,)
 
     def __init__(self, task: PendulumTask) -> None:
-        """The judge of a variant of the pendulum's task."""
+        """The evaluator of a variant of the pendulum's task."""
         self.stages, self._robot = (task.observation,), task.robot
 
-    def evaluate(self, policy: Policy[Any], episodes: int | None) -> dict[str, Any]:
-        """The criteria; there is one episode, whatever is asked for."""
+    def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
+        """The criteria; there is one episode, whatever ``episodes`` says."""
         return dataclasses.asdict(evaluate(self._controller(policy), self._robot).criteria)
 
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
@@ -73,25 +73,22 @@ class SwingUpEvaluator(AbstractEvaluator):
         return PolicyController(policy, TORQUE_LIMIT, self._robot)
 
 
-class Sim2RealEvaluator(SwingUpEvaluator):
-    """The real robot's: the mean score of swing-ups on the task's domain, which differ in what is drawn from it."""
+class Sim2RealEvaluator(AbstractEvaluator):
+    """The simulated robot's: the mean score of swing-ups on plants and loops that are drawn from the domain."""
 
     measure = "sim2real"
 
     def __init__(self, task: Sim2RealTask, seed: int) -> None:
-        """The judge of the task for the real robot; its draws are not those of the seeds that are reported."""
-        super().__init__(task)
-        self._front_end, self._seed = task.front_end, JUDGED_FROM + seed
-        self._estimated, self._domain = task.estimated, task.domain
+        """The evaluator of a task; its draws are not those of the seeds that are reported."""
+        self.stages, self.observation_shape = (task.observation,), (4,)
+        self._task, self._seed = task, SIM2REAL_FIRST_SEED + seed
 
-    def evaluate(self, policy: Policy[Any], episodes: int | None) -> dict[str, Any]:
+    def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
         """Successes, score and largest speed."""
-        number = episodes or JUDGED
+        number, robot = episodes or SIM2REAL_EPISODES, self._task.robot
         alone = self._controller(policy)
-        controller = (
-            with_estimator(alone, self._robot, leaderboard_parameters(self._robot)) if self._estimated else alone
-        )
-        result = sim2real(controller, self._robot, domain=self._domain, seed=self._seed, seeds=number)
+        controller = with_estimator(alone, robot, leaderboard_parameters(robot)) if self._task.estimated else alone
+        result = sim2real(controller, robot, domain=self._task.domain, seed=self._seed, seeds=number)
         return {
             "score": result.score,
             "success": result.successes / number,
@@ -99,12 +96,12 @@ class Sim2RealEvaluator(SwingUpEvaluator):
         }
 
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
-        """Write a controller's policy file; with the estimator that the task counts on."""
-        settings = {ESTIMATOR: dataclasses.asdict(EstimatorSettings())} if self._estimated else {}
-        super().save(path, policy, {**provenance, **settings})
+        """Write a controller's policy file, with the estimator that the task assumes."""
+        settings = {ESTIMATOR: dataclasses.asdict(EstimatorSettings())} if self._task.estimated else {}
+        save_controller(path, self._controller(policy), {**provenance, **settings})
 
     def _controller(self, policy: Policy[Any]) -> PolicyController:
-        return PolicyController(policy, TORQUE_LIMIT, self._robot, self._front_end)
+        return PolicyController(policy, TORQUE_LIMIT, self._task.robot, self._task.front_end)
 
 
 class ReturnEvaluator(AbstractEvaluator):
@@ -114,22 +111,22 @@ class ReturnEvaluator(AbstractEvaluator):
     stages = ()
 
     def __init__(self, task: AbstractTask[Any], seed: int, episodes: int) -> None:
-        """The judge of a task, with so many episodes unless others are asked for."""
-        self.input_size = task.observation_size
+        """The evaluator of a task, with a default number of episodes."""
+        self.observation_shape = (task.observation_size,)
         self._task, self._seed, self._episodes = task, seed, episodes
 
-    def evaluate(self, policy: Policy[Any], episodes: int | None) -> dict[str, Any]:
+    def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
         """Means over the episodes."""
         keys = jax.random.split(jax.random.key(self._seed), episodes or self._episodes)
         total, length = jax.device_get(_episodes(policy, self._task, keys))
-        return summary(total.tolist(), length.tolist())
+        return summarise_episodes(total.tolist(), length.tolist())
 
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
         """Write a policy file."""
         save_policy(path, policy, provenance)
 
 
-def summary(returns: list[float], lengths: list[int]) -> dict[str, Any]:
+def summarise_episodes(returns: list[float], lengths: list[int]) -> dict[str, Any]:
     """Means over episodes: the return, which is the score, its length, and the reward of a step."""
     return {
         "score": float(np.mean(returns)),

@@ -1,34 +1,30 @@
-"""The world of Gymnasium: the host steps the environments, what learns is compiled."""
+"""The back end of Gymnasium: the host steps the environments, what learns is compiled."""
 
-from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 from gymnasium.vector import VectorEnv
-from jaxtyping import Float, Shaped
+from jaxtyping import Shaped
 
-from ..areapo import train
 from ..areapo.config import Config
-from ..areapo.networks import CategoricalActor
+from ..areapo.initial import begin_episodes, init_learner
+from ..areapo.keys import initial_keys
 from ..areapo.state import LearnerState, Metrics
-from ..errors import SwingupError
-from ..policy.jax_backend.policy import Policy, act, save_policy
+from ..policy.jax_backend.policy import Policy
 from ..tasks.task import Spaces
-from .backend import AbstractBackend, batched, portable_policy
-from .environments import Environments, make_environments
-from .evaluators import summary
-from .host_collection import iterate, new_episodes
-
-MAX_EPISODE_STEPS = 10_000
-"""Where an evaluation cuts an episode that does not end (steps)."""
+from .backend import AbstractBackend, portable_policy
+from .environments import make_environments
+from .evaluators import summarise_episodes
+from .host_collection import compile_iteration, host_iteration, new_tally
+from .host_evaluators import EpisodeEvaluator, TrainingEvaluator
+from .memory import check_memory
 
 
 class HostBackend(AbstractBackend):
-    """Environments of Gymnasium; policies are judged by their mean return."""
+    """Environments of Gymnasium, one seed at a time."""
 
-    measure = "episodes"
+    evaluator: EpisodeEvaluator | TrainingEvaluator
 
     def __init__(self, env: Any, name: str, config: Config, seed: int, episodes: int) -> None:
         """Make the environments.
@@ -38,77 +34,62 @@ class HostBackend(AbstractBackend):
             name: what policy files call it.
             config: the hyperparameters.
             seed: from which, and the iteration, the environments' seeds follow.
-            episodes: of an evaluation; 0 for none, which leaves the mean return of training's episodes.
+            episodes: of an evaluation; 0 for none: training's episodes give the score.
 
         Raises:
-            SwingupError: there is no such environment, or its spaces are not supported.
+            SwingupError: there is no such environment, its spaces are not supported, or memory is short.
         """
-        self.name = name
+        check_memory(config, Spaces(1, 1))  # before so many environments are made
         self.environments = make_environments(env, config.num_envs)
-        self._env, self._config, self._seed, self._count = env, config, seed, episodes
-        self._running = new_episodes(config.num_envs)
-        self._recent: dict[str, Any] = {}  # how training went since the last report
-        self._judges: dict[int, Environments] = {}
+        check_memory(config, self.environments.spaces)
+        self._passed_in = isinstance(env, VectorEnv)
+        self._config, self._seed = config, seed
+        self._tally = new_tally(config.num_envs)
+        elsewhere = EpisodeEvaluator(env, name, self.environments, seed, episodes)
+        by_training = self._passed_in or not episodes
+        self.evaluator = TrainingEvaluator(elsewhere, not self._passed_in) if by_training else elsewhere
 
     def init(self) -> LearnerState:
         """The state before the first iteration: the environments were not reset yet."""
-        return _init(jax.random.key(self._seed), self.environments, self._config)
+        return _init(jax.random.key(self._seed), self.environments.spaces, self._config)
+
+    def compile(self, state: LearnerState) -> None:
+        """Compile an iteration."""
+        compile_iteration(state, self._config, self.environments.all_count)
 
     def begin(self, state: LearnerState, iterations: int) -> LearnerState:
         """Reset the environments, with seeds that follow from the run's seed and the iterations."""
         seed = int(np.random.SeedSequence([self._seed, iterations]).generate_state(1)[0] >> 1)
-        self._running = new_episodes(self._config.num_envs)
-        return _restarted(state, self.environments.reset(seed), self._config)
+        self._tally = new_tally(self._config.num_envs)
+        return _begin(state, self.environments.reset(seed), self._config)
 
     def train(self, state: LearnerState, iterations: int) -> tuple[LearnerState, Metrics, dict[str, Any]]:
         """Run some iterations; reports the mean return and length of the episodes that ended."""
-        self._running.returns.clear()
-        self._running.finished.clear()
+        tally = self._tally
+        tally.returns.clear()
+        tally.finished.clear()
         rows = []
         for _ in range(iterations):
-            state, metrics = iterate(state, self.environments, self._running, self._config)
+            state, metrics = host_iteration(state, self.environments, tally, self._config)
             rows.append(jax.device_get(metrics))
         mean = jax.tree.map(lambda *leaves: np.mean(leaves, dtype=np.float32), *rows)
-        ended, reward = self._running, float(mean.reward)
-        if ended.returns:
-            self._recent = summary(ended.returns, ended.finished)
+        reward = float(mean.reward)
+        if tally.returns:
+            result = summarise_episodes(tally.returns, tally.finished)
         else:
-            self._recent = {"score": reward, "mean_length": None, "mean_reward": reward}
-        extras = {"episode_return": self._recent["score"] if ended.returns else None}
-        return state, mean, extras | {"episode_length": self._recent["mean_length"]}
+            result = {"score": reward, "mean_length": None, "mean_reward": reward}
+        if isinstance(self.evaluator, TrainingEvaluator):
+            self.evaluator.update(result)
+        episode_return = result["score"] if tally.returns else None
+        return state, mean, {"episode_return": episode_return, "episode_length": result["mean_length"]}
 
     def policy(self, member: LearnerState) -> Policy[Any]:
         """The policy of an observation, flattened."""
         return portable_policy((), member, self._config)
 
-    def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
-        """Returns of episodes of other environments, the same ones each time.
-
-        A vector environment that was passed in has no others: the score is the mean return of the episodes that
-        ended in training since the last report, or, where none did, the mean reward of a step.
-
-        Raises:
-            SwingupError: episodes were asked for and there are no other environments.
-        """
-        own = isinstance(self._env, VectorEnv)
-        if own and episodes is not None:
-            raise SwingupError("a vector environment trains and cannot evaluate: pass evaluate another as env")
-        if own or not (episodes or self._count):
-            # The score of no step at all is as low as scores get.
-            return self._recent or {"score": -np.inf, "mean_length": None, "mean_reward": None}
-        count = episodes or self._count
-        if count not in self._judges:
-            self._judges[count] = make_environments(self._env, count)
-        return play(policy, self._judges[count], self._seed)
-
-    def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
-        """Write a policy file that names the environment and the bounds of its actions."""
-        head = {"env": self.name, **self.environments.actions.describe()}
-        save_policy(path, policy, {**head, **provenance})
-
-    def flatten(self, observation: Any) -> tuple[Float[np.ndarray, "b n"], bool]:
-        """Observations of the environment's space as a batch of vectors."""
-        return batched(observation, self.environments.observation_space.shape or ())
+    def find_fault(self) -> str:
+        """Nothing to find: every observation and reward of the host's environments was checked."""
+        return ""
 
     def to_actions(self, actions: Shaped[np.ndarray, "b m"]) -> Shaped[np.ndarray, "b ..."]:
         """Actions of the environment's space."""
@@ -116,64 +97,12 @@ class HostBackend(AbstractBackend):
 
     def close(self) -> None:
         """Close the environments, but for a vector environment that was passed in."""
-        for environments in self._judges.values():
-            environments.close()
-        self._judges = {}
-        if not isinstance(self._env, VectorEnv):
+        self.evaluator.close()
+        if not self._passed_in:
             self.environments.close()
 
 
-def play_once(policy: Policy[Any], env: Any, episodes: int, seed: int) -> dict[str, Any]:
-    """Episodes in environments that are made for them.
-
-    Raises:
-        SwingupError: the environments cannot be made, or the policy is for other spaces.
-    """
-    environments = make_environments(env, env.num_envs if isinstance(env, VectorEnv) else episodes)
-    try:
-        _check_spaces(policy, environments.spaces)
-        return play(policy, environments, seed)
-    finally:
-        if not isinstance(env, VectorEnv):
-            environments.close()
-
-
-def _check_spaces(policy: Policy[Any], spaces: Spaces) -> None:
-    """Refuse an environment whose observations or actions are not the policy's."""
-    actor = policy.actor
-    seen, discrete = actor.trunk[0].weight.shape[1], isinstance(actor, CategoricalActor)
-    if seen != spaces.observation_size:
-        raise SwingupError(f"the policy sees {seen} numbers, the environment shows {spaces.observation_size}")
-    choices = actor.choices if discrete else ()
-    size = len(choices) if discrete else actor.mean_head.weight.shape[0]
-    if (size, choices) != (spaces.action_size, spaces.choices):
-        mine, its = _actions(size, choices), _actions(spaces.action_size, spaces.choices)
-        raise SwingupError(f"the policy's actions are {mine}, the environment's are {its}")
-
-
-def _actions(size: int, choices: tuple[int, ...]) -> str:
-    return f"{size} choices of {', '.join(map(str, choices))}" if choices else f"{size} numbers"
-
-
-def play(policy: Policy[Any], environments: Environments, seed: int) -> dict[str, Any]:
-    """The first episode of each environment under the deterministic policy, as means."""
-    seen = environments.reset(seed)
-    running = np.ones(environments.num_envs, np.bool_)
-    returns, lengths = np.zeros(running.size), np.zeros(running.size, np.int64)
-    for _ in range(MAX_EPISODE_STEPS):
-        step = environments.step(act(policy, seen))
-        returns += running * step.rewards
-        lengths += running
-        running &= ~step.ended
-        seen = step.following
-        if not running.any():
-            break
-    return summary(returns.tolist(), lengths.tolist())
-
-
-_restarted = jax.jit(train.restarted)
-_init_learner = jax.jit(train.init_learner, static_argnums=1)
-
-
-def _init(key: jax.Array, environments: Environments, config: Config) -> LearnerState:
-    return _init_learner(key, environments.spaces, config)
+_begin = jax.jit(begin_episodes)
+_init = jax.jit(
+    lambda key, spaces, config: init_learner(initial_keys(key), spaces, config), static_argnames="spaces"
+)

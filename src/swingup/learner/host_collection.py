@@ -11,8 +11,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..areapo import train
-from ..areapo.act import Decisions, decide, take_in
+from ..areapo.act import Decisions, decide, update_statistics
 from ..areapo.config import Config
+from ..areapo.keys import iteration_keys
 from ..areapo.networks import AbstractActor
 from ..areapo.normalise import RunningStatistics
 from ..areapo.state import LearnerState, Metrics, Rollout
@@ -21,7 +22,7 @@ from .environments import Environments, HostStep
 
 
 @dataclass
-class Episodes:
+class EpisodeTally:
     """Returns of the episodes that ended, and of those that still run."""
 
     running: np.ndarray
@@ -33,7 +34,7 @@ class Episodes:
     """Lengths of the episodes that ended."""
 
     def add(self, step: HostStep) -> None:
-        """Take in a step of all environments."""
+        """Count a step of all environments."""
         self.running += step.rewards
         self.lengths += step.counted
         for index in np.flatnonzero(step.ended):
@@ -42,22 +43,38 @@ class Episodes:
             self.running[index], self.lengths[index] = 0.0, 0
 
 
-def new_episodes(num_envs: int) -> Episodes:
+def new_tally(num_envs: int) -> EpisodeTally:
     """Nothing so far."""
-    return Episodes(np.zeros(num_envs), np.zeros(num_envs, np.int64))
+    return EpisodeTally(np.zeros(num_envs), np.zeros(num_envs, np.int64))
 
 
-def iterate(
-    state: LearnerState, environments: Environments, episodes: Episodes, config: Config
+def host_iteration(
+    state: LearnerState, environments: Environments, tally: EpisodeTally, config: Config
 ) -> tuple[LearnerState, Metrics]:
     """One iteration, as :func:`swingup.areapo.train.iteration` of a compiled task."""
-    collect_key, improve_key, next_key = _split(state.key)
-    state, rollout = collect(state, environments, episodes, collect_key, config)
-    return _update(state, rollout, improve_key, next_key, config)
+    keys = _keys(state.key)
+    state, rollout = collect_on_host(state, environments, tally, keys.collect, config)
+    return _update(state, rollout, keys, config)
 
 
-def collect(
-    state: LearnerState, environments: Environments, episodes: Episodes, key: Key, config: Config
+def compile_iteration(state: LearnerState, config: Config, all_count: bool) -> None:
+    """Compile what an iteration calls, from shapes alone; no environment is stepped."""
+    keys, index = _keys(state.key), np.uint32(0)
+    observations = np.zeros(state.observations.shape, np.float32)
+    chosen = _decide.lower(state.actor, observations, keys.collect, index).compile().out_info
+    clip = np.float32(config.observation_clip)
+    lowered = _advance.lower(state.actor, state.statistics, observations, observations, keys.collect, index, clip)
+    lowered.compile()
+    flags = np.zeros(config.num_envs, np.bool_)
+    rewards = np.zeros(config.num_envs, np.float32)
+    step = HostStep(observations, observations, rewards, flags, flags, flags)
+    latents = np.zeros(chosen.latents.shape, chosen.latents.dtype)
+    row = (observations, latents, rewards, observations, step)
+    _update.lower(state, _rollout([row] * config.num_steps, all_count), keys, config).compile()
+
+
+def collect_on_host(
+    state: LearnerState, environments: Environments, tally: EpisodeTally, key: Key, config: Config
 ) -> tuple[LearnerState, Rollout]:
     """Act for ``num_steps`` in every environment, as :func:`swingup.areapo.train.collect` does."""
     seen = np.asarray(state.observations)
@@ -67,7 +84,7 @@ def collect(
     rows = []
     for index in range(1, config.num_steps + 1):
         step = environments.step(chosen.actions)
-        episodes.add(step)
+        tally.add(step)
         statistics, *answer = _advance(
             state.actor, statistics, step.following, step.true_next, key, np.uint32(index), clip
         )
@@ -113,10 +130,10 @@ def _advance(
     index: Count,
     clip: float,
 ) -> tuple[RunningStatistics, Float[Array, "envs n"], Float[Array, "envs n"], Decisions]:
-    """Take in what a step showed and decide on the next, in one call."""
-    statistics, seen, seen_next = take_in(statistics, following, true_next, clip)
+    """Update the statistics with what a step showed and decide on the next, in one call."""
+    statistics, seen, seen_next = update_statistics(statistics, following, true_next, clip)
     return statistics, seen, seen_next, decide(actor, seen, jax.random.fold_in(key, index))
 
 
-_split = jax.jit(lambda key: tuple(jax.random.split(key, 3)))
+_keys = jax.jit(iteration_keys)
 _update = jax.jit(train.update)

@@ -1,4 +1,4 @@
-"""Which world a run's settings, or an environment that was passed in, call for."""
+"""The back end for a run's settings, or for an environment that was passed in."""
 
 from typing import Any
 
@@ -8,12 +8,13 @@ from ..tasks.sim2real import Sim2RealTask
 from ..tasks.task import AbstractTask
 from .backend import AbstractBackend
 from .compiled_backend import CompiledBackend
-from .evaluators import ReturnEvaluator, Sim2RealEvaluator, SwingUpEvaluator
-from .run_settings import Settings, is_label
+from .evaluators import AbstractEvaluator, ReturnEvaluator, Sim2RealEvaluator, SwingUpEvaluator
+from .memory import check_memory
+from .run_settings import RunSettings, is_description
 
 
-def make_backend(settings: Settings, env: Any = None) -> AbstractBackend:
-    """The world of these settings.
+def make_backend(settings: RunSettings, env: Any = None) -> AbstractBackend:
+    """The back end of these settings.
 
     Args:
         settings: what to train on, by name.
@@ -21,21 +22,27 @@ def make_backend(settings: Settings, env: Any = None) -> AbstractBackend:
             variant of its task than the preset's.
 
     Raises:
-        SwingupError: the task cannot be made, or was passed in once and is not now.
+        SwingupError: the task cannot be made, was passed in once and is not now, or memory is short.
     """
     config, seed, seeds = settings.config, settings.seed, settings.seeds
     if settings.robot is not None:
-        task = env if isinstance(env, PendulumTask) else settings.task()
-        real = Sim2RealEvaluator(task, seed) if isinstance(task, Sim2RealTask) else SwingUpEvaluator(task)
-        return CompiledBackend(task, config, seed, seeds, real)
+        pendulum = env if isinstance(env, PendulumTask) else settings.task()
+        check_memory(config, pendulum.spaces, seeds)
+        by_scores: AbstractEvaluator
+        if isinstance(pendulum, Sim2RealTask):
+            by_scores = Sim2RealEvaluator(pendulum, seed)
+        else:
+            by_scores = SwingUpEvaluator(pendulum)
+        return CompiledBackend(pendulum, config, seed, seeds, by_scores)
     if isinstance(env, AbstractTask):
-        judge = ReturnEvaluator(env, seed, max(1, settings.evaluation_episodes))
-        return CompiledBackend(env, config, seed, seeds, judge)
+        check_memory(config, env.spaces, seeds)
+        by_returns = ReturnEvaluator(env, seed, max(1, settings.evaluation_episodes))
+        return CompiledBackend(env, config, seed, seeds, by_returns)
     if seeds > 1:
         raise SwingupError(
             f"seeds = {seeds}, but Gymnasium environments train one seed at a time: use swingup sweep"
         )
-    if env is None and is_label(settings.name):
+    if env is None and is_description(settings.name):
         raise SwingupError(f"this run's environment was passed in ({settings.name}): pass it again as env")
     # Imported here: Gymnasium is slow to load, and the pendulum does without.
     from .host_backend import HostBackend

@@ -10,10 +10,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from ..checks import whole_number
 from ..errors import SwingupError
 from ..files import write_atomically
 
-FILE = "metrics.jsonl"
+METRICS_FILE = "metrics.jsonl"
 
 
 class MetricsWriter:
@@ -26,7 +27,7 @@ class MetricsWriter:
             SwingupError: a file cannot be written.
         """
         self._folder, self._start = folder, after_frames
-        path = folder / FILE
+        path = folder / METRICS_FILE
         kept = [row for row in read_metrics(path) if row["frames"] <= after_frames] if path.exists() else []
         write_atomically(path, "".join(json.dumps(row) + "\n" for row in kept).encode())
         self._boards: dict[int, _Board] = {}
@@ -50,7 +51,7 @@ class MetricsWriter:
             self._file.flush()
 
     def sync(self) -> None:
-        """Have the rows on the disk, as a checkpoint is that follows them.
+        """Write the rows through to the disk, before the checkpoint that follows them.
 
         Raises:
             SwingupError: a file cannot be written.
@@ -91,8 +92,8 @@ class MetricsWriter:
 class _Board:
     """TensorBoard's events of one seed.
 
-    Written here and now: tensorboardX's SummaryWriter leaves it to a thread, which a full disk ends, and whoever
-    writes next waits for it.
+    Written at once: tensorboardX's SummaryWriter leaves it to a thread, which a full disk ends, and the next write
+    would wait for that thread.
     """
 
     def __init__(self, folder: Path, after_frames: int) -> None:
@@ -140,10 +141,21 @@ def read_metrics(path: str | Path) -> list[dict[str, Any]]:
     rows = []
     for number, line in enumerate(lines, start=1):
         try:
-            row = json.loads(line)
-            row["frames"], row["seed"]
-            rows.append(row)
-        except (ValueError, TypeError, KeyError) as error:
+            rows.append(_parse_row(line))
+        except (ValueError, TypeError, KeyError, RecursionError, SwingupError) as error:
             if number < len(lines):
-                raise SwingupError(f"{path} line {number} is no row of metrics: remove or mend the line") from error
+                raise SwingupError(f"{path} line {number} is no row of metrics: remove or correct it") from error
     return rows
+
+
+def _parse_row(line: str) -> dict[str, Any]:
+    """A row: finite numbers, words and nulls by name, among them the seed and the frames."""
+    row = json.loads(line, parse_constant=_refuse)
+    if not isinstance(row, dict) or any(isinstance(value, dict | list) for value in row.values()):
+        raise TypeError("a row is one level of names and values")
+    return row | {name: whole_number(name, row[name], 0) for name in ("seed", "frames")}
+
+
+def _refuse(constant: str) -> None:
+    """JSON has neither NaN nor infinities, although Python reads them."""
+    raise ValueError(f"{constant} is no number")

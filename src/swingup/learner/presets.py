@@ -1,10 +1,14 @@
 """Named settings of task and algorithm; presets are Python values."""
 
 from dataclasses import dataclass
+from typing import Any
 
 from ..areapo.config import Config
 from ..checks import one_of
+from ..errors import SwingupError
 from ..renamed import current_name
+from ..robots import ROBOTS
+from ..tasks.pendulum import PendulumTask
 
 
 @dataclass(frozen=True)
@@ -16,7 +20,7 @@ class Preset:
     config: Config
     """The algorithm."""
     frames: int = 12_000_000
-    """Length of a run unless another is asked for."""
+    """Default length of a run."""
     task: str = "smooth"
     """The pendulum's variant, a name of :data:`swingup.tasks.presets.TASKS`."""
 
@@ -28,13 +32,13 @@ PRESETS = {
     ),
     "paper": Preset("Table I of the paper to the letter, on the paper's task", Config(), 30_000_000, "paper"),
     "global": Preset(
-        "to come back from throws: rewarded for time up, networks of half the width, less entropy",
+        "recovery from throws: reward for time up, networks of half the width, less entropy",
         Config(centre_values=True, temperature=0.4, policy_layers=(128, 128), value_layers=(256, 256)),
         6_000_000,
         "global",
     ),
     "sim2real": Preset(
-        "for the real robot, behind a state estimator: its friction and motors, networks of half the width",
+        "the simulated robot behind a state estimator: its friction and motors, networks of half the width",
         Config(centre_values=True, policy_layers=(128, 128), value_layers=(256, 256)),
         task="sim2real",
     ),
@@ -66,10 +70,10 @@ PRESETS = {
     ),
 }  # fmt: skip
 
-DEFAULT_PRESET = "default"
-"""Of the pendulum."""
+PENDULUM_PRESET = "default"
+"""The default of the robots."""
 ENV_PRESET = "mujoco"
-"""Of any other task."""
+"""The default of every other task."""
 
 
 def get_preset(name: str) -> Preset:
@@ -78,4 +82,32 @@ def get_preset(name: str) -> Preset:
     Raises:
         SwingupError: there is no such preset.
     """
-    return PRESETS[one_of("preset", current_name("preset", name), PRESETS)]
+    return PRESETS[preset_name(name)]
+
+
+def preset_name(name: str) -> str:
+    """The present name of a preset.
+
+    Raises:
+        SwingupError: there is no such preset.
+    """
+    return one_of("preset", current_name("preset", name) if isinstance(name, str) else name, PRESETS)
+
+
+def choose_preset(named: str | None, env: Any) -> str:
+    """The preset that was named, else the default of what is trained on: the one place that decides it.
+
+    Args:
+        named: a preset's name; None for the default.
+        env: a robot's name, a Gymnasium id, or the environment or the task itself.
+
+    Raises:
+        SwingupError: there is no such preset; or none was named for a pendulum task that was passed in, whose
+            variant does not tell which preset is meant.
+    """
+    if named is not None:
+        return preset_name(named)
+    if isinstance(env, PendulumTask):
+        fitting = ", ".join(repr(name) for name in PRESETS if name != ENV_PRESET)
+        raise SwingupError(f"no preset was named for this {type(env).__name__}: pass preset=, one of {fitting}")
+    return PENDULUM_PRESET if isinstance(env, str) and env in ROBOTS else ENV_PRESET

@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import re
 import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -34,7 +35,7 @@ class RunFolder:
         """Refuse a folder that holds something.
 
         Raises:
-            SwingupError: it does, or it cannot be looked into.
+            SwingupError: it does, or it cannot be listed.
         """
         try:
             if any(self._content()):
@@ -96,16 +97,16 @@ class RunFolder:
 
     @contextlib.contextmanager
     def locked(self, frames: int) -> Iterator[None]:
-        """Keep other processes from training here; the lock goes with the process, however that ends.
+        """Keep other processes from training here; the lock ends with the process, even if it is killed.
 
         Args:
-            frames: where this process believes the run to stand.
+            frames: the frames of the checkpoint that this process read.
 
         Raises:
             SwingupError: another process trains here, or has done so since this one read the checkpoint.
         """
         with self.exclusive():
-            newest = int(self._checkpoints()[-1].stem) if self._checkpoints() else frames
+            newest = max((int(path.stem) for path in self._checkpoints()), default=frames)
             if newest > frames:
                 raise SwingupError(
                     f"{self.path} has moved on to {newest} frames: continue it with --resume {self.path}"
@@ -116,7 +117,7 @@ class RunFolder:
 
     @contextlib.contextmanager
     def exclusive(self) -> Iterator[None]:
-        """Hold the kernel's lock on the folder, which is made if need be, where there are such locks.
+        """Hold the kernel's lock on the folder, where the system has such locks; make the folder if it is missing.
 
         Raises:
             SwingupError: another process holds it, or the folder cannot be written.
@@ -148,7 +149,7 @@ class RunFolder:
         return [path for path in self.path.iterdir() if path.name != LOCK] if self.path.exists() else []
 
     def _checkpoints(self) -> list[Path]:
-        return sorted(self.checkpoints.glob("[0-9]*.npz"))
+        return sorted(path for path in self.checkpoints.glob("*.npz") if re.fullmatch(r"[0-9]{1,15}", path.stem))
 
 
 def _cannot_create(path: Path, error: OSError) -> SwingupError:

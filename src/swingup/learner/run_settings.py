@@ -3,85 +3,96 @@
 import dataclasses
 import json
 import shlex
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ..areapo.config import Config, config_from_dict
+from ..checks import whole_number
 from ..errors import SwingupError
 from ..files import write_atomically
 from ..physics.parameters import get_robot
 from ..tasks.domain import Domain
 from ..tasks.pendulum import PendulumTask
 from ..tasks.presets import SIM2REAL_TASKS, get_task
+from ..text import one_line, quoted
 from ..version import __version__
-from .presets import get_preset
+from .presets import get_preset, preset_name
 
-FILE = "config.json"
+SETTINGS_FILE = "config.json"
 
 PENDULUM_INTERVALS = {"evaluate_every": 65_536, "checkpoint_every": 1_048_576}
 ENV_INTERVALS = {"evaluate_every": 65_536, "checkpoint_every": 262_144}
-"""Frames between evaluations and between checkpoints unless others are asked for."""
+"""Default frames between evaluations and between checkpoints."""
 
-LEAST = {"seed": 0, "seeds": 1, "evaluate_every": 1, "checkpoint_every": 1, "evaluation_episodes": 0}
-"""Least value of each setting that is a whole number."""
+MALFORMED = (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
+"""What content of a wrong type, a wrong depth or a wrong encoding raises where it is used."""
+
+
+FROM_0, FROM_1 = {"least": 0}, {"least": 1}
+"""Metadata of fields that are whole numbers: their least values."""
 
 
 @dataclass(frozen=True)
-class Settings:
-    """What defines a run, but for its length; written to config.json."""
+class RunSettings:
+    """What defines a run, apart from its length; written to config.json."""
 
     robot: str | None
     """The pendulum's robot; None for another task."""
     preset: str
-    seed: int
+    seed: int = field(metadata=FROM_0)
     """The first seed."""
-    seeds: int
+    seeds: int = field(metadata=FROM_1)
     """How many seeds train side by side."""
-    evaluate_every: int
-    """Frames of a seed between evaluations and reports, of which checkpoints add theirs."""
-    checkpoint_every: int
+    evaluate_every: int = field(metadata=FROM_1)
+    """Frames of a seed between evaluations and reports; each checkpoint adds one of both."""
+    checkpoint_every: int = field(metadata=FROM_1)
     """Frames of a seed between checkpoints."""
     config: Config
     """The algorithm's hyperparameters."""
     env: str | None = None
-    """Gymnasium id of another task than the pendulum's, or what an object that was passed in is called."""
-    evaluation_episodes: int = 5
+    """Gymnasium id of another task than the pendulum's, or a description of an object that was passed in."""
+    evaluation_episodes: int = field(default=5, metadata=FROM_0)
     """Episodes of an evaluation on another task; 0 for none, where the host steps the environments."""
     domain: Domain | None = None
-    """What plants for the real robot are drawn from; None for the preset's."""
+    """The domain that plants of the simulated robot are drawn from; None for the preset's."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot work."""
         if (self.robot is None) == (self.env is None):
-            raise SwingupError(f"robot = {self.robot} and env = {self.env}: give one of the two")
+            raise SwingupError(f"robot = {quoted(self.robot)} and env = {quoted(self.env)}: give one of the two")
+        if not isinstance(self.name, str):
+            raise SwingupError(f"{quoted(self.robot or self.env)} is no name of a robot or an environment")
         if self.robot is not None:
             get_robot(self.robot)
-        preset = get_preset(self.preset)
-        if self.domain is not None and (preset.task not in SIM2REAL_TASKS or self.robot is None):
+        object.__setattr__(self, "preset", preset_name(self.preset))
+        in_sim2real = self.robot is not None and get_preset(self.preset).task in SIM2REAL_TASKS
+        if self.domain is not None and not in_sim2real:
             raise SwingupError(f"a domain goes with the preset sim2real, not with {self.preset}")
-        for name, least in LEAST.items():
-            object.__setattr__(self, name, whole(name, getattr(self, name), least))
+        for each in dataclasses.fields(self):
+            if "least" in each.metadata:
+                number = whole_number(each.name, getattr(self, each.name), each.metadata["least"])
+                object.__setattr__(self, each.name, number)
         object.__setattr__(self, "config", config_from_dict(vars(self.config)))  # NumPy's numbers become Python's
-        if not 0 <= self.seed <= 2**32 - self.seeds:
-            raise SwingupError(f"seed = {self.seed} must lie between 0 and 2^32 - {self.seeds}")
-
-    @property
-    def chunk(self) -> int:
-        """Iterations between reports; there is one at each checkpoint as well."""
-        return max(1, self.evaluate_every // self.config.rollout_size)
-
-    @property
-    def checkpoint_interval(self) -> int:
-        """Iterations between checkpoints."""
-        return max(1, self.checkpoint_every // self.config.rollout_size)
+        whole_number("seed", self.seed, 0, 2**32 - self.seeds)
 
     @property
     def name(self) -> str:
         """What is trained on: the robot or the environment."""
-        return str(self.robot or self.env)
+        return self.robot if self.env is None else self.env  # type: ignore[return-value]
+
+    def next_stop(self, iterations: int, target: int) -> int:
+        """The iteration that ends the next chunk: where a report or a checkpoint is due, at most ``target``."""
+        intervals = (self._iterations(self.evaluate_every), self._iterations(self.checkpoint_every))
+        return min(target, *((iterations // every + 1) * every for every in intervals))
+
+    def is_checkpoint_due(self, before: int, iterations: int) -> bool:
+        """Whether a checkpoint falls after iteration ``before`` and not after ``iterations``."""
+        every = self._iterations(self.checkpoint_every)
+        return iterations // every > before // every
+
+    def _iterations(self, frames: int) -> int:
+        return max(1, frames // self.config.rollout_size)
 
     def task(self) -> PendulumTask:
         """The pendulum's task that these settings train on."""
@@ -92,64 +103,71 @@ class Settings:
 
     def command(self, frames: int) -> str:
         """The command that makes such a run from scratch; in Python where the environment was passed in."""
-        if is_label(self.name):
+        if is_description(self.name):
             words = ["env", f"preset={self.preset!r}", f"seed={self.seed}"]
-            words += [f"{name}={value!r}" for name, value in self._unusual().items()]
+            words += [f"{name}={value!r}" for name, value in self._changed().items()]
             return f"swingup.AREAPO({', '.join(words)}).learn({frames})  # env: {self.name}"
         task = self.robot if self.env is None else f"--env {shlex.quote(self.env)}"
         words = [f"swingup train {task} --preset {self.preset} --frames {frames} --seed {self.seed}"]
         words += [] if self.domain is None else [f"--domain {shlex.quote(self.domain.name)}"]
         words += [] if self.seeds == 1 else [f"--seeds {self.seeds}"]
-        return " ".join(words + [_option(name, value) for name, value in self._unusual().items()])
+        return " ".join(words + [_option(name, value) for name, value in self._changed().items()])
 
-    def _unusual(self) -> dict[str, Any]:
-        """Hyperparameters that are not the preset's, then intervals and episodes that are not the usual ones."""
-        usual = vars(get_preset(self.preset).config) | default_intervals(self.robot)
-        usual |= {"evaluation_episodes": Settings.evaluation_episodes}
-        mine = {name: (vars(self.config) | vars(self))[name] for name in usual}
-        return {name: value for name, value in mine.items() if value != usual[name]}
+    def _changed(self) -> dict[str, Any]:
+        """Hyperparameters that differ from the preset's, then intervals and episodes that are not the defaults."""
+        defaults = vars(get_preset(self.preset).config) | default_intervals(self.robot)
+        defaults |= {"evaluation_episodes": RunSettings.evaluation_episodes}
+        mine = {name: (vars(self.config) | vars(self))[name] for name in defaults}
+        return {name: value for name, value in mine.items() if value != defaults[name]}
 
     def as_dict(self) -> dict[str, Any]:
         """As JSON values."""
         return json.loads(json.dumps(dataclasses.asdict(self)))
 
 
-def settings_from_dict(content: dict[str, Any]) -> Settings:
-    """The inverse of ``as_dict``; what an older version did not know has its default."""
-    domain = content.get("domain")
-    if domain is not None:
-        domain = Domain(
-            tuple((str(n), float(low), float(high)) for n, low, high in domain["ranges"]), domain["name"]
-        )
-    return Settings(**{**content, "domain": domain, "config": config_from_dict(content["config"])})
+def run_settings_from_dict(content: Any) -> RunSettings:
+    """The inverse of ``as_dict``; what an older version did not know has its default.
+
+    Raises:
+        SwingupError: the content is malformed or cannot work.
+    """
+    try:
+        domain = content.get("domain")
+        if domain is not None:
+            ranges = tuple((str(name), float(low), float(high)) for name, low, high in domain["ranges"])
+            domain = Domain(ranges, str(domain["name"]))
+        return RunSettings(**{**content, "domain": domain, "config": config_from_dict(content["config"])})
+    except MALFORMED as error:
+        raise SwingupError(f"the settings are malformed ({type(error).__name__}: {one_line(error, 80)})") from error
 
 
-def write_settings(folder: Path, settings: Settings, frames: int) -> None:
+def write_run_settings(folder: Path, settings: RunSettings, frames: int) -> None:
     """Write the settings and the number of frames of a run to its config.json.
 
     Raises:
         SwingupError: the file cannot be written.
     """
     content = {"version": __version__, "frames": frames, **settings.as_dict()}
-    write_atomically(folder / FILE, (json.dumps(content, indent=2) + "\n").encode())
+    write_atomically(folder / SETTINGS_FILE, (json.dumps(content, indent=2) + "\n").encode())
 
 
-def read_settings(folder: Path) -> tuple[Settings, int]:
+def read_run_settings(folder: Path) -> tuple[RunSettings, int]:
     """Read a run's settings and its number of frames from its config.json.
 
     Raises:
         SwingupError: the file is missing or malformed.
     """
-    path = folder / FILE
+    path = folder / SETTINGS_FILE
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         del content["version"]
-        frames = int(content.pop("frames"))
-        return settings_from_dict(content), frames
+        frames = whole_number("frames", content.pop("frames"), 1)
+        return run_settings_from_dict(content), frames
     except OSError as error:
         raise SwingupError(f"{folder} is not a run's folder: cannot read {path} ({error.strerror})") from error
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise SwingupError(f"{path} is malformed ({error}): restore it or train again") from error
+    except (*MALFORMED, SwingupError) as error:
+        reason = one_line(error, 200)
+        raise SwingupError(f"{path} is malformed ({reason}): restore it or train again") from error
 
 
 def default_intervals(robot: str | None) -> dict[str, int]:
@@ -157,28 +175,15 @@ def default_intervals(robot: str | None) -> dict[str, int]:
     return ENV_INTERVALS if robot is None else PENDULUM_INTERVALS
 
 
-def whole(name: str, value: Any, least: int) -> int:
-    """A whole number, as Python's.
-
-    Raises:
-        SwingupError: it is none, or too small.
-    """
-    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating) or value % 1 != 0:
-        raise SwingupError(f"{name} = {value!r} must be a whole number")
-    if value < least:
-        raise SwingupError(f"{name} = {value} must be at least {least}")
-    return int(value)
-
-
-def label(env: Any) -> str:
-    """What to call an environment: its id, or its type or function in angle brackets."""
+def describe_env(env: Any) -> str:
+    """A name for an environment: its id, or its type or function in angle brackets."""
     if isinstance(env, str):
         return env
     named = env if hasattr(env, "__qualname__") else type(env)
     return f"<{named.__module__}.{named.__qualname__}>"
 
 
-def is_label(name: str) -> bool:
+def is_description(name: str) -> bool:
     """Whether a name only describes an environment, which cannot be made from it."""
     return name.startswith("<")
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..errors import SwingupError
 from ..files import write_atomically
+from ..text import quoted
 from ..version import __version__
 from .pendulum import PendulumPolicy
 from .plant import MODEL
@@ -53,7 +54,7 @@ def export_realaigym(
     target = Path(folder).resolve()
     if not username.isprintable() or any(sign in username for sign in '"\\,') or not 0 < len(username) <= 60:
         raise SwingupError(
-            f"username {username!r} does not fit an entry: use up to 60 letters, no quotes or commas"
+            f"username {quoted(username)} does not fit an entry: use up to 60 letters, no quotes or commas"
         )
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise SwingupError(f"{folder} is there already: name a folder that is new or empty")

@@ -53,7 +53,9 @@ class Network:
         if self.choices is not None and size != sum(self.choices):
             raise SwingupError(f"network.logits has {size} outputs, choices {self.choices} need their sum")
         if not largest_feature(self) < LARGEST_FEATURE:
-            raise SwingupError(f"its weights are not finite, or a layer may reach {LARGEST_FEATURE:g}: train anew")
+            raise SwingupError(
+                f"its weights are not finite, or a layer may reach {LARGEST_FEATURE:g}: train another"
+            )
 
     @property
     def layers(self) -> tuple[Layer, ...]:

@@ -1,6 +1,6 @@
 """Controllers with the interface that RealAIGym's simulator and its real-robot loop call, with NumPy alone.
 
-Nothing is inherited from its package, so that it need not be installed. Its order of things is kept: the outer
+Nothing is inherited from its package, so that it need not be installed. The order is RealAIGym's: the outer
 ``get_control_output`` filters the measurement, asks the controller, adds friction compensation and keeps the
 histories; wrappers (combined and testing controllers) call the inner forms, whose names end in an underscore.
 """
@@ -12,10 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from ..checks import is_number
 from ..errors import SwingupError
 from ..files import make_folder, write_atomically
 from ..physics.equations import friction
 from ..robots import Robot
+from ..text import quoted
 from .contract import LoopController
 from .numpy_backend.controller import NumpyController, load_controller
 
@@ -32,7 +34,7 @@ class Filter:
         self.init()
 
     def init(self) -> None:
-        """Begin a run; a filter with an ``init()`` of its own is told."""
+        """Begin a run, and call the filter's own ``init()`` if it has one."""
         self.x_hist: list[np.ndarray] = []
         """Measurements so far."""
         self.x_filt_hist: list[np.ndarray] = []
@@ -59,14 +61,14 @@ class RealAIGymController:
         """Wrap a controller.
 
         Args:
-            controller: what answers.
+            controller: the controller.
             robot: which joint is driven.
             about: what ``save`` writes, JSON values.
-            dt: time between calls (s), which counts where a caller gives no time.
+            dt: time between calls (s), for callers that give no time.
         """
         self.robot = robot
         self.disturbance_intervals: list[Any] = []
-        """When somebody disturbs the run on purpose; never."""
+        """Intervals in which the run is disturbed on purpose: none."""
         self._controller, self._about, self._dt = controller, about, dt
         self.filter = Filter()
         """What filters measurements, with its histories."""
@@ -136,7 +138,7 @@ class RealAIGymController:
     def set_filter(self, filter: Any = None) -> None:
         """Filter measurements from now on, after ``reset()`` as well.
 
-        A policy that ships with a state estimator wants no filter.
+        A policy behind a state estimator needs no filter.
 
         Args:
             filter: an object with ``get_filtered_state(x, u)``, as RealAIGym's, or a function of (x, u): the
@@ -155,7 +157,7 @@ class RealAIGymController:
         self._damping, self._coulomb = _two("damping", damping), _two("coulomb_fric", coulomb_fric)
 
     def set_gravity_compensation(self, plant: Any = None) -> None:
-        """Nothing: these controllers reckon with gravity."""
+        """Nothing: these controllers take gravity into account."""
 
     def set_filter_args(self, *arguments: Any, **settings: Any) -> None:
         """Nothing: RealAIGym's own filters need its package; see ``set_filter``."""
@@ -203,8 +205,8 @@ def wrap_policy(controller: NumpyController, name: str) -> RealAIGymController:
     return RealAIGymController(controller, policy.robot, about | {"policy": origin}, **period)
 
 
-def _two(name: str, given: Sequence[float]) -> np.ndarray:
-    values = np.array(given, np.float64)
-    if values.shape != (2,) or not np.isfinite(values).all():
-        raise SwingupError(f"{name} = {given!r}: two finite numbers are needed, for shoulder and elbow")
-    return values
+def _two(name: str, given: Any) -> np.ndarray:
+    values = list(given) if isinstance(given, list | tuple | np.ndarray) else []
+    if len(values) != 2 or not all(map(is_number, values)):
+        raise SwingupError(f"{name} = {quoted(given)}: two finite numbers are needed, for shoulder and elbow")
+    return np.array(values, np.float64)

@@ -12,7 +12,7 @@ import numpy as np
 from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import CRITERIA
 from ..errors import SwingupError
-from ..learner.metrics import FILE, read_metrics
+from ..learner.metrics import METRICS_FILE, read_metrics
 from ..physics.parameters import ROBOTS, Robot
 
 PLOTTED = ("reward", "score")
@@ -124,9 +124,9 @@ def check_curve(name: str, rows: Sequence[Mapping[str, Any]]) -> None:
         SwingupError: there is no row, none has a score or a reward, or a value is no number.
     """
     if not rows:
-        raise SwingupError(f"{name} has no rows of metrics: give the {FILE} of a run that reported once")
+        raise SwingupError(f"{name} has no rows of metrics: give the {METRICS_FILE} of a run that reported once")
     if not any(row.get(key) is not None for row in rows for key in PLOTTED):
-        raise SwingupError(f"{name} has neither {' nor '.join(PLOTTED)} in its rows: give the {FILE} of a run")
+        raise SwingupError(f"{name} has neither {' nor '.join(PLOTTED)} in its rows: give a run's {METRICS_FILE}")
     for row in rows:
         if not isinstance(row.get("seed"), int | str | None):
             raise SwingupError(f"{name}: seed = {row['seed']!r:.40} is no number: remove or mend its row")
@@ -143,7 +143,7 @@ def make_labels(files: Sequence[str | Path]) -> list[str]:
     A file called ``metrics.jsonl`` goes by its folder.
     """
     paths = [Path(os.path.abspath(file)) for file in files]
-    names = [path.parent if path.name == FILE else path.with_suffix("") for path in paths]
+    names = [path.parent if path.name == METRICS_FILE else path.with_suffix("") for path in paths]
     tails = [["/".join(name.parts[-words:]) for name in names] for words in (1, 2, 3)]
     labels = [next((tail[k] for tail in tails if tail.count(tail[k]) == 1), tails[0][k]) for k in range(len(names))]
     counts = [labels[: k + 1].count(label) for k, label in enumerate(labels)]

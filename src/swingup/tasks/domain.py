@@ -16,9 +16,10 @@ import jax
 import jax.numpy as jnp
 
 from ..errors import SwingupError
-from ..physics.parameters import NAMES, Parameters, Robot, identified_parameters, read_map, validated
+from ..physics.parameters import NAMES, Parameters, Robot, identified_parameters, validated
 from ..renamed import current_name
 from ..types import Key
+from ..yaml_map import read_map
 from .disturbance import Disturbance, Motor, Pushes
 
 DT = 0.002

@@ -1,0 +1,43 @@
+"""The learner's state before its first iteration, and at the start of new episodes."""
+
+import dataclasses
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..tasks.task import Spaces
+from .act import update_statistics
+from .advantage import init_gains
+from .config import Config
+from .keys import InitialKeys
+from .networks import init_critic, init_policy
+from .normalise import init_statistics
+from .optimiser import make_optimiser
+from .popart import init_value_scale
+from .state import LearnerState
+
+
+def init_learner(keys: InitialKeys, spaces: Spaces, config: Config) -> LearnerState:
+    """The state of a learner that has observed no environment yet."""
+    actor = init_policy(keys.actor, spaces, config.policy_layers, config.log_std_init)
+    critic = init_critic(keys.critic, spaces.observation_size, config.value_layers)
+    return LearnerState(
+        actor=actor,
+        critic=critic,
+        optimiser=make_optimiser(config).init((actor, critic)),
+        gains=init_gains(),
+        statistics=init_statistics(spaces.observation_size),
+        task_states=None,
+        observations=jnp.zeros((config.num_envs, spaces.observation_size)),
+        key=keys.state,
+        iterations=jnp.array(0),
+        value_scale=init_value_scale() if config.popart else None,
+    )
+
+
+def begin_episodes(state: LearnerState, observations: Float[Array, "envs n"], config: Config) -> LearnerState:
+    """The learner at the start of new episodes, given their first observations (not normalised)."""
+    statistics, normalised, _ = update_statistics(
+        state.statistics, observations, observations, config.observation_clip
+    )
+    return dataclasses.replace(state, statistics=statistics, observations=normalised)

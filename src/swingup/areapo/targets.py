@@ -1,0 +1,104 @@
+"""What the critic shall learn from a rollout: bootstrapped values, what an ending means, PopArt's rescaling."""
+
+import dataclasses
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..types import Count
+from .average import mean
+from .config import Config
+from .networks import Critic
+from .popart import rescale
+from .state import LearnerState, Rollout
+
+BOOTSTRAP_SIZE = 64
+"""Truncated states whose values are computed at once; a rollout of Table I holds about 13."""
+
+
+class ValueEstimates(NamedTuple):
+    """[V, V_H] along a rollout."""
+
+    values: Float[Array, "steps envs 2"]
+    """Of the state before each step."""
+    next_values: Float[Array, "steps envs 2"]
+    """Of the state after each step; where an episode was cut short, of the state before the reset."""
+    means: Float[Array, "2"]
+    """Means of ``values`` before any centring."""
+
+
+def estimate_values(state: LearnerState, rollout: Rollout, config: Config) -> tuple[LearnerState, ValueEstimates]:
+    """The critic's values along a rollout, bootstrapped; with ``centre_values`` their means leave the critic."""
+    outputs = jax.vmap(jax.vmap(state.critic))(rollout.observations)
+    last = jax.vmap(state.critic)(state.observations)
+    next_outputs = jnp.concatenate([outputs[1:], last[None]])
+    next_outputs = _bootstrap(state.critic, rollout, next_outputs, config)
+    values, next_values = _denormalise(state, outputs), _denormalise(state, next_outputs)
+    means = _mean_of_both(values, rollout)
+    if not config.centre_values:
+        return state, ValueEstimates(values, next_values, means)
+    critic = eqx.tree_at(lambda c: c.heads.bias, state.critic, replace_fn=lambda bias: bias - means)
+    centred = dataclasses.replace(state, critic=critic)
+    return centred, ValueEstimates(values - means, next_values - means, means)
+
+
+def apply_endings(
+    rollout: Rollout, next_values: Float[Array, "steps envs 2"], config: Config
+) -> tuple[Float[Array, "steps envs"], Float[Array, "steps envs 2"]]:
+    """Rewards and next values with what a termination means (``Config.terminations``)."""
+    if config.ending == "end":
+        return rollout.rewards, jnp.where(rollout.terminated[..., None], 0.0, next_values)
+    if config.ending == "reset_cost":
+        return jnp.where(rollout.terminated, rollout.rewards - config.reset_cost, rollout.rewards), next_values
+    return rollout.rewards, next_values
+
+
+def normalise_returns(
+    state: LearnerState, returns: Float[Array, "steps envs 2"], rollout: Rollout, config: Config
+) -> tuple[LearnerState, Float[Array, "steps envs 2"]]:
+    """The critic's targets: the returns; with PopArt on its scale, which follows them and keeps the values."""
+    if state.value_scale is None:
+        return state, returns
+    first, second = _mean_of_both(returns, rollout), _mean_of_both(returns**2, rollout)
+    scale = state.value_scale.update(first, second, config.popart_step_size)
+    critic = rescale(state.critic, state.value_scale, scale)
+    return dataclasses.replace(state, critic=critic, value_scale=scale), scale.normalise(returns)
+
+
+def _denormalise(state: LearnerState, outputs: Float[Array, "steps envs 2"]) -> Float[Array, "steps envs 2"]:
+    return outputs if state.value_scale is None else state.value_scale.denormalise(outputs)
+
+
+def _mean_of_both(values: Float[Array, "steps envs 2"], rollout: Rollout) -> Float[Array, "2"]:
+    weights = None if rollout.counted is None else rollout.counted[..., None]
+    return mean(values, weights, axis=(0, 1))
+
+
+def _bootstrap(
+    critic: Critic, rollout: Rollout, next_values: Float[Array, "steps envs 2"], config: Config
+) -> Float[Array, "steps envs 2"]:
+    """Replace next values where the task was cut short by those of the true next states, a few at a time.
+
+    Few steps are cut short: evaluating the critic on all true next states would cost as much as on the rollout.
+    """
+    cut_short = rollout.truncated & ~rollout.terminated
+    if config.ending == "bootstrap":
+        cut_short = rollout.truncated | rollout.terminated
+    truncated = cut_short.reshape(-1)
+    observations = rollout.next_observations.reshape(truncated.size, -1)
+    order = jnp.argsort(~truncated)  # those to replace first
+
+    def replace(carry: tuple[Count, Array]) -> tuple[Count, Array]:
+        start, flat = carry
+        indices = jax.lax.dynamic_slice(order, (start,), (min(BOOTSTRAP_SIZE, truncated.size),))
+        fixed = jax.vmap(critic)(observations[indices])
+        kept = jnp.where(truncated[indices, None], fixed, flat[indices])
+        return start + BOOTSTRAP_SIZE, flat.at[indices].set(kept)
+
+    flat = next_values.reshape(-1, 2)
+    count = jnp.sum(truncated)
+    _, flat = jax.lax.while_loop(lambda carry: carry[0] < count, replace, (jnp.array(0), flat))
+    return flat.reshape(next_values.shape)

@@ -1,0 +1,29 @@
+"""Hyperparameters as words: how the command line, sweeps and folders' names spell them."""
+
+from typing import Any
+
+from ..errors import SwingupError
+from ..text import quoted
+from .config import Config, check_name, kind_of
+
+
+def parse_value(name: str, text: str) -> Any:
+    """A hyperparameter from text: 3e-4, true or false, 64x64 or 64 64 or 64,64, or a word.
+
+    Raises:
+        SwingupError: the name is unknown, or the text is no value of the hyperparameter's type.
+    """
+    default = getattr(Config(), check_name(name))
+    try:
+        if isinstance(default, bool):
+            return {"true": True, "false": False}[text.lower()]
+        if isinstance(default, tuple):
+            return tuple(int(part) for part in text.replace("x", " ").replace(",", " ").split())
+        return type(default)(text)
+    except (KeyError, ValueError) as error:
+        raise SwingupError(f"{name} = {quoted(text)}: use {kind_of(default)}") from error
+
+
+def format_value(value: Any) -> str:
+    """A value as ``parse_value`` reads it."""
+    return "x".join(map(str, value)) if isinstance(value, tuple) else str(value)

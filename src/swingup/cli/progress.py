@@ -1,0 +1,48 @@
+"""The line that shows where a training run stands."""
+
+import math
+
+from ..learner.report import TrainingReport
+
+WIDTH = 80
+"""Columns of a narrow terminal."""
+LEAST_WANTED = ("reward", "best", "score")
+"""What a line leaves out first where it would be too long."""
+
+
+def progress_line(report: TrainingReport, goal: int, seeds: int, width: int = WIDTH) -> str:
+    """Frames, speed, time left, and means over the seeds, in at most ``width`` columns."""
+    left = (goal - report.frames) * seeds / report.frames_per_second
+    parts = {
+        "frames": f"{report.frames:,} frames",
+        "rate": f"{_short(report.frames_per_second)}/s",
+        "left": f"{duration(left)} left",
+        "reward": f"reward {_mean(report, 'reward'):.3f}",
+        "score": f"score {_mean(report, 'score'):.3f}",
+        "best": f"best {report.best_score:.3f}",
+    }
+    for name in LEAST_WANTED:
+        if len("  ".join(parts.values())) > width:
+            del parts[name]
+    return "  ".join(parts.values())
+
+
+def duration(seconds: float) -> str:
+    """A time in the unit that suits it."""
+    seconds = max(0.0, seconds)
+    if seconds < 99.5:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 99.5 * 60 else f"{seconds / 3600:.1f} h"
+
+
+def _mean(report: TrainingReport, name: str) -> float:
+    values = [math.nan if row[name] is None else row[name] for row in report.rows]
+    return sum(values) / len(values)
+
+
+def _short(rate: float) -> str:
+    """A number in three digits."""
+    for size, letter in ((1e6, "M"), (1e3, "k")):
+        if rate >= size:
+            return f"{rate / size:.3g}{letter}"
+    return f"{rate:.3g}"

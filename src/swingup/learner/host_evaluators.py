@@ -1,0 +1,156 @@
+"""How policies of Gymnasium environments are evaluated: by the mean return of episodes that the host steps."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import VectorEnv
+
+from ..areapo.networks import CategoricalActor
+from ..errors import SwingupError
+from ..policy.jax_backend.policy import Policy, act, save_policy
+from ..tasks.task import Spaces
+from .environments import Environments, make_environments
+from .evaluators import AbstractEvaluator, summarise_episodes
+
+MAX_EPISODE_STEPS = 10_000
+"""Where an evaluation cuts an episode that does not end (steps)."""
+
+
+class EpisodeEvaluator(AbstractEvaluator):
+    """The mean return of episodes in environments of its own, the same episodes each time."""
+
+    measure = "episodes"
+    stages = ()
+
+    def __init__(self, env: Any, name: str, environments: Environments, seed: int, episodes: int) -> None:
+        """Prepare; environments are made when they are first needed.
+
+        Args:
+            env: an id or a function that makes an environment.
+            name: what policy files call it.
+            environments: those that training steps, whose spaces these share.
+            seed: of the episodes.
+            episodes: their default number.
+        """
+        self.observation_shape = environments.observation_space.shape or ()
+        self._env, self._name, self._seed, self._episodes = env, name, seed, episodes
+        self._actions = environments.actions
+        self._made: dict[int, Environments] = {}
+
+    def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
+        """Means over the episodes.
+
+        Raises:
+            SwingupError: an environment cannot be made or fails.
+        """
+        count = episodes or self._episodes
+        if count not in self._made:
+            self._made[count] = make_environments(self._env, count)
+        return play(policy, self._made[count], self._seed)
+
+    def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
+        """Write a policy file that names the environment and the bounds of its actions."""
+        save_policy(path, policy, {"env": self._name, **self._actions.describe(), **provenance})
+
+    def close(self) -> None:
+        """Close the environments that were made here."""
+        for environments in self._made.values():
+            environments.close()
+        self._made = {}
+
+
+class TrainingEvaluator(AbstractEvaluator):
+    """The mean return of the episodes that ended in training since the last report.
+
+    Where none ended it is the mean reward of a step. For vector environments that were passed in, of which there is
+    no other, and where no episodes were wanted for an evaluation.
+    """
+
+    measure = "episodes"
+    stages = ()
+
+    def __init__(self, other: EpisodeEvaluator, has_others: bool) -> None:
+        """Evaluate by what ``update`` was given last.
+
+        Args:
+            other: evaluates a number of episodes that is asked for, and saves.
+            has_others: whether there are other environments for it.
+        """
+        self.observation_shape = other.observation_shape
+        self._other, self._has_others = other, has_others
+        # The score of no step at all is as low as scores get.
+        self._result: dict[str, Any] = {"score": -np.inf, "mean_length": None, "mean_reward": None}
+
+    def update(self, result: dict[str, Any]) -> None:
+        """Take over how training went since the last report."""
+        self._result = result
+
+    def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
+        """How training went; with ``episodes``, so many in other environments.
+
+        Raises:
+            SwingupError: episodes were wanted and there are no other environments.
+        """
+        if episodes is None:
+            return self._result
+        if not self._has_others:
+            raise SwingupError("a vector environment trains and cannot evaluate: pass evaluate another as env")
+        return self._other.evaluate(policy, episodes)
+
+    def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
+        """Write a policy file that names the environment and the bounds of its actions."""
+        self._other.save(path, policy, provenance)
+
+    def close(self) -> None:
+        """Close the environments that were made here."""
+        self._other.close()
+
+
+def play_once(policy: Policy[Any], env: Any, episodes: int, seed: int) -> dict[str, Any]:
+    """Episodes in environments that are made for them.
+
+    Raises:
+        SwingupError: the environments cannot be made, or the policy is for other spaces.
+    """
+    environments = make_environments(env, env.num_envs if isinstance(env, VectorEnv) else episodes)
+    try:
+        _check_spaces(policy, environments.spaces)
+        return play(policy, environments, seed)
+    finally:
+        if not isinstance(env, VectorEnv):
+            environments.close()
+
+
+def play(policy: Policy[Any], environments: Environments, seed: int) -> dict[str, Any]:
+    """The first episode of each environment under the deterministic policy, as means."""
+    observations = environments.reset(seed)
+    running = np.ones(environments.num_envs, np.bool_)
+    returns, lengths = np.zeros(running.size), np.zeros(running.size, np.int64)
+    for _ in range(MAX_EPISODE_STEPS):
+        step = environments.step(act(policy, observations))
+        returns += running * step.rewards
+        lengths += running
+        running &= ~step.ended
+        observations = step.following
+        if not running.any():
+            break
+    return summarise_episodes(returns.tolist(), lengths.tolist())
+
+
+def _check_spaces(policy: Policy[Any], spaces: Spaces) -> None:
+    """Refuse an environment whose observations or actions are not the policy's."""
+    actor = policy.actor
+    seen, discrete = actor.trunk[0].weight.shape[1], isinstance(actor, CategoricalActor)
+    if seen != spaces.observation_size:
+        raise SwingupError(f"the policy sees {seen} numbers, the environment shows {spaces.observation_size}")
+    choices = actor.choices if discrete else ()
+    size = len(choices) if discrete else actor.mean_head.weight.shape[0]
+    if (size, choices) != (spaces.action_size, spaces.choices):
+        mine, its = _actions(size, choices), _actions(spaces.action_size, spaces.choices)
+        raise SwingupError(f"the policy's actions are {mine}, the environment's are {its}")
+
+
+def _actions(size: int, choices: tuple[int, ...]) -> str:
+    return f"{size} choices of {', '.join(map(str, choices))}" if choices else f"{size} numbers"

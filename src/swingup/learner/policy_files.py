@@ -1,0 +1,84 @@
+"""A run's policy files: their names, where their policies come from, and the score of the best one on disk."""
+
+import logging
+import math
+from pathlib import Path
+from typing import Any
+
+from ..checks import finite_number
+from ..errors import SwingupError
+from ..policy.jax_backend.policy import load_policy
+from ..text import one_line
+from ..version import __version__
+from .progress import Progress
+from .run_settings import RunSettings
+
+BEST, LAST = "best.npz", "last.npz"
+
+_LOGGER = logging.getLogger(__name__)
+
+
+def best_name(settings: RunSettings, index: int) -> str:
+    """File of a seed's best policy; with several seeds best.npz is the best of all."""
+    return BEST if settings.seeds == 1 else f"best-{settings.seed + index}.npz"
+
+
+def last_name(settings: RunSettings, index: int) -> str:
+    """File of a seed's last policy."""
+    return LAST if settings.seeds == 1 else f"last-{settings.seed + index}.npz"
+
+
+def provenance(
+    settings: RunSettings, progress: Progress, goal: int, index: int, scores: dict[str, Any]
+) -> dict[str, Any]:
+    """Where a seed's policy comes from, and its scores by the names of their measures."""
+    return {
+        "version": __version__,
+        "preset": settings.preset,
+        "command": settings.command(goal),
+        "seed": settings.seed + index,
+        "frames": progress.iterations * settings.config.rollout_size,
+        "seconds": round(progress.seconds, 1),
+        "hyperparameters": settings.as_dict()["config"],
+        "scores": scores,
+    }
+
+
+def best_scores_on_disk(folder: Path, settings: RunSettings, measure: str) -> list[float]:
+    """Score of each seed's best policy file, which may be newer than the checkpoint; -inf without one.
+
+    A file that is damaged or of something else is set aside, with a line in the log: it must neither keep the run
+    from resuming nor be overwritten.
+    """
+    if settings.seeds > 1:
+        _score_on_disk(folder / BEST, settings, measure)
+    return [
+        _score_on_disk(folder / best_name(settings, index), settings, measure) for index in range(settings.seeds)
+    ]
+
+
+def _score_on_disk(path: Path, settings: RunSettings, measure: str) -> float:
+    if not path.exists():
+        return -math.inf
+    try:
+        metadata = load_policy(path)[1]
+        trained_on = metadata.get("robot", settings.robot)
+        if trained_on != settings.robot:
+            raise SwingupError(f"it is a policy for {one_line(trained_on, 40)}")
+        return finite_number("score", metadata["scores"][measure]["score"])
+    except (SwingupError, KeyError, TypeError, AttributeError) as error:
+        aside = _set_aside(path)
+        reason = str(error) if isinstance(error, SwingupError) else "it holds no score of this run's measure"
+        _LOGGER.warning("swingup: %s is no policy of this run (%s): moved to %s", path, reason, aside.name)
+        return -math.inf
+
+
+def _set_aside(path: Path) -> Path:
+    """Rename a file to a name that nothing has and no run writes."""
+    number = 1
+    while (aside := path.with_name(f"{path.name}.aside-{number}")).exists():
+        number += 1
+    try:
+        return path.rename(aside)
+    except OSError as error:
+        raise SwingupError(f"cannot move {path} aside: {error.strerror}; move it away to resume") from error

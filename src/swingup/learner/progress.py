@@ -1,0 +1,79 @@
+"""Where a run stands, as one value: what a checkpoint holds, and nothing else."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+
+from ..areapo.state import LearnerState
+from ..checks import finite_number, whole_number
+from ..errors import SwingupError
+from ..text import one_line
+from .run_settings import MALFORMED, RunSettings, run_settings_from_dict
+
+
+@dataclass(frozen=True)
+class Progress:
+    """The state of training after some iterations."""
+
+    state: LearnerState
+    """Of several seeds, with a leading axis."""
+    best: tuple[float, ...]
+    """Best score of each seed; -inf before the first evaluation."""
+    iterations: int = 0
+    seconds: float = 0.0
+    """Time spent so far, compilation and files included (s)."""
+
+    @property
+    def best_score(self) -> float:
+        """Best score of any seed."""
+        return max(self.best)
+
+    def member(self, index: int) -> LearnerState:
+        """The state of one seed."""
+        return self.state if len(self.best) == 1 else jax.tree.map(lambda leaf: leaf[index], self.state)
+
+    def metadata(self, settings: RunSettings) -> dict[str, Any]:
+        """What a checkpoint says of itself."""
+        return {
+            "settings": settings.as_dict(),
+            "iterations": self.iterations,
+            "seconds": self.seconds,
+            "best": list(self.best),
+        }
+
+
+def initial_progress(state: LearnerState, seeds: int) -> Progress:
+    """Before the first iteration."""
+    return Progress(state, (-math.inf,) * seeds)
+
+
+def read_progress(state: LearnerState, metadata: dict[str, Any], settings: RunSettings, source: str) -> Progress:
+    """The progress that a checkpoint holds.
+
+    Args:
+        state: its arrays.
+        metadata: what it says of itself.
+        settings: of the run that goes on from it.
+        source: what to call it in an error.
+
+    Raises:
+        SwingupError: the metadata is malformed, or of other settings.
+    """
+    try:
+        saved = run_settings_from_dict(metadata["settings"])
+        best = tuple(-math.inf if score is None else finite_number("best", score) for score in metadata["best"])
+        iterations = whole_number("iterations", metadata["iterations"], 0)
+        seconds = finite_number("seconds", metadata["seconds"], 0.0)
+    except (*MALFORMED, SwingupError) as error:
+        raise SwingupError(f"{source} is malformed ({one_line(error, 200)}): delete it or restore it") from error
+    if saved.as_dict() != settings.as_dict() or len(best) != settings.seeds:
+        raise SwingupError(f"{source} is of another configuration than config.json: restore one of them")
+    return Progress(state, best, iterations, seconds)
+
+
+def is_finite(tree: Any) -> bool:
+    """Whether all numbers of a pytree of arrays are finite."""
+    return all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(tree))

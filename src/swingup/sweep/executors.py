@@ -1,0 +1,49 @@
+"""Where a sweep runs: local processes, or the workers of a Dask cluster."""
+
+import contextlib
+import os
+from collections.abc import Iterator
+from concurrent.futures import Executor
+
+from ..checks import whole_number
+from ..errors import SwingupError
+from .local_workers import LocalWorkers
+
+MOST_WORKERS = 1024
+
+
+@contextlib.contextmanager
+def executor_for(scheduler: str | None, workers: int | None) -> Iterator[Executor]:
+    """A Dask cluster's executor where there is an address, else fresh local processes.
+
+    Args:
+        scheduler: address of a running Dask scheduler, such as ``tcp://10.0.0.1:8786``.
+        workers: local processes; by default one for every two cores, since a run uses about two.
+
+    Raises:
+        SwingupError: Dask is not installed, its scheduler does not answer, or there are no workers.
+    """
+    if workers is not None:
+        whole_number("workers", workers, 1, MOST_WORKERS)
+    if scheduler is None:
+        with LocalWorkers(workers or max(1, (os.cpu_count() or 1) // 2)) as pool:
+            try:
+                yield pool
+            except BaseException:
+                pool.stop()
+                raise
+        return
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise SwingupError("--scheduler needs Dask: pip install 'swingup[dask]'") from error
+    try:
+        client = Client(scheduler, timeout=5)
+    except (OSError, ValueError) as error:
+        raise SwingupError(f"no Dask scheduler answers at {scheduler}: start one with dask scheduler") from error
+    with client, client.get_executor() as executor:
+        try:
+            yield executor
+        except BaseException:
+            executor.shutdown(wait=False)  # gives up what was not begun
+            raise

@@ -1,0 +1,132 @@
+"""One run of a sweep, and many of them on any ``concurrent.futures.Executor``."""
+
+import contextlib
+import signal
+from collections.abc import Callable, Sequence
+from concurrent.futures import BrokenExecutor, Executor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from ..errors import SwingupError
+from ..learner.metrics import METRICS_FILE, read_metrics
+from ..learner.run import Run
+from ..learner.run_folder import RunFolder
+from ..learner.run_settings import read_run_settings, run_settings_from_dict
+from ..learner.start import resume_run, start_run
+from ..text import one_line
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run of a sweep, in a form that travels between processes."""
+
+    variant: str
+    """Its settings in words; empty where nothing is varied."""
+    settings: dict[str, Any]
+    folder: str
+    frames: int
+
+
+@dataclass(frozen=True)
+class JobOutcome:
+    """The result of a job."""
+
+    job: Job
+    score: float
+    """Score of the last policy."""
+    best_score: float
+    error: str = ""
+    """The reason why there is no score; empty where there is one."""
+
+
+def run_jobs(
+    jobs: Sequence[Job], executor: Executor, progress: Callable[[JobOutcome], None] | None = None
+) -> list[JobOutcome]:
+    """Do all jobs that are not done yet; a job that fails does not keep the others from running.
+
+    Args:
+        jobs: what to run.
+        executor: where: a process pool, Dask's ``Client.get_executor()``, submitit's, or any other.
+        progress: called with each outcome as it comes.
+
+    Raises:
+        SwingupError: the executor lost its workers; the same sweep goes on from the checkpoints.
+    """
+    futures = {executor.submit(train_one, job): index for index, job in enumerate(jobs)}
+    outcomes: dict[int, JobOutcome] = {}
+    for future in as_completed(futures):
+        try:
+            outcome = future.result()
+        except BrokenExecutor as error:
+            raise SwingupError("a worker of the sweep died: give the same command again, it goes on") from error
+        except Exception as error:  # why an executor gave the job up
+            outcome = _failed(jobs[futures[future]], error)
+        outcomes[futures[future]] = outcome
+        if progress is not None:
+            progress(outcome)
+    return [outcomes[index] for index in sorted(outcomes)]
+
+
+def train_one(job: Job) -> JobOutcome:
+    """Do one job, or the rest of it, in the calling process; errors become part of the outcome."""
+    try:
+        with contextlib.closing(_open(job)) as run:
+            _in_progress.append(run)
+            try:
+                for _ in run.advance():
+                    pass
+            finally:
+                _in_progress.remove(run)
+        if run.frames < job.frames:  # a signal stopped it, in a worker of ours
+            signal.raise_signal(signal.SIGTERM)
+        rows = read_metrics(Path(job.folder) / METRICS_FILE)
+        if not rows:
+            raise SwingupError(f"{job.folder} holds no metrics: remove it to train again")
+        return JobOutcome(job, _number(rows[-1]["score"]), _number(rows[-1]["best_score"]))
+    except Exception as error:
+        return _failed(job, error)
+
+
+def _failed(job: Job, error: Exception) -> JobOutcome:
+    words = str(error) if isinstance(error, SwingupError) else f"{type(error).__name__}: {one_line(error)}"
+    return JobOutcome(job, float("nan"), float("nan"), words)
+
+
+def _open(job: Job) -> Run:
+    """A new run, or the one in the folder from its checkpoint."""
+    folder, settings = RunFolder(job.folder), run_settings_from_dict(job.settings)
+    with folder.exclusive():
+        if not folder.has_checkpoint():
+            folder.clear()  # killed before there was anything to lose
+            return start_run(settings, folder.path, job.frames)
+    if read_run_settings(folder.path)[0].as_dict() != job.settings:
+        raise SwingupError(f"{folder} holds a run with other settings: choose another --out")
+    run = resume_run(folder.path)
+    if run.frames < job.frames:
+        run.extend(job.frames - run.frames)
+    return run
+
+
+_in_progress: list[Run] = []
+"""What this process trains."""
+
+
+def stop_on_signals() -> None:
+    """In a local worker: Ctrl-C and SIGTERM end the run in progress after its chunk, saved, and then the worker."""
+
+    def end(number: int, frame: FrameType | None) -> None:
+        if number == signal.SIGINT or not _in_progress:  # a second Ctrl-C does not wait
+            signal.signal(number, signal.SIG_DFL)
+        if not _in_progress:
+            signal.raise_signal(number)
+        for run in _in_progress:
+            run.stop()
+
+    signal.signal(signal.SIGINT, end)
+    signal.signal(signal.SIGTERM, end)
+
+
+def _number(value: float | None) -> float:
+    return float("nan") if value is None else float(value)
