@@ -21,7 +21,7 @@ from .checks import whole_number
 from .drawing import draw_frame
 from .errors import SwingupError
 from .physics.parameters import ROBOTS, get_robot
-from .tasks.pendulum import DIVERGED, PendulumState, PendulumTask
+from .tasks.pendulum import DIVERGED, AbstractPendulumTask, PendulumState
 from .tasks.presets import get_task
 from .tasks.task import Step
 from .text import quoted
@@ -42,7 +42,7 @@ class Episode(eqx.Module):
 
 
 class PendulumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
-    """One double pendulum; its observations, rewards and truncations are those of a :class:`PendulumTask`.
+    """One double pendulum; its observations, rewards and truncations are those of an :class:`AbstractPendulumTask`.
 
     Actions in [-1, 1] scale the torque limit of the driven joint and are clipped. ``info["state"]`` is
     [q1, q2, dq1, dq2] (rad, rad/s). The seed of a reset is that of the JAX key from which all randomness follows.
@@ -50,7 +50,9 @@ class PendulumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     metadata: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": 100}  # noqa: RUF012 (as gymnasium has it)
 
-    def __init__(self, robot: str, task: str | PendulumTask = "paper", render_mode: str | None = None) -> None:
+    def __init__(
+        self, robot: str, task: str | AbstractPendulumTask[Any] = "paper", render_mode: str | None = None
+    ) -> None:
         """Prepare an environment, to be reset before its first step.
 
         Args:
@@ -132,7 +134,7 @@ class PendulumVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self,
         robot: str,
         num_envs: int = 1,
-        task: str | PendulumTask = "paper",
+        task: str | AbstractPendulumTask[Any] = "paper",
         render_mode: str | None = None,
     ) -> None:
         """Prepare ``num_envs`` environments; the other arguments are those of :class:`PendulumEnv`.
@@ -209,14 +211,16 @@ class PendulumVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return {"state": np.array(episodes.state.x), "_state": np.ones(self.num_envs, np.bool_)}
 
 
-def begin(task: PendulumTask, key: Key, start: State | None) -> tuple[Episode, Observation]:
+def begin(task: AbstractPendulumTask[Any], key: Key, start: State | None) -> tuple[Episode, Observation]:
     """Reset an environment, to the state ``start`` if there is one."""
     reset_key, next_key = jax.random.split(key)
     state = task.reset(reset_key) if start is None else PendulumState(x=start, steps=jnp.array(0))
     return Episode(state=state, action=jnp.zeros(task.action_size), key=next_key), task.observe(state)
 
 
-def advance(task: PendulumTask, episode: Episode, action: Action) -> tuple[Episode, Step[PendulumState]]:
+def advance(
+    task: AbstractPendulumTask[Any], episode: Episode, action: Action
+) -> tuple[Episode, Step[PendulumState]]:
     """Step an environment, which may end but is not reset."""
     step_key, next_key = jax.random.split(episode.key)
     step = task.step(episode.state, action, step_key)
@@ -224,7 +228,7 @@ def advance(task: PendulumTask, episode: Episode, action: Action) -> tuple[Episo
 
 
 def advance_and_reset(
-    task: PendulumTask, episode: Episode, action: Action
+    task: AbstractPendulumTask[Any], episode: Episode, action: Action
 ) -> tuple[Episode, Observation, Step[PendulumState]]:
     """Step an environment and reset it if it ends; the step is as before the reset, the rest as after."""
     after, step = advance(task, episode, action)
@@ -244,7 +248,7 @@ _advance_all = jax.jit(jax.vmap(advance_and_reset, in_axes=(None, 0, 0)))
 _keys = jax.jit(jax.vmap(jax.random.key))
 
 
-def _compiled_task(robot: str, task: str | PendulumTask) -> PendulumTask:
+def _compiled_task(robot: str, task: str | AbstractPendulumTask[Any]) -> AbstractPendulumTask[Any]:
     """The task with its numbers as arrays, which compiled functions take faster."""
     chosen = get_task(task, get_robot(robot)) if isinstance(task, str) else task
     if chosen.robot != get_robot(robot):
@@ -252,7 +256,7 @@ def _compiled_task(robot: str, task: str | PendulumTask) -> PendulumTask:
     return jax.tree.map(jnp.asarray, chosen)
 
 
-def _spaces(task: PendulumTask) -> tuple[Box, Box]:
+def _spaces(task: AbstractPendulumTask[Any]) -> tuple[Box, Box]:
     """The spaces of observations and of actions."""
     return Box(-1.0, 1.0, (task.observation_size,), np.float32), Box(-1.0, 1.0, (task.action_size,), np.float32)
 
@@ -310,7 +314,7 @@ def _running(episode: Episode | None) -> Episode:
     return episode
 
 
-def _draw(task: PendulumTask, x: Any, action: Any) -> UInt8[np.ndarray, "400 400 3"]:
+def _draw(task: AbstractPendulumTask[Any], x: Any, action: Any) -> UInt8[np.ndarray, "400 400 3"]:
     lengths = float(task.parameters.l1), float(task.parameters.l2)
     return draw_frame(np.asarray(x), *lengths, torque=np.asarray(task.torque(action)), driven=task.robot.joint)
 

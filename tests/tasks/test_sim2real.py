@@ -9,13 +9,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from swingup.benchmark.rollout import Scenario, act, begin, sense
+from swingup.benchmark.rollout import Scenario, apply_torque, initial_loop, measure
 from swingup.physics.parameters import get_robot
 from swingup.policy.jax_backend.front_end import FrontEnd
 from swingup.policy.numpy_backend.front_end import NumpyFrontEnd
 from swingup.policy.settings import FrontEndSettings
-from swingup.tasks.disturbance import Motor, Pushes, drive, step_noise, undisturbed
-from swingup.tasks.domain import DT, load_domain, make_domain
+from swingup.tasks.disturbance import Motor, Pushes, motor_torques, step_noise, undisturbed
+from swingup.tasks.domain import LOOP_DT, load_domain, make_domain
 from swingup.tasks.presets import sim2real_task
 from swingup.tasks.sim2real import CALLS
 
@@ -25,7 +25,7 @@ QUIET = make_domain(
         "ripple_periods": 36.0,
     }
 )  # fmt: skip
-"""No noise: what happens then is determined."""
+"""No noise: the motion is determined."""
 
 
 def test_a_motor_by_hand():
@@ -37,12 +37,11 @@ def test_a_motor_by_hand():
 
 
 LIMITS = np.array([6.0, 0.5])
-FILTER = FrontEndSettings(velocity_weight=0.2, dead_band=0.1, damping=(0.001, 0.001), coulomb=(0.16, 0.12))
 
 
 def measuring(robot, domain=None):
     """The task of a policy without an estimator: it sees measurements, late and noisy, through a filter."""
-    return dataclasses.replace(sim2real_task(robot, domain), estimated=False, front_end=FrontEnd(FILTER))
+    return sim2real_task(robot, domain, estimated=False, velocity_weight=0.2, dead_band=0.1)
 
 
 @functools.partial(jax.jit, static_argnums=4)
@@ -50,14 +49,14 @@ def torques(disturbance, command, q, noise, steps):
     """What acts, and the motors' own, in steps of 2 ms at fixed angles with command and noise held."""
 
     def step(motors, k):
-        acting, motors = drive(disturbance, command, motors, k * DT, noise, LIMITS, q, DT)
+        acting, motors = motor_torques(disturbance, command, motors, k * LOOP_DT, noise, LIMITS, q, LOOP_DT)
         return motors, (acting, motors)
 
     return jax.lax.scan(step, jnp.zeros(2), jnp.arange(steps))[1]
 
 
 def test_ripple_and_noise_at_rest_do_not_integrate():
-    """A slow motor with 10 N m/s is asked for nothing: its own torque stays 0, whatever is added to it."""
+    """A slow motor with 10 N m/s and a command of 0: its own torque stays 0, whatever acts beside it."""
     motor = Motor(rate_limit=10.0, ripple=0.1, ripple_periods=36.0)
     disturbance = dataclasses.replace(undisturbed(), response=0.5, motor=motor)
     q = jnp.array([math.pi / 72, -math.pi / 72])  # a quarter of a period
@@ -67,7 +66,7 @@ def test_ripple_and_noise_at_rest_do_not_integrate():
 
 
 def test_a_push_adds_to_a_motor_that_hardly_moves():
-    """At 10 N m/s a motor gains 0.02 N m a step: k steps after 0 and asked for 6 N m, 0.02 k and the push act."""
+    """At 10 N m/s a motor gains 0.02 N m a step: after k steps at a command of 6 N m, 0.02 k and the push act."""
     pushes = Pushes(np.full((2, 1), 0.01), np.full((2, 1), 0.01), np.array([[1.0], [0.0]]))
     disturbance = dataclasses.replace(undisturbed(), pushes=pushes, motor=Motor(10.0, 0.0, 36.0))
     acting, _ = torques(disturbance, jnp.array([6.0, 0.0]), jnp.zeros(2), jnp.zeros(2), 400)
@@ -93,18 +92,18 @@ def test_steps_are_the_judges(robot):
         state = jax.jit(lambda key: task.reset(key))(jax.random.key(4))
         start = np.asarray(state.x)
         scenario = Scenario(state.plant, state.disturbance)
-        judged = begin(jnp.asarray(start), QUIET.depth)
+        judged = initial_loop(jnp.asarray(start), QUIET.depth)
         front = NumpyFrontEnd(task.front_end.settings, robot.joint)
-        step, half, other = jax.jit(lambda *given: task.step(*given)), jax.jit(sense), jax.jit(act)
+        step, half, other = jax.jit(lambda *given: task.step(*given)), jax.jit(measure), jax.jit(apply_torque)
         judged, seen, _ = half(scenario, judged, 0)
         shown = front.see(0.0, np.asarray(seen))
         for number, action in enumerate(actions):
             result = step(state, jnp.asarray(action), jax.random.key(number))
             state = result.state
             for call in range(number * CALLS, (number + 1) * CALLS):
-                judged = other(scenario, judged, call, front.command(6.0 * float(action[0])), DT)
+                judged = other(scenario, judged, call, front.command(6.0 * float(action[0])), LOOP_DT)
                 judged, seen, _ = half(scenario, judged, call + 1)
-                shown = front.see((call + 1) * DT, np.asarray(seen))
+                shown = front.see((call + 1) * LOOP_DT, np.asarray(seen))
             np.testing.assert_allclose(state.x, judged.x, rtol=0, atol=1e-9)
             np.testing.assert_allclose(state.u, judged.u, rtol=0, atol=1e-9)
             np.testing.assert_allclose(result.observation, task.observation(jnp.asarray(shown)), rtol=0, atol=1e-9)
@@ -157,10 +156,10 @@ def test_behind_an_estimator_the_state_is_seen():
 def test_filter_and_dead_band():
     """The response of the low-pass to a step is 1 - (1 - w)ⁿ; slow is seen as still."""
     front = FrontEnd(FrontEndSettings(velocity_weight=0.2, dead_band=0.1))
-    measure = jax.jit(lambda *given: front.measure(*given))
+    update = jax.jit(lambda *given: front.measure(*given))
     memory = front.begin(jnp.zeros(4))
     for n in range(1, 10):
-        memory = measure(memory, jnp.array([0.5, -0.5, 1.0, 0.15]))
+        memory = update(memory, jnp.array([0.5, -0.5, 1.0, 0.15]))
         expected = 1 - 0.8**n
         np.testing.assert_allclose(memory.rates, [expected, 0.15 * expected], rtol=1e-5)
         slow = 0.15 * expected

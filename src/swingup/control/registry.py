@@ -14,6 +14,7 @@ from ..physics.parameters import Robot, get_robot, leaderboard_parameters
 from ..policy.jax_backend.controller import make_controller
 from ..policy.jax_backend.estimator import EstimatingController, with_estimator
 from ..policy.shipped import SHIPPED_POLICIES, is_policy, read_policy
+from ..renamed import current_name
 from ..text import quoted
 from .baselines import BASELINES, baseline
 from .controller import AbstractController
@@ -40,6 +41,11 @@ def get_controller(name: str, robot: Robot | str, estimator: bool | None = None)
         SwingupError: there is no such controller, it cannot be loaded, is for another robot, or is in plain Python,
             which no estimator goes before.
     """
+    return find_controller(current_name("controller", name), robot, estimator)
+
+
+def find_controller(name: str, robot: Robot | str, estimator: bool | None = None) -> Controller:
+    """As :func:`get_controller`, for names that the package itself asks for: changed names are not noted."""
     robot = get_robot(robot)
     if is_policy(name):
         return make_controller(read_policy(name, robot), estimator)
@@ -86,7 +92,10 @@ def _imported(name: str) -> Controller:
             f"cannot load controller {quoted(name)}: {described(error)}; write module:object with an object, or a "
             "class without arguments, of a module that can be imported"
         ) from error
-    return found if isinstance(found, AbstractController) else PythonController(found)
+    try:
+        return found if isinstance(found, AbstractController) else PythonController(found)
+    except SwingupError as error:
+        raise SwingupError(f"controller {quoted(name)}: {error}") from error
 
 
 @contextlib.contextmanager
