@@ -74,9 +74,7 @@ def test_a_large_configuration_is_read_and_a_large_foreign_member_is_not(path, m
     large = {"weights": jnp.zeros(4096)}
     save_checkpoint(path, large, {})
     assert eqx.tree_equal(load_checkpoint(path, jax.eval_shape(lambda: large))[0], large)
-    with pytest.raises(
-        SwingupError, match=r"MB of arrays, where a swingup checkpoint file may have"
-    ):
+    with pytest.raises(SwingupError, match=r"MB of arrays, where a swingup checkpoint file may have"):
         load_checkpoint(path, {"weights": jax.ShapeDtypeStruct((3,), jnp.float32)})
     # Names that the configuration does not have are not even looked at.
     assert load_checkpoint(path, {})[0] == {}
