@@ -129,7 +129,7 @@ def plot_robustness(results: Mapping[str, Mapping[str, Any]]) -> "Figure":
                 if numbered:
                     axes.annotate(f"{value:.0f}", (places[key], top), **ABOVE)
         axes.set_xticks(range(len(criteria)), [CRITERION_NAMES[key] for key in criteria])
-        axes.set(ylabel="success (%)", ylim=(0, 105 if numbered else 101))
+        axes.set(xlabel="criterion", ylabel="success (%)", ylim=(0, 105 if numbered else 101))
         axes.tick_params(axis="x", length=0)
         axes.grid(visible=False, axis="x")
         legend_below(figure, entries)
@@ -170,7 +170,7 @@ def plot_curves(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> "Figure":
         if any("mean_length" in row for rows in runs.values() for row in rows):
             bottom.set(ylabel="best mean return")
         else:
-            bottom.set(ylabel="best RealAI score", ylim=(-0.02, None))
+            bottom.set(ylabel="best RealAI score (0 to 1)", ylim=(-0.02, None))
         figure.align_ylabels((top, bottom))
         legend_below(figure, [*entries, (dot, "one evaluation")])
     return figure
