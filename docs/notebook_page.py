@@ -58,7 +58,12 @@ def _printed(output: dict[str, Any]) -> str:
     return f"<pre class='output'>{escape(COLOUR.sub('', text)).rstrip()}</pre>"
 
 
+def pixels(png: bytes) -> tuple[int, int]:
+    """Width and height of a PNG file, which are bytes 16 to 23 of it."""
+    width, height = struct.unpack(">II", png[16:24])
+    return width, height
+
+
 def _figure(name: str, png: bytes, title: str) -> str:
-    """A picture in the size for which it was drawn; bytes 16 to 19 of a PNG file are its width."""
-    (width,) = struct.unpack(">I", png[16:20])
-    return f"![{title}]({name}){{ width={width // FINENESS} }}"
+    """A picture in the size for which it was drawn."""
+    return f"![{title}]({name}){{ width={pixels(png)[0] // FINENESS} }}"

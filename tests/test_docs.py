@@ -194,6 +194,20 @@ def test_the_notebook_is_stored_with_its_outputs():
     assert "shipped: score 0.694" in printed
 
 
+def test_the_stored_notebook_names_no_machine():
+    notebook = json.loads(NOTEBOOK.read_text(encoding="utf-8"))
+    assert notebook["metadata"] == {
+        "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
+        "language_info": {"name": "python"},
+    }
+    for cell in notebook["cells"]:
+        assert cell["metadata"] == {}  # where Jupyter notes the time at which a cell ran
+        for output in cell.get("outputs", []):
+            texts = ["".join(output.get("text", "")), "".join(output.get("data", {}).get("text/plain", ""))]
+            assert re.findall(r"(?<![\w.])/\w+/|\b[A-Z]:\\|~/", "\n".join(texts)) == []
+            assert output.get("name") != "stderr"
+
+
 @pytest.mark.slow
 # Of nbclient's own dependencies, not of the notebook's code, which runs in a process of its own.
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
