@@ -2,10 +2,12 @@
 
 import json
 import multiprocessing
+import os
 import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -13,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from swingup.areapo.config import Config
+from swingup.areapo.words import format_value
 from swingup.benchmark.interval import bootstrap_interval, interquartile_mean
 from swingup.cli import main
 from swingup.errors import SwingupError
@@ -64,6 +67,11 @@ def test_a_plan_has_every_combination(tmp_path):
             r"\(mujoco 1,000,000, ppo 12,000,000 frames\): give --frames",
         ),
         ({"temperature": [1.0, 1.0]}, 64, "temperature=1.0/seed-0 would hold 2 runs: give each alternative"),
+        (
+            {"learning_rate": [1e-3 * step for step in range(1, 10_002)]},
+            64,
+            "this sweep has 10,001 runs, of at most",
+        ),
         ({}, 0, "frames = 0: use a whole number of at least 1"),
     ],
 )
@@ -85,6 +93,8 @@ def test_words_become_values():
     ("words", "message"),
     [
         ("learning_rate", "write NAME=VALUE,VALUE"),
+        ("learnig_rate=3", "unknown hyperparameter 'learnig_rate'; did you mean learning_rate?"),
+        ("presett=ppo", "did you mean preset?"),
         ("rate=3", "--set 'rate=3': unknown hyperparameter 'rate'"),
         ("learning_rate=fast", "learning_rate = 'fast': use a number"),
         ("popart=perhaps", "popart = 'perhaps': use True or False"),
@@ -187,10 +197,65 @@ def test_an_interrupted_sweep_begins_nothing_more():
     assert not multiprocessing.active_children()
 
 
+def end_of_worker(marker, deaths):
+    """Kill the process that calls this, so many times; in a worker of the test below."""
+    with marker.open("a") as file:
+        file.write("x")
+    if len(marker.read_text()) <= deaths:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return deaths
+
+
+def test_a_local_worker_that_is_killed_takes_nothing_with_it(tmp_path):
+    with executor_for(None, 2) as executor:
+        once, always, never = (
+            executor.submit(end_of_worker, tmp_path / str(deaths), deaths) for deaths in (1, 9, 0)
+        )
+        assert (once.result(), never.result()) == (1, 0)
+        with pytest.raises(SwingupError, match="its worker died 2 times"):
+            always.result()
+        # The processes that are left take further jobs.
+        assert executor.submit(abs, -3).result() == 3
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.slow
+def test_a_killed_run_resumes_in_a_fresh_worker_and_the_sweep_goes_on(tmp_path):
+    jobs, killed = jobs_of(tmp_path / "killed", seeds=(0, 1, 2), frames=128 * 40), []
+
+    def kill_the_worker():
+        while not list(Path(jobs[0].folder).glob("checkpoints/000000000128.npz")):
+            time.sleep(0.01)
+        (worker,) = multiprocessing.active_children()
+        killed.append(worker.pid)
+        os.kill(worker.pid, signal.SIGKILL)
+
+    with executor_for(None, 1) as executor:
+        killer = threading.Thread(target=kill_the_worker)
+        killer.start()
+        outcomes = run_jobs(jobs, executor)
+        killer.join()
+    assert len(killed) == 1
+    assert [outcome.error for outcome in outcomes] == [""] * 3
+    expected = inline(jobs_of(tmp_path / "here", seeds=(0, 1, 2), frames=128 * 40))
+    assert [outcome.score for outcome in outcomes] == [outcome.score for outcome in expected]
+
+
 @pytest.mark.slow
 def test_interrupted_workers_save_their_runs(tmp_path):
-    words = ["--env", "CartPole-v1", "--seeds", "3", "--workers", "1", "--frames", "100000000", *WORDS[:1]]
-    words += ["learning_rate=0.001", *WORDS[2:], "--evaluate-every", "64", "--out", str(tmp_path / "s")]
+    words = [
+        "--env",
+        "CartPole-v1",
+        "--seeds",
+        "3",
+        "--workers",
+        "1",
+        "--frames",
+        "100000000",
+        "--set",
+        "learning_rate=0.001",
+    ]
+    words += ["--set", *SIZE_WORDS, "--evaluate-every", "64", "--out", str(tmp_path / "s")]
     process = subprocess.Popen([sys.executable, "-m", "swingup", "sweep", *words])
     deadline = time.monotonic() + 120
     while not any(path.stat().st_size for path in tmp_path.rglob("metrics.jsonl")) and time.monotonic() < deadline:
@@ -231,10 +296,9 @@ def test_intervals():
     assert (high - low) / 2 == pytest.approx(0.031, rel=0.3)
 
 
-WORDS = ["--set", "learning_rate=0.001,0.0001", *(
-    word for name, values in TINY.items()
-    for word in ("--set", f"{name}={values[0][0] if isinstance(values[0], tuple) else values[0]}")
-)]  # fmt: skip
+SIZE_WORDS = [f"{name}={format_value(values[0])}" for name, values in TINY.items()]
+WORDS = ["--set", "learning_rate=0.001,0.0001", "--set", *SIZE_WORDS]
+"""One option names several; given again, it adds to them."""
 
 
 def test_the_command_on_local_processes(tmp_path, capsys, monkeypatch):
@@ -263,6 +327,7 @@ def test_the_command_on_local_processes(tmp_path, capsys, monkeypatch):
     ("arguments", "message"),
     [
         ("sweep", "robot = None and env = None: give one of the two"),
+        ("sweep acrobot --seeds 2147483648", "this sweep has 2,147,483,648 runs"),
         ("sweep acrobot --seeds 0", "seeds = 0: use a whole number from 1"),
         ("sweep acrobot --set batch_size=1000", "batch_size = 1000 does not divide"),
         ("sweep acrobot --workers 0", "workers = 0: use a whole number from 1"),

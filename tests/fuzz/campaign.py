@@ -19,10 +19,11 @@ from swingup.benchmark.trajectory_file import load_trajectory
 from swingup.control.reference import load_reference
 from swingup.control.trajectory_csv import load_reference_csv
 from swingup.errors import SwingupError
-from swingup.learner import run_settings
 from swingup.learner.metrics import read_metrics
+from swingup.learner.run_settings import read_run_settings
 from swingup.physics.parameters import load_parameters
-from swingup.policy.file import read_pendulum_policy, read_policy_file
+from swingup.policy.file import read_network
+from swingup.policy.pendulum import read_pendulum_policy
 from swingup.report.files import read_curve, read_robustness
 from swingup.tasks.domain import load_domain
 
@@ -34,10 +35,10 @@ READERS = {
         lambda path: score(load_trajectory(path), "acrobot"),
         lambda path: load_reference_csv(path, "acrobot"),
     ],
-    "policy": [read_pendulum_policy, read_policy_file],
+    "policy": [read_pendulum_policy, read_network],
     "reference": [load_reference],
     "checkpoint": [lambda path: load_checkpoint(path, LIKE), read_metadata],
-    "config": [lambda path: run_settings.read_settings(Path(path).parent)],
+    "config": [lambda path: read_run_settings(Path(path).parent)],
     "metrics": [read_metrics, read_curve],
     "robustness": [read_robustness],
 }

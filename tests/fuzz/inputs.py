@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from swingup.learner.presets import get_preset
-from swingup.learner.run_settings import Settings
+from swingup.learner.run_settings import RunSettings
 from swingup.physics.parameters import identified_parameters
 
 from .mutations import EXTREMES, LINES, damage, mutate, several, spoilt_archive
@@ -203,7 +203,7 @@ def robustness(random):
     return json_text(random, ROBUSTNESS)
 
 
-SETTINGS = Settings("acrobot", "default", 0, 1, 65_536, 65_536, get_preset("default").config)
+SETTINGS = RunSettings("acrobot", "default", 0, 1, 65_536, 65_536, get_preset("default").config)
 CONFIG = {"version": "0.1.0", "frames": 10_000, **SETTINGS.as_dict()}
 
 

@@ -157,7 +157,7 @@ def spoilt_archive(random, text, arrays):
     if kind == "twice":
         members.append((members[place][0].removesuffix(random.choice([".npy", ""])), npy(np.zeros(3))))
     if kind == "bomb":
-        members.append((random.choice(["z.npy", members[place][0]]), npy(np.zeros(random.choice([10**5, 10**7])))))
+        members.append((random.choice(["z.npy", members[place][0]]), npy(np.zeros(random.choice([10**4, 10**6])))))
     methods = [zipfile.ZIP_STORED, zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2]
     data = archive(members, random.choice(methods) if kind == "compression" else zipfile.ZIP_DEFLATED)
     if kind == "bytes":

@@ -14,7 +14,9 @@ from gymnasium.vector import AutoresetMode
 from swingup import AREAPO
 from swingup.errors import SwingupError
 from swingup.learner.metrics import read_metrics
+from swingup.physics.parameters import ROBOTS
 from swingup.policy.jax_backend.policy import load_policy
+from swingup.tasks.presets import smooth_task
 from swingup.tasks.task import AbstractTask, Step
 
 from .environments import Chain, Endless, Failing, Noisy, Stairs
@@ -230,6 +232,28 @@ def test_a_robot_by_name():
     assert 0.0 <= model.evaluate()["score"] < 0.1
 
 
+def test_no_preset_is_guessed_for_a_pendulum_task():
+    task = smooth_task(ROBOTS["acrobot"])
+    with pytest.raises(SwingupError, match="no preset was named for this PendulumTask: pass preset=") as caught:
+        AREAPO(task, **TINY)
+    assert "one of 'default', 'paper', " in str(caught.value)
+    assert "mujoco" not in str(caught.value)
+    model = AREAPO(task, "default", **TINY)
+    assert (model.settings.preset, model.settings.robot) == ("default", None)
+
+
+class Broken(Lever):
+    """Its resets give nothing that could be learned from."""
+
+    def observe(self, state):
+        return jnp.where(state == 0.0, jnp.nan, state)[None]
+
+
+def test_a_reset_that_is_not_finite_is_named():
+    with pytest.raises(SwingupError, match="1024 of 1024 resets gave an observation that is not finite"):
+        AREAPO(Broken(), **TINY)
+
+
 @pytest.mark.parametrize("preset", ["ppo", "eapo", "apo", "mujoco"])
 def test_the_family_trains_on_a_gymnasium_id(preset):
     row = []
@@ -246,6 +270,7 @@ def test_the_family_trains_on_a_gymnasium_id(preset):
     [
         ({"preset": "best"}, "unknown preset 'best'"),
         ({"learning_rat": 0.1}, "unknown hyperparameter 'learning_rat'; did you mean learning_rate"),
+        ({"sed": 1}, "unknown hyperparameter 'sed'; did you mean seed"),
         ({"batch_size": 1000}, "batch_size = 1000 does not divide"),
         ({"env": "NoSuchTask-v0"}, "cannot make"),
         ({"seed": -1}, "seed = -1"),

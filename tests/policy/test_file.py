@@ -130,9 +130,10 @@ STAGES = [{"name": "pendulum"}, {"name": "normalise"}]
         ({}, {"observation.1.variance": -np.ones(4)}, "a variance is negative"),
         (
             {},
-            {"observation.1.mean": np.array(["a"] * 4)},
+            {"observation.1.mean": np.zeros(4, np.int32)},
             "observation.1.mean holds values that are not finite floating",
         ),
+        ({}, {"observation.1.mean": np.array(["a"] * 4)}, "not a swingup policy file"),
         ({}, {"network.mean.bias": None}, "network.mean.bias"),
         (
             {},

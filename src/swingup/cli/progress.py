@@ -43,6 +43,6 @@ def _mean(report: TrainingReport, name: str) -> float:
 def _short(rate: float) -> str:
     """A number in three digits."""
     for size, letter in ((1e6, "M"), (1e3, "k")):
-        if rate >= size:
+        if rate >= 0.9995 * size:
             return f"{rate / size:.3g}{letter}"
     return f"{rate:.3g}"

@@ -92,7 +92,10 @@ def _imported(name: str) -> Controller:
             f"cannot load controller {quoted(name)}: {described(error)}; write module:object with an object, or a "
             "class without arguments, of a module that can be imported"
         ) from error
-    return found if isinstance(found, AbstractController) else PythonController(found)
+    try:
+        return found if isinstance(found, AbstractController) else PythonController(found)
+    except SwingupError as error:
+        raise SwingupError(f"controller {quoted(name)}: {error}") from error
 
 
 @contextlib.contextmanager

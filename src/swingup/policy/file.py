@@ -31,9 +31,9 @@ def read_network(path: str | Path) -> tuple[Network, dict[str, Any]]:
     Raises:
         SwingupError: the file cannot be read, is truncated, or is not a policy file of this version.
     """
-    metadata, found = load_archive(path, FORMAT, FORMAT_VERSION)
+    metadata, found = load_archive(path, FORMAT, FORMAT_VERSION, lambda name: bool(KNOWN.fullmatch(name)))
     try:
-        arrays = {name: _checked(name, array) for name, array in found.items() if KNOWN.fullmatch(name)}
+        arrays = {name: _checked(name, array) for name, array in found.items()}
         return _network(metadata, arrays), metadata
     except SwingupError as error:
         raise SwingupError(f"policy file {path}: {error}; see docs/policy-format.md") from error

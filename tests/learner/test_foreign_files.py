@@ -1,0 +1,159 @@
+"""Files of a run that are damaged, of something else or of absurd content: one line, or the run goes on."""
+
+import json
+import logging
+import shutil
+
+import numpy as np
+import pytest
+
+from swingup import AREAPO
+from swingup.areapo.checkpoint import CHECKPOINT_FORMAT, CHECKPOINT_VERSION
+from swingup.arrays import load_archive, save_archive
+from swingup.errors import SwingupError
+from swingup.learner.metrics import read_metrics
+from swingup.learner.start import resume_run
+
+from .brief import briefly_judged
+from .test_run import FRAMES, run
+
+NESTED = "[" * 100_000 + "]" * 100_000
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs") / "r"
+    with briefly_judged():
+        run(folder, 2)
+    return folder
+
+
+@pytest.fixture
+def folder(finished, tmp_path):
+    return shutil.copytree(finished, tmp_path / "r")
+
+
+def refused(call, *arguments, match=None):
+    with pytest.raises(SwingupError, match=match) as caught:
+        call(*arguments)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 600
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"robot": ["acrobot"]}, {"robot": {}}, {"robot": 3}, {"preset": None}, {"preset": ["default"]},
+        {"seed": "0"}, {"seed": 1e400}, {"seed": 0.5}, {"seeds": -1}, {"seeds": 2147483648}, {"seeds": 10**400},
+        {"frames": None}, {"frames": [1]}, {"frames": float("inf")}, {"frames": 1.5}, {"evaluate_every": True},
+        {"config": None}, {"config": []}, {"config": {"learning_rate": None}}, {"config": {"num_envs": 1e300}},
+        {"config": {"policy_layers": [[8]]}}, {"config": {"policy_layers": "88"}}, {"config": {"popart": "yes"}},
+        {"config": {"learning_rate": float("nan")}}, {"config": {"terminations": []}}, {"domain": 3},
+        {"domain": {"ranges": [["cf1", "a", 0]], "name": "x"}}, {"domain": {"ranges": 7, "name": "x"}},
+        {"env": 7, "robot": None}, {"unknown\nname": 1},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_a_config_of_wrong_types(folder, change):
+    content = json.loads((folder / "config.json").read_text())
+    (folder / "config.json").write_text(json.dumps(content | change))
+    refused(resume_run, folder)
+
+
+@pytest.mark.parametrize("text", [NESTED, '{"a":' * 50_000, "\x00", "9" * 5000, '"text"', "null"], ids=range(6))
+def test_a_config_of_something_else(folder, text):
+    (folder / "config.json").write_text(text)
+    refused(resume_run, folder, match="malformed")
+    (folder / "config.json").write_bytes(b"\xff\xfe\x00{")
+    refused(resume_run, folder, match="malformed")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "[]", "3", "null", NESTED, "{}", '{"seed": 0}', '{"seed": "0", "frames": 64}',
+        '{"seed": [0], "frames": 64}',
+        '{"seed": 0, "frames": "64"}', '{"seed": 0, "frames": 1e400}', '{"seed": 0, "frames": NaN}',
+        '{"seed": 0, "frames": 64, "score": Infinity}', '{"seed": 0, "frames": 64, "score": {"a": 1}}',
+        '{"seed": -1, "frames": 64}',
+    ],
+    ids=range(14),
+)  # fmt: skip
+def test_rows_that_are_none(folder, line):
+    path = folder / "metrics.jsonl"
+    rows = read_metrics(path)
+    # As the last line it is what a crash left.
+    path.write_text(path.read_text() + line)
+    assert read_metrics(path) == rows
+    path.write_text(line + "\n" + path.read_text())
+    refused(read_metrics, path, match="line 1 is no row of metrics: remove or correct")
+    refused(lambda: list(resume_run(folder, 4 * FRAMES).advance()), match="line 1 is no row")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"settings": None}, {"settings": []}, {"iterations": "2"}, {"iterations": 1e400}, {"iterations": -1},
+        {"seconds": "long"}, {"seconds": None}, {"best": 3}, {"best": ["high"]}, {"best": [0.1, 0.2]}, {"best": {}},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_a_checkpoint_whose_metadata_is_wrong(folder, change):
+    path = folder / "checkpoints" / "000000000128.npz"
+    metadata, arrays = load_archive(path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION)
+    save_archive(path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION, metadata | change, arrays)
+    refused(resume_run, folder, match="checkpoint")
+    refused(AREAPO.load, path)
+
+
+def test_names_among_the_checkpoints_that_are_none(folder):
+    checkpoints = folder / "checkpoints"
+    for name in ("9x.npz", "copy of 000000000128.npz", "9" * 40 + ".npz", "0.npz.part"):
+        (checkpoints / name).write_bytes(b"")
+    with briefly_judged():
+        resumed = resume_run(folder, 4 * FRAMES)
+        list(resumed.advance())
+    assert resumed.frames == 4 * FRAMES
+    shutil.rmtree(checkpoints)
+    checkpoints.write_text("")
+    refused(resume_run, folder, match="has no checkpoint")
+
+
+def policy_of(robot):
+    def make(path):
+        metadata, arrays = load_archive(path, "swingup policy", 1)
+        save_archive(path, "swingup policy", 1, metadata | {"robot": robot}, arrays)
+
+    return make
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda path: path.write_bytes(b"my notes"),
+        lambda path: path.write_bytes(path.read_bytes()[:500]),
+        lambda path: np.savez(path, a=np.zeros(3)),
+        lambda path: AREAPO("CartPole-v1", evaluation_episodes=0).export_policy(path),
+        policy_of("pendubot"),
+    ],
+    ids=["text", "truncated", "archive", "other task", "other robot"],
+)
+def test_a_foreign_best_policy_is_set_aside_and_resuming_goes_on(folder, spoil, caplog):
+    best = folder / "best.npz"
+    spoil(best)
+    content = best.read_bytes()
+    (folder / "best.npz.aside-1").write_text("from an earlier time")
+    with briefly_judged(), caplog.at_level(logging.WARNING, "swingup"):
+        resumed = resume_run(folder, 4 * FRAMES)
+        # The checkpoint knows the score that was reached.
+        assert resumed.best_score > -np.inf
+        list(resumed.advance())
+    (line,) = [record.getMessage() for record in caplog.records]
+    assert f"{best} is no policy of this run" in line
+    assert "moved to best.npz.aside-2" in line
+    assert (folder / "best.npz.aside-2").read_bytes() == content
+
+
+def test_a_saved_learner_without_settings(folder, tmp_path):
+    save_archive(tmp_path / "m.npz", CHECKPOINT_FORMAT, CHECKPOINT_VERSION, {}, {})
+    refused(AREAPO.load, tmp_path / "m.npz", match="malformed")
