@@ -147,7 +147,7 @@ def test_commands_named_in_sentences_exist(parse, capsys):
     options = {}
     for page in PAGES:
         prose = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
-        for words in re.findall(r"`swingup ([a-z]+)([^`]*)`", prose):
+        for words in re.findall(r"`swingup ([a-z0-9]+)([^`]*)`", prose):
             options.setdefault(words[0], set()).update(re.findall(r"--[a-z][a-z-]*", words[1]))
     for command, flags in options.items():
         assert re.search(rf"\b{command}\b", known), command
