@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+OURS := $(VENV)/.made-by-swingup
 
 .PHONY: leaderboard test slow lint types format examples docs check clean
 
@@ -36,11 +37,17 @@ docs: $(READY)
 
 check: lint types test examples docs
 
+# An environment that this file did not make is left alone: its owner may need its packages as they are.
 $(READY): pyproject.toml
+	@test ! -e $(VENV) || test -e $(OURS) || test -e $(READY) || { \
+		echo "$(VENV) is there and was not made by this Makefile: choose another with make VENV=PATH" >&2; exit 2; }
 	$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'swingup needs Python 3.11 or newer: make PYTHON=python3.12')"
 	$(PYTHON) -m venv $(VENV)
+	touch $(OURS)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	touch $(READY)
 
 clean:
+	@test ! -e $(VENV) || test -e $(OURS) || test -e $(READY) || { \
+		echo "$(VENV) was not made by this Makefile: remove it yourself" >&2; exit 2; }
 	rm -rf $(VENV) build dist site src/*.egg-info .mypy_cache .pytest_cache .ruff_cache

@@ -22,10 +22,10 @@ from swingup.learner.run_settings import PENDULUM_INTERVALS, RunSettings
 from swingup.learner.start import resume_run, start_run
 from swingup.physics.parameters import ROBOTS
 from swingup.policy.jax_backend.observation import PendulumObservation
-from swingup.tasks.pendulum import PendulumTask
+from swingup.tasks.pendulum import AbstractPendulumTask
 from swingup.tasks.presets import smooth_task
 
-Change = Callable[[Config, PendulumTask], tuple[Config, PendulumTask]]
+Change = Callable[[Config, AbstractPendulumTask], tuple[Config, AbstractPendulumTask]]
 
 
 def hyperparameter(**changes: object) -> Change:

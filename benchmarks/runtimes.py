@@ -23,7 +23,7 @@ import onnxruntime
 
 from swingup.policy.c_backend.header import c_header
 from swingup.policy.jax_backend.controller import shipped_policy
-from swingup.policy.numpy_backend.network import NumpyPolicy
+from swingup.policy.numpy_backend.network import NumpyNetwork
 from swingup.policy.onnx_backend.graph import onnx_model
 from swingup.policy.settings import EstimatorSettings
 from swingup.policy.shipped import AR_EAPO, read_policy
@@ -104,7 +104,7 @@ def main(robot: str) -> None:
     policy = dataclasses.replace(read_policy(AR_EAPO, robot), estimator=EstimatorSettings())
     # A slow drift: the estimator would start anew at every jump, and have less to do.
     states = np.cumsum(np.random.default_rng(0).normal(size=(CALLS, 4)) * [2e-3, 2e-3, 0.05, 0.05], axis=0)
-    alone, whole = NumpyPolicy(policy), load_controller(AR_EAPO, robot, estimator=True)
+    alone, whole = NumpyNetwork(policy), load_controller(AR_EAPO, robot, estimator=True)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     session = onnxruntime.InferenceSession(onnx_model(policy), options, providers=["CPUExecutionProvider"])

@@ -13,7 +13,7 @@ from swingup.realaigym import load_controller
 
 ROBOT, NAME, SEEDS = "acrobot", "robot", 5
 
-# Friction, motor inertia, a dead time of 10 ms, noisy velocities, imperfect motors: docs/sim2real.md.
+# Friction, motor inertia, a delay of 10 ms, noisy velocities, imperfect motors: docs/sim2real.md.
 result = swingup.hardware(swingup.get_controller(NAME, ROBOT), ROBOT, NAME, seeds=SEEDS)
 print(f"{NAME} on the {ROBOT}'s plant: {result.successes} of {SEEDS} swing-ups held")
 

@@ -20,6 +20,7 @@ import jax  # noqa: E402
 import pytest  # noqa: E402
 
 from swingup.benchmark import rules  # noqa: E402
+from swingup.benchmark.board_rules import BOARD_RULES  # noqa: E402
 from swingup.benchmark.grid import change_grid  # noqa: E402
 from swingup.physics.parameters import ROBOTS  # noqa: E402
 
@@ -45,9 +46,9 @@ def x64():
         yield
 
 
-@pytest.fixture
-def small_grid(monkeypatch):
-    """The robustness board with all six criteria, but fewer values and repetitions: 52 simulations, each of 4 s."""
+@pytest.fixture(scope="session")
+def small_grid():
+    """Rules of IROS 2024 with all six criteria, but fewer values and repetitions: 52 simulations, each of 4 s."""
     grid = rules.ROBUSTNESS_RULES["v2"]
     texts = ["velocity_noise=0:0.5:3:3", "torque_noise=0:1.1:3:3", "torque_response=0.1:2:3", "delay=0:0.04:3"]
     for text in [*texts, "perturbations=8"]:
@@ -58,14 +59,14 @@ def small_grid(monkeypatch):
     }
     pushes = dataclasses.replace(grid.perturbations, apart=0.5)
     brief = dataclasses.replace(grid, name="v2", duration=4.0, model=model, perturbations=pushes)
-    monkeypatch.setitem(rules.ROBUSTNESS_RULES, "v2", brief)
+    return dataclasses.replace(BOARD_RULES["v2"], robustness=brief)
 
 
-@pytest.fixture
-def brief_minute(monkeypatch):
-    """The global-policy board with 9 s of its minute and two throws, of which the first comes as late as ever."""
+@pytest.fixture(scope="session")
+def brief_minute():
+    """Rules of ICRA 2025 with 9 s of the minute and two throws, of which the first comes as late as ever."""
     brief = dataclasses.replace(rules.UPTIME_RULES["v3"], duration=9.0, throws=2)
-    monkeypatch.setitem(rules.UPTIME_RULES, "v3", brief)
+    return dataclasses.replace(BOARD_RULES["v3"], uptime=brief)
 
 
 def pytest_collection_finish():

@@ -136,7 +136,7 @@ def test_seeds_repeat_and_differ():
 
 @pytest.mark.parametrize("seed", [-1, 2**32, 1.5])
 def test_seeds_beyond_32_bits_are_refused(seed):
-    with pytest.raises(SwingupError, match=rf"seed {seed} "):
+    with pytest.raises(SwingupError, match=rf"seed = {seed}: use a whole number"):
         PendulumEnv("acrobot").reset(seed=seed)
 
 
@@ -219,7 +219,7 @@ def test_bad_arguments_are_refused(kind, arguments, message):
 
 
 def test_vector_needs_an_environment():
-    with pytest.raises(SwingupError, match="num_envs = 0 must be at least 1"):
+    with pytest.raises(SwingupError, match="num_envs = 0: use a whole number of at least 1"):
         PendulumVectorEnv("acrobot", num_envs=0)
 
 
@@ -334,7 +334,7 @@ def test_vector_seeds_repeat_and_differ():
     np.testing.assert_array_equal(first, other.reset(seed=1)[0])
     np.testing.assert_array_equal(env.reset()[0], other.reset()[0])
     assert not np.array_equal(first, env.reset(seed=3)[0])
-    with pytest.raises(SwingupError, match=f"seed {2**32 - 1} "):  # the second environment's would be 2^32
+    with pytest.raises(SwingupError, match=f"seed = {2**32 - 1}: use"):  # the second environment's would be 2^32
         env.reset(seed=2**32 - 1)
 
 

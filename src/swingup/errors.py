@@ -1,8 +1,18 @@
 """The one exception that users are meant to read."""
 
+from .text import one_line
+
+LONGEST = 2000
+"""Characters of a message."""
+
 
 class SwingupError(Exception):
     """Bad input: the message is one line that names the value and the remedy.
 
-    It is no ``ValueError``, so that nothing between the check and the command line rephrases it.
+    It is no ``ValueError``, so that nothing between the check and the command line rephrases it. Line ends, control
+    characters and letters that no terminal can print arrive escaped: names of files and keys are foreign text.
     """
+
+    def __init__(self, message: str) -> None:
+        """Keep the message as one printable line."""
+        self.args = (one_line(message, LONGEST),)

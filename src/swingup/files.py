@@ -1,6 +1,7 @@
-"""Writing files so that a crash, a full disk or a signal never leaves half of one."""
+"""Files: written so that a crash, a full disk or a signal never leaves half of one, and read up to a bound."""
 
 import contextlib
+import errno
 import os
 import tempfile
 from pathlib import Path
@@ -36,6 +37,23 @@ def write_atomically(path: str | Path, content: bytes) -> None:
         raise SwingupError(
             f"cannot write {path}: {reason}; choose a folder that exists and can be written"
         ) from error
+
+
+def read_bytes(path: str | Path, most: int) -> bytes:
+    """Read a whole file of bounded size; no more than ``most`` bytes are ever held.
+
+    Raises:
+        OSError: it cannot be read; the caller says what it is.
+        SwingupError: it is larger.
+    """
+    try:
+        with Path(path).open("rb") as stream:
+            content = stream.read(most + 1)
+    except ValueError as error:  # a null character
+        raise OSError(errno.EINVAL, "not the name of a file") from error
+    if len(content) > most:
+        raise SwingupError(f"{path} has more than {most / 1e6:g} MB: it is another kind of file")
+    return content
 
 
 def make_folder(path: str | Path) -> None:

@@ -17,12 +17,14 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from jaxtyping import Bool, Float, Float32, UInt8
 
+from .checks import whole_number
 from .drawing import draw_frame
 from .errors import SwingupError
 from .physics.parameters import ROBOTS, get_robot
-from .tasks.pendulum import DIVERGED, PendulumState, PendulumTask
+from .tasks.pendulum import DIVERGED, AbstractPendulumTask, PendulumState
 from .tasks.presets import get_task
 from .tasks.task import Step
+from .text import quoted
 from .types import Action, Key, Observation, State
 
 RENDER_MODES = ["rgb_array"]
@@ -40,7 +42,7 @@ class Episode(eqx.Module):
 
 
 class PendulumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
-    """One double pendulum; its observations, rewards and truncations are those of a :class:`PendulumTask`.
+    """One double pendulum; its observations, rewards and truncations are those of an :class:`AbstractPendulumTask`.
 
     Actions in [-1, 1] scale the torque limit of the driven joint and are clipped. ``info["state"]`` is
     [q1, q2, dq1, dq2] (rad, rad/s). The seed of a reset is that of the JAX key from which all randomness follows.
@@ -48,7 +50,9 @@ class PendulumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     metadata: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": 100}  # noqa: RUF012 (as gymnasium has it)
 
-    def __init__(self, robot: str, task: str | PendulumTask = "paper", render_mode: str | None = None) -> None:
+    def __init__(
+        self, robot: str, task: str | AbstractPendulumTask[Any] = "paper", render_mode: str | None = None
+    ) -> None:
         """Prepare an environment, to be reset before its first step.
 
         Args:
@@ -78,7 +82,7 @@ class PendulumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             SwingupError: the seed or an option is invalid.
         """
         start = _checked_start(options)
-        _check_seed(seed, 1)
+        seed = _checked_seed(seed, 1)
         super().reset(seed=seed)
         if seed is None and self._episode is not None:
             key = self._episode.key
@@ -130,7 +134,7 @@ class PendulumVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self,
         robot: str,
         num_envs: int = 1,
-        task: str | PendulumTask = "paper",
+        task: str | AbstractPendulumTask[Any] = "paper",
         render_mode: str | None = None,
     ) -> None:
         """Prepare ``num_envs`` environments; the other arguments are those of :class:`PendulumEnv`.
@@ -138,9 +142,7 @@ class PendulumVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Raises:
             SwingupError: ``num_envs`` is not positive, or as :class:`PendulumEnv`.
         """
-        if num_envs < 1:
-            raise SwingupError(f"num_envs = {num_envs} must be at least 1")
-        self.num_envs = num_envs
+        self.num_envs = num_envs = whole_number("num_envs", num_envs, 1)
         self.task = _compiled_task(robot, task)
         self.render_mode = _checked_render_mode(render_mode)
         self.metadata = {**self.metadata, "render_fps": round(1 / float(self.task.dt))}
@@ -158,7 +160,7 @@ class PendulumVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             SwingupError: the seed or an option is invalid.
         """
         start = _checked_start(options)
-        _check_seed(seed, self.num_envs)
+        seed = _checked_seed(seed, self.num_envs)
         super().reset(seed=seed)
         if seed is None and self._episodes is not None:
             keys = self._episodes.key
@@ -209,14 +211,16 @@ class PendulumVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return {"state": np.array(episodes.state.x), "_state": np.ones(self.num_envs, np.bool_)}
 
 
-def begin(task: PendulumTask, key: Key, start: State | None) -> tuple[Episode, Observation]:
+def begin(task: AbstractPendulumTask[Any], key: Key, start: State | None) -> tuple[Episode, Observation]:
     """Reset an environment, to the state ``start`` if there is one."""
     reset_key, next_key = jax.random.split(key)
     state = task.reset(reset_key) if start is None else PendulumState(x=start, steps=jnp.array(0))
     return Episode(state=state, action=jnp.zeros(task.action_size), key=next_key), task.observe(state)
 
 
-def advance(task: PendulumTask, episode: Episode, action: Action) -> tuple[Episode, Step[PendulumState]]:
+def advance(
+    task: AbstractPendulumTask[Any], episode: Episode, action: Action
+) -> tuple[Episode, Step[PendulumState]]:
     """Step an environment, which may end but is not reset."""
     step_key, next_key = jax.random.split(episode.key)
     step = task.step(episode.state, action, step_key)
@@ -224,7 +228,7 @@ def advance(task: PendulumTask, episode: Episode, action: Action) -> tuple[Episo
 
 
 def advance_and_reset(
-    task: PendulumTask, episode: Episode, action: Action
+    task: AbstractPendulumTask[Any], episode: Episode, action: Action
 ) -> tuple[Episode, Observation, Step[PendulumState]]:
     """Step an environment and reset it if it ends; the step is as before the reset, the rest as after."""
     after, step = advance(task, episode, action)
@@ -244,7 +248,7 @@ _advance_all = jax.jit(jax.vmap(advance_and_reset, in_axes=(None, 0, 0)))
 _keys = jax.jit(jax.vmap(jax.random.key))
 
 
-def _compiled_task(robot: str, task: str | PendulumTask) -> PendulumTask:
+def _compiled_task(robot: str, task: str | AbstractPendulumTask[Any]) -> AbstractPendulumTask[Any]:
     """The task with its numbers as arrays, which compiled functions take faster."""
     chosen = get_task(task, get_robot(robot)) if isinstance(task, str) else task
     if chosen.robot != get_robot(robot):
@@ -252,21 +256,21 @@ def _compiled_task(robot: str, task: str | PendulumTask) -> PendulumTask:
     return jax.tree.map(jnp.asarray, chosen)
 
 
-def _spaces(task: PendulumTask) -> tuple[Box, Box]:
+def _spaces(task: AbstractPendulumTask[Any]) -> tuple[Box, Box]:
     """The spaces of observations and of actions."""
     return Box(-1.0, 1.0, (task.observation_size,), np.float32), Box(-1.0, 1.0, (task.action_size,), np.float32)
 
 
 def _checked_render_mode(render_mode: str | None) -> str | None:
     if render_mode is not None and render_mode not in RENDER_MODES:
-        raise SwingupError(f"unknown render_mode {render_mode!r}: use {', '.join(RENDER_MODES)} or None")
+        raise SwingupError(f"unknown render_mode {quoted(render_mode)}: use {', '.join(RENDER_MODES)} or None")
     return render_mode
 
 
 def _checked_start(options: dict[str, Any] | None) -> Float[np.ndarray, "4"] | None:
     unknown = [name for name in options or {} if name != "state"]
     if unknown:
-        raise SwingupError(f"unknown reset option {unknown[0]!r}: use 'state' alone")
+        raise SwingupError(f"unknown reset option {quoted(unknown[0])}: use 'state' alone")
     if not options:
         return None
     try:
@@ -275,15 +279,14 @@ def _checked_start(options: dict[str, Any] | None) -> Float[np.ndarray, "4"] | N
     except (TypeError, ValueError):
         valid = False
     if not valid:
-        given = _one_line(options["state"])
+        given = quoted(options["state"])
         raise SwingupError(f"state {given} must be [q1, q2, dq1, dq2], 4 numbers within ±{DIVERGED:g} (rad, rad/s)")
     return start
 
 
-def _check_seed(seed: int | None, count: int) -> None:
-    """Refuse seeds that JAX would cut to 32 bits."""
-    if seed is not None and not (isinstance(seed, int) and 0 <= seed <= 2**32 - count):
-        raise SwingupError(f"seed {_one_line(seed)} must be a Python int from 0 to 2^32 - {count}")
+def _checked_seed(seed: int | None, count: int) -> int | None:
+    """A seed that JAX, which has 32 bits for them, does not cut; nor the last of ``count`` seeds in a row."""
+    return None if seed is None else whole_number("seed", seed, 0, 2**32 - count)
 
 
 def _new_keys(seed: int | None, generator: np.random.Generator, count: int) -> Key:
@@ -296,7 +299,7 @@ def _checked_actions(actions: Any, shape: tuple[int, ...]) -> Float32[np.ndarray
     try:
         values = np.asarray(actions, np.float64)
     except (TypeError, ValueError):
-        raise SwingupError(f"action {_one_line(actions)} is not numeric: pass shape {shape} in [-1, 1]") from None
+        raise SwingupError(f"action {quoted(actions)} is not numeric: pass shape {shape} in [-1, 1]") from None
     if values.shape != shape:
         raise SwingupError(f"action has shape {values.shape}: pass shape {shape}, entries in [-1, 1]")
     if not np.isfinite(values).all():
@@ -311,13 +314,9 @@ def _running(episode: Episode | None) -> Episode:
     return episode
 
 
-def _draw(task: PendulumTask, x: Any, action: Any) -> UInt8[np.ndarray, "400 400 3"]:
+def _draw(task: AbstractPendulumTask[Any], x: Any, action: Any) -> UInt8[np.ndarray, "400 400 3"]:
     lengths = float(task.parameters.l1), float(task.parameters.l2)
     return draw_frame(np.asarray(x), *lengths, torque=np.asarray(task.torque(action)), driven=task.robot.joint)
-
-
-def _one_line(value: Any) -> str:
-    return " ".join(repr(value).split())
 
 
 for _robot in ROBOTS:

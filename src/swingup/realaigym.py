@@ -13,8 +13,7 @@ import numpy as np
 from .errors import SwingupError
 from .policy.realaigym import RealAIGymController as RealAIGymController
 from .policy.realaigym import load_policy_controller
-from .policy.shipped import SHIPPED_POLICIES
-from .renamed import current_name
+from .policy.shipped import is_policy
 from .robots import Robot, get_robot
 
 
@@ -31,7 +30,7 @@ def load_controller(
     Raises:
         SwingupError: there is no such controller, or it is damaged, or for another robot.
     """
-    if current_name("controller", str(name)) in SHIPPED_POLICIES or str(name).endswith(".npz"):
+    if is_policy(name):
         return load_policy_controller(name, robot, estimator)
     if robot is None:
         raise SwingupError(f"controller {str(name)!r} needs a robot: name acrobot or pendubot")

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from .errors import SwingupError
+from .checks import one_of
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,4 @@ def get_robot(name: str | Robot) -> Robot:
     """
     if isinstance(name, Robot):
         return name
-    if name not in ROBOTS:
-        raise SwingupError(f"unknown robot {name!r}: use one of {', '.join(ROBOTS)}")
-    return ROBOTS[name]
+    return ROBOTS[one_of("robot", name, ROBOTS)]

@@ -6,5 +6,5 @@
 Import takes what NumPy's takes and a few milliseconds.
 """
 
-from .policy.numpy_backend.controller import RuntimeController as RuntimeController
+from .policy.numpy_backend.controller import NumpyController as NumpyController
 from .policy.numpy_backend.controller import load_controller as load_controller

@@ -8,8 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from .checks import LARGEST
 from .errors import SwingupError
-from .files import write_atomically
+from .files import read_bytes, write_atomically
+from .text import quoted
 
 Names = tuple[str, ...]
 """Columns that belong together."""
@@ -17,8 +19,16 @@ Names = tuple[str, ...]
 MINIMUM_ROWS = 3
 """The swing-up time looks at the rows between the first and the last."""
 
-LARGEST = 1e9
-"""Nothing in a trajectory in SI units comes near this; squares of larger numbers might overflow."""
+LARGEST_FILE = 64_000_000
+"""Bytes of a file: a minute at 1 kHz with 17 columns has 25 MB."""
+
+UNITS = {
+    "time": ("s", "sec", "second", "seconds"),
+    "pos": ("rad", "radian", "radians"),
+    "vel": ("rad/s", "rad/sec", "rads^-1", "rads-1"),
+    "tau": ("N m", "N*m", "N.m", "N·m"),
+}
+"""Units that a header may name for columns that start so; capitals and spaces do not matter."""
 
 _Row = tuple[int, list[str]]  # number of the line in the file, from 1, and its cells
 
@@ -39,7 +49,7 @@ def read_columns(
 ) -> dict[str, np.ndarray]:
     """Read columns in float64, cut to the shortest.
 
-    Units as in ``time[s]``, spaces, and a byte order mark or ``#`` before the header are accepted.
+    SI units as in ``time[s]``, spaces, and a byte order mark or ``#`` before the header are accepted.
 
     Args:
         path: the file.
@@ -47,11 +57,15 @@ def read_columns(
         optional: read as well if all of these are there.
 
     Raises:
-        SwingupError: the file cannot be read, lacks its header or a column, has fewer than three complete rows,
-            a cell that is not a finite number, a row wider than the header, or a time that does not increase.
+        SwingupError: the file cannot be read, lacks its header or a column, has a column twice or in another unit,
+            fewer than three complete rows, a cell that is not a finite number, a row wider than the header, or a
+            time that does not increase.
     """
-    header, rows = _read_cells(path, [group[0] for group in groups])
+    titles, rows = _read_cells(path, [group[0] for group in groups])
+    header = [_name(title) for title in titles]
     places = {name: header.index(name) for name in _choose_columns(path, header, groups, optional)}
+    for name, place in places.items():
+        _check_title(path, name, titles[place], header.count(name))
     for line, cells in rows:
         if any(cells[len(header) :]):
             raise SwingupError(f"{path}, line {line} has more cells than columns: write decimals with a point")
@@ -68,7 +82,7 @@ def read_columns(
 
 def _read_cells(path: str | Path, expected: Sequence[Names]) -> tuple[list[str], list[_Row]]:
     try:
-        text = Path(path).read_bytes().decode("utf-8-sig")
+        text = read_bytes(path, LARGEST_FILE).decode("utf-8-sig")
     except FileNotFoundError as error:
         raise SwingupError(f"no such file: {path}") from error
     except OSError as error:
@@ -79,9 +93,27 @@ def _read_cells(path: str | Path, expected: Sequence[Names]) -> tuple[list[str],
     rows = [(number, [cell.strip() for cell in line.split(",")]) for number, line in lines]
     if not rows or all(_is_number(cell) for cell in rows[0][1]):
         raise SwingupError(f"{path} has no header: its first line must be {','.join(itertools.chain(*expected))}")
-    # "# time[s], pos1 [rad]" names the columns time and pos1.
-    header = [re.sub(r"\s*[\[(].*", "", name.lstrip("# ")) for name in rows[0][1]]
-    return header, rows[1:]
+    return rows[0][1], rows[1:]
+
+
+def _name(title: str) -> str:
+    """The name in a column's title: "# time[s]" and "pos1 (rad)" name the columns time and pos1."""
+    return re.split(r"[\[(]", title.lstrip("# "), maxsplit=1)[0].rstrip()
+
+
+def _check_title(path: str | Path, name: str, title: str, count: int) -> None:
+    """Refuse a column that comes twice, or whose title gives another unit than SI's."""
+    if count > 1:
+        raise SwingupError(f"{path} has {count} columns {name}: keep one of them")
+    bracket = re.search(r"[\[(]([^\])]*)", title)
+    unit = "" if bracket is None else _plain(bracket[1])
+    accepted = next((units for start, units in UNITS.items() if name.startswith(start)), (unit,))
+    if unit and unit not in map(_plain, accepted):
+        raise SwingupError(f"{path} has {name} in {quoted(unit, 20)}: convert it to {accepted[0]}")
+
+
+def _plain(unit: str) -> str:
+    return re.sub(r"\s", "", unit).lower()
 
 
 def _choose_columns(
@@ -104,7 +136,7 @@ def _number(path: str | Path, row: _Row, name: str, place: int) -> float:
     cell = "".join(row[1][place : place + 1])
     where = f"{path}, line {row[0]}, column {name}"
     if not _is_number(cell):
-        raise SwingupError(f"{where}: {cell[:40]!r} is not a number: correct it")
+        raise SwingupError(f"{where}: {quoted(cell[:40])} is not a number: correct it")
     if not math.isfinite(float(cell)):
         raise SwingupError(f"{where}: {cell[:40]} is not finite: correct it or end the file before it")
     if abs(float(cell)) > LARGEST:

@@ -14,7 +14,7 @@ def one_line(thing: object, length: int = 300) -> str:
     """The text of a foreign object or error: printable, in one line of bounded length."""
     try:
         text = thing if isinstance(thing, str) else str(thing)
-    except Exception as error:  # a foreign __str__ may raise anything
+    except (Exception, SystemExit) as error:  # a foreign __str__ may raise anything
         return f"<{type(thing).__name__} whose text raises {type(error).__name__}>"
     # Cut first: a text of gigabytes must not be copied.
     words = " ".join(text[: 4 * length].split())
@@ -29,6 +29,6 @@ def quoted(value: object, length: int = LONGEST) -> str:
     """
     try:
         text = _SHORT.repr(value)
-    except Exception as error:  # a foreign __repr__ may raise anything
+    except (Exception, SystemExit) as error:  # a foreign __repr__ may raise anything
         return f"<{type(value).__name__} whose repr raises {type(error).__name__}>"
     return one_line(text, length)

@@ -4,7 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.areapo.checkpoint import load_checkpoint, save_checkpoint
+from swingup.areapo import checkpoint
+from swingup.areapo.checkpoint import load_checkpoint, read_metadata, save_checkpoint
 from swingup.errors import SwingupError
 
 TREE = {
@@ -65,3 +66,16 @@ def test_writing_leaves_no_half_file(tmp_path):
     with pytest.raises(SwingupError, match="cannot write"):
         save_checkpoint(tmp_path / "missing" / "c.npz", TREE, {})
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_large_configuration_is_read_and_a_large_foreign_member_is_not(path, monkeypatch):
+    # The bound of archives is 2 kB here: the tree of 17 kB is more than that, and what it needs.
+    monkeypatch.setattr(checkpoint, "LARGEST_ARCHIVE", 2000)
+    large = {"weights": jnp.zeros(4096)}
+    save_checkpoint(path, large, {})
+    assert eqx.tree_equal(load_checkpoint(path, jax.eval_shape(lambda: large))[0], large)
+    with pytest.raises(SwingupError, match=r"MB of arrays, where a swingup checkpoint file may have"):
+        load_checkpoint(path, {"weights": jax.ShapeDtypeStruct((3,), jnp.float32)})
+    # Names that the configuration does not have are not even looked at.
+    assert load_checkpoint(path, {})[0] == {}
+    assert read_metadata(path)["format"] == "swingup checkpoint"

@@ -53,7 +53,7 @@ def test_model_errors_change_one_parameter_each(robot):
         ("velocity_noise", "velocity_noise", np.repeat(np.linspace(0, 0.5, 21), 10)),
         ("torque_noise", "torque_noise", np.repeat(np.linspace(0, 1.1, 21), 10)),
         ("torque_response", "response", np.linspace(0.1, 2.0, 21)),
-        ("delay", "delay", range(21)),  # 0 to 0.04 s in steps of 0.002 s
+        ("delay", "delay_steps", range(21)),  # 0 to 0.04 s in steps of 0.002 s
     ],
 )
 def test_sweeps(robot, criterion, field, values):
@@ -159,11 +159,11 @@ def test_grids_that_are_no_disturbance(text, message):
         ({"pushes": PushRules(pushes=10)}, "do not fit into 10 s"),
         ({"pushes": PushRules(pushes=0)}, "do not fit"),
         ({"pushes": True}, "pushes = True are no rules"),
-        ({"velocity_noise": -0.1}, "velocity_noise = -0.1 is out of range"),
+        ({"velocity_noise": -0.1}, "velocity_noise = -0.1: use a number from 0 to 999"),
         ({"delay": math.nan}, "delay = nan"),
         ({"seed": -1}, "seed = -1"),
         ({"seed": 1.5}, "seed = 1.5"),
-        ({"torque_noise": "0.1"}, "torque_noise = 0.1 is out of range: use a number"),
+        ({"torque_noise": "0.1"}, "torque_noise = '0.1': use a number"),
         ({"torque_response": math.inf}, "torque_response = inf"),
     ],
 )

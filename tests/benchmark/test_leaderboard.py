@@ -6,28 +6,25 @@ from statistics import fmean
 import jax.numpy as jnp
 import pytest
 
-from swingup.benchmark import leaderboard as boards
+from swingup.benchmark.board_rules import get_board_rules
 from swingup.benchmark.columns import BOARDS
 from swingup.benchmark.criteria import realai_score
 from swingup.benchmark.leaderboard import (
     ENTRANTS,
     FURTHER,
-    OURS,
-    Row,
+    default_entrants,
     entrants_for,
     leaderboard,
     published_rows,
     shipped_robustness,
 )
-from swingup.benchmark.robustness import Robustness
 from swingup.benchmark.rules import CRITERIA, PERFORMANCE_RULES
 from swingup.control.controller import AbstractController
 from swingup.errors import SwingupError
 from swingup.physics.parameters import get_robot
-from swingup.policy import shipped
-from swingup.policy.jax_backend.controller import PolicyController, save_controller, shipped_policy
+from swingup.policy.jax_backend.controller import PolicyController
 from swingup.policy.jax_backend.estimator import EstimatingController
-from swingup.policy.shipped import AR_EAPO
+from swingup.policy.shipped import AR_EAPO, REFINED
 
 
 class Hanging(AbstractController):
@@ -47,20 +44,16 @@ def raising(x, t):
     raise RuntimeError("no idea")
 
 
-@pytest.fixture
-def only_the_policy(monkeypatch):
-    """One policy, which ships without an estimator: the full boards are for the slow tests and the README."""
-    monkeypatch.setattr(boards, "ENTRANTS", (AR_EAPO,))
-    monkeypatch.setattr(boards, "FURTHER", ())
+ONE = {"entrants": (AR_EAPO,)}
+"""One policy, which ships without an estimator: the full boards are for the slow tests and the README."""
 
 
 def ours(board):
     return {row.controller: row for row in board.rows if row.source == "ours"}
 
 
-@pytest.mark.usefixtures("only_the_policy", "small_grid")
-def test_boards_are_sorted_and_mark_what_is_ours(either_robot):
-    performance, robustness = leaderboard(either_robot, {"hanging": Hanging()})
+def test_boards_are_sorted_and_mark_what_is_ours(either_robot, small_grid):
+    performance, robustness = leaderboard(either_robot, {"hanging": Hanging()}, small_grid, **ONE)
     assert (performance.measure, performance.seed) == ("performance", None)
     assert (robustness.measure, robustness.seed) == ("robustness", 0)
     for board in (performance, robustness):
@@ -78,9 +71,8 @@ def test_boards_are_sorted_and_mark_what_is_ours(either_robot):
     )
 
 
-@pytest.mark.usefixtures("only_the_policy")
 def test_a_controller_that_fails_gets_a_row_that_says_so():
-    boards = leaderboard("acrobot", {"nan": Failing(), "raising": raising}, rules="hardware")
+    boards = leaderboard("acrobot", {"nan": Failing(), "raising": raising}, rules="hardware", **ONE)
     rows = ours(boards[0])
     assert [board.measure for board in boards] == ["performance"]
     assert rows[AR_EAPO].values["score"] > 0.6
@@ -89,83 +81,67 @@ def test_a_controller_that_fails_gets_a_row_that_says_so():
     assert rows["raising"].values["score"] == 0.0
 
 
-@pytest.mark.usefixtures("only_the_policy", "brief_minute")
-def test_the_third_rules_have_a_board_of_their_own(either_robot):
-    (board,) = leaderboard(either_robot, {"raising": raising}, rules="v3", seed=4)
+def test_the_third_rules_have_a_board_of_their_own(either_robot, brief_minute):
+    others, ours_too = {"raising": raising, "nan": Failing()}, (AR_EAPO, "lqr")
+    (board,) = leaderboard(either_robot, others, brief_minute, seed=4, entrants=ours_too)
     assert (board.measure, board.rules, board.seed, board.columns) == ("uptime", "v3", 4, ("uptime",))
-    assert len(board.rows) == 8
+    assert len(board.rows) == 8  # four published ones
     assert 0 < ours(board)[AR_EAPO].values["uptime"] < 1
     assert "no idea" in ours(board)["raising"].remark
 
 
-@pytest.fixture
-def other_files(tmp_path, monkeypatch, either_robot):
-    """One policy in two shipped files: one that asks for an estimator, and a global one that does not."""
-    policy, metadata = shipped_policy(either_robot, "ar-eapo")
-    save_controller(tmp_path / ".npz", policy, {"scores": metadata["scores"], "estimator": {}})
-    save_controller(tmp_path / "global.npz", policy, {"scores": metadata["scores"]})
-    monkeypatch.setattr(shipped, "_file", lambda robot, kind: tmp_path / f"{kind}.npz")
-    monkeypatch.setattr(boards, "ENTRANTS", ("refined",))
-    monkeypatch.setattr(boards, "FURTHER", ())
-
-
-@pytest.mark.usefixtures("other_files")
-def test_policies_that_ship_with_an_estimator_enter_without_it_too(either_robot, monkeypatch):
-    asked = {}
-
-    def measured(controller, robot, name, rules, seed):
-        asked[name] = type(controller)
-        return Robustness(robot.name, name, rules, (seed,), dict.fromkeys(CRITERIA, 50.0), 0.5, {}, ())
-
-    monkeypatch.setattr(boards, "robustness", measured)
-    for board in leaderboard(either_robot):
-        assert set(ours(board)) == {"refined", "refined --no-estimator"}
-    assert asked == {"refined": EstimatingController, "refined --no-estimator": PolicyController}
+def test_policies_that_ship_with_an_estimator_enter_without_it_too(robot):
+    entered = entrants_for(robot, {}, (REFINED, AR_EAPO), alone=True)
+    assert {name: type(controller) for name, controller in entered.items()} == {
+        "refined": EstimatingController,
+        "ar-eapo": PolicyController,
+        "refined --no-estimator": PolicyController,
+    }
+    assert set(entrants_for(robot, {}, (REFINED,))) == {"refined"}
     with pytest.raises(SwingupError, match="'refined --no-estimator' is on the board already"):
-        leaderboard(either_robot, {"refined --no-estimator": Hanging()})
-    assert set(entrants_for(either_robot, {})) == {"refined"}
+        leaderboard(robot, {"refined --no-estimator": Hanging()}, entrants=(REFINED,))
 
 
-def test_our_further_controllers_enter_every_board_beside_the_papers(robot, monkeypatch):
-    expected = {*ENTRANTS, "refined --no-estimator", "ar-eapo", "tvlqr-score"}
-    makers = boards._makers
-
-    def unmeasured(*arguments):
-        def make(controller, robot, name):
-            return Row(name, OURS, dict.fromkeys(("score", "overall", "uptime"), 0.5))
-
-        return dict.fromkeys(makers(*arguments), make)
-
-    monkeypatch.setattr(boards, "_makers", unmeasured)
-    monkeypatch.setattr(boards, "get_controller", lambda name, robot, estimator=None: name)
-    monkeypatch.setattr(boards, "has_estimator", lambda controller: controller == "refined")
-    filled = [board for rules in ("v2", "hardware", "v3") for board in leaderboard(robot, rules=rules)]
-    assert [board.measure for board in filled] == ["performance", "robustness", "performance", "uptime"]
-    assert all(set(ours(board)) == expected for board in filled[:3])
-    assert set(ours(filled[3])) == expected | {"global"}
+def test_names_of_our_further_controllers_are_taken(either_robot):
     for name in FURTHER:
         with pytest.raises(SwingupError, match=f"'{name}' is on the board already"):
-            leaderboard(robot, {name: Hanging()})
+            leaderboard(either_robot, {name: Hanging()})
     # The report animates the paper's alone.
-    assert set(entrants_for(robot, {})) == set(ENTRANTS)
+    assert set(entrants_for(either_robot, {})) == set(ENTRANTS)
 
 
-@pytest.mark.usefixtures("only_the_policy")
-def test_our_own_trajectory_scores_more_than_the_policy(robot, monkeypatch):
-    monkeypatch.setattr(boards, "FURTHER", ("tvlqr-score",))
-    rows = ours(leaderboard(robot, rules="hardware")[0])
+def test_who_enters_which_boards():
+    papers, ours = ("ar-eapo", "tvlqr", "ilqr-riccati", "ilqr-mpc"), ("refined", "tvlqr-score")
+    assert (papers, ours) == (ENTRANTS, FURTHER)
+    for rules in ("v2", "hardware"):
+        assert default_entrants(get_board_rules(rules)) == papers + ours
+    assert default_entrants(get_board_rules("v3")) == (*papers, *ours, "global")
+
+
+def test_our_own_trajectory_scores_more_than_the_policy(either_robot):
+    told = []
+    rows = ours(
+        leaderboard(
+            either_robot,
+            rules="hardware",
+            entrants=(AR_EAPO, "tvlqr-score"),
+            progress=lambda *row: told.append(row),
+        )[0]
+    )
     assert rows["tvlqr-score"].values["score"] > rows[AR_EAPO].values["score"]
+    assert told == [("ar-eapo, performance", 0, 1), ("tvlqr-score, performance", 0, 1)]
 
 
-@pytest.mark.usefixtures("other_files", "brief_minute")
-def test_the_global_policy_enters_the_uptime_board(either_robot, monkeypatch):
-    (board,) = leaderboard(either_robot, rules="v3")
-    assert set(ours(board)) == {"refined", "refined --no-estimator", "global"}
-    shares = {name: row.values["uptime"] for name, row in ours(board).items()}
-    # Without an estimator both are the same policy here.
-    assert shares["refined --no-estimator"] == shares["global"] > 0
+def test_the_global_policy_enters_the_uptime_board_alone(brief_minute):
     with pytest.raises(SwingupError, match="'global' is on the board already"):
-        leaderboard(either_robot, {"global": Hanging()}, rules="v3")
+        leaderboard("acrobot", {"global": Hanging()}, brief_minute)
+    hardware = leaderboard("acrobot", {"global": Hanging()}, "hardware", entrants=())[0]
+    assert set(ours(hardware)) == {"global"}
+
+
+def test_our_own_boards_log_nothing_about_changed_names(caplog):
+    leaderboard("acrobot", {}, "hardware", **ONE)
+    assert not caplog.records
 
 
 def test_names_on_the_board_are_taken():

@@ -43,7 +43,7 @@ def test_the_batch_agrees_with_a_numpy_loop(robot, criterion):
             for i in range(3)
         ]
         world = World(
-            rules.steps, float(disturbance.response), int(disturbance.delay), pushes,
+            rules.steps, float(disturbance.response), int(disturbance.delay_steps), pushes,
             np.asarray(noise[0]), np.asarray(noise[1]),
         )  # fmt: skip
         rows = closed_loop(p, (robot.joint,), swinging, np.zeros(4), rules.dt, world)
@@ -93,7 +93,7 @@ def test_a_whole_grid_as_json():
     result = robustness(Swinging(), "pendubot", "mine", LOOSE, seed=4)
     row = json.loads(json.dumps(result.as_dict()))
     assert list(row) == [
-        "robot", "controller", "rules", "seed", "version", *CRITERIA, "overall", "details",
+        "robot", "controller", "estimator", "rules", "seed", "version", *CRITERIA, "overall", "details",
     ]  # fmt: skip
     assert (row["robot"], row["controller"], row["rules"], row["seed"]) == ("pendubot", "mine", "loose", 4)
     assert len(row["details"]) == 722

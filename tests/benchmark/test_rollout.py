@@ -96,11 +96,11 @@ DISTURBANCES = {
     "torque noise": ({"torque_noise": 0.9}, {}),
     "slow motor": ({"response": 0.15}, {"response": 0.15}),
     "overshooting motor": ({"response": 1.7}, {"response": 1.7}),
-    "delay": ({"delay": 7}, {"delay": 7}),
+    "delay": ({"delay_steps": 7}, {"delay": 7}),
     "pushes": ({"pushes": Pushes(CENTRES, WIDTHS, AMPLITUDES)}, {"pushes": PUSHES}),
     "all at once": (
         {
-            "velocity_noise": 0.2, "torque_noise": 0.4, "response": 0.6, "delay": 3,
+            "velocity_noise": 0.2, "torque_noise": 0.4, "response": 0.6, "delay_steps": 3,
             "pushes": Pushes(CENTRES, WIDTHS, AMPLITUDES),
         },
         {"response": 0.6, "delay": 3, "pushes": PUSHES},
@@ -182,6 +182,7 @@ def test_evaluation_of_a_pendulum_that_hangs(robot):
     assert json.loads(json.dumps(evaluation.as_dict())) == {
         "robot": robot.name,
         "controller": "idle",
+        "estimator": False,
         "success": False,
         "swingup_time": None,
         "energy": 0.0,
@@ -189,4 +190,8 @@ def test_evaluation_of_a_pendulum_that_hangs(robot):
         "torque_smoothness": 0.0,
         "velocity_cost": 0.0,
         "score": 0.0,
+        # Hanging: both links down, l1 + l2 = 0.5 m below the shoulder.
+        "highest_tip": -0.5,
+        "highest_tip_percent": -100.0,
+        "failure": "never up: the tip reached -0.500 m and must pass 0.45 m",
     }

@@ -195,3 +195,42 @@ def test_fewer_than_three_rows_are_refused(tmp_path, count):
 def test_rows_that_one_column_does_not_reach_are_not_counted(tmp_path):
     path = write(tmp_path, HEADER, *ROWS[:2], "0.2,1,2,3,4,5,")
     assert "has 2 complete rows" in refusal(path)
+
+
+@pytest.mark.parametrize(
+    ("title", "message"),
+    [
+        ("time[ms]", "has time in 'ms': convert it to s"),
+        ("pos_meas1[deg]", "has pos_meas1 in 'deg': convert it to rad"),
+        ("pos_meas2 (deg)", "has pos_meas2 in 'deg': convert it to rad"),
+        ("vel_meas1 [rpm]", "has vel_meas1 in 'rpm': convert it to rad/s"),
+        ("vel_meas2[rad/ms]", "has vel_meas2 in 'rad/ms': convert it to rad/s"),
+        ("tau_con1[Nmm]", "has tau_con1 in 'nmm': convert it to N m"),
+        ("tau_con2[mNm", "has tau_con2 in 'mnm': convert it to N m"),
+    ],
+)
+def test_other_units_are_refused(tmp_path, title, message):
+    name = title.split("[")[0].split("(")[0].strip()
+    assert message in refusal(write(tmp_path, HEADER.replace(name, title), *ROWS))
+
+
+@pytest.mark.parametrize("title", ["time[]", "time[ S ]", "time (sec)"])
+def test_other_spellings_of_a_unit_are_understood(tmp_path, title):
+    assert_table(load_trajectory(write(tmp_path, HEADER.replace("time", title), *ROWS)), TABLE)
+
+
+def test_a_column_that_comes_twice_is_refused(tmp_path):
+    path = write(tmp_path, f"{HEADER},tau_con2", *(f"{row},9" for row in ROWS))
+    assert "has 2 columns tau_con2: keep one of them" in refusal(path)
+    # Twice under two spellings of its title; columns that are not read may come as often as they like.
+    path = write(tmp_path, f"{HEADER},time[s]", *(f"{row},9" for row in ROWS))
+    assert "has 2 columns time: keep one of them" in refusal(path)
+    path = write(tmp_path, f"{HEADER},K,K,pos1[deg]", *(f"{row},9,9,9" for row in ROWS))
+    assert_table(load_trajectory(path), TABLE)
+
+
+def test_a_file_that_is_too_large(tmp_path):
+    path = tmp_path / "run.csv"
+    with path.open("wb") as file:
+        file.truncate(64_000_001)  # a hole, which takes no room on the disk
+    assert "has more than 64 MB" in refusal(path)

@@ -97,10 +97,19 @@ def test_graphs_and_headers(tmp_path, capsys):
     ("options", "message"),
     [
         (["refined", "--to", "c"], "shipped for both robots: name acrobot or pendubot"),
-        (["tvlqr", "--to", "c"], "unknown policy 'tvlqr'"),
+        (
+            ["tvlqr", "--to", "c"],
+            "'tvlqr' is a baseline, which has no policy file: swingup.realaigym.load_controller",
+        ),
+        (["ilqr-mpc", "--to", "onnx", "--robot", "pendubot"], "swingup trajectory pendubot --out x.csv writes"),
+        (
+            ["refind", "--to", "c"],
+            "unknown policy 'refind': use one of refined, ar-eapo, global, robot or a policy",
+        ),
+        (["refind", "--to", "c"], "did you mean refined?"),
         (
             ["refined", "--robot", "acrobot", "--to", "java"],
-            "cannot export to 'java': use one of realaigym, onnx, c",
+            "unknown format 'java': use one of realaigym, onnx, c",
         ),
         (["refined", "--robot", "acrobot", "--to", "c", "--out", "none/x.h"], "cannot write none/x.h"),
         (["refined", "--robot", "acrobot", "--to", "realaigym", "--out", "none/x"], "cannot write none/x: No such"),

@@ -4,15 +4,18 @@ import csv
 import dataclasses
 import io
 import json
+import re
 import shlex
 import textwrap
 
 import pytest
 
 import swingup
-from swingup.benchmark import leaderboard as boards
-from swingup.benchmark.rules import CRITERIA, PERFORMANCE_RULES, ROBUSTNESS_RULES
+from swingup.benchmark.board_rules import BOARD_RULES
+from swingup.benchmark.rules import CRITERIA
 from swingup.cli import main
+from swingup.cli.commands import Boards
+from swingup.control.registry import BUILT_IN
 from swingup.policy.jax_backend.controller import save_controller
 
 CONTROLLERS = textwrap.dedent(
@@ -46,82 +49,68 @@ CONTROLLERS = textwrap.dedent(
 
 @pytest.fixture(autouse=True)
 def surroundings(tmp_path, monkeypatch):
-    """A working folder with a module of controllers, entrants that are quick, and no cache outside of the test."""
+    """A working folder with a module of controllers, and no cache outside of the test."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setattr(boards, "ENTRANTS", ("refined",))
-    monkeypatch.setattr(boards, "FURTHER", ())
     (tmp_path / "others_controllers.py").write_text(CONTROLLERS)
 
 
-@pytest.fixture
-def brief_runs(monkeypatch):
+@pytest.fixture(scope="session")
+def brief_runs():
     """Boards of IROS 2024 with runs of half a second, for what does not depend on their end."""
-    for versions in (PERFORMANCE_RULES, ROBUSTNESS_RULES):
-        monkeypatch.setitem(versions, "v2", dataclasses.replace(versions["v2"], duration=0.5))
+    v2 = BOARD_RULES["v2"]
+    brief = {name: dataclasses.replace(getattr(v2, name), duration=0.5) for name in ("performance", "robustness")}
+    return Boards(BOARD_RULES | {"v2": dataclasses.replace(v2, **brief)})
 
 
-def once(function):
-    """Judges each controller once by each version of the rules."""
-    known = {}
-
-    def remembered(controller, robot, name, rules):
-        if (robot.name, name, rules) not in known:
-            known[robot.name, name, rules] = function(controller, robot, name, rules)
-        return known[robot.name, name, rules]
-
-    return remembered
-
-
-def run(capsys, *arguments, status=0):
-    assert main(list(arguments)) == status
+def run(capsys, *arguments, status=0, boards=None):
+    assert main(list(arguments), boards) == status
     return capsys.readouterr().out
 
 
-@pytest.mark.usefixtures("small_grid")
-def test_robustness_as_json(capsys):
-    result = json.loads(
-        run(capsys, "robustness", "pendubot", "--json", "--seed", "3", "--criteria", "delay,perturbations")
-    )
+def test_robustness_as_json(capsys, small_grid):
+    boards = Boards({"v2": small_grid})
+    options = ("--controller", "ar-eapo", "--seed", "3", "--criteria", "delay,perturbations")
+    result = json.loads(run(capsys, "robustness", "pendubot", "--json", *options, boards=boards))
     assert list(result) == [
         "command", "robot", "controller", "estimator", "rules", "seed", "version", "delay", "perturbations",
         "overall", "details",
     ]  # fmt: skip
-    assert (result["robot"], result["controller"], result["rules"], result["seed"]) == (
-        "pendubot",
-        "refined",
-        "v2",
-        3,
-    )
+    names = ("robot", "controller", "rules", "seed")
+    assert [result[name] for name in names] == ["pendubot", "ar-eapo", "v2", 3]
     assert result["overall"] is None
     assert len(result["details"]) == 11  # 3 delays, 8 profiles of pushes
     assert result["details"][0] == {"criterion": "delay", "value": 0.0, "success": True}
-    assert result["command"].startswith("swingup robustness pendubot --controller=refined --rules=v2 --seed=3")
-    # The command that the result names prints the result again.
-    again = json.loads(run(capsys, *result["command"].split()[1:], "--json"))
+    assert result["command"].startswith("swingup robustness pendubot --controller=ar-eapo --rules=v2 --seed=3")
+    # The command that the result names prints the result again; it separates values by spaces.
+    again = json.loads(run(capsys, *result["command"].split()[1:], "--json", boards=boards))
     assert again == result
 
 
-def test_robustness_as_text_with_intervals(capsys):
+def test_robustness_as_text_with_intervals(capsys, brief_runs):
     out = run(
-        capsys, "robustness", "acrobot", "--seeds", "2", "--grid", "velocity_noise=0:0.5:3:3", "--criteria",
-        "velocity_noise",
+        capsys, "robustness", "acrobot", "--controller", "lqr", "--seeds", "2", "--grid",
+        "velocity_noise=0:0.5:3:3", "delay=0:0.01:2", "--criteria", "velocity_noise", "delay",
+        boards=brief_runs,
     )  # fmt: skip
-    assert "acrobot, refined, with estimator (rules v2 velocity_noise=0:0.5:3:3, seed 0 to 1)" in out
+    rules = "v2 velocity_noise=0:0.5:3:3 delay=0:0.01:2"
+    assert f"acrobot, lqr (rules {rules}, seed 0 to 1)" in out
     assert " to " in out.splitlines()[1]
-    assert "18" in out  # 3 values, 3 repetitions, 2 seeds
+    assert "20" in out  # 3 values, 3 repetitions, 2 seeds; 2 delays
 
 
-@pytest.mark.usefixtures("brief_runs")
 @pytest.mark.parametrize("name", ["jax_damping", "plain"])
-def test_others_controllers(capsys, name):
+def test_others_controllers(capsys, name, brief_runs):
     name = f"others_controllers:{name}"
-    assert json.loads(run(capsys, "evaluate", "acrobot", "--controller", name, "--json"))["success"] is False
+    result = json.loads(run(capsys, "evaluate", "acrobot", "--controller", name, "--json", boards=brief_runs))
+    assert result["success"] is False
+    assert result["failure"].startswith("never up: the tip reached -0.500 m")
     assert "nothing wrong" in run(capsys, "check", "acrobot", "--controller", name)
     result = run(
-        capsys, "robustness", "acrobot", "--controller", name, "--criteria", "delay", "--grid", "delay=0:0:2"
-    )
+        capsys, "robustness", "acrobot", "--controller", name, "--criteria", "delay", "--grid", "delay=0:0:2",
+        boards=brief_runs,
+    )  # fmt: skip
     assert "Time delay [%]" in result
     assert "0.0" in result
 
@@ -129,26 +118,24 @@ def test_others_controllers(capsys, name):
 @pytest.fixture
 def meant(tmp_path):
     """A file of the pendubot's policy that asks for an estimator."""
-    policy, metadata = swingup.shipped_policy("pendubot")
+    policy, metadata = swingup.shipped_policy("pendubot", "ar-eapo")
     save_controller(tmp_path / "meant.npz", policy, {"scores": metadata["scores"], "estimator": {}})
     return "meant.npz"
 
 
-@pytest.mark.usefixtures("brief_runs")
 @pytest.mark.parametrize(
     ("flags", "judged"),
     [((), True), (("--estimator",), True), (("--no-estimator",), False)],
 )
-def test_with_and_without_an_estimator(capsys, meant, flags, judged):
+def test_with_and_without_an_estimator(capsys, meant, flags, judged, brief_runs):
     words = f"meant.npz, {'with estimator' if judged else 'policy alone'}"
     options = ("pendubot", "--controller", meant, *flags)
-    assert json.loads(run(capsys, "evaluate", *options, "--json"))["estimator"] is judged
-    assert f"pendubot, {words} (rules v2)" in run(capsys, "evaluate", *options)
+    assert json.loads(run(capsys, "evaluate", *options, "--json", boards=brief_runs))["estimator"] is judged
+    assert f"pendubot, {words} (rules v2)" in run(capsys, "evaluate", *options, boards=brief_runs)
     assert f"{words}: nothing wrong was found" in run(capsys, "check", *options)
 
 
-@pytest.mark.usefixtures("brief_minute")
-def test_robustness_and_uptime_with_an_estimator(capsys, meant):
+def test_robustness_with_an_estimator(capsys, meant):
     base = ("pendubot", "--controller", "ar-eapo")
     brief = ("pendubot", "--criteria", "delay", "--grid", "delay=0.03:0.04:2", "--json")
     alone, estimating = (
@@ -158,12 +145,18 @@ def test_robustness_and_uptime_with_an_estimator(capsys, meant):
     assert alone["delay"] < estimating["delay"]
     assert "estimator" not in alone["command"]
     assert " --estimator " in estimating["command"]
-    assert json.loads(run(capsys, *shlex.split(estimating["command"])[1:], "--json")) == estimating
     held = json.loads(run(capsys, "robustness", *brief, "--controller", meant, "--no-estimator"))
     assert held["estimator"] is False
     assert " --no-estimator " in held["command"]
-    assert "ar-eapo, with estimator (rules v3" in run(capsys, "uptime", *base, "--estimator")
-    assert json.loads(run(capsys, "uptime", *base, "--estimator", "--json"))["estimator"] is True
+
+
+def test_uptime_with_an_estimator(capsys, brief_minute):
+    boards = Boards(
+        {"v3": dataclasses.replace(brief_minute, uptime=dataclasses.replace(brief_minute.uptime, duration=8.0))}
+    )
+    base = ("uptime", "pendubot", "--controller", "lqr", "--estimator")
+    assert "lqr, with estimator (rules v3" in run(capsys, *base, boards=boards)
+    assert json.loads(run(capsys, *base, "--json", boards=boards))["estimator"] is True
 
 
 def test_check_names_the_fault(capsys):
@@ -171,13 +164,14 @@ def test_check_names_the_fault(capsys):
     assert "gave a torque that is not finite at t = 0 s" in out
 
 
-@pytest.mark.usefixtures("brief_minute")
-def test_uptime(capsys, tmp_path):
-    out = run(capsys, "uptime", "pendubot", "--seeds", "2", "--save", "minute.csv")
+def test_uptime(capsys, tmp_path, brief_minute):
+    boards = Boards({"v3": brief_minute})
+    options = ("uptime", "pendubot", "--controller", "ar-eapo", "--seeds", "2")
+    out = run(capsys, *options, "--save", "minute.csv", boards=boards)
     assert "Uptime score" in out
     assert " to " in out
     assert len((tmp_path / "minute.csv").read_text().splitlines()) == 4_501  # rows, each of 2 ms, and a head
-    result = json.loads(run(capsys, "uptime", "pendubot", "--json"))
+    result = json.loads(run(capsys, *options, "--json", boards=boards))
     assert 0 < result["uptime"] < 1
     assert result["seed"] == 0
 
@@ -194,22 +188,21 @@ def test_sim2real(capsys, tmp_path):
 
 
 def test_disturbed_runs_differ_and_repeat(capsys):
-    options = shlex.split(
-        "--velocity-noise 0.1 --torque-noise 0.2 --torque-response 0.8 --delay 0.004 --pushes --json"
-    )
-    calm = json.loads(run(capsys, "evaluate", "pendubot", "--json"))
-    first = json.loads(run(capsys, "evaluate", "pendubot", *options, "--seed", "1"))
-    again = json.loads(run(capsys, "evaluate", "pendubot", *options, "--seed", "1"))
-    other = json.loads(run(capsys, "evaluate", "pendubot", *options, "--seed", "2"))
+    policy = ("evaluate", "pendubot", "--controller", "ar-eapo", "--json")
+    options = shlex.split("--velocity-noise 0.1 --torque-noise 0.2 --torque-response 0.8 --delay 0.004 --pushes")
+    calm = json.loads(run(capsys, *policy))
+    first = json.loads(run(capsys, *policy, *options, "--seed", "1"))
+    again = json.loads(run(capsys, *policy, *options, "--seed", "1"))
+    other = json.loads(run(capsys, *policy, *options, "--seed", "2"))
     assert first == again
     assert len({result["torque_smoothness"] for result in (calm, first, other)}) == 3
     assert first["torque_smoothness"] > 10 * calm["torque_smoothness"]
 
 
-@pytest.mark.usefixtures("small_grid")
-def test_leaderboard_formats(capsys, monkeypatch):
+def test_leaderboard_formats(capsys, small_grid):
     mine = ("--controller", "others_controllers:nan")
-    rows = json.loads(run(capsys, "leaderboard", "acrobot", "--json", *mine))
+    quick = Boards({"v2": small_grid, "hardware": BOARD_RULES["hardware"]}, ("lqr",))
+    rows = json.loads(run(capsys, "leaderboard", "acrobot", "--json", *mine, boards=quick))
     assert {row["measure"] for row in rows} == {"performance", "robustness"}
     assert {"AR-EAPO", "TVLQR", "iLQR Riccati", "iLQR MPC"} <= {
         r["controller"] for r in rows if r["source"] == "paper"
@@ -218,28 +211,98 @@ def test_leaderboard_formats(capsys, monkeypatch):
     assert [row["measure"] for row in failed] == ["performance", "robustness"]
     assert all("not finite" in row["remark"] for row in failed)
     # The other forms show the same boards; rules of one board, without a grid, will do.
-    monkeypatch.setattr(boards, "evaluate", once(boards.evaluate))
+    boards = Boards(quick.rules, ("refined",))
     brief = ("leaderboard", "acrobot", "--rules", "hardware", *mine)
-    rows = json.loads(run(capsys, *brief, "--json"))
-    table = list(csv.DictReader(io.StringIO(run(capsys, *brief, "--csv"))))
+    rows = json.loads(run(capsys, *brief, "--json", boards=boards))
+    table = list(csv.DictReader(io.StringIO(run(capsys, *brief, "--csv", boards=boards))))
     names = [row["controller"] for row in rows]
     assert [row["controller"] for row in table] == names
     assert (set(names[:2]), names[2:]) == ({"refined", "refined --no-estimator"}, [mine[1]])
     assert float(table[0]["score"]) == rows[0]["score"]
-    markdown = run(capsys, *brief, "--markdown")
+    few = Boards(quick.rules, ("lqr",))
+    markdown = run(capsys, *brief, "--markdown", boards=few)
     assert "### Performance scores of the acrobot (rules hardware)" in markdown
-    assert "| **refined** | **ours** |" in markdown
-    text = run(capsys, *brief)
+    assert "| **lqr** | **ours** |" in markdown
+    text = run(capsys, *brief, boards=few)
     assert "Performance scores of the acrobot (rules hardware)" in text
     assert "others_controllers:nan: " in text
 
 
-@pytest.mark.usefixtures("brief_minute")
-def test_leaderboard_of_the_third_rules(capsys):
-    rows = json.loads(run(capsys, "leaderboard", "--rules", "v3", "--seed", "1", "--json"))
+def test_leaderboard_of_the_third_rules(capsys, brief_minute):
+    boards = Boards({"v3": brief_minute}, ("ar-eapo",))
+    rows = json.loads(run(capsys, "leaderboard", "--rules", "v3", "--seed", "1", "--json", boards=boards))
     assert {row["robot"] for row in rows} == {"acrobot", "pendubot"}
     assert all(set(CRITERIA).isdisjoint(row) for row in rows)
-    assert {row["controller"] for row in rows if row["robot"] == "pendubot"} >= {"refined", "VIMPPI"}
+    assert {row["controller"] for row in rows if row["robot"] == "pendubot"} >= {"ar-eapo", "VIMPPI"}
+
+
+@pytest.mark.parametrize("values", [("plain", "nan"), ("plain,nan",)])
+def test_several_values_of_one_option(capsys, values, brief_runs):
+    names = [f"others_controllers:{name}" for name in ("plain", "nan")]
+    words = [value.replace("plain", names[0]).replace("nan", names[1]) for value in values]
+    boards = Boards({"hardware": BOARD_RULES["hardware"]}, ())
+    words = ["leaderboard", "acrobot", "--controller", *words, "--rules", "hardware", "--json"]
+    assert [row["controller"] for row in json.loads(run(capsys, *words, boards=boards))] == names
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("evaluate acrobot --sed 3", "swingup evaluate has no option --sed; did you mean --seed?"),
+        (
+            "train acrobot --learning_rat 3",
+            "swingup train has no option --learning-rat; did you mean --learning-rate?",
+        ),
+        ("evalute acrobot", "unknown command 'evalute'"),
+        ("evaluate", "swingup evaluate needs ROBOT: see swingup evaluate --help"),
+        ("", "a command is missing: use one of evaluate, robustness"),
+        ("trajectory acrobot", "swingup trajectory needs --out FILE.npz"),
+        ("trajectory acrobot --out x --problem foo", "--problem = 'foo': use one of 'published', 'score'"),
+        ("evaluate acrobot --seed x", "--seed = 'x' is no whole number"),
+        ("evaluate acrobot --delay x", "--delay = 'x' is no number"),
+        ("evaluate acrobot --seed", "--seed needs a value"),
+        ("evaluate acrobot extra", "unexpected extra"),
+        ("evaluate acrobot --controller lqr --controller tvlqr", "--controller is given twice"),
+        ("robustness acrobot --seeds 2147483648", "seeds = 2147483648: use a whole number from 1 to 9999"),
+        ("uptime acrobot --seeds 2147483648", "seeds = 2147483648: use a whole number from 1 to 9999"),
+        ("sim2real acrobot --seeds 2147483648", "seeds = 2147483648: use a whole number from 1 to 9999"),
+        ("evaluate acrobot --controller refind", "module:object; did you mean refined?"),
+    ],
+)
+def test_words_that_make_no_command(words, message, capsys):
+    assert main(words.split()) == 2
+    output = capsys.readouterr()
+    assert output.err.startswith("swingup: error: ")
+    assert message in output.err
+    assert output.err.count("\n") == 1
+    assert output.out == ""
+
+
+def test_help_and_errors_list_the_same_controllers(capsys):
+    with pytest.raises(SystemExit):
+        main(["evaluate", "--help"])
+    told = " ".join(re.sub("[│╭╰─╮╯]", " ", capsys.readouterr().out).split())
+    known = ", ".join(BUILT_IN)
+    assert known in told.replace("- ", "-")
+    assert main(["evaluate", "acrobot", "--controller", "nothing"]) == 2
+    assert known in capsys.readouterr().err
+
+
+HOSTILE = "a\nb\x1b[31m|<b>`*=1\udcff.npz"
+"""A file name with a line end, an escape sequence, markup, and a byte that is no UTF-8."""
+
+
+def test_hostile_names_reach_no_terminal(capsys, tmp_path):
+    policy, metadata = swingup.shipped_policy("acrobot", "ar-eapo")
+    save_controller(tmp_path / HOSTILE, policy, metadata)
+    for words in (("evaluate", "acrobot"), ("check", "acrobot"), ("sim2real", "acrobot", "--seeds", "1")):
+        out = run(capsys, *words, "--controller", HOSTILE)
+        assert "a\\nb\\x1b[31m|<b>`*=1\\udcff.npz" in out
+        assert "\x1b" not in out
+    assert main(["evaluate", "acrobot", "--controller", HOSTILE[:-4] + "none.npz"]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "\x1b" not in error
 
 
 @pytest.mark.parametrize(
@@ -258,8 +321,8 @@ def test_leaderboard_of_the_third_rules(capsys):
         ("evaluate acrobot --controller others_controllers:missing", "cannot load controller"),
         ("evaluate acrobot --controller no_such_module:it", "cannot load controller 'no_such_module:it'"),
         ("evaluate acrobot --controller others_controllers:number", "3 is no controller"),
-        ("evaluate acrobot --velocity-noise -1", "velocity_noise = -1.0 is out of range"),
-        ("evaluate acrobot --delay nan", "delay = nan is out of range"),
+        ("evaluate acrobot --velocity-noise -1", "velocity_noise = -1.0: use a number from 0"),
+        ("evaluate acrobot --delay nan", "delay = nan: use a number"),
         ("evaluate acrobot --delay 9", "delay = 9 s is above 2 s"),
         ("evaluate acrobot --torque-response inf", "torque_response = inf"),
         ("evaluate acrobot --pushes --seed -1", "seed = -1"),

@@ -5,13 +5,14 @@ import pytest
 
 from swingup.cli import main, refining
 from swingup.policy.jax_backend.controller import load_policy, shipped_policy
-from swingup.policy.settings import EstimatorSettings, read_settings
+from swingup.policy.settings import EstimatorSettings, estimator_settings
 from swingup.refine.analytic_policy_gradient import PolicyGradientSettings
-from swingup.refine.episodes import Draws
-from swingup.refine.recipe import Refinement
+from swingup.refine.episodes import EpisodeSettings
+from swingup.refine.recipe import GradientStage
 
-TINY = Refinement(
-    PolicyGradientSettings(iterations=2, duration=0.02), Draws(nominal=2, model=0, pushed=0, measured=0, anywhere=0)
+TINY = GradientStage(
+    PolicyGradientSettings(iterations=2, learning_rate=1e-4, duration=0.02),
+    EpisodeSettings(nominal=2, anywhere=0, thrown=0),
 )
 
 
@@ -26,8 +27,8 @@ def test_refine_writes_a_policy_with_its_origin(tmp_path, monkeypatch, capsys):
         "swingup refine pendubot --policy=ar-eapo --recipe=score --seed=3 --out=refined.npz"
     )
     assert metadata["base"]["frames"] == origin["frames"]
-    assert metadata["stages"][0]["descent"]["iterations"] == 2
-    assert read_settings(metadata) == EstimatorSettings()
+    assert metadata["stages"][0]["gradient"]["iterations"] == 2
+    assert estimator_settings(metadata) == EstimatorSettings()
     moved = np.abs(policy.policy.actor.mean_head.weight - base.policy.actor.mean_head.weight).max()
     assert 0 < moved < 1e-3
 
@@ -35,7 +36,7 @@ def test_refine_writes_a_policy_with_its_origin(tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ("acrobot --recipe magic --out x.npz", "unknown recipe 'magic': use one of score, harden"),
+        ("acrobot --recipe magic --out x.npz", "unknown recipe 'magic': use one of score, recover"),
         ("acrobot --seed -1 --out x.npz", "seed = -1 is out of range"),
         ("acrobot --out missing/x.npz", "missing"),
         ("acrobot --policy none.npz --out x.npz", "no such file: none.npz"),

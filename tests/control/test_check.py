@@ -1,5 +1,7 @@
 """The checker finds what is wrong with controllers that others plug in, and nothing wrong with good ones."""
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -197,3 +199,164 @@ def test_a_robot_of_another_kind_is_not_ours(robot):
 def test_copies_that_share_a_memory_do_not_run_side_by_side():
     assert len(PythonController(Shared()).copies(5)) == 1
     assert len(PythonController(Remembering()).copies(5)) == 5
+
+
+class EndOfAll(BaseException):
+    """No ``Exception``, as SystemExit is none."""
+
+
+class BadTextError(Exception):
+    """An error whose text cannot be had."""
+
+    def __str__(self):
+        raise RuntimeError("no text")
+
+
+class Hostile(Remembering):
+    """A good object but for what it is made with: ``Hostile(reset=BadTextError())`` raises in its reset()."""
+
+    def __init__(self, **errors):
+        self.errors = errors
+
+    def __getattribute__(self, name):
+        errors = object.__getattribute__(self, "__dict__").get("errors", {})
+        if name in errors:
+            raise errors[name]
+        return object.__getattribute__(self, name)
+
+
+class Unprintable:
+    def __repr__(self):
+        raise RuntimeError("no repr")
+
+
+def raising_bad_text(x, t):
+    raise BadTextError
+
+
+def ending(x, t):
+    raise EndOfAll("good bye")
+
+
+HOSTILE = {
+    "bad text": (raising_bad_text, "BadTextError whose text raises RuntimeError"),
+    "ending": (ending, r"raised EndOfAll \(good bye\) at t = 0 s"),
+    "unprintable": (lambda x, t: Unprintable(), "<Unprintable instance at "),
+    "huge": (lambda x, t: np.ones(10**14), "MemoryError"),
+    "large": (lambda x, t: np.ones(10**6), r"of shape \(1000000,\)"),
+    "digits": (lambda x, t: [0, 10**5000], "<list whose repr raises ValueError>|instance|return two real numbers"),
+    "text of lines": (lambda x, t: "a\n\x1b[31m" * 1000, r"'a\\n\\x1b\[31m"),
+    "reset": (Hostile(reset=BadTextError()), "its attribute reset raised BadTextError"),
+    "init": (Hostile(init=SystemExit(3)), r"its attribute init raised SystemExit \(3\)"),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_plain_python(name):
+    source, message = HOSTILE[name]
+    findings = check_controller(source, "acrobot")
+    assert len(findings) == 1
+    assert findings[0].isprintable()
+    assert len(findings[0]) < 400
+    with pytest.raises(AssertionError, match=message):
+        raise AssertionError(findings[0])
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        (
+            Hostile(robot=ValueError("secret\nplace")),
+            r"attribute robot raised ValueError \(secret place\): correct",
+        ),
+        (Hostile(get_control_output=EndOfAll()), "its attribute get_control_output raised EndOfAll"),
+        (Unprintable(), "<Unprintable instance at .* is no controller"),
+    ],
+    ids=["robot", "get_control_output", "repr"],
+)
+def test_objects_that_cannot_even_be_wrapped(source, message):
+    with pytest.raises(SwingupError, match=message):
+        check_controller(source, "acrobot")
+    with pytest.raises(SwingupError, match=message):
+        swingup.evaluate(source, "acrobot")
+
+
+def test_an_object_whose_copying_ends_the_process():
+    source = Hostile(__deepcopy__=EndOfAll())
+    assert len(PythonController(source).copies(3)) == 1
+
+
+def not_callable():
+    source = Remembering()
+    source.get_control_output = [0.0, 1.0]
+    return source
+
+
+def test_an_output_that_is_no_method():
+    with pytest.raises(SwingupError, match="is no controller"):
+        check_controller(not_callable(), "acrobot")
+
+
+class Static(AbstractController):
+    """Its label tells one compiled program from another."""
+
+    label: object = eqx.field(static=True)
+
+    def init(self):
+        return None
+
+    def __call__(self, carry, t, x):
+        return None, jnp.array([0.0, 1.0])
+
+
+class Labelled(Static):
+    """The same with a field that is no static one."""
+
+    label: object
+
+
+class Failing(AbstractController):
+    """Traces well, and fails when it runs."""
+
+    text: str = eqx.field(static=True, default="host\nfailed")
+
+    def init(self):
+        return None
+
+    def __call__(self, carry, t, x):
+        def fail(_):
+            raise ValueError(self.text)
+
+        return None, jax.pure_callback(fail, jax.ShapeDtypeStruct((2,), x.dtype), t)
+
+
+@pytest.mark.filterwarnings("ignore:A JAX array is being set as static")
+@pytest.mark.parametrize("kind", [Static, Labelled])
+@pytest.mark.parametrize("label", [{"a"}, [{}], np.ones(3)], ids=["set", "list", "array"])
+def test_fields_that_cannot_be_compiled(kind, label):
+    if kind is Labelled and isinstance(label, np.ndarray):
+        assert check_controller(kind(label), "acrobot") == []  # numbers may be of any kind where they are arguments
+        return
+    (finding,) = check_controller(kind(label), "acrobot")
+    assert finding.startswith("hashing its fields raised TypeError (")
+    assert finding.endswith("make lists and sets tuples, and keep arrays in fields that are not static")
+    with pytest.raises(SwingupError, match="controller 'controller': hashing its fields raised TypeError"):
+        swingup.evaluate(kind(label), "acrobot")
+
+
+def test_a_controller_that_fails_when_it_runs():
+    (finding,) = check_controller(Failing(), "acrobot")
+    assert finding == "running it raised JaxRuntimeError (ValueError: host failed): correct it there"
+    with pytest.raises(SwingupError, match="controller 'controller': running it raised "):
+        swingup.evaluate(Failing(), "acrobot")
+
+
+class Complex(Static):
+    def __call__(self, carry, t, x):
+        return None, jnp.array([0.0, 1.0j])
+
+
+def test_complex_torques():
+    assert check_controller(Complex(0), "acrobot") == [
+        "its torque is complex128: return real numbers [u1, u2] in N m"
+    ]

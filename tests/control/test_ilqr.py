@@ -1,11 +1,20 @@
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.control.ilqr import Settings, Solution, Status, feedback_gains, improve, solve, start
+from swingup.control.ilqr import (
+    ILQRSettings,
+    Solution,
+    Status,
+    feedback_gains,
+    ilqr_iteration,
+    initial_state,
+    solve,
+)
 from swingup.control.riccati_passes import Cost
 from swingup.control.scalar_algebra import dot, unpack
 from swingup.control.transition import AbstractTransition, PendulumTransition
@@ -18,7 +27,7 @@ B = RANDOM.normal(size=4)
 X0 = RANDOM.normal(size=4)
 WEIGHTS = np.array([1.0, 0.5, 2.0, 0.1]), 0.3, np.array([5.0, 4.0, 3.0, 2.0])
 TARGETS = RANDOM.normal(size=(N, 4)), RANDOM.normal(size=N), RANDOM.normal(size=4)
-PLAIN = Settings(
+PLAIN = ILQRSettings(
     max_iterations=50,
     tolerance=1e-9,
     regularisation=0.0,
@@ -132,22 +141,36 @@ def test_idle_does_nothing(x64):
     np.testing.assert_array_equal(solution.torque, TARGETS[1])
 
 
-def test_the_cost_falls_and_the_limit_holds(x64):
+@functools.cache
+def swing_iterations():
+    """60 iterations on a swing with torques of up to 1.5 N m: before, after, and each one's cost, μ and torque."""
     transition, cost, settings = swing(limit=1.5)
 
     def step(now, _):
-        after = improve(transition, cost, now, settings)
-        return after, (after.rollout.cost, after.regularisation, jnp.abs(after.rollout.u).max())
+        after = ilqr_iteration(transition, cost, now, settings)
+        return after, (after.trajectory.cost, after.regularisation, jnp.abs(after.trajectory.u).max())
 
-    first = start(transition, cost, jnp.zeros(4), jnp.full(100, 0.1), settings)
-    costs, mu, largest = jax.jit(lambda now: jax.lax.scan(step, now, length=60))(first)[1]
-    costs, mu = np.append(first.rollout.cost, costs), np.append(settings.regularisation, mu)
+    first = initial_state(transition, cost, jnp.zeros(4), jnp.full(100, 0.1), settings)
+    return transition, first, *jax.jit(lambda now: jax.lax.scan(step, now, length=60))(first)
+
+
+def test_the_cost_falls_and_the_limit_holds(x64):
+    _, first, _, (costs, mu, largest) = swing_iterations()
+    costs, mu = np.append(first.trajectory.cost, costs), np.append(first.regularisation, mu)
     accepted = mu[1:] < mu[:-1]
     assert 10 < accepted.sum() < 60
     assert (np.diff(costs)[accepted] < 0).all()
     assert (np.diff(costs)[mu[1:] > mu[:-1]] == 0).all()
     assert costs[-1] < 0.4 * costs[0]
     assert largest.max() == 1.5
+
+
+def test_states_are_those_of_the_torques(x64):
+    transition, _, last, _ = swing_iterations()
+    states, torque = (*last.trajectory.x, last.trajectory.last), last.trajectory.u
+    x = np.column_stack([np.append(rows, end) for rows, end in zip(states[:4], states[4], strict=True)])
+    following = jax.jit(transition.step)(unpack(jnp.asarray(x[:-1])), torque)
+    np.testing.assert_allclose(x[1:], np.transpose(following), atol=1e-12)
 
 
 def test_line_search_keeps_the_cheapest_step(x64):
@@ -174,10 +197,3 @@ def test_a_batch_equals_single_problems(x64):
         assert batch.iterations[index] == alone.iterations
         np.testing.assert_allclose(batch.torque[index], alone.torque, atol=1e-9)
     assert batch.iterations[1] == 0
-
-
-def test_states_are_those_of_the_torques(x64):
-    transition, cost, settings = swing(6.0, max_iterations=5)
-    solution = run(transition, cost, settings, x0=np.zeros(4), torque=np.full(100, 0.1))
-    following = transition.step(unpack(solution.states[:-1]), solution.torque)
-    np.testing.assert_allclose(solution.states[1:], np.transpose(following), atol=1e-12)

@@ -5,7 +5,7 @@ import pytest
 
 from swingup.control.baselines import baseline, shipped_reference
 from swingup.control.mpc import MPC
-from swingup.control.switch import Latching
+from swingup.control.switch import LatchingSwitch
 from swingup.physics.angles import UPRIGHT
 from swingup.physics.parameters import ROBOTS
 
@@ -17,15 +17,15 @@ RANDOM = np.random.default_rng(0)
 def mpc():
     """The shipped one, but along the trajectory itself, not its fit with jumps."""
     controller, (reference, _) = baseline("ilqr-mpc", ACROBOT), shipped_reference(ACROBOT)
-    assert isinstance(controller, Latching)
+    assert isinstance(controller, LatchingSwitch)
     shipped = controller.first
-    return MPC(shipped.transition, reference.states[::2], reference.torque[::2], shipped.published, ACROBOT)
+    return MPC(shipped.transition, reference.states[::2], reference.torque[::2], shipped.settings, ACROBOT)
 
 
 @pytest.fixture(scope="module")
 def answer(mpc):
     """One compiled call for a batch: times are common, states, plans and idleness are each lane's own."""
-    batched = jax.jit(jax.vmap(mpc.answer, in_axes=(0, None, 0, 0)))
+    batched = jax.jit(jax.vmap(mpc.control, in_axes=(0, None, 0, 0)))
 
     def call(plans, t, states, idle):
         with jax.enable_x64(True):
@@ -55,7 +55,7 @@ def test_a_batch_equals_single_calls_and_the_idle_do_not_plan(mpc, answer):
     guess, states = lanes(mpc, 700, errors)
     plans, u = answer(guess, 1.4, states, [False, True, False])
     with jax.enable_x64(True):
-        single = jax.jit(lambda *inputs: mpc.answer(*inputs))
+        single = jax.jit(lambda *inputs: mpc.control(*inputs))
         for lane in (0, 2):
             plan, torque = single(jnp.asarray(guess[lane]), 1.4, jnp.asarray(states[lane]), jnp.array(False))
             np.testing.assert_allclose(plans[lane], plan, atol=1e-6)

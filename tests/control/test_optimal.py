@@ -7,7 +7,13 @@ import pytest
 import swingup
 from swingup.control.baselines import baseline, shipped_reference
 from swingup.control.ilqr import Solution
-from swingup.control.optimal import GOAL, OPTIMAL, _cheapest, compute_optimal_reference, first_torques
+from swingup.control.optimal import (
+    OPTIMAL,
+    RESTING,
+    _cheapest,
+    compute_optimal_reference,
+    first_torques,
+)
 from swingup.control.torque_rate import TorqueRateTransition
 from swingup.control.transition import PendulumTransition
 from swingup.errors import SwingupError
@@ -31,7 +37,7 @@ def test_shipped_trajectories_are_the_plants_own(x64, robot):
     x0 = jnp.zeros(4)
     resimulated = jax.jit(lambda u: jax.lax.scan(lambda x, u: (rk4_step(p, x, u, 0.002), x), x0, u)[1])(u)
     np.testing.assert_allclose(reference.states, resimulated, atol=1e-8)
-    np.testing.assert_allclose(reference.states[-1], GOAL[:4], atol=5e-3)
+    np.testing.assert_allclose(reference.states[-1], RESTING[:4], atol=5e-3)
     assert np.abs(reference.torque).max() < 6.0
     assert metadata["status"] == "converged"
     assert metadata["command"].startswith(f"swingup trajectory {robot.name} --problem score --seed 0")
@@ -71,7 +77,7 @@ def test_no_small_change_of_the_torques_lowers_the_cost(x64, robot):
         angle = np.sum((x[:, :-1, 0] - np.pi) ** 2, axis=1) + np.pi**2
         stages = problem.velocity * velocity + problem.angle * angle
         stages += torque_weight * np.sum(u**2, axis=1) + problem.rate * np.sum(rate**2, axis=1)
-        final = (x[:, -1] - GOAL[:4]) ** 2 @ np.array(problem.fine_final)
+        final = (x[:, -1] - RESTING[:4]) ** 2 @ np.array(problem.fine_final)
         return dt * stages + final + problem.final_torque * last**2
 
     sines = np.sin(np.pi * np.arange(1, 7)[:, None] * np.linspace(0.0, 1.0, rows))

@@ -8,9 +8,9 @@ from swingup.arrays import save_archive
 from swingup.control.baselines import shipped_reference
 from swingup.control.published import PUBLISHED
 from swingup.control.reference import (
-    ARRAYS,
-    FORMAT,
-    FORMAT_VERSION,
+    REFERENCE_ARRAYS,
+    REFERENCE_FORMAT,
+    REFERENCE_VERSION,
     Reference,
     compute_reference,
     load_reference,
@@ -78,7 +78,7 @@ def test_files_keep_everything(tmp_path):
     save_reference(tmp_path / "a.npz", reference, {"command": "this test"})
     loaded, metadata = load_reference(tmp_path / "a.npz")
     assert (loaded.robot, loaded.dt) == (reference.robot, reference.dt)
-    for name in ARRAYS:
+    for name in REFERENCE_ARRAYS:
         np.testing.assert_array_equal(getattr(loaded, name), getattr(reference, name))
         assert getattr(loaded, name).dtype == np.float64
     assert metadata["command"] == "this test"
@@ -101,12 +101,12 @@ def test_files_keep_everything(tmp_path):
 )
 def test_faulty_files_are_refused(tmp_path, change, message):
     metadata = {"robot": "acrobot", "dt": 0.001}
-    arrays = {name: np.zeros(5) if name == "torque" else np.zeros((5, 4)) for name in ARRAYS}
+    arrays = {name: np.zeros(5) if name == "torque" else np.zeros((5, 4)) for name in REFERENCE_ARRAYS}
     for name, value in change.items():
         target = metadata if name in metadata else arrays
         target[name] = value
     metadata, arrays = ({k: v for k, v in each.items() if v is not None} for each in (metadata, arrays))
-    save_archive(tmp_path / "a.npz", FORMAT, FORMAT_VERSION, metadata, arrays)
+    save_archive(tmp_path / "a.npz", REFERENCE_FORMAT, REFERENCE_VERSION, metadata, arrays)
     with pytest.raises(SwingupError, match=message) as caught:
         load_reference(tmp_path / "a.npz")
     assert "\n" not in str(caught.value)

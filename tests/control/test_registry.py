@@ -1,13 +1,15 @@
 """Controllers by their names, with and without a state estimator before them."""
 
+import importlib
 import json
+import sys
 
 import numpy as np
 import pytest
 
 import swingup
 from swingup.control.registry import get_controller, has_estimator
-from swingup.control.switch import Latching
+from swingup.control.switch import LatchingSwitch
 from swingup.errors import SwingupError
 from swingup.physics.parameters import leaderboard_parameters
 from swingup.policy import shipped
@@ -90,7 +92,7 @@ def test_load_policy_gives_the_policy_alone(files):
     ("estimator", "message"),
     [
         ({"delay": 1}, "unknown estimator setting 'delay'"),
-        ({"dt": -0.002}, "estimator setting dt = -0.002: use a number of 1e-06 to 0.1"),
+        ({"dt": -0.002}, "estimator setting dt = -0.002: use a number from 1e-06 to 0.1"),
         (None, "estimator None is no object"),
     ],
 )
@@ -118,9 +120,35 @@ def test_controllers_of_modules(files):
         get_controller("some_controllers:pendubot", "acrobot", True)
 
 
+def test_the_working_folder_comes_first_only_while_a_module_is_imported(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [entry for entry in sys.path if entry])
+    (tmp_path / "neighbour_of_mine.py").write_text("torque = [0.0, 1.0]\n", encoding="utf-8")
+    (tmp_path / "mine_alone.py").write_text(
+        "import neighbour_of_mine\n\ndef act(x, t):\n    return neighbour_of_mine.torque\n", encoding="utf-8"
+    )
+    (tmp_path / "mine_failing.py").write_text("raise ValueError('no\\nway')\n", encoding="utf-8")
+    (tmp_path / "colorsys.py").write_text("", encoding="utf-8")
+    monkeypatch.delitem(sys.modules, "colorsys", raising=False)
+    before = list(sys.path)
+    assert get_controller("mine_alone:act", "acrobot").source([0, 0, 0, 0], 0.0) == [0.0, 1.0]
+    with pytest.raises(SwingupError, match=r"cannot load controller 'mine_failing:act': ValueError \(no way\)"):
+        get_controller("mine_failing:act", "acrobot")
+    # Last, it serves what a module imports when it is called, and hides nothing of Python's.
+    assert sys.path == [*before, ""]
+    assert importlib.import_module("colorsys").hsv_to_rgb
+
+
+@pytest.mark.parametrize("name", ["mine:", ":it", "a\nb:it", "..x:it", "math:pi.nothing", "\udce9:it"])
+def test_names_of_modules_that_cannot_be(name):
+    with pytest.raises(SwingupError, match="cannot load controller") as error:
+        get_controller(name, "acrobot")
+    assert str(error.value).isprintable()
+
+
 def test_built_in_names(files):
-    assert isinstance(swingup.get_controller("tvlqr", "pendubot"), Latching)
-    assert isinstance(get_controller("tvlqr", "pendubot", True).controller, Latching)
+    assert isinstance(swingup.get_controller("tvlqr", "pendubot"), LatchingSwitch)
+    assert isinstance(get_controller("tvlqr", "pendubot", True).controller, LatchingSwitch)
     assert settings(get_controller("refined", "pendubot")) == EstimatorSettings()
     assert settings(get_controller("refined", "pendubot", False)) is None
     assert settings(get_controller("ar-eapo", "pendubot")) is None

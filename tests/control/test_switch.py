@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from swingup.control.controller import AbstractController
-from swingup.control.switch import AbstractSparing, Latching
+from swingup.control.switch import AbstractExpensiveController, LatchingSwitch
 from swingup.physics.parameters import ROBOTS
 
 ACROBOT = ROBOTS["acrobot"]
@@ -22,13 +22,13 @@ class Constant(AbstractController):
         return None, jnp.array([0.0, self.torque])
 
 
-class Counting(AbstractSparing):
+class Counting(AbstractExpensiveController):
     """Counts the calls that were not idle."""
 
     def init(self):
         return jnp.array(0)
 
-    def answer(self, carry, t, x, idle):
+    def control(self, carry, t, x, idle):
         return carry + jnp.where(idle, 0, 1), jnp.array([0.0, 1.0])
 
 
@@ -42,7 +42,7 @@ def torques(controller, states):
 
 @pytest.fixture
 def controller():
-    return Latching(Constant(1.0), Constant(2.0), THRESHOLD, ACROBOT)
+    return LatchingSwitch(Constant(1.0), Constant(2.0), THRESHOLD, ACROBOT)
 
 
 def test_never_switches_back(x64, controller):
@@ -69,6 +69,6 @@ def test_the_threshold_is_strict(x64, controller):
 
 
 def test_a_sparing_controller_learns_that_it_is_idle(x64):
-    answers, memory = torques(Latching(Counting(), Constant(2.0), THRESHOLD, ACROBOT), [AWAY, AWAY, UP, AWAY])
+    answers, memory = torques(LatchingSwitch(Counting(), Constant(2.0), THRESHOLD, ACROBOT), [AWAY, AWAY, UP, AWAY])
     assert answers == [1.0, 1.0, 2.0, 2.0]
     assert memory.first == 2

@@ -4,7 +4,7 @@ import pytest
 
 from swingup.control.lqr import linearised, riccati_recursion
 from swingup.control.reference import Reference
-from swingup.control.tracking import RiccatiGains, tvlqr
+from swingup.control.tracking import RiccatiController, tvlqr
 from swingup.physics.parameters import ROBOTS, leaderboard_parameters
 
 ACROBOT = ROBOTS["acrobot"]
@@ -30,7 +30,7 @@ def torque(controller, t, x):
 
 @pytest.fixture
 def riccati():
-    return RiccatiGains(REFERENCE.dt, REFERENCE.states, REFERENCE.torque, REFERENCE.gains, ACROBOT)
+    return RiccatiController(REFERENCE.dt, REFERENCE.states, REFERENCE.torque, REFERENCE.gains, ACROBOT)
 
 
 @pytest.mark.parametrize(("t", "row"), [(0.0, 0), (0.0504, 50), (0.0506, 51), (0.199, 199), (7.0, 199)])

@@ -7,7 +7,7 @@ import swingup
 from swingup.benchmark.trajectory_file import load_trajectory
 from swingup.cli import main, planning
 from swingup.control.baselines import shipped_reference
-from swingup.control.tracking import RiccatiGains
+from swingup.control.tracking import RiccatiController
 from swingup.control.trajectory_csv import load_reference_csv, save_reference_csv
 from swingup.errors import SwingupError
 
@@ -32,7 +32,7 @@ def test_gains_act_as_realaigyms_controller_has_them(tmp_path, robot, x64):
     with (tmp_path / "r.csv").open() as file:
         names = file.readline().strip().split(",")
     table = dict(zip(names, np.loadtxt(tmp_path / "r.csv", delimiter=",", skiprows=1).T, strict=True))
-    controller = RiccatiGains(reference.dt, reference.states, reference.torque, reference.gains, robot)
+    controller = RiccatiController(reference.dt, reference.states, reference.torque, reference.gains, robot)
     for row in (0, 100, 400):
         x = reference.states[row] + np.array([0.01, -0.02, 0.1, 0.2])
         desired = np.array([table[name][row] for name in ("pos1", "pos2", "vel1", "vel2")])

@@ -43,7 +43,8 @@ def finite_differences(p, robot, dt):
     return np.stack(columns, axis=-1)
 
 
-def test_exact_jacobian_against_finite_differences(x64, robot):
+def test_exact_jacobian_against_finite_differences(x64, either_robot):
+    robot = either_robot
     p = dataclasses.replace(leaderboard_parameters(robot), b1=0.1, cf2=0.05)
     jacobian = full_jacobian(PendulumTransition(p, robot.joint, 0.002))
     np.testing.assert_allclose(jacobian, finite_differences(p, robot, 0.002), atol=2e-7)

@@ -15,7 +15,7 @@ from swingup.physics.integrate import rk4_step
 from swingup.physics.parameters import ROBOTS, leaderboard_parameters
 from swingup.policy.jax_backend.controller import shipped_policy
 from swingup.policy.jax_backend.estimator import with_estimator
-from swingup.policy.settings import EstimatorSettings, kalman_gains, read_settings
+from swingup.policy.settings import EstimatorSettings, estimator_settings, kalman_gains
 
 DT, STEPS, PAST = 0.002, 1500, 32
 UP = np.array([np.pi, 0.0, 0.0, 0.0])
@@ -24,7 +24,7 @@ HELD = 0.0081  # s
 
 SENSORS = {
     # Noise of the velocities (rad/s), age (steps), steps of the angles (rad), whether angles are wrapped, and
-    # random steps of torque besides the policy's (N m): dead time shows only where the torque changes.
+    # random steps of torque besides the policy's (N m): delay shows only where the torque changes.
     "perfect": (0.0, 0, 0.0, False, 0.0),
     "noisy": (0.5, 0, 0.0, False, 0.0),
     "wrapped": (0.0, 0, 0.0, True, 0.0),
@@ -79,7 +79,7 @@ class Rows:
     measured: np.ndarray
     seen: np.ndarray
     u: np.ndarray
-    dead_time: np.ndarray
+    delay_steps: np.ndarray
 
 
 @functools.cache
@@ -102,7 +102,7 @@ def closed_loops():
             angles = jnp.where(wrapped, (angles + jnp.pi) % (2 * jnp.pi) - jnp.pi, angles)
             measured = jnp.concatenate([angles, rates + sigma * normal])
             memory, u = controller(memory, index * DT, measured)
-            row = Rows(x, measured, memory.controller, u, memory.dead_time)
+            row = Rows(x, measured, memory.controller, u, memory.delay_steps)
             u = jnp.clip(u, -limits, limits)
             return (rk4_step(p, x, u, DT), past, memory), tuple(vars(row).values())
 
@@ -152,13 +152,13 @@ def test_a_perfect_measurement_is_believed():
     np.testing.assert_allclose(rows.seen[:, :2], rows.x[:, :2], atol=1e-6)
     np.testing.assert_allclose(rows.seen, rows.x, atol=5e-3)  # the midpoint rule is not Runge and Kutta's
     np.testing.assert_allclose(rows.u, alone(rows.x), atol=5e-3)
-    assert np.all(rows.dead_time == 0)
+    assert np.all(rows.delay_steps == 0)
     assert np.abs(rows.x).max() > 3
 
 
 def by_the_document(settings, p, measurements, torques):
     """What a controller is shown, after docs/policy-format.md in NumPy; ``torques`` are what it answers."""
-    dt, N, limit = settings.dt, settings.longest_dead_time, p.tl1
+    dt, N, limit = settings.dt, settings.max_delay_steps, p.tl1
     gains = kalman_gains(settings)
 
     def rates(x, u):
@@ -199,7 +199,7 @@ def by_the_document(settings, p, measurements, torques):
 
 def test_it_does_what_the_document_says(x64):
     robot = ROBOTS["pendubot"]
-    settings = EstimatorSettings(longest_dead_time=5, caution=0.1, memory=0.05)
+    settings = EstimatorSettings(max_delay_steps=5, caution=0.1, memory=0.05)
     p, steps = leaderboard_parameters(robot), 60
     controller = with_estimator(Watching(Lively(Constant(1.0), 7.0)), robot, p, settings)
     random = np.random.default_rng(3)
@@ -210,12 +210,12 @@ def test_it_does_what_the_document_says(x64):
 
     def step(memory, now):
         memory, u = controller(memory, *now)
-        return memory, (memory.controller, memory.dead_time, u[0])
+        return memory, (memory.controller, memory.delay_steps, u[0])
 
     rows = jax.lax.scan(step, controller.init(), (jnp.asarray(times), jnp.asarray(measured)))[1]
-    shown, dead_time, torques = (np.asarray(part) for part in rows)
+    shown, delay_steps, torques = (np.asarray(part) for part in rows)
     expected, chosen = by_the_document(settings, p, measured, torques)
-    np.testing.assert_array_equal(dead_time, chosen)
+    np.testing.assert_array_equal(delay_steps, chosen)
     assert len(set(chosen)) > 2
     np.testing.assert_allclose(shown, expected, rtol=1e-9, atol=1e-9)
 
@@ -228,9 +228,9 @@ def test_noise_of_the_velocities_is_filtered():
 
 
 @pytest.mark.parametrize("age", [1, 7, 20])
-def test_dead_time_is_found_and_made_up_for(age):
+def test_the_delay_is_found_and_compensated(age):
     rows = closed_loops()[f"old by {age}"]
-    assert np.all(rows.dead_time[500:] == age)
+    assert np.all(rows.delay_steps[500:] == age)
     error, lag = (np.abs(given - rows.x)[500:].max(axis=0) for given in (rows.seen, rows.measured))
     assert np.all(error < 0.05 * lag)
     assert np.all(lag > 0.01)
@@ -282,11 +282,11 @@ NEAR = HERE + 0.01
 
 @pytest.mark.parametrize("t", [2.6 * DT, 60.0, 0.0])
 def test_a_pause_or_a_clock_set_back_restarts_from_the_measurement(x64, controller, call, t):
-    memory = dataclasses.replace(feed(controller, call, HERE, HERE), dead_time=jnp.array([3, 3]))
+    memory = dataclasses.replace(feed(controller, call, HERE, HERE), delay_steps=jnp.array([3, 3]))
     again = call(memory, t, NEAR)
     np.testing.assert_array_equal(again.controller[0], NEAR)
     np.testing.assert_array_equal(again.state[0], NEAR)
-    np.testing.assert_array_equal(again.dead_time, 3)
+    np.testing.assert_array_equal(again.delay_steps, 3)
     assert not again.deviations.any()
     np.testing.assert_array_equal(again.torques[:, 0], 6.0)  # of 9 N m that were asked for
     assert not again.torques[:, 1:].any()
@@ -334,15 +334,15 @@ def test_a_controller_of_the_other_robot_is_refused():
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("dt", 0, "dt = 0: use a number of 1e-06 to 0.1"),
-        ("dt", 2, "dt = 2: use a number of 1e-06 to 0.1"),
-        ("position_noise", "1", "position_noise = '1': use a number of 1e-06 to 1000"),
+        ("dt", 0, "dt = 0: use a number from 1e-06 to 0.1"),
+        ("dt", 2, "dt = 2: use a number from 1e-06 to 0.1"),
+        ("position_noise", "1", "position_noise = '1': use a number from 1e-06 to 1000"),
         ("velocity_noise", float("nan"), "velocity_noise = nan"),
         ("acceleration_noise", float("inf"), "acceleration_noise = inf"),
-        ("longest_dead_time", 2.0, "longest_dead_time = 2.0: use a whole number of 0 to 1000"),
-        ("longest_dead_time", 1001, "longest_dead_time = 1001"),
+        ("max_delay_steps", 2.5, "max_delay_steps = 2.5: use a whole number"),
+        ("max_delay_steps", 1001, "max_delay_steps = 1001"),
         ("residual_scale", True, "residual_scale = True"),
-        ("caution", -1, "caution = -1: use a number of 0 to 1000"),
+        ("caution", -1, "caution = -1: use a number from 0 to 1000"),
         ("memory", None, "memory = None"),
     ],
 )
@@ -353,12 +353,18 @@ def test_settings_refuse_bad_values(name, value, message):
 
 
 def test_settings_of_a_policy_file():
-    assert read_settings({"robot": "acrobot"}) is None
-    assert read_settings({"estimator": {}}) == EstimatorSettings()
-    some = {"caution": 0, "longest_dead_time": 0, "dt": 0.004}
-    assert read_settings({"estimator": some}) == EstimatorSettings(dt=0.004, longest_dead_time=0, caution=0)
+    assert estimator_settings({"robot": "acrobot"}) is None
+    assert estimator_settings({"estimator": {}}) == EstimatorSettings()
+    some = {"caution": 0, "max_delay_steps": 0, "dt": 0.004}
+    expected = EstimatorSettings(dt=0.004, max_delay_steps=0, caution=0)
+    assert estimator_settings({"estimator": some}) == expected
+    # Files of before say longest_dead_time.
+    former = {"caution": 0, "longest_dead_time": 0, "dt": 0.004}
+    assert estimator_settings({"estimator": former}) == expected
+    with pytest.raises(SwingupError, match="estimator gives max_delay_steps twice: keep one of its values"):
+        estimator_settings({"estimator": some | former})
     with pytest.raises(SwingupError, match="unknown estimator setting 'delay': use some of dt, position_noise"):
-        read_settings({"estimator": {"delay": 3}})
+        estimator_settings({"estimator": {"delay": 3}})
     for other in (True, None, [], "default"):
         with pytest.raises(SwingupError, match="is no object of settings"):
-            read_settings({"estimator": other})
+            estimator_settings({"estimator": other})

@@ -119,20 +119,21 @@ STAGES = [{"name": "pendulum"}, {"name": "normalise"}]
         (
             {"observation": [{"name": "pendulum", "velocity_scale": 0}, STAGES[1]]},
             {},
-            "velocity_scale = 0, not a pos",
+            "velocity_scale = 0: use a number from 1e-06",
         ),
         (
             {"observation": [STAGES[0], {"name": "normalise", "clip": "10"}]},
             {},
-            "clip = '10', not a positive number",
+            "clip = '10': use a number from 1e-06",
         ),
         ({}, {"observation.1.mean": np.zeros(3)}, r"shapes \(3,\) and \(4,\), the observation \(4,\)"),
         ({}, {"observation.1.variance": -np.ones(4)}, "a variance is negative"),
         (
             {},
-            {"observation.1.mean": np.array(["a"] * 4)},
+            {"observation.1.mean": np.zeros(4, np.int32)},
             "observation.1.mean holds values that are not finite floating",
         ),
+        ({}, {"observation.1.mean": np.array(["a"] * 4)}, "not a swingup policy file"),
         ({}, {"network.mean.bias": None}, "network.mean.bias"),
         (
             {},

@@ -1,6 +1,8 @@
 """The front end in NumPy, C and ONNX against JAX, call by call."""
 
+import contextlib
 import dataclasses
+import json
 
 import jax
 import jax.numpy as jnp
@@ -16,35 +18,34 @@ from swingup.policy.jax_backend.controller import PolicyController, load_policy,
 from swingup.policy.jax_backend.front_end import FrontEnd
 from swingup.policy.jax_backend.observation import Normalise, PendulumObservation
 from swingup.policy.jax_backend.policy import Policy
-from swingup.policy.numpy_backend.controller import RuntimeController, load_controller
+from swingup.policy.numpy_backend.controller import NumpyController, load_controller
 from swingup.policy.settings import FrontEndSettings
 from swingup.policy.shipped import read_policy
 
 from .compiled import compile_header, needs_gcc, run
-from .loops import DT, TOLERANCE
-from .test_onnx import session
+from .references import DT
 
 FRONT_ENDS = {
-    # Settings, past torques, earlier states, encoding of the angles.
-    "plain": (FrontEndSettings(), 0, 0, "sincos"),
+    # Settings and encoding of the angles.
+    "plain": (FrontEndSettings(), "sincos"),
     "filter and friction": (FrontEndSettings(velocity_weight=0.2, dead_band=0.1, damping=(0.01, 0.02),
-                                             coulomb=(0.16, 0.12)), 2, 0, "sincos"),
-    "history": (FrontEndSettings(velocity_weight=0.5, spacing=3, coulomb=(0.9, 0.9)), 0, 2, "wrapped"),
-    "all": (FrontEndSettings(velocity_weight=0.3, spacing=4, coulomb=(0.1, 0.1),
-                             passive_limit=0.05), 3, 2, "sincos"),
+                                             coulomb=(0.16, 0.12)), "sincos"),
+    "limited": (FrontEndSettings(velocity_weight=0.5, coulomb=(0.9, 0.9)), "wrapped"),
+    "all": (FrontEndSettings(velocity_weight=0.3, dead_band=0.05, damping=(0.01, 0.01), coulomb=(0.1, 0.1),
+                             passive_limit=0.05), "sincos"),
 }  # fmt: skip
 
 
 def small_policy(name, robot="pendubot"):
     """An untrained policy behind one of the front ends."""
-    settings, torques, history, angles = FRONT_ENDS[name]
-    observation = PendulumObservation(angles=angles, torques=torques, history=history)
+    settings, angles = FRONT_ENDS[name]
+    observation = PendulumObservation(angles=angles)
     size = observation.size
     with jax.enable_x64(False):  # single precision, as a file has it
         actor = jax.tree.map(lambda leaf: leaf + 0.1, init_actor(jax.random.key(0), size, 1, (16, 12), -1.0))
     normalise = Normalise(mean=np.linspace(-1, 1, size), variance=np.linspace(0.5, 2, size))
     policy = Policy((observation, normalise), actor)
-    return PolicyController(policy, 3.0, get_robot(robot), FrontEnd(settings, torques, history))
+    return PolicyController(policy, 3.0, get_robot(robot), FrontEnd(settings))
 
 
 def measurements():
@@ -87,20 +88,10 @@ def test_numpy_is_jax(name, tmp_path, x64):
 def test_c_is_numpy(name, tmp_path):
     save_controller(tmp_path / "p.npz", small_policy(name), {})
     policy = read_policy(tmp_path / "p.npz")
-    library, controller = compile_header(tmp_path, c_header(policy)), RuntimeController(policy)
+    library, controller = compile_header(tmp_path, c_header(policy)), NumpyController(policy)
     times, x = measurements()
     expected = [controller(each, t) for t, each in zip(times, x, strict=True)]
     np.testing.assert_allclose(run(library, times, x), expected, rtol=0, atol=1e-12)
-
-
-def test_the_graph_takes_what_the_front_end_shows(tmp_path):
-    save_controller(tmp_path / "p.npz", small_policy("all"), {})
-    policy = read_policy(tmp_path / "p.npz")
-    shown = np.random.default_rng(2).normal(size=(50, policy.stage.input_size))
-    assert shown.shape[1] == 4 + 3 + 8
-    expected = [RuntimeController(policy)._act(each) for each in shown]
-    found = session(policy).run(None, {"state": shown})[0]
-    np.testing.assert_allclose(found[:, 0], expected, rtol=0, atol=TOLERANCE)
 
 
 def test_behind_an_estimator(tmp_path, x64):
@@ -119,7 +110,7 @@ def test_behind_an_estimator(tmp_path, x64):
 def test_behind_an_estimator_in_c(tmp_path):
     save_controller(tmp_path / "p.npz", small_policy("all"), {"estimator": {}})
     policy = read_policy(tmp_path / "p.npz")
-    library, controller = compile_header(tmp_path, c_header(policy)), RuntimeController(policy)
+    library, controller = compile_header(tmp_path, c_header(policy)), NumpyController(policy)
     times, x = measurements()
     expected = [controller(each, t) for t, each in zip(times, x, strict=True)]
     np.testing.assert_allclose(run(library, times, x), expected, rtol=0, atol=1e-9)
@@ -130,11 +121,12 @@ def test_behind_an_estimator_in_c(tmp_path):
     [
         (3, "front_end 3 is no object of settings: use {} for the defaults"),
         ({"nothing": 1}, "unknown front_end setting 'nothing': use some of dt, velocity_weight"),
-        ({"velocity_weight": 0}, "velocity_weight = 0: a number of 1e-06 to 1 is needed"),
-        ({"spacing": 1.5}, "spacing = 1.5: a whole number of 1 to 1000 is needed"),
-        ({"damping": [1]}, r"damping = \[1\]: two numbers of 0 to 10 are needed"),
-        ({"coulomb": "ab"}, "coulomb = 'ab': two numbers of 0 to 10 are needed"),
-        ({"dead_band": True}, "dead_band = True: a number of 0 to 10 is needed"),
+        ({"velocity_weight": 0}, "velocity_weight = 0: use a number from 1e-06 to 1"),
+        ({"velocity_weigth": 1}, "did you mean velocity_weight?"),
+        ({"damping": [1]}, r"damping = \[1\]: use two numbers, for shoulder and elbow"),
+        ({"damping": [1, 11]}, "damping = 11: use a number from 0 to 10"),
+        ({"coulomb": "ab"}, "coulomb = 'ab': use two numbers, for shoulder and elbow"),
+        ({"dead_band": True}, "dead_band = True: use a number from 0 to 10"),
     ],
 )
 def test_bad_settings_in_a_file(tmp_path, front_end, message):
@@ -151,7 +143,24 @@ def test_a_file_for_no_robot(tmp_path, robot):
         load_policy(tmp_path / "p.npz")
 
 
-def test_a_memory_needs_a_front_end(tmp_path):
-    save_controller(tmp_path / "none.npz", dataclasses.replace(small_policy("all"), front_end=None), {})
-    with pytest.raises(SwingupError, match="'pendulum' asks for a memory: name its front_end"):
-        load_policy(tmp_path / "none.npz")
+@pytest.mark.parametrize("past", ["torques", "history"])
+def test_the_past_of_former_files(tmp_path, past):
+    """Files say 0 where their policy was shown no past; one that was cannot be run any more."""
+    save_controller(tmp_path / "p.npz", small_policy("plain"), {})
+    former = {"spacing": 5}
+    for count, context in (
+        (0, contextlib.nullcontext()),
+        (2, pytest.raises(SwingupError, match=f"sees past {past}")),
+    ):
+        stages = [{"name": "pendulum", "angles": "sincos", past: count}, {"name": "normalise"}]
+        change_metadata(tmp_path / "p.npz", observation=stages, front_end=former)
+        with context:
+            assert load_policy(tmp_path / "p.npz")[0].front_end.settings == FrontEndSettings()
+
+
+def change_metadata(path, **changes):
+    """Replace entries of a file's metadata."""
+    with np.load(path) as file:
+        arrays = {name: file[name] for name in file.files}
+    text = json.dumps(json.loads(bytes(arrays.pop("metadata"))) | changes)
+    np.savez(path, metadata=np.frombuffer(text.encode(), np.uint8), **arrays)

@@ -1,6 +1,5 @@
 """The page in a real browser: what a visitor sees and does, and that its motion is Python's."""
 
-import dataclasses
 import shutil
 import time
 
@@ -15,8 +14,6 @@ from swingup.physics.dynamics import tip_height
 from swingup.physics.integrate import rk4_step
 from swingup.physics.parameters import NAMES, ROBOTS, identified_parameters, leaderboard_parameters
 from swingup.policy.jax_backend.controller import shipped_policy
-from swingup.policy.jax_backend.observation import Normalise, PendulumObservation
-from swingup.report.content import encode_policy
 from swingup.report.page import render_page
 
 from .pages import NASTY, make_sections
@@ -359,40 +356,6 @@ def in_double(controller):
     """The controller with a network that computes in double precision throughout, as the page does."""
     actor = jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), controller.policy.actor)
     return eqx.tree_at(lambda c: c.policy.actor, controller, actor)
-
-
-def with_angles(controller, angles):
-    """The controller with an observation of this kind, and statistics that clip some of it."""
-    observation = PendulumObservation(angles=angles, velocity_scale=12.0)
-    trunk, size = controller.policy.actor.trunk, observation.size
-    weight = np.tile(trunk[0].weight, (1, 2))[:, :size]
-    mean, variance = np.linspace(-0.2, 0.3, size), np.linspace(0.2, 0.4, size)
-    stages = (observation, Normalise(mean, variance, clip=1.4))
-    trunk = (dataclasses.replace(trunk[0], weight=weight), *trunk[1:])
-    return eqx.tree_at(lambda c: (c.policy.stages, c.policy.actor.trunk), controller, (stages, trunk))
-
-
-@pytest.mark.parametrize("angles", ["shipped", "wrapped", "sincos"])
-def test_the_policys_torque_is_pythons(page, robot, angles):
-    controller = shipped_policy(robot)[0]
-    if angles != "shipped":
-        controller = with_angles(controller, angles)
-    random = np.random.default_rng(1)
-    x = random.uniform([-9, -9, -25, -25], [9, 9, 25, 25], (1500, 4))
-    # The observation jumps where an angle is a multiple of 2π: rounding decides on which side.
-    wrap = np.abs((x[:, :2] + np.pi) % (2 * np.pi) - np.pi).min(axis=1)
-    x = x[wrap > 1e-3]
-    assert len(x) > 1000
-    torques = page.evaluate(
-        "([spec, driven, x]) => x.map(((act) => (state) => act(state))(swingup.makePolicy(spec, driven)))",
-        [encode_policy(controller), robot.joint, x.tolist()],
-    )
-    with jax.enable_x64(True):
-        exact = in_double(controller)
-        expected = jax.vmap(lambda state: exact(None, 0.0, state)[1])(jnp.asarray(x))
-    assert np.ptp(expected[:, robot.joint]) > 6  # the policies use their torque
-    # Both compute in double precision: what is left is the order of sums.
-    np.testing.assert_allclose(torques, expected, rtol=0, atol=1e-10)
 
 
 def test_the_closed_loop_is_pythons(page, robot):

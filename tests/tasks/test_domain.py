@@ -29,7 +29,7 @@ def test_the_identified_domain_is_the_identified_plant(robot):
         assert float(getattr(plant, name)) == getattr(identified_parameters(), name)
     limits = [float(plant.tl1), float(plant.tl2)]
     assert (limits[robot.joint], limits[1 - robot.joint]) == (6.0, 0.5)
-    assert (int(loop.delay), float(loop.velocity_noise)) == (5, 0.1)  # 10 ms in steps of 2 ms
+    assert (int(loop.delay_steps), float(loop.velocity_noise)) == (5, 0.1)  # 10 ms in steps of 2 ms
     assert not np.any(loop.pushes.amplitude)
 
 
@@ -56,7 +56,7 @@ def test_draws_fill_their_ranges():
         else:
             assert low * 0.9999 <= values.min() < low + 0.1 * (high - low)
             assert high * 1.0001 >= values.max() > high - 0.1 * (high - low)
-    assert set(np.unique(loop.delay)) == {3, 4, 5, 6}  # 6 to 14 ms, 14 ms at the edge alone
+    assert set(np.unique(loop.delay_steps)) == {3, 4, 5, 6}  # 6 to 14 ms, 14 ms at the edge alone
     assert domain.depth == 8
     pushes = loop.pushes.amplitude
     assert 0.5 < pushes[:, 1].max() <= 1.0
@@ -67,7 +67,11 @@ def test_draws_fill_their_ranges():
 def test_what_is_left_out_is_perfect():
     plant, loop = drawn(make_domain({"m1": 0.5}), 2)
     assert plant.m1.tolist() == [0.5, 0.5]
-    assert (loop.delay.tolist(), loop.response.tolist(), loop.torque_noise.tolist()) == ([0, 0], [1, 1], [0, 0])
+    assert (loop.delay_steps.tolist(), loop.response.tolist(), loop.torque_noise.tolist()) == (
+        [0, 0],
+        [1, 1],
+        [0, 0],
+    )
     assert plant.tl1.tolist() == [0, 0]
 
 

@@ -9,14 +9,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from swingup.benchmark.rollout import Scenario, act, begin, sense
+from swingup.benchmark.rollout import Scenario, apply_torque, initial_loop, measure
 from swingup.physics.parameters import get_robot
 from swingup.policy.jax_backend.front_end import FrontEnd
 from swingup.policy.numpy_backend.front_end import NumpyFrontEnd
 from swingup.policy.settings import FrontEndSettings
-from swingup.tasks.disturbance import Motor, Pushes, drive, step_noise, undisturbed
-from swingup.tasks.domain import DT, load_domain, make_domain
-from swingup.tasks.presets import memory_task, sim2real_task
+from swingup.tasks.disturbance import Motor, Pushes, motor_torques, step_noise, undisturbed
+from swingup.tasks.domain import LOOP_DT, load_domain, make_domain
+from swingup.tasks.presets import sim2real_task
 from swingup.tasks.sim2real import CALLS
 
 QUIET = make_domain(
@@ -25,7 +25,7 @@ QUIET = make_domain(
         "ripple_periods": 36.0,
     }
 )  # fmt: skip
-"""No noise: what happens then is determined."""
+"""No noise: the motion is determined."""
 
 
 def test_a_motor_by_hand():
@@ -39,19 +39,24 @@ def test_a_motor_by_hand():
 LIMITS = np.array([6.0, 0.5])
 
 
+def measuring(robot, domain=None):
+    """The task of a policy without an estimator: it sees measurements, late and noisy, through a filter."""
+    return sim2real_task(robot, domain, estimated=False, velocity_weight=0.2, dead_band=0.1)
+
+
 @functools.partial(jax.jit, static_argnums=4)
 def torques(disturbance, command, q, noise, steps):
     """What acts, and the motors' own, in steps of 2 ms at fixed angles with command and noise held."""
 
     def step(motors, k):
-        acting, motors = drive(disturbance, command, motors, k * DT, noise, LIMITS, q, DT)
+        acting, motors = motor_torques(disturbance, command, motors, k * LOOP_DT, noise, LIMITS, q, LOOP_DT)
         return motors, (acting, motors)
 
     return jax.lax.scan(step, jnp.zeros(2), jnp.arange(steps))[1]
 
 
 def test_ripple_and_noise_at_rest_do_not_integrate():
-    """A slow motor with 10 N m/s is asked for nothing: its own torque stays 0, whatever is added to it."""
+    """A slow motor with 10 N m/s and a command of 0: its own torque stays 0, whatever acts beside it."""
     motor = Motor(rate_limit=10.0, ripple=0.1, ripple_periods=36.0)
     disturbance = dataclasses.replace(undisturbed(), response=0.5, motor=motor)
     q = jnp.array([math.pi / 72, -math.pi / 72])  # a quarter of a period
@@ -61,7 +66,7 @@ def test_ripple_and_noise_at_rest_do_not_integrate():
 
 
 def test_a_push_adds_to_a_motor_that_hardly_moves():
-    """At 10 N m/s a motor gains 0.02 N m a step: k steps after 0 and asked for 6 N m, 0.02 k and the push act."""
+    """At 10 N m/s a motor gains 0.02 N m a step: after k steps at a command of 6 N m, 0.02 k and the push act."""
     pushes = Pushes(np.full((2, 1), 0.01), np.full((2, 1), 0.01), np.array([[1.0], [0.0]]))
     disturbance = dataclasses.replace(undisturbed(), pushes=pushes, motor=Motor(10.0, 0.0, 36.0))
     acting, _ = torques(disturbance, jnp.array([6.0, 0.0]), jnp.zeros(2), jnp.zeros(2), 400)
@@ -81,24 +86,24 @@ def test_each_motor_has_its_own_noise():
 
 def test_steps_are_the_judges(robot):
     """Actions held for 10 ms on a plant without noise, beside the judge's loop and NumPy's front end."""
-    task = dataclasses.replace(memory_task(robot, QUIET), reset_noise=0.3)
+    task = dataclasses.replace(measuring(robot, QUIET), reset_noise=0.3)
     actions = np.random.default_rng(1).uniform(-1, 1, (8, 1))
     with jax.enable_x64(True):
         state = jax.jit(lambda key: task.reset(key))(jax.random.key(4))
         start = np.asarray(state.x)
         scenario = Scenario(state.plant, state.disturbance)
-        judged = begin(jnp.asarray(start), QUIET.depth)
-        front = NumpyFrontEnd(task.front_end.settings, 2, 2, robot.joint, 6.0)
-        step, half, other = jax.jit(lambda *given: task.step(*given)), jax.jit(sense), jax.jit(act)
+        judged = initial_loop(jnp.asarray(start), QUIET.depth)
+        front = NumpyFrontEnd(task.front_end.settings, robot.joint)
+        step, half, other = jax.jit(lambda *given: task.step(*given)), jax.jit(measure), jax.jit(apply_torque)
         judged, seen, _ = half(scenario, judged, 0)
         shown = front.see(0.0, np.asarray(seen))
         for number, action in enumerate(actions):
             result = step(state, jnp.asarray(action), jax.random.key(number))
             state = result.state
             for call in range(number * CALLS, (number + 1) * CALLS):
-                judged = other(scenario, judged, call, front.command(6.0 * float(action[0])), DT)
+                judged = other(scenario, judged, call, front.command(6.0 * float(action[0])), LOOP_DT)
                 judged, seen, _ = half(scenario, judged, call + 1)
-                shown = front.see((call + 1) * DT, np.asarray(seen))
+                shown = front.see((call + 1) * LOOP_DT, np.asarray(seen))
             np.testing.assert_allclose(state.x, judged.x, rtol=0, atol=1e-9)
             np.testing.assert_allclose(state.u, judged.u, rtol=0, atol=1e-9)
             np.testing.assert_allclose(result.observation, task.observation(jnp.asarray(shown)), rtol=0, atol=1e-9)
@@ -116,7 +121,7 @@ def fifty(task):
 
 def test_ends():
     """Never terminated; truncated by the limit of steps, and where the integrator diverges."""
-    task = dataclasses.replace(memory_task(get_robot("acrobot")), truncation_probability=0.0)
+    task = dataclasses.replace(measuring(get_robot("acrobot")), truncation_probability=0.0)
     states, _ = fifty(task)
     fast = states.x.at[:10, 2].set(5000.0)
     states = eqx.tree_at(lambda s: (s.x, s.steps), states, (fast, states.steps.at[40:].set(999)))
@@ -130,14 +135,12 @@ def test_ends():
 
 
 def test_noise_and_plants_differ():
-    task = memory_task(get_robot("acrobot"), load_domain("randomised"))
+    task = measuring(get_robot("acrobot"), load_domain("randomised"))
     states, observations = fifty(task)
     assert len(np.unique(states.plant.cf1)) == 50
-    noise = states.memory.past[:, 0, 2:] - jnp.where(
-        jnp.abs(states.memory.past[:, 0, 2:]) > 0, states.x[:, 2:], 0.0
-    )
+    noise = states.memory.seen[:, 2:] - jnp.where(jnp.abs(states.memory.seen[:, 2:]) > 0, states.x[:, 2:], 0.0)
     assert 0.02 < float(noise.std()) < 0.2
-    assert observations.shape == (50, task.observation_size) == (50, 20)
+    assert observations.shape == (50, task.observation_size) == (50, 6)
 
 
 def test_behind_an_estimator_the_state_is_seen():
@@ -153,27 +156,16 @@ def test_behind_an_estimator_the_state_is_seen():
 def test_filter_and_dead_band():
     """The response of the low-pass to a step is 1 - (1 - w)ⁿ; slow is seen as still."""
     front = FrontEnd(FrontEndSettings(velocity_weight=0.2, dead_band=0.1))
-    measure, shown = jax.jit(lambda *given: front.measure(*given)), jax.jit(lambda memory: front.shown(memory))
+    update = jax.jit(lambda *given: front.measure(*given))
     memory = front.begin(jnp.zeros(4))
     for n in range(1, 10):
-        memory = measure(memory, jnp.array([0.5, -0.5, 1.0, 0.15]))
+        memory = update(memory, jnp.array([0.5, -0.5, 1.0, 0.15]))
         expected = 1 - 0.8**n
         np.testing.assert_allclose(memory.rates, [expected, 0.15 * expected], rtol=1e-5)
         slow = 0.15 * expected
         seen = [0.5, -0.5, expected, slow if slow >= 0.1 else 0.0]
-        np.testing.assert_allclose(shown(memory), seen, rtol=1e-5)
+        np.testing.assert_allclose(memory.seen, seen, rtol=1e-5)
     assert slow > 0.1
-
-
-def test_memory_of_torques_and_states():
-    front = FrontEnd(FrontEndSettings(spacing=2), torques=2, history=2)
-    call = jax.jit(lambda memory, torque, x: front.measure(front.remember(memory, torque), x))
-    memory = front.begin(jnp.zeros(4))
-    for n in range(1, 7):
-        memory = call(memory, jnp.array(float(n)), jnp.full(4, 10.0 * n))
-    # Torques 6, 5 and 4, 3; states of now, two and four calls ago.
-    expected = [60.0] * 4 + [5.5, 3.5] + [40.0] * 4 + [20.0] * 4
-    np.testing.assert_allclose(front.shown(memory), expected)
 
 
 def test_friction_compensation(robot):
@@ -188,13 +180,13 @@ def test_friction_compensation(robot):
     assert float(front.command(front.begin(jnp.zeros(4)), jnp.array(2.0), robot)[robot.joint]) == 2.0
 
 
-def test_the_friction_made_up_for_is_the_domains():
+def test_the_compensated_friction_is_the_domains():
     settings = sim2real_task(get_robot("acrobot")).front_end.settings
     assert settings == FrontEndSettings(damping=(0.001, 0.001), coulomb=(0.16, 0.12), passive_limit=0.5)
     mine = make_domain({"cf1": [0.1, 0.3], "b2": -0.1, "passive_limit": [0.25, 0.75]})
-    settings = memory_task(get_robot("acrobot"), mine).front_end.settings
+    settings = sim2real_task(get_robot("acrobot"), mine).front_end.settings
     np.testing.assert_allclose(settings.coulomb, [0.2, 0.12], rtol=1e-12)  # cf2 and b1 as identified
-    assert (settings.damping, settings.passive_limit, settings.dead_band) == ((0.001, 0.0), 0.5, 0.1)
+    assert (settings.damping, settings.passive_limit, settings.dead_band) == ((0.001, 0.0), 0.5, 0.0)
 
 
 def test_settings_are_data():

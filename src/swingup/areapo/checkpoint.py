@@ -1,5 +1,6 @@
 """Complete, atomic checkpoints of a training state: arrays named by their path in the pytree, and metadata."""
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -8,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..arrays import load_archive, save_archive
+from ..arrays import LARGEST_ARCHIVE, load_archive, save_archive
 from ..errors import SwingupError
 
 CHECKPOINT_FORMAT = "swingup checkpoint"
@@ -38,9 +39,12 @@ def load_checkpoint(path: str | Path, like: Tree) -> tuple[Tree, dict[str, Any]]
     Raises:
         SwingupError: the file cannot be read, or it holds another structure.
     """
-    metadata, arrays = load_archive(path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION)
+    needed = dict(_named(like))
+    # What the configuration needs may be large; anything else is held to the bound of all archives.
+    most = max(LARGEST_ARCHIVE, sum(map(_member_size, needed.values())))
+    metadata, arrays = load_archive(path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION, needed.__contains__, most)
     leaves = []
-    for name, expected in _named(like):
+    for name, expected in needed.items():
         if name not in arrays:
             raise SwingupError(f"checkpoint {path} lacks {name}: it is of another configuration")
         leaves.append(_from_numpy(path, name, arrays[name], expected))
@@ -53,7 +57,7 @@ def read_metadata(path: str | Path) -> dict[str, Any]:
     Raises:
         SwingupError: the file cannot be read.
     """
-    return load_archive(path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION)[0]
+    return load_archive(path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION, lambda name: False)[0]
 
 
 def _named(tree: Any) -> list[tuple[str, Any]]:
@@ -69,8 +73,19 @@ def _to_numpy(leaf: Any) -> np.ndarray:
     return np.asarray(jax.random.key_data(leaf) if _is_key(leaf) else leaf)
 
 
+def _kind(expected: Any) -> Any:
+    """Shape and type of a leaf as it is stored: a key as its numbers."""
+    return jax.eval_shape(jax.random.key_data, expected) if _is_key(expected) else expected
+
+
+def _member_size(expected: Any) -> int:
+    """Bytes of a stored leaf, its header included."""
+    kind = _kind(expected)
+    return math.prod(kind.shape) * np.dtype(kind.dtype).itemsize + 1000
+
+
 def _from_numpy(path: str | Path, name: str, array: np.ndarray, expected: Any) -> Any:
-    kind = jax.eval_shape(jax.random.key_data, expected) if _is_key(expected) else expected
+    kind = _kind(expected)
     if array.shape != kind.shape or array.dtype != kind.dtype:
         raise SwingupError(
             f"checkpoint {path} holds {name} as {array.dtype}{list(array.shape)} where the configuration "

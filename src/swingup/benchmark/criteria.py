@@ -4,11 +4,15 @@ Sums run over the rows k = 0 .. N-2 with Δt_k = t_{k+1} - t_k, standard deviati
 """
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
 from .rules import Normalisers, PerformanceRules
+
+SHARE = 0.99
+"""Part of the rules' duration that a run must span to score."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,27 @@ class Criteria:
     """1 - (1/5) Σ tanh(π c_i / n_i) on success, else 0."""
 
 
+@dataclass(frozen=True)
+class TipHistory:
+    """The height of the tip during a run, and the reason of a failure."""
+
+    highest: float
+    """Largest height above the shoulder (m)."""
+    reach: float
+    """l1 + l2 (m)."""
+    failure: str | None
+    """Why the run is no success; None if it is one."""
+
+    @property
+    def percent(self) -> float:
+        """The largest height in percent of l1 + l2."""
+        return 100.0 * self.highest / self.reach
+
+    def as_dict(self) -> dict[str, Any]:
+        """Ready for JSON."""
+        return {"highest_tip": self.highest, "highest_tip_percent": self.percent, "failure": self.failure}
+
+
 def judge(
     time: np.ndarray, x: np.ndarray, u: np.ndarray, l1: float, l2: float, rules: PerformanceRules
 ) -> Criteria:
@@ -46,7 +71,7 @@ def judge(
     """
     dt = np.diff(time)
     swingup_time = _swingup_time(time, x, l1, l2, rules)
-    long_enough = bool(time[-1] >= 0.99 * rules.duration)
+    long_enough = bool(time[-1] >= SHARE * rules.duration)
     costs = {
         "energy": float(np.sum(np.abs(np.diff(x[:, :2], axis=0) * u[:-1]))),
         "torque_cost": float(np.sum(np.sum(u[:-1] ** 2, axis=1) * dt)),
@@ -59,6 +84,29 @@ def judge(
     return Criteria(success=True, swingup_time=swingup_time, **costs, score=score)
 
 
+def follow_tip(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: PerformanceRules) -> TipHistory:
+    """How high the tip came, and why the run failed if it did; arguments as of :func:`judge`."""
+    reach, height = l1 + l2, tip_height(x, l1, l2)
+    highest = float(height.max())
+    # The benchmark looks neither at the first row nor at the last.
+    up, times = tip_is_up(x, l1, l2, rules.height)[1:-1], time[1:-1]
+    if not up.any():
+        failure = f"never up: the tip reached {highest:.3f} m and must pass {rules.height * reach:g} m"
+    elif not up[-1]:
+        last = int(np.flatnonzero(up)[-1])
+        failure = f"up at t = {times[int(up.argmax())]:.3f} s, fell at t = {times[last + 1]:.3f} s"
+    elif min(time[-1], time[-1] - time[0]) < SHARE * rules.duration:
+        failure = f"it spans {time[-1] - time[0]:g} s, below {SHARE:.0%} of {rules.duration:g} s"
+    else:
+        failure = None
+    return TipHistory(highest, reach, failure)
+
+
+def failed(criteria: Criteria) -> Criteria:
+    """The same costs without a success."""
+    return replace(criteria, success=False, swingup_time=None, score=0.0)
+
+
 def realai_score(costs: dict[str, float], normalisers: Normalisers) -> float:
     """1 - (1/5) Σ_i tanh(π c_i / n_i) of a successful run; names are those of :class:`Normalisers`."""
     names = [field.name for field in fields(normalisers)]
@@ -68,16 +116,20 @@ def realai_score(costs: dict[str, float], normalisers: Normalisers) -> float:
 
 def tip_is_up(x: np.ndarray, l1: float, l2: float, fraction: float) -> np.ndarray:
     """Whether the tip is strictly above a fraction of l1 + l2, for states of shape (..., 4); lengths in m."""
-    height = -l1 * np.cos(x[..., 0]) - l2 * np.cos(x[..., 0] + x[..., 1])
-    return height > fraction * (l1 + l2)
+    return tip_height(x, l1, l2) > fraction * (l1 + l2)
+
+
+def tip_height(x: np.ndarray, l1: float, l2: float) -> np.ndarray:
+    """Height of the tip above the shoulder (m), for states of shape (..., 4); lengths in m."""
+    height: np.ndarray = -l1 * np.cos(x[..., 0]) - l2 * np.cos(x[..., 0] + x[..., 1])
+    return height
 
 
 def _swingup_time(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: PerformanceRules) -> float | None:
-    looked_at = tip_is_up(x, l1, l2, rules.height)[
-        1:-1
-    ]  # as the benchmark does: neither the first nor the last row
-    if looked_at.size == 0 or not looked_at[-1]:
+    # The benchmark looks neither at the first row nor at the last.
+    up = tip_is_up(x, l1, l2, rules.height)[1:-1]
+    if up.size == 0 or not up[-1]:
         return None
-    below = np.flatnonzero(~looked_at)
+    below = np.flatnonzero(~up)
     start = 0 if below.size == 0 else int(below[-1]) + 1
     return float(time[1 + start])

@@ -5,13 +5,17 @@ from typing import Any
 
 import numpy as np
 
+from ..control.registry import has_estimator
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
-from ..tasks.disturbance import Disturbance, describe
-from .criteria import Criteria, judge
+from ..tasks.disturbance import Disturbance, disturbance_as_dict
+from .criteria import SHARE, Criteria, TipHistory, failed, follow_tip, judge
 from .rollout import Scenario, Trajectory
 from .rules import DEFAULT_RULES, PerformanceRules, get_performance_rules
 from .runner import prepare, run_one
+
+START = 0.2
+"""A run's first time is within this of 0 (s): six periods of the slowest recordings, which have 33 Hz."""
 
 
 @dataclass(frozen=True)
@@ -21,15 +25,22 @@ class Evaluation:
     robot: str
     controller: str
     criteria: Criteria
+    tip: TipHistory
+    """How high the tip came, and why the run failed if it did."""
     trajectory: Trajectory
     """NumPy arrays in float64."""
     disturbance: Disturbance | None = None
-    """What disturbed the run; None on the boards."""
+    """None on the boards, whose runs are undisturbed."""
+    estimator: bool | None = None
+    """Whether a state estimator stood before the controller; None for a recorded trajectory."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Ready for JSON: robot, controller, success, the criteria, the score, and what disturbed, if anything."""
-        disturbed = {} if self.disturbance is None else {"disturbance": describe(self.disturbance)}
-        return {"robot": self.robot, "controller": self.controller, **asdict(self.criteria), **disturbed}
+        """Ready for JSON: the names, success, the criteria, the score, the tip, and the disturbance, if any."""
+        head: dict[str, Any] = {"robot": self.robot, "controller": self.controller}
+        if self.estimator is not None:
+            head["estimator"] = self.estimator
+        disturbed = {} if self.disturbance is None else {"disturbance": disturbance_as_dict(self.disturbance)}
+        return head | asdict(self.criteria) | self.tip.as_dict() | disturbed
 
 
 def evaluate(
@@ -45,27 +56,47 @@ def evaluate(
         controller: a controller in JAX, an object with ``get_control_output(x, t)`` or a function of (x, t);
             called at every step, whatever rate it was trained at.
         robot: which joint is driven.
-        name: what to call the controller in the result.
+        name: name of the controller in the result.
         rules: rules of the performance board, or their name.
-        disturbance: what disturbs the simulation; the board's has nothing.
+        disturbance: noise, delay, motor response and pushes of the simulation; None for the board's.
 
     Raises:
         SwingupError: there is no such robot, there are no such rules, the controller is for the other robot, or
             it failed: it raised an error, or its torque is not two finite numbers.
     """
     robot, rules = get_robot(robot), get_performance_rules(rules)
-    controller = prepare(controller, robot, name)
+    estimator, controller = has_estimator(controller), prepare(controller, robot, name)
     scenario = Scenario(leaderboard_parameters(robot), disturbance)
-    depth = 1 if disturbance is None else int(disturbance.delay) + 1
+    depth = 1 if disturbance is None else int(disturbance.delay_steps) + 1
     try:
         trajectory = run_one(controller, scenario, rules.dt, rules.steps, depth)
     except SwingupError as error:
         raise SwingupError(f"controller {name!r}: {error}") from error
-    return Evaluation(robot.name, name, score(trajectory, robot, rules), trajectory, disturbance)
+    return Evaluation(robot.name, name, *_judged(trajectory, robot, rules), trajectory, disturbance, estimator)
+
+
+def evaluate_recorded(
+    trajectory: Trajectory, robot: Robot | str, name: str, rules: PerformanceRules | str = DEFAULT_RULES
+) -> Evaluation:
+    """Score a trajectory from any source, such as a recording of a real robot.
+
+    Args:
+        trajectory: NumPy arrays in float64.
+        robot: which joint is driven; gives the lengths of the links.
+        name: name of the trajectory in the result.
+        rules: rules of the performance board, or their name.
+
+    Raises:
+        SwingupError: as :func:`score`.
+    """
+    robot, rules = get_robot(robot), get_performance_rules(rules)
+    return Evaluation(robot.name, name, *_judged(trajectory, robot, rules), trajectory)
 
 
 def score(trajectory: Trajectory, robot: Robot | str, rules: PerformanceRules | str = DEFAULT_RULES) -> Criteria:
     """Score a trajectory from any source by the rules of the performance board.
+
+    Times count from 0, or from the first row where that is earlier. A span below 99 % of the duration scores 0.
 
     Args:
         trajectory: NumPy arrays in float64.
@@ -74,9 +105,13 @@ def score(trajectory: Trajectory, robot: Robot | str, rules: PerformanceRules | 
 
     Raises:
         SwingupError: there is no such robot, there are no such rules, or the trajectory has fewer than 3 rows, rows
-            of other shapes, or values that are not finite.
+            of other shapes, values that are not finite, or times that do not increase or start far from 0.
     """
-    parameters = leaderboard_parameters(get_robot(robot))
+    return _judged(trajectory, get_robot(robot), get_performance_rules(rules))[0]
+
+
+def _judged(trajectory: Trajectory, robot: Robot, rules: PerformanceRules) -> tuple[Criteria, TipHistory]:
+    parameters = leaderboard_parameters(robot)
     lengths = float(parameters.l1), float(parameters.l2)
     time, x, u = (np.asarray(rows, np.float64) for rows in (trajectory.time, trajectory.x, trajectory.u))
     rows = time.size
@@ -85,4 +120,10 @@ def score(trajectory: Trajectory, robot: Robot | str, rules: PerformanceRules | 
         raise SwingupError(f"time, x and u have shapes {shapes}: pass (N,), (N, 4) and (N, 2) with N of 3 or more")
     if not (np.isfinite(time).all() and np.isfinite(x).all() and np.isfinite(u).all()):
         raise SwingupError("the trajectory holds values that are not finite: end it before them")
-    return judge(time, x, u, *lengths, get_performance_rules(rules))
+    if not np.all(np.diff(time) > 0):
+        raise SwingupError("the trajectory's times do not increase: keep one run, in order")
+    if abs(time[0]) > START:
+        raise SwingupError(f"the trajectory starts at t = {time[0]:g} s: give its times as seconds since its start")
+    criteria = judge(time - min(0.0, time[0]), x, u, *lengths, rules)  # no swing-up takes less than no time
+    long_enough = time[-1] - time[0] >= SHARE * rules.duration
+    return criteria if long_enough else failed(criteria), follow_tip(time, x, *lengths, rules)

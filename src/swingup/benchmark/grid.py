@@ -13,7 +13,7 @@ from ..tasks.disturbance import Disturbance, Pushes, undisturbed
 from .rollout import Scenario
 from .rules import CRITERIA, RANDOM, SWEPT, ModelSweep, PushRules, RobustnessRules, Sweep
 
-MOST = 10_000
+MOST_CASES = 10_000
 """Simulations of one criterion; more are refused."""
 LONGEST_DELAY = 1000
 """Steps; more past than this is refused."""
@@ -51,8 +51,10 @@ def make_cases(robot: Robot, rules: RobustnessRules, criterion: str, seed: int) 
         made = list(_push_cases(nominal, calm, rules, seed))
     else:
         made = list(_sweep_cases(nominal, calm, rules, criterion))
-    if len(made) > MOST:
-        raise SwingupError(f"{criterion} has {len(made)} simulations: at most {MOST} can have noise of their own")
+    if len(made) > MOST_CASES:
+        raise SwingupError(
+            f"{criterion} has {len(made)} simulations: at most {MOST_CASES} can have noise of their own"
+        )
     if criterion in RANDOM:
         made = [_seeded(case, seed, index) for index, case in enumerate(made)]
     return made
@@ -83,14 +85,14 @@ def _sweep_cases(nominal: Parameters, calm: Disturbance, rules: RobustnessRules,
             raise SwingupError(f"{criterion} = {value:g} must not be negative: correct the grid")
         change: dict[str, Any] = {"response" if criterion == "torque_response" else criterion: value}
         if criterion == "delay":
-            change = {"delay": delay_steps(value, rules.dt)}
+            change = {"delay_steps": floored_delay_steps(value, rules.dt)}
         scenario = Scenario(nominal, dataclasses.replace(calm, **change))
         for repetition in range(sweep.repetitions):
             settings = {"value": value} | ({"repetition": repetition} if sweep.repetitions > 1 else {})
             yield Case(criterion, group, settings, scenario)
 
 
-def delay_steps(delay: float, dt: float) -> int:
+def floored_delay_steps(delay: float, dt: float) -> int:
     """A delay (s) in steps of dt (s), rounded down in floating point as in the public benchmark.
 
     Raises:
@@ -139,7 +141,7 @@ def draw_pushes(random: np.random.Generator, rules: PushRules, duration: float) 
 
 def _seeded(case: Case, seed: int, index: int) -> Case:
     """The case with a noise of its own: no two of a grid, and no two seeds, share a key."""
-    key = np.array([seed, MOST * CRITERIA.index(case.criterion) + index], np.uint32)
+    key = np.array([seed, MOST_CASES * CRITERIA.index(case.criterion) + index], np.uint32)
     assert case.scenario.disturbance is not None
     disturbance = dataclasses.replace(case.scenario.disturbance, noise=key)
     scenario = Scenario(case.scenario.parameters, disturbance)

@@ -9,10 +9,10 @@ import numpy as np
 
 from ..control.python_controller import Answer, PythonController, answer
 from ..errors import SwingupError
-from .rollout import Plant, Scenario, Trajectory, act, begin, sense
+from .rollout import LoopState, Scenario, Trajectory, apply_torque, initial_loop, measure
 
-_sense = jax.jit(jax.vmap(sense, in_axes=(0, 0, None)))
-_act = jax.jit(jax.vmap(act, in_axes=(0, 0, None, 0, None)))
+_measure = jax.jit(jax.vmap(measure, in_axes=(0, 0, None)))
+_apply_torque = jax.jit(jax.vmap(apply_torque, in_axes=(0, 0, None, 0, None)))
 
 
 @dataclass
@@ -40,15 +40,15 @@ def simulate_on_host(
         except SwingupError as error:
             calls.append(_silent)
             faults[index] = str(error)
-    plant: Plant = jax.tree.map(lambda leaf: jnp.stack([leaf] * number), begin(jnp.zeros(4), depth))
+    loop: LoopState = jax.tree.map(lambda leaf: jnp.stack([leaf] * number), initial_loop(jnp.zeros(4), depth))
     time = np.arange(steps) * dt
     kept = steps if keep else 0
     x, u = np.zeros((number, kept, 4)), np.zeros((number, kept, 2))
     for step in range(steps):
         if keep:
-            x[:, step] = plant.x
-        plant, seen, called = _sense(scenarios, plant, np.int64(step))
-        measured, command = np.asarray(seen, np.float64), np.zeros((number, 2))
+            x[:, step] = loop.x
+        loop, state, called = _measure(scenarios, loop, np.int64(step))
+        measured, command = np.asarray(state, np.float64), np.zeros((number, 2))
         able = np.asarray(called) & np.isfinite(measured).all(axis=1)
         for index, call in enumerate(calls):
             if faults[index] is None and able[index]:
@@ -57,12 +57,12 @@ def simulate_on_host(
                 except SwingupError as error:
                     faults[index] = str(error)
         if None not in faults:
-            break  # nobody is left to be judged
-        plant = _act(scenarios, plant, np.int64(step), command, dt)
+            break  # every controller has failed
+        loop = _apply_torque(scenarios, loop, np.int64(step), command, dt)
         if keep:
-            u[:, step] = plant.u
+            u[:, step] = loop.u
     rows = Trajectory(time=np.tile(time, (number, 1)), x=x, u=u) if keep else None
-    return HostRun(rows, np.asarray(plant.x), faults)
+    return HostRun(rows, np.asarray(loop.x), faults)
 
 
 def _silent(x: np.ndarray, t: float) -> None:

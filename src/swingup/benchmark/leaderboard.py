@@ -1,20 +1,23 @@
-"""The boards: our controllers' rows, computed here, beside the published ones."""
+"""The boards: rows of our controllers, computed here, beside the published ones."""
 
 import csv
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any
 
-from ..control.registry import get_controller, has_estimator
+from ..control.registry import find_controller, has_estimator
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot
 from ..policy.shipped import AR_EAPO, GLOBAL, REFINED
+from .board_rules import BoardRules, get_board_rules
 from .columns import BOARDS, PERFORMANCE
 from .evaluate import evaluate
 from .robustness import robustness
-from .rules import DEFAULT_RULES, PERFORMANCE_RULES, ROBUSTNESS_RULES, UPTIME_RULES
+from .rules import DEFAULT_RULES
+from .runner import Progress
+from .seeds import check_seeds
 from .uptime import uptime
 
 OURS = "ours"
@@ -22,11 +25,13 @@ ENTRANTS = (AR_EAPO, "tvlqr", "ilqr-riccati", "ilqr-mpc")
 """The paper's controllers, by our names."""
 FURTHER = (REFINED, "tvlqr-score")
 """Further controllers of ours that enter every board beside the paper's."""
+FOR_THROWS = (GLOBAL,)
+"""Those that enter only the boards with throws."""
 ALONE = " --no-estimator"
-"""Ends the name of a shipped policy that enters a second time, without the estimator that it ships with."""
+"""Ends the name of a shipped policy that enters a second time, without its estimator."""
 
 SHIPPED_ROBUSTNESS = ("ilqr-mpc",)
-"""Controllers whose robustness takes many minutes: the package ships what its command printed."""
+"""Controllers whose robustness takes many minutes: the package ships the output of the command."""
 
 
 @dataclass(frozen=True)
@@ -37,12 +42,15 @@ class Row:
     source: str
     """``ours`` if computed by this package, ``paper``, or ``board`` for the public leaderboard."""
     values: Mapping[str, float | None]
-    """By the board's columns; None where there is nothing to measure."""
+    """By the board's columns; None where nothing could be measured."""
     remark: str | None = None
     """Why a row has failed, or how it was made."""
 
 
 _Maker = Callable[[Any, Robot, str], Row]
+
+RowProgress = Callable[[str, int, int], None]
+"""Told which row is being computed, the number of its finished simulations, and of all."""
 
 
 @dataclass(frozen=True)
@@ -72,87 +80,102 @@ class Board:
 def leaderboard(
     robot: Robot | str,
     controllers: Mapping[str, Any] | None = None,
-    rules: str = DEFAULT_RULES,
+    rules: BoardRules | str = DEFAULT_RULES,
     seed: int = 0,
     recompute: bool = False,
+    entrants: Sequence[str] | None = None,
+    progress: RowProgress | None = None,
 ) -> list[Board]:
     """Every board of a version of the rules, with our rows computed now.
 
     Args:
         robot: which joint is driven.
         controllers: controllers by name, in JAX or plain Python, that enter beside ours.
-        rules: ``v2`` (performance and robustness), ``hardware`` (performance) or ``v3`` (uptime).
+        rules: ``v2`` (performance and robustness), ``hardware`` (performance), ``v3`` (uptime), or others as data.
         seed: of noise, pushes and throws.
-        recompute: compute the rows that are shipped because they take long as well.
+        recompute: also compute the rows that the package ships because they take minutes.
+        entrants: names of the built-in controllers that enter; None for those of the rules.
+        progress: called before each row and while it is computed.
 
     Raises:
-        SwingupError: there is no such robot or there are no such rules. A controller that fails gets a row that
-            says so.
+        SwingupError: there is no such robot, there are no such rules, or the seed is out of range. The row of a
+            controller that fails says so.
     """
-    robot = get_robot(robot)
-    makers = _makers(rules, seed, recompute)
-    anywhere = (GLOBAL,) if rules in UPTIME_RULES else ()
-    entrants = entrants_for(robot, controllers or {}, (*FURTHER, *anywhere), alone=True)
-    return [
-        _board(robot, measure, rules, None if measure == "performance" else seed, entrants, make_row)
-        for measure, make_row in makers.items()
-    ]
+    robot, rules, seed = get_robot(robot), get_board_rules(rules), check_seeds(seed, 1)[0]
+    names = default_entrants(rules) if entrants is None else entrants
+    entered = entrants_for(robot, controllers or {}, names, alone=True)
+    makers = _makers(rules, seed, recompute, progress)
+    return [_board(robot, measure, rules.name, seed, entered, make_row) for measure, make_row in makers.items()]
+
+
+def default_entrants(rules: BoardRules) -> tuple[str, ...]:
+    """Names of the built-in controllers on the boards of a version of the rules."""
+    return (*ENTRANTS, *FURTHER, *(FOR_THROWS if rules.uptime else ()))
 
 
 def entrants_for(
-    robot: Robot, others: Mapping[str, Any], extra: Sequence[str] = (), alone: bool = False
+    robot: Robot, others: Mapping[str, Any], names: Sequence[str] = ENTRANTS, alone: bool = False
 ) -> dict[str, Any]:
-    """The paper's controllers and others, by name.
+    """Built-in controllers and others, by name.
 
     Args:
         robot: which joint is driven.
         others: controllers of the user.
-        extra: names of built-in controllers that enter beside the paper's.
-        alone: whether what ships with an estimator enters a second time without it.
+        names: the built-in controllers.
+        alone: whether a policy that ships with an estimator enters a second time without it.
 
     Raises:
         SwingupError: another controller has a name of ours.
     """
-    names = (*ENTRANTS, *extra)
-    ours = {name: get_controller(name, robot) for name in names}
+    _check_names(others, names)  # before controllers are made, which takes seconds
+    # Not get_controller: its notes on changed names are for what a user asks for.
+    ours = {name: find_controller(name, robot) for name in names}
     twice = [name for name in names if alone and has_estimator(ours[name])]
-    ours |= {f"{name}{ALONE}": get_controller(name, robot, estimator=False) for name in twice}
-    taken = sorted(set(others) & set(ours))
-    if taken:
-        raise SwingupError(f"controller {taken[0]!r} is on the board already: give yours another name")
+    ours |= {f"{name}{ALONE}": find_controller(name, robot, estimator=False) for name in twice}
+    _check_names(others, ours)
     return ours | dict(others)
 
 
-def _makers(rules: str, seed: int, recompute: bool) -> dict[str, _Maker]:
-    """What fills a row of each board of a version of the rules."""
+def _check_names(others: Iterable[str], ours: Iterable[str]) -> None:
+    taken = sorted(set(others) & set(ours))
+    if taken:
+        raise SwingupError(f"controller {taken[0]!r} is on the board already: give yours another name")
+
+
+def _makers(rules: BoardRules, seed: int, recompute: bool, progress: RowProgress | None) -> dict[str, _Maker]:
+    """One function for each board of a version of the rules: it fills a row."""
+
+    def told(name: str, measure: str) -> Progress:
+        def tell(done: int, total: int) -> None:
+            if progress is not None:
+                progress(f"{name}, {measure}", done, total)
+
+        tell(0, 1)
+        return tell
 
     def performance(controller: Any, robot: Robot, name: str) -> Row:
-        criteria = evaluate(controller, robot, name, rules).criteria
+        assert rules.performance is not None
+        told(name, "performance")
+        criteria = evaluate(controller, robot, name, rules.performance).criteria
         remark = None if criteria.success else "no swing-up"
         return Row(name, OURS, {column: getattr(criteria, column) for column in PERFORMANCE}, remark)
 
     def resilience(controller: Any, robot: Robot, name: str) -> Row:
+        assert rules.robustness is not None
         if name in SHIPPED_ROBUSTNESS and not recompute:
             return shipped_robustness(robot, name)
-        result = robustness(controller, robot, name, rules, seed)
+        result = robustness(controller, robot, name, rules.robustness, seed, progress=told(name, "robustness"))
         faults = result.faults
         remark = f"{len(faults)} simulations without an answer; the first: {faults[0].fault}" if faults else None
         return Row(name, OURS, {**result.percent, "overall": result.overall}, remark)
 
     def thrown(controller: Any, robot: Robot, name: str) -> Row:
-        result = uptime(controller, robot, name, rules, seed)
+        assert rules.uptime is not None
+        result = uptime(controller, robot, name, rules.uptime, seed, progress=told(name, "uptime"))
         return Row(name, OURS, {"uptime": result.uptime}, result.faults[0])
 
-    known: dict[str, tuple[Mapping[str, Any], _Maker]] = {
-        "performance": (PERFORMANCE_RULES, performance),
-        "robustness": (ROBUSTNESS_RULES, resilience),
-        "uptime": (UPTIME_RULES, thrown),
-    }
-    makers = {measure: maker for measure, (versions, maker) in known.items() if rules in versions}
-    if not makers:
-        names = dict.fromkeys(name for versions, _ in known.values() for name in versions)
-        raise SwingupError(f"unknown rules {rules!r}: use one of {', '.join(names)}")
-    return makers
+    known: dict[str, _Maker] = {"performance": performance, "robustness": resilience, "uptime": thrown}
+    return {measure: make for measure, make in known.items() if getattr(rules, measure) is not None}
 
 
 def published_rows(robot: Robot, measure: str, rules: str) -> list[Row]:
@@ -184,12 +207,15 @@ def shipped_robustness(robot: Robot, name: str) -> Row:
 
 
 def _board(
-    robot: Robot, measure: str, rules: str, seed: int | None, entrants: Mapping[str, Any], make_row: _Maker
+    robot: Robot, measure: str, rules: str, seed: int, entrants: Mapping[str, Any], make_row: _Maker
 ) -> Board:
     rows, score = published_rows(robot, measure, rules), BOARDS[measure][-1]
+    drawn = None if measure == "performance" else seed
     for name, controller in entrants.items():
         try:
             rows.append(make_row(controller, robot, name))
         except SwingupError as error:
             rows.append(Row(name, OURS, {**dict.fromkeys(BOARDS[measure]), score: 0.0}, str(error)))
-    return Board(robot.name, measure, rules, seed, tuple(sorted(rows, key=lambda row: -(row.values[score] or 0.0))))
+    return Board(
+        robot.name, measure, rules, drawn, tuple(sorted(rows, key=lambda row: -(row.values[score] or 0.0)))
+    )

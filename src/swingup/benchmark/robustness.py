@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ..checks import one_of
+from ..control.registry import has_estimator
 from ..errors import SwingupError
 from ..physics.angles import UPRIGHT, wrap_difference
 from ..physics.parameters import Robot, get_robot
@@ -14,7 +16,8 @@ from ..version import __version__
 from .grid import Case, make_cases
 from .interval import Interval, mean_interval
 from .rules import CRITERIA, DEFAULT_RULES, RANDOM, RobustnessRules, get_robustness_rules
-from .runner import prepare, run_many, stack
+from .runner import Progress, prepare, run_many, stack
+from .seeds import check_seeds
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,8 @@ class Robustness:
     """Every simulation."""
     version: str = __version__
     """Version of swingup that measured."""
+    estimator: bool = False
+    """Whether a state estimator stood before the controller."""
 
     @property
     def faults(self) -> list[Result]:
@@ -62,7 +67,8 @@ class Robustness:
         seeds: dict[str, Any] = {"seed": self.seeds[0]}
         if len(self.seeds) > 1:
             seeds |= {"seeds": list(self.seeds), "intervals": self.intervals}
-        head = {"robot": self.robot, "controller": self.controller, "rules": self.rules, **seeds}
+        names = ("robot", "controller", "estimator", "rules")
+        head = {name: getattr(self, name) for name in names} | seeds
         scores = {**self.percent, "overall": self.overall}
         return {**head, "version": self.version, **scores, "details": [result.as_dict() for result in self.results]}
 
@@ -75,6 +81,7 @@ def robustness(
     seed: int = 0,
     seeds: int = 1,
     criteria: str | Sequence[str] = CRITERIA,
+    progress: Progress | None = None,
 ) -> Robustness:
     """Simulate the whole grid of the robustness board in float64, and score it.
 
@@ -82,40 +89,33 @@ def robustness(
         controller: a controller in JAX (all simulations side by side), an object with
             ``get_control_output(x, t)`` or a function of (x, t) (one call after another).
         robot: which joint is driven.
-        name: what to call the controller in the result.
+        name: name of the controller in the result.
         rules: rules of the robustness board, or their name.
         seed: the first seed of the noise and the pushes.
         seeds: number of seeds in a row; the random criteria are simulated with each.
-        criteria: what to measure; ``overall`` needs all six.
+        criteria: the criteria to measure; ``overall`` needs all six.
+        progress: called with the number of finished simulations and of all.
 
     Raises:
         SwingupError: there is no such robot, there are no such rules or criteria, a seed is out of range, or the
             controller is for the other robot. A controller that fails to answer loses that simulation only.
     """
     robot, rules = get_robot(robot), get_robustness_rules(rules)
-    controller = prepare(controller, robot, name)
-    check_seeds(seed, seeds)
-    chosen, every = check_criteria(criteria), range(seed, seed + seeds)
-    cases = [case for criterion in chosen for case in make_cases(robot, rules, criterion, seed)]
+    every, chosen = check_seeds(seed, seeds), check_criteria(criteria)
+    estimator, controller = has_estimator(controller), prepare(controller, robot, name)
+    cases = [case for criterion in chosen for case in make_cases(robot, rules, criterion, every[0])]
     for other in every[1:]:
         cases += [case for one in chosen if one in RANDOM for case in make_cases(robot, rules, one, other)]
     disturbances = [case.scenario.disturbance for case in cases]
-    depth = 1 + max(int(each.delay) for each in disturbances if each is not None)
-    batch = run_many(controller, stack([case.scenario for case in cases]), rules.dt, rules.steps, depth)
+    depth = 1 + max(int(each.delay_steps) for each in disturbances if each is not None)
+    scenarios = stack([case.scenario for case in cases])
+    batch = run_many(controller, scenarios, rules.dt, rules.steps, depth, progress=progress)
     ends = zip(cases, upright(batch.final, rules.tolerance), batch.faults, strict=True)
     results = tuple(Result(case, bool(success) and fault is None, fault) for case, success, fault in ends)
     percent, overall, intervals = summarise(results, tuple(every))
-    return Robustness(robot.name, name, rules.name, tuple(every), percent, overall, intervals, results)
-
-
-def check_seeds(seed: int, seeds: int) -> None:
-    """Refuse seeds that cannot be used.
-
-    Raises:
-        SwingupError: the first is negative or too large, or there is none.
-    """
-    if not (0 <= seed < 2**31 and 1 <= seeds < 10_000):
-        raise SwingupError(f"seed = {seed}, seeds = {seeds}: use a seed of 0 to 2³¹ - 1 and 1 to 9999 seeds")
+    return Robustness(
+        robot.name, name, rules.name, tuple(every), percent, overall, intervals, results, estimator=estimator
+    )
 
 
 def check_criteria(criteria: str | Sequence[str]) -> list[str]:
@@ -126,9 +126,10 @@ def check_criteria(criteria: str | Sequence[str]) -> list[str]:
     """
     texts = [criteria] if isinstance(criteria, str) else criteria
     criteria = [name for text in texts for name in text.split(",")]
-    unknown = [name for name in criteria if name not in CRITERIA]
-    if unknown or not criteria:
-        raise SwingupError(f"unknown criterion {', '.join(unknown)!r}: use some of {', '.join(CRITERIA)}")
+    if not criteria:
+        raise SwingupError(f"unknown criterion '': use one of {', '.join(CRITERIA)}")
+    for name in criteria:
+        one_of("criterion", name, CRITERIA)
     return [name for name in CRITERIA if name in criteria]
 
 

@@ -1,4 +1,4 @@
-"""The closed loop of the benchmark, one step in its exact order: measure, control, drive, integrate.
+"""The closed loop of the benchmark, one step in its exact order: measure, control, apply the torque, integrate.
 
 Two loops run the same steps: :func:`simulate` compiles a whole simulation with a controller in JAX, and
 :mod:`.host` calls a controller in plain Python between two compiled half steps.
@@ -17,7 +17,7 @@ from jaxtyping import Array, Float, Int
 from ..control.controller import AbstractController
 from ..physics.integrate import rk4_step
 from ..physics.parameters import Parameters
-from ..tasks.disturbance import Disturbance, Past, drive, measure, remember, step_noise
+from ..tasks.disturbance import Disturbance, Past, measured_state, motor_torques, remember, step_noise
 from ..tasks.throws import PID, Throws, is_thrown, start_pid, throw
 from ..types import Count, Flag, State, Torque
 
@@ -41,26 +41,26 @@ class Scenario(eqx.Module):
     parameters: Parameters
     """The plant, whatever model the controller has. A torque limit of 0 makes a joint passive."""
     disturbance: Disturbance | None = None
-    """None is a perfect world, and faster than a disturbance that changes nothing."""
+    """None is a perfect loop, and faster than a disturbance that changes nothing."""
     throws: Throws | None = None
-    """When something else than the controller has the pendulum."""
+    """When a PID takes the pendulum from the controller, if ever."""
 
 
-class Plant(eqx.Module):
-    """Where a simulation stands between two steps."""
+class LoopState(eqx.Module):
+    """State of the closed loop, without the controller's, between two steps."""
 
     x: State
     u: Torque
     """The torques that acted in the step before (N m)."""
     motors: Torque
-    """What the motors start from (N m)."""
+    """The motors' own torques, which their next ones start from (N m)."""
     past: Past
     pid: PID
     torque_noise: Torque
-    """What the step that was sensed last adds to its torques (N m): drawn with the measurement's noise, once."""
+    """Noise on the torques of the step measured last (N m), drawn together with the measurement's noise."""
 
 
-class Outcome(eqx.Module):
+class SimulationEnd(eqx.Module):
     """How one simulation ended."""
 
     final: Float[Rows, "4"]
@@ -69,39 +69,38 @@ class Outcome(eqx.Module):
     """First step in which the controller answered a finite measurement with a torque that is not finite, or -1."""
 
 
-def begin(x0: State, depth: int = 1) -> Plant:
-    """A plant before its first step, with room for delays below ``depth`` steps."""
+def initial_loop(x0: State, depth: int = 1) -> LoopState:
+    """The loop before its first step, with room for delays below ``depth`` steps."""
     rest = jnp.zeros(2, x0.dtype)
-    return Plant(x0, rest, rest, jnp.tile(x0, (depth, 1)), start_pid(x0.dtype), rest)
+    return LoopState(x0, rest, rest, jnp.tile(x0, (depth, 1)), start_pid(x0.dtype), rest)
 
 
-def sense(scenario: Scenario, plant: Plant, step: Count) -> tuple[Plant, State, Flag]:
-    """First half of a step: what the controller would see, and whether it is called at all."""
+def measure(scenario: Scenario, loop: LoopState, step: Count) -> tuple[LoopState, State, Flag]:
+    """First half of a step: the measured state, and whether the controller is called at all."""
     called = jnp.array(True) if scenario.throws is None else ~is_thrown(scenario.throws, step)
     if scenario.disturbance is None:
-        return plant, plant.x, called
-    past = remember(plant.past, step, plant.x)
-    noise, torque_noise = step_noise(scenario.disturbance, step, plant.x.dtype)
-    seen = measure(scenario.disturbance, past, step, noise)
-    return replace(plant, past=past, torque_noise=torque_noise), seen, called
+        return loop, loop.x, called
+    past = remember(loop.past, step, loop.x)
+    noise, torque_noise = step_noise(scenario.disturbance, step, loop.x.dtype)
+    measured = measured_state(scenario.disturbance, past, step, noise)
+    return replace(loop, past=past, torque_noise=torque_noise), measured, called
 
 
-def act(scenario: Scenario, plant: Plant, step: Count, command: Torque, dt: float) -> Plant:
+def apply_torque(scenario: Scenario, loop: LoopState, step: Count, command: Torque, dt: float) -> LoopState:
     """Second half of a step: the motor, the pushes, and the plant for dt (s) with its torque held."""
-    p, pid, motors = scenario.parameters, plant.pid, plant.motors
-    limits = jnp.array([p.tl1, p.tl2], plant.x.dtype)
+    p, pid, motors = scenario.parameters, loop.pid, loop.motors
+    limits = jnp.array([p.tl1, p.tl2], loop.x.dtype)
     if scenario.throws is not None:
         thrown = is_thrown(scenario.throws, step)
-        thrower, torque = throw(scenario.throws, p, pid, step, plant.x)
+        thrower, torque = throw(scenario.throws, p, pid, step, loop.x)
         command = jnp.where(thrown, torque, command)
         pid = jax.tree.map(lambda new, old: jnp.where(thrown, new, old), thrower, pid)
     if scenario.disturbance is None:
         u = jnp.clip(command, -limits, limits)
     else:
-        time = step.astype(plant.x.dtype) * dt
-        noise = plant.torque_noise
-        u, motors = drive(scenario.disturbance, command, motors, time, noise, limits, plant.x[:2], dt)
-    return replace(plant, x=rk4_step(p, plant.x, u, dt), u=u, motors=motors, pid=pid)
+        time, noise = step.astype(loop.x.dtype) * dt, loop.torque_noise
+        u, motors = motor_torques(scenario.disturbance, command, motors, time, noise, limits, loop.x[:2], dt)
+    return replace(loop, x=rk4_step(p, loop.x, u, dt), u=u, motors=motors, pid=pid)
 
 
 def simulate(
@@ -112,35 +111,35 @@ def simulate(
     steps: int,
     depth: int = 1,
     guard: Callable[[State], State] = lambda x: x,
-) -> tuple[Outcome, Trajectory]:
+) -> tuple[SimulationEnd, Trajectory]:
     """Run a controller for ``steps`` steps of dt (s) from x0, RK4 with the torque held over each step.
 
     Args:
-        scenario: the plant and what disturbs it.
-        controller: called at every step, unless something else has the pendulum.
+        scenario: the plant and its disturbance.
+        controller: called at every step but those of a throw.
         x0: first state.
         dt: time of a step (s).
         steps: number of steps.
         depth: states that are remembered: more than the largest delay (steps).
-        guard: what the state goes through before each step; it may change gradients, not values.
+        guard: applied to the state before each step; it may change gradients, not values.
     """
-    Carry = tuple[Plant, Any, Count]
+    Carry = tuple[LoopState, Any, Count]
 
     def step(carry: Carry, index: Count) -> tuple[Carry, Trajectory]:
         before, memory, fault = carry
         time = index.astype(x0.dtype) * dt
-        before = eqx.tree_at(lambda plant: plant.x, before, replace_fn=guard)
-        plant, seen, called = sense(scenario, before, index)
-        after_call, command = controller(memory, time, seen)
+        before = eqx.tree_at(lambda loop: loop.x, before, replace_fn=guard)
+        loop, measured, called = measure(scenario, before, index)
+        after_call, command = controller(memory, time, measured)
         if scenario.throws is None:
             memory = after_call
         else:
             memory = jax.tree.map(lambda new, old: jnp.where(called, new, old), after_call, memory)
-        failed = called & jnp.isfinite(seen).all() & ~jnp.isfinite(command).all()
+        failed = called & jnp.isfinite(measured).all() & ~jnp.isfinite(command).all()
         fault = jnp.where((fault < 0) & failed, index, fault)
-        after = act(scenario, plant, index, command, dt)
+        after = apply_torque(scenario, loop, index, command, dt)
         return (after, memory, fault), Trajectory(time=time, x=before.x, u=after.u)
 
-    start = (begin(x0, depth), controller.init(), jnp.array(-1))
-    (plant, _, fault), trajectory = jax.lax.scan(step, start, jnp.arange(steps))
-    return Outcome(plant.x, fault), trajectory
+    start = (initial_loop(x0, depth), controller.init(), jnp.array(-1))
+    (loop, _, fault), trajectory = jax.lax.scan(step, start, jnp.arange(steps))
+    return SimulationEnd(loop.x, fault), trajectory

@@ -7,13 +7,13 @@ from typing import TypeVar
 
 import numpy as np
 
-from ..errors import SwingupError
+from ..checks import one_of
 from ..tasks.throws import THROWER, Thrower
 
 
 @dataclass(frozen=True)
 class Normalisers:
-    """What each criterion is divided by in the RealAI score."""
+    """The divisor of each criterion in the RealAI score."""
 
     swingup_time: float
     """s"""
@@ -74,7 +74,7 @@ class ModelSweep:
     relative: bool = False
     """The values are factors on the nominal one."""
     mass: str | None = None
-    """The product of this mass and the parameter is what is swept: m1 r1 or m2 r2."""
+    """If given, the sweep is of the product of this mass and the parameter: m1 r1 or m2 r2."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ MODEL_SWEEPS = {
     "b2": ModelSweep("b2", _DAMPING),
     "cf2": ModelSweep("cf2", _COULOMB),
 }
-"""What "model" stands for: one parameter at a time (kg m², kg m, kg, N m s/rad, N m, or a factor)."""
+"""The criterion "model": errors of one parameter at a time (kg m², kg m, kg, N m s/rad, N m, or a factor)."""
 
 SWEPT = ("velocity_noise", "torque_noise", "torque_response", "delay")
 """Criteria that sweep one number of the disturbance (rad/s, N m, -, s)."""
@@ -121,7 +121,7 @@ RANDOM = ("velocity_noise", "torque_noise", "perturbations")
 
 @dataclass(frozen=True, kw_only=True)
 class RobustnessRules(_Timing):
-    """The grid of simulations of the robustness score, and what counts as success."""
+    """The grid of simulations of the robustness score, and the condition of success."""
 
     model: Mapping[str, ModelSweep] = field(default_factory=lambda: dict(MODEL_SWEEPS))
     velocity_noise: Sweep = Sweep(0.0, 0.5, repetitions=10)
@@ -163,7 +163,7 @@ PERFORMANCE_RULES = {
 
 @dataclass(frozen=True, kw_only=True)
 class Sim2RealRules(_Timing):
-    """What a swing-up on a plant like the real robot's has to keep to."""
+    """What counts as success on the simulated robot."""
 
     performance: PerformanceRules = PERFORMANCE_RULES["hardware"]
     """How its costs are scored."""
@@ -176,7 +176,7 @@ class Sim2RealRules(_Timing):
 
 
 SIM2REAL_RULES = Sim2RealRules(name="sim2real")
-"""What :func:`swingup.benchmark.sim2real.sim2real` asks for."""
+"""Success in :func:`swingup.benchmark.sim2real.sim2real`."""
 
 ROBUSTNESS_RULES = {"v2": RobustnessRules(name="v2")}
 """``v2``: the robustness leaderboard of IROS 2024."""
@@ -220,6 +220,4 @@ def get_uptime_rules(name: str | UptimeRules) -> UptimeRules:
 def _look_up(kind: str, known: Mapping[str, _R], name: str | _R) -> _R:
     if not isinstance(name, str):
         return name
-    if name not in known:
-        raise SwingupError(f"unknown {kind} rules {name!r}: use one of {', '.join(known)}")
-    return known[name]
+    return known[one_of(f"{kind} rules", name, known)]

@@ -1,6 +1,7 @@
 """Run scenarios with any controller, in float64: compiled and batched in JAX, or step by step in plain Python."""
 
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -10,40 +11,43 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..control.controller import AbstractController, check_interface, check_robot
+from ..control.controller import AbstractController, check_interface, check_robot, split
 from ..control.python_controller import PythonController
-from ..control.switch import AbstractSparing
+from ..control.registry import Controller
+from ..control.switch import AbstractExpensiveController
 from ..errors import SwingupError
+from ..foreign import blaming
 from ..physics.parameters import Robot
 from .host import HostRun, simulate_on_host
-from .rollout import Outcome, Scenario, Trajectory, simulate
+from .rollout import Scenario, SimulationEnd, Trajectory, simulate
 
-Controller: TypeAlias = AbstractController[Any] | PythonController
+Progress: TypeAlias = Callable[[int, int], None]
+"""Told the number of finished simulations, and of all."""
 
 SIDE_BY_SIDE = 64
-"""Copies of a plain controller that exist at a time."""
-LEAST = 32
+"""Copies of a controller in plain Python that exist at a time."""
+SMALLEST_BATCH = 32
 """Scenarios side by side that keep a core busy with more than calling compiled loops."""
 
-_Result: TypeAlias = tuple[Outcome, Trajectory | None]
+_Result: TypeAlias = tuple[SimulationEnd, Trajectory | None]
 
 
 @jax.jit(static_argnames=("static", "dt", "steps", "depth", "keep", "batched"))
 def _simulate(
     scenarios: Scenario, arrays: Any, static: Any, dt: float, steps: int, depth: int, keep: bool, batched: bool
 ) -> _Result:
-    """Compiled simulations of one controller, which comes in two parts: its numbers and all else."""
+    """Compiled simulations of one controller, split into its numbers and the rest."""
     controller = eqx.combine(arrays, static)
 
     def one(scenario: Scenario) -> _Result:
-        outcome, rows = simulate(scenario, controller, jnp.zeros(4), dt, steps, depth)
-        return outcome, rows if keep else None
+        end, rows = simulate(scenario, controller, jnp.zeros(4), dt, steps, depth)
+        return end, rows if keep else None
 
     return jax.vmap(one)(scenarios) if batched else one(scenarios)
 
 
 @dataclass
-class Batch:
+class SimulatedBatch:
     """Simulations side by side; NumPy arrays in float64."""
 
     final: np.ndarray
@@ -51,7 +55,7 @@ class Batch:
     faults: list[str | None]
     """What was wrong with each controller's answers, if anything."""
     trajectory: Trajectory | None
-    """With a leading axis, if the rows were to be kept."""
+    """With a leading axis; None if ``keep`` was false."""
 
 
 def prepare(source: Any, robot: Robot, name: str) -> Controller:
@@ -85,16 +89,25 @@ def run_one(controller: Controller, scenario: Scenario, dt: float, steps: int, d
             if run.faults[0] is not None:
                 raise SwingupError(run.faults[0])
             return jax.tree.map(lambda rows: rows[0], run.trajectory)
-        arrays, static = _split(controller)
-        outcome, trajectory = _simulate(scenario, arrays, static, dt, steps, depth, keep=True, batched=False)
-        if outcome.fault >= 0:
-            raise SwingupError(_not_finite(int(outcome.fault), dt))
+        arrays, static = split(controller)
+        with blaming("running it"):
+            end, trajectory = jax.block_until_ready(
+                _simulate(scenario, arrays, static, dt, steps, depth, keep=True, batched=False)
+            )
+        if end.fault >= 0:
+            raise SwingupError(_not_finite(int(end.fault), dt))
         return jax.tree.map(np.asarray, trajectory)
 
 
 def run_many(
-    controller: Controller, scenarios: Scenario, dt: float, steps: int, depth: int = 1, keep: bool = False
-) -> Batch:
+    controller: Controller,
+    scenarios: Scenario,
+    dt: float,
+    steps: int,
+    depth: int = 1,
+    keep: bool = False,
+    progress: Progress | None = None,
+) -> SimulatedBatch:
     """Simulate a batch of scenarios from hanging at rest.
 
     Args:
@@ -104,18 +117,19 @@ def run_many(
         steps: number of steps.
         depth: more than the largest delay (steps).
         keep: whether to return the rows as well.
+        progress: called after each part of the batch.
     """
     if isinstance(controller, PythonController):
-        runs = _run_plain(controller, scenarios, dt, steps, depth, keep)
+        runs = _run_plain(controller, scenarios, dt, steps, depth, keep, progress)
         rows = (
             jax.tree.map(lambda *parts: np.concatenate(parts), *[run.trajectory for run in runs]) if keep else None
         )
-        return Batch(
+        return SimulatedBatch(
             np.concatenate([run.final for run in runs]), [fault for run in runs for fault in run.faults], rows
         )
-    outcome, rows = _run_compiled(controller, scenarios, dt, steps, depth, keep)
-    faults = [None if step < 0 else _not_finite(int(step), dt) for step in outcome.fault]
-    return Batch(np.asarray(outcome.final), faults, rows)
+    end, rows = _run_compiled(controller, scenarios, dt, steps, depth, keep, progress)
+    faults = [None if step < 0 else _not_finite(int(step), dt) for step in end.fault]
+    return SimulatedBatch(np.asarray(end.final), faults, rows)
 
 
 def stack(scenarios: list[Scenario]) -> Scenario:
@@ -128,45 +142,50 @@ def _length(scenarios: Scenario) -> int:
 
 
 def _run_compiled(
-    controller: AbstractController[Any], scenarios: Scenario, dt: float, steps: int, depth: int, keep: bool
+    controller: AbstractController[Any],
+    scenarios: Scenario,
+    dt: float,
+    steps: int,
+    depth: int,
+    keep: bool,
+    progress: Progress | None,
 ) -> _Result:
     """One batch on an accelerator; on a CPU batches of one shape in a thread for each core.
 
-    One batch hardly uses a second core. Controllers that can spare work get smaller batches, since a batch works as
-    long as one of its members needs to; neighbours in a grid mostly end alike.
+    One batch hardly uses a second core. Controllers that can spare work get smaller batches: a batch takes as long
+    as its slowest member, and neighbours in a grid mostly end alike.
     """
     number = _length(scenarios)
     on_cpu = jax.default_backend() == "cpu"
     threads = cores() if on_cpu else 1
-    most = LEAST if on_cpu and _is_sparing(controller) else -(-number // threads)
-    size = min(number, max(LEAST, most))
+    most = SMALLEST_BATCH if on_cpu and _is_sparing(controller) else -(-number // threads)
+    size = min(number, max(SMALLEST_BATCH, most))
     parts = -(-number // size)
     # Parts of one shape need one compilation: the last scenario fills up the last part.
     padded = jax.tree.map(lambda leaf: leaf[np.minimum(np.arange(parts * size), number - 1)], scenarios)
 
-    arrays, static = _split(controller)
+    arrays, static = split(controller)
 
     def run(part: int) -> _Result:
         with jax.enable_x64(True):  # which is a setting of the thread
             piece = jax.tree.map(lambda leaf: leaf[part * size : (part + 1) * size], padded)
-            result = _simulate(piece, arrays, static, dt, steps, depth, keep, batched=True)
-            return jax.tree.map(np.asarray, result)
+            with blaming("running it"):
+                result = _simulate(piece, arrays, static, dt, steps, depth, keep, batched=True)
+                return jax.tree.map(np.asarray, result)
 
-    pool = ThreadPoolExecutor(threads)
+    pool, results = ThreadPoolExecutor(threads), []
     try:
-        results = list(pool.map(run, range(parts)))
+        for result in pool.map(run, range(parts)):
+            results.append(result)
+            if progress is not None:
+                progress(min(len(results) * size, number), number)
     finally:  # interrupted, it does not wait for the parts that run
         pool.shutdown(wait=False, cancel_futures=True)
     return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:number], *results)
 
 
-def _split(controller: AbstractController[Any]) -> tuple[Any, Any]:
-    """Numbers, which compiled programs take as they come, and all else, which they contain: activations, say."""
-    return eqx.partition(controller, eqx.is_array_like)
-
-
 def _not_finite(step: int, dt: float) -> str:
-    return f"it gave a torque that is not finite at t = {step * dt:g} s: mend it there"
+    return f"it gave a torque that is not finite at t = {step * dt:g} s: correct it there"
 
 
 def cores() -> int:
@@ -176,12 +195,18 @@ def cores() -> int:
 
 
 def _is_sparing(controller: AbstractController[Any]) -> bool:
-    nodes = jax.tree.leaves(controller, is_leaf=lambda node: isinstance(node, AbstractSparing))
-    return any(isinstance(node, AbstractSparing) for node in nodes)
+    nodes = jax.tree.leaves(controller, is_leaf=lambda node: isinstance(node, AbstractExpensiveController))
+    return any(isinstance(node, AbstractExpensiveController) for node in nodes)
 
 
 def _run_plain(
-    controller: PythonController, scenarios: Scenario, dt: float, steps: int, depth: int, keep: bool
+    controller: PythonController,
+    scenarios: Scenario,
+    dt: float,
+    steps: int,
+    depth: int,
+    keep: bool,
+    progress: Progress | None,
 ) -> list[HostRun]:
     number, runs = _length(scenarios), []
     copies = controller.copies(min(SIDE_BY_SIDE, number))
@@ -189,4 +214,6 @@ def _run_plain(
         part = jax.tree.map(lambda leaf, start=start: leaf[start : start + len(copies)], scenarios)
         with jax.enable_x64(True):
             runs.append(simulate_on_host(part, copies[: _length(part)], dt, steps, depth, keep))
+        if progress is not None:
+            progress(min(start + len(copies), number), number)
     return runs

@@ -1,4 +1,4 @@
-"""Judging for the real robot: swing-ups on a plant and in a loop like its own, many times with other noise."""
+"""Judging on the simulated robot: swing-ups on a plant and in a loop like the real one's, each with other noise."""
 
 from dataclasses import asdict, dataclass
 from statistics import fmean
@@ -7,17 +7,18 @@ from typing import Any
 import jax
 import numpy as np
 
+from ..control.registry import has_estimator
 from ..physics.parameters import Robot, get_robot
 from ..tasks.domain import Domain, load_domain
 from ..version import __version__
 from .criteria import Criteria, judge, tip_is_up
 from .interval import Interval, share_interval
-from .robustness import check_seeds
 from .rollout import Scenario, Trajectory
 from .rules import SIM2REAL_RULES, Sim2RealRules
-from .runner import prepare, run_many, stack
+from .runner import Progress, prepare, run_many, stack
+from .seeds import check_seeds, in_groups
 
-AT_ONCE = 100
+SWINGUPS_AT_ONCE = 100
 """Seeds that are simulated side by side."""
 
 
@@ -33,7 +34,7 @@ class Sim2RealRun:
     angle: float
     """Largest angle of a joint (rad)."""
     criteria: Criteria
-    """By the rules of the real robot's board; its own success asks for no limits."""
+    """By the rules of the real robot's board; its own success has no limits of speed and angle."""
     fault: str | None = None
     """What was wrong with the controller's answers, if anything."""
 
@@ -45,7 +46,7 @@ class Sim2RealRun:
 
 @dataclass(frozen=True)
 class Sim2Real:
-    """How a controller does on plants and in loops like the real robot's."""
+    """A controller's swing-ups on plants and in loops like the real robot's."""
 
     robot: str
     controller: str
@@ -54,6 +55,8 @@ class Sim2Real:
     trajectory: Trajectory
     """Rows of the first seed; NumPy arrays in float64."""
     version: str = __version__
+    estimator: bool = False
+    """Whether a state estimator stood before the controller."""
 
     @property
     def successes(self) -> int:
@@ -75,6 +78,7 @@ class Sim2Real:
         return {
             "robot": self.robot,
             "controller": self.controller,
+            "estimator": self.estimator,
             "version": self.version,
             "domain": self.domain.as_dict(),
             "successes": self.successes,
@@ -93,30 +97,30 @@ def sim2real(
     seed: int = 0,
     seeds: int = 1,
     rules: Sim2RealRules = SIM2REAL_RULES,
+    progress: Progress | None = None,
 ) -> Sim2Real:
     """Simulate swing-ups from hanging at rest in float64, one a seed, and judge them.
 
     Args:
         controller: a controller in JAX, an object with ``get_control_output(x, t)`` or a function of (x, t).
         robot: which joint is driven.
-        name: what to call the controller in the result.
-        domain: what plants and loops are drawn from; in ``identified`` the seeds differ in nothing but their noise.
+        name: name of the controller in the result.
+        domain: ranges of plants and loops; in ``identified`` seeds differ only in their noise.
         seed: the first seed of everything that is drawn.
         seeds: number of seeds in a row.
-        rules: what is asked for.
+        rules: what counts as success.
+        progress: called with the number of finished simulations and of all.
 
     Raises:
         SwingupError: there is no such robot or domain, a seed is out of range, or the controller is for the other
             robot.
     """
     robot, domain = get_robot(robot), load_domain(domain) if isinstance(domain, str) else domain
-    controller = prepare(controller, robot, name)
-    check_seeds(seed, seeds)
-    every = list(range(seed, seed + seeds))
+    every = check_seeds(seed, seeds)
+    estimator, controller = has_estimator(controller), prepare(controller, robot, name)
     runs: list[Sim2RealRun] = []
     first = None
-    for start in range(0, seeds, AT_ONCE):
-        group = every[start : start + AT_ONCE]
+    for group in in_groups(every, SWINGUPS_AT_ONCE):
         with jax.enable_x64(True):
             scenarios = [Scenario(*domain.draw(jax.random.key(each), robot)) for each in group]
         batch = run_many(controller, stack(scenarios), rules.dt, rules.steps, domain.depth, keep=True)
@@ -125,8 +129,10 @@ def sim2real(
             one = Trajectory(rows.time[index], rows.x[index], rows.u[index])
             first = first or one
             runs.append(_judged(each, one, scenarios[index], rules, fault))
+        if progress is not None:
+            progress(len(runs), len(every))
     assert first is not None
-    return Sim2Real(robot.name, name, domain, tuple(runs), first)
+    return Sim2Real(robot.name, name, domain, tuple(runs), first, estimator=estimator)
 
 
 def _judged(

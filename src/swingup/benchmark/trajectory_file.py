@@ -38,11 +38,12 @@ def save_trajectory(path: str | Path, trajectory: Trajectory) -> None:
 def load_trajectory(path: str | Path) -> Trajectory:
     """Read a trajectory as NumPy arrays in float64, cut to the shortest of its columns.
 
-    Units as in ``time[s]``, spaces, and a byte order mark or ``#`` before the header are accepted.
+    SI units as in ``time[s]``, spaces, and a byte order mark or ``#`` before the header are accepted.
 
     Raises:
-        SwingupError: the file cannot be read, lacks its header or a column, has fewer than three complete rows,
-            a cell that is not a finite number, a row wider than the header, or a time that does not increase.
+        SwingupError: the file cannot be read, lacks its header or a column, has a column twice or in another unit,
+            fewer than three complete rows, a cell that is not a finite number, a row wider than the header, or a
+            time that does not increase.
     """
     table: Any = np.column_stack(list(read_columns(path, _GROUPS).values()))
     return Trajectory(time=table[:, 0].copy(), x=table[:, 1:5].copy(), u=table[:, 5:].copy())

@@ -7,17 +7,18 @@ from typing import Any
 
 import numpy as np
 
+from ..control.registry import has_estimator
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
 from ..tasks.throws import Throws
 from ..version import __version__
 from .criteria import tip_is_up
 from .interval import Interval, mean_interval
-from .robustness import check_seeds
 from .rollout import Scenario, Trajectory
 from .rules import DEFAULT_UPTIME_RULES, UptimeRules, get_uptime_rules
-from .runner import prepare, run_many, stack
+from .runner import Progress, prepare, run_many, stack
+from .seeds import check_seeds, in_groups
 
-AT_ONCE = 64
+MINUTES_AT_ONCE = 64
 """Seeds that are simulated side by side: the rows of a minute take 1.7 MB each."""
 
 
@@ -37,6 +38,8 @@ class Uptime:
     trajectory: Trajectory = dataclasses.field(repr=False)
     """Rows of the first seed; NumPy arrays in float64."""
     version: str = __version__
+    estimator: bool = False
+    """Whether a state estimator stood before the controller."""
 
     @property
     def uptime(self) -> float:
@@ -50,7 +53,7 @@ class Uptime:
 
     def as_dict(self) -> dict[str, Any]:
         """Ready for JSON."""
-        names = ("robot", "controller", "rules", "version", "uptime", "interval")
+        names = ("robot", "controller", "estimator", "rules", "version", "uptime", "interval")
         head = {name: getattr(self, name) for name in names}
         runs = zip(self.seeds, self.uptimes, self.faults, strict=True)
         details = [{"seed": seed, "uptime": up} | ({"fault": why} if why else {}) for seed, up, why in runs]
@@ -64,6 +67,7 @@ def uptime(
     rules: UptimeRules | str = DEFAULT_UPTIME_RULES,
     seed: int = 0,
     seeds: int = 1,
+    progress: Progress | None = None,
 ) -> Uptime:
     """Simulate a minute with random throws for each seed, in float64, and score it.
 
@@ -72,26 +76,25 @@ def uptime(
     Args:
         controller: a controller in JAX, an object with ``get_control_output(x, t)`` or a function of (x, t).
         robot: which joint the controller drives.
-        name: what to call the controller in the result.
+        name: name of the controller in the result.
         rules: rules of the global-policy board, or their name.
         seed: the first seed of the throws.
         seeds: number of seeds in a row.
+        progress: called with the number of finished simulations and of all.
 
     Raises:
         SwingupError: there is no such robot, there are no such rules, a seed is out of range, or the controller is
             for the other robot.
     """
     robot, rules = get_robot(robot), get_uptime_rules(rules)
-    controller = prepare(controller, robot, name)
-    check_seeds(seed, seeds)
-    every = tuple(range(seed, seed + seeds))
+    every = tuple(check_seeds(seed, seeds))
+    estimator, controller = has_estimator(controller), prepare(controller, robot, name)
     limit = rules.thrower.limit
     parameters = dataclasses.replace(leaderboard_parameters(robot), tl1=limit, tl2=limit)
     uptimes: list[float] = []
     faults: list[str | None] = []
     first = None
-    for start in range(0, seeds, AT_ONCE):
-        group = every[start : start + AT_ONCE]
+    for group in in_groups(every, MINUTES_AT_ONCE):
         scenarios = stack([Scenario(parameters, throws=draw_throws(rules, each)) for each in group])
         batch = run_many(controller, scenarios, rules.dt, rules.steps, keep=True)
         rows: Any = batch.trajectory
@@ -99,8 +102,10 @@ def uptime(
         uptimes += [0.0 if fault else float(share) for share, fault in zip(up, batch.faults, strict=True)]
         faults += batch.faults
         first = first or Trajectory(rows.time[0], rows.x[0], rows.u[0])
+        if progress is not None:
+            progress(len(uptimes), len(every))
     assert first is not None
-    return Uptime(robot.name, name, rules.name, every, tuple(uptimes), tuple(faults), first)
+    return Uptime(robot.name, name, rules.name, every, tuple(uptimes), tuple(faults), first, estimator=estimator)
 
 
 def draw_throws(rules: UptimeRules, seed: int) -> Throws:

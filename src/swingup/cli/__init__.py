@@ -4,23 +4,39 @@ import os
 import sys
 import threading
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..errors import SwingupError
+from ..text import one_line
+
+if TYPE_CHECKING:
+    from .commands import Boards
 
 ERROR = 2
 """Exit status of bad input."""
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run a command; bad input ends in one line on standard error and a non-zero status."""
+LONGEST_ERROR = 2000
+"""Characters of an error's line."""
+
+
+def main(arguments: list[str] | None = None, boards: "Boards | None" = None) -> int:
+    """Run a command; bad input ends in one line on standard error and a non-zero status.
+
+    Args:
+        arguments: the words after the program's name; default: those of the process.
+        boards: rules and entrants of the boards; default: the published ones.
+    """
     # XLA's alarms about slow compilation, with their source lines, tell a user nothing; read when JAX is imported.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     try:
+        _accept_any_text()
+
         # Imported here, so that other modules of this package can be used without tyro.
         from .commands import run_command
 
         _use_compilation_cache()
-        status = run_command(sys.argv[1:] if arguments is None else arguments)
+        status = run_command(sys.argv[1:] if arguments is None else arguments, boards)
         sys.stdout.flush()
         return status
     except KeyboardInterrupt:
@@ -29,12 +45,19 @@ def main(arguments: list[str] | None = None) -> int:
             os._exit(130)  # not waiting for compiled simulations, which know no signals
         return 130
     except SwingupError as error:
-        print(f"swingup: error: {error}", file=sys.stderr)
+        print(f"swingup: error: {one_line(error, LONGEST_ERROR)}", file=sys.stderr)
         return ERROR
     except BrokenPipeError:
-        # The reader has gone, as in `swingup ... | head`: nothing is left to say.
+        # The reader has gone, as in `swingup ... | head`.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+
+
+def _accept_any_text() -> None:
+    """Names that the terminal's encoding lacks, such as file names that are not UTF-8, are printed as escapes."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # what a test or a notebook puts there may lack it
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _use_compilation_cache() -> None:

@@ -1,13 +1,15 @@
 """Arguments that several commands share."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import FlagCreatePairsOff, OmitArgPrefixes, Positional, UseAppendAction, arg
+from tyro.conf import FlagCreatePairsOff, OmitArgPrefixes, Positional, arg
 
 from ..benchmark.disturbances import make_disturbance
 from ..benchmark.rules import PushRules
-from ..control.registry import has_estimator
+from ..control.registry import BUILT_IN, has_estimator
 from ..errors import SwingupError
 from ..physics.parameters import ROBOTS, Robot, get_robot
 from ..policy.jax_backend.controller import PolicyController
@@ -17,22 +19,17 @@ RobotName = Positional[Annotated[str, arg(metavar="ROBOT", help="acrobot or pend
 RobotOrNone = Positional[Annotated[str | None, arg(metavar="[ROBOT]", help="acrobot or pendubot.")]]
 RobotOrAll = Positional[Annotated[str, arg(metavar="[ROBOT]", help="acrobot, pendubot or all.")]]
 ControllerName = Annotated[
-    str,
-    arg(
-        metavar="NAME",
-        help="refined, global, robot, tvlqr, ilqr-riccati, ilqr-mpc, lqr, a policy file, or module:object.",
-    ),
+    str, arg(metavar="NAME", help=f"{', '.join(BUILT_IN)}, a policy file (.npz), or module:object.")
+]
+ControllerNames = Annotated[
+    tuple[str, ...], arg(metavar="NAME...", help="controllers of yours: policy files or module:object.")
 ]
 DomainName = Annotated[str, arg(metavar="DOMAIN")]
-ControllerNames = Annotated[
-    UseAppendAction[tuple[str, ...]],
-    arg(metavar="NAME", help="a controller of yours, a policy file or module:object; may be repeated."),
-]
 
 
 @dataclass(frozen=True)
 class DisturbanceOptions:
-    """What disturbs a single run."""
+    """Disturbances of a single run."""
 
     velocity_noise: float = 0.0
     """Standard deviation of the noise on measured velocities (rad/s)."""
@@ -60,19 +57,19 @@ class DisturbanceOptions:
 
 @dataclass(frozen=True)
 class EstimatorOptions:
-    """Whether a state estimator goes before the controller; by default where the policy file asks for one."""
+    """Whether a state estimator stands before the controller; by default where the policy file has one."""
 
     estimator: FlagCreatePairsOff[bool] = False
     """Put a state estimator before the controller."""
     no_estimator: FlagCreatePairsOff[bool] = False
-    """Judge a policy alone, although its file asks for an estimator."""
+    """Judge a policy alone, although its file has an estimator."""
 
     @property
     def wanted(self) -> bool | None:
-        """What was asked for; None for neither.
+        """True or False as the options say; None without either.
 
         Raises:
-            SwingupError: both were.
+            SwingupError: both were given.
         """
         if self.estimator and self.no_estimator:
             raise SwingupError("--estimator and --no-estimator exclude each other: choose one")
@@ -87,13 +84,20 @@ class EstimatorOptions:
 EstimatorFlags = OmitArgPrefixes[EstimatorOptions]
 
 
-def describe(name: str, controller: object) -> str:
-    """A controller's name, and which was judged: with an estimator, or a policy alone."""
+def judged_name(name: str, controller: object) -> str:
+    """A controller's name, with a note on what was judged: with an estimator, or a policy alone."""
     alone = ", policy alone" if isinstance(controller, PolicyController) else ""
     return name + (", with estimator" if has_estimator(controller) else alone)
 
 
-def robots(name: str) -> list[Robot]:
+def split_commas(values: Iterable[str]) -> tuple[str, ...]:
+    """Values of one option, which spaces or commas may separate; a file whose name has a comma is one value."""
+    return tuple(
+        part for value in values for part in ([value] if Path(value).is_file() else value.split(",")) if part
+    )
+
+
+def robots(name: str) -> Sequence[Robot]:
     """The robot of that name, or all of them.
 
     Raises:

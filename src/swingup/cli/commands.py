@@ -1,33 +1,51 @@
 """All commands: their arguments and help stand with the functions that run them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
-import tyro
+from ..benchmark.board_rules import BOARD_RULES, BoardRules
+from . import exporting, pictures, planning, refining, sweeping, training
+from .boards import BoardCommands, check_command, score_command
+from .judging import JudgingCommands
+from .parsing import parse
 
-from . import exporting, judging, pictures, planning, refining, sweeping, training
+DESCRIPTION = """Swing up and balance the acrobot and the pendubot with AR-EAPO.
+
+Judge controllers: evaluate, robustness, uptime, sim2real, leaderboard, score, check.
+
+Make them: train, sweep, refine, trajectory.
+
+Show and share them: plot, report, export."""
 
 
-def run_command(arguments: list[str]) -> int:
+@dataclass(frozen=True)
+class Boards:
+    """What the judging commands judge by, as data: a test or a notebook can have smaller boards."""
+
+    rules: Mapping[str, BoardRules] = field(default_factory=lambda: BOARD_RULES)
+    """By the name that --rules takes."""
+    entrants: Sequence[str] | None = None
+    """Built-in controllers on the leaderboards; None for those of the rules."""
+
+
+def run_command(arguments: Sequence[str], boards: Boards | None = None) -> int:
     """Parse the arguments and run the command."""
+    boards = boards or Boards()
+    judging, leaderboards = JudgingCommands(boards.rules), BoardCommands(boards.rules, boards.entrants)
     commands: dict[str, Callable[..., int]] = {
-        "train": training.train,
-        "sweep": sweeping.sweep,
-        "refine": refining.refine,
         "evaluate": judging.evaluate,
-        "score": judging.score,
         "robustness": judging.robustness,
         "uptime": judging.uptime,
         "sim2real": judging.sim2real,
-        "leaderboard": judging.leaderboard,
-        "check": judging.check,
+        "leaderboard": leaderboards.leaderboard,
+        "score": score_command,
+        "check": check_command,
+        "train": training.train,
+        "sweep": sweeping.sweep,
+        "refine": refining.refine_command,
+        "trajectory": planning.trajectory,
         "plot": pictures.plot,
         "report": pictures.report,
-        "trajectory": planning.trajectory,
         "export": exporting.export,
     }
-    return tyro.extras.subcommand_cli_from_dict(
-        commands,
-        prog="swingup",
-        description="Swing up and balance the acrobot and the pendubot with AR-EAPO.",
-        args=arguments,
-    )
+    return parse(commands, arguments, DESCRIPTION)()

@@ -6,21 +6,25 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
+from ..checks import one_of
+from ..control.baselines import BASELINES
 from ..errors import SwingupError
 from ..files import write_atomically
 from ..policy.c_backend.header import c_header
 from ..policy.export_folder import export_realaigym
 from ..policy.onnx_backend.graph import onnx_model
-from ..policy.shipped import SHIPPED_POLICIES, read_policy, shipped_file
+from ..policy.shipped import REFINED, SHIPPED_POLICIES, read_policy, shipped_file
 from ..policy.template import NAME
 from ..renamed import current_name
+from .output import tell
 
 FORMS = ("realaigym", "onnx", "c")
 
 
 def export(
-    policy: Positional[Annotated[str, arg(metavar="POLICY")]],
+    policy: Positional[Annotated[str, arg(metavar="[POLICY]")]] = REFINED,
     /,
+    *,
     to: Annotated[str, arg(metavar="{realaigym,onnx,c}")],
     out: Annotated[str, arg(metavar="PATH")],
     robot: str | None = None,
@@ -29,30 +33,46 @@ def export(
 ) -> int:
     """Write a policy for RealAIGym, ONNX Runtime or C.
 
+    Baselines have no policy file: see swingup.realaigym.load_controller and swingup trajectory.
+
     Args:
-        policy: a policy file, or refined, ar-eapo, global or robot.
+        policy: a policy file, or refined (the default), ar-eapo, global or robot.
         to: realaigym, a folder that needs NumPy alone; onnx, a graph of the policy without its estimator; or c, a
             C99 header.
         out: the folder, new or empty; or the file.
         robot: acrobot or pendubot; needed with a name, checked with a file.
-        username: who is named on RealAIGym's leaderboard.
+        username: your name on RealAIGym's leaderboard.
         name: of the leaderboard's entry (con_NAME.py), and what all names in a C header begin with, so that several
             go side by side; ONNX has none.
     """
-    if to not in FORMS:
-        raise SwingupError(f"cannot export to {to!r}: use one of {', '.join(FORMS)}")
+    one_of("format", to, FORMS)
+    _refuse_baselines(policy, robot)
     policy = current_name("controller", policy)
     found = read_policy(policy, robot)
     if to == "realaigym":
         file = shipped_file(found.robot, policy) if policy in SHIPPED_POLICIES else Path(policy)
         with resources.as_file(file) as source:
-            print(export_realaigym(found, source, out, username, name))
+            tell(str(export_realaigym(found, source, out, username, name)))
         return 0
     content = onnx_model(found) if to == "onnx" else c_header(found, name).encode()
     write_atomically(out, content)
-    print(out)
+    tell(out)
     if to == "onnx" and found.estimator is not None:
-        print("without the state estimator that the policy ships with: feed it good states, or run one yourself")
+        print("without the policy's state estimator: give it good states, or run an estimator yourself")
     if to == "onnx" and found.front_end is not None:
-        print("without the front end that the policy ships with: feed it what that shows, and add its compensation")
+        print("without the policy's front end: filter the state and compensate friction yourself")
     return 0
+
+
+def _refuse_baselines(name: str, robot: str | None) -> None:
+    """Say where a baseline goes instead: it has no policy file.
+
+    Raises:
+        SwingupError: the name is a baseline's.
+    """
+    if name in BASELINES:
+        call = f"swingup.realaigym.load_controller({name!r}, {robot or 'acrobot'!r})"
+        raise SwingupError(
+            f"{name!r} is a baseline, which has no policy file: {call} is its controller for RealAIGym, and "
+            f"swingup trajectory {robot or 'ROBOT'} --out x.csv writes a swing-up with gains"
+        )

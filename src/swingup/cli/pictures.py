@@ -11,7 +11,8 @@ from ..report.animate import FPS, SIZE
 from ..report.make import make_section
 from ..report.page import render_page
 from ..report.save import save_plot
-from .arguments import ControllerNames, RobotOrAll, robots
+from .arguments import ControllerNames, RobotOrAll, robots, split_commas
+from .output import tell
 
 
 def plot(
@@ -38,7 +39,7 @@ def plot(
     """
     check_writable(out)
     save_plot(kind, files, out, robot, fps, size, speed)
-    print(out)
+    tell(out)
     return 0
 
 
@@ -49,15 +50,15 @@ def report(
 
     Args:
         robot: the robot.
-        controller: a controller of yours that enters as well.
+        controller: controllers of yours that enter as well.
         out: the page's file.
         seed: seed of noise and pushes.
     """
     check_writable(out)
     sections = [
-        make_section(each, {name: get_controller(name, each) for name in controller}, seed)
+        make_section(each, {name: get_controller(name, each) for name in split_commas(controller)}, seed)
         for each in robots(robot)
     ]
     write_atomically(out, render_page(sections).encode())
-    print(f"{out} ({Path(out).stat().st_size / 1e6:.1f} MB)")
+    tell(f"{out} ({Path(out).stat().st_size / 1e6:.1f} MB)")
     return 0

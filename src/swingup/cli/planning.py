@@ -5,11 +5,11 @@ from typing import Annotated, Literal
 
 from tyro.conf import arg
 
+from ..benchmark.seeds import check_seeds
 from ..control.optimal import OPTIMAL, compute_optimal_reference
 from ..control.published import PUBLISHED
 from ..control.reference import compute_reference, save_reference
 from ..control.trajectory_csv import save_reference_csv
-from ..errors import SwingupError
 from ..files import check_writable
 from ..physics.parameters import get_robot
 from .arguments import RobotName
@@ -31,8 +31,7 @@ def trajectory(
         seed: seed of the first torques; another one may end in another local optimum.
     """
     chosen = get_robot(robot)
-    if not 0 <= seed < 2**31:
-        raise SwingupError(f"seed = {seed} is out of range: use 0 to 2³¹ - 1")
+    check_seeds(seed, 1)
     check_writable(out)
     if problem == "score":
         reference, provenance = compute_optimal_reference(chosen, OPTIMAL[chosen.name].swingup, seed)

@@ -1,4 +1,4 @@
-"""The command ``refine``: a policy through the stages of a recipe, with its progress."""
+"""The command ``refine``: a policy through the stages of a recipe, with progress."""
 
 import dataclasses
 import math
@@ -10,63 +10,59 @@ from typing import Annotated, Any
 from rich.console import Console
 from tyro.conf import arg
 
-from ..errors import SwingupError
+from ..benchmark.seeds import check_seeds
+from ..checks import one_of
 from ..files import check_writable
 from ..physics.parameters import Robot, get_robot
 from ..policy.jax_backend.controller import PolicyController, load_policy, save_controller, shipped_policy
 from ..policy.settings import EstimatorSettings
 from ..policy.shipped import AR_EAPO, SHIPPED_POLICIES
-from ..refine.recipe import RECIPES, Report
-from ..refine.recipe import refine as run_recipe
+from ..refine.recipe import RECIPES, RefinementReport, run_recipe
 from ..renamed import current_name
 from ..version import __version__
 from .arguments import RobotName
-
-LINE_EVERY = 10.0
-"""Seconds between lines of progress."""
+from .output import SECONDS_BETWEEN_LINES, tell
 
 
-def refine(
+def refine_command(
     robot: RobotName,
     /,
     out: Annotated[str, arg(metavar="FILE.npz")],
-    policy: Annotated[str, arg(metavar="POLICY")] = AR_EAPO,
+    policy: Annotated[str | None, arg(metavar="POLICY")] = None,
     recipe: str = "score",
     seed: int = 0,
 ) -> int:
-    """Refine a trained policy, by a lesson or by gradients through the simulation; takes seconds to minutes.
+    """Refine a trained policy by a teacher or by gradients through the simulation; takes seconds to minutes.
 
-    The file is written anew at each line of progress, so that an interrupted run leaves the policy as it is then.
+    The file is rewritten at each line of progress: an interrupted run leaves its latest policy.
 
     Args:
         robot: the robot.
         out: the refined policy's file.
-        policy: the policy to start from: a file, or the name of a shipped one.
-        recipe: score (a teacher's swing-up), harden (its own, made robust) or recover (back up after throws).
-        seed: seed of everything that is drawn.
+        policy: the policy to start from: a file, or the name of a shipped one; default ar-eapo.
+        recipe: score (learn a teacher's swing-up) or recover (be up again soon after throws).
+        seed: seed of all random numbers.
     """
     chosen = get_robot(robot)
-    if recipe not in RECIPES:
-        raise SwingupError(f"unknown recipe {recipe!r}: use one of {', '.join(RECIPES)}")
-    if not 0 <= seed < 2**31:
-        raise SwingupError(f"seed = {seed} is out of range: use 0 to 2³¹ - 1")
+    one_of("recipe", recipe, RECIPES)
+    check_seeds(seed, 1)
     check_writable(out)
-    policy = current_name("controller", policy)
+    policy = AR_EAPO if policy is None else current_name("controller", policy)
     start, metadata = (shipped_policy if policy in SHIPPED_POLICIES else _load)(chosen, policy)
     stages, console = RECIPES[recipe], Console(stderr=True)
     options = {"policy": policy, "recipe": recipe, "seed": seed, "out": Path(out).name}
     words = ["swingup", "refine", robot, *(f"--{name}={value}" for name, value in options.items())]
     shown = -math.inf
 
-    def report(now: Report) -> None:
+    def report(now: RefinementReport) -> None:
         nonlocal shown
         save_controller(out, now.controller, _provenance(metadata, shlex.join(words), seed, stages, now))
-        if now.iteration == now.of or time.monotonic() - shown >= LINE_EVERY:
+        if now.iteration == now.of or time.monotonic() - shown >= SECONDS_BETWEEN_LINES:
             shown = time.monotonic()
             console.print(_line(now, len(stages)), soft_wrap=True, highlight=False)
 
     run_recipe(start, chosen, stages, seed, report)
-    print(f"wrote {out}: judge it with swingup evaluate {robot} --controller {shlex.quote(out)}")
+    tell(f"wrote {out}: judge it with swingup evaluate {robot} --controller {shlex.quote(out)}")
     return 0
 
 
@@ -75,7 +71,7 @@ def _load(robot: Robot, path: str) -> tuple[PolicyController, dict[str, Any]]:
 
 
 def _provenance(
-    base: dict[str, Any], command: str, seed: int, stages: tuple[Any, ...], now: Report
+    base: dict[str, Any], command: str, seed: int, stages: tuple[Any, ...], now: RefinementReport
 ) -> dict[str, Any]:
     """Where the refined policy comes from, and the base's own origin; it goes with the estimator."""
     origin = {
@@ -96,7 +92,7 @@ def _provenance(
     }
 
 
-def _line(now: Report, stages: int) -> str:
+def _line(now: RefinementReport, stages: int) -> str:
     means = "  ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in now.measures.items())
     return (
         f"stage {now.stage}/{stages}  {now.iteration}/{now.of} steps  {now.seconds:.0f} s  "

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import re
 from collections.abc import Callable, Sequence
 
 from rich.box import SIMPLE_HEAD
@@ -13,12 +14,16 @@ from rich.table import Table
 
 from ..benchmark.columns import COLUMNS
 from ..benchmark.leaderboard import OURS, Board, Row
+from ..text import one_line
+from .output import printable
 
 WIDEST = 1000
 """No table needs more columns of text than this."""
+LONGEST_CELL = 1000
+"""Characters of a Markdown cell; longer texts are cut."""
 
 
-def show(boards: Sequence[Board]) -> None:
+def show_boards(boards: Sequence[Board]) -> None:
     """Print boards for people."""
     for board in boards:
         table = Table(title=_title(board), title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
@@ -30,42 +35,47 @@ def show(boards: Sequence[Board]) -> None:
             table.add_column(escape(COLUMNS[name].heading), justify="right", min_width=longest)
         for row in board.rows:
             style = "bold" if row.source == OURS else ""
-            table.add_row(escape(row.controller), row.source, *_cells(board, row), style=style)
+            table.add_row(escape(printable(row.controller)), row.source, *_cells(board, row), style=style)
         console = Console()
         needed = Measurement.get(console, console.options.update(max_width=WIDEST), table)
         console.width = max(console.width, needed.minimum if console.is_terminal else needed.maximum)
         console.print(table)
         for remark in _remarks(board):
-            console.print(escape(remark), soft_wrap=True, highlight=False)
+            console.print(escape(printable(remark)), soft_wrap=True, highlight=False)
 
 
-def as_json(boards: Sequence[Board]) -> str:
+def boards_as_json(boards: Sequence[Board]) -> str:
     """One list of rows."""
     return json.dumps([row for board in boards for row in board.as_dicts()], indent=2)
 
 
-def as_csv(boards: Sequence[Board]) -> str:
+def boards_as_csv(boards: Sequence[Board]) -> str:
     """One table for all boards, with the columns of each."""
     rows = [row for board in boards for row in board.as_dicts()]
     columns = list(dict.fromkeys(name for row in rows for name in row if name != "remark"))
     text = io.StringIO()
     writer = csv.DictWriter(text, [*columns, "remark"], lineterminator="\n")
     writer.writeheader()
-    writer.writerows(rows)
+    # Line ends in a name are quoted; escape sequences would reach the terminal that shows the table.
+    writer.writerows({name: _csv_cell(value) for name, value in row.items()} for row in rows)
     return text.getvalue().rstrip("\n")
 
 
-def as_markdown(boards: Sequence[Board]) -> str:
+def boards_as_markdown(boards: Sequence[Board]) -> str:
     """One table for each board."""
     return "\n\n".join(_markdown(board) for board in boards)
 
 
-FORMATS: dict[str, Callable[[Sequence[Board]], str]] = {"json": as_json, "csv": as_csv, "markdown": as_markdown}
+TABLE_FORMATS: dict[str, Callable[[Sequence[Board]], str]] = {
+    "json": boards_as_json,
+    "csv": boards_as_csv,
+    "markdown": boards_as_markdown,
+}
 
 
 def _markdown(board: Board) -> str:
     def line(cells: Sequence[str], mark: str = "") -> str:
-        return "| " + " | ".join(f"{mark}{text.replace('|', '/')}{mark}" for text in cells) + " |"
+        return "| " + " | ".join(f"{mark}{_markdown_text(text)}{mark}" for text in cells) + " |"
 
     heads = ["Controller", "Source", *(COLUMNS[name].title for name in board.columns)]
     rule = "|---|---|" + "---:|" * len(board.columns)
@@ -73,8 +83,18 @@ def _markdown(board: Board) -> str:
         line([row.controller, row.source, *_cells(board, row)], "**" if row.source == OURS else "")
         for row in board.rows
     ]
-    remarks = [f"\n{remark}" for remark in _remarks(board)]
+    remarks = [f"\n{_markdown_text(remark)}" for remark in _remarks(board)]
     return "\n".join([f"### {_title(board)}\n", line(heads), rule, *rows, *remarks])
+
+
+def _csv_cell(value: object) -> object:
+    return "\n".join(map(printable, value.split("\n"))) if isinstance(value, str) else value
+
+
+def _markdown_text(text: str) -> str:
+    """Text in one line that Markdown and HTML show as it is."""
+    safe = one_line(text, LONGEST_CELL).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    return re.sub(r"([\\`*_|\[\]])", r"\\\1", safe)
 
 
 def _cells(board: Board, row: Row) -> list[str]:

@@ -23,7 +23,7 @@ from ..tasks.domain import load_domain
 from ..tasks.sim2real import Sim2RealTask
 from .arguments import RobotOrNone
 from .hyperparameters import HyperparameterOptions, given_hyperparameters
-from .judging import evaluate, judge_on
+from .judging import JudgingCommands, judge_sim2real
 from .progress import WIDTH, progress_line
 
 PROGRESS_INTERVAL = 10.0
@@ -141,8 +141,8 @@ def _score(run: Run) -> int:
         return 0
     task, best = run.settings.task(), str(run.folder / "best.npz")
     if isinstance(task, Sim2RealTask):
-        return judge_on(task.domain, run.settings.robot, best)
-    return evaluate(run.settings.robot, controller=best)
+        return judge_sim2real(task.domain, run.settings.robot, best)
+    return JudgingCommands().evaluate(run.settings.robot, controller=best)
 
 
 def _stop_on_signals(run: Run) -> list[int]:

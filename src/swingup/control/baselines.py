@@ -6,24 +6,25 @@ from typing import Any
 import numpy as np
 
 from ..errors import SwingupError
+from ..physics.equations import StateFloats
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
 from .controller import AbstractController
 from .lqr import LQR, upright_lqr
 from .mpc import mpc
 from .optimal import OPTIMAL
-from .published import PUBLISHED, Four
+from .published import PUBLISHED
 from .reference import Reference, load_reference
-from .switch import Latching
-from .tracking import RiccatiGains, tvlqr
+from .switch import LatchingSwitch
+from .tracking import RiccatiController, tvlqr
 
 BASELINES = ("lqr", "tvlqr", "ilqr-riccati", "ilqr-riccati-unregularised", "ilqr-mpc", "tvlqr-score")
-"""Names of the baselines: the LQR of the top, and those that follow a shipped swing-up and end in one.
+"""Names of the baselines: the LQR at the top, and controllers that follow a shipped swing-up and end with that LQR.
 
-The settings are the published ones but for ``tvlqr-score``, which is ours.
+All settings are the published ones, except those of ``tvlqr-score``, which is ours.
 """
 
 SHIPPED_TRAJECTORIES = {"published": "ilqr", "score": "score"}
-"""How the files end, by the optimisation's problem."""
+"""Endings of the file names, by the optimisation's problem."""
 
 
 def baseline(name: str, robot: Robot | str) -> AbstractController[Any]:
@@ -51,7 +52,7 @@ def baseline(name: str, robot: Robot | str) -> AbstractController[Any]:
     if name == "ilqr-mpc":
         return _ending(mpc(reference, parameters, robot, published.mpc), top, published.mpc_threshold)
     gains = reference.gains if name == "ilqr-riccati" else reference.unregularised_gains
-    riccati = RiccatiGains(reference.dt, reference.states, reference.torque, gains, robot)
+    riccati = RiccatiController(reference.dt, reference.states, reference.torque, gains, robot)
     return _ending(riccati, top, published.riccati_threshold)
 
 
@@ -73,7 +74,7 @@ def shipped_reference(robot: Robot | str, problem: str = "published") -> tuple[R
         return load_reference(path)
 
 
-def _tvlqr_score(robot: Robot) -> Latching:
+def _tvlqr_score(robot: Robot) -> LatchingSwitch:
     parameters, optimal = leaderboard_parameters(robot), OPTIMAL[robot.name]
     top, reference = upright_lqr(parameters, robot, optimal.lqr), shipped_reference(robot, "score")[0]
     # Q and R are per second, as those of the LQR at the top, whose cost-to-go the recursion starts from.
@@ -83,5 +84,5 @@ def _tvlqr_score(robot: Robot) -> Latching:
     return _ending(following, top, optimal.threshold)
 
 
-def _ending(first: AbstractController[Any], top: LQR, threshold: Four) -> Latching:
-    return Latching(first, top, np.array(threshold), top.robot)
+def _ending(first: AbstractController[Any], top: LQR, threshold: StateFloats) -> LatchingSwitch:
+    return LatchingSwitch(first, top, np.array(threshold), top.robot)

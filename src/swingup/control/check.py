@@ -2,22 +2,24 @@
 
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ..errors import SwingupError
+from ..foreign import blaming
 from ..physics.parameters import Robot, get_robot
-from .controller import AbstractController, check_interface, check_robot
+from .controller import AbstractController, check_interface, check_robot, split
 from .python_controller import DT, PythonController, call_in_turn, trial_states
 
 
 def check_controller(source: Any, robot: Robot | str) -> list[str]:
     """Try a controller on a few dozen states and say what is wrong with it.
 
-    It looks for errors, wrong shapes, torques that are not finite, torque on the passive joint, a memory that
-    changes its structure, that ``reset()`` and ``init()`` do not clear or that copies share, and measurements that
-    are altered in place.
+    It looks for errors, wrong shapes, fields that cannot be compiled, torques that are not finite, torque on the
+    passive joint, a memory that changes its structure, that ``reset()`` and ``init()`` do not clear or that copies
+    share, and measurements that are altered in place.
 
     Args:
         source: a controller in JAX, an object with ``get_control_output(x, t)``, or a function of (x, t).
@@ -49,20 +51,28 @@ def check_controller(source: Any, robot: Robot | str) -> list[str]:
 
 
 def _try_compiled(controller: AbstractController[Any]) -> np.ndarray:
+    """Torques along the trial states, from the compiled program of which a benchmark's simulations consist."""
     states = trial_states()
     with jax.enable_x64(True):
         check_interface(controller)
-
-        def call(memory: Any, now: tuple[jax.Array, jax.Array]) -> tuple[Any, jax.Array]:
-            return controller(memory, *now)
-
-        inputs = (jnp.arange(len(states)) * DT, jnp.asarray(states))
-        torques = np.asarray(jax.lax.scan(call, controller.init(), inputs)[1])
+        with blaming("running it"):
+            torques = np.asarray(_run(*split(controller), jnp.arange(len(states)) * DT, jnp.asarray(states)))
     faulty = np.flatnonzero(~np.isfinite(torques).all(axis=1))
     if faulty.size:
         x = np.round(states[faulty[0]], 3).tolist()
-        raise SwingupError(f"its torque is not finite for x = {x}: mend it there")
+        raise SwingupError(f"its torque is not finite for x = {x}: correct it there")
     return torques
+
+
+@jax.jit(static_argnames="static")
+def _run(numbers: Any, static: Any, times: jax.Array, states: jax.Array) -> jax.Array:
+    """Call a controller that comes in two parts, as the benchmark's runner does; torques (n, 2)."""
+    controller = eqx.combine(numbers, static)
+
+    def call(memory: Any, now: tuple[jax.Array, jax.Array]) -> tuple[Any, jax.Array]:
+        return controller(memory, *now)
+
+    return jax.lax.scan(call, controller.init(), (times, states))[1]
 
 
 def _try_plain(controller: PythonController) -> tuple[list[str], np.ndarray]:
@@ -77,7 +87,8 @@ def _try_plain(controller: PythonController) -> tuple[list[str], np.ndarray]:
             "keep memory in the object, not in globals or its class"
         )
     x = states[-1].copy()
-    controller.start()(x, 0.0)
+    with blaming("calling it"):
+        controller.start()(x, 0.0)
     if not np.array_equal(x, states[-1]):
         findings.append("it changes the measurement that it is given: copy x before altering it")
     return findings, first

@@ -8,7 +8,9 @@ import jax
 import jax.numpy as jnp
 
 from ..errors import SwingupError
+from ..foreign import attribute, blaming
 from ..physics.parameters import Robot
+from ..text import one_line
 from ..types import Scalar, State, Torque
 
 Carry = TypeVar("Carry")
@@ -30,38 +32,51 @@ def check_interface(controller: AbstractController[Any]) -> None:
     """Trace one call of a controller in JAX without running it; in 64-bit mode, as it will be run.
 
     Raises:
-        SwingupError: it raised an error, its torque's shape is not (2,), or its memory changes its structure.
+        SwingupError: it raised an error, it cannot be an argument of a compiled function, its torque is not real or
+            not of shape (2,), or its memory changes its structure.
     """
+    _check_hashable(controller)
     try:
         start = controller.init()
         answer = jax.eval_shape(lambda memory, t, x: controller(memory, t, x), start, jnp.zeros(()), jnp.zeros(4))
-    except Exception as error:  # whatever a foreign controller raises
-        reason = one_line(error)
-        raise SwingupError(f"tracing it raised {type(error).__name__}: {reason}; mend it there") from error
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # whatever a foreign controller raises
+        reason = f"{type(error).__name__}: {one_line(error)}"
+        raise SwingupError(f"tracing it raised {reason}; correct it there") from error
     if not isinstance(answer, tuple) or len(answer) != 2:
         raise SwingupError("a call of it must return two things: what to remember, and the torques [u1, u2]")
     after, command = answer
     if getattr(command, "shape", None) != (2,):
         shape = getattr(command, "shape", type(command).__name__)
         raise SwingupError(f"its torque has shape {shape}: return [u1, u2] of shape (2,) in N m")
+    if jnp.issubdtype(command.dtype, jnp.complexfloating):
+        raise SwingupError(f"its torque is {command.dtype}: return real numbers [u1, u2] in N m")
     if _structure(after) != _structure(start):
         raise SwingupError("its memory changes shape or dtype in a call: keep what init() returns")
+
+
+def split(controller: AbstractController[Any]) -> tuple[Any, Any]:
+    """Numbers, which compiled programs take as they come, and all else, which they contain: activations, say."""
+    return eqx.partition(controller, eqx.is_array_like)
 
 
 def check_robot(source: Any, robot: Robot) -> None:
     """Refuse a controller that says it is for another robot.
 
     Raises:
-        SwingupError: it does.
+        SwingupError: it does, or its attribute raised an error.
     """
-    meant = getattr(source, "robot", None)
+    meant = attribute(source, "robot")
     if isinstance(meant, Robot) and meant != robot:
         raise SwingupError(f"it is for the {meant.name}, not the {robot.name}: judge it there")
 
 
-def one_line(thing: object, length: int = 300) -> str:
-    """The text of a foreign object or error, in one line of bounded length."""
-    return f"{' '.join(str(thing).split()):.{length}}"
+def _check_hashable(controller: AbstractController[Any]) -> None:
+    """Refuse fields by which JAX cannot tell one compiled program from another: lists, sets, static arrays."""
+    _, static = split(controller)
+    with blaming("hashing its fields", "make lists and sets tuples, and keep arrays in fields that are not static"):
+        hash(static)
 
 
 def _structure(memory: Any) -> tuple[Any, list[tuple[tuple[int, ...], Any]]]:

@@ -1,10 +1,11 @@
-"""Iterative LQR: improve the torques of a trajectory until nothing more is to be gained.
+"""Iterative LQR: the torques of a trajectory, improved until the cost falls no further.
 
-A backward pass, with μ added to Q_uu, proposes a policy, and a forward pass tries it; μ falls when the cost did
-and rises when it did not. The dynamics' second derivatives are left out. What it finds is a local optimum near its
-first torques. Limits on torques are kept by clipping, without planning for them; there are none on states. Source:
-Tassa, Erez and Todorov, "Synthesis and stabilization of complex behaviors through online trajectory optimization",
-IROS 2012.
+A backward pass, with μ added to Q_uu, proposes a feedback policy, and a forward pass tries it. μ falls after an
+improvement and rises otherwise. The dynamics' second derivatives are left out. The result is a local optimum near
+the first torques. Torques are clipped to their limit, which the planning ignores; states have no limits.
+
+Source: Tassa, Erez and Todorov, "Synthesis and stabilization of complex behaviors through online trajectory
+optimization", IROS 2012.
 """
 
 import dataclasses
@@ -16,16 +17,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..types import Count, Flag, Scalar
-from .riccati_passes import Cost, Policy, Rollout, backward, forward
+from .riccati_passes import Cost, CostedTrajectory, FeedbackPolicy, backward, forward
 from .scalar_algebra import unpack
 from .transition import AbstractTransition
 
 
 class Status(enum.IntEnum):
-    """How an optimisation ended."""
+    """How an optimisation ended, as a value of its result."""
 
     RUNNING = 0
-    """It has not."""
+    """It has not ended."""
     CONVERGED = 1
     """The backward pass expects less than the tolerance: use the result."""
     STALLED = 2
@@ -35,8 +36,8 @@ class Status(enum.IntEnum):
 
 
 @dataclasses.dataclass(frozen=True)
-class Settings:
-    """How to iterate."""
+class ILQRSettings:
+    """The iteration's limits, and how it adapts the regularisation."""
 
     max_iterations: int
     tolerance: float
@@ -50,13 +51,13 @@ class Settings:
     decrease: float = 0.7
     """μ is multiplied by this after an improvement."""
     increase: float = 2.0
-    """And by this otherwise."""
+    """μ is multiplied by this after an iteration without improvement."""
     step_sizes: tuple[float, ...] = (1.0,)
-    """Factors of k that a line search tries, all at once, to keep the cheapest; (1.0,) is none."""
+    """Factors of the feedforward that a line search tries side by side; (1.0,) is no search."""
 
 
 class Solution(eqx.Module):
-    """What an optimisation found, and how it ended."""
+    """The trajectory that an optimisation found, and how it ended."""
 
     states: Float[Array, "n+1 4"]
     torque: Float[Array, "n"]
@@ -68,11 +69,11 @@ class Solution(eqx.Module):
     """A :class:`Status`."""
 
 
-class Iterate(eqx.Module):
-    """Between two iterations."""
+class ILQRState(eqx.Module):
+    """An optimisation between two iterations."""
 
-    rollout: Rollout
-    """The best so far."""
+    trajectory: CostedTrajectory
+    """The best trajectory so far."""
     regularisation: Scalar
     iteration: Count
     status: Count
@@ -83,55 +84,55 @@ def solve(
     cost: Cost,
     x0: Float[Array, "4"],
     torque: Float[Array, "n"],
-    settings: Settings,
+    settings: ILQRSettings,
     idle: Flag | bool = False,
 ) -> Solution:
-    """Optimise the torques from a first guess; where ``idle``, do not iterate."""
+    """Optimise the torques from a first guess; where ``idle``, return the guess."""
     last = jax.lax.while_loop(
         lambda now: now.status == Status.RUNNING,
-        lambda now: improve(transition, cost, now, settings),
-        start(transition, cost, x0, torque, settings, idle),
+        lambda now: ilqr_iteration(transition, cost, now, settings),
+        initial_state(transition, cost, x0, torque, settings, idle),
     )
     return Solution(
-        states=jnp.concatenate([jnp.stack(last.rollout.x, -1), jnp.stack(last.rollout.last)[None]]),
-        torque=last.rollout.u,
-        cost=last.rollout.cost,
+        states=jnp.concatenate([jnp.stack(last.trajectory.x, -1), jnp.stack(last.trajectory.last)[None]]),
+        torque=last.trajectory.u,
+        cost=last.trajectory.cost,
         iterations=last.iteration,
         regularisation=last.regularisation,
         status=last.status,
     )
 
 
-def start(
+def initial_state(
     transition: AbstractTransition,
     cost: Cost,
     x0: Float[Array, "4"],
     torque: Float[Array, "n"],
-    settings: Settings,
+    settings: ILQRSettings,
     idle: Flag | bool = False,
-) -> Iterate:
+) -> ILQRState:
     """The first guess, rolled out."""
-    return Iterate(
-        rollout=forward(transition, cost, unpack(x0), torque, settings.torque_limit),
+    return ILQRState(
+        trajectory=forward(transition, cost, unpack(x0), torque, settings.torque_limit),
         regularisation=jnp.full_like(x0[0], settings.regularisation),
         iteration=jnp.zeros((), jnp.int32),
         status=jnp.where(idle, Status.ITERATION_LIMIT, Status.RUNNING).astype(jnp.int32),
     )
 
 
-def improve(transition: AbstractTransition, cost: Cost, now: Iterate, settings: Settings) -> Iterate:
-    """One iteration: backward, forward, accept or not, adapt μ, decide whether to go on."""
-    policy, expected = backward(cost, now.rollout, now.regularisation)
-    tried = _search(transition, cost, now.rollout, policy, settings)
-    improved = tried.cost < now.rollout.cost
+def ilqr_iteration(transition: AbstractTransition, cost: Cost, now: ILQRState, settings: ILQRSettings) -> ILQRState:
+    """One iteration: backward pass, forward pass, acceptance, new μ, and whether to go on."""
+    policy, expected = backward(transition, cost, now.trajectory, now.regularisation)
+    tried = _search(transition, cost, now.trajectory, policy, settings)
+    improved = tried.cost < now.trajectory.cost
     regularisation = now.regularisation * jnp.where(improved, settings.decrease, settings.increase)
     stalled = ~improved & (now.regularisation >= settings.max_regularisation)
     iteration = now.iteration + 1
     status = jnp.where(iteration >= settings.max_iterations, Status.ITERATION_LIMIT, Status.RUNNING)
     status = jnp.where(expected < settings.tolerance, Status.CONVERGED, status)
     status = jnp.where(stalled, Status.STALLED, status)
-    return Iterate(
-        rollout=jax.tree.map(lambda new, old: jnp.where(improved, new, old), tried, now.rollout),
+    return ILQRState(
+        trajectory=jax.tree.map(lambda new, old: jnp.where(improved, new, old), tried, now.trajectory),
         regularisation=jnp.clip(regularisation, settings.min_regularisation, settings.max_regularisation),
         iteration=iteration,
         status=status.astype(jnp.int32),
@@ -143,21 +144,26 @@ def feedback_gains(
 ) -> Float[Array, "n 4"]:
     """K of a backward pass about a solution: LQ-optimal without regularisation, weaker with it."""
     x, u = unpack(solution.states[:-1]), solution.torque
-    rollout = Rollout(x, u, transition.jacobian(x, u), tuple(solution.states[-1]), solution.cost)
-    return jnp.stack(backward(cost, rollout, regularisation)[0].gains, -1)
+    trajectory = CostedTrajectory(x, u, tuple(solution.states[-1]), solution.cost)
+    return jnp.stack(backward(transition, cost, trajectory, regularisation)[0].gains, -1)
 
 
 def _search(
-    transition: AbstractTransition, cost: Cost, now: Rollout, policy: Policy, settings: Settings
-) -> Rollout:
+    transition: AbstractTransition,
+    cost: Cost,
+    now: CostedTrajectory,
+    policy: FeedbackPolicy,
+    settings: ILQRSettings,
+) -> CostedTrajectory:
     first = tuple(rows[0] for rows in now.x)
 
-    def attempt(size: Scalar | float) -> Rollout:
-        torque = now.u + size * policy.step
+    def attempt(size: Scalar | float) -> CostedTrajectory:
+        torque = now.u + size * policy.feedforward
         return forward(transition, cost, first, torque, settings.torque_limit, (now.x, policy.gains))
 
     if len(settings.step_sizes) == 1:
         return attempt(settings.step_sizes[0])
     attempts = jax.vmap(attempt)(jnp.array(settings.step_sizes, now.u.dtype))
+    # A step that diverges has a cost of NaN, and loses.
     cheapest = jnp.nanargmin(attempts.cost)
     return jax.tree.map(lambda rows: rows[cheapest], attempts)

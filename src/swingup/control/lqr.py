@@ -1,7 +1,7 @@
 """Linear quadratic regulators: at upright in continuous time, along a trajectory in discrete time.
 
-Designed on the host in NumPy, and valid near what they were linearised about: the controller gives up where its
-cost-to-go, and with it the error, is large.
+They are designed on the host in NumPy, and hold near the point of linearisation: the controller gives no torque
+where its cost-to-go, and with it the error, is large.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from .controller import AbstractController
 
 @dataclass(frozen=True)
 class LQRSettings:
-    """Weights of ∫ xᵀQx + R u² dt and the LQR's reach."""
+    """Weights of ∫ xᵀQx + R u² dt, and the largest cost-to-go at which the LQR acts."""
 
     state_weights: tuple[float, float, float, float]
     """Diagonal of Q (1/rad², s²/rad²)."""

@@ -1,6 +1,6 @@
-"""Model predictive control by iLQR along a swing-up trajectory: at every call the coming 0.2 s are planned anew.
+"""Model predictive control by iLQR along a swing-up trajectory: every call plans the coming 0.2 s.
 
-Planning starts from the previous plan, shifted by a step. Only the clock tells where the pendulum should be.
+Planning starts from the previous plan, shifted by a step. The row of the trajectory follows from the time alone.
 """
 
 from typing import Any
@@ -19,42 +19,43 @@ from .ilqr import solve
 from .piecewise_cubic import fit_piecewise_cubic
 from .published import MPCSettings
 from .reference import Reference
-from .switch import AbstractSparing
+from .switch import AbstractExpensiveController
 from .transition import PendulumTransition
 
 Plan = Float[Array, "n"]
 """The driven joint's torques from now on (N m)."""
 
 
-class MPC(AbstractSparing[Plan]):
-    """The first torque of the plan that tracks the trajectory; from near its end on, of one to stay upright."""
+class MPC(AbstractExpensiveController[Plan]):
+    """The first torque of a plan that tracks the trajectory, and near its end of a plan that stays upright."""
 
     transition: PendulumTransition
     states: Float[Any, "rows 4"]
     """The trajectory at the calls' times k dt."""
     torque: Float[Any, "rows"]
-    published: MPCSettings = eqx.field(static=True)
+    settings: MPCSettings = eqx.field(static=True)
     robot: Robot = eqx.field(static=True)
 
     def init(self) -> Plan:
-        """The trajectory's torques."""
-        return jnp.asarray(self.torque)[: self.published.horizon - 1]
+        """The first plan: the trajectory's torques."""
+        return jnp.asarray(self.torque)[: self.settings.horizon - 1]
 
-    def answer(self, carry: Plan, t: Scalar, x: State, idle: Flag) -> tuple[Plan, Torque]:
-        """Plan, unless idle: a loop of one pass at most, which costs nothing when nobody in a batch needs it."""
+    def control(self, carry: Plan, t: Scalar, x: State, idle: Flag) -> tuple[Plan, Torque]:
+        """Plan, unless idle."""
 
         def plan(state: tuple[Plan, Flag]) -> tuple[Plan, Flag]:
             return self.plan(state[0], t, x, idle), jnp.array(True)
 
+        # A batch runs a loop as long as any member needs it, and skips it if none does; a branch would run always.
         torque, _ = jax.lax.while_loop(lambda state: ~state[1], plan, (carry, jnp.asarray(idle)))
-        row = self.row(t) + self.published.horizon - 1
+        row = self.row(t) + self.settings.horizon - 1
         rows = jnp.asarray(self.torque)
         coming = jnp.where(row < len(rows) - 1, rows[jnp.minimum(row, len(rows) - 1)], 0.0)
         return jnp.append(torque[1:], coming), joint_torques(torque[0], self.robot)
 
     def plan(self, guess: Plan, t: Scalar, x: State, idle: Flag) -> Plan:
         """The torques that track the trajectory best from x on."""
-        settings, steps = self.published, self.published.horizon - 1
+        settings, steps = self.settings, self.settings.horizon - 1
         row, last = self.row(t), len(self.torque) - 1
         on_track = row + settings.horizon < last
         start = jnp.minimum(row, last - settings.horizon)
@@ -68,7 +69,7 @@ class MPC(AbstractSparing[Plan]):
 
     def row(self, t: Scalar) -> Array:
         """The trajectory's row at time t (s)."""
-        return jnp.round(t / self.published.dt).astype(jnp.int32)
+        return jnp.round(t / self.settings.dt).astype(jnp.int32)
 
 
 def mpc(reference: Reference, parameters: Parameters, robot: Robot, settings: MPCSettings) -> MPC:

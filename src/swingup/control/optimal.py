@@ -1,10 +1,10 @@
 """Swing-ups that are nearly optimal for the RealAI score: this package's own upper reference, not a published one.
 
 The score's penalties tanh(π c/n)/5 are replaced by their slopes about the optimum, which makes velocity cost,
-torque cost and smoothness quadratic in [q1, q2, dq1, dq2, u] and the torque's rate. A weak pull of q1 stands for
-the swing-up time. The energy is left out: near the optimum it is within 2 % of what lifting the pendulum takes.
-Many random first torques are improved side by side on a coarse grid, and the cheapest result on a fine one.
-What comes out is a local optimum for the nominal plant; there is no proof that no other is better.
+torque cost and smoothness quadratic in [q1, q2, dq1, dq2, u] and the torque's rate. A small cost of q1's
+error stands for the swing-up time. The energy is left out: near the optimum it is within 2 % of the least possible.
+Many random first torques are optimised side by side on a coarse grid, and the cheapest result on a fine one.
+The result is a local optimum for the nominal plant; there may be better ones.
 """
 
 from dataclasses import dataclass, replace
@@ -17,18 +17,18 @@ from jaxtyping import Float
 
 from ..errors import SwingupError
 from ..physics.angles import UPRIGHT
+from ..physics.equations import StateFloats
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
 from ..types import Scalar
-from .ilqr import Settings, Solution, Status, feedback_gains, solve
+from .ilqr import ILQRSettings, Solution, Status, feedback_gains, solve
 from .lqr import LQRSettings
-from .published import Four
 from .reference import Reference
 from .riccati_passes import Cost, forward
 from .scalar_algebra import unpack
 from .torque_rate import TorqueRateTransition
 from .transition import PendulumTransition
 
-_COARSE = Settings(
+_COARSE = ILQRSettings(
     max_iterations=150,
     tolerance=1e-6,
     regularisation=1e-3,
@@ -45,7 +45,7 @@ _LQR = LQRSettings(state_weights=(0.64, 0.56, 0.13, 0.037), torque_weight=0.82, 
 
 @dataclass(frozen=True)
 class ScoreProblem:
-    """A trajectory optimisation from hanging at rest to upright; weights are by how much the score falls."""
+    """A trajectory optimisation from hanging at rest to upright. A weight is the fall of the score per unit."""
 
     velocity: float
     """Per rad²/s of ∫ (dq1² + dq2²) dt."""
@@ -57,21 +57,21 @@ class ScoreProblem:
     """Per rad² s of ∫ (q1 - π)² dt."""
     duration: float
     """s"""
-    coarse_final: Four = (50.0, 50.0, 2.0, 2.0)
+    coarse_final: StateFloats = (50.0, 50.0, 2.0, 2.0)
     """On squared errors of the last angles (rad) and velocities (rad/s), on the coarse grid and on the fine one."""
-    fine_final: Four = (1000.0, 1000.0, 100.0, 100.0)
+    fine_final: StateFloats = (1000.0, 1000.0, 100.0, 100.0)
     final_torque: float = 1.0
     coarse_dt: float = 0.01
     """Lengths of the steps (s); the fine one is the judge's, and the coarse one a multiple of it."""
     fine_dt: float = 0.002
-    coarse: Settings = _COARSE
-    fine: Settings = _FINE
+    coarse: ILQRSettings = _COARSE
+    fine: ILQRSettings = _FINE
     starts: int = 48
     """Random first torques."""
     first_torque: float = 1.5
     """The torque at t = 0 is drawn from ± this (N m)."""
     spread: float = 1.0
-    """The best start is improved again with torques at t = 0 of up to this more or less (N m)."""
+    """The best result is optimised again from torques at t = 0 that differ by up to this (N m)."""
 
 
 @dataclass(frozen=True)
@@ -80,11 +80,11 @@ class Optimal:
 
     swingup: ScoreProblem
     lqr: LQRSettings = _LQR
-    """Of the time-varying regulator and of the one at the top alike: the published TVLQR's weights."""
-    threshold: Four = (0.02, 0.02, 0.05, 0.05)
-    """|errors| below which the LQR takes over (rad, rad/s): where it asks for hardly another torque."""
+    """Weights of both regulators, along the trajectory and at the top: those of the published TVLQR."""
+    threshold: StateFloats = (0.02, 0.02, 0.05, 0.05)
+    """|errors| below which the LQR takes over (rad, rad/s). The torque then hardly changes."""
     rows_per_piece: int = 4
-    """Of the piecewise cubic fit: four rows are met exactly, so that following the trajectory costs no score."""
+    """Rows in a piece of the cubic fit. A cubic meets four rows exactly, so that tracking costs no score."""
 
 
 OPTIMAL = {
@@ -93,8 +93,8 @@ OPTIMAL = {
 }
 """By the robot's name."""
 
-GOAL = np.append(UPRIGHT, 0.0)
-"""Upright without torque."""
+RESTING = np.append(UPRIGHT, 0.0)
+"""[π, 0, 0, 0, 0]: upright at rest, without torque."""
 
 
 def compute_optimal_reference(
@@ -108,7 +108,7 @@ def compute_optimal_reference(
         seed: of the first torques, which NumPy draws.
 
     Returns:
-        The trajectory with rows of the judge's time step, and how it came about: JSON values for the file. Its
+        The trajectory with rows of the judge's time step, and its provenance: JSON values for the file. Its
         gains, both kinds the same, are LQ-optimal for the problem's weights without that of the torque's rate.
 
     Raises:
@@ -120,7 +120,7 @@ def compute_optimal_reference(
         coarse = _transition(robot, problem.coarse_dt), coarse_cost(problem)
         rough = _cheapest(_solve_all(*coarse, first, problem.coarse), seed)
         rough = _cheapest(_solve_all(*coarse, _restarts(*coarse, rough, problem), problem.coarse), seed)
-        # Held over the fine steps the coarse torques make the same trajectory, up to the integrator's error.
+        # The coarse torques, held over the fine steps, give the same trajectory up to the integrator's error.
         held = np.repeat(np.asarray(rough.states)[:, 4], round(problem.coarse_dt / problem.fine_dt))
         rows = round(problem.duration / problem.fine_dt)
         cost, transition = fine_cost(problem), _transition(robot, problem.fine_dt)
@@ -161,7 +161,7 @@ def coarse_cost(problem: ScoreProblem) -> Cost:
 
 
 def fine_cost(problem: ScoreProblem) -> Cost:
-    """The cost on the fine grid, whose end is held tighter: what is left there disturbs the hand-over."""
+    """The cost on the fine grid. Its final weights are larger, because a final error disturbs the hand-over."""
     return _cost(problem, problem.fine_dt, problem.fine_final)
 
 
@@ -176,7 +176,7 @@ def _cheapest(solutions: Solution, seed: int) -> Solution:
 def _restarts(
     transition: TorqueRateTransition, cost: Cost, solution: Solution, problem: ScoreProblem
 ) -> Float[Any, "starts n+1"]:
-    """Torques from other first ones that feedback leads back to a solution: what they are at t = 0 has no cost."""
+    """Torques that start differently at t = 0, where they cost nothing, and return to a solution by feedback."""
     gains = unpack(feedback_gains(transition, cost, solution, 0.0))
     about = unpack(solution.states[:-1]), gains
 
@@ -189,11 +189,18 @@ def _restarts(
     return jax.vmap(one)(solution.states[0, 4] + spread)
 
 
-def _cost(problem: ScoreProblem, dt: float, final: Four) -> Cost:
+def _cost(problem: ScoreProblem, dt: float, final: StateFloats) -> Cost:
     rows = round(problem.duration / dt)
     state = problem.duration * np.array([problem.angle, 0.0, problem.velocity, problem.velocity, problem.torque])
     last = np.array([*final, problem.final_torque])
-    return Cost(state, problem.duration * problem.rate, last, np.tile(GOAL, (rows, 1)), np.zeros(rows), GOAL)
+    return Cost(
+        state,
+        problem.duration * problem.rate,
+        last,
+        np.tile(RESTING, (rows, 1)),
+        np.zeros(rows),
+        RESTING,
+    )
 
 
 def _transition(robot: Robot, dt: float) -> TorqueRateTransition:
@@ -202,7 +209,7 @@ def _transition(robot: Robot, dt: float) -> TorqueRateTransition:
 
 @jax.jit(static_argnames="settings")
 def _solve_all(
-    transition: TorqueRateTransition, cost: Cost, torques: Float[Any, "starts n+1"], settings: Settings
+    transition: TorqueRateTransition, cost: Cost, torques: Float[Any, "starts n+1"], settings: ILQRSettings
 ) -> Solution:
     def one(torque: Float[Any, "n+1"]) -> Solution:
         x0 = jnp.zeros(5).at[4].set(torque[0])

@@ -11,7 +11,7 @@ from ..types import Scalar
 
 
 class PiecewiseCubic(eqx.Module):
-    """One cubic per piece for every channel; before the first and after the last sample the end's value is held."""
+    """One cubic per piece for every channel; its value is constant before the first and after the last sample."""
 
     starts: Float[Any, "pieces"]
     """Time of each piece's first sample (s)."""
@@ -32,7 +32,7 @@ class PiecewiseCubic(eqx.Module):
 def fit_piecewise_cubic(
     time: Float[np.ndarray, "n"], values: Float[np.ndarray, "n channels"], pieces: int
 ) -> PiecewiseCubic:
-    """The least-squares fit with pieces of equal numbers of samples, up to one."""
+    """The least-squares fit; all pieces have the same number of samples, up to one."""
     starts, ends, coefficients = [], [], []
     for t, y in zip(np.array_split(time, pieces), np.array_split(values, pieces), strict=True):
         powers = np.vander((t - t[0]) / (t[-1] - t[0]), 4, increasing=True)

@@ -1,6 +1,6 @@
 """The published settings of the RealAIGym benchmark's baselines (double pendulum, design C.1), as data.
 
-Weights are on squared errors of q1, q2 (rad), dq1, dq2 (rad/s) and the driven torque (N m).
+TrackingWeights are on squared errors of q1, q2 (rad), dq1, dq2 (rad/s) and the driven torque (N m).
 """
 
 from dataclasses import dataclass
@@ -8,20 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from .ilqr import Settings
+from ..physics.equations import StateFloats
+from .ilqr import ILQRSettings
 from .lqr import LQRSettings
 from .riccati_passes import Cost
 
-Four = tuple[float, float, float, float]
-
 
 @dataclass(frozen=True)
-class Weights:
-    """Weights of an iLQR's tracking cost: the mean over the stages, and the final state's."""
+class TrackingWeights:
+    """TrackingWeights of an iLQR's tracking cost: the mean over the stages, and the final state's."""
 
-    state: Four
+    state: StateFloats
     torque: float
-    final: Four
+    final: StateFloats
 
     def cost(self, states: Any, torque: Any, final_state: Any) -> Cost:
         """The cost of deviating from targets for each stage and for the end."""
@@ -32,10 +31,10 @@ class Weights:
 class SwingupProblem:
     """A trajectory optimisation from hanging at rest to upright."""
 
-    weights: Weights
-    settings: Settings
+    weights: TrackingWeights
+    settings: ILQRSettings
     gain_regularisation: float
-    """Added to Q_uu in the published feedback gains, as their last rows tell: that of the last improvement."""
+    """μ of the published feedback gains, read off their last rows: that of the last improvement."""
     dt: float = 0.001
     """Length of a step (s)."""
     steps: int = 5999
@@ -47,7 +46,7 @@ class SwingupProblem:
 class TVLQRSettings:
     """A time-varying LQR along a trajectory, in discrete time."""
 
-    state_weights: Four
+    state_weights: StateFloats
     torque_weight: float
     final_factor: float | None
     """Q_f as a multiple of Q; None takes the S of the LQR at the top."""
@@ -59,14 +58,14 @@ class TVLQRSettings:
 class MPCSettings:
     """Model predictive control by iLQR along a trajectory."""
 
-    tracking: Weights
-    upright: Weights
-    """From when the horizon reaches the trajectory's end."""
-    settings: Settings
+    tracking: TrackingWeights
+    upright: TrackingWeights
+    """Used once the horizon reaches the trajectory's end."""
+    settings: ILQRSettings
     dt: float = 0.002
     """Length of a step (s)."""
     horizon: int = 100
-    """States that are looked at, the present one among them."""
+    """States of a plan, with the present one."""
     pieces: int = 40
 
 
@@ -78,16 +77,16 @@ class Published:
     lqr: LQRSettings
     tvlqr: TVLQRSettings
     mpc: MPCSettings
-    tvlqr_threshold: Four
+    tvlqr_threshold: StateFloats
     """|errors| below which the LQR takes over from the TVLQR (rad, rad/s)."""
-    riccati_threshold: Four
-    mpc_threshold: Four
+    riccati_threshold: StateFloats
+    mpc_threshold: StateFloats
 
 
-def _swingup(iterations: int) -> Settings:
+def _swingup(iterations: int) -> ILQRSettings:
     # The published runs were allowed 100,000 iterations and stalled: their derivatives are approximate. Ours are
     # exact and go on along the same path; they are stopped where the trajectory is the published one.
-    return Settings(
+    return ILQRSettings(
         max_iterations=iterations,
         tolerance=1e-6,
         regularisation=100.0,
@@ -101,9 +100,9 @@ _LQR = LQRSettings(state_weights=(0.97, 0.93, 0.39, 0.26), torque_weight=0.11, m
 _TVLQR_WEIGHTS = (0.64, 0.56, 0.13, 0.037)
 _MPC = MPCSettings(
     # The final weights are configured as (100, 10, 10, 1); the published code uses the fourth one twice.
-    tracking=Weights(state=(0.1, 0.1, 0.01, 0.1), torque=0.1, final=(100.0, 10.0, 1.0, 1.0)),
-    upright=Weights(state=(0.1, 0.1, 0.01, 0.01), torque=0.1, final=(10.0, 10.0, 1.0, 1.0)),
-    settings=Settings(
+    tracking=TrackingWeights(state=(0.1, 0.1, 0.01, 0.1), torque=0.1, final=(100.0, 10.0, 1.0, 1.0)),
+    upright=TrackingWeights(state=(0.1, 0.1, 0.01, 0.01), torque=0.1, final=(10.0, 10.0, 1.0, 1.0)),
+    settings=ILQRSettings(
         max_iterations=10,
         tolerance=1e-6,
         regularisation=1.0,
@@ -116,7 +115,7 @@ _MPC = MPCSettings(
 PUBLISHED = {
     "acrobot": Published(
         swingup=SwingupProblem(
-            Weights(
+            TrackingWeights(
                 state=(20.6969312, 76.9967729, 0.155726136, 5.42226523),
                 torque=99.7938814,
                 final=(382.623819, 7053.1559, 58.9790058, 90.14595),
@@ -133,7 +132,7 @@ PUBLISHED = {
     ),
     "pendubot": Published(
         swingup=SwingupProblem(
-            Weights(state=(0.1, 0.2, 0.0, 0.0), torque=1.0, final=(10.0, 20.0, 10.0, 20.0)),
+            TrackingWeights(state=(0.1, 0.2, 0.0, 0.0), torque=1.0, final=(10.0, 20.0, 10.0, 20.0)),
             _swingup(iterations=3620),
             gain_regularisation=4.078e5,
         ),

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import SwingupError
-from .controller import one_line
+from ..foreign import attribute, blaming, described
+from ..text import quoted
 
 Answer = Callable[[np.ndarray, float], Any]
 
@@ -26,37 +27,35 @@ class PythonController:
         """Wrap a function or an object.
 
         Raises:
-            SwingupError: it is neither callable nor has it ``get_control_output``.
+            SwingupError: it is neither callable nor has it ``get_control_output``, or one of its attributes raised.
         """
-        if not callable(getattr(source, "get_control_output", source)) or inspect.isclass(source):
+        if inspect.isclass(source) or not callable(attribute(source, "get_control_output", source)):
             raise SwingupError(
-                f"{one_line(repr(source), 60)} is no controller: pass a function of (x, t), an object with "
+                f"{quoted(source)} is no controller: pass a function of (x, t), an object with "
                 "get_control_output(x, t), or a swingup controller"
             )
         self.source = source
-        self.robot = getattr(source, "robot", None)
+        self.robot = attribute(source, "robot")
 
     def start(self) -> Answer:
         """Clear the memory and return what to call with x (4,) (rad, rad/s) and t (s).
 
         Raises:
-            SwingupError: ``reset()`` or ``init()`` raised an error.
+            SwingupError: ``reset()``, ``init()`` or an attribute raised an error.
         """
         for name in ("reset", "init"):
-            method = getattr(self.source, name, None)
+            method = attribute(self.source, name)
             if callable(method):
-                try:
+                with blaming(f"its {name}()"):
                     method()
-                except (Exception, SystemExit) as error:
-                    reason = f"{type(error).__name__} ({one_line(error)})"
-                    raise SwingupError(f"its {name}() raised {reason}: mend it there") from error
-        return _by_keywords(getattr(self.source, "get_control_output", self.source))
+        return _by_keywords(attribute(self.source, "get_control_output", self.source))
 
     def copies(self, number: int) -> "list[PythonController]":
         """Independent controllers for simulations side by side; just this one where it has none."""
         try:
-            made = [self, *(PythonController(copy.deepcopy(self.source)) for _ in range(number - 1))]
-        except Exception:  # whatever a foreign object's copying raises
+            with blaming("its copying"):
+                made = [self, *(PythonController(copy.deepcopy(self.source)) for _ in range(number - 1))]
+        except SwingupError:
             return [self]
         return made if number == 1 or are_independent(made[:2]) else [self]
 
@@ -70,14 +69,15 @@ def answer(call: Answer, x: np.ndarray, t: float) -> np.ndarray:
     try:
         given = call(x.copy(), t)
         u = np.asarray(given)
-    except (Exception, SystemExit) as error:
-        reason = f"{type(error).__name__} ({one_line(error)})"
-        raise SwingupError(f"it raised {reason} at t = {t:g} s: mend it there") from error
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # no context manager: this is called millions of times
+        raise SwingupError(f"it raised {described(error)} at t = {t:g} s: correct it there") from error
     if u.shape != (2,) or u.dtype.kind not in "fiub":
-        what = f"of shape {u.shape}" if u.dtype.kind in "fiub" else one_line(repr(given), 60)
+        what = f"of shape {u.shape}" if u.dtype.kind in "fiub" else quoted(given)
         raise SwingupError(f"its torque at t = {t:g} s is {what}: return two real numbers [u1, u2] in N m")
     if not np.isfinite(u).all():
-        raise SwingupError(f"it gave a torque that is not finite at t = {t:g} s: mend it there")
+        raise SwingupError(f"it gave a torque that is not finite at t = {t:g} s: correct it there")
     return u.astype(np.float64)
 
 
@@ -118,7 +118,7 @@ def _by_keywords(call: Callable[..., Any]) -> Answer:
     """The call by the names x and t where it has both, as RealAIGym calls; else in this order."""
     try:
         names = inspect.signature(call).parameters
-    except (TypeError, ValueError):  # built-in functions have none
+    except Exception:  # built-in functions have none, and a foreign __signature__ may raise anything
         return call
     if {"x", "t"} <= set(names) and names["x"].kind is not inspect.Parameter.POSITIONAL_ONLY:
         return lambda x, t: call(x=x, t=t)

@@ -1,4 +1,4 @@
-"""Swing-up trajectories: computed by iterative LQR, and kept in documented files without pickle.
+"""Swing-up trajectories: computed by iterative LQR, and stored in documented files without pickle.
 
 The optimisation starts from tiny random torques: another seed may end in another local optimum.
 """
@@ -13,17 +13,18 @@ import numpy as np
 from jaxtyping import Float
 
 from ..arrays import load_archive, save_archive
+from ..checks import positive_number
 from ..errors import SwingupError
 from ..physics.angles import UPRIGHT
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
 from ..version import __version__
-from .ilqr import Settings, Solution, Status, feedback_gains, solve
+from .ilqr import ILQRSettings, Solution, Status, feedback_gains, solve
 from .published import SwingupProblem
 from .riccati_passes import Cost
 from .transition import PendulumTransition
 
-FORMAT = "swingup trajectory"
-FORMAT_VERSION = 1
+REFERENCE_FORMAT = "swingup trajectory"
+REFERENCE_VERSION = 1
 
 
 class Reference(eqx.Module):
@@ -47,7 +48,7 @@ class Reference(eqx.Module):
         return self.dt * np.arange(len(self.torque))
 
 
-ARRAYS = ("states", "torque", "gains", "unregularised_gains")
+REFERENCE_ARRAYS = ("states", "torque", "gains", "unregularised_gains")
 
 
 def compute_reference(robot: Robot | str, problem: SwingupProblem, seed: int) -> tuple[Reference, dict[str, Any]]:
@@ -59,7 +60,7 @@ def compute_reference(robot: Robot | str, problem: SwingupProblem, seed: int) ->
         seed: of the first torques, which NumPy draws uniformly from [0, problem.first_torque].
 
     Returns:
-        The trajectory, and how it came about: JSON values for the file.
+        The trajectory, and its provenance: JSON values for the file.
     """
     robot = get_robot(robot)
     steps = problem.steps
@@ -84,7 +85,7 @@ _gains = jax.jit(feedback_gains)
 
 
 @jax.jit(static_argnames="settings")
-def _solve(transition: PendulumTransition, cost: Cost, torque: Float[Any, "n"], settings: Settings) -> Solution:
+def _solve(transition: PendulumTransition, cost: Cost, torque: Float[Any, "n"], settings: ILQRSettings) -> Solution:
     return solve(transition, cost, jnp.zeros(4), torque, settings)
 
 
@@ -95,8 +96,8 @@ def save_reference(path: str | Path, reference: Reference, provenance: dict[str,
         SwingupError: the file cannot be written.
     """
     head = {"robot": reference.robot.name, "dt": reference.dt, "version": __version__}
-    arrays = {name: np.asarray(getattr(reference, name), np.float64) for name in ARRAYS}
-    save_archive(path, FORMAT, FORMAT_VERSION, {**head, **provenance}, arrays)
+    arrays = {name: np.asarray(getattr(reference, name), np.float64) for name in REFERENCE_ARRAYS}
+    save_archive(path, REFERENCE_FORMAT, REFERENCE_VERSION, {**head, **provenance}, arrays)
 
 
 def load_reference(path: str | Path) -> tuple[Reference, dict[str, Any]]:
@@ -105,16 +106,15 @@ def load_reference(path: str | Path) -> tuple[Reference, dict[str, Any]]:
     Raises:
         SwingupError: the file cannot be read, is truncated, or is no trajectory file of this version.
     """
-    metadata, arrays = load_archive(path, FORMAT, FORMAT_VERSION)
-    missing = [name for name in ("robot", "dt") if name not in metadata] + [n for n in ARRAYS if n not in arrays]
+    metadata, arrays = load_archive(path, REFERENCE_FORMAT, REFERENCE_VERSION, REFERENCE_ARRAYS.__contains__)
+    missing = [name for name in ("robot", "dt") if name not in metadata] + [
+        n for n in REFERENCE_ARRAYS if n not in arrays
+    ]
     if missing:
         raise SwingupError(f"trajectory file {path} lacks {', '.join(missing)}: make it anew")
     dt, rows = metadata["dt"], arrays["torque"].shape
-    if isinstance(dt, bool) or not isinstance(dt, int | float) or not 0 < dt < 1:
-        raise SwingupError(
-            f"trajectory file {path} has dt = {dt!r}: a positive number of seconds below 1 is needed"
-        )
-    for name in ARRAYS:
+    dt = positive_number(f"trajectory file {path} has dt", dt, 1.0, "s")
+    for name in REFERENCE_ARRAYS:
         array, shape = arrays[name], rows if name == "torque" else (*rows, 4)
         if len(rows) != 1 or rows[0] < 2 or array.shape != shape:
             raise SwingupError(f"trajectory file {path} has {name} of shape {array.shape}: make it anew")
@@ -122,5 +122,5 @@ def load_reference(path: str | Path) -> tuple[Reference, dict[str, Any]]:
             raise SwingupError(
                 f"trajectory file {path} has values in {name} that are not finite numbers: make it anew"
             )
-    fields = {name: arrays[name].astype(np.float64) for name in ARRAYS}
-    return Reference(robot=get_robot(metadata["robot"]), dt=float(dt), **fields), metadata
+    fields = {name: arrays[name].astype(np.float64) for name in REFERENCE_ARRAYS}
+    return Reference(robot=get_robot(metadata["robot"]), dt=dt, **fields), metadata

@@ -1,24 +1,27 @@
-"""Controllers by what a user calls them: a built-in name, a policy file, or ``module:object``."""
+"""Controllers by name: a built-in one, a policy file, or ``module:object``."""
 
+import contextlib
 import importlib
 import inspect
 import sys
+from collections.abc import Iterator
 from typing import Any
 
+from ..checks import suggestion
 from ..errors import SwingupError
+from ..foreign import described
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
-from ..policy.jax_backend.controller import load_policy, shipped_policy
+from ..policy.jax_backend.controller import make_controller
 from ..policy.jax_backend.estimator import EstimatingController, with_estimator
-from ..policy.settings import EstimatorSettings, read_settings
-from ..policy.shipped import SHIPPED_POLICIES
+from ..policy.shipped import SHIPPED_POLICIES, is_policy, read_policy
 from ..renamed import current_name
+from ..text import quoted
 from .baselines import BASELINES, baseline
-from .controller import AbstractController, one_line
+from .controller import AbstractController
 from .python_controller import PythonController
 
 BUILT_IN = (*SHIPPED_POLICIES, *BASELINES)
 """Names of the controllers that the package ships."""
-
 
 Controller = AbstractController[Any] | PythonController
 
@@ -38,20 +41,28 @@ def get_controller(name: str, robot: Robot | str, estimator: bool | None = None)
         SwingupError: there is no such controller, it cannot be loaded, is for another robot, or is in plain Python,
             which no estimator goes before.
     """
+    return find_controller(current_name("controller", name), robot, estimator)
+
+
+def find_controller(name: str, robot: Robot | str, estimator: bool | None = None) -> Controller:
+    """As :func:`get_controller`, for names that the package itself asks for: changed names are not noted."""
     robot = get_robot(robot)
-    found, settings = _find(name, robot)
+    if is_policy(name):
+        return make_controller(read_policy(name, robot), estimator)
+    found = baseline(name, robot) if name in BASELINES else _imported(name)
     if isinstance(found, EstimatingController):
         return found.controller if estimator is False else found
-    if not (settings is not None if estimator is None else estimator):
+    if not estimator:
         return found
     if isinstance(found, PythonController):
         raise SwingupError(
-            f"controller {name!r} is in plain Python: an estimator goes only before policies and controllers in JAX"
+            f"controller {quoted(name)} is in plain Python: an estimator goes only before policies and controllers "
+            "in JAX"
         )
     try:
-        return with_estimator(found, robot, leaderboard_parameters(robot), settings)
+        return with_estimator(found, robot, leaderboard_parameters(robot))
     except SwingupError as error:
-        raise SwingupError(f"controller {name!r}: {error}") from error
+        raise SwingupError(f"controller {quoted(name)}: {error}") from error
 
 
 def has_estimator(controller: Any) -> bool:
@@ -59,34 +70,45 @@ def has_estimator(controller: Any) -> bool:
     return isinstance(controller, EstimatingController)
 
 
-def _find(name: str, robot: Robot) -> tuple[Controller, EstimatorSettings | None]:
-    """A controller, and the settings of the estimator that its policy file asks for, if any."""
-    if name in BASELINES:
-        return baseline(name, robot), None
-    name = current_name("controller", name)
-    if name in SHIPPED_POLICIES or name.endswith(".npz"):
-        policy, metadata = shipped_policy(robot, name) if name in SHIPPED_POLICIES else load_policy(name, robot)
-        return policy, read_settings(metadata)
-    if ":" in name:
-        return _imported(name), None
-    known = ", ".join(BUILT_IN)
-    hint = f"; for an object of a module: {name.removesuffix('.py')}:NAME" if name.endswith(".py") else ""
-    raise SwingupError(f"unknown controller {name!r}: use {known}, a policy file (.npz) or module:object{hint}")
-
-
 def _imported(name: str) -> Controller:
-    module_name, _, object_name = name.partition(":")
-    if "" not in sys.path:
-        sys.path.insert(0, "")  # a module in the working folder, as `python` itself would find it
+    """An object of a module, or of a class of it without arguments."""
+    module_name, colon, object_name = name.partition(":")
+    if not colon:
+        known = f"{', '.join(BUILT_IN)}, a policy file (.npz) or module:object"
+        near = suggestion(name, BUILT_IN)
+        hint = f"; for an object of a module: {name.removesuffix('.py')}:NAME" if name.endswith(".py") else near
+        raise SwingupError(f"unknown controller {quoted(name)}: use {known}{hint}")
     try:
-        found: Any = importlib.import_module(module_name)
-        for attribute in object_name.split("."):
-            found = getattr(found, attribute)
-        if inspect.isclass(found):
-            found = found()
-    except (Exception, SystemExit) as error:  # whatever a foreign module raises
+        with _working_folder_first():
+            found: Any = importlib.import_module(module_name)
+            for attribute in object_name.split("."):
+                found = getattr(found, attribute)
+            if inspect.isclass(found):
+                found = found()
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # whatever a foreign module raises
         raise SwingupError(
-            f"cannot load controller {name!r}: {type(error).__name__}: {one_line(error)}; write module:object "
-            "with an object, or a class without arguments, of a module that can be imported"
+            f"cannot load controller {quoted(name)}: {described(error)}; write module:object with an object, or a "
+            "class without arguments, of a module that can be imported"
         ) from error
-    return found if isinstance(found, AbstractController) else PythonController(found)
+    try:
+        return found if isinstance(found, AbstractController) else PythonController(found)
+    except SwingupError as error:
+        raise SwingupError(f"controller {quoted(name)}: {error}") from error
+
+
+@contextlib.contextmanager
+def _working_folder_first() -> Iterator[None]:
+    """Import from the working folder as ``python`` itself does, and no longer than this takes.
+
+    Afterwards the folder comes last, for what the module imports when it is called. There it hides no package: a
+    ``json.py`` in the working folder is not taken for Python's.
+    """
+    sys.path.insert(0, "")
+    try:
+        yield
+    finally:
+        sys.path.remove("")
+        if "" not in sys.path:
+            sys.path.append("")

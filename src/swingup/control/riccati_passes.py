@@ -1,10 +1,10 @@
-"""The two passes of iterative LQR: backward along a trajectory for a better policy, forward to try it.
+"""The two passes of iterative LQR: backward along a trajectory for a feedback policy, forward to try it.
 
-The cost is a quadratic one of tracking, over x_{i+1} = f(x_i, u_i) with a driven scalar u:
+The cost is quadratic in the tracking errors of x_{i+1} = f(x_i, u_i), where u is the driven joint's torque:
 
     J = (1/n) Σ_{i<n} [Σ_j q_j (x_ij - r_ij)² + p (u_i - s_i)²] + Σ_j f_j (x_nj - g_j)².
 
-Angles are not wrapped. All rows are tuples of scalars, see ``algebra``.
+Angles are not wrapped. States and Jacobians are tuples of scalars, see ``scalar_algebra``.
 """
 
 from typing import Any
@@ -14,8 +14,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..physics.equations import Number
 from ..types import Scalar
-from .scalar_algebra import Matrix, Real, Vector, add_scaled, diagonal, dot, symmetric_times, unpack
+from .scalar_algebra import Matrix, Vector, add_scaled, diagonal, dot, symmetric_times, unpack
 from .transition import AbstractTransition
 
 
@@ -24,7 +25,7 @@ class Cost(eqx.Module):
 
     state_weights: Float[Any, "4"]
     """q"""
-    torque_weight: Real
+    torque_weight: Number
     """p"""
     final_weights: Float[Any, "4"]
     """f"""
@@ -36,43 +37,45 @@ class Cost(eqx.Module):
     """g"""
 
 
-class Rollout(eqx.Module):
-    """A trajectory with the Jacobian of each of its steps; rows i < n."""
+class CostedTrajectory(eqx.Module):
+    """A trajectory and its cost; rows i < n."""
 
     x: Vector
-    u: Real
-    jacobian: Matrix
-    """Columns."""
+    u: Number
     last: Vector
     """x_n"""
     cost: Scalar
     """J"""
 
 
-class Policy(eqx.Module):
-    """u_i + k_i + K_i (x - x_i); rows i < n."""
+class FeedbackPolicy(eqx.Module):
+    """u = u_i + k_i + K_i (x - x_i); rows i < n."""
 
-    step: Real
+    feedforward: Number
     """k"""
     gains: Vector
     """K"""
 
 
-def backward(cost: Cost, rollout: Rollout, regularisation: Real) -> tuple[Policy, Scalar]:
-    """The policy with k = -(Q_uu + μ)⁻¹ Q_u and K = -(Q_uu + μ)⁻¹ Q_ux, and by how much it should lower the cost.
+def backward(
+    transition: AbstractTransition, cost: Cost, trajectory: CostedTrajectory, regularisation: Number
+) -> tuple[FeedbackPolicy, Scalar]:
+    """The policy with k = -(Q_uu + μ)⁻¹ Q_u and K = -(Q_uu + μ)⁻¹ Q_ux, and the fall of the cost that it promises.
 
     Q is the cost from a step on, to second order with the dynamics linearised; μ is the regularisation.
     """
-    n = rollout.u.shape[0]
+    n = trajectory.u.shape[0]
     q, f = unpack(2.0 / n * jnp.asarray(cost.state_weights)), unpack(2.0 * jnp.asarray(cost.final_weights))
     p = 2.0 / n * cost.torque_weight
     states = range(len(q))
-    zero = jnp.zeros_like(rollout.u[0])
-    last_error = add_scaled(rollout.last, -1.0, unpack(jnp.asarray(cost.final_state)))
+    zero = jnp.zeros_like(trajectory.u[0])
+    last_error = add_scaled(trajectory.last, -1.0, unpack(jnp.asarray(cost.final_state)))
     v_x = tuple(w * e for w, e in zip(f, last_error, strict=True))
     v_xx = tuple(tuple(value + zero for value in row) for row in diagonal(f))
 
-    def step(carry: tuple[Vector, Matrix, Real], row: Any) -> tuple[tuple[Vector, Matrix, Real], Policy]:
+    def step(
+        carry: tuple[Vector, Matrix, Number], row: Any
+    ) -> tuple[tuple[Vector, Matrix, Number], FeedbackPolicy]:
         v_x, v_xx, expected = carry
         x, u, (*a, b), r, s = row
         v_a, v_b = [symmetric_times(v_xx, column) for column in a], symmetric_times(v_xx, b)
@@ -82,7 +85,7 @@ def backward(cost: Cost, rollout: Rollout, regularisation: Real) -> tuple[Policy
         q_uu = p + dot(b, v_b)
         inverse = -1.0 / (q_uu + regularisation)
         k, gains = inverse * q_u, tuple(inverse * value for value in q_ux)
-        # V is Q with u = k + K x put in: the regularisation is no part of the cost.
+        # V is Q at u = k + K x. The regularisation changes k and K; it is not part of the cost.
         slope = tuple(value + q_uu * gain for value, gain in zip(q_ux, gains, strict=True))
         v_x = tuple(q_x[i] + gains[i] * q_u + slope[i] * k for i in states)
         v_xx = tuple(
@@ -92,9 +95,11 @@ def backward(cost: Cost, rollout: Rollout, regularisation: Real) -> tuple[Policy
             )
             for i in states
         )
-        return (v_x, v_xx, expected - k * (q_u + 0.5 * q_uu * k)), Policy(k, gains)
+        return (v_x, v_xx, expected - k * (q_u + 0.5 * q_uu * k)), FeedbackPolicy(k, gains)
 
-    rows = (rollout.x, rollout.u, rollout.jacobian, unpack(jnp.asarray(cost.states)), jnp.asarray(cost.torque))
+    # The Jacobians of all steps are computed at once: only the value function needs the step after.
+    jacobian, targets = transition.jacobian(trajectory.x, trajectory.u), unpack(jnp.asarray(cost.states))
+    rows = (trajectory.x, trajectory.u, jacobian, targets, jnp.asarray(cost.torque))
     (_, _, expected), policy = jax.lax.scan(step, (v_x, v_xx, zero), rows, reverse=True)
     return policy, expected
 
@@ -106,8 +111,8 @@ def forward(
     torque: Float[Array, "n"],
     limit: float,
     about: tuple[Vector, Vector] | None = None,
-) -> Rollout:
-    """Roll torques out, with feedback ``about`` = (states, gains) if any, clipped to the limit."""
+) -> CostedTrajectory:
+    """Simulate torques, with the feedback of ``about`` = (states, gains) if given, clipped to the limit."""
 
     def step(x: Vector, row: Any) -> tuple[Vector, Any]:
         u, feedback = row
@@ -118,11 +123,11 @@ def forward(
         return transition.step(x, u), (x, u)
 
     last, (x, u) = jax.lax.scan(step, start, (torque, about))
-    # Jacobians and cost of all steps at once: the scan is left with what needs the step before.
+    # The costs of all steps are computed at once: only the states need the step before.
     stages = cost.torque_weight * (u - jnp.asarray(cost.torque)) ** 2
     stages = stages + _square(cost.state_weights, x, cost.states)
     total = jnp.sum(stages) / torque.shape[0] + _square(cost.final_weights, last, cost.final_state)
-    return Rollout(x=x, u=u, jacobian=transition.jacobian(x, u), last=last, cost=total)
+    return CostedTrajectory(x=x, u=u, last=last, cost=total)
 
 
 def _square(weights: Float[Any, "4"], x: Vector, target: Float[Any, "*n 4"]) -> Any:

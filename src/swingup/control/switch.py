@@ -1,4 +1,4 @@
-"""Switching from one controller to another, once and for good."""
+"""A switch from one controller to another, which never switches back."""
 
 import abc
 from typing import Any
@@ -14,30 +14,33 @@ from ..types import Flag, Scalar, State, Torque
 from .controller import AbstractController, Carry
 
 
-class AbstractSparing(AbstractController[Carry]):
-    """A controller whose calls are expensive and that can spare the work where nobody uses its answer."""
+class AbstractExpensiveController(AbstractController[Carry]):
+    """A controller whose calls are expensive, and that can skip the work when its answer is not used.
+
+    Subclasses implement ``control``; a call is the controller in use.
+    """
 
     @abc.abstractmethod
-    def answer(self, carry: Carry, t: Scalar, x: State, idle: Flag) -> tuple[Carry, Torque]:
-        """As a call; where ``idle``, the answer is not used: any finite torque will do."""
+    def control(self, carry: Carry, t: Scalar, x: State, idle: Flag) -> tuple[Carry, Torque]:
+        """As a call. Where ``idle``, the answer is not used, and any finite torque will do."""
 
     def __call__(self, carry: Carry, t: Scalar, x: State) -> tuple[Carry, Torque]:
-        """The torques [u1, u2] (N m) for the state x measured at time t (s), and what to remember."""
-        return self.answer(carry, t, x, jnp.array(False))
+        """The torques [u1, u2] (N m) for the state x measured at time t (s), and the memory for the next call."""
+        return self.control(carry, t, x, jnp.array(False))
 
 
-class LatchMemory(eqx.Module):
-    """What both controllers remember, and which one is in charge."""
+class SwitchMemory(eqx.Module):
+    """The memories of both controllers, and which of them acts."""
 
     first: Any
     second: Any
     latched: Flag
 
 
-class Latching(AbstractController[LatchMemory]):
-    """The first controller until the state comes near the goal once, the second ever after.
+class LatchingSwitch(AbstractController[SwitchMemory]):
+    """The first controller until the state has been near the goal once; the second from then on.
 
-    Near: |wrap(x) - goal| < threshold in all four entries. The first controller is not called back when the second
+    Near means |wrap(x) - goal| < threshold in all four entries. The second controller stays in charge even when it
     loses the pendulum.
     """
 
@@ -50,16 +53,16 @@ class Latching(AbstractController[LatchMemory]):
     goal: Float[np.ndarray, "4"] = eqx.field(default_factory=UPRIGHT.copy)
     """Within the wrapped angles: q1 in [0, 2π), q2 in [-π, π)."""
 
-    def init(self) -> LatchMemory:
-        """Both fresh, the first in charge."""
-        return LatchMemory(self.first.init(), self.second.init(), jnp.array(False))
+    def init(self) -> SwitchMemory:
+        """Both controllers' first memories; the first controller acts."""
+        return SwitchMemory(self.first.init(), self.second.init(), jnp.array(False))
 
-    def __call__(self, carry: LatchMemory, t: Scalar, x: State) -> tuple[LatchMemory, Torque]:
+    def __call__(self, carry: SwitchMemory, t: Scalar, x: State) -> tuple[SwitchMemory, Torque]:
         """The torques of the controller in charge (N m)."""
         latched = carry.latched | jnp.all(jnp.abs(wrap(x) - jnp.asarray(self.goal)) < jnp.asarray(self.threshold))
-        if isinstance(self.first, AbstractSparing):
-            first, u_first = self.first.answer(carry.first, t, x, latched)
+        if isinstance(self.first, AbstractExpensiveController):
+            first, u_first = self.first.control(carry.first, t, x, latched)
         else:
             first, u_first = self.first(carry.first, t, x)
         second, u_second = self.second(carry.second, t, x)
-        return LatchMemory(first, second, latched), jnp.where(latched, u_second, u_first)
+        return SwitchMemory(first, second, latched), jnp.where(latched, u_second, u_first)

@@ -1,6 +1,7 @@
-"""A pendulum with the torque as a fifth state and its rate as the input: a cost can then ask for smooth torques."""
+"""A pendulum with the torque as a fifth state and its rate as the input, so that a cost can weigh the rate."""
 
-from .scalar_algebra import Matrix, Real, Vector
+from ..physics.equations import Number
+from .scalar_algebra import Matrix, Vector
 from .transition import AbstractTransition, PendulumTransition, differentiate
 
 
@@ -9,11 +10,11 @@ class TorqueRateTransition(AbstractTransition):
 
     pendulum: PendulumTransition
 
-    def step(self, x: Vector, u: Real) -> Vector:
-        """The next state and torque: the present torque is held over the step, the rate changes the next one."""
+    def step(self, x: Vector, u: Number) -> Vector:
+        """The next state and torque. The torque is held over the step; the rate changes the next torque."""
         *state, torque = x
         return (*self.pendulum.step(tuple(state), torque), torque + self.pendulum.dt * u)
 
-    def jacobian(self, x: Vector, u: Real) -> Matrix:
+    def jacobian(self, x: Vector, u: Number) -> Matrix:
         """Columns by q1, q2, dq1, dq2, the torque and its rate."""
         return differentiate(self.step, x, u)

@@ -1,6 +1,6 @@
-"""Controllers that follow a swing-up trajectory by linear feedback with gains that were computed beforehand.
+"""Controllers that follow a swing-up trajectory by linear feedback with precomputed gains.
 
-They know where the pendulum should be by the clock alone: one that comes late, or is thrown off, is not waited for.
+The time alone selects the row of the trajectory: the controllers do not wait for a pendulum that is late.
 """
 
 from typing import Any
@@ -20,8 +20,8 @@ from .piecewise_cubic import PiecewiseCubic, fit_piecewise_cubic
 from .reference import Reference
 
 
-class RiccatiGains(AbstractController[None]):
-    """u = u_n + K_n (x - x_n), n the trajectory's nearest row, the last one after its end; nothing is wrapped."""
+class RiccatiController(AbstractController[None]):
+    """u = u_n + K_n (x - x_n), where n is the row nearest in time, or the last one; angles are not wrapped."""
 
     dt: float
     """Time between rows (s)."""
@@ -69,7 +69,7 @@ def tvlqr(
     """Design a TVLQR along a trajectory.
 
     Args:
-        reference: what to follow.
+        reference: the trajectory to follow.
         parameters: the model, linearised at every row and discretised by forward Euler.
         robot: which joint is driven.
         weights: Q, R and the final Q_f of the discrete-time regulator.

@@ -1,4 +1,4 @@
-"""Swing-ups to follow as CSV files in RealAIGym's format, with their feedback gains.
+"""Swing-up trajectories as CSV files in RealAIGym's format, with their feedback gains.
 
 Its trajectory controllers command u = tau + K (x - [pos, vel]), with a row of gains for each joint: K11 to K14 for
 the shoulder, K21 to K24 for the elbow. That is this package's convention as well.
@@ -13,9 +13,9 @@ from ..physics.parameters import Robot, get_robot
 from ..table import read_columns, write_columns
 from .reference import Reference
 
-STATE = ("pos1", "pos2", "vel1", "vel2")
-TORQUES = ("tau1", "tau2")
-GAINS = tuple(f"K{joint}{entry}" for joint in (1, 2) for entry in (1, 2, 3, 4))
+STATE_COLUMNS = ("pos1", "pos2", "vel1", "vel2")
+TORQUE_COLUMNS = ("tau1", "tau2")
+GAIN_COLUMNS = tuple(f"K{joint}{entry}" for joint in (1, 2) for entry in (1, 2, 3, 4))
 
 _GROUPS = (
     (("time",),),
@@ -23,7 +23,7 @@ _GROUPS = (
     (("vel1", "vel2"), ("vel_des1", "vel_des2"), ("vel_meas1", "vel_meas2")),
     (("tau1", "tau2"), ("tau_des1", "tau_des2"), ("tau_con1", "tau_con2")),
 )
-"""What is read, in order: the first complete choice of each group."""
+"""The columns to read, in order: of each group, the first choice that is complete."""
 
 UNEVEN = 1e-6
 """Times that lie this far (s) off an even spacing are not even."""
@@ -38,10 +38,10 @@ def save_reference_csv(path: str | Path, reference: Reference) -> None:
     driven = np.array(reference.robot.actuation)
     parts = {
         ("time",): reference.time[:, None],
-        STATE: reference.states,
-        TORQUES: np.outer(reference.torque, driven),
+        STATE_COLUMNS: reference.states,
+        TORQUE_COLUMNS: np.outer(reference.torque, driven),
     }
-    parts[GAINS] = np.kron(driven, np.asarray(reference.gains))
+    parts[GAIN_COLUMNS] = np.kron(driven, np.asarray(reference.gains))
     columns = {
         name: column
         for names, part in parts.items()
@@ -58,7 +58,7 @@ def load_reference_csv(path: str | Path, robot: Robot | str) -> Reference:
             that this robot does not drive.
     """
     robot = get_robot(robot)
-    columns = read_columns(path, _GROUPS, GAINS)
+    columns = read_columns(path, _GROUPS, GAIN_COLUMNS)
     table = list(columns.values())
     time, states, torques = table[0], np.column_stack(table[1:5]), np.column_stack(table[5:7])
     dt = float(time[-1] / (len(time) - 1))
@@ -67,6 +67,6 @@ def load_reference_csv(path: str | Path, robot: Robot | str) -> Reference:
     passive = 1 - robot.joint
     if np.any(torques[:, passive] != 0):
         raise SwingupError(f"{path} has torque on the passive joint {passive + 1}: it is not for the {robot.name}")
-    chosen = GAINS[4 * robot.joint : 4 * robot.joint + 4]
+    chosen = GAIN_COLUMNS[4 * robot.joint : 4 * robot.joint + 4]
     gains = np.column_stack([columns[name] if name in columns else np.zeros(len(time)) for name in chosen])
     return Reference(robot, dt, states, torques[:, robot.joint], gains, gains)

@@ -11,21 +11,21 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..physics.equations import acceleration, friction, lump
+from ..physics.equations import Number, acceleration, friction, lump
 from ..physics.parameters import Parameters
 from ..physics.trigonometry import sine_cosine
-from .scalar_algebra import Matrix, Real, Vector, add_scaled, dot
+from .scalar_algebra import Matrix, Vector, add_scaled, dot
 
 
 class AbstractTransition(eqx.Module):
     """x' = f(x, u) for a driven scalar u."""
 
     @abc.abstractmethod
-    def step(self, x: Vector, u: Real) -> Vector:
+    def step(self, x: Vector, u: Number) -> Vector:
         """The next state."""
 
     @abc.abstractmethod
-    def jacobian(self, x: Vector, u: Real) -> Matrix:
+    def jacobian(self, x: Vector, u: Number) -> Matrix:
         """The columns of the step's Jacobian: one for each entry of x, then that for u."""
 
 
@@ -39,9 +39,9 @@ class PendulumTransition(AbstractTransition):
     dt: float = eqx.field(static=True)
     """Length of the step (s)."""
     exact: bool = eqx.field(static=True, default=True)
-    """Whether the Jacobian is exact, or right up to dt² and three times as fast."""
+    """Whether the Jacobian is exact; otherwise it is right up to dt² and three times as fast."""
 
-    def step(self, x: Vector, u: Real) -> Vector:
+    def step(self, x: Vector, u: Number) -> Vector:
         """The state [q1, q2, dq1, dq2] after dt under the driven joint's torque u (N m)."""
         half = 0.5 * self.dt
         k1 = self.derivative(x, u)
@@ -51,7 +51,7 @@ class PendulumTransition(AbstractTransition):
         total = tuple(a + 2.0 * (b + c) + d for a, b, c, d in zip(k1, k2, k3, k4, strict=True))
         return add_scaled(x, self.dt / 6.0, total)
 
-    def jacobian(self, x: Vector, u: Real) -> Matrix:
+    def jacobian(self, x: Vector, u: Number) -> Matrix:
         """Columns by q1, q2, dq1, dq2 and u."""
         if self.exact:
             return differentiate(self.step, x, u)
@@ -66,7 +66,7 @@ class PendulumTransition(AbstractTransition):
             for one, rate, second in zip(unit, rates, twice, strict=True)
         )
 
-    def derivative(self, x: Vector, u: Real) -> Vector:
+    def derivative(self, x: Vector, u: Number) -> Vector:
         """[dq1, dq2, ddq1, ddq2] under the driven joint's torque u (N m)."""
         p, (q1, q2, dq1, dq2) = self.parameters, x
         (sin1, cos1), (sin2, cos2) = sine_cosine(q1), sine_cosine(q2)
@@ -77,13 +77,13 @@ class PendulumTransition(AbstractTransition):
         return (dq1, dq2, *acceleration(lump(p), sines, cos2, (dq1, dq2), torques, losses))
 
 
-def differentiate(function: Callable[[Vector, Real], Vector], x: Vector, u: Real) -> Matrix:
+def differentiate(function: Callable[[Vector, Number], Vector], x: Vector, u: Number) -> Matrix:
     """The columns of a function's Jacobian by the entries of x, then by u."""
     inputs = (*x, u)
 
     def column(index: int) -> Vector:
-        # A function of one entry each: the other tangents are then zeros when tracing, not arrays of zeros.
-        def along(value: Real) -> Vector:
+        # One input at a time: the tangents of the others are then literal zeros, which cost nothing.
+        def along(value: Number) -> Vector:
             moved = (*inputs[:index], value, *inputs[index + 1 :])
             return function(moved[:-1], moved[-1])
 
@@ -92,6 +92,6 @@ def differentiate(function: Callable[[Vector, Real], Vector], x: Vector, u: Real
     return tuple(column(index) for index in range(len(inputs)))
 
 
-def _friction(damping: Real, coulomb: Real, rate: Real) -> Real:
+def _friction(damping: Number, coulomb: Number, rate: Number) -> Number:
     # Without friction an arctangent would be compiled for nothing: XLA keeps 0 · arctan(x), which may be NaN.
     return friction(damping, coulomb, rate, jnp.arctan) if damping or coulomb else 0.0

@@ -10,7 +10,7 @@ Every step yields the observation to act on next (after a reset, where there was
 """
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,8 +20,12 @@ from gymnasium.spaces import Box, Discrete, MultiDiscrete
 from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 from jaxtyping import Bool, Float32, Shaped
 
+from ..checks import whole_number
 from ..errors import SwingupError
+from ..foreign import attribute
 from ..tasks.task import Spaces
+from ..text import one_line, quoted
+from .answers import Answers
 
 MAKES_SENSE = (
     "a Gymnasium id, a function that makes a gymnasium.Env, a gymnasium.vector.VectorEnv, or a task in JAX"
@@ -60,8 +64,10 @@ class Actions:
         Raises:
             SwingupError: it is none of the three, or a Box of integers or without bounds.
         """
-        self._shape, self._dtype = space.shape or (), space.dtype
+        self._shape, self._dtype = attribute(space, "shape") or (), attribute(space, "dtype")
         self.size = int(np.prod(self._shape))
+        if self.size == 0:
+            raise SwingupError(f"actions {space} are empty: give them an entry")
         self.choices: tuple[int, ...] = ()
         if isinstance(space, Box) and not np.issubdtype(space.dtype, np.floating):
             raise SwingupError(f"actions {space} are whole numbers in a Box: make them a MultiDiscrete")
@@ -97,25 +103,36 @@ class Actions:
 class Environments:
     """Environments side by side, with flat observations in single precision."""
 
-    def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
+    def __init__(self, env: VectorEnv[Any, Any, Any], name: str | None = None) -> None:
         """Wrap a vector environment.
+
+        Args:
+            env: the vector environment.
+            name: what to call it in messages; its class by default.
 
         Raises:
             SwingupError: its spaces or its autoreset mode are not supported.
         """
-        space = env.single_observation_space
-        if not isinstance(space, Box):
+        name = type(env).__name__ if name is None else name
+        space = attribute(env, "single_observation_space")
+        if not isinstance(space, Box) or 0 in space.shape:
+            what = "empty" if isinstance(space, Box) else "not a Box"
             raise SwingupError(
-                f"observations {space} are not a Box: wrap it in gymnasium.wrappers.FlattenObservation"
+                f"observations {one_line(space, 200)} of {name} are {what}: wrap it in "
+                "gymnasium.wrappers.FlattenObservation"
             )
-        mode = env.metadata.get("autoreset_mode")
+        metadata = attribute(env, "metadata")
+        mode = metadata.get("autoreset_mode") if isinstance(metadata, dict) else metadata
         if not isinstance(mode, AutoresetMode):
-            raise SwingupError(f"{env} says autoreset_mode = {mode!r} in its metadata: it must be an AutoresetMode")
-        self.observation_space, self.actions = space, Actions(env.single_action_space)
-        self.num_envs = env.num_envs
+            raise SwingupError(
+                f"{name} says autoreset_mode = {quoted(mode)} in its metadata: it must be an AutoresetMode"
+            )
+        self.observation_space, self.actions = space, Actions(attribute(env, "single_action_space"))
+        self.num_envs = whole_number(f"num_envs of {name}", attribute(env, "num_envs"), 1)
+        self._answers = Answers(f"environment {name}", self.num_envs, space.shape)
         self._env, self._mode = env, mode
-        self._resetting = np.zeros(env.num_envs, np.bool_)
-        self._starts = np.zeros((env.num_envs, self.spaces.observation_size), np.float32)
+        self._resetting = np.zeros(self.num_envs, np.bool_)
+        self._starts = np.zeros((self.num_envs, self.spaces.observation_size), np.float32)
 
     @property
     def spaces(self) -> Spaces:
@@ -131,35 +148,35 @@ class Environments:
         """Start new episodes everywhere, from a seed on which all that follows depends.
 
         Raises:
-            SwingupError: an environment failed.
+            SwingupError: an environment failed, or an observation is not finite or of another shape.
         """
         with _blaming("the environment failed in its reset"):
-            observations, _ = self._env.reset(seed=seed)
+            answer = self._env.reset(seed=seed)
         self._resetting = np.zeros(self.num_envs, np.bool_)
-        self._starts = self._flat(observations)
+        self._starts = self._answers.reset(answer)
         return self._starts.copy()
 
     def step(self, actions: Shaped[np.ndarray, "envs m"]) -> HostStep:
         """Take the policy's actions in all environments.
 
         Raises:
-            SwingupError: an environment failed, or an observation or a reward is not finite.
+            SwingupError: an environment failed, or gave something that is not finite or of another length, shape or
+                kind.
         """
         counted = ~self._resetting
         chosen = self.actions(actions)
         with _blaming("the environment failed in a step"):
-            observations, rewards, terminated, truncated, infos = self._env.step(chosen)
+            answer = self._env.step(chosen)
+        observations, rewards, terminated, truncated, infos = self._answers.step(answer)
         terminated, truncated = terminated & counted, truncated & counted
-        following, true_next = self._around_resets(self._flat(observations), terminated | truncated, infos)
-        rewards = np.where(counted, rewards, 0.0).astype(np.float32)
-        if not (np.isfinite(rewards).all() and np.isfinite(true_next).all()):
-            raise SwingupError("the environment returned an observation or a reward that is not finite: mend it")
+        following, true_next = self._around_resets(observations, terminated | truncated, infos)
+        rewards = np.where(counted, rewards, np.float32(0.0))
         return HostStep(following, true_next, rewards, terminated, truncated, counted)
 
     def _around_resets(
-        self, seen: Float32[np.ndarray, "envs n"], ended: Bool[np.ndarray, "envs"], infos: dict[str, Any]
+        self, seen: Float32[np.ndarray, "envs n"], ended: Bool[np.ndarray, "envs"], infos: Mapping[str, Any]
     ) -> tuple[Float32[np.ndarray, "envs n"], Float32[np.ndarray, "envs n"]]:
-        """What to act on next, and what was truly next, of what a step returned."""
+        """What to act on next, and the true next observations, of those that a step returned."""
         if self._mode is AutoresetMode.NEXT_STEP:
             self._starts[self._resetting] = seen[self._resetting]
             self._resetting = ended
@@ -171,21 +188,16 @@ class Environments:
             return other, seen
         if self._mode is AutoresetMode.DISABLED:
             with _blaming("the environment failed in its reset"):
-                fresh, _ = self._env.reset(options={"reset_mask": ended})
-            other[ended] = self._flat(fresh)[ended]
+                answer = self._env.reset(options={"reset_mask": ended})
+            other[ended] = self._answers.reset(answer)[ended]
             return other, seen
-        if "final_obs" not in infos:
-            raise SwingupError("the vector environment resets in the same step and gives no final_obs in its infos")
         for index in np.flatnonzero(ended):
-            other[index] = np.ravel(infos["final_obs"][index])
+            other[index] = self._answers.final(infos, int(index))
         return seen, other
 
     def close(self) -> None:
         """Close the environments."""
         self._env.close()
-
-    def _flat(self, observations: Any) -> Float32[np.ndarray, "envs n"]:
-        return np.array(observations, np.float32).reshape(self.num_envs, -1)
 
 
 def make_environments(env: Any, num_envs: int) -> Environments:
@@ -204,7 +216,7 @@ def make_environments(env: Any, num_envs: int) -> Environments:
     with _blaming(f"cannot make {num_envs} of {_short(env)}"):
         several = SyncVectorEnv([make] * num_envs, autoreset_mode=AutoresetMode.SAME_STEP)
     try:
-        return Environments(several)
+        return Environments(several, _short(env))
     except SwingupError:
         several.close()
         raise
@@ -224,9 +236,9 @@ def _maker(env: Any) -> Callable[[], gymnasium.Env[Any, Any]]:
         first = make()
     except gymnasium.error.DependencyNotInstalled as error:
         raise SwingupError(f"{env}: {_short(error)}; for MuJoCo: pip install 'swingup[mujoco]'") from error
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         kind = "" if isinstance(error, gymnasium.error.Error) else f"{type(error).__name__}: "
-        raise SwingupError(f"cannot make {_short(repr(env))}: {kind}{_short(error)}; use {MAKES_SENSE}") from error
+        raise SwingupError(f"cannot make {quoted(env, 200)}: {kind}{_short(error)}; use {MAKES_SENSE}") from error
     if not isinstance(first, gymnasium.Env):
         raise SwingupError(f"{_short(env)} made a {type(first).__name__}: it must make a gymnasium.Env")
     with _blaming(f"cannot close {_short(env)}"):
@@ -239,9 +251,9 @@ def _blaming(what: str) -> Iterator[None]:
     """Whatever is raised by code that is not ours, in one line."""
     try:
         yield
-    except Exception as error:
-        raise SwingupError(f"{what}: {type(error).__name__}: {_short(error)}; mend it and go on") from error
+    except (Exception, SystemExit) as error:
+        raise SwingupError(f"{what}: {type(error).__name__}: {_short(error)}; correct it and go on") from error
 
 
 def _short(value: object) -> str:
-    return " ".join(str(value).split())[:200]
+    return one_line(value, 200)

@@ -18,7 +18,7 @@ from ..policy.jax_backend.estimator import with_estimator
 from ..policy.jax_backend.observation import AbstractStage
 from ..policy.jax_backend.policy import Policy, save_policy
 from ..policy.settings import ESTIMATOR, EstimatorSettings
-from ..tasks.pendulum import PendulumTask
+from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.sim2real import Sim2RealTask
 from ..tasks.task import AbstractTask
 from ..types import Key, Scalar
@@ -57,7 +57,7 @@ class SwingUpEvaluator(AbstractEvaluator):
     measure = "v2"
     observation_shape = (4,)
 
-    def __init__(self, task: PendulumTask) -> None:
+    def __init__(self, task: AbstractPendulumTask[Any]) -> None:
         """The evaluator of a variant of the pendulum's task."""
         self.stages, self._robot = (task.observation,), task.robot
 
@@ -80,7 +80,7 @@ class Sim2RealEvaluator(AbstractEvaluator):
 
     def __init__(self, task: Sim2RealTask, seed: int) -> None:
         """The evaluator of a task; its draws are not those of the seeds that are reported."""
-        self.stages, self.observation_shape = (task.observation,), (task.shown_size,)
+        self.stages, self.observation_shape = (task.observation,), (4,)
         self._task, self._seed = task, SIM2REAL_FIRST_SEED + seed
 
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from typing import Any
 
 from ..errors import SwingupError
-from ..tasks.pendulum import PendulumTask
+from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.sim2real import Sim2RealTask
 from ..tasks.task import AbstractTask
 from .backend import AbstractBackend
@@ -26,7 +26,7 @@ def make_backend(settings: RunSettings, env: Any = None) -> AbstractBackend:
     """
     config, seed, seeds = settings.config, settings.seed, settings.seeds
     if settings.robot is not None:
-        pendulum = env if isinstance(env, PendulumTask) else settings.task()
+        pendulum = env if isinstance(env, AbstractPendulumTask) else settings.task()
         check_memory(config, pendulum.spaces, seeds)
         by_scores: AbstractEvaluator
         if isinstance(pendulum, Sim2RealTask):

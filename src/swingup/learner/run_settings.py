@@ -13,7 +13,7 @@ from ..errors import SwingupError
 from ..files import write_atomically
 from ..physics.parameters import get_robot
 from ..tasks.domain import Domain
-from ..tasks.pendulum import PendulumTask
+from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.presets import SIM2REAL_TASKS, get_task
 from ..text import one_line, quoted
 from ..version import __version__
@@ -94,7 +94,7 @@ class RunSettings:
     def _iterations(self, frames: int) -> int:
         return max(1, frames // self.config.rollout_size)
 
-    def task(self) -> PendulumTask:
+    def task(self) -> AbstractPendulumTask[Any]:
         """The pendulum's task that these settings train on."""
         if self.robot is None:
             raise SwingupError(f"{self.env} is no task of the pendulum")

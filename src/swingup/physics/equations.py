@@ -9,11 +9,14 @@ RealAIGym double-pendulum benchmark.
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeAlias
 
-Real: TypeAlias = Any
+Number: TypeAlias = Any
 """A float, an array of NumPy, or an array of JAX."""
 
-Pair: TypeAlias = tuple[Real, Real]
-"""One entry for the shoulder and one for the elbow."""
+StateFloats: TypeAlias = tuple[float, float, float, float]
+"""[q1, q2, dq1, dq2] as Python's floats, or one number for each of them."""
+
+Pair: TypeAlias = tuple[Number, Number]
+"""One number for the shoulder and one for the elbow; of ``sine_cosine``, the sine and the cosine."""
 
 Stack: TypeAlias = Callable[[Any], Any]
 """Makes a vector of a pair."""
@@ -25,21 +28,21 @@ COULOMB_STEEPNESS = 100.0
 class Lumped(NamedTuple):
     """The combinations of the plant's parameters that the equations of motion consist of."""
 
-    shoulder: Real
+    shoulder: Number
     """I1 + I2 + m2 l1², the part of M11 that no angle and no motor changes (kg m²)."""
-    elbow: Real
+    elbow: Number
     """I2, inertia of link 2 about the elbow (kg m²)."""
-    coupling: Real
+    coupling: Number
     """m2 l1 r2 (kg m²)."""
-    gravity1: Real
+    gravity1: Number
     """(m1 r1 + m2 l1) g (N m)."""
-    gravity2: Real
+    gravity2: Number
     """m2 g r2 (N m)."""
-    reflected: Real
+    reflected: Number
     """gr² Ir, a rotor's inertia at its joint (kg m²)."""
-    geared: Real
+    geared: Number
     """gr Ir (kg m²)."""
-    rotor: Real
+    rotor: Number
     """Ir (kg m²)."""
 
 
@@ -57,26 +60,26 @@ def lump(p: Any) -> Lumped:
     )
 
 
-def mass_entries(plant: Lumped, cos2: Real) -> tuple[Real, Real, Real]:
+def mass_entries(plant: Lumped, cos2: Number) -> tuple[Number, Number, Number]:
     """M11, M12 = M21 and M22 (kg m²), with the motors' inertia."""
     shoulder, elbow, coupling, _, _, reflected, geared, rotor = plant
     m11 = shoulder + 2 * coupling * cos2 + reflected + rotor
     return m11, elbow + coupling * cos2 - geared, elbow + reflected
 
 
-def gravity(plant: Lumped, sin1: Real, sin12: Real) -> Pair:
+def gravity(plant: Lumped, sin1: Number, sin12: Number) -> Pair:
     """G(q) (N m), the torque with which gravity drives each joint; sin12 = sin(q1 + q2)."""
     second = -plant.gravity2 * sin12
     return -plant.gravity1 * sin1 + second, second
 
 
-def coriolis(plant: Lumped, sin2: Real, dq1: Real, dq2: Real) -> Pair:
+def coriolis(plant: Lumped, sin2: Number, dq1: Number, dq2: Number) -> Pair:
     """C(q, q̇) q̇ (N m)."""
     h = plant.coupling * sin2
     return -h * dq2 * (2 * dq1 + dq2), h * dq1 * dq1
 
 
-def friction(damping: Real, coulomb: Real, rate: Real, arctan: Callable[[Any], Any]) -> Real:
+def friction(damping: Number, coulomb: Number, rate: Number, arctan: Callable[[Any], Any]) -> Number:
     """F(q̇) = b q̇ + cf arctan(100 q̇) of a joint (N m), viscous and smoothed Coulomb friction.
 
     Args:
@@ -88,7 +91,7 @@ def friction(damping: Real, coulomb: Real, rate: Real, arctan: Callable[[Any], A
     return damping * rate + coulomb * arctan(COULOMB_STEEPNESS * rate)
 
 
-def response(plant: Lumped, cos2: Real, torques: Any, stack: Stack | None = None) -> Any:
+def response(plant: Lumped, cos2: Number, torques: Any, stack: Stack | None = None) -> Any:
     """M(q)⁻¹ τ (rad/s²): the accelerations that torques τ (N m) cause."""
     m11, m12, m22 = mass_entries(plant, cos2)
     determinant = m11 * m22 - m12 * m12
@@ -101,8 +104,8 @@ def response(plant: Lumped, cos2: Real, torques: Any, stack: Stack | None = None
 
 def acceleration(
     plant: Lumped,
-    sines: tuple[Real, Real, Real],
-    cos2: Real,
+    sines: tuple[Number, Number, Number],
+    cos2: Number,
     rates: Pair,
     torques: Any,
     losses: Any = (0.0, 0.0),
@@ -127,5 +130,5 @@ def acceleration(
     return response(plant, cos2, _sum(torques, stack(pulls), stack(swings), stack(losses)), stack)
 
 
-def _sum(torque: Real, pull: Real, swing: Real, loss: Real) -> Real:
+def _sum(torque: Number, pull: Number, swing: Number, loss: Number) -> Number:
     return torque + pull - swing - loss

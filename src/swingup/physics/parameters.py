@@ -10,22 +10,21 @@ from pathlib import Path
 from typing import Any
 
 import equinox as eqx
-import yaml
 
+from ..checks import LARGEST
 from ..errors import SwingupError
-from ..files import write_atomically
 from ..robots import ROBOTS as ROBOTS
 from ..robots import TORQUE_LIMIT as TORQUE_LIMIT
 from ..robots import Robot as Robot
 from ..robots import get_robot as get_robot
+from ..text import quoted
 from ..types import Scalar
+from ..yaml_map import read_map, write_map
 from .equations import lump, mass_entries
 
 Real = float | Scalar
 
 IDENTIFIED_MODEL = "design_C.1_model_1.0.yml"
-LARGEST = 1e9
-"""No parameter of a pendulum in SI units comes near this; squares of larger ones might overflow."""
 
 
 class Parameters(eqx.Module):
@@ -103,32 +102,6 @@ def load_parameters(path: str | Path) -> Parameters:
     return validated(Parameters(**{name: _real(name, data[name]) for name in NAMES}))
 
 
-def read_map(path: str | Path, kind: str) -> dict[str, Any]:
-    """Read a flat YAML map; ``kind`` of file is named in errors.
-
-    Raises:
-        SwingupError: the file cannot be read, is no map, or gives a name twice.
-    """
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-        data, tree = yaml.safe_load(text), yaml.compose(text, yaml.SafeLoader)
-    except OSError as error:
-        raise SwingupError(f"cannot read {kind} file {path}: {error.strerror}; check the path") from error
-    except UnicodeDecodeError as error:
-        raise SwingupError(f"{kind} file {path} is not UTF-8 text: write one 'name: value' a line") from error
-    except yaml.YAMLError as error:
-        reason = " ".join(str(error).split())
-        raise SwingupError(f"{kind} file {path} is not YAML ({reason}): write one 'name: value' a line") from error
-    if not isinstance(data, dict):
-        raise SwingupError(f"{kind} file {path} is not a map: write one 'name: value' a line")
-    assert tree is not None
-    names = [key.value for key, _ in tree.value]
-    for name in names:
-        if names.count(name) > 1:
-            raise SwingupError(f"{kind} file {path} gives {name} {names.count(name)} times: keep one of its values")
-    return data
-
-
 def save_parameters(parameters: Parameters, path: str | Path) -> None:
     """Write parameters as a flat YAML map with RealAIGym's key names, exactly and atomically.
 
@@ -136,7 +109,7 @@ def save_parameters(parameters: Parameters, path: str | Path) -> None:
         SwingupError: the file cannot be written.
     """
     values = {name: float(getattr(parameters, name)) for name in NAMES}
-    write_atomically(path, yaml.safe_dump(values, sort_keys=False).encode())
+    write_map(path, values)
 
 
 def validated(parameters: Parameters) -> Parameters:
@@ -167,14 +140,17 @@ def validated(parameters: Parameters) -> Parameters:
 
 
 def _real(name: str, value: Any) -> float:
-    if isinstance(value, bool):
-        raise SwingupError(f"parameter {name} = {value} is not a number: write its value in SI units")
+    """A parameter as a float: a number, an array of one, or a text that is one, as YAML's 4e-5 is."""
     try:
+        if isinstance(value, bool):
+            raise TypeError("a truth value")
         real = float(value)
-    except (TypeError, ValueError):
-        raise SwingupError(f"parameter {name} = {value!r} is not a number: write its value in SI units") from None
     except OverflowError:
         real = math.inf
+    except (TypeError, ValueError):
+        raise SwingupError(
+            f"parameter {name} = {quoted(value)} is not a number: write its value in SI units"
+        ) from None
     if not abs(real) < LARGEST:
         raise SwingupError(f"parameter {name} = {real:g} must be finite and below {LARGEST:g}: use SI units")
     return real

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from ..errors import SwingupError
 from ..files import write_atomically
+from ..text import quoted
 from ..version import __version__
-from .file import PendulumPolicy
+from .pendulum import PendulumPolicy
 from .plant import MODEL
 from .template import NAME, asset, check_name, fill
 
@@ -18,7 +19,10 @@ PACKAGE = "{name}_controller"
 SOURCES = (
     "errors.py", "text.py", "checks.py", "renamed.py", "files.py", "arrays.py", "robots.py", MODEL,
     "physics/__init__.py", "physics/equations.py",
-    *(f"policy/{name}.py" for name in ("__init__", "settings", "file", "shipped", "plant", "realaigym")),
+    *(f"policy/{name}.py" for name in (
+        "__init__", "contract", "file", "network", "pendulum", "plant", "realaigym", "settings", "shipped",
+        "stages",
+    )),
     *(f"policy/numpy_backend/{name}.py" for name in (
         "__init__", "controller", "estimator", "front_end", "network",
     )),
@@ -50,7 +54,7 @@ def export_realaigym(
     target = Path(folder).resolve()
     if not username.isprintable() or any(sign in username for sign in '"\\,') or not 0 < len(username) <= 60:
         raise SwingupError(
-            f"username {username!r} does not fit an entry: use up to 60 letters, no quotes or commas"
+            f"username {quoted(username)} does not fit an entry: use up to 60 letters, no quotes or commas"
         )
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise SwingupError(f"{folder} is there already: name a folder that is new or empty")
@@ -97,15 +101,15 @@ def _entry(policy: PendulumPolicy, username: str, name: str) -> str:
 def _readme(policy: PendulumPolicy, name: str) -> str:
     command = policy.metadata.get("command")
     seen = (
-        "an estimate of the state by a Kalman filter, which also finds the loop's dead time"
+        "an estimate of the state by a Kalman filter, which also finds the loop's delay"
         if policy.estimator
         else "the measured state"
     )
-    front = ", through a front end with filter, memory and friction compensation" if policy.front_end else ""
+    front = ", through a front end with a filter and friction compensation" if policy.front_end else ""
     values = {
         "ESTIMATOR": f"It is shown {seen}{front}.",
         "JOINT": ("shoulder", "elbow")[policy.robot.joint],
-        "LAYERS": " and ".join(str(len(layer.bias)) for layer in policy.file.trunk),
+        "LAYERS": " and ".join(str(len(layer.bias)) for layer in policy.network.trunk),
         "TORQUE": _torque(policy),
         "NAME": name,
         "ORIGIN": f"- The policy file was made by `{command}`." if isinstance(command, str) else "",

@@ -10,14 +10,12 @@ from types import SimpleNamespace
 
 from ..errors import SwingupError
 from ..physics import equations
-from ..physics.equations import Lumped, lump
-
-Four = tuple[float, float, float, float]
+from ..physics.equations import Lumped, StateFloats, lump
 
 MODEL = "physics/models/design_C.1_model_1.0.yml"
 """The identified model's file, inside the package."""
 
-NAMES = ("m1", "m2", "l1", "r1", "r2", "I1", "I2", "g")
+PLANT_PARAMETERS = ("m1", "m2", "l1", "r1", "r2", "I1", "I2", "g")
 """The parameters that the plant is made of."""
 
 
@@ -28,7 +26,7 @@ def make_plant(values: dict[str, float]) -> Lumped:
         SwingupError: one is missing.
     """
     try:
-        return lump(SimpleNamespace(**{name: values[name] for name in NAMES}, gr=0.0, Ir=0.0))
+        return lump(SimpleNamespace(**{name: values[name] for name in PLANT_PARAMETERS}, gr=0.0, Ir=0.0))
     except KeyError as error:
         raise SwingupError(f"the model lacks parameter {error}: add it in SI units") from error
 
@@ -60,7 +58,7 @@ def parse_flat_yaml(text: str) -> dict[str, float]:
     return values
 
 
-def acceleration(plant: Lumped, x: Four, u1: float, u2: float) -> tuple[float, float]:
+def acceleration(plant: Lumped, x: StateFloats, u1: float, u2: float) -> tuple[float, float]:
     """q̈ (rad/s²) of M(q) q̈ = G(q) + u - C(q, q̇) q̇; NaN where an angle is not finite."""
     q1, q2, dq1, dq2 = x
     if not math.isfinite(q1 + q2):  # for which math.sin raises an error
@@ -70,13 +68,13 @@ def acceleration(plant: Lumped, x: Four, u1: float, u2: float) -> tuple[float, f
     return first, second
 
 
-def torque_response(plant: Lumped, x: Four, u1: float, u2: float) -> tuple[float, float]:
+def torque_response(plant: Lumped, x: StateFloats, u1: float, u2: float) -> tuple[float, float]:
     """∂q̈/∂u · u = M(q)⁻¹ u (rad/s²)."""
     first, second = equations.response(plant, math.cos(x[1]) if math.isfinite(x[1]) else math.nan, (u1, u2))
     return first, second
 
 
-def midpoint_step(plant: Lumped, x: Four, u1: float, u2: float, dt: float) -> Four:
+def midpoint_step(plant: Lumped, x: StateFloats, u1: float, u2: float, dt: float) -> StateFloats:
     """One step of the explicit midpoint rule over dt (s)."""
     q1, q2, dq1, dq2 = x
     a1, a2 = acceleration(plant, x, u1, u2)

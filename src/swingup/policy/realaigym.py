@@ -1,6 +1,6 @@
 """Controllers with the interface that RealAIGym's simulator and its real-robot loop call, with NumPy alone.
 
-Nothing is inherited from its package, so that it need not be installed. Its order of things is kept: the outer
+Nothing is inherited from its package, so that it need not be installed. The order is RealAIGym's: the outer
 ``get_control_output`` filters the measurement, asks the controller, adds friction compensation and keeps the
 histories; wrappers (combined and testing controllers) call the inner forms, whose names end in an underscore.
 """
@@ -8,28 +8,21 @@ histories; wrappers (combined and testing controllers) call the inner forms, who
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
+from ..checks import is_number
 from ..errors import SwingupError
 from ..files import make_folder, write_atomically
+from ..physics.equations import friction
 from ..robots import Robot
-from .numpy_backend.controller import RuntimeController, load_controller
-from .numpy_backend.front_end import friction_torque
+from ..text import quoted
+from .contract import LoopController
+from .numpy_backend.controller import NumpyController, load_controller
 
 SAVED = "controller_swingup.json"
 """Where ``save`` writes."""
-
-
-class Answering(Protocol):
-    """What is behind: a function of a state (4,) and a time (s) that gives [u1, u2] (N m), and its memory."""
-
-    def reset(self) -> None:
-        """Forget the run so far."""
-
-    def __call__(self, x: np.ndarray, t: float) -> np.ndarray:
-        """The torques."""
 
 
 class Filter:
@@ -41,7 +34,7 @@ class Filter:
         self.init()
 
     def init(self) -> None:
-        """Begin a run; a filter with an ``init()`` of its own is told."""
+        """Begin a run, and call the filter's own ``init()`` if it has one."""
         self.x_hist: list[np.ndarray] = []
         """Measurements so far."""
         self.x_filt_hist: list[np.ndarray] = []
@@ -64,18 +57,18 @@ class RealAIGymController:
     back, as its own controllers do, and wants an ``init()`` afterwards.
     """
 
-    def __init__(self, controller: Answering, robot: Robot, about: dict[str, Any], dt: float = 0.002) -> None:
+    def __init__(self, controller: LoopController, robot: Robot, about: dict[str, Any], dt: float = 0.002) -> None:
         """Wrap a controller.
 
         Args:
-            controller: what answers.
+            controller: the controller.
             robot: which joint is driven.
             about: what ``save`` writes, JSON values.
-            dt: time between calls (s), which counts where a caller gives no time.
+            dt: time between calls (s), for callers that give no time.
         """
         self.robot = robot
         self.disturbance_intervals: list[Any] = []
-        """When somebody disturbs the run on purpose; never."""
+        """Intervals in which the run is disturbed on purpose: none."""
         self._controller, self._about, self._dt = controller, about, dt
         self.filter = Filter()
         """What filters measurements, with its histories."""
@@ -114,9 +107,9 @@ class RealAIGymController:
         measured = np.array(x, np.float64)
         self.x_hist.append(measured)
         seen = self.filter.get_filtered_state(measured, self.u_hist[-1])
-        friction = friction_torque(seen[2:], self._damping, self._coulomb)
-        u = self.get_control_output_(seen, t) + friction
-        self.u_fric_hist.append(friction)
+        compensation = friction(self._damping, self._coulomb, seen[2:], np.arctan)
+        u = self.get_control_output_(seen, t) + compensation
+        self.u_fric_hist.append(compensation)
         self.u_grav_hist.append(np.zeros(2))
         self.u_hist.append(u)
         return u.copy()
@@ -145,7 +138,7 @@ class RealAIGymController:
     def set_filter(self, filter: Any = None) -> None:
         """Filter measurements from now on, after ``reset()`` as well.
 
-        A policy that ships with a state estimator wants no filter.
+        A policy behind a state estimator needs no filter.
 
         Args:
             filter: an object with ``get_filtered_state(x, u)``, as RealAIGym's, or a function of (x, u): the
@@ -164,7 +157,7 @@ class RealAIGymController:
         self._damping, self._coulomb = _two("damping", damping), _two("coulomb_fric", coulomb_fric)
 
     def set_gravity_compensation(self, plant: Any = None) -> None:
-        """Nothing: these controllers reckon with gravity."""
+        """Nothing: these controllers take gravity into account."""
 
     def set_filter_args(self, *arguments: Any, **settings: Any) -> None:
         """Nothing: RealAIGym's own filters need its package; see ``set_filter``."""
@@ -203,7 +196,7 @@ def load_policy_controller(
     return wrap_policy(load_controller(source, robot, estimator), str(source))
 
 
-def wrap_policy(controller: RuntimeController, name: str) -> RealAIGymController:
+def wrap_policy(controller: NumpyController, name: str) -> RealAIGymController:
     """A loaded policy as RealAIGym calls it."""
     policy = controller.policy
     about = {"controller": name, "torque_limit": policy.torque_limit}
@@ -212,8 +205,8 @@ def wrap_policy(controller: RuntimeController, name: str) -> RealAIGymController
     return RealAIGymController(controller, policy.robot, about | {"policy": origin}, **period)
 
 
-def _two(name: str, given: Sequence[float]) -> np.ndarray:
-    values = np.array(given, np.float64)
-    if values.shape != (2,) or not np.isfinite(values).all():
-        raise SwingupError(f"{name} = {given!r}: two finite numbers are needed, for shoulder and elbow")
-    return values
+def _two(name: str, given: Any) -> np.ndarray:
+    values = list(given) if isinstance(given, list | tuple | np.ndarray) else []
+    if len(values) != 2 or not all(map(is_number, values)):
+        raise SwingupError(f"{name} = {quoted(given)}: two finite numbers are needed, for shoulder and elbow")
+    return np.array(values, np.float64)

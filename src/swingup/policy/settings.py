@@ -1,25 +1,35 @@
-"""What a state estimator expects of the measurement and of the loop, as a policy file's metadata has it."""
+"""What a policy file may ask for around its policy: a state estimator before it and a front end about it.
 
-from collections.abc import Mapping, Sequence
+The metadata is parsed here and nowhere else; every back end is given the settings.
+"""
+
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, TypeVar
 
 import numpy as np
 
+from ..checks import finite_number, suggestion, whole_number
 from ..errors import SwingupError
+from ..text import quoted
 
 SettingsT = TypeVar("SettingsT")
 
 ESTIMATOR = "estimator"
-"""Where a policy file's metadata holds the estimator's settings."""
+"""Key of the estimator's settings in a policy file's metadata."""
 FRONT_END = "front_end"
-"""Where it holds those of the front end."""
-STEEPNESS = 100.0
-"""Slope of RealAIGym's smoothed Coulomb friction, cf arctan(100 q̇) (s/rad)."""
+"""Key of the front end's."""
+FORMER_NAMES = {"longest_dead_time": "max_delay_steps"}
+"""Settings that files call by an older name."""
+FORMER_SETTINGS = ("spacing",)
+"""Settings that files may hold and that mean nothing any more."""
+
 DOUBLINGS = 50
 """2^50 measurements: far more than any filter needs to become steady."""
 LOST = 100
-"""An estimated rate so many standard deviations off the measured one is no estimate: a measurement has jumped."""
+"""An estimated rate so many standard deviations off the measured one is lost: a measurement has jumped."""
+PIECES = 4
+"""Steps in which the estimate is carried ahead over the delay."""
 
 
 @dataclass(frozen=True)
@@ -27,21 +37,21 @@ class EstimatorSettings:
     """What the estimator expects of the measurement and of the loop; every value is chosen, not identified."""
 
     dt: float = 0.002
-    """Time between calls (s). After a longer pause the estimator starts anew from what it is shown."""
+    """Time between calls (s). After a longer pause the estimator restarts from the measurement."""
     position_noise: float = 1e-4
     """Standard deviation of the measured angles (rad): that of an encoder of 2^14 counts is 1.1e-4."""
     velocity_noise: float = 0.25
     """Standard deviation of the measured velocities (rad/s)."""
     acceleration_noise: float = 50.0
     """Standard deviation of what the model does not know of the accelerations (rad/s²)."""
-    longest_dead_time: int = 25
-    """Longest dead time that is considered (steps)."""
+    max_delay_steps: int = 25
+    """Longest delay of the loop that is considered (steps)."""
     residual_scale: float = 1e-4
-    """A miss of a predicted angle far above this counts little more (rad): a push must not decide a dead time."""
+    """A miss of a predicted angle far above this counts little more (rad): a push must not decide a delay."""
     caution: float = 20.0
-    """Log likelihood that a dead time must gain for each step that it is longer."""
+    """Log likelihood that a delay must gain for each step that it is longer."""
     memory: float = 5.0
-    """Time in which evidence on the dead time fades (s)."""
+    """Time in which evidence on the delay fades (s)."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot work.
@@ -49,30 +59,28 @@ class EstimatorSettings:
         Raises:
             SwingupError: a value is no number of its range.
         """
+        whole_number("estimator setting max_delay_steps", self.max_delay_steps, 0, 1000)
         for field in fields(self):
             name, value = field.name, getattr(self, field.name)
-            kinds = int if name == "longest_dead_time" else int | float
-            least = 0 if name in ("longest_dead_time", "caution") else 1e-6
-            most = 0.1 if name == "dt" else 1000
-            if not isinstance(value, kinds) or isinstance(value, bool) or not least <= value <= most:
-                kind = "whole number" if kinds is int else "number"
-                raise SwingupError(f"estimator setting {name} = {value!r}: use a {kind} of {least:g} to {most:g}")
+            if name == "max_delay_steps":
+                continue
+            least, most = 0.0 if name == "caution" else 1e-6, 0.1 if name == "dt" else 1000.0
+            object.__setattr__(self, name, finite_number(f"estimator setting {name}", value, least, most))
+        object.__setattr__(self, "max_delay_steps", int(self.max_delay_steps))
 
 
 @dataclass(frozen=True)
 class FrontEndSettings:
-    """How measurements are filtered, how far apart the remembered ones are, and what friction is made up for."""
+    """How measured velocities are filtered, and which friction is compensated."""
 
     dt: float = 0.002
-    """Time between calls (s). After a longer pause the memory starts anew from what is measured."""
+    """Time between calls (s). After a longer pause the filter restarts from the measurement."""
     velocity_weight: float = 1.0
-    """Weight of the newest velocity in the low-pass v ← v + w (measured - v); 1 is no filter."""
+    """Weight w of the newest velocity in the low-pass v ← v + w (measured - v); 1 is no filter."""
     dead_band: float = 0.0
-    """Filtered velocities below it are seen as 0 (rad/s)."""
-    spacing: int = 5
-    """Calls from one remembered measurement to the next; a remembered torque is the mean over as many."""
+    """The policy sees filtered velocities below it as 0 (rad/s)."""
     damping: tuple[float, float] = (0.0, 0.0)
-    """b of the friction b q̇ + cf arctan(100 q̇) that is made up for, of shoulder and elbow (N m s/rad)."""
+    """b of the compensated friction b q̇ + cf arctan(100 q̇), of shoulder and elbow (N m s/rad)."""
     coulomb: tuple[float, float] = (0.0, 0.0)
     """cf of that friction (N m)."""
     passive_limit: float = 0.5
@@ -84,22 +92,15 @@ class FrontEndSettings:
         Raises:
             SwingupError: a value is no number of its range.
         """
-        for name in ("damping", "coulomb"):
-            values = getattr(self, name)
-            pair = tuple(values) if isinstance(values, Sequence) and not isinstance(values, str) else ()
-            if len(pair) != 2 or not all(_is_number(value, 0.0, 10.0) for value in pair):
-                raise SwingupError(f"front end's {name} = {values!r}: two numbers of 0 to 10 are needed")
-            object.__setattr__(self, name, pair)
         ranges = {
-            "dt": (1e-6, 0.1), "velocity_weight": (1e-6, 1.0), "dead_band": (0.0, 10.0), "spacing": (1, 1000),
+            "dt": (1e-6, 0.1), "velocity_weight": (1e-6, 1.0), "dead_band": (0.0, 10.0),
             "passive_limit": (0.0, 1000.0),
         }  # fmt: skip
         for name, (least, most) in ranges.items():
-            value = getattr(self, name)
-            whole = name != "spacing" or isinstance(value, int)
-            if not (whole and _is_number(value, least, most)):
-                kind = "whole number" if name == "spacing" else "number"
-                raise SwingupError(f"front end's {name} = {value!r}: a {kind} of {least:g} to {most:g} is needed")
+            value = finite_number(f"front_end setting {name}", getattr(self, name), least, most)
+            object.__setattr__(self, name, value)
+        for name in ("damping", "coulomb"):
+            object.__setattr__(self, name, _pair(f"front_end setting {name}", getattr(self, name)))
 
 
 def kalman_gains(settings: EstimatorSettings) -> np.ndarray:
@@ -121,40 +122,45 @@ def kalman_gains(settings: EstimatorSettings) -> np.ndarray:
     return scale[:, None] * (P @ np.linalg.inv(P + np.eye(2))) / scale
 
 
-def read_settings(metadata: Mapping[str, Any]) -> EstimatorSettings | None:
-    """The settings that a policy file's metadata holds under ``estimator``; None if there is no such key.
+def estimator_settings(metadata: Mapping[str, Any]) -> EstimatorSettings | None:
+    """The estimator that a policy file's metadata asks for; None if it asks for none.
 
     Raises:
-        SwingupError: it holds something else, an unknown setting, or a value out of range.
+        SwingupError: there is something else, an unknown setting, or a value out of range.
     """
-    return read_object(metadata, ESTIMATOR, EstimatorSettings)
+    return _settings(metadata, ESTIMATOR, EstimatorSettings)
 
 
-def read_front_end(metadata: Mapping[str, Any]) -> FrontEndSettings | None:
-    """The settings that a policy file's metadata holds under ``front_end``; None if there is no such key.
+def front_end_settings(metadata: Mapping[str, Any]) -> FrontEndSettings | None:
+    """The front end that a policy file's metadata asks for; None if it asks for none.
 
     Raises:
-        SwingupError: it holds something else, an unknown setting, or a value out of range.
+        SwingupError: there is something else, an unknown setting, or a value out of range.
     """
-    return read_object(metadata, FRONT_END, FrontEndSettings)
+    return _settings(metadata, FRONT_END, FrontEndSettings)
 
 
-def read_object(metadata: Mapping[str, Any], key: str, kind: type[SettingsT]) -> SettingsT | None:
-    """Settings of a kind that a policy file's metadata holds under a key; None if there is no such key.
-
-    Raises:
-        SwingupError: it holds something else, an unknown setting, or a value out of range.
-    """
+def _settings(metadata: Mapping[str, Any], key: str, kind: type[SettingsT]) -> SettingsT | None:
     if key not in metadata:
         return None
     given, known = metadata[key], [field.name for field in fields(kind)]  # type: ignore[arg-type]  # a dataclass
     if not isinstance(given, Mapping):
-        raise SwingupError(f"{key} {given!r} is no object of settings: use {{}} for the defaults")
-    unknown = [name for name in given if name not in known]
-    if unknown:
-        raise SwingupError(f"unknown {key} setting {unknown[0]!r}: use some of {', '.join(known)}")
-    return kind(**given)
+        raise SwingupError(f"{key} {quoted(given)} is no object of settings: use {{}} for the defaults")
+    values: dict[str, Any] = {}
+    for name, value in given.items():
+        now = FORMER_NAMES.get(name, name)
+        if now in values:
+            raise SwingupError(f"{key} gives {now} twice: keep one of its values")
+        if now in known:
+            values[now] = value
+        elif name not in FORMER_SETTINGS:
+            near = suggestion(name, known)
+            raise SwingupError(f"unknown {key} setting {quoted(name)}: use some of {', '.join(known)}{near}")
+    return kind(**values)
 
 
-def _is_number(value: Any, least: float, most: float) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most
+def _pair(name: str, given: Any) -> tuple[float, float]:
+    if not isinstance(given, list | tuple) or len(given) != 2:
+        raise SwingupError(f"{name} = {quoted(given)}: use two numbers, for shoulder and elbow")
+    first, second = (finite_number(name, value, 0.0, 10.0) for value in given)
+    return first, second

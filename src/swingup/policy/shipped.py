@@ -1,4 +1,4 @@
-"""Which policy files the package ships, and where."""
+"""The policies that the package ships, by name."""
 
 from importlib import resources
 from importlib.resources.abc import Traversable
@@ -8,7 +8,7 @@ from ..checks import one_of
 from ..errors import SwingupError
 from ..renamed import current_name
 from ..robots import Robot, get_robot
-from .file import PendulumPolicy, read_pendulum_policy
+from .pendulum import PendulumPolicy, read_pendulum_policy
 
 REFINED = "refined"
 """The default: trained by AR-EAPO, then taught by a teacher's swing-up; it runs behind a state estimator."""
@@ -44,16 +44,26 @@ def shipped_file(robot: Robot | str, name: str = REFINED) -> Traversable:
     return file
 
 
+def is_policy(source: str | Path) -> bool:
+    """Whether a name means a policy: a shipped one, by its present or its former name, or a file."""
+    return current_name("controller", str(source)) in SHIPPED_POLICIES or str(source).endswith(".npz")
+
+
 def read_policy(source: str | Path, robot: Robot | str | None = None) -> PendulumPolicy:
-    """What a policy file holds; arguments and errors as those of ``load_controller``."""
-    source = current_name("controller", str(source))
-    if source not in SHIPPED_POLICIES:
-        if not str(source).endswith(".npz"):
-            raise SwingupError(
-                f"unknown policy {source!r}: use {', '.join(SHIPPED_POLICIES)} or a policy file (.npz)"
-            )
+    """Read a policy file, or a policy that the package ships.
+
+    Args:
+        source: a policy file, or ``refined``, ``ar-eapo``, ``global`` or ``robot``.
+        robot: the robot that it must be for; needed with a name.
+
+    Raises:
+        SwingupError: there is no such policy, or it is damaged, or for another robot.
+    """
+    if str(source).endswith(".npz"):
         return read_pendulum_policy(source, robot)
+    name = current_name("controller", str(source))
+    one_of("policy", name, SHIPPED_POLICIES, " or a policy file (.npz)")
     if robot is None:
-        raise SwingupError(f"policy {source!r} is shipped for both robots: name acrobot or pendubot")
-    with resources.as_file(shipped_file(robot, source)) as path:
+        raise SwingupError(f"policy {name!r} is shipped for both robots: name acrobot or pendubot")
+    with resources.as_file(shipped_file(robot, name)) as path:
         return read_pendulum_policy(path, robot)

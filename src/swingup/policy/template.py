@@ -5,19 +5,20 @@ from collections.abc import Mapping
 from importlib import resources
 
 from ..errors import SwingupError
+from ..text import quoted
 
 NAME = "swingup"
 """What exported things are called unless another name is asked for."""
 
 
 def check_name(name: str) -> str:
-    """A name for an export, which must do for files, for Python and for C.
+    """A name for an export, which must fit files, Python and C.
 
     Raises:
-        SwingupError: it does not.
+        SwingupError: it does not fit.
     """
     if not re.fullmatch(r"[a-z][a-z0-9_]{0,39}", name):
-        raise SwingupError(f"name {name!r}: use up to 40 small letters, digits and _, a letter first")
+        raise SwingupError(f"name {quoted(name)}: use up to 40 small letters, digits and _, a letter first")
     return name
 
 

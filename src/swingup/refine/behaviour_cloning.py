@@ -1,6 +1,6 @@
-"""Teaching a policy another swing-up: supervised learning from a controller that performs it.
+"""Behaviour cloning: supervised learning of a teacher's torques, in the states that the teacher visits.
 
-Gradients improve the swing-up that a policy has; they do not find another kind of one. A teacher shows it.
+The gradient through the simulation improves a policy's own swing-up, but finds no other kind. A teacher shows one.
 """
 
 import dataclasses
@@ -29,74 +29,76 @@ from ..tasks.disturbance import Pushes, undisturbed
 from ..types import Scalar
 from .analytic_policy_gradient import single_precision
 
-RULES = ROBUSTNESS_RULES["v2"]
-PUSHES = 3
-FREE = 100_000
-"""States from anywhere in which the policy's own torque is remembered."""
-FAST = 10.0
+DEMONSTRATION_RULES = ROBUSTNESS_RULES["v2"]
+"""The rules whose time step the runs have, and whose tolerance tells a run that ended upright."""
+DEMONSTRATION_PUSHES = 3
+"""Pushes on each joint in a run of the teacher."""
+RETAINED_STATES = 100_000
+"""States from anywhere in which the student shall keep its own torque."""
+RETAINED_SPEED = 10.0
 """Largest standard deviation of their velocities (rad/s)."""
 
 
 @dataclass(frozen=True)
 class CloningSettings:
-    """How to imitate."""
+    """The teacher, its runs, and the supervised learning from them."""
 
     teacher: str = "tvlqr-score"
-    """Name of the teacher, a built-in controller."""
+    """Name of the teacher, one of the baselines."""
     steps: int = 4000
     """Adam's steps."""
     learning_rate: float = 1e-3
     """Adam's step size, which falls to 0 on a cosine."""
     batch: int = 1024
-    """States that the teacher showed in a minibatch."""
-    remembered: int = 256
-    """States from anywhere in a minibatch, in which the policy shall do as it did."""
-    remembered_weight: float = 0.003
-    """Weight of one of those."""
-    shown: int = 768
+    """States of the teacher's runs in a minibatch."""
+    retained: int = 256
+    """States from anywhere in a minibatch, in which the student shall keep its own torque."""
+    retained_weight: float = 0.003
+    """Weight of one of those, beside 1 for a state of the teacher."""
+    demonstrations: int = 768
     """Runs of the teacher; those that do not end upright are left out."""
     duration: float = 2.2
     """Length of a run (s)."""
-    shove: float = 2.0
-    """Largest standard deviation of the pushes that show how the teacher finds back (N m)."""
+    push: float = 2.0
+    """Largest standard deviation of the pushes, which show how the teacher returns to its path (N m)."""
 
 
-def imitate(
+def clone_behaviour(
     student: PolicyController,
     teacher: AbstractController[Any],
     robot: Robot,
     settings: CloningSettings,
     random: np.random.Generator,
 ) -> PolicyController:
-    """A policy that does as the teacher does where the teacher goes, and as it did elsewhere.
+    """A policy with the teacher's torques where the teacher goes, and with the student's elsewhere.
 
     Raises:
         SwingupError: no run of the teacher ended upright.
     """
-    shown, answers = demonstrate(teacher, robot, settings, random)
-    size = (FREE, 2)
-    rates = random.uniform(0, FAST, (FREE, 1)) * random.normal(size=size)
+    visited, answers = demonstrate(teacher, robot, settings, random)
+    size = (RETAINED_STATES, 2)
+    rates = random.uniform(0, RETAINED_SPEED, (RETAINED_STATES, 1)) * random.normal(size=size)
     free = np.concatenate([random.uniform(-np.pi, np.pi, size), rates], axis=1)
     single = single_precision(student)
-    habits = jax.jit(jax.vmap(lambda x: single(None, jnp.zeros(()), x)[1][robot.joint]))(jnp.float32(free))
-    states = jnp.float32(np.concatenate([shown, free]))
-    torques = jnp.concatenate([jnp.float32(answers), habits])
-    lesson = random.integers(0, len(shown), (settings.steps, settings.batch))
-    memory = len(shown) + random.integers(0, FREE, (settings.steps, settings.remembered))
-    rows = np.concatenate([lesson, memory], axis=1).astype(np.int32)
-    actor = _fit(single, settings, states, torques, jnp.asarray(rows))
+    own = jax.jit(jax.vmap(lambda x: single(None, jnp.zeros(()), x)[1][robot.joint]))(jnp.float32(free))
+    states = jnp.float32(np.concatenate([visited, free]))
+    torques = jnp.concatenate([jnp.float32(answers), own])
+    taught = random.integers(0, len(visited), (settings.steps, settings.batch))
+    kept = len(visited) + random.integers(0, RETAINED_STATES, (settings.steps, settings.retained))
+    rows = np.concatenate([taught, kept], axis=1).astype(np.int32)
+    actor = _train(single, settings, states, torques, jnp.asarray(rows))
     return eqx.tree_at(lambda c: c.policy.actor, student, jax.tree.map(np.asarray, actor))
 
 
-def _fit(
+def _train(
     student: PolicyController,
     settings: CloningSettings,
     states: Float[Array, "n 4"],
     torques: Float[Array, "n"],
     rows: Int[Array, "steps batch"],
 ) -> Actor:
-    """Adam on weighted squared errors of the torque; each step's minibatch is given by its rows."""
-    weights = np.repeat([1.0, settings.remembered_weight], [settings.batch, settings.remembered]).astype(np.float32)
+    """Adam on weighted squared errors of the torque; ``rows`` holds each step's minibatch."""
+    weights = np.repeat([1.0, settings.retained_weight], [settings.batch, settings.retained]).astype(np.float32)
     optimiser = optax.adam(optax.cosine_decay_schedule(settings.learning_rate, settings.steps))
 
     def loss(actor: Actor, x: Float[Array, "batch 4"], u: Float[Array, "batch"]) -> Scalar:
@@ -116,34 +118,35 @@ def _fit(
 def demonstrate(
     teacher: AbstractController[Any], robot: Robot, settings: CloningSettings, random: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """States (n, 4) of the teacher's runs from hanging, shoved about, and its torques in them (N m).
+    """States (n, 4) of the teacher's runs from hanging under pushes, and its torques in them (N m).
 
     Raises:
         SwingupError: no run ended upright.
     """
-    plant, steps = leaderboard_parameters(robot), round(settings.duration / RULES.dt)
+    plant, steps = leaderboard_parameters(robot), round(settings.duration / DEMONSTRATION_RULES.dt)
     scenarios, starts = [], []
-    for _ in range(settings.shown):
+    for _ in range(settings.demonstrations):
         size = random.uniform()
-        shape = (2, PUSHES)
+        shape = (2, DEMONSTRATION_PUSHES)
         pushes = Pushes(
             centre=random.uniform(0.0, 0.8 * settings.duration, shape),
             width=random.uniform(0.03, 0.08, shape),
-            amplitude=settings.shove * size * random.normal(size=shape),
+            amplitude=settings.push * size * random.normal(size=shape),
         )
-        scenarios.append(Scenario(plant, dataclasses.replace(undisturbed(PUSHES), pushes=pushes)))
+        scenarios.append(Scenario(plant, dataclasses.replace(undisturbed(DEMONSTRATION_PUSHES), pushes=pushes)))
         starts.append(0.05 * size * random.normal(size=4))
 
     def run(scenario: Scenario, x0: Any) -> tuple[Any, Trajectory, Any]:
-        outcome, rows = simulate(scenario, teacher, x0, RULES.dt, steps)
+        outcome, rows = simulate(scenario, teacher, x0, DEMONSTRATION_RULES.dt, steps)
         assert scenario.disturbance is not None
-        shoved = jax.vmap(scenario.disturbance.pushes.torque)(jnp.asarray(rows.time))
-        return outcome.final, rows, (rows.u - shoved)[:, robot.joint]
+        # The rows hold the torques that acted; the student learns those that the teacher commanded.
+        pushed = jax.vmap(scenario.disturbance.pushes.torque)(jnp.asarray(rows.time))
+        return outcome.final, rows, (rows.u - pushed)[:, robot.joint]
 
     with jax.enable_x64(True):
         final, rows, torque = jax.jit(jax.vmap(run))(stack(scenarios), jnp.asarray(np.stack(starts)))
         final, x, torque = (np.asarray(each) for each in (final, rows.x, torque))
-    good = upright(final, RULES.tolerance)
+    good = upright(final, DEMONSTRATION_RULES.tolerance)
     if not good.any():
         raise SwingupError(f"the teacher {settings.teacher!r} never ended upright: use another one")
     return x[good].reshape(-1, 4), torque[good].reshape(-1)

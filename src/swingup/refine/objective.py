@@ -1,4 +1,4 @@
-"""The score made smooth, and what is minimised: one number of a whole episode that has a gradient."""
+"""The cost of an episode: measures that are smooth, so that they have a gradient, and their weights."""
 
 import functools
 import math
@@ -15,30 +15,30 @@ from ..physics.dynamics import tip_height
 from ..physics.parameters import Parameters
 from ..types import Scalar, State
 
-EDGE = 0.01
+LINE_WIDTH = 0.01
 """Width of the smoothed line above which the tip is up (m)."""
-NEAR = 0.3
+GOAL_WIDTH = 0.3
 """Width of the goal's neighbourhood (rad)."""
-FAST = 4.0
-"""Velocity that counts as one radian off (rad/s)."""
+SPEED_OF_A_RADIAN = 4.0
+"""The velocity that counts as much as an error of one radian (rad/s)."""
 
 
 class Measures(eqx.Module):
-    """What an episode amounts to."""
+    """The measures of an episode."""
 
     score: Scalar
-    """The RealAI score with the time that the tip is down, smoothly counted, for swing-up time."""
+    """The RealAI score, in which the smoothly counted time down replaces the swing-up time."""
     down: Scalar
-    """Share of the time that the tip is down."""
+    """Share of the time for which the tip is down."""
     away: Scalar
-    """Mean distance from the goal, from 0 to 1: half of it says whether it is near, half how far."""
+    """Mean distance from the goal, from 0 to 1. Half of it saturates outside the goal's neighbourhood."""
 
 
-def measure(trajectory: Trajectory, parameters: Parameters, dt: float, rules: PerformanceRules) -> Measures:
-    """Measure an episode whose rows are dt (s) apart; what comes after it is taken to cost nothing."""
+def measure_episode(trajectory: Trajectory, parameters: Parameters, dt: float, rules: PerformanceRules) -> Measures:
+    """Measure an episode whose rows are dt (s) apart. The time after it counts as free of cost."""
     x, u = jnp.asarray(trajectory.x), jnp.asarray(trajectory.u)
     line = rules.height * parameters.length
-    down = jnp.sum(jax.nn.sigmoid((line - jax.vmap(tip_height, (None, 0))(parameters, x)) / EDGE)) * dt
+    down = jnp.sum(jax.nn.sigmoid((line - jax.vmap(tip_height, (None, 0))(parameters, x)) / LINE_WIDTH)) * dt
     changes = jnp.diff(u, axis=0)
     rows = rules.steps - 1
     mean, square = jnp.sum(changes, axis=0) / rows, jnp.sum(changes**2, axis=0) / rows
@@ -46,7 +46,7 @@ def measure(trajectory: Trajectory, parameters: Parameters, dt: float, rules: Pe
         "swingup_time": down,
         "energy": jnp.sum(jnp.abs(jnp.diff(x[:, :2], axis=0) * u[:-1])),
         "torque_cost": jnp.sum(u**2) * dt,
-        # A square root has no slope at 0, where the passive joint's torque is.
+        # The passive joint's torque is always 0, where a square root has no finite slope.
         "torque_smoothness": jnp.sum(jnp.sqrt(square - mean**2 + 1e-12)),
         "velocity_cost": jnp.sum(x[:, 2:] ** 2) * dt,
     }
@@ -60,36 +60,28 @@ def _away(x: State) -> Scalar:
     """Distance from upright at rest, from 0 to 1; it has a slope everywhere."""
     tilt, bend = 2 + 2 * jnp.cos(x[0]), 2 - 2 * jnp.cos(x[1])  # squared chords
     far = (0.6 * tilt + 0.4 * bend) / 4
-    near = tilt + bend + jnp.sum(x[2:] ** 2) / FAST**2
-    return 0.5 * far + 0.5 * (1 - jnp.exp(-0.5 * near / NEAR**2))
+    near = tilt + bend + jnp.sum(x[2:] ** 2) / SPEED_OF_A_RADIAN**2
+    return 0.5 * far + 0.5 * (1 - jnp.exp(-0.5 * near / GOAL_WIDTH**2))
 
 
 @dataclass(frozen=True)
-class Weights:
-    """What counts in an episode, and how much: the cost is down and away, less the score."""
+class EpisodeWeights:
+    """Weights of an episode's measures: the cost is down and away, less the score."""
 
     score: float = 0.0
     down: float = 0.0
     away: float = 0.0
 
     def cost(self, measures: Measures) -> Scalar:
-        """What is minimised."""
+        """The cost that the gradient steps minimise."""
         return self.down * measures.down + self.away * measures.away - self.score * measures.score
-
-
-SCORE = Weights(score=1.0)
-"""The score alone."""
-SCORE_AND_TIME = Weights(score=0.5, down=0.5, away=0.5)
-"""The score, and being at the goal."""
-TIME = Weights(down=1.0, away=0.2)
-"""Being up, and not only for a moment."""
 
 
 @functools.partial(jax.custom_vjp, nondiff_argnums=(1,))
 def bound_adjoint(x: State, limit: float) -> State:
-    """The state itself; backwards, the gradient of all that follows is cut to a norm of ``limit``.
+    """The state itself. Backwards, the gradient of all later costs is scaled down to a norm of at most ``limit``.
 
-    A pendulum that turns over is chaotic: gradients through it grow without bound and say nothing.
+    A pendulum that turns over is chaotic: gradients through it grow without bound and carry no information.
     """
     return x
 

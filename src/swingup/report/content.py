@@ -10,9 +10,8 @@ import numpy as np
 from ..benchmark.rollout import Trajectory
 from ..errors import SwingupError
 from ..physics.parameters import NAMES, Parameters, get_robot
-from ..policy.jax_backend.controller import PolicyController
-from ..policy.jax_backend.observation import AbstractStage, Normalise, PendulumObservation
-from ..policy.jax_backend.policy import Policy
+from ..policy.javascript_backend.page import policy_data
+from ..policy.jax_backend.controller import PolicyController, policy_of
 
 if TYPE_CHECKING:
     from ..benchmark.leaderboard import Board
@@ -62,7 +61,7 @@ def encode_section(section: Section) -> dict[str, Any]:
         "dt": STEP,
         "parameters": {name: float(getattr(section.parameters, name)) for name in NAMES},
         "shows": [encode_show(show) for show in section.shows],
-        "policy": None if section.policy is None else encode_policy(section.policy),
+        "policy": None if section.policy is None else policy_data(policy_of(section.policy)),
     }
 
 
@@ -72,31 +71,6 @@ def encode_show(show: Show) -> dict[str, Any]:
     return {"name": show.name} | {
         name: None if run is None else _encode_trajectory(show.name, run) for name, run in runs.items()
     }
-
-
-def encode_policy(controller: PolicyController) -> dict[str, Any]:
-    """A policy as JSON values: its stages with their settings, and its layers up to the action's mean.
-
-    Raises:
-        SwingupError: the page's scripts do not know one of its observation stages.
-    """
-    policy: Policy = controller.policy
-    layers = [*policy.actor.trunk, policy.actor.mean_head]
-    return {
-        "torque_limit": float(controller.torque_limit),
-        "stages": [_encode_stage(stage) for stage in policy.stages],
-        "layers": [{"weight": _base64(layer.weight), "bias": _base64(layer.bias)} for layer in layers],
-    }
-
-
-def _encode_stage(stage: AbstractStage) -> dict[str, Any]:
-    if isinstance(stage, PendulumObservation):
-        return {"name": "pendulum", "angles": stage.angles, "velocity_scale": float(stage.velocity_scale)}
-    if isinstance(stage, Normalise):
-        # In double precision, as the stages are applied.
-        vectors = {name: np.asarray(getattr(stage, name), np.float64).tolist() for name in ("mean", "variance")}
-        return {"name": "normalise", **vectors, "clip": float(stage.clip), "epsilon": float(stage.epsilon)}
-    raise SwingupError(f"a report cannot run a policy with {type(stage).__name__}: leave the policy out")
 
 
 def _encode_trajectory(name: str, trajectory: Trajectory) -> dict[str, Any] | None:

@@ -16,7 +16,7 @@ from ..benchmark.columns import COLUMNS
 from ..benchmark.rules import CRITERIA
 from ..errors import SwingupError
 from ..physics.parameters import get_robot
-from ..policy.javascript_backend.script import policy_script
+from ..policy.javascript_backend.page import policy_script
 from ..version import __version__
 from .content import Section, Show, encode_section
 

@@ -1,7 +1,8 @@
 """What stands between a controller and the pendulum: noise, delay, the motor's response and pushes, as data.
 
 A :class:`Disturbance` is a pytree of reals: batch it with ``vmap`` to run many at once. The functions follow the
-order of one step of the public RealAIGym benchmark: :func:`measure`, the controller, :func:`drive`, the plant.
+order of one step of the public RealAIGym benchmark: :func:`measured_state`, the controller, :func:`motor_torques`,
+the plant.
 """
 
 from typing import Any
@@ -35,7 +36,7 @@ class Pushes(eqx.Module):
 
 
 class Motor(eqx.Module):
-    """What keeps a motor from giving just the torque that it is asked for, besides its response."""
+    """Limits of a motor's torque besides its response: how fast it changes, and its ripple."""
 
     rate_limit: float | Scalar
     """Fastest change of its torque (N m/s)."""
@@ -45,12 +46,12 @@ class Motor(eqx.Module):
     """Its periods in a turn of the joint."""
 
     def follow(self, wanted: Torque, before: Torque, dt: float) -> Torque:
-        """The motor's own torque for a wanted one (N m), after the one before by dt (s)."""
+        """The motor's own torque (N m) on its way from ``before`` to ``wanted``, dt (s) later."""
         most = self.rate_limit * dt
         return before + jnp.clip(wanted - before, -most, most)
 
     def ripple_torque(self, q: Float[Array, "2"]) -> Torque:
-        """What the ripple adds at angles q (rad)."""
+        """Ripple torque (N m) at angles q (rad)."""
         return self.ripple * jnp.sin(self.ripple_periods * q)
 
 
@@ -63,12 +64,12 @@ class Disturbance(eqx.Module):
     """Standard deviation of the noise on a motor's torque (N m)."""
     response: float | Scalar
     """Motor response k in u_applied = u_before + k (u - u_before); 1 is a perfect motor."""
-    delay: int | Count
+    delay_steps: int | Count
     """Age of the measured state (steps), below the depth of the past that is kept."""
     pushes: Pushes
     """Torques that act beside the motor's, and may exceed its limit."""
     noise: UInt32[Array | np.ndarray, "2"]
-    """What tells this noise from others: the two words of a threefry key."""
+    """The two words of a threefry key, which fixes the noise."""
     motor: Motor | None = None
     """None for motors without torque-rate limit and ripple."""
 
@@ -79,14 +80,14 @@ def undisturbed(pushes: int = 1) -> Disturbance:
     return Disturbance(0.0, 0.0, 1.0, 0, Pushes(nothing, nothing + 1.0, nothing), np.zeros(2, np.uint32))
 
 
-def describe(disturbance: Disturbance) -> dict[str, Any]:
+def disturbance_as_dict(disturbance: Disturbance) -> dict[str, Any]:
     """A disturbance as JSON values: its numbers, the words of its noise's key, and its pushes, if any."""
-    numbers = {name: float(getattr(disturbance, name)) for name in ("velocity_noise", "torque_noise", "response")}
+    names = ("velocity_noise", "torque_noise", "response")
+    numbers: dict[str, Any] = {name: float(getattr(disturbance, name)) for name in names}
     pushes = {name: np.asarray(values).tolist() for name, values in vars(disturbance.pushes).items()}
     given = {"pushes": pushes} if np.any(np.asarray(disturbance.pushes.amplitude)) else {}
-    return (
-        numbers | {"delay_steps": int(disturbance.delay), "noise": np.asarray(disturbance.noise).tolist()} | given
-    )
+    numbers["delay_steps"] = int(disturbance.delay_steps)
+    return numbers | {"noise": np.asarray(disturbance.noise).tolist()} | given
 
 
 def step_noise(disturbance: Disturbance, step: Count, dtype: jnp.dtype) -> tuple[Float[Array, "2"], Torque]:
@@ -105,16 +106,16 @@ def remember(past: Past, step: Count, x: State) -> Past:
     return past.at[step % past.shape[0]].set(x)
 
 
-def measure(disturbance: Disturbance, past: Past, step: Count, velocity_noise: Float[Array, "2"]) -> State:
-    """What the controller sees at a step: all four entries delayed, then noise on the velocities.
+def measured_state(disturbance: Disturbance, past: Past, step: Count, velocity_noise: Float[Array, "2"]) -> State:
+    """The state that the controller receives: all four entries delayed, then noise on the velocities.
 
-    Before there is a state of the delay's age the first one is seen: start with it in all rows of the past.
+    Until a state has the delay's age the first one is measured: start with it in all rows of the past.
     """
-    delayed = past[(step - jnp.asarray(disturbance.delay)) % past.shape[0]]
+    delayed = past[(step - jnp.asarray(disturbance.delay_steps)) % past.shape[0]]
     return delayed.at[2:].add(velocity_noise)
 
 
-def drive(
+def motor_torques(
     disturbance: Disturbance,
     command: Torque,
     before: Torque,
@@ -132,7 +133,7 @@ def drive(
     it, not even its pushes, as in the public benchmark.
 
     Args:
-        disturbance: what disturbs.
+        disturbance: response, pushes and motor of the loop.
         command: the controller's torques (N m).
         before: what the motors start from (N m): the second result of the step before, 0 before the first.
         t: time (s).

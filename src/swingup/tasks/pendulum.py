@@ -1,6 +1,12 @@
-"""The swing-up and balancing of the double pendulum as a continuing task (paper, section IV)."""
+"""The swing-up and balancing of the double pendulum as a continuing task (paper, section IV).
 
+Every variant of the task is an :class:`AbstractPendulumTask`: it has the fields of the paper's task and its
+quadratic reward. The variants differ in their first states, in what a step simulates, and in the reward.
+"""
+
+import abc
 import math
+from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -16,6 +22,8 @@ from .task import AbstractTask, Step
 DIVERGED = 1000.0
 """Velocity beyond which a state is no longer physics but an integration error (rad/s)."""
 
+StateT = TypeVar("StateT")
+
 
 class PendulumState(eqx.Module):
     """State of the task."""
@@ -26,11 +34,10 @@ class PendulumState(eqx.Module):
     """Steps since the last reset."""
 
 
-class PendulumTask(AbstractTask[PendulumState]):
-    """Swing up and balance with a quadratic cost; truncated at random and by a limit, never terminated.
+class AbstractPendulumTask(AbstractTask[StateT]):
+    """Swing up and balance; truncated at random and by a limit, never terminated.
 
-    Source: AR-EAPO paper, section IV: reward r(x', a) = -α[(x' - g)ᵀ Q (x' - g) + R a²] on the state after the
-    step, q1 wrapped to [0, 2π) and q2 to [-π, π); noisy reset around hanging; random truncation.
+    Source of the numbers: AR-EAPO paper, section IV.
     """
 
     robot: Robot = eqx.field(static=True)
@@ -72,9 +79,28 @@ class PendulumTask(AbstractTask[PendulumState]):
         limits = jnp.array([self.parameters.tl1, self.parameters.tl2], action.dtype)
         return action * limits * jnp.array(self.robot.actuation, action.dtype)
 
+    def hanging_start(self, key: Key) -> State:
+        """Hang down, disturbed by Gaussian noise on all four states."""
+        return self.reset_noise * jax.random.normal(key, (4,))
+
+    def quadratic_reward(self, x: State, u: Torque) -> Scalar:
+        """r(x', a) = -α[(x' - g)ᵀ Q (x' - g) + R a²], with q1 wrapped to [0, 2π) and q2 to [-π, π)."""
+        limited = jnp.clip(x[2:], -self.cost_velocity_limit, self.cost_velocity_limit)
+        error = jnp.concatenate([wrap(x)[:2], limited]) - jnp.array(UPRIGHT, x.dtype)
+        cost = error @ (jnp.array(self.state_cost, x.dtype) * error) + self.torque_cost * (u @ u)
+        return -self.reward_scale * cost
+
+    @abc.abstractmethod
+    def reward(self, x: State, u: Torque) -> Scalar:
+        """Reward of the state after the step and the torque (N m)."""
+
+
+class PendulumTask(AbstractPendulumTask[PendulumState]):
+    """The paper's task: start hanging, with the quadratic reward on the state after the step."""
+
     def reset(self, key: Key) -> PendulumState:
         """Hang down, disturbed by Gaussian noise on all four states."""
-        return PendulumState(x=self.reset_noise * jax.random.normal(key, (4,)), steps=jnp.array(0))
+        return PendulumState(x=self.hanging_start(key), steps=jnp.array(0))
 
     def observe(self, state: PendulumState) -> Observation:
         """Scaled angles and velocities."""
@@ -82,25 +108,29 @@ class PendulumTask(AbstractTask[PendulumState]):
 
     def reward(self, x: State, u: Torque) -> Scalar:
         """r(x', a) of the state after the step and the torque (N m)."""
-        limited = jnp.clip(x[2:], -self.cost_velocity_limit, self.cost_velocity_limit)
-        error = jnp.concatenate([wrap(x)[:2], limited]) - jnp.array(UPRIGHT, x.dtype)
-        cost = error @ (jnp.array(self.state_cost, x.dtype) * error) + self.torque_cost * (u @ u)
-        return -self.reward_scale * cost
+        return self.quadratic_reward(x, u)
 
     def step(self, state: PendulumState, action: Action, key: Key) -> Step[PendulumState]:
-        """Hold the torque for dt and advance the pendulum by one Runge-Kutta step.
+        """Hold the torque for dt and advance the pendulum by one Runge-Kutta step."""
+        return hold_torque(self, state, action, key)
 
-        Should the integrator diverge, which takes some 60 rad/s, the last good state is kept and truncated.
-        """
-        u = self.torque(action)
-        x = rk4_step(self.parameters, state.x, u, self.dt)
-        diverged = ~jnp.all(jnp.abs(x[2:]) < DIVERGED)
-        after = PendulumState(x=jnp.where(diverged, state.x, x), steps=state.steps + 1)
-        at_random = jax.random.bernoulli(key, self.truncation_probability)
-        return Step(
-            state=after,
-            observation=self.observe(after),
-            reward=self.reward(after.x, u),
-            terminated=jnp.array(False),
-            truncated=at_random | diverged | (after.steps >= self.max_steps),
-        )
+
+def hold_torque(
+    task: AbstractPendulumTask[PendulumState], state: PendulumState, action: Action, key: Key
+) -> Step[PendulumState]:
+    """A step on the ideal plant: the torque held for dt, and one Runge-Kutta step.
+
+    Should the integrator diverge, which takes some 60 rad/s, the last good state is kept and truncated.
+    """
+    u = task.torque(action)
+    x = rk4_step(task.parameters, state.x, u, task.dt)
+    diverged = ~jnp.all(jnp.abs(x[2:]) < DIVERGED)
+    after = PendulumState(x=jnp.where(diverged, state.x, x), steps=state.steps + 1)
+    at_random = jax.random.bernoulli(key, task.truncation_probability)
+    return Step(
+        state=after,
+        observation=task.observe(after),
+        reward=task.reward(after.x, u),
+        terminated=jnp.array(False),
+        truncated=at_random | diverged | (after.steps >= task.max_steps),
+    )

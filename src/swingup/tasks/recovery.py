@@ -6,17 +6,18 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..physics.dynamics import tip_height
-from ..types import Key, Scalar, State, Torque
-from .pendulum import PendulumState, PendulumTask
+from ..types import Action, Key, Observation, Scalar, State, Torque
+from .pendulum import AbstractPendulumTask, PendulumState, hold_torque
+from .task import Step
 
-HEIGHT = 0.9
+UP_FRACTION = 0.9
 """Fraction of l1 + l2 above which the tip counts as up; as in the benchmark's rules."""
-EDGE = 0.01
+LINE_WIDTH = 0.01
 """Width of the smoothed line above which the tip is up (m)."""
 
 
-class RecoveryTask(PendulumTask):
-    """Be up, from any of many given states; what costs is the time until then.
+class RecoveryTask(AbstractPendulumTask[PendulumState]):
+    """Be up, from any of many given states; the time until then costs.
 
     The quadratic cost is saturated, so that being fast on the way costs no more than being slow:
     r = -[(1 - w) (1 - exp(-cost / s)) + w down]. This is not the paper's reward; every number was chosen.
@@ -27,15 +28,23 @@ class RecoveryTask(PendulumTask):
     saturation: float = 0.3
     """s: a quadratic cost that is already large."""
     down_weight: float = 0.5
-    """w: share of the reward that only asks whether the tip is up."""
+    """w: share of the reward that depends only on whether the tip is up."""
 
     def reset(self, key: Key) -> PendulumState:
         """Any of the given states."""
         start = self.starts[jax.random.randint(key, (), 0, len(self.starts))]
         return PendulumState(x=start, steps=jnp.array(0))
 
+    def observe(self, state: PendulumState) -> Observation:
+        """Scaled angles and velocities."""
+        return self.observation(state.x)
+
     def reward(self, x: State, u: Torque) -> Scalar:
         """From -1, far down, to 0, upright at rest without torque."""
-        away = 1 - jnp.exp(super().reward(x, u) / self.saturation)
-        down = jax.nn.sigmoid((HEIGHT * self.parameters.length - tip_height(self.parameters, x)) / EDGE)
+        away = 1 - jnp.exp(self.quadratic_reward(x, u) / self.saturation)
+        down = jax.nn.sigmoid((UP_FRACTION * self.parameters.length - tip_height(self.parameters, x)) / LINE_WIDTH)
         return -((1 - self.down_weight) * away + self.down_weight * down)
+
+    def step(self, state: PendulumState, action: Action, key: Key) -> Step[PendulumState]:
+        """Hold the torque for dt and advance the pendulum by one Runge-Kutta step."""
+        return hold_torque(self, state, action, key)

@@ -1,4 +1,4 @@
-"""The real robot's task: friction, motors with limits, old and noisy measurements, and no two plants alike."""
+"""The task on the simulated robot: friction, limited motors, late and noisy measurements."""
 
 import equinox as eqx
 import jax
@@ -8,19 +8,23 @@ from jaxtyping import Array, Float
 from ..physics.integrate import rk4_step
 from ..physics.parameters import Parameters
 from ..policy.jax_backend.front_end import FrontEnd, FrontEndMemory
-from ..types import Action, Count, Flag, Key, Observation, State, Torque
-from .disturbance import Disturbance, Past, drive, measure, remember
-from .domain import DT, Domain
-from .pendulum import DIVERGED, PendulumState, PendulumTask
+from ..types import Action, Count, Flag, Key, Observation, Scalar, State, Torque
+from .disturbance import Disturbance, Past, measured_state, motor_torques, remember
+from .domain import LOOP_DT, Domain
+from .pendulum import DIVERGED, AbstractPendulumTask
 from .task import Step
 
 CALLS = 5
 """Steps of the loop in an action: the policy acts at 100 Hz."""
 
 
-class Sim2RealState(PendulumState):
-    """State of the task: plant, loop, and what the controller remembers."""
+class Sim2RealState(eqx.Module):
+    """State of the task: pendulum, plant, loop, and the front end's memory."""
 
+    x: State
+    """State of the pendulum, angles unwrapped (rad, rad/s)."""
+    steps: Count
+    """Steps since the last reset."""
     plant: Parameters
     disturbance: Disturbance
     u: Torque
@@ -34,74 +38,75 @@ class Sim2RealState(PendulumState):
     """Steps of the loop since the last reset."""
 
 
-class Sim2RealTask(PendulumTask):
+class Sim2RealTask(AbstractPendulumTask[Sim2RealState]):
     """Swing up and stay there on a plant that every episode draws from a domain, through the front end.
 
-    The loop runs at 500 Hz as on the robot, the policy acts at the task's rate: the front end sees every
+    The loop runs at 500 Hz as on the robot, the policy acts at the task's rate: the front end receives every
     measurement, and its friction compensation acts at every step. First states, reward and ends are the paper's.
     """
 
     domain: Domain = eqx.field(kw_only=True, static=True)
-    """What plants and loops are drawn from."""
+    """Ranges of plant and loop."""
     front_end: FrontEnd = eqx.field(kw_only=True)
-    """What stands between measurement, policy and motors."""
+    """Filter, dead-band and friction compensation between measurement, policy and motors."""
     estimated: bool = eqx.field(kw_only=True, static=True, default=False)
-    """A state estimator goes before the front end, and is taken to be right: neither delay nor noise is seen."""
+    """A state estimator stands before the front end. Training shows the true state, without delay and noise."""
 
     @property
     def unseen(self) -> list[str]:
-        """What the domain does to measurements, and training behind an estimator leaves out."""
+        """Disturbances of the domain's measurements that training behind an estimator leaves out."""
         highs = {name: high for name, _, high in self.domain.ranges}
         return [name for name in ("delay", "velocity_noise") if self.estimated and highs.get(name, 0.0) > 0]
-
-    @property
-    def shown_size(self) -> int:
-        """Length of what the front end shows the policy."""
-        return 4 * (1 + self.front_end.history) + self.front_end.torques
 
     def reset(self, key: Key) -> Sim2RealState:
         """Hang down, disturbed by noise, on a plant and in a loop drawn from the domain."""
         start_key, domain_key, noise_key = jax.random.split(key, 3)
-        start = super().reset(start_key)
+        x = self.hanging_start(start_key)
         plant, disturbance = self.domain.draw(domain_key, self.robot)
-        past = jnp.tile(start.x, (self.domain.depth, 1))
-        seen = self._seen(disturbance, past, jnp.array(0), jax.random.normal(noise_key, (2,)), start.x)
-        memory = self.front_end.begin(seen)
+        past = jnp.tile(x, (self.domain.depth, 1))
+        measured = self._measured(disturbance, past, jnp.array(0), jax.random.normal(noise_key, (2,)), x)
+        memory = self.front_end.begin(measured)
         rest = jnp.zeros(2)
-        return Sim2RealState(start.x, start.steps, plant, disturbance, rest, rest, past, memory, calls=jnp.array(0))
+        zero = jnp.array(0)
+        return Sim2RealState(x, zero, plant, disturbance, rest, rest, past, memory, calls=zero)
 
-    def _seen(self, disturbance: Disturbance, past: Past, call: Count, noise: Float[Array, "2"], x: State) -> State:
-        """What the front end is given at a call, for noise of deviation 1 and the present state."""
-        return x if self.estimated else measure(disturbance, past, call, disturbance.velocity_noise * noise)
+    def _measured(
+        self, disturbance: Disturbance, past: Past, call: Count, noise: Float[Array, "2"], x: State
+    ) -> State:
+        """Input of the front end at a call, for noise of deviation 1 and the present state x."""
+        return x if self.estimated else measured_state(disturbance, past, call, disturbance.velocity_noise * noise)
 
-    def observe(self, state: PendulumState) -> Observation:
-        """What the front end shows, scaled."""
-        assert isinstance(state, Sim2RealState)
-        return self.observation(self.front_end.shown(state.memory))
+    def observe(self, state: Sim2RealState) -> Observation:
+        """Output of the front end, scaled."""
+        return self.observation(state.memory.seen)
 
-    def step(self, state: PendulumState, action: Action, key: Key) -> Step[PendulumState]:
+    def reward(self, x: State, u: Torque) -> Scalar:
+        """The paper's, of the state after the step and the policy's torque (N m)."""
+        return self.quadratic_reward(x, u)
+
+    def step(self, state: Sim2RealState, action: Action, key: Key) -> Step[Sim2RealState]:
         """Hold the policy's torque for dt: steps of the loop at 500 Hz, each with a measurement and its noise.
 
         Should the integrator diverge, the last good state is kept and truncated.
         """
-        assert isinstance(state, Sim2RealState)
         noise_key, end_key = jax.random.split(key)
         noises = jax.random.normal(noise_key, (CALLS, 4), action.dtype)
         limits = jnp.array([state.plant.tl1, state.plant.tl2])
-        asked = self.torque(action)
+        wanted = self.torque(action)
 
         def loop(now: Sim2RealState, noise: Float[Array, "4"]) -> tuple[Sim2RealState, Flag]:
-            memory = self.front_end.remember(now.memory, action[0])
-            command = self.front_end.command(memory, jnp.sum(asked), self.robot)
-            time = now.calls * DT
+            command = self.front_end.command(now.memory, jnp.sum(wanted), self.robot)
+            time = now.calls * LOOP_DT
             torque_noise = now.disturbance.torque_noise * noise[2:]
-            u, motors = drive(now.disturbance, command, now.motors, time, torque_noise, limits, now.x[:2], DT)
-            x = rk4_step(now.plant, now.x, u, DT)
+            u, motors = motor_torques(
+                now.disturbance, command, now.motors, time, torque_noise, limits, now.x[:2], LOOP_DT
+            )
+            x = rk4_step(now.plant, now.x, u, LOOP_DT)
             diverged = ~jnp.all(jnp.abs(x[2:]) < DIVERGED)
             x = jnp.where(diverged, now.x, x)
             call = now.calls + 1
             past = remember(now.past, call, x)
-            memory = self.front_end.measure(memory, self._seen(now.disturbance, past, call, noise[:2], x))
+            memory = self.front_end.measure(now.memory, self._measured(now.disturbance, past, call, noise[:2], x))
             after = Sim2RealState(x, now.steps, now.plant, now.disturbance, u, motors, past, memory, call)
             return after, diverged
 
@@ -111,7 +116,7 @@ class Sim2RealTask(PendulumTask):
         return Step(
             state=after,
             observation=self.observe(after),
-            reward=self.reward(after.x, asked),
+            reward=self.reward(after.x, wanted),
             terminated=jnp.array(False),
             truncated=at_random | jnp.any(diverged) | (after.steps >= self.max_steps),
         )

@@ -8,11 +8,13 @@ import itertools
 import numpy as np
 
 from ...errors import SwingupError
+from ...physics.equations import COULOMB_STEEPNESS
 from ...robots import TORQUE_LIMIT
 from ...version import __version__
-from ..file import NormaliseStage, PendulumPolicy, PendulumStage, Stage
+from ..pendulum import PendulumPolicy
 from ..plant import nominal_plant
-from ..settings import LOST, STEEPNESS, EstimatorSettings, FrontEndSettings, kalman_gains
+from ..settings import LOST, PIECES, EstimatorSettings, FrontEndSettings, kalman_gains
+from ..stages import NormaliseStage, PendulumStage, Stage
 from ..template import NAME, asset, check_name, fill
 
 LAYER = """\
@@ -39,24 +41,18 @@ static inline void swingup_layer_{index}(const swingup_real x[{inputs}], swingup
 
 WRAPPED = """\
     for (i = 0; i < 2; i++) {
-        double angle = fmod(x[@FROM@ + i], 2.0 * SWINGUP_PI);
+        double angle = fmod(x[i], 2.0 * SWINGUP_PI);
         angle = angle < 0.0 ? angle + 2.0 * SWINGUP_PI : angle;
-        observation[@TO@ + i] = (angle - SWINGUP_PI) / SWINGUP_PI;
-        observation[@TO@ + i + 2] = swingup_clip(x[@FROM@ + i + 2], @SCALE@) / @SCALE@;
+        observation[i] = (angle - SWINGUP_PI) / SWINGUP_PI;
+        observation[i + 2] = swingup_clip(x[i + 2], @SCALE@) / @SCALE@;
     }
 """
 
 SINCOS = """\
     for (i = 0; i < 2; i++) {
-        observation[@TO@ + 2 * i] = sin(x[@FROM@ + i]);
-        observation[@TO@ + 2 * i + 1] = cos(x[@FROM@ + i]);
-        observation[@TO@ + i + 4] = swingup_clip(x[@FROM@ + i + 2], @SCALE@) / @SCALE@;
-    }
-"""
-
-TORQUES = """\
-    for (i = 0; i < @COUNT@; i++) {
-        observation[@TO@ + i] = x[4 + i];
+        observation[2 * i] = sin(x[i]);
+        observation[2 * i + 1] = cos(x[i]);
+        observation[i + 4] = swingup_clip(x[i + 2], @SCALE@) / @SCALE@;
     }
 """
 
@@ -79,7 +75,7 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
         SwingupError: the name is no identifier, or the policy has an observation that this program does not write.
     """
     check_name(name)
-    layers = policy.file.layers
+    layers = policy.network.layers
     names = ["input", *(f"layer_{index}" for index in range(len(layers)))]
     sizes = [len(layer.bias) for layer in layers]
     fronts = {"state estimator": policy.estimator, "front end": policy.front_end}
@@ -89,14 +85,13 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
         "ABOUT": f"{about}, written by swingup {__version__}.".capitalize(),
         "RATE": f"every {policy.period:g} s" if policy.period else "at the loop's rate",
         "PASSIVE": "for its friction" if policy.front_end else "0",
-        "SHOWN": str(policy.stage.input_size),
         "DRIVEN": str(policy.robot.joint),
         "TORQUE_LIMIT": repr(policy.torque_limit),
         "INPUTS": str(layers[0].weight.shape[1]),
         "ARRAYS": "\n\n".join(_arrays(index, layer.weight, layer.bias) for index, layer in enumerate(layers)),
         "LAYERS": "\n".join(_layer(index, len(layers), layer.weight) for index, layer in enumerate(layers)),
         "BUFFERS": "\n".join(f"    swingup_real {name}[{n}];" for name, n in zip(names[1:], sizes, strict=True)),
-        "OBSERVE": "".join(map(_observe, policy.file.stages)).rstrip("\n"),
+        "OBSERVE": "".join(map(_observe, policy.network.stages)).rstrip("\n"),
         "CALLS": "\n".join(
             f"    swingup_layer_{index}({before}, {after});"
             for index, (before, after) in enumerate(itertools.pairwise(names))
@@ -112,30 +107,23 @@ def _controller(policy: PendulumPolicy) -> str:
     front_end, estimator = policy.front_end, policy.estimator
     inside, outside = asset(__package__, "alone.h"), asset(__package__, "direct.h")
     if front_end is not None:
-        inside = fill(asset(__package__, "front_end.h"), _front_end_values(front_end, policy.stage))
+        inside = fill(asset(__package__, "front_end.h"), _front_end_values(front_end))
     if estimator is not None:
         outside = fill(asset(__package__, "estimator.h"), _estimator_values(estimator))
     return f"{inside}\n{outside}"
 
 
-def _front_end_values(settings: FrontEndSettings, stage: PendulumStage) -> dict[str, str]:
+def _front_end_values(settings: FrontEndSettings) -> dict[str, str]:
     numbers = {
         "PERIOD": settings.dt,
         "WEIGHT": settings.velocity_weight,
         "DEAD_BAND": settings.dead_band,
-        "STEEPNESS": STEEPNESS,
+        "STEEPNESS": COULOMB_STEEPNESS,
         "PASSIVE_LIMIT": settings.passive_limit,
-    }
-    counts = {
-        "SPACING": settings.spacing,
-        "TORQUES": stage.torques,
-        "HISTORY": stage.history,
-        "SHOWN": stage.input_size,
     }
     pairs = {"DAMPING": settings.damping, "COULOMB": settings.coulomb}
     texts = {name: repr(float(value)) for name, value in numbers.items()}
-    texts |= {name: _braces(np.array(pair, np.float64)) for name, pair in pairs.items()}
-    return texts | {name: str(count) for name, count in counts.items()}
+    return texts | {name: _braces(np.array(pair, np.float64)) for name, pair in pairs.items()}
 
 
 def _estimator_values(settings: EstimatorSettings) -> dict[str, str]:
@@ -158,7 +146,7 @@ def _estimator_values(settings: EstimatorSettings) -> dict[str, str]:
         "LOST": LOST * settings.velocity_noise,
     }
     texts = {name: repr(float(value)) for name, value in numbers.items()}
-    return texts | {"DEPTH": str(settings.longest_dead_time + 1)}
+    return texts | {"DEPTH": str(settings.max_delay_steps + 1), "PIECES": str(PIECES)}
 
 
 def _observe(stage: Stage) -> str:
@@ -171,15 +159,7 @@ def _observe(stage: Stage) -> str:
 
 
 def _pendulum(stage: PendulumStage) -> str:
-    text, size = (WRAPPED, 4) if stage.angles == "wrapped" else (SINCOS, 6)
-    scale = repr(float(stage.velocity_scale))
-    parts = [fill(text, {"FROM": "0", "TO": "0", "SCALE": scale})]
-    if stage.torques:
-        parts.append(fill(TORQUES, {"TO": str(size), "COUNT": str(stage.torques)}))
-    for number in range(1, stage.history + 1):
-        places = {"FROM": str(4 * number + stage.torques), "TO": str(size * number + stage.torques)}
-        parts.append(fill(text, places | {"SCALE": scale}))
-    return "".join(parts)
+    return fill(WRAPPED if stage.angles == "wrapped" else SINCOS, {"SCALE": repr(stage.velocity_scale)})
 
 
 def _arrays(index: int, weight: np.ndarray, bias: np.ndarray) -> str:

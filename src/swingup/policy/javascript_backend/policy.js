@@ -41,7 +41,7 @@
     return output;
   }
 
-  /** From the page's data to a function of a state that gives the torques [u1, u2] (N m). */
+  /** From what page.py gives to a function of a state that gives the torques [u1, u2] (N m). */
   function makePolicy(spec, driven) {
     const layers = spec.layers.map(({ weight, bias }) => ({ weight: decode(weight), bias: decode(bias) }));
     return (x) => {
@@ -52,7 +52,8 @@
           features.forEach((value, i) => (features[i] = Math.max(0, value)));
         }
       });
-      const torque = spec.torque_limit * Math.tanh(features[0]);
+      // What is clipped must not hide a number that is not finite.
+      const torque = x.every(Number.isFinite) ? spec.torque_limit * Math.tanh(features[0]) : NaN;
       return driven === 0 ? [torque, 0] : [0, torque];
     };
   }

@@ -1,8 +1,6 @@
-"""A learned policy as a controller of the pendulum."""
+"""A policy as a controller of the pendulum in JAX, from its file to the loop."""
 
-import dataclasses
 from collections.abc import Mapping
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +9,14 @@ import jax.numpy as jnp
 
 from ...areapo.networks import Actor
 from ...control.controller import AbstractController
-from ...physics.parameters import Robot
-from ...types import Observation, Scalar, State, Torque
-from ..file import read_pendulum_policy
-from ..settings import FRONT_END
-from ..shipped import REFINED, shipped_file
+from ...physics.parameters import leaderboard_parameters
+from ...robots import Robot, get_robot
+from ...types import Scalar, State, Torque
+from ..pendulum import PendulumPolicy, read_pendulum_policy, write_pendulum_policy
+from ..shipped import REFINED, read_policy
+from .estimator import EstimatingController, with_estimator
 from .front_end import FrontEnd, FrontEndMemory, choose
-from .policy import Policy, make_policy, save_policy
+from .policy import Policy, make_policy, network_of
 
 
 class PolicyMemory(eqx.Module):
@@ -32,40 +31,59 @@ class PolicyController(AbstractController[PolicyMemory | None]):
     """The deterministic policy, called at whatever rate the loop runs; only a front end remembers anything."""
 
     policy: Policy[Actor]
-    """From a state [q1, q2, dq1, dq2], or what the front end shows, to an action in [-1, 1]."""
+    """From a state [q1, q2, dq1, dq2] to an action in [-1, 1]."""
     torque_limit: float
     """Torque of an action of 1 (N m)."""
     robot: Robot = eqx.field(static=True)
     """Which joint is driven."""
     front_end: FrontEnd | None = None
-    """What stands between measurement, policy and motors, if anything."""
+    """Filter and friction compensation, if any."""
 
     def init(self) -> PolicyMemory | None:
         """Nothing measured yet."""
-        return (
-            None
-            if self.front_end is None
-            else PolicyMemory(jnp.array(-jnp.inf), self.front_end.begin(jnp.zeros(4)))
-        )
+        if self.front_end is None:
+            return None
+        return PolicyMemory(jnp.array(-jnp.inf), self.front_end.begin(jnp.zeros(4)))
 
     def __call__(self, carry: PolicyMemory | None, t: Scalar, x: State) -> tuple[PolicyMemory | None, Torque]:
         """The policy's torque on the driven joint, and the front end's on both."""
-        if self.front_end is None:
+        if self.front_end is None or carry is None:
             return None, self._torque(x) * jnp.array(self.robot.actuation, x.dtype)
-        assert carry is not None
         pause, before = t - carry.time, carry.front_end
         going_on = (pause >= 0) & (pause <= 1.5 * self.front_end.settings.dt)
-        going_on &= jnp.isfinite(before.past[0]).all() & jnp.isfinite(x).all()
+        going_on &= jnp.isfinite(before.seen).all() & jnp.isfinite(x).all()
         memory = choose(going_on, self.front_end.measure(before, x), self.front_end.begin(x))
-        torque = self._torque(self.front_end.shown(memory))
-        command = self.front_end.command(memory, torque, self.robot)
-        memory = self.front_end.remember(memory, torque / self.torque_limit)
+        command = self.front_end.command(memory, self._torque(memory.seen), self.robot)
         return PolicyMemory(jnp.asarray(t, carry.time.dtype), memory), command
 
-    def _torque(self, seen: Observation) -> Scalar:
+    def _torque(self, seen: State) -> Scalar:
         """NaN if anything seen is not finite: what is clipped must not hide it."""
         torque = self.torque_limit * self.policy(seen).astype(seen.dtype)[0]
         return jnp.where(jnp.isfinite(seen).all(), torque, jnp.nan)
+
+
+def make_controller(
+    policy: PendulumPolicy, estimator: bool | None = None
+) -> PolicyController | EstimatingController:
+    """Make a controller of a policy.
+
+    Args:
+        policy: what the file holds.
+        estimator: as the file asks (None), never (False) or always (True, by default with default settings). Its
+            model is the leaderboard's plant.
+    """
+    alone = _alone(policy)
+    wanted = policy.estimator is not None if estimator is None else estimator
+    if not wanted:
+        return alone
+    return with_estimator(alone, policy.robot, leaderboard_parameters(policy.robot), policy.estimator)
+
+
+def policy_of(controller: PolicyController) -> PendulumPolicy:
+    """What a file holds of a controller; it asks for no estimator."""
+    settings = None if controller.front_end is None else controller.front_end.settings
+    network = network_of(controller.policy)
+    return PendulumPolicy(network, controller.robot, float(controller.torque_limit), front_end=settings)
 
 
 def save_controller(path: str | Path, controller: PolicyController, provenance: Mapping[str, Any]) -> None:
@@ -76,10 +94,7 @@ def save_controller(path: str | Path, controller: PolicyController, provenance: 
     Raises:
         SwingupError: the file cannot be written.
     """
-    head: dict[str, Any] = {"robot": controller.robot.name, "torque_limit": float(controller.torque_limit)}
-    if controller.front_end is not None:
-        head[FRONT_END] = dataclasses.asdict(controller.front_end.settings)
-    save_policy(path, controller.policy, {**head, **provenance})
+    write_pendulum_policy(path, policy_of(controller), provenance)
 
 
 def load_policy(path: str | Path, robot: Robot | str | None = None) -> tuple[PolicyController, dict[str, Any]]:
@@ -95,11 +110,8 @@ def load_policy(path: str | Path, robot: Robot | str | None = None) -> tuple[Pol
         SwingupError: the file cannot be read, is no policy of a pendulum, asks for an impossible estimator, or is
             for another robot.
     """
-    read = read_pendulum_policy(path, robot)
-    settings, seen = read.front_end, read.stage
-    front_end = None if settings is None else FrontEnd(settings, seen.torques, seen.history)
-    policy = make_policy(read.file)
-    return PolicyController(policy, read.torque_limit, read.robot, front_end), dict(read.metadata)
+    policy = read_pendulum_policy(path, robot)
+    return _alone(policy), dict(policy.metadata)
 
 
 def shipped_policy(robot: Robot | str, name: str = REFINED) -> tuple[PolicyController, dict[str, Any]]:
@@ -112,5 +124,10 @@ def shipped_policy(robot: Robot | str, name: str = REFINED) -> tuple[PolicyContr
     Raises:
         SwingupError: there is no such robot or policy, or the package lacks the file.
     """
-    with resources.as_file(shipped_file(robot, name)) as path:
-        return load_policy(path, robot)
+    policy = read_policy(name, get_robot(robot))
+    return _alone(policy), dict(policy.metadata)
+
+
+def _alone(policy: PendulumPolicy) -> PolicyController:
+    front_end = None if policy.front_end is None else FrontEnd(policy.front_end)
+    return PolicyController(make_policy(policy.network), policy.torque_limit, policy.robot, front_end)

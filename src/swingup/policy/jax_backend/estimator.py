@@ -1,9 +1,10 @@
-"""A state estimator before a controller: it knows the nominal model, the torques asked for, and what is measured.
+"""A state estimator before a controller: from the nominal model, the commanded torques and the measurements.
 
 Encoders are good and velocities are noisy, on the real robots as in the robustness benchmark. A Kalman filter takes
-velocities mostly from successive positions and the model. The loop may hold dead time (an old measurement, a slow
-motor): a bank of such filters, one for each dead time, tells which explains the measured motion best, and the
-estimate is carried ahead over that time with the torques that are still on their way.
+velocities mostly from successive positions and the model. The loop may have a delay (an old measurement, a slow
+motor): a bank of such filters, one for each delay, tells which explains the measured motion best, and the estimate
+is carried ahead over that time with the torques that are still on their way. The steps are those of
+``docs/policy-format.md``.
 """
 
 import math
@@ -21,7 +22,7 @@ from ...physics.dynamics import acceleration
 from ...physics.integrate import midpoint_step
 from ...physics.parameters import Parameters, Robot
 from ...types import Count, Flag, Scalar, State, Torque
-from ..settings import LOST, EstimatorSettings, kalman_gains
+from ..settings import LOST, PIECES, EstimatorSettings, kalman_gains
 
 
 class EstimatorMemory(eqx.Module):
@@ -30,15 +31,15 @@ class EstimatorMemory(eqx.Module):
     time: Scalar
     """Time of the last call (s), -inf before the first."""
     state: State
-    """Estimate of the measured state, which is as old as the dead time."""
+    """Estimate of the measured state, which is as old as the delay."""
     torques: Float[Array, "depth"]
-    """Torques asked for, newest first (N m)."""
+    """Commanded torques, newest first (N m)."""
     deviations: Float[Array, "depth 4"]
-    """The bank: what the filter with each dead time estimates besides ``state``."""
+    """The bank: what the filter with each delay estimates besides ``state``."""
     surprise: Float[Array, "depth"]
-    """Evidence against each dead time, the lower the better."""
-    dead_time: Count
-    """The dead time found (steps)."""
+    """Evidence against each delay, the lower the better."""
+    delay_steps: Count
+    """The delay found (steps)."""
     controller: Any
     """What the controller behind remembers."""
 
@@ -60,29 +61,29 @@ class EstimatingController(AbstractController[EstimatorMemory]):
 
     def init(self) -> EstimatorMemory:
         """Nothing seen yet."""
-        depth = self.settings.longest_dead_time + 1
+        depth = self.settings.max_delay_steps + 1
         return EstimatorMemory(
             time=jnp.array(-jnp.inf),
             state=jnp.zeros(4),
             torques=jnp.zeros(depth),
             deviations=jnp.zeros((depth, 4)),
             surprise=jnp.zeros(depth),
-            dead_time=jnp.array(0),
+            delay_steps=jnp.array(0),
             controller=self.controller.init(),
         )
 
     def __call__(self, carry: EstimatorMemory, t: Scalar, x: State) -> tuple[EstimatorMemory, Torque]:
         """The controller's torques for the estimated state (N m); x is the measurement."""
-        pause, usual = jnp.asarray(t, carry.time.dtype) - carry.time, self.settings.dt
-        late = ~((pause >= 0) & (pause <= 1.5 * usual))
-        dt = jnp.where(late | (pause == 0), usual, pause)
+        pause, period = jnp.asarray(t, carry.time.dtype) - carry.time, self.settings.dt
+        late = ~((pause >= 0) & (pause <= 1.5 * period))
+        dt = jnp.where(late | (pause == 0), period, pause)
         followed = self._follow(carry, x, dt)
         # What is not finite fails the comparison, and is lost.
         kept = jnp.all(jnp.abs(x - followed.state)[2:] <= LOST * self.settings.velocity_noise)
-        anew = late | ~kept
-        memory = _choose(anew, self._restart(carry, x), followed)
+        restarts = late | ~kept
+        memory = _choose(restarts, self._restart(carry, x), followed)
         ahead = self._ahead(memory, dt)
-        seen = _choose(anew | ~jnp.all(jnp.isfinite(ahead)), x, ahead)
+        seen = _choose(restarts | ~jnp.all(jnp.isfinite(ahead)), x, ahead)
         inner, u = self.controller(carry.controller, t, seen)
         joint, limits = self.robot.joint, (self.parameters.tl1, self.parameters.tl2)
         newest = jnp.clip(u[joint], -limits[joint], limits[joint])
@@ -91,7 +92,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         return replace(memory, time=now, torques=torques, controller=inner), u
 
     def _restart(self, memory: EstimatorMemory, x: State) -> EstimatorMemory:
-        """Believe the measurement; only what was learned of the dead time is kept."""
+        """Believe the measurement; only the evidence on the delay is kept."""
         torques, deviations = jnp.zeros_like(memory.torques), jnp.zeros_like(memory.deviations)
         return replace(memory, state=x, torques=torques, deviations=deviations)
 
@@ -102,7 +103,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         deviations follow from a double integrator, and no filter but the one in charge needs the model.
         """
         dt, driven = dt.astype(x.dtype), jnp.array(self.robot.actuation, x.dtype)
-        torque = memory.torques[memory.dead_time]
+        torque = memory.torques[memory.delay_steps]
         predicted = midpoint_step(self.parameters, memory.state, torque * driven, dt)
         miss = x - predicted
         miss = miss.at[:2].set(_nearest(miss[:2]))
@@ -116,16 +117,16 @@ class EstimatingController(AbstractController[EstimatorMemory]):
 
         scaled = jnp.sum(misses[:, :2] ** 2, axis=1) / self.settings.residual_scale**2
         surprise = self.fading * memory.surprise + jnp.log1p(scaled)
-        dead_time = jnp.argmin(surprise + self.settings.caution * jnp.arange(len(surprise)))
+        delay_steps = jnp.argmin(surprise + self.settings.caution * jnp.arange(len(surprise)))
 
         deviations = drifted - self._correction(drifted)
-        in_charge = deviations[dead_time]
+        in_charge = deviations[delay_steps]
         return replace(
             memory,
             state=predicted + self._correction(miss) + in_charge,
             deviations=deviations - in_charge,
             surprise=surprise,
-            dead_time=dead_time.astype(memory.dead_time.dtype),
+            delay_steps=delay_steps.astype(memory.delay_steps.dtype),
         )
 
     def _correction(self, miss: Float[Array, "*n 4"]) -> Float[Array, "*n 4"]:
@@ -137,13 +138,12 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         )
 
     def _ahead(self, memory: EstimatorMemory, dt: Scalar) -> State:
-        """The state after the dead time, steps of dt (s), in four with the mean of the torques that act in each."""
-        pieces = 4
+        """The state after the delay, steps of dt (s), in pieces with the mean of the torques that act in each."""
         driven = jnp.array(self.robot.actuation, memory.state.dtype)
-        steps = memory.dead_time.astype(memory.state.dtype) / pieces
+        steps = memory.delay_steps.astype(memory.state.dtype) / PIECES
         ages = jnp.arange(len(memory.torques))
         x = memory.state
-        for left in range(pieces, 0, -1):
+        for left in range(PIECES, 0, -1):
             # How much of each torque's step lies in the piece: it began and will end so many steps ago.
             within = jnp.clip(left * steps - ages, 0, 1) - jnp.clip((left - 1) * steps - ages, 0, 1)
             torque = jnp.sum(within * memory.torques) / jnp.maximum(steps, 1e-6)

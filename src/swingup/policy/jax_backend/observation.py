@@ -1,15 +1,14 @@
-"""How a policy sees the pendulum's state; the same code serves training, judging and control."""
+"""The stages of an observation in JAX; the same code serves training, judging and control."""
 
 import abc
 from typing import Literal, get_args
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...errors import SwingupError
-from ...types import Observation, State
+from ...checks import one_of
+from ...types import Observation
 
 Angles = Literal["wrapped", "sincos"]
 
@@ -27,46 +26,25 @@ class PendulumObservation(AbstractStage):
 
     ``wrapped`` is the paper's [(q1 mod 2π - π)/π, (q2 mod 2π - π)/π, dq1/s, dq2/s] (after Zhang et al.): upright
     lies on its jump at q2 = 0. ``sincos`` is [sin q1, cos q1, sin q2, cos q2, dq1/s, dq2/s], which has no jump.
-    Velocities are clipped to ±s first. A front end with a memory (``front_end.py``) shows more than a state: its
-    past torques are passed on as they are, its earlier states are observed like the present one.
+    Velocities are clipped to ±s first.
     """
 
     velocity_scale: float = 20.0
     """s: velocities are clipped to ± this and divided by it (rad/s)."""
     angles: Angles = eqx.field(static=True, default="wrapped")
     """How the angles are encoded."""
-    torques: int = eqx.field(static=True, default=0)
-    """How many past torques follow the state."""
-    history: int = eqx.field(static=True, default=0)
-    """How many earlier states follow these."""
 
     def __check_init__(self) -> None:
         """Refuse an unknown encoding."""
-        if self.angles not in get_args(Angles):
-            raise SwingupError(f"unknown angle encoding {self.angles!r}: use one of {', '.join(get_args(Angles))}")
+        one_of("angle encoding", self.angles, get_args(Angles))
 
     @property
     def size(self) -> int:
         """Length of the observation."""
-        return (4 if self.angles == "wrapped" else 6) * (1 + self.history) + self.torques
+        return 4 if self.angles == "wrapped" else 6
 
     def __call__(self, observation: Observation) -> Observation:
-        """Observe a state [q1, q2, dq1, dq2] (rad, rad/s), and what is remembered, if anything.
-
-        Every entry of the result lies in [-1, 1].
-        """
-        if self.torques + self.history == 0:
-            return self._state(observation)
-        earlier = observation[4 + self.torques :].reshape(self.history, 4)
-        return jnp.concatenate(
-            [
-                self._state(observation[:4]),
-                observation[4 : 4 + self.torques],
-                jax.vmap(self._state)(earlier).reshape(-1),
-            ]
-        )
-
-    def _state(self, observation: State) -> Observation:
+        """Observe a state [q1, q2, dq1, dq2] (rad, rad/s); every entry of the result lies in [-1, 1]."""
         q, rates = observation[:2], observation[2:]
         velocities = jnp.clip(rates, -self.velocity_scale, self.velocity_scale) / self.velocity_scale
         if self.angles == "wrapped":

@@ -1,7 +1,4 @@
-"""A policy: observation stages followed by the actor, in one documented file without pickle.
-
-The file is a NumPy ``.npz``: named arrays and JSON metadata; ``docs/policy-format.md`` describes it.
-"""
+"""A policy in JAX: observation stages followed by the actor, from a file's arrays and back."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,17 +12,12 @@ from jaxtyping import Array, Float, Shaped
 
 from ...areapo.act import decide
 from ...areapo.networks import AbstractActor, Actor, CategoricalActor, Linear
-from ...arrays import save_archive
+from ...errors import SwingupError
 from ...types import Action, Key, Observation
-from ..file import FORMAT, FORMAT_VERSION, STAGES, Layer, PolicyFile, read_policy_file
+from ..file import read_network, write_network
+from ..network import Layer, Network
+from ..stages import NormaliseStage, PendulumStage, Stage
 from .observation import AbstractStage, Normalise, PendulumObservation
-
-_KINDS: dict[type, type[AbstractStage]] = {
-    STAGES["pendulum"]: PendulumObservation,
-    STAGES["normalise"]: Normalise,
-}
-"""From a file's stages to those that compute; both have the same fields."""
-
 
 ActorT = TypeVar("ActorT", bound=AbstractActor)
 
@@ -48,8 +40,8 @@ class Policy(eqx.Module, Generic[ActorT]):
         """The deterministic action: each entry in [-1, 1], or a whole number if actions are discrete.
 
         The network's weights are float32 numbers, its arithmetic has the observation's precision: where that is
-        double, as in the judge, every runtime arrives at the same torque, within what short sums in single
-        precision are worth (:class:`.networks.Linear`).
+        double, as in the judge, every back end arrives at the same torque but for what short sums in single
+        precision cost (:class:`swingup.areapo.networks.Linear`).
         """
         return self.actor.mode(self.observe(observation))
 
@@ -60,19 +52,7 @@ def save_policy(path: str | Path, policy: Policy[Any], metadata: Mapping[str, An
     Raises:
         SwingupError: the file cannot be written.
     """
-    stages: list[dict[str, Any]] = []
-    arrays: dict[str, np.ndarray] = {}
-    for index, stage in enumerate(policy.stages):
-        entry: dict[str, Any] = {"name": _stage_name(stage)}
-        for name, value in vars(stage).items():
-            if np.ndim(value) == 0:
-                entry[name] = np.asarray(value).item()
-            else:
-                arrays[f"observation.{index}.{name}"] = np.asarray(value, np.float64)
-        stages.append(entry)
-    arrays |= {f"network.{name}": np.asarray(value) for name, value in _actor_arrays(policy.actor).items()}
-    head = {"choices": list(policy.actor.choices)} if isinstance(policy.actor, CategoricalActor) else {}
-    save_archive(path, FORMAT, FORMAT_VERSION, {"observation": stages, **head, **metadata}, arrays)
+    write_network(path, network_of(policy), metadata)
 
 
 def load_policy(path: str | Path) -> tuple[Policy[Any], dict[str, Any]]:
@@ -81,38 +61,31 @@ def load_policy(path: str | Path) -> tuple[Policy[Any], dict[str, Any]]:
     Raises:
         SwingupError: the file cannot be read, is truncated, or is not a policy file of this version.
     """
-    file, metadata = read_policy_file(path)
-    return make_policy(file), metadata
+    network, metadata = read_network(path)
+    return make_policy(network), metadata
 
 
-def make_policy(file: PolicyFile) -> Policy[Any]:
+def make_policy(network: Network) -> Policy[Any]:
     """The policy that a file holds."""
-    trunk, head, std = tuple(map(_linear, file.trunk)), _linear(file.head), file.std
-    stages = tuple(_KINDS[type(stage)](**vars(stage)) for stage in file.stages)
-    if file.choices is not None:
-        return Policy(stages, CategoricalActor(trunk, head, file.choices))
+    stages, std = tuple(map(_stage, network.stages)), network.std
+    trunk, head = tuple(map(_linear, network.trunk)), _linear(network.head)
+    if network.choices is not None:
+        return Policy(stages, CategoricalActor(trunk, head, network.choices))
     return Policy(stages, Actor(trunk, head, None if std is None else _linear(std)))
 
 
-def _stage_name(stage: AbstractStage) -> str:
-    return next(name for name, kind in STAGES.items() if type(stage) is _KINDS[kind])
+def network_of(policy: Policy[Any]) -> Network:
+    """What a file holds of a policy.
 
-
-def _heads(actor: AbstractActor) -> dict[str, Linear]:
-    """The output layers by their names in the file."""
+    Raises:
+        SwingupError: a stage is none that a file can hold.
+    """
+    actor, stages = policy.actor, tuple(map(_stage_of, policy.stages))
+    trunk = tuple(map(_layer_of, actor.trunk))
     if isinstance(actor, CategoricalActor):
-        return {"logits": actor.logits_head}
-    assert isinstance(actor, Actor)
-    return {"mean": actor.mean_head} | ({} if actor.std_head is None else {"std": actor.std_head})
-
-
-def _actor_arrays(actor: AbstractActor) -> dict[str, Any]:
-    layers = {f"trunk.{index}": layer for index, layer in enumerate(actor.trunk)} | _heads(actor)
-    return {f"{name}.{part}": getattr(layer, part) for name, layer in layers.items() for part in ("weight", "bias")}
-
-
-def _linear(layer: Layer) -> Linear:
-    return Linear(layer.weight, layer.bias)  # type: ignore[arg-type]  # JAX takes NumPy's arrays
+        return Network(stages, trunk, _layer_of(actor.logits_head), choices=actor.choices)
+    std = None if actor.std_head is None else _layer_of(actor.std_head)
+    return Network(stages, trunk, _layer_of(actor.mean_head), std)
 
 
 def act(
@@ -130,3 +103,26 @@ def _modes(policy: Policy[Any], observations: Float[Array, "b n"]) -> Shaped[Arr
 @jax.jit
 def _samples(policy: Policy[Any], observations: Float[Array, "b n"], key: Key) -> Shaped[Array, "b m"]:
     return decide(policy.actor, jax.vmap(policy.observe)(observations), key).actions
+
+
+def _stage(stage: Stage) -> AbstractStage:
+    if isinstance(stage, PendulumStage):
+        return PendulumObservation(stage.velocity_scale, stage.angles)  # type: ignore[arg-type]  # checked
+    return Normalise(stage.mean, stage.variance, stage.clip, stage.epsilon)  # type: ignore[arg-type]  # as NumPy's
+
+
+def _stage_of(stage: AbstractStage) -> Stage:
+    if isinstance(stage, PendulumObservation):
+        return PendulumStage(stage.angles, float(stage.velocity_scale))
+    if isinstance(stage, Normalise):
+        mean, variance = (np.asarray(values, np.float64) for values in (stage.mean, stage.variance))
+        return NormaliseStage(mean, variance, float(stage.clip), float(stage.epsilon))
+    raise SwingupError(f"a policy file has no stage {type(stage).__name__}: use PendulumObservation and Normalise")
+
+
+def _linear(layer: Layer) -> Linear:
+    return Linear(layer.weight, layer.bias)  # type: ignore[arg-type]  # JAX takes NumPy's arrays
+
+
+def _layer_of(linear: Linear) -> Layer:
+    return Layer(np.asarray(linear.weight), np.asarray(linear.bias))

@@ -1,27 +1,27 @@
-"""A policy file as a controller: what runs on the robot, with NumPy alone."""
+"""A policy as a controller by NumPy alone: what runs on the robot."""
 
 from pathlib import Path
 
 import numpy as np
 
 from ...robots import TORQUE_LIMIT, Robot
-from ..file import PendulumPolicy
+from ..pendulum import PendulumPolicy
 from ..plant import nominal_plant
 from ..settings import EstimatorSettings
 from ..shipped import read_policy
 from .estimator import NumpyEstimator
 from .front_end import NumpyFrontEnd
-from .network import NumpyPolicy
+from .network import NumpyNetwork
 
 
-class RuntimeController:
-    """A policy, behind an estimator or a front end where its file asks for one: a function of (x, t) with a memory.
+class NumpyController:
+    """A policy, behind an estimator or a front end where its file asks for one; see ``policy/contract.py``.
 
-    ``reset()`` clears the memory. Use one object for one pendulum, in one thread.
+    Use one object for one pendulum, in one thread.
     """
 
     def __init__(self, policy: PendulumPolicy, estimator: bool | None = None) -> None:
-        """Make a controller of a policy file.
+        """Make a controller of a policy.
 
         Args:
             policy: what the file holds.
@@ -30,15 +30,10 @@ class RuntimeController:
         self.policy = policy
         settings = policy.estimator or EstimatorSettings()
         wanted = policy.estimator is not None if estimator is None else estimator
-        self._joint = policy.robot.joint
-        self._act = NumpyPolicy(policy)
-        self._estimator = NumpyEstimator(settings, nominal_plant(), self._joint, TORQUE_LIMIT) if wanted else None
-        self._front_end = None
-        if policy.front_end is not None:
-            stage = policy.stage
-            self._front_end = NumpyFrontEnd(
-                policy.front_end, stage.torques, stage.history, self._joint, policy.torque_limit
-            )
+        joint, front_end = policy.robot.joint, policy.front_end
+        self._joint, self._network = joint, NumpyNetwork(policy)
+        self._estimator = NumpyEstimator(settings, nominal_plant(), joint, TORQUE_LIMIT) if wanted else None
+        self._front_end = None if front_end is None else NumpyFrontEnd(front_end, joint)
 
     @property
     def robot(self) -> Robot:
@@ -60,10 +55,10 @@ class RuntimeController:
         if self._estimator is not None:
             x = self._estimator.observe(float(t), x)
         if self._front_end is not None:
-            u = self._front_end.command(self._act(self._front_end.see(float(t), x)))
+            u = self._front_end.command(self._network(self._front_end.see(float(t), x)))
         else:
             u = np.zeros(2)
-            u[self._joint] = self._act(x)
+            u[self._joint] = self._network(x)
         if self._estimator is not None:
             self._estimator.remember(float(u[self._joint]))
         return u
@@ -71,7 +66,7 @@ class RuntimeController:
 
 def load_controller(
     source: str | Path, robot: Robot | str | None = None, estimator: bool | None = None
-) -> RuntimeController:
+) -> NumpyController:
     """Load a controller from a policy file, or one that the package ships.
 
     Args:
@@ -82,4 +77,4 @@ def load_controller(
     Raises:
         SwingupError: there is no such controller, or the file is damaged, or for another robot.
     """
-    return RuntimeController(read_policy(source, robot), estimator)
+    return NumpyController(read_policy(source, robot), estimator)

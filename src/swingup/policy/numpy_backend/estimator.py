@@ -5,17 +5,15 @@ import math
 
 import numpy as np
 
-from ...physics.equations import Lumped
-from ..plant import Four, midpoint_step, torque_response
-from ..settings import LOST, EstimatorSettings, kalman_gains
+from ...physics.equations import Lumped, StateFloats
+from ..plant import midpoint_step, torque_response
+from ..settings import LOST, PIECES, EstimatorSettings, kalman_gains
 
-PIECES = 4
-"""Steps in which the estimate is carried ahead over the dead time."""
 TURN = 2 * math.pi
 
 
 class NumpyEstimator:
-    """An estimate of the state from measurements and the torques that were asked for.
+    """An estimate of the state from measurements and commanded torques.
 
     Call ``observe`` with each measurement, then ``remember`` with the torque that was commanded.
     """
@@ -27,7 +25,7 @@ class NumpyEstimator:
             settings: what to expect of measurement and loop.
             plant: the model.
             joint: index of the driven joint.
-            torque_limit: of the motor (N m): what is asked for beyond it does not act.
+            torque_limit: of the motor (N m): a command beyond it is cut.
         """
         self._settings, self._plant = settings, plant
         self._driven = (1.0, 0.0) if joint == 0 else (0.0, 1.0)
@@ -36,26 +34,26 @@ class NumpyEstimator:
         self._gains = np.kron(kalman_gains(settings), np.eye(2)).T
         self._fading = math.exp(-settings.dt / settings.memory)
         self._lost = LOST * settings.velocity_noise
-        self._caution = settings.caution * np.arange(settings.longest_dead_time + 1)
+        self._caution = settings.caution * np.arange(settings.max_delay_steps + 1)
         self.reset()
 
     def reset(self) -> None:
         """Nothing seen yet."""
-        depth = self._settings.longest_dead_time + 1
+        depth = self._settings.max_delay_steps + 1
         self._time = -math.inf
         self._state = np.zeros(4)
         self._torques = np.zeros(depth)
         self._deviations = np.zeros((depth, 4))
         self._surprise = np.zeros(depth)
-        self.dead_time = 0
-        """The dead time found (steps)."""
+        self.delay_steps = 0
+        """The delay found (steps)."""
 
     def observe(self, t: float, x: np.ndarray) -> np.ndarray:
-        """The state now, as far as it can be told, for the state x (4,) (rad, rad/s) measured at time t (s)."""
+        """An estimate of the state now, for the state x (4,) (rad, rad/s) measured at time t (s)."""
         pause, self._time = t - self._time, t
         late = not 0 <= pause <= 1.5 * self._settings.dt
         step = pause or self._settings.dt
-        with np.errstate(all="ignore"):  # what is not finite is found, and let go
+        with np.errstate(all="ignore"):  # what is not finite fails a comparison below
             if not late and self._follow(x, step):
                 seen = self._ahead(step)
                 return seen if np.isfinite(seen).all() else x.copy()
@@ -63,15 +61,15 @@ class NumpyEstimator:
         return x.copy()
 
     def remember(self, torque: float) -> None:
-        """Note the torque that was asked of the driven joint (N m)."""
+        """Note the torque that the driven joint was commanded (N m)."""
         self._torques[1:] = self._torques[:-1]
         self._torques[0] = np.clip(torque, -self._limit, self._limit)
 
     def _follow(self, x: np.ndarray, dt: float) -> bool:
-        """One step (s) of the filter in charge and of the bank; False, all as it was, if the estimate is lost."""
+        """One step (s) of the filter in charge and of the bank; False, and no change, if the estimate is lost."""
         b1, b2 = self._driven
-        state = _four(self._state)
-        torque = float(self._torques[self.dead_time])
+        state = _floats(self._state)
+        torque = float(self._torques[self.delay_steps])
         predicted = np.array(midpoint_step(self._plant, state, torque * b1, torque * b2, dt))
         miss = x - predicted
         miss[:2] -= TURN * np.round(miss[:2] / TURN)
@@ -84,32 +82,32 @@ class NumpyEstimator:
 
         scaled = np.sum((miss - drifted)[:, :2] ** 2, axis=1) / self._settings.residual_scale**2
         surprise = self._fading * self._surprise + np.log1p(scaled)
-        dead_time = int(np.argmin(surprise + self._caution))
+        delay_steps = int(np.argmin(surprise + self._caution))
         deviations = drifted - drifted @ self._gains
-        estimate = predicted + miss @ self._gains + deviations[dead_time]
+        estimate = predicted + miss @ self._gains + deviations[delay_steps]
         # What is not finite fails the comparison.
         if not np.all(np.abs(x - estimate)[2:] <= self._lost):
             return False
-        self._state, self._deviations = estimate, deviations - deviations[dead_time]
-        self._surprise, self.dead_time = surprise, dead_time
+        self._state, self._deviations = estimate, deviations - deviations[delay_steps]
+        self._surprise, self.delay_steps = surprise, delay_steps
         return True
 
     def _ahead(self, dt: float) -> np.ndarray:
-        """The state after the dead time, steps of dt (s), in four with the mean of the torques that act in each."""
-        if self.dead_time == 0:
+        """The state after the delay, steps of dt (s), in pieces with the mean of the torques that act in each."""
+        if self.delay_steps == 0:
             return self._state.copy()
-        steps, (b1, b2) = self.dead_time / PIECES, self._driven
-        # Sum of the torques asked for in the last n steps, also between whole n.
+        steps, (b1, b2) = self.delay_steps / PIECES, self._driven
+        # Sum of the torques commanded in the last n steps, also between whole n.
         sums = np.concatenate([[0.0], np.cumsum(self._torques)])
         to_go = np.interp(steps * np.arange(PIECES, -1, -1), np.arange(len(sums)), sums).tolist()
-        x = _four(self._state)
+        x = _floats(self._state)
         for before, after in itertools.pairwise(to_go):
             torque = (before - after) / steps
             x = midpoint_step(self._plant, x, torque * b1, torque * b2, steps * dt)
         return np.array(x)
 
 
-def _four(x: np.ndarray) -> Four:
+def _floats(x: np.ndarray) -> StateFloats:
     """A state as Python's numbers."""
     q1, q2, dq1, dq2 = x.tolist()
     return q1, q2, dq1, dq2

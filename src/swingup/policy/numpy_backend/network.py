@@ -9,34 +9,33 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..file import NormaliseStage, PendulumPolicy, PendulumStage, Stage
+from ..pendulum import PendulumPolicy
+from ..stages import NormaliseStage, PendulumStage, Stage
 
 Observe = Callable[[np.ndarray], np.ndarray]
 
 TURN = 2 * math.pi
 
 
-class NumpyPolicy:
+class NumpyNetwork:
     """The deterministic policy: x = [q1, q2, dq1, dq2] (rad, rad/s) to the torque of the driven joint (N m).
-
-    A policy with a front end is given what that shows.
 
     A call works in buffers of its own: use one object in one thread.
     """
 
     def __init__(self, policy: PendulumPolicy) -> None:
-        """Take a policy file's arrays."""
-        self._stages = [_observer(stage) for stage in policy.file.stages]
+        """Take the arrays of a policy."""
+        self._stages = [_observer(stage) for stage in policy.network.stages]
         self._layers = [
             (layer.weight.astype(np.float64), layer.bias.astype(np.float64), np.empty(layer.bias.shape))
-            for layer in policy.file.trunk
+            for layer in policy.network.trunk
         ]
-        self._head = policy.file.head.weight[0].astype(np.float64)
-        self._offset = float(policy.file.head.bias[0])
+        self._head = policy.network.head.weight[0].astype(np.float64)
+        self._offset = float(policy.network.head.bias[0])
         self._torque_limit = policy.torque_limit
 
     def __call__(self, x: np.ndarray) -> float:
-        """The torque (N m) for a state of shape (4,), or what the front end shows; NaN where that is not finite."""
+        """The torque (N m) for a state of shape (4,); NaN where that is not finite."""
         features = np.asarray(x, np.float64)
         for observe in self._stages:
             features = observe(features)
@@ -53,19 +52,6 @@ def _observer(stage: Stage) -> Observe:
 
 
 def _pendulum(stage: PendulumStage) -> Observe:
-    """Of a state, and of what a front end remembers, if anything."""
-    see, after = _state(stage), 4 + stage.torques
-    if stage.input_size == 4:
-        return see
-
-    def observe(x: np.ndarray) -> np.ndarray:
-        earlier = [see(x[start : start + 4]) for start in range(after, len(x), 4)]
-        return np.concatenate([see(x[:4]), x[4:after], *earlier])
-
-    return observe
-
-
-def _state(stage: PendulumStage) -> Observe:
     scale, wrapped = stage.velocity_scale, stage.angles == "wrapped"
 
     def observe(x: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""A policy as an ONNX graph: states in, torques out; the estimator, which has a memory, stays outside.
+"""A policy as an ONNX graph: states in, torques out.
 
 States are float64, and so is the graph up to the observation: in float32 an angle after many turns, or near a wrap,
 is another angle. The hidden layers compute in float32, in groups of inputs whose products are summed one group
@@ -13,7 +13,9 @@ import numpy as np
 
 from ...errors import SwingupError
 from ...version import __version__
-from ..file import Layer, NormaliseStage, PendulumPolicy, PendulumStage
+from ..network import STATE, Layer
+from ..pendulum import PendulumPolicy
+from ..stages import NormaliseStage, PendulumStage
 
 OPSET = 17
 IR_VERSION = 8
@@ -26,7 +28,7 @@ GROUP = 64
 def onnx_model(policy: PendulumPolicy) -> bytes:
     """The model: input ``state`` (batch, 4) in rad and rad/s, output ``torque`` (batch, 2) in N m, both float64.
 
-    A policy with a front end has more inputs: what that shows. The front end's friction compensation is not in it.
+    Neither an estimator nor a front end is in it: both have a memory.
 
     Raises:
         SwingupError: the package onnx is not installed.
@@ -37,39 +39,27 @@ def onnx_model(policy: PendulumPolicy) -> bytes:
         raise SwingupError("the package onnx is not installed: pip install 'swingup[onnx]'") from error
     graph = _Graph(onnx.helper, onnx.numpy_helper)
     features = "state"
-    for stage in policy.file.stages:
+    for stage in policy.network.stages:
         observe: Any = _pendulum if isinstance(stage, PendulumStage) else _normalise
         features = observe(graph, stage, features)
     features = graph.cast(features, onnx.TensorProto.FLOAT)
-    for layer in policy.file.trunk:
+    for layer in policy.network.trunk:
         features = graph.add("Relu", _hidden(graph, layer, features))
-    head, features = policy.file.head, graph.cast(features, onnx.TensorProto.DOUBLE)
+    head, features = policy.network.head, graph.cast(features, onnx.TensorProto.DOUBLE)
     action = graph.add(
         "Tanh", graph.gemm(features, head.weight.astype(float), graph.constant(head.bias.astype(float)))
     )
     torques = policy.torque_limit * np.array([policy.robot.actuation])
-    inputs = policy.stage.input_size
     # Zero times what is not finite is NaN: what is clipped must not hide it.
-    unsound = graph.add("MatMul", "state", graph.constant(np.zeros((inputs, 2))))
+    unsound = graph.add("MatMul", "state", graph.constant(np.zeros((STATE, 2))))
     graph.add("Add", graph.add("Mul", action, graph.constant(torques)), unsound, outputs=["torque"])
-    model = graph.finish(
-        onnx.TensorProto.DOUBLE, inputs, f"policy of the {policy.robot.name}, N m for rad and rad/s"
-    )
+    model = graph.finish(onnx.TensorProto.DOUBLE, f"policy of the {policy.robot.name}, N m for rad and rad/s")
     onnx.checker.check_model(model)
     return bytes(model.SerializeToString())
 
 
-def _pendulum(graph: "_Graph", stage: PendulumStage, shown: str) -> str:
-    """Scaled angles and velocities, as ``jax_backend/observation.py`` has them, and what is remembered."""
-    sizes = [4, *[stage.torques] * (stage.torques > 0), *[4] * stage.history]
-    parts = graph.split(shown, sizes)
-    torques = parts[1:2] if stage.torques else []
-    states = [_state(graph, stage, part) for part in [parts[0], *parts[1 + len(torques) :]]]
-    observed = [states[0], *torques, *states[1:]]
-    return observed[0] if len(observed) == 1 else graph.add("Concat", *observed, axis=1)
-
-
-def _state(graph: "_Graph", stage: PendulumStage, state: str) -> str:
+def _pendulum(graph: "_Graph", stage: PendulumStage, state: str) -> str:
+    """Scaled angles and velocities."""
     scale = stage.velocity_scale
     angles, rates = graph.split(state, [2, 2])
     velocities = graph.add("Div", graph.clip(rates, scale), graph.number(scale))
@@ -138,10 +128,10 @@ class _Graph:
         self.add("Split", values, self.constant(np.array(sizes)), outputs=names, axis=1)
         return names
 
-    def finish(self, kind: int, inputs: int, about: str) -> Any:
+    def finish(self, kind: int, about: str) -> Any:
         """The model."""
         make = self._helper.make_tensor_value_info
-        states, torques = make("state", kind, ["batch", inputs]), make("torque", kind, ["batch", 2])
+        states, torques = make("state", kind, ["batch", STATE]), make("torque", kind, ["batch", 2])
         graph = self._helper.make_graph(self._nodes, "policy", [states], [torques], self._constants, about)
         return self._helper.make_model(
             graph,

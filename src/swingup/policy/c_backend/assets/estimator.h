@@ -1,18 +1,18 @@
 /* ---- the controller: the above behind a state estimator, as docs/policy-format.md of swingup describes it ---- */
 
-#define SWINGUP_DT @DT@ /* usual time between calls (s) */
-#define SWINGUP_DEPTH @DEPTH@ /* dead times that are considered: 0 to SWINGUP_DEPTH - 1 steps */
-#define SWINGUP_PIECES 4 /* steps in which the estimate is carried ahead */
-#define SWINGUP_MOTOR_LIMIT @MOTOR_LIMIT@ /* what is asked for beyond it does not act (N m) */
+#define SWINGUP_DT @DT@ /* time between calls (s) */
+#define SWINGUP_DEPTH @DEPTH@ /* delays that are considered: 0 to SWINGUP_DEPTH - 1 steps */
+#define SWINGUP_PIECES @PIECES@ /* steps in which the estimate is carried ahead */
+#define SWINGUP_MOTOR_LIMIT @MOTOR_LIMIT@ /* a command beyond it is cut (N m) */
 
 typedef struct {
     int called;                         /* 0 before the first call */
-    int dead_time;                      /* the dead time found (steps) */
+    int delay_steps;                    /* the delay found (steps) */
     double time;                        /* of the last call (s) */
-    double state[4];                    /* estimate of the measured state, as old as the dead time */
-    double torques[SWINGUP_DEPTH];      /* asked for, newest first (N m) */
-    double deviations[SWINGUP_DEPTH][4]; /* what the filter with each dead time estimates besides */
-    double surprise[SWINGUP_DEPTH];     /* evidence against each dead time */
+    double state[4];                    /* estimate of the measured state, as old as the delay */
+    double torques[SWINGUP_DEPTH];      /* commanded, newest first (N m) */
+    double deviations[SWINGUP_DEPTH][4]; /* what the filter with each delay estimates besides */
+    double surprise[SWINGUP_DEPTH];     /* evidence against each delay */
     swingup_front_end behind;           /* what the policy behind remembers */
 } swingup_controller;
 
@@ -62,10 +62,10 @@ static inline void swingup_correction(const double miss[4], double correction[4]
     }
 }
 
-/* One step over h (s) of the filter in charge and of the bank; 0, with all as it was, if the estimate is lost. */
+/* One step over h (s) of the filter in charge and of the bank; 0, and no change, if the estimate is lost. */
 static inline int swingup_follow(swingup_controller *c, const double x[4], double h)
 {
-    const double torque = c->torques[c->dead_time];
+    const double torque = c->torques[c->delay_steps];
     double drifted[SWINGUP_DEPTH][4], surprise[SWINGUP_DEPTH], least = 0.0;
     double predicted[4], miss[4], correction[4], change[4], response[2], still[2], rest[4] = {0.0, 0.0, 0.0, 0.0};
     int i, n, best = 0;
@@ -127,12 +127,12 @@ static inline int swingup_follow(swingup_controller *c, const double x[4], doubl
     for (n = 0; n < SWINGUP_DEPTH; n++) {
         c->surprise[n] = surprise[n];
     }
-    c->dead_time = best;
+    c->delay_steps = best;
     return 1;
 }
 
-/* Sum of the torques asked for in the last n steps, linear between whole n, n >= 0. */
-static inline double swingup_asked(const swingup_controller *c, double n)
+/* Sum of the torques commanded in the last n steps, linear between whole n, n >= 0. */
+static inline double swingup_commanded(const swingup_controller *c, double n)
 {
     double sum = 0.0;
     int k;
@@ -142,14 +142,14 @@ static inline double swingup_asked(const swingup_controller *c, double n)
     return k < SWINGUP_DEPTH ? sum + (n - k) * c->torques[k] : sum;
 }
 
-/* The state after the dead time, steps of h (s), in pieces with the mean of the torques that act in each. */
+/* The state after the delay, steps of h (s), in pieces with the mean of the torques that act in each. */
 static inline void swingup_ahead(const swingup_controller *c, double x[4], double h)
 {
-    const double steps = (double)c->dead_time / SWINGUP_PIECES;
+    const double steps = (double)c->delay_steps / SWINGUP_PIECES;
     int piece;
-    for (piece = SWINGUP_PIECES; piece > 0 && c->dead_time > 0; piece--) {
-        const double asked = swingup_asked(c, piece * steps) - swingup_asked(c, (piece - 1) * steps);
-        swingup_step(x, asked / steps, steps * h);
+    for (piece = SWINGUP_PIECES; piece > 0 && c->delay_steps > 0; piece--) {
+        const double sum = swingup_commanded(c, piece * steps) - swingup_commanded(c, (piece - 1) * steps);
+        swingup_step(x, sum / steps, steps * h);
     }
 }
 

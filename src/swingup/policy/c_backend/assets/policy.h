@@ -41,14 +41,14 @@ static inline double swingup_clip(double value, double limit)
 
 @LAYERS@
 
-static inline double swingup_policy(const double x[@SHOWN@])
+static inline double swingup_policy(const double x[4])
 {
     double observation[@INPUTS@];
     swingup_real input[@INPUTS@];
 @BUFFERS@
     int i;
 
-    for (i = 0; i < @SHOWN@; i++) {
+    for (i = 0; i < 4; i++) {
         if (!isfinite(x[i])) {
             return NAN;
         }

@@ -1,0 +1,212 @@
+"""What in a recording cannot be the physics of this pendulum, or makes its score another one than the board's.
+
+The warnings inform and refuse nothing: a robot's recording has uneven periods, noise, offsets, friction and the
+torques of its motors, and its score stands. The limits lie above all that was found in 27 recordings of the real
+robot, and below what a log shows whose times, positions, velocities or torques were made up.
+
+Sums over a window of 0.1 s stand for single rows where noise would hide the fault: noise cancels, a fault adds up.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from ..checks import LARGEST
+from ..physics.integrate import rk4_step
+from ..physics.parameters import TORQUE_LIMIT, Robot, get_robot, identified_parameters, leaderboard_parameters
+from .criteria import SHARE
+from .rollout import Trajectory
+from .rules import DEFAULT_RULES, PerformanceRules, get_performance_rules
+
+COMPENSATION = 0.5
+"""Torque that the rules leave the passive joint's motor, for the compensation of its friction (N m)."""
+
+HANGING = (0.2, 1.0)
+"""A start within this of hanging at rest hangs (rad, rad/s); recordings start within 0.001 rad and 0.1 rad/s."""
+
+LONGEST_PERIOD = 10.0
+"""A period above this many median ones is no jitter; recordings have up to 5."""
+
+UNEVEN = (0.5, 0.1)
+"""Periods further from the median than the first share of it are uneven; recordings have 0.01 of these, of 0.1."""
+
+RATE = 0.05
+"""A rate this far from the rules', relatively, changes the smoothness noticeably."""
+
+WINDOW = 0.1
+"""Length of the windows in which faults add up (s)."""
+
+SLIP = 0.1
+"""Positions and velocities may part by this in a window (rad), and by :data:`SLIP_RATE` times the period."""
+SLIP_RATE = 8.0
+"""rad/s; coarse rows know less of the velocity between them: recordings at 33 Hz have 0.26 rad, at 400 Hz 0.03."""
+
+CLEAN = 0.01
+"""Positions and velocities that agree this well in nine of ten rows (rad/s) come from a simulation."""
+DEFECT = {True: 1.0, False: 3.0}
+"""Unexplained change of velocity in a window (rad/s): the largest of a simulation, the RMS of a recording.
+
+A simulation of one of the two plants has less than 1e-6; recordings have an RMS of up to 1.7."""
+
+COARSEST = 0.05
+"""Longer periods are not simulated in one step (s): explicit steps would not be accurate."""
+
+_steps = jax.jit(jax.vmap(rk4_step, in_axes=(None, 0, 0, 0)))
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is odd about a recording: a warning."""
+
+    name: str
+    """For programs."""
+    text: str
+    """For readers, with the figure."""
+
+
+@dataclass(frozen=True)
+class Plausibility:
+    """What a recording looks like."""
+
+    rate: float
+    """Rows a second, from the median period (Hz)."""
+    warnings: tuple[Finding, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Ready for JSON."""
+        return {"rate": self.rate, "warnings": [vars(warning) for warning in self.warnings]}
+
+
+def examine(
+    trajectory: Trajectory, robot: Robot | str, rules: PerformanceRules | str = DEFAULT_RULES
+) -> Plausibility:
+    """Look at a trajectory that :func:`~swingup.benchmark.evaluate.score` accepts.
+
+    Args:
+        trajectory: NumPy arrays in float64.
+        robot: which joint is driven.
+        rules: rules of the performance board, or their name.
+
+    Raises:
+        SwingupError: there is no such robot, or there are no such rules.
+    """
+    robot, rules = get_robot(robot), get_performance_rules(rules)
+    time, x, u = (np.asarray(rows, np.float64) for rows in (trajectory.time, trajectory.x, trajectory.u))
+    period = np.diff(time)
+    with np.errstate(all="ignore"):  # absurd values overflow, and are then found to be so
+        slip = _slip(period, x)
+        found = [
+            *_short_span(time, rules),
+            *_periods(period, rules),
+            *_start(x[0]),
+            *_torques(u, robot),
+            *_positions(period, slip),
+            *_defect(period, x, u, slip, robot),
+        ]
+    return Plausibility(float(1 / np.median(period)), tuple(Finding(name, text) for name, text in found))
+
+
+_Found = Iterator[tuple[str, str]]
+
+
+def _short_span(time: np.ndarray, rules: PerformanceRules) -> _Found:
+    span = time[-1] - time[0]
+    if span < SHARE * rules.duration:
+        yield "short_span", f"it spans {span:.4g} s of {rules.duration:g} s: below {SHARE:.0%} it scores 0"
+
+
+def _periods(period: np.ndarray, rules: PerformanceRules) -> _Found:
+    usual, longest = float(np.median(period)), float(period.max())
+    uneven = float(np.mean(np.abs(period - usual) > UNEVEN[0] * usual))
+    if longest > LONGEST_PERIOD * usual or uneven > UNEVEN[1]:
+        yield (
+            "irregular_periods",
+            f"its periods reach {longest:.4g} s, their median is {usual:.4g} s, and {uneven:.0%} are far from that",
+        )
+    if abs(rules.dt / usual - 1) > RATE:
+        yield (
+            "rate",
+            f"it has {1 / usual:.4g} Hz, where the board has {1 / rules.dt:g} Hz: the torque smoothness, which "
+            "compares one row with the next, is not the board's",
+        )
+
+
+def _start(x: Float[np.ndarray, "4"]) -> _Found:
+    angle, speed = float(np.abs(_wrapped(x[:2])).max()), float(np.abs(x[2:]).max())
+    if not (angle <= HANGING[0] and speed <= HANGING[1]):
+        yield "not_hanging", f"it starts {angle:.3g} rad off hanging, at {speed:.3g} rad/s"
+
+
+def _torques(u: Float[np.ndarray, "rows 2"], robot: Robot) -> _Found:
+    largest = np.abs(u).max(axis=0)
+    driven, passive = float(largest[robot.joint]), float(largest[1 - robot.joint])
+    if driven > TORQUE_LIMIT * (1 + 1e-9):
+        yield "torque_limit", f"its torque reaches {driven:.4g} N m, above the limit of {TORQUE_LIMIT:g} N m"
+    if passive > COMPENSATION * (1 + 1e-9):
+        yield (
+            "passive_torque",
+            f"the passive joint {2 - robot.joint} has up to {passive:.4g} N m, above the {COMPENSATION:g} N m of "
+            "the rules' friction compensation",
+        )
+
+
+def _slip(period: np.ndarray, x: Float[np.ndarray, "rows 4"]) -> Float[np.ndarray, "steps 2"]:
+    """Change of the angles that the velocities of its two rows do not explain (rad), by the trapezoidal rule."""
+    return _wrapped(np.diff(x[:, :2], axis=0) - 0.5 * period[:, None] * (x[:-1, 2:] + x[1:, 2:]))
+
+
+def _positions(period: np.ndarray, slip: Float[np.ndarray, "steps 2"]) -> _Found:
+    usual = float(np.median(period))
+    largest = _largest(_in_windows(slip, period))
+    if not largest <= SLIP + SLIP_RATE * min(usual, COARSEST):
+        yield (
+            "positions_against_velocities",
+            f"its positions move by {largest:.3g} rad within {WINDOW:g} s beside what its velocities say",
+        )
+
+
+def _defect(
+    period: np.ndarray,
+    x: Float[np.ndarray, "rows 4"],
+    u: Float[np.ndarray, "rows 2"],
+    slip: Float[np.ndarray, "steps 2"],
+    robot: Robot,
+) -> _Found:
+    """Simulate every row to the next, on the board's plant and on the identified one, and keep the better plant."""
+    clean = bool(np.quantile(np.abs(slip / period[:, None]).max(axis=1), 0.9) < CLEAN)
+    step = np.minimum(period, COARSEST)
+    least = LARGEST
+    for parameters in (leaderboard_parameters(robot), identified_parameters()):
+        with jax.enable_x64(True):
+            after = np.asarray(_steps(parameters, x[:-1], u[:-1], step))
+        defect = np.where((period <= COARSEST)[:, None], x[1:, 2:] - after[:, 2:], 0.0)
+        sums = _in_windows(defect, period)
+        found = _largest(sums) if clean else float(np.sqrt(np.mean(sums**2)))
+        least = min(least, found if math.isfinite(found) else LARGEST)
+    if least > DEFECT[clean]:
+        size = f"{least:.3g} rad/s{'' if clean else ' (RMS)'}"
+        yield (
+            "one_step_defect",
+            f"its velocities change by {size} within {WINDOW:g} s beside what gravity and its torques explain",
+        )
+
+
+def _in_windows(steps: Float[np.ndarray, "steps n"], period: np.ndarray) -> Float[np.ndarray, "windows n"]:
+    """Sums over all windows of as many rows as usually take :data:`WINDOW`."""
+    count = min(len(steps), max(1, round(WINDOW / float(np.median(period)))))
+    total = np.concatenate([np.zeros_like(steps[:1]), np.cumsum(steps, axis=0)])
+    return total[count:] - total[:-count]
+
+
+def _largest(values: np.ndarray) -> float:
+    return float(np.abs(values).max())
+
+
+def _wrapped(angle: np.ndarray) -> np.ndarray:
+    """Angles in [-π, π): logs may wrap theirs."""
+    return (angle + math.pi) % (2 * math.pi) - math.pi

@@ -1,0 +1,26 @@
+"""Seeds of a judgement: how many, and which."""
+
+from collections.abc import Iterator, Sequence
+
+from ..checks import whole_number
+
+LARGEST_SEED = 2**31 - 1
+"""Noise keys hold a seed in 32 bits."""
+MOST_SEEDS = 9999
+"""More seeds would narrow no interval that matters; each costs one simulation or hundreds."""
+
+
+def check_seeds(seed: int, seeds: int) -> range:
+    """The seeds in a row that start with ``seed``.
+
+    Raises:
+        SwingupError: the first is negative or too large, or their number is out of range.
+    """
+    first = whole_number("seed", seed, 0, LARGEST_SEED)
+    return range(first, first + whole_number("seeds", seeds, 1, MOST_SEEDS))
+
+
+def in_groups(seeds: Sequence[int], size: int) -> Iterator[Sequence[int]]:
+    """The seeds in groups of at most ``size``, whose trajectories fit into memory together."""
+    for start in range(0, len(seeds), size):
+        yield seeds[start : start + size]

@@ -1,0 +1,131 @@
+"""The commands around the judge: leaderboard, score and check."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+from ..benchmark import leaderboard as boards_of
+from ..benchmark.board_rules import BOARD_RULES, BoardRules
+from ..benchmark.evaluate import evaluate_recorded
+from ..benchmark.plausibility import examine
+from ..benchmark.trajectory_file import load_trajectory
+from ..checks import one_of
+from ..control.check import check_controller
+from ..control.registry import get_controller
+from ..errors import SwingupError
+from ..physics.parameters import get_robot
+from ..policy.shipped import REFINED
+from . import tables
+from .arguments import (
+    ControllerName,
+    ControllerNames,
+    EstimatorFlags,
+    RobotName,
+    RobotOrAll,
+    judged_name,
+    robots,
+    split_commas,
+)
+from .judging import AS_IT_COMES
+from .output import foreign_prints_apart, progress_shown, tell, tell_json
+from .results import evaluation_lines, plausibility_lines
+
+FOUND = 1
+"""Exit status of a check that found something."""
+
+
+def score_command(
+    trajectory: Positional[Annotated[str, arg(metavar="TRAJECTORY")]],
+    /,
+    robot: str,
+    rules: str = "v2",
+    json: bool = False,
+) -> int:
+    """Score a trajectory file in RealAIGym's CSV format, from this program, another or a real robot.
+
+    Warnings name what cannot be the physics of this pendulum; they do not change the score.
+
+    Args:
+        trajectory: the CSV file.
+        robot: acrobot or pendubot.
+        rules: v2 (simulation) or hardware.
+        json: print one JSON object.
+    """
+    chosen = get_robot(robot)
+    rows = load_trajectory(trajectory)
+    result, found = evaluate_recorded(rows, chosen, Path(trajectory).stem, rules), examine(rows, chosen, rules)
+    if json:
+        tell_json(result.as_dict() | found.as_dict())
+    else:
+        tell(*evaluation_lines(result, result.controller, rules), *plausibility_lines(found))
+    return 0
+
+
+def check_command(
+    robot: RobotName, /, controller: ControllerName = REFINED, estimator: EstimatorFlags = AS_IT_COMES
+) -> int:
+    """Try a controller on a few dozen states and name its faults, before it is judged.
+
+    The exit status is 1 if there is one.
+
+    Args:
+        robot: the robot.
+        controller: the controller.
+        estimator: whether a state estimator stands before it.
+    """
+    chosen = get_robot(robot)
+    with foreign_prints_apart():
+        found = get_controller(controller, chosen, estimator.wanted)
+        findings = check_controller(found, chosen)
+    tell(*(f"{judged_name(controller, found)}: {each}" for each in findings or ["nothing wrong was found"]))
+    return FOUND if findings else 0
+
+
+@dataclass(frozen=True)
+class BoardCommands:
+    """The command ``leaderboard``, by rules and with entrants that a test may cut down."""
+
+    rules: Mapping[str, BoardRules] = field(default_factory=lambda: BOARD_RULES)
+    entrants: Sequence[str] | None = None
+    """Built-in controllers that enter; None for those of the rules."""
+
+    def leaderboard(
+        self,
+        robot: RobotOrAll = "all",
+        /,
+        controller: ControllerNames = (),
+        rules: str = "v2",
+        seed: int = 0,
+        recompute: bool = False,
+        json: bool = False,
+        csv: bool = False,
+        markdown: bool = False,
+    ) -> int:
+        """Print the paper's tables: the shipped controllers, judged now, beside the published rows.
+
+        Args:
+            robot: the robot.
+            controller: controllers of yours that enter as well.
+            rules: v2 (performance and robustness), hardware (performance) or v3 (uptime under throws).
+            seed: seed of noise, pushes and throws.
+            recompute: also compute the robustness of ilqr-mpc, which takes minutes and whose row is shipped.
+            json: print one JSON list of rows.
+            csv: print one CSV table.
+            markdown: print Markdown tables.
+        """
+        asked = [name for name, wanted in {"json": json, "csv": csv, "markdown": markdown}.items() if wanted]
+        if len(asked) > 1:
+            raise SwingupError(f"--{' and --'.join(asked)} exclude each other: choose one")
+        version, made = self.rules[one_of("rules", rules, self.rules)], []
+        with foreign_prints_apart(), progress_shown() as progress:
+            for each in robots(robot):
+                mine = {name: get_controller(name, each) for name in split_commas(controller)}
+                made += boards_of.leaderboard(each, mine, version, seed, recompute, self.entrants, progress)
+        if asked:
+            print(tables.TABLE_FORMATS[asked[0]](made))
+        else:
+            tables.show_boards(made)
+        return 0

@@ -1,0 +1,86 @@
+"""What commands print: lines that are safe for a terminal, one JSON object, and progress on standard error."""
+
+import contextlib
+import json
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from ..benchmark.leaderboard import RowProgress
+
+SECONDS_BETWEEN_LINES = 10.0
+"""Between lines of progress where there is no terminal for a bar."""
+
+
+def printable(text: str) -> str:
+    """The text with line ends, escape sequences and broken characters written out as Python's escapes."""
+    return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text)
+
+
+def tell(*lines: str) -> None:
+    """Print lines of results; names in them may come from anywhere."""
+    for line in lines:
+        print(printable(line))
+
+
+def tell_json(result: Mapping[str, Any], indent: int | None = None) -> None:
+    """Print a result as one JSON object."""
+    print(json.dumps(dict(result), indent=indent))
+
+
+def foreign_prints_apart() -> contextlib.AbstractContextManager[object]:
+    """Foreign controllers print to standard error, so that their lines do not mix with results."""
+    return contextlib.redirect_stdout(sys.stderr)
+
+
+def to_last(seed: int, seeds: int) -> str:
+    """The end of "seed 3 to 5", empty for a single seed."""
+    return f" to {seed + seeds - 1}" if seeds > 1 else ""
+
+
+def aligned(title: str, value: str, extra: str = "", width: int = 8) -> str:
+    """One row of a result: its title, its value, and a remark in brackets."""
+    return f"  {title:<26}{value:>{width}}{f'   ({extra})' if extra else ''}"
+
+
+@contextlib.contextmanager
+def progress_shown() -> Iterator[RowProgress]:
+    """Shows (label, finished, total): a bar on a terminal, elsewhere a line now and then."""
+    console = Console(stderr=True)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=12),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+    )
+    bar = Progress(
+        *columns,
+        console=console,
+        transient=True,
+        redirect_stdout=False,
+        redirect_stderr=False,
+        disable=not console.is_terminal,
+    )
+    with bar:
+        task = bar.add_task("", total=None, visible=False)
+        label, shown = "", time.monotonic()
+
+        def tell_progress(name: str, done: int, total: int) -> None:
+            nonlocal label, shown
+            if name != label:
+                label = name
+                bar.reset(task, total=total, description=escape(printable(name)), visible=True)
+            bar.update(task, completed=done, total=total)
+            due = time.monotonic() - shown >= SECONDS_BETWEEN_LINES
+            if due and not console.is_terminal:
+                shown = time.monotonic()
+                console.print(
+                    f"{printable(name)}: {done} of {total}", soft_wrap=True, highlight=False, markup=False
+                )
+
+        yield tell_progress

@@ -1,0 +1,80 @@
+"""Results as lines of text."""
+
+from statistics import median
+
+from ..benchmark.columns import COLUMNS, PERFORMANCE
+from ..benchmark.evaluate import Evaluation
+from ..benchmark.plausibility import Plausibility
+from ..benchmark.robustness import Robustness
+from ..benchmark.sim2real import Sim2Real
+from ..benchmark.uptime import Uptime
+from .output import aligned, to_last
+
+
+def evaluation_lines(result: Evaluation, judged: str, rules: str) -> list[str]:
+    """The criteria of one swing-up, how high the tip came, and why the run failed if it did."""
+    disturbed = "" if result.disturbance is None else ", disturbed"
+    success = "success" if result.criteria.success else "failure"
+    values = [(COLUMNS[name].title, COLUMNS[name].show(getattr(result.criteria, name))) for name in PERFORMANCE]
+    return [
+        f"{result.robot}, {judged} (rules {rules}{disturbed})",
+        aligned("Swing-up", success, result.tip.failure or ""),
+        *(aligned(title, value) for title, value in values),
+        aligned("Highest tip [m]", f"{result.tip.highest:.3f}", f"{result.tip.percent:.1f} % of l1 + l2"),
+    ]
+
+
+def plausibility_lines(found: Plausibility) -> list[str]:
+    """The rate of a recording, and what cannot be physics."""
+    warnings = [f"  warning: {each.name}: {each.text}" for each in found.warnings]
+    return [aligned("Rate of the log [Hz]", f"{found.rate:.4g}"), *warnings]
+
+
+def robustness_lines(result: Robustness, judged: str) -> list[str]:
+    """Percentages with their intervals, and how many simulations the controller lost."""
+    head = f"{result.robot}, {judged} (rules {result.rules}, seed {_seeds(result.seeds)})"
+    lines = [head]
+    for name, value in {**result.percent, "overall": result.overall}.items():
+        column, interval = COLUMNS[name], result.intervals.get(name)
+        extra = " to ".join(column.show(end) for end in interval) if interval else ""
+        lines.append(aligned(column.title, column.show(value), extra))
+    lines.append(aligned("Simulations", str(len(result.results))))
+    if result.faults:
+        number = len(result.faults)
+        lines.append(f"  {number} simulations without an answer; the first: {result.faults[0].fault}")
+    return lines
+
+
+def uptime_lines(result: Uptime, judged: str) -> list[str]:
+    """The score, its interval, and the faults of single seeds."""
+    extra = f"{result.interval[0]:.3f} to {result.interval[1]:.3f}" if result.interval else ""
+    faults = zip(result.seeds, result.faults, strict=True)
+    return [
+        f"{result.robot}, {judged} (rules {result.rules}, seed {_seeds(result.seeds)})",
+        aligned("Uptime score", f"{result.uptime:.3f}", extra),
+        *(f"  seed {number}: {fault}" for number, fault in faults if fault),
+    ]
+
+
+def sim2real_lines(result: Sim2Real, judged: str) -> list[str]:
+    """Successes with their interval, means and extremes, and the faults of single seeds."""
+    runs = result.runs
+    seeds, (low, high) = tuple(run.seed for run in runs), result.interval
+    times = [run.criteria.swingup_time or 0.0 for run in runs if run.success]
+    middle = COLUMNS["swingup_time"].show(median(times) if times else None)
+    rows = (
+        ("Success", f"{result.successes} of {len(runs)}", f"{low:.0%} to {high:.0%}"),
+        ("Score (rules hardware)", f"{result.score:.3f}", ""),
+        ("Swing-up time [s]", middle, "median of the successes"),
+        ("Largest speed [rad/s]", f"{max(run.speed for run in runs):.1f}", ""),
+        ("Largest angle [rad]", f"{max(run.angle for run in runs):.1f}", ""),
+    )
+    return [
+        f"{result.robot}, {judged} (domain {result.domain.name}, seed {_seeds(seeds)})",
+        *(aligned(*row, width=12) for row in rows),
+        *(f"  seed {run.seed}: {run.fault}" for run in runs if run.fault),
+    ]
+
+
+def _seeds(seeds: tuple[int, ...]) -> str:
+    return f"{seeds[0]}{to_last(seeds[0], len(seeds))}"

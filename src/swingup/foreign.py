@@ -1,0 +1,48 @@
+"""Code that is not ours: whatever it raises becomes one line that says who raised what.
+
+A controller or an environment may end the process (``sys.exit``) or raise what is no ``Exception``. Only the
+keyboard interrupts; all else is a fault of that code, and must not end a benchmark of a thousand runs.
+"""
+
+import contextlib
+import re
+from collections.abc import Iterator
+from typing import Any
+
+from .errors import SwingupError
+from .text import one_line
+
+TRACEBACK = "Traceback (most recent call last)"
+
+
+@contextlib.contextmanager
+def blaming(what: str, remedy: str = "correct it there") -> Iterator[None]:
+    """Run foreign code, named by ``what`` as in "its reset()".
+
+    Raises:
+        SwingupError: it raised something.
+    """
+    try:
+        yield
+    except (KeyboardInterrupt, SwingupError):
+        raise
+    except BaseException as error:
+        raise SwingupError(f"{what} raised {described(error)}: {remedy}") from error
+
+
+def described(error: BaseException) -> str:
+    """A foreign error by its kind and its text; of a traceback in it, as compiled callbacks raise, the end."""
+    text = one_line(error)
+    if TRACEBACK in text:
+        text = one_line(re.split(r'\n  File "', str(error))[-1].partition("\n")[2])
+    return f"{type(error).__name__} ({text})"
+
+
+def attribute(source: Any, name: str, default: Any = None) -> Any:
+    """An attribute of a foreign object, which a property or ``__getattr__`` may compute.
+
+    Raises:
+        SwingupError: it raised something else than ``AttributeError``.
+    """
+    with blaming(f"its attribute {name}"):
+        return getattr(source, name, default)

@@ -1,0 +1,30 @@
+"""The contract of all back ends: what a loop may expect of a policy, whatever runs it.
+
+A controller is called with the measured state x = [q1, q2, dq1, dq2] (rad, rad/s) at the time t (s) and gives the
+torques u = [u1, u2] (N m) of shoulder and elbow.
+
+- Back ends differ by at most 3e-5 N m, and by 1e-11 where both compute in double precision throughout. Behind an
+  estimator, rounding feeds back: 1e-9 over a whole run.
+- The torque of the driven joint is NaN where the state is not finite, so that no clipping hides a broken sensor.
+  The passive joint has 0, or the friction compensation of a front end.
+- ``reset()`` forgets the run: what follows repeats the first run bit for bit.
+
+``tests/policy/test_conformance.py`` holds every back end to it. ONNX graphs and the page's JavaScript run the
+policy alone: they have no estimator and no front end. JAX has the same contract without hidden state,
+``init() -> memory`` and ``(memory, t, x) -> (memory, u)``; a C header has it as ``swingup_reset`` and
+``swingup_control``.
+"""
+
+from typing import Protocol
+
+import numpy as np
+
+
+class LoopController(Protocol):
+    """A controller as a loop calls it; one object serves one pendulum."""
+
+    def reset(self) -> None:
+        """Forget the run so far."""
+
+    def __call__(self, x: np.ndarray, t: float) -> np.ndarray:
+        """The torques (2,) for the state x (4,) measured at time t (s)."""

@@ -1,0 +1,40 @@
+"""A policy for a page: the script that computes it, and the data that the script takes."""
+
+import base64
+from importlib import resources
+from typing import Any
+
+import numpy as np
+
+from ..pendulum import PendulumPolicy
+from ..stages import PendulumStage, Stage
+
+
+def policy_script() -> str:
+    """JavaScript that defines ``swingup.makePolicy(data, driven)``, for a classic script element."""
+    return (resources.files(__package__) / "policy.js").read_text(encoding="utf-8")
+
+
+def policy_data(policy: PendulumPolicy) -> dict[str, Any]:
+    """A policy as JSON values: its stages with their settings, and its layers up to the action's mean.
+
+    Neither an estimator nor a front end is in it.
+    """
+    layers = policy.network.layers
+    return {
+        "torque_limit": policy.torque_limit,
+        "stages": [_stage(stage) for stage in policy.network.stages],
+        "layers": [{"weight": _base64(layer.weight), "bias": _base64(layer.bias)} for layer in layers],
+    }
+
+
+def _stage(stage: Stage) -> dict[str, Any]:
+    if isinstance(stage, PendulumStage):
+        return {"name": "pendulum", "angles": stage.angles, "velocity_scale": stage.velocity_scale}
+    # In double precision, as the stages are applied.
+    vectors = {"mean": stage.mean.tolist(), "variance": stage.variance.tolist()}
+    return {"name": "normalise", **vectors, "clip": stage.clip, "epsilon": stage.epsilon}
+
+
+def _base64(array: np.ndarray) -> str:
+    return base64.b64encode(np.ascontiguousarray(array, "<f4").tobytes()).decode("ascii")

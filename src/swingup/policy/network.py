@@ -1,0 +1,89 @@
+"""A policy's stages and layers as arrays, checked: what all back ends compute with."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import SwingupError
+from .stages import NormaliseStage, PendulumStage, Stage
+
+STATE = 4
+"""Length of a pendulum's state."""
+LARGEST_FEATURE = 1e30
+"""No layer may reach more, for any observation: single precision ends at 3e38, and ∞ times 0 is no torque."""
+
+
+@dataclass(frozen=True)
+class Layer:
+    """y = weight x + bias, both in float32; weight has the shape (outputs, inputs)."""
+
+    weight: np.ndarray
+    bias: np.ndarray
+
+
+@dataclass(frozen=True)
+class Network:
+    """The observation stages, the hidden layers, and the heads."""
+
+    stages: tuple[Stage, ...]
+    trunk: tuple[Layer, ...]
+    head: Layer
+    """Means of continuous actions before tanh, or the logits of discrete ones."""
+    std: Layer | None = None
+    choices: tuple[int, ...] | None = None
+    """Number of alternatives of each discrete action; None if actions are continuous."""
+
+    def __post_init__(self) -> None:
+        """Follow one observation through the stages and the layers.
+
+        Raises:
+            SwingupError: a size does not fit, or weights are so large that a feature overflows.
+        """
+        size = _input_size(self)
+        for stage in self.stages:
+            size = stage.size(size)
+        for layer in self.layers:
+            size_out, size_in = layer.weight.shape
+            if size != size_in:
+                raise SwingupError(f"a layer of {size_in} inputs is fed {size} values")
+            size = size_out
+        if self.std is not None and self.std.weight.shape != self.head.weight.shape:
+            shapes = f"{self.std.weight.shape}, network.mean {self.head.weight.shape}"
+            raise SwingupError(f"network.std has shape {shapes}")
+        if self.choices is not None and size != sum(self.choices):
+            raise SwingupError(f"network.logits has {size} outputs, choices {self.choices} need their sum")
+        if not largest_feature(self) < LARGEST_FEATURE:
+            raise SwingupError(
+                f"its weights are not finite, or a layer may reach {LARGEST_FEATURE:g}: train another"
+            )
+
+    @property
+    def layers(self) -> tuple[Layer, ...]:
+        """The layers of the deterministic policy."""
+        return (*self.trunk, self.head)
+
+
+def largest_feature(network: Network) -> float:
+    """A bound of what a layer gives, for observations of up to 1 or what the normalisation clips to."""
+    normalise = [stage for stage in network.stages if isinstance(stage, NormaliseStage)]
+    most = largest = max([1.0, *(stage.clip for stage in normalise)])
+    heads = [network.head, *([] if network.std is None else [network.std])]
+    with np.errstate(over="ignore"):
+        for layer in network.trunk:
+            most = _reach(layer, most)
+            largest = max(largest, most)
+        return max(largest, *(_reach(head, most) for head in heads))
+
+
+def _reach(layer: Layer, most: float) -> float:
+    """The largest output for inputs of up to ``most``."""
+    sums = np.abs(layer.weight).sum(axis=1, dtype=np.float64)
+    return float(np.max(sums * most + np.abs(layer.bias), initial=0.0))
+
+
+def _input_size(network: Network) -> int:
+    """Length of the observation before the first stage: a pendulum's state, or as many as the statistics are of."""
+    first = network.stages[0] if network.stages else None
+    if isinstance(first, PendulumStage):
+        return STATE
+    return int(first.mean.size if first is not None else network.layers[0].weight.shape[1])

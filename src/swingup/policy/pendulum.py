@@ -1,0 +1,86 @@
+"""A policy for a pendulum: what its file holds, checked, which every back end takes."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..checks import finite_number
+from ..errors import SwingupError
+from ..robots import ROBOTS, Robot, get_robot
+from ..text import quoted
+from .file import read_network, write_network
+from .network import Network
+from .settings import FRONT_END, EstimatorSettings, FrontEndSettings, estimator_settings, front_end_settings
+from .stages import PendulumStage
+
+
+@dataclass(frozen=True)
+class PendulumPolicy:
+    """One torque for a state, perhaps behind an estimator or a front end."""
+
+    network: Network
+    robot: Robot
+    torque_limit: float
+    """Torque of an action of 1 (N m)."""
+    estimator: EstimatorSettings | None = None
+    """The estimator that the file asks for; None for the policy alone."""
+    front_end: FrontEndSettings | None = None
+    """The filter and friction compensation that the file asks for."""
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    """The file's."""
+
+    @property
+    def period(self) -> float | None:
+        """Time between calls that the estimator or the front end expects (s); None for any."""
+        return next((part.dt for part in (self.estimator, self.front_end) if part is not None), None)
+
+
+def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> PendulumPolicy:
+    """Read a policy file of a pendulum.
+
+    Args:
+        path: the policy file.
+        robot: the robot that it must be for, if any.
+
+    Raises:
+        SwingupError: the file cannot be read, is no policy of a pendulum, asks for an impossible estimator, or is
+            for another robot.
+    """
+    network, metadata = read_network(path)
+    missing = [name for name in ("robot", "torque_limit") if name not in metadata]
+    if missing or not network.stages or not isinstance(network.stages[0], PendulumStage):
+        what = f"metadata {', '.join(missing)}" if missing else "observation stage 'pendulum' at the start"
+        raise SwingupError(f"policy file {path} lacks {what}: see docs/policy-format.md")
+    name = metadata["robot"]
+    if not isinstance(name, str) or name not in ROBOTS:
+        raise SwingupError(f"policy file {path} is for robot {quoted(name)}: {' or '.join(ROBOTS)} is needed")
+    if robot is not None and name != get_robot(robot).name:
+        raise SwingupError(f"policy file {path} is for {name!r}, not the {get_robot(robot).name}")
+    if network.choices is not None:
+        raise SwingupError(f"policy file {path} has discrete actions: a pendulum needs a torque")
+    if len(network.head.bias) != 1:
+        raise SwingupError(f"policy file {path} has {len(network.head.bias)} actions: one is needed")
+    try:
+        limit = finite_number("torque_limit", metadata["torque_limit"], 1e-6, 1e6, "N m")
+        estimator, front_end = estimator_settings(metadata), front_end_settings(metadata)
+    except SwingupError as error:
+        raise SwingupError(f"policy file {path}: {error}; see docs/policy-format.md") from error
+    return PendulumPolicy(network, ROBOTS[name], limit, estimator, front_end, metadata)
+
+
+def write_pendulum_policy(path: str | Path, policy: PendulumPolicy, provenance: Mapping[str, Any]) -> None:
+    """Write a policy file of a pendulum.
+
+    Args:
+        path: the file.
+        policy: what to write; its own metadata is left out.
+        provenance: where the policy comes from, JSON values. An ``estimator`` among them asks for one.
+
+    Raises:
+        SwingupError: the file cannot be written.
+    """
+    head: dict[str, Any] = {"robot": policy.robot.name, "torque_limit": float(policy.torque_limit)}
+    if policy.front_end is not None:
+        head[FRONT_END] = asdict(policy.front_end)
+    write_network(path, policy.network, {**head, **provenance})

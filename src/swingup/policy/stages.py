@@ -1,0 +1,111 @@
+"""The stages of an observation as a policy file holds them; a back end computes them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from ..checks import finite_number, one_of
+from ..errors import SwingupError
+from ..text import quoted
+
+ANGLES = ("wrapped", "sincos")
+"""Encodings of the angles."""
+FORMER_COUNTS = ("torques", "history")
+"""Settings of files that were shown past torques and states, which this version no longer has; 0 means neither."""
+
+
+@dataclass(frozen=True)
+class PendulumStage:
+    """Scaled angles and velocities of a state."""
+
+    angles: str = "wrapped"
+    velocity_scale: float = 20.0
+    """Velocities are clipped to ± this and divided by it (rad/s)."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot work.
+
+        Raises:
+            SwingupError: the encoding is unknown or the scale out of range.
+        """
+        one_of("angle encoding", self.angles, ANGLES)
+        scale = finite_number("velocity_scale", self.velocity_scale, 1e-6, unit="rad/s")
+        object.__setattr__(self, "velocity_scale", scale)
+
+    def size(self, before: int) -> int:
+        """Length of the result for a state, of length ``before``."""
+        return before if self.angles == "wrapped" else before + 2
+
+
+@dataclass(frozen=True)
+class NormaliseStage:
+    """(observation - mean) / sqrt(variance + epsilon), clipped to ± clip."""
+
+    mean: np.ndarray
+    variance: np.ndarray
+    clip: float = 10.0
+    epsilon: float = 1e-8
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot work, in double or in single precision.
+
+        Raises:
+            SwingupError: a variance is negative or a setting out of range.
+        """
+        object.__setattr__(self, "clip", finite_number("clip", self.clip, 1e-6))
+        object.__setattr__(self, "epsilon", finite_number("epsilon", self.epsilon, 1e-30))
+        if np.any(self.variance < 0):
+            raise SwingupError("a variance is negative")
+
+    def size(self, before: int) -> int:
+        """Length of the result, that of the observation.
+
+        Raises:
+            SwingupError: the arrays do not fit it.
+        """
+        if not self.mean.shape == self.variance.shape == (before,):
+            shapes = f"{self.mean.shape} and {self.variance.shape}"
+            raise SwingupError(f"mean and variance have shapes {shapes}, the observation {(before,)}")
+        return before
+
+    @property
+    def deviation(self) -> np.ndarray:
+        """The divisor."""
+        return np.sqrt(self.variance + self.epsilon)
+
+
+Stage = PendulumStage | NormaliseStage
+
+STAGES: dict[str, type[Stage]] = {"pendulum": PendulumStage, "normalise": NormaliseStage}
+"""Stages by their name in the file. Numbers and words among their fields are settings, the others arrays."""
+
+ARRAYS: dict[str, tuple[str, ...]] = {"pendulum": (), "normalise": ("mean", "variance")}
+"""Names of the arrays of a stage."""
+
+
+def make_stage(entry: Any, arrays: Mapping[str, np.ndarray]) -> Stage:
+    """A stage from its entry in the metadata and its arrays, by their names without the prefix.
+
+    Raises:
+        SwingupError: the entry is none of a stage, or what it holds cannot work.
+    """
+    name = entry.get("name") if isinstance(entry, Mapping) else None
+    if not isinstance(name, str) or name not in STAGES:
+        shown = quoted(entry if name is None else name)
+        raise SwingupError(f"unknown observation stage {shown}: this program knows {', '.join(STAGES)}")
+    values: dict[str, Any] = {key: value for key, value in entry.items() if key != "name"}
+    for key in FORMER_COUNTS:
+        if name == "pendulum" and values.pop(key, 0) != 0:
+            raise SwingupError(f"its policy sees past {key}, which this version cannot show: train another")
+    known = [field.name for field in fields(STAGES[name]) if field.name not in ARRAYS[name]]
+    for key in values:
+        if key not in known:
+            some = ", ".join(known)
+            raise SwingupError(f"unknown setting {quoted(key)} of stage {name!r}: use some of {some}")
+    for key in ARRAYS[name]:
+        if key not in arrays:
+            raise SwingupError(f"stage {name!r} lacks its array {key}")
+        values[key] = arrays[key]
+    return STAGES[name](**values)

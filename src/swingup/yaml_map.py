@@ -1,0 +1,90 @@
+"""Flat YAML maps, ``name: value``: the form of parameter files and of domains.
+
+YAML can do more than such a file needs, and most of that can be abused: aliases repeat a value a billion times,
+tags build objects, nesting exhausts the stack. The text is first scanned as a stream of events, which costs time
+and memory in proportion to its length. Everything but plain values is refused before any value is built.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from .errors import SwingupError
+from .files import read_bytes, write_atomically
+from .text import LONGEST, one_line, quoted
+
+LARGEST_FILE = 100_000
+"""Bytes of a file; those of the package have less than 3,000."""
+
+DEEPEST = 10
+"""Levels of brackets; a range needs one, and keys that are ignored may hold a little more."""
+
+REMEDY = "write one 'name: value' a line"
+
+
+def read_map(path: str | Path, kind: str) -> dict[str, Any]:
+    """Read a flat YAML map; ``kind`` of file is named in errors.
+
+    Raises:
+        SwingupError: the file cannot be read, is too large, is no map, gives a name twice, or holds an alias, an
+            anchor, a tag, deep brackets or a value that YAML cannot build.
+    """
+    named = f"{kind} file {path}"
+    try:
+        text = read_bytes(path, LARGEST_FILE).decode("utf-8")
+        _refuse_more_than_plain(text, named)
+        data = yaml.safe_load(text)
+    except OSError as error:
+        raise SwingupError(f"cannot read {named}: {error.strerror or error}; check the path") from error
+    except UnicodeDecodeError as error:
+        raise SwingupError(f"{named} is not UTF-8 text: {REMEDY}") from error
+    except yaml.YAMLError as error:
+        raise SwingupError(f"{named} is not YAML ({one_line(error)}): {REMEDY}") from error
+    except (ValueError, ArithmeticError) as error:  # 2001-99-99, 0x_ or 5,000 digits
+        raise SwingupError(f"{named} has a value that is neither a number nor text: {REMEDY}") from error
+    if not isinstance(data, dict):
+        raise SwingupError(f"{named} is not a map: {REMEDY}")
+    for name in data:
+        if not isinstance(name, str):
+            raise SwingupError(f"{named} gives a value to {quoted(name)}, which is no name: {REMEDY}")
+    return data
+
+
+def write_map(path: str | Path, values: Mapping[str, float]) -> None:
+    """Write numbers as a flat YAML map, exactly and atomically.
+
+    Raises:
+        SwingupError: the file cannot be written.
+    """
+    write_atomically(path, yaml.safe_dump(dict(values), sort_keys=False).encode())
+
+
+def _refuse_more_than_plain(text: str, named: str) -> None:
+    """Refuse all that YAML has beyond plain values, nesting, and a name of the outermost map that comes twice."""
+    depth, names, is_map, is_name = 0, dict[str, int](), False, True
+    for event in yaml.parse(text, yaml.SafeLoader):
+        _check_plain(event, named)
+        if depth == 0 and isinstance(event, yaml.NodeEvent):
+            is_map = isinstance(event, yaml.MappingStartEvent)
+        elif depth == 1 and is_map and isinstance(event, yaml.NodeEvent):
+            # In a map names and values take turns.
+            if is_name and isinstance(event, yaml.ScalarEvent):
+                names[event.value] = names.get(event.value, 0) + 1
+            is_name = not is_name
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > DEEPEST:
+            raise SwingupError(f"{named} has brackets deeper than {DEEPEST} levels: {REMEDY}")
+    for name, count in names.items():
+        if count > 1:
+            raise SwingupError(f"{named} gives {one_line(name, LONGEST)} {count} times: keep one of its values")
+
+
+def _check_plain(event: yaml.Event, named: str) -> None:
+    """Refuse an alias, an anchor or a tag."""
+    anchor, tag = getattr(event, "anchor", None), getattr(event, "tag", None)
+    if anchor is not None:
+        raise SwingupError(f"{named} has an alias or an anchor, {quoted(anchor)}: write the value itself")
+    if tag is not None:
+        raise SwingupError(f"{named} has a tag, {quoted(tag)}: write plain values")

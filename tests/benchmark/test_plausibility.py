@@ -1,0 +1,228 @@
+"""Warnings about recordings: none for honest runs and robots, one at least for each kind of forgery."""
+
+import dataclasses
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from swingup.benchmark.evaluate import score
+from swingup.benchmark.plausibility import examine
+from swingup.benchmark.rollout import Trajectory
+from swingup.cli import main
+from swingup.errors import SwingupError
+from swingup.physics.integrate import rk4_step
+from swingup.physics.parameters import get_robot, identified_parameters, leaderboard_parameters
+
+ROBOT = get_robot("acrobot")
+TIME = 0.002 * np.arange(5000)
+TORQUE = 3.0 * np.sin(4.0 * TIME)
+"""Enough to swing the acrobot about at up to 15 rad/s."""
+
+
+@jax.jit
+def roll(parameters, torques, periods):
+    """States before each step from hanging at rest."""
+
+    def step(x, inputs):
+        u, dt = inputs
+        return rk4_step(parameters, x, u, dt), x
+
+    return jax.lax.scan(step, jnp.zeros(4), (torques, periods))[1]
+
+
+def simulated(parameters, time=TIME):
+    u = np.column_stack([np.zeros(len(time)), np.interp(time, TIME, TORQUE)])
+    with jax.enable_x64(True):
+        x = np.asarray(roll(parameters, u, np.append(np.diff(time), 0.002)))
+    return Trajectory(time=time, x=x, u=u)
+
+
+@pytest.fixture(scope="module")
+def honest():
+    return simulated(leaderboard_parameters(ROBOT))
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    """As a robot records: friction, jitter, a late first row, quantised positions, noisy velocities and torques."""
+    generator = np.random.default_rng(0)
+    time = TIME + generator.uniform(0, 0.0008, TIME.size)
+    time[3:] += 0.004
+    found = simulated(identified_parameters(), time - time[0])
+    x = found.x + generator.normal(0, [1e-4, 1e-4, 0.1, 0.1], found.x.shape)
+    x[:, :2] = 3.8e-4 * np.round(x[:, :2] / 3.8e-4)
+    u = found.u + generator.normal(0, 0.05, found.u.shape)
+    return dataclasses.replace(found, x=x, u=u)
+
+
+def names(trajectory, rules="v2"):
+    return [warning.name for warning in examine(trajectory, ROBOT, rules).warnings]
+
+
+def with_rows(trajectory, rows):
+    return Trajectory(time=trajectory.time[rows], x=trajectory.x[rows], u=trajectory.u[rows])
+
+
+def pose(q1=0.0, q2=0.0):
+    """A pose held at rest without torque, as one cannot record it."""
+    return Trajectory(time=TIME, x=np.tile([q1, q2, 0.0, 0.0], (5000, 1)), u=np.zeros((5000, 2)))
+
+
+def test_honest_runs_and_recordings_have_no_warning(honest, recorded):
+    for trajectory in (honest, recorded, pose()):
+        found = examine(trajectory, ROBOT, "hardware")
+        assert found.warnings == ()
+        assert found.rate == pytest.approx(500, rel=0.02)
+
+
+def test_angles_may_be_wrapped_or_full_turns_away(honest):
+    x = honest.x.copy()
+    x[:, :2] = (x[:, :2] + np.pi) % (2 * np.pi) - np.pi
+    assert names(dataclasses.replace(honest, x=x)) == []
+    turns = np.array([2 * np.pi, -4 * np.pi, 0, 0])
+    assert names(dataclasses.replace(honest, x=honest.x + turns)) == []
+
+
+@pytest.mark.parametrize("factor", [0.0, 0.5, -1.0, 2.0])
+def test_other_torques_than_those_that_acted(honest, factor):
+    # Half of the torque leaves 1.5 N m unexplained: with M⁻¹ of about 20 per kg m², 3 rad/s in 0.1 s.
+    assert names(dataclasses.replace(honest, u=factor * honest.u)) == ["one_step_defect"]
+
+
+@pytest.mark.parametrize("factor", [0.0, 0.5, -1.0])
+def test_other_velocities_than_those_of_the_positions(honest, factor):
+    x = honest.x * [1, 1, factor, factor]
+    assert "positions_against_velocities" in names(dataclasses.replace(honest, x=x))
+
+
+def test_a_jump_is_as_long_as_it_is(honest):
+    x = honest.x.copy()
+    x[2500:, 0] += 0.5  # once, by half a radian
+    found = examine(dataclasses.replace(honest, x=x), ROBOT)
+    slip = next(each for each in found.warnings if each.name == "positions_against_velocities")
+    assert slip.text.startswith("its positions move by 0.5 rad within 0.1 s")
+
+
+def test_a_defect_is_as_large_as_it_is():
+    # Hanging at rest without torque nothing changes: the 2 rad/s of the last row are all that is unexplained.
+    still = pose()
+    x = still.x.copy()
+    x[-1, 2] = 2.0
+    found = examine(dataclasses.replace(still, x=x), ROBOT)
+    assert [each.name for each in found.warnings] == ["one_step_defect"]
+    assert found.warnings[0].text.startswith("its velocities change by 2 rad/s within 0.1 s beside")
+
+
+def test_torques_beyond_the_limits():
+    still = pose()
+    for torque, expected in (
+        ([0.5, 0.0], []),
+        ([0.51, 0.0], ["passive_torque"]),
+        ([0.0, 6.0], []),
+        ([0.0, -6.1], ["torque_limit"]),
+    ):
+        u = still.u.copy()
+        u[-1] = torque  # nothing follows that it could have moved
+        assert names(dataclasses.replace(still, u=u)) == expected
+
+
+@pytest.mark.parametrize(
+    ("start", "hangs"),
+    [([0.1, -0.1, 0, 0.9], True), ([0, 2 * np.pi, 0, 0], True), ([0.3, 0, 0, 0], False), ([0, 0, 0, -1.1], False)],
+)
+def test_starts(start, hangs):
+    still = pose()
+    x = still.x.copy()
+    x[0] = start
+    assert ("not_hanging" in names(dataclasses.replace(still, x=x))) is not hangs
+
+
+def test_starting_upright_and_a_teleport():
+    assert names(pose(q1=np.pi)) == ["not_hanging"]
+    x = pose().x.copy()
+    x[10:, 0] = np.pi
+    assert names(dataclasses.replace(pose(), x=x)) == ["positions_against_velocities"]
+
+
+@pytest.mark.parametrize(("stride", "warns"), [(1, []), (2, ["rate"]), (5, ["rate"])])
+def test_rates(stride, warns):
+    found = examine(with_rows(pose(), slice(None, None, stride)), ROBOT)
+    assert [each.name for each in found.warnings] == warns
+    assert found.rate == pytest.approx(500 / stride)
+
+
+def test_periods():
+    rows = np.arange(5000)
+    assert names(with_rows(pose(), rows[(rows < 2000) | (rows > 2008)])) == []  # one gap of 9 periods: a hiccup
+    assert names(with_rows(pose(), rows[(rows < 2000) | (rows > 2010)])) == ["irregular_periods"]
+    assert "irregular_periods" in names(with_rows(pose(), rows[(rows < 100) | (rows % 50 == 0) | (rows > 4990)]))
+    assert names(with_rows(pose(), rows[rows % 7 != 0])) == ["irregular_periods"]  # a sixth of them is double
+
+
+def test_three_rows():
+    time = np.array([0.0, 0.001, 10.0])
+    trajectory = Trajectory(
+        time=time, x=np.array([[0.0] * 4, [np.pi, 0, 0, 0], [np.pi, 0, 0, 0]]), u=np.zeros((3, 2))
+    )
+    assert {"irregular_periods", "rate", "positions_against_velocities"} <= set(names(trajectory))
+
+
+@pytest.mark.parametrize("value", [1e9, -1e9])
+def test_absurd_values_are_only_warned_of(value):
+    x = np.full((5000, 4), value)
+    x[::2] *= -0.5
+    found = names(Trajectory(time=TIME, x=x, u=np.full((5000, 2), value)))
+    assert {"not_hanging", "torque_limit", "passive_torque", "one_step_defect"} <= set(found)
+
+
+def test_short_runs_score_nothing_and_say_so():
+    up = pose(q1=np.pi)
+    assert score(up, ROBOT).success
+    for rows, warns in ((slice(0, 4951), False), (slice(0, 4950), True), (slice(50, None), True)):
+        part = with_rows(up, rows)
+        assert score(part, ROBOT).success is not warns
+        assert ("short_span" in names(part)) is warns
+    text = examine(with_rows(up, slice(0, 2501)), ROBOT).warnings[0].text
+    assert text == "it spans 5 s of 10 s: below 99% it scores 0"
+
+
+@pytest.mark.parametrize("start", [-1000.0, -0.21, 0.21, 1e6])
+def test_times_that_start_far_from_0_are_refused(start):
+    up = pose(q1=np.pi)
+    with pytest.raises(SwingupError, match=r"starts at t = .* s: give its times as seconds since its start"):
+        score(dataclasses.replace(up, time=up.time + start), ROBOT)
+
+
+@pytest.mark.parametrize("start", [-0.2, -0.01, 0.01, 0.06])
+def test_some_periods_of_offset_are_no_fault_and_no_gain(start):
+    up = pose(q1=np.pi)
+    criteria = score(dataclasses.replace(up, time=up.time + start), ROBOT)
+    assert criteria.success
+    assert criteria.swingup_time == pytest.approx(max(0.0, start) + 0.002)
+    assert criteria.score <= 1.0
+
+
+def test_times_that_do_not_increase_are_refused():
+    up = pose(q1=np.pi)
+    time = up.time.copy()
+    time[2000:] -= 1.0
+    with pytest.raises(SwingupError, match="times do not increase"):
+        score(dataclasses.replace(up, time=time), ROBOT)
+
+
+def test_command_shows_rate_and_warnings(tmp_path, capsys):
+    path = tmp_path / "teleport.csv"
+    rows = [f"{t!r},{0 if t < 0.01 else np.pi!r},0,0,0,0,0" for t in TIME.tolist()]
+    path.write_text("\n".join(["time,pos1,pos2,vel1,vel2,tau1,tau2", *rows]), encoding="utf-8")
+    assert main(["score", str(path), "--robot", "acrobot"]) == 0
+    out = capsys.readouterr().out
+    assert "Rate of the log [Hz]           500" in out
+    assert "  warning: positions_against_velocities: its positions move by 3.14 rad within 0.1 s" in out
+    assert main(["score", str(path), "--robot", "acrobot", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["rate"] == pytest.approx(500)
+    assert [warning["name"] for warning in result["warnings"]] == ["positions_against_velocities"]
+    assert result["score"] > 0.99  # as before: warnings inform

@@ -1,0 +1,115 @@
+"""Many reads of spoilt files in one process: ``python -m fuzz.campaign SEED READS FOLDER``, in tests/, prints JSON.
+
+Every read must end in a value or in a ``SwingupError`` of one line, soon and in little memory.
+"""
+
+import collections
+import json
+import random
+import resource
+import signal
+import sys
+import time
+import warnings
+from pathlib import Path
+
+from swingup.areapo.checkpoint import load_checkpoint, read_metadata
+from swingup.benchmark.evaluate import score
+from swingup.benchmark.trajectory_file import load_trajectory
+from swingup.control.reference import load_reference
+from swingup.control.trajectory_csv import load_reference_csv
+from swingup.errors import SwingupError
+from swingup.learner.metrics import read_metrics
+from swingup.learner.run_settings import read_run_settings
+from swingup.physics.parameters import load_parameters
+from swingup.policy.file import read_network
+from swingup.policy.pendulum import read_pendulum_policy
+from swingup.report.files import read_curve, read_robustness
+from swingup.tasks.domain import load_domain
+
+from .inputs import KINDS, LIKE
+
+READERS = {
+    "yaml": [load_parameters, load_domain],
+    "trajectory": [
+        lambda path: score(load_trajectory(path), "acrobot"),
+        lambda path: load_reference_csv(path, "acrobot"),
+    ],
+    "policy": [read_pendulum_policy, read_network],
+    "reference": [load_reference],
+    "checkpoint": [lambda path: load_checkpoint(path, LIKE), read_metadata],
+    "config": [lambda path: read_run_settings(Path(path).parent)],
+    "metrics": [read_metrics, read_curve],
+    "robustness": [read_robustness],
+}
+"""What reads each kind of file."""
+
+LONGEST = 2000
+"""Characters of a message."""
+
+
+class Overtime(BaseException):
+    """A read took too long."""
+
+
+def fault_of(read, path):
+    """What is wrong with how a read ended; None if nothing is."""
+    try:
+        read(str(path))
+    except SwingupError as error:
+        text = str(error)
+        return None if text.isprintable() and len(text) <= LONGEST else f"a message that is no line: {text!r:.200}"
+    except Overtime:
+        return "too slow"
+    except Exception as error:  # a traceback, which is what is looked for
+        return f"{type(error).__name__}: {error!s:.200}"
+    return None
+
+
+def campaign(seed, reads, folder, limit=None):
+    """Read that many spoilt files, all kinds in turn.
+
+    Args:
+        seed: of all that is drawn.
+        reads: how many reads.
+        folder: where the files are written; those that caused a fault stay.
+        limit: seconds for a read, enforced by a signal; None for no limit.
+
+    Returns:
+        Reads and refusals of each kind, faults with their files, the slowest read (s), and the peak memory (MB).
+    """
+    generator, folder = random.Random(seed), Path(folder)
+    counts, faults, slowest = collections.Counter(), [], (0.0, "")
+    for number in range(reads):
+        kind = list(KINDS)[number % len(KINDS)]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # zipfile's, of a name that comes twice
+            data = KINDS[kind].make(generator)
+        path = folder / kind / KINDS[kind].file
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(data)
+        read = generator.choice(READERS[kind])
+        start = time.monotonic()
+        if limit is not None:
+            signal.setitimer(signal.ITIMER_REAL, limit)
+        fault = fault_of(read, path)
+        if limit is not None:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+        slowest = max(slowest, (time.monotonic() - start, f"{kind} {number}"))
+        counts[kind] += 1
+        if fault is not None:
+            kept = folder / f"fault-{number}-{KINDS[kind].file}"
+            kept.write_bytes(data)
+            faults.append(f"{kind}, read {number} of seed {seed}: {fault} ({kept})")
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return {"reads": dict(counts), "faults": faults, "slowest": slowest, "peak_mb": peak}
+
+
+def _stop(*_):
+    raise Overtime
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGALRM, _stop)
+    seed, reads, folder = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3]
+    print(json.dumps(campaign(seed, reads, folder, limit=20)))

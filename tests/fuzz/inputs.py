@@ -1,0 +1,232 @@
+"""Spoilt files of every kind that the package reads, from good ones: bytes, drawn from a seeded generator."""
+
+import dataclasses
+import json
+
+import jax.numpy as jnp
+import numpy as np
+
+from swingup.learner.presets import get_preset
+from swingup.learner.run_settings import RunSettings
+from swingup.physics.parameters import identified_parameters
+
+from .mutations import EXTREMES, LINES, damage, mutate, several, spoilt_archive
+
+PLANT = {name: float(value) for name, value in vars(identified_parameters()).items()}
+LOOP = ("torque_limit", "passive_limit", "delay", "velocity_noise", "torque_noise", "response", "rate_limit")
+
+VALUES = [
+    "1", "-1", "0", ".nan", ".inf", "1e999", "1_000", "0x10", "0x_", "0b_", "1:30", "190:20:30.15", "2001-99-99",
+    "2001-01-01", "!!int x", "!!float '_'", "!!timestamp x", "!!python/name:os.system",
+    "!!python/object/apply:os.getcwd []",
+    "!!binary x", "!!set {a}", "!!omap [a: 1]", "!custom 5", "[1, 2]", "[2, 1]", "[1]", "[]", "{}", "{a: 1}",
+    "[.nan, 1]",
+    "['1', '2']", "true", "~", "''", '"\\x00"', '"\\ud800"', "*a", "&a 1", "&a [*a]", "9" * 5000, "1e-320",
+    "[[1, 2], [3, 4]]",
+    "|\n  block", "? a", "=", "<<", "@x", "`", "%", "- 1",
+    "[1", "{", "'", "[1e8, 2e8]", "[" * 1500, "[" * 400 + "]" * 400,
+]  # fmt: skip
+KEYS = [
+    "1: 2", "~: 1", "[a]: 1", "{a: 1}: 2", "true: 1", "2001-01-01: 3", '"m1\\n": 1', "*x : 1", ".nan: 3",
+    "<<: {m1: 1}",
+    "<<: [1]", "<<: &b {<<: *b}", "!!int x: 1", "? |\n  long\n: 2", "a: b: c", "---", "...", "%YAML 3.0", "\t",
+    "m1: 1",
+]  # fmt: skip
+
+
+def yaml_map(random):
+    """A file of parameters, or with some names of a loop a domain."""
+    base = PLANT if random.random() < 0.4 else dict.fromkeys(random.sample(LOOP, 3), 0.1)
+    lines = [f"{name}: {value}" for name, value in base.items()]
+    for _ in range(random.choice([1, 1, 2])):
+        kind = random.random()
+        if kind < 0.6:
+            name = random.choice([*base, *PLANT, *LOOP])
+            lines = [line for line in lines if not line.startswith(f"{name}:")]
+            lines.append(f"{name}: {random.choice(VALUES)}")
+        elif kind < 0.8:
+            lines.insert(random.randrange(len(lines) + 1), random.choice(KEYS))
+        elif kind < 0.9:
+            depth = random.choice([3, 6, 9])
+            lines += ["a0: &a0 [u, u, u, u, u, u, u, u, u]"]
+            lines += [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]" for k in range(1, depth)]
+            lines.append(f"m1: *a{depth - 1}")
+        else:
+            lines = random.choice([[], ["[]"], ["5"], lines + lines, ["!!set {m1}"], ["!!str {a: 1}"], ["- 1"]])
+    data = "\n".join(lines).encode("utf-8", "surrogatepass") + b"\n"
+    return damage(random, data) if random.random() < 0.1 else data
+
+
+CELLS = [
+    "nan", "inf", "-inf", "1e400", "", "abc", "1,5", "1_000", "１２", "0x10", "1e9", "1e10", "-0", "1d5", "--1",
+    "1 2",
+    "\u22121", "'1'", "=1+1", "None", "1e-400", "9" * 5000, "\x00", "1\t2", "½", "true",
+]  # fmt: skip
+TITLES = [
+    "", "time", "Time", "t", "pos1", "tau1", "#time", "time[ms]", "time (s)", "pos_meas1[deg]",
+    "vel_meas1 [rpm]", "[time]",
+    " pos_meas1 ", '"time"', "x" * 100_000, "1", "nan", "time[", "\u00a0time", "time[" + "[" * 5000,
+]  # fmt: skip
+TIMES = [
+    lambda k: 0.0,
+    lambda k: -k,
+    lambda k: 1e-9 * k,
+    lambda k: 1e8 + k,
+    lambda k: k**3,
+    lambda k: k - 1e6,
+    lambda k: k / 500,
+]
+HEADER = "time,pos_meas1,pos_meas2,vel_meas1,vel_meas2,tau_con1,tau_con2"
+
+
+def trajectory(random):
+    """A CSV file of a trajectory."""
+    count = random.choice([0, 1, 2, 3, 10, 60])
+    titles, rows = HEADER.split(","), [[f"{0.2 * k:g}", "0.1", "0", "0", "0.5", "0", "1"] for k in range(count)]
+    for _ in range(random.choice([1, 1, 2, 3])):
+        kind = random.choice(["cell", "cell", "title", "time", "row", "twice", "order", "swap"])
+        if kind == "cell" and rows:
+            row = random.choice(rows)
+            row[random.randrange(len(row))] = random.choice(CELLS)
+        if kind == "title":
+            titles[random.randrange(len(titles))] = random.choice(TITLES)
+        if kind == "time":
+            time = random.choice(TIMES)
+            rows = [[repr(float(time(k))), *row[1:]] for k, row in enumerate(rows)]
+        if kind == "row" and rows:
+            place = random.randrange(len(rows))
+            rows[place] = random.choice(
+                [[*rows[place], "1"], rows[place][:-1] or ["1"], [""], [*rows[place], "", ""]]
+            )
+        if kind == "twice":
+            titles, rows = [*titles, random.choice(titles)], [[*row, "5"] for row in rows]
+        if kind == "order":
+            random.shuffle(rows)
+        if kind == "swap":
+            random.shuffle(titles)
+    end = random.choice(["\n"] * 6 + ["\r\n", "\r", "\n\n", "\u2028", "\x0b"])
+    text = end.join([",".join(titles), *(",".join(row) for row in rows)])
+    data = text.encode(random.choice(["utf-8"] * 9 + ["utf-8-sig", "utf-16", "utf-32"]), "replace")
+    return damage(random, data) if random.random() < 0.15 else data
+
+
+def policy(random):
+    """A policy file of a pendulum."""
+    draw = np.random.default_rng(random.randrange(1 << 30)).normal
+    metadata = {
+        "format": "swingup policy", "format_version": 1, "robot": "acrobot", "torque_limit": 6.0, "seed": 0,
+        "observation": [{"name": "pendulum", "angles": "wrapped", "velocity_scale": 20.0}],
+        "command": "swingup train acrobot", "scores": {"v2": {"score": 0.1}},
+    }  # fmt: skip
+    arrays = {
+        "network.trunk.0.weight": draw(size=(8, 4)), "network.trunk.0.bias": np.zeros(8),
+        "network.mean.weight": draw(size=(1, 8)), "network.mean.bias": np.zeros(1),
+    }  # fmt: skip
+    arrays = {name: array.astype("f4") for name, array in arrays.items()}
+    if random.random() < 0.3:
+        metadata["observation"].append({"name": "normalise", "clip": 10.0, "epsilon": 1e-8})
+        arrays |= {"observation.1.mean": np.zeros(4), "observation.1.variance": np.ones(4)}
+    if random.random() < 0.3:
+        names = ["dt", "position_noise", "velocity_noise", "longest_dead_time", "longest_delay", "caution", "x"]
+        metadata["estimator"] = {random.choice(names): random.choice([*EXTREMES, 1e-6, 1000])}
+    if random.random() < 0.3:
+        names = ["dt", "damping", "coulomb", "dead_band", "velocity_weight", "passive_limit", "spacing", "x"]
+        metadata["front_end"] = {random.choice(names): random.choice([*EXTREMES, [1e9, 1], 1000])}
+    return _archive(random, metadata, arrays)
+
+
+def reference(random):
+    """A swing-up to follow."""
+    arrays = {name: np.zeros((20, 4)) for name in ("states", "gains", "unregularised_gains")} | {
+        "torque": np.zeros(20)
+    }
+    metadata = {"format": "swingup trajectory", "format_version": 1, "robot": "acrobot", "dt": 0.002, "seed": 0}
+    return _archive(random, metadata, arrays)
+
+
+LIKE = {"weights": jnp.zeros((4, 3)), "step": jnp.zeros((), int)}
+"""What a checkpoint is read like."""
+
+
+def checkpoint(random):
+    """A state of training."""
+    arrays = {name: np.asarray(array) for name, array in LIKE.items()}
+    metadata = {
+        "format": "swingup checkpoint",
+        "format_version": 1,
+        "frames": 1024,
+        "best": [0.1, None],
+        "seconds": 3.5,
+    }
+    return _archive(random, metadata, arrays)
+
+
+def _archive(random, metadata, arrays):
+    if random.random() < 0.5:
+        metadata = several(random, mutate, metadata)
+    return spoilt_archive(random, json.dumps(metadata), arrays)
+
+
+def json_text(random, value):
+    """A JSON value with something else in it, or another text."""
+    if random.random() < 0.1:
+        return random.choice(LINES).encode("utf-8", "surrogatepass")
+    text = json.dumps(several(random, mutate, value))
+    if random.random() < 0.1:
+        text = text.replace("0.", random.choice(["Infinity", "NaN", "1e999", "9" * 5000, '"', "0x"]), 1)
+    data = text.encode("utf-8", "surrogatepass")
+    return damage(random, data) if random.random() < 0.1 else data
+
+
+ROW = {"seed": 0, "frames": 1024, "reward": 0.5, "score": 0.1, "best_score": 0.2, "entropy": -1.5, "seconds": 2.0}
+
+
+def metrics(random):
+    """Rows of metrics."""
+    rows = [json.dumps(ROW | {"frames": 1024 * k}).encode() for k in range(1, 6)]
+    rows[random.randrange(len(rows))] = json_text(random, ROW)
+    data = b"\n".join(rows) + b"\n"
+    return damage(random, data) if random.random() < 0.1 else data
+
+
+PERCENT = dict.fromkeys(
+    ("model", "velocity_noise", "torque_noise", "torque_response", "delay", "perturbations"), 50.0
+)
+ROBUSTNESS = {
+    "robot": "acrobot", "controller": "x", "rules": "v2", "seed": 0, "seeds": [0, 1], **PERCENT, "overall": 0.5,
+    "intervals": {"velocity_noise": [1, 2], "overall": [0.1, 0.2]}, "details": [],
+}  # fmt: skip
+
+
+def robustness(random):
+    """The result of the robustness benchmark."""
+    return json_text(random, ROBUSTNESS)
+
+
+SETTINGS = RunSettings("acrobot", "default", 0, 1, 65_536, 65_536, get_preset("default").config)
+CONFIG = {"version": "0.1.0", "frames": 10_000, **SETTINGS.as_dict()}
+
+
+def config(random):
+    """The settings of a training run."""
+    return json_text(random, CONFIG)
+
+
+@dataclasses.dataclass
+class Kind:
+    """Files of one kind: how they are made, and what they are called."""
+
+    make: object
+    file: str
+
+
+KINDS = {
+    "yaml": Kind(yaml_map, "map.yml"),
+    "trajectory": Kind(trajectory, "run.csv"),
+    "policy": Kind(policy, "policy.npz"),
+    "reference": Kind(reference, "reference.npz"),
+    "checkpoint": Kind(checkpoint, "checkpoint.npz"),
+    "config": Kind(config, "config.json"),
+    "metrics": Kind(metrics, "metrics.jsonl"),
+    "robustness": Kind(robustness, "robustness.json"),
+}

@@ -1,0 +1,159 @@
+"""The back ends of the conformance table: a new one is one more row in BACK_ENDS."""
+
+import json
+import shutil
+import subprocess
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+import pytest
+
+from swingup.policy.c_backend.header import c_header
+from swingup.policy.javascript_backend.page import policy_data, policy_script
+from swingup.policy.jax_backend.controller import make_controller
+from swingup.policy.numpy_backend.controller import NumpyController
+from swingup.policy.onnx_backend.graph import onnx_model
+
+from . import compiled
+from .references import TOLERANCE, replay
+
+
+class Jax:
+    """The judge's: its wide layers sum 64 products in single precision each."""
+
+    def __init__(self, policy, folder):
+        self._whole = make_controller(policy)
+        self._policy = make_controller(policy, estimator=False).policy
+        self._limit = policy.torque_limit
+
+    def alone(self, states):
+        finite = np.isfinite(states).all(axis=1)
+        with jax.enable_x64(True):
+            actions = np.asarray(jax.jit(jax.vmap(self._policy))(np.where(finite[:, None], states, 0.0)))[:, 0]
+        return np.where(finite, self._limit * actions, np.nan)
+
+    def run(self, times, states):
+        return replay(self._whole, times, states)
+
+
+class Numpy:
+    def __init__(self, policy, folder):
+        self.controller = NumpyController(policy)
+        self._alone = self.controller._network
+
+    def alone(self, states):
+        return np.array([self._alone(x) for x in states])
+
+    def run(self, times, states):
+        self.controller.reset()
+        return np.array([self.controller(x, t) for x, t in zip(states, times, strict=True)])
+
+
+class C:
+    def __init__(self, policy, folder):
+        if shutil.which("gcc") is None:
+            pytest.skip("gcc is not installed")
+        self._library = compiled.compile_header(folder, c_header(policy))
+
+    def alone(self, states):
+        return compiled.torques(self._library, np.ascontiguousarray(states))
+
+    def run(self, times, states):
+        return compiled.run(self._library, np.ascontiguousarray(times), np.ascontiguousarray(states))
+
+
+class Onnx:
+    def __init__(self, policy, folder):
+        pytest.importorskip("onnx", reason="onnx is not installed")
+        runtime = pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
+        self._session = runtime.InferenceSession(onnx_model(policy), providers=["CPUExecutionProvider"])
+        self._joint = policy.robot.joint
+
+    def alone(self, states):
+        u = self._session.run(None, {"state": states})[0]
+        assert u.dtype == np.float64
+        assert not np.nan_to_num(u[:, 1 - self._joint]).any()
+        return u[:, self._joint]
+
+
+NODE = """
+globalThis.window = globalThis;
+SCRIPT
+const [spec, driven, states] = JSON.parse(require("fs").readFileSync(0, "utf8"));
+const act = window.swingup.makePolicy(spec, driven);
+const number = (value) => (typeof value === "string" ? Number(value) : value);
+console.log(JSON.stringify(states.map((x) => act(x.map(number)).map(String))));
+"""
+
+
+class JavaScript:
+    """In Node or in Chromium, whichever is there."""
+
+    def __init__(self, policy, folder):
+        if shutil.which("node") is None and shutil.which("chromium") is None:
+            pytest.skip("neither node nor chromium is installed")
+        self._data, self._joint = policy_data(policy), policy.robot.joint
+
+    def alone(self, states):
+        # JSON has no NaN: numbers that are not finite travel as words.
+        words = {"nan": "NaN", "inf": "Infinity", "-inf": "-Infinity"}
+        rows = [[value if np.isfinite(value) else words[str(value)] for value in x] for x in states.tolist()]
+        run = _in_node if shutil.which("node") else _in_chromium
+        u = np.array(run([self._data, self._joint, rows]), np.float64)
+        assert not np.nan_to_num(u[:, 1 - self._joint]).any()
+        return u[:, self._joint]
+
+
+def _in_node(given):
+    code = NODE.replace("SCRIPT", policy_script())
+    result = subprocess.run(
+        ["node", "-e", code], input=json.dumps(given), capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    return json.loads(result.stdout)
+
+
+def _in_chromium(given):
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with playwright.sync_playwright() as tool:
+        browser = tool.chromium.launch(
+            executable_path=shutil.which("chromium"), args=["--no-sandbox", "--headless"]
+        )
+        page = browser.new_page()
+        page.add_script_tag(content=policy_script())
+        answer = page.evaluate(
+            """([spec, driven, states]) => {
+                const act = swingup.makePolicy(spec, driven);
+                return states.map((x) => act(x.map((v) => (typeof v === "string" ? Number(v) : v))).map(String));
+            }""",
+            given,
+        )
+        browser.close()
+    return answer
+
+
+@dataclass(frozen=True)
+class BackEnd:
+    """A row of the table."""
+
+    make: Callable
+    """From a policy and a folder to what has ``alone(states)`` and, if it is whole, ``run(times, states)``."""
+    whole: bool
+    """Whether estimator and front end are inside; else the table compares the policy alone, on the same states."""
+    alone_within: float
+    """Distance of the policy's torque from that in double precision (N m)."""
+    whole_within: float = np.nan
+    """Distance of a whole controller's torques over a run (N m)."""
+    stride: int = 1
+    """The policy alone is asked at every so many states: one that is slow to call gets fewer."""
+
+
+BACK_ENDS = {
+    "jax": BackEnd(Jax, whole=True, alone_within=TOLERANCE, whole_within=TOLERANCE),
+    "numpy": BackEnd(Numpy, whole=True, alone_within=1e-11, whole_within=1e-9),
+    "c": BackEnd(C, whole=True, alone_within=1e-11, whole_within=1e-9),
+    "onnx": BackEnd(Onnx, whole=False, alone_within=TOLERANCE),
+    "javascript": BackEnd(JavaScript, whole=False, alone_within=1e-10, stride=7),
+}

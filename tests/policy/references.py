@@ -1,0 +1,173 @@
+"""What every back end is compared with: the judge's JAX in double precision, on states and on recorded loops."""
+
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from swingup.areapo.networks import init_actor
+from swingup.physics.integrate import rk4_step
+from swingup.physics.parameters import get_robot, leaderboard_parameters
+from swingup.policy.jax_backend.controller import PolicyController, make_controller, policy_of
+from swingup.policy.jax_backend.observation import Normalise, PendulumObservation
+from swingup.policy.jax_backend.policy import Policy
+from swingup.policy.shipped import SHIPPED_POLICIES, read_policy
+
+DT = 0.002
+AWAY = 1e-3
+"""Distance from a wrap of the angles (rad) from which back ends must agree."""
+TOLERANCE = 3e-5
+"""How far torques of different back ends may lie apart (N m)."""
+
+SENSORS = {
+    # Noise of the velocities (rad/s), age of a measurement (steps), steps of the angles (rad), and times between
+    # calls (s), one of which is drawn for each.
+    "clean": (0.0, 0, 0.0, [DT]),
+    "noisy": (0.5, 0, 2 * np.pi / 2**14, [DT]),
+    "late": (0.0, 20, 0.0, [DT]),
+    "late and noisy": (0.3, 15, 2 * np.pi / 2**14, [DT]),
+    "400 Hz": (0.1, 4, 2 * np.pi / 2**14, [0.0025]),
+    "uneven": (0.1, 4, 2 * np.pi / 2**14, [DT, 0.0025]),
+}
+COLUMNS = [*SENSORS, "not finite"]
+"""All sensors."""
+DEPTH = 21
+"""States that the sensors look back on."""
+
+UNSOUND = np.where(np.eye(4), np.array([np.nan, np.inf, -np.inf])[:, None, None], 0.1).reshape(-1, 4)
+"""States (12, 4) with one number that is not finite, for which every torque must be NaN."""
+
+SHIPPED = [f"{robot}-{name}" for robot in ("acrobot", "pendubot") for name in SHIPPED_POLICIES]
+SMALL = ["pendubot-wrapped", "pendubot-bare"]
+"""Untrained ones with the paper's observation, which jumps at its wraps: with and without normalisation."""
+
+
+@functools.cache
+def random_states(number=10_000):
+    """States (number, 4) in several turns and beyond the velocities' scale, away from where an angle is wrapped."""
+    x = np.random.default_rng(5).uniform(-1, 1, (2 * number, 4)) * [9, 9, 25, 25]
+    wrap = np.abs((x[:, :2] + np.pi) % (2 * np.pi) - np.pi).min(axis=1)
+    return x[wrap > AWAY][:number]
+
+
+@functools.cache
+def policy(name):
+    """A policy by a name of SHIPPED or SMALL."""
+    robot, _, kind = name.partition("-")
+    return policy_of(small_policy(kind == "wrapped")) if name in SMALL else read_policy(kind, robot)
+
+
+def small_policy(normalised=True):
+    """A small untrained policy of the pendubot with the paper's observation."""
+    with jax.enable_x64(False):  # single precision, as a file has it
+        actor = jax.tree.map(lambda leaf: leaf + 0.1, init_actor(jax.random.key(0), 4, 1, (16, 12), -1.0))
+    normalise = Normalise(mean=np.linspace(-1, 1, 4), variance=np.linspace(0.5, 2, 4), clip=1.0)
+    stages = (PendulumObservation(20.0, "wrapped"), *([normalise] if normalised else []))
+    return PolicyController(Policy(stages, actor), 3.0, get_robot("pendubot"))
+
+
+def in_double(controller):
+    """A controller whose weights are float64: its networks do all in double precision, which the judge's do not."""
+    return jax.tree.map(
+        lambda leaf: leaf.astype(np.float64) if getattr(leaf, "dtype", None) == np.float32 else leaf, controller
+    )
+
+
+def controller(name, estimator=None, exact=True):
+    """A policy's controller in JAX: in double precision throughout, or as the judge has it."""
+    made = make_controller(policy(name), estimator)
+    return in_double(made) if exact else made
+
+
+@functools.cache
+def recorded(name, steps):
+    """Loops of a policy by sensor: times, measurements (n, 4) and torques (n, 2).
+
+    Behind a sensor the loop is closed; "not finite" is a recording that is played to the controller.
+    """
+    columns = []
+    for sigma, age, quantum, periods in SENSORS.values():
+        random = np.random.default_rng(3)
+        noise, pauses = sigma * random.normal(size=(steps, 2)), random.choice(periods, steps)
+        columns.append((age, quantum, np.cumsum(pauses) - pauses, pauses, noise, False, np.zeros((steps, 4))))
+    times, played = (np.resize(rows, (steps, *rows.shape[1:])) for rows in faults())
+    columns.append((0, 0.0, times, np.zeros(steps), np.zeros((steps, 2)), True, played))
+    with jax.enable_x64(True):
+        stacked = tuple(jnp.asarray(np.array(column)) for column in zip(*columns, strict=True))
+        measured, torques = (np.asarray(rows) for rows in _loops(controller(name), *stacked))
+    lengths = [steps] * len(SENSORS) + [len(faults()[0])]
+    return {
+        sensor: (column[2][:length], x[:length], u[:length])
+        for sensor, length, column, x, u in zip(COLUMNS, lengths, columns, measured, torques, strict=True)
+    }
+
+
+@eqx.filter_jit
+def _loops(found, *columns):
+    p = leaderboard_parameters(found.robot)
+    limits = jnp.array([p.tl1, p.tl2])
+
+    def loop(age, quantum, times, pauses, noise, played, recording):
+        def step(carry, now):
+            past, memory = carry
+            t, pause, normal, given = now
+            angles = past[age, :2]
+            angles = jnp.where(quantum > 0, jnp.round(angles / (quantum + 1e-30)) * quantum, angles)
+            measured = jnp.where(played, given, jnp.concatenate([angles, past[age, 2:] + normal]))
+            memory, u = found(memory, t, measured)
+            x = rk4_step(p, past[0], jnp.clip(u, -limits, limits), pause)
+            return (jnp.concatenate([x[None], past[:-1]]), memory), (measured, u)
+
+        rows = (times, pauses, noise, recording)
+        return jax.lax.scan(step, (jnp.zeros((DEPTH, 4)), found.init()), rows)[1]
+
+    return jax.vmap(loop)(*columns)
+
+
+def faults():
+    """Times (n,) and measurements (n, 4) with a pause, a clock set back, a jump, and some that are not finite."""
+    random, steps = np.random.default_rng(0), 60
+    x = np.cumsum(random.normal(size=(steps, 4)) * [5e-4, 5e-4, 0.1, 0.1], axis=0) + np.array([0.3, 0.2, 0, 0])
+    times = DT * np.arange(steps)
+    times[20:] += 0.01  # a pause
+    times[30:] -= 0.05  # a clock set back
+    x[40:, 1] += 1.0  # a jump
+    x[45], x[48], x[51, 2] = np.nan, np.inf, 1e200
+    return np.concatenate([times, np.full(len(UNSOUND), times[-1])]), np.concatenate([x, UNSOUND])
+
+
+CHUNK = 100
+"""Calls that are compiled together, so that one program serves recordings of any length."""
+
+
+def replay(found, times, states):
+    """A JAX controller's torques (n, 2) from its start on."""
+    torques, rows = [], -(-len(times) // CHUNK) * CHUNK
+    padded = [np.resize(column, (rows, *column.shape[1:])) for column in (times, states)]
+    with jax.enable_x64(True):
+        memory = found.init()
+        for start in range(0, rows, CHUNK):
+            chunk = (jnp.asarray(column[start : start + CHUNK]) for column in padded)
+            memory, u = _chunk(found, memory, *chunk)
+            torques.append(np.asarray(u))
+    return np.concatenate(torques)[: len(times)]
+
+
+@eqx.filter_jit
+def _chunk(found, memory, times, states):
+    return jax.lax.scan(lambda memory, now: found(memory, *now), memory, (times, states))
+
+
+def alone(name, states, exact=True):
+    """The torques (n,) of the driven joint that the policy alone must give."""
+    found = controller(name, estimator=False, exact=exact)
+    bare = PolicyController(found.policy, found.torque_limit, found.robot)
+    with jax.enable_x64(True):
+        return np.asarray(_alone(bare, jnp.asarray(states)))[:, found.robot.joint]
+
+
+@eqx.filter_jit
+def _alone(found, states):
+    return jax.vmap(lambda x: found(None, jnp.zeros(()), x)[1])(states)
