@@ -23,6 +23,7 @@ PENDULUM = smooth_task(ROBOTS["acrobot"])
 init, collect = jax.jit(train.init), jax.jit(train.collect)
 estimate, improve = jax.jit(train.estimate), jax.jit(train.improve)
 advance = jax.jit(train.train)
+values_of = jax.jit(lambda critic, observations: jax.vmap(jax.vmap(critic))(observations))
 CYCLE = Cycle(max_steps=3)
 
 
@@ -83,15 +84,17 @@ def test_truncation_resets_and_keeps_the_true_next_observation(collected):
 
 def test_stored_log_probs_are_those_of_the_actor(collected):
     state, rollout = collected
-    log_prob = jax.vmap(jax.vmap(lambda o, z: state.actor(o).log_prob(z)))
+    log_prob = jax.jit(jax.vmap(jax.vmap(lambda o, z: state.actor(o).log_prob(z))))
     np.testing.assert_allclose(log_prob(rollout.observations, rollout.latents), rollout.log_probs, atol=1e-5)
 
 
 def independent_estimate(state, rollout, config):
     """Advantages of both objectives by plain loops over true next observations."""
-    critic = jax.vmap(jax.vmap(state.critic))
-    values, next_values = np.asarray(critic(rollout.observations)), np.asarray(critic(rollout.next_observations))
-    values_after_reset = np.concatenate([values[1:], np.asarray(jax.vmap(state.critic)(state.observations))[None]])
+    values, next_values, last = (
+        np.asarray(values_of(state.critic, observations))
+        for observations in (rollout.observations, rollout.next_observations, state.observations[None])
+    )
+    values_after_reset = np.concatenate([values[1:], last])
     ended = np.asarray(rollout.terminated)
     beyond = {"end": 0.0 * values, "reset_cost": values_after_reset, "bootstrap": next_values}[config.ending]
     next_values = np.where(ended[..., None], beyond, next_values)
@@ -130,7 +133,7 @@ def test_estimates_equal_plain_loops(collected, changes):
     shift = np.asarray(offset) if config.centre_values else 0.0
     np.testing.assert_allclose(batch.returns, expected + values - shift, atol=2e-4)
     np.testing.assert_allclose(offset, values.mean(axis=(0, 1)), atol=1e-5)
-    centred = jax.vmap(jax.vmap(after.critic))(rollout.observations)
+    centred = values_of(after.critic, rollout.observations)
     np.testing.assert_allclose(centred, values - shift, atol=1e-5)
 
 
