@@ -4,7 +4,7 @@ Usage: python benchmarks/ablations.py [NAME ...] [--frames 8000000] [--seeds 3] 
 [--plot FILE]
 
 Finished runs are lines of the study's file and are not repeated. Each run has a folder as `swingup train` writes
-it, from which one that was cut off resumes. Prints a table in Markdown: the interquartile mean over the seeds of
+it, from which an interrupted run resumes. Prints a table in Markdown: the interquartile mean over the seeds of
 the last tenth's median score and of the best score, with 95 % bootstrap intervals.
 """
 
@@ -46,14 +46,14 @@ CHANGES: dict[str, Change] = {
     "temperature-0.5": hyperparameter(temperature=0.5),
     "no-random-truncation": task_setting(truncation_probability=0.0),
 }
-"""What the paper claims matters, each taken away alone."""
+"""The paper's ingredients, each removed alone."""
 
 SMOOTHED = 9
 """Evaluations whose median is a point of the picture: 0.6 million frames. A policy that falls scores 0."""
 
 
 def train(name: str, seed: int, frames: int, folder: Path) -> list[tuple[int, float, float]]:
-    """One run, or what is left of it: frames, score and seconds of its evaluations."""
+    """Train one run, or the rest of it; frames, score and seconds of its evaluations."""
     config, task = CHANGES[name](get_preset("default").config, smooth_task(ROBOTS["acrobot"]))
     if (folder / "config.json").exists():
         run = resume_run(folder, env=task)
@@ -69,7 +69,7 @@ def train(name: str, seed: int, frames: int, folder: Path) -> list[tuple[int, fl
 
 
 def main() -> None:
-    """Train what is missing and print the table."""
+    """Train the missing runs and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", default=list(CHANGES), metavar="NAME", help=", ".join(CHANGES))
     parser.add_argument("--frames", type=int, default=8_000_000)
@@ -82,7 +82,7 @@ def main() -> None:
         for name in options.names:
             if not Study(options.study).has([name], seed):
                 points = train(name, seed, options.frames, options.runs / name / f"seed-{seed}")
-                Study(options.study).add([name], seed, points)  # read anew: another process may have added to it
+                Study(options.study).add([name], seed, points)  # read again: another process may have added rows
     study = Study(options.study)
     print(f"\n| change ({options.seeds} seeds, {options.frames:,} frames) | last tenth | best |\n|---|---|---|")
     for name in options.names:

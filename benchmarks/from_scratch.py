@@ -1,9 +1,8 @@
-"""From nothing to the scores of the shipped policies, seed by seed: training, a lesson, and what the judge says.
+"""From random weights to the scores of the shipped policies, seed by seed: train, refine, judge.
 
-Usage: python benchmarks/from_scratch.py ROBOT FOLDER [FRAMES [SEEDS]], by default 6,000,000 frames and 5 seeds.
-Each stage is the command that a user would give, timed as a whole with its compilation: leave the machine idle for
-the times. FOLDER receives the runs and results.jsonl, a line a seed. Seeds that it has are left out: an interrupted
-study goes on.
+Usage: python benchmarks/from_scratch.py ROBOT FOLDER [FRAMES [SEEDS]]. The defaults are 6,000,000 frames and 5
+seeds. Each stage is a command of swingup, timed as a whole with its compilation: leave the machine idle for the
+times. FOLDER receives the runs and results.jsonl, a line for each seed. Seeds in that file are not repeated.
 """
 
 import json
@@ -18,21 +17,21 @@ import swingup
 from swingup.benchmark.interval import mean_interval
 
 NOISE_SEEDS = 3
-"""Seeds of the noise and pushes, and of the throws, that every policy is judged with: 0, 1, 2."""
+"""Number of seeds of the noise and pushes, and of the throws, for every policy: 0, 1, 2."""
 
 PUBLISHED = {"acrobot": 0.633, "pendubot": 0.659}
 """AR-EAPO's performance scores in the paper."""
 
 
 def command(*words: str | int | Path) -> float:
-    """Run a command of swingup; how long it took (s)."""
+    """Run a command of swingup; returns its time (s)."""
     start = time.perf_counter()
     subprocess.run([sys.executable, "-m", "swingup", *map(str, words)], check=True)
     return round(time.perf_counter() - start, 1)
 
 
 def one_seed(robot: str, folder: Path, frames: int, seed: int) -> dict[str, Any]:
-    """Train, teach and judge one seed; its row."""
+    """Train, refine and judge one seed; returns its row."""
     run, file = folder / f"{robot}-{seed}", folder / f"{robot}-{seed}.npz"
     new = (robot, "--preset", "global", "--seed", seed, "--out", run, "--frames", frames)
     row: dict[str, Any] = {"robot": robot, "seed": seed, "frames": frames}
@@ -50,7 +49,7 @@ def one_seed(robot: str, folder: Path, frames: int, seed: int) -> dict[str, Any]
 
 
 def main(robot: str, folder: Path, frames: int, seeds: int) -> None:
-    """Add the rows that are missing, and print the table and its means."""
+    """Add the missing rows and print the table with its means."""
     folder.mkdir(parents=True, exist_ok=True)
     results = folder / "results.jsonl"
     rows = [json.loads(line) for line in results.read_text().splitlines()] if results.exists() else []

@@ -25,7 +25,7 @@ class Ours:
         )  # fmt: skip
 
     def learn(self, frames: int) -> None:
-        """Learn from so many frames more."""
+        """Train for more frames."""
         self.model.learn(frames)
 
 
@@ -45,7 +45,7 @@ class Peer:
         )  # fmt: skip
 
     def learn(self, frames: int) -> None:
-        """Learn from so many frames more."""
+        """Train for more frames."""
         self.model.learn(frames, reset_num_timesteps=False)
 
 

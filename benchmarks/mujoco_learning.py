@@ -80,7 +80,7 @@ def run(learner: str, task: str, seed: int, frames: int) -> list[Point]:
 
 
 def main() -> None:
-    """Train what is missing and print the table."""
+    """Train the missing runs and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("tasks", nargs="*", default=TASKS, metavar="ID")
     parser.add_argument("--frames", type=int, default=1_000_000)

@@ -70,7 +70,7 @@ def one_by_one(controller: PolicyController, steps: int) -> None:
 
 
 def main(robot_name: str = "acrobot", *controllers: str) -> None:
-    """Print one line a controller."""
+    """Print one line for each controller."""
     robot, rules = get_robot(robot_name), get_robustness_rules("v2")
     simulations = sum(len(make_cases(robot, rules, criterion, 0)) for criterion in CRITERIA)
     policy = get_controller("ar-eapo", robot)

@@ -1,8 +1,8 @@
-"""Time of one call of a policy of the paper's sizes in each runtime, beside a floor of the same run.
+"""Time of one call of a policy of the paper's sizes in each backend, beside a floor of the same run.
 
 Usage: taskset -c 0 python benchmarks/runtimes.py [ROBOT], by default acrobot; leave the machine idle. Needs gcc and
 onnxruntime. The floor is one product of a 256 x 256 float32 matrix and a vector by NumPy's library: no 256-256
-network in NumPy can do with less. Calls are timed one by one, C's inside C.
+network in NumPy is faster. Calls are timed one by one, C's inside C.
 """
 
 import ctypes
@@ -102,7 +102,7 @@ def measure_c(text: str, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def main(robot: str) -> None:
     """Measure and print."""
     policy = dataclasses.replace(read_policy(AR_EAPO, robot), estimator=EstimatorSettings())
-    # A slow drift: the estimator would start anew at every jump, and have less to do.
+    # A slow drift: at every jump the estimator would reset, and have less to do.
     states = np.cumsum(np.random.default_rng(0).normal(size=(CALLS, 4)) * [2e-3, 2e-3, 0.05, 0.05], axis=0)
     alone, whole = NumpyNetwork(policy), load_controller(AR_EAPO, robot, estimator=True)
     options = onnxruntime.SessionOptions()

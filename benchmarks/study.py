@@ -1,4 +1,4 @@
-"""What the studies of learning share: a file of finished runs, a cell of a table, and a picture of the curves."""
+"""Shared parts of the learning studies: a file of finished runs, a cell of a table, a picture of the curves."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ class Curve(TypedDict):
     """One finished run, a line of the file."""
 
     run: list[str]
-    """What tells runs apart, such as task and learner."""
+    """Identifies the run, such as task and learner."""
     seed: int
     frames: list[int]
     """Of each evaluation."""
@@ -29,7 +29,7 @@ class Curve(TypedDict):
 
 
 class Study:
-    """Finished runs in a file of JSON lines; what it has is not run again."""
+    """Finished runs in a file of JSON lines, which are not repeated."""
 
     def __init__(self, path: Path) -> None:
         """Read the file if it exists."""
@@ -43,7 +43,7 @@ class Study:
         return any((curve["run"], curve["seed"]) == (list(run), seed) for curve in self.curves)
 
     def add(self, run: Sequence[str], seed: int, points: Sequence[tuple[int, float, float]]) -> None:
-        """Write down a run of (frames, score, seconds)."""
+        """Append a run of (frames, score, seconds)."""
         frames, scores, seconds = ([row[k] for row in points] for k in range(3))
         curve = {"run": list(run), "seed": seed, "frames": frames, "scores": scores, "seconds": seconds}
         self.curves.append(Curve(**curve))  # type: ignore[typeddict-item]
@@ -61,7 +61,7 @@ def ends(curves: Sequence[Curve]) -> list[float]:
 
 
 def cell(values: Sequence[float], digits: int = 3) -> str:
-    """Interquartile mean and interval; how many seeds, if there are fewer than three."""
+    """Interquartile mean and interval, and the number of seeds if there are fewer than three."""
     if not values:
         return "not run"
     low, high = bootstrap_interval(values)

@@ -1,4 +1,4 @@
-"""Score the shipped policy of each robot by the benchmark's rules, and look at the trajectory.
+"""Score the shipped policy of each robot by the benchmark's rules and inspect its trajectory.
 
 Usage: python examples/01_evaluate.py
 """
@@ -9,7 +9,7 @@ import swingup
 
 
 def main() -> None:
-    """Print the score, the time of the swing-up and where the pendulum rests at the end."""
+    """Print the score, the swing-up time and the angles at the end."""
     for robot in ("acrobot", "pendubot"):
         controller, card = swingup.shipped_policy(robot)
         result = swingup.evaluate(controller, robot, name=card["command"])

@@ -1,6 +1,7 @@
-"""Run a random policy on the acrobot through Gymnasium and save a picture of where it ends.
+"""Run a random policy on the acrobot through Gymnasium and save a picture of the last state.
 
-Usage: python examples/02_gymnasium.py [PNG], by default acrobot.png in the current folder. Needs swingup[render].
+Usage: python examples/02_gymnasium.py [PNG]. The default is acrobot.png in the current folder. Needs
+swingup[render].
 """
 
 import sys
@@ -14,7 +15,7 @@ import swingup.gym  # noqa: F401 (registers swingup/Acrobot-v0 and swingup/Pendu
 
 
 def main(path: Path) -> None:
-    """Take 200 random steps, which are two seconds, and save the last frame."""
+    """Take 200 random steps (two seconds) and save the last frame."""
     env = gymnasium.make("swingup/Acrobot-v0", render_mode="rgb_array")
     env.reset(seed=0)
     env.action_space.seed(0)
@@ -22,7 +23,7 @@ def main(path: Path) -> None:
     for _ in range(200):
         _, reward, terminated, truncated, info = env.step(env.action_space.sample())
         total += float(reward)
-        if terminated or truncated:  # the task never terminates; it truncates at random, once in 1,000 steps
+        if terminated or truncated:  # never terminated; truncated at random, once in 1,000 steps
             _, info = env.reset()
     q1, q2, _, _ = info["state"]
     print(f"mean reward {total / 200:.3f}; last angles {q1:.2f} and {q2:.2f} rad")

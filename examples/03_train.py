@@ -1,7 +1,7 @@
-"""Train a policy from Python, watch it learn, and go on later: one minute's worth of it.
+"""Train a policy from Python, print its progress, and resume it, in about one minute.
 
-Usage: python examples/03_train.py [FOLDER [FRAMES]], by default a temporary folder and 100,000 frames. A policy
-that swings up takes some 5 million frames: `swingup train acrobot`.
+Usage: python examples/03_train.py [FOLDER [FRAMES]]. The defaults are a temporary folder and 100,000 frames. A
+policy that swings up takes some 5 million frames: `swingup train acrobot`.
 """
 
 import sys
@@ -15,7 +15,7 @@ from swingup.learner.start import resume_run, start_run
 
 
 def main(folder: Path, frames: int) -> None:
-    """Train for half of the frames, then resume for the rest as if nothing had happened."""
+    """Train for half of the frames, then resume from the checkpoint for the rest."""
     settings = RunSettings(
         robot="pendubot",
         preset="default",
@@ -30,7 +30,7 @@ def main(folder: Path, frames: int) -> None:
 
 
 def show(run: Run) -> None:
-    """Advance a run to its end, a line for each report."""
+    """Advance a run to its end and print a line for each report."""
     for report in run.advance():
         row = report.rows[0]
         print(f"{report.frames:7,} frames: reward {row['reward']:.3f}, score {row['score']:.3f}")

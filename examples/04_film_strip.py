@@ -1,6 +1,7 @@
 """Draw a swing-up of each robot as a film strip: the README's picture.
 
-Usage: python examples/04_film_strip.py [PNG], by default film-strip.png in the current folder (swingup[render]).
+Usage: python examples/04_film_strip.py [PNG]. The default is film-strip.png in the current folder. Needs
+swingup[render].
 """
 
 import sys
@@ -18,7 +19,7 @@ TIMES = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 4.0)
 
 
 def main(path: Path) -> None:
-    """One row a robot, one frame a time."""
+    """Draw one row for each robot and one frame for each time."""
     rows = []
     for name in ("acrobot", "pendubot"):
         robot = get_robot(name)

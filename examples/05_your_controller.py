@@ -1,4 +1,4 @@
-"""Judge a controller of your own, in plain Python and in JAX: the same tables, at two speeds."""
+"""Judge a controller of your own in plain Python and in JAX: the same tables at two speeds."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -9,27 +9,27 @@ from swingup.types import Scalar, State, Torque
 
 
 class PlainSwing:
-    """Swings the pendubot gently to and fro, and never balances it."""
+    """Swings the pendubot gently and never balances it."""
 
     def reset(self) -> None:
         """Forget the last torque."""
         self.last = 0.0
 
     def get_control_output(self, x: np.ndarray, t: float) -> list[float]:
-        """Torques [u1, u2] (N m): a tenth of the way to what is wanted at every call."""
+        """Torques [u1, u2] (N m): a low-pass filter of the target torque, with weight 0.1."""
         self.last += 0.1 * (np.sin(5.0 * t) - 0.3 * x[2] - self.last)
         return [self.last, 0.0]
 
 
 class JaxSwing(swingup.AbstractController[Array]):
-    """The same with explicit memory: a whole grid of simulations runs side by side."""
+    """The same controller with explicit memory: a whole grid of simulations runs side by side."""
 
     def init(self) -> Array:
-        """The last torque: none."""
+        """The last torque: 0 N m."""
         return jnp.zeros(())
 
     def __call__(self, carry: Array, t: Scalar, x: State) -> tuple[Array, Torque]:
-        """What to remember, and the torques (N m)."""
+        """The new memory, and the torques (N m)."""
         carry = carry + 0.1 * (jnp.sin(5.0 * t) - 0.3 * x[2] - carry)
         return carry, jnp.array([1.0, 0.0]) * carry
 

@@ -1,4 +1,4 @@
-"""The robustness benchmark, all its 722 simulations, and where the shipped policy fails."""
+"""Run the robustness benchmark with its 722 simulations and list where the shipped policy fails."""
 
 from collections import Counter
 
@@ -12,7 +12,7 @@ print(f"{'overall':<16}{result.overall:8.3f}")
 
 failed = [entry.as_dict() for entry in result.results if not entry.success]
 print("failures:", dict(Counter(entry["criterion"] for entry in failed)))
-print("model errors that it does not survive:")
+print("model errors with which it fails:")
 for entry in failed:
     if entry["criterion"] == "model":
         print(f"  {entry['parameter']:<5}{'x ' if entry['relative'] else '= '}{entry['value']:g}")

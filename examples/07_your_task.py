@@ -1,6 +1,6 @@
-"""Train AR-EAPO on a task of your own: keep a leaky tank level with a pump, for ever.
+"""Train AR-EAPO on a task of your own: a pump keeps the level of a leaky tank, without end.
 
-Usage: python examples/07_your_task.py [FRAMES], by default 20,000 frames, which take seconds.
+Usage: python examples/07_your_task.py [FRAMES]. The default, 20,000 frames, takes seconds.
 """
 
 import sys
@@ -14,7 +14,7 @@ from swingup.learner.report import TrainingReport
 
 
 class Tank(gymnasium.Env[np.ndarray, np.ndarray]):
-    """The level (m) falls by a tenth a step and by what is drawn at random; the pump adds up to 0.5 m."""
+    """The level (m) falls by a tenth a step and by a random amount; the pump adds up to 0.5 m."""
 
     observation_space = Box(0.0, np.inf, (1,), np.float32)
     action_space = Box(0.0, 0.5, (1,), np.float32)
@@ -26,14 +26,14 @@ class Tank(gymnasium.Env[np.ndarray, np.ndarray]):
         return np.array([self.level], np.float32), {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict]:
-        """Pay for the distance to 2 m; a time limit ends an episode, the task itself never does."""
+        """Reward the level for being near 2 m. Only a time limit truncates an episode."""
         self.level = 0.9 * self.level + float(action[0]) - self.np_random.uniform(0.0, 0.04)
         self.level, self.steps = max(self.level, 0.0), self.steps + 1
         return np.array([self.level], np.float32), -((self.level - 2.0) ** 2), False, self.steps >= 200, {}
 
 
 def main(frames: int) -> None:
-    """Learn, watching the gain, and ask the policy what it does."""
+    """Learn, print the gain meanwhile, and print the policy's actions."""
     model = AREAPO(Tank, learning_rate=1e-3, evaluate_every=4096)
 
     def show(_: AREAPO, report: TrainingReport) -> None:
@@ -42,7 +42,7 @@ def main(frames: int) -> None:
 
     model.learn(frames, show)
     for level in (1.0, 2.0, 3.0):
-        print(f"at {level} m it pumps {model.predict([level])[0]:.2f} m a step")  # 0.22 m a step keep 2 m
+        print(f"at {level} m it pumps {model.predict([level])[0]:.2f} m a step")  # 0.22 m a step keeps 2 m
     print(model.evaluate(episodes=10))
 
 

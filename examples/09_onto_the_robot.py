@@ -1,4 +1,4 @@
-"""Onto the robot: the policy for the real plant, judged there, run as a 500 Hz loop runs it, and exported to C."""
+"""Judge the policy for the real robot's plant, run it as a 500 Hz loop does, and export it to C."""
 
 import time
 from pathlib import Path
@@ -14,10 +14,10 @@ from swingup.realaigym import load_controller
 ROBOT, NAME, SEEDS = "acrobot", "robot", 5
 
 # Friction, motor inertia, a delay of 10 ms, noisy velocities, imperfect motors: docs/sim2real.md.
-result = swingup.hardware(swingup.get_controller(NAME, ROBOT), ROBOT, NAME, seeds=SEEDS)
+result = swingup.sim2real(swingup.get_controller(NAME, ROBOT), ROBOT, NAME, seeds=SEEDS)
 print(f"{NAME} on the {ROBOT}'s plant: {result.successes} of {SEEDS} swing-ups held")
 
-# What the robot's loop calls: NumPy alone. Here it is shown what was measured in the first of these runs.
+# The robot's loop calls this object, which needs NumPy alone. Its input here is the first of these runs.
 controller = load_controller(NAME, ROBOT)
 controller.reset()
 controller.init()
@@ -27,7 +27,7 @@ for t, x in zip(np.asarray(rows.time), np.asarray(rows.x), strict=True):
     u = controller.get_control_output(x=x, t=t)
     took.append(time.perf_counter() - start)
     assert u.shape == (2,)
-    assert abs(u[0]) < 1.0  # the passive joint's motor only makes up for friction
+    assert abs(u[0]) < 1.0  # the passive joint's motor only compensates friction
 print(f"{len(took)} calls, {1e6 * median(took):.0f} microseconds each in the median")
 
 Path("policy.h").write_text(c_header(read_policy(NAME, ROBOT)), encoding="utf-8")

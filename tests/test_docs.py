@@ -1,8 +1,8 @@
-"""What the documentation shows runs: Python blocks, command lines, the notebook, and the names of the API page.
+"""The documentation runs: Python blocks, command lines, the notebook; and the API page has every public name.
 
-Comments in the pages' source say what a block needs; readers do not see them. Before a block,
-``<!-- run first: CODE -->`` is run in the same namespace, ``<!-- slow -->`` leaves it to the slow tests, and
-``<!-- not run: REASON -->`` to nobody. A block is run by itself, in an empty folder.
+Comments in the pages' source, which readers do not see, say what a block needs. Before a block,
+``<!-- run first: CODE -->`` gives code to run in the same namespace, ``<!-- slow -->`` leaves the block to the slow
+tests, and ``<!-- not run: REASON -->`` excludes it. Each block runs by itself, in an empty folder.
 """
 
 import dataclasses
@@ -35,7 +35,7 @@ pytestmark = pytest.mark.skipif(not (ROOT / "docs").is_dir(), reason="the pages 
 COMMENT = r"<!-- (?P<kind>run first|slow|not run)(?::\s+(?P<text>.*?))?\s+-->\n+"
 BLOCK = re.compile(rf"(?P<comments>(?:{COMMENT})*)^```python\n(?P<code>.*?)^```$", re.MULTILINE | re.DOTALL)
 LANGUAGES = {"", "c", "math", "python"}
-"""Of fenced blocks; another one needs a test first."""
+"""Languages of fenced blocks; another one needs a test first."""
 
 
 def python_blocks():
@@ -76,7 +76,7 @@ def test_python_block_runs(page, first, source, tmp_path, monkeypatch):
 
 @pytest.fixture
 def parse(monkeypatch):
-    """The command line without the commands: arguments are parsed, and that is all."""
+    """The command line without the commands: it only parses arguments."""
 
     def parse_only(*arguments):
         parse_words(*arguments)
@@ -92,9 +92,9 @@ def test_command_line_parses(line, parse):
 
 
 LEFT_OUT = {"--scheduler": "a cluster", "--recipe recover": "six minutes; tests/refine has it"}
-"""Command lines that are not run, and why."""
+"""Command lines that do not run here, and why."""
 SHORTER = {r"--seeds \d+": "--seeds 1", r"--frames \d+": "--frames 16384"}
-"""What is made shorter before a command line is run."""
+"""Options that are shortened before a command line runs."""
 MINE = """
 def controller(x, t):
     return [0.0, -0.5 * x[3]]
@@ -114,7 +114,7 @@ def shortened(line):
 
 @pytest.mark.slow
 def test_command_lines_run_in_their_order(tmp_path, monkeypatch, small_grid, brief_minute):
-    """All in one folder, since what one writes another one reads; two trainings may have the same folder."""
+    """All run in one folder, since some read what others wrote; two trainings may have the same folder."""
     pytest.importorskip("mujoco", reason="mujoco is not installed")
     long = dataclasses.replace(small_grid.robustness, duration=10.0)  # --pushes need their time
     small = {"v2": dataclasses.replace(small_grid, robustness=long), "v3": brief_minute}
@@ -147,7 +147,7 @@ def test_commands_named_in_sentences_exist(parse, capsys):
     options = {}
     for page in PAGES:
         prose = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
-        for words in re.findall(r"`swingup ([a-z]+)([^`]*)`", prose):
+        for words in re.findall(r"`swingup ([a-z0-9]+)([^`]*)`", prose):
             options.setdefault(words[0], set()).update(re.findall(r"--[a-z][a-z-]*", words[1]))
     for command, flags in options.items():
         assert re.search(rf"\b{command}\b", known), command

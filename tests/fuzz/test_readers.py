@@ -19,9 +19,9 @@ READS = 20_000
 
 
 def test_some_reads(tmp_path):
-    found = campaign(seed=1, reads=320, folder=tmp_path)
+    found = campaign(seed=1, reads=240, folder=tmp_path)
     assert found["faults"] == []
-    assert found["reads"] == dict.fromkeys(KINDS, 40)
+    assert found["reads"] == dict.fromkeys(KINDS, 30)
 
 
 @pytest.mark.slow

@@ -26,6 +26,8 @@ from .transition import PendulumTransition
 REFERENCE_FORMAT = "swingup trajectory"
 REFERENCE_VERSION = 1
 
+REMEDY = "compute it again with swingup trajectory"
+
 
 class Reference(eqx.Module):
     """A trajectory x_{n+1} = f(x_n, u_n) of the driven joint's torques, with feedback gains along it."""
@@ -107,20 +109,17 @@ def load_reference(path: str | Path) -> tuple[Reference, dict[str, Any]]:
         SwingupError: the file cannot be read, is truncated, or is no trajectory file of this version.
     """
     metadata, arrays = load_archive(path, REFERENCE_FORMAT, REFERENCE_VERSION, REFERENCE_ARRAYS.__contains__)
-    missing = [name for name in ("robot", "dt") if name not in metadata] + [
-        n for n in REFERENCE_ARRAYS if n not in arrays
-    ]
+    missing = [name for name in ("robot", "dt") if name not in metadata]
+    missing += [name for name in REFERENCE_ARRAYS if name not in arrays]
     if missing:
-        raise SwingupError(f"trajectory file {path} lacks {', '.join(missing)}: make it anew")
+        raise SwingupError(f"trajectory file {path} lacks {', '.join(missing)}: {REMEDY}")
     dt, rows = metadata["dt"], arrays["torque"].shape
     dt = positive_number(f"trajectory file {path} has dt", dt, 1.0, "s")
     for name in REFERENCE_ARRAYS:
         array, shape = arrays[name], rows if name == "torque" else (*rows, 4)
         if len(rows) != 1 or rows[0] < 2 or array.shape != shape:
-            raise SwingupError(f"trajectory file {path} has {name} of shape {array.shape}: make it anew")
+            raise SwingupError(f"trajectory file {path} has {name} of shape {array.shape}: {REMEDY}")
         if array.dtype.kind != "f" or not np.isfinite(array).all():
-            raise SwingupError(
-                f"trajectory file {path} has values in {name} that are not finite numbers: make it anew"
-            )
+            raise SwingupError(f"trajectory file {path} has values in {name} that are not finite numbers: {REMEDY}")
     fields = {name: arrays[name].astype(np.float64) for name in REFERENCE_ARRAYS}
     return Reference(robot=get_robot(metadata["robot"]), dt=dt, **fields), metadata

@@ -25,8 +25,8 @@ _GROUPS = (
 )
 """The columns to read, in order: of each group, the first choice that is complete."""
 
-UNEVEN = 1e-6
-"""Times that lie this far (s) off an even spacing are not even."""
+SPACING_TOLERANCE = 1e-6
+"""Largest distance of a time from an even spacing (s)."""
 
 
 def save_reference_csv(path: str | Path, reference: Reference) -> None:
@@ -62,7 +62,7 @@ def load_reference_csv(path: str | Path, robot: Robot | str) -> Reference:
     table = list(columns.values())
     time, states, torques = table[0], np.column_stack(table[1:5]), np.column_stack(table[5:7])
     dt = float(time[-1] / (len(time) - 1))
-    if not np.allclose(time, dt * np.arange(len(time)), rtol=0, atol=UNEVEN):
+    if not np.allclose(time, dt * np.arange(len(time)), rtol=0, atol=SPACING_TOLERANCE):
         raise SwingupError(f"{path}: its times are not evenly spaced from 0 on: resample it")
     passive = 1 - robot.joint
     if np.any(torques[:, passive] != 0):
