@@ -16,7 +16,7 @@ from swingup.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.physics.parameters import ROBOTS
 from swingup.policy.jax_backend.policy import load_policy
-from swingup.tasks.presets import smooth_task
+from swingup.tasks.presets import global_task, smooth_task
 from swingup.tasks.task import AbstractTask, Step
 
 from .environments import Chain, Endless, Failing, Noisy, Stairs
@@ -238,6 +238,8 @@ def test_no_preset_is_guessed_for_a_pendulum_task():
         AREAPO(task, **TINY)
     assert "one of 'default', 'paper', " in str(caught.value)
     assert "mujoco" not in str(caught.value)
+    with pytest.raises(SwingupError, match="for this RecoveryTask"):
+        AREAPO(global_task(ROBOTS["pendubot"]), **TINY)
     model = AREAPO(task, "default", **TINY)
     assert (model.settings.preset, model.settings.robot) == ("default", None)
 
