@@ -80,7 +80,7 @@ def smooth(curves: Sequence[Curve], evaluations: int) -> list[Curve]:
 
 def draw(path: Path, panels: Mapping[str, Mapping[str, Sequence[Curve]]], ylabel: str) -> None:
     """A panel for each title, in it a line for each label: the mean over the seeds, and the seeds in faint."""
-    from swingup.report.look import legend_below, line_look, new_figure, render, styled
+    from swingup.report.style import legend_below, line_look, new_figure, render, styled
 
     columns = min(3, len(panels))
     rows = -(-len(panels) // columns)

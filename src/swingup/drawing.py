@@ -20,7 +20,7 @@ SUPERSAMPLING = 4
 """Pixels are drawn this many times finer in each direction, then averaged."""
 MARGIN = 1.15
 """Half the width of the picture in units of l1 + l2."""
-GOAL = 0.9
+GOAL_HEIGHT = 0.9
 """Height of the goal line above the shoulder in units of l1 + l2."""
 FULL_ARC = 150.0
 """Length of the arrow that stands for the leaderboards' torque limit (degrees)."""
@@ -77,7 +77,7 @@ def _draw_scenery(canvas: "ImageDraw", shoulder: Point, reach: float, unit: floa
     canvas.circle(shoulder, reach, outline=GUIDE, width=round(0.4 * unit))
     canvas.polygon(((x, y), (x - half, y + depth), (x + half, y + depth)), fill=GUIDE)
     canvas.line((x - 1.5 * half, y + depth, x + 1.5 * half, y + depth), fill=BASE, width=round(0.9 * unit))
-    goal = y - GOAL * reach
+    goal = y - GOAL_HEIGHT * reach
     for dash in range(0, 100, 4):
         canvas.line((dash * unit, goal, (dash + 2.4) * unit, goal), fill=GREEN, width=round(0.7 * unit))
 

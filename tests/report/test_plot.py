@@ -12,9 +12,9 @@ from swingup.benchmark.rules import CRITERIA
 from swingup.benchmark.trajectory_file import save_trajectory
 from swingup.errors import SwingupError
 from swingup.report.files import make_labels
-from swingup.report.look import render
+from swingup.report.style import render
 from swingup.report.plot import goals, plot_curves, plot_phase, plot_robustness, plot_trajectories, unwrapped
-from swingup.report.save import KINDS, save_plot
+from swingup.report.save import PLOT_KINDS, save_plot
 
 
 def swing(turns=0.5, joint=1, rows=1001, dt=0.01):
@@ -330,7 +330,7 @@ def test_global_settings_are_neither_read_nor_changed():
 
 def test_pyplot_is_not_needed():
     code = (
-        "import sys; from swingup.report.plot import plot_robustness; from swingup.report.look import render;"
+        "import sys; from swingup.report.plot import plot_robustness; from swingup.report.style import render;"
         "assert 'matplotlib' not in sys.modules;"
         "render(plot_robustness({'a': {'model': 5.0}}), '.png'); print('matplotlib.pyplot' in sys.modules)"
     )
@@ -399,7 +399,7 @@ def test_bad_files_are_named_and_nothing_is_written(tmp_path, kind, content):
     assert [path.name for path in tmp_path.iterdir()] == ["bad"]
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", PLOT_KINDS)
 @pytest.mark.parametrize("file", ["missing", "."])
 def test_files_that_cannot_be_read_are_named(tmp_path, kind, file):
     with pytest.raises(SwingupError, match=r"cannot read|no such file"):

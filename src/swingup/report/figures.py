@@ -23,15 +23,15 @@ if TYPE_CHECKING:
     from ..benchmark.leaderboard import Row
 
 TOOLS = "pan,box_zoom,wheel_zoom,reset,save"
-COLUMNS = ("t", "q1", "q2", "dq1", "dq2", "u1", "u2", "height")
+RUN_COLUMNS = ("t", "q1", "q2", "dq1", "dq2", "u1", "u2", "height")
 RUNS: dict[str, dict[str, Any]] = {
     "clean": {"line_width": 2.2},
     "disturbed": {"line_width": 1.1, "line_alpha": 0.75},
 }
 """How the lines of the two runs look."""
-HEIGHT = 150
+SERIES_HEIGHT = 150
 """Of one time series (pixels)."""
-GROUP = 0.84
+GROUP_WIDTH = 0.84
 """Width of all bars of one criterion, where criteria are 1 apart."""
 
 
@@ -55,7 +55,7 @@ def motion_figures(parameters: Parameters, driven: int, duration: float) -> dict
         driven: index of the driven joint.
         duration: length of the time axis (s).
     """
-    sources = _sources(COLUMNS)
+    sources = _sources(RUN_COLUMNS)
     others = ColumnDataSource({"t": [], "height": []}, name="others")
     axis = Range1d(start=0.0, end=duration)
     cross = Span(dimension="height", line_dash="dotted", tags=["--muted"])
@@ -79,7 +79,7 @@ def motion_figures(parameters: Parameters, driven: int, duration: float) -> dict
         row.add_tools(CrosshairTool(overlay=cross, visible=False))  # one line in all
     rows[-1].xaxis.visible = True
     rows[-1].xaxis.axis_label = "Time (s)"
-    rows[-1].height = HEIGHT + 42  # room for the axis
+    rows[-1].height = SERIES_HEIGHT + 42  # room for the axis
     return {
         "series": _item(gridplot([[row] for row in rows], sizing_mode="stretch_width", toolbar_location="above")),
         "phase-1": _item(_phase(1, "--link-1")),
@@ -97,13 +97,13 @@ def robustness_figure(rows: Sequence["Row"], labels: Sequence[str], criteria: di
     """
     plot = _figure(height=300, toolbar_location="above", name="robustness")
     plot.x_range, plot.y_range = Range1d(start=-0.55, end=len(criteria) - 0.45), Range1d(start=0, end=106)
-    width = GROUP / len(rows)
+    width = GROUP_WIDTH / len(rows)
     for index, (row, label) in enumerate(zip(rows, labels, strict=True)):
         # Criteria that were not measured have no bar.
         shown = [(place, column) for place, column in enumerate(criteria) if row.values[column] is not None]
         source = ColumnDataSource(
             {
-                "x": [place - GROUP / 2 + (index + 0.5) * width for place, _ in shown],
+                "x": [place - GROUP_WIDTH / 2 + (index + 0.5) * width for place, _ in shown],
                 "percent": [row.values[column] for _, column in shown],
                 "criterion": [criteria[column].replace("\n", " ") for _, column in shown],
                 "controller": [label] * len(shown),
@@ -131,7 +131,7 @@ def robustness_figure(rows: Sequence["Row"], labels: Sequence[str], criteria: di
 def _time_series(
     label: str, curves: Sequence[Curve], sources: dict[str, ColumnDataSource], axis: Range1d
 ) -> figure:
-    plot = _figure(height=HEIGHT, x_range=axis, min_border_left=62, tags=["time"])
+    plot = _figure(height=SERIES_HEIGHT, x_range=axis, min_border_left=62, tags=["time"])
     values = [(curve["column"], f"@{curve['column']}{{0.000}}") for curve in curves]
     sides: dict[str, Literal["left", "right"]] = {"disturbed": "left", "clean": "right"}
     for run, side in sides.items():
@@ -149,7 +149,7 @@ def _time_series(
 def _phase(joint: int, colour: str) -> figure:
     plot = _figure(height=300, toolbar_location="above")
     # Of their own: a source can be in one document only.
-    sources, dots = _sources(COLUMNS), _sources(COLUMNS[1:5], "-now")
+    sources, dots = _sources(RUN_COLUMNS), _sources(RUN_COLUMNS[1:5], "-now")
     q, rate = f"q{joint}", f"dq{joint}"
     lines: list[DataRenderer] = [
         _line(plot, q, {"column": rate, "colour": colour}, sources[run], run) for run in reversed(RUNS)

@@ -18,7 +18,7 @@ from ..physics.parameters import ROBOTS, Robot
 PLOTTED = ("reward", "score")
 """What learning curves show of a row of metrics."""
 
-LARGEST = 1e15
+LARGEST_DRAWN = 1e15
 """Counts and scores beyond this are mistakes, and matplotlib's axes could not hold them."""
 
 _Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -152,4 +152,4 @@ def make_labels(files: Sequence[str | Path]) -> list[str]:
 
 def _is_real(value: Any, low: float = -math.inf, high: float = math.inf) -> bool:
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    return number and low <= value <= high and abs(value) < LARGEST
+    return number and low <= value <= high and abs(value) < LARGEST_DRAWN

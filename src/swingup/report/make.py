@@ -14,14 +14,14 @@ from ..policy.jax_backend.controller import shipped_policy
 from ..tasks.disturbance import Disturbance
 from .content import Section, Show
 
-EVERY = 5
+THINNING = 5
 """Of the 500 rows a second every fifth is kept."""
 
 VELOCITY_NOISE = 0.05
 """Noise of the disturbed swing-ups' velocity measurements (rad/s)."""
 TORQUE_NOISE = 0.2
 """Noise of their torque (N m)."""
-PUSHES = PushRules(amplitude=(0.5, 3.0))
+SHOW_PUSHES = PushRules(amplitude=(0.5, 3.0))
 """Their pushes: as many as on the robustness board, and up to 3 N m instead of 5."""
 
 
@@ -63,19 +63,19 @@ def make_show(name: str, controller: Any, robot: Robot, seed: int) -> Show:
 
 def disturb(seed: int) -> Disturbance:
     """The disturbance of the page's disturbed swing-ups, the same for each controller."""
-    return make_disturbance(velocity_noise=VELOCITY_NOISE, torque_noise=TORQUE_NOISE, pushes=PUSHES, seed=seed)
+    return make_disturbance(velocity_noise=VELOCITY_NOISE, torque_noise=TORQUE_NOISE, pushes=SHOW_PUSHES, seed=seed)
 
 
 def describe_disturbance(seed: int) -> str:
     """The disturbance of the page's disturbed swing-ups in one sentence."""
-    low, high = PUSHES.amplitude
+    low, high = SHOW_PUSHES.amplitude
     return (
         f"Disturbed means Gaussian noise on the measured velocities ({VELOCITY_NOISE:g} rad/s) and on the torque "
-        f"({TORQUE_NOISE:g} N m), and {PUSHES.pushes} random pushes of {low:g} to {high:g} N m on the driven joint "
+        f"({TORQUE_NOISE:g} N m), and {SHOW_PUSHES.pushes} random pushes of {low:g} to {high:g} N m on the driven joint "
         f"(seed {seed}), the same for each controller."
     )
 
 
 def thin(trajectory: Trajectory) -> Trajectory:
     """Every fifth row: 100 a second are enough to look at."""
-    return Trajectory(trajectory.time[::EVERY], trajectory.x[::EVERY], trajectory.u[::EVERY])
+    return Trajectory(trajectory.time[::THINNING], trajectory.x[::THINNING], trajectory.u[::THINNING])

@@ -28,7 +28,7 @@ __all__ = ["Section", "Show", "render_page"]
 SCRIPTS = ("physics.js", "pendulum.js", "player.js", "live.js", "plots.js")
 """In this order, before ``main.js``."""
 
-DRIVEN = ("the shoulder", "the elbow")
+JOINT_NAMES = ("the shoulder", "the elbow")
 
 TITLES = {"performance": "Performance", "robustness": "Robustness", "uptime": "Global policy"}
 
@@ -38,7 +38,7 @@ NOTES = {
     "uptime": "Share of 60 s with the tip above the line, while the pendulum is thrown 15 times.",
 }
 
-SERIES = 8
+MOST_SERIES = 8
 """Most controllers in the robustness plot: all of ours that fit, then the best published ones."""
 
 
@@ -107,7 +107,7 @@ def _describe(section: Section, encoded: dict[str, Any]) -> dict[str, Any]:
     """What the template needs of a section."""
     return {
         "robot": section.robot,
-        "driven": DRIVEN[get_robot(section.robot).joint],
+        "driven": JOINT_NAMES[get_robot(section.robot).joint],
         "disturbance": section.disturbance,
         "live": section.policy is not None,
         "shows": [show["name"] for show in encoded["shows"]],
@@ -157,9 +157,9 @@ def _series(boards: Sequence["Board"]) -> list["Row"]:
     measured = (
         [row for row in board.rows if any(row.values[name] is not None for name in CRITERIA)] if board else []
     )
-    ours = [row for row in measured if row.source == "ours"][:SERIES]
+    ours = [row for row in measured if row.source == "ours"][:MOST_SERIES]
     published = {row.controller: row for row in reversed(measured) if row.source != "ours"}
-    best = [row for row in measured if row is published.get(row.controller)][: SERIES - len(ours)]
+    best = [row for row in measured if row is published.get(row.controller)][: MOST_SERIES - len(ours)]
     return [row for row in measured if any(row is chosen for chosen in (*ours, *best))]
 
 

@@ -12,7 +12,7 @@ from ..drawing import BASE, DRIVEN, GREEN, LINK_1, LINK_2
 from ..errors import SwingupError
 from ..physics.parameters import TORQUE_LIMIT, Robot, get_robot
 from .files import PLOTTED, check_curve, check_robustness, check_trajectory
-from .look import RING, STAR, bar_look, legend_below, line_look, new_figure, plain, styled, tick_angles
+from .style import RING, STAR, bar_look, legend_below, line_look, new_figure, plain, styled, tick_angles
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

@@ -10,10 +10,10 @@ from ..files import write_atomically
 from ..physics.parameters import Robot, get_robot
 from .animate import FASTEST, FPS, SIZE, animate
 from .files import check_suffix, infer_robot, make_labels, read_curve, read_robustness
-from .look import FORMATS, render
+from .style import FIGURE_FORMATS, render
 from .plot import plot_curves, plot_phase, plot_robustness, plot_trajectories
 
-KINDS = ("trajectory", "phase", "animation", "robustness", "curve")
+PLOT_KINDS = ("trajectory", "phase", "animation", "robustness", "curve")
 
 
 def save_plot(
@@ -41,11 +41,11 @@ def save_plot(
         SwingupError: an unknown kind or suffix, a file that cannot be read, understood or written, trajectories
             of different robots, or a missing library.
     """
-    if kind not in KINDS:
-        raise SwingupError(f"unknown kind of plot {kind!r}: use one of {', '.join(KINDS)}")
+    if kind not in PLOT_KINDS:
+        raise SwingupError(f"unknown kind of plot {kind!r}: use one of {', '.join(PLOT_KINDS)}")
     if not files:
         raise SwingupError("nothing to draw: give at least one file")
-    suffix = check_suffix(out, list(FASTEST) if kind == "animation" else FORMATS)
+    suffix = check_suffix(out, list(FASTEST) if kind == "animation" else FIGURE_FORMATS)
     labels = make_labels(files)
     if kind == "robustness":
         figure = plot_robustness({label: read_robustness(file) for label, file in zip(labels, files, strict=True)})

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
-FORMATS = (".png", ".svg", ".pdf")
+FIGURE_FORMATS = (".png", ".svg", ".pdf")
 
 COLOURS = (LINK_1, DRIVEN, "#5aa9dd", "#f2b632", "#a3a09a")
 """Colour-blind readers can tell them apart, too; after the last, lines and bars change their pattern."""
@@ -78,7 +78,7 @@ def render(figure: "Figure", suffix: str) -> bytes:
 
     Args:
         figure: what to render.
-        suffix: one of :data:`FORMATS`.
+        suffix: one of :data:`FIGURE_FORMATS`.
     """
     metadata = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(suffix)
     file = io.BytesIO()
