@@ -127,6 +127,17 @@ def test_tables_and_plots_are_rendered(page):
     assert lengths == 6 * [1000]
 
 
+def test_the_page_explains_its_words(page):
+    terms = page.locator(".primer dt").all_inner_texts()
+    assert terms == ["Two links, one motor", "Acrobot and pendubot", "AR-EAPO", "Scores"]
+    text = page.locator(".primer").inner_text()
+    for words in ("at the elbow", "at the shoulder", "reinforcement learning", "RealAI score", "robustness score"):
+        assert words in text
+    assert page.locator(".primer").bounding_box()["height"] < 500  # at 1280 pixels: short
+    above = page.evaluate("document.querySelector('.primer').compareDocumentPosition(document.querySelector('.robot'))")
+    assert above == 4  # before the first robot
+
+
 def test_names_are_shown_as_they_are(page):
     assert page.locator(".choice span", has_text=NASTY).count() == 2
     assert page.locator("img").count() == 0
@@ -383,6 +394,15 @@ def test_the_live_pendulum_hangs_until_it_is_asked(browser, address):
     page.close()
 
 
+TIPS = """() => {
+    const inside = (node) => [...node.querySelectorAll("*")].flatMap((element) =>
+        element.shadowRoot ? [element, ...inside(element.shadowRoot)] : [element]);
+    return inside(document).filter((element) => element.className === "bk-tooltip-row-value")
+        .map((element) => element.textContent.trim());
+}"""
+"""Values in the tips of the plots."""
+
+
 def test_foreign_names_run_no_code(browser, tmp_path):
     file = tmp_path / "evil.html"
     file.write_text(render_page([make_evil_section()], title=f"Evil {EVIL[0]}"), encoding="utf-8")
@@ -392,9 +412,12 @@ def test_foreign_names_run_no_code(browser, tmp_path):
     plot = page.locator("[data-plot=robustness]")
     plot.scroll_into_view_if_needed()
     box = plot.bounding_box()
-    for x in range(70, int(box["width"]), 25):  # the tips of the bars hold names as well
-        page.mouse.move(box["x"] + x, box["y"] + 0.7 * box["height"])
-    page.wait_for_timeout(200)
+    tips = set()
+    for x in range(70, 270, 8):  # the bars of the first criterion
+        page.mouse.move(box["x"] + x, box["y"] + 0.6 * box["height"])
+        page.wait_for_timeout(20)
+        tips.update(page.evaluate(TIPS))
+    assert len(tips & {one_line(name) for name in EVIL}) >= 3  # as text, where names of ours stand alone
     assert page.evaluate("window.attacked") is None
     assert page.complaints == []
     assert set(page.requests) == {file.as_uri()}
