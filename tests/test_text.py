@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from swingup.errors import SwingupError
-from swingup.text import LONGEST, one_line, quoted
+from swingup.text import LONGEST_QUOTE, one_line, quoted
 
 
 class Bad:
@@ -86,7 +86,7 @@ def test_quoted(value, text):
 def test_quoted_is_short_and_costs_nothing(value):
     # nested(8) in full has 400 million entries: to build its text first would take all memory.
     text = quoted(value)
-    assert len(text) <= LONGEST
+    assert len(text) <= LONGEST_QUOTE
     assert text.isprintable()
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from swingup.errors import SwingupError
-from swingup.yaml_map import LARGEST_FILE, read_map, write_map
+from swingup.yaml_map import LARGEST_YAML, read_map, write_map
 
 DATA = Path(__file__).parent / "data"
 FIXTURES = sorted(DATA.glob("*.yml"))
@@ -56,7 +56,7 @@ def test_round_trip(tmp_path):
         ('"x\\ny": 1\n"x\\ny": 2', "gives x y 2 times"),
         (b"\xff\xfe\x00", "is not UTF-8 text"),
         ("a: \x00", "is not YAML"),
-        (b"a: 1\n" + b"#" * LARGEST_FILE, "more than 0.1 MB"),
+        (b"a: 1\n" + b"#" * LARGEST_YAML, "more than 0.1 MB"),
     ],
     ids=lambda value: repr(value)[:20],
 )

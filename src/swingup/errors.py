@@ -2,7 +2,7 @@
 
 from .text import one_line
 
-LONGEST = 2000
+LONGEST_MESSAGE = 2000
 """Characters of a message."""
 
 
@@ -15,4 +15,4 @@ class SwingupError(Exception):
 
     def __init__(self, message: str) -> None:
         """Keep the message as one printable line."""
-        self.args = (one_line(message, LONGEST),)
+        self.args = (one_line(message, LONGEST_MESSAGE),)

@@ -19,7 +19,7 @@ Names = tuple[str, ...]
 MINIMUM_ROWS = 3
 """The swing-up time looks at the rows between the first and the last."""
 
-LARGEST_FILE = 64_000_000
+LARGEST_TABLE = 64_000_000
 """Bytes of a file: a minute at 1 kHz with 17 columns has 25 MB."""
 
 UNITS = {
@@ -82,7 +82,7 @@ def read_columns(
 
 def _read_cells(path: str | Path, expected: Sequence[Names]) -> tuple[list[str], list[_Row]]:
     try:
-        text = read_bytes(path, LARGEST_FILE).decode("utf-8-sig")
+        text = read_bytes(path, LARGEST_TABLE).decode("utf-8-sig")
     except FileNotFoundError as error:
         raise SwingupError(f"no such file: {path}") from error
     except OSError as error:

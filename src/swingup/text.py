@@ -2,12 +2,12 @@
 
 import reprlib
 
-LONGEST = 60
+LONGEST_QUOTE = 60
 """Characters that a message quotes of a value."""
 
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel = 3
-_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = LONGEST
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = LONGEST_QUOTE
 
 
 def one_line(thing: object, length: int = 300) -> str:
@@ -22,7 +22,7 @@ def one_line(thing: object, length: int = 300) -> str:
     return shown if len(shown) <= length else shown[: length - 3] + "..."
 
 
-def quoted(value: object, length: int = LONGEST) -> str:
+def quoted(value: object, length: int = LONGEST_QUOTE) -> str:
     """A value as an error message quotes it: its ``repr``, shortened before it is built.
 
     Containers are cut at six entries and three levels, so that nested aliases or long lists cost nothing.

@@ -13,15 +13,15 @@ import yaml
 
 from .errors import SwingupError
 from .files import read_bytes, write_atomically
-from .text import LONGEST, one_line, quoted
+from .text import LONGEST_QUOTE, one_line, quoted
 
-LARGEST_FILE = 100_000
+LARGEST_YAML = 100_000
 """Bytes of a file; those of the package have less than 3,000."""
 
 DEEPEST = 10
 """Levels of brackets; a range needs one, and keys that are ignored may hold a little more."""
 
-REMEDY = "write one 'name: value' a line"
+FLAT_MAP = "write one 'name: value' a line"
 
 
 def read_map(path: str | Path, kind: str) -> dict[str, Any]:
@@ -33,22 +33,22 @@ def read_map(path: str | Path, kind: str) -> dict[str, Any]:
     """
     named = f"{kind} file {path}"
     try:
-        text = read_bytes(path, LARGEST_FILE).decode("utf-8")
+        text = read_bytes(path, LARGEST_YAML).decode("utf-8")
         _refuse_more_than_plain(text, named)
         data = yaml.safe_load(text)
     except OSError as error:
         raise SwingupError(f"cannot read {named}: {error.strerror or error}; check the path") from error
     except UnicodeDecodeError as error:
-        raise SwingupError(f"{named} is not UTF-8 text: {REMEDY}") from error
+        raise SwingupError(f"{named} is not UTF-8 text: {FLAT_MAP}") from error
     except yaml.YAMLError as error:
-        raise SwingupError(f"{named} is not YAML ({one_line(error)}): {REMEDY}") from error
+        raise SwingupError(f"{named} is not YAML ({one_line(error)}): {FLAT_MAP}") from error
     except (ValueError, ArithmeticError) as error:  # 2001-99-99, 0x_ or 5,000 digits
-        raise SwingupError(f"{named} has a value that is neither a number nor text: {REMEDY}") from error
+        raise SwingupError(f"{named} has a value that is neither a number nor text: {FLAT_MAP}") from error
     if not isinstance(data, dict):
-        raise SwingupError(f"{named} is not a map: {REMEDY}")
+        raise SwingupError(f"{named} is not a map: {FLAT_MAP}")
     for name in data:
         if not isinstance(name, str):
-            raise SwingupError(f"{named} gives a value to {quoted(name)}, which is no name: {REMEDY}")
+            raise SwingupError(f"{named} gives a value to {quoted(name)}, which is no name: {FLAT_MAP}")
     return data
 
 
@@ -75,10 +75,12 @@ def _refuse_more_than_plain(text: str, named: str) -> None:
             is_name = not is_name
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         if depth > DEEPEST:
-            raise SwingupError(f"{named} has brackets deeper than {DEEPEST} levels: {REMEDY}")
+            raise SwingupError(f"{named} has brackets deeper than {DEEPEST} levels: {FLAT_MAP}")
     for name, count in names.items():
         if count > 1:
-            raise SwingupError(f"{named} gives {one_line(name, LONGEST)} {count} times: keep one of its values")
+            raise SwingupError(
+                f"{named} gives {one_line(name, LONGEST_QUOTE)} {count} times: keep one of its values"
+            )
 
 
 def _check_plain(event: yaml.Event, named: str) -> None:

@@ -22,6 +22,9 @@ CONFIG = Config(num_envs=4, num_steps=8, num_epochs=2, batch_size=16, policy_lay
 PENDULUM = smooth_task(ROBOTS["acrobot"])
 init, collect = jax.jit(train.init), jax.jit(train.collect)
 estimate, improve = jax.jit(train.estimate), jax.jit(train.improve)
+advance = jax.jit(train.train)
+values_of = jax.jit(lambda critic, observations: jax.vmap(jax.vmap(critic))(observations))
+CYCLE = Cycle(max_steps=3)
 
 
 @pytest.fixture(scope="module")
@@ -42,10 +45,9 @@ def test_an_iteration_keeps_every_type():
 
 def test_chunks_add_up():
     """Two iterations in one call are those of two calls, bit for bit."""
-    advance = jax.jit(train.train)
-    start = init(jax.random.key(0), PENDULUM, CONFIG)
-    together, _ = advance(start, PENDULUM, CONFIG, 2)
-    apart, _ = advance(advance(start, PENDULUM, CONFIG, 1)[0], PENDULUM, CONFIG, 1)
+    start = init(jax.random.key(0), CYCLE, CONFIG)
+    together, _ = advance(start, CYCLE, CONFIG, 2)
+    apart, _ = advance(advance(start, CYCLE, CONFIG, 1)[0], CYCLE, CONFIG, 1)
     for one, other in zip(jax.tree.leaves(together), jax.tree.leaves(apart), strict=True):
         if not jnp.issubdtype(one.dtype, jax.dtypes.prng_key):
             np.testing.assert_array_equal(one, other)
@@ -58,10 +60,11 @@ def test_seeds_and_hyperparameters_batch():
 
     def final(key, rate):
         config = Config(**(vars(CONFIG) | {"learning_rate": rate}))
-        return train.train(train.init(key, PENDULUM, config), PENDULUM, config, 2)[0].actor
+        return train.train(train.init(key, CYCLE, config), CYCLE, config, 2)[0].actor
 
     batched = jax.jit(jax.vmap(final))(keys, rates)
-    alone = jax.jit(final)(keys[1], rates[1])
+    config = Config(**(vars(CONFIG) | {"learning_rate": float(rates[1])}))
+    alone = advance(init(keys[1], CYCLE, config), CYCLE, config, 2)[0].actor
     second = jax.tree.map(lambda leaf: leaf[1], batched)
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-5), second, alone)
 
@@ -81,15 +84,17 @@ def test_truncation_resets_and_keeps_the_true_next_observation(collected):
 
 def test_stored_log_probs_are_those_of_the_actor(collected):
     state, rollout = collected
-    log_prob = jax.vmap(jax.vmap(lambda o, z: state.actor(o).log_prob(z)))
+    log_prob = jax.jit(jax.vmap(jax.vmap(lambda o, z: state.actor(o).log_prob(z))))
     np.testing.assert_allclose(log_prob(rollout.observations, rollout.latents), rollout.log_probs, atol=1e-5)
 
 
 def independent_estimate(state, rollout, config):
     """Advantages of both objectives by plain loops over true next observations."""
-    critic = jax.vmap(jax.vmap(state.critic))
-    values, next_values = np.asarray(critic(rollout.observations)), np.asarray(critic(rollout.next_observations))
-    values_after_reset = np.concatenate([values[1:], np.asarray(jax.vmap(state.critic)(state.observations))[None]])
+    values, next_values, last = (
+        np.asarray(values_of(state.critic, observations))
+        for observations in (rollout.observations, rollout.next_observations, state.observations[None])
+    )
+    values_after_reset = np.concatenate([values[1:], last])
     ended = np.asarray(rollout.terminated)
     beyond = {"end": 0.0 * values, "reset_cost": values_after_reset, "bootstrap": next_values}[config.ending]
     next_values = np.where(ended[..., None], beyond, next_values)
@@ -128,7 +133,7 @@ def test_estimates_equal_plain_loops(collected, changes):
     shift = np.asarray(offset) if config.centre_values else 0.0
     np.testing.assert_allclose(batch.returns, expected + values - shift, atol=2e-4)
     np.testing.assert_allclose(offset, values.mean(axis=(0, 1)), atol=1e-5)
-    centred = jax.vmap(jax.vmap(after.critic))(rollout.observations)
+    centred = values_of(after.critic, rollout.observations)
     np.testing.assert_allclose(centred, values - shift, atol=1e-5)
 
 
@@ -178,9 +183,8 @@ def test_an_epoch_uses_every_frame_once(collected):
 
 def test_statistics_take_in_the_states_after_resets_and_before_normalising():
     """Three steps to a truncation: the value goes 0, 1, 0, 1 and is reset to 0; all environments in step."""
-    task = Cycle(max_steps=3)
-    start = init(jax.random.key(0), task, CONFIG)
-    state, rollout = collect(start, jax.random.key(1), task, CONFIG)
+    start = init(jax.random.key(0), CYCLE, CONFIG)
+    state, rollout = collect(start, jax.random.key(1), CYCLE, CONFIG)
     seen = [0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0]
     before_reset = [1.0, 0.0, 1.0, 1.0, 0.0, 1.0, 1.0, 0.0]
 

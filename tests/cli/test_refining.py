@@ -37,7 +37,7 @@ def test_refine_writes_a_policy_with_its_origin(tmp_path, monkeypatch, capsys):
     ("options", "message"),
     [
         ("acrobot --recipe magic --out x.npz", "unknown recipe 'magic': use one of score, recover"),
-        ("acrobot --seed -1 --out x.npz", "seed = -1 is out of range"),
+        ("acrobot --seed -1 --out x.npz", "seed = -1: use a whole number from 0"),
         ("acrobot --out missing/x.npz", "missing"),
         ("acrobot --policy none.npz --out x.npz", "no such file: none.npz"),
         ("cartpole --out x.npz", "unknown robot 'cartpole'"),

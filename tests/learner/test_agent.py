@@ -15,8 +15,8 @@ from swingup import AREAPO
 from swingup.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.physics.parameters import ROBOTS
-from swingup.policy.jax_backend.policy import load_policy
-from swingup.tasks.presets import smooth_task
+from swingup.policy.jax_backend.policy import load_any_policy
+from swingup.tasks.presets import global_task, smooth_task
 from swingup.tasks.task import AbstractTask, Step
 
 from .environments import Chain, Endless, Failing, Noisy, Stairs
@@ -119,7 +119,7 @@ def test_a_task_without_an_end_is_scored_by_the_reward_of_a_step(tmp_path, vecto
     model = AREAPO(env, folder=tmp_path / "run", **(TINY | episodes)).learn(64)
     row = read_metrics(tmp_path / "run" / "metrics.jsonl")[-1]
     assert (row["score"], row["best_score"], row["episode_return"]) == (2.0, 2.0, None)
-    assert load_policy(tmp_path / "run" / "best.npz")[1]["scores"]["episodes"]["score"] == 2.0
+    assert load_any_policy(tmp_path / "run" / "best.npz")[1]["scores"]["episodes"]["score"] == 2.0
     model.close()
 
 
@@ -181,7 +181,7 @@ def test_a_folder_holds_what_the_command_writes(tmp_path):
 
 def test_the_policy_file_says_what_it_is_for(noisy, tmp_path):
     noisy.export_policy(tmp_path / "p.npz")
-    policy, metadata = load_policy(tmp_path / "p.npz")
+    policy, metadata = load_any_policy(tmp_path / "p.npz")
     assert metadata["choices"] == [3, 2]
     assert metadata["action_start"] == [1, 5]
     observations = np.random.default_rng(0).normal(size=(20, 2, 1)).astype(np.float32)
@@ -238,6 +238,8 @@ def test_no_preset_is_guessed_for_a_pendulum_task():
         AREAPO(task, **TINY)
     assert "one of 'default', 'paper', " in str(caught.value)
     assert "mujoco" not in str(caught.value)
+    with pytest.raises(SwingupError, match="for this RecoveryTask"):
+        AREAPO(global_task(ROBOTS["pendubot"]), **TINY)
     model = AREAPO(task, "default", **TINY)
     assert (model.settings.preset, model.settings.robot) == ("default", None)
 

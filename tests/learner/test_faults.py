@@ -118,7 +118,7 @@ def check_kills(tmp_path, task, kills, frames, resumes=0):
 
 @pytest.mark.parametrize("task", ["compiled", pytest.param("host", marks=pytest.mark.slow)])
 def test_a_killed_process_resumes_to_the_same_bits(tmp_path, task):
-    check_kills(tmp_path, task, kills=1, frames=64 * (10 if task == "compiled" else 40))
+    check_kills(tmp_path, task, kills=1, frames=64 * (6 if task == "compiled" else 40))
 
 
 @pytest.mark.slow

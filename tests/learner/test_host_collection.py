@@ -117,7 +117,8 @@ def test_a_rollout_holds_what_the_actor_saw_and_did(mode):
     state = init_learner(initial_keys(jax.random.key(0)), environments.spaces, config)
     state = begin_episodes(state, environments.reset(0), config)
     after, rollout = collect_on_host(state, environments, new_tally(3), jax.random.key(1), config)
-    log_probs = jax.vmap(jax.vmap(lambda o, z: state.actor(o).log_prob(z)))(rollout.observations, rollout.latents)
+    log_prob = jax.jit(jax.vmap(jax.vmap(lambda o, z: state.actor(o).log_prob(z))))
+    log_probs = log_prob(rollout.observations, rollout.latents)
     np.testing.assert_allclose(log_probs, rollout.log_probs, atol=1e-5)
     assert np.ptp(rollout.latents) > 0.1
     # Where nothing ended the next observation is the next row's.

@@ -313,12 +313,10 @@ def test_a_damaged_checkpoint_is_named_and_nothing_changes(tmp_path):
     assert resume_run(tmp_path / "r").frames == 0
 
 
-SLOW = ("apo", "eapo", "ppo", "sim2real")
+SLOW = ("paper", "apo", "eapo", "ppo", "sim2real")
 
 
-@pytest.mark.parametrize(
-    "preset", ["default", "paper", *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)]
-)
+@pytest.mark.parametrize("preset", ["default", *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
 def test_every_preset_trains(tmp_path, preset):
     """By default the algorithm's relatives train on a Gymnasium environment, in ``test_agent.py``."""
     sizes = ("num_envs", "num_steps", "num_epochs", "batch_size", "policy_layers", "value_layers")

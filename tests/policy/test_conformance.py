@@ -15,18 +15,27 @@ LONG = 2500
 BRIEF = 600
 """Steps of the others: the swing-up."""
 
+SLOW = ("pendubot-global", "pendubot-robot")
+"""Their loops take seconds to compile, and the acrobot's are like them; their states are in the default suite."""
+
+
+def a_cell(name, back_end, sensor):
+    marks = [pytest.mark.slow] if name in SLOW and sensor != "states" else []
+    return pytest.param(name, back_end, sensor, id=f"{name}-{back_end}-{sensor}", marks=marks)
+
+
 TABLE = [
-    pytest.param(name, back_end, sensor, id=f"{name}-{back_end}-{sensor}")
+    a_cell(name, back_end, sensor)
     for name in SHIPPED
     for back_end in BACK_ENDS
     for sensor in ["states", *COLUMNS]
 ] + [
     # What jumps cannot be compared in a loop: rounding decides on which side it is.
-    pytest.param(name, back_end, sensor, id=f"{name}-{back_end}-{sensor}")
+    a_cell(name, back_end, sensor)
     for name in SMALL
     for back_end in BACK_ENDS
     for sensor in ["states", "not finite"]
-]
+]  # fmt: skip
 
 
 @pytest.fixture(scope="module")

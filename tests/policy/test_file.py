@@ -11,7 +11,7 @@ import pytest
 from swingup.areapo.networks import init_actor
 from swingup.errors import SwingupError
 from swingup.policy.jax_backend.observation import Normalise, PendulumObservation
-from swingup.policy.jax_backend.policy import Policy, load_policy, save_policy
+from swingup.policy.jax_backend.policy import Policy, load_any_policy, save_policy
 
 STATES = np.random.default_rng(0).uniform(-7, 7, (50, 4))
 
@@ -27,7 +27,7 @@ def make_policy(angles="wrapped", size=4):
 def test_round_trip(tmp_path, angles, size):
     policy = make_policy(angles, size)
     save_policy(tmp_path / "p.npz", policy, {"robot": "acrobot", "frames": 3})
-    loaded, metadata = load_policy(tmp_path / "p.npz")
+    loaded, metadata = load_any_policy(tmp_path / "p.npz")
     assert (metadata["robot"], metadata["frames"]) == ("acrobot", 3)
     for x in STATES[:5]:
         assert loaded(jnp.asarray(x)) == policy(jnp.asarray(x))
@@ -74,7 +74,7 @@ def numpy_policy(a, x):
 
 def test_a_file_written_by_hand(tmp_path):
     arrays = write_by_hand(tmp_path / "p.npz", np.random.default_rng(1))
-    policy, _ = load_policy(tmp_path / "p.npz")
+    policy, _ = load_any_policy(tmp_path / "p.npz")
     expected = [numpy_policy(arrays, x) for x in STATES]
     double = jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), policy.actor)
     with jax.enable_x64(True):
@@ -87,7 +87,7 @@ def test_a_file_written_by_hand(tmp_path):
 
 def test_without_a_deviation_there_is_no_distribution(tmp_path):
     write_by_hand(tmp_path / "p.npz", np.random.default_rng(1))
-    policy, _ = load_policy(tmp_path / "p.npz")
+    policy, _ = load_any_policy(tmp_path / "p.npz")
     with pytest.raises(SwingupError, match="no standard deviation"):
         policy.actor(jnp.zeros(4))
 
@@ -151,20 +151,20 @@ def test_bad_files(tmp_path, metadata, arrays, message):
     write_by_hand(path, np.random.default_rng(1), **metadata)
     change(path, **arrays)
     with pytest.raises(SwingupError, match=message):
-        load_policy(path)
+        load_any_policy(path)
 
 
 @pytest.mark.parametrize("content", [b"", b"hello", b"PK\x03\x04 not really a zip", b"\x93NUMPY"])
 def test_foreign_files(tmp_path, content):
     (tmp_path / "p.npz").write_bytes(content)
     with pytest.raises(SwingupError, match="truncated"):
-        load_policy(tmp_path / "p.npz")
+        load_any_policy(tmp_path / "p.npz")
 
 
 def test_pickles_are_refused(tmp_path):
     np.savez(tmp_path / "p.npz", metadata=np.array([{"a": 1}], dtype=object))
     with pytest.raises(SwingupError, match="not a swingup policy file"):
-        load_policy(tmp_path / "p.npz")
+        load_any_policy(tmp_path / "p.npz")
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -178,4 +178,4 @@ def test_damaged_bytes_never_give_a_traceback(tmp_path, seed):
         damaged[start : start + 20] = rng.bytes(len(damaged[start : start + 20]))
         (tmp_path / "q.npz").write_bytes(damaged)
         with contextlib.suppress(SwingupError):
-            load_policy(tmp_path / "q.npz")
+            load_any_policy(tmp_path / "q.npz")

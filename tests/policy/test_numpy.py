@@ -21,8 +21,6 @@ from swingup.runtime import load_controller
 
 from .references import DT, controller, faults, random_states
 
-ROBOT_NAMES = ("acrobot", "pendubot")
-
 
 def test_the_checker_finds_nothing(robot):
     assert swingup.check_controller(load_controller("refined", robot), robot) == []
@@ -39,8 +37,8 @@ def test_the_period_is_the_estimators_or_the_front_ends():
         np.testing.assert_array_equal(counted.get_control_output(x), timed.get_control_output(x, 0.001 * step))
 
 
-@pytest.mark.parametrize("name", ROBOT_NAMES)
-def test_the_score_is_the_judges(name):
+def test_the_score_is_the_judges(either_robot):
+    name = either_robot.name
     in_numpy, in_jax = (
         swingup.evaluate(found, name).criteria.score
         for found in (load_controller("refined", name), get_controller("refined", name))

@@ -84,16 +84,16 @@ def test_each_motor_has_its_own_noise():
     assert abs(float(np.corrcoef(noise.T)[0, 1])) < 0.07
 
 
-def test_steps_are_the_judges(robot):
+def test_steps_are_the_judges(either_robot):
     """Actions held for 10 ms on a plant without noise, beside the judge's loop and NumPy's front end."""
-    task = dataclasses.replace(measuring(robot, QUIET), reset_noise=0.3)
+    task = dataclasses.replace(measuring(either_robot, QUIET), reset_noise=0.3)
     actions = np.random.default_rng(1).uniform(-1, 1, (8, 1))
     with jax.enable_x64(True):
         state = jax.jit(lambda key: task.reset(key))(jax.random.key(4))
         start = np.asarray(state.x)
         scenario = Scenario(state.plant, state.disturbance)
         judged = initial_loop(jnp.asarray(start), QUIET.depth)
-        front = NumpyFrontEnd(task.front_end.settings, robot.joint)
+        front = NumpyFrontEnd(task.front_end.settings, either_robot.joint)
         step, half, other = jax.jit(lambda *given: task.step(*given)), jax.jit(measure), jax.jit(apply_torque)
         judged, seen, _ = half(scenario, judged, 0)
         shown = front.see(0.0, np.asarray(seen))
@@ -107,7 +107,7 @@ def test_steps_are_the_judges(robot):
             np.testing.assert_allclose(state.x, judged.x, rtol=0, atol=1e-9)
             np.testing.assert_allclose(state.u, judged.u, rtol=0, atol=1e-9)
             np.testing.assert_allclose(result.observation, task.observation(jnp.asarray(shown)), rtol=0, atol=1e-9)
-    passive = 1 - robot.joint
+    passive = 1 - either_robot.joint
     assert 0 < abs(float(judged.u[passive])) <= 0.5  # friction compensation
     assert abs(float(judged.x[passive]) - start[passive]) > 1e-3
 

@@ -158,11 +158,11 @@ def config_from_dict(values: dict[str, Any], others: Iterable[str] = ()) -> Conf
         SwingupError: a name is unknown or a value cannot work.
     """
     for name in values:
-        check_name(name, others)
+        check_hyperparameter(name, others)
     return Config(**{name: _to_python(value) for name, value in values.items()})
 
 
-def check_name(name: Any, others: Iterable[str] = ()) -> str:
+def check_hyperparameter(name: Any, others: Iterable[str] = ()) -> str:
     """The name of a hyperparameter.
 
     Raises:

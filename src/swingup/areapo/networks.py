@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, Shaped
 
 from ..errors import SwingupError
+from ..policy.network import SUM_GROUP
 from ..tasks.task import Spaces
 from ..types import Key
 from .categorical import Categoricals
@@ -20,10 +21,6 @@ from .gaussian import SquashedGaussian
 
 LOG_STD_RANGE = (-20.0, 2.0)
 """Range to which log σ is clamped (authors' code)."""
-
-
-GROUP = 64
-"""Inputs whose products are summed in single precision where double is asked for."""
 
 
 class Linear(eqx.Module):
@@ -40,9 +37,9 @@ class Linear(eqx.Module):
     def __call__(self, x: Float[Array, "in *batch"]) -> Float[Array, "out *batch"]:
         """Apply the layer."""
         weight = jnp.asarray(self.weight)
-        if (weight.dtype, x.dtype) == (jnp.float32, jnp.float64) and min(weight.shape) >= GROUP:
+        if (weight.dtype, x.dtype) == (jnp.float32, jnp.float64) and min(weight.shape) >= SUM_GROUP:
             rounded = x.astype(weight.dtype)
-            parts = [slice(start, start + GROUP) for start in range(0, len(x), GROUP)]
+            parts = [slice(start, start + SUM_GROUP) for start in range(0, len(x), SUM_GROUP)]
             product = sum((weight[:, part] @ rounded[part]).astype(x.dtype) for part in parts)
         else:
             product = weight @ x

@@ -4,7 +4,7 @@ from typing import Any
 
 from ..errors import SwingupError
 from ..text import quoted
-from .config import Config, check_name, kind_of
+from .config import Config, check_hyperparameter, kind_of
 
 
 def parse_value(name: str, text: str) -> Any:
@@ -13,7 +13,7 @@ def parse_value(name: str, text: str) -> Any:
     Raises:
         SwingupError: the name is unknown, or the text is no value of the hyperparameter's type.
     """
-    default = getattr(Config(), check_name(name))
+    default = getattr(Config(), check_hyperparameter(name))
     try:
         if isinstance(default, bool):
             return {"true": True, "false": False}[text.lower()]

@@ -86,7 +86,7 @@ def judge(
 
 def follow_tip(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: PerformanceRules) -> TipHistory:
     """How high the tip came, and why the run failed if it did; arguments as of :func:`judge`."""
-    reach, height = l1 + l2, tip_height(x, l1, l2)
+    reach, height = l1 + l2, tip_heights(x, l1, l2)
     highest = float(height.max())
     # The benchmark looks neither at the first row nor at the last.
     up, times = tip_is_up(x, l1, l2, rules.height)[1:-1], time[1:-1]
@@ -116,10 +116,10 @@ def realai_score(costs: dict[str, float], normalisers: Normalisers) -> float:
 
 def tip_is_up(x: np.ndarray, l1: float, l2: float, fraction: float) -> np.ndarray:
     """Whether the tip is strictly above a fraction of l1 + l2, for states of shape (..., 4); lengths in m."""
-    return tip_height(x, l1, l2) > fraction * (l1 + l2)
+    return tip_heights(x, l1, l2) > fraction * (l1 + l2)
 
 
-def tip_height(x: np.ndarray, l1: float, l2: float) -> np.ndarray:
+def tip_heights(x: np.ndarray, l1: float, l2: float) -> np.ndarray:
     """Height of the tip above the shoulder (m), for states of shape (..., 4); lengths in m."""
     height: np.ndarray = -l1 * np.cos(x[..., 0]) - l2 * np.cos(x[..., 0] + x[..., 1])
     return height

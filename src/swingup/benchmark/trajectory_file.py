@@ -12,7 +12,7 @@ import numpy as np
 from ..table import read_columns, write_columns
 from .rollout import Trajectory
 
-COLUMNS = ("time", "pos_meas1", "pos_meas2", "vel_meas1", "vel_meas2", "tau_con1", "tau_con2")
+FILE_COLUMNS = ("time", "pos_meas1", "pos_meas2", "vel_meas1", "vel_meas2", "tau_con1", "tau_con2")
 """Columns of a written file (s, rad, rad/s, N m)."""
 
 _GROUPS = (
@@ -32,7 +32,7 @@ def save_trajectory(path: str | Path, trajectory: Trajectory) -> None:
     """
     parts = (trajectory.time, trajectory.x, trajectory.u)
     table = np.column_stack([np.asarray(part, np.float64) for part in parts])
-    write_columns(path, dict(zip(COLUMNS, table.T, strict=True)))
+    write_columns(path, dict(zip(FILE_COLUMNS, table.T, strict=True)))
 
 
 def load_trajectory(path: str | Path) -> Trajectory:

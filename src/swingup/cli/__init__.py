@@ -7,17 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import SwingupError
-from ..text import one_line
 
 if TYPE_CHECKING:
     from .commands import Boards
 
 ERROR = 2
 """Exit status of bad input."""
-
-
-LONGEST_ERROR = 2000
-"""Characters of an error's line."""
 
 
 def main(arguments: list[str] | None = None, boards: "Boards | None" = None) -> int:
@@ -45,7 +40,7 @@ def main(arguments: list[str] | None = None, boards: "Boards | None" = None) -> 
             os._exit(130)  # not waiting for compiled simulations, which know no signals
         return 130
     except SwingupError as error:
-        print(f"swingup: error: {one_line(error, LONGEST_ERROR)}", file=sys.stderr)
+        print(f"swingup: error: {error}", file=sys.stderr)
         return ERROR
     except BrokenPipeError:
         # The reader has gone, as in `swingup ... | head`.

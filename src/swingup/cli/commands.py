@@ -40,7 +40,7 @@ def run_command(arguments: Sequence[str], boards: Boards | None = None) -> int:
         "leaderboard": leaderboards.leaderboard,
         "score": score_command,
         "check": check_command,
-        "train": training.train,
+        "train": training.train_command,
         "sweep": sweeping.sweep,
         "refine": refining.refine_command,
         "trajectory": planning.trajectory,

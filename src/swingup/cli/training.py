@@ -36,7 +36,7 @@ FROM_PRESET = HyperparameterOptions()
 PresetName = Annotated[str | None, arg(metavar="NAME", help=f"named settings: {', '.join(PRESETS)}.")]
 
 
-def train(
+def train_command(
     robot: RobotOrNone = None,
     /,
     env: str | None = None,

@@ -26,7 +26,7 @@ from .transition import PendulumTransition
 REFERENCE_FORMAT = "swingup trajectory"
 REFERENCE_VERSION = 1
 
-REMEDY = "compute it again with swingup trajectory"
+RECOMPUTE = "compute it again with swingup trajectory"
 
 
 class Reference(eqx.Module):
@@ -112,14 +112,16 @@ def load_reference(path: str | Path) -> tuple[Reference, dict[str, Any]]:
     missing = [name for name in ("robot", "dt") if name not in metadata]
     missing += [name for name in REFERENCE_ARRAYS if name not in arrays]
     if missing:
-        raise SwingupError(f"trajectory file {path} lacks {', '.join(missing)}: {REMEDY}")
+        raise SwingupError(f"trajectory file {path} lacks {', '.join(missing)}: {RECOMPUTE}")
     dt, rows = metadata["dt"], arrays["torque"].shape
     dt = positive_number(f"trajectory file {path} has dt", dt, 1.0, "s")
     for name in REFERENCE_ARRAYS:
         array, shape = arrays[name], rows if name == "torque" else (*rows, 4)
         if len(rows) != 1 or rows[0] < 2 or array.shape != shape:
-            raise SwingupError(f"trajectory file {path} has {name} of shape {array.shape}: {REMEDY}")
+            raise SwingupError(f"trajectory file {path} has {name} of shape {array.shape}: {RECOMPUTE}")
         if array.dtype.kind != "f" or not np.isfinite(array).all():
-            raise SwingupError(f"trajectory file {path} has values in {name} that are not finite numbers: {REMEDY}")
+            raise SwingupError(
+                f"trajectory file {path} has values in {name} that are not finite numbers: {RECOMPUTE}"
+            )
     fields = {name: arrays[name].astype(np.float64) for name in REFERENCE_ARRAYS}
     return Reference(robot=get_robot(metadata["robot"]), dt=dt, **fields), metadata

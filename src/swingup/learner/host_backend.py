@@ -54,8 +54,11 @@ class HostBackend(AbstractBackend):
         return _init(jax.random.key(self._seed), self.environments.spaces, self._config)
 
     def compile(self, state: LearnerState) -> None:
-        """Compile an iteration."""
+        """Compile an iteration, the start of new episodes, and the policy for an evaluation."""
         compile_iteration(state, self._config, self.environments.all_count)
+        _begin.lower(state, np.zeros(state.observations.shape, np.float32), self._config).compile()
+        if isinstance(self.evaluator, EpisodeEvaluator):
+            self.evaluator.compile(self.policy(state))
 
     def begin(self, state: LearnerState, iterations: int) -> LearnerState:
         """Reset the environments, with seeds that follow from the run's seed and the iterations."""

@@ -54,6 +54,10 @@ class EpisodeEvaluator(AbstractEvaluator):
         """Write a policy file that names the environment and the bounds of its actions."""
         save_policy(path, policy, {"env": self._name, **self._actions.describe(), **provenance})
 
+    def compile(self, policy: Policy[Any]) -> None:
+        """Compile the policy for the default number of episodes."""
+        act(policy, np.zeros((self._episodes, int(np.prod(self.observation_shape))), np.float32))
+
     def close(self) -> None:
         """Close the environments that were made here."""
         for environments in self._made.values():

@@ -7,10 +7,10 @@ from typing import Any
 
 from ..checks import finite_number
 from ..errors import SwingupError
-from ..policy.jax_backend.policy import load_policy
+from ..policy.jax_backend.policy import load_any_policy
 from ..text import one_line
 from ..version import __version__
-from .progress import Progress
+from .progress import TrainingProgress
 from .run_settings import RunSettings
 
 BEST, LAST = "best.npz", "last.npz"
@@ -29,7 +29,7 @@ def last_name(settings: RunSettings, index: int) -> str:
 
 
 def provenance(
-    settings: RunSettings, progress: Progress, goal: int, index: int, scores: dict[str, Any]
+    settings: RunSettings, progress: TrainingProgress, goal: int, index: int, scores: dict[str, Any]
 ) -> dict[str, Any]:
     """Where a seed's policy comes from, and its scores by the names of their measures."""
     return {
@@ -61,7 +61,7 @@ def _score_on_disk(path: Path, settings: RunSettings, measure: str) -> float:
     if not path.exists():
         return -math.inf
     try:
-        metadata = load_policy(path)[1]
+        metadata = load_any_policy(path)[1]
         trained_on = metadata.get("robot", settings.robot)
         if trained_on != settings.robot:
             raise SwingupError(f"it is a policy for {one_line(trained_on, 40)}")

@@ -8,7 +8,7 @@ from ..checks import one_of
 from ..errors import SwingupError
 from ..renamed import current_name
 from ..robots import ROBOTS
-from ..tasks.pendulum import PendulumTask
+from ..tasks.pendulum import AbstractPendulumTask
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def choose_preset(named: str | None, env: Any) -> str:
     """
     if named is not None:
         return preset_name(named)
-    if isinstance(env, PendulumTask):
+    if isinstance(env, AbstractPendulumTask):
         fitting = ", ".join(repr(name) for name in PRESETS if name != ENV_PRESET)
         raise SwingupError(f"no preset was named for this {type(env).__name__}: pass preset=, one of {fitting}")
     return PENDULUM_PRESET if isinstance(env, str) and env in ROBOTS else ENV_PRESET

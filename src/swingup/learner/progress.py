@@ -15,7 +15,7 @@ from .run_settings import MALFORMED, RunSettings, run_settings_from_dict
 
 
 @dataclass(frozen=True)
-class Progress:
+class TrainingProgress:
     """The state of training after some iterations."""
 
     state: LearnerState
@@ -45,12 +45,14 @@ class Progress:
         }
 
 
-def initial_progress(state: LearnerState, seeds: int) -> Progress:
+def initial_progress(state: LearnerState, seeds: int) -> TrainingProgress:
     """Before the first iteration."""
-    return Progress(state, (-math.inf,) * seeds)
+    return TrainingProgress(state, (-math.inf,) * seeds)
 
 
-def read_progress(state: LearnerState, metadata: dict[str, Any], settings: RunSettings, source: str) -> Progress:
+def read_progress(
+    state: LearnerState, metadata: dict[str, Any], settings: RunSettings, source: str
+) -> TrainingProgress:
     """The progress that a checkpoint holds.
 
     Args:
@@ -71,7 +73,7 @@ def read_progress(state: LearnerState, metadata: dict[str, Any], settings: RunSe
         raise SwingupError(f"{source} is malformed ({one_line(error, 200)}): delete it or restore it") from error
     if saved.as_dict() != settings.as_dict() or len(best) != settings.seeds:
         raise SwingupError(f"{source} is of another configuration than config.json: restore one of them")
-    return Progress(state, best, iterations, seconds)
+    return TrainingProgress(state, best, iterations, seconds)
 
 
 def is_finite(tree: Any) -> bool:

@@ -7,7 +7,7 @@ import jax
 
 from ..areapo.state import Metrics
 from ..arrays import finite
-from .progress import Progress
+from .progress import TrainingProgress
 from .run_settings import RunSettings
 
 
@@ -27,7 +27,7 @@ class TrainingReport:
 
 def make_report(
     settings: RunSettings,
-    progress: Progress,
+    progress: TrainingProgress,
     rate: float,
     metrics: Metrics,
     extras: dict[str, Any],

@@ -22,7 +22,7 @@ from ..policy.jax_backend.policy import Policy
 from .backend import AbstractBackend
 from .metrics import MetricsWriter
 from .policy_files import BEST, best_name, last_name, provenance
-from .progress import Progress, is_finite
+from .progress import TrainingProgress, is_finite
 from .report import TrainingReport, make_report
 from .run_folder import RunFolder
 from .run_settings import RunSettings, write_run_settings
@@ -41,7 +41,7 @@ class Run:
         self,
         settings: RunSettings,
         backend: AbstractBackend,
-        progress: Progress,
+        progress: TrainingProgress,
         goal: int,
         folder: RunFolder | None,
     ) -> None:

@@ -11,7 +11,7 @@ from ..text import quoted
 from ..version import __version__
 from .pendulum import PendulumPolicy
 from .plant import MODEL
-from .template import NAME, asset, check_name, fill
+from .template import NAME, asset, check_export_name, fill
 
 PACKAGE = "{name}_controller"
 """Name of the copied source, so that an installed swingup or another entry is never meant."""
@@ -50,7 +50,7 @@ def export_realaigym(
     Raises:
         SwingupError: the folder is not empty or cannot be written, or a name does not fit the entry.
     """
-    check_name(name)
+    check_export_name(name)
     target = Path(folder).resolve()
     if not username.isprintable() or any(sign in username for sign in '"\\,') or not 0 < len(username) <= 60:
         raise SwingupError(

@@ -7,6 +7,8 @@ import numpy as np
 from ..errors import SwingupError
 from .stages import NormaliseStage, PendulumStage, Stage
 
+SUM_GROUP = 64
+"""Inputs of a wide layer whose products are summed in single precision; the groups are summed in double."""
 STATE = 4
 """Length of a pendulum's state."""
 LARGEST_FEATURE = 1e30

@@ -11,7 +11,7 @@ NAME = "swingup"
 """What exported things are called unless another name is asked for."""
 
 
-def check_name(name: str) -> str:
+def check_export_name(name: str) -> str:
     """A name for an export, which must fit files, Python and C.
 
     Raises:

@@ -13,10 +13,9 @@ from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import PerformanceRules
 from ..physics.dynamics import tip_height
 from ..physics.parameters import Parameters
+from ..tasks.recovery import UP_LINE_WIDTH
 from ..types import Scalar, State
 
-LINE_WIDTH = 0.01
-"""Width of the smoothed line above which the tip is up (m)."""
 GOAL_WIDTH = 0.3
 """Width of the goal's neighbourhood (rad)."""
 SPEED_OF_A_RADIAN = 4.0
@@ -38,7 +37,7 @@ def measure_episode(trajectory: Trajectory, parameters: Parameters, dt: float, r
     """Measure an episode whose rows are dt (s) apart. The time after it counts as free of cost."""
     x, u = jnp.asarray(trajectory.x), jnp.asarray(trajectory.u)
     line = rules.height * parameters.length
-    down = jnp.sum(jax.nn.sigmoid((line - jax.vmap(tip_height, (None, 0))(parameters, x)) / LINE_WIDTH)) * dt
+    down = jnp.sum(jax.nn.sigmoid((line - jax.vmap(tip_height, (None, 0))(parameters, x)) / UP_LINE_WIDTH)) * dt
     changes = jnp.diff(u, axis=0)
     rows = rules.steps - 1
     mean, square = jnp.sum(changes, axis=0) / rows, jnp.sum(changes**2, axis=0) / rows

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..areapo.config import check_name, config_from_dict
+from ..areapo.config import check_hyperparameter, config_from_dict
 from ..areapo.words import format_value, parse_value
 from ..checks import whole_number
 from ..errors import SwingupError
@@ -81,7 +81,7 @@ def parse_grid(assignments: Sequence[str]) -> dict[str, list[Any]]:
             )
         try:
             if name != "preset":
-                check_name(name, ["preset"])
+                check_hyperparameter(name, ["preset"])
             alternatives = [text if name == "preset" else parse_value(name, text) for text in values.split(",")]
         except SwingupError as error:
             raise SwingupError(f"--set {quoted(assignment)}: {error}") from error

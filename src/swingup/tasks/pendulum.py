@@ -6,7 +6,6 @@ quadratic reward. The variants differ in their first states, in what a step simu
 
 import abc
 import math
-from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -17,12 +16,10 @@ from ..physics.integrate import rk4_step
 from ..physics.parameters import Parameters, Robot
 from ..policy.jax_backend.observation import PendulumObservation
 from ..types import Action, Count, Key, Observation, Scalar, State, Torque
-from .task import AbstractTask, Step
+from .task import AbstractTask, StateT, Step
 
 DIVERGED = 1000.0
 """Velocity beyond which a state is no longer physics but an integration error (rad/s)."""
-
-StateT = TypeVar("StateT")
 
 
 class PendulumState(eqx.Module):

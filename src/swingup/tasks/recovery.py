@@ -12,7 +12,7 @@ from .task import Step
 
 UP_FRACTION = 0.9
 """Fraction of l1 + l2 above which the tip counts as up; as in the benchmark's rules."""
-LINE_WIDTH = 0.01
+UP_LINE_WIDTH = 0.01
 """Width of the smoothed line above which the tip is up (m)."""
 
 
@@ -42,7 +42,9 @@ class RecoveryTask(AbstractPendulumTask[PendulumState]):
     def reward(self, x: State, u: Torque) -> Scalar:
         """From -1, far down, to 0, upright at rest without torque."""
         away = 1 - jnp.exp(self.quadratic_reward(x, u) / self.saturation)
-        down = jax.nn.sigmoid((UP_FRACTION * self.parameters.length - tip_height(self.parameters, x)) / LINE_WIDTH)
+        down = jax.nn.sigmoid(
+            (UP_FRACTION * self.parameters.length - tip_height(self.parameters, x)) / UP_LINE_WIDTH
+        )
         return -((1 - self.down_weight) * away + self.down_weight * down)
 
     def step(self, state: PendulumState, action: Action, key: Key) -> Step[PendulumState]:

@@ -15,7 +15,7 @@ from ..pendulum import PendulumPolicy
 from ..plant import nominal_plant
 from ..settings import LOST, PIECES, EstimatorSettings, FrontEndSettings, kalman_gains
 from ..stages import NormaliseStage, PendulumStage, Stage
-from ..template import NAME, asset, check_name, fill
+from ..template import NAME, asset, check_export_name, fill
 
 LAYER = """\
 static inline void swingup_layer_{index}(const swingup_real x[{inputs}], swingup_real y[{outputs}])
@@ -74,7 +74,7 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
     Raises:
         SwingupError: the name is no identifier, or the policy has an observation that this program does not write.
     """
-    check_name(name)
+    check_export_name(name)
     layers = policy.network.layers
     names = ["input", *(f"layer_{index}" for index in range(len(layers)))]
     sizes = [len(layer.bias) for layer in layers]

@@ -55,7 +55,7 @@ def save_policy(path: str | Path, policy: Policy[Any], metadata: Mapping[str, An
     write_network(path, network_of(policy), metadata)
 
 
-def load_policy(path: str | Path) -> tuple[Policy[Any], dict[str, Any]]:
+def load_any_policy(path: str | Path) -> tuple[Policy[Any], dict[str, Any]]:
     """Read a policy and its metadata.
 
     Raises:

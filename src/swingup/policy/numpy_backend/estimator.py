@@ -8,8 +8,7 @@ import numpy as np
 from ...physics.equations import Lumped, StateFloats
 from ..plant import midpoint_step, torque_response
 from ..settings import LOST, PIECES, EstimatorSettings, kalman_gains
-
-TURN = 2 * math.pi
+from .network import TURN
 
 
 class NumpyEstimator:

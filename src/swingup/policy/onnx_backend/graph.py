@@ -13,16 +13,13 @@ import numpy as np
 
 from ...errors import SwingupError
 from ...version import __version__
-from ..network import STATE, Layer
+from ..network import STATE, SUM_GROUP, Layer
 from ..pendulum import PendulumPolicy
 from ..stages import NormaliseStage, PendulumStage
 
 OPSET = 17
 IR_VERSION = 8
 """What every ONNX Runtime since 1.12 reads."""
-
-GROUP = 64
-"""Inputs whose products are summed together."""
 
 
 def onnx_model(policy: PendulumPolicy) -> bytes:
@@ -81,11 +78,11 @@ def _normalise(graph: "_Graph", stage: NormaliseStage, observation: str) -> str:
 def _hidden(graph: "_Graph", layer: Layer, features: str) -> str:
     """W · features + bias, group by group of the inputs."""
     inputs = layer.weight.shape[1]
-    starts = range(0, inputs, GROUP)
-    groups = graph.split(features, [min(GROUP, inputs - start) for start in starts])
+    starts = range(0, inputs, SUM_GROUP)
+    groups = graph.split(features, [min(SUM_GROUP, inputs - start) for start in starts])
     total = graph.constant(layer.bias)
     for start, group in zip(starts, groups, strict=True):
-        total = graph.gemm(group, layer.weight[:, start : start + GROUP], total)
+        total = graph.gemm(group, layer.weight[:, start : start + SUM_GROUP], total)
     return total
 
 
