@@ -22,7 +22,7 @@ RgbFrames: TypeAlias = Iterator[UInt8[np.ndarray, "size size 3"]]
 
 SHADE_STEP = 14
 """Step from shade to shade at the edges of shapes, of 255: Pillow confuses colours that are much closer."""
-LONGEST_DELAY = 65_535
+LONGEST_GIF_DELAY = 65_535
 """Largest delay that the format can store (hundredths of a second)."""
 
 _Indices: TypeAlias = UInt8[np.ndarray, "height width"]
@@ -108,7 +108,7 @@ def _write_frame(file: IO[bytes], before: _Indices | None, now: _Indices, delay:
         box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
         corner, pixels = (int(columns[0]), int(rows[0])), np.where(changed, now, np.uint8(transparent))[box]
     while True:
-        shown = min(delay, LONGEST_DELAY)
+        shown = min(delay, LONGEST_GIF_DELAY)
         options = {"duration": 10 * shown, "transparency": transparent}  # in milliseconds
         file.writelines(GifImagePlugin.getdata(Image.fromarray(pixels), corner, **options))
         delay -= shown

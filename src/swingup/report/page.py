@@ -1,8 +1,8 @@
 """One HTML file that needs no network: tables, interactive plots, players, and live pendulums.
 
 :func:`render_page` is a pure function of its sections. The page's own styles and scripts lie in ``assets``; Bokeh's
-JavaScript comes from the installed package. A content security policy forbids the page to load anything. Names and
-remarks may come from anywhere: they become one printable line each, and the template escapes them.
+JavaScript comes from the installed package. A content security policy forbids the page to load anything. Foreign
+names and remarks become one printable line each, and the template escapes them.
 """
 
 import json
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["Section", "Show", "render_page"]
 
 SCRIPTS = ("physics.js", "pendulum.js", "player.js", "live.js", "plots.js")
-"""In this order, before ``main.js``."""
+"""The page's scripts in the order of their dependencies; ``main.js`` follows."""
 
 JOINT_NAMES = ("the shoulder", "the elbow")
 
