@@ -95,7 +95,7 @@ def draw(
     """
     from matplotlib.lines import Line2D
 
-    from swingup.report.look import legend_below, new_figure, render, styled
+    from swingup.report.style import legend_below, new_figure, render, styled
 
     columns = min(3, len(panels))
     rows = -(-len(panels) // columns)
@@ -120,7 +120,7 @@ def draw(
 
 def _draw_panel(axes: Any, lines: Mapping[str, Sequence[Curve]]) -> dict[str, Any]:
     """The curves of one panel; returns the line of each label's mean."""
-    from swingup.report.look import line_look
+    from swingup.report.style import line_look
 
     entries = {}
     for k, (label, curves) in enumerate(lines.items()):
