@@ -102,7 +102,7 @@ def main() -> None:
         panels = {
             TITLES[name]: {"default preset": curves["default"], "with the change": curves[name]} for name in changes
         }
-        draw(options.plot, panels, "RealAI score (–)", sharey=True)
+        draw(options.plot, panels, "RealAI score (0 to 1)", sharey=True)
 
 
 if __name__ == "__main__":

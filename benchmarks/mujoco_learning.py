@@ -105,7 +105,7 @@ def main() -> None:
         print(f"| {task} | {' | '.join(cell(values, digits=0) for values in last)} |")
     if options.plot:
         panels = {task: {LABELS[each]: study.of(task, each) for each in options.learners} for task in options.tasks}
-        draw(options.plot, panels, "mean return of an episode (–)")
+        draw(options.plot, panels, "mean return (sum of rewards)")
 
 
 if __name__ == "__main__":

@@ -58,7 +58,7 @@ def test_the_ablations_picture_speaks_in_words(figures, monkeypatch):
         "episodes not cut at random",
     ]
     assert {axes.get_xlabel() for axes in figure.axes} == {"frames (millions)"}
-    score = "RealAI score (–)"  # on the left of each row, whose panels have one scale
+    score = "RealAI score (0 to 1)"  # on the left of each row, whose panels have one scale
     assert [axes.get_ylabel() for axes in figure.axes] == [score, "", "", score, ""]
     assert legend_of(figure) == [
         "default preset", "with the change", "thick: mean of the seeds", "thin: one seed",
@@ -70,7 +70,7 @@ def test_the_mujoco_picture_explains_thick_and_thin_lines(figures, monkeypatch):
     (figure,) = figures
     assert [axes.get_title() for axes in figure.axes] == ["HalfCheetah-v5", "Hopper-v5", "Swimmer-v5"]
     assert {axes.get_xlabel() for axes in figure.axes} == {"frames (millions)"}
-    assert {axes.get_ylabel() for axes in figure.axes} == {"mean return of an episode (–)"}
+    assert {axes.get_ylabel() for axes in figure.axes} == {"mean return (sum of rewards)"}
     assert legend_of(figure) == [
         "AR-EAPO (swingup)", "PPO (Stable-Baselines3)", "thick: mean of the seeds", "thin: one seed",
     ]  # fmt: skip

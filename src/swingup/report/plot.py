@@ -170,7 +170,7 @@ def plot_curves(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> "Figure":
         if any("mean_length" in row for rows in runs.values() for row in rows):
             bottom.set(ylabel="best mean return (–)")
         else:
-            bottom.set(ylabel="best RealAI score (–)", ylim=(-0.02, None))
+            bottom.set(ylabel="best RealAI score (0 to 1)", ylim=(-0.02, None))
         figure.align_ylabels((top, bottom))
         legend_below(figure, [*entries, (dot, "one evaluation")])
     return figure
