@@ -171,7 +171,7 @@ def test_bars_are_as_high_as_the_percentages():
     # Two groups of bars, one on each side of the tick.
     assert axes.containers[0][0].get_x() < -0.1
     assert axes.containers[1][0].get_x() >= 0.0
-    assert axes.get_ylabel() == "success (%)"
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("criterion", "success (%)")
     assert legend_texts(figure.legends[0]) == ["ours, 0.500", "theirs, 0.900"]
 
 
@@ -234,7 +234,7 @@ def test_curves_show_reward_and_score_of_every_seed():
     np.testing.assert_allclose([line.get_ydata() for line in dots], [[0, 0.4, 0.2], [0, 0.45, 0.25], [0, 0.5, 0.3]])
     np.testing.assert_allclose([line.get_ydata() for line in best], [[0, 0.4, 0.4], [0, 0.45, 0.45], [0, 0.5, 0.5]])
     assert scores.get_xlabel() == "frames (millions)"
-    assert (rewards.get_ylabel(), scores.get_ylabel()) == ("mean reward per step (–)", "best RealAI score (–)")
+    assert (rewards.get_ylabel(), scores.get_ylabel()) == ("mean reward per step (–)", "best RealAI score (0 to 1)")
     assert legend_texts(figure.legends[0]) == ["a (2 seeds)", "b", "one evaluation"]
 
 
