@@ -14,7 +14,8 @@ from swingup.benchmark.rules import CRITERIA
 from swingup.benchmark.trajectory_file import save_trajectory
 from swingup.errors import SwingupError
 from swingup.report.files import make_labels
-from swingup.report.plot import goals, plot_curves, plot_phase, plot_robustness, plot_trajectories, unwrapped
+from swingup.report.plot import plot_curves, plot_phase, plot_robustness, plot_trajectories
+from swingup.report.plot_motion import goals, unwrapped
 from swingup.report.save import PLOT_KINDS, save_plot
 from swingup.report.style import render
 
