@@ -274,7 +274,7 @@ def test_rows_without_a_curve_are_refused(rows, reason):
 
 # All figures
 
-QUANTITY = r".+ \((rad|rad/s|s|N m|%|millions|–)\)"
+QUANTITY = r".+ \((rad|rad/s|s|N m|%|millions|0 to 1|–)\)"
 """A label and its unit; the dash stands for quantities without one."""
 
 
