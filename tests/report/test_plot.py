@@ -14,7 +14,8 @@ from swingup.benchmark.rules import CRITERIA
 from swingup.benchmark.trajectory_file import save_trajectory
 from swingup.errors import SwingupError
 from swingup.report.files import make_labels
-from swingup.report.plot import goals, plot_curves, plot_phase, plot_robustness, plot_trajectories, unwrapped
+from swingup.report.plot import plot_curves, plot_phase, plot_robustness, plot_trajectories
+from swingup.report.plot_motion import goals, unwrapped
 from swingup.report.save import PLOT_KINDS, save_plot
 from swingup.report.style import render
 
@@ -274,7 +275,7 @@ def test_rows_without_a_curve_are_refused(rows, reason):
 # All figures
 
 QUANTITY = r".+ \((rad|rad/s|s|N m|%|millions|0 to 1|–)\)"
-"""A label and its unit; quantities without one have their range or a dash."""
+"""A label and its unit; the dash stands for quantities without one."""
 
 
 def axis_label(axes, direction):

@@ -64,6 +64,16 @@ def check_trajectory(name: str, trajectory: Trajectory) -> _Rows:
     return time, x, u
 
 
+def require_some(given: Mapping[str, Any], what: str) -> None:
+    """Refuse an empty mapping of things to draw.
+
+    Raises:
+        SwingupError: there is nothing to draw.
+    """
+    if not given:
+        raise SwingupError(f"nothing to draw: give at least one {what}")
+
+
 def infer_robot(name: str | Path, trajectory: Trajectory) -> Robot:
     """The robot whose driven joint is the only one with torque.
 
