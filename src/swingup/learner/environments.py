@@ -257,7 +257,7 @@ def _blaming(what: str) -> Iterator[None]:
     """Turn an error of foreign code into one line."""
     try:
         yield
-    # An environment that calls sys.exit does not end the training program unexplained.
+    # SystemExit too: an environment that calls sys.exit would end training without a message.
     except (Exception, SystemExit) as error:
         raise SwingupError(f"{what}: {type(error).__name__}: {_short(error)}; correct it and go on") from error
 

@@ -46,7 +46,6 @@ class EpisodeEvaluator(AbstractEvaluator):
             SwingupError: an environment cannot be made or fails.
         """
         count = episodes or self._episodes
-        # A batch of its own for each number, in which every episode has an environment.
         if count not in self._made:
             self._made[count] = make_environments(self._env, count)
         return play(policy, self._made[count], self._seed)

@@ -145,7 +145,7 @@ def read_metrics(path: str | Path) -> list[dict[str, Any]]:
         try:
             rows.append(_parse_row(line))
         except (ValueError, TypeError, KeyError, RecursionError, SwingupError) as error:
-            # Only the last line can be cut short by a crash; another bad line is somebody's mistake.
+            # Only the last line can be cut short by a crash; another bad line has a cause that the user must see.
             if number < len(lines):
                 raise SwingupError(f"{path} line {number} is no row of metrics: remove or correct it") from error
     return rows
