@@ -34,5 +34,5 @@ class RunningStatistics(eqx.Module):
 
 def init_statistics(size: int) -> RunningStatistics:
     """Mean 0 and variance 1, with the weight of 1e-4 observations."""
-    # The weight of Stable-Baselines3, on which the authors' code builds.
+    # 1e-4 is the weight in Stable-Baselines3, on which the authors' code builds.
     return RunningStatistics(mean=jnp.zeros(size), variance=jnp.ones(size), count=jnp.array(1e-4))

@@ -145,7 +145,7 @@ def motor_torques(
         q: angles of the joints (rad), for the motors' ripple.
         dt: time of the step (s), for their rate limit.
     """
-    # The benchmark's numbers hold this: pushes drawn for the passive joint have no effect.
+    # Pushes drawn for the passive joint have no effect: the benchmark's published numbers contain this.
     driven = limits > 0
     torque = before + disturbance.response * (command - before)
     noise, push = (jnp.where(driven, added, 0.0) for added in (torque_noise, disturbance.pushes.torque(t)))
