@@ -65,7 +65,7 @@ class AREAPO:
                 robots and ``mujoco`` for anything else; a pendulum task that is passed in needs a name.
             seed: from which all randomness follows.
             folder: new or empty, for the files that ``swingup train`` writes; None to write none.
-            evaluate_every: frames between evaluations, reports and callbacks; each checkpoint adds one of them.
+            evaluate_every: frames between evaluations, reports and callbacks; a checkpoint adds all three.
             checkpoint_every: frames between checkpoints, where the environments that the host steps are reset.
             evaluation_episodes: episodes of an evaluation. With 0, where the host steps the environments, the score
                 is that of the training episodes, or, if none of them ended, the mean reward of a step.
