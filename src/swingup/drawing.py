@@ -58,12 +58,14 @@ def draw_frame(
     _draw_scenery(canvas, shoulder, (l1 + l2) * scale, unit)
     canvas.line((shoulder, elbow), fill=LINK_1, width=round(3.4 * unit))
     canvas.line((elbow, tip), fill=LINK_2, width=round(3.4 * unit))
+    # Round ends, since Pillow's lines end square.
     canvas.circle(tip, 2.4 * unit, fill=LINK_2)
     for joint, centre in enumerate((shoulder, elbow)):
         canvas.circle(centre, 2.8 * unit, fill=LINK_1)
         canvas.circle(centre, 1.6 * unit, fill=DRIVEN if joint == driven else PAPER)
         if torque is not None:
             _draw_torque(canvas, centre, float(torque[joint]), unit)
+    # Pillow draws lines without smoothing; the average of the finer pixels smooths them.
     return np.array(image.reduce(SUPERSAMPLING))
 
 
@@ -84,7 +86,9 @@ def _draw_scenery(canvas: "ImageDraw", shoulder: Point, reach: float, unit: floa
 
 def _draw_torque(canvas: "ImageDraw", centre: Point, torque: float, unit: float) -> None:
     """An arrow that starts above the joint and turns with the torque, counter-clockwise if it is positive."""
+    # Beyond the limit the arrow stays at its full length; pushes may exceed it.
     sweep = math.radians(FULL_ARC) * max(-1.0, min(1.0, torque / TORQUE_LIMIT))
+    # A smaller torque would show only the arrow's head.
     if abs(sweep) < 0.05:
         return
     radius, head = 6.5 * unit, math.copysign(0.5, sweep)

@@ -1,4 +1,4 @@
-"""Files: written so that a crash, a full disk or a signal never leaves half of one, and read up to a bound."""
+"""Files: a crash, a full disk or a signal never leaves half a file, and reading has a bound."""
 
 import contextlib
 import errno
@@ -10,18 +10,21 @@ from .errors import SwingupError
 
 
 def write_atomically(path: str | Path, content: bytes) -> None:
-    """Write a whole file or none: to a temporary file beside it, to the disk, then rename, that too to the disk.
+    """Write a whole file or none: sync a temporary file beside it to the disk, rename it, and sync the folder.
 
     Raises:
         SwingupError: the folder does not exist or cannot be written, or the disk is full.
     """
+    # Through links: a rename would replace the link instead of the file behind it.
     target = Path(path).resolve()
     temporary = None
     try:
         if target.exists() and not target.is_file():
             target.write_bytes(content)  # a device or a pipe, which a rename would replace
             return
+        # Temporary files are private: the new file takes the mode of the old one, or of any new file.
         mode = target.stat().st_mode if target.exists() else 0o666 & ~_umask()
+        # In the same folder, since a rename is atomic only within one file system.
         with tempfile.NamedTemporaryFile(dir=target.parent, prefix=f".{target.name}.", delete=False) as file:
             temporary = Path(file.name)
             file.write(content)
@@ -40,14 +43,15 @@ def write_atomically(path: str | Path, content: bytes) -> None:
 
 
 def read_bytes(path: str | Path, most: int) -> bytes:
-    """Read a whole file of bounded size; no more than ``most`` bytes are ever held.
+    """Read a whole file of at most ``most`` bytes; larger ones are never held in memory.
 
     Raises:
-        OSError: it cannot be read; the caller says what it is.
+        OSError: it cannot be read; the caller turns this into an error that names its purpose.
         SwingupError: it is larger.
     """
     try:
         with Path(path).open("rb") as stream:
+            # One byte more shows that the file is too large, also where it has no size, such as a pipe.
             content = stream.read(most + 1)
     except ValueError as error:  # a null character
         raise OSError(errno.EINVAL, "not the name of a file") from error
@@ -57,7 +61,7 @@ def read_bytes(path: str | Path, most: int) -> bytes:
 
 
 def make_folder(path: str | Path) -> None:
-    """Make a folder, and those that it is in, if there is none.
+    """Make a folder with its parents, unless it exists.
 
     Raises:
         SwingupError: it cannot be made.
@@ -81,7 +85,7 @@ def check_writable(path: str | Path) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Have a folder's names on the disk, where the system can."""
+    """Write a folder's names to the disk, if the system can."""
     with contextlib.suppress(OSError):  # the file is whole; Windows opens no folders
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -91,6 +95,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 def _umask() -> int:
+    # The mask can only be read by setting it.
     mask = os.umask(0)
     os.umask(mask)
     return mask

@@ -1,6 +1,6 @@
 """Gymnasium environments of the double pendulum: a thin adapter over this package's own task.
 
-Importing this module registers ``swingup/Acrobot-v0`` and ``swingup/Pendubot-v0``; naming it in the id does so too:
+Importing this module registers ``swingup/Acrobot-v0`` and ``swingup/Pendubot-v0``. An id may also name the module:
 ``gymnasium.make("swingup.gym:swingup/Acrobot-v0")``. ``gymnasium.make_vec`` gives one compiled batch of them.
 The task is continuing: it truncates itself at random and by its limit, never terminates, and needs no TimeLimit.
 """
@@ -31,14 +31,14 @@ RENDER_MODES = ["rgb_array"]
 
 
 class Episode(eqx.Module):
-    """Where one environment stands."""
+    """The state of one environment between steps."""
 
     state: PendulumState
     """State of the task."""
     action: Action
     """The last action, 0 after a reset."""
     key: Key
-    """What is still to be drawn follows from it."""
+    """All later draws follow from it."""
 
 
 class PendulumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -58,13 +58,14 @@ class PendulumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         Args:
             robot: ``acrobot`` or ``pendubot``.
             task: name of a variant of the task, see :data:`swingup.tasks.presets.TASKS`, or a task.
-            render_mode: ``rgb_array`` lets ``render`` draw pictures; ``None`` draws none.
+            render_mode: ``rgb_array`` for pictures from ``render``; ``None`` for none.
 
         Raises:
             SwingupError: there is no such robot, task or render mode, or the task is another robot's.
         """
         self.task = _compiled_task(robot, task)
         self.render_mode = _checked_render_mode(render_mode)
+        # A dict of its own: the class's is shared, and the rate follows the task.
         self.metadata = {**self.metadata, "render_fps": round(1 / float(self.task.dt))}
         self.observation_space, self.action_space = _spaces(self.task)
         self._episode: Episode | None = None
@@ -72,10 +73,10 @@ class PendulumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Float32[np.ndarray, "n"], dict[str, Any]]:
-        """Start an episode, hanging down but for the task's noise, or where ``options`` says.
+        """Start an episode, hanging down with the task's noise, or in the state that ``options`` gives.
 
         Args:
-            seed: makes this and all later draws repeatable; without it they go on from the last.
+            seed: makes this and all later draws repeatable; without it they continue from the last.
             options: ``{"state": [q1, q2, dq1, dq2]}`` (rad, rad/s) sets the state to start from.
 
         Raises:
@@ -88,6 +89,7 @@ class PendulumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             key = self._episode.key
         else:
             key = _new_keys(seed, self.np_random, 1)[0]
+        # np.array copies: JAX's memory is read-only, and callers may write to what they receive.
         self._episode, observation = _begin(self.task, key, start)
         return np.array(observation, np.float32), {"state": np.array(self._episode.state.x)}
 
@@ -99,6 +101,7 @@ class PendulumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         action = _checked_actions(action, (1,))
         self._episode, step = _advance(self.task, _running(self._episode), action)
+        # One transfer for all parts; each conversion alone would wait for the device.
         step = jax.device_get(step)
         observation = np.array(step.observation, np.float32)
         info = {"state": np.array(step.state.x)}
@@ -117,7 +120,7 @@ class PendulumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
 
 class PendulumVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """Many double pendulums in one compiled step; one that ends is reset in that same step.
+    """Many double pendulums in one compiled step; an episode that ends is reset in that same step.
 
     Its environment ``i``, reset with a seed, is :class:`PendulumEnv` reset with ``seed + i``, as in gymnasium's
     ``SyncVectorEnv``. As there, ``info["final_obs"]`` and ``info["final_info"]`` hold what a reset replaced:
@@ -190,6 +193,7 @@ class PendulumVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         for index in np.flatnonzero(step.terminated | step.truncated).tolist():
             final_info = {"state": np.array(step.state.x[index])}
             final = {"final_obs": np.array(step.observation[index], np.float32), "final_info": final_info}
+            # Gymnasium's own way to merge infos, so that the masks are those of its vector environments.
             infos = self._add_info(infos, final, index)
         return (
             np.array(observations, np.float32),
@@ -221,7 +225,7 @@ def begin(task: AbstractPendulumTask[Any], key: Key, start: State | None) -> tup
 def advance(
     task: AbstractPendulumTask[Any], episode: Episode, action: Action
 ) -> tuple[Episode, Step[PendulumState]]:
-    """Step an environment, which may end but is not reset."""
+    """Step an environment; an episode that ends is not reset."""
     step_key, next_key = jax.random.split(episode.key)
     step = task.step(episode.state, action, step_key)
     return Episode(state=step.state, action=action, key=next_key), step
@@ -230,8 +234,9 @@ def advance(
 def advance_and_reset(
     task: AbstractPendulumTask[Any], episode: Episode, action: Action
 ) -> tuple[Episode, Observation, Step[PendulumState]]:
-    """Step an environment and reset it if it ends; the step is as before the reset, the rest as after."""
+    """Step an environment and reset it if it ends; the step is from before the reset, the rest from after it."""
     after, step = advance(task, episode, action)
+    # Drawn at every step: under vmap a condition would compute both branches anyway.
     fresh, observation = begin(task, after.key, None)
     ended = step.terminated | step.truncated
     episode, observation = jax.tree.map(
@@ -285,12 +290,12 @@ def _checked_start(options: dict[str, Any] | None) -> Float[np.ndarray, "4"] | N
 
 
 def _checked_seed(seed: int | None, count: int) -> int | None:
-    """A seed that JAX, which has 32 bits for them, does not cut; nor the last of ``count`` seeds in a row."""
+    """A seed whose ``count`` successors fit the 32 bits that JAX has for seeds; it would cut larger ones."""
     return None if seed is None else whole_number("seed", seed, 0, 2**32 - count)
 
 
 def _new_keys(seed: int | None, generator: np.random.Generator, count: int) -> Key:
-    """Keys (count) of consecutive seeds, the first drawn at random if there is none."""
+    """Keys (count) of consecutive seeds, of which the first is drawn at random if none is given."""
     first = int(generator.integers(2**32 - count, endpoint=True)) if seed is None else seed
     return _keys(np.arange(first, first + count, dtype=np.uint32))
 

@@ -17,14 +17,14 @@ CHANGED = {
         "ar-eapo": "now means the paper's learner alone; the policy that it meant before is 'refined'",
     }
 }
-"""What names mean now that meant something else before."""
+"""Names that had another meaning before, and their new one."""
 
 _LOGGER = logging.getLogger("swingup")
 _told: set[tuple[str, str]] = set()
 
 
 def current_name(kind: str, name: str) -> str:
-    """The present name of what a user calls ``name``; says once a program that it changed."""
+    """The present name for a name that a user gave; a change is logged once in a program."""
     new = RENAMED.get(kind, {}).get(name)
     note = f"is now called {new!r}" if new else CHANGED.get(kind, {}).get(name)
     if note and (kind, name) not in _told:

@@ -1,4 +1,4 @@
-"""The two robots that are made from one double pendulum by driving only one of its joints."""
+"""The two robots of one double pendulum, which differ in the joint that is driven."""
 
 from dataclasses import dataclass
 
@@ -27,7 +27,7 @@ TORQUE_LIMIT = 6.0
 
 
 def get_robot(name: str | Robot) -> Robot:
-    """Look a robot up by its name; a robot is returned as it is.
+    """Find a robot by its name; a ``Robot`` is returned as it is.
 
     Raises:
         SwingupError: there is no such robot.

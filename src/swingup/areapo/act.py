@@ -1,4 +1,4 @@
-"""What a learner does at every step on every back end: update the observation statistics, and act."""
+"""One step of acting, the same on every back end: update the observation statistics, then sample actions."""
 
 from typing import Any
 
@@ -24,6 +24,7 @@ def decide(actor: AbstractActor, observations: Float[Array, "envs n"], key: Key)
     """Sample an action in each environment, for normalised observations."""
     policy = jax.vmap(actor)(observations)
     latents = vmap_with_keys(lambda p, k: p.sample(k), key, policy)
+    # The density of the latent: from the action, atanh would lose precision near saturation.
     log_probs = jax.vmap(lambda p, z: p.log_prob(z))(policy, latents)
     return Decisions(latents, log_probs, jax.vmap(lambda p, z: p.action(z))(policy, latents))
 

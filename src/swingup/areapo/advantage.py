@@ -47,6 +47,7 @@ def advantages(
         discount: γ.
         gae_lambda: λ.
     """
+    # next_values count at a cut, too: a truncation does not end the process, only the recursion stops.
     deltas = rewards - gain + discount * next_values - values
     decays = discount * gae_lambda * (1.0 - cuts)
 
@@ -55,6 +56,7 @@ def advantages(
         advantage = delta + decay * following
         return advantage, advantage
 
+    # The sum starts at 0: what follows the rollout is in V(s') of the last delta.
     _, result = jax.lax.scan(backwards, jnp.zeros_like(deltas[0]), (deltas, decays), reverse=True)
     return result
 
@@ -74,6 +76,7 @@ def update_gains(
     if not config.average_reward:
         return gains
     trace = gains.trace + config.gain_step_size * (1.0 - gains.trace)
+    # λ-advantages scale the step by about 1 / (1 - λ), in the authors' code as well.
     step_size = config.gain_step_size / trace if config.gain_trace else config.gain_step_size
     return Gains(
         reward=gains.reward + step_size * mean(reward_advantages, weights),

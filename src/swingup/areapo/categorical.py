@@ -16,6 +16,7 @@ class Categoricals(AbstractDistribution):
 
     logits: Float[Array, "k *batch"]
     """Unnormalised log probabilities of all alternatives, one action's after the other's; k = sum(choices)."""
+    # Static, since slices of the logits need sizes that are known when they are compiled.
     choices: tuple[int, ...] = eqx.field(static=True)
     """Number of alternatives of each action."""
 

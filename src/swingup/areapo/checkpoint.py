@@ -40,8 +40,9 @@ def load_checkpoint(path: str | Path, like: Tree) -> tuple[Tree, dict[str, Any]]
         SwingupError: the file cannot be read, or it holds another structure.
     """
     needed = dict(_named(like))
-    # What the configuration needs may be large; anything else is held to the bound of all archives.
+    # A configuration may need large arrays; any other archive stays below the common bound.
     most = max(LARGEST_ARCHIVE, sum(map(_member_size, needed.values())))
+    # Members with other names are not read: a foreign archive costs no memory.
     metadata, arrays = load_archive(path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION, needed.__contains__, most)
     leaves = []
     for name, expected in needed.items():
@@ -70,6 +71,7 @@ def _is_key(leaf: Any) -> bool:
 
 
 def _to_numpy(leaf: Any) -> np.ndarray:
+    # NumPy has no type for keys; their words are ordinary numbers.
     return np.asarray(jax.random.key_data(leaf) if _is_key(leaf) else leaf)
 
 
@@ -86,6 +88,7 @@ def _member_size(expected: Any) -> int:
 
 def _from_numpy(path: str | Path, name: str, array: np.ndarray, expected: Any) -> Any:
     kind = _kind(expected)
+    # No conversion: a resumed run has the bits of an undisturbed one.
     if array.shape != kind.shape or array.dtype != kind.dtype:
         raise SwingupError(
             f"checkpoint {path} holds {name} as {array.dtype}{list(array.shape)} where the configuration "

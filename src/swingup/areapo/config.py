@@ -64,7 +64,7 @@ class Config(eqx.Module):
     normalise_advantages: bool = _static(True)
     """Normalise the soft advantages in each minibatch."""
     terminations: Terminations = _static("auto")
-    """What follows where a task terminates. end: nothing, the value beyond is 0; reset_cost: a new start, at a cost
+    """The meaning of a termination. end: nothing follows, the value beyond is 0; reset_cost: a new start, at a cost
     (ATRPO, arXiv 2106.07329); bootstrap: the value of the last state, as at a time limit; auto: reset_cost with
     average reward, end without."""
     popart: bool = _static(False)
@@ -107,6 +107,7 @@ class Config(eqx.Module):
         """Refuse what cannot work, before anything is traced."""
         for field in dataclasses.fields(self):
             _check_field(field, getattr(self, field.name))
+        # An epoch is reshaped into minibatches, which leaves no room for a remainder.
         if self.rollout_size % self.batch_size:
             raise SwingupError(
                 f"batch_size = {self.batch_size} does not divide a rollout of num_envs x num_steps = "
@@ -122,6 +123,8 @@ class Config(eqx.Module):
             raise SwingupError("centre_values does not go with popart, which centres as well: choose one")
         for name in ("discount", "entropy_discount"):
             value = getattr(self, name)
+            # Traced or batched values cannot be compared here.
+            # Without a gain, only a discount below 1 bounds the values.
             if not self.average_reward and isinstance(value, int | float) and value >= 1.0:
                 raise SwingupError(f"{name} = {value} must be below 1 without average_reward")
             if self.centre_values and isinstance(value, int | float) and value < 1.0:
@@ -148,11 +151,11 @@ class Config(eqx.Module):
 
 
 def config_from_dict(values: dict[str, Any], others: Iterable[str] = ()) -> Config:
-    """The inverse of ``dataclasses.asdict``, also after a trip through JSON.
+    """The inverse of ``dataclasses.asdict``; values may come from JSON, which has lists for tuples.
 
     Args:
         values: hyperparameters by name; those that are missing have the defaults of Table I.
-        others: names that a caller takes besides, to suggest for a misspelt one.
+        others: further names that the caller accepts, as suggestions for misspelt ones.
 
     Raises:
         SwingupError: a name is unknown or a value cannot work.
@@ -166,7 +169,7 @@ def check_hyperparameter(name: Any, others: Iterable[str] = ()) -> str:
     """The name of a hyperparameter.
 
     Raises:
-        SwingupError: there is none of that name; the line suggests the nearest.
+        SwingupError: no hyperparameter has that name; the line suggests the nearest.
     """
     names = hyperparameters()
     if name in names:
@@ -187,9 +190,10 @@ def kind_of(default: Any) -> str:
 
 
 def _to_python(value: Any) -> Any:
-    """A value as Python has it: no list, no number of NumPy's or JAX's."""
+    """A value in Python's own types: a tuple for a list, a plain number for one of NumPy or JAX."""
     if isinstance(value, list | tuple):
         return tuple(_to_python(each) for each in value)
+    # An array with axes is a batch for vmap and stays as it is.
     return value.item() if isinstance(value, np.generic | np.ndarray | jax.Array) and value.ndim == 0 else value
 
 
@@ -210,6 +214,7 @@ def _check_field(field: Any, value: Any) -> None:
 
 
 def _is_of_kind(value: Any, default: Any) -> bool:
+    # Before int: in Python a bool is an int.
     if isinstance(default, bool):
         return isinstance(value, bool | np.bool_)
     if isinstance(default, int):

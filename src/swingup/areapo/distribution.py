@@ -1,4 +1,4 @@
-"""What the algorithm asks of a policy's distribution over actions, whatever the actions are."""
+"""The interface of a policy's distribution over actions, continuous or discrete."""
 
 import abc
 
@@ -11,8 +11,8 @@ from ..types import Key
 class AbstractDistribution(eqx.Module):
     """π(·|s) over m entries, independent given the state; batch axes come last.
 
-    A sample is kept as a *latent*, the form in which its probability is exact; ``action`` turns it into what the
-    task takes.
+    A sample is stored as a *latent*, the form in which its probability is exact. ``action`` turns it into the
+    task's action.
     """
 
     @abc.abstractmethod

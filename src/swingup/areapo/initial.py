@@ -24,6 +24,7 @@ def init_learner(keys: InitialKeys, spaces: Spaces, config: Config) -> LearnerSt
     return LearnerState(
         actor=actor,
         critic=critic,
+        # One optimiser for both networks: their gradients are clipped by their joint norm.
         optimiser=make_optimiser(config).init((actor, critic)),
         gains=init_gains(),
         statistics=init_statistics(spaces.observation_size),
@@ -37,6 +38,7 @@ def init_learner(keys: InitialKeys, spaces: Spaces, config: Config) -> LearnerSt
 
 def begin_episodes(state: LearnerState, observations: Float[Array, "envs n"], config: Config) -> LearnerState:
     """The learner at the start of new episodes, given their first observations (not normalised)."""
+    # Before the first step there is no true next observation; that result is not used.
     statistics, normalised, _ = update_statistics(
         state.statistics, observations, observations, config.observation_clip
     )

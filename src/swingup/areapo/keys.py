@@ -1,4 +1,4 @@
-"""The learner's random keys: the one place that splits them, into names that are each used once."""
+"""The learner's random keys. They are split only here, into names that are each used once."""
 
 from typing import NamedTuple
 
@@ -8,7 +8,7 @@ from ..types import Key
 
 
 class InitialKeys(NamedTuple):
-    """What a learner is initialised with."""
+    """The keys that initialise a learner."""
 
     actor: Key
     critic: Key
@@ -19,7 +19,7 @@ class InitialKeys(NamedTuple):
 
 
 class IterationKeys(NamedTuple):
-    """What one iteration draws with."""
+    """The keys of one iteration."""
 
     collect: Key
     improve: Key
@@ -28,7 +28,7 @@ class IterationKeys(NamedTuple):
 
 
 class StepKeys(NamedTuple):
-    """What one step of a rollout draws with."""
+    """The keys of one step of a rollout."""
 
     sample: Key
     step: Key

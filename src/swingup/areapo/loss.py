@@ -28,7 +28,7 @@ class Frames(eqx.Module):
 
 
 class LossMetrics(eqx.Module):
-    """What a minibatch's loss consists of."""
+    """The terms of a minibatch's loss, and how far the policy moved."""
 
     policy_loss: Scalar
     value_loss: Scalar
@@ -43,17 +43,20 @@ def loss(networks: tuple[AbstractActor, Critic], frames: Frames, config: Config)
     L(θ) = mean min(r A, clip(r, 1 - ε, 1 + ε) A), r = π_θ(a|s) / π_old(a|s).
     """
     actor, critic = networks
+    # Features first: XLA has fast CPU kernels for the products of this form (see networks).
     observations = frames.observations.T
     log_ratios = actor(observations).log_prob(frames.latents.T) - frames.log_probs
     ratios = jnp.exp(log_ratios)
     soft_advantages = frames.advantages
     if config.normalise_advantages:
+        # After the sum of both objectives and in each minibatch, as in the authors' code.
         soft_advantages = standardise(soft_advantages, frames.weights)
     clipped = jnp.clip(ratios, 1.0 - config.clip_range, 1.0 + config.clip_range)
     policy_loss = -mean(jnp.minimum(ratios * soft_advantages, clipped * soft_advantages), frames.weights)
 
     errors = critic(observations) - frames.returns.T
     value_loss, entropy_value_loss = mean(errors**2, frames.weights, axis=1)
+    # No entropy bonus: the entropy is in the advantages. Values are not clipped, as in the authors' code.
     total = policy_loss + config.value_coefficient * (
         value_loss + config.entropy_value_coefficient * entropy_value_loss
     )
@@ -61,6 +64,7 @@ def loss(networks: tuple[AbstractActor, Critic], frames: Frames, config: Config)
         policy_loss=policy_loss,
         value_loss=value_loss,
         entropy_value_loss=entropy_value_loss,
+        # Its mean under π_old is KL(π_old, π_θ), and no sample is negative, unlike -log r.
         approximate_kl=mean(ratios - 1.0 - log_ratios, frames.weights),
         clip_fraction=mean(jnp.abs(ratios - 1.0) > config.clip_range, frames.weights),
     )

@@ -1,7 +1,7 @@
 """The actor's and the critic's networks: separate ReLU trunks, orthogonal initialisation.
 
 They take one observation, or a batch whose axis comes last. With the features first, all matrix products of an
-update have a form for which XLA has a fast CPU kernel; ``vmap`` does not arrive at it, and is a tenth slower.
+update have a form for which XLA has a fast CPU kernel. ``vmap`` does not reach that form and is a tenth slower.
 """
 
 import abc
@@ -27,8 +27,8 @@ class Linear(eqx.Module):
     """y = W x + b, in the precision of x.
 
     Wide layers with float32 weights are an exception where x is float64: their products are summed in single
-    precision in groups of inputs, the groups in double. It takes half the time, and all that it loses is 2e-5 N m
-    of a shipped policy's torque; layers with few inputs or few outputs cost little as they are.
+    precision in groups of inputs, the groups in double. This takes half the time and changes a shipped
+    policy's torque by at most 2e-5 N m. Layers with few inputs or few outputs cost little without it.
     """
 
     weight: Float[Array, "out in"]
@@ -113,7 +113,7 @@ class Critic(eqx.Module):
 
 
 def init_policy(key: Key, spaces: Spaces, layers: tuple[int, ...], log_std_init: float) -> AbstractActor:
-    """An actor for these spaces, next to uniform if its actions are discrete."""
+    """An actor for these spaces; a policy of discrete actions starts almost uniform."""
     if not spaces.choices:
         return init_actor(key, spaces.observation_size, spaces.action_size, layers, log_std_init)
     trunk_key, head_key = jax.random.split(key)
@@ -131,10 +131,12 @@ def init_actor(
     """An actor whose mean starts near 0 and whose σ starts at exp(log_std_init)."""
     trunk_key, mean_key, std_key = jax.random.split(key, 3)
     width = layers[-1]
+    # The inverse of softplus, so that log softplus(std_bias) = log_std_init.
     std_bias = jnp.log(jnp.expm1(jnp.exp(log_std_init)))
     return Actor(
         trunk=_trunk(trunk_key, observation_size, layers),
         mean_head=Linear(_orthogonal(mean_key, width, action_size, 0.01), jnp.zeros(action_size)),
+        # Normal weights instead of orthogonal ones, as in the authors' code.
         std_head=Linear(0.01 * jax.random.normal(std_key, (action_size, width)), jnp.zeros(action_size) + std_bias),
     )
 
@@ -142,6 +144,7 @@ def init_actor(
 def init_critic(key: Key, observation_size: int, layers: tuple[int, ...]) -> Critic:
     """A critic with orthogonal weights (one by one for the two heads) and zero biases."""
     trunk_key, value_key, entropy_key = jax.random.split(key, 3)
+    # Two heads, as in the authors' code: a joint matrix would make their rows orthogonal to each other.
     rows = [_orthogonal(head_key, layers[-1], 1, 1.0) for head_key in (value_key, entropy_key)]
     return Critic(
         trunk=_trunk(trunk_key, observation_size, layers), heads=Linear(jnp.concatenate(rows), jnp.zeros(2))
@@ -159,6 +162,7 @@ def _trunk(key: Key, observation_size: int, layers: tuple[int, ...]) -> tuple[Li
     sizes = (observation_size, *layers)
     keys = jax.random.split(key, len(layers))
     return tuple(
+        # A gain of √2, since ReLU drops half of the signal; the authors have it, too.
         Linear(_orthogonal(layer_key, size_in, size_out, 2.0**0.5), jnp.zeros(size_out))
         for layer_key, size_in, size_out in zip(keys, sizes[:-1], sizes[1:], strict=True)
     )

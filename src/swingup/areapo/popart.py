@@ -1,4 +1,4 @@
-"""PopArt: values learned on a normalised scale, rescaled without a change of what they say.
+"""PopArt: values learned on a normalised scale. A change of the scale leaves the values as they are.
 
 Source: van Hasselt et al., "Learning values across many orders of magnitude" (arXiv 1602.07714), as EAPO uses it on
 both value heads (arXiv 2407.18143). A head's output n stands for the value σ n + μ; μ and σ follow the λ-returns.
@@ -12,7 +12,7 @@ from ..types import Scalar
 from .networks import Critic
 
 MIN_SCALE = 1e-4
-"""Least σ: constant returns shall not blow up what the network has to learn."""
+"""Least σ: with constant returns σ would be 0, and the targets would have no bound."""
 
 
 class ValueScale(eqx.Module):
@@ -28,21 +28,22 @@ class ValueScale(eqx.Module):
     @property
     def scale(self) -> Float[Array, "2"]:
         """σ = sqrt(ν - μ²); 1 before the first update."""
+        # Rounding can make the difference negative.
         spread = jnp.sqrt(jnp.maximum(self.square - self.mean**2, MIN_SCALE**2))
         return jnp.where(self.trace > 0.0, spread, 1.0)
 
     def denormalise(self, outputs: Float[Array, "*b 2"]) -> Float[Array, "*b 2"]:
-        """Values of the heads' outputs."""
+        """The values that the heads' outputs stand for."""
         return self.scale * outputs + self.mean
 
     def normalise(self, values: Float[Array, "*b 2"]) -> Float[Array, "*b 2"]:
-        """What the heads should put out for these values."""
+        """The outputs that stand for these values."""
         return (values - self.mean) / self.scale
 
     def update(self, mean: Float[Array, "2"], square: Float[Array, "2"], step_size: float) -> "ValueScale":
         """Move the moments towards those of a rollout's returns.
 
-        As for the gains, the trace makes the first update take them over and later ones an exponential mean:
+        As for the gains, the first update copies them, and later ones form an exponential mean, through the trace:
         trace ← trace + β (1 - trace), μ ← μ + (β / trace) (mean - μ), likewise ν.
         """
         trace = self.trace + step_size * (1.0 - self.trace)
@@ -55,7 +56,7 @@ class ValueScale(eqx.Module):
 
 
 def init_value_scale() -> ValueScale:
-    """Outputs are values."""
+    """The scale before the first update: outputs are values."""
     return ValueScale(mean=jnp.zeros(2), square=jnp.ones(2), trace=jnp.zeros(()))
 
 

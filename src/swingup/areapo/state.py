@@ -1,4 +1,4 @@
-"""What training carries from iteration to iteration, what it collects, and what it reports."""
+"""The state between iterations, the rollout of one iteration, and its metrics."""
 
 import dataclasses
 from typing import Any
@@ -19,7 +19,7 @@ from .popart import ValueScale
 
 
 class LearnerState(eqx.Module):
-    """Everything that training needs to go on, bit for bit."""
+    """Everything that training needs to continue bit for bit."""
 
     actor: AbstractActor
     critic: Critic
@@ -37,7 +37,7 @@ class LearnerState(eqx.Module):
 
 
 class Rollout(eqx.Module):
-    """What was collected (leading axes: step, environment)."""
+    """The collected steps (leading axes: step, environment)."""
 
     observations: Float[Array, "steps envs n"]
     latents: Shaped[Array, "steps envs m"]

@@ -1,4 +1,4 @@
-"""What the critic shall learn from a rollout: bootstrapped values, what an ending means, PopArt's rescaling."""
+"""The critic's targets from a rollout: bootstrapped values, the meaning of an ending, PopArt's rescaling."""
 
 import dataclasses
 from typing import NamedTuple
@@ -25,32 +25,36 @@ class ValueEstimates(NamedTuple):
     values: Float[Array, "steps envs 2"]
     """Of the state before each step."""
     next_values: Float[Array, "steps envs 2"]
-    """Of the state after each step; where an episode was cut short, of the state before the reset."""
+    """Of the state after each step; where an episode was truncated, of the state before the reset."""
     means: Float[Array, "2"]
     """Means of ``values`` before any centring."""
 
 
 def estimate_values(state: LearnerState, rollout: Rollout, config: Config) -> tuple[LearnerState, ValueEstimates]:
-    """The critic's values along a rollout, bootstrapped; with ``centre_values`` their means leave the critic."""
+    """Bootstrapped values along a rollout; ``centre_values`` subtracts their means from the critic."""
     outputs = jax.vmap(jax.vmap(state.critic))(rollout.observations)
     last = jax.vmap(state.critic)(state.observations)
+    # The next row holds the next state, except after a reset; _bootstrap corrects those rows.
     next_outputs = jnp.concatenate([outputs[1:], last[None]])
     next_outputs = _bootstrap(state.critic, rollout, next_outputs, config)
     values, next_values = _denormalise(state, outputs), _denormalise(state, next_outputs)
     means = _mean_of_both(values, rollout)
     if not config.centre_values:
         return state, ValueEstimates(values, next_values, means)
+    # The mean leaves the biases, too, or the next rollout would have it again.
     critic = eqx.tree_at(lambda c: c.heads.bias, state.critic, replace_fn=lambda bias: bias - means)
     centred = dataclasses.replace(state, critic=critic)
+    # Both shift alike, so that with γ = 1 no advantage changes.
     return centred, ValueEstimates(values - means, next_values - means, means)
 
 
 def apply_endings(
     rollout: Rollout, next_values: Float[Array, "steps envs 2"], config: Config
 ) -> tuple[Float[Array, "steps envs"], Float[Array, "steps envs 2"]]:
-    """Rewards and next values with what a termination means (``Config.terminations``)."""
+    """Rewards and next values with terminations applied as ``Config.terminations`` says."""
     if config.ending == "end":
         return rollout.rewards, jnp.where(rollout.terminated[..., None], 0.0, next_values)
+    # next_values are those of the new start: _bootstrap replaced only truncated steps.
     if config.ending == "reset_cost":
         return jnp.where(rollout.terminated, rollout.rewards - config.reset_cost, rollout.rewards), next_values
     return rollout.rewards, next_values
@@ -59,7 +63,7 @@ def apply_endings(
 def normalise_returns(
     state: LearnerState, returns: Float[Array, "steps envs 2"], rollout: Rollout, config: Config
 ) -> tuple[LearnerState, Float[Array, "steps envs 2"]]:
-    """The critic's targets: the returns; with PopArt on its scale, which follows them and keeps the values."""
+    """The critic's targets: the returns. With PopArt they are on its scale, which first follows the returns."""
     if state.value_scale is None:
         return state, returns
     first, second = _mean_of_both(returns, rollout), _mean_of_both(returns**2, rollout)
@@ -80,10 +84,11 @@ def _mean_of_both(values: Float[Array, "steps envs 2"], rollout: Rollout) -> Flo
 def _bootstrap(
     critic: Critic, rollout: Rollout, next_values: Float[Array, "steps envs 2"], config: Config
 ) -> Float[Array, "steps envs 2"]:
-    """Replace next values where the task was cut short by those of the true next states, a few at a time.
+    """Replace the next values of truncated steps by those of the true next states, a few at a time.
 
-    Few steps are cut short: evaluating the critic on all true next states would cost as much as on the rollout.
+    Few steps are truncated: evaluating the critic on all true next states would cost as much as on the rollout.
     """
+    # Where a step is both, the termination decides.
     cut_short = rollout.truncated & ~rollout.terminated
     if config.ending == "bootstrap":
         cut_short = rollout.truncated | rollout.terminated
@@ -93,6 +98,7 @@ def _bootstrap(
 
     def replace(carry: tuple[Count, Array]) -> tuple[Count, Array]:
         start, flat = carry
+        # The last slice is moved back to fit. It then repeats some rows, with the same result.
         indices = jax.lax.dynamic_slice(order, (start,), (min(BOOTSTRAP_SIZE, truncated.size),))
         fixed = jax.vmap(critic)(observations[indices])
         kept = jnp.where(truncated[indices, None], fixed, flat[indices])

@@ -43,6 +43,8 @@ def train(state: LearnerState, task: Task, config: Config, iterations: Count | i
         state, metrics = iteration(state, task, config)
         return state, jax.tree.map(jnp.add, total, metrics)
 
+    # The number of iterations is traced: chunks of any length share one compiled program.
+    # Metrics are therefore summed, since stacking them would need a static length.
     shapes = jax.eval_shape(lambda state: iteration(state, task, config)[1], state)
     zeros = jax.tree.map(lambda shape: jnp.zeros(shape.shape, shape.dtype), shapes)
     state, total = jax.lax.fori_loop(0, iterations, add_iteration, (state, zeros))
@@ -59,7 +61,7 @@ def iteration(state: LearnerState, task: Task, config: Config) -> tuple[LearnerS
 def update(
     state: LearnerState, rollout: Rollout, keys: IterationKeys, config: Config
 ) -> tuple[LearnerState, Metrics]:
-    """Learn from a rollout, wherever it was collected: estimate, then improve."""
+    """Learn from a rollout of any back end: estimate, then improve."""
     estimated, frames, value_means = estimate(state, rollout, config)
     improved, losses, gradient_norm = improve(estimated, frames, keys.improve, config)
     metrics = iteration_metrics(rollout, improved.gains, value_means, losses, gradient_norm)
@@ -74,6 +76,7 @@ def collect(state: LearnerState, key: Key, task: Task, config: Config) -> tuple[
         keys = step_keys(key)
         chosen = decide(state.actor, observations, keys.sample)
         step = vmap_with_keys(lambda s, a, k: task.step(s, a, k), keys.step, task_states, chosen.actions)
+        # All environments draw a reset: under vmap a condition would compute both branches anyway.
         fresh = jax.vmap(task.reset)(jax.random.split(keys.reset, config.num_envs))
         following = select(step.terminated | step.truncated, fresh, step.state)
         statistics, seen, true_next = update_statistics(
@@ -95,13 +98,14 @@ def estimate(
 ) -> tuple[LearnerState, Frames, Float[Array, "2"]]:
     """Soft advantages and λ-returns of a rollout, then the gains; also the means of both values.
 
-    A truncated step bootstraps from the state before the reset. A terminated one has, by ``config.terminations``,
-    no value beyond it, or that of the state before the reset, or it pays a cost and goes on from the state after
-    the reset. All cut the recursion. The entropy reward is -τ log π(a|s), τ included.
+    A truncated step bootstraps from the state before the reset. After a terminated step ``config.terminations``
+    decides: the value beyond is 0, or that of the state before the reset, or the step pays a cost and the value of
+    the state after the reset follows. All of them cut the recursion. The entropy reward is -τ log π(a|s).
     """
     state, (values, next_values, value_means) = estimate_values(state, rollout, config)
     rewards, next_values = apply_endings(rollout, next_values, config)
     cuts = rollout.terminated | rollout.truncated
+    # τ enters here, so that V_H and ρ_H are in units of the reward.
     entropy_rewards = -config.temperature * rollout.log_probs
     reward_advantages = advantages(
         rewards, values[..., 0], next_values[..., 0], cuts,
@@ -115,6 +119,7 @@ def estimate(
     entropy_advantages = jnp.where(config.temperature > 0.0, entropy_advantages, 0.0)
     returns = jnp.stack([reward_advantages, entropy_advantages], axis=-1) + values
     state, targets = normalise_returns(state, returns, rollout, config)
+    # After the advantages, which use the old gains, as in the authors' code.
     gains = update_gains(state.gains, reward_advantages, entropy_advantages, config, rollout.counted)
     soft_advantages = reward_advantages + entropy_advantages
     frames = Frames(
@@ -140,6 +145,7 @@ def improve(
     # Sorting random bits once shuffles well enough (ties are rare) and costs a third of jax.random.permutation.
     orders = jnp.argsort(jax.random.bits(key, (config.num_epochs, config.rollout_size)), axis=-1)
     carry = ((state.actor, state.critic), state.optimiser)
+    # batch_size divides the rollout: no minibatch has frames of two epochs.
     ((actor, critic), optimiser_state), (losses, norms) = jax.lax.scan(
         step, carry, orders.reshape(-1, config.batch_size)
     )

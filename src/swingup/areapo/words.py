@@ -1,4 +1,4 @@
-"""Hyperparameters as words: how the command line, sweeps and folders' names spell them."""
+"""Hyperparameters as text, for the command line, sweeps and the names of folders."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ def parse_value(name: str, text: str) -> Any:
     """A hyperparameter from text: 3e-4, true or false, 64x64 or 64 64 or 64,64, or a word.
 
     Raises:
-        SwingupError: the name is unknown, or the text is no value of the hyperparameter's type.
+        SwingupError: the name is unknown, or the text is not a value of the hyperparameter's type.
     """
     default = getattr(Config(), check_hyperparameter(name))
     try:
@@ -26,4 +26,5 @@ def parse_value(name: str, text: str) -> Any:
 
 def format_value(value: Any) -> str:
     """A value as ``parse_value`` reads it."""
+    # Joined by x: a sweep separates its alternatives by commas.
     return "x".join(map(str, value)) if isinstance(value, tuple) else str(value)

@@ -1,4 +1,4 @@
-"""``swingup.AREAPO``: the learner for tasks of your own."""
+"""``swingup.AREAPO``: the learner for your own tasks."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -33,7 +33,7 @@ _LOGGER = logging.getLogger(__name__)
 
 
 class AREAPO:
-    """AR-EAPO, and by its presets PPO, EAPO and APO, on a task of yours.
+    """AR-EAPO on your own task; its presets include PPO, EAPO and APO.
 
     Example:
         >>> from swingup import AREAPO
@@ -64,12 +64,12 @@ class AREAPO:
             preset: named settings, see :data:`swingup.learner.presets.PRESETS`. The default is ``default`` for the
                 robots and ``mujoco`` for anything else; a pendulum task that is passed in needs a name.
             seed: from which all randomness follows.
-            folder: new or empty; learning then writes what ``swingup train`` writes. None: nothing is written.
-            evaluate_every: frames between evaluations, reports and callbacks, which come at checkpoints as well.
-            checkpoint_every: frames between checkpoints; environments that the host steps start anew there.
-            evaluation_episodes: episodes of an evaluation. With 0, where the host steps the environments, the
-                episodes of training give the score; where none of them ends, the mean reward of a step does.
-            run: a run to go on with; all other arguments are then without effect.
+            folder: new or empty, for the files that ``swingup train`` writes; None to write none.
+            evaluate_every: frames between evaluations, reports and callbacks; a checkpoint adds all three.
+            checkpoint_every: frames between checkpoints, where the environments that the host steps are reset.
+            evaluation_episodes: episodes of an evaluation. With 0, where the host steps the environments, the score
+                is that of the training episodes, or, if none of them ended, the mean reward of a step.
+            run: a run to continue; the other arguments then have no effect.
             **overrides: hyperparameters, names of :class:`swingup.areapo.config.Config`.
 
         Raises:
@@ -80,16 +80,17 @@ class AREAPO:
             settings = _settings(env, preset, seed, intervals, evaluation_episodes, overrides)
             run = start_run(settings, folder, get_preset(settings.preset).frames, env)
         self._run = run
+        # Apart from the training's key: sampled actions do not change what is learned.
         self._sampling = jax.random.key(run.settings.seed)
         self._cached: tuple[int, Policy[Any]] | None = None
 
     @staticmethod
     def load(path: str | Path, env: Any = None) -> "AREAPO":
-        """A learner as it was saved by ``save``, or, from the folder of a run, as its last checkpoint has it.
+        """Load a learner that ``save`` wrote, or the last checkpoint in the folder of a run.
 
         Args:
             path: the file or the folder.
-            env: needed where the environment was passed in as an object; otherwise made from its name.
+            env: the environment, if it was passed in as an object; otherwise it is made from its name.
 
         Raises:
             SwingupError: the file cannot be read, or the environment is needed and was not given.
@@ -104,7 +105,7 @@ class AREAPO:
 
     @property
     def settings(self) -> RunSettings:
-        """What defines the run."""
+        """The settings that define the run."""
         return self._run.settings
 
     @property
@@ -118,14 +119,14 @@ class AREAPO:
         return self._run.frames
 
     def learn(self, frames: int, callback: Callback | Sequence[Callback] = ()) -> "AREAPO":
-        """Learn from a number of frames more (rounded up to whole iterations), and return the learner itself.
+        """Learn from more frames (rounded up to whole iterations), and return the learner itself.
 
-        Called again it goes on. Environments that the host steps are reset at its start. After an error the learner
-        stands where the last whole chunk left it.
+        A second call continues. Each call starts by resetting the environments that the host steps. After an
+        error the learner is as after the last whole chunk.
 
         Args:
-            frames: how many.
-            callback: what to call after each chunk with the learner and a :class:`.TrainingReport`; one or several.
+            frames: number of frames.
+            callback: one or several functions of the learner and a :class:`.TrainingReport`, for each chunk.
 
         Raises:
             SwingupError: training diverged, an environment failed, or a file cannot be written.
@@ -138,7 +139,7 @@ class AREAPO:
                 "%s frames, %.0f/s, reward %.4g, gain %.4g, score %s",
                 f"{report.frames:,}", report.frames_per_second, row["reward"], row["gain"], row["score"],
             )  # fmt: skip
-            # Every callback is called, whatever another one says.
+            # A list, not any(): every callback is called, even after one returned False.
             if [True for each in callbacks if each(self, report) is False]:
                 self._run.stop()
         return self
@@ -146,7 +147,7 @@ class AREAPO:
     def predict(self, observation: Any, deterministic: bool = True) -> Shaped[np.ndarray, "..."]:
         """Actions of the environment for an observation, or for several along a leading axis.
 
-        For the pendulum's robots and for tasks in JAX actions are those of the task: in [-1, 1], or integers.
+        For the pendulum's robots and for tasks in JAX, actions are those of the task: in [-1, 1], or integers.
 
         Args:
             observation: shape of the observation space, or with one axis more in front.
@@ -163,19 +164,19 @@ class AREAPO:
         return actions[0] if single else actions
 
     def _policy(self) -> Policy[Any]:
-        """The policy on the device, copied there once after each call of ``learn``."""
+        """The policy on the device; it is copied there again after each call of ``learn``."""
         if self._cached is None or self._cached[0] != self.frames:
             self._cached = (self.frames, jax.tree.map(jnp.asarray, self._run.policy()))
         return self._cached[1]
 
     def evaluate(self, episodes: int = 10, env: Any = None) -> dict[str, Any]:
-        """Evaluate the deterministic policy: ``score`` is the mean return; that of a robot is the RealAI score.
+        """Evaluate the deterministic policy: ``score`` is the mean return, or for a robot the RealAI score.
 
-        Episodes are cut after 10,000 steps where the host steps them, after 1,000 in a task in JAX.
+        Episodes are cut after 10,000 steps of a host environment, or 1,000 of a task in JAX.
 
         Args:
-            episodes: how many.
-            env: another environment than the one learned on; needed where that is a vector environment.
+            episodes: number of episodes.
+            env: another environment than the training one; needed if that is a vector environment.
 
         Raises:
             SwingupError: there is no environment to evaluate on, or it has other spaces.
@@ -183,14 +184,16 @@ class AREAPO:
         episodes = whole_number("episodes", episodes, 1)
         if env is None:
             return self._run.backend.evaluator.evaluate(self._run.policy(), episodes)
+        # Imported here: Gymnasium is slow to load.
         from .host_evaluators import play_once
 
         return play_once(self._run.policy(), env, episodes, self.settings.seed)
 
     def save(self, path: str | Path) -> None:
-        """Write the complete state: a learner that is loaded goes on as this one does, bit for bit.
+        """Write the complete state: a loaded learner continues as this one does, bit for bit.
 
-        Therefore environments that the host steps start anew in both, also where a callback saves.
+        The state of environments that the host steps cannot be saved: both learners reset them first, also where a
+        callback saves.
 
         Raises:
             SwingupError: the file cannot be written.
@@ -220,7 +223,7 @@ def _settings(
     evaluation_episodes: int,
     overrides: dict[str, Any],
 ) -> RunSettings:
-    """The settings of a new learner, with the defaults of what was not given."""
+    """The settings of a new learner, with defaults for the arguments that are None."""
     robot = env if isinstance(env, str) and env in ROBOTS else None
     chosen = choose_preset(preset, env)
     given: dict[str, Any] = {name: value for name, value in intervals.items() if value is not None}
@@ -230,6 +233,7 @@ def _settings(
         seed=seed,
         seeds=1,
         **(default_intervals(robot) | given),
+        # From names, so that misspelt keywords are found and NumPy's numbers become Python's.
         config=config_from_dict(vars(get_preset(chosen).config) | overrides, OPTIONS),
         env=None if robot else describe_env(env),
         evaluation_episodes=evaluation_episodes,

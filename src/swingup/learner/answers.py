@@ -1,7 +1,7 @@
-"""What foreign vector environments answer, checked before any of it reaches the learner.
+"""Checks of what foreign vector environments return, before the learner receives it.
 
-NumPy would broadcast a reward of the wrong length, and turn a text into a number or None into NaN: training would
-go on with values that no environment meant.
+NumPy broadcasts a reward of the wrong length, and turns a text into a number and None into NaN: training would
+continue with values that no environment meant.
 """
 
 from collections.abc import Mapping
@@ -22,7 +22,7 @@ STEP = ("observations", "rewards", "terminated", "truncated", "infos")
 class Answers:
     """Reads the answers of one vector environment.
 
-    All methods raise a ``SwingupError`` that names the environment and what it gave, where that has another length,
+    All methods raise a ``SwingupError`` that names the environment and the value, if the value has another length,
     shape or kind, or is not finite in single precision.
     """
 
@@ -63,7 +63,7 @@ class Answers:
         return self._single(where, "observations", given, (self.num_envs, *self.shape)).reshape(self.num_envs, -1)
 
     def final(self, infos: Mapping[str, Any], index: int) -> Float32[np.ndarray, "n"]:
-        """What one environment showed before it was reset in the same step."""
+        """The last observation of an environment that was reset in the same step."""
         try:
             given = infos["final_obs"][index]
         except (LookupError, TypeError) as error:
@@ -80,7 +80,8 @@ class Answers:
     def _single(self, where: str, what: str, given: Any, shape: tuple[int, ...]) -> Any:
         """Finite numbers in single precision."""
         array = self._array(where, what, given, shape, "fiub")
-        with np.errstate(over="ignore"):  # which shows as an infinity
+        with np.errstate(over="ignore"):  # an overflow is an infinity, which is refused below
+            # Also a copy: environments may use their buffers again.
             single = array.astype(np.float32)
         if not np.isfinite(single).all():
             bad = array[~np.isfinite(single)][0]
@@ -93,6 +94,7 @@ class Answers:
         except Exception as error:  # ragged lists, and what a foreign __array__ raises
             raise SwingupError(f"{self.name} gave {what} {quoted(given)} in a {where}: return an array") from error
         if array.dtype.kind not in kinds:
+            # Numbers are refused as flags: any value that is not 0 would count as an end.
             wanted = "booleans" if kinds == "b" else "numbers"
             raise SwingupError(
                 f"{self.name} gave {what} {quoted(given)} of kind {array.dtype} in a {where}: return {wanted}"

@@ -1,4 +1,4 @@
-"""Where a run trains: what steps its environments; an evaluator scores the policies."""
+"""The interface of a back end, which steps the environments of a run and has an evaluator for its policies."""
 
 import abc
 from typing import Any
@@ -19,7 +19,7 @@ class AbstractBackend(abc.ABC):
     """A task to train on, compiled or stepped by the host."""
 
     evaluator: AbstractEvaluator
-    """What scores and saves the policies."""
+    """Scores and saves the policies."""
 
     @abc.abstractmethod
     def init(self) -> LearnerState:
@@ -27,18 +27,18 @@ class AbstractBackend(abc.ABC):
 
     @abc.abstractmethod
     def compile(self, state: LearnerState) -> None:
-        """Compile what training calls, from the shapes of a state."""
+        """Compile the functions that training calls, from the shapes of a state."""
 
     @abc.abstractmethod
     def begin(self, state: LearnerState, iterations: int) -> LearnerState:
-        """Make ready to go on from a checkpoint after so many iterations.
+        """Prepare to continue from a checkpoint after this number of iterations.
 
-        What a checkpoint does not hold starts anew, in a way that follows from the seed and the iterations alone.
+        State that a checkpoint does not hold is reset, in a way that depends only on the seed and the iterations.
         """
 
     @abc.abstractmethod
     def train(self, state: LearnerState, iterations: int) -> tuple[LearnerState, Metrics, dict[str, Any]]:
-        """Run some iterations: the metrics' means (several seeds: with a leading axis), and what else to report."""
+        """Run iterations; return the metrics' means (leading axis: seeds, if several) and more figures by name."""
 
     @abc.abstractmethod
     def policy(self, member: LearnerState) -> Policy[Any]:
@@ -46,7 +46,7 @@ class AbstractBackend(abc.ABC):
 
     @abc.abstractmethod
     def find_fault(self) -> str:
-        """After training diverged: what is wrong with the environment, and the remedy; empty if nothing is."""
+        """The fault of the environment after training diverged, with its remedy; empty if there is none."""
 
     @abc.abstractmethod
     def to_actions(self, actions: Shaped[np.ndarray, "b m"]) -> Shaped[np.ndarray, "b ..."]:
@@ -58,17 +58,18 @@ class AbstractBackend(abc.ABC):
 
 
 def portable_policy(stages: tuple[AbstractStage, ...], state: LearnerState, config: Config) -> Policy[Any]:
-    """A policy of NumPy arrays: the stages, the normalisation as it stands, the actor.
+    """A policy of NumPy arrays: the stages, the present normalisation, the actor.
 
-    Policies observe in double precision where that is on, whatever they were trained in.
+    Stages and normalisation are in double precision, which the judge uses, although training is in single.
     """
     everything = (*stages, state.statistics.stage(config.observation_clip))
+    # Done here, in NumPy: outside a local x64 context, JAX would round them to float32.
     everything = jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), everything)
     return Policy(everything, jax.tree.map(np.asarray, state.actor))
 
 
 def batched(observation: Any, shape: tuple[int, ...]) -> tuple[Float[np.ndarray, "b n"], bool]:
-    """One observation of a shape, or several along a leading axis, as a batch of vectors; and whether it was one.
+    """One observation of a shape, or several along a leading axis, as a batch of vectors; true if it was one.
 
     Raises:
         SwingupError: the observation has another shape.

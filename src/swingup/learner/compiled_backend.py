@@ -16,15 +16,15 @@ from ..tasks.task import AbstractTask
 from .backend import AbstractBackend, portable_policy
 from .evaluators import AbstractEvaluator
 
-# Compiled once for all runs of a program. A single seed goes without vmap, which costs it speed on a CPU.
-# The state is not donated: a run that is interrupted stands where it was.
+# Compiled once for all runs of a program. A single seed runs without vmap, which is slower on a CPU.
+# The state is not donated: an interrupted run can continue from the state before the chunk.
 _init = jax.jit(train.init)
 _init_seeds = jax.jit(jax.vmap(train.init, in_axes=(0, None, None)))
 _train = jax.jit(train.train)
 _train_seeds = jax.jit(jax.vmap(train.train, in_axes=(0, None, None, None)))
 
 RESETS_TRIED = 1024
-"""Resets that are looked at where training diverged."""
+"""Resets that are inspected after training diverged."""
 
 
 class CompiledBackend(AbstractBackend):
@@ -33,7 +33,7 @@ class CompiledBackend(AbstractBackend):
     def __init__(
         self, task: AbstractTask[Any], config: Config, seed: int, seeds: int, evaluator: AbstractEvaluator
     ) -> None:
-        """Consecutive seeds of a task, and what evaluates their policies."""
+        """Consecutive seeds of a task, and the evaluator of their policies."""
         self.evaluator = evaluator
         self._task, self._config, self._seeds = task, config, range(seed, seed + seeds)
 
@@ -47,13 +47,15 @@ class CompiledBackend(AbstractBackend):
     def compile(self, state: LearnerState) -> None:
         """Compile a chunk of training, and an evaluation by running one."""
         advance = _train if len(self._seeds) == 1 else _train_seeds
+        # Shared among the devices first: where arrays lie is part of what is compiled.
         state = self.begin(state, 0)
+        # One iteration stands for any number, since the number is traced.
         advance.lower(state, self._task, self._config, 1).compile()
         member = state if len(self._seeds) == 1 else jax.tree.map(lambda leaf: leaf[0], state)
         self.evaluator.evaluate(self.policy(member))
 
     def begin(self, state: LearnerState, iterations: int) -> LearnerState:
-        """A checkpoint holds everything; the devices take their shares."""
+        """Share the seeds among the devices. Nothing is reset: a checkpoint holds everything."""
         return state if len(self._seeds) == 1 else spread(state, len(self._seeds))
 
     def train(self, state: LearnerState, iterations: int) -> tuple[LearnerState, Metrics, dict[str, Any]]:
@@ -84,6 +86,7 @@ class CompiledBackend(AbstractBackend):
 
 def spread(state: LearnerState, seeds: int) -> LearnerState:
     """Share the seeds among as many devices as divide them evenly."""
+    # JAX shards an axis only into equal parts.
     count = max(n for n in range(1, len(jax.devices()) + 1) if seeds % n == 0)
     if count == 1:
         return state

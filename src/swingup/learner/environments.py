@@ -1,12 +1,13 @@
-"""Gymnasium environments in the one form in which the learner steps them, whatever their spaces and autoreset mode.
+"""Gymnasium environments of all spaces and autoreset modes, in the one form that the learner steps.
 
 Every step yields the observation to act on next (after a reset, where there was one), the true next observation
-(before it), and whether the row counts. How a vector environment resets is its own business:
+(before it), and whether the row counts. The resets of a vector environment follow its own mode:
 
 - ``SAME_STEP``: it returns the first observation of the new episode; the true next one is in ``final_obs``.
-- ``NEXT_STEP``: it returns the true next observation, and spends its next step on the reset: that row counts for
-  nothing. What follows the end is shown as the start before it, another draw of the same distribution.
-- ``DISABLED``: it is told to reset those that ended.
+- ``NEXT_STEP``: it returns the true next observation, and spends its next step on the reset: that row does not
+  count. The new start is not known yet at the end of an episode. The previous start stands for it, another draw of
+  the same distribution.
+- ``DISABLED``: it resets those that ended when its ``reset`` is called with a mask.
 """
 
 import contextlib
@@ -34,7 +35,7 @@ MAKES_SENSE = (
 
 @dataclass(frozen=True)
 class HostStep:
-    """What a step of all environments yields."""
+    """The result of a step of all environments."""
 
     following: Float32[np.ndarray, "envs n"]
     """Observations to act on next."""
@@ -53,7 +54,7 @@ class HostStep:
 
 
 class Actions:
-    """From the policy's actions to those of an action space, and their sizes.
+    """Converts the policy's actions to those of an action space, and knows their sizes.
 
     Box: entries in [-1, 1] are scaled to its bounds. Discrete, MultiDiscrete: integers count from its start.
     """
@@ -72,7 +73,7 @@ class Actions:
         if isinstance(space, Box) and not np.issubdtype(space.dtype, np.floating):
             raise SwingupError(f"actions {space} are whole numbers in a Box: make them a MultiDiscrete")
         if isinstance(space, Box):
-            with np.errstate(over="ignore"):  # the largest numbers that there are do not bound either
+            with np.errstate(over="ignore"):  # bounds whose difference overflows are no bounds either
                 span = np.float32(space.high) - np.float32(space.low)
             if not np.isfinite(span).all():
                 raise SwingupError(
@@ -94,7 +95,7 @@ class Actions:
         return (self._low + 0.5 * (shaped + 1.0) * (self._high - self._low)).astype(self._dtype)
 
     def describe(self) -> dict[str, Any]:
-        """What a policy file says of the actions, as JSON values."""
+        """The entries of a policy file about the actions, as JSON values."""
         if self.choices:
             return {"action_start": np.asarray(self._start).tolist()}
         return {"action_low": self._low.tolist(), "action_high": self._high.tolist()}
@@ -108,7 +109,7 @@ class Environments:
 
         Args:
             env: the vector environment.
-            name: what to call it in messages; its class by default.
+            name: its name in messages; that of its class by default.
 
         Raises:
             SwingupError: its spaces or its autoreset mode are not supported.
@@ -145,7 +146,7 @@ class Environments:
         return self._mode is not AutoresetMode.NEXT_STEP
 
     def reset(self, seed: int) -> Float32[np.ndarray, "envs n"]:
-        """Start new episodes everywhere, from a seed on which all that follows depends.
+        """Start new episodes in all environments, from a seed that fixes all later draws.
 
         Raises:
             SwingupError: an environment failed, or an observation is not finite or of another shape.
@@ -160,14 +161,15 @@ class Environments:
         """Take the policy's actions in all environments.
 
         Raises:
-            SwingupError: an environment failed, or gave something that is not finite or of another length, shape or
-                kind.
+            SwingupError: an environment failed, or returned a value that is not finite or of another length, shape
+                or kind.
         """
         counted = ~self._resetting
         chosen = self.actions(actions)
         with _blaming("the environment failed in a step"):
             answer = self._env.step(chosen)
         observations, rewards, terminated, truncated, infos = self._answers.step(answer)
+        # A row that was spent on a reset belongs to no episode: it neither ends one nor earns a reward.
         terminated, truncated = terminated & counted, truncated & counted
         following, true_next = self._around_resets(observations, terminated | truncated, infos)
         rewards = np.where(counted, rewards, np.float32(0.0))
@@ -176,18 +178,20 @@ class Environments:
     def _around_resets(
         self, seen: Float32[np.ndarray, "envs n"], ended: Bool[np.ndarray, "envs"], infos: Mapping[str, Any]
     ) -> tuple[Float32[np.ndarray, "envs n"], Float32[np.ndarray, "envs n"]]:
-        """What to act on next, and the true next observations, of those that a step returned."""
+        """The observations to act on next and the true next ones, from those that a step returned."""
         if self._mode is AutoresetMode.NEXT_STEP:
             self._starts[self._resetting] = seen[self._resetting]
             self._resetting = ended
         if not ended.any():
             return seen, seen
+        # Each mode returns one of the two observations; the other differs only where an episode ended.
         other = seen.copy()
         if self._mode is AutoresetMode.NEXT_STEP:
             other[ended] = self._starts[ended]
             return other, seen
         if self._mode is AutoresetMode.DISABLED:
             with _blaming("the environment failed in its reset"):
+                # Gymnasium's option for vector environments that do not reset themselves.
                 answer = self._env.reset(options={"reset_mask": ended})
             other[ended] = self._answers.reset(answer)[ended]
             return other, seen
@@ -214,10 +218,12 @@ def make_environments(env: Any, num_envs: int) -> Environments:
         return Environments(env)
     make = _maker(env)
     with _blaming(f"cannot make {num_envs} of {_short(env)}"):
+        # SAME_STEP spends no row on a reset.
         several = SyncVectorEnv([make] * num_envs, autoreset_mode=AutoresetMode.SAME_STEP)
     try:
         return Environments(several, _short(env))
     except SwingupError:
+        # The caller never sees these environments and cannot close them.
         several.close()
         raise
 
@@ -248,9 +254,10 @@ def _maker(env: Any) -> Callable[[], gymnasium.Env[Any, Any]]:
 
 @contextlib.contextmanager
 def _blaming(what: str) -> Iterator[None]:
-    """Whatever is raised by code that is not ours, in one line."""
+    """Turn an error of foreign code into one line."""
     try:
         yield
+    # SystemExit too: an environment that calls sys.exit would end training without a message.
     except (Exception, SystemExit) as error:
         raise SwingupError(f"{what}: {type(error).__name__}: {_short(error)}; correct it and go on") from error
 

@@ -1,4 +1,4 @@
-"""How policies of compiled tasks are evaluated: the pendulum's by the benchmark, others by their return."""
+"""Evaluators of compiled tasks: the pendulum's score by the benchmark, others by their return."""
 
 import abc
 import dataclasses
@@ -29,18 +29,18 @@ EPISODE_STEPS = 1000
 SIM2REAL_EPISODES = 10
 """Swing-ups of an evaluation of the simulated robot."""
 SIM2REAL_FIRST_SEED = 100_000
-"""Added to a run's seed for the noise of its evaluations, which are not on the seeds that are reported."""
+"""Added to a run's seed for the noise of its evaluations: reported scores have other seeds."""
 
 
 class AbstractEvaluator(abc.ABC):
-    """What scores the policies of a task and writes their files."""
+    """Scores the policies of a task and writes their files."""
 
     measure: str
     """Name under which policy files keep their scores."""
     stages: tuple[AbstractStage, ...]
     """Observation stages before the normalisation."""
     observation_shape: tuple[int, ...]
-    """Shape of what the first stage, or else the normalisation, is given."""
+    """Shape of the input of the first stage, or without stages of the normalisation."""
 
     @abc.abstractmethod
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
@@ -52,7 +52,7 @@ class AbstractEvaluator(abc.ABC):
 
 
 class SwingUpEvaluator(AbstractEvaluator):
-    """The pendulum's: the criteria and the score of the one deterministic episode (rules v2)."""
+    """Evaluates by the criteria and the score of the one deterministic episode of the pendulum (rules v2)."""
 
     measure = "v2"
     observation_shape = (4,)
@@ -62,7 +62,7 @@ class SwingUpEvaluator(AbstractEvaluator):
         self.stages, self._robot = (task.observation,), task.robot
 
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
-        """The criteria; there is one episode, whatever ``episodes`` says."""
+        """The criteria; ``episodes`` has no effect, since there is one deterministic episode."""
         return dataclasses.asdict(evaluate(self._controller(policy), self._robot).criteria)
 
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
@@ -74,18 +74,19 @@ class SwingUpEvaluator(AbstractEvaluator):
 
 
 class Sim2RealEvaluator(AbstractEvaluator):
-    """The simulated robot's: the mean score of swing-ups on plants and loops that are drawn from the domain."""
+    """Evaluates by the mean score of the simulated robot's swing-ups, on plants and loops drawn from the domain."""
 
     measure = "sim2real"
 
     def __init__(self, task: Sim2RealTask, seed: int) -> None:
-        """The evaluator of a task; its draws are not those of the seeds that are reported."""
+        """The evaluator of a task; its draws differ from those of the seeds of reported scores."""
         self.stages, self.observation_shape = (task.observation,), (4,)
         self._task, self._seed = task, SIM2REAL_FIRST_SEED + seed
 
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
         """Successes, score and largest speed."""
         number, robot = episodes or SIM2REAL_EPISODES, self._task.robot
+        # Training shows the true state, but the judge measures late and with noise, for the estimator.
         alone = self._controller(policy)
         controller = with_estimator(alone, robot, leaderboard_parameters(robot)) if self._task.estimated else alone
         result = sim2real(controller, robot, domain=self._task.domain, seed=self._seed, seeds=number)
@@ -105,7 +106,7 @@ class Sim2RealEvaluator(AbstractEvaluator):
 
 
 class ReturnEvaluator(AbstractEvaluator):
-    """Any task's: the mean return of episodes that are the same each time, cut after 1,000 steps."""
+    """Evaluates by the mean return of episodes of any task, cut after 1,000 steps; they are the same each time."""
 
     measure = "episodes"
     stages = ()
@@ -117,6 +118,7 @@ class ReturnEvaluator(AbstractEvaluator):
 
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
         """Means over the episodes."""
+        # The same episodes each time, so that scores differ by the policy alone.
         keys = jax.random.split(jax.random.key(self._seed), episodes or self._episodes)
         total, length = jax.device_get(_episodes(policy, self._task, keys))
         return summarise_episodes(total.tolist(), length.tolist())
@@ -145,6 +147,7 @@ def _episodes(policy: Policy[Any], task: AbstractTask[Any], keys: Key) -> tuple[
         def advance(carry: tuple[Any, ...], key: Key) -> tuple[tuple[Any, ...], None]:
             state, running, total, length = carry
             step = task.step(state, policy(task.observe(state)), key)
+            # A scan has a fixed length: an episode that ended is still stepped, but no longer counted.
             after = (total + running * step.reward, length + running)
             return (step.state, running & ~(step.terminated | step.truncated), *after), None
 

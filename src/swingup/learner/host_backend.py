@@ -1,4 +1,4 @@
-"""The back end of Gymnasium: the host steps the environments, what learns is compiled."""
+"""The back end of Gymnasium: the host steps the environments, and the learner is compiled."""
 
 from typing import Any
 
@@ -31,10 +31,10 @@ class HostBackend(AbstractBackend):
 
         Args:
             env: an id, a function that makes an environment, or a vector environment.
-            name: what policy files call it.
+            name: its name in policy files.
             config: the hyperparameters.
-            seed: from which, and the iteration, the environments' seeds follow.
-            episodes: of an evaluation; 0 for none: training's episodes give the score.
+            seed: the environments' seeds follow from it and the iteration.
+            episodes: of an evaluation; with 0, the episodes of training give the score.
 
         Raises:
             SwingupError: there is no such environment, its spaces are not supported, or memory is short.
@@ -46,11 +46,12 @@ class HostBackend(AbstractBackend):
         self._config, self._seed = config, seed
         self._tally = new_tally(config.num_envs)
         elsewhere = EpisodeEvaluator(env, name, self.environments, seed, episodes)
+        # A vector environment cannot be made again, and resetting it would disturb training.
         by_training = self._passed_in or not episodes
         self.evaluator = TrainingEvaluator(elsewhere, not self._passed_in) if by_training else elsewhere
 
     def init(self) -> LearnerState:
-        """The state before the first iteration: the environments were not reset yet."""
+        """The state before the first iteration; the environments are not reset yet."""
         return _init(jax.random.key(self._seed), self.environments.spaces, self._config)
 
     def compile(self, state: LearnerState) -> None:
@@ -62,6 +63,7 @@ class HostBackend(AbstractBackend):
 
     def begin(self, state: LearnerState, iterations: int) -> LearnerState:
         """Reset the environments, with seeds that follow from the run's seed and the iterations."""
+        # Mixed, not added: environment i takes seed + i, and sums of nearby seeds and iterations coincide.
         seed = int(np.random.SeedSequence([self._seed, iterations]).generate_state(1)[0] >> 1)
         self._tally = new_tally(self._config.num_envs)
         return _begin(state, self.environments.reset(seed), self._config)
@@ -77,6 +79,7 @@ class HostBackend(AbstractBackend):
             rows.append(jax.device_get(metrics))
         mean = jax.tree.map(lambda *leaves: np.mean(leaves, dtype=np.float32), *rows)
         reward = float(mean.reward)
+        # Perhaps no episode ended since the last report; an endless task never ends one.
         if tally.returns:
             result = summarise_episodes(tally.returns, tally.finished)
         else:
@@ -91,7 +94,7 @@ class HostBackend(AbstractBackend):
         return portable_policy((), member, self._config)
 
     def find_fault(self) -> str:
-        """Nothing to find: every observation and reward of the host's environments was checked."""
+        """Empty: every observation and reward of the host's environments was checked when it came."""
         return ""
 
     def to_actions(self, actions: Shaped[np.ndarray, "b m"]) -> Shaped[np.ndarray, "b ..."]:
@@ -99,7 +102,7 @@ class HostBackend(AbstractBackend):
         return self.environments.actions(actions)
 
     def close(self) -> None:
-        """Close the environments, but for a vector environment that was passed in."""
+        """Close the environments, except a vector environment that was passed in: its owner closes it."""
         self.evaluator.close()
         if not self._passed_in:
             self.environments.close()

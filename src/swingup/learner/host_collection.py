@@ -23,7 +23,7 @@ from .environments import Environments, HostStep
 
 @dataclass
 class EpisodeTally:
-    """Returns of the episodes that ended, and of those that still run."""
+    """Returns of the finished episodes, and of those in progress."""
 
     running: np.ndarray
     """Sum of the rewards so far in each environment."""
@@ -44,7 +44,7 @@ class EpisodeTally:
 
 
 def new_tally(num_envs: int) -> EpisodeTally:
-    """Nothing so far."""
+    """A tally before the first step."""
     return EpisodeTally(np.zeros(num_envs), np.zeros(num_envs, np.int64))
 
 
@@ -58,7 +58,7 @@ def host_iteration(
 
 
 def compile_iteration(state: LearnerState, config: Config, all_count: bool) -> None:
-    """Compile what an iteration calls, from shapes alone; no environment is stepped."""
+    """Compile the functions that an iteration calls, from shapes alone; no environment is stepped."""
     keys, index = _keys(state.key), np.uint32(0)
     observations = np.zeros(state.observations.shape, np.float32)
     chosen = _decide.lower(state.actor, observations, keys.collect, index).compile().out_info
@@ -80,6 +80,7 @@ def collect_on_host(
     seen = np.asarray(state.observations)
     statistics = state.statistics
     chosen = jax.device_get(_decide(state.actor, seen, key, np.uint32(0)))
+    # NumPy's types, as in compile_iteration: Python's numbers have other types for JAX and compile again.
     clip = np.float32(config.observation_clip)
     rows = []
     for index in range(1, config.num_steps + 1):
@@ -91,6 +92,7 @@ def collect_on_host(
         following, true_next, following_chosen = jax.device_get(answer)
         rows.append((seen, chosen.latents, chosen.log_probs, true_next, step))
         seen, chosen = following, following_chosen
+    # The last decision is dropped: the next rollout decides with its own key and the improved actor.
     after = eqx.tree_at(lambda s: (s.statistics, s.observations), state, (statistics, jnp.asarray(seen)))
     return after, _rollout(rows, environments.all_count)
 
@@ -111,7 +113,7 @@ def _rollout(rows: list[tuple[Any, ...]], all_count: bool) -> Rollout:
 
 
 def _stack(arrays: Iterable[np.ndarray]) -> Any:
-    """One array, which compiled functions take as one of JAX."""
+    """One NumPy array, which compiled functions accept."""
     return np.stack(list(arrays))
 
 
@@ -130,7 +132,7 @@ def _advance(
     index: Count,
     clip: float,
 ) -> tuple[RunningStatistics, Float[Array, "envs n"], Float[Array, "envs n"], Decisions]:
-    """Update the statistics with what a step showed and decide on the next, in one call."""
+    """Update the statistics with a step's observations and sample the next actions; one call saves overhead."""
     statistics, seen, seen_next = update_statistics(statistics, following, true_next, clip)
     return statistics, seen, seen_next, decide(actor, seen, jax.random.fold_in(key, index))
 

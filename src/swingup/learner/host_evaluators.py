@@ -1,4 +1,4 @@
-"""How policies of Gymnasium environments are evaluated: by the mean return of episodes that the host steps."""
+"""Evaluators of Gymnasium environments: the mean return of episodes that the host steps."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,7 +15,7 @@ from .environments import Environments, make_environments
 from .evaluators import AbstractEvaluator, summarise_episodes
 
 MAX_EPISODE_STEPS = 10_000
-"""Where an evaluation cuts an episode that does not end (steps)."""
+"""An evaluation cuts an episode after this (steps)."""
 
 
 class EpisodeEvaluator(AbstractEvaluator):
@@ -30,7 +30,7 @@ class EpisodeEvaluator(AbstractEvaluator):
         Args:
             env: an id or a function that makes an environment.
             name: what policy files call it.
-            environments: those that training steps, whose spaces these share.
+            environments: those of training, which have the same spaces.
             seed: of the episodes.
             episodes: their default number.
         """
@@ -68,34 +68,34 @@ class EpisodeEvaluator(AbstractEvaluator):
 class TrainingEvaluator(AbstractEvaluator):
     """The mean return of the episodes that ended in training since the last report.
 
-    Where none ended it is the mean reward of a step. For vector environments that were passed in, of which there is
-    no other, and where no episodes were wanted for an evaluation.
+    If none ended, it is the mean reward of a step. It serves vector environments that were passed in, since there
+    is only one, and runs with ``evaluation_episodes`` = 0.
     """
 
     measure = "episodes"
     stages = ()
 
     def __init__(self, other: EpisodeEvaluator, has_others: bool) -> None:
-        """Evaluate by what ``update`` was given last.
+        """Evaluate by the last result given to ``update``.
 
         Args:
-            other: evaluates a number of episodes that is asked for, and saves.
-            has_others: whether there are other environments for it.
+            other: evaluates an explicit number of episodes, and saves.
+            has_others: whether environments other than those of training can be made for it.
         """
         self.observation_shape = other.observation_shape
         self._other, self._has_others = other, has_others
-        # The score of no step at all is as low as scores get.
+        # Before the first step, so that any score is better.
         self._result: dict[str, Any] = {"score": -np.inf, "mean_length": None, "mean_reward": None}
 
     def update(self, result: dict[str, Any]) -> None:
-        """Take over how training went since the last report."""
+        """Keep the result of the training since the last report."""
         self._result = result
 
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
-        """How training went; with ``episodes``, so many in other environments.
+        """The result of training; with ``episodes``, that of as many in other environments.
 
         Raises:
-            SwingupError: episodes were wanted and there are no other environments.
+            SwingupError: ``episodes`` is given and there are no other environments.
         """
         if episodes is None:
             return self._result
@@ -113,7 +113,7 @@ class TrainingEvaluator(AbstractEvaluator):
 
 
 def play_once(policy: Policy[Any], env: Any, episodes: int, seed: int) -> dict[str, Any]:
-    """Episodes in environments that are made for them.
+    """Evaluate episodes in a given environment, or in new ones made for them.
 
     Raises:
         SwingupError: the environments cannot be made, or the policy is for other spaces.
@@ -134,6 +134,7 @@ def play(policy: Policy[Any], environments: Environments, seed: int) -> dict[str
     returns, lengths = np.zeros(running.size), np.zeros(running.size, np.int64)
     for _ in range(MAX_EPISODE_STEPS):
         step = environments.step(act(policy, observations))
+        # Environments that ended start another episode by themselves; it does not count.
         returns += running * step.rewards
         lengths += running
         running &= ~step.ended

@@ -18,11 +18,11 @@ def make_backend(settings: RunSettings, env: Any = None) -> AbstractBackend:
 
     Args:
         settings: what to train on, by name.
-        env: the environment or the task itself, where it has no name to be made from; with a robot, another
-            variant of its task than the preset's.
+        env: the environment or the task itself, if it cannot be made from a name; with a robot, another variant
+            of its task than the preset's.
 
     Raises:
-        SwingupError: the task cannot be made, was passed in once and is not now, or memory is short.
+        SwingupError: the task cannot be made or must be passed in again, or memory is short.
     """
     config, seed, seeds = settings.config, settings.seed, settings.seeds
     if settings.robot is not None:
@@ -36,6 +36,7 @@ def make_backend(settings: RunSettings, env: Any = None) -> AbstractBackend:
         return CompiledBackend(pendulum, config, seed, seeds, by_scores)
     if isinstance(env, AbstractTask):
         check_memory(config, env.spaces, seeds)
+        # With 0 episodes the score would come from training, which only the host's back end can do.
         by_returns = ReturnEvaluator(env, seed, max(1, settings.evaluation_episodes))
         return CompiledBackend(env, config, seed, seeds, by_returns)
     if seeds > 1:
@@ -44,7 +45,7 @@ def make_backend(settings: RunSettings, env: Any = None) -> AbstractBackend:
         )
     if env is None and is_description(settings.name):
         raise SwingupError(f"this run's environment was passed in ({settings.name}): pass it again as env")
-    # Imported here: Gymnasium is slow to load, and the pendulum does without.
+    # Imported here: Gymnasium is slow to load, and the pendulum does not need it.
     from .host_backend import HostBackend
 
     return HostBackend(

@@ -1,4 +1,4 @@
-"""How much memory a training needs, estimated before anything is allocated: absurd sizes end in one line."""
+"""An estimate of a training's memory, before anything is allocated: absurd sizes end in one line."""
 
 import itertools
 import os
@@ -12,7 +12,7 @@ from ..tasks.task import Spaces
 FLOAT = 4
 """Bytes of a number in single precision."""
 COPIES = 8
-"""Of the weights: they and Adam's two moments before and after an iteration, the gradients, and the update."""
+"""Copies of the weights: weights and Adam's two moments before and after an iteration, gradients, update."""
 FRAME_NUMBERS = 24
 """Numbers of a frame besides observations, actions and hidden units: values, advantages, shuffled indices."""
 GIB = 2**30
@@ -35,19 +35,22 @@ def check_memory(config: Config, spaces: Spaces, seeds: int = 1) -> None:
 
 
 def training_bytes(config: Config, spaces: Spaces) -> tuple[int, int]:
-    """What one seed needs at least for its networks with their optimiser, and for its rollouts (bytes)."""
+    """Least memory of one seed for its networks with their optimiser, and for its rollouts (bytes)."""
+    # Of a continuous action: mean and standard deviation.
     outputs = sum(spaces.choices) or 2 * spaces.action_size
     weights = _layers(spaces.observation_size, config.policy_layers, outputs)
     weights += _layers(spaces.observation_size, config.value_layers, 2)
     # The critic is evaluated on a whole rollout at once: its widest layer counts with its input.
     frame = 2 * spaces.observation_size + spaces.action_size + 2 * max(config.value_layers) + FRAME_NUMBERS
+    # Random bits and the order that sorts them, for each epoch.
     frame += 2 * config.num_epochs
     return COPIES * FLOAT * weights, FLOAT * frame * config.rollout_size
 
 
 def available_bytes() -> int | None:
-    """Memory of the accelerators together, else of the machine (bytes); None where nobody tells."""
+    """Memory of the accelerators together, else of the machine (bytes); None if neither is known."""
     limits = [(device.memory_stats() or {}).get("bytes_limit") for device in jax.local_devices()]
+    # A CPU device reports no limit.
     if limits and all(limits):
         return sum(int(limit) for limit in limits if limit)
     try:

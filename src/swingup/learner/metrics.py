@@ -21,13 +21,14 @@ class MetricsWriter:
     """Appends reports to a run's folder; resuming drops those after the checkpoint."""
 
     def __init__(self, folder: Path, after_frames: int = 0) -> None:
-        """Open the files of a run that stands at ``after_frames``.
+        """Open the files of a run that has trained for ``after_frames``.
 
         Raises:
             SwingupError: a file cannot be written.
         """
         self._folder, self._start = folder, after_frames
         path = folder / METRICS_FILE
+        # A resumed run trains again what came after its checkpoint, and would write these rows twice.
         kept = [row for row in read_metrics(path) if row["frames"] <= after_frames] if path.exists() else []
         write_atomically(path, "".join(json.dumps(row) + "\n" for row in kept).encode())
         self._boards: dict[int, _Board] = {}
@@ -51,7 +52,7 @@ class MetricsWriter:
             self._file.flush()
 
     def sync(self) -> None:
-        """Write the rows through to the disk, before the checkpoint that follows them.
+        """Write the rows through to the disk, before their checkpoint.
 
         Raises:
             SwingupError: a file cannot be written.
@@ -64,7 +65,7 @@ class MetricsWriter:
         return self
 
     def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
-        """Close all files; what cannot be flushed is an error only where there is no other.
+        """Close all files; a failure to flush is raised only if no other error is in flight.
 
         Raises:
             SwingupError: a file cannot be written.
@@ -92,12 +93,12 @@ class MetricsWriter:
 class _Board:
     """TensorBoard's events of one seed.
 
-    Written at once: tensorboardX's SummaryWriter leaves it to a thread, which a full disk ends, and the next write
-    would wait for that thread.
+    Events are written at once. tensorboardX's SummaryWriter has a thread for it: a full disk ends the thread, and
+    the next write would wait for it forever.
     """
 
     def __init__(self, folder: Path, after_frames: int) -> None:
-        # Imported here: a third of a second that only training needs to spend.
+        # Imported here: it takes a third of a second, and only training needs it.
         from tensorboardX.proto.event_pb2 import Event, SessionLog
         from tensorboardX.proto.summary_pb2 import Summary
         from tensorboardX.record_writer import RecordWriter
@@ -107,7 +108,7 @@ class _Board:
         name = f"events.out.tfevents.{int(time.time()):010d}.{socket.gethostname()}.{os.getpid()}.{after_frames}"
         self._records = RecordWriter(str(folder / name))
         self._add(0, file_version="brain.Event:2")
-        # What a run that was cut off wrote beyond its checkpoint is not shown.
+        # TensorBoard then hides the events that an interrupted run wrote after its checkpoint.
         self._add(after_frames + 1, session_log=SessionLog(status=SessionLog.START))
 
     def write(self, row: Mapping[str, Any]) -> None:
@@ -129,12 +130,13 @@ class _Board:
 
 
 def read_metrics(path: str | Path) -> list[dict[str, Any]]:
-    """Read the rows of a ``metrics.jsonl``; a last line cut short by a crash is left out.
+    """Read the rows of a ``metrics.jsonl``, without a last line that a crash cut short.
 
     Raises:
         SwingupError: the file cannot be read, or another line is not JSON.
     """
     try:
+        # A crash may cut a character in two: replaced, it spoils only the last line.
         lines = Path(path).read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError as error:
         raise SwingupError(f"cannot read {path}: {error.strerror}") from error
@@ -143,6 +145,7 @@ def read_metrics(path: str | Path) -> list[dict[str, Any]]:
         try:
             rows.append(_parse_row(line))
         except (ValueError, TypeError, KeyError, RecursionError, SwingupError) as error:
+            # Only the last line can be cut short by a crash; another bad line has a cause that the user must see.
             if number < len(lines):
                 raise SwingupError(f"{path} line {number} is no row of metrics: remove or correct it") from error
     return rows

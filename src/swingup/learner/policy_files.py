@@ -31,7 +31,7 @@ def last_name(settings: RunSettings, index: int) -> str:
 def provenance(
     settings: RunSettings, progress: TrainingProgress, goal: int, index: int, scores: dict[str, Any]
 ) -> dict[str, Any]:
-    """Where a seed's policy comes from, and its scores by the names of their measures."""
+    """The origin of a seed's policy, and its scores by the names of their measures."""
     return {
         "version": __version__,
         "preset": settings.preset,
@@ -47,10 +47,11 @@ def provenance(
 def best_scores_on_disk(folder: Path, settings: RunSettings, measure: str) -> list[float]:
     """Score of each seed's best policy file, which may be newer than the checkpoint; -inf without one.
 
-    A file that is damaged or of something else is set aside, with a line in the log: it must neither keep the run
-    from resuming nor be overwritten.
+    A damaged or foreign file is set aside, with a line in the log: it must neither keep the run from resuming
+    nor be overwritten.
     """
     if settings.seeds > 1:
+        # Only to set a foreign file aside: the score of the best of all is one of the seeds' scores.
         _score_on_disk(folder / BEST, settings, measure)
     return [
         _score_on_disk(folder / best_name(settings, index), settings, measure) for index in range(settings.seeds)
@@ -61,6 +62,7 @@ def _score_on_disk(path: Path, settings: RunSettings, measure: str) -> float:
     if not path.exists():
         return -math.inf
     try:
+        # Loaded whole: a file with sound metadata and damaged weights is no best policy.
         metadata = load_any_policy(path)[1]
         trained_on = metadata.get("robot", settings.robot)
         if trained_on != settings.robot:

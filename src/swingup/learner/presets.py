@@ -16,7 +16,7 @@ class Preset:
     """A task variant and the algorithm's hyperparameters."""
 
     summary: str
-    """What it is, in one line."""
+    """A description in one line."""
     config: Config
     """The algorithm."""
     frames: int = 12_000_000
@@ -33,6 +33,7 @@ PRESETS = {
     "paper": Preset("Table I of the paper to the letter, on the paper's task", Config(), 30_000_000, "paper"),
     "global": Preset(
         "recovery from throws: reward for time up, networks of half the width, less entropy",
+        # The pendubot was up for 0.69 of the time after 3 million frames at τ = 2, for 0.73 after 2 at τ = 0.4.
         Config(centre_values=True, temperature=0.4, policy_layers=(128, 128), value_layers=(256, 256)),
         6_000_000,
         "global",
@@ -55,6 +56,7 @@ PRESETS = {
     "ppo": Preset(
         "discounted rewards, no entropy (PPO, arXiv 1707.06347)",
         Config(
+            # entropy_discount has no effect at τ = 0, but discounted values are refused at 1.
             average_reward=False, temperature=0.0, discount=0.99, entropy_discount=0.99, gae_lambda=0.95,
             clip_range=0.2,
         ),
@@ -63,6 +65,7 @@ PRESETS = {
         "AR-EAPO with sizes for Gymnasium's control tasks and a million frames",
         Config(
             num_envs=8, num_steps=256, num_epochs=10, batch_size=128, policy_layers=(64, 64), value_layers=(64, 64),
+            # With λ = 0.95 the trace's first steps, of size 1, make the gain diverge. The reset cost is ATRPO's.
             temperature=0.02, gae_lambda=0.95, entropy_gae_lambda=0.95, clip_range=0.2, learning_rate=3e-4,
             max_grad_norm=0.5, centre_values=True, gain_trace=False, reset_cost=100.0,
         ),
@@ -95,15 +98,15 @@ def preset_name(name: str) -> str:
 
 
 def choose_preset(named: str | None, env: Any) -> str:
-    """The preset that was named, else the default of what is trained on: the one place that decides it.
+    """The named preset, or else the default of the task; no other code decides this.
 
     Args:
         named: a preset's name; None for the default.
         env: a robot's name, a Gymnasium id, or the environment or the task itself.
 
     Raises:
-        SwingupError: there is no such preset; or none was named for a pendulum task that was passed in, whose
-            variant does not tell which preset is meant.
+        SwingupError: there is no such preset; or none was named for a pendulum task that was passed in, since
+            several presets may fit its variant.
     """
     if named is not None:
         return preset_name(named)

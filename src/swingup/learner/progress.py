@@ -1,4 +1,4 @@
-"""Where a run stands, as one value: what a checkpoint holds, and nothing else."""
+"""The progress of a run as one value, with exactly the content of a checkpoint."""
 
 import math
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ class TrainingProgress:
         return self.state if len(self.best) == 1 else jax.tree.map(lambda leaf: leaf[index], self.state)
 
     def metadata(self, settings: RunSettings) -> dict[str, Any]:
-        """What a checkpoint says of itself."""
+        """The metadata of a checkpoint."""
         return {
             "settings": settings.as_dict(),
             "iterations": self.iterations,
@@ -57,20 +57,22 @@ def read_progress(
 
     Args:
         state: its arrays.
-        metadata: what it says of itself.
-        settings: of the run that goes on from it.
-        source: what to call it in an error.
+        metadata: its metadata.
+        settings: of the run that continues from it.
+        source: its name in an error.
 
     Raises:
         SwingupError: the metadata is malformed, or of other settings.
     """
     try:
         saved = run_settings_from_dict(metadata["settings"])
+        # JSON has no infinities: a best score of -inf was written as null.
         best = tuple(-math.inf if score is None else finite_number("best", score) for score in metadata["best"])
         iterations = whole_number("iterations", metadata["iterations"], 0)
         seconds = finite_number("seconds", metadata["seconds"], 0.0)
     except (*MALFORMED, SwingupError) as error:
         raise SwingupError(f"{source} is malformed ({one_line(error, 200)}): delete it or restore it") from error
+    # A checkpoint is trusted only with the settings that it was written under: shapes alone may agree.
     if saved.as_dict() != settings.as_dict() or len(best) != settings.seeds:
         raise SwingupError(f"{source} is of another configuration than config.json: restore one of them")
     return TrainingProgress(state, best, iterations, seconds)

@@ -1,4 +1,4 @@
-"""What a run reports after each chunk."""
+"""The report of a run after each chunk."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,14 +13,14 @@ from .run_settings import RunSettings
 
 @dataclass(frozen=True)
 class TrainingReport:
-    """Where a run stands after a chunk."""
+    """The progress of a run after a chunk."""
 
     frames: int
     """Frames of each seed so far."""
     frames_per_second: float
     """Of all seeds together, since the last report, evaluation and files included."""
     rows: list[dict[str, Any]]
-    """What was written to metrics.jsonl: one row a seed."""
+    """The rows of metrics.jsonl: one for each seed."""
     best_score: float
     """Best score of any seed so far."""
 
@@ -40,7 +40,7 @@ def make_report(
         progress: after the chunk.
         rate: frames of all seeds per second.
         metrics: means over the chunk; of several seeds, with a leading axis.
-        extras: what the back end reports besides.
+        extras: further figures of the back end.
         evaluations: results of each seed's policy.
     """
     frames = progress.iterations * settings.config.rollout_size
@@ -57,5 +57,6 @@ def make_report(
             **result,
             "best_score": progress.best[index],
         }
+        # JSON has no NaN: numbers that are not finite become null.
         rows.append(finite(row))
     return TrainingReport(frames, rate, rows, progress.best_score)

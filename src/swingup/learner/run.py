@@ -45,19 +45,19 @@ class Run:
         goal: int,
         folder: RunFolder | None,
     ) -> None:
-        """Take over where training stands.
+        """A run at some point of its training.
 
         Args:
             settings: what is trained.
-            backend: where.
-            progress: how far it is.
+            backend: the back end to train on.
+            progress: the point that training has reached.
             goal: frames of each seed to train to.
-            folder: where files go; None to write none.
+            folder: the folder for its files; None to write none.
         """
         self.settings, self.backend, self.progress, self.goal = settings, backend, progress, goal
         self._folder = folder
         self._stopping = False
-        self._fresh = True  # what a checkpoint does not hold is to start anew
+        self._fresh = True  # the next chunk starts as from a checkpoint: the host's environments are reset
 
     @property
     def folder(self) -> Path:
@@ -85,7 +85,7 @@ class Run:
         return self.backend.policy(self.progress.member(index))
 
     def save_policy(self, path: Path, index: int, policy: Policy[Any], result: dict[str, Any]) -> None:
-        """Write a policy of one seed with where it comes from and its evaluation's result."""
+        """Write a policy of one seed with its origin and its evaluation's result."""
         evaluator = self.backend.evaluator
         origin = provenance(self.settings, self.progress, self.goal, index, {evaluator.measure: result})
         evaluator.save(path, policy, origin)
@@ -93,7 +93,8 @@ class Run:
     def snapshot(self) -> Snapshot:
         """The complete state, and the metadata of a checkpoint.
 
-        What it does not hold starts anew here as well, so that a run that goes on from it does what this one does.
+        State that it does not hold is reset in this run as well. A run that continues from it then does the same as
+        this one.
 
         Raises:
             SwingupError: the weights are not finite.
@@ -103,7 +104,7 @@ class Run:
         return self.progress.state, self.progress.metadata(self.settings)
 
     def extend(self, frames: int) -> None:
-        """Set the goal to so many frames more than the run has seen."""
+        """Set the goal to this number of frames more than the run has trained for."""
         self.goal, self._stopping = self.frames + whole_number("frames", frames, 1), False
         if self._folder is not None:
             write_run_settings(self._folder.path, self.settings, self.goal)
@@ -113,15 +114,15 @@ class Run:
         self._stopping = True
 
     def compile(self) -> None:
-        """Compile what ``advance`` calls, which it otherwise does in its first chunk."""
+        """Compile now; otherwise ``advance`` compiles in its first chunk."""
         self.backend.compile(self.progress.state)
 
     def advance(self) -> Iterator[TrainingReport]:
         """Train until each seed has seen its frames (rounded up to whole iterations), reporting each chunk.
 
-        A checkpoint is written at intervals, at the end and after ``stop``. What a checkpoint does not hold
-        (environments that the host steps) starts anew after each, so that a resumed run does what this one does.
-        After an error the run stands where the last whole chunk left it.
+        A checkpoint is written at intervals, at the end and after ``stop``. It does not hold the environments that
+        the host steps: they are reset after each, so that a resumed run does the same as this one. After an error
+        the run is as after the last whole chunk.
 
         Raises:
             SwingupError: training diverged (something is not finite), an environment failed, a file cannot be
@@ -144,7 +145,9 @@ class Run:
                 saved = at_end or self.settings.is_checkpoint_due(before, self.progress.iterations)
                 if saved:
                     self._save(evaluations, writer)
+                # Files first: a caller may leave the loop at the yield.
                 yield report
+            # ``stop`` was called during the yield, where no checkpoint was due.
             if self._stopping and not saved:
                 self._save(self._evaluate_all(), writer)
             self._stopping = False
@@ -174,6 +177,7 @@ class Run:
         self._fresh = True  # until the chunk is whole
         state, metrics, extras = self.backend.train(state, count)
         metrics = jax.tree.map(np.asarray, metrics)
+        # Before the chunk counts, so that a run that diverged keeps its last good state.
         self._check_finite(metrics, "metrics are")
         self.progress, self._fresh = replace(self.progress, state=state, iterations=before + count), False
         return metrics, extras
@@ -187,7 +191,7 @@ class Run:
         result = self.backend.evaluator.evaluate(policy)
         score, best = result["score"], self.progress.best
         if score > best[index]:
-            # The best of all first: killed before its own file is written, the seed finds the same record again.
+            # best.npz first: if the run is killed before the seed's own file, resuming finds the same record again.
             if score > self.best_score:
                 self._save_policy(BEST, index, policy, result)
             if self.settings.seeds > 1:
@@ -202,6 +206,7 @@ class Run:
     def _save(self, evaluations: list[dict[str, Any]], writer: MetricsWriter | None) -> None:
         """Write a checkpoint, after the metrics until there, and each seed's last policy with its score."""
         if writer is not None:
+            # Resuming keeps the rows up to the checkpoint: they must be on the disk before it.
             writer.sync()
         self.save_checkpoint()
         for index, result in enumerate(evaluations):

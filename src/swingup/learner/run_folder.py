@@ -12,6 +12,7 @@ from ..areapo.checkpoint import load_checkpoint, save_checkpoint
 from ..errors import SwingupError
 
 CHECKPOINTS_KEPT = 2
+"""The newest and one to go back to, if that is damaged."""
 
 LOCK = ".lock"
 """An empty file in the folder, which stays: removed, it could be locked twice."""
@@ -22,10 +23,10 @@ NO_LOCKS = (errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK, errno.ENOSYS)
 
 
 class RunFolder:
-    """Where a run keeps its files."""
+    """The folder of a run's files."""
 
     def __init__(self, path: str | Path) -> None:
-        """Name a folder, which need not exist."""
+        """A folder at this path, which need not exist yet."""
         self.path = Path(path)
 
     def __str__(self) -> str:
@@ -46,8 +47,9 @@ class RunFolder:
             raise _cannot_create(self.path, error) from error
 
     def clear(self) -> None:
-        """Remove what is in the folder, but for the lock."""
+        """Remove everything in the folder except the lock."""
         for path in self._content():
+            # A link is removed, never what it points at.
             shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
 
     def create(self) -> None:
@@ -63,7 +65,7 @@ class RunFolder:
 
     @property
     def checkpoints(self) -> Path:
-        """Where the checkpoints lie."""
+        """The folder of the checkpoints."""
         return self.path / "checkpoints"
 
     def save_checkpoint(self, frames: int, state: Any, metadata: Mapping[str, Any]) -> None:
@@ -77,7 +79,7 @@ class RunFolder:
             old.unlink(missing_ok=True)
 
     def has_checkpoint(self) -> bool:
-        """Whether there is something to go on from."""
+        """Whether there is a checkpoint to continue from."""
         return bool(self._checkpoints())
 
     def load_checkpoint(self, like: Any) -> tuple[Any, dict[str, Any]]:
@@ -103,9 +105,10 @@ class RunFolder:
             frames: the frames of the checkpoint that this process read.
 
         Raises:
-            SwingupError: another process trains here, or has done so since this one read the checkpoint.
+            SwingupError: another process trains here, or has trained here since this one read the checkpoint.
         """
         with self.exclusive():
+            # Between the reading and the lock another process may have trained here.
             newest = max((int(path.stem) for path in self._checkpoints()), default=frames)
             if newest > frames:
                 raise SwingupError(

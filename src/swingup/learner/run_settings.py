@@ -1,4 +1,4 @@
-"""What defines a training run, as it stands in the config.json of its folder."""
+"""The settings that define a training run, in the config.json of its folder."""
 
 import dataclasses
 import json
@@ -26,7 +26,7 @@ ENV_INTERVALS = {"evaluate_every": 65_536, "checkpoint_every": 262_144}
 """Default frames between evaluations and between checkpoints."""
 
 MALFORMED = (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
-"""What content of a wrong type, a wrong depth or a wrong encoding raises where it is used."""
+"""Errors that content of a wrong type, depth or encoding raises."""
 
 
 FROM_0, FROM_1 = {"least": 0}, {"least": 1}
@@ -35,7 +35,7 @@ FROM_0, FROM_1 = {"least": 0}, {"least": 1}
 
 @dataclass(frozen=True)
 class RunSettings:
-    """What defines a run, apart from its length; written to config.json."""
+    """The settings that define a run, without its length; written to config.json."""
 
     robot: str | None
     """The pendulum's robot; None for another task."""
@@ -74,11 +74,12 @@ class RunSettings:
                 number = whole_number(each.name, getattr(self, each.name), each.metadata["least"])
                 object.__setattr__(self, each.name, number)
         object.__setattr__(self, "config", config_from_dict(vars(self.config)))  # NumPy's numbers become Python's
+        # JAX's keys take seeds of 32 bits; the last seed is seed + seeds - 1.
         whole_number("seed", self.seed, 0, 2**32 - self.seeds)
 
     @property
     def name(self) -> str:
-        """What is trained on: the robot or the environment."""
+        """The name of the robot or the environment."""
         return self.robot if self.env is None else self.env  # type: ignore[return-value]
 
     def next_stop(self, iterations: int, target: int) -> int:
@@ -122,11 +123,12 @@ class RunSettings:
 
     def as_dict(self) -> dict[str, Any]:
         """As JSON values."""
+        # Through JSON, so that tuples become lists and it equals what is read from a file.
         return json.loads(json.dumps(dataclasses.asdict(self)))
 
 
 def run_settings_from_dict(content: Any) -> RunSettings:
-    """The inverse of ``as_dict``; what an older version did not know has its default.
+    """The inverse of ``as_dict``; settings that an older version did not have get their defaults.
 
     Raises:
         SwingupError: the content is malformed or cannot work.
@@ -160,6 +162,7 @@ def read_run_settings(folder: Path) -> tuple[RunSettings, int]:
     path = folder / SETTINGS_FILE
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
+        # For human readers only; a file without it is not one of ours.
         del content["version"]
         frames = whole_number("frames", content.pop("frames"), 1)
         return run_settings_from_dict(content), frames

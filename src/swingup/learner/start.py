@@ -1,4 +1,4 @@
-"""The three ways into a run: start a new one, resume one from its folder, or restore one from a snapshot."""
+"""Three ways to get a run: start a new one, resume one from its folder, or restore one from a snapshot."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -36,13 +36,15 @@ def start_run(settings: RunSettings, folder: str | Path | None, frames: int, env
     if place is not None:
         place.check_new()
     backend = make_backend(settings, env)
-    state = backend.init()  # compiles for seconds: interrupted here, a run leaves nothing behind
+    state = backend.init()  # compiles for seconds, before the folder is made: interrupted here, nothing is left
+    # A reset that is not finite would show only after the first chunk, as a divergence.
     if not is_finite(state.observations):
         raise SwingupError(f"{settings.name} cannot be trained on: {backend.find_fault()}")
     run = Run(settings, backend, initial_progress(state, settings.seeds), goal, place)
     if place is not None:
         place.create()
         write_run_settings(place.path, settings, goal)
+    # A run that is killed before its first chunk ends can be resumed, too.
     run.save_checkpoint()
     return run
 
@@ -62,6 +64,7 @@ def resume_run(folder: str | Path, frames: int | None = None, env: Any = None) -
     if frames is not None and goal < run.frames:
         raise SwingupError(f"frames = {goal}, but {folder} stands at {run.frames} already: ask for more")
     on_disk = best_scores_on_disk(place.path, settings, backend.evaluator.measure)
+    # A policy may be newer than the checkpoint; a worse one must not replace it.
     run.progress = replace(progress, best=tuple(map(max, progress.best, on_disk)))
     write_run_settings(place.path, settings, goal)
     return run
@@ -70,12 +73,12 @@ def resume_run(folder: str | Path, frames: int | None = None, env: Any = None) -
 def restore_run(
     settings: RunSettings, load: Callable[[LearnerState], Snapshot], source: str, env: Any = None
 ) -> Run:
-    """A run without a folder that goes on from what ``Run.snapshot`` gave.
+    """A run without a folder that continues from a result of ``Run.snapshot``.
 
     Args:
         settings: what is trained.
         load: reads the snapshot, given the state's shapes and types.
-        source: where from, for an error.
+        source: the name of the snapshot in an error.
         env: the environment or the task, where the settings only name it.
 
     Raises:

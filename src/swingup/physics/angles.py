@@ -1,4 +1,4 @@
-"""Upright at rest, where every swing-up ends, and angles wrapped so that none of them jumps there."""
+"""The goal, upright at rest, and a wrapping of angles that has no jump there."""
 
 from typing import TypeVar
 

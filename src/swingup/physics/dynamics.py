@@ -1,7 +1,7 @@
-"""The double pendulum's dynamics in JAX: the equations of motion, and what follows from them.
+"""The double pendulum's dynamics in JAX: equations of motion, energies, tip height and linearisation.
 
 The state is x = [q1, q2, dq1, dq2] and the torque u = [u1, u2] acts on both joints; a joint without a motor gets a
-zero. Functions carry no batch axis and follow the dtype of their inputs. The equations stand in ``equations``.
+zero. Functions carry no batch axis and follow the dtype of their inputs. The equations are in ``equations``.
 """
 
 import jax
@@ -42,7 +42,7 @@ def acceleration(parameters: Parameters, x: State, u: Torque) -> Float[Array, "2
     q1, q2, dq1, dq2 = x
     sin2, cos2 = sine_cosine(q2)
     sines, losses = (sine_cosine(q1)[0], sin2, sine_cosine(q1 + q2)[0]), _losses(parameters, x)
-    # A vector, because XLA computes the sines anew for each of two scalars: twice the time in double precision.
+    # A vector: for two scalars XLA computes all sines twice, which doubles the time in double precision.
     found: Float[Array, 2] = equations.acceleration(
         lump(parameters), sines, cos2, (dq1, dq2), u, losses, stack=jnp.array
     )

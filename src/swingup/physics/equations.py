@@ -49,6 +49,7 @@ class Lumped(NamedTuple):
 def lump(p: Any) -> Lumped:
     """The combinations for a plant whose attributes are those of ``physics.parameters.Parameters``."""
     return Lumped(
+        # I2 is about the elbow: seen from the shoulder, link 2 adds its mass there.
         shoulder=p.I1 + p.I2 + p.m2 * p.l1**2,
         elbow=p.I2,
         coupling=p.m2 * p.l1 * p.r2,
@@ -69,6 +70,7 @@ def mass_entries(plant: Lumped, cos2: Number) -> tuple[Number, Number, Number]:
 
 def gravity(plant: Lumped, sin1: Number, sin12: Number) -> Pair:
     """G(q) (N m), the torque with which gravity drives each joint; sin12 = sin(q1 + q2)."""
+    # The shoulder carries the torque of link 2 as well.
     second = -plant.gravity2 * sin12
     return -plant.gravity1 * sin1 + second, second
 

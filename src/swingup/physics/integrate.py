@@ -22,7 +22,7 @@ def rk4_step(parameters: Parameters, x: State, u: Torque, dt: float) -> State:
 
 
 def midpoint_step(parameters: Parameters, x: State, u: Torque, dt: float | Scalar) -> State:
-    """One step of the explicit midpoint rule over dt (s): second order, at half the price."""
+    """One step of the explicit midpoint rule over dt (s): second order, at half the cost."""
     halfway = x + 0.5 * dt * derivative(parameters, x, u)
     return x + dt * derivative(parameters, halfway, u)
 

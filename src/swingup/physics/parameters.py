@@ -1,4 +1,4 @@
-"""The double pendulum's parameters, their files, and the two robots that are made from them.
+"""The double pendulum's parameters and their files, and the plant of the leaderboards.
 
 The file format is a flat YAML map with the key names of RealAIGym's ``model_parameters.yml``.
 """
@@ -85,6 +85,7 @@ def identified_parameters() -> Parameters:
 
 def leaderboard_parameters(robot: Robot) -> Parameters:
     """The plant of the leaderboards: no friction, no motor inertia, 6 N m on the driven joint alone."""
+    # The file's own limits are wider; its gear ratio has no effect without the rotors' inertia.
     limits = {"tl1": TORQUE_LIMIT * robot.actuation[0], "tl2": TORQUE_LIMIT * robot.actuation[1]}
     return dataclasses.replace(identified_parameters(), b1=0.0, b2=0.0, cf1=0.0, cf2=0.0, Ir=0.0, **limits)
 
@@ -142,9 +143,11 @@ def validated(parameters: Parameters) -> Parameters:
 def _real(name: str, value: Any) -> float:
     """A parameter as a float: a number, an array of one, or a text that is one, as YAML's 4e-5 is."""
     try:
+        # float(True) would be 1.
         if isinstance(value, bool):
             raise TypeError("a truth value")
         real = float(value)
+    # An integer beyond floating point: the check below names it.
     except OverflowError:
         real = math.inf
     except (TypeError, ValueError):

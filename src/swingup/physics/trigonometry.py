@@ -33,11 +33,13 @@ def sine_cosine(angle: Number) -> Pair:
 @jax.custom_jvp
 def _polynomials(angle: Number) -> Pair:
     # Cody and Waite's reduction: the first product is exact, so that no digits are lost in the difference.
+    # Quarter turns: the rest r lies within ±π/4, where the polynomials hold.
     turns = jnp.round(angle * (2.0 / jnp.pi))
     r = (angle - turns * HALF_PI[0]) - turns * HALF_PI[1]
     z = r * r
     sine, cosine = r + r * z * _polynomial(SINE, z), 1.0 - 0.5 * z + z * z * _polynomial(COSINE, z)
     quadrant = turns - 4.0 * jnp.floor(0.25 * turns)
+    # Each quarter turn swaps sine and cosine and changes one sign; selecting keeps the loop free of branches.
     swapped = (quadrant == 1.0) | (quadrant == 3.0)
     sine, cosine = jnp.where(swapped, cosine, sine), jnp.where(swapped, sine, cosine)
     first, second = (quadrant == 1.0) | (quadrant == 2.0), quadrant >= 2.0
@@ -48,6 +50,7 @@ def _polynomials(angle: Number) -> Pair:
 def _derivative(
     primals: tuple[Number], tangents: tuple[Number]
 ) -> tuple[tuple[Number, Number], tuple[Number, Number]]:
+    # The exact derivatives: those of the polynomials would cost more terms and be less accurate.
     sine, cosine = sine_cosine(primals[0])
     return (sine, cosine), (cosine * tangents[0], -sine * tangents[0])
 

@@ -1,4 +1,4 @@
-"""Where a sweep runs: local processes, or the workers of a Dask cluster."""
+"""The executor of a sweep: local processes, or the workers of a Dask cluster."""
 
 import contextlib
 import os
@@ -14,14 +14,14 @@ MOST_WORKERS = 1024
 
 @contextlib.contextmanager
 def executor_for(scheduler: str | None, workers: int | None) -> Iterator[Executor]:
-    """A Dask cluster's executor where there is an address, else fresh local processes.
+    """A Dask cluster's executor if an address is given, else fresh local processes.
 
     Args:
         scheduler: address of a running Dask scheduler, such as ``tcp://10.0.0.1:8786``.
         workers: local processes; by default one for every two cores, since a run uses about two.
 
     Raises:
-        SwingupError: Dask is not installed, its scheduler does not answer, or there are no workers.
+        SwingupError: Dask is not installed, its scheduler does not answer, or ``workers`` is out of range.
     """
     if workers is not None:
         whole_number("workers", workers, 1, MOST_WORKERS)
@@ -29,6 +29,7 @@ def executor_for(scheduler: str | None, workers: int | None) -> Iterator[Executo
         with LocalWorkers(workers or max(1, (os.cpu_count() or 1) // 2)) as pool:
             try:
                 yield pool
+            # Ctrl-C is no Exception, and local runs must still be saved.
             except BaseException:
                 pool.stop()
                 raise
@@ -45,5 +46,5 @@ def executor_for(scheduler: str | None, workers: int | None) -> Iterator[Executo
         try:
             yield executor
         except BaseException:
-            executor.shutdown(wait=False)  # gives up what was not begun
+            executor.shutdown(wait=False)  # cancels the runs that have not started
             raise

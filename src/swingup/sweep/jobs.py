@@ -23,7 +23,7 @@ class Job:
     """One run of a sweep, in a form that travels between processes."""
 
     variant: str
-    """Its settings in words; empty where nothing is varied."""
+    """Its varied settings as text; empty if nothing varies."""
     settings: dict[str, Any]
     folder: str
     frames: int
@@ -44,15 +44,15 @@ class JobOutcome:
 def run_jobs(
     jobs: Sequence[Job], executor: Executor, progress: Callable[[JobOutcome], None] | None = None
 ) -> list[JobOutcome]:
-    """Do all jobs that are not done yet; a job that fails does not keep the others from running.
+    """Run all jobs that are not done yet; a job that fails does not stop the others.
 
     Args:
-        jobs: what to run.
-        executor: where: a process pool, Dask's ``Client.get_executor()``, submitit's, or any other.
+        jobs: the jobs.
+        executor: a process pool, Dask's ``Client.get_executor()``, submitit's, or any other.
         progress: called with each outcome as it comes.
 
     Raises:
-        SwingupError: the executor lost its workers; the same sweep goes on from the checkpoints.
+        SwingupError: the executor lost its workers; the same sweep continues from the checkpoints.
     """
     futures = {executor.submit(train_one, job): index for index, job in enumerate(jobs)}
     outcomes: dict[int, JobOutcome] = {}
@@ -61,7 +61,7 @@ def run_jobs(
             outcome = future.result()
         except BrokenExecutor as error:
             raise SwingupError("a worker of the sweep died: give the same command again, it goes on") from error
-        except Exception as error:  # why an executor gave the job up
+        except Exception as error:  # train_one returns its errors: this one is the executor's
             outcome = _failed(jobs[futures[future]], error)
         outcomes[futures[future]] = outcome
         if progress is not None:
@@ -70,7 +70,7 @@ def run_jobs(
 
 
 def train_one(job: Job) -> JobOutcome:
-    """Do one job, or the rest of it, in the calling process; errors become part of the outcome."""
+    """Run one job, or the rest of it, in the calling process; errors become part of the outcome."""
     try:
         with contextlib.closing(_open(job)) as run:
             _in_progress.append(run)
@@ -79,7 +79,7 @@ def train_one(job: Job) -> JobOutcome:
                     pass
             finally:
                 _in_progress.remove(run)
-        if run.frames < job.frames:  # a signal stopped it, in a worker of ours
+        if run.frames < job.frames:  # a signal stopped it in a local worker, which ends now that the run is saved
             signal.raise_signal(signal.SIGTERM)
         rows = read_metrics(Path(job.folder) / METRICS_FILE)
         if not rows:
@@ -97,9 +97,10 @@ def _failed(job: Job, error: Exception) -> JobOutcome:
 def _open(job: Job) -> Run:
     """A new run, or the one in the folder from its checkpoint."""
     folder, settings = RunFolder(job.folder), run_settings_from_dict(job.settings)
+    # Two workers must not start the same run. Training then takes the lock itself.
     with folder.exclusive():
         if not folder.has_checkpoint():
-            folder.clear()  # killed before there was anything to lose
+            folder.clear()  # killed before its first checkpoint
             return start_run(settings, folder.path, job.frames)
     if read_run_settings(folder.path)[0].as_dict() != job.settings:
         raise SwingupError(f"{folder} holds a run with other settings: choose another --out")
@@ -110,11 +111,11 @@ def _open(job: Job) -> Run:
 
 
 _in_progress: list[Run] = []
-"""What this process trains."""
+"""The runs that this process trains."""
 
 
 def stop_on_signals() -> None:
-    """In a local worker: Ctrl-C and SIGTERM end the run in progress after its chunk, saved, and then the worker."""
+    """In a local worker, let Ctrl-C and SIGTERM end the worker after the run in progress has saved its chunk."""
 
     def end(number: int, frame: FrameType | None) -> None:
         if number == signal.SIGINT or not _in_progress:  # a second Ctrl-C does not wait

@@ -1,4 +1,4 @@
-"""Fresh local processes for the runs of a sweep; one that dies takes no other with it."""
+"""Fresh local processes for the runs of a sweep; the death of one does not affect the others."""
 
 import multiprocessing
 import threading
@@ -11,19 +11,20 @@ from ..errors import SwingupError
 from .jobs import stop_on_signals
 
 ATTEMPTS = 2
-"""How often a job is begun whose worker dies: it may be the job that kills it, for want of memory for example."""
+"""Attempts at a job whose worker dies: the job itself may kill it, for example by its need for memory."""
 
 
 class LocalWorkers(Executor):
     """Several local processes, each in a pool of its own.
 
-    In one common pool the death of a process would break all jobs. Here its job is begun again in a fresh process,
-    where a training run resumes from its checkpoint; the other processes go on.
+    In one common pool the death of a process would break all jobs. Here its job starts again in a fresh process,
+    where a training run resumes from its checkpoint. The other processes continue.
     """
 
     def __init__(self, count: int) -> None:
         """Prepare ``count`` processes, which start when they are first needed."""
         self._threads = ThreadPoolExecutor(count, "sweep")
+        # The program's own processes, which stop() leaves alone.
         self._others = set(multiprocessing.active_children())
         self._lock = threading.Lock()
         self._idle: list[ProcessPoolExecutor] = []
@@ -34,16 +35,17 @@ class LocalWorkers(Executor):
         return self._threads.submit(self._call, fn, args, kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Begin nothing more after what was submitted, and free the processes."""
+        """Accept no more calls, and free the processes."""
         self._threads.shutdown(wait=wait, cancel_futures=cancel_futures)
         for pool in self._idle:
             pool.shutdown(wait=wait)
 
     def stop(self) -> None:
-        """Ask the jobs in progress to end, wait until they have saved, and begin no other."""
+        """Ask the jobs in progress to end, wait until they have saved, and start no other."""
         with self._lock:
             self._closing = True
         for worker in set(multiprocessing.active_children()) - self._others:
+            # SIGTERM: the worker saves its run before it ends (stop_on_signals).
             worker.terminate()
         self.shutdown(cancel_futures=True)
 

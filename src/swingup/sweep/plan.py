@@ -1,4 +1,4 @@
-"""What a sweep runs: every combination of alternatives with every seed."""
+"""The runs of a sweep: every combination of alternatives with every seed."""
 
 import itertools
 import math
@@ -20,7 +20,7 @@ Grid = Mapping[str, Sequence[Any]]
 """Alternatives of each setting: names of the hyperparameters, or ``preset``."""
 
 MOST_RUNS = 10_000
-"""Beyond this a sweep is a slip of the keyboard."""
+"""More runs than this are taken for a typing error."""
 
 
 def plan_jobs(
@@ -30,9 +30,9 @@ def plan_jobs(
 
     Args:
         base: fields of :class:`.RunSettings` that all runs share, without seed and config.
-        grid: what varies.
+        grid: the alternatives.
         seeds: the seeds.
-        out: folder of the sweep; each run's is in it.
+        out: folder of the sweep, in which each run has its own.
         frames: length of the runs; by default the preset's.
 
     Raises:
@@ -44,6 +44,7 @@ def plan_jobs(
         raise SwingupError(
             f"this sweep has {count:,} runs, of at most {MOST_RUNS:,}: choose fewer seeds or alternatives"
         )
+    # One length for all: a table of runs of different lengths would compare lengths.
     presets = {name: get_preset(name).frames for name in grid.get("preset", [base["preset"]])}
     if frames is None and len(set(presets.values())) > 1:
         lengths = ", ".join(f"{name} {length:,}" for name, length in presets.items())
@@ -56,6 +57,7 @@ def plan_jobs(
         config = config_from_dict(vars(get_preset(preset).config) | chosen)
         for seed in seeds:
             settings = RunSettings(**{**base, "preset": preset, "seed": seed, "seeds": 1}, config=config)
+            # Absolute, since workers may have another working directory.
             folder = Path(out).absolute() / (",".join(words) or "base") / f"seed-{seed}"
             length = presets[preset] if frames is None else whole_number("frames", frames, 1)
             jobs.append(Job(" ".join(words), settings.as_dict(), str(folder), length))

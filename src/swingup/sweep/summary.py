@@ -28,6 +28,7 @@ def summarise_variants(outcomes: Sequence[JobOutcome]) -> list[VariantRow]:
     rows = []
     for variant in dict.fromkeys(outcome.job.variant for outcome in outcomes):
         mine = [outcome for outcome in outcomes if outcome.job.variant == variant]
+        # A failed run has the score NaN, which differs from itself.
         good = [outcome for outcome in mine if outcome.score == outcome.score]
         scores, best = [o.score for o in good], [o.best_score for o in good]
         none = float("nan")

@@ -1,4 +1,4 @@
-"""What stands between a controller and the pendulum: noise, delay, the motor's response and pushes, as data.
+"""Everything between a controller and the pendulum as data: noise, delay, the motor's response and pushes.
 
 A :class:`Disturbance` is a pytree of reals: batch it with ``vmap`` to run many at once. The functions follow the
 order of one step of the public RealAIGym benchmark: :func:`measured_state`, the controller, :func:`motor_torques`,
@@ -16,7 +16,7 @@ from jaxtyping import Array, Float, UInt32
 from ..types import Count, Scalar, State, Torque
 
 Past = Float[Array, "depth 4"]
-"""The last states, oldest overwritten first: the state before step k lies in row k mod depth."""
+"""The last states as a ring: row k mod depth holds the state before step k, and the oldest is overwritten."""
 
 
 class Pushes(eqx.Module):
@@ -77,6 +77,7 @@ class Disturbance(eqx.Module):
 def undisturbed(pushes: int = 1) -> Disturbance:
     """A disturbance that changes nothing, with room for ``pushes`` pushes a joint."""
     nothing = np.zeros((2, pushes))
+    # Widths of 1, since the pushes divide by them.
     return Disturbance(0.0, 0.0, 1.0, 0, Pushes(nothing, nothing + 1.0, nothing), np.zeros(2, np.uint32))
 
 
@@ -95,8 +96,10 @@ def step_noise(disturbance: Disturbance, step: Count, dtype: jnp.dtype) -> tuple
 
     The benchmark has one driven joint, and draws once for its torque; with motors on both each has its own.
     """
+    # Named, since a program may have another default, with keys of another size.
     key = jax.random.wrap_key_data(jnp.asarray(disturbance.noise), impl="threefry2x32")
     torques = 1 if disturbance.motor is None else 2
+    # A function of seed, simulation and step: parts of a grid repeat what the whole grid draws.
     normal = jax.random.normal(jax.random.fold_in(key, step), (2 + torques,), dtype)
     return disturbance.velocity_noise * normal[:2], disturbance.torque_noise * jnp.broadcast_to(normal[2:], (2,))
 
@@ -109,7 +112,7 @@ def remember(past: Past, step: Count, x: State) -> Past:
 def measured_state(disturbance: Disturbance, past: Past, step: Count, velocity_noise: Float[Array, "2"]) -> State:
     """The state that the controller receives: all four entries delayed, then noise on the velocities.
 
-    Until a state has the delay's age the first one is measured: start with it in all rows of the past.
+    Before the run is as old as the delay, the first state is measured: start with it in all rows of the past.
     """
     delayed = past[(step - jnp.asarray(disturbance.delay_steps)) % past.shape[0]]
     return delayed.at[2:].add(velocity_noise)
@@ -125,7 +128,7 @@ def motor_torques(
     q: Float[Array, "2"],
     dt: float,
 ) -> tuple[Torque, Torque]:
-    """The torques that act on the joints at time t (s), and what the motors' next ones start from.
+    """The torques that act on the joints at time t (s), and the torques that the motors start from next.
 
     In the public benchmark the motor moves from the torque that acted before towards the command, takes noise and
     is clipped to its limits; the push comes on top. With a ``motor`` it moves from its own torque, within its rate
@@ -135,19 +138,23 @@ def motor_torques(
     Args:
         disturbance: response, pushes and motor of the loop.
         command: the controller's torques (N m).
-        before: what the motors start from (N m): the second result of the step before, 0 before the first.
+        before: torques that the motors start from (N m): the second result of the step before, 0 at first.
         t: time (s).
         torque_noise: the noise of this step (N m).
         limits: torque limits of the two motors (N m).
         q: angles of the joints (rad), for the motors' ripple.
         dt: time of the step (s), for their rate limit.
     """
+    # Pushes drawn for the passive joint have no effect: the benchmark's published numbers contain this.
     driven = limits > 0
     torque = before + disturbance.response * (command - before)
     noise, push = (jnp.where(driven, added, 0.0) for added in (torque_noise, disturbance.pushes.torque(t)))
     if disturbance.motor is None:
         acting = jnp.clip(torque + noise, -limits, limits) + push
+        # The push is part of what the motor starts from, as in the benchmark.
         return acting, acting
     own = jnp.clip(disturbance.motor.follow(torque, before, dt), -limits, limits)
     ripple = jnp.where(driven, disturbance.motor.ripple_torque(q), 0.0)
+    # The motors continue from their own torques: from the sums, ripple at rest would be integrated, and a push
+    # would let them exceed their limits.
     return own + ripple + noise + push, own

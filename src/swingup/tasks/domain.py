@@ -1,7 +1,7 @@
 """Domains: ranges of the parameters of a pendulum and its loop; each episode draws its own values.
 
-A range of one value is a known fact; wider ranges are domain randomisation. Every number is data: the files of the
-package stand in ``tasks/domains``, with their sources.
+A range of one value is a known fact; wider ranges are domain randomisation. The package's domains are files in
+``tasks/domains``, with the source of every number.
 """
 
 import dataclasses
@@ -31,7 +31,7 @@ PLANT = tuple(name for name in NAMES if name not in ("tl1", "tl2"))
 """Parameters of the plant that a domain may set; the others are as identified."""
 
 MASSES = ("m2", "l1", "r2", "I1", "I2", "Ir", "gr")
-"""Those that enter the mass matrix, which must be positive definite for all their combinations."""
+"""Parameters in the mass matrix, which must be positive definite for all their combinations."""
 
 LOOP = {
     "torque_limit": 6.0, "passive_limit": 0.0, "delay": 0.0, "velocity_noise": 0.0, "torque_noise": 0.0,
@@ -57,7 +57,7 @@ class Domain:
 
     ranges: tuple[tuple[str, float, float], ...]
     name: str = field(default="DOMAIN.yml", compare=False)
-    """The name or the file that ``load_domain`` read it from."""
+    """The name or the file that ``load_domain`` read. Not compared, so that equal ranges compile once."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot work.
@@ -76,8 +76,11 @@ class Domain:
             most = LARGEST_LOOP_VALUES.get(name, LARGEST)
             if name in LOOP and not 0 <= low <= high <= most:
                 raise SwingupError(f"{name} = [{low:g}, {high:g}] must lie between 0 and {most:g}")
+        # Draws may pair any ends of the masses' ranges, and some pairs make no pendulum though both ends alone do.
+        # The other parameters stand alone: both ends are enough.
         plant = {name: (low, high) for name, low, high in self.ranges if name in PLANT}
         apart, identified = [name for name in MASSES if name in plant], identified_parameters()
+        # dict.fromkeys: a range of one value has one end.
         corners = itertools.product(*(dict.fromkeys(plant[name]) for name in apart))
         for end, corner in itertools.product((0, 1), corners):
             values = {name: pair[end] for name, pair in plant.items()} | dict(zip(apart, corner, strict=True))
@@ -89,7 +92,7 @@ class Domain:
         return whole_delay_steps({name: high for name, _, high in self.ranges}.get("delay", 0.0)) + 1
 
     def middle(self, name: str) -> float:
-        """Middle of a range, or the default where the domain leaves it out."""
+        """Middle of a range, or the default if the domain leaves the name out."""
         defaults = vars(identified_parameters()) | LOOP
         low, high = {each: (low, high) for each, low, high in self.ranges}.get(
             name, (defaults[name], defaults[name])
@@ -121,8 +124,10 @@ class Domain:
             velocity_noise=loop["velocity_noise"],
             torque_noise=loop["torque_noise"],
             response=loop["response"],
+            # As whole_delay_steps, for a drawn delay.
             delay_steps=jnp.floor(loop["delay"] / LOOP_DT + 1e-4).astype(int),
             pushes=Pushes(PUSH_TIME * time, jnp.full((2, 1), PUSH_WIDTH), peak),
+            # Two words for threefry; other implementations of JAX's keys have four.
             noise=jax.random.key_data(noise_key).astype(jnp.uint32)[-2:],
             motor=Motor(loop["rate_limit"], loop["ripple"], loop["ripple_periods"]),
         )
@@ -130,7 +135,7 @@ class Domain:
 
 
 def whole_delay_steps(delay: float) -> int:
-    """Whole loop steps in a delay (s); one that rounding puts just below a step still counts it."""
+    """Whole loop steps in a delay (s); 1e-4 of a step is added, since rounding may lose a whole one."""
     return int(delay / LOOP_DT + 1e-4)
 
 

@@ -58,8 +58,8 @@ class AbstractPendulumTask(AbstractTask[StateT]):
     max_steps: int = eqx.field(static=True, default=1000)
     """Steps after which the task is truncated in any case."""
     cost_velocity_limit: float = math.inf
-    """Velocities count in the reward only up to ± this (rad/s). Not in the paper: a policy that spins the pendulum
-    up past the range it observes would see costs without bound, which ruin the critic for millions of frames."""
+    """Velocities count in the reward only up to ± this (rad/s). Not in the paper: if a policy spins the pendulum
+    faster than it can observe, costs without bound would ruin the critic for millions of frames."""
 
     @property
     def observation_size(self) -> int:
@@ -117,11 +117,13 @@ def hold_torque(
 ) -> Step[PendulumState]:
     """A step on the ideal plant: the torque held for dt, and one Runge-Kutta step.
 
-    Should the integrator diverge, which takes some 60 rad/s, the last good state is kept and truncated.
+    If the integrator diverges, which takes some 60 rad/s, the last good state is kept and the episode truncated.
     """
     u = task.torque(action)
     x = rk4_step(task.parameters, state.x, u, task.dt)
+    # Negated, so that NaN counts as diverged.
     diverged = ~jnp.all(jnp.abs(x[2:]) < DIVERGED)
+    # The step counts even then, so that the limit is reached in any case.
     after = PendulumState(x=jnp.where(diverged, state.x, x), steps=state.steps + 1)
     at_random = jax.random.bernoulli(key, task.truncation_probability)
     return Step(

@@ -38,14 +38,14 @@ def smooth_task(robot: Robot) -> PendulumTask:
 
 
 def global_task(robot: Robot) -> RecoveryTask:
-    """The smooth task's pendulum: be back up soon, mostly after throws, but also from anywhere and from hanging."""
+    """The smooth task's pendulum, to be back up soon: mostly after throws, also from anywhere and from hanging."""
     smooth = smooth_task(robot)
     random = np.random.default_rng(STARTS_SEED)
     thrown = thrown_states(random, smooth.parameters, 14_000)
     rates = random.uniform(0, 10, (3000, 1)) * random.normal(size=(3000, 2))
     anywhere = np.concatenate([random.uniform(-np.pi, np.pi, (3000, 2)), rates], axis=1)
     starts = np.concatenate([thrown, anywhere, 0.05 * random.normal(size=(3000, 4))])
-    starts[:, :2] = (starts[:, :2] + np.pi) % (2 * np.pi) - np.pi  # in single precision, full turns cost digits
+    starts[:, :2] = (starts[:, :2] + np.pi) % (2 * np.pi) - np.pi  # full turns cost digits in single precision
     return RecoveryTask(**(vars(smooth) | {"max_steps": 300}), starts=jnp.asarray(starts, jnp.float32))
 
 
@@ -58,12 +58,12 @@ def sim2real_task(
 ) -> Sim2RealTask:
     """The task on a robot that is simulated with friction, delay and noise.
 
-    The front end compensates the friction in the middle of the domain's ranges, where it is not negative.
+    The front end compensates the friction at the middle of the domain's ranges, or none where that is negative.
 
     Args:
         robot: which joint is driven.
         domain: ranges of plant and loop; the identified domain by default.
-        estimated: whether a state estimator stands before the policy. If so, training shows the true state.
+        estimated: whether a state estimator precedes the policy. If so, training shows the true state.
         velocity_weight: weight of a new velocity in the front end's low-pass filter; 1 is no filter. The paper's
             authors had 0.2 on the robot.
         dead_band: slower velocities count as 0 (rad/s). The paper's authors had 0.1 on the robot.
@@ -71,6 +71,7 @@ def sim2real_task(
     domain = load_domain("identified") if domain is None else domain
     observation = PendulumObservation(angles="sincos")
     settings = FrontEndSettings(
+        # A negative compensation would add friction.
         damping=(max(0.0, domain.middle("b1")), max(0.0, domain.middle("b2"))),
         coulomb=(max(0.0, domain.middle("cf1")), max(0.0, domain.middle("cf2"))),
         passive_limit=domain.middle("passive_limit"),

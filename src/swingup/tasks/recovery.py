@@ -1,4 +1,4 @@
-"""Recovering from throws as soon as possible: a task for the global-policy score."""
+"""Recover from throws as soon as possible: a task for the global-policy score."""
 
 import equinox as eqx
 import jax
@@ -11,15 +11,15 @@ from .pendulum import AbstractPendulumTask, PendulumState, hold_torque
 from .task import Step
 
 UP_FRACTION = 0.9
-"""Fraction of l1 + l2 above which the tip counts as up; as in the benchmark's rules."""
+"""The tip is up above this fraction of l1 + l2, as in the benchmark's rules."""
 UP_LINE_WIDTH = 0.01
-"""Width of the smoothed line above which the tip is up (m)."""
+"""Width of the smooth step in the reward at that height (m)."""
 
 
 class RecoveryTask(AbstractPendulumTask[PendulumState]):
-    """Be up, from any of many given states; the time until then costs.
+    """Get up from any of many given states; the time until then costs.
 
-    The quadratic cost is saturated, so that being fast on the way costs no more than being slow:
+    The quadratic cost is saturated, so that a fast motion on the way costs no more than a slow one:
     r = -[(1 - w) (1 - exp(-cost / s)) + w down]. This is not the paper's reward; every number was chosen.
     """
 

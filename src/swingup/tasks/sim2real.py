@@ -50,7 +50,7 @@ class Sim2RealTask(AbstractPendulumTask[Sim2RealState]):
     front_end: FrontEnd = eqx.field(kw_only=True)
     """Filter, dead-band and friction compensation between measurement, policy and motors."""
     estimated: bool = eqx.field(kw_only=True, static=True, default=False)
-    """A state estimator stands before the front end. Training shows the true state, without delay and noise."""
+    """A state estimator precedes the front end. Training shows the true state, without delay and noise."""
 
     @property
     def unseen(self) -> list[str]:
@@ -87,7 +87,7 @@ class Sim2RealTask(AbstractPendulumTask[Sim2RealState]):
     def step(self, state: Sim2RealState, action: Action, key: Key) -> Step[Sim2RealState]:
         """Hold the policy's torque for dt: steps of the loop at 500 Hz, each with a measurement and its noise.
 
-        Should the integrator diverge, the last good state is kept and truncated.
+        If the integrator diverges, the last good state is kept and the episode truncated.
         """
         noise_key, end_key = jax.random.split(key)
         noises = jax.random.normal(noise_key, (CALLS, 4), action.dtype)
@@ -95,6 +95,7 @@ class Sim2RealTask(AbstractPendulumTask[Sim2RealState]):
         wanted = self.torque(action)
 
         def loop(now: Sim2RealState, noise: Float[Array, "4"]) -> tuple[Sim2RealState, Flag]:
+            # One joint is driven: the sum is its torque, whichever it is.
             command = self.front_end.command(now.memory, jnp.sum(wanted), self.robot)
             time = now.calls * LOOP_DT
             torque_noise = now.disturbance.torque_noise * noise[2:]
@@ -102,8 +103,10 @@ class Sim2RealTask(AbstractPendulumTask[Sim2RealState]):
                 now.disturbance, command, now.motors, time, torque_noise, limits, now.x[:2], LOOP_DT
             )
             x = rk4_step(now.plant, now.x, u, LOOP_DT)
+            # Negated, so that NaN counts as diverged.
             diverged = ~jnp.all(jnp.abs(x[2:]) < DIVERGED)
             x = jnp.where(diverged, now.x, x)
+            # The measurement of the new state, which the next command uses, as in the judge's loop.
             call = now.calls + 1
             past = remember(now.past, call, x)
             memory = self.front_end.measure(now.memory, self._measured(now.disturbance, past, call, noise[:2], x))
@@ -118,5 +121,6 @@ class Sim2RealTask(AbstractPendulumTask[Sim2RealState]):
             observation=self.observe(after),
             reward=self.reward(after.x, wanted),
             terminated=jnp.array(False),
+            # Any step of the loop: later ones start from the state that was kept, and look sound.
             truncated=at_random | jnp.any(diverged) | (after.steps >= self.max_steps),
         )

@@ -1,4 +1,4 @@
-"""What a learner needs of a task: a pure, unbatched Markov decision process that never resets itself."""
+"""The interface of a task: a pure, unbatched Markov decision process that never resets itself."""
 
 import abc
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ StateT = TypeVar("StateT")
 
 @dataclass(frozen=True)
 class Spaces:
-    """What the networks need to know of a task's observations and actions."""
+    """Sizes of a task's observations and actions, which fix the networks' shapes."""
 
     observation_size: int
     """Length of an observation."""
@@ -24,7 +24,7 @@ class Spaces:
 
 
 class Step(eqx.Module, Generic[StateT]):
-    """Everything that one step of a task yields."""
+    """The result of one step of a task."""
 
     state: StateT
     """The state after the step, before any reset."""
@@ -35,7 +35,7 @@ class Step(eqx.Module, Generic[StateT]):
     terminated: Flag
     """The process itself ended here: there is no value beyond. A continuing task never sets it."""
     truncated: Flag
-    """The caller should reset, but the process would go on: bootstrap from ``observation``."""
+    """The caller should reset, but the process would continue: bootstrap from ``observation``."""
 
 
 class AbstractTask(eqx.Module, Generic[StateT]):

@@ -1,7 +1,7 @@
 """Throws: at times a PID takes both joints from the controller and drives them to a random configuration.
 
-Source: the rules of the global-policy benchmark (ICRA 2025). The PID's quirks belong to them: its error is not
-wrapped, its error sum and its last error run on from throw to throw, and its period is not the loop's.
+Source: the rules of the global-policy benchmark (ICRA 2025). They include the PID's quirks: its error is not
+wrapped, its error sum and its last error continue from throw to throw, and its period is not the loop's.
 """
 
 import functools
@@ -21,7 +21,7 @@ WITHOUT_DERIVATIVE = 2
 """First calls of the run in which the PID takes its derivative for 0."""
 
 TURNS = ((0.1, 0.4, 0.4, 0.1), (0.1, 0.8, 0.1))
-"""Chosen: how often a thrown pendulum stood at q1 = -3π, -π, π or 3π, and at q2 = -2π, 0 or 2π."""
+"""Chosen: probabilities of q1 = -3π, -π, π or 3π and of q2 = -2π, 0 or 2π upright before a throw."""
 
 
 class Thrower(eqx.Module):
@@ -34,7 +34,7 @@ class Thrower(eqx.Module):
     kd: float | Scalar = 1.0
     """N m s/rad"""
     dt: float | Scalar = 0.001
-    """What the PID believes to be its period (s)."""
+    """The PID's period in its own formula (s); it is called every 0.002 s."""
     limit: float | Scalar = 6.0
     """Torque limit of the PID, and of each of the two motors (N m)."""
 
@@ -54,7 +54,7 @@ class Throws(eqx.Module):
 
 
 class PID(eqx.Module):
-    """What the PID remembers between calls."""
+    """The PID's memory between calls."""
 
     calls: Count
     total: Float[Array, "2"]
@@ -69,12 +69,12 @@ def start_pid(dtype: jnp.dtype) -> PID:
 
 
 def is_thrown(throws: Throws, step: Count) -> Flag:
-    """Whether the PID has the pendulum at this step: the controller is then neither called nor told."""
+    """Whether the PID drives the joints at this step: the controller is then neither called nor told."""
     return jnp.asarray(throws.number)[step] >= 0
 
 
 def throw(throws: Throws, parameters: Parameters, pid: PID, step: Count, x: State) -> tuple[PID, Torque]:
-    """The PID's torque (N m) at this step, with the gravity torque taken off, before the motors' limits."""
+    """The PID's torque (N m) at this step, minus the gravity torque, before the motors' limits."""
     target = jnp.asarray(throws.target)[jnp.asarray(throws.number)[step]]
     return _control(throws.thrower, parameters, pid, target, x)
 
@@ -86,6 +86,7 @@ def _control(
     total = pid.total + error
     derivative = jnp.where(pid.calls < WITHOUT_DERIVATIVE, 0.0, (error - pid.last) / thrower.dt)
     u = thrower.kp * error + thrower.ki * thrower.dt * total + thrower.kd * derivative
+    # Clipped before the gravity torque; the motors clip the sum once more (benchmark).
     command = jnp.clip(u, -thrower.limit, thrower.limit) - gravity_torque(parameters, x)
     return PID(pid.calls + 1, total, error), command
 
@@ -93,18 +94,20 @@ def _control(
 def thrown_states(
     random: np.random.Generator, plant: Parameters, number: int, steps: int = 100, dt: float = 0.002
 ) -> Float[np.ndarray, "number 4"]:
-    """States in which throws leave a pendulum that stood upright: what a controller has to come back from.
+    """States after throws of an upright pendulum, from which a controller has to recover.
 
     Args:
         random: source of the numbers.
         plant: the plant.
-        number: how many.
+        number: number of states.
         steps: length of a throw.
         dt: time of a step (s).
     """
     turns = [random.choice(len(odds), number, p=odds) - len(odds) // 2 for odds in TURNS]
+    # Full turns matter: the PID's error is not wrapped.
     upright = np.stack([np.pi * (2 * turns[0] + 1), 2 * np.pi * turns[1]], axis=1)
     x0 = np.concatenate([upright, np.zeros((number, 2))], axis=1) + 0.05 * random.normal(size=(number, 4))
+    # Any last error: the throw before it aimed elsewhere, so that the first derivative saturates.
     targets, last = random.uniform(-np.pi, np.pi, (number, 2)), random.uniform(-6.0, 6.0, (number, 2))
     x = _thrown(THROWER, plant, jnp.asarray(targets), jnp.asarray(last), jnp.asarray(x0), steps, dt)
     return np.array(x)
@@ -128,6 +131,7 @@ def _thrown(
         pid, u = _control(thrower, plant, pid, target, x)
         return (rk4_step(plant, x, jnp.clip(u, -thrower.limit, thrower.limit), dt), pid), None
 
+    # Past the first two calls of the run, as in all throws but the first.
     pid = PID(jnp.array(WITHOUT_DERIVATIVE), jnp.zeros_like(last), last)
     (x, _), _ = jax.lax.scan(step, (x, pid), length=steps)
     return x
