@@ -41,6 +41,7 @@ def save_reference_csv(path: str | Path, reference: Reference) -> None:
         STATE_COLUMNS: reference.states,
         TORQUE_COLUMNS: np.outer(reference.torque, driven),
     }
+    # The gains stand in the driven joint's row; the passive joint's row is 0.
     parts[GAIN_COLUMNS] = np.kron(driven, np.asarray(reference.gains))
     columns = {
         name: column
@@ -69,4 +70,5 @@ def load_reference_csv(path: str | Path, robot: Robot | str) -> Reference:
         raise SwingupError(f"{path} has torque on the passive joint {passive + 1}: it is not for the {robot.name}")
     chosen = GAIN_COLUMNS[4 * robot.joint : 4 * robot.joint + 4]
     gains = np.column_stack([columns[name] if name in columns else np.zeros(len(time)) for name in chosen])
+    # The format has one set of gains: it serves as both kinds.
     return Reference(robot, dt, states, torques[:, robot.joint], gains, gains)
