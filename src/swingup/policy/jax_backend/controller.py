@@ -69,8 +69,8 @@ def make_controller(
 
     Args:
         policy: what the file holds.
-        estimator: as the file asks (None), never (False) or always (True, by default with default settings). Its
-            model is the leaderboard's plant.
+        estimator: where the file has one (None), never (False) or always (True). Settings that the file lacks have
+            their defaults. Its model is the leaderboard's plant.
     """
     alone = _alone(policy)
     wanted = policy.estimator is not None if estimator is None else estimator
@@ -80,7 +80,7 @@ def make_controller(
 
 
 def policy_of(controller: PolicyController) -> PendulumPolicy:
-    """What a file holds of a controller; it asks for no estimator."""
+    """What a file holds of a controller, without an estimator."""
     settings = None if controller.front_end is None else controller.front_end.settings
     network = network_of(controller.policy)
     return PendulumPolicy(network, controller.robot, float(controller.torque_limit), front_end=settings)
@@ -89,7 +89,7 @@ def policy_of(controller: PolicyController) -> PendulumPolicy:
 def save_controller(path: str | Path, controller: PolicyController, provenance: Mapping[str, Any]) -> None:
     """Write a controller as a policy file, with the robot, the torque limit and where it comes from.
 
-    An ``estimator`` in the provenance says that one goes before the policy, with these settings.
+    An ``estimator`` in the provenance holds the settings of an estimator before the policy.
 
     Raises:
         SwingupError: the file cannot be written.
@@ -100,14 +100,14 @@ def save_controller(path: str | Path, controller: PolicyController, provenance: 
 def load_policy(path: str | Path, robot: Robot | str | None = None) -> tuple[PolicyController, dict[str, Any]]:
     """Read a policy file as a controller of the pendulum, and its metadata.
 
-    This is the policy alone: ``get_controller`` puts the estimator before it that the metadata may ask for.
+    This is the policy alone. ``get_controller`` also makes the estimator that the metadata may describe.
 
     Args:
         path: the policy file.
         robot: the robot that it must be for, if any.
 
     Raises:
-        SwingupError: the file cannot be read, is no policy of a pendulum, asks for an impossible estimator, or is
+        SwingupError: the file cannot be read, is no policy of a pendulum, has an estimator that cannot work, or is
             for another robot.
     """
     policy = read_pendulum_policy(path, robot)
