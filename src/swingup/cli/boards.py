@@ -86,7 +86,7 @@ def check_command(
 
 @dataclass(frozen=True)
 class BoardCommands:
-    """The command ``leaderboard``, by rules and with entrants that a test may cut down."""
+    """The command ``leaderboard``, with rules and entrants as data: a test may cut them down."""
 
     rules: Mapping[str, BoardRules] = field(default_factory=lambda: BOARD_RULES)
     entrants: Sequence[str] | None = None
