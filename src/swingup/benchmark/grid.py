@@ -44,6 +44,7 @@ def make_cases(robot: Robot, rules: RobustnessRules, criterion: str, seed: int) 
         SwingupError: a value makes no pendulum, or is no disturbance.
     """
     nominal = leaderboard_parameters(robot)
+    # Room for pushes in every case: scenarios of one structure can be stacked.
     calm = undisturbed(rules.perturbations.pushes)
     if criterion == "model":
         made = list(_model_cases(nominal, calm, rules))

@@ -125,6 +125,7 @@ class BoardCommands:
                 mine = {name: get_controller(name, each) for name in split_commas(controller)}
                 made += boards_of.leaderboard(each, mine, version, seed, recompute, self.entrants, progress)
         if asked:
+            # Not tell(), which would escape the line ends of the table.
             print(tables.TABLE_FORMATS[asked[0]](made))
         else:
             tables.show_boards(made)

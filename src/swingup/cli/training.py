@@ -111,6 +111,7 @@ def _start(frames: int | None, options: dict[str, Any], out: str | None, changes
     chosen = default_options(options)
     preset = get_preset(chosen["preset"])
     settings = RunSettings(config=config_from_dict(vars(preset.config) | changes), **chosen)
+    # Ids of Gymnasium may contain signs that a folder's name cannot.
     name = settings.name.replace("/", "-").replace(":", "-")
     folder = out or f"runs/{name}-{settings.preset}-{settings.seed}"
     return start_run(settings, folder, frames or preset.frames)

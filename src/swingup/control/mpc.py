@@ -82,5 +82,6 @@ def mpc(reference: Reference, parameters: Parameters, robot: Robot, settings: MP
     time = np.linspace(0.0, reference.time[-1], round(reference.time[-1] / settings.dt))
     with jax.enable_x64(True):
         fitted = np.asarray(jax.vmap(fit)(jnp.asarray(time)))
+    # The faster Jacobian: each call iterates up to ten times.
     transition = PendulumTransition(parameters, robot.joint, settings.dt, exact=False)
     return MPC(transition, fitted[:, :4], fitted[:, 4], settings, robot)

@@ -17,6 +17,7 @@ STATE_COLUMNS = ("pos1", "pos2", "vel1", "vel2")
 TORQUE_COLUMNS = ("tau1", "tau2")
 GAIN_COLUMNS = tuple(f"K{joint}{entry}" for joint in (1, 2) for entry in (1, 2, 3, 4))
 
+# Plain names first: files for trajectory controllers hold these.
 _GROUPS = (
     (("time",),),
     (("pos1", "pos2"), ("pos_des1", "pos_des2"), ("pos_meas1", "pos_meas2")),
@@ -62,6 +63,7 @@ def load_reference_csv(path: str | Path, robot: Robot | str) -> Reference:
     columns = read_columns(path, _GROUPS, GAIN_COLUMNS)
     table = list(columns.values())
     time, states, torques = table[0], np.column_stack(table[1:5]), np.column_stack(table[5:7])
+    # The mean spacing: single differences carry the rounding of the file's decimals.
     dt = float(time[-1] / (len(time) - 1))
     if not np.allclose(time, dt * np.arange(len(time)), rtol=0, atol=SPACING_TOLERANCE):
         raise SwingupError(f"{path}: its times are not evenly spaced from 0 on: resample it")

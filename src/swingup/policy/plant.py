@@ -26,6 +26,7 @@ def make_plant(values: dict[str, float]) -> Lumped:
         SwingupError: one is missing.
     """
     try:
+        # The leaderboards' plant has no motor inertia, whatever the model's file says.
         return lump(SimpleNamespace(**{name: values[name] for name in PLANT_PARAMETERS}, gr=0.0, Ir=0.0))
     except KeyError as error:
         raise SwingupError(f"the model lacks parameter {error}: add it in SI units") from error

@@ -150,6 +150,7 @@ def _settings(metadata: Mapping[str, Any], key: str, kind: type[SettingsT]) -> S
     values: dict[str, Any] = {}
     for name, value in given.items():
         now = FORMER_NAMES.get(name, name)
+        # A file may hold both names of a renamed setting.
         if now in values:
             raise SwingupError(f"{key} gives {now} twice: keep one of its values")
         if now in known:

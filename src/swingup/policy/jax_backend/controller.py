@@ -51,9 +51,11 @@ class PolicyController(AbstractController[PolicyMemory | None]):
             return None, self._torque(x) * jnp.array(self.robot.actuation, x.dtype)
         pause, before = t - carry.time, carry.front_end
         going_on = (pause >= 0) & (pause <= 1.5 * self.front_end.settings.dt)
+        # A low-pass that has seen a value that is not finite would never recover.
         going_on &= jnp.isfinite(before.seen).all() & jnp.isfinite(x).all()
         memory = choose(going_on, self.front_end.measure(before, x), self.front_end.begin(x))
         command = self.front_end.command(memory, self._torque(memory.seen), self.robot)
+        # In the memory's own type: a compiled loop keeps the types of its carry.
         return PolicyMemory(jnp.asarray(t, carry.time.dtype), memory), command
 
     def _torque(self, seen: State) -> Scalar:

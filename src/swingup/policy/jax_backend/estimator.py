@@ -84,6 +84,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         kept = jnp.all(jnp.abs(x - followed.state)[2:] <= LOST * self.settings.velocity_noise)
         restarts = late | ~kept
         memory = _choose(restarts, self._restart(carry, x), followed)
+        # The filter's estimate is as old as the delay; the controller needs the present state.
         ahead = self._ahead(memory, dt)
         seen = _choose(restarts | ~jnp.all(jnp.isfinite(ahead)), x, ahead)
         inner, u = self.controller(carry.controller, t, seen)
@@ -91,6 +92,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         # The model gets the torque that the motor can give.
         newest = jnp.clip(u[joint], -limits[joint], limits[joint])
         torques = jnp.concatenate([newest[None], memory.torques[:-1]])
+        # In the memory's own type: a compiled loop keeps the types of its carry.
         now = jnp.asarray(t, carry.time.dtype)
         return replace(memory, time=now, torques=torques, controller=inner), u
 

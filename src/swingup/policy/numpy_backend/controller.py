@@ -61,6 +61,7 @@ class NumpyController:
             u = np.zeros(2)
             u[self._joint] = self._network(x)
         if self._estimator is not None:
+            # The command with friction compensation: the estimator needs what the motor was given.
             self._estimator.remember(float(u[self._joint]))
         return u
 

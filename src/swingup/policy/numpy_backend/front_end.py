@@ -37,6 +37,7 @@ class NumpyFrontEnd:
         """The filtered state for the state x (4,) (rad, rad/s) measured at time t (s)."""
         settings = self._settings
         going_on = 0 <= t - self._time <= 1.5 * settings.dt
+        # A low-pass that has seen a value that is not finite would never recover.
         restart = not (going_on and np.isfinite(self._seen).all() and np.isfinite(x).all())
         self._time = t
         self._rates = x[2:].copy() if restart else self._rates + settings.velocity_weight * (x[2:] - self._rates)
