@@ -48,6 +48,15 @@ CHANGES: dict[str, Change] = {
 }
 """The paper's ingredients, each removed alone."""
 
+TITLES = {
+    "paper-observation": "angles as in the paper",
+    "no-offset-repair": "values' mean not removed",
+    "temperature-0": "no entropy reward (τ = 0)",
+    "temperature-0.5": "less entropy reward (τ = 0.5, not 2)",
+    "no-random-truncation": "episodes not cut at random",
+}
+"""Titles of the picture's panels, by change."""
+
 SMOOTHED = 9
 """Evaluations whose median is a point of the picture: 0.6 million frames. A policy that falls scores 0."""
 
@@ -90,8 +99,10 @@ def main() -> None:
     if options.plot:
         curves = {name: smooth(study.of(name), SMOOTHED) for name in CHANGES}
         changes = [name for name in options.names if name != "default" and curves[name]]
-        panels = {name: {"default": curves["default"], "with the change": curves[name]} for name in changes}
-        draw(options.plot, panels, "RealAI score")
+        panels = {
+            TITLES[name]: {"default preset": curves["default"], "with the change": curves[name]} for name in changes
+        }
+        draw(options.plot, panels, "RealAI score (0 to 1)", sharey=True)
 
 
 if __name__ == "__main__":

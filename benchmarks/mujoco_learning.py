@@ -68,6 +68,8 @@ def sb3_ppo(task: str, seed: int, frames: int) -> Iterator[Point]:
 
 
 LEARNERS = {"areapo": areapo, "sb3-ppo": sb3_ppo}
+LABELS = {"areapo": "AR-EAPO (swingup)", "sb3-ppo": "PPO (Stable-Baselines3)"}
+"""Labels of the picture's lines, by learner."""
 
 
 def run(learner: str, task: str, seed: int, frames: int) -> list[Point]:
@@ -102,8 +104,8 @@ def main() -> None:
         last = [[curve["scores"][-1] for curve in study.of(task, learner)] for learner in options.learners]
         print(f"| {task} | {' | '.join(cell(values, digits=0) for values in last)} |")
     if options.plot:
-        panels = {task: {each: study.of(task, each) for each in options.learners} for task in options.tasks}
-        draw(options.plot, panels, "mean return")
+        panels = {task: {LABELS[each]: study.of(task, each) for each in options.learners} for task in options.tasks}
+        draw(options.plot, panels, "mean return (sum of rewards)")
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """Shared parts of the learning studies: a file of finished runs, a cell of a table, a picture of the curves."""
 
+import io
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,6 +14,9 @@ from swingup.files import write_atomically
 
 TAIL = 0.1
 """Share of a curve, at its end, whose median stands for the end."""
+
+THIN: dict[str, Any] = {"alpha": 0.35, "linewidth": 0.6}
+"""Look of one seed's line, beside the mean's."""
 
 
 class Curve(TypedDict):
@@ -78,30 +82,61 @@ def smooth(curves: Sequence[Curve], evaluations: int) -> list[Curve]:
     return [Curve(**{**curve, "scores": medians(curve["scores"])}) for curve in curves]
 
 
-def draw(path: Path, panels: Mapping[str, Mapping[str, Sequence[Curve]]], ylabel: str) -> None:
-    """A panel for each title, in it a line for each label: the mean over the seeds, and the seeds in faint."""
-    from swingup.report.look import legend_below, line_look, new_figure, render, styled
+def draw(
+    path: Path, panels: Mapping[str, Mapping[str, Sequence[Curve]]], ylabel: str, sharey: bool = False
+) -> None:
+    """Draw a panel for each title: for each label a thick line for the mean of the seeds, a thin one for each.
+
+    Args:
+        path: the picture's file.
+        panels: curves by title and label.
+        ylabel: what the scores are, with their unit.
+        sharey: whether scores of all panels have one scale.
+    """
+    from matplotlib.lines import Line2D
+
+    from swingup.report.style import legend_below, new_figure, render, styled
 
     columns = min(3, len(panels))
     rows = -(-len(panels) // columns)
     with styled():
-        figure = new_figure(max(5.6, 2.4 * columns), 0.9 + 2.0 * rows)
-        grid = figure.subplots(rows, columns, sharey="all" if rows > 1 else "none", squeeze=False)
+        figure = new_figure(max(5.6, 2.6 * columns), 0.9 + 2.1 * rows)
+        grid = figure.subplots(rows, columns, sharey=sharey, squeeze=False)
         for axes in np.ravel(grid)[len(panels) :]:
             axes.remove()
         entries: dict[str, Any] = {}
         for place, (axes, (title, lines)) in enumerate(zip(np.ravel(grid), panels.items(), strict=False)):
-            for k, (label, curves) in enumerate(lines.items()):
-                look = line_look(k)
-                for curve in curves:
-                    axes.plot(np.array(curve["frames"]) / 1e6, curve["scores"], **look, alpha=0.3, linewidth=0.6)
-                if curves:
-                    mean = np.mean([curve["scores"] for curve in curves], axis=0)
-                    (entries[label],) = axes.plot(np.array(curves[0]["frames"]) / 1e6, mean, **look)
-            axes.set(title=title, xlim=(0, None))
-            if place % columns == 0:
+            entries |= _draw_panel(axes, lines)
+            axes.set(title=title, xlim=(0, None), xlabel="frames (millions)")
+            # Panels with a common scale have its numbers on the left only.
+            if not sharey or place % columns == 0:
                 axes.set_ylabel(ylabel)
-            if place + columns >= len(panels):
-                axes.set_xlabel("frames (millions)")
+        entries["thick: mean of the seeds"] = Line2D([], [], color="black")
+        entries["thin: one seed"] = Line2D([], [], color="black", **THIN)
         legend_below(figure, [(line, label) for label, line in entries.items()])
-        write_atomically(path, render(figure, path.suffix))
+        picture = render(figure, path.suffix)
+    write_atomically(path, _small(picture) if path.suffix == ".png" else picture)
+
+
+def _draw_panel(axes: Any, lines: Mapping[str, Sequence[Curve]]) -> dict[str, Any]:
+    """The curves of one panel; returns the line of each label's mean."""
+    from swingup.report.style import line_look
+
+    entries = {}
+    for k, (label, curves) in enumerate(lines.items()):
+        for curve in curves:
+            axes.plot(np.array(curve["frames"]) / 1e6, curve["scores"], **line_look(k), **THIN)
+        if curves:
+            mean = np.mean([curve["scores"] for curve in curves], axis=0)
+            (entries[label],) = axes.plot(np.array(curves[0]["frames"]) / 1e6, mean, **line_look(k))
+    return entries
+
+
+def _small(png: bytes) -> bytes:
+    """The picture with a palette of 128 colours, a third of the size: these figures have few colours."""
+    from PIL import Image
+
+    file = io.BytesIO()
+    image = Image.open(io.BytesIO(png)).convert("RGB")
+    image.quantize(128, dither=Image.Dither.NONE).save(file, "PNG", optimize=True)
+    return file.getvalue()

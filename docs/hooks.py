@@ -1,22 +1,19 @@
-"""What the site needs besides the pages in docs/: pages whose source lies elsewhere, links to them, and equations.
+"""Site pages whose source is not in docs/, and the links between files of the repository.
 
-Nothing is copied by hand: README, cards, examples, the notebook and the source files that pages link to are read
-where they are.
+README, cards, examples and linked source files are read where they are, so that no copy can fall behind.
 """
 
 import ast
-import json
 import posixpath
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
-from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
-from mkdocs.structure.files import File, Files
+from mkdocs.structure.files import File, Files, InclusionLevel
 from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).resolve().parent.parent
-NOTEBOOK = "examples/08_first_steps.ipynb"
 
 ELSEWHERE = {
     "index.md": "README.md",
@@ -27,57 +24,81 @@ ELSEWHERE = {
 }
 """Pages of the site that are files of the repository outside of docs/."""
 
-PICTURES = {"curves.png": "benchmarks/curves.png"}
-
 LINK = re.compile(r"\[([^\]]*)\]\(([^)#\s]+)(#[^)\s]*)?\)")
 SOURCE_NAME = re.compile(r"\.py: (\w+)`$")
-"""In the text of a link to a source file: what the link is to, defined in that file."""
+"""The definition that a link to a source file names, at the end of the link's text."""
 
 SOURCE = re.compile(r"src/swingup/[\w/]+\.py")
-MATH = re.compile(r"^```math\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+PICTURE = re.compile(r".+\.(png|svg|gif|jpe?g)")
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages and pictures whose source is not in docs/."""
     contents = {page: (ROOT / source).read_text(encoding="utf-8") for page, source in ELSEWHERE.items()}
-    contents |= {"examples.md": _examples(), "first-steps.md": _notebook()}
-    contents |= {_code_page(source): _code(source) for source in _linked_sources()}
-    for page, content in contents.items():
+    for page, content in (contents | {"examples.md": _examples()}).items():
         files.append(File.generated(config, page, content=content))
-    for picture, source in PICTURES.items():
-        files.append(File.generated(config, picture, abs_src_path=str(ROOT / source)))
+    linked = {path for page in _sources() for path in _linked(page)}
+    for path in sorted(linked):
+        if SOURCE.fullmatch(path):
+            # Readers reach these pages by links: the navigation would be too long with them.
+            hidden = InclusionLevel.NOT_IN_NAV
+            files.append(File.generated(config, _code_page(path), content=_code(path), inclusion=hidden))
+        elif PICTURE.fullmatch(path) and not path.startswith("docs/"):
+            files.append(File.generated(config, _picture(path), abs_src_path=str(ROOT / path)))
     return files
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Point links between files of the repository to pages of the site, and write equations as MathML."""
+    """Point links between files of the repository to pages of the site."""
     uri = page.file.src_uri
-    folder = posixpath.dirname(ELSEWHERE.get(uri, f"docs/{uri}"))
+    source = ELSEWHERE.get(uri, f"docs/{uri}")
 
     def point(link: re.Match[str]) -> str:
         text, target, anchor = link.group(1), link.group(2), link.group(3) or ""
-        path = posixpath.normpath(posixpath.join(folder, target))
-        if "://" in target or not (ROOT / path).exists():
-            return link.group(0)  # not a file of the repository: MkDocs judges it
+        path = _path(source, target)
+        if path is None:
+            return link.group(0)  # MkDocs checks what is no file of the repository
         found = _page_of(path)
         name = SOURCE_NAME.search(text)
         if name:
             anchor = f"#{name.group(1).lower()}"
         return f"[{text}]({found}{anchor})" if found else text  # a file that the site does not show
 
-    return MATH.sub(lambda block: convert(block.group(1).strip(), display="block"), LINK.sub(point, markdown))
+    return LINK.sub(point, markdown)
+
+
+def _sources() -> list[str]:
+    """The repository's files whose links lead to more pages and pictures."""
+    pages = sorted((ROOT / "docs").glob("*.md"))
+    return [page.relative_to(ROOT).as_posix() for page in pages] + list(ELSEWHERE.values())
+
+
+def _linked(source: str) -> Iterator[str]:
+    """The files of the repository that a Markdown file links to."""
+    for link in LINK.finditer((ROOT / source).read_text(encoding="utf-8")):
+        path = _path(source, link.group(2))
+        if path is not None:
+            yield path
+
+
+def _path(source: str, target: str) -> str | None:
+    """The file or folder of the repository that a link in a Markdown file names, if there is one."""
+    path = posixpath.normpath(posixpath.join(posixpath.dirname(source), target))
+    return path if "://" not in target and not path.startswith("..") and (ROOT / path).exists() else None
 
 
 def _page_of(path: str) -> str | None:
     """The page or picture of the site for a file or folder of the repository."""
-    homes = {source: page for page, source in (ELSEWHERE | PICTURES).items()}
-    homes |= {"benchmarks": "benchmarks.md", "examples": "examples.md", NOTEBOOK: "first-steps.md"}
+    homes = {source: page for page, source in ELSEWHERE.items()}
+    homes |= {"benchmarks": "benchmarks.md", "examples/08_first_steps.ipynb": "first-steps.md"}
     if path in homes:
         return homes[path]
-    if path.startswith("examples/"):
+    if path == "examples" or path.startswith("examples/"):
         return "examples.md"
     if SOURCE.fullmatch(path):
         return _code_page(path)
+    if PICTURE.fullmatch(path):
+        return _picture(path)
     return path.removeprefix("docs/") if path.startswith("docs/") else None
 
 
@@ -85,10 +106,8 @@ def _code_page(source: str) -> str:
     return source.removeprefix("src/swingup/").removesuffix(".py") + ".md"
 
 
-def _linked_sources() -> set[str]:
-    """The source files that pages in docs/ link to."""
-    texts = (path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md"))
-    return {source for text in texts for source in SOURCE.findall(text)}
+def _picture(path: str) -> str:
+    return path.removeprefix("docs/")
 
 
 def _code(source: str) -> str:
@@ -115,10 +134,3 @@ def _examples() -> str:
     for path in sorted((ROOT / "examples").glob("[0-9]*.py")):
         parts.append(f"## {path.name}\n\n```python\n{path.read_text(encoding='utf-8')}```")
     return "\n\n".join(parts)
-
-
-def _notebook() -> str:
-    """The notebook's cells as Markdown; it is stored without outputs."""
-    cells = json.loads((ROOT / NOTEBOOK).read_text(encoding="utf-8"))["cells"]
-    texts = [("".join(cell["source"]), cell["cell_type"]) for cell in cells]
-    return "\n\n".join(text if kind == "markdown" else f"```python\n{text}\n```" for text, kind in texts)

@@ -182,10 +182,30 @@ def test_links_to_code_name_what_is_there():
         assert not name or re.search(rf"^(def |class )?{name}\b", source, re.MULTILINE), f"{file}: {name}"
 
 
-def test_the_notebook_is_stored_without_outputs():
+def test_the_notebook_is_stored_with_its_outputs():
+    assert NOTEBOOK.stat().st_size < 400_000
     cells = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
     code = [cell for cell in cells if cell["cell_type"] == "code"]
-    assert all(cell["outputs"] == [] and cell["execution_count"] is None for cell in code)
+    assert [cell["execution_count"] for cell in code] == [1, 2, 3, 4]  # run once, from above
+    outputs = [output for cell in code for output in cell["outputs"]]
+    assert sum("image/png" in output.get("data", {}) for output in outputs) == 2
+    printed = "".join("".join(output.get("text", "")) for output in outputs)
+    assert "507,904 frames" in printed
+    assert "shipped: score 0.694" in printed
+
+
+def test_the_stored_notebook_names_no_machine():
+    notebook = json.loads(NOTEBOOK.read_text(encoding="utf-8"))
+    assert notebook["metadata"] == {
+        "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
+        "language_info": {"name": "python"},
+    }
+    for cell in notebook["cells"]:
+        assert cell["metadata"] == {}  # where Jupyter notes the time at which a cell ran
+        for output in cell.get("outputs", []):
+            texts = ["".join(output.get("text", "")), "".join(output.get("data", {}).get("text/plain", ""))]
+            assert re.findall(r"(?<![\w.])/\w+/|\b[A-Z]:\\|~/", "\n".join(texts)) == []
+            assert output.get("name") != "stderr"
 
 
 @pytest.mark.slow

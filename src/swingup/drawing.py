@@ -1,4 +1,4 @@
-"""One picture of the double pendulum, drawn with Pillow, which is imported only when something is drawn."""
+"""One picture of the double pendulum. Pillow is imported only when something is drawn."""
 
 import math
 from collections.abc import Sequence
@@ -17,10 +17,10 @@ Point: TypeAlias = tuple[float, float]
 Reals: TypeAlias = Sequence[float] | np.ndarray
 
 SUPERSAMPLING = 4
-"""Pixels are drawn this many times finer in each direction, then averaged."""
+"""The picture is drawn this many times larger in each direction, then averaged: edges become smooth."""
 MARGIN = 1.15
 """Half the width of the picture in units of l1 + l2."""
-GOAL = 0.9
+GOAL_HEIGHT = 0.9
 """Height of the goal line above the shoulder in units of l1 + l2."""
 FULL_ARC = 150.0
 """Length of the arrow that stands for the leaderboards' torque limit (degrees)."""
@@ -34,7 +34,7 @@ def draw_frame(
     """Draw one state of the double pendulum and the goal line at 0.9 (l1 + l2) above the shoulder, in RGB.
 
     Args:
-        x: state [q1, q2, dq1, dq2] (rad, rad/s), counter-clockwise from hanging down; the rates do not show.
+        x: state [q1, q2, dq1, dq2] (rad, rad/s), counter-clockwise from hanging down; the rates are not drawn.
         l1: length of link 1 (m).
         l2: length of link 2 (m).
         size: width and height of the picture (pixels).
@@ -77,7 +77,7 @@ def _draw_scenery(canvas: "ImageDraw", shoulder: Point, reach: float, unit: floa
     canvas.circle(shoulder, reach, outline=GUIDE, width=round(0.4 * unit))
     canvas.polygon(((x, y), (x - half, y + depth), (x + half, y + depth)), fill=GUIDE)
     canvas.line((x - 1.5 * half, y + depth, x + 1.5 * half, y + depth), fill=BASE, width=round(0.9 * unit))
-    goal = y - GOAL * reach
+    goal = y - GOAL_HEIGHT * reach
     for dash in range(0, 100, 4):
         canvas.line((dash * unit, goal, (dash + 2.4) * unit, goal), fill=GREEN, width=round(0.7 * unit))
 
@@ -89,7 +89,7 @@ def _draw_torque(canvas: "ImageDraw", centre: Point, torque: float, unit: float)
         return
     radius, head = 6.5 * unit, math.copysign(0.5, sweep)
     box = (centre[0] - radius, centre[1] - radius, centre[0] + radius, centre[1] + radius)
-    first, last = sorted((-90.0, -90.0 - math.degrees(sweep)))  # Pillow's angles: clockwise from the right
+    first, last = sorted((-90.0, -90.0 - math.degrees(sweep)))  # Pillow's angles count clockwise from the right
     canvas.arc(box, first, last, fill=DRIVEN, width=round(1.1 * unit))
     corners = ((sweep, radius - 2 * unit), (sweep, radius + 2 * unit), (sweep + head, radius))
     canvas.polygon([_along(centre, math.pi + angle, distance) for angle, distance in corners], fill=DRIVEN)

@@ -15,6 +15,21 @@ from swingup.report.make import describe_disturbance, make_show
 NASTY = "</script><img src=x onerror=alert(1)> $$x^2$$"
 """A controller's name that must be shown as it is."""
 
+EVIL = (
+    "</script><script>window.attacked = 1</script>",
+    '"><img src=x onerror="window.attacked = 2">',
+    "' onmouseover='window.attacked = 3",
+    "<!--<script>",
+    "{{ 7 * 7 }}{% raw %}",
+    "line\nbreak\r\tand \u2028 \u202e separators",
+    "\x00\x1b[31mcontrol",
+    "\udcff not UTF-8",
+    "$$\\href{javascript:window.attacked=4}{x}$$",
+    "@percent{safe}<b>",
+    "\\u003cimg src=x onerror=window.attacked=5>",
+    "&lt;img src=x onerror=window.attacked=6&gt;",
+)
+"""Names that attack the markup, the scripts, the plots or the terminal."""
 
 HANGING = Trajectory(0.01 * np.arange(1000), np.zeros((1000, 4)), np.zeros((1000, 2)))
 
@@ -47,6 +62,21 @@ def make_section(robot: Robot) -> Section:
         disturbance=describe_disturbance(0),
         policy=policy,
     )
+
+
+def make_evil_section() -> Section:
+    """A section whose names, sources, remarks and notes all attack."""
+    boards = []
+    for measure in ("performance", "robustness"):
+        value = 80.0 if measure == "robustness" else 0.5  # bars to hover over, in percent
+        rows = [
+            Row(name, OURS if k % 2 else name, dict.fromkeys(BOARDS[measure], value), name)
+            for k, name in enumerate(EVIL)
+        ]
+        boards.append(Board("acrobot", measure, "v2", 0, tuple(rows)))
+    shows = [Show(name, HANGING, HANGING, name) for name in EVIL]
+    parameters = leaderboard_parameters(ROBOTS["acrobot"])
+    return Section("acrobot", parameters, boards, shows, f"Disturbed {EVIL[0]}")
 
 
 def make_sections() -> list[Section]:

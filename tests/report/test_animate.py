@@ -1,7 +1,9 @@
+import io
 import json
 import math
 import subprocess
 import sys
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from swingup.drawing import draw_frame
 from swingup.errors import SwingupError
 from swingup.report import animate as films
 from swingup.report.animate import animate
+from swingup.report.gif import encode_gif
 
 FAKE = """#!{python}
 import json, pathlib, sys
@@ -87,6 +90,30 @@ def test_gif_pictures_are_the_drawings(tmp_path):
         assert error.max() < 64
 
 
+def test_gif_holds_few_frames_at_once():
+    def frames():
+        for k in range(500):
+            frame = np.full((128, 128, 3), 251, np.uint8)
+            frame[k % 128, :8] = 0
+            yield frame
+
+    encode_gif(frames(), 25)  # imports
+    tracemalloc.start()
+    content = encode_gif(frames(), 25)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 3e6  # 500 frames are 25 MB in RGB and 8 MB as indices of colours
+    with Image.open(io.BytesIO(content)) as film:
+        assert film.n_frames == 500
+
+
+def test_a_delay_beyond_the_formats_largest_is_divided(tmp_path):
+    frame = np.full((32, 32, 3), 251, np.uint8)
+    (tmp_path / "film.gif").write_bytes(encode_gif(iter([frame] * 1000), 1))
+    # The largest delay is 65,535 hundredths of a second.
+    assert read(tmp_path / "film.gif")[1] == [655_350, 344_650]
+
+
 def test_gif_of_ten_seconds_is_small(tmp_path):
     animate(swing(duration=10.0, turns=5), "acrobot", tmp_path / "film.gif")
     assert (tmp_path / "film.gif").stat().st_size < 2_000_000
@@ -134,7 +161,7 @@ def test_mp4_pipes_every_picture_into_ffmpeg(tmp_path, program):
 
 def test_ffmpeg_that_fails_is_reported(tmp_path, program):
     program(BROKEN)
-    with pytest.raises(SwingupError, match=r"failed \(Unknown encoder\): mend it or write a .gif"):
+    with pytest.raises(SwingupError, match=r"failed \(Unknown encoder\): repair it or write a .gif"):
         animate(swing(), "acrobot", tmp_path / "film.mp4", size=320)
     assert not (tmp_path / "film.mp4").exists()
 
@@ -168,15 +195,19 @@ def test_mp4_by_a_real_encoder(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        ({"fps": 0}, "fps = 0: use 1 to 50 pictures a second"),
-        ({"fps": 60}, "fps = 60: use 1 to 50"),
-        ({"fps": math.nan}, "fps = nan: use 1 to 50"),
-        ({"size": 8}, "size = 8: use 32 to 2048 pixels"),
-        ({"size": 100_000}, "size = 100000: use 32"),
-        ({"speed": 0.0}, "speed = 0: use a positive number"),
-        ({"speed": -1.0}, "speed = -1: use a positive number"),
+        ({"fps": 0}, "fps = 0: use a number from 1 to 50 frames a second"),
+        ({"fps": 60}, "fps = 60: use a number from 1 to 50"),
+        ({"fps": math.nan}, "fps = nan: use a number from 1 to 50"),
+        ({"fps": "fast\n"}, r"fps = 'fast\\n': use a number"),
+        ({"size": 8}, r"size \(pixels\) = 8: use a whole number from 32 to 2048"),
+        ({"size": 100_000}, r"size \(pixels\) = 100000: use a whole number from 32"),
+        ({"speed": 0.0}, "speed = 0.0: use a positive number"),
+        ({"speed": -1.0}, "speed = -1.0: use a positive number"),
         ({"speed": math.inf}, "speed = inf: use a positive number"),
-        ({"speed": 1e-5}, "more than 10000 pictures: raise the speed or lower fps"),
+        ({"speed": 1e-5}, "more than 10000 frames: raise the speed or lower fps"),
+        ({"speed": 1e-320}, "a film of inf s has more than 10000 frames"),
+        # 2 s / 0.01 * 25 = 5000 frames of 2048 * 2048 = 4.2 million pixels.
+        ({"speed": 0.01, "size": 2048}, "5000 frames of 2048 x 2048 pixels is too large"),
         ({"robot": "cartpole"}, "unknown robot 'cartpole'"),
     ],
 )

@@ -15,8 +15,9 @@ from swingup.physics.integrate import rk4_step
 from swingup.physics.parameters import NAMES, ROBOTS, identified_parameters, leaderboard_parameters
 from swingup.policy.jax_backend.controller import shipped_policy
 from swingup.report.page import render_page
+from swingup.text import one_line
 
-from .pages import NASTY, make_sections
+from .pages import EVIL, NASTY, make_evil_section, make_sections
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 CHROMIUM = shutil.which("chromium")
@@ -75,7 +76,7 @@ def page(loaded, address):
     """The one page, at rest: nothing plays or runs; no test may make it complain or ask for anything."""
     loaded.evaluate("""() => {
         swingup.players.forEach((player) => { player.pause(); player.select(0); player.seek(0); });
-        Object.values(swingup.live).forEach((live) => { live.pause(); live.setPolicy(true); live.reset(); });
+        Object.values(swingup.live).forEach((live) => { delete live.run; live.reset(); });
     }""")
     yield loaded
     assert loaded.complaints == []
@@ -124,6 +125,19 @@ def test_tables_and_plots_are_rendered(page):
     lengths = models(page, """all.filter((model) => model.name === "clean" && model.type === "ColumnDataSource")
         .map((model) => model.data.t.length)""")  # fmt: skip
     assert lengths == 6 * [1000]
+
+
+def test_the_page_explains_its_words(page):
+    terms = page.locator(".primer dt").all_inner_texts()
+    assert terms == ["Two links, one motor", "Acrobot and pendubot", "AR-EAPO", "Scores"]
+    text = page.locator(".primer").inner_text()
+    for words in ("at the elbow", "at the shoulder", "reinforcement learning", "RealAI score", "robustness score"):
+        assert words in text
+    assert page.locator(".primer").bounding_box()["height"] < 500  # at 1280 pixels: short
+    above = page.evaluate(
+        "document.querySelector('.primer').compareDocumentPosition(document.querySelector('.robot'))"
+    )
+    assert above == 4  # before the first robot
 
 
 def test_names_are_shown_as_they_are(page):
@@ -224,14 +238,12 @@ def test_the_live_pendulum_swings_up_and_recovers_from_a_pull(page, sections, in
     live, canvas = f"swingup.live.{section.robot}", page.locator(f"#{section.robot} .live canvas")
     canvas.scroll_into_view_if_needed()
     before = picture(page, f"#{section.robot} .live canvas")
-    page.locator(f"#{section.robot} [data-do=pause]").click()
-    wait_until(lambda: page.evaluate(f"{live}.time") > 0.2)  # it runs by itself
+    page.locator(f"#{section.robot} [data-do=policy]").click()
+    wait_until(lambda: page.evaluate(f"{live}.time") > 0.2)  # it runs by itself from then on
     assert picture(page, f"#{section.robot} .live canvas") != before
     page.evaluate(f"{live}.advance(8)")
     assert is_upright(page.evaluate(f"{live}.x"))
-    # From here on time passes only as this test lets it: what a pull does depends on its length.
-    page.evaluate(f"{live}.visible = false")
-    wait_until(lambda: not page.evaluate(f"{live}.running"))
+    freeze(page, live)  # what a pull does depends on its length
     box = canvas.bounding_box()
     middle, scale = box["x"] + box["width"] / 2, box["width"] / 1.15  # 1 m is the full height of the picture
     shoulder, top = box["y"] + box["height"] / 2, box["y"] + box["height"] * (0.5 - 0.5 / 1.15)
@@ -262,13 +274,12 @@ def test_the_live_pendulum_swings_up_and_recovers_from_a_pull(page, sections, in
     page.mouse.up()
     page.evaluate(f"{live}.advance(8)")
     assert is_upright(page.evaluate(f"{live}.x"))
-    page.evaluate(f"{live}.visible = true")
 
 
 def test_pushes_act_on_both_joints_and_pass(page):
     for robot in ROBOTS:
         live = f"swingup.live.{robot}"
-        page.evaluate(f"{live}.setPolicy(false); {live}.push([3, 0], 0.02); {live}.pause(); {live}.advance(0.002)")
+        page.evaluate(f"{live}.push([3, 0], 0.02); {live}.pause(); {live}.advance(0.002)")
         first = page.evaluate(f"{live}.x")
         with jax.enable_x64(True):
             parameters = leaderboard_parameters(ROBOTS[robot])
@@ -295,10 +306,13 @@ def test_a_force_is_a_joint_torque_by_the_jacobian(page):
 
 def test_live_buttons(page):
     root, live = page.locator("#pendubot .live"), "swingup.live.pendubot"
-    root.locator("[data-do=policy]").click()
-    assert root.locator("[data-do=policy]").get_attribute("aria-pressed") == "false"
     page.evaluate(f"{live}.advance(1)")
     assert page.evaluate(f"{live}.x") == [0, 0, 0, 0]  # it hangs without a policy
+    root.locator("[data-do=policy]").click()
+    assert root.locator("[data-do=policy]").inner_text() == "Motor off"
+    root.locator("[data-do=policy]").click()
+    assert root.locator("[data-do=policy]").inner_text() == "Swing up"
+    root.locator("[data-do=reset]").click()
     root.locator("[data-do=right]").press("Enter")
     assert root.locator("[data-do=pause]").inner_text() == "Pause"
     page.evaluate(f"{live}.advance(0.2)")
@@ -371,20 +385,98 @@ def test_the_closed_loop_is_pythons(page, robot):
     np.testing.assert_allclose(rows["u"], expected.u, rtol=0, atol=1e-7)
 
 
-def test_reduced_motion_starts_nothing(browser, address):
-    page = open_page(browser, address, reduced_motion="reduce")
-    page.wait_for_timeout(200)
-    assert page.evaluate("Object.values(swingup.live).map((live) => live.time)") == [0, 0]
-    page.locator("#acrobot [data-do=pause]").click()
-    wait_until(lambda: page.evaluate("swingup.live.acrobot.time") > 0)
-    page.close()
-
-
-def test_without_a_wish_the_live_pendulum_runs_at_once(browser, address):
+def test_the_live_pendulum_hangs_until_it_is_asked(browser, address):
     page = open_page(browser, address)
+    page.wait_for_timeout(200)
+    state = page.evaluate("Object.values(swingup.live).map((live) => [live.time, live.policyOn])")
+    assert state == [[0, False], [0, False]]
+    page.locator("#acrobot [data-do=policy]").click()
     wait_until(lambda: page.evaluate("swingup.live.acrobot.time") > 0.1)
-    assert page.evaluate("swingup.live.pendubot.time") == 0  # out of sight
+    assert page.evaluate("swingup.live.pendubot.time") == 0
     page.close()
+
+
+TIPS = """() => {
+    const inside = (node) => [...node.querySelectorAll("*")].flatMap((element) =>
+        element.shadowRoot ? [element, ...inside(element.shadowRoot)] : [element]);
+    return inside(document).filter((element) => element.className === "bk-tooltip-row-value")
+        .map((element) => element.textContent.trim());
+}"""
+"""Values in the tips of the plots."""
+
+
+def test_foreign_names_run_no_code(browser, tmp_path):
+    file = tmp_path / "evil.html"
+    file.write_text(render_page([make_evil_section()], title=f"Evil {EVIL[0]}"), encoding="utf-8")
+    page = open_page(browser, file.as_uri())
+    for index in range(len(EVIL)):
+        page.evaluate(f"document.querySelectorAll('.choice input')[{index}].click()")
+    plot = page.locator("[data-plot=robustness]")
+    plot.scroll_into_view_if_needed()
+    box = plot.bounding_box()
+    tips = set()
+    for x in range(70, 270, 8):  # the bars of the first criterion
+        page.mouse.move(box["x"] + x, box["y"] + 0.6 * box["height"])
+        page.wait_for_timeout(20)
+        tips.update(page.evaluate(TIPS))
+    assert len(tips & {one_line(name) for name in EVIL}) >= 3  # as text, where names of ours stand alone
+    assert page.evaluate("window.attacked") is None
+    assert page.complaints == []
+    assert set(page.requests) == {file.as_uri()}
+    assert page.locator(".choice span").all_inner_texts() == [one_line(name) for name in EVIL]
+    page.close()
+
+
+def freeze(page, live):
+    """From here on time passes only as the test lets it, until the next test."""
+    page.evaluate(f"{live}.run = () => null; {live}.pause()")
+    wait_until(lambda: not page.evaluate(f"{live}.running"))
+
+
+@pytest.mark.parametrize(("key", "force"), [("ArrowRight", [1, 0]), ("ArrowLeft", [-1, 0]), ("ArrowUp", [0, 1])])
+def test_an_arrow_key_pushes_the_tip(page, robot, key, force):
+    live, canvas = f"swingup.live.{robot.name}", page.locator(f"#{robot.name} .live canvas")
+    start = [0.7, -0.4, 0, 0]
+    canvas.focus()
+    freeze(page, live)
+    page.evaluate("addEventListener('keydown', (event) => (window.taken = event.defaultPrevented), { once: true })")
+    page.evaluate(f"{live}.x = {start}")
+    before = picture(page, f"#{robot.name} .live canvas")
+    canvas.press(key)
+    page.evaluate(f"{live}.advance(0.002)")
+    assert page.evaluate("window.taken")  # the key does not scroll as well
+    assert picture(page, f"#{robot.name} .live canvas") != before  # the push shows
+    expected = page.evaluate(
+        """([robot, x, force]) => {
+            const p = swingup.robots[robot].parameters;
+            return swingup.physics.rk4Step(p, x, swingup.physics.torqueOfForce(p, x, 1, p.l2, force), 0.002);
+        }""",
+        [robot.name, start, force],
+    )
+    assert page.evaluate(f"{live}.x") == expected
+    page.evaluate(f"{live}.advance(0.2)")
+    assert page.evaluate(f"{live}.pushes.length") == 0
+
+
+def test_an_upright_pendulum_recovers_from_arrow_keys(page, robot):
+    live, root = f"swingup.live.{robot.name}", page.locator(f"#{robot.name} .live")
+    root.locator("[data-do=policy]").click()
+    freeze(page, live)
+    page.evaluate(f"{live}.advance(8)")
+    assert is_upright(page.evaluate(f"{live}.x"))
+    root.locator("[data-do=policy]").press("ArrowRight")  # the focus is on the button
+    page.evaluate(f"{live}.advance(0.1)")
+    assert not np.allclose(page.evaluate(f"{live}.x.slice(2)"), 0, atol=0.05)
+    page.evaluate(f"{live}.advance(8)")
+    assert is_upright(page.evaluate(f"{live}.x"))
+
+
+def test_arrow_keys_outside_a_pendulum_keep_their_meaning(page):
+    slider = page.locator("#acrobot input[type=range]")
+    slider.scroll_into_view_if_needed()
+    slider.press("ArrowRight")
+    page.locator("#acrobot .choice input").first.press("ArrowRight")
+    assert page.evaluate("Object.values(swingup.live).map((live) => live.pushes.length)") == [0, 0]
 
 
 def test_narrow_and_dark(page):

@@ -10,9 +10,9 @@ import equinox as eqx
 import numpy as np
 import pytest
 
-from swingup.benchmark import leaderboard as boards
 from swingup.benchmark.leaderboard import Board, Row
 from swingup.benchmark.rollout import Trajectory
+from swingup.cli import main, output, pictures
 from swingup.control.registry import get_controller
 from swingup.errors import SwingupError
 from swingup.physics.parameters import ROBOTS, leaderboard_parameters
@@ -21,8 +21,9 @@ from swingup.policy.jax_backend.observation import AbstractStage
 from swingup.report import make
 from swingup.report.content import encode_section
 from swingup.report.page import Section, Show, render_page
+from swingup.text import one_line
 
-from .pages import NASTY, make_board, make_section, without_shows
+from .pages import EVIL, NASTY, make_board, make_evil_section, make_section, without_shows
 
 ACROBOT = ROBOTS["acrobot"]
 
@@ -72,6 +73,58 @@ def test_names_and_remarks_are_text(html):
     assert "it is &lt;b&gt;not&lt;/b&gt; a controller" in html
     assert "<title>Tables &amp; &lt;plots&gt;</title>" in html
     assert [show["name"] for show in data_of(html)["sections"][0]["shows"]] == ["refined", NASTY]
+
+
+def test_foreign_names_are_escaped_everywhere():
+    html = render_page([make_evil_section()], title=EVIL[0])
+    assert len(re.findall("</script>", html)) == 3
+    own = html[: html.index('<script type="application/json"')]
+    assert "attacked" in own
+    assert not re.search(r"<script|<img|onmouseover='", own)
+    assert all(letter.isprintable() or letter == "\n" for letter in own)
+    assert "line break and \\u202e separators" in own
+    shown = [show["name"] for show in data_of(html)["sections"][0]["shows"]]
+    assert shown == [one_line(name) for name in EVIL]
+    html.encode("utf-8")  # no lone surrogate is left
+
+
+def test_stages_are_told_before_they_begin(monkeypatch):
+    told = []
+
+    def leaderboard(robot, controllers, seed, progress):
+        progress("mine\n, performance", 0, 1)
+        told.append("boards")
+        return []
+
+    monkeypatch.setattr(make, "leaderboard", leaderboard)
+    monkeypatch.setattr(make, "make_show", lambda name, *_: told.append(name) or Show(name, None, None))
+    make.make_section(
+        "pendubot", {"mine\n": object()}, progress=lambda *stage: told.append(stage), entrants=("tvlqr",)
+    )
+    assert told == [
+        ("pendubot: mine , performance", 0, 1),
+        "boards",
+        ("pendubot: swing-ups of tvlqr", 0, 2),
+        "tvlqr",
+        ("pendubot: swing-ups of mine", 1, 2),
+        "mine\n",
+        ("pendubot: finished", 2, 2),
+    ]
+
+
+def test_the_command_shows_its_progress_on_standard_error(monkeypatch, capsys, tmp_path):
+    def make_section(robot, controllers, seed, progress):
+        progress(f"{robot.name}: evil\n\x1b[31m[red]", 3, 7)
+        return robot.name
+
+    monkeypatch.setattr(pictures, "make_section", make_section)
+    monkeypatch.setattr(pictures, "render_page", ", ".join)
+    monkeypatch.setattr(output, "SECONDS_BETWEEN_LINES", 0.0)
+    assert main(["report", "--out", str(tmp_path / "report.html")]) == 0
+    told = capsys.readouterr()
+    assert told.err.splitlines() == [rf"{name}: evil\n\x1b[31m[red]: 3 of 7" for name in ("acrobot", "pendubot")]
+    assert told.out == f"{tmp_path}/report.html (0.0 MB)\n"
+    assert (tmp_path / "report.html").read_text(encoding="utf-8") == "acrobot, pendubot"
 
 
 def test_tables_show_the_boards_rows_in_order(html):
@@ -171,14 +224,14 @@ def test_sections_judge_everybody_with_one_disturbance(monkeypatch):
     policy = get_controller("refined", ACROBOT)
     asked = []
 
-    def leaderboard(robot, controllers, seed):
+    def leaderboard(robot, controllers, seed, progress):
         asked.append((robot.name, list(controllers), seed))
         return [make_board(robot, "performance")]
 
     monkeypatch.setattr(make, "leaderboard", leaderboard)
-    monkeypatch.setattr(boards, "ENTRANTS", ("refined",))
     mine = {"mine": policy, "none": "no controller"}
-    html = render_page([make.make_section(robot, mine, seed=3) for robot in ("acrobot", "pendubot")])
+    sections = [make.make_section(robot, mine, seed=3, entrants=("refined",)) for robot in ("acrobot", "pendubot")]
+    html = render_page(sections)
     assert asked == [(name, ["mine", "none"], 3) for name in ("acrobot", "pendubot")]
     first, second = data_of(html)["sections"]
     assert [show["name"] for show in first["shows"]] == ["refined", "mine"]

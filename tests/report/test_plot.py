@@ -1,7 +1,9 @@
 import json
 import math
+import re
 import subprocess
 import sys
+from xml.etree import ElementTree
 
 import matplotlib
 import numpy as np
@@ -12,9 +14,9 @@ from swingup.benchmark.rules import CRITERIA
 from swingup.benchmark.trajectory_file import save_trajectory
 from swingup.errors import SwingupError
 from swingup.report.files import make_labels
-from swingup.report.look import render
 from swingup.report.plot import goals, plot_curves, plot_phase, plot_robustness, plot_trajectories, unwrapped
-from swingup.report.save import KINDS, save_plot
+from swingup.report.save import PLOT_KINDS, save_plot
+from swingup.report.style import render
 
 
 def swing(turns=0.5, joint=1, rows=1001, dt=0.01):
@@ -169,7 +171,7 @@ def test_bars_are_as_high_as_the_percentages():
     # Two groups of bars, one on each side of the tick.
     assert axes.containers[0][0].get_x() < -0.1
     assert axes.containers[1][0].get_x() >= 0.0
-    assert axes.get_ylabel() == "success (%)"
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("criterion", "success (%)")
     assert legend_texts(figure.legends[0]) == ["ours, 0.500", "theirs, 0.900"]
 
 
@@ -201,14 +203,15 @@ def test_many_controllers_look_different():
         ({}, "holds no robustness score"),
         ({"robot": "acrobot", "score": 0.6}, "holds no robustness score"),
         (dict.fromkeys(CRITERIA), "holds no robustness score"),
-        (result(model="high"), "model = 'high' is not from 0 to 100"),
-        (result(delay=101.0), "delay = 101.0 is not from 0 to 100"),
-        (result(delay=math.nan), "delay = nan is not"),
-        (result(model=True), "model = True is not"),
-        (result(overall=71.0), "overall = 71.0 is not from 0 to 1"),
+        (result(model="high"), "model = 'high': use a number from 0 to 100"),
+        (result(delay=101.0), "delay = 101.0: use a number from 0 to 100"),
+        (result(delay=math.nan), "delay = nan: use"),
+        (result(model=True), "model = True: use"),
+        (result(overall=71.0), "overall = 71.0: use a number from 0 to 1"),
         (result(intervals=[1, 2]), r"intervals = \[1, 2\] are no object"),
         (result(intervals={"model": 3}), "interval of model = 3 is no pair"),
-        (result(intervals={"model": [1, None]}), r"interval of model = \[1, None\] is no pair"),
+        (result(intervals={"model": [1, None]}), "interval of model = None: use a number from 0 to 100"),
+        (result(intervals={"model": [1, 101]}), "interval of model = 101: use a number from 0 to 100"),
     ],
 )
 def test_other_shapes_are_no_robustness(given, reason):
@@ -231,14 +234,14 @@ def test_curves_show_reward_and_score_of_every_seed():
     np.testing.assert_allclose([line.get_ydata() for line in dots], [[0, 0.4, 0.2], [0, 0.45, 0.25], [0, 0.5, 0.3]])
     np.testing.assert_allclose([line.get_ydata() for line in best], [[0, 0.4, 0.4], [0, 0.45, 0.45], [0, 0.5, 0.5]])
     assert scores.get_xlabel() == "frames (millions)"
-    assert (rewards.get_ylabel(), scores.get_ylabel()) == ("mean reward of a step", "best RealAI score")
+    assert (rewards.get_ylabel(), scores.get_ylabel()) == ("mean reward per step (–)", "best RealAI score (0 to 1)")
     assert legend_texts(figure.legends[0]) == ["a (2 seeds)", "b", "one evaluation"]
 
 
 def test_the_curves_of_a_task_judged_by_episodes_show_returns():
     rows = [{**row, "score": -100.0 + k, "mean_length": 200.0} for k, row in enumerate(curve())]
     scores = plot_curves({"a": rows}).axes[1]
-    assert scores.get_ylabel() == "best mean return"
+    assert scores.get_ylabel() == "best mean return (–)"
     assert scores.get_ylim()[0] < -99.0
 
 
@@ -256,11 +259,11 @@ def test_curves_have_gaps_where_nothing_was_measured():
     [
         ([], "has no rows of metrics"),
         ([{"seed": 0, "frames": 1}], "has neither reward nor score"),
-        ([{"seed": 0, "frames": "many", "score": 0.5}], "frames = 'many' is no finite number"),
-        ([{"seed": 0, "score": 0.5}], "frames = 'missing' is no finite number"),
-        ([{"seed": 0, "frames": 1, "score": [0.5]}], r"score = \[0.5\] is no finite number"),
-        ([{"seed": 0, "frames": 1, "score": math.inf}], "score = inf is no finite number"),
-        ([{"seed": [0], "frames": 1, "score": 0.5}], r"seed = \[0\] is no number"),
+        ([{"seed": 0, "frames": "many", "score": 0.5}], "frames = 'many': use a number from 0"),
+        ([{"seed": 0, "score": 0.5}], "frames = None: use a number"),
+        ([{"seed": 0, "frames": 1, "score": [0.5]}], r"score = \[0.5\]: use a number"),
+        ([{"seed": 0, "frames": 1, "score": math.inf}], "score = inf: use a number"),
+        ([{"seed": [0], "frames": 1, "score": 0.5}], r"seed = \[0\]: use a whole number"),
     ],
 )
 def test_rows_without_a_curve_are_refused(rows, reason):
@@ -269,6 +272,32 @@ def test_rows_without_a_curve_are_refused(rows, reason):
 
 
 # All figures
+
+QUANTITY = r".+ \((rad|rad/s|s|N m|%|millions|0 to 1|–)\)"
+"""A label and its unit; quantities without one have their range or a dash."""
+
+
+def axis_label(axes, direction):
+    """The label of an axis, or of the panel that shows the shared axis."""
+    group = getattr(axes, f"get_shared_{direction}_axes")().get_siblings(axes)
+    labels = {getattr(each, f"get_{direction}label")() for each in group} - {""}
+    assert len(labels) == 1
+    return labels.pop()
+
+
+@pytest.mark.parametrize(
+    "figure",
+    [
+        pytest.param(lambda: plot_trajectories({"a": swing(), "b": swing()}, "acrobot"), id="trajectory"),
+        pytest.param(lambda: plot_phase({"a": swing()}, "pendubot"), id="phase"),
+        pytest.param(lambda: plot_robustness({"a": result()}), id="robustness"),
+        pytest.param(lambda: plot_curves({"a": curve()}), id="curve"),
+        pytest.param(lambda: plot_curves({"a": [{**row, "mean_length": 9.0} for row in curve()]}), id="returns"),
+    ],
+)
+def test_every_axis_has_a_label_and_a_unit(figure):
+    labels = {axis_label(axes, direction) for axes in figure().axes for direction in ("x", "y")}
+    assert all(re.fullmatch(QUANTITY, label) for label in labels - {"criterion"})  # criteria are names
 
 
 @pytest.mark.parametrize(
@@ -301,7 +330,7 @@ def test_malformed_trajectories_are_refused(draw, change, reason):
 
 
 def test_figures_do_not_depend_on_names():
-    names = ("_hidden", "cost in $", "$x_1", "x" * 300, "a_b")
+    names = ("_hidden", "cost in $", "$x_1", "x" * 300, "a_b", "--></svg>\x1b\n\udcff")
     for figure in (
         plot_trajectories({name: swing() for name in names}, "acrobot"),
         plot_phase({name: swing() for name in names}, "acrobot"),
@@ -309,6 +338,7 @@ def test_figures_do_not_depend_on_names():
         plot_curves({name: curve() for name in names}),
     ):
         assert render(figure, ".png")
+        ElementTree.fromstring(render(figure, ".svg"))  # no name leaves its comment, no control character stays
         if figure.legends:
             assert len(legend_texts(figure.legends[0])) >= len(names)
 
@@ -330,7 +360,7 @@ def test_global_settings_are_neither_read_nor_changed():
 
 def test_pyplot_is_not_needed():
     code = (
-        "import sys; from swingup.report.plot import plot_robustness; from swingup.report.look import render;"
+        "import sys; from swingup.report.plot import plot_robustness; from swingup.report.style import render;"
         "assert 'matplotlib' not in sys.modules;"
         "render(plot_robustness({'a': {'model': 5.0}}), '.png'); print('matplotlib.pyplot' in sys.modules)"
     )
@@ -399,7 +429,7 @@ def test_bad_files_are_named_and_nothing_is_written(tmp_path, kind, content):
     assert [path.name for path in tmp_path.iterdir()] == ["bad"]
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", PLOT_KINDS)
 @pytest.mark.parametrize("file", ["missing", "."])
 def test_files_that_cannot_be_read_are_named(tmp_path, kind, file):
     with pytest.raises(SwingupError, match=r"cannot read|no such file"):
@@ -442,7 +472,7 @@ def test_the_driven_joint_tells_the_robot(tmp_path):
     still = swing()
     save_trajectory(passive, Trajectory(time=still.time, x=still.x, u=0 * still.u))
     save_plot("phase", [pendubot, pendubot], tmp_path / "out.svg")
-    with pytest.raises(SwingupError, match=r"a.csv is of the acrobot, .*p.csv of the pendubot: draw them apart"):
+    with pytest.raises(SwingupError, match=r"a.csv is of the acrobot, .*p.csv of the pendubot: draw two pictures"):
         save_plot("phase", [acrobot, pendubot], tmp_path / "out.svg")
     with pytest.raises(SwingupError, match="has torque on neither joint: name the robot, acrobot or pendubot"):
         save_plot("phase", [passive], tmp_path / "out.svg")

@@ -244,7 +244,7 @@ def test_the_global_task_starts_after_throws_anywhere_and_hanging(robot):
 def test_recovering_is_rewarded_for_being_up_and_not_for_being_slow(robot):
     task = made("global", robot)
     still = jnp.zeros(2)
-    upright, hanging = jnp.array(UPRIGHT), jnp.zeros(4)
+    upright, hanging = jnp.array(UPRIGHT, jnp.float32), jnp.zeros(4)
     # Upright the tip is 0.05 m above the line, five widths of the smoothed edge.
     assert float(task.reward(upright, still)) == pytest.approx(-0.5 / (1 + np.exp(5.0)), rel=1e-4)
     # Hanging costs 50 π² / 1000 before it is saturated; the tip is down.

@@ -12,7 +12,7 @@ from ..report.make import make_section
 from ..report.page import render_page
 from ..report.save import save_plot
 from .arguments import ControllerNames, RobotOrAll, robots, split_commas
-from .output import tell
+from .output import foreign_prints_apart, progress_shown, tell
 
 
 def plot(
@@ -30,12 +30,12 @@ def plot(
     Args:
         kind: trajectory, phase or animation, from CSV files; robustness, from the output of robustness --json; or
             curve, from metrics.jsonl.
-        files: what to draw.
+        files: the files to draw.
         out: the picture's file.
-        robot: whose trajectories they are; default: what their torques tell.
-        fps: pictures a second of an animation.
+        robot: the robot of the trajectories; by default the one whose driven joint alone has torque.
+        fps: frames a second of an animation.
         size: width and height of an animation (pixels).
-        speed: of an animation; 1 is real time.
+        speed: speed of an animation; 1 is real time.
     """
     check_writable(out)
     save_plot(kind, files, out, robot, fps, size, speed)
@@ -46,19 +46,19 @@ def plot(
 def report(
     robot: RobotOrAll = "all", /, controller: ControllerNames = (), out: str = "report.html", seed: int = 0
 ) -> int:
-    """Write one page to look at, without network: tables, plots, animations, and a pendulum that can be pushed.
+    """Write one page that needs no network: tables, plots, animations, and a live pendulum that you can push.
 
     Args:
         robot: the robot.
-        controller: controllers of yours that enter as well.
+        controller: further controllers of yours.
         out: the page's file.
         seed: seed of noise and pushes.
     """
     check_writable(out)
-    sections = [
-        make_section(each, {name: get_controller(name, each) for name in split_commas(controller)}, seed)
-        for each in robots(robot)
-    ]
+    names = split_commas(controller)
+    entrants = {each: {name: get_controller(name, each) for name in names} for each in robots(robot)}
+    with foreign_prints_apart(), progress_shown() as progress:
+        sections = [make_section(each, given, seed, progress) for each, given in entrants.items()]
     write_atomically(out, render_page(sections).encode())
     tell(f"{out} ({Path(out).stat().st_size / 1e6:.1f} MB)")
     return 0

@@ -1,4 +1,4 @@
-"""What a report page shows, and the same as JSON for the scripts in the page."""
+"""What a report page shows, and its form as JSON for the scripts in the page."""
 
 import base64
 from collections.abc import Sequence
@@ -12,17 +12,18 @@ from ..errors import SwingupError
 from ..physics.parameters import NAMES, Parameters, get_robot
 from ..policy.javascript_backend.page import policy_data
 from ..policy.jax_backend.controller import PolicyController, policy_of
+from ..text import one_line, quoted
 
 if TYPE_CHECKING:
     from ..benchmark.leaderboard import Board
 
-STEP = 0.002
-"""Step of the live pendulum (s), the benchmark's."""
+LIVE_STEP = 0.002
+"""Time step of the live pendulum (s), the same as in the benchmark."""
 
 
 @dataclass(frozen=True)
 class Show:
-    """One controller's swing-ups, to be played back."""
+    """One controller's recorded swing-ups."""
 
     name: str
     clean: Trajectory | None
@@ -30,7 +31,7 @@ class Show:
     disturbed: Trajectory | None
     """With the section's disturbance; None if the controller failed."""
     note: str | None = None
-    """Why a trajectory is missing, or anything else to say about them."""
+    """Why a trajectory is missing, or another remark."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class Section:
     disturbance: str
     """What disturbs the disturbed trajectories, in one sentence."""
     policy: PolicyController | None = None
-    """What drives the pendulum that runs in the page; without one there is no such pendulum."""
+    """Drives the live pendulum; without a policy the page has no live pendulum."""
 
 
 def encode_section(section: Section) -> dict[str, Any]:
@@ -58,7 +59,7 @@ def encode_section(section: Section) -> dict[str, Any]:
     return {
         "robot": section.robot,
         "driven": get_robot(section.robot).joint,
-        "dt": STEP,
+        "dt": LIVE_STEP,
         "parameters": {name: float(getattr(section.parameters, name)) for name in NAMES},
         "shows": [encode_show(show) for show in section.shows],
         "policy": None if section.policy is None else policy_data(policy_of(section.policy)),
@@ -68,7 +69,7 @@ def encode_section(section: Section) -> dict[str, Any]:
 def encode_show(show: Show) -> dict[str, Any]:
     """A show as JSON values."""
     runs = {"clean": show.clean, "disturbed": show.disturbed}
-    return {"name": show.name} | {
+    return {"name": one_line(show.name)} | {
         name: None if run is None else _encode_trajectory(show.name, run) for name, run in runs.items()
     }
 
@@ -78,8 +79,8 @@ def _encode_trajectory(name: str, trajectory: Trajectory) -> dict[str, Any] | No
     time, x, u = (np.asarray(rows, np.float64) for rows in (trajectory.time, trajectory.x, trajectory.u))
     if time.ndim != 1 or x.shape != (time.size, 4) or u.shape != (time.size, 2):
         shapes = f"{time.shape}, {x.shape} and {u.shape}"
-        raise SwingupError(f"trajectory of {name!r} has shapes {shapes}: pass (N,), (N, 4) and (N, 2)")
-    with np.errstate(over="ignore"):  # too large for single precision is infinite, and cut
+        raise SwingupError(f"trajectory of {quoted(name)} has shapes {shapes}: pass (N,), (N, 4) and (N, 2)")
+    with np.errstate(over="ignore"):  # numbers too large for single precision become infinite, and are cut
         table = np.column_stack([time, x, u]).astype(np.float32)
     finite = np.isfinite(table).all(axis=1)
     rows = time.size if finite.all() else int(np.argmin(finite))

@@ -1,8 +1,8 @@
-"""The page's interactive plots, made with Bokeh: zoom, pan and hover come with it.
+"""The page's interactive plots, made with Bokeh, which brings zoom, pan and hover.
 
-Importing this file needs Bokeh. Trajectories are not repeated here: the sources of the time series and the phase
-portraits are empty, and the page's ``plots.js`` fills them. Colours are names of the style sheet's variables, kept
-as the tags of glyphs, so that plots follow the page's light and dark themes.
+Importing this file needs Bokeh. The page stores each trajectory once: here the sources of the time series and the
+phase portraits are empty, and the page's ``plots.js`` fills them. The tags of glyphs name the style sheet's
+variables for their colours, so that plots follow the page's light and dark themes.
 """
 
 from collections.abc import Sequence
@@ -23,15 +23,15 @@ if TYPE_CHECKING:
     from ..benchmark.leaderboard import Row
 
 TOOLS = "pan,box_zoom,wheel_zoom,reset,save"
-COLUMNS = ("t", "q1", "q2", "dq1", "dq2", "u1", "u2", "height")
+RUN_COLUMNS = ("t", "q1", "q2", "dq1", "dq2", "u1", "u2", "height")
 RUNS: dict[str, dict[str, Any]] = {
     "clean": {"line_width": 2.2},
     "disturbed": {"line_width": 1.1, "line_alpha": 0.75},
 }
-"""How the lines of the two runs look."""
-HEIGHT = 150
-"""Of one time series (pixels)."""
-GROUP = 0.84
+"""Line styles of the two runs."""
+SERIES_HEIGHT = 150
+"""Height of one time series (pixels)."""
+GROUP_WIDTH = 0.84
 """Width of all bars of one criterion, where criteria are 1 apart."""
 
 
@@ -43,7 +43,7 @@ class Curve(TypedDict):
 
 
 def script() -> str:
-    """Bokeh's JavaScript, the core alone, as it lies in its package."""
+    """The core of Bokeh's JavaScript, from the installed package."""
     return "\n".join(Resources(mode="inline", minified=True, components=["bokeh"], log_level="error").js_raw)
 
 
@@ -55,7 +55,7 @@ def motion_figures(parameters: Parameters, driven: int, duration: float) -> dict
         driven: index of the driven joint.
         duration: length of the time axis (s).
     """
-    sources = _sources(COLUMNS)
+    sources = _sources(RUN_COLUMNS)
     others = ColumnDataSource({"t": [], "height": []}, name="others")
     axis = Range1d(start=0.0, end=duration)
     cross = Span(dimension="height", line_dash="dotted", tags=["--muted"])
@@ -76,10 +76,10 @@ def motion_figures(parameters: Parameters, driven: int, duration: float) -> dict
         Span(location=0.9 * reach, dimension="width", line_dash="dashed", line_width=1.5, tags=["--goal"])
     )
     for row in rows:
-        row.add_tools(CrosshairTool(overlay=cross, visible=False))  # one line in all
+        row.add_tools(CrosshairTool(overlay=cross, visible=False))  # one shared line
     rows[-1].xaxis.visible = True
     rows[-1].xaxis.axis_label = "Time (s)"
-    rows[-1].height = HEIGHT + 42  # room for the axis
+    rows[-1].height = SERIES_HEIGHT + 42  # room for the axis
     return {
         "series": _item(gridplot([[row] for row in rows], sizing_mode="stretch_width", toolbar_location="above")),
         "phase-1": _item(_phase(1, "--link-1")),
@@ -88,22 +88,22 @@ def motion_figures(parameters: Parameters, driven: int, duration: float) -> dict
 
 
 def robustness_figure(rows: Sequence["Row"], labels: Sequence[str], criteria: dict[str, str]) -> dict[str, Any]:
-    """Bars of each criterion's successes (%), a renderer ``bars-i`` for each row.
+    """Bars of the successes (%) in each criterion; the bars of row i are the renderer ``bars-i``.
 
     Args:
         rows: the controllers.
-        labels: what to call each.
+        labels: their names in the plot.
         criteria: headings of the criteria by their column.
     """
-    plot = _figure(height=300, toolbar_location="above", name="robustness")
+    plot = _figure(height=320, toolbar_location="above", name="robustness")
     plot.x_range, plot.y_range = Range1d(start=-0.55, end=len(criteria) - 0.45), Range1d(start=0, end=106)
-    width = GROUP / len(rows)
+    width = GROUP_WIDTH / len(rows)
     for index, (row, label) in enumerate(zip(rows, labels, strict=True)):
         # Criteria that were not measured have no bar.
         shown = [(place, column) for place, column in enumerate(criteria) if row.values[column] is not None]
         source = ColumnDataSource(
             {
-                "x": [place - GROUP / 2 + (index + 0.5) * width for place, _ in shown],
+                "x": [place - GROUP_WIDTH / 2 + (index + 0.5) * width for place, _ in shown],
                 "percent": [row.values[column] for _, column in shown],
                 "criterion": [criteria[column].replace("\n", " ") for _, column in shown],
                 "controller": [label] * len(shown),
@@ -123,7 +123,7 @@ def robustness_figure(rows: Sequence["Row"], labels: Sequence[str], criteria: di
     )
     plot.xaxis.ticker = FixedTicker(ticks=list(range(len(criteria))))
     plot.xaxis.major_label_overrides = dict(enumerate(criteria.values()))
-    plot.yaxis.axis_label = "Successes (%)"
+    plot.xaxis.axis_label, plot.yaxis.axis_label = "Criterion", "Successes (%)"
     plot.xgrid.visible = False
     return _item(plot)
 
@@ -131,7 +131,7 @@ def robustness_figure(rows: Sequence["Row"], labels: Sequence[str], criteria: di
 def _time_series(
     label: str, curves: Sequence[Curve], sources: dict[str, ColumnDataSource], axis: Range1d
 ) -> figure:
-    plot = _figure(height=HEIGHT, x_range=axis, min_border_left=62, tags=["time"])
+    plot = _figure(height=SERIES_HEIGHT, x_range=axis, min_border_left=62, tags=["time"])
     values = [(curve["column"], f"@{curve['column']}{{0.000}}") for curve in curves]
     sides: dict[str, Literal["left", "right"]] = {"disturbed": "left", "clean": "right"}
     for run, side in sides.items():
@@ -148,8 +148,8 @@ def _time_series(
 
 def _phase(joint: int, colour: str) -> figure:
     plot = _figure(height=300, toolbar_location="above")
-    # Of their own: a source can be in one document only.
-    sources, dots = _sources(COLUMNS), _sources(COLUMNS[1:5], "-now")
+    # Each portrait has its own sources: Bokeh allows a source in one document only.
+    sources, dots = _sources(RUN_COLUMNS), _sources(RUN_COLUMNS[1:5], "-now")
     q, rate = f"q{joint}", f"dq{joint}"
     lines: list[DataRenderer] = [
         _line(plot, q, {"column": rate, "colour": colour}, sources[run], run) for run in reversed(RUNS)
@@ -176,7 +176,7 @@ def _line(plot: figure, x: str, curve: Curve, source: ColumnDataSource, run: str
 
 
 def _figure(**options: Any) -> figure:
-    """An empty figure without a frame: the page draws its own, and knows its own colours."""
+    """An empty figure without frame and background: the page's style sheet provides both."""
     plot = figure(sizing_mode="stretch_width", tools=TOOLS, active_drag="box_zoom", **options)
     plot.background_fill_alpha = plot.border_fill_alpha = 0.0
     plot.outline_line_color = None

@@ -1,4 +1,4 @@
-"""What pictures are made from: files read and checked, trajectories checked, and names for the legend."""
+"""The inputs of pictures: files and trajectories, checked, and their names for the legend."""
 
 import json
 import math
@@ -11,15 +11,23 @@ import numpy as np
 
 from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import CRITERIA
+from ..checks import finite_number, whole_number
 from ..errors import SwingupError
+from ..files import read_bytes
 from ..learner.metrics import METRICS_FILE, read_metrics
 from ..physics.parameters import ROBOTS, Robot
+from ..text import quoted
 
-PLOTTED = ("reward", "score")
-"""What learning curves show of a row of metrics."""
+CURVE_KEYS = ("reward", "score")
+"""The values of a row of metrics that learning curves show."""
 
-LARGEST = 1e15
-"""Counts and scores beyond this are mistakes, and matplotlib's axes could not hold them."""
+LARGEST_DRAWN = 1e15
+"""No count or score is larger; matplotlib's axes cannot show numbers near the largest of floating point."""
+
+LARGEST_RESULT = 1_000_000
+"""Most bytes of a file with a robustness score; the command writes about a thousand."""
+
+ROBUSTNESS_REMEDY = "write it with swingup robustness --json"
 
 _Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
 
@@ -40,7 +48,7 @@ def check_trajectory(name: str, trajectory: Trajectory) -> _Rows:
     """Time (s) (N,), states (N, 4) and torques (N m) (N, 2) of a trajectory, in float64.
 
     Raises:
-        SwingupError: the shapes are others, it is shorter than three rows, a value is not finite or the time does
+        SwingupError: the shapes do not fit, there are fewer than three rows, a value is not finite or the time does
             not increase.
     """
     time, x, u = (np.asarray(part, np.float64) for part in (trajectory.time, trajectory.x, trajectory.u))
@@ -50,9 +58,9 @@ def check_trajectory(name: str, trajectory: Trajectory) -> _Rows:
             f"{name}: time, x and u have shapes {shapes}: pass (N,), (N, 4) and (N, 2), N of 3 or more"
         )
     if not all(np.isfinite(part).all() for part in (time, x, u)):
-        raise SwingupError(f"{name} holds values that are not finite: end it before them")
+        raise SwingupError(f"{name} holds values that are not finite: cut it before the first of them")
     if np.any(np.diff(time) <= 0):
-        raise SwingupError(f"{name}: its time does not increase: keep one run a trajectory, in order")
+        raise SwingupError(f"{name}: its time does not increase: give one run, its rows in order")
     return time, x, u
 
 
@@ -60,7 +68,7 @@ def infer_robot(name: str | Path, trajectory: Trajectory) -> Robot:
     """The robot whose driven joint is the only one with torque.
 
     Raises:
-        SwingupError: both joints have torque, or neither.
+        SwingupError: both joints have torque, or neither has.
     """
     driven = np.any(np.asarray(trajectory.u) != 0, axis=0)
     if driven.sum() != 1:
@@ -76,41 +84,45 @@ def read_robustness(path: str | Path) -> dict[str, Any]:
         SwingupError: the file cannot be read, is not JSON, or holds something else.
     """
     try:
-        result = json.loads(Path(path).read_text(encoding="utf-8"))
+        result = json.loads(read_bytes(path, LARGEST_RESULT))
     except OSError as error:
         raise SwingupError(f"cannot read {path}: {error.strerror or error}") from error
     except (ValueError, RecursionError) as error:
-        raise SwingupError(f"{path} is not JSON: write it with swingup robustness --json") from error
+        raise SwingupError(f"{path} is not JSON: {ROBUSTNESS_REMEDY}") from error
     check_robustness(str(path), result)
     return dict(result)
 
 
 def check_robustness(name: str, result: Any) -> None:
-    """Refuse what is not the object of ``Robustness.as_dict``.
+    """Refuse a value that is not of the form of ``Robustness.as_dict``.
 
     Raises:
         SwingupError: it is no object, has none of the criteria, or a percentage, interval or score is out of range.
     """
-    remedy = "write it with swingup robustness --json"
     if not isinstance(result, Mapping) or all(result.get(each) is None for each in CRITERIA):
-        raise SwingupError(f"{name} holds no robustness score: {remedy}")
+        raise SwingupError(f"{name} holds no robustness score: {ROBUSTNESS_REMEDY}")
     intervals = result.get("intervals", {})
     if not isinstance(intervals, Mapping):
-        raise SwingupError(f"{name}: intervals = {intervals!r:.40} are no object: {remedy}")
+        raise SwingupError(f"{name}: intervals = {quoted(intervals)} are no object: {ROBUSTNESS_REMEDY}")
     for criterion, largest in {**dict.fromkeys(CRITERIA, 100.0), "overall": 1.0}.items():
         value, interval = result.get(criterion), intervals.get(criterion)
-        if value is not None and not _is_real(value, 0.0, largest):
-            raise SwingupError(f"{name}: {criterion} = {value!r:.40} is not from 0 to {largest:g}: {remedy}")
-        pair = isinstance(interval, Sequence) and len(interval) == 2
-        if interval is not None and not (pair and all(_is_real(end, 0.0, largest) for end in interval)):
-            raise SwingupError(f"{name}: interval of {criterion} = {interval!r:.40} is no pair: {remedy}")
+        if value is not None:
+            finite_number(f"{name}: {criterion}", value, 0.0, largest)
+        if interval is None:
+            continue
+        if not isinstance(interval, list | tuple) or len(interval) != 2:
+            raise SwingupError(
+                f"{name}: interval of {criterion} = {quoted(interval)} is no pair: {ROBUSTNESS_REMEDY}"
+            )
+        for end in interval:
+            finite_number(f"{name}: interval of {criterion}", end, 0.0, largest)
 
 
 def read_curve(path: str | Path) -> list[dict[str, Any]]:
     """Read the rows of a ``metrics.jsonl``.
 
     Raises:
-        SwingupError: the file cannot be read, holds no row, or a value that is no number.
+        SwingupError: the file cannot be read, or its rows cannot be drawn.
     """
     rows = read_metrics(path)
     check_curve(str(path), rows)
@@ -124,17 +136,21 @@ def check_curve(name: str, rows: Sequence[Mapping[str, Any]]) -> None:
         SwingupError: there is no row, none has a score or a reward, or a value is no number.
     """
     if not rows:
-        raise SwingupError(f"{name} has no rows of metrics: give the {METRICS_FILE} of a run that reported once")
-    if not any(row.get(key) is not None for row in rows for key in PLOTTED):
-        raise SwingupError(f"{name} has neither {' nor '.join(PLOTTED)} in its rows: give a run's {METRICS_FILE}")
+        raise SwingupError(f"{name} has no rows of metrics: give the {METRICS_FILE} of a run that has reported")
+    if not any(row.get(key) is not None for row in rows for key in CURVE_KEYS):
+        raise SwingupError(
+            f"{name} has neither {' nor '.join(CURVE_KEYS)} in its rows: give a run's {METRICS_FILE}"
+        )
     for row in rows:
-        if not isinstance(row.get("seed"), int | str | None):
-            raise SwingupError(f"{name}: seed = {row['seed']!r:.40} is no number: remove or mend its row")
-        for key in ("frames", *PLOTTED):
-            value = row.get(key, None if key in PLOTTED else "missing")
-            # A reward may be NaN, or absent, where nothing was measured: the curve has a gap there.
-            if not (_is_real(value) or (key in PLOTTED and (value is None or value != value))):
-                raise SwingupError(f"{name}: {key} = {value!r:.40} is no finite number: remove or mend its row")
+        seed = row.get("seed")
+        if seed is not None and not isinstance(seed, str):
+            whole_number(f"{name}: seed", seed, 0)
+        finite_number(f"{name}: frames", row.get("frames"), 0, LARGEST_DRAWN)
+        for key in CURVE_KEYS:
+            value = row.get(key)
+            # Missing and NaN mean that nothing was measured: the curve has a gap there.
+            if value is not None and not (isinstance(value, float) and math.isnan(value)):
+                finite_number(f"{name}: {key}", value, -LARGEST_DRAWN, LARGEST_DRAWN)
 
 
 def make_labels(files: Sequence[str | Path]) -> list[str]:
@@ -148,8 +164,3 @@ def make_labels(files: Sequence[str | Path]) -> list[str]:
     labels = [next((tail[k] for tail in tails if tail.count(tail[k]) == 1), tails[0][k]) for k in range(len(names))]
     counts = [labels[: k + 1].count(label) for k, label in enumerate(labels)]
     return [f"{label} ({count})" if count > 1 else label for label, count in zip(labels, counts, strict=True)]
-
-
-def _is_real(value: Any, low: float = -math.inf, high: float = math.inf) -> bool:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return number and low <= value <= high and abs(value) < LARGEST

@@ -1,7 +1,8 @@
-"""One HTML file that needs no network: tables, interactive plots, players, and pendulums that run in the page.
+"""One HTML file that needs no network: tables, interactive plots, players, and live pendulums.
 
-:func:`render_page` is a pure function of what is to be shown. The page's own styles and scripts lie in ``assets``;
-Bokeh's JavaScript is taken from the installed package. A content security policy forbids the page to load anything.
+:func:`render_page` is a pure function of its sections. The page's own styles and scripts lie in ``assets``; Bokeh's
+JavaScript comes from the installed package. A content security policy forbids the page to load anything. Foreign
+names and remarks become one printable line each, and the template escapes them.
 """
 
 import json
@@ -17,6 +18,7 @@ from ..benchmark.rules import CRITERIA
 from ..errors import SwingupError
 from ..physics.parameters import get_robot
 from ..policy.javascript_backend.page import policy_script
+from ..text import one_line
 from ..version import __version__
 from .content import Section, Show, encode_section
 
@@ -26,20 +28,22 @@ if TYPE_CHECKING:
 __all__ = ["Section", "Show", "render_page"]
 
 SCRIPTS = ("physics.js", "pendulum.js", "player.js", "live.js", "plots.js")
-"""In this order, before ``main.js``."""
+"""The page's scripts in the order of their dependencies; ``main.js`` follows."""
 
-DRIVEN = ("the shoulder", "the elbow")
+JOINT_NAMES = ("the shoulder", "the elbow")
 
 TITLES = {"performance": "Performance", "robustness": "Robustness", "uptime": "Global policy"}
 
 NOTES = {
-    "performance": "One undisturbed swing-up from hanging at rest, 10 s. The score is 1 − ⅕ Σ tanh(π c / n).",
+    "performance": "One undisturbed swing-up of 10 s from hanging at rest. The RealAI score is "
+    "1 − ⅕ Σ tanh(π c / n) over the five costs c with their norms n: 1 is best, and a run that does not end "
+    "upright scores 0.",
     "robustness": "Percentage of simulations that end upright; the overall score is the mean of the six.",
     "uptime": "Share of 60 s with the tip above the line, while the pendulum is thrown 15 times.",
 }
 
-SERIES = 8
-"""Most controllers in the robustness plot: all of ours that fit, then the best published ones."""
+MOST_SERIES = 8
+"""Most controllers in the robustness plot: ours first, then the best published ones."""
 
 
 def render_page(sections: Sequence[Section], title: str = "Swinging up double pendulums") -> str:
@@ -61,7 +65,7 @@ def render_page(sections: Sequence[Section], title: str = "Swinging up double pe
     scripts = [policy_script(), *map(_asset, SCRIPTS)]
     return str(
         template.render(
-            title=title,
+            title=one_line(title),
             version=__version__,
             sections=[_describe(*pair) for pair in zip(sections, encoded, strict=True)],
             style=_asset("style.css"),
@@ -73,7 +77,7 @@ def render_page(sections: Sequence[Section], title: str = "Swinging up double pe
 
 
 def _tools() -> tuple[ModuleType, Any]:
-    """The figures and the page's template, whose libraries are extras."""
+    """The figures and the page's template; their libraries come with the extra ``report``."""
     try:
         from jinja2 import Environment, StrictUndefined
 
@@ -85,9 +89,9 @@ def _tools() -> tuple[ModuleType, Any]:
 
 
 def _encode(figures: ModuleType, section: Section) -> dict[str, Any]:
-    """What the page's scripts need of a section."""
+    """A section as data of the page's scripts."""
     encoded = encode_section(section)
-    # A run without a finite row cannot be played.
+    # The player cannot show a run without a finite row.
     encoded["shows"] = [show for show in encoded["shows"] if show["clean"] or show["disturbed"]]
     runs = [run for show in section.shows for run in (show.clean, show.disturbed) if run is not None]
     times = np.concatenate([np.zeros(1), *(np.asarray(run.time, np.float64) for run in runs)])
@@ -104,14 +108,14 @@ def _encode(figures: ModuleType, section: Section) -> dict[str, Any]:
 
 
 def _describe(section: Section, encoded: dict[str, Any]) -> dict[str, Any]:
-    """What the template needs of a section."""
+    """A section as text for the template."""
     return {
         "robot": section.robot,
-        "driven": DRIVEN[get_robot(section.robot).joint],
-        "disturbance": section.disturbance,
+        "driven": JOINT_NAMES[get_robot(section.robot).joint],
+        "disturbance": one_line(section.disturbance),
         "live": section.policy is not None,
         "shows": [show["name"] for show in encoded["shows"]],
-        "notes": [(show.name, show.note) for show in section.shows if show.note],
+        "notes": [(one_line(show.name), one_line(show.note)) for show in section.shows if show.note],
         "boards": [_table(board) for board in section.boards],
         "series": [(_label(row), row.source == "ours") for row in _series(section.boards)],
     }
@@ -121,10 +125,10 @@ def _table(board: "Board") -> dict[str, Any]:
     """A board as text."""
     rows = [
         {
-            "name": row.controller,
-            "source": row.source,
+            "name": one_line(row.controller),
+            "source": one_line(row.source),
             "ours": row.source == "ours",
-            "remark": row.remark,
+            "remark": None if row.remark is None else one_line(row.remark),
             "cells": [COLUMNS[name].show(row.values[name]) for name in board.columns],
             "share": _share(row.values.get(board.columns[-1])),
         }
@@ -148,23 +152,23 @@ def _share(value: float | None) -> float:
 
 
 def _label(row: "Row") -> str:
-    return row.controller if row.source == "ours" else f"{row.controller} ({row.source})"
+    return one_line(row.controller if row.source == "ours" else f"{row.controller} ({row.source})")
 
 
 def _series(boards: Sequence["Board"]) -> list["Row"]:
-    """Rows of the robustness plot, in the board's order; of a published controller's rows the first alone."""
+    """Rows of the robustness plot, in the board's order; one row for each published controller."""
     board = next((board for board in boards if board.measure == "robustness"), None)
     measured = (
         [row for row in board.rows if any(row.values[name] is not None for name in CRITERIA)] if board else []
     )
-    ours = [row for row in measured if row.source == "ours"][:SERIES]
+    ours = [row for row in measured if row.source == "ours"][:MOST_SERIES]
     published = {row.controller: row for row in reversed(measured) if row.source != "ours"}
-    best = [row for row in measured if row is published.get(row.controller)][: SERIES - len(ours)]
+    best = [row for row in measured if row is published.get(row.controller)][: MOST_SERIES - len(ours)]
     return [row for row in measured if any(row is chosen for chosen in (*ours, *best))]
 
 
 def _json(data: Any) -> str:
-    """JSON that may stand inside a script element."""
+    """JSON for a script element: nothing in it can end the element."""
     text = json.dumps(data, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
 

@@ -11,8 +11,8 @@ from ..benchmark.rules import CRITERIA
 from ..drawing import BASE, DRIVEN, GREEN, LINK_1, LINK_2
 from ..errors import SwingupError
 from ..physics.parameters import TORQUE_LIMIT, Robot, get_robot
-from .files import PLOTTED, check_curve, check_robustness, check_trajectory
-from .look import RING, STAR, bar_look, legend_below, line_look, new_figure, plain, styled, tick_angles
+from .files import CURVE_KEYS, check_curve, check_robustness, check_trajectory
+from .style import RING, STAR, bar_look, legend_below, line_look, new_figure, plain, styled, tick_angles
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -27,7 +27,7 @@ CRITERION_NAMES = dict(
     )
 )
 MOST_NUMBERED = 3
-"""Bars of more controllers are too narrow to carry their numbers."""
+"""With more controllers, the bars are too narrow for their numbers."""
 DOTS: Any = {"markersize": 2, "alpha": 0.4, "label": "_evaluations"}
 ABOVE: Any = {"xytext": (0, 1.5), "textcoords": "offset points", "ha": "center", "fontsize": 7}
 
@@ -39,7 +39,7 @@ def plot_trajectories(trajectories: Mapping[str, Trajectory], robot: Robot | str
     the time from which the tip stays up.
 
     Args:
-        trajectories: by the names that become titles.
+        trajectories: by name; the names become titles.
         robot: which joint is driven; the other's torque is drawn in grey unless it is zero.
 
     Raises:
@@ -69,7 +69,7 @@ def plot_phase(trajectories: Mapping[str, Trajectory], robot: Robot | str) -> "F
     Angles are unwrapped from a start within half a turn of hanging; the goals are those nearest to the ends.
 
     Args:
-        trajectories: by the names in the legend.
+        trajectories: by name, as in the legend.
         robot: which joint is driven; its panel says so.
 
     Raises:
@@ -102,11 +102,11 @@ def plot_robustness(results: Mapping[str, Mapping[str, Any]]) -> "Figure":
     """Draw the success (%) of several controllers in each criterion of the robustness score as bars.
 
     Args:
-        results: what ``Robustness.as_dict`` returns, by the names in the legend, which also tells the overall
-            scores. 95 % intervals become error bars.
+        results: outputs of ``Robustness.as_dict``, by name, as in the legend. The legend also shows the overall
+            scores; 95 % intervals become error bars.
 
     Raises:
-        SwingupError: there is no result, one has another shape, or matplotlib is not installed.
+        SwingupError: there is no result, one has another form, or matplotlib is not installed.
     """
     _require(results, "robustness score")
     for name, result in results.items():
@@ -129,7 +129,7 @@ def plot_robustness(results: Mapping[str, Mapping[str, Any]]) -> "Figure":
                 if numbered:
                     axes.annotate(f"{value:.0f}", (places[key], top), **ABOVE)
         axes.set_xticks(range(len(criteria)), [CRITERION_NAMES[key] for key in criteria])
-        axes.set(ylabel="success (%)", ylim=(0, 105 if numbered else 101))
+        axes.set(xlabel="criterion", ylabel="success (%)", ylim=(0, 105 if numbered else 101))
         axes.tick_params(axis="x", length=0)
         axes.grid(visible=False, axis="x")
         legend_below(figure, entries)
@@ -137,13 +137,13 @@ def plot_robustness(results: Mapping[str, Mapping[str, Any]]) -> "Figure":
 
 
 def plot_curves(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> "Figure":
-    """Draw mean reward and score over frames, one line for each seed of each run.
+    """Draw mean reward and score over frames (millions), one line for each seed of each run.
 
-    Dots are single evaluations; the line through them is the best so far. The score is the RealAI score, or the
-    mean return of a task that is judged by episodes.
+    Dots are single evaluations; the line through them is the best so far. The score is the RealAI score of a double
+    pendulum, and the mean return of other tasks. Rewards, returns and scores have no unit.
 
     Args:
-        runs: rows of ``metrics.jsonl``, by the names in the legend.
+        runs: rows of ``metrics.jsonl``, by name, as in the legend.
 
     Raises:
         SwingupError: there is no run, one has no rows or a value that is no number, or matplotlib is missing.
@@ -164,13 +164,13 @@ def plot_curves(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> "Figure":
                 bottom.plot(frames, points, ".", color=look["color"], **DOTS)
                 bottom.plot(frames, np.fmax.accumulate(points), drawstyle="steps-post", **look)
             entries.append((line, plain(name) + (f" ({len(seeds)} seeds)" if len(seeds) > 1 else "")))
-        top.set(ylabel="mean reward of a step")
+        top.set(ylabel="mean reward per step (–)")
         (dot,) = bottom.plot([], [], ".", color="black", **DOTS)
         bottom.set(xlabel="frames (millions)", xlim=(0, None))
         if any("mean_length" in row for rows in runs.values() for row in rows):
-            bottom.set(ylabel="best mean return")
+            bottom.set(ylabel="best mean return (–)")
         else:
-            bottom.set(ylabel="best RealAI score", ylim=(-0.02, None))
+            bottom.set(ylabel="best RealAI score (0 to 1)", ylim=(-0.02, None))
         figure.align_ylabels((top, bottom))
         legend_below(figure, [*entries, (dot, "one evaluation")])
     return figure
@@ -194,7 +194,7 @@ def _require(given: Mapping[str, Any], what: str) -> None:
 
 
 def _draw_column(panels: Sequence["Axes"], rows: tuple[np.ndarray, ...], driven: int) -> None:
-    """Positions, velocities and torques of one trajectory, from above."""
+    """Positions, velocities and torques of one trajectory, from the upper panel to the lower."""
     (time, x, u), (top, middle, bottom) = rows, panels
     q = unwrapped(x)
     for joint, colour in enumerate((LINK_1, LINK_2)):
@@ -209,7 +209,7 @@ def _draw_column(panels: Sequence["Axes"], rows: tuple[np.ndarray, ...], driven:
 
 
 def _mark_time(panels: Sequence["Axes"], up: float | None) -> None:
-    """A line at the swing-up time, and the time itself where velocities have died away."""
+    """A line at the swing-up time, with the time as text in the panel of the velocities."""
     if up is None:
         return
     for axes in panels:
@@ -230,7 +230,7 @@ def _draw_torques(axes: "Axes", time: np.ndarray, u: np.ndarray, driven: int) ->
 
 
 def _draw_interval(axes: "Axes", place: float, value: float, interval: Sequence[float] | None) -> float:
-    """An error bar, if there is an interval that is more than a point; returns the upper end (%)."""
+    """Draw an error bar unless the interval is a point or missing; returns its upper end (%)."""
     low, high = interval or (value, value)
     if high > low:
         reach = [[max(0.0, value - low)], [max(0.0, high - value)]]
@@ -250,4 +250,4 @@ def _overall(result: Mapping[str, Any]) -> str:
 def _columns(rows: Sequence[Mapping[str, Any]]) -> list[np.ndarray]:
     """Frames (millions), rewards and scores; NaN where a row has none."""
     frames = np.array([row["frames"] / 1e6 for row in rows])
-    return [frames, *(np.array([row.get(key, np.nan) for row in rows], float) for key in PLOTTED)]
+    return [frames, *(np.array([row.get(key, np.nan) for row in rows], float) for key in CURVE_KEYS)]

@@ -1,19 +1,20 @@
-"""From files to a picture: the kinds of pictures, what each reads, and one function that makes them all."""
+"""One function from files to a picture: the kinds of pictures, and the files that each kind reads."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 from ..benchmark.rollout import Trajectory
 from ..benchmark.trajectory_file import load_trajectory
+from ..checks import one_of
 from ..errors import SwingupError
 from ..files import write_atomically
 from ..physics.parameters import Robot, get_robot
 from .animate import FASTEST, FPS, SIZE, animate
 from .files import check_suffix, infer_robot, make_labels, read_curve, read_robustness
-from .look import FORMATS, render
 from .plot import plot_curves, plot_phase, plot_robustness, plot_trajectories
+from .style import FIGURE_FORMATS, render
 
-KINDS = ("trajectory", "phase", "animation", "robustness", "curve")
+PLOT_KINDS = ("trajectory", "phase", "animation", "robustness", "curve")
 
 
 def save_plot(
@@ -30,22 +31,21 @@ def save_plot(
     Args:
         kind: ``trajectory``, ``phase`` and ``animation`` read trajectories (CSV), ``robustness`` the JSON of
             ``swingup robustness --json``, ``curve`` the ``metrics.jsonl`` of runs.
-        files: what to read; one file for an animation.
-        out: where to write: ``.png``, ``.svg`` or ``.pdf``; ``.gif`` or ``.mp4`` for an animation.
-        robot: whose trajectories they are; by default the one whose driven joint alone has torque.
-        fps: pictures a second of an animation.
+        files: the files to draw; one file for an animation.
+        out: the picture's file: ``.png``, ``.svg`` or ``.pdf``; ``.gif`` or ``.mp4`` for an animation.
+        robot: the robot of the trajectories; by default the one whose driven joint alone has torque.
+        fps: frames a second of an animation.
         size: width and height of an animation (pixels).
-        speed: of an animation; 1 is real time.
+        speed: speed of an animation; 1 is real time.
 
     Raises:
         SwingupError: an unknown kind or suffix, a file that cannot be read, understood or written, trajectories
             of different robots, or a missing library.
     """
-    if kind not in KINDS:
-        raise SwingupError(f"unknown kind of plot {kind!r}: use one of {', '.join(KINDS)}")
+    one_of("kind of plot", kind, PLOT_KINDS)
     if not files:
         raise SwingupError("nothing to draw: give at least one file")
-    suffix = check_suffix(out, list(FASTEST) if kind == "animation" else FORMATS)
+    suffix = check_suffix(out, list(FASTEST) if kind == "animation" else FIGURE_FORMATS)
     labels = make_labels(files)
     if kind == "robustness":
         figure = plot_robustness({label: read_robustness(file) for label, file in zip(labels, files, strict=True)})
@@ -69,7 +69,7 @@ def _load(files: Sequence[str | Path], robot: Robot | str | None) -> tuple[list[
         for file, other in zip(files, robots, strict=True):
             if other != robots[0]:
                 raise SwingupError(
-                    f"{files[0]} is of the {robots[0].name}, {file} of the {other.name}: draw them apart"
+                    f"{files[0]} is of the {robots[0].name}, {file} of the {other.name}: draw two pictures"
                 )
         known = robots[0]
     return trajectories, known

@@ -1,13 +1,15 @@
-/* A pendulum that lives in the page: RK4 in real time, the policy at every step, and a visitor who pushes. */
+/* The live pendulum: RK4 in real time, the policy at every step, and pushes by keys, buttons and the pointer. */
 (function (swingup) {
   "use strict";
 
   const SPRING = 40; // N/m, from the grabbed point to the pointer
-  const DAMPING = 10; // N s/m: a hand that calms what it holds
+  const DAMPING = 10; // N s/m: the pointer also damps what it holds
   const STRONGEST_PULL = 15; // N
   const NEAR = 0.09; // m: farther from both links, the tip is grabbed
-  const PUSH = { force: 1, duration: 0.1 }; // of the push buttons, on the tip (N, s)
-  const LONGEST_FRAME = 0.05; // s: a browser that was away does not catch up
+  const PUSH = { force: 1, duration: 0.1 }; // of a key or button, on the tip (N, s)
+  const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+  const ARROW_LENGTH = 0.12; // m for each N: how the picture shows a push
+  const LONGEST_FRAME = 0.05; // s: a browser that was away skips the time between
   const TRAIL = { points: 40, every: 10 }; // steps
   const FASTEST = 200; // rad/s: nothing physical is faster
 
@@ -23,7 +25,7 @@
       this.numbers = Object.fromEntries(
         [...root.querySelectorAll("[data-number]")].map((element) => [element.dataset.number, element]),
       );
-      this.policyOn = true;
+      this.policyOn = false;
       this.paused = true;
       this.visible = false;
       this.hand = null; // {link, along, target}: what the pointer holds, and where it is
@@ -31,8 +33,10 @@
       this.listen();
     }
 
-    /** Hang at rest, at time 0. */
+    /** Hang at rest at time 0, the motor off, until the visitor starts or pushes it. */
     reset() {
+      this.setPolicy(false);
+      this.pause();
       Object.assign(this, { time: 0, steps: 0, x: [0, 0, 0, 0], u: [0, 0], pushes: [], trail: [], spare: 0 });
       this.draw();
     }
@@ -46,9 +50,13 @@
       );
       this.button.reset.addEventListener("click", () => this.reset());
       this.button.pause.addEventListener("click", () => (this.paused ? this.play() : this.pause()));
-      this.button.policy.addEventListener("click", () => this.setPolicy(!this.policyOn));
+      this.button.policy.addEventListener("click", () => {
+        this.setPolicy(!this.policyOn);
+        this.play();
+      });
       this.button.left.addEventListener("click", () => this.pushTip([-PUSH.force, 0], PUSH.duration));
       this.button.right.addEventListener("click", () => this.pushTip([PUSH.force, 0], PUSH.duration));
+      document.addEventListener("keydown", (event) => this.pressed(event));
       new ResizeObserver(() => this.draw()).observe(canvas);
       swingup.dark.addEventListener("change", () => this.draw());
       new IntersectionObserver(([entry]) => {
@@ -70,8 +78,24 @@
 
     setPolicy(on) {
       this.policyOn = on;
-      this.button.policy.setAttribute("aria-pressed", String(on));
-      this.button.policy.textContent = on ? "Policy on" : "Policy off";
+      this.button.policy.textContent = on ? "Motor off" : "Swing up";
+    }
+
+    /**
+     * An arrow key pushes the tip. With the focus in this pendulum's card all four do; with no focus at all left and
+     * right do, and up and down scroll the page. A key that is held down pushes on.
+     */
+    pressed(event) {
+      const direction = ARROWS[event.key];
+      const inside = this.root.contains(event.target);
+      const free = event.target === document.body && this.visible && direction && direction[0] !== 0;
+      if (!direction || event.altKey || event.ctrlKey || event.metaKey || !(inside || free)) {
+        return;
+      }
+      event.preventDefault();
+      if (!event.repeat || this.pushes.length === 0) {
+        this.pushTip(direction.map((part) => PUSH.force * part), PUSH.duration);
+      }
     }
 
     /** Push both joints with torques [u1, u2] (N m) for a time (s), beside the motor. */
@@ -84,13 +108,14 @@
     pushTip(force, duration) {
       const { parameters: p } = this.section;
       const torque = (x) => swingup.physics.torqueOfForce(p, x, 1, p.l2, force);
-      this.pushes.push({ torque, until: this.time + duration });
+      this.pushes.push({ torque, force, until: this.time + duration });
       this.play();
     }
 
     grab(event) {
       this.view.canvas.setPointerCapture(event.pointerId);
       event.preventDefault();
+      this.view.canvas.focus({ preventScroll: true }); // so that the arrow keys push this pendulum
       const target = this.view.fromPointer(event);
       this.hand = { ...this.nearest(target), target };
       this.play();
@@ -111,7 +136,7 @@
       return best.distance < NEAR ? best : { link: 1, along: p.l2 };
     }
 
-    /** What the visitor does to the joints in this state: pushes, and a damped spring to the pointer. */
+    /** Joint torques of the visitor in this state: pushes, and a damped spring to the pointer. */
     disturbance() {
       this.pushes = this.pushes.filter((push) => this.time < push.until);
       const torques = this.pushes.map((push) => push.torque(this.x));
@@ -126,7 +151,7 @@
       return torques.reduce((sum, torque) => [sum[0] + torque[0], sum[1] + torque[1]], [0, 0]);
     }
 
-    /** One step: measure, control, clip, add what the visitor does, integrate. */
+    /** One step: measure, control, clip, add the visitor's torques, integrate. */
     step() {
       const { parameters, dt, act } = this.robot;
       this.u = swingup.physics.clip(parameters, this.policyOn ? act(this.x, this.time) : [0, 0]);
@@ -142,7 +167,7 @@
       }
     }
 
-    /** Let some seconds pass at once. */
+    /** Simulate some seconds at once. */
     advance(seconds) {
       for (let step = Math.round(seconds / this.robot.dt); step > 0; step--) {
         this.step();
@@ -173,13 +198,19 @@
       requestAnimationFrame(frame);
     }
 
+    /** The latest push on the tip as a line from the tip, null if there is none. */
+    shownPush(tip) {
+      const push = this.pushes.filter(({ force, until }) => force && this.time < until).at(-1);
+      return push ? { from: tip, to: tip.map((value, i) => value + ARROW_LENGTH * push.force[i]) } : null;
+    }
+
     draw() {
       const { parameters: p, driven } = this.section;
-      const pull = this.hand && {
-        from: swingup.physics.pointOn(p, this.x, this.hand.link, this.hand.along).position,
-        to: this.hand.target,
-      };
-      const trail = [...this.trail, swingup.physics.points(p, this.x)[1]];
+      const tip = swingup.physics.points(p, this.x)[1];
+      const trail = [...this.trail, tip];
+      const pull = this.hand
+        ? { from: swingup.physics.pointOn(p, this.x, this.hand.link, this.hand.along).position, to: this.hand.target }
+        : this.shownPush(tip);
       this.view.draw(this.x, { torque: this.u, trail, pull });
       this.numbers.time.textContent = `${this.time.toFixed(1)} s`;
       this.numbers.torque.textContent = `${swingup.number(this.u[driven], 2)} N m`;

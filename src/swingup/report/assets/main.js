@@ -3,7 +3,6 @@
   "use strict";
 
   const data = JSON.parse(document.getElementById("data").textContent);
-  const calm = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
   const plots = [];
 
   swingup.robots = {};
@@ -18,9 +17,6 @@
     const [live, player, robustness] = [".live", ".player", ".robustness"].map((name) => root.querySelector(name));
     if (live) {
       swingup.live[section.robot] = new swingup.Live(live, section, robot);
-      if (!calm) {
-        swingup.live[section.robot].play();
-      }
     }
     if (player) {
       swingup.players.push(new swingup.Player(player, section));

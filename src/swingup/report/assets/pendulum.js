@@ -7,7 +7,7 @@
   const FULL_ARC = (150 / 180) * Math.PI; // length of the arrow that stands for the largest torque
   const LARGEST_TORQUE = 6; // N m
 
-  /** The style sheet's colours, read anew whenever the page turns dark or light. */
+  /** The style sheet's colours, read again when the page turns dark or light. */
   function readColours() {
     const style = getComputedStyle(document.documentElement);
     const read = (name) => style.getPropertyValue(name).trim();
@@ -30,7 +30,7 @@
       this.context = canvas.getContext("2d");
     }
 
-    /** Side of the picture in CSS pixels; the canvas is made as fine as the screen. */
+    /** Fit the canvas to its place in the page, at the screen's resolution. */
     fit() {
       const side = this.canvas.clientWidth || 320;
       const pixels = Math.round(side * Math.min(window.devicePixelRatio || 1, 3));
@@ -98,7 +98,7 @@
       c.setLineDash([]);
     }
 
-    /** Where the tip was, fading with age; the latest point comes last. */
+    /** The tip's path, older parts fainter; the latest point comes last. */
     trail(trail, unit) {
       const c = this.context;
       for (let i = 1; i < trail.length; i++) {

@@ -76,7 +76,7 @@
       swingup.dark.addEventListener("change", () => this.draw());
     }
 
-    /** The show that is on. */
+    /** The selected controller's recordings. */
     get show() {
       return this.shows[this.index];
     }
@@ -86,7 +86,7 @@
       return Math.max(...RUNS.map((run) => this.show.runs[run]).map((run) => (run ? run.time[run.time.length - 1] : 0)));
     }
 
-    /** {t, x, u} of a run ("clean" or "disturbed") as shown now; null if there is no such run. */
+    /** {t, x, u} of a run ("clean" or "disturbed") at the player's time; null if there is no such run. */
     state(run) {
       const rows = this.show.runs[run];
       return rows && sample(rows, this.time);

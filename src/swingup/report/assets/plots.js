@@ -1,4 +1,4 @@
-/* Puts Bokeh's plots into the page, fills them with what the player shows, and keeps their colours the page's. */
+/* Embeds Bokeh's plots, fills them with the player's runs, and gives them the style sheet's colours. */
 (function (swingup) {
   "use strict";
 

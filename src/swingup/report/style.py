@@ -1,6 +1,6 @@
-"""How figures look: their style, colours, names and legends, with matplotlib, which is imported only when used.
+"""The style of figures: colours, lines, names and legends. Matplotlib is imported only when a figure is drawn.
 
-Figures are objects of their own: pyplot is never used, and global settings change no longer than a call lasts.
+Nothing here uses pyplot, and global settings change only during a call.
 """
 
 import io
@@ -12,16 +12,17 @@ import numpy as np
 
 from ..drawing import BASE, DRIVEN, GREEN, GUIDE, LINK_1
 from ..errors import SwingupError
+from ..text import one_line
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
-FORMATS = (".png", ".svg", ".pdf")
+FIGURE_FORMATS = (".png", ".svg", ".pdf")
 
 COLOURS = (LINK_1, DRIVEN, "#5aa9dd", "#f2b632", "#a3a09a")
-"""Colour-blind readers can tell them apart, too; after the last, lines and bars change their pattern."""
+"""Colours that colour-blind readers can tell apart. After the last, lines and bars change their pattern."""
 DASHES = ("-", "--", ":")
 HATCHES = ("", "////", "....")
 LONGEST_NAME = 40
@@ -50,11 +51,11 @@ STYLE = {
     "svg.hashsalt": "swingup",
     "pdf.fonttype": 42,
 }
-"""On top of matplotlib's own defaults, whatever a user's matplotlibrc says."""
+"""Changes to matplotlib's defaults. A user's matplotlibrc has no effect."""
 
 
 def styled() -> AbstractContextManager[None]:
-    """A context in which figures take this look.
+    """A context in which figures have this style.
 
     Raises:
         SwingupError: matplotlib is not installed.
@@ -67,18 +68,18 @@ def styled() -> AbstractContextManager[None]:
 
 
 def new_figure(width: float, height: float) -> "Figure":
-    """An empty figure of some size (inches) that lays itself out."""
+    """An empty figure of a given size (inches), with matplotlib's constrained layout."""
     from matplotlib.figure import Figure
 
     return Figure((width, height), layout="constrained")
 
 
 def render(figure: "Figure", suffix: str) -> bytes:
-    """A figure as the bytes of a file, the same for the same figure.
+    """Render a figure as the bytes of a file; equal figures give equal bytes.
 
     Args:
-        figure: what to render.
-        suffix: one of :data:`FORMATS`.
+        figure: the figure.
+        suffix: one of :data:`FIGURE_FORMATS`.
     """
     metadata = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(suffix)
     file = io.BytesIO()
@@ -88,8 +89,12 @@ def render(figure: "Figure", suffix: str) -> bytes:
 
 
 def plain(name: str) -> str:
-    """A name that matplotlib shows unchanged: dollars start no formula, an underscore hides no entry."""
-    short = name if len(name) <= LONGEST_NAME else name[: LONGEST_NAME - 1] + "…"
+    """A name as matplotlib text: one printable line, in which dollars start no formula.
+
+    A leading underscore would hide the entry from legends, so a space goes before it.
+    """
+    line = one_line(name)
+    short = line if len(line) <= LONGEST_NAME else line[: LONGEST_NAME - 1] + "…"
     return (" " if short.startswith("_") else "") + short.replace("$", r"\$")
 
 
@@ -111,11 +116,11 @@ STAR: dict[str, Any] = {
     "marker": "*", "markersize": 6.5, "markerfacecolor": GREEN, "markeredgecolor": "white", "markeredgewidth": 0.5,
     "linestyle": "none", "zorder": 3, "label": "_goal",
 }  # fmt: skip
-"""The star fits into the ring, for where start and goal coincide."""
+"""The star fits into the ring: start and goal may coincide."""
 
 
 def tick_angles(axis: "Axis") -> None:
-    """Ticks at multiples of π/2, π or more, few enough to read."""
+    """Ticks at multiples of π/2, of π, or of several π: about six."""
     from matplotlib.ticker import FuncFormatter, MultipleLocator
 
     low, high = axis.get_view_interval()
@@ -132,7 +137,7 @@ def tick_angles(axis: "Axis") -> None:
 
 
 def legend_below(figure: "Figure", entries: Sequence[tuple["Artist", str]]) -> None:
-    """A legend in as few rows as fit, from rough widths of its entries (inches)."""
+    """A legend below the panels, in as few rows as fit by the estimated widths of its entries (inches)."""
     widths = [0.065 * len(text) + 0.5 for _, text in entries]
     columns = len(entries) if sum(widths) < figure.get_figwidth() else int(figure.get_figwidth() / max(widths))
     artists, texts = zip(*entries, strict=True)

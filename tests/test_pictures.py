@@ -1,0 +1,79 @@
+"""The pictures of the pages: small, and labelled in words with units."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+import swingup
+
+ROOT = Path(swingup.__file__).parents[2]
+PICTURES = [*sorted((ROOT / "benchmarks").glob("*.png")), *sorted((ROOT / "docs").glob("*.png"))]
+
+pytestmark = pytest.mark.skipif(not (ROOT / "docs").is_dir(), reason="the pictures are only in a checkout")
+
+
+@pytest.fixture
+def figures(monkeypatch):
+    """The figures that the studies' scripts draw, which are kept and not written."""
+    pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    import study
+
+    from swingup.report import style
+
+    kept = []
+    monkeypatch.setattr(style, "render", lambda figure, suffix: kept.append(figure) or b"")
+    monkeypatch.setattr(study, "write_atomically", lambda path, content: None)
+    yield kept
+    for name in ("study", "ablations", "mujoco_learning"):
+        sys.modules.pop(name, None)
+
+
+def draw_stored(name, monkeypatch):
+    """Run a study's script on its stored rows."""
+    module = __import__(name)
+    rows = ROOT / "benchmarks" / "runs" / f"{name.removesuffix('_learning')}.jsonl"
+    monkeypatch.setattr(sys, "argv", [name, "--study", str(rows), "--plot", "picture.svg"])
+    module.main()
+
+
+def legend_of(figure):
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_pictures_are_small():
+    assert len(PICTURES) >= 5
+    assert [path.name for path in PICTURES if path.stat().st_size > 300_000] == []
+
+
+def test_the_ablations_picture_speaks_in_words(figures, monkeypatch):
+    draw_stored("ablations", monkeypatch)
+    (figure,) = figures
+    assert [axes.get_title() for axes in figure.axes] == [
+        "angles as in the paper",
+        "values' mean not removed",
+        "no entropy reward (τ = 0)",
+        "less entropy reward (τ = 0.5, not 2)",
+        "episodes not cut at random",
+    ]
+    assert {axes.get_xlabel() for axes in figure.axes} == {"frames (millions)"}
+    score = "RealAI score (0 to 1)"  # on the left of each row, whose panels have one scale
+    assert [axes.get_ylabel() for axes in figure.axes] == [score, "", "", score, ""]
+    assert legend_of(figure) == [
+        "default preset", "with the change", "thick: mean of the seeds", "thin: one seed",
+    ]  # fmt: skip
+
+
+def test_the_mujoco_picture_explains_thick_and_thin_lines(figures, monkeypatch):
+    draw_stored("mujoco_learning", monkeypatch)
+    (figure,) = figures
+    assert [axes.get_title() for axes in figure.axes] == ["HalfCheetah-v5", "Hopper-v5", "Swimmer-v5"]
+    assert {axes.get_xlabel() for axes in figure.axes} == {"frames (millions)"}
+    assert {axes.get_ylabel() for axes in figure.axes} == {"mean return (sum of rewards)"}
+    assert legend_of(figure) == [
+        "AR-EAPO (swingup)", "PPO (Stable-Baselines3)", "thick: mean of the seeds", "thin: one seed",
+    ]  # fmt: skip
+    for axes in figure.axes:
+        thin = [line for line in axes.get_lines() if line.get_linewidth() < 1]
+        assert (len(thin), len(axes.get_lines())) == (6, 8)  # 3 seeds of 2 learners, and their means
