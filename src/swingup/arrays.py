@@ -28,6 +28,7 @@ LARGEST_ARCHIVE = 256_000_000
 LARGEST_METADATA = 4_000_000
 """Bytes of the JSON text."""
 
+# Matched, not parsed: NumPy's own reader accepts any Python literal.
 _HEADER = re.compile(
     rb"\{'descr': '([<>|=]?[biufc]\d{1,2})', 'fortran_order': (False|True), 'shape': \(([\d, ]{0,99})\),? ?\} *\n"
 )
@@ -43,6 +44,7 @@ def save_archive(
         SwingupError: the file cannot be written.
     """
     text = json.dumps(finite({"format": kind, "format_version": version, **metadata}), indent=2)
+    # In memory first: the file is then written in one piece.
     buffer = io.BytesIO()
     contents: dict[str, Any] = {METADATA: np.frombuffer(text.encode(), np.uint8), **arrays}
     np.savez_compressed(buffer, **contents)
@@ -50,7 +52,7 @@ def save_archive(
 
 
 def finite(value: Any) -> Any:
-    """A JSON value with null for every number that is not finite: JSON has none of these."""
+    """A JSON value with null for every number that is not finite: JSON has no such numbers."""
     if isinstance(value, Mapping):
         return {name: finite(each) for name, each in value.items()}
     if isinstance(value, list | tuple):
@@ -157,6 +159,7 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
     dtype, fortran, shape = np.dtype(header[1].decode()), header[2] == b"True", _shape(header[3].decode())
     if math.prod(shape) * dtype.itemsize != len(content) - header.end():
         raise ValueError("another size than the header declares")
+    # Copied, because an array over bytes is read-only.
     return np.ndarray(shape, dtype, content, header.end(), order="F" if fortran else "C").copy(order="K")
 
 

@@ -1,7 +1,8 @@
 """Code that is not ours: whatever it raises becomes one line that says who raised what.
 
-A controller or an environment may end the process (``sys.exit``) or raise what is no ``Exception``. Only the
-keyboard interrupts; all else is a fault of that code, and must not end a benchmark of a thousand runs.
+A controller or an environment may end the process (``sys.exit``) or raise what is no ``Exception``. Only an
+interrupt from the keyboard passes. Everything else is a fault of that code, and must not end a benchmark of a
+thousand runs.
 """
 
 import contextlib
@@ -24,6 +25,7 @@ def blaming(what: str, remedy: str = "correct it there") -> Iterator[None]:
     """
     try:
         yield
+    # A SwingupError already names its fault.
     except (KeyboardInterrupt, SwingupError):
         raise
     except BaseException as error:
@@ -31,7 +33,7 @@ def blaming(what: str, remedy: str = "correct it there") -> Iterator[None]:
 
 
 def described(error: BaseException) -> str:
-    """A foreign error by its kind and its text; of a traceback in it, as compiled callbacks raise, the end."""
+    """A foreign error's kind and text. Compiled callbacks raise whole tracebacks; of these only the end is kept."""
     text = one_line(error)
     if TRACEBACK in text:
         text = one_line(re.split(r'\n  File "', str(error))[-1].partition("\n")[2])

@@ -1,7 +1,7 @@
 """Controllers for RealAIGym's simulator and its robot: ``load_controller("refined", "acrobot")``.
 
-Policies run by NumPy alone. Baselines (``tvlqr``, ``ilqr-riccati``, ``ilqr-mpc``...) and other controllers of this
-package load JAX when they are asked for; RealAIGym's package is never imported.
+Policies run with NumPy alone. JAX is imported only for baselines (``tvlqr``, ``ilqr-riccati``, ``ilqr-mpc``...) and
+for other controllers of this package. RealAIGym's package is never imported.
 """
 
 import copy
@@ -25,7 +25,7 @@ def load_controller(
     Args:
         name: a policy file, or a built-in name.
         robot: which joint is driven; needed with a name.
-        estimator: behind a state estimator as the policy file asks (None), never (False) or always (True).
+        estimator: behind a state estimator where the policy file has one (None), never (False) or always (True).
 
     Raises:
         SwingupError: there is no such controller, or it is damaged, or for another robot.

@@ -1,4 +1,4 @@
-"""Tables of numbers as CSV files: a header line and comma-separated columns, found by name; first the time."""
+"""Tables of numbers as CSV files: a header line and comma-separated columns, found by name; one is the time."""
 
 import itertools
 import math
@@ -66,9 +66,11 @@ def read_columns(
     places = {name: header.index(name) for name in _choose_columns(path, header, groups, optional)}
     for name, place in places.items():
         _check_title(path, name, titles[place], header.count(name))
+    # A trailing comma is harmless. A decimal comma makes one cell too many.
     for line, cells in rows:
         if any(cells[len(header) :]):
             raise SwingupError(f"{path}, line {line} has more cells than columns: write decimals with a point")
+    # RealAIGym also cuts rows to the shortest column.
     rows = rows[: min(_filled(rows, place) for place in places.values())]
     if len(rows) < MINIMUM_ROWS:
         raise SwingupError(f"{path} has {len(rows)} complete rows: at least {MINIMUM_ROWS} are needed")
@@ -82,6 +84,7 @@ def read_columns(
 
 def _read_cells(path: str | Path, expected: Sequence[Names]) -> tuple[list[str], list[_Row]]:
     try:
+        # This decoder drops a byte order mark.
         text = read_bytes(path, LARGEST_TABLE).decode("utf-8-sig")
     except FileNotFoundError as error:
         raise SwingupError(f"no such file: {path}") from error
@@ -119,6 +122,7 @@ def _plain(unit: str) -> str:
 def _choose_columns(
     path: str | Path, header: list[str], groups: Sequence[Sequence[Names]], optional: Names
 ) -> list[str]:
+    # Where no choice is complete, the error names the columns of the nearest one.
     best = [min(group, key=lambda names: len(set(names) - set(header))) for group in groups]
     chosen = [name for names in best for name in names]
     missing = [name for name in chosen if name not in header]

@@ -38,6 +38,7 @@ class Column:
 COLUMNS = {
     "swingup_time": Column("Swing-up time", "Time\n[s]", "s", ".2f"),
     "energy": Column("Energy", "Energy\n[J]", "J", ".2f"),
+    # Units as printed. By their definitions the torque cost is in N² m² s, the velocity cost in rad²/s.
     "torque_cost": Column("Torque cost", "Torque\ncost", "N²m²", ".2f"),
     "torque_smoothness": Column("Torque smoothness", "Smooth-\nness", "Nm", ".4f"),
     "velocity_cost": Column("Velocity cost", "Velocity\ncost", "m²/s²", ".2f"),

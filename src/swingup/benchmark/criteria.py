@@ -11,6 +11,7 @@ import numpy as np
 
 from .rules import Normalisers, PerformanceRules
 
+# The benchmark's own limit: a file whose last time is below it fails.
 SHARE = 0.99
 """Part of the rules' duration that a run must span to score."""
 
@@ -71,8 +72,10 @@ def judge(
     """
     dt = np.diff(time)
     swingup_time = _swingup_time(time, x, l1, l2, rules)
+    # The benchmark compares the last time. The callers in evaluate.py test the span as well.
     long_enough = bool(time[-1] >= SHARE * rules.duration)
     costs = {
+        # Absolute values: the benchmark counts braking as work, too.
         "energy": float(np.sum(np.abs(np.diff(x[:, :2], axis=0) * u[:-1]))),
         "torque_cost": float(np.sum(np.sum(u[:-1] ** 2, axis=1) * dt)),
         "torque_smoothness": float(np.sum(np.std(np.diff(u, axis=0), axis=0))),
@@ -95,6 +98,7 @@ def follow_tip(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: Per
     elif not up[-1]:
         last = int(np.flatnonzero(up)[-1])
         failure = f"up at t = {times[int(up.argmax())]:.3f} s, fell at t = {times[last + 1]:.3f} s"
+    # Both the benchmark's limit on the last time and ours on the span.
     elif min(time[-1], time[-1] - time[0]) < SHARE * rules.duration:
         failure = f"it spans {time[-1] - time[0]:g} s, below {SHARE:.0%} of {rules.duration:g} s"
     else:
@@ -132,4 +136,5 @@ def _swingup_time(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: 
         return None
     below = np.flatnonzero(~up)
     start = 0 if below.size == 0 else int(below[-1]) + 1
+    # The first row was cut off: entry 0 of `up` is row 1.
     return float(time[1 + start])

@@ -1,4 +1,4 @@
-"""Disturbances of a single run, as the robustness grid has them one at a time."""
+"""Disturbances of a single run: those that the robustness grid tries one at a time."""
 
 import dataclasses
 
@@ -51,5 +51,6 @@ def make_disturbance(
         response=response,
         delay_steps=floored_delay_steps(numbers["delay"], rules.dt),
         pushes=calm.pushes if pushes is None else draw_pushes(np.random.default_rng(first), pushes, rules.duration),
+        # The second word counts the simulations of a grid; a single run is its first.
         noise=np.array([first, 0], np.uint32),
     )

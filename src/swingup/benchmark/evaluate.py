@@ -67,6 +67,7 @@ def evaluate(
     robot, rules = get_robot(robot), get_performance_rules(rules)
     estimator, controller = has_estimator(controller), prepare(controller, robot, name)
     scenario = Scenario(leaderboard_parameters(robot), disturbance)
+    # Room for the present state and the delayed ones.
     depth = 1 if disturbance is None else int(disturbance.delay_steps) + 1
     try:
         trajectory = run_one(controller, scenario, rules.dt, rules.steps, depth)
@@ -124,6 +125,6 @@ def _judged(trajectory: Trajectory, robot: Robot, rules: PerformanceRules) -> tu
         raise SwingupError("the trajectory's times do not increase: keep one run, in order")
     if abs(time[0]) > START:
         raise SwingupError(f"the trajectory starts at t = {time[0]:g} s: give its times as seconds since its start")
-    criteria = judge(time - min(0.0, time[0]), x, u, *lengths, rules)  # no swing-up takes less than no time
+    criteria = judge(time - min(0.0, time[0]), x, u, *lengths, rules)  # no negative swing-up times
     long_enough = time[-1] - time[0] >= SHARE * rules.duration
     return criteria if long_enough else failed(criteria), follow_tip(time, x, *lengths, rules)

@@ -44,6 +44,7 @@ def make_cases(robot: Robot, rules: RobustnessRules, criterion: str, seed: int) 
         SwingupError: a value makes no pendulum, or is no disturbance.
     """
     nominal = leaderboard_parameters(robot)
+    # Room for pushes in every case: scenarios of one structure can be stacked.
     calm = undisturbed(rules.perturbations.pushes)
     if criterion == "model":
         made = list(_model_cases(nominal, calm, rules))
@@ -74,6 +75,7 @@ def vary(nominal: Parameters, model: ModelSweep, value: float) -> Parameters:
     """The plant with one value of a sweep: with a product m r it is r that changes."""
     if model.relative:
         mass = 1.0 if model.mass is None else getattr(nominal, model.mass)
+        # The benchmark varies m r and divides by m. Another order of operations would round differently.
         value = mass * getattr(nominal, model.parameter) * value / mass
     return dataclasses.replace(nominal, **{model.parameter: value})
 
@@ -81,6 +83,7 @@ def vary(nominal: Parameters, model: ModelSweep, value: float) -> Parameters:
 def _sweep_cases(nominal: Parameters, calm: Disturbance, rules: RobustnessRules, criterion: str) -> Iterator[Case]:
     sweep: Sweep = getattr(rules, criterion)
     for group, value in enumerate(sweep.values()):
+        # A negative response can be simulated; a negative deviation or delay has no meaning.
         if criterion != "torque_response" and value < 0:
             raise SwingupError(f"{criterion} = {value:g} must not be negative: correct the grid")
         change: dict[str, Any] = {"response" if criterion == "torque_response" else criterion: value}
@@ -127,10 +130,13 @@ def draw_pushes(random: np.random.Generator, rules: PushRules, duration: float) 
     number = 2 * rules.pushes
     if number < 1 or duration < (number + 1) * rules.apart:
         raise SwingupError(f"{rules.pushes} pushes a joint {rules.apart:g} s apart do not fit into {duration:g} s")
+    # number + 1 gaps: between the peaks and at both ends.
     slack = (duration - (number + 1) * rules.apart) / number
     centres = np.cumsum(rules.apart + slack * random.uniform(size=number))
+    # Pushes on the passive joint are drawn although they have no effect: the published scores contain them.
     shape = (2, rules.pushes)
     least, most = rules.amplitude
+    # Drawn about 0 and moved outward by `least` below, as in the benchmark: no push is weaker.
     amplitude = random.uniform(least - most, most - least, shape)
     return Pushes(
         centre=random.permutation(centres).reshape(shape),
@@ -141,6 +147,7 @@ def draw_pushes(random: np.random.Generator, rules: PushRules, duration: float) 
 
 def _seeded(case: Case, seed: int, index: int) -> Case:
     """The case with a noise of its own: no two of a grid, and no two seeds, share a key."""
+    # The stride leaves room for the largest grid of each criterion.
     key = np.array([seed, MOST_CASES * CRITERIA.index(case.criterion) + index], np.uint32)
     assert case.scenario.disturbance is not None
     disturbance = dataclasses.replace(case.scenario.disturbance, noise=key)
@@ -186,6 +193,7 @@ def _parse(text: str, values: str, *lengths: int) -> list[float]:
         numbers = [float(part) for part in parts]
     except ValueError:
         numbers = []
+    # The comparison also refuses NaN, which float() accepts.
     if len(numbers) not in lengths or not all(abs(number) < 1e9 for number in numbers):
         raise SwingupError(f"grid {text!r} is malformed: write NAME=LOW:HIGH:COUNT or perturbations=PROFILES")
     return numbers

@@ -24,7 +24,7 @@ class HostRun:
     final: np.ndarray
     """States after the last step, shape (n, 4)."""
     faults: list[str | None]
-    """What was wrong with a controller's answer, if anything; it got no torque from then on."""
+    """What was wrong with a controller's answer, if anything; its torque is 0 from then on."""
 
 
 def simulate_on_host(
@@ -40,6 +40,7 @@ def simulate_on_host(
         except SwingupError as error:
             calls.append(_silent)
             faults[index] = str(error)
+    # A batch even for one simulation: the compiled half steps have a leading axis.
     loop: LoopState = jax.tree.map(lambda leaf: jnp.stack([leaf] * number), initial_loop(jnp.zeros(4), depth))
     time = np.arange(steps) * dt
     kept = steps if keep else 0
@@ -49,6 +50,7 @@ def simulate_on_host(
             x[:, step] = loop.x
         loop, state, called = _measure(scenarios, loop, np.int64(step))
         measured, command = np.asarray(state, np.float64), np.zeros((number, 2))
+        # No call during a throw, nor on a state that has diverged: that is no fault of the controller.
         able = np.asarray(called) & np.isfinite(measured).all(axis=1)
         for index, call in enumerate(calls):
             if faults[index] is None and able[index]:
@@ -66,4 +68,4 @@ def simulate_on_host(
 
 
 def _silent(x: np.ndarray, t: float) -> None:
-    """Stands for a controller that could not be started: it is never called."""
+    """Stand in for a controller that could not be started; this is never called."""

@@ -50,7 +50,7 @@ class Row:
 _Maker = Callable[[Any, Robot, str], Row]
 
 RowProgress = Callable[[str, int, int], None]
-"""Told which row is being computed, the number of its finished simulations, and of all."""
+"""Called with the row that is being computed, the number of its finished simulations, and of all."""
 
 
 @dataclass(frozen=True)
@@ -128,10 +128,11 @@ def entrants_for(
         SwingupError: another controller has a name of ours.
     """
     _check_names(others, names)  # before controllers are made, which takes seconds
-    # Not get_controller: its notes on changed names are for what a user asks for.
+    # Not get_controller: its notes on changed names are for names that a user gives.
     ours = {name: find_controller(name, robot) for name in names}
     twice = [name for name in names if alone and has_estimator(ours[name])]
     ours |= {f"{name}{ALONE}": find_controller(name, robot, estimator=False) for name in twice}
+    # Again, for the names without an estimator: they are known only now.
     _check_names(others, ours)
     return ours | dict(others)
 
@@ -150,6 +151,7 @@ def _makers(rules: BoardRules, seed: int, recompute: bool, progress: RowProgress
             if progress is not None:
                 progress(f"{name}, {measure}", done, total)
 
+        # Told at once: compilation comes before the first finished simulation.
         tell(0, 1)
         return tell
 
@@ -183,6 +185,7 @@ def published_rows(robot: Robot, measure: str, rules: str) -> list[Row]:
 
     The paper prints 0.0083 N m as the smoothness of the pendubot's iLQR MPC; only 0.083 gives its score.
     """
+    # Each board was published for one version of the rules only.
     if rules != {"uptime": "v3"}.get(measure, "v2"):
         return []
     text = (resources.files(__package__) / f"published_{measure}.csv").read_text(encoding="utf-8")
@@ -215,6 +218,7 @@ def _board(
         try:
             rows.append(make_row(controller, robot, name))
         except SwingupError as error:
+            # One controller's failure must not cost the others their rows.
             rows.append(Row(name, OURS, {**dict.fromkeys(BOARDS[measure]), score: 0.0}, str(error)))
     return Board(
         robot.name, measure, rules, drawn, tuple(sorted(rows, key=lambda row: -(row.values[score] or 0.0)))

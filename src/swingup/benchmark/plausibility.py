@@ -1,8 +1,8 @@
-"""What in a recording cannot be the physics of this pendulum, or makes its score another one than the board's.
+"""Warnings about a recording: what this pendulum cannot do, and what keeps its score from being the board's.
 
-The warnings inform and refuse nothing: a robot's recording has uneven periods, noise, offsets, friction and the
-torques of its motors, and its score stands. The limits lie above all that was found in 27 recordings of the real
-robot, and below what a log shows whose times, positions, velocities or torques were made up.
+The warnings do not change the score: a real robot's recording has uneven periods, noise, offsets, friction and the
+torques of its motors. The limits lie above everything found in 27 recordings of the real robot, and below what a
+log with invented times, positions, velocities or torques shows.
 
 Sums over a window of 0.1 s stand for single rows where noise would hide the fault: noise cancels, a fault adds up.
 """
@@ -30,10 +30,12 @@ HANGING = (0.2, 1.0)
 """A start within this of hanging at rest hangs (rad, rad/s); recordings start within 0.001 rad and 0.1 rad/s."""
 
 LONGEST_PERIOD = 10.0
-"""A period above this many median ones is no jitter; recordings have up to 5."""
+"""A period longer than this many median periods is no jitter; recordings have up to 5."""
 
 UNEVEN = (0.5, 0.1)
-"""Periods further from the median than the first share of it are uneven; recordings have 0.01 of these, of 0.1."""
+"""A period is uneven if it differs from the median by more than the first share of it.
+
+More than the second share of uneven periods is a warning; recordings have a share of 0.01."""
 
 RATE = 0.05
 """A rate this far from the rules', relatively, changes the smoothness noticeably."""
@@ -98,7 +100,7 @@ def examine(
     robot, rules = get_robot(robot), get_performance_rules(rules)
     time, x, u = (np.asarray(rows, np.float64) for rows in (trajectory.time, trajectory.x, trajectory.u))
     period = np.diff(time)
-    with np.errstate(all="ignore"):  # absurd values overflow, and are then found to be so
+    with np.errstate(all="ignore"):  # absurd values overflow and become findings
         slip = _slip(period, x)
         found = [
             *_short_span(time, rules),
@@ -138,6 +140,7 @@ def _periods(period: np.ndarray, rules: PerformanceRules) -> _Found:
 
 def _start(x: Float[np.ndarray, "4"]) -> _Found:
     angle, speed = float(np.abs(_wrapped(x[:2])).max()), float(np.abs(x[2:]).max())
+    # Negated, here and below: a NaN from overflow must count as a finding.
     if not (angle <= HANGING[0] and speed <= HANGING[1]):
         yield "not_hanging", f"it starts {angle:.3g} rad off hanging, at {speed:.3g} rad/s"
 
@@ -145,6 +148,7 @@ def _start(x: Float[np.ndarray, "4"]) -> _Found:
 def _torques(u: Float[np.ndarray, "rows 2"], robot: Robot) -> _Found:
     largest = np.abs(u).max(axis=0)
     driven, passive = float(largest[robot.joint]), float(largest[1 - robot.joint])
+    # The margin is for rounding.
     if driven > TORQUE_LIMIT * (1 + 1e-9):
         yield "torque_limit", f"its torque reaches {driven:.4g} N m, above the limit of {TORQUE_LIMIT:g} N m"
     if passive > COMPENSATION * (1 + 1e-9):
@@ -179,8 +183,10 @@ def _defect(
 ) -> _Found:
     """Simulate every row to the next, on the board's plant and on the identified one, and keep the better plant."""
     clean = bool(np.quantile(np.abs(slip / period[:, None]).max(axis=1), 0.9) < CLEAN)
+    # Longer periods are cut short and then ignored: every row stays, and the batch keeps its shape.
     step = np.minimum(period, COARSEST)
     least = LARGEST
+    # A simulated recording has the frictionless plant, a robot's has friction.
     for parameters in (leaderboard_parameters(robot), identified_parameters()):
         with jax.enable_x64(True):
             after = np.asarray(_steps(parameters, x[:-1], u[:-1], step))

@@ -104,13 +104,17 @@ def robustness(
     every, chosen = check_seeds(seed, seeds), check_criteria(criteria)
     estimator, controller = has_estimator(controller), prepare(controller, robot, name)
     cases = [case for criterion in chosen for case in make_cases(robot, rules, criterion, every[0])]
+    # The other criteria do not depend on the seed: one simulation of each is enough.
     for other in every[1:]:
         cases += [case for one in chosen if one in RANDOM for case in make_cases(robot, rules, one, other)]
     disturbances = [case.scenario.disturbance for case in cases]
+    # One state more than the largest delay: the present one.
     depth = 1 + max(int(each.delay_steps) for each in disturbances if each is not None)
+    # All criteria in one stack share one compiled program.
     scenarios = stack([case.scenario for case in cases])
     batch = run_many(controller, scenarios, rules.dt, rules.steps, depth, progress=progress)
     ends = zip(cases, upright(batch.final, rules.tolerance), batch.faults, strict=True)
+    # A controller that failed gets no success, even if the pendulum happened to end upright.
     results = tuple(Result(case, bool(success) and fault is None, fault) for case, success, fault in ends)
     percent, overall, intervals = summarise(results, tuple(every))
     return Robustness(
@@ -161,7 +165,7 @@ def summarise(
 
 
 def _percentages(results: Sequence[Result], seed: int) -> dict[str, float]:
-    """Each criterion's percentage with one seed; what needs no seed is the same with all."""
+    """Each criterion's percentage with one seed; criteria without randomness are the same for every seed."""
     groups: dict[str, dict[int, list[bool]]] = {}
     for result in results:
         case = result.case

@@ -72,6 +72,7 @@ class SimulationEnd(eqx.Module):
 def initial_loop(x0: State, depth: int = 1) -> LoopState:
     """The loop before its first step, with room for delays below ``depth`` steps."""
     rest = jnp.zeros(2, x0.dtype)
+    # A delay that reaches before the start measures the first state, as in the benchmark.
     return LoopState(x0, rest, rest, jnp.tile(x0, (depth, 1)), start_pid(x0.dtype), rest)
 
 
@@ -94,6 +95,7 @@ def apply_torque(scenario: Scenario, loop: LoopState, step: Count, command: Torq
         thrown = is_thrown(scenario.throws, step)
         thrower, torque = throw(scenario.throws, p, pid, step, loop.x)
         command = jnp.where(thrown, torque, command)
+        # Between throws the PID rests: its error sum runs on from throw to throw.
         pid = jax.tree.map(lambda new, old: jnp.where(thrown, new, old), thrower, pid)
     if scenario.disturbance is None:
         u = jnp.clip(command, -limits, limits)
@@ -129,12 +131,15 @@ def simulate(
         before, memory, fault = carry
         time = index.astype(x0.dtype) * dt
         before = eqx.tree_at(lambda loop: loop.x, before, replace_fn=guard)
+        # The measurement comes before the control and the motor: the benchmark's order.
         loop, measured, called = measure(scenario, before, index)
         after_call, command = controller(memory, time, measured)
         if scenario.throws is None:
             memory = after_call
         else:
+            # The compiled loop computes the call during a throw, too. The memory must not advance then.
             memory = jax.tree.map(lambda new, old: jnp.where(called, new, old), after_call, memory)
+        # A state that has diverged is no fault of the controller: only finite measurements count.
         failed = called & jnp.isfinite(measured).all() & ~jnp.isfinite(command).all()
         fault = jnp.where((fault < 0) & failed, index, fault)
         after = apply_torque(scenario, loop, index, command, dt)

@@ -38,6 +38,7 @@ class _Timing:
     @property
     def steps(self) -> int:
         """Steps of a run."""
+        # Rounded: a quotient of decimals need not be whole.
         return round(self.duration / self.dt)
 
 
@@ -93,15 +94,18 @@ class PushRules:
 
 
 _QUARTER = Sweep(0.75, 1.25)
+# Absolute values, because the nominal friction is 0. The negative ones drive the joint; the benchmark has them.
 _DAMPING, _COULOMB = Sweep(-0.1, 0.1), Sweep(-0.2, 0.2)
 
 MODEL_SWEEPS = {
+    # Absolute for the same reason: the leaderboards' plant has no motor inertia.
     "Ir": ModelSweep("Ir", Sweep(0.0, 1e-4)),
     "m1r1": ModelSweep("r1", _QUARTER, relative=True, mass="m1"),
     "I1": ModelSweep("I1", _QUARTER, relative=True),
     "b1": ModelSweep("b1", _DAMPING),
     "cf1": ModelSweep("cf1", _COULOMB),
     "m2r2": ModelSweep("r2", _QUARTER, relative=True, mass="m2"),
+    # r2 stays, so that the product m2 r2 varies with m2.
     "m2": ModelSweep("m2", _QUARTER, relative=True),
     "I2": ModelSweep("I2", _QUARTER, relative=True),
     "b2": ModelSweep("b2", _DAMPING),
@@ -142,7 +146,7 @@ class UptimeRules(_Timing):
     """Fraction of l1 + l2 above which the tip counts as up."""
     throws: int = 15
     first: float = 3.75
-    """Mean time of the first throw (s); as long before the end comes the mean time of the last."""
+    """Mean time of the first throw (s). The mean time of the last throw is as long before the end."""
     jitter: float = 1.0
     """Throws come at uniform random times within this of their mean times (s)."""
     throw_duration: float = 0.2

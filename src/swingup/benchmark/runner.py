@@ -22,7 +22,7 @@ from .host import HostRun, simulate_on_host
 from .rollout import Scenario, SimulationEnd, Trajectory, simulate
 
 Progress: TypeAlias = Callable[[int, int], None]
-"""Told the number of finished simulations, and of all."""
+"""Called with the number of finished simulations, and of all."""
 
 SIDE_BY_SIDE = 64
 """Copies of a controller in plain Python that exist at a time."""
@@ -40,6 +40,7 @@ def _simulate(
     controller = eqx.combine(arrays, static)
 
     def one(scenario: Scenario) -> _Result:
+        # Rows that are not kept must not leave the scan: those of a whole grid take 200 MB.
         end, rows = simulate(scenario, controller, jnp.zeros(4), dt, steps, depth)
         return end, rows if keep else None
 
@@ -59,10 +60,10 @@ class SimulatedBatch:
 
 
 def prepare(source: Any, robot: Robot, name: str) -> Controller:
-    """A controller of any kind as one that can be run on a robot.
+    """Turn a controller of any kind into one that can be run on a robot.
 
     Raises:
-        SwingupError: it is none, is for another robot, or cannot be compiled; the message names it.
+        SwingupError: it is no controller, is for another robot, or cannot be compiled; the message names it.
     """
     try:
         controller = (
@@ -91,6 +92,7 @@ def run_one(controller: Controller, scenario: Scenario, dt: float, steps: int, d
             return jax.tree.map(lambda rows: rows[0], run.trajectory)
         arrays, static = split(controller)
         with blaming("running it"):
+            # Awaited here: an error inside a compiled program appears only with its result.
             end, trajectory = jax.block_until_ready(
                 _simulate(scenario, arrays, static, dt, steps, depth, keep=True, batched=False)
             )
@@ -111,7 +113,7 @@ def run_many(
     """Simulate a batch of scenarios from hanging at rest.
 
     Args:
-        controller: the controller, each scenario's with a memory of its own.
+        controller: the controller; each scenario gets a memory of its own.
         scenarios: with a leading axis of length n, as :func:`stack` makes them.
         dt: time of a step (s).
         steps: number of steps.
@@ -152,8 +154,8 @@ def _run_compiled(
 ) -> _Result:
     """One batch on an accelerator; on a CPU batches of one shape in a thread for each core.
 
-    One batch hardly uses a second core. Controllers that can spare work get smaller batches: a batch takes as long
-    as its slowest member, and neighbours in a grid mostly end alike.
+    One batch hardly uses a second core. Controllers that can skip work get smaller batches: a batch takes as long
+    as its slowest member, and neighbours in a grid mostly end in the same way.
     """
     number = _length(scenarios)
     on_cpu = jax.default_backend() == "cpu"
@@ -171,6 +173,7 @@ def _run_compiled(
             piece = jax.tree.map(lambda leaf: leaf[part * size : (part + 1) * size], padded)
             with blaming("running it"):
                 result = _simulate(piece, arrays, static, dt, steps, depth, keep, batched=True)
+                # Converted in this thread: the call above returns before its result is computed.
                 return jax.tree.map(np.asarray, result)
 
     pool, results = ThreadPoolExecutor(threads), []
@@ -179,7 +182,7 @@ def _run_compiled(
             results.append(result)
             if progress is not None:
                 progress(min(len(results) * size, number), number)
-    finally:  # interrupted, it does not wait for the parts that run
+    finally:  # an interrupt must not wait for the parts that still run
         pool.shutdown(wait=False, cancel_futures=True)
     return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:number], *results)
 
@@ -195,6 +198,7 @@ def cores() -> int:
 
 
 def _is_sparing(controller: AbstractController[Any]) -> bool:
+    # The whole tree is searched: the MPC stands inside a switch, which may stand behind an estimator.
     nodes = jax.tree.leaves(controller, is_leaf=lambda node: isinstance(node, AbstractExpensiveController))
     return any(isinstance(node, AbstractExpensiveController) for node in nodes)
 

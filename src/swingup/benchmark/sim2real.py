@@ -122,6 +122,7 @@ def sim2real(
     first = None
     for group in in_groups(every, SWINGUPS_AT_ONCE):
         with jax.enable_x64(True):
+            # A key for each seed: its plant is the same however many seeds are judged.
             scenarios = [Scenario(*domain.draw(jax.random.key(each), robot)) for each in group]
         batch = run_many(controller, stack(scenarios), rules.dt, rules.steps, domain.depth, keep=True)
         rows: Any = batch.trajectory

@@ -22,7 +22,7 @@ def main(arguments: list[str] | None = None, boards: "Boards | None" = None) -> 
         arguments: the words after the program's name; default: those of the process.
         boards: rules and entrants of the boards; default: the published ones.
     """
-    # XLA's alarms about slow compilation, with their source lines, tell a user nothing; read when JAX is imported.
+    # XLA's warnings of slow compilation tell a user nothing. JAX reads this when it is imported.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     try:
         _accept_any_text()
@@ -32,9 +32,11 @@ def main(arguments: list[str] | None = None, boards: "Boards | None" = None) -> 
 
         _use_compilation_cache()
         status = run_command(sys.argv[1:] if arguments is None else arguments, boards)
+        # A reader that has gone shows here, inside the try, and not at the interpreter's exit.
         sys.stdout.flush()
         return status
     except KeyboardInterrupt:
+        # Status 130: 128 and the number of SIGINT, as shells count.
         print("swingup: interrupted", file=sys.stderr)
         if threading.active_count() > 1:
             os._exit(130)  # not waiting for compiled simulations, which know no signals
@@ -44,6 +46,7 @@ def main(arguments: list[str] | None = None, boards: "Boards | None" = None) -> 
         return ERROR
     except BrokenPipeError:
         # The reader has gone, as in `swingup ... | head`.
+        # The interpreter flushes standard output when it exits, which would fail again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
 
@@ -59,6 +62,7 @@ def _use_compilation_cache() -> None:
     """Keep compiled programs in the user's cache folder, so that only a command's first run compiles."""
     import jax
 
+    # A folder that the user has set stays.
     if jax.config.values["jax_compilation_cache_dir"] is None:
         folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "swingup"
         try:
@@ -66,4 +70,5 @@ def _use_compilation_cache() -> None:
         except OSError:
             return  # without a cache every run compiles, which costs seconds and nothing else
         jax.config.update("jax_compilation_cache_dir", str(folder))
+        # JAX's own limit is 1 s, and leaves shorter compilations out of the cache.
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)

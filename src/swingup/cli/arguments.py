@@ -51,6 +51,7 @@ class DisturbanceOptions:
             SwingupError: a value is out of range.
         """
         numbers = {name: value for name, value in vars(self).items() if name != "pushes"}
+        # Made in any case, so that a bad seed is refused even when nothing is disturbed.
         made = make_disturbance(**numbers, pushes=PushRules() if self.pushes else None)
         return None if self == DisturbanceOptions(seed=self.seed) else made
 

@@ -86,7 +86,7 @@ def check_command(
 
 @dataclass(frozen=True)
 class BoardCommands:
-    """The command ``leaderboard``, by rules and with entrants that a test may cut down."""
+    """The command ``leaderboard``, with rules and entrants as data: a test may cut them down."""
 
     rules: Mapping[str, BoardRules] = field(default_factory=lambda: BOARD_RULES)
     entrants: Sequence[str] | None = None
@@ -125,6 +125,7 @@ class BoardCommands:
                 mine = {name: get_controller(name, each) for name in split_commas(controller)}
                 made += boards_of.leaderboard(each, mine, version, seed, recompute, self.entrants, progress)
         if asked:
+            # Not tell(), which would escape the line ends of the table.
             print(tables.TABLE_FORMATS[asked[0]](made))
         else:
             tables.show_boards(made)

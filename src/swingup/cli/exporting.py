@@ -46,6 +46,7 @@ def export(
             go side by side; ONNX has none.
     """
     one_of("format", to, FORMS)
+    # Before the policy is read: that error would only list policies.
     _refuse_baselines(policy, robot)
     policy = current_name("controller", policy)
     found = read_policy(policy, robot)

@@ -16,6 +16,7 @@ from ..learner.presets import PENDULUM_PRESET, PRESETS
 
 def _field_help() -> dict[str, str]:
     """The strings under the fields of the configuration."""
+    # Python keeps no string under a field: only the source has it.
     body = ast.parse(inspect.getsource(Config)).body[0].body  # type: ignore[attr-defined]
     texts = {}
     for field, text in itertools.pairwise(body):
@@ -40,6 +41,7 @@ def _options() -> list[tuple[str, Any, Any]]:
     for field in dataclasses.fields(Config):
         name, help_, note = field.name, _field_help()[field.name], f"({_defaults(field.name)})"
         if isinstance(field.default, bool):
+            # Two flags, so that neither of them means the preset's value.
             on = arg(help=help_, help_behavior_hint=note)
             off = arg(help=f"Without {name.replace('_', ' ')}.", help_behavior_hint="")
             fields.append((name, Annotated[FlagCreatePairsOff[bool], on], False))
@@ -52,6 +54,7 @@ def _options() -> list[tuple[str, Any, Any]]:
     return fields
 
 
+# Type checkers cannot follow fields that are computed.
 if TYPE_CHECKING:
     HyperparameterOptions = Any
 else:

@@ -66,6 +66,7 @@ def judge_and_tell(
     """Find a controller, judge it, and save and print the result: the steps of every judging command."""
     chosen = get_robot(robot)
     if output.save is not None:
+        # Before the judging, which may take minutes.
         check_writable(output.save)
     with foreign_prints_apart(), progress_shown() as shown:
         found = get_controller(controller, chosen, estimator.wanted)
@@ -98,7 +99,7 @@ def judge_sim2real(
 
 @dataclass(frozen=True)
 class JudgingCommands:
-    """The commands, by versions of the rules that a test may shorten."""
+    """The commands, with the rules as data: a test may shorten them."""
 
     rules: Mapping[str, BoardRules] = field(default_factory=lambda: BOARD_RULES)
 
@@ -169,6 +170,7 @@ class JudgingCommands:
         def judge(found: Controller, on: Robot, progress: Progress) -> Robustness:
             return robustness_of.robustness(found, on, controller, changed, seed, seeds, criteria, progress)
 
+        # The result names the command that repeats it; the leaderboard shows it beside shipped rows.
         options = {"controller": controller, "rules": rules, "seed": seed, "seeds": seeds}
         command = ["swingup", "robustness", robot, *(f"--{name}={value}" for name, value in options.items())]
         command += estimator.flags

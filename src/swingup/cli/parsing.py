@@ -1,4 +1,4 @@
-"""From words to a command that is ready to run; words that make no command end in one line."""
+"""From words to a command that is ready to run; words that are no command end in one line of error."""
 
 import contextlib
 import functools
@@ -51,7 +51,7 @@ def parse(commands: Mapping[str, Command], arguments: Sequence[str], description
 
 
 def _run_tyro(commands: Mapping[str, Command], arguments: Sequence[str], description: str) -> Ready:
-    """Parse only: the functions are bound and not called, so that their own errors are not taken for tyro's."""
+    """Parse only: functions are bound, not called, so that their own errors are not mistaken for tyro's."""
 
     def bind(function: Command) -> Callable[..., Ready]:
         @functools.wraps(function)
@@ -87,6 +87,7 @@ def _explain(commands: Mapping[str, Command], arguments: Sequence[str], told: st
         near = suggestion(unknown[0], known) or f"; {help_line}"
         return f"{PROGRAM} {command} has no option {one_line(unknown[0], 60)}{near}"
     rows = _rows(told)
+    # tyro indents the names of missing arguments by four.
     missing = [row.strip() for row in rows if re.match(r" {4}\S", row)]
     if rows and rows[0].startswith("Missing from") and missing:
         return f"{PROGRAM} {command} needs {' and '.join(missing)}: {help_line}"
@@ -113,7 +114,7 @@ def _rows(told: str) -> list[str]:
 
 
 def _plain(message: str) -> str:
-    """Tyro's words in ours."""
+    """Put tyro's messages into our own words."""
     for pattern, words in (
         (r"Error parsing (\S+): invalid literal for int\(\) with base 10: (.*)", r"\1 = \2 is no whole number"),
         (r"Error parsing (\S+): could not convert string to float: (.*)", r"\1 = \2 is no number"),

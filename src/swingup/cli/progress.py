@@ -30,6 +30,7 @@ def progress_line(report: TrainingReport, goal: int, seeds: int, width: int = WI
 def duration(seconds: float) -> str:
     """A time in the unit that suits it."""
     seconds = max(0.0, seconds)
+    # From 99.5 on, rounding would show three digits.
     if seconds < 99.5:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 99.5 * 60 else f"{seconds / 3600:.1f} h"
@@ -43,6 +44,7 @@ def _mean(report: TrainingReport, name: str) -> float:
 def _short(rate: float) -> str:
     """A number in three digits."""
     for size, letter in ((1e6, "M"), (1e3, "k")):
+        # From here on three digits round up to the next unit: 999.6 would be shown as 1e+03.
         if rate >= 0.9995 * size:
             return f"{rate / size:.3g}{letter}"
     return f"{rate:.3g}"

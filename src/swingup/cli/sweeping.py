@@ -68,6 +68,7 @@ def sweep(
     options: dict[str, Any] = {"robot": robot, "env": env, "preset": preset, "evaluate_every": evaluate_every}
     options |= {"checkpoint_every": checkpoint_every, "evaluation_episodes": evaluation_episodes}
     base = default_options(options)
+    # Ids of Gymnasium environments may contain slashes.
     folder = out or f"sweeps/{str(robot or env).replace('/', '-')}-{base['preset']}"
     grid = parse_grid([word for words in assignments for word in words])
     jobs = plan_jobs(base, grid, range(seed, seed + seeds), folder, frames)
@@ -80,6 +81,7 @@ def sweep(
     with executor_for(scheduler, workers) as executor:
         make_folder(folder)
         rows = summarise_variants(run_jobs(jobs, executor, tell))
+    # In a function of its own: here the option json hides the module.
     text = rows_as_json(rows)
     write_atomically(f"{folder}/sweep.json", (text + "\n").encode())
     if json:

@@ -38,6 +38,7 @@ def show_boards(boards: Sequence[Board]) -> None:
             table.add_row(escape(printable(row.controller)), row.source, *_cells(board, row), style=style)
         console = Console()
         needed = Measurement.get(console, console.options.update(max_width=WIDEST), table)
+        # A file or a pipe has no width to keep to: there no cell is cut.
         console.width = max(console.width, needed.minimum if console.is_terminal else needed.maximum)
         console.print(table)
         for remark in _remarks(board):

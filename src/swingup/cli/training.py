@@ -1,4 +1,4 @@
-"""The command ``train``: a run with a progress bar, that signals stop cleanly."""
+"""The command ``train``: a run with a progress bar; signals stop it cleanly."""
 
 import math
 import signal
@@ -92,6 +92,7 @@ def train_command(
     run.close()
     if received:
         console.print(f"stopped at {run.frames:,} frames and saved: continue with --resume {run.folder}")
+        # The status that shells give a program ended by this signal.
         return 128 + received[0]
     return _score(run)
 
@@ -110,6 +111,7 @@ def _start(frames: int | None, options: dict[str, Any], out: str | None, changes
     chosen = default_options(options)
     preset = get_preset(chosen["preset"])
     settings = RunSettings(config=config_from_dict(vars(preset.config) | changes), **chosen)
+    # Ids of Gymnasium may contain signs that a folder's name cannot.
     name = settings.name.replace("/", "-").replace(":", "-")
     folder = out or f"runs/{name}-{settings.preset}-{settings.seed}"
     return start_run(settings, folder, frames or preset.frames)
@@ -167,7 +169,7 @@ def _show(run: Run, console: Console) -> None:
         bar = progress.add_task("compiling", total=run.goal, completed=run.frames)
         if not console.is_terminal:
             console.print("compiling")
-        run.compile()  # apart from training, or the first estimate of the time left would count it
+        run.compile()  # first, so that the estimate of the time left does not contain it
         shown = -math.inf
         for report in run.advance():
             room = WIDTH if not console.is_terminal else min(console.width, WIDTH) - BAR_WIDTH - 1
@@ -180,7 +182,7 @@ def _show(run: Run, console: Console) -> None:
 
 
 def _announce(run: Run, console: Console) -> None:
-    """Say what is trained, to where, and what a domain has that training leaves out."""
+    """Print what is trained, for how long and where, and the parts of a domain that training leaves out."""
     settings, domain = run.settings, run.settings.domain
     on = settings.preset if domain is None else f"{settings.preset}, domain {domain.name}"
     text = f"training {settings.name} ({on}) to {run.goal:,} frames in {run.folder}"

@@ -1,4 +1,4 @@
-"""A checker for controllers that others plug in: what is wrong with one, before a benchmark shows it in numbers."""
+"""A checker for controllers that others plug in: it finds faults before a benchmark shows them in numbers."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ from .python_controller import DT, PythonController, call_in_turn, trial_states
 
 
 def check_controller(source: Any, robot: Robot | str) -> list[str]:
-    """Try a controller on a few dozen states and say what is wrong with it.
+    """Try a controller on a few dozen states and name its faults.
 
     It looks for errors, wrong shapes, fields that cannot be compiled, torques that are not finite, torque on the
     passive joint, a memory that changes its structure, that ``reset()`` and ``init()`` do not clear or that copies
@@ -51,7 +51,7 @@ def check_controller(source: Any, robot: Robot | str) -> list[str]:
 
 
 def _try_compiled(controller: AbstractController[Any]) -> np.ndarray:
-    """Torques along the trial states, from the compiled program of which a benchmark's simulations consist."""
+    """Torques along the trial states, from a program compiled in the way of the benchmark's simulations."""
     states = trial_states()
     with jax.enable_x64(True):
         check_interface(controller)
@@ -66,7 +66,7 @@ def _try_compiled(controller: AbstractController[Any]) -> np.ndarray:
 
 @jax.jit(static_argnames="static")
 def _run(numbers: Any, static: Any, times: jax.Array, states: jax.Array) -> jax.Array:
-    """Call a controller that comes in two parts, as the benchmark's runner does; torques (n, 2)."""
+    """Call a controller that :func:`split` cut in two, as the benchmark's runner does; torques (n, 2)."""
     controller = eqx.combine(numbers, static)
 
     def call(memory: Any, now: tuple[jax.Array, jax.Array]) -> tuple[Any, jax.Array]:
@@ -81,6 +81,7 @@ def _try_plain(controller: PythonController) -> tuple[list[str], np.ndarray]:
     copies = controller.copies(2)
     if not np.array_equal(call_in_turn([controller], states)[0], first):
         findings.append("it answers otherwise when run again: clear its memory in reset() or init(), and seed it")
+    # One cause, one finding: copies also disagree where the memory is not cleared.
     elif len(copies) == 1:
         findings.append(
             "it has no independent copies, so that its simulations run one by one: let copy.deepcopy copy it, and "
@@ -88,6 +89,7 @@ def _try_plain(controller: PythonController) -> tuple[list[str], np.ndarray]:
         )
     x = states[-1].copy()
     with blaming("calling it"):
+        # Called directly: answer() passes a copy, which would hide the change.
         controller.start()(x, 0.0)
     if not np.array_equal(x, states[-1]):
         findings.append("it changes the measurement that it is given: copy x before altering it")

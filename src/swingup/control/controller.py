@@ -29,7 +29,7 @@ class AbstractController(eqx.Module, Generic[Carry]):
 
 
 def check_interface(controller: AbstractController[Any]) -> None:
-    """Trace one call of a controller in JAX without running it; in 64-bit mode, as it will be run.
+    """Trace one call of a controller in JAX without running it; call this in 64-bit mode, as the judge runs it.
 
     Raises:
         SwingupError: it raised an error, it cannot be an argument of a compiled function, its torque is not real or
@@ -57,7 +57,10 @@ def check_interface(controller: AbstractController[Any]) -> None:
 
 
 def split(controller: AbstractController[Any]) -> tuple[Any, Any]:
-    """Numbers, which compiled programs take as they come, and all else, which they contain: activations, say."""
+    """Split into the numbers, which are arguments of compiled programs, and the rest, such as activations.
+
+    The rest is static: it is compiled into the program.
+    """
     return eqx.partition(controller, eqx.is_array_like)
 
 

@@ -116,6 +116,7 @@ def initial_state(
         trajectory=forward(transition, cost, unpack(x0), torque, settings.torque_limit),
         regularisation=jnp.full_like(x0[0], settings.regularisation),
         iteration=jnp.zeros((), jnp.int32),
+        # An idle optimisation ends before its first iteration.
         status=jnp.where(idle, Status.ITERATION_LIMIT, Status.RUNNING).astype(jnp.int32),
     )
 
@@ -124,6 +125,7 @@ def ilqr_iteration(transition: AbstractTransition, cost: Cost, now: ILQRState, s
     """One iteration: backward pass, forward pass, acceptance, new μ, and whether to go on."""
     policy, expected = backward(transition, cost, now.trajectory, now.regularisation)
     tried = _search(transition, cost, now.trajectory, policy, settings)
+    # A trial that diverges has a cost of NaN, and is no improvement.
     improved = tried.cost < now.trajectory.cost
     regularisation = now.regularisation * jnp.where(improved, settings.decrease, settings.increase)
     stalled = ~improved & (now.regularisation >= settings.max_regularisation)

@@ -88,5 +88,6 @@ def riccati_recursion(
         PB = P @ B[i]
         gains[i] = (PB @ A[i]) / (R + PB @ B[i])
         P = Q + A[i].T @ (P @ A[i] - np.outer(PB, gains[i]))
+        # Rounding would make P asymmetric over thousands of steps.
         P = 0.5 * (P + P.T)
     return gains

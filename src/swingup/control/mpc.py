@@ -46,8 +46,9 @@ class MPC(AbstractExpensiveController[Plan]):
         def plan(state: tuple[Plan, Flag]) -> tuple[Plan, Flag]:
             return self.plan(state[0], t, x, idle), jnp.array(True)
 
-        # A batch runs a loop as long as any member needs it, and skips it if none does; a branch would run always.
+        # A loop over a batch runs while any member needs it, or not at all; a branch would always run.
         torque, _ = jax.lax.while_loop(lambda state: ~state[1], plan, (carry, jnp.asarray(idle)))
+        # The plan moves on by a step. Its new last torque is the trajectory's, or 0 after the trajectory's end.
         row = self.row(t) + self.settings.horizon - 1
         rows = jnp.asarray(self.torque)
         coming = jnp.where(row < len(rows) - 1, rows[jnp.minimum(row, len(rows) - 1)], 0.0)
@@ -58,6 +59,7 @@ class MPC(AbstractExpensiveController[Plan]):
         settings, steps = self.settings, self.settings.horizon - 1
         row, last = self.row(t), len(self.torque) - 1
         on_track = row + settings.horizon < last
+        # Near the end the slice must stay inside; the cost below then ignores it.
         start = jnp.minimum(row, last - settings.horizon)
         states = jax.lax.dynamic_slice_in_dim(jnp.asarray(self.states), start, settings.horizon + 1)
         torque = jax.lax.dynamic_slice_in_dim(jnp.asarray(self.torque), start, steps)
@@ -80,5 +82,6 @@ def mpc(reference: Reference, parameters: Parameters, robot: Robot, settings: MP
     time = np.linspace(0.0, reference.time[-1], round(reference.time[-1] / settings.dt))
     with jax.enable_x64(True):
         fitted = np.asarray(jax.vmap(fit)(jnp.asarray(time)))
+    # The faster Jacobian: each call iterates up to ten times.
     transition = PendulumTransition(parameters, robot.joint, settings.dt, exact=False)
     return MPC(transition, fitted[:, :4], fitted[:, 4], settings, robot)

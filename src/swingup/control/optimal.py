@@ -124,11 +124,13 @@ def compute_optimal_reference(
         held = np.repeat(np.asarray(rough.states)[:, 4], round(problem.coarse_dt / problem.fine_dt))
         rows = round(problem.duration / problem.fine_dt)
         cost, transition = fine_cost(problem), _transition(robot, problem.fine_dt)
+        # The fine grid ends at the last coarse row, which was repeated as well: the rest is cut.
         fine = _cheapest(_solve_all(transition, cost, held[None, : rows + 1], problem.fine), seed)
         x, u = np.asarray(fine.states), np.asarray(fine.states)[:-1, 4]
         weights = Cost(
             cost.state_weights[:4], cost.state_weights[4], cost.final_weights[:4], x[:-1, :4], u, x[-1, :4]
         )
+        # The gains need states and torques alone; the other fields are placeholders.
         solution = Solution(jnp.asarray(x[:, :4]), jnp.asarray(u), *(jnp.zeros(()),) * 4)
         gains = np.asarray(jax.jit(feedback_gains)(transition.pendulum, weights, solution, 0.0))
     return Reference(robot, problem.fine_dt, x[:-1, :4], u, gains, gains), {
@@ -191,6 +193,7 @@ def _restarts(
 
 def _cost(problem: ScoreProblem, dt: float, final: StateFloats) -> Cost:
     rows = round(problem.duration / dt)
+    # J is a mean over the steps; times the duration it is the integral of the weights.
     state = problem.duration * np.array([problem.angle, 0.0, problem.velocity, problem.velocity, problem.torque])
     last = np.array([*final, problem.final_torque])
     return Cost(

@@ -35,6 +35,7 @@ def fit_piecewise_cubic(
     """The least-squares fit; all pieces have the same number of samples, up to one."""
     starts, ends, coefficients = [], [], []
     for t, y in zip(np.array_split(time, pieces), np.array_split(values, pieces), strict=True):
+        # Powers of a time from 0 to 1 keep the least squares well conditioned.
         powers = np.vander((t - t[0]) / (t[-1] - t[0]), 4, increasing=True)
         coefficients.append(np.linalg.lstsq(powers, y)[0])
         starts.append(t[0])

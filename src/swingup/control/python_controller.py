@@ -18,7 +18,7 @@ DT = 0.002
 
 
 class PythonController:
-    """A controller that is run as it is, one call after another.
+    """A controller in plain Python, called once a step.
 
     Its memory, if any, is cleared by its own ``reset()`` and ``init()``, in this order, where it has them.
     """
@@ -27,8 +27,9 @@ class PythonController:
         """Wrap a function or an object.
 
         Raises:
-            SwingupError: it is neither callable nor has it ``get_control_output``, or one of its attributes raised.
+            SwingupError: it is not callable and lacks ``get_control_output``, or one of its attributes raised.
         """
+        # A class is callable, too, but a call of it makes an object.
         if inspect.isclass(source) or not callable(attribute(source, "get_control_output", source)):
             raise SwingupError(
                 f"{quoted(source)} is no controller: pass a function of (x, t), an object with "
@@ -57,6 +58,7 @@ class PythonController:
                 made = [self, *(PythonController(copy.deepcopy(self.source)) for _ in range(number - 1))]
         except SwingupError:
             return [self]
+        # Two of them tell: all copies are made in the same way.
         return made if number == 1 or are_independent(made[:2]) else [self]
 
 
@@ -82,7 +84,7 @@ def answer(call: Answer, x: np.ndarray, t: float) -> np.ndarray:
 
 
 def call_in_turn(controllers: Sequence[PythonController], states: np.ndarray) -> list[np.ndarray]:
-    """The answers (n, 2) of controllers that are started afresh and called in turn, state by state (n, 4).
+    """Start controllers anew and call them in turn, state by state (n, 4); the answers (n, 2) of each.
 
     Raises:
         SwingupError: one failed to answer.
@@ -95,8 +97,8 @@ def call_in_turn(controllers: Sequence[PythonController], states: np.ndarray) ->
 def are_independent(controllers: Sequence[PythonController]) -> bool:
     """Whether copies of a controller that are called in turn answer as one that is called alone.
 
-    They do not where they share a memory, as closures, globals and class attributes are. Those that fail share
-    nothing that matters.
+    Copies that share a memory (a closure, a global, a class attribute) answer differently. Copies that fail count
+    as independent: they share nothing that matters.
     """
     states = trial_states()
     try:

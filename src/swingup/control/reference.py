@@ -73,6 +73,7 @@ def compute_reference(robot: Robot | str, problem: SwingupProblem, seed: int) ->
         solution = _solve(transition, cost, jnp.asarray(first), problem.settings)
         gains, free = (_gains(transition, cost, solution, mu) for mu in (problem.gain_regularisation, 0.0))
         solution, gains, free = jax.tree.map(np.asarray, (solution, gains, free))
+    # The last state has no torque: a row needs both.
     reference = Reference(robot, problem.dt, solution.states[:-1], solution.torque, gains, free)
     return reference, {
         "seed": seed,

@@ -34,22 +34,23 @@ def get_controller(name: str, robot: Robot | str, estimator: bool | None = None)
             or the Python path, and an object, or a class without arguments, that is a controller in JAX, has
             ``get_control_output(x, t)``, or is a function of (x, t).
         robot: which joint is driven.
-        estimator: as it comes (None: with one if the policy file asks for it), never (False) or always (True). Its
-            settings are the policy file's or the defaults, its model is the leaderboard's plant.
+        estimator: never (False), always (True), or where the policy file has its settings (None). Without settings
+            in the file it has the defaults. Its model is the leaderboard's plant.
 
     Raises:
-        SwingupError: there is no such controller, it cannot be loaded, is for another robot, or is in plain Python,
-            which no estimator goes before.
+        SwingupError: there is no such controller, it cannot be loaded, it is for another robot, or it is in plain
+            Python and an estimator was requested.
     """
     return find_controller(current_name("controller", name), robot, estimator)
 
 
 def find_controller(name: str, robot: Robot | str, estimator: bool | None = None) -> Controller:
-    """As :func:`get_controller`, for names that the package itself asks for: changed names are not noted."""
+    """Do as :func:`get_controller`, for names in the package's own code: no notes on changed names."""
     robot = get_robot(robot)
     if is_policy(name):
         return make_controller(read_policy(name, robot), estimator)
     found = baseline(name, robot) if name in BASELINES else _imported(name)
+    # An imported controller may bring its own estimator; a second one would estimate an estimate.
     if isinstance(found, EstimatingController):
         return found.controller if estimator is False else found
     if not estimator:
@@ -100,10 +101,10 @@ def _imported(name: str) -> Controller:
 
 @contextlib.contextmanager
 def _working_folder_first() -> Iterator[None]:
-    """Import from the working folder as ``python`` itself does, and no longer than this takes.
+    """Search the working folder first, as ``python`` itself does, during one import.
 
     Afterwards the folder comes last, for what the module imports when it is called. There it hides no package: a
-    ``json.py`` in the working folder is not taken for Python's.
+    ``json.py`` in the working folder does not replace Python's.
     """
     sys.path.insert(0, "")
     try:

@@ -71,6 +71,7 @@ def backward(
     zero = jnp.zeros_like(trajectory.u[0])
     last_error = add_scaled(trajectory.last, -1.0, unpack(jnp.asarray(cost.final_state)))
     v_x = tuple(w * e for w, e in zip(f, last_error, strict=True))
+    # Literal zeros become arrays here: the carry of a scan keeps its types.
     v_xx = tuple(tuple(value + zero for value in row) for row in diagonal(f))
 
     def step(

@@ -17,12 +17,12 @@ from .controller import AbstractController, Carry
 class AbstractExpensiveController(AbstractController[Carry]):
     """A controller whose calls are expensive, and that can skip the work when its answer is not used.
 
-    Subclasses implement ``control``; a call is the controller in use.
+    Subclasses implement ``control``; a call is ``control`` that is not idle.
     """
 
     @abc.abstractmethod
     def control(self, carry: Carry, t: Scalar, x: State, idle: Flag) -> tuple[Carry, Torque]:
-        """As a call. Where ``idle``, the answer is not used, and any finite torque will do."""
+        """Do what a call does. Where ``idle``, the answer is not used, and any finite torque is right."""
 
     def __call__(self, carry: Carry, t: Scalar, x: State) -> tuple[Carry, Torque]:
         """The torques [u1, u2] (N m) for the state x measured at time t (s), and the memory for the next call."""
@@ -50,6 +50,7 @@ class LatchingSwitch(AbstractController[SwitchMemory]):
     """rad, rad/s"""
     robot: Robot = eqx.field(static=True)
     """Which joint is driven."""
+    # A factory, because dataclasses refuse an array as a default.
     goal: Float[np.ndarray, "4"] = eqx.field(default_factory=UPRIGHT.copy)
     """Within the wrapped angles: q1 in [0, 2π), q2 in [-π, π)."""
 
@@ -60,6 +61,7 @@ class LatchingSwitch(AbstractController[SwitchMemory]):
     def __call__(self, carry: SwitchMemory, t: Scalar, x: State) -> tuple[SwitchMemory, Torque]:
         """The torques of the controller in charge (N m)."""
         latched = carry.latched | jnp.all(jnp.abs(wrap(x) - jnp.asarray(self.goal)) < jnp.asarray(self.threshold))
+        # Both controllers are computed: in a batch some members have switched and others have not.
         if isinstance(self.first, AbstractExpensiveController):
             first, u_first = self.first.control(carry.first, t, x, latched)
         else:

@@ -38,6 +38,7 @@ class RiccatiController(AbstractController[None]):
         """The trajectory's torque and feedback on the driven joint (N m)."""
         row = jnp.clip(jnp.round(t / self.dt), 0, len(self.torque) - 1).astype(jnp.int32)
         states, torque, gains = (jnp.asarray(rows)[row] for rows in (self.states, self.torque, self.gains))
+        # The published controller does not wrap this error.
         return None, joint_torques(torque + gains @ (x - states), self.robot)
 
 
@@ -76,6 +77,7 @@ def tvlqr(
         pieces: number of cubics of the fit.
     """
     A, B = linearised(parameters, robot, reference.states, reference.torque)
+    # Forward Euler, as the published TVLQR discretises.
     gains = riccati_recursion(np.eye(4) + reference.dt * A, reference.dt * B, *weights)
     rows = np.column_stack([reference.states, reference.torque, gains])
     return TVLQR(fit_piecewise_cubic(reference.time, rows, pieces), robot)

@@ -17,6 +17,7 @@ STATE_COLUMNS = ("pos1", "pos2", "vel1", "vel2")
 TORQUE_COLUMNS = ("tau1", "tau2")
 GAIN_COLUMNS = tuple(f"K{joint}{entry}" for joint in (1, 2) for entry in (1, 2, 3, 4))
 
+# Plain names first: files for trajectory controllers hold these.
 _GROUPS = (
     (("time",),),
     (("pos1", "pos2"), ("pos_des1", "pos_des2"), ("pos_meas1", "pos_meas2")),
@@ -41,6 +42,7 @@ def save_reference_csv(path: str | Path, reference: Reference) -> None:
         STATE_COLUMNS: reference.states,
         TORQUE_COLUMNS: np.outer(reference.torque, driven),
     }
+    # The gains stand in the driven joint's row; the passive joint's row is 0.
     parts[GAIN_COLUMNS] = np.kron(driven, np.asarray(reference.gains))
     columns = {
         name: column
@@ -61,6 +63,7 @@ def load_reference_csv(path: str | Path, robot: Robot | str) -> Reference:
     columns = read_columns(path, _GROUPS, GAIN_COLUMNS)
     table = list(columns.values())
     time, states, torques = table[0], np.column_stack(table[1:5]), np.column_stack(table[5:7])
+    # The mean spacing: single differences carry the rounding of the file's decimals.
     dt = float(time[-1] / (len(time) - 1))
     if not np.allclose(time, dt * np.arange(len(time)), rtol=0, atol=SPACING_TOLERANCE):
         raise SwingupError(f"{path}: its times are not evenly spaced from 0 on: resample it")
@@ -69,4 +72,5 @@ def load_reference_csv(path: str | Path, robot: Robot | str) -> Reference:
         raise SwingupError(f"{path} has torque on the passive joint {passive + 1}: it is not for the {robot.name}")
     chosen = GAIN_COLUMNS[4 * robot.joint : 4 * robot.joint + 4]
     gains = np.column_stack([columns[name] if name in columns else np.zeros(len(time)) for name in chosen])
+    # The format has one set of gains: it serves as both kinds.
     return Reference(robot, dt, states, torques[:, robot.joint], gains, gains)

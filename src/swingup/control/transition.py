@@ -44,6 +44,7 @@ class PendulumTransition(AbstractTransition):
     def step(self, x: Vector, u: Number) -> Vector:
         """The state [q1, q2, dq1, dq2] after dt under the driven joint's torque u (N m)."""
         half = 0.5 * self.dt
+        # Not physics.integrate.rk4_step: tuples of scalars compile to fewer loops, see scalar_algebra.
         k1 = self.derivative(x, u)
         k2 = self.derivative(add_scaled(x, half, k1), u)
         k3 = self.derivative(add_scaled(x, half, k2), u)

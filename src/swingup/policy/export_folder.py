@@ -60,6 +60,7 @@ def export_realaigym(
         raise SwingupError(f"{folder} is there already: name a folder that is new or empty")
     root = resources.files("swingup")
     try:
+        # On the target's file system, where the final move is a rename: the folder appears whole or not at all.
         with tempfile.TemporaryDirectory(dir=target.parent, prefix=f".{target.name}.") as temporary:
             made = Path(temporary) / target.name
             package = made / PACKAGE.format(name=name)
@@ -69,6 +70,7 @@ def export_realaigym(
             _write(package / "policy.npz", source.read_bytes())
             _write(made / f"con_{name}.py", _entry(policy, username, name).encode())
             _write(made / "readmes" / f"{name}.md", _readme(policy, name).encode())
+            # Empty, as tested above. The move would otherwise go inside it.
             if target.exists():
                 target.rmdir()
             shutil.move(made, target)

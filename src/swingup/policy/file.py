@@ -66,6 +66,7 @@ def _checked(name: str, array: np.ndarray) -> np.ndarray:
     if array.dtype.kind != "f":
         raise SwingupError(f"array {name} holds values that are not finite floating-point numbers")
     with np.errstate(over="ignore", under="ignore"):
+        # What single precision cannot hold becomes infinite, and is refused below.
         single = array.astype(np.float32)
     if not np.isfinite(single).all():
         raise SwingupError(f"array {name} holds values that are not finite floating-point numbers")
@@ -76,6 +77,7 @@ def _network(metadata: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> N
     entries = metadata.get("observation")
     if not isinstance(entries, list) or len(entries) > MOST_STAGES:
         raise SwingupError(f"observation {quoted(entries)} is no list of up to {MOST_STAGES} stages")
+    # Counted, so that a gap in the numbers shows as a missing array.
     depth = sum(name.startswith("network.trunk.") and name.endswith(".weight") for name in arrays)
     choices = _choices(metadata)
     return Network(
@@ -107,6 +109,7 @@ def _choices(metadata: Mapping[str, Any]) -> tuple[int, ...] | None:
     if "choices" not in metadata:
         return None
     choices = metadata["choices"]
+    # The exact type, because isinstance takes true for 1.
     if not (isinstance(choices, list) and choices and all(type(n) is int and n > 0 for n in choices)):
         raise SwingupError(f"choices = {quoted(choices)} must be a list of whole numbers from 1")
     return tuple(choices)

@@ -54,6 +54,7 @@ class Network:
             raise SwingupError(f"network.std has shape {shapes}")
         if self.choices is not None and size != sum(self.choices):
             raise SwingupError(f"network.logits has {size} outputs, choices {self.choices} need their sum")
+        # Negated, so that weights that are NaN fail as well.
         if not largest_feature(self) < LARGEST_FEATURE:
             raise SwingupError(
                 f"its weights are not finite, or a layer may reach {LARGEST_FEATURE:g}: train another"

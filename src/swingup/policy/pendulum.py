@@ -24,9 +24,9 @@ class PendulumPolicy:
     torque_limit: float
     """Torque of an action of 1 (N m)."""
     estimator: EstimatorSettings | None = None
-    """The estimator that the file asks for; None for the policy alone."""
+    """Settings of the estimator in the file; None for the policy alone."""
     front_end: FrontEndSettings | None = None
-    """The filter and friction compensation that the file asks for."""
+    """Settings of the filter and the friction compensation in the file."""
     metadata: Mapping[str, Any] = field(default_factory=dict)
     """The file's."""
 
@@ -44,7 +44,7 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
         robot: the robot that it must be for, if any.
 
     Raises:
-        SwingupError: the file cannot be read, is no policy of a pendulum, asks for an impossible estimator, or is
+        SwingupError: the file cannot be read, is no policy of a pendulum, has an estimator that cannot work, or is
             for another robot.
     """
     network, metadata = read_network(path)
@@ -75,7 +75,7 @@ def write_pendulum_policy(path: str | Path, policy: PendulumPolicy, provenance: 
     Args:
         path: the file.
         policy: what to write; its own metadata is left out.
-        provenance: where the policy comes from, JSON values. An ``estimator`` among them asks for one.
+        provenance: where the policy comes from, JSON values. An ``estimator`` in it puts one before the policy.
 
     Raises:
         SwingupError: the file cannot be written.

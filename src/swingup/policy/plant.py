@@ -26,6 +26,7 @@ def make_plant(values: dict[str, float]) -> Lumped:
         SwingupError: one is missing.
     """
     try:
+        # The leaderboards' plant has no motor inertia, whatever the model's file says.
         return lump(SimpleNamespace(**{name: values[name] for name in PLANT_PARAMETERS}, gr=0.0, Ir=0.0))
     except KeyError as error:
         raise SwingupError(f"the model lacks parameter {error}: add it in SI units") from error
@@ -33,6 +34,7 @@ def make_plant(values: dict[str, float]) -> Lumped:
 
 def nominal_plant() -> Lumped:
     """The plant that the policies were trained for and that their estimator believes in."""
+    # Not by the package's name: the copy in an exported folder has another one.
     root = resources.files(__package__.rpartition(".")[0])
     return make_plant(parse_flat_yaml((root / MODEL).read_text(encoding="utf-8")))
 
@@ -49,6 +51,7 @@ def parse_flat_yaml(text: str) -> dict[str, float]:
         if not content or content == "---":
             continue
         name, colon, value = content.partition(":")
+        # An indented line belongs to a nested map, which this reader does not know.
         if not colon or line[:1].isspace():
             raise SwingupError(f"{content[:40]!r} is no line of a flat map: write 'name: value'")
         try:

@@ -1,7 +1,7 @@
 """Controllers with the interface that RealAIGym's simulator and its real-robot loop call, with NumPy alone.
 
 Nothing is inherited from its package, so that it need not be installed. The order is RealAIGym's: the outer
-``get_control_output`` filters the measurement, asks the controller, adds friction compensation and keeps the
+``get_control_output`` filters the measurement, calls the controller, adds friction compensation and keeps the
 histories; wrappers (combined and testing controllers) call the inner forms, whose names end in an underscore.
 """
 
@@ -38,12 +38,12 @@ class Filter:
         self.x_hist: list[np.ndarray] = []
         """Measurements so far."""
         self.x_filt_hist: list[np.ndarray] = []
-        """What the controller was shown."""
+        """What the controller saw."""
         if hasattr(self._inner, "init"):
             self._inner.init()
 
     def get_filtered_state(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """What the controller is shown for the measurement x (4,) after the torques u (2,)."""
+        """What the controller sees for the measurement x (4,) after the torques u (2,)."""
         self.x_hist.append(x)
         seen = x.copy() if self._call is None else np.array(self._call(x.copy(), u), np.float64)
         self.x_filt_hist.append(seen)
@@ -53,8 +53,8 @@ class Filter:
 class RealAIGymController:
     """A controller as RealAIGym calls it.
 
-    ``init()`` begins a run: memory and histories are cleared. ``reset()`` also takes the friction compensation
-    back, as its own controllers do, and wants an ``init()`` afterwards.
+    ``init()`` begins a run: it clears memory and histories. ``reset()`` also removes the friction compensation, as
+    RealAIGym's own controllers do; call ``init()`` after it.
     """
 
     def __init__(self, controller: LoopController, robot: Robot, about: dict[str, Any], dt: float = 0.002) -> None:
@@ -112,6 +112,7 @@ class RealAIGymController:
         self.u_fric_hist.append(compensation)
         self.u_grav_hist.append(np.zeros(2))
         self.u_hist.append(u)
+        # RealAIGym's loop adds to the result and clips it in place: the history must not change with it.
         return u.copy()
 
     def get_control_output_(self, x: Sequence[float] | np.ndarray, t: float | None = None) -> np.ndarray:
@@ -188,7 +189,7 @@ def load_policy_controller(
     Args:
         source: a policy file, or ``refined``, ``ar-eapo``, ``global`` or ``robot``.
         robot: the robot that it must be for; needed with a name.
-        estimator: behind a state estimator as the file asks (None), never (False) or always (True).
+        estimator: behind a state estimator where the file has one (None), never (False) or always (True).
 
     Raises:
         SwingupError: there is no such policy, or it is damaged, or for another robot.

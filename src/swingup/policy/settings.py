@@ -1,6 +1,6 @@
-"""What a policy file may ask for around its policy: a state estimator before it and a front end about it.
+"""Settings in a policy file for the parts around its policy: a state estimator before it, a front end around it.
 
-The metadata is parsed here and nowhere else; every back end is given the settings.
+The metadata is parsed only here; every back end takes the settings.
 """
 
 from collections.abc import Mapping
@@ -20,14 +20,14 @@ ESTIMATOR = "estimator"
 FRONT_END = "front_end"
 """Key of the front end's."""
 FORMER_NAMES = {"longest_dead_time": "max_delay_steps"}
-"""Settings that files call by an older name."""
+"""Older names of settings in files, and the present ones."""
 FORMER_SETTINGS = ("spacing",)
-"""Settings that files may hold and that mean nothing any more."""
+"""Settings of older files that no longer have a meaning; they are ignored."""
 
 DOUBLINGS = 50
 """2^50 measurements: far more than any filter needs to become steady."""
 LOST = 100
-"""An estimated rate so many standard deviations off the measured one is lost: a measurement has jumped."""
+"""An estimated rate this many standard deviations off the measured one is lost: the measurement has jumped."""
 PIECES = 4
 """Steps in which the estimate is carried ahead over the delay."""
 
@@ -47,7 +47,7 @@ class EstimatorSettings:
     max_delay_steps: int = 25
     """Longest delay of the loop that is considered (steps)."""
     residual_scale: float = 1e-4
-    """A miss of a predicted angle far above this counts little more (rad): a push must not decide a delay."""
+    """Far larger errors of a predicted angle count little more (rad): a push must not decide the delay."""
     caution: float = 20.0
     """Log likelihood that a delay must gain for each step that it is longer."""
     memory: float = 5.0
@@ -118,24 +118,25 @@ def kalman_gains(settings: EstimatorSettings) -> np.ndarray:
     for _ in range(DOUBLINGS):
         W = np.linalg.inv(np.eye(2) + G @ P)
         A, G, P = A @ W @ A, G + A @ W @ G @ A.T, P + A.T @ P @ W @ A
+        # Symmetric again after rounding: the next doubling builds on both.
         G, P = 0.5 * (G + G.T), 0.5 * (P + P.T)
     return scale[:, None] * (P @ np.linalg.inv(P + np.eye(2))) / scale
 
 
 def estimator_settings(metadata: Mapping[str, Any]) -> EstimatorSettings | None:
-    """The estimator that a policy file's metadata asks for; None if it asks for none.
+    """The estimator's settings in a policy file's metadata; None if it has none.
 
     Raises:
-        SwingupError: there is something else, an unknown setting, or a value out of range.
+        SwingupError: they are not an object, one is unknown, or a value is out of range.
     """
     return _settings(metadata, ESTIMATOR, EstimatorSettings)
 
 
 def front_end_settings(metadata: Mapping[str, Any]) -> FrontEndSettings | None:
-    """The front end that a policy file's metadata asks for; None if it asks for none.
+    """The front end's settings in a policy file's metadata; None if it has none.
 
     Raises:
-        SwingupError: there is something else, an unknown setting, or a value out of range.
+        SwingupError: they are not an object, one is unknown, or a value is out of range.
     """
     return _settings(metadata, FRONT_END, FrontEndSettings)
 
@@ -149,6 +150,7 @@ def _settings(metadata: Mapping[str, Any], key: str, kind: type[SettingsT]) -> S
     values: dict[str, Any] = {}
     for name, value in given.items():
         now = FORMER_NAMES.get(name, name)
+        # A file may hold both names of a renamed setting.
         if now in values:
             raise SwingupError(f"{key} gives {now} twice: keep one of its values")
         if now in known:

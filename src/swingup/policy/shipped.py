@@ -13,7 +13,7 @@ from .pendulum import PendulumPolicy, read_pendulum_policy
 REFINED = "refined"
 """The default: trained by AR-EAPO, then taught by a teacher's swing-up; it runs behind a state estimator."""
 AR_EAPO = "ar-eapo"
-"""What the paper's learner alone gives."""
+"""Trained by the paper's learner alone."""
 GLOBAL = "global"
 """Trained to recover from throws."""
 ROBOT = "robot"
@@ -22,6 +22,7 @@ ROBOT = "robot"
 SHIPPED_POLICIES = (REFINED, AR_EAPO, GLOBAL, ROBOT)
 """Names of the shipped policies, which are those of their controllers and of their files."""
 
+# Not by the package's name: the copy in an exported folder has another one.
 ZOO = resources.files(__package__.rpartition(".")[0]) / "zoo"
 """The folder of the files."""
 

@@ -13,7 +13,7 @@ from ..text import quoted
 ANGLES = ("wrapped", "sincos")
 """Encodings of the angles."""
 FORMER_COUNTS = ("torques", "history")
-"""Settings of files that were shown past torques and states, which this version no longer has; 0 means neither."""
+"""Settings of older files, whose policies saw past torques and states. Only 0, which means neither, is accepted."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,7 @@ class PendulumStage:
         """
         one_of("angle encoding", self.angles, ANGLES)
         scale = finite_number("velocity_scale", self.velocity_scale, 1e-6, unit="rad/s")
+        # The class is frozen; this keeps the checked value, a float.
         object.__setattr__(self, "velocity_scale", scale)
 
     def size(self, before: int) -> int:

@@ -8,7 +8,7 @@ from ..errors import SwingupError
 from ..text import quoted
 
 NAME = "swingup"
-"""What exported things are called unless another name is asked for."""
+"""Name of an export unless another one is given."""
 
 
 def check_export_name(name: str) -> str:
@@ -28,5 +28,5 @@ def asset(package: str, name: str) -> str:
 
 
 def fill(template: str, values: Mapping[str, str]) -> str:
-    """The template with its gaps filled; each must have a value."""
+    """Fill the gaps of a template; each must have a value."""
     return re.sub(r"@([A-Z0-9_]+)@", lambda match: values[match[1]], template)

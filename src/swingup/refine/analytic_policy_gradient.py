@@ -61,6 +61,7 @@ class AnalyticPolicyGradient:
 
     def __init__(self, controller: PolicyController, settings: PolicyGradientSettings) -> None:
         """Prepare; nothing is compiled before the first step."""
+        # The actor is differentiated, and so an argument of its own; here it is left out.
         self._controller = eqx.tree_at(lambda c: c.policy.actor, single_precision(controller), None)
         self._settings = settings
         self._optimiser = _optimiser(settings)
@@ -81,6 +82,7 @@ class AnalyticPolicyGradient:
 
         with ThreadPoolExecutor(self._parts) as pool:
             results = list(pool.map(run, pieces))
+        # Parts may differ by an episode: each mean counts by its share of the batch.
         shares = np.diff(cuts) / cuts[-1]
         self.state = self._apply(self.state, [gradient for _, gradient in results], shares)
         return jax.tree.map(lambda *leaves: np.concatenate(leaves), *[measures for (_, measures), _ in results])

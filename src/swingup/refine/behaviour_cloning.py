@@ -1,6 +1,7 @@
 """Behaviour cloning: supervised learning of a teacher's torques, in the states that the teacher visits.
 
-The gradient through the simulation improves a policy's own swing-up, but finds no other kind. A teacher shows one.
+The gradient through the simulation improves a policy's own swing-up but does not find another kind; a teacher shows
+it one.
 """
 
 import dataclasses
@@ -34,7 +35,7 @@ DEMONSTRATION_RULES = ROBUSTNESS_RULES["v2"]
 DEMONSTRATION_PUSHES = 3
 """Pushes on each joint in a run of the teacher."""
 RETAINED_STATES = 100_000
-"""States from anywhere in which the student shall keep its own torque."""
+"""States from anywhere in which the student keeps its own torque."""
 RETAINED_SPEED = 10.0
 """Largest standard deviation of their velocities (rad/s)."""
 
@@ -52,7 +53,7 @@ class CloningSettings:
     batch: int = 1024
     """States of the teacher's runs in a minibatch."""
     retained: int = 256
-    """States from anywhere in a minibatch, in which the student shall keep its own torque."""
+    """States from anywhere in a minibatch, in which the student keeps its own torque."""
     retained_weight: float = 0.003
     """Weight of one of those, beside 1 for a state of the teacher."""
     demonstrations: int = 768
@@ -77,12 +78,14 @@ def clone_behaviour(
     """
     visited, answers = demonstrate(teacher, robot, settings, random)
     size = (RETAINED_STATES, 2)
+    # A size for each state, or slow states would be rare.
     rates = random.uniform(0, RETAINED_SPEED, (RETAINED_STATES, 1)) * random.normal(size=size)
     free = np.concatenate([random.uniform(-np.pi, np.pi, size), rates], axis=1)
     single = single_precision(student)
     own = jax.jit(jax.vmap(lambda x: single(None, jnp.zeros(()), x)[1][robot.joint]))(jnp.float32(free))
     states = jnp.float32(np.concatenate([visited, free]))
     torques = jnp.concatenate([jnp.float32(answers), own])
+    # All minibatches are drawn here, so that the training is one compiled scan.
     taught = random.integers(0, len(visited), (settings.steps, settings.batch))
     kept = len(visited) + random.integers(0, RETAINED_STATES, (settings.steps, settings.retained))
     rows = np.concatenate([taught, kept], axis=1).astype(np.int32)
@@ -126,6 +129,7 @@ def demonstrate(
     plant, steps = leaderboard_parameters(robot), round(settings.duration / DEMONSTRATION_RULES.dt)
     scenarios, starts = [], []
     for _ in range(settings.demonstrations):
+        # One size for pushes and start: the runs reach from calm to rough.
         size = random.uniform()
         shape = (2, DEMONSTRATION_PUSHES)
         pushes = Pushes(

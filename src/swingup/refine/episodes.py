@@ -28,7 +28,7 @@ class EpisodeSettings:
     nominal: int = 4
     """Episodes that start hanging."""
     anywhere: int = 18
-    """Episodes that start in any configuration, at velocities of up to some ``speed``."""
+    """Episodes that start in any configuration, with random velocities; see ``speed``."""
     thrown: int = 180
     """Episodes that start where the throws of the global-policy score leave the pendulum."""
     speed: float = 8.0
@@ -78,6 +78,7 @@ def sample_episodes(random: np.random.Generator, robot: Robot, settings: Episode
     free = np.concatenate([random.uniform(-np.pi, np.pi, (anywhere, 2)), rates], axis=1)
     after = thrown_states(random, leaderboard_parameters(robot), thrown) if thrown else np.zeros((0, 4))
     x0 = np.concatenate([hanging, free, after]).astype(np.float32)
-    # Shuffled, since each core takes a slice of the batch: all shall have episodes of all kinds.
+    # Shuffled: each core takes a slice of the batch, and every slice needs episodes of all kinds.
     order = random.permutation(len(x0))
+    # The nominal episodes came first before the shuffle.
     return EpisodeBatch(x0[order], order < nominal)

@@ -39,6 +39,7 @@ def measure_episode(trajectory: Trajectory, parameters: Parameters, dt: float, r
     line = rules.height * parameters.length
     down = jnp.sum(jax.nn.sigmoid((line - jax.vmap(tip_height, (None, 0))(parameters, x)) / UP_LINE_WIDTH)) * dt
     changes = jnp.diff(u, axis=0)
+    # The rows of a whole run, as in the judge: after the episode the torque counts as constant.
     rows = rules.steps - 1
     mean, square = jnp.sum(changes, axis=0) / rows, jnp.sum(changes**2, axis=0) / rows
     costs = {
@@ -65,7 +66,7 @@ def _away(x: State) -> Scalar:
 
 @dataclass(frozen=True)
 class EpisodeWeights:
-    """Weights of an episode's measures: the cost is down and away, less the score."""
+    """Weights of an episode's measures. ``down`` and ``away`` add to the cost, ``score`` lowers it."""
 
     score: float = 0.0
     down: float = 0.0
@@ -90,7 +91,9 @@ def _forwards(x: State, limit: float) -> tuple[State, None]:
 
 
 def _backwards(limit: float, _: None, gradient: Float[Array, "4"]) -> tuple[Float[Array, "4"]]:
+    # A gradient that overflowed has no direction: it is dropped.
     gradient = jnp.nan_to_num(gradient, nan=0.0, posinf=0.0, neginf=0.0)
+    # The summand keeps a gradient of 0 from 0 / 0.
     return (gradient * jnp.minimum(1.0, limit / jnp.sqrt(jnp.sum(gradient**2) + 1e-20)),)
 
 

@@ -81,7 +81,7 @@ def run_recipe(
     controller = eqx.tree_at(lambda c: c.policy.actor.std_head, controller, None, is_leaf=lambda leaf: leaf is None)
     random = np.random.default_rng(seed)
     for number, stage in enumerate(stages, start=1):
-
+        # The default of `number` binds this stage's; a closure alone would see the loop's last one.
         def tell(
             now: PolicyController, iteration: int, of: int, measures: dict[str, float], number: int = number
         ) -> None:

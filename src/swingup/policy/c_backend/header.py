@@ -17,6 +17,7 @@ from ..settings import LOST, PIECES, EstimatorSettings, FrontEndSettings, kalman
 from ..stages import NormaliseStage, PendulumStage, Stage
 from ..template import NAME, asset, check_export_name, fill
 
+# The loop skips zeros, of which a ReLU makes many. Weights lie by input: the inner loop reads them in order.
 LAYER = """\
 static inline void swingup_layer_{index}(const swingup_real x[{inputs}], swingup_real y[{outputs}])
 {{
@@ -100,6 +101,7 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
         "CONTROLLER": _controller(policy),
     }
     text = fill(asset(__package__, "policy.h"), values)
+    # Two headers in one program must not share a name.
     return text.replace(f"{NAME}_", f"{name}_").replace(f"{NAME.upper()}_", f"{name.upper()}_")
 
 

@@ -37,4 +37,5 @@ def _stage(stage: Stage) -> dict[str, Any]:
 
 
 def _base64(array: np.ndarray) -> str:
+    # The script reads the bytes as a Float32Array, which is little-endian on all common machines.
     return base64.b64encode(np.ascontiguousarray(array, "<f4").tobytes()).decode("ascii")

@@ -51,9 +51,11 @@ class PolicyController(AbstractController[PolicyMemory | None]):
             return None, self._torque(x) * jnp.array(self.robot.actuation, x.dtype)
         pause, before = t - carry.time, carry.front_end
         going_on = (pause >= 0) & (pause <= 1.5 * self.front_end.settings.dt)
+        # A low-pass that has seen a value that is not finite would never recover.
         going_on &= jnp.isfinite(before.seen).all() & jnp.isfinite(x).all()
         memory = choose(going_on, self.front_end.measure(before, x), self.front_end.begin(x))
         command = self.front_end.command(memory, self._torque(memory.seen), self.robot)
+        # In the memory's own type: a compiled loop keeps the types of its carry.
         return PolicyMemory(jnp.asarray(t, carry.time.dtype), memory), command
 
     def _torque(self, seen: State) -> Scalar:
@@ -69,8 +71,8 @@ def make_controller(
 
     Args:
         policy: what the file holds.
-        estimator: as the file asks (None), never (False) or always (True, by default with default settings). Its
-            model is the leaderboard's plant.
+        estimator: where the file has one (None), never (False) or always (True). Settings that the file lacks have
+            their defaults. Its model is the leaderboard's plant.
     """
     alone = _alone(policy)
     wanted = policy.estimator is not None if estimator is None else estimator
@@ -80,7 +82,7 @@ def make_controller(
 
 
 def policy_of(controller: PolicyController) -> PendulumPolicy:
-    """What a file holds of a controller; it asks for no estimator."""
+    """What a file holds of a controller, without an estimator."""
     settings = None if controller.front_end is None else controller.front_end.settings
     network = network_of(controller.policy)
     return PendulumPolicy(network, controller.robot, float(controller.torque_limit), front_end=settings)
@@ -89,7 +91,7 @@ def policy_of(controller: PolicyController) -> PendulumPolicy:
 def save_controller(path: str | Path, controller: PolicyController, provenance: Mapping[str, Any]) -> None:
     """Write a controller as a policy file, with the robot, the torque limit and where it comes from.
 
-    An ``estimator`` in the provenance says that one goes before the policy, with these settings.
+    An ``estimator`` in the provenance holds the settings of an estimator before the policy.
 
     Raises:
         SwingupError: the file cannot be written.
@@ -100,14 +102,14 @@ def save_controller(path: str | Path, controller: PolicyController, provenance: 
 def load_policy(path: str | Path, robot: Robot | str | None = None) -> tuple[PolicyController, dict[str, Any]]:
     """Read a policy file as a controller of the pendulum, and its metadata.
 
-    This is the policy alone: ``get_controller`` puts the estimator before it that the metadata may ask for.
+    This is the policy alone. ``get_controller`` also makes the estimator that the metadata may describe.
 
     Args:
         path: the policy file.
         robot: the robot that it must be for, if any.
 
     Raises:
-        SwingupError: the file cannot be read, is no policy of a pendulum, asks for an impossible estimator, or is
+        SwingupError: the file cannot be read, is no policy of a pendulum, has an estimator that cannot work, or is
             for another robot.
     """
     policy = read_pendulum_policy(path, robot)

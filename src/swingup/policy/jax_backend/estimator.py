@@ -75,19 +75,24 @@ class EstimatingController(AbstractController[EstimatorMemory]):
     def __call__(self, carry: EstimatorMemory, t: Scalar, x: State) -> tuple[EstimatorMemory, Torque]:
         """The controller's torques for the estimated state (N m); x is the measurement."""
         pause, period = jnp.asarray(t, carry.time.dtype) - carry.time, self.settings.dt
+        # Negated, so that the first call (an infinite pause) and a clock of NaN are late as well.
         late = ~((pause >= 0) & (pause <= 1.5 * period))
+        # Both branches below are computed: a late call needs a finite step, too.
         dt = jnp.where(late | (pause == 0), period, pause)
         followed = self._follow(carry, x, dt)
         # What is not finite fails the comparison, and is lost.
         kept = jnp.all(jnp.abs(x - followed.state)[2:] <= LOST * self.settings.velocity_noise)
         restarts = late | ~kept
         memory = _choose(restarts, self._restart(carry, x), followed)
+        # The filter's estimate is as old as the delay; the controller needs the present state.
         ahead = self._ahead(memory, dt)
         seen = _choose(restarts | ~jnp.all(jnp.isfinite(ahead)), x, ahead)
         inner, u = self.controller(carry.controller, t, seen)
         joint, limits = self.robot.joint, (self.parameters.tl1, self.parameters.tl2)
+        # The model gets the torque that the motor can give.
         newest = jnp.clip(u[joint], -limits[joint], limits[joint])
         torques = jnp.concatenate([newest[None], memory.torques[:-1]])
+        # In the memory's own type: a compiled loop keeps the types of its carry.
         now = jnp.asarray(t, carry.time.dtype)
         return replace(memory, time=now, torques=torques, controller=inner), u
 
@@ -99,8 +104,8 @@ class EstimatingController(AbstractController[EstimatorMemory]):
     def _follow(self, memory: EstimatorMemory, x: State, dt: Scalar) -> EstimatorMemory:
         """One step of dt (s) of the filter in charge and of the bank.
 
-        The filters of the bank differ in nothing but the torque, in which accelerations are linear: so their
-        deviations follow from a double integrator, and no filter but the one in charge needs the model.
+        The filters of the bank differ only in the torque, and accelerations are linear in the torque. A double
+        integrator therefore carries their deviations on; only the filter in charge needs the model.
         """
         dt, driven = dt.astype(x.dtype), jnp.array(self.robot.actuation, x.dtype)
         torque = memory.torques[memory.delay_steps]
@@ -108,6 +113,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         miss = x - predicted
         miss = miss.at[:2].set(_nearest(miss[:2]))
 
+        # M⁻¹ times the torque: gravity cancels in the difference, and nothing else acts at rest.
         p, at_rest = self.parameters, jnp.concatenate([memory.state[:2], jnp.zeros(2)])
         response = acceleration(p, at_rest, driven) - acceleration(p, at_rest, jnp.zeros(2))
         extra = (memory.torques - torque)[:, None] * response
@@ -124,6 +130,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         return replace(
             memory,
             state=predicted + self._correction(miss) + in_charge,
+            # They count from the filter in charge, which may be another one now.
             deviations=deviations - in_charge,
             surprise=surprise,
             delay_steps=delay_steps.astype(memory.delay_steps.dtype),
@@ -146,6 +153,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         for left in range(PIECES, 0, -1):
             # How much of each torque's step lies in the piece: it began and will end so many steps ago.
             within = jnp.clip(left * steps - ages, 0, 1) - jnp.clip((left - 1) * steps - ages, 0, 1)
+            # Without a delay the pieces are empty: 0 / 0 would be NaN.
             torque = jnp.sum(within * memory.torques) / jnp.maximum(steps, 1e-6)
             x = midpoint_step(self.parameters, x, torque * driven, steps * dt.astype(x.dtype))
         return x
@@ -176,7 +184,7 @@ def with_estimator(
 
 
 def _nearest(angle: Float[Array, "n"]) -> Float[Array, "n"]:
-    """An angle's miss, should a measurement have been wrapped by full turns."""
+    """An angle's error, less full turns: a measurement may be wrapped."""
     return angle - 2 * jnp.pi * jnp.round(angle / (2 * jnp.pi))
 
 

@@ -38,6 +38,7 @@ class FrontEnd(eqx.Module):
     def command(self, memory: FrontEndMemory, torque: Scalar, robot: Robot) -> Torque:
         """The torques [u1, u2] of both motors (N m): the policy's, with compensation of friction."""
         rates, settings = memory.seen[2:], self.settings
+        # The arctangent and the clip could make a finite torque of an infinite velocity.
         rates = jnp.where(jnp.isfinite(rates), rates, jnp.nan)
         damping, coulomb = jnp.array(settings.damping, rates.dtype), jnp.array(settings.coulomb, rates.dtype)
         compensation = friction(damping, coulomb, rates, jnp.arctan)

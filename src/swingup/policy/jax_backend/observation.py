@@ -50,6 +50,7 @@ class PendulumObservation(AbstractStage):
         if self.angles == "wrapped":
             angles = (jnp.mod(q, 2 * jnp.pi) - jnp.pi) / jnp.pi
         else:
+            # Interleaved: sine and cosine of q1, then those of q2.
             angles = jnp.stack([jnp.sin(q), jnp.cos(q)], axis=1).reshape(-1)
         return jnp.concatenate([angles, velocities])
 

@@ -34,14 +34,15 @@ class Policy(eqx.Module, Generic[ActorT]):
         dtype = observation.dtype
         for stage in self.stages:
             observation = stage(observation)
+        # Statistics in double precision would raise the precision of the network's input.
         return observation.astype(dtype)
 
     def __call__(self, observation: Observation) -> Action:
         """The deterministic action: each entry in [-1, 1], or a whole number if actions are discrete.
 
-        The network's weights are float32 numbers, its arithmetic has the observation's precision: where that is
-        double, as in the judge, every back end arrives at the same torque but for what short sums in single
-        precision cost (:class:`swingup.areapo.networks.Linear`).
+        The network's weights are float32 numbers; its arithmetic has the observation's precision. In double
+        precision, as in the judge, all back ends give the same torque, except for the rounding of short sums in
+        single precision (:class:`swingup.areapo.networks.Linear`).
         """
         return self.actor.mode(self.observe(observation))
 

@@ -15,7 +15,7 @@ from .network import NumpyNetwork
 
 
 class NumpyController:
-    """A policy, behind an estimator or a front end where its file asks for one; see ``policy/contract.py``.
+    """A policy, behind an estimator or a front end where its file has one; see ``policy/contract.py``.
 
     Use one object for one pendulum, in one thread.
     """
@@ -25,7 +25,8 @@ class NumpyController:
 
         Args:
             policy: what the file holds.
-            estimator: as the file asks (None), never (False) or always (True, by default with default settings).
+            estimator: where the file has one (None), never (False) or always (True). Settings that the file lacks
+                have their defaults.
         """
         self.policy = policy
         settings = policy.estimator or EstimatorSettings()
@@ -60,6 +61,7 @@ class NumpyController:
             u = np.zeros(2)
             u[self._joint] = self._network(x)
         if self._estimator is not None:
+            # The command with friction compensation: the estimator needs what the motor was given.
             self._estimator.remember(float(u[self._joint]))
         return u
 
@@ -72,7 +74,7 @@ def load_controller(
     Args:
         source: a policy file, or ``refined``, ``ar-eapo``, ``global`` or ``robot``.
         robot: the robot that it must be for; needed with a name.
-        estimator: as the file asks (None), never (False) or always (True).
+        estimator: where the file has one (None), never (False) or always (True).
 
     Raises:
         SwingupError: there is no such controller, or the file is damaged, or for another robot.

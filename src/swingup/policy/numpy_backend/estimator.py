@@ -24,7 +24,7 @@ class NumpyEstimator:
             settings: what to expect of measurement and loop.
             plant: the model.
             joint: index of the driven joint.
-            torque_limit: of the motor (N m): a command beyond it is cut.
+            torque_limit: the motor's (N m); commands are clipped to it.
         """
         self._settings, self._plant = settings, plant
         self._driven = (1.0, 0.0) if joint == 0 else (0.0, 1.0)
@@ -50,12 +50,14 @@ class NumpyEstimator:
     def observe(self, t: float, x: np.ndarray) -> np.ndarray:
         """An estimate of the state now, for the state x (4,) (rad, rad/s) measured at time t (s)."""
         pause, self._time = t - self._time, t
+        # Negated, so that the first call (an infinite pause) and a clock of NaN are late as well.
         late = not 0 <= pause <= 1.5 * self._settings.dt
         step = pause or self._settings.dt
         with np.errstate(all="ignore"):  # what is not finite fails a comparison below
             if not late and self._follow(x, step):
                 seen = self._ahead(step)
                 return seen if np.isfinite(seen).all() else x.copy()
+        # The evidence on the delay stays: the delay belongs to the loop, not to the motion.
         self._state, self._torques[:], self._deviations[:] = x.copy(), 0.0, 0.0
         return x.copy()
 
@@ -73,6 +75,7 @@ class NumpyEstimator:
         miss = x - predicted
         miss[:2] -= TURN * np.round(miss[:2] / TURN)
 
+        # Filters differ only in their torque. Accelerations are linear in it: a double integrator carries the rest.
         response = np.array(torque_response(self._plant, state, b1, b2))
         extra = (self._torques - torque)[:, None] * response
         drifted = self._deviations.copy()
@@ -87,6 +90,7 @@ class NumpyEstimator:
         # What is not finite fails the comparison.
         if not np.all(np.abs(x - estimate)[2:] <= self._lost):
             return False
+        # Deviations count from the filter in charge, which may be another one now.
         self._state, self._deviations = estimate, deviations - deviations[delay_steps]
         self._surprise, self.delay_steps = surprise, delay_steps
         return True

@@ -11,8 +11,8 @@ from ..settings import FrontEndSettings
 class NumpyFrontEnd:
     """The front end of one pendulum, one call at a time; ``reset()`` clears its memory.
 
-    At each call :meth:`see` takes the measurement and gives what the policy is shown, then :meth:`command` takes
-    the policy's torque and gives those of both motors.
+    At each call :meth:`see` turns the measurement into what the policy sees. Then :meth:`command` turns the
+    policy's torque into those of both motors.
     """
 
     def __init__(self, settings: FrontEndSettings, joint: int) -> None:
@@ -37,6 +37,7 @@ class NumpyFrontEnd:
         """The filtered state for the state x (4,) (rad, rad/s) measured at time t (s)."""
         settings = self._settings
         going_on = 0 <= t - self._time <= 1.5 * settings.dt
+        # A low-pass that has seen a value that is not finite would never recover.
         restart = not (going_on and np.isfinite(self._seen).all() and np.isfinite(x).all())
         self._time = t
         self._rates = x[2:].copy() if restart else self._rates + settings.velocity_weight * (x[2:] - self._rates)
@@ -46,6 +47,7 @@ class NumpyFrontEnd:
 
     def command(self, torque: float) -> np.ndarray:
         """The torques [u1, u2] (N m) for the policy's torque (N m)."""
+        # The arctangent and the clip could make a finite torque of an infinite velocity.
         rates = np.where(np.isfinite(self._seen[2:]), self._seen[2:], np.nan)
         compensation = friction(self._damping, self._coulomb, rates, np.arctan)
         u = np.clip(compensation, -self._bounds, self._bounds)

@@ -61,6 +61,7 @@ def _pendulum(graph: "_Graph", stage: PendulumStage, state: str) -> str:
     angles, rates = graph.split(state, [2, 2])
     velocities = graph.add("Div", graph.clip(rates, scale), graph.number(scale))
     if stage.angles == "wrapped":
+        # ONNX's Mod of floats has the dividend's sign: the non-negative remainder is written out.
         turns = graph.add("Floor", graph.add("Div", angles, graph.number(2 * math.pi)))
         wrapped = graph.add("Sub", angles, graph.add("Mul", turns, graph.number(2 * math.pi)))
         centred = graph.add("Sub", wrapped, graph.number(math.pi))
