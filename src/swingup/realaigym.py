@@ -14,6 +14,7 @@ from .errors import SwingupError
 from .policy.realaigym import RealAIGymController as RealAIGymController
 from .policy.realaigym import load_policy_controller
 from .policy.shipped import is_policy
+from .renamed import current_name
 from .robots import Robot, get_robot
 
 
@@ -30,7 +31,7 @@ def load_controller(
     Raises:
         SwingupError: there is no such controller, or it is damaged, or for another robot.
     """
-    if is_policy(name):
+    if is_policy(current_name("controller", str(name))):
         return load_policy_controller(name, robot, estimator)
     if robot is None:
         raise SwingupError(f"controller {str(name)!r} needs a robot: name acrobot or pendubot")

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from ..checks import one_of
 from ..errors import SwingupError
-from ..renamed import current_name
 from ..robots import Robot, get_robot
 from .pendulum import PendulumPolicy, read_pendulum_policy
 
@@ -46,8 +45,8 @@ def shipped_file(robot: Robot | str, name: str = REFINED) -> Traversable:
 
 
 def is_policy(source: str | Path) -> bool:
-    """Whether a name means a policy: a shipped one, by its present or its former name, or a file."""
-    return current_name("controller", str(source)) in SHIPPED_POLICIES or str(source).endswith(".npz")
+    """Whether a name means a policy: a shipped one, or a file."""
+    return source in SHIPPED_POLICIES or str(source).endswith(".npz")
 
 
 def read_policy(source: str | Path, robot: Robot | str | None = None) -> PendulumPolicy:
@@ -62,8 +61,7 @@ def read_policy(source: str | Path, robot: Robot | str | None = None) -> Pendulu
     """
     if str(source).endswith(".npz"):
         return read_pendulum_policy(source, robot)
-    name = current_name("controller", str(source))
-    one_of("policy", name, SHIPPED_POLICIES, " or a policy file (.npz)")
+    name = one_of("policy", str(source), SHIPPED_POLICIES, " or a policy file (.npz)")
     if robot is None:
         raise SwingupError(f"policy {name!r} is shipped for both robots: name acrobot or pendubot")
     with resources.as_file(shipped_file(robot, name)) as path:

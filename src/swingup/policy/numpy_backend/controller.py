@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...renamed import current_name
 from ...robots import TORQUE_LIMIT, Robot
 from ..pendulum import PendulumPolicy
 from ..plant import nominal_plant
@@ -79,4 +80,4 @@ def load_controller(
     Raises:
         SwingupError: there is no such controller, or the file is damaged, or for another robot.
     """
-    return NumpyController(read_policy(source, robot), estimator)
+    return NumpyController(read_policy(current_name("controller", str(source)), robot), estimator)
