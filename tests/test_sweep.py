@@ -361,6 +361,7 @@ def cluster(tmp_path):
             process.wait()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("default")
 def test_a_dask_worker_is_killed_and_no_run_is_lost(cluster, tmp_path):
     address, workers = cluster

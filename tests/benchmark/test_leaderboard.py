@@ -118,6 +118,7 @@ def test_who_enters_which_boards():
     assert default_entrants(get_board_rules("v3")) == (*papers, *ours, "global")
 
 
+@pytest.mark.slow
 def test_our_own_trajectory_scores_more_than_the_policy(either_robot):
     told = []
     rows = ours(

@@ -45,7 +45,7 @@ def run_json(capsys, *arguments):
     return json.loads(capsys.readouterr().out)
 
 
-@pytest.mark.parametrize("robot", ["acrobot", "pendubot"])
+@pytest.mark.parametrize("robot", ["acrobot", pytest.param("pendubot", marks=pytest.mark.slow)])
 def test_evaluate_then_score_the_same_trajectory(robot, capsys, tmp_path):
     result = run_json(capsys, "evaluate", robot, "--save", "t.csv")
     assert list(result) == KEYS

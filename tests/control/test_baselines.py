@@ -15,7 +15,8 @@ LEAST_SCORES = {
 SWINGUP_TIME = {"acrobot": 4.05, "pendubot": 4.13}
 
 
-def test_scores(robot):
+def test_scores(either_robot):
+    robot = either_robot
     for name in ("tvlqr", "ilqr-riccati", "ilqr-riccati-unregularised"):
         criteria = swingup.evaluate(baseline(name, robot), robot).criteria
         assert criteria.score >= LEAST_SCORES[name, robot.name]
@@ -28,7 +29,8 @@ def test_score_of_the_mpc(robot):
     assert criteria.score >= {"acrobot": 0.34, "pendubot": 0.35}[robot.name]
 
 
-def test_they_balance_upright(robot):
+def test_they_balance_upright(either_robot):
+    robot = either_robot
     # The first call at the goal latches all of them to the same LQR.
     x = jnp.array([np.pi + 0.01, -0.01, 0.02, -0.02])
     with jax.enable_x64(True):

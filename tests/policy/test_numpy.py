@@ -46,6 +46,7 @@ def test_the_score_is_the_judges(either_robot):
     assert in_numpy == pytest.approx(in_jax, abs=1e-4)
 
 
+@pytest.mark.slow  # the conformance table compares the torques behind the same estimators
 def test_the_estimates_are_the_judges(x64):
     """The estimator's own state, call by call, over measurements that make it restart."""
     reference, found = controller("acrobot-refined"), load_controller("refined", "acrobot")
