@@ -9,7 +9,7 @@ from swingup.areapo.categorical import Categoricals
 from swingup.areapo.networks import init_policy
 from swingup.errors import SwingupError
 from swingup.policy.jax_backend.observation import Normalise
-from swingup.policy.jax_backend.policy import Policy, load_policy, save_policy
+from swingup.policy.jax_backend.policy import Policy, load_any_policy, save_policy
 from swingup.tasks.task import Spaces
 
 # Probabilities 0.2, 0.3, 0.5 of the first action and 0.9, 0.1 of the second; logits are free up to a constant.
@@ -64,7 +64,7 @@ def policy():
 
 def test_the_policy_file_keeps_the_policy(policy, tmp_path):
     save_policy(tmp_path / "p.npz", policy, {"env": "Task-v0"})
-    loaded, metadata = load_policy(tmp_path / "p.npz")
+    loaded, metadata = load_any_policy(tmp_path / "p.npz")
     assert (metadata["choices"], metadata["env"]) == ([3, 2], "Task-v0")
     for observation in np.random.default_rng(0).normal(size=(20, 4)):
         np.testing.assert_array_equal(loaded(observation), policy(observation))
@@ -77,4 +77,4 @@ def test_the_policy_file_keeps_the_policy(policy, tmp_path):
 def test_bad_choices(policy, tmp_path, choices, message):
     save_policy(tmp_path / "p.npz", policy, {"choices": choices})
     with pytest.raises(SwingupError, match=message):
-        load_policy(tmp_path / "p.npz")
+        load_any_policy(tmp_path / "p.npz")
