@@ -12,7 +12,8 @@ from ..benchmark.rules import PushRules
 from ..control.registry import BUILT_IN, has_estimator
 from ..errors import SwingupError
 from ..physics.parameters import ROBOTS, Robot, get_robot
-from ..plants.plant import SHIPPED_PLANTS, Plant, load_plant, torque_over_gravity
+from ..physics.units import torque_over_gravity
+from ..plants.plant import SHIPPED_PLANTS, Plant, load_plant
 from ..policy.jax_backend.controller import PolicyController
 from ..tasks.disturbance import Disturbance
 

@@ -24,9 +24,9 @@ from ..checks import one_of
 from ..control.registry import Controller, get_controller
 from ..files import check_writable
 from ..physics.parameters import Robot, get_robot
+from ..plants.domain import Domain, load_domain
 from ..plants.plant import Plant
 from ..policy.shipped import REFINED, ROBOT
-from ..tasks.domain import Domain, load_domain
 from .arguments import (
     NO_PLANT,
     ControllerName,

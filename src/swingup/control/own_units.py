@@ -1,7 +1,7 @@
 """The baselines' settings in a pendulum's own units: each number times the scale of its unit, exactly 1 for C.1.
 
 Torques scale with the torque limit, times with the pendulum's own, so that a similar pendulum gets the same
-controller, step for step. Ratios are not scaled away: a weaker pendulum needs another swing-up, which a search finds.
+controller, step for step. Ratios are not scaled away: a weaker pendulum needs another swing-up, which is searched.
 """
 
 from dataclasses import replace
