@@ -39,6 +39,19 @@ def either_robot(request):
     return request.param
 
 
+@pytest.fixture(scope="session")
+def similar():
+    """From a plant to one that moves alike: lengths × 0.25 and masses × 0.1; T × 0.5 and torques × 0.025."""
+    powers = {"l": (1, 0), "r": (1, 0), "m": (0, 1), "I": (2, 1), "t": (1, 1)}  # of length and mass
+
+    def make(plant):
+        names = ("l1", "l2", "r1", "r2", "m1", "m2", "I1", "I2", "Ir", "tl1", "tl2")
+        factors = {name: 0.25 ** powers[name[0]][0] * 0.1 ** powers[name[0]][1] for name in names}
+        return dataclasses.replace(plant, **{name: getattr(plant, name) * factors[name] for name in names})
+
+    return make
+
+
 @pytest.fixture
 def x64():
     """Double precision for one test, as the package's entry points use it: never a global flag."""
