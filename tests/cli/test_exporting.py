@@ -109,7 +109,7 @@ def test_graphs_and_headers(tmp_path, capsys):
         (["refind", "--to", "c"], "did you mean refined?"),
         (
             ["refined", "--robot", "acrobot", "--to", "java"],
-            "unknown format 'java': use one of realaigym, onnx, c",
+            "unknown format 'java': use one of realaigym, cloudpendulum, onnx, c",
         ),
         (["refined", "--robot", "acrobot", "--to", "c", "--out", "none/x.h"], "cannot write none/x.h"),
         (["refined", "--robot", "acrobot", "--to", "realaigym", "--out", "none/x"], "cannot write none/x: No such"),

@@ -60,7 +60,7 @@ class Entry:
         factory = getattr(module, "ControllerType", None)
         self._takes_motors = factory is not None
         self.controller = getattr(module, "controller", None) if factory is None else self._make(factory, simulated)
-        self._call = getattr(self.controller, "get_control_output", None)
+        self._call: Any = getattr(self.controller, "get_control_output", None)
         if not callable(self._call):
             raise FolderError(f"defines no 'controller' with get_control_output: {path.name} needs one")
         # Prints of the import are harmless, those in the loop are not.
