@@ -64,6 +64,7 @@ class Entry:
         if not callable(self._call):
             raise FolderError(f"defines no 'controller' with get_control_output: {path.name} needs one")
         # Prints of the import are harmless, those in the loop are not.
+        sys.stdout.flush()
         sys.stdout = self._printed
 
     def _make(self, factory: Any, simulated: bool) -> Any:

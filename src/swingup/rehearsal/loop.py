@@ -1,5 +1,6 @@
 """A running folder as a controller in plain Python, for the judge's loop: as fast as it goes, or in real time."""
 
+import itertools
 import time
 from dataclasses import dataclass, field
 
@@ -25,9 +26,9 @@ class Timing:
     """Periods that began late because the simulation, not the controller, was slow."""
 
     @property
-    def periods(self) -> np.ndarray:
+    def periods(self) -> list[float]:
         """Times between calls."""
-        return np.diff(self.sent)
+        return [after - before for before, after in itertools.pairwise(self.sent)]
 
 
 class FolderController:
@@ -95,5 +96,5 @@ class PacedController:
             time.sleep(due - now - SLEPT)
         while (now := time.perf_counter()) < due:
             pass
-        self._due = due + self._dt
+        self._due = now + self._dt
         return now

@@ -1,6 +1,7 @@
 """A rehearsal: an exported folder drives the simulated robot, from a process of its own, perhaps in real time."""
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -16,8 +17,10 @@ from ..checks import positive_number, whole_number
 from ..control.python_controller import PythonController
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot
-from ..plants.plant import LEADERBOARD, PlantLike, load_plant, robot_parameters
-from ..tasks.domain import Domain, load_domain
+from ..plants.domain import Domain, load_domain
+from ..plants.loop import LOOP
+from ..plants.plant import PlantLike, load_plant
+from ..tasks.draw import draw
 from .folder import Folder, find_folder
 from .loop import FolderController, PacedController, Timing
 from .process import CALLING, FolderProcess
@@ -32,10 +35,8 @@ class Rehearsal:
 
     folder: Folder
     robot: str
-    plant: str
-    """Its name."""
-    domain: Domain | None
-    """What plant and loop were drawn from; None for a perfect loop."""
+    domain: Domain
+    """What plant and loop were drawn from."""
     seed: int
     real_time: bool
     criteria: Criteria
@@ -71,13 +72,11 @@ class Rehearsal:
 
     def as_dict(self) -> dict[str, Any]:
         """Ready for JSON; times in s."""
-        calls, periods = np.array(self.timing.calls), self.timing.periods
         return {
             "folder": str(self.folder.entry.parent),
             "form": self.folder.form,
             "robot": self.robot,
-            "plant": self.plant,
-            "domain": None if self.domain is None else self.domain.as_dict(),
+            "domain": {"name": self.domain.name} | self.domain.as_dict(),
             "seed": self.seed,
             "success": self.success,
             **{name: value for name, value in asdict(self.criteria).items() if name != "success"},
@@ -89,26 +88,26 @@ class Rehearsal:
             "guard": self.facts["guard"],
             "stopped": self.facts["stopped"],
             "packages": self.facts["packages"],
-            "calls": spread(calls),
+            "calls": spread(self.timing.calls),
             "real_time": self.real_time,
-            "periods": spread(periods) if self.real_time else None,
+            "periods": spread(self.timing.periods) if self.real_time else None,
             "missed": self.timing.missed if self.real_time else None,
             "late": self.timing.late if self.real_time else None,
         }
 
 
-def spread(seconds: np.ndarray) -> dict[str, float]:
+def spread(seconds: Sequence[float]) -> dict[str, float]:
     """Median, 99th percentile and longest of measured times (s)."""
-    if not len(seconds):
+    if not seconds:
         return {}
     middle, most = np.percentile(seconds, [50, 99]).tolist()
-    return {"p50": middle, "p99": most, "longest": float(seconds.max())}
+    return {"p50": middle, "p99": most, "longest": max(seconds)}
 
 
 def rehearse(
     folder: str | Path,
     plant: PlantLike | None = None,
-    domain: Domain | str | None = "identified",
+    domain: Domain | str | None = None,
     robot: Robot | str | None = None,
     rules: PerformanceRules = PERFORMANCE_RULES["hardware"],
     duration: float | None = None,
@@ -120,8 +119,9 @@ def rehearse(
 
     Args:
         folder: a folder of ``swingup export --to realaigym`` or ``--to cloudpendulum``, or its Python file.
-        plant: what is simulated; None for a plant drawn from the domain, or the leaderboards' without one.
-        domain: ranges of plant and loop, or their name; None for a perfect loop.
+        plant: the plant, with the loop that its file has; None for the domain's.
+        domain: the loop that the plant's file lacks, and the plant if none is given; None for a perfect loop
+            around a plant, or for the domain ``identified`` without one.
         robot: which joint is driven; None where the folder says it.
         rules: how the run is scored.
         duration: length of the run (s); None for that of the rules.
@@ -136,24 +136,23 @@ def rehearse(
     if duration is not None:
         rules = dataclasses.replace(rules, duration=positive_number("duration", duration, LONGEST, "s"))
     seed, found = whole_number("seed", seed, 0, 2**32 - 1), find_folder(folder)
-    domain = load_domain(domain) if isinstance(domain, str) else domain
+    around = simulated_robot(plant, domain)
     with FolderProcess(found, simulated_clock=not real_time, calling=calling) as process:
         driven = _robot(robot, process.facts["robot"], found)
-        scenario, depth = _scenario(plant, domain, driven, seed), 1 if domain is None else domain.depth
+        scenario = _scenario(around, driven, seed)
         controller = FolderController(process)
         paced = PacedController(controller, process, rules.dt) if real_time else controller
         if real_time:
             # Compiled before the clock runs.
-            run_one(PythonController(_no_torque), scenario, rules.dt, 2, depth)
-        rows = run_one(PythonController(paced), scenario, rules.dt, rules.steps, depth)
+            run_one(PythonController(_no_torque), scenario, rules.dt, 2, around.depth)
+        rows = run_one(PythonController(paced), scenario, rules.dt, rules.steps, around.depth)
         facts = process.facts | process.guard_report()
     time, x, u = (np.asarray(values) for values in (rows.time, rows.x, rows.u))
     lengths = float(scenario.parameters.l1), float(scenario.parameters.l2)
     return Rehearsal(
         folder=found,
         robot=driven.name,
-        plant=_plant_name(plant, domain),
-        domain=domain,
+        domain=around,
         seed=seed,
         real_time=real_time,
         criteria=judge(time, x, u, *lengths, rules),
@@ -174,24 +173,41 @@ def _robot(given: Robot | str | None, said: Any, folder: Folder) -> Robot:
     return robot
 
 
-def _scenario(plant: PlantLike | None, domain: Domain | None, robot: Robot, seed: int) -> Scenario:
-    if domain is None:
-        return Scenario(robot_parameters(plant, robot))
+def _scenario(domain: Domain, robot: Robot, seed: int) -> Scenario:
     with jax.enable_x64(True):
-        parameters, disturbance = domain.draw(jax.random.key(seed), robot)
-    if plant is not None:
-        # The loop stays as it was drawn, with the torque on the passive joint that its rules allow.
-        own = load_plant(plant).parameters
-        limits = {"tl1": parameters.tl1, "tl2": parameters.tl2}
-        limits |= {("tl1", "tl2")[robot.joint]: (own.tl1, own.tl2)[robot.joint]}
-        parameters = dataclasses.replace(own, **limits)
-    return Scenario(parameters, disturbance)
+        return Scenario(*draw(domain, jax.random.key(seed), robot))
 
 
-def _plant_name(plant: PlantLike | None, domain: Domain | None) -> str:
-    if plant is not None:
-        return load_plant(plant).name
-    return LEADERBOARD if domain is None else f"drawn from {domain.name}"
+def simulated_robot(plant: PlantLike | None, domain: Domain | str | None) -> Domain:
+    """The plant and the loop of a rehearsal, as one domain.
+
+    Args:
+        plant: the plant, with the loop that its file has; None for the domain's.
+        domain: the loop that the plant's file lacks, and the plant if none is given; None for a perfect loop
+            around a plant, or for the domain ``identified`` without one.
+
+    Raises:
+        SwingupError: there is no such plant or domain.
+    """
+    if plant is None:
+        return domain if isinstance(domain, Domain) else load_domain(domain or "identified")
+    if isinstance(plant, str | Path) and str(plant).endswith((".yml", ".yaml")):
+        facts = load_domain(plant)
+    else:
+        found = load_plant(plant)
+        facts = Domain((), found.name, found)
+    if domain is None:
+        return facts
+    around = domain if isinstance(domain, Domain) else load_domain(domain)
+    own = {name for name, _, _ in facts.ranges}
+    # Not its torque limit: that is the plant's.
+    loop = [each for each in around.ranges if each[0] in LOOP and each[0] not in {*own, "torque_limit"}]
+    return dataclasses.replace(
+        facts,
+        ranges=(*facts.ranges, *loop),
+        name=f"{facts.name} in the loop of {around.name}",
+        velocities=facts.velocities or around.velocities,
+    )
 
 
 def _limits(facts: dict[str, Any]) -> tuple[float, float]:
