@@ -7,12 +7,14 @@ import pytest
 
 from swingup import realaigym
 from swingup.errors import SwingupError
+from swingup.policy.c_backend.header import c_header
 from swingup.policy.guard import Reason
 from swingup.policy.numpy_backend.controller import NumpyController
 from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
 from swingup.policy.settings import GuardSettings, choose_guard
 from swingup.runtime import load_controller
 
+from . import compiled
 from .references import DT, policy
 
 STEPS = 160
@@ -126,6 +128,43 @@ def test_faults(fault, name):
         # reset() lets it act again, and the first run repeats bit for bit.
         again, _ = run(controller, times, states)
         np.testing.assert_array_equal(again, torques)
+
+
+BRAKING = {"torque_rate": 400.0, "braking": 0.3, "stale_time": 0.021}
+"""Settings with which all of the guard has an effect."""
+
+
+@pytest.fixture(scope="module")
+def in_c(tmp_path_factory):
+    """Guarded controllers in C by policy, each compiled once."""
+    kept = {}
+
+    def make(name):
+        if name not in kept:
+            folder = tmp_path_factory.mktemp("c")
+            (folder / "policy.h").write_text(c_header(guarded(name, **BRAKING)), encoding="utf-8")
+            kept[name] = compiled.compile_program(folder, compiled.WATCH)
+        return kept[name]
+
+    return make
+
+
+@compiled.needs_gcc
+@pytest.mark.parametrize("name", ["pendubot-bare", "acrobot-robot"])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_c_does_the_same(in_c, name, fault):
+    times, states = changed(FAULTS[fault][0])
+    controller = NumpyController(guarded(name, **BRAKING))
+    torques, stop = run(controller, times, states)
+    found, reasons, last, said = compiled.watch(in_c(name), times, states)
+    np.testing.assert_allclose(found, torques, rtol=0, atol=1e-9)
+    expected = np.zeros(STEPS, int)
+    if stop is not None:
+        expected[stop:] = controller.guard.fault.reason
+        first = controller.guard.fault
+        np.testing.assert_array_equal(last, [first.joint, first.time, first.value])
+    np.testing.assert_array_equal(reasons, expected)
+    assert said == Reason(int(expected[-1])).sentence
 
 
 def test_a_joint_that_stands_still_under_a_large_torque():
