@@ -1,6 +1,7 @@
 """A running folder as a controller in plain Python, for the judge's loop: as fast as it goes, or in real time."""
 
 import itertools
+import math
 import time
 from dataclasses import dataclass, field
 
@@ -64,14 +65,14 @@ class PacedController:
     """
 
     def __init__(self, inner: FolderController, process: FolderProcess, dt: float) -> None:
-        """Wrap a folder's controller, for periods of dt (s)."""
+        """Wrap a folder's controller, for periods of dt (s) or what the simulation's clock says."""
         self._inner, self._process, self._dt = inner, process, dt
-        self._due: float | None = None
+        self._begin, self._time = -math.inf, 0.0
         self._held, self._busy = np.zeros(2), False
 
     def get_control_output(self, x: np.ndarray, t: float) -> np.ndarray:
         """The torques (2,) (N m) that act from time t (s)."""
-        timing, begin = self._inner.timing, self._wait()
+        timing, begin = self._inner.timing, self._wait(t)
         if not self._busy:
             timing.sent.append(begin)
             self._process.send(t, x)
@@ -84,17 +85,14 @@ class PacedController:
             self._held = reply.u
         return self._held
 
-    def _wait(self) -> float:
-        """Wait for the next period; when it began."""
-        now = time.perf_counter()
-        due = now if self._due is None else self._due
-        if now > due + 0.5 * self._dt:
-            # A loop that is late does not catch up: its next period begins now, as a robot's does.
-            self._inner.timing.late += not self._busy
-            due = now
+    def _wait(self, t: float) -> float:
+        """Wait for the period that begins at time t (s) of the simulation; when it began."""
+        now, due = time.perf_counter(), self._begin + t - self._time
+        # A loop that is late does not catch up: its next period begins now, as a robot's does.
+        self._inner.timing.late += math.isfinite(due) and not self._busy and now > due + 0.5 * self._dt
         if due - now > SLEPT:
             time.sleep(due - now - SLEPT)
         while (now := time.perf_counter()) < due:
             pass
-        self._due = now + self._dt
+        self._begin, self._time = now, t
         return now

@@ -18,7 +18,7 @@ from ..control.python_controller import PythonController
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot
 from ..plants.domain import Domain, load_domain
-from ..plants.loop import LOOP
+from ..plants.loop import EVERY_LOOP
 from ..plants.plant import PlantLike, load_plant
 from ..tasks.draw import draw
 from .folder import Folder, find_folder
@@ -175,7 +175,7 @@ def _robot(given: Robot | str | None, said: Any, folder: Folder) -> Robot:
 
 def _scenario(domain: Domain, robot: Robot, seed: int) -> Scenario:
     with jax.enable_x64(True):
-        return Scenario(*draw(domain, jax.random.key(seed), robot))
+        return Scenario(*draw(domain, jax.random.key(seed), robot), substeps=domain.substeps)
 
 
 def simulated_robot(plant: PlantLike | None, domain: Domain | str | None) -> Domain:
@@ -201,7 +201,7 @@ def simulated_robot(plant: PlantLike | None, domain: Domain | str | None) -> Dom
     around = domain if isinstance(domain, Domain) else load_domain(domain)
     own = {name for name, _, _ in facts.ranges}
     # Not its torque limit: that is the plant's.
-    loop = [each for each in around.ranges if each[0] in LOOP and each[0] not in {*own, "torque_limit"}]
+    loop = [each for each in around.ranges if each[0] in EVERY_LOOP and each[0] not in {*own, "torque_limit"}]
     return dataclasses.replace(
         facts,
         ranges=(*facts.ranges, *loop),
