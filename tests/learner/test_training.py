@@ -9,7 +9,7 @@ from swingup.learner.start import start_run
 
 @pytest.mark.slow
 def test_the_default_preset_learns_to_swing_up(tmp_path):
-    """Three million frames, about three minutes of two idle cores; this seed had a score of 0.61 after 2.4 million."""
+    """Three million frames, about three minutes of two idle cores; this seed scored 0.61 after 2.4 million."""
     settings = RunSettings("pendubot", "default", 0, 1, 65_536, 1_048_576, get_preset("default").config)
     run = start_run(settings, tmp_path / "run", 3_000_000)
     rewards = [report.rows[0]["reward"] for report in run.advance()]
