@@ -6,6 +6,8 @@ import importlib.metadata
 import os
 import tempfile
 
+gc.disable()  # until all tests are collected: nearly all that is imported stays
+
 COMPILED = tempfile.TemporaryDirectory(prefix="swingup-tests-")
 """What several tests and their commands need is compiled once a worker. JAX reads this when it is imported."""
 os.environ |= {"JAX_COMPILATION_CACHE_DIR": COMPILED.name, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1"}
@@ -86,6 +88,7 @@ def pytest_collection_finish():
     """What was imported stays: the collector, which JAX makes dear, need not walk through it, nor often."""
     gc.collect()
     gc.freeze()
+    gc.enable()
     gc.set_threshold(20_000, 10, 10)
 
 
