@@ -30,10 +30,14 @@ DEAD_TIME = 0.004
 """Typical age of a command when it acts (s)."""
 COLUMNS = ("first", "second", "shoulder", "elbow", "rotor", "b1", "b2", "cf1", "cf2")
 
-SUSPICIOUS = 0.3
-"""Share of the impulses that an equation of motion leaves unexplained only if something is wrong."""
-BETTER = 0.35
-"""Another reading of the columns must leave at most this part of that share."""
+WIDEST = 5.0
+"""Masses and inertias lie within this factor of the starting plant's."""
+SUSPICIOUS = 0.02
+"""Share of the impulses that is left unexplained, below which nothing is wrong with the columns."""
+BETTER = 0.4
+"""Another reading of the columns must leave at most this part of that share, ..."""
+GOOD = 0.15
+"""... and at most this share."""
 LEAST_SPANS = 30
 
 
@@ -52,7 +56,7 @@ class Estimate:
 
     values: Mapping[str, float]
     unexplained: float
-    """Share of the impulses' sum of squares that is left."""
+    """Share of the sum of squares of all impulses that is left."""
 
 
 def cut_spans(recording: Recording) -> Spans:
@@ -69,51 +73,56 @@ def cut_spans(recording: Recording) -> Spans:
     return Spans(states[moving], (total[:, 1] - total[:, 0])[moving])
 
 
-def regress(setting: Setting, spans: Spans, first: float | None) -> Estimate:
-    """Base parameters and friction, none of them negative.
+def regress(setting: Setting, spans: Spans, start: Float[np.ndarray, "15"], driven: bool) -> Estimate:
+    """Base parameters within a factor of 5 of the start's, and friction.
 
     Args:
         setting: the lengths, gravity and gear ratio.
         spans: of one or several recordings.
-        first: m1 r1 + m2 l1 (kg m), where no torque sets the scale; otherwise None.
+        start: the starting plant's vector.
+        driven: whether torques set the scale; otherwise m1 r1 + m2 l1 is the start's.
     """
     matrix, right = _equations(setting, spans), spans.impulse.ravel()
-    low = np.zeros(len(COLUMNS))
-    if first is not None:
-        right = right - matrix[:, 0] * first
-        matrix = matrix[:, 1:]
-        low = low[1:]
+    low, high = _bounds(setting, start, driven)
     size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-30)
-    found = lsq_linear(matrix / size, right, (low, np.inf)).x / size
-    left = right - matrix @ found
-    values = [first, *found] if first is not None else list(found)
-    return Estimate(
-        {name: float(value or 0.0) for name, value in zip(COLUMNS, values, strict=True)},
-        float(left @ left) / max(float(right @ right), 1e-30),
-    )
+    found = np.clip(lsq_linear(matrix / size, right, (low * size, high * size)).x / size, low, high)
+    left, parts = right - matrix @ found, matrix * found
+    values = {name: float(value) for name, value in zip(COLUMNS, found, strict=True)}
+    return Estimate(values, float(left @ left) / max(float(right @ right + np.sum(parts**2)), 1e-30))
 
 
-def check_joints(recordings: Sequence[Recording], setting: Setting, first: float) -> None:
+def check_joints(recordings: Sequence[Recording], setting: Setting, start: Float[np.ndarray, "15"]) -> None:
     """Refuse logs whose columns explain the motion much better in another order, sign or unit.
 
     Raises:
         SwingupError: with the log and what was seen.
     """
     for recording in recordings:
-        spans = cut_spans(recording)
+        spans, driven = cut_spans(recording), any(recording.driven)
         if len(spans.states) < LEAST_SPANS:
             continue
-        scale = None if any(recording.driven) else first
-        plain = regress(setting, spans, scale).unexplained
+        plain = regress(setting, spans, start, driven).unexplained
         if plain < SUSPICIOUS:
             continue
-        others = {text: regress(setting, read(spans), scale).unexplained for text, read in _READINGS.items()}
+        # Without torques, angles that are too small by a factor of 57 fit any plant at rest.
+        readings = {text: read for text, read in _READINGS.items() if driven or read is not _radians}
+        others = {text: regress(setting, read(spans), start, driven).unexplained for text, read in readings.items()}
         best = min(others, key=lambda text: others[text])
-        if others[best] < BETTER * plain:
+        if others[best] < min(BETTER * plain, GOOD):
             raise SwingupError(
-                f"{recording.name}: {best} (the equations of motion leave {plain:.0%} unexplained as it is, and "
-                f"{others[best]:.0%} so): correct the columns"
+                f"{recording.name}: {best}: as it is, {plain:.1%} of the impulses stay unexplained, and "
+                f"{others[best]:.1%} otherwise; correct the columns"
             )
+
+
+def _bounds(setting: Setting, start: np.ndarray, driven: bool) -> tuple[np.ndarray, np.ndarray]:
+    masses, torque = start[:4], setting.gravity * start[0]
+    rotor = max(10.0 * start[4], start[3] / setting.gear**2)
+    low = np.array([*(masses / WIDEST), *np.zeros(5)])
+    high = np.array([*(masses * WIDEST), rotor, 0.1 * torque, 0.1 * torque, 0.3 * torque, 0.3 * torque])
+    if not driven:
+        low[0], high[0] = 0.999 * start[0], 1.001 * start[0]
+    return low, high
 
 
 def _equations(setting: Setting, spans: Spans) -> np.ndarray:
