@@ -16,6 +16,7 @@ from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict
 from ..version import __version__
 from .grid import Case, make_cases
 from .interval import Interval, mean_interval
+from .own_units import robustness_in_own_units
 from .rules import CRITERIA, DEFAULT_RULES, RANDOM, RobustnessRules, get_robustness_rules
 from .runner import Progress, prepare, run_many, stack
 from .seeds import check_seeds
@@ -109,6 +110,7 @@ def robustness(
     robot, rules = get_robot(robot), get_robustness_rules(rules)
     every, chosen = check_seeds(seed, seeds), check_criteria(criteria)
     found = find_plant(plant)
+    rules = robustness_in_own_units(rules, robot, found)
     estimator, controller = has_estimator(controller), prepare(controller, robot, name)
     cases = [case for criterion in chosen for case in make_cases(robot, rules, criterion, every[0], found)]
     # The other criteria do not depend on the seed: one simulation of each is enough.

@@ -14,6 +14,7 @@ from ..tasks.throws import Throws
 from ..version import __version__
 from .criteria import tip_is_up
 from .interval import Interval, mean_interval
+from .own_units import uptime_in_own_units
 from .rollout import Scenario, Trajectory
 from .rules import DEFAULT_UPTIME_RULES, UptimeRules, get_uptime_rules
 from .runner import Progress, prepare, run_many, stack
@@ -95,6 +96,7 @@ def uptime(
     robot, rules = get_robot(robot), get_uptime_rules(rules)
     every, found = tuple(check_seeds(seed, seeds)), find_plant(plant)
     estimator, controller = has_estimator(controller), prepare(controller, robot, name)
+    rules = uptime_in_own_units(rules, robot, found)
     limit = rules.thrower.limit
     parameters = dataclasses.replace(robot_parameters(found, robot), tl1=limit, tl2=limit)
     uptimes: list[float] = []
