@@ -1,7 +1,7 @@
 """Disturbances in the units of the pendulum that is judged: noise, friction, pushes and throws, exactly as on C.1.
 
-Torques scale with the torque limit, velocities and times with the pendulum's own unit of time. The period of the loop,
-the length of a run, the costs' normalisers and all shares stay as the rules have them.
+Torques scale with the torque limit, velocities and times with the pendulum's own unit of time. The period of the
+loop, the length of a run, the costs' normalisers and all shares stay as the rules have them.
 """
 
 from dataclasses import replace
