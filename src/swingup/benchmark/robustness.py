@@ -112,11 +112,8 @@ def robustness(
     robot, rules = get_robot(robot), get_robustness_rules(rules)
     every, chosen = check_seeds(seed, seeds), check_criteria(criteria)
     found = find_plant(plant)
-    rules = robustness_in_own_units(rules, robot, found)
-    estimator, controller = (
-        has_estimator(controller),
-        prepare(controller, robot, name, robot_parameters(found, robot)),
-    )
+    rules, nominal = robustness_in_own_units(rules, robot, found), robot_parameters(found, robot)
+    estimator, controller = has_estimator(controller), prepare(controller, robot, name, nominal)
     cases = [case for criterion in chosen for case in make_cases(robot, rules, criterion, every[0], found)]
     # The other criteria do not depend on the seed: one simulation of each is enough.
     for other in every[1:]:
@@ -136,7 +133,7 @@ def robustness(
 
 
 def _stable(scenarios: list[Scenario], dt: float, plant: Plant | None) -> list[Scenario]:
-    """Scenarios with steps short enough for the stiffest plant among them; the board's grid takes one step of RK4."""
+    """Scenarios in steps short enough for the stiffest plant among them; the board's grid takes one of RK4."""
     if plant is None:
         return scenarios
     substeps = max(stable_substeps(each.parameters, dt) for each in scenarios)

@@ -96,13 +96,11 @@ def uptime(
     """
     robot, rules = get_robot(robot), get_uptime_rules(rules)
     every, found = tuple(check_seeds(seed, seeds)), find_plant(plant)
-    estimator, controller = (
-        has_estimator(controller),
-        prepare(controller, robot, name, robot_parameters(found, robot)),
-    )
+    nominal = robot_parameters(found, robot)
+    estimator, controller = has_estimator(controller), prepare(controller, robot, name, nominal)
     rules = uptime_in_own_units(rules, robot, found)
     limit = rules.thrower.limit
-    parameters = dataclasses.replace(robot_parameters(found, robot), tl1=limit, tl2=limit)
+    parameters = dataclasses.replace(nominal, tl1=limit, tl2=limit)
     substeps = stable_substeps(parameters, rules.dt)
     uptimes: list[float] = []
     faults: list[str | None] = []
