@@ -52,25 +52,26 @@ class AbstractEvaluator(abc.ABC):
 
 
 class SwingUpEvaluator(AbstractEvaluator):
-    """Evaluates by the criteria and the score of the one deterministic episode of the pendulum (rules v2)."""
+    """Evaluates by the criteria and the score of one deterministic episode on the task's plant (rules v2)."""
 
     measure = "v2"
     observation_shape = (4,)
 
     def __init__(self, task: AbstractPendulumTask[Any]) -> None:
         """The evaluator of a variant of the pendulum's task."""
-        self.stages, self._robot = (task.observation,), task.robot
+        self.stages, self._robot, self._plant = (task.observation,), task.robot, task.parameters
+        self._torque_limit = float((task.parameters.tl1, task.parameters.tl2)[task.robot.joint])
 
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
         """The criteria; ``episodes`` has no effect, since there is one deterministic episode."""
-        return dataclasses.asdict(evaluate(self._controller(policy), self._robot).criteria)
+        return dataclasses.asdict(evaluate(self._controller(policy), self._robot, plant=self._plant).criteria)
 
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
         """Write a controller's policy file."""
         save_controller(path, self._controller(policy), provenance)
 
     def _controller(self, policy: Policy[Any]) -> PolicyController:
-        return PolicyController(policy, TORQUE_LIMIT, self._robot)
+        return PolicyController(policy, self._torque_limit, self._robot)
 
 
 class Sim2RealEvaluator(AbstractEvaluator):
