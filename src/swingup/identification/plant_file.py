@@ -10,7 +10,8 @@ import numpy as np
 
 from ..errors import SwingupError
 from ..physics.parameters import Parameters, validated
-from ..tasks.domain import LOOP_DT, make_domain
+from ..plants.domain import make_domain
+from ..plants.loop import LOOP_DT
 
 Range = tuple[float, float]
 
