@@ -15,11 +15,21 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..control.controller import AbstractController
-from ..physics.integrate import rk4_step
+from ..physics.integrate import rk4_steps
 from ..physics.parameters import Parameters
-from ..tasks.disturbance import Disturbance, Past, measured_state, motor_torques, remember, step_noise
+from ..plants.loop import LOOP_DT
+from ..tasks.clock import Times, start_times
+from ..tasks.disturbance import (
+    Disturbance,
+    Past,
+    measured_state,
+    motor_torques,
+    remember,
+    step_noise,
+    step_period,
+)
 from ..tasks.throws import PID, Throws, is_thrown, start_pid, throw
-from ..types import Count, Flag, State, Torque
+from ..types import Count, Flag, Scalar, State, Torque
 
 Rows = Array | np.ndarray
 
@@ -44,6 +54,8 @@ class Scenario(eqx.Module):
     """None is a perfect loop, and faster than a disturbance that changes nothing."""
     throws: Throws | None = None
     """When a PID takes the pendulum from the controller, if ever."""
+    substeps: int = eqx.field(static=True, default=1)
+    """Steps of RK4 in a step of the loop: ``stable_substeps`` of the plant. The boards' plants have 1."""
 
 
 class LoopState(eqx.Module):
@@ -58,6 +70,8 @@ class LoopState(eqx.Module):
     pid: PID
     torque_noise: Torque
     """Noise on the torques of the step measured last (N m), drawn together with the measurement's noise."""
+    times: Times | None = None
+    """The loop's own clock; None where every step takes the same time and nothing is measured by it."""
 
 
 class SimulationEnd(eqx.Module):
@@ -69,11 +83,23 @@ class SimulationEnd(eqx.Module):
     """First step in which the controller answered a finite measurement with a torque that is not finite, or -1."""
 
 
-def initial_loop(x0: State, depth: int = 1) -> LoopState:
-    """The loop before its first step, with room for delays below ``depth`` steps."""
+def initial_loop(
+    x0: State, depth: int = 1, disturbance: Disturbance | None = None, dt: float = LOOP_DT
+) -> LoopState:
+    """The loop before its first step, with room for delays below ``depth`` steps of dt (s).
+
+    Velocities that are differences need room for one step more.
+    """
     rest = jnp.zeros(2, x0.dtype)
+    timed = disturbance is not None and disturbance.is_timed
+    times = start_times(depth, dt, x0.dtype) if timed else None
     # A delay that reaches before the start measures the first state, as in the benchmark.
-    return LoopState(x0, rest, rest, jnp.tile(x0, (depth, 1)), start_pid(x0.dtype), rest)
+    return LoopState(x0, rest, rest, jnp.tile(x0, (depth, 1)), start_pid(x0.dtype), rest, times)
+
+
+def loop_time(loop: LoopState, step: Count, dt: float) -> Scalar:
+    """The time (s) of a step: by the loop's own clock, if it has one."""
+    return step.astype(loop.x.dtype) * dt if loop.times is None else loop.times.now
 
 
 def measure(scenario: Scenario, loop: LoopState, step: Count) -> tuple[LoopState, State, Flag]:
@@ -82,14 +108,16 @@ def measure(scenario: Scenario, loop: LoopState, step: Count) -> tuple[LoopState
     if scenario.disturbance is None:
         return loop, loop.x, called
     past = remember(loop.past, step, loop.x)
+    times = None if loop.times is None else loop.times.remember(step)
     noise, torque_noise = step_noise(scenario.disturbance, step, loop.x.dtype)
-    measured = measured_state(scenario.disturbance, past, step, noise)
-    return replace(loop, past=past, torque_noise=torque_noise), measured, called
+    measured = measured_state(scenario.disturbance, past, step, noise, times)
+    return replace(loop, past=past, times=times, torque_noise=torque_noise), measured, called
 
 
 def apply_torque(scenario: Scenario, loop: LoopState, step: Count, command: Torque, dt: float) -> LoopState:
     """Second half of a step: the motor, the pushes, and the plant for dt (s) with its torque held."""
     p, pid, motors = scenario.parameters, loop.pid, loop.motors
+    period: float | Scalar = dt
     limits = jnp.array([p.tl1, p.tl2], loop.x.dtype)
     if scenario.throws is not None:
         thrown = is_thrown(scenario.throws, step)
@@ -100,9 +128,12 @@ def apply_torque(scenario: Scenario, loop: LoopState, step: Count, command: Torq
     if scenario.disturbance is None:
         u = jnp.clip(command, -limits, limits)
     else:
-        time, noise = step.astype(loop.x.dtype) * dt, loop.torque_noise
-        u, motors = motor_torques(scenario.disturbance, command, motors, time, noise, limits, loop.x[:2], dt)
-    return replace(loop, x=rk4_step(p, loop.x, u, dt), u=u, motors=motors, pid=pid)
+        period = step_period(scenario.disturbance, step, dt, loop.x.dtype)
+        time, noise = loop_time(loop, step, dt), loop.torque_noise
+        u, motors = motor_torques(scenario.disturbance, command, motors, time, noise, limits, loop.x[:2], period)
+    times = None if loop.times is None else loop.times.after(period)
+    x = rk4_steps(p, loop.x, u, period, scenario.substeps)
+    return replace(loop, x=x, u=u, motors=motors, pid=pid, times=times)
 
 
 def simulate(
@@ -122,14 +153,15 @@ def simulate(
         x0: first state.
         dt: time of a step (s).
         steps: number of steps.
-        depth: states that are remembered: more than the largest delay (steps).
+        depth: states that are remembered: more than the largest delay (steps), and one more for velocities that
+            are differences.
         guard: applied to the state before each step; it may change gradients, not values.
     """
     Carry = tuple[LoopState, Any, Count]
 
     def step(carry: Carry, index: Count) -> tuple[Carry, Trajectory]:
         before, memory, fault = carry
-        time = index.astype(x0.dtype) * dt
+        time = loop_time(before, index, dt)
         before = eqx.tree_at(lambda loop: loop.x, before, replace_fn=guard)
         # The measurement comes before the control and the motor: the benchmark's order.
         loop, measured, called = measure(scenario, before, index)
@@ -145,6 +177,6 @@ def simulate(
         after = apply_torque(scenario, loop, index, command, dt)
         return (after, memory, fault), Trajectory(time=time, x=before.x, u=after.u)
 
-    start = (initial_loop(x0, depth), controller.init(), jnp.array(-1))
+    start = (initial_loop(x0, depth, scenario.disturbance, dt), controller.init(), jnp.array(-1))
     (loop, _, fault), trajectory = jax.lax.scan(step, start, jnp.arange(steps))
     return SimulationEnd(loop.x, fault), trajectory
