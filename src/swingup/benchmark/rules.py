@@ -73,7 +73,7 @@ class ModelSweep:
     """Field of :class:`~swingup.physics.parameters.Parameters` that changes."""
     sweep: Sweep
     relative: bool = False
-    """The values are factors on the nominal one."""
+    """The values are factors on the nominal one; otherwise they are added to it."""
     mass: str | None = None
     """If given, the sweep is of the product of this mass and the parameter: m1 r1 or m2 r2."""
 

@@ -8,11 +8,14 @@ from typing import Any
 import numpy as np
 
 from ..control.registry import has_estimator
-from ..physics.parameters import Robot, get_robot, leaderboard_parameters
+from ..physics.integrate import stable_substeps
+from ..physics.parameters import Robot, get_robot
+from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict, robot_parameters
 from ..tasks.throws import Throws
 from ..version import __version__
 from .criteria import tip_is_up
 from .interval import Interval, mean_interval
+from .own_units import uptime_in_own_units
 from .rollout import Scenario, Trajectory
 from .rules import DEFAULT_UPTIME_RULES, UptimeRules, get_uptime_rules
 from .runner import Progress, prepare, run_many, stack
@@ -40,6 +43,8 @@ class Uptime:
     version: str = __version__
     estimator: bool = False
     """Whether a state estimator stood before the controller."""
+    plant: Plant | None = None
+    """None is the leaderboards' plant."""
 
     @property
     def uptime(self) -> float:
@@ -54,7 +59,7 @@ class Uptime:
     def as_dict(self) -> dict[str, Any]:
         """Ready for JSON."""
         names = ("robot", "controller", "estimator", "rules", "version", "uptime", "interval")
-        head = {name: getattr(self, name) for name in names}
+        head = {name: getattr(self, name) for name in names} | plant_as_dict(self.plant, self.robot)
         runs = zip(self.seeds, self.uptimes, self.faults, strict=True)
         details = [{"seed": seed, "uptime": up} | ({"fault": why} if why else {}) for seed, up, why in runs]
         return {**head, "seed": self.seeds[0], "details": details}
@@ -68,6 +73,7 @@ def uptime(
     seed: int = 0,
     seeds: int = 1,
     progress: Progress | None = None,
+    plant: PlantLike | None = None,
 ) -> Uptime:
     """Simulate a minute with random throws for each seed, in float64, and score it.
 
@@ -81,21 +87,27 @@ def uptime(
         seed: the first seed of the throws.
         seeds: number of seeds in a row.
         progress: called with the number of finished simulations and of all.
+        plant: what is thrown, by a PID in that pendulum's own units: a plant, its parameters, its name or its file;
+            None for the leaderboards'.
 
     Raises:
-        SwingupError: there is no such robot, there are no such rules, a seed is out of range, or the controller is
-            for the other robot.
+        SwingupError: there is no such robot or plant, there are no such rules, a seed is out of range, or the
+            controller is for the other robot.
     """
     robot, rules = get_robot(robot), get_uptime_rules(rules)
-    every = tuple(check_seeds(seed, seeds))
-    estimator, controller = has_estimator(controller), prepare(controller, robot, name)
+    every, found = tuple(check_seeds(seed, seeds)), find_plant(plant)
+    nominal = robot_parameters(found, robot)
+    estimator, controller = has_estimator(controller), prepare(controller, robot, name, nominal)
+    rules = uptime_in_own_units(rules, robot, found)
     limit = rules.thrower.limit
-    parameters = dataclasses.replace(leaderboard_parameters(robot), tl1=limit, tl2=limit)
+    parameters = dataclasses.replace(nominal, tl1=limit, tl2=limit)
+    substeps = stable_substeps(parameters, rules.dt)
     uptimes: list[float] = []
     faults: list[str | None] = []
     first = None
     for group in in_groups(every, MINUTES_AT_ONCE):
-        scenarios = stack([Scenario(parameters, throws=draw_throws(rules, each)) for each in group])
+        thrown = [Scenario(parameters, throws=draw_throws(rules, each), substeps=substeps) for each in group]
+        scenarios = stack(thrown)
         batch = run_many(controller, scenarios, rules.dt, rules.steps, keep=True)
         rows: Any = batch.trajectory
         up = tip_is_up(rows.x, float(parameters.l1), float(parameters.l2), rules.height).mean(axis=1)
@@ -105,7 +117,8 @@ def uptime(
         if progress is not None:
             progress(len(uptimes), len(every))
     assert first is not None
-    return Uptime(robot.name, name, rules.name, every, tuple(uptimes), tuple(faults), first, estimator=estimator)
+    head = robot.name, name, rules.name, every
+    return Uptime(*head, tuple(uptimes), tuple(faults), first, estimator=estimator, plant=found)
 
 
 def draw_throws(rules: UptimeRules, seed: int) -> Throws:

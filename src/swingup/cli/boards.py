@@ -20,9 +20,11 @@ from ..physics.parameters import get_robot
 from ..policy.shipped import REFINED
 from . import tables
 from .arguments import (
+    NO_PLANT,
     ControllerName,
     ControllerNames,
     EstimatorFlags,
+    PlantFlags,
     RobotName,
     RobotOrAll,
     judged_name,
@@ -41,6 +43,7 @@ def score_command(
     trajectory: Positional[Annotated[str, arg(metavar="TRAJECTORY")]],
     /,
     robot: str,
+    plant: PlantFlags = NO_PLANT,
     rules: str = "v2",
     json: bool = False,
 ) -> int:
@@ -51,12 +54,14 @@ def score_command(
     Args:
         trajectory: the CSV file.
         robot: acrobot or pendubot.
+        plant: the pendulum of the recording: its lengths score, its equations warn.
         rules: v2 (simulation) or hardware.
         json: print one JSON object.
     """
     chosen = get_robot(robot)
-    rows = load_trajectory(trajectory)
-    result, found = evaluate_recorded(rows, chosen, Path(trajectory).stem, rules), examine(rows, chosen, rules)
+    rows, of = load_trajectory(trajectory), plant.make()
+    result = evaluate_recorded(rows, chosen, Path(trajectory).stem, rules, of)
+    found = examine(rows, chosen, rules, of)
     if json:
         tell_json(result.as_dict() | found.as_dict())
     else:
@@ -65,7 +70,11 @@ def score_command(
 
 
 def check_command(
-    robot: RobotName, /, controller: ControllerName = REFINED, estimator: EstimatorFlags = AS_IT_COMES
+    robot: RobotName,
+    /,
+    controller: ControllerName = REFINED,
+    estimator: EstimatorFlags = AS_IT_COMES,
+    plant: PlantFlags = NO_PLANT,
 ) -> int:
     """Try a controller on a few dozen states and name its faults, before it is judged.
 
@@ -75,10 +84,11 @@ def check_command(
         robot: the robot.
         controller: the controller.
         estimator: whether a state estimator stands before it.
+        plant: what baselines are designed for.
     """
     chosen = get_robot(robot)
     with foreign_prints_apart():
-        found = get_controller(controller, chosen, estimator.wanted)
+        found = get_controller(controller, chosen, estimator.wanted, plant.make())
         findings = check_controller(found, chosen)
     tell(*(f"{judged_name(controller, found)}: {each}" for each in findings or ["nothing wrong was found"]))
     return FOUND if findings else 0
@@ -97,6 +107,7 @@ class BoardCommands:
         robot: RobotOrAll = "all",
         /,
         controller: ControllerNames = (),
+        plant: PlantFlags = NO_PLANT,
         rules: str = "v2",
         seed: int = 0,
         recompute: bool = False,
@@ -109,6 +120,7 @@ class BoardCommands:
         Args:
             robot: the robot.
             controller: controllers of yours that enter as well.
+            plant: what all are judged on, without published rows, and what baselines are designed for.
             rules: v2 (performance and robustness), hardware (performance) or v3 (uptime under throws).
             seed: seed of noise, pushes and throws.
             recompute: also compute the robustness of ilqr-mpc, which takes minutes and whose row is shipped.
@@ -119,11 +131,11 @@ class BoardCommands:
         asked = [name for name, wanted in {"json": json, "csv": csv, "markdown": markdown}.items() if wanted]
         if len(asked) > 1:
             raise SwingupError(f"--{' and --'.join(asked)} exclude each other: choose one")
-        version, made = self.rules[one_of("rules", rules, self.rules)], []
+        version, made, on = self.rules[one_of("rules", rules, self.rules)], [], plant.make()
         with foreign_prints_apart(), progress_shown() as progress:
             for each in robots(robot):
-                mine = {name: get_controller(name, each) for name in split_commas(controller)}
-                made += boards_of.leaderboard(each, mine, version, seed, recompute, self.entrants, progress)
+                mine = {name: get_controller(name, each, plant=on) for name in split_commas(controller)}
+                made += boards_of.leaderboard(each, mine, version, seed, recompute, self.entrants, progress, on)
         if asked:
             # Not tell(), which would escape the line ends of the table.
             print(tables.TABLE_FORMATS[asked[0]](made))

@@ -15,7 +15,7 @@ from ..benchmark.board_rules import BOARD_RULES, BoardRules
 from ..benchmark.evaluate import Evaluation
 from ..benchmark.grid import change_grid
 from ..benchmark.robustness import Robustness
-from ..benchmark.rules import CRITERIA
+from ..benchmark.rules import CRITERIA, DEFAULT_RULES, PERFORMANCE_RULES, PerformanceRules
 from ..benchmark.runner import Progress
 from ..benchmark.sim2real import Sim2Real
 from ..benchmark.trajectory_file import save_trajectory
@@ -25,13 +25,16 @@ from ..control.registry import Controller, get_controller
 from ..files import check_writable
 from ..physics.parameters import Robot, get_robot
 from ..plants.domain import Domain, load_domain
+from ..plants.plant import Plant
 from ..policy.shipped import REFINED, ROBOT
 from .arguments import (
+    NO_PLANT,
     ControllerName,
     DisturbanceOptions,
     DomainName,
     EstimatorFlags,
     EstimatorOptions,
+    PlantFlags,
     RobotName,
     judged_name,
     split_commas,
@@ -61,7 +64,13 @@ class Output:
 
 
 def judge_and_tell(
-    robot: str, controller: str, estimator: EstimatorOptions, judge: Judge, lines: Lines, output: Output
+    robot: str,
+    controller: str,
+    estimator: EstimatorOptions,
+    judge: Judge,
+    lines: Lines,
+    output: Output,
+    plant: Plant | None = None,
 ) -> int:
     """Find a controller, judge it, and save and print the result: the steps of every judging command."""
     chosen = get_robot(robot)
@@ -69,7 +78,7 @@ def judge_and_tell(
         # Before the judging, which may take minutes.
         check_writable(output.save)
     with foreign_prints_apart(), progress_shown() as shown:
-        found = get_controller(controller, chosen, estimator.wanted)
+        found = get_controller(controller, chosen, estimator.wanted, plant)
         result = judge(found, chosen, lambda done, total: shown("simulations", done, total))
     if output.save is not None:
         save_trajectory(output.save, result.trajectory)
@@ -78,6 +87,26 @@ def judge_and_tell(
     else:
         tell(*lines(result, judged_name(controller, found)))
     return 0
+
+
+def judge_performance(
+    robot: str,
+    controller: str,
+    plant: Plant | None,
+    estimator: EstimatorOptions = AS_IT_COMES,
+    rules: PerformanceRules = PERFORMANCE_RULES[DEFAULT_RULES],
+    disturbance: DisturbanceOptions = NO_DISTURBANCE,
+    output: Output = Output(),
+) -> int:
+    """The command ``evaluate``, on a plant that was read before."""
+
+    def judge(found: Controller, chosen: Robot, progress: Progress) -> Evaluation:
+        return performance_of.evaluate(found, chosen, controller, rules, disturbance.make(), plant)
+
+    def lines(result: Evaluation, judged: str) -> list[str]:
+        return evaluation_lines(result, judged, rules.name)
+
+    return judge_and_tell(robot, controller, estimator, judge, lines, output, plant)
 
 
 def judge_sim2real(
@@ -109,6 +138,7 @@ class JudgingCommands:
         /,
         controller: ControllerName = REFINED,
         estimator: EstimatorFlags = AS_IT_COMES,
+        plant: PlantFlags = NO_PLANT,
         rules: str = "v2",
         json: bool = False,
         save: str | None = None,
@@ -120,20 +150,14 @@ class JudgingCommands:
             robot: the robot.
             controller: the controller.
             estimator: whether a state estimator stands before it.
+            plant: what is simulated, and baselines are designed for.
             rules: v2 (simulation) or hardware.
             json: print one JSON object.
             save: also write the trajectory to this CSV file.
             disturbance: disturbances of the run; the boards' runs have none.
         """
-        chosen = self.board("performance", rules)
-
-        def judge(found: Controller, on: Robot, progress: Progress) -> Evaluation:
-            return performance_of.evaluate(found, on, controller, chosen, disturbance.make())
-
-        def lines(result: Evaluation, judged: str) -> list[str]:
-            return evaluation_lines(result, judged, rules)
-
-        return judge_and_tell(robot, controller, estimator, judge, lines, Output(json, save))
+        chosen, output = self.board("performance", rules), Output(json, save)
+        return judge_performance(robot, controller, plant.make(), estimator, chosen, disturbance, output)
 
     def robustness(
         self,
@@ -141,6 +165,7 @@ class JudgingCommands:
         /,
         controller: ControllerName = REFINED,
         estimator: EstimatorFlags = AS_IT_COMES,
+        plant: PlantFlags = NO_PLANT,
         rules: str = "v2",
         seed: int = 0,
         seeds: int = 1,
@@ -154,6 +179,7 @@ class JudgingCommands:
             robot: the robot.
             controller: the controller.
             estimator: whether a state estimator stands before it.
+            plant: what the grid is around, with disturbances in that pendulum's own units.
             rules: v2.
             seed: seed of the noise and the pushes.
             seeds: seeds in a row; with two or more the random criteria get 95 % intervals.
@@ -163,21 +189,23 @@ class JudgingCommands:
             json: print one JSON object, with every single simulation.
         """
         criteria, grid = split_commas(criteria), split_commas(grid)
-        changed = self.board("robustness", rules)
+        changed, on_plant = self.board("robustness", rules), plant.make()
         for text in grid:
             changed = change_grid(changed, text)
 
         def judge(found: Controller, on: Robot, progress: Progress) -> Robustness:
-            return robustness_of.robustness(found, on, controller, changed, seed, seeds, criteria, progress)
+            return robustness_of.robustness(
+                found, on, controller, changed, seed, seeds, criteria, progress, on_plant
+            )
 
         # The result names the command that repeats it; the leaderboard shows it beside shipped rows.
         options = {"controller": controller, "rules": rules, "seed": seed, "seeds": seeds}
         command = ["swingup", "robustness", robot, *(f"--{name}={value}" for name, value in options.items())]
-        command += estimator.flags
+        command += [*estimator.flags, *plant.flags]
         command += ["--criteria", *criteria] if criteria != CRITERIA else []
         command += ["--grid", *grid] if grid else []
         output = Output(json, head={"command": shlex.join(command)}, indent=1)
-        return judge_and_tell(robot, controller, estimator, judge, robustness_lines, output)
+        return judge_and_tell(robot, controller, estimator, judge, robustness_lines, output, on_plant)
 
     def uptime(
         self,
@@ -185,6 +213,7 @@ class JudgingCommands:
         /,
         controller: ControllerName = REFINED,
         estimator: EstimatorFlags = AS_IT_COMES,
+        plant: PlantFlags = NO_PLANT,
         rules: str = "v3",
         seed: int = 0,
         seeds: int = 1,
@@ -197,18 +226,19 @@ class JudgingCommands:
             robot: the robot.
             controller: the controller.
             estimator: whether a state estimator stands before it.
+            plant: what is thrown, by a PID in that pendulum's own units.
             rules: v3.
             seed: seed of the throws.
             seeds: seeds in a row; the score is their mean.
             json: print one JSON object.
             save: also write the first seed's trajectory to this CSV file.
         """
-        chosen = self.board("uptime", rules)
+        chosen, on_plant = self.board("uptime", rules), plant.make()
 
         def judge(found: Controller, on: Robot, progress: Progress) -> Uptime:
-            return uptime_of.uptime(found, on, controller, chosen, seed, seeds, progress)
+            return uptime_of.uptime(found, on, controller, chosen, seed, seeds, progress, on_plant)
 
-        return judge_and_tell(robot, controller, estimator, judge, uptime_lines, Output(json, save))
+        return judge_and_tell(robot, controller, estimator, judge, uptime_lines, Output(json, save), on_plant)
 
     def sim2real(
         self,
