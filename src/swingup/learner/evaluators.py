@@ -13,10 +13,12 @@ import numpy as np
 from ..benchmark.evaluate import evaluate
 from ..benchmark.sim2real import sim2real
 from ..physics.parameters import TORQUE_LIMIT, leaderboard_parameters
+from ..plants.plant import Plant
 from ..policy.jax_backend.controller import PolicyController, save_controller
 from ..policy.jax_backend.estimator import with_estimator
 from ..policy.jax_backend.observation import AbstractStage
 from ..policy.jax_backend.policy import Policy, save_policy
+from ..policy.plant_facts import policy_plant
 from ..policy.settings import ESTIMATOR, EstimatorSettings
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.sim2real import Sim2RealTask
@@ -57,10 +59,12 @@ class SwingUpEvaluator(AbstractEvaluator):
     measure = "v2"
     observation_shape = (4,)
 
-    def __init__(self, task: AbstractPendulumTask[Any]) -> None:
-        """The evaluator of a variant of the pendulum's task."""
-        self.stages, self._robot, self._plant = (task.observation,), task.robot, task.parameters
-        self._torque_limit = float((task.parameters.tl1, task.parameters.tl2)[task.robot.joint])
+    def __init__(self, task: AbstractPendulumTask[Any], plant: Plant | None = None) -> None:
+        """The evaluator of a variant of the pendulum's task, on its plant, with the name that the plant has."""
+        self.stages, self._robot, self._plant = (task.observation,), task.robot, plant
+        # A task that was passed in may have a plant of its own.
+        if plant is None and task.parameters != leaderboard_parameters(task.robot):
+            self._plant = Plant("the task's", task.parameters)
 
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
         """The criteria; ``episodes`` has no effect, since there is one deterministic episode."""
@@ -71,7 +75,10 @@ class SwingUpEvaluator(AbstractEvaluator):
         save_controller(path, self._controller(policy), provenance)
 
     def _controller(self, policy: Policy[Any]) -> PolicyController:
-        return PolicyController(policy, self._torque_limit, self._robot)
+        if self._plant is None:
+            return PolicyController(policy, TORQUE_LIMIT, self._robot)
+        facts = policy_plant(self._plant.parameters, self._robot, self._plant.name)
+        return PolicyController(policy, facts.limit(self._robot.joint), self._robot, plant=facts)
 
 
 class Sim2RealEvaluator(AbstractEvaluator):
