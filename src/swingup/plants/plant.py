@@ -77,7 +77,7 @@ SHIPPED_PLANTS = {
     "cloudpendulum": _Shipped("cloudpendulum.yml"),
     "cloudpendulum-rods": _Shipped("cloudpendulum_two_rods.yml"),
 }
-"""Plants that the package ships: RealAIGym's designs and a CloudPendulum, as identified, and CloudPendulum as two rods."""
+"""Plants that the package ships: RealAIGym's designs and a CloudPendulum as identified, and it as two rods."""
 
 
 def load_plant(source: PlantLike) -> Plant:
