@@ -54,8 +54,8 @@ def export(
             several go side by side; ONNX has none.
         guard: put a safety guard around the controller in the folders and in c: it stops the controller at a limit
             or a broken measurement. Turn it off for simulations. An onnx graph has none.
-        velocity_limit: of both joints (rad/s), at which the guard stops the controller; by default the policy file's,
-            or 20, and 50 for cloudpendulum.
+        velocity_limit: of both joints (rad/s), beyond which the guard stops the controller; by default the policy
+            file's, or 20, and 50 for cloudpendulum.
         braking: damping (N m s/rad) with which the guard brakes the driven joint of a stopped controller, where the
             measurement is sound; by default the policy file's, or none.
     """
