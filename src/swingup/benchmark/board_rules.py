@@ -22,16 +22,23 @@ class BoardRules:
     robustness: RobustnessRules | None = None
     uptime: UptimeRules | None = None
 
+    @property
+    def for_recordings(self) -> PerformanceRules | UptimeRules | None:
+        """The rules that score a recorded run, if any."""
+        return self.performance or self.uptime
+
 
 BOARD_RULES = {
     rules.name: rules
     for rules in (
         BoardRules("v2", PERFORMANCE_RULES["v2"], ROBUSTNESS_RULES["v2"]),
         BoardRules("hardware", PERFORMANCE_RULES["hardware"]),
+        BoardRules("hardware-perturbed", PERFORMANCE_RULES["hardware-perturbed"]),
         BoardRules("v3", uptime=UPTIME_RULES["v3"]),
     )
 }
-"""``v2``: IROS 2024 in simulation. ``hardware``: its real robot. ``v3``: ICRA 2025."""
+"""``v2`` and ``v3``: IROS 2024 and ICRA 2025 in simulation. ``hardware``: the real robot of IROS 2024.
+``hardware-perturbed``: that robot's board of runs with pushes."""
 
 
 def get_board_rules(name: str | BoardRules) -> BoardRules:

@@ -3,19 +3,15 @@
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-
 from ..control.registry import has_estimator
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
 from ..tasks.disturbance import Disturbance, disturbance_as_dict
 from .criteria import SHARE, Criteria, TipHistory, failed, follow_tip, judge
+from .recording import checked_rows
 from .rollout import Scenario, Trajectory
 from .rules import DEFAULT_RULES, PerformanceRules, get_performance_rules
 from .runner import prepare, run_one
-
-START = 0.2
-"""A run's first time is within this of 0 (s): six periods of the slowest recordings, which have 33 Hz."""
 
 
 @dataclass(frozen=True)
@@ -114,17 +110,8 @@ def score(trajectory: Trajectory, robot: Robot | str, rules: PerformanceRules | 
 def _judged(trajectory: Trajectory, robot: Robot, rules: PerformanceRules) -> tuple[Criteria, TipHistory]:
     parameters = leaderboard_parameters(robot)
     lengths = float(parameters.l1), float(parameters.l2)
-    time, x, u = (np.asarray(rows, np.float64) for rows in (trajectory.time, trajectory.x, trajectory.u))
-    rows = time.size
-    if rows < 3 or time.shape != (rows,) or x.shape != (rows, 4) or u.shape != (rows, 2):
-        shapes = f"{time.shape}, {x.shape} and {u.shape}"
-        raise SwingupError(f"time, x and u have shapes {shapes}: pass (N,), (N, 4) and (N, 2) with N of 3 or more")
-    if not (np.isfinite(time).all() and np.isfinite(x).all() and np.isfinite(u).all()):
-        raise SwingupError("the trajectory holds values that are not finite: end it before them")
-    if not np.all(np.diff(time) > 0):
-        raise SwingupError("the trajectory's times do not increase: keep one run, in order")
-    if abs(time[0]) > START:
-        raise SwingupError(f"the trajectory starts at t = {time[0]:g} s: give its times as seconds since its start")
+    time, x, u = checked_rows(trajectory)
+    rules = rules.of(robot)
     criteria = judge(time - min(0.0, time[0]), x, u, *lengths, rules)  # no negative swing-up times
     long_enough = time[-1] - time[0] >= SHARE * rules.duration
     return criteria if long_enough else failed(criteria), follow_tip(time, x, *lengths, rules)

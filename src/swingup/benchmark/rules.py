@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
 
 from ..checks import one_of
+from ..robots import Robot
 from ..tasks.throws import THROWER, Thrower
 
 
@@ -47,8 +48,14 @@ class PerformanceRules(_Timing):
     """How one swing-up from hanging at rest is simulated and scored."""
 
     normalisers: Normalisers
+    for_robots: Mapping[str, Normalisers] = field(default_factory=dict)
+    """Normalisers of single robots, by the robot's name, where they are others."""
     height: float = 0.9
     """Fraction of l1 + l2 above which the tip counts as up."""
+
+    def of(self, robot: Robot) -> "PerformanceRules":
+        """The rules with the normalisers of one robot."""
+        return replace(self, normalisers=self.for_robots.get(robot.name, self.normalisers), for_robots={})
 
 
 @dataclass(frozen=True)
@@ -160,9 +167,15 @@ PERFORMANCE_RULES = {
     for rules in (
         PerformanceRules(name="v2", normalisers=Normalisers(20.0, 60.0, 20.0, 0.1, 400.0)),
         PerformanceRules(name="hardware", normalisers=Normalisers(20.0, 60.0, 100.0, 4.0, 400.0)),
+        PerformanceRules(
+            name="hardware-perturbed",
+            normalisers=Normalisers(20.0, 60.0, 100.0, 4.0, 400.0),
+            for_robots={"acrobot": Normalisers(20.0, 60.0, 20.0, 1.0, 400.0)},
+        ),
     )
 }
-"""``v2``: the simulation leaderboard of IROS 2024. ``hardware``: the real robot's of the same year."""
+"""``v2``: the simulation leaderboard of IROS 2024. ``hardware``: the real robot's of the same year.
+``hardware-perturbed``: the real robot's board of runs with pushes, whose normalisers differ by robot."""
 
 
 @dataclass(frozen=True, kw_only=True)

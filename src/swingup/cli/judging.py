@@ -120,7 +120,7 @@ class JudgingCommands:
             robot: the robot.
             controller: the controller.
             estimator: whether a state estimator stands before it.
-            rules: v2 (simulation) or hardware.
+            rules: v2 (simulation), hardware or hardware-perturbed.
             json: print one JSON object.
             save: also write the trajectory to this CSV file.
             disturbance: disturbances of the run; the boards' runs have none.

@@ -5,6 +5,7 @@ from statistics import median
 from ..benchmark.columns import COLUMNS, PERFORMANCE
 from ..benchmark.evaluate import Evaluation
 from ..benchmark.plausibility import Plausibility
+from ..benchmark.recorded_uptime import RecordedUptime
 from ..benchmark.robustness import Robustness
 from ..benchmark.sim2real import Sim2Real
 from ..benchmark.uptime import Uptime
@@ -21,6 +22,15 @@ def evaluation_lines(result: Evaluation, judged: str, rules: str) -> list[str]:
         aligned("Swing-up", success, result.tip.failure or ""),
         *(aligned(title, value) for title, value in values),
         aligned("Highest tip [m]", f"{result.tip.highest:.3f}", f"{result.tip.percent:.1f} % of l1 + l2"),
+    ]
+
+
+def recorded_uptime_lines(result: RecordedUptime) -> list[str]:
+    """The uptime of a recording, and how high the tip came."""
+    return [
+        f"{result.robot}, {result.controller} (rules {result.rules})",
+        aligned("Uptime score", f"{result.uptime:.3f}", f"up for {result.time_up:.2f} s of {result.span:.2f} s"),
+        aligned("Highest tip [m]", f"{result.highest_tip:.3f}", f"{result.highest_tip_percent:.1f} % of l1 + l2"),
     ]
 
 

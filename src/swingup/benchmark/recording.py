@@ -1,0 +1,33 @@
+"""Recordings of a run, from a simulation or a robot: the rows that every score refuses."""
+
+import numpy as np
+from jaxtyping import Float
+
+from ..errors import SwingupError
+from .rollout import Trajectory
+
+START = 0.2
+"""A run's first time is within this of 0 (s): six periods of the slowest recordings, which have 33 Hz."""
+
+Rows = tuple[Float[np.ndarray, "rows"], Float[np.ndarray, "rows 4"], Float[np.ndarray, "rows 2"]]
+
+
+def checked_rows(trajectory: Trajectory) -> Rows:
+    """The times (s), states (rad, rad/s) and torques (N m) of a trajectory, in float64.
+
+    Raises:
+        SwingupError: the trajectory has fewer than 3 rows, rows of other shapes, values that are not finite, or
+            times that do not increase or start far from 0.
+    """
+    time, x, u = (np.asarray(rows, np.float64) for rows in (trajectory.time, trajectory.x, trajectory.u))
+    rows = time.size
+    if rows < 3 or time.shape != (rows,) or x.shape != (rows, 4) or u.shape != (rows, 2):
+        shapes = f"{time.shape}, {x.shape} and {u.shape}"
+        raise SwingupError(f"time, x and u have shapes {shapes}: pass (N,), (N, 4) and (N, 2) with N of 3 or more")
+    if not (np.isfinite(time).all() and np.isfinite(x).all() and np.isfinite(u).all()):
+        raise SwingupError("the trajectory holds values that are not finite: end it before them")
+    if not np.all(np.diff(time) > 0):
+        raise SwingupError("the trajectory's times do not increase: keep one run, in order")
+    if abs(time[0]) > START:
+        raise SwingupError(f"the trajectory starts at t = {time[0]:g} s: give its times as seconds since its start")
+    return time, x, u
