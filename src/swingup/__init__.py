@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .control.controller import AbstractController
     from .control.registry import get_controller
     from .learner.agent import AREAPO
+    from .plants.plant import Plant, load_plant
     from .policy.jax_backend.controller import load_policy, shipped_policy
 
 _HOMES = {
@@ -28,6 +29,7 @@ _HOMES = {
     "AbstractController": "control.controller",
     "Board": "benchmark.leaderboard",
     "Evaluation": "benchmark.evaluate",
+    "Plant": "plants.plant",
     "Sim2Real": "benchmark.sim2real",
     "Robustness": "benchmark.robustness",
     "Uptime": "benchmark.uptime",
@@ -37,6 +39,7 @@ _HOMES = {
     "get_controller": "control.registry",
     "sim2real": "benchmark.sim2real",
     "leaderboard": "benchmark.leaderboard",
+    "load_plant": "plants.plant",
     "load_policy": "policy.jax_backend.controller",
     "make_disturbance": "benchmark.disturbances",
     "robustness": "benchmark.robustness",
@@ -50,6 +53,7 @@ __all__ = [
     "AbstractController",
     "Board",
     "Evaluation",
+    "Plant",
     "Robustness",
     "Sim2Real",
     "SwingupError",
@@ -60,6 +64,7 @@ __all__ = [
     "evaluate",
     "get_controller",
     "leaderboard",
+    "load_plant",
     "load_policy",
     "make_disturbance",
     "robustness",

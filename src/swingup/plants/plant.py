@@ -1,0 +1,106 @@
+"""A plant: the facts about one double pendulum, with a name; and those that the package ships."""
+
+import dataclasses
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import TypeAlias
+
+from ..checks import suggestion
+from ..errors import SwingupError
+from ..physics.parameters import Parameters, Robot, get_robot, leaderboard_parameters, load_parameters, validated
+from ..robots import TORQUE_LIMIT
+from ..text import one_line, quoted
+
+LEADERBOARD = "leaderboard"
+"""Name of the plant of the leaderboards: C.1 without friction and rotors' inertia."""
+
+
+@dataclass(frozen=True)
+class Plant:
+    """The facts about one double pendulum."""
+
+    name: str
+    """A shipped plant's name, or the file that it was read from."""
+    parameters: Parameters
+    """Both torque limits are those of the motors, whichever joint a robot drives."""
+
+    def driven(self, robot: Robot | str) -> Parameters:
+        """The parameters with a torque limit of 0 on the joint that the robot does not drive."""
+        first, second = get_robot(robot).actuation
+        p = self.parameters
+        return dataclasses.replace(p, tl1=p.tl1 * first, tl2=p.tl2 * second)
+
+    def frictionless(self) -> "Plant":
+        """The plant without friction and rotors' inertia, idealised as the leaderboards idealise C.1."""
+        ideal = dataclasses.replace(self.parameters, b1=0.0, b2=0.0, cf1=0.0, cf2=0.0, Ir=0.0)
+        # Without the rotors a mass matrix may stop being positive definite.
+        return Plant(f"{self.name}, frictionless", validated(ideal))
+
+
+PlantLike: TypeAlias = Plant | Parameters | str | Path
+"""A plant, its parameters, a shipped plant's name, or a parameter file."""
+
+
+@dataclass(frozen=True)
+class _Shipped:
+    file: str
+    """In ``physics/models``, with its source."""
+    torque_limit: float | None = None
+    """What the competitions allow (N m), where the file has more."""
+
+
+SHIPPED_PLANTS = {
+    "A.0": _Shipped("design_A.0_model_2.0.yml", TORQUE_LIMIT),
+    "B.0": _Shipped("design_B.0_model_1.0.yml", TORQUE_LIMIT),
+    "C.0": _Shipped("design_C.0_model_3.0.yml", TORQUE_LIMIT),
+    "C.1": _Shipped("design_C.1_model_1.0.yml", TORQUE_LIMIT),
+    "cloudpendulum": _Shipped("cloudpendulum.yml"),
+}
+"""Plants that the package ships: RealAIGym's designs, as identified, and CloudPendulum's."""
+
+
+def load_plant(source: PlantLike) -> Plant:
+    """Find a plant by its name, or read it from a parameter file.
+
+    Args:
+        source: one of :data:`SHIPPED_PLANTS`, a YAML file with RealAIGym's names (its ``model_parameters.yml``, or
+            what ``swingup identify`` wrote), parameters, or a plant, which is returned as it is.
+
+    Raises:
+        SwingupError: there is no such plant, or the file cannot be read, lacks a value, or makes no pendulum.
+    """
+    if isinstance(source, Plant):
+        return source
+    if isinstance(source, Parameters):
+        return Plant("parameters", validated(source))
+    name = str(source)
+    if name in SHIPPED_PLANTS:
+        return _shipped_plant(name)
+    if not name.endswith((".yml", ".yaml")):
+        known = ", ".join(SHIPPED_PLANTS)
+        near = suggestion(name, SHIPPED_PLANTS)
+        raise SwingupError(f"unknown plant {quoted(name)}: use {known} or a parameter file (.yml){near}")
+    try:
+        return Plant(name, load_parameters(source))
+    except SwingupError as error:
+        raise SwingupError(f"plant {one_line(name)}: {error}") from error
+
+
+def robot_parameters(plant: PlantLike | None, robot: Robot | str) -> Parameters:
+    """The plant of a robot, with one driven joint: a plant's, or the leaderboards' where it is None.
+
+    Raises:
+        SwingupError: as :func:`load_plant`, or there is no such robot.
+    """
+    robot = get_robot(robot)
+    return leaderboard_parameters(robot) if plant is None else load_plant(plant).driven(robot)
+
+
+def _shipped_plant(name: str) -> Plant:
+    shipped = SHIPPED_PLANTS[name]
+    with resources.as_file(resources.files("swingup") / "physics" / "models" / shipped.file) as path:
+        parameters = load_parameters(path)
+    if shipped.torque_limit is not None:
+        parameters = dataclasses.replace(parameters, tl1=shipped.torque_limit, tl2=shipped.torque_limit)
+    return Plant(name, parameters)
