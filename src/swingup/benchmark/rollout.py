@@ -12,16 +12,28 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..control.controller import AbstractController
 from ..physics.integrate import rk4_step
 from ..physics.parameters import Parameters
 from ..tasks.disturbance import Disturbance, Past, measured_state, motor_torques, remember, step_noise
+from ..tasks.supervisor import AbstractSupervisor, Intervention, no_intervention
 from ..tasks.throws import PID, Throws, is_thrown, start_pid, throw
 from ..types import Count, Flag, State, Torque
 
 Rows = Array | np.ndarray
+
+
+class Record(eqx.Module):
+    """What a robot writes down of a run, row by row."""
+
+    x: Float[Rows, "rows 4"]
+    """The measured states (rad, rad/s)."""
+    u: Float[Rows, "rows 2"]
+    """The torques that were asked for (N m): the controller's, or the supervisor's."""
+    over: Bool[Rows, "rows"]
+    """The supervisor has stopped the run at this row or before."""
 
 
 class Trajectory(eqx.Module):
@@ -33,6 +45,8 @@ class Trajectory(eqx.Module):
     """[q1, q2, dq1, dq2] (rad, rad/s)"""
     u: Float[Rows, "rows 2"]
     """[u1, u2] (N m) that acted: after the torque limits, with pushes if there were any"""
+    record: Record | None = None
+    """None where no supervisor stands beside the controller."""
 
 
 class Scenario(eqx.Module):
@@ -44,6 +58,8 @@ class Scenario(eqx.Module):
     """None is a perfect loop, and faster than a disturbance that changes nothing."""
     throws: Throws | None = None
     """When a PID takes the pendulum from the controller, if ever."""
+    supervisor: AbstractSupervisor[Any] | None = None
+    """What a robot's loop does beside the controller: it stops the run, throws the pendulum or pushes it."""
 
 
 class LoopState(eqx.Module):
@@ -58,6 +74,8 @@ class LoopState(eqx.Module):
     pid: PID
     torque_noise: Torque
     """Noise on the torques of the step measured last (N m), drawn together with the measurement's noise."""
+    supervision: tuple[Any, Intervention] | None = None
+    """The supervisor's memory, and what it does in the step measured last."""
 
 
 class SimulationEnd(eqx.Module):
@@ -69,27 +87,48 @@ class SimulationEnd(eqx.Module):
     """First step in which the controller answered a finite measurement with a torque that is not finite, or -1."""
 
 
-def initial_loop(x0: State, depth: int = 1) -> LoopState:
+def initial_loop(x0: State, depth: int = 1, supervisor: AbstractSupervisor[Any] | None = None) -> LoopState:
     """The loop before its first step, with room for delays below ``depth`` steps."""
     rest = jnp.zeros(2, x0.dtype)
+    supervision = None if supervisor is None else (supervisor.start(x0.dtype), no_intervention(x0.dtype))
     # A delay that reaches before the start measures the first state, as in the benchmark.
-    return LoopState(x0, rest, rest, jnp.tile(x0, (depth, 1)), start_pid(x0.dtype), rest)
+    return LoopState(x0, rest, rest, jnp.tile(x0, (depth, 1)), start_pid(x0.dtype), rest, supervision)
 
 
-def measure(scenario: Scenario, loop: LoopState, step: Count) -> tuple[LoopState, State, Flag]:
-    """First half of a step: the measured state, and whether the controller is called at all."""
+def measure(scenario: Scenario, loop: LoopState, step: Count, dt: float = 0.002) -> tuple[LoopState, State, Flag]:
+    """First half of a step of dt (s): the measured state, and whether the controller is called at all."""
     called = jnp.array(True) if scenario.throws is None else ~is_thrown(scenario.throws, step)
-    if scenario.disturbance is None:
-        return loop, loop.x, called
-    past = remember(loop.past, step, loop.x)
-    noise, torque_noise = step_noise(scenario.disturbance, step, loop.x.dtype)
-    measured = measured_state(scenario.disturbance, past, step, noise)
-    return replace(loop, past=past, torque_noise=torque_noise), measured, called
+    measured = loop.x
+    if scenario.disturbance is not None:
+        past = remember(loop.past, step, loop.x)
+        noise, torque_noise = step_noise(scenario.disturbance, step, loop.x.dtype)
+        measured = measured_state(scenario.disturbance, past, step, noise)
+        loop = replace(loop, past=past, torque_noise=torque_noise)
+    if scenario.supervisor is not None and loop.supervision is not None:
+        time = step.astype(loop.x.dtype) * dt
+        supervision = scenario.supervisor(loop.supervision[0], time, measured)
+        loop, called = replace(loop, supervision=supervision), called & ~supervision[1].takes
+    return loop, measured, called
+
+
+def asked(loop: LoopState, command: Torque) -> Torque:
+    """The torques that are asked of the motors (N m): the controller's command, or the supervisor's."""
+    if loop.supervision is None:
+        return command
+    done = loop.supervision[1]
+    return jnp.where(done.takes, done.torque, command) + done.push
+
+
+def record(loop: LoopState, measured: State, command: Torque) -> Record | None:
+    """A row of the robot's own record, for the loop after the first half of a step; None without a supervisor."""
+    if loop.supervision is None:
+        return None
+    return Record(measured, asked(loop, command), loop.supervision[1].stops)
 
 
 def apply_torque(scenario: Scenario, loop: LoopState, step: Count, command: Torque, dt: float) -> LoopState:
     """Second half of a step: the motor, the pushes, and the plant for dt (s) with its torque held."""
-    p, pid, motors = scenario.parameters, loop.pid, loop.motors
+    p, pid, motors, command = scenario.parameters, loop.pid, loop.motors, asked(loop, command)
     limits = jnp.array([p.tl1, p.tl2], loop.x.dtype)
     if scenario.throws is not None:
         thrown = is_thrown(scenario.throws, step)
@@ -132,9 +171,9 @@ def simulate(
         time = index.astype(x0.dtype) * dt
         before = eqx.tree_at(lambda loop: loop.x, before, replace_fn=guard)
         # The measurement comes before the control and the motor: the benchmark's order.
-        loop, measured, called = measure(scenario, before, index)
+        loop, measured, called = measure(scenario, before, index, dt)
         after_call, command = controller(memory, time, measured)
-        if scenario.throws is None:
+        if scenario.throws is None and scenario.supervisor is None:
             memory = after_call
         else:
             # The compiled loop computes the call during a throw, too. The memory must not advance then.
@@ -143,8 +182,9 @@ def simulate(
         failed = called & jnp.isfinite(measured).all() & ~jnp.isfinite(command).all()
         fault = jnp.where((fault < 0) & failed, index, fault)
         after = apply_torque(scenario, loop, index, command, dt)
-        return (after, memory, fault), Trajectory(time=time, x=before.x, u=after.u)
+        rows = Trajectory(time=time, x=before.x, u=after.u, record=record(loop, measured, command))
+        return (after, memory, fault), rows
 
-    start = (initial_loop(x0, depth), controller.init(), jnp.array(-1))
+    start = (initial_loop(x0, depth, scenario.supervisor), controller.init(), jnp.array(-1))
     (loop, _, fault), trajectory = jax.lax.scan(step, start, jnp.arange(steps))
     return SimulationEnd(loop.x, fault), trajectory
