@@ -35,6 +35,7 @@ BOARD_RULES = {
         BoardRules("hardware", PERFORMANCE_RULES["hardware"]),
         BoardRules("hardware-perturbed", PERFORMANCE_RULES["hardware-perturbed"]),
         BoardRules("v3", uptime=UPTIME_RULES["v3"]),
+        BoardRules("icra-real", uptime=UPTIME_RULES["icra-real"]),
     )
 }
 """``v2`` and ``v3``: IROS 2024 and ICRA 2025 in simulation. ``hardware``: the real robot of IROS 2024.

@@ -64,7 +64,7 @@ def simulate_on_host(
         if None not in faults:
             break  # every controller has failed
         if keep and scenarios.supervisor is not None:
-            row = _record(loop, state, command)
+            row = _record(scenarios, loop, state, command)
             written.x[:, step], written.u[:, step], written.over[:, step] = row.x, row.u, row.over
         loop = _apply_torque(scenarios, loop, np.int64(step), command, dt)
         if keep:

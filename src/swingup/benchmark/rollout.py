@@ -31,7 +31,7 @@ class Record(eqx.Module):
     x: Float[Rows, "rows 4"]
     """The measured states (rad, rad/s)."""
     u: Float[Rows, "rows 2"]
-    """The torques that were asked for (N m): the controller's, or the supervisor's."""
+    """The torques that were asked for (N m), within the motors' limits: the controller's, or the supervisor's."""
     over: Bool[Rows, "rows"]
     """The supervisor has stopped the run at this row or before."""
 
@@ -119,11 +119,12 @@ def asked(loop: LoopState, command: Torque) -> Torque:
     return jnp.where(done.takes, done.torque, command) + done.push
 
 
-def record(loop: LoopState, measured: State, command: Torque) -> Record | None:
+def record(scenario: Scenario, loop: LoopState, measured: State, command: Torque) -> Record | None:
     """A row of the robot's own record, for the loop after the first half of a step; None without a supervisor."""
     if loop.supervision is None:
         return None
-    return Record(measured, asked(loop, command), loop.supervision[1].stops)
+    limits = jnp.array([scenario.parameters.tl1, scenario.parameters.tl2], measured.dtype)
+    return Record(measured, jnp.clip(asked(loop, command), -limits, limits), loop.supervision[1].stops)
 
 
 def apply_torque(scenario: Scenario, loop: LoopState, step: Count, command: Torque, dt: float) -> LoopState:
@@ -182,7 +183,7 @@ def simulate(
         failed = called & jnp.isfinite(measured).all() & ~jnp.isfinite(command).all()
         fault = jnp.where((fault < 0) & failed, index, fault)
         after = apply_torque(scenario, loop, index, command, dt)
-        rows = Trajectory(time=time, x=before.x, u=after.u, record=record(loop, measured, command))
+        rows = Trajectory(time=time, x=before.x, u=after.u, record=record(scenario, loop, measured, command))
         return (after, memory, fault), rows
 
     start = (initial_loop(x0, depth, scenario.supervisor), controller.init(), jnp.array(-1))

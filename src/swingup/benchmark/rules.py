@@ -9,6 +9,7 @@ import numpy as np
 
 from ..checks import one_of
 from ..robots import Robot
+from ..tasks.limits import Limits
 from ..tasks.throws import THROWER, Thrower
 
 
@@ -160,6 +161,18 @@ class UptimeRules(_Timing):
     """s"""
     thrower: Thrower = THROWER
     """The PID that throws."""
+    limits: Limits | None = None
+    """Beyond these the pendulum is thrown at once; None for planned throws alone."""
+    clean: int = 10
+    """Samples in a row that have to be within these limits before a throw ends."""
+    goals: int | None = None
+    """Number of targets that are drawn, for throws by plan and at limits; None for one a planned throw."""
+    stop: Limits | None = None
+    """Beyond these the run stops; None for runs that nothing stops."""
+    domain: str | None = None
+    """Plants and loops are drawn from this domain, or from another; None for the leaderboards' perfect plant."""
+    trials: int = 1
+    """Runs of a controller on the board."""
 
 
 PERFORMANCE_RULES = {
@@ -198,8 +211,28 @@ SIM2REAL_RULES = Sim2RealRules(name="sim2real")
 ROBUSTNESS_RULES = {"v2": RobustnessRules(name="v2")}
 """``v2``: the robustness leaderboard of IROS 2024."""
 
-UPTIME_RULES = {"v3": UptimeRules(name="v3")}
-"""``v3``: the global-policy leaderboard of ICRA 2025."""
+ROBOT_THROWER = Thrower(kp=2.0, ki=0.0, kd=0.3, proportional_limit=3.0)
+"""The PID that throws the real robot."""
+
+UPTIME_RULES = {
+    rules.name: rules
+    for rules in (
+        UptimeRules(name="v3"),
+        UptimeRules(
+            name="icra-real",
+            throws=10,
+            first=60.0 / 11,
+            throw_duration=1.0,
+            thrower=ROBOT_THROWER,
+            limits=Limits(angle=3.5 * math.pi, speed=20.0),
+            goals=101,
+            stop=Limits(angle=4 * math.pi, speed=25.0),
+            domain="randomised",
+            trials=3,
+        ),
+    )
+}
+"""``v3``: the global-policy leaderboard of ICRA 2025 in simulation. ``icra-real``: that of its real robot."""
 
 DEFAULT_RULES = "v2"
 DEFAULT_UPTIME_RULES = "v3"

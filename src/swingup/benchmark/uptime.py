@@ -1,18 +1,23 @@
 """The global-policy score (ICRA 2025): the share of a minute that the tip is up although the pendulum is thrown."""
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import fmean
-from typing import Any
+from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from ..control.registry import has_estimator
+from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
+from ..tasks.domain import Domain, load_domain
 from ..tasks.throws import Throws
 from ..version import __version__
 from .criteria import tip_is_up
 from .interval import Interval, mean_interval
+from .robot_minute import recorded_share, robot_minute
 from .rollout import Scenario, Trajectory
 from .rules import DEFAULT_UPTIME_RULES, UptimeRules, get_uptime_rules
 from .runner import Progress, prepare, run_many, stack
@@ -40,6 +45,15 @@ class Uptime:
     version: str = __version__
     estimator: bool = False
     """Whether a state estimator stood before the controller."""
+    domain: Domain | None = None
+    """What plants and loops were drawn from; None for the leaderboards' plant in a perfect loop."""
+    stops: tuple[float | None, ...] = ()
+    """When the robot's limits stopped a run (s), if they did, one a seed."""
+
+    @property
+    def best(self) -> float:
+        """The best of the seeds."""
+        return max(self.uptimes)
 
     @property
     def uptime(self) -> float:
@@ -55,8 +69,13 @@ class Uptime:
         """Ready for JSON."""
         names = ("robot", "controller", "estimator", "rules", "version", "uptime", "interval")
         head = {name: getattr(self, name) for name in names}
-        runs = zip(self.seeds, self.uptimes, self.faults, strict=True)
-        details = [{"seed": seed, "uptime": up} | ({"fault": why} if why else {}) for seed, up, why in runs]
+        if self.domain is not None:
+            head |= {"best": self.best, "domain": self.domain.as_dict()}
+        runs = zip(self.seeds, self.uptimes, self.faults, self.stops, strict=True)
+        details = [
+            {"seed": seed, "uptime": up} | ({"fault": why} if why else {}) | ({"stop": stop} if stop else {})
+            for seed, up, why, stop in runs
+        ]
         return {**head, "seed": self.seeds[0], "details": details}
 
 
@@ -68,6 +87,7 @@ def uptime(
     seed: int = 0,
     seeds: int = 1,
     progress: Progress | None = None,
+    domain: Domain | str | None = None,
 ) -> Uptime:
     """Simulate a minute with random throws for each seed, in float64, and score it.
 
@@ -81,31 +101,83 @@ def uptime(
         seed: the first seed of the throws.
         seeds: number of seeds in a row.
         progress: called with the number of finished simulations and of all.
+        domain: ranges of plants and loops for rules of a real robot; None for those of the rules.
 
     Raises:
-        SwingupError: there is no such robot, there are no such rules, a seed is out of range, or the controller is
-            for the other robot.
+        SwingupError: there is no such robot or domain, there are no such rules, a seed is out of range, the
+            controller is for the other robot, or rules without a domain got one.
     """
     robot, rules = get_robot(robot), get_uptime_rules(rules)
-    every = tuple(check_seeds(seed, seeds))
+    every, drawn = tuple(check_seeds(seed, seeds)), _domain(rules, domain)
     estimator, controller = has_estimator(controller), prepare(controller, robot, name)
-    limit = rules.thrower.limit
-    parameters = dataclasses.replace(leaderboard_parameters(robot), tl1=limit, tl2=limit)
-    uptimes: list[float] = []
-    faults: list[str | None] = []
+    runs: list[_Run] = []
     first = None
     for group in in_groups(every, MINUTES_AT_ONCE):
-        scenarios = stack([Scenario(parameters, throws=draw_throws(rules, each)) for each in group])
-        batch = run_many(controller, scenarios, rules.dt, rules.steps, keep=True)
+        with jax.enable_x64(True):
+            scenarios = [_scenario(rules, robot, drawn, each) for each in group]
+        depth = 1 if drawn is None else drawn.depth
+        batch = run_many(controller, stack(scenarios), rules.dt, rules.steps, depth, keep=True)
         rows: Any = batch.trajectory
-        up = tip_is_up(rows.x, float(parameters.l1), float(parameters.l2), rules.height).mean(axis=1)
-        uptimes += [0.0 if fault else float(share) for share, fault in zip(up, batch.faults, strict=True)]
-        faults += batch.faults
-        first = first or Trajectory(rows.time[0], rows.x[0], rows.u[0])
+        runs += map(_Run, batch.faults, *_judged(rows, scenarios, rules))
+        first = first or _first(rows)
         if progress is not None:
-            progress(len(uptimes), len(every))
+            progress(len(runs), len(every))
     assert first is not None
-    return Uptime(robot.name, name, rules.name, every, tuple(uptimes), tuple(faults), first, estimator=estimator)
+    return Uptime(
+        robot=robot.name,
+        controller=name,
+        rules=rules.name,
+        seeds=every,
+        uptimes=tuple(0.0 if run.fault else run.uptime for run in runs),
+        faults=tuple(run.fault for run in runs),
+        trajectory=first,
+        estimator=estimator,
+        domain=drawn,
+        stops=tuple(run.stop for run in runs),
+    )
+
+
+class _Run(NamedTuple):
+    fault: str | None
+    uptime: float
+    stop: float | None
+
+
+def _domain(rules: UptimeRules, domain: Domain | str | None) -> Domain | None:
+    if rules.domain is None and domain is not None:
+        raise SwingupError(f"the rules {rules.name} draw no plants: leave the domain {domain} out")
+    chosen = rules.domain if domain is None else domain
+    return load_domain(chosen) if isinstance(chosen, str) else chosen
+
+
+def _scenario(rules: UptimeRules, robot: Robot, domain: Domain | None, seed: int) -> Scenario:
+    if domain is not None:
+        return robot_minute(rules, domain, robot, seed)
+    limit = rules.thrower.limit
+    parameters = dataclasses.replace(leaderboard_parameters(robot), tl1=limit, tl2=limit)
+    return Scenario(parameters, throws=draw_throws(rules, seed))
+
+
+def _judged(
+    rows: Trajectory, scenarios: Sequence[Scenario], rules: UptimeRules
+) -> tuple[list[float], list[float | None]]:
+    """The uptime of each run, and when it stopped, if it did."""
+    record: Any = rows.record
+    plants = [scenario.parameters for scenario in scenarios]
+    if record is None:
+        up = tip_is_up(np.asarray(rows.x), float(plants[0].l1), float(plants[0].l2), rules.height).mean(axis=1)
+        return up.tolist(), [None] * len(plants)
+    runs = list(zip(np.asarray(rows.time), record.x, record.over, strict=True))
+    shares = [recorded_share(*run, plant, rules) for run, plant in zip(runs, plants, strict=True)]
+    return shares, [float(time[over][0]) if over.any() else None for time, _, over in runs]
+
+
+def _first(rows: Any) -> Trajectory:
+    """Rows of the first run: as a robot records them where one was simulated."""
+    if rows.record is None:
+        return Trajectory(rows.time[0], rows.x[0], rows.u[0])
+    kept = ~rows.record.over[0]
+    return Trajectory(rows.time[0][kept], rows.record.x[0][kept], rows.record.u[0][kept])
 
 
 def draw_throws(rules: UptimeRules, seed: int) -> Throws:

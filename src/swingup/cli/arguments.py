@@ -25,6 +25,7 @@ ControllerNames = Annotated[
     tuple[str, ...], arg(metavar="NAME...", help="controllers of yours: policy files or module:object.")
 ]
 DomainName = Annotated[str, arg(metavar="DOMAIN")]
+DomainOrNone = Annotated[str | None, arg(metavar="DOMAIN")]
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ from .arguments import (
     ControllerName,
     DisturbanceOptions,
     DomainName,
+    DomainOrNone,
     EstimatorFlags,
     EstimatorOptions,
     RobotName,
@@ -186,19 +187,21 @@ class JudgingCommands:
         controller: ControllerName = REFINED,
         estimator: EstimatorFlags = AS_IT_COMES,
         rules: str = "v3",
+        domain: DomainOrNone = None,
         seed: int = 0,
         seeds: int = 1,
         json: bool = False,
         save: str | None = None,
     ) -> int:
-        """Run a minute of the global-policy benchmark, in which the pendulum is thrown fifteen times, and score it.
+        """Run a minute of the global-policy benchmark, in which the pendulum is thrown ten or fifteen times.
 
         Args:
             robot: the robot.
             controller: the controller.
             estimator: whether a state estimator stands before it.
-            rules: v3.
-            seed: seed of the throws.
+            rules: v3 (simulation) or icra-real (the real robot's, simulated; throws at limits as well).
+            domain: for icra-real, plant and loop: identified, randomised (the default), or a YAML file.
+            seed: seed of the throws, and of plants and noise.
             seeds: seeds in a row; the score is their mean.
             json: print one JSON object.
             save: also write the first seed's trajectory to this CSV file.
@@ -206,7 +209,7 @@ class JudgingCommands:
         chosen = self.board("uptime", rules)
 
         def judge(found: Controller, on: Robot, progress: Progress) -> Uptime:
-            return uptime_of.uptime(found, on, controller, chosen, seed, seeds, progress)
+            return uptime_of.uptime(found, on, controller, chosen, seed, seeds, progress, domain)
 
         return judge_and_tell(robot, controller, estimator, judge, uptime_lines, Output(json, save))
 

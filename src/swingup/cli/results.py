@@ -59,11 +59,16 @@ def uptime_lines(result: Uptime, judged: str) -> list[str]:
     """The score, its interval, and the faults of single seeds."""
     extra = f"{result.interval[0]:.3f} to {result.interval[1]:.3f}" if result.interval else ""
     faults = zip(result.seeds, result.faults, strict=True)
-    return [
-        f"{result.robot}, {judged} (rules {result.rules}, seed {_seeds(result.seeds)})",
+    drawn = "" if result.domain is None else f", domain {result.domain.name}"
+    lines = [
+        f"{result.robot}, {judged} (rules {result.rules}{drawn}, seed {_seeds(result.seeds)})",
         aligned("Uptime score", f"{result.uptime:.3f}", extra),
-        *(f"  seed {number}: {fault}" for number, fault in faults if fault),
     ]
+    if result.domain is not None:
+        stopped = [stop for stop in result.stops if stop is not None]
+        lines.append(aligned("Best", f"{result.best:.3f}"))
+        lines.append(aligned("Stopped by the robot", f"{len(stopped)} of {len(result.stops)}"))
+    return lines + [f"  seed {number}: {fault}" for number, fault in faults if fault]
 
 
 def sim2real_lines(result: Sim2Real, judged: str) -> list[str]:
