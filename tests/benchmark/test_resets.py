@@ -11,54 +11,12 @@ from swingup.tasks.limits import Limits, Stop
 from swingup.tasks.resets import Resets, ResetSupervisor, start_resets, step_resets
 from swingup.tasks.throws import Thrower
 
-from .independent import gravity
+from .independent import ResetText
 
 MODEL = leaderboard_parameters(get_robot("acrobot"))
 ANGLE, SPEED = 3.5 * math.pi, 20.0
 GOALS = np.random.default_rng(3).uniform(-math.pi, math.pi, (101, 2))
 PID = Thrower(kp=2.0, ki=0.0, kd=0.3, dt=0.001, limit=6.0, proportional_limit=3.0)
-
-
-class Text:
-    """The text of the rules, sentence by sentence: a list of times in which violations insert theirs."""
-
-    def __init__(self, times, goals):
-        self.times, self.goals, self.errors = [*times, math.inf], goals, []
-        self.number, self.running, self.clock, self.last, self.violations = 0, False, 0.0, 0.0, []
-
-    def __call__(self, t, x):
-        violated = abs(x[0]) > ANGLE or abs(x[1]) > ANGLE or abs(x[2]) > SPEED or abs(x[3]) > SPEED
-        self.violations.append(violated)
-        if not self.running:
-            if t >= self.times[self.number]:
-                self.start()
-            elif violated:
-                shift = t if self.number == 0 else t - self.times[self.number - 1]
-                later = [time + shift for time in self.times[self.number :]]
-                self.times = [*self.times[: self.number], t, *later]
-                self.start()
-        if self.running and self.clock > 1.0 and not any(self.violations[-10:]):
-            self.running = False
-        u = None
-        if self.running:
-            u = self.pid(x)
-            self.clock += t - self.last
-        self.last = t
-        return u
-
-    def start(self):
-        self.goal, self.running, self.clock = self.goals[self.number], True, 0.0
-        self.number += 1
-
-    def pid(self, x):
-        self.errors.append((self.goal[0] - x[0], self.goal[1] - x[1]))
-        u = []
-        for joint in range(2):
-            part = min(max(2.0 * self.errors[-1][joint], -3.0), 3.0)
-            if len(self.errors) > 2:
-                part += 0.3 * (self.errors[-1][joint] - self.errors[-2][joint]) / 0.001
-            u.append(min(max(part, -6.0), 6.0) - gravity(vars(MODEL), x)[joint])
-        return np.array(u)
 
 
 CALLS = 3500
@@ -77,7 +35,7 @@ def called(resets, times, states):
 
 def follow(times, states, plan, goals=GOALS):
     """Torques of both, call by call (NaN where the controller drives), and the last memories."""
-    count, text = len(times), Text(plan, goals)
+    count, text = len(times), ResetText(plan, goals, vars(MODEL), (ANGLE, SPEED))
     # One shape, and so one compilation, for all tests.
     plan = np.concatenate([plan, np.full(5 - len(plan), np.inf)])
     times, states = (np.pad(rows, [(0, CALLS - count)] + [(0, 0)] * (rows.ndim - 1)) for rows in (times, states))
