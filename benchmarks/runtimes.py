@@ -23,9 +23,10 @@ import onnxruntime
 
 from swingup.policy.c_backend.header import c_header
 from swingup.policy.jax_backend.controller import shipped_policy
+from swingup.policy.numpy_backend.controller import NumpyController
 from swingup.policy.numpy_backend.network import NumpyNetwork
 from swingup.policy.onnx_backend.graph import onnx_model
-from swingup.policy.settings import EstimatorSettings
+from swingup.policy.settings import EstimatorSettings, FrontEndSettings, GuardSettings
 from swingup.policy.shipped import AR_EAPO, read_policy
 from swingup.runtime import load_controller
 
@@ -42,7 +43,7 @@ static double nanoseconds(void)
     return 1e9 * now.tv_sec + now.tv_nsec;
 }
 
-void measure(int n, const double *x, double *policy, double *controller)
+int measure(int n, const double *x, double *policy, double *controller)
 {
     static swingup_controller memory;
     volatile double torque;
@@ -60,6 +61,7 @@ void measure(int n, const double *x, double *policy, double *controller)
         swingup_control(&memory, 0.002 * k, x + 4 * k, u);
         controller[k] = nanoseconds() - start;
     }
+    return swingup_guard_reason(&memory);
 }
 """
 
@@ -95,7 +97,8 @@ def measure_c(text: str, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         ]
         subprocess.run(command, check=True)
         pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in (states, policy, controller)]
-        ctypes.CDLL(str(library)).measure(CALLS, *pointers)
+        if ctypes.CDLL(str(library)).measure(CALLS, *pointers):
+            raise SystemExit("the guard stopped the controller: its calls say nothing")
     return policy / 1e3, controller / 1e3
 
 
@@ -105,6 +108,10 @@ def main(robot: str) -> None:
     # A slow drift: at every jump the estimator would reset, and have less to do.
     states = np.cumsum(np.random.default_rng(0).normal(size=(CALLS, 4)) * [2e-3, 2e-3, 0.05, 0.05], axis=0)
     alone, whole = NumpyNetwork(policy), load_controller(AR_EAPO, robot, estimator=True)
+    # The drift runs far: the limits are above it, so that the guard has all to do at every call.
+    front_end, guard = FrontEndSettings(coulomb=(0.1, 0.1)), GuardSettings(angle_limit=1e6, velocity_limit=1e6)
+    everything = dataclasses.replace(policy, front_end=front_end, guard=guard)
+    watched = NumpyController(everything)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     session = onnxruntime.InferenceSession(onnx_model(policy), options, providers=["CPUExecutionProvider"])
@@ -117,10 +124,12 @@ def main(robot: str) -> None:
             "floor: one 256 x 256 product": measure(lambda k: np.dot(matrix, vector, out=result)),
             "NumPy": measure(lambda k: alone(states[k])),
             "NumPy with estimator": measure(lambda k: whole(states[k], DT * k)),
+            "NumPy with estimator, front end and guard": measure(lambda k: watched(states[k], DT * k)),
             "ONNX Runtime": measure(lambda k: session.run(None, {"state": states[k : k + 1]})),
             "JAX, compiled (peer)": measure(lambda k: np.asarray(compiled(states[k]))),
         }
     times["C"], times["C with estimator"] = measure_c(c_header(policy), states)
+    times["C with estimator, front end and guard"] = measure_c(c_header(everything), states)[1]
     print("| one call | median [µs] | p99 [µs] | p99 / median |\n|---|---:|---:|---:|")
     for name, each in times.items():
         median, late = np.quantile(each[WARM_UP:], [0.5, 0.99])

@@ -5,9 +5,9 @@ import pytest
 import swingup
 from swingup import renamed
 from swingup.learner.presets import get_preset
+from swingup.plants.domain import load_domain
 from swingup.realaigym import load_controller
 from swingup.runtime import load_controller as load_numpy_controller
-from swingup.tasks.domain import load_domain
 
 
 @pytest.fixture

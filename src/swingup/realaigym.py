@@ -11,15 +11,21 @@ from typing import Any
 import numpy as np
 
 from .errors import SwingupError
+from .policy.guard import GuardChoice
+from .policy.numpy_backend.guard import GuardedController, NumpyGuard
 from .policy.realaigym import RealAIGymController as RealAIGymController
 from .policy.realaigym import load_policy_controller
+from .policy.settings import choose_guard
 from .policy.shipped import is_policy
 from .renamed import current_name
-from .robots import Robot, get_robot
+from .robots import TORQUE_LIMIT, Robot, get_robot
 
 
 def load_controller(
-    name: str | Path, robot: Robot | str | None = None, estimator: bool | None = None
+    name: str | Path,
+    robot: Robot | str | None = None,
+    estimator: bool | None = None,
+    guard: GuardChoice = None,
 ) -> RealAIGymController:
     """A controller as RealAIGym calls it, ready: ``init()`` has been called.
 
@@ -27,16 +33,25 @@ def load_controller(
         name: a policy file, or a built-in name.
         robot: which joint is driven; needed with a name.
         estimator: behind a state estimator where the policy file has one (None), never (False) or always (True).
+        guard: behind a safety guard where the policy file has one (None), never (False), always (True), or with
+            these settings. Use one on a robot.
 
     Raises:
-        SwingupError: there is no such controller, or it is damaged, or for another robot.
+        SwingupError: there is no such controller, or it is damaged, or for another robot, or a setting of the guard
+            cannot work.
     """
     if is_policy(current_name("controller", str(name))):
-        return load_policy_controller(name, robot, estimator)
+        return load_policy_controller(name, robot, estimator, guard)
     if robot is None:
         raise SwingupError(f"controller {str(name)!r} needs a robot: name acrobot or pendubot")
     robot = get_robot(robot)
-    return RealAIGymController(_Compiled(str(name), robot, estimator), robot, {"controller": str(name)})
+    settings = choose_guard(guard, None, None)
+    controller, about = _Compiled(str(name), robot, estimator), {"controller": str(name)}
+    if settings is None:
+        return RealAIGymController(controller, robot, about)
+    limits = TORQUE_LIMIT * robot.actuation[0], TORQUE_LIMIT * robot.actuation[1]
+    watch = NumpyGuard(settings, robot.joint, limits)
+    return RealAIGymController(GuardedController(controller, watch), robot, about, guard=watch)
 
 
 class _Compiled:
@@ -72,7 +87,7 @@ class _Compiled:
     def reset(self) -> None:
         self._memory: Any = self._start
 
-    def __call__(self, x: np.ndarray, t: float) -> np.ndarray:
+    def __call__(self, x: np.ndarray, t: float, measured: np.ndarray | None = None) -> np.ndarray:
         with self._x64(True):
             self._memory, u = self._call(self._memory, np.float64(t), x)
             return np.asarray(u, np.float64)

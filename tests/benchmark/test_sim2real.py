@@ -12,8 +12,8 @@ from swingup.benchmark.sim2real import _judged, sim2real
 from swingup.control.registry import get_controller
 from swingup.errors import SwingupError
 from swingup.physics.parameters import identified_parameters
+from swingup.plants.domain import make_domain
 from swingup.runtime import load_controller
-from swingup.tasks.domain import make_domain
 
 BRIEF = dataclasses.replace(SIM2REAL_RULES, duration=2.5)
 """Long enough for the domain's push, which comes within 2 s."""

@@ -136,16 +136,20 @@ def test_with_and_without_an_estimator(capsys, meant, flags, judged, brief_runs)
 
 
 def test_robustness_with_an_estimator(capsys, meant):
+    v2 = BOARD_RULES["v2"]
+    # Three seconds are enough for a swing-up.
+    boards = Boards({"v2": dataclasses.replace(v2, robustness=dataclasses.replace(v2.robustness, duration=3.0))})
     base = ("pendubot", "--controller", "ar-eapo")
     brief = ("pendubot", "--criteria", "delay", "--grid", "delay=0.03:0.04:2", "--json")
     alone, estimating = (
-        json.loads(run(capsys, "robustness", *brief, *base[1:], *flags)) for flags in ((), ("--estimator",))
+        json.loads(run(capsys, "robustness", *brief, *base[1:], *flags, boards=boards))
+        for flags in ((), ("--estimator",))
     )
     assert (alone["estimator"], estimating["estimator"]) == (False, True)
     assert alone["delay"] < estimating["delay"]
     assert "estimator" not in alone["command"]
     assert " --estimator " in estimating["command"]
-    held = json.loads(run(capsys, "robustness", *brief, "--controller", meant, "--no-estimator"))
+    held = json.loads(run(capsys, "robustness", *brief, "--controller", meant, "--no-estimator", boards=boards))
     assert held["estimator"] is False
     assert " --no-estimator " in held["command"]
 
@@ -191,10 +195,12 @@ def test_sim2real(capsys, tmp_path):
 def test_disturbed_runs_differ_and_repeat(capsys):
     policy = ("evaluate", "pendubot", "--controller", "ar-eapo", "--json")
     options = shlex.split("--velocity-noise 0.1 --torque-noise 0.2 --torque-response 0.8 --delay 0.004 --pushes")
-    calm = json.loads(run(capsys, *policy))
-    first = json.loads(run(capsys, *policy, *options, "--seed", "1"))
-    again = json.loads(run(capsys, *policy, *options, "--seed", "1"))
-    other = json.loads(run(capsys, *policy, *options, "--seed", "2"))
+    v2 = BOARD_RULES["v2"]
+    boards = Boards({"v2": dataclasses.replace(v2, performance=dataclasses.replace(v2.performance, duration=5.0))})
+    calm = json.loads(run(capsys, *policy, boards=boards))
+    first = json.loads(run(capsys, *policy, *options, "--seed", "1", boards=boards))
+    again = json.loads(run(capsys, *policy, *options, "--seed", "1", boards=boards))
+    other = json.loads(run(capsys, *policy, *options, "--seed", "2", boards=boards))
     assert first == again
     assert len({result["torque_smoothness"] for result in (calm, first, other)}) == 3
     assert first["torque_smoothness"] > 10 * calm["torque_smoothness"]

@@ -22,10 +22,10 @@ from swingup.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.run_settings import read_run_settings
 from swingup.physics.parameters import load_parameters
+from swingup.plants.domain import load_domain
 from swingup.policy.file import read_network
 from swingup.policy.pendulum import read_pendulum_policy
 from swingup.report.files import read_curve, read_robustness
-from swingup.tasks.domain import load_domain
 
 from .inputs import KINDS, LIKE
 

@@ -33,8 +33,8 @@ def learn(kind, mode, **changes):
     env = Chain(config.num_envs, kind, mode)
     first, second = (HostBackend(env, kind, c, 0, 0) for c in (config, fine))
     state = first.begin(first.init(), 0)
-    state, _, _ = first.train(state, 200)
-    state, _, _ = second.train(second.begin(state, 200), 80)
+    state, _, _ = first.train(state, 120)
+    state, _, _ = second.train(second.begin(state, 120), 50)
     return second.train(state, 60)
 
 

@@ -36,6 +36,27 @@ void run(int n, const double *t, const double *x, double *u)
 }
 """
 
+WATCH = """
+#include "policy.h"
+
+const char *watch(int n, const double *t, const double *x, double *u, int *reasons, double *fault);
+
+const char *watch(int n, const double *t, const double *x, double *u, int *reasons, double *fault)
+{
+    static swingup_controller controller;
+    int k;
+    swingup_reset(&controller);
+    for (k = 0; k < n; k++) {
+        swingup_control(&controller, t[k], x + 4 * k, u + 2 * k);
+        reasons[k] = swingup_guard_reason(&controller);
+    }
+    fault[0] = controller.guard.joint;
+    fault[1] = controller.guard.when;
+    fault[2] = controller.guard.value;
+    return swingup_guard_sentence(&controller);
+}
+"""
+
 
 def compile_header(folder, text, *flags):
     """The shared library of a header's text."""
@@ -65,6 +86,15 @@ def run(library, times, states):
     u = np.empty((len(states), 2))
     library.run(len(states), pointer(times), pointer(states), pointer(u))
     return u
+
+
+def watch(library, times, states):
+    """A guarded controller's torques (n, 2), its guard's reasons (n,), [joint, time, value] and the sentence."""
+    u, reasons, fault = np.empty((len(states), 2)), np.zeros(len(states), np.int32), np.empty(3)
+    library.watch.restype = ctypes.c_char_p
+    rows = (times, states, u)
+    said = library.watch(len(states), *map(pointer, rows), reasons.ctypes.data_as(ctypes.c_void_p), pointer(fault))
+    return u, reasons, fault, said.decode()
 
 
 def pointer(array):

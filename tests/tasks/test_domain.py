@@ -6,25 +6,27 @@ import pytest
 
 from swingup.errors import SwingupError
 from swingup.physics.parameters import get_robot, identified_parameters
-from swingup.tasks.domain import LOOP, PLANT, Domain, load_domain, make_domain
+from swingup.plants.domain import PLANT, Domain, load_domain, make_domain
+from swingup.plants.loop import LOOP
+from swingup.tasks.draw import draw
 
 ACROBOT = get_robot("acrobot")
 
 
-draw = jax.jit(Domain.draw, static_argnums=(0, 2))
+draw_one = jax.jit(draw, static_argnums=(0, 2))
 
 
 def drawn(domain, number=200, robot=ACROBOT):
     """Plants and disturbances with a leading axis."""
     keys = jax.random.split(jax.random.key(0), number)
-    return jax.jit(jax.vmap(lambda key: domain.draw(key, robot)))(keys)
+    return jax.jit(jax.vmap(lambda key: draw(domain, key, robot)))(keys)
 
 
 def test_the_identified_domain_is_the_identified_plant(robot):
     domain = load_domain("identified")
     assert all(low == high for _, low, high in domain.ranges)
     with jax.enable_x64(True):
-        plant, loop = draw(domain, jax.random.key(3), robot)
+        plant, loop = draw_one(domain, jax.random.key(3), robot)
     for name in PLANT:
         assert float(getattr(plant, name)) == getattr(identified_parameters(), name)
     limits = [float(plant.tl1), float(plant.tl2)]
@@ -36,7 +38,7 @@ def test_the_identified_domain_is_the_identified_plant(robot):
 def test_every_number_of_the_package_says_where_it_comes_from():
     from importlib import resources
 
-    text = (resources.files("swingup.tasks") / "domains" / "identified.yml").read_text(encoding="utf-8")
+    text = (resources.files("swingup.plants") / "domains" / "identified.yml").read_text(encoding="utf-8")
     rows = [line for line in text.splitlines() if line and not line.startswith("#")]
     assert {row.partition(":")[0] for row in rows} == set(LOOP)
     assert all("Source:" in row or "Chosen" in row for row in rows)
@@ -109,7 +111,9 @@ def test_bad_domains(tmp_path, content, message):
 
 
 def test_unknown_domains(tmp_path):
-    with pytest.raises(SwingupError, match="unknown domain 'moon': use identified, randomised or a YAML file"):
+    with pytest.raises(
+        SwingupError, match="unknown domain 'moon': use identified, randomised, a plant's name or a"
+    ):
         load_domain("moon")
     with pytest.raises(SwingupError, match="No such file or directory; check the path"):
         load_domain(tmp_path / "none.yml")

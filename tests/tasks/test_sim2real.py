@@ -11,11 +11,12 @@ import numpy as np
 
 from swingup.benchmark.rollout import Scenario, apply_torque, initial_loop, measure
 from swingup.physics.parameters import get_robot
+from swingup.plants.domain import load_domain, make_domain
+from swingup.plants.loop import LOOP_DT
 from swingup.policy.jax_backend.front_end import FrontEnd
 from swingup.policy.numpy_backend.front_end import NumpyFrontEnd
 from swingup.policy.settings import FrontEndSettings
 from swingup.tasks.disturbance import Motor, Pushes, motor_torques, step_noise, undisturbed
-from swingup.tasks.domain import LOOP_DT, load_domain, make_domain
 from swingup.tasks.presets import sim2real_task
 from swingup.tasks.sim2real import CALLS
 

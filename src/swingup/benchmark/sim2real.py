@@ -9,7 +9,8 @@ import numpy as np
 
 from ..control.registry import has_estimator
 from ..physics.parameters import Robot, get_robot
-from ..tasks.domain import Domain, load_domain
+from ..plants.domain import Domain, load_domain
+from ..tasks.draw import draw
 from ..version import __version__
 from .criteria import Criteria, judge, tip_is_up
 from .interval import Interval, share_interval
@@ -123,7 +124,7 @@ def sim2real(
     for group in in_groups(every, SWINGUPS_AT_ONCE):
         with jax.enable_x64(True):
             # A key for each seed: its plant is the same however many seeds are judged.
-            scenarios = [Scenario(*domain.draw(jax.random.key(each), robot)) for each in group]
+            scenarios = [Scenario(*draw(domain, jax.random.key(each), robot)) for each in group]
         batch = run_many(controller, stack(scenarios), rules.dt, rules.steps, domain.depth, keep=True)
         rows: Any = batch.trajectory
         for index, (each, fault) in enumerate(zip(group, batch.faults, strict=True)):

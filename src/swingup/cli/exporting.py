@@ -1,5 +1,6 @@
 """The command ``export``: a policy for other programs."""
 
+import dataclasses
 from importlib import resources
 from pathlib import Path
 from typing import Annotated
@@ -13,6 +14,7 @@ from ..files import write_atomically
 from ..policy.c_backend.header import c_header
 from ..policy.export_folder import export_realaigym
 from ..policy.onnx_backend.graph import onnx_model
+from ..policy.settings import choose_guard
 from ..policy.shipped import REFINED, SHIPPED_POLICIES, read_policy, shipped_file
 from ..policy.template import NAME
 from ..renamed import current_name
@@ -30,6 +32,7 @@ def export(
     robot: str | None = None,
     username: str = "swingup",
     name: str = NAME,
+    guard: bool = True,
 ) -> int:
     """Write a policy for RealAIGym, ONNX Runtime or C.
 
@@ -44,12 +47,16 @@ def export(
         username: your name on RealAIGym's leaderboard.
         name: of the leaderboard's entry (con_NAME.py), and what all names in a C header begin with, so that several
             go side by side; ONNX has none.
+        guard: put a safety guard around the controller in realaigym and c: it stops the controller at a limit or a
+            broken measurement. Turn it off for simulations. An onnx graph has none.
     """
     one_of("format", to, FORMS)
     # Before the policy is read: that error would only list policies.
     _refuse_baselines(policy, robot)
     policy = current_name("controller", policy)
     found = read_policy(policy, robot)
+    if to != "onnx" or not guard:
+        found = dataclasses.replace(found, guard=choose_guard(guard, found.guard, found.period))
     if to == "realaigym":
         file = shipped_file(found.robot, policy) if policy in SHIPPED_POLICIES else Path(policy)
         with resources.as_file(file) as source:

@@ -24,8 +24,8 @@ from ..checks import one_of
 from ..control.registry import Controller, get_controller
 from ..files import check_writable
 from ..physics.parameters import Robot, get_robot
+from ..plants.domain import Domain, load_domain
 from ..policy.shipped import REFINED, ROBOT
-from ..tasks.domain import Domain, load_domain
 from .arguments import (
     ControllerName,
     DisturbanceOptions,

@@ -19,7 +19,7 @@ from ..learner.run import Run
 from ..learner.run_settings import RunSettings, default_intervals, read_run_settings
 from ..learner.start import resume_run, start_run
 from ..physics.parameters import get_robot
-from ..tasks.domain import load_domain
+from ..plants.domain import load_domain
 from ..tasks.sim2real import Sim2RealTask
 from .arguments import RobotOrNone
 from .hyperparameters import HyperparameterOptions, given_hyperparameters

@@ -11,8 +11,9 @@ from ..areapo.config import Config, config_from_dict
 from ..checks import whole_number
 from ..errors import SwingupError
 from ..files import write_atomically
-from ..physics.parameters import get_robot
-from ..tasks.domain import Domain
+from ..physics.parameters import get_robot, make_parameters
+from ..plants.domain import Domain
+from ..plants.plant import Plant
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.presets import SIM2REAL_TASKS, get_task
 from ..text import one_line, quoted
@@ -127,6 +128,14 @@ class RunSettings:
         return json.loads(json.dumps(dataclasses.asdict(self)))
 
 
+def _domain_from_dict(content: Any) -> Domain:
+    ranges = tuple((str(name), float(low), float(high)) for name, low, high in content["ranges"])
+    plant = content.get("plant")  # None, too, in runs of a version that knew one plant
+    if plant is not None:
+        plant = Plant(str(plant["name"]), make_parameters(plant["parameters"], "its plant"))
+    return Domain(ranges, str(content["name"]), plant, content.get("velocities"))
+
+
 def run_settings_from_dict(content: Any) -> RunSettings:
     """The inverse of ``as_dict``; settings that an older version did not have get their defaults.
 
@@ -134,10 +143,7 @@ def run_settings_from_dict(content: Any) -> RunSettings:
         SwingupError: the content is malformed or cannot work.
     """
     try:
-        domain = content.get("domain")
-        if domain is not None:
-            ranges = tuple((str(name), float(low), float(high)) for name, low, high in domain["ranges"])
-            domain = Domain(ranges, str(domain["name"]))
+        domain = None if content.get("domain") is None else _domain_from_dict(content["domain"])
         return RunSettings(**{**content, "domain": domain, "config": config_from_dict(content["config"])})
     except MALFORMED as error:
         raise SwingupError(f"the settings are malformed ({type(error).__name__}: {one_line(error, 80)})") from error

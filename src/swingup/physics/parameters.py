@@ -5,6 +5,7 @@ The file format is a flat YAML map with the key names of RealAIGym's ``model_par
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -96,11 +97,19 @@ def load_parameters(path: str | Path) -> Parameters:
     Raises:
         SwingupError: the file cannot be read, lacks a key, or its values make no pendulum.
     """
-    data = read_map(path, "parameter")
-    missing = [name for name in NAMES if name not in data]
+    return make_parameters(read_map(path, "parameter"), f"parameter file {path}")
+
+
+def make_parameters(values: Mapping[str, Any], source: str) -> Parameters:
+    """Parameters from values by name; other names are ignored. Errors name the ``source``.
+
+    Raises:
+        SwingupError: a value is missing, or the values make no pendulum.
+    """
+    missing = [name for name in NAMES if name not in values]
     if missing:
-        raise SwingupError(f"parameter file {path} lacks {', '.join(missing)}: add them in SI units")
-    return validated(Parameters(**{name: _real(name, data[name]) for name in NAMES}))
+        raise SwingupError(f"{source} lacks {', '.join(missing)}: add them in SI units")
+    return validated(Parameters(**{name: _real(name, values[name]) for name in NAMES}))
 
 
 def save_parameters(parameters: Parameters, path: str | Path) -> None:

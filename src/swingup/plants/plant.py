@@ -8,9 +8,19 @@ from typing import TypeAlias
 
 from ..checks import suggestion
 from ..errors import SwingupError
-from ..physics.parameters import Parameters, Robot, get_robot, leaderboard_parameters, load_parameters, validated
+from ..physics.parameters import (
+    NAMES,
+    Parameters,
+    Robot,
+    get_robot,
+    leaderboard_parameters,
+    load_parameters,
+    make_parameters,
+    validated,
+)
 from ..robots import TORQUE_LIMIT
 from ..text import one_line, quoted
+from ..yaml_map import read_map
 
 LEADERBOARD = "leaderboard"
 """Name of the plant of the leaderboards: C.1 without friction and rotors' inertia."""
@@ -65,10 +75,12 @@ def load_plant(source: PlantLike) -> Plant:
 
     Args:
         source: one of :data:`SHIPPED_PLANTS`, a YAML file with RealAIGym's names (its ``model_parameters.yml``, or
-            what ``swingup identify`` wrote), parameters, or a plant, which is returned as it is.
+            what ``swingup identify`` wrote), parameters, or a plant, which is returned as it is. A file with an
+            entry ``plant`` has that plant's values where it gives none itself.
 
     Raises:
-        SwingupError: there is no such plant, or the file cannot be read, lacks a value, or makes no pendulum.
+        SwingupError: there is no such plant, or the file cannot be read, lacks a value, has a range, or makes no
+            pendulum.
     """
     if isinstance(source, Plant):
         return source
@@ -82,7 +94,7 @@ def load_plant(source: PlantLike) -> Plant:
         near = suggestion(name, SHIPPED_PLANTS)
         raise SwingupError(f"unknown plant {quoted(name)}: use {known} or a parameter file (.yml){near}")
     try:
-        return Plant(name, load_parameters(source))
+        return Plant(name, _facts(name))
     except SwingupError as error:
         raise SwingupError(f"plant {one_line(name)}: {error}") from error
 
@@ -95,6 +107,32 @@ def robot_parameters(plant: PlantLike | None, robot: Robot | str) -> Parameters:
     """
     robot = get_robot(robot)
     return leaderboard_parameters(robot) if plant is None else load_plant(plant).driven(robot)
+
+
+def base_plant(source: object, folder: str | Path) -> Plant:
+    """The plant that a file's entry ``plant`` names: a shipped one, or a file with all values, seen from a folder.
+
+    Raises:
+        SwingupError: there is no such plant, or its file lacks values.
+    """
+    if isinstance(source, str) and source in SHIPPED_PLANTS:
+        return _shipped_plant(source)
+    if not isinstance(source, str) or not source.endswith((".yml", ".yaml")):
+        known = ", ".join(SHIPPED_PLANTS)
+        raise SwingupError(f"plant = {quoted(source)} is no plant: use {known} or a parameter file (.yml)")
+    return Plant(source, load_parameters(Path(folder) / source))
+
+
+def _facts(file: str) -> Parameters:
+    entries = read_map(file, "parameter")
+    base = vars(base_plant(entries["plant"], Path(file).parent).parameters) if "plant" in entries else {}
+    for name in NAMES:
+        if isinstance(entries.get(name), list):
+            raise SwingupError(
+                f"{name} = {quoted(entries[name])} is a range, and a plant has facts: "
+                "give one value, or use the file as a domain"
+            )
+    return make_parameters(base | entries, f"parameter file {file}")
 
 
 def _shipped_plant(name: str) -> Plant:

@@ -7,10 +7,11 @@ torques u = [u1, u2] (N m) of shoulder and elbow.
   estimator, rounding feeds back: 1e-9 over a whole run.
 - The torque of the driven joint is NaN where the state is not finite, so that no clipping hides a broken sensor.
   The passive joint has 0, or the friction compensation of a front end.
+- Behind a safety guard no torque is ever NaN: the guard stops the controller instead (``policy/guard.py``).
 - ``reset()`` forgets the run: what follows repeats the first run bit for bit.
 
 ``tests/policy/test_conformance.py`` holds every back end to it. ONNX graphs and the page's JavaScript run the
-policy alone: they have no estimator and no front end. JAX has the same contract without hidden state,
+policy alone: they have no estimator, no front end and no guard. JAX has the same contract without hidden state,
 ``init() -> memory`` and ``(memory, t, x) -> (memory, u)``; a C header has it as ``swingup_reset`` and
 ``swingup_control``.
 """
@@ -26,5 +27,8 @@ class LoopController(Protocol):
     def reset(self) -> None:
         """Forget the run so far."""
 
-    def __call__(self, x: np.ndarray, t: float) -> np.ndarray:
-        """The torques (2,) for the state x (4,) measured at time t (s)."""
+    def __call__(self, x: np.ndarray, t: float, measured: np.ndarray | None = None) -> np.ndarray:
+        """The torques (2,) for the state x (4,) at time t (s).
+
+        Where a filter made x of what was measured, ``measured`` is that (4,): a guard looks at it.
+        """

@@ -1,7 +1,9 @@
 """A folder for RealAIGym's leaderboards and its robot that needs NumPy alone: our source, the policy, an entry."""
 
+import json
 import shutil
 import tempfile
+from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
 
@@ -9,6 +11,7 @@ from ..errors import SwingupError
 from ..files import write_atomically
 from ..text import quoted
 from ..version import __version__
+from .guard import GuardSettings
 from .pendulum import PendulumPolicy
 from .plant import MODEL
 from .template import NAME, asset, check_export_name, fill
@@ -20,25 +23,35 @@ SOURCES = (
     "errors.py", "text.py", "checks.py", "renamed.py", "files.py", "arrays.py", "robots.py", MODEL,
     "physics/__init__.py", "physics/equations.py",
     *(f"policy/{name}.py" for name in (
-        "__init__", "contract", "file", "network", "pendulum", "plant", "realaigym", "settings", "shipped",
+        "__init__", "contract", "file", "guard", "network", "pendulum", "plant", "realaigym", "settings", "shipped",
         "stages",
     )),
     *(f"policy/numpy_backend/{name}.py" for name in (
-        "__init__", "controller", "estimator", "front_end", "network",
+        "__init__", "controller", "estimator", "front_end", "guard", "network",
     )),
 )  # fmt: skip
 """What the controller needs of this package; a test runs it without the rest."""
+
+GUARDED = (
+    "It is behind a safety guard, whose settings are in the entry. `controller.fault` says why it stopped the\n"
+    "controller, and `controller.reset()` lets it act again. Simulations beyond its limits need `guard = False`."
+)
+UNGUARDED = "It has no safety guard: check every torque that goes to a motor."
 
 ABOUT = f'"""What a policy needs to run, copied from swingup {__version__} (Apache-2.0)."""\n'
 
 
 def export_realaigym(
-    policy: PendulumPolicy, source: Path, folder: str | Path, username: str, name: str = NAME
+    policy: PendulumPolicy,
+    source: Path,
+    folder: str | Path,
+    username: str,
+    name: str = NAME,
 ) -> Path:
     """Write the folder, whole or not at all.
 
     Args:
-        policy: what the policy file holds.
+        policy: what the policy file holds; its guard, which need not be the file's, is written into the entry.
         source: the policy file.
         folder: a new or empty folder.
         username: who is named on the leaderboard.
@@ -94,10 +107,19 @@ def _entry(policy: PendulumPolicy, username: str, name: str) -> str:
         "NAME": name,
         "PACKAGE": PACKAGE.format(name=name),
         "ROBOT": policy.robot.name,
+        "GUARD": guard_entry(policy.guard),
         "USERNAME": username,
         "VERSION": __version__,
     }
     return fill(asset(__package__, "con_swingup.py.txt"), values)
+
+
+def guard_entry(guard: GuardSettings | None) -> str:
+    """A guard's settings as an entry holds them, in Python, for its owner to read and to change."""
+    if guard is None:
+        return "False"
+    # Python has JSON's numbers; of its words, null alone occurs here.
+    return json.dumps(asdict(guard), indent=4).replace("null", "None").replace("\n}", ",\n}")
 
 
 def _readme(policy: PendulumPolicy, name: str) -> str:
@@ -110,6 +132,7 @@ def _readme(policy: PendulumPolicy, name: str) -> str:
     front = ", through a front end with a filter and friction compensation" if policy.front_end else ""
     values = {
         "ESTIMATOR": f"It is shown {seen}{front}.",
+        "GUARD": GUARDED if policy.guard else UNGUARDED,
         "JOINT": ("shoulder", "elbow")[policy.robot.joint],
         "LAYERS": " and ".join(str(len(layer.bias)) for layer in policy.network.trunk),
         "TORQUE": _torque(policy),

@@ -7,11 +7,20 @@ from typing import Any
 
 from ..checks import finite_number
 from ..errors import SwingupError
-from ..robots import ROBOTS, Robot, get_robot
+from ..robots import ROBOTS, TORQUE_LIMIT, Robot, get_robot
 from ..text import quoted
 from .file import read_network, write_network
+from .guard import GUARD
 from .network import Network
-from .settings import FRONT_END, EstimatorSettings, FrontEndSettings, estimator_settings, front_end_settings
+from .settings import (
+    FRONT_END,
+    EstimatorSettings,
+    FrontEndSettings,
+    GuardSettings,
+    estimator_settings,
+    front_end_settings,
+    guard_settings,
+)
 from .stages import PendulumStage
 
 
@@ -27,6 +36,8 @@ class PendulumPolicy:
     """Settings of the estimator in the file; None for the policy alone."""
     front_end: FrontEndSettings | None = None
     """Settings of the filter and the friction compensation in the file."""
+    guard: GuardSettings | None = None
+    """Settings of the safety guard in the file; None for none."""
     metadata: Mapping[str, Any] = field(default_factory=dict)
     """The file's."""
 
@@ -34,6 +45,12 @@ class PendulumPolicy:
     def period(self) -> float | None:
         """Time between calls that the estimator or the front end expects (s); None for any."""
         return next((part.dt for part in (self.estimator, self.front_end) if part is not None), None)
+
+    @property
+    def torque_limits(self) -> tuple[float, float]:
+        """Largest torques of shoulder and elbow (N m): the motor's, and the front end's on the passive joint."""
+        passive = 0.0 if self.front_end is None else self.front_end.passive_limit
+        return (TORQUE_LIMIT, passive) if self.robot.joint == 0 else (passive, TORQUE_LIMIT)
 
 
 def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> PendulumPolicy:
@@ -64,9 +81,10 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
     try:
         limit = finite_number("torque_limit", metadata["torque_limit"], 1e-6, 1e6, "N m")
         estimator, front_end = estimator_settings(metadata), front_end_settings(metadata)
+        guard = guard_settings(metadata)
     except SwingupError as error:
         raise SwingupError(f"policy file {path}: {error}; see docs/policy-format.md") from error
-    return PendulumPolicy(network, ROBOTS[name], limit, estimator, front_end, metadata)
+    return PendulumPolicy(network, ROBOTS[name], limit, estimator, front_end, guard, metadata)
 
 
 def write_pendulum_policy(path: str | Path, policy: PendulumPolicy, provenance: Mapping[str, Any]) -> None:
@@ -83,4 +101,6 @@ def write_pendulum_policy(path: str | Path, policy: PendulumPolicy, provenance: 
     head: dict[str, Any] = {"robot": policy.robot.name, "torque_limit": float(policy.torque_limit)}
     if policy.front_end is not None:
         head[FRONT_END] = asdict(policy.front_end)
+    if policy.guard is not None:
+        head[GUARD] = asdict(policy.guard)
     write_network(path, policy.network, {**head, **provenance})

@@ -19,7 +19,9 @@ from ..physics.equations import friction
 from ..robots import Robot
 from ..text import quoted
 from .contract import LoopController
+from .guard import Fault, GuardChoice
 from .numpy_backend.controller import NumpyController, load_controller
+from .numpy_backend.guard import NumpyGuard
 
 SAVED = "controller_swingup.json"
 """Where ``save`` writes."""
@@ -57,7 +59,14 @@ class RealAIGymController:
     RealAIGym's own controllers do; call ``init()`` after it.
     """
 
-    def __init__(self, controller: LoopController, robot: Robot, about: dict[str, Any], dt: float = 0.002) -> None:
+    def __init__(
+        self,
+        controller: LoopController,
+        robot: Robot,
+        about: dict[str, Any],
+        dt: float = 0.002,
+        guard: NumpyGuard | None = None,
+    ) -> None:
         """Wrap a controller.
 
         Args:
@@ -65,11 +74,12 @@ class RealAIGymController:
             robot: which joint is driven.
             about: what ``save`` writes, JSON values.
             dt: time between calls (s), for callers that give no time.
+            guard: the safety guard inside the controller, if it has one.
         """
         self.robot = robot
         self.disturbance_intervals: list[Any] = []
         """Intervals in which the run is disturbed on purpose: none."""
-        self._controller, self._about, self._dt = controller, about, dt
+        self._controller, self._about, self._dt, self._guard = controller, about, dt, guard
         self.filter = Filter()
         """What filters measurements, with its histories."""
         self.reset()
@@ -107,8 +117,11 @@ class RealAIGymController:
         measured = np.array(x, np.float64)
         self.x_hist.append(measured)
         seen = self.filter.get_filtered_state(measured, self.u_hist[-1])
+        u = self._act(seen, t, measured)
         compensation = friction(self._damping, self._coulomb, seen[2:], np.arctan)
-        u = self.get_control_output_(seen, t) + compensation
+        if self.fault is not None:
+            compensation = np.zeros(2)
+        u += compensation
         self.u_fric_hist.append(compensation)
         self.u_grav_hist.append(np.zeros(2))
         self.u_hist.append(u)
@@ -117,9 +130,13 @@ class RealAIGymController:
 
     def get_control_output_(self, x: Sequence[float] | np.ndarray, t: float | None = None) -> np.ndarray:
         """The controller's own torques; without a time, calls are counted as steps."""
-        now = self._steps * self._dt if t is None else float(t)
-        self._steps += 1
-        return np.array(self._controller(np.array(x, np.float64), now), np.float64)
+        state = np.array(x, np.float64)
+        return self._act(state, t, state)
+
+    @property
+    def fault(self) -> Fault | None:
+        """Why the safety guard stopped the controller; None while it acts, or without a guard."""
+        return None if self._guard is None else self._guard.fault
 
     def save(self, directory: str | Path) -> None:
         """Write what this controller is to ``controller_swingup.json`` in a folder.
@@ -180,9 +197,17 @@ class RealAIGymController:
         """Nothing is planned beforehand."""
         return [], [], []
 
+    def _act(self, x: np.ndarray, t: float | None, measured: np.ndarray) -> np.ndarray:
+        now = self._steps * self._dt if t is None else float(t)
+        self._steps += 1
+        return np.array(self._controller(x, now, measured), np.float64)
+
 
 def load_policy_controller(
-    source: str | Path, robot: Robot | str | None = None, estimator: bool | None = None
+    source: str | Path,
+    robot: Robot | str | None = None,
+    estimator: bool | None = None,
+    guard: GuardChoice = None,
 ) -> RealAIGymController:
     """A policy as RealAIGym calls it, ready: ``init()`` has been called.
 
@@ -190,11 +215,14 @@ def load_policy_controller(
         source: a policy file, or ``refined``, ``ar-eapo``, ``global`` or ``robot``.
         robot: the robot that it must be for; needed with a name.
         estimator: behind a state estimator where the file has one (None), never (False) or always (True).
+        guard: behind a safety guard where the file has one (None), never (False), always (True), or with these
+            settings.
 
     Raises:
-        SwingupError: there is no such policy, or it is damaged, or for another robot.
+        SwingupError: there is no such policy, or it is damaged, or for another robot, or a setting of the guard
+            cannot work.
     """
-    return wrap_policy(load_controller(source, robot, estimator), str(source))
+    return wrap_policy(load_controller(source, robot, estimator, guard), str(source))
 
 
 def wrap_policy(controller: NumpyController, name: str) -> RealAIGymController:
@@ -203,7 +231,9 @@ def wrap_policy(controller: NumpyController, name: str) -> RealAIGymController:
     about = {"controller": name, "torque_limit": policy.torque_limit}
     origin = {key: policy.metadata[key] for key in ("version", "command", "seed") if key in policy.metadata}
     period = {} if policy.period is None else {"dt": policy.period}
-    return RealAIGymController(controller, policy.robot, about | {"policy": origin}, **period)
+    return RealAIGymController(
+        controller, policy.robot, about | {"policy": origin}, guard=controller.guard, **period
+    )
 
 
 def _two(name: str, given: Any) -> np.ndarray:

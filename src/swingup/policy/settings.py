@@ -1,4 +1,4 @@
-"""Settings in a policy file for the parts around its policy: a state estimator before it, a front end around it.
+"""Settings in a policy file for the parts around its policy: state estimator, front end, safety guard.
 
 The metadata is parsed only here; every back end takes the settings.
 """
@@ -12,6 +12,8 @@ import numpy as np
 from ..checks import finite_number, suggestion, whole_number
 from ..errors import SwingupError
 from ..text import quoted
+from .guard import GUARD, GuardChoice
+from .guard import GuardSettings as GuardSettings
 
 SettingsT = TypeVar("SettingsT")
 
@@ -139,6 +141,34 @@ def front_end_settings(metadata: Mapping[str, Any]) -> FrontEndSettings | None:
         SwingupError: they are not an object, one is unknown, or a value is out of range.
     """
     return _settings(metadata, FRONT_END, FrontEndSettings)
+
+
+def guard_settings(metadata: Mapping[str, Any]) -> GuardSettings | None:
+    """The guard's settings in a policy file's metadata; None if it has none.
+
+    Raises:
+        SwingupError: they are not an object, one is unknown, or a value is out of range.
+    """
+    return _settings(metadata, GUARD, GuardSettings)
+
+
+def choose_guard(choice: GuardChoice, own: GuardSettings | None, dt: float | None) -> GuardSettings | None:
+    """The guard that a caller chose for a policy; None for none.
+
+    Args:
+        choice: what the caller wants.
+        own: the policy file's.
+        dt: time between calls that the policy expects (s); None for any.
+
+    Raises:
+        SwingupError: a setting of the caller is unknown or out of range.
+    """
+    if choice is None or choice is False:
+        return own if choice is None else None
+    if isinstance(choice, GuardSettings):
+        return choice
+    default = GuardSettings() if dt is None else GuardSettings(dt=dt)
+    return own or default if choice is True else _settings({GUARD: choice}, GUARD, GuardSettings)
 
 
 def _settings(metadata: Mapping[str, Any], key: str, kind: type[SettingsT]) -> SettingsT | None:

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import BrokenExecutor, Executor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 from ..errors import SwingupError
@@ -16,6 +15,7 @@ from ..learner.run_folder import RunFolder
 from ..learner.run_settings import read_run_settings, run_settings_from_dict
 from ..learner.start import resume_run, start_run
 from ..text import one_line
+from .signals import in_progress
 
 
 @dataclass(frozen=True)
@@ -73,12 +73,12 @@ def train_one(job: Job) -> JobOutcome:
     """Run one job, or the rest of it, in the calling process; errors become part of the outcome."""
     try:
         with contextlib.closing(_open(job)) as run:
-            _in_progress.append(run)
+            in_progress.append(run)
             try:
                 for _ in run.advance():
                     pass
             finally:
-                _in_progress.remove(run)
+                in_progress.remove(run)
         if run.frames < job.frames:  # a signal stopped it in a local worker, which ends now that the run is saved
             signal.raise_signal(signal.SIGTERM)
         rows = read_metrics(Path(job.folder) / METRICS_FILE)
@@ -108,25 +108,6 @@ def _open(job: Job) -> Run:
     if run.frames < job.frames:
         run.extend(job.frames - run.frames)
     return run
-
-
-_in_progress: list[Run] = []
-"""The runs that this process trains."""
-
-
-def stop_on_signals() -> None:
-    """In a local worker, let Ctrl-C and SIGTERM end the worker after the run in progress has saved its chunk."""
-
-    def end(number: int, frame: FrameType | None) -> None:
-        if number == signal.SIGINT or not _in_progress:  # a second Ctrl-C does not wait
-            signal.signal(number, signal.SIG_DFL)
-        if not _in_progress:
-            signal.raise_signal(number)
-        for run in _in_progress:
-            run.stop()
-
-    signal.signal(signal.SIGINT, end)
-    signal.signal(signal.SIGTERM, end)
 
 
 def _number(value: float | None) -> float:

@@ -8,7 +8,7 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 from ..errors import SwingupError
-from .jobs import stop_on_signals
+from .signals import stop_on_signals
 
 ATTEMPTS = 2
 """Attempts at a job whose worker dies: the job itself may kill it, for example by its need for memory."""

@@ -8,10 +8,10 @@ import numpy as np
 
 from ..checks import one_of
 from ..physics.parameters import Robot, leaderboard_parameters
+from ..plants.domain import Domain, load_domain
 from ..policy.jax_backend.front_end import FrontEnd
 from ..policy.jax_backend.observation import PendulumObservation
 from ..policy.settings import FrontEndSettings
-from .domain import Domain, load_domain
 from .pendulum import AbstractPendulumTask, PendulumTask
 from .recovery import RecoveryTask
 from .sim2real import Sim2RealTask

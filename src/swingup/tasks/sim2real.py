@@ -7,10 +7,12 @@ from jaxtyping import Array, Float
 
 from ..physics.integrate import rk4_step
 from ..physics.parameters import Parameters
+from ..plants.domain import Domain
+from ..plants.loop import LOOP_DT
 from ..policy.jax_backend.front_end import FrontEnd, FrontEndMemory
 from ..types import Action, Count, Flag, Key, Observation, Scalar, State, Torque
 from .disturbance import Disturbance, Past, measured_state, motor_torques, remember
-from .domain import LOOP_DT, Domain
+from .draw import draw
 from .pendulum import DIVERGED, AbstractPendulumTask
 from .task import Step
 
@@ -62,7 +64,7 @@ class Sim2RealTask(AbstractPendulumTask[Sim2RealState]):
         """Hang down, disturbed by noise, on a plant and in a loop drawn from the domain."""
         start_key, domain_key, noise_key = jax.random.split(key, 3)
         x = self.hanging_start(start_key)
-        plant, disturbance = self.domain.draw(domain_key, self.robot)
+        plant, disturbance = draw(self.domain, domain_key, self.robot)
         past = jnp.tile(x, (self.domain.depth, 1))
         measured = self._measured(disturbance, past, jnp.array(0), jax.random.normal(noise_key, (2,)), x)
         memory = self.front_end.begin(measured)

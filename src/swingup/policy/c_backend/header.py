@@ -4,6 +4,7 @@
 """
 
 import itertools
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from ...errors import SwingupError
 from ...physics.equations import COULOMB_STEEPNESS
 from ...robots import TORQUE_LIMIT
 from ...version import __version__
+from ..guard import BRAKED, PUSHING, SENTENCES, STANDSTILLS, GuardSettings, Reason
 from ..pendulum import PendulumPolicy
 from ..plant import nominal_plant
 from ..settings import LOST, PIECES, EstimatorSettings, FrontEndSettings, kalman_gains
@@ -64,6 +66,11 @@ NORMALISE = """\
     }
 """
 
+GUARDED = """\
+The safety guard stops the controller for good at a limit or a broken measurement, until swingup_reset:
+ * swingup_guard_reason(&controller) is then not 0, and swingup_guard_sentence(&controller) says why."""
+UNGUARDED = "A torque is NaN where the state is not finite: check what you send to a motor."
+
 
 def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
     """The header's text.
@@ -79,12 +86,13 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
     layers = policy.network.layers
     names = ["input", *(f"layer_{index}" for index in range(len(layers)))]
     sizes = [len(layer.bias) for layer in layers]
-    fronts = {"state estimator": policy.estimator, "front end": policy.front_end}
-    parts = " and its ".join(name for name, front in fronts.items() if front is not None)
+    around = {"state estimator": policy.estimator, "front end": policy.front_end, "safety guard": policy.guard}
+    parts = " and its ".join(name for name, part in around.items() if part is not None)
     about = f"a policy{f' behind its {parts}' if parts else ''} for the {policy.robot.name}"
     values = {
         "ABOUT": f"{about}, written by swingup {__version__}.".capitalize(),
         "RATE": f"every {policy.period:g} s" if policy.period else "at the loop's rate",
+        "UNSOUND": GUARDED if policy.guard else UNGUARDED,
         "PASSIVE": "for its friction" if policy.front_end else "0",
         "DRIVEN": str(policy.robot.joint),
         "TORQUE_LIMIT": repr(policy.torque_limit),
@@ -106,13 +114,37 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
 
 
 def _controller(policy: PendulumPolicy) -> str:
-    front_end, estimator = policy.front_end, policy.estimator
-    inside, outside = asset(__package__, "alone.h"), asset(__package__, "direct.h")
-    if front_end is not None:
-        inside = fill(asset(__package__, "front_end.h"), _front_end_values(front_end))
-    if estimator is not None:
-        outside = fill(asset(__package__, "estimator.h"), _estimator_values(estimator))
-    return f"{inside}\n{outside}"
+    front_end, estimator, guard = policy.front_end, policy.estimator, policy.guard
+    parts = [
+        _part("front_end.h", _front_end_values(front_end)) if front_end else _part("alone.h"),
+        _part("estimator.h", _estimator_values(estimator)) if estimator else _part("direct.h"),
+        _part("guard.h", _guard_values(guard, policy)) if guard else _part("unguarded.h"),
+        _part("controller.h", {"SENTENCES": ", ".join(f'"{text}"' for text in SENTENCES)}),
+    ]
+    return "\n".join(parts)
+
+
+def _part(file: str, values: Mapping[str, str] | None = None) -> str:
+    return fill(asset(__package__, file), values or {})
+
+
+def _guard_values(settings: GuardSettings, policy: PendulumPolicy) -> dict[str, str]:
+    limits = policy.torque_limits
+    numbers = {
+        "PERIOD": settings.dt,
+        "ANGLE_LIMIT": settings.angle_limit,
+        "VELOCITY_LIMIT": settings.velocity_limit,
+        "LONGEST_PAUSE": settings.longest_pause,
+        "STALE_TIME": settings.stale_time,
+        "STUCK_TIME": settings.stuck_time,
+        "RATE": settings.rate(limits[policy.robot.joint]),
+        "BRAKING": settings.braking,
+        "BRAKED": BRAKED * settings.velocity_limit,
+        "PUSHING": PUSHING,
+    }
+    texts = {name: repr(float(value)) for name, value in numbers.items()}
+    reasons = "\n".join(f"#define SWINGUP_GUARD_{reason.name} {reason.value}" for reason in Reason)
+    return texts | {"LIMITS": _braces(np.array(limits)), "STANDSTILLS": str(STANDSTILLS), "REASONS": reasons}
 
 
 def _front_end_values(settings: FrontEndSettings) -> dict[str, str]:

@@ -6,28 +6,34 @@ import numpy as np
 
 from ...renamed import current_name
 from ...robots import TORQUE_LIMIT, Robot
+from ..guard import GuardChoice
 from ..pendulum import PendulumPolicy
 from ..plant import nominal_plant
-from ..settings import EstimatorSettings
+from ..settings import EstimatorSettings, choose_guard
 from ..shipped import read_policy
 from .estimator import NumpyEstimator
 from .front_end import NumpyFrontEnd
+from .guard import NumpyGuard
 from .network import NumpyNetwork
 
 
 class NumpyController:
-    """A policy, behind an estimator or a front end where its file has one; see ``policy/contract.py``.
+    """A policy, behind an estimator, a front end or a guard where its file has one; see ``policy/contract.py``.
 
     Use one object for one pendulum, in one thread.
     """
 
-    def __init__(self, policy: PendulumPolicy, estimator: bool | None = None) -> None:
+    def __init__(self, policy: PendulumPolicy, estimator: bool | None = None, guard: GuardChoice = None) -> None:
         """Make a controller of a policy.
 
         Args:
             policy: what the file holds.
             estimator: where the file has one (None), never (False) or always (True). Settings that the file lacks
                 have their defaults.
+            guard: where the file has one (None), never (False), always (True), or its settings.
+
+        Raises:
+            SwingupError: a setting of the guard is unknown or out of range.
         """
         self.policy = policy
         settings = policy.estimator or EstimatorSettings()
@@ -36,6 +42,9 @@ class NumpyController:
         self._joint, self._network = joint, NumpyNetwork(policy)
         self._estimator = NumpyEstimator(settings, nominal_plant(), joint, TORQUE_LIMIT) if wanted else None
         self._front_end = None if front_end is None else NumpyFrontEnd(front_end, joint)
+        chosen = choose_guard(guard, policy.guard, policy.period)
+        self.guard = None if chosen is None else NumpyGuard(chosen, joint, policy.torque_limits)
+        """What watches the loop; its ``fault`` says why it stopped the controller."""
 
     @property
     def robot(self) -> Robot:
@@ -44,16 +53,19 @@ class NumpyController:
 
     def reset(self) -> None:
         """Forget the run so far."""
-        for part in (self._estimator, self._front_end):
+        for part in (self._estimator, self._front_end, self.guard):
             if part is not None:
                 part.reset()
 
-    def __call__(self, x: np.ndarray, t: float) -> np.ndarray:
-        """The torques [u1, u2] (N m), float64, for the state x (4,) (rad, rad/s) measured at time t (s).
+    def __call__(self, x: np.ndarray, t: float, measured: np.ndarray | None = None) -> np.ndarray:
+        """The torques [u1, u2] (N m), float64, for the state x (4,) (rad, rad/s) at time t (s).
 
-        A torque is NaN where x is not finite.
+        A torque is NaN where x is not finite; behind a guard it is safe then. The guard looks at ``measured`` (4,),
+        what a filter made x of, if that is given.
         """
         x = np.asarray(x, np.float64)
+        if self.guard is not None and not self.guard.allows(float(t), x if measured is None else measured):
+            return self.guard.stopped()
         if self._estimator is not None:
             x = self._estimator.observe(float(t), x)
         if self._front_end is not None:
@@ -61,6 +73,8 @@ class NumpyController:
         else:
             u = np.zeros(2)
             u[self._joint] = self._network(x)
+        if self.guard is not None:
+            u = self.guard.limited(u)
         if self._estimator is not None:
             # The command with friction compensation: the estimator needs what the motor was given.
             self._estimator.remember(float(u[self._joint]))
@@ -68,7 +82,10 @@ class NumpyController:
 
 
 def load_controller(
-    source: str | Path, robot: Robot | str | None = None, estimator: bool | None = None
+    source: str | Path,
+    robot: Robot | str | None = None,
+    estimator: bool | None = None,
+    guard: GuardChoice = None,
 ) -> NumpyController:
     """Load a controller from a policy file, or one that the package ships.
 
@@ -76,8 +93,11 @@ def load_controller(
         source: a policy file, or ``refined``, ``ar-eapo``, ``global`` or ``robot``.
         robot: the robot that it must be for; needed with a name.
         estimator: where the file has one (None), never (False) or always (True).
+        guard: behind a safety guard where the file has one (None), never (False), always (True), or with these
+            settings.
 
     Raises:
-        SwingupError: there is no such controller, or the file is damaged, or for another robot.
+        SwingupError: there is no such controller, or the file is damaged, or for another robot, or a setting of the
+            guard cannot work.
     """
-    return NumpyController(read_policy(current_name("controller", str(source)), robot), estimator)
+    return NumpyController(read_policy(current_name("controller", str(source)), robot), estimator, guard)

@@ -28,8 +28,13 @@ def onnx_model(policy: PendulumPolicy) -> bytes:
     Neither an estimator nor a front end is in it: both have a memory.
 
     Raises:
-        SwingupError: the package onnx is not installed.
+        SwingupError: the package onnx is not installed, or the policy asks for a guard, which a graph cannot have.
     """
+    if policy.guard is not None:
+        raise SwingupError(
+            "the policy asks for a safety guard, which an ONNX graph cannot hold: run it in C or Python, or leave "
+            "the guard out (--no-guard) and watch the loop yourself"
+        )
     try:
         import onnx
     except ImportError as error:

@@ -1,4 +1,4 @@
-/* ---- the controller: the above behind a state estimator, as docs/policy-format.md of swingup describes it ---- */
+/* ---- the state estimator, as docs/policy-format.md of swingup describes it ---- */
 
 #define SWINGUP_DT @DT@ /* time between calls (s) */
 #define SWINGUP_DEPTH @DEPTH@ /* delays that are considered: 0 to SWINGUP_DEPTH - 1 steps */
@@ -13,14 +13,7 @@ typedef struct {
     double torques[SWINGUP_DEPTH];      /* commanded, newest first (N m) */
     double deviations[SWINGUP_DEPTH][4]; /* what the filter with each delay estimates besides */
     double surprise[SWINGUP_DEPTH];     /* evidence against each delay */
-    swingup_front_end behind;           /* what the policy behind remembers */
-} swingup_controller;
-
-static inline void swingup_reset(swingup_controller *c)
-{
-    static const swingup_controller fresh = {0};
-    *c = fresh;
-}
+} swingup_estimator;
 
 /* Accelerations (rad/s^2) of the leaderboards' plant under a torque of the driven joint (N m). */
 static inline void swingup_acceleration(const double x[4], double torque, double a[2])
@@ -63,7 +56,7 @@ static inline void swingup_correction(const double miss[4], double correction[4]
 }
 
 /* One step over h (s) of the filter in charge and of the bank; 0, and no change, if the estimate is lost. */
-static inline int swingup_follow(swingup_controller *c, const double x[4], double h)
+static inline int swingup_follow(swingup_estimator *c, const double x[4], double h)
 {
     const double torque = c->torques[c->delay_steps];
     double drifted[SWINGUP_DEPTH][4], surprise[SWINGUP_DEPTH], least = 0.0;
@@ -132,7 +125,7 @@ static inline int swingup_follow(swingup_controller *c, const double x[4], doubl
 }
 
 /* Sum of the torques commanded in the last n steps, linear between whole n, n >= 0. */
-static inline double swingup_commanded(const swingup_controller *c, double n)
+static inline double swingup_commanded(const swingup_estimator *c, double n)
 {
     double sum = 0.0;
     int k;
@@ -143,7 +136,7 @@ static inline double swingup_commanded(const swingup_controller *c, double n)
 }
 
 /* The state after the delay, steps of h (s), in pieces with the mean of the torques that act in each. */
-static inline void swingup_ahead(const swingup_controller *c, double x[4], double h)
+static inline void swingup_ahead(const swingup_estimator *c, double x[4], double h)
 {
     const double steps = (double)c->delay_steps / SWINGUP_PIECES;
     int piece;
@@ -153,11 +146,11 @@ static inline void swingup_ahead(const swingup_controller *c, double x[4], doubl
     }
 }
 
-static inline void swingup_control(swingup_controller *c, double t, const double x[4], double u[2])
+/* An estimate of the state now, for the state x measured at time t (s). */
+static inline void swingup_observe(swingup_estimator *c, double t, const double x[4], double seen[4])
 {
     const double pause = t - c->time, h = pause > 0.0 ? pause : SWINGUP_DT;
     const int late = !c->called || !(pause >= 0.0 && pause <= 1.5 * SWINGUP_DT);
-    double seen[4];
     int i, n, finite = 1;
 
     if (late || !swingup_follow(c, x, h)) {
@@ -184,10 +177,14 @@ static inline void swingup_control(swingup_controller *c, double t, const double
     }
     c->called = 1;
     c->time = t;
+}
 
-    swingup_act(&c->behind, t, seen, u);
+/* Note the torque that the driven joint was commanded (N m). */
+static inline void swingup_remember(swingup_estimator *c, double torque)
+{
+    int n;
     for (n = SWINGUP_DEPTH - 1; n > 0; n--) {
         c->torques[n] = c->torques[n - 1];
     }
-    c->torques[0] = swingup_clip(u[SWINGUP_DRIVEN], SWINGUP_MOTOR_LIMIT);
+    c->torques[0] = swingup_clip(torque, SWINGUP_MOTOR_LIMIT);
 }

@@ -10,7 +10,7 @@
  * x = [q1, q2, dq1, dq2]: shoulder angle from hanging down, elbow angle relative to link 1 (rad), and their rates
  * (rad/s); t is the time (s); u = [u1, u2] are the torques of shoulder and elbow (N m), the passive joint's @PASSIVE@.
  * swingup_policy(x) is the policy alone: the torque of the driven joint, without memory.
- * A torque is NaN where the state is not finite: check what you send to a motor.
+ * @UNSOUND@ Not for -ffast-math, which cannot tell NaN.
  */
 #ifndef SWINGUP_POLICY_H
 #define SWINGUP_POLICY_H

@@ -1,0 +1,128 @@
+"""The safety guard's settings, its reasons to stop, and who has one; ``docs/policy-format.md`` has its steps.
+
+A guard stands between a loop and a controller. It lets the controller act until a measurement, the clock or the
+controller's torque is unsound; from then on it commands safe torques, until ``reset()``, and says why.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from enum import IntEnum
+from typing import Any, NamedTuple, TypeAlias
+
+from ..checks import finite_number
+from ..errors import SwingupError
+
+GUARD = "guard"
+"""Key of the guard's settings in a policy file's metadata."""
+
+STANDSTILLS = 10
+"""So many calls in a row with the same time are borne: a loop may call twice for one measurement."""
+PUSHING = 0.5
+"""A torque above this part of its joint's limit must move the joint."""
+BRAKED = 2.0
+"""A velocity beyond this many of the guard's limits is no measurement to brake by."""
+
+
+class Reason(IntEnum):
+    """Why a guard stopped its controller; the numbers are those of the C header."""
+
+    NONE = 0
+    NOT_FINITE = 1
+    ANGLE = 2
+    VELOCITY = 3
+    STALE = 4
+    LATE = 5
+    CLOCK = 6
+    TORQUE = 7
+
+    @property
+    def sentence(self) -> str:
+        """The reason in words."""
+        return SENTENCES[self]
+
+
+SENTENCES = (
+    "the guard has not stopped the controller",
+    "a measured angle or velocity is not a finite number",
+    "a joint's angle is beyond the limit",
+    "a joint's velocity is beyond the limit",
+    "a joint's measurement repeats itself while the joint must be moving",
+    "the time since the last call is beyond the limit",
+    "the clock runs backward, stands still or is not a finite number",
+    "the controller's torque is not a finite number",
+)
+"""The reasons in words, by their number."""
+
+_UNITS = {Reason.ANGLE: " rad", Reason.VELOCITY: " rad/s", Reason.STALE: " s", Reason.LATE: " s"}
+
+MOTION = (Reason.ANGLE, Reason.VELOCITY, Reason.TORQUE)
+"""Reasons that leave the measurement sound: only after these may a guard brake."""
+
+
+class Fault(NamedTuple):
+    """What made a guard stop its controller."""
+
+    reason: Reason
+    time: float
+    """Of the call (s)."""
+    joint: int
+    """0 is the shoulder, 1 the elbow; -1 where no joint is meant."""
+    value: float
+    """The angle (rad), the velocity (rad/s) or the time (s) that was beyond its limit, or what was not finite."""
+
+    def __str__(self) -> str:
+        """One sentence with the numbers."""
+        joint = f"{('shoulder', 'elbow')[self.joint]}, " if self.joint >= 0 else ""
+        unit = _UNITS.get(self.reason, "")
+        return f"{self.reason.sentence} ({joint}{self.value:.6g}{unit}, at t = {self.time:.6g} s)"
+
+
+@dataclass(frozen=True)
+class GuardSettings:
+    """What a robot may do under a controller; its limits are those of RealAIGym's loop on the robot."""
+
+    dt: float = 0.002
+    """Time between calls (s)."""
+    angle_limit: float = 4 * math.pi
+    """Largest angle of either joint (rad)."""
+    velocity_limit: float = 20.0
+    """Largest velocity of either joint (rad/s)."""
+    longest_pause: float = 0.02
+    """Longest time between two calls (s)."""
+    stale_time: float = 0.02
+    """Longest time (s) for which a joint's angle and velocity may repeat, digit by digit, with a velocity other
+    than 0."""
+    stuck_time: float = 0.2
+    """Longest time (s) for which the driven joint's measurement may repeat under more than half its torque."""
+    torque_rate: float | None = None
+    """Fastest change of a torque (N m/s), to which torques are limited; None: the motor's limit within ``dt``."""
+    braking: float = 0.0
+    """Damping kd of a stopped joint (N m s/rad): its torque is -kd q̇ within its limit. At 0 all torques are 0."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot work.
+
+        Raises:
+            SwingupError: a value is no number of its range.
+        """
+        ranges = {"dt": (1e-6, 0.1), "braking": (0.0, 1000.0), "torque_rate": (1e-6, 1e9)}
+        for field in fields(self):
+            name, value = field.name, getattr(self, field.name)
+            if name == "torque_rate" and value is None:
+                continue
+            least, most = ranges.get(name, (1e-6, 1e6))
+            object.__setattr__(self, name, finite_number(f"guard setting {name}", value, least, most))
+        if self.longest_pause < self.dt:
+            raise SwingupError(
+                f"guard setting longest_pause = {self.longest_pause:g} is below dt = {self.dt:g}: raise it"
+            )
+
+    def rate(self, limit: float) -> float:
+        """Fastest change of the torque (N m/s) of a motor with a torque limit (N m)."""
+        return limit / self.dt if self.torque_rate is None else self.torque_rate
+
+
+GuardChoice: TypeAlias = bool | GuardSettings | Mapping[str, Any] | None
+"""A guard as callers choose it: where the policy file has one (None), never (False), always (True: with the file's
+settings, or the defaults), or always with settings of the caller."""

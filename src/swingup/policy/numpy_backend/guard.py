@@ -1,0 +1,138 @@
+"""The safety guard in plain floats: the steps of ``docs/policy-format.md``, which the C header repeats."""
+
+import math
+
+import numpy as np
+
+from ..contract import LoopController
+from ..guard import BRAKED, MOTION, PUSHING, STANDSTILLS, Fault, GuardSettings, Reason
+
+
+class NumpyGuard:
+    """Watches one loop: at each call ``allows``, then ``limited`` for the torques, or ``stopped`` instead."""
+
+    def __init__(self, settings: GuardSettings, joint: int, limits: tuple[float, float]) -> None:
+        """Prepare for a loop.
+
+        Args:
+            settings: what is allowed.
+            joint: index of the driven joint.
+            limits: torque limits of shoulder and elbow (N m).
+        """
+        self.settings, self._joint, self._limits = settings, joint, limits
+        self._rate = settings.rate(limits[joint])
+        self.reset()
+
+    def reset(self) -> None:
+        """Let the controller act again; nothing seen yet."""
+        self.fault: Fault | None = None
+        """Why the controller was stopped; None while it acts."""
+        self._time = -math.inf
+        self._step = self.settings.dt
+        self._sample = (0.0, 0.0, 0.0, 0.0)
+        self._torques = (0.0, 0.0)
+        self._repeated, self._stuck = [0.0, 0.0], 0.0
+        self._standstills = 0
+        self._brakes = False
+
+    def allows(self, t: float, x: np.ndarray) -> bool:
+        """Whether the controller may act on the state x (4,) (rad, rad/s) measured at time t (s)."""
+        fault = self._fault(t, tuple(np.asarray(x, np.float64).tolist()))
+        if fault is not None:
+            self._stop(fault)
+        return self.fault is None
+
+    def limited(self, u: np.ndarray) -> np.ndarray:
+        """The controller's torques (2,) (N m) within rate and limits; safe ones if one of them is not finite."""
+        asked = u.tolist()
+        for joint in (0, 1):
+            if not math.isfinite(asked[joint]):
+                self._stop(Fault(Reason.TORQUE, self._time, joint, asked[joint]))
+                return self.stopped()
+        change = self._rate * self._step
+        first, second = (
+            max(-limit, min(limit, max(before - change, min(before + change, torque))))
+            for torque, before, limit in zip(asked, self._torques, self._limits, strict=True)
+        )
+        self._torques = first, second
+        return np.array(self._torques)
+
+    def stopped(self) -> np.ndarray:
+        """The torques (2,) (N m) of a stopped controller: none, or damping while the measurement is sound."""
+        self._torques = (0.0, 0.0)
+        kd, most = self.settings.braking, BRAKED * self.settings.velocity_limit
+        if self._brakes:
+            first, second = (
+                max(-limit, min(limit, -kd * rate)) if abs(rate) <= most else 0.0
+                for rate, limit in zip(self._sample[2:], self._limits, strict=True)
+            )
+            self._torques = first, second
+        return np.array(self._torques)
+
+    def _stop(self, fault: Fault) -> None:
+        """Latch the first fault; brake from it on, until a fault of sensor or clock."""
+        motion = fault.reason in MOTION
+        self._brakes = motion and self.settings.braking > 0 and (self.fault is None or self._brakes)
+        self.fault = self.fault or fault
+
+    def _fault(self, t: float, x: tuple[float, ...]) -> Fault | None:
+        """What is wrong with this call, if anything; takes the call in."""
+        pause, before = t - self._time, self._sample
+        first = self._time == -math.inf
+        self._time = t
+        if not math.isfinite(t) or not (first or pause >= 0):
+            return Fault(Reason.CLOCK, t, -1, t if first else pause)
+        self._standstills = self._standstills + 1 if pause == 0 else 0
+        if self._standstills > STANDSTILLS:
+            return Fault(Reason.CLOCK, t, -1, pause)
+        if not first and pause > self.settings.longest_pause:
+            return Fault(Reason.LATE, t, -1, pause)
+        self._step = self.settings.dt if first or pause == 0 else pause
+        # Not a number is no sample either: the next one must not be compared with it.
+        self._sample = (x[0], x[1], x[2], x[3])
+        return self._out_of_bounds(t) or (None if first else self._stale(t, before))
+
+    def _out_of_bounds(self, t: float) -> Fault | None:
+        x, settings = self._sample, self.settings
+        for joint in (0, 1):
+            for value in (x[joint], x[joint + 2]):
+                if not math.isfinite(value):
+                    return Fault(Reason.NOT_FINITE, t, joint, value)
+        for joint in (0, 1):
+            if abs(x[joint]) > settings.angle_limit:
+                return Fault(Reason.ANGLE, t, joint, x[joint])
+            if abs(x[joint + 2]) > settings.velocity_limit:
+                return Fault(Reason.VELOCITY, t, joint, x[joint + 2])
+        return None
+
+    def _stale(self, t: float, before: tuple[float, float, float, float]) -> Fault | None:
+        """Whether a joint that must be moving has had the same measurement for too long."""
+        x, joint, settings = self._sample, self._joint, self.settings
+        same = [x[i] == before[i] and x[i + 2] == before[i + 2] for i in (0, 1)]
+        for i in (0, 1):
+            self._repeated[i] = self._repeated[i] + self._step if same[i] and x[i + 2] != 0 else 0.0
+        pushed = abs(self._torques[joint]) > PUSHING * self._limits[joint]
+        self._stuck = self._stuck + self._step if same[joint] and pushed else 0.0
+        for i in (0, 1):
+            if self._repeated[i] > settings.stale_time:
+                return Fault(Reason.STALE, t, i, self._repeated[i])
+        return Fault(Reason.STALE, t, joint, self._stuck) if self._stuck > settings.stuck_time else None
+
+
+class GuardedController:
+    """A guard around any controller of a loop, which then knows nothing of the torques that the guard changed."""
+
+    def __init__(self, controller: LoopController, guard: NumpyGuard) -> None:
+        """Put a guard around a controller."""
+        self._controller, self.guard = controller, guard
+
+    def reset(self) -> None:
+        """Forget the run so far, and let the controller act again."""
+        self.guard.reset()
+        self._controller.reset()
+
+    def __call__(self, x: np.ndarray, t: float, measured: np.ndarray | None = None) -> np.ndarray:
+        """The torques (2,) (N m) for the state x (4,) (rad, rad/s) at time t (s); ``measured`` before a filter."""
+        if not self.guard.allows(float(t), x if measured is None else measured):
+            return self.guard.stopped()
+        return self.guard.limited(np.array(self._controller(x, t), np.float64))

@@ -1,0 +1,93 @@
+"""One file format: facts are a plant and a domain, ranges a domain alone; a file may start from another plant."""
+
+import dataclasses
+import json
+
+import jax
+import pytest
+
+from swingup.errors import SwingupError
+from swingup.learner.presets import get_preset
+from swingup.learner.run_settings import RunSettings, run_settings_from_dict
+from swingup.physics.parameters import NAMES, get_robot, save_parameters
+from swingup.plants.domain import Domain, load_domain, make_domain
+from swingup.plants.plant import load_plant
+from swingup.tasks.draw import draw
+
+PENDUBOT = get_robot("pendubot")
+
+
+def drawn(domain, robot=PENDUBOT):
+    with jax.enable_x64(True):
+        return draw(domain, jax.random.key(0), robot)
+
+
+@pytest.fixture
+def facts(tmp_path):
+    """A file of facts with motors of 2 and 3 N m."""
+    plant = dataclasses.replace(load_plant("B.0").parameters, tl1=2.0, tl2=3.0)
+    save_parameters(plant, tmp_path / "facts.yml")
+    return tmp_path / "facts.yml"
+
+
+def test_a_file_of_facts_is_a_plant_and_a_domain(facts):
+    plant, (found, _) = load_plant(facts).parameters, drawn(load_domain(facts))
+    same = [name for name in NAMES if float(getattr(found, name)) == getattr(plant, name)]
+    assert [name for name in NAMES if name not in same] == ["tl2"]  # the passive motor of the pendubot rests
+    assert (float(found.tl1), float(found.tl2)) == (2.0, 0.0)
+    assert float(drawn(load_domain(facts), get_robot("acrobot"))[0].tl2) == 3.0
+
+
+def test_a_file_may_start_from_another_plant(tmp_path, facts):
+    (tmp_path / "mine.yml").write_text("plant: facts.yml\nm1: 0.7\ndelay: 0.004\n")
+    (tmp_path / "wide.yml").write_text("plant: B.0\nm1: [0.6, 0.7]\npassive_limit: 0.5\n")
+    mine, wide = load_domain(tmp_path / "mine.yml"), load_domain(tmp_path / "wide.yml")
+    assert load_plant(tmp_path / "mine.yml").parameters.m1 == 0.7
+    for domain, limit in ((mine, 2.0), (wide, 6.0)):
+        plant = drawn(domain)[0]
+        assert (float(plant.l2), float(plant.tl1)) == (0.4, limit)  # B.0's second link
+    assert (mine.middle("m1"), wide.middle("m1"), wide.middle("r1")) == pytest.approx((0.7, 0.65, 0.3))
+    assert wide.as_dict() == {"plant": "B.0", "m1": [0.6, 0.7], "passive_limit": [0.5, 0.5]}
+    assert hash(wide) == hash(load_domain(tmp_path / "wide.yml"))
+
+
+def test_a_shipped_plant_is_a_domain():
+    plant = drawn(load_domain("A.0"))[0]
+    assert (float(plant.m1), float(plant.tl1)) == (load_plant("A.0").parameters.m1, 6.0)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("plant: B.0\nm1: [0.6, 0.7]", r"m1 = \[0.6, 0.7\] is a range, and a plant has facts: give one value, or"),
+        ("plant: B.9", "plant = 'B.9' is no plant: use A.0, B.0"),
+        ("plant: part.yml\nm1: 0.5", "part.yml lacks m2, l1"),
+        ("plant: B.0\nm1: -1", "m1 = -1 must be positive"),
+    ],
+)
+def test_files_that_are_no_plant(tmp_path, content, message):
+    (tmp_path / "part.yml").write_text("m1: 0.5\n")
+    path = tmp_path / "mine.yml"
+    path.write_text(content)
+    with pytest.raises(SwingupError, match=message) as error:
+        load_plant(path)
+    assert "\n" not in str(error.value)
+
+
+def test_files_that_are_no_domain():
+    for content, message in [
+        ({"plant": "B.9"}, "plant = 'B.9' is no plant"),
+        ({"plant": 3}, "plant = 3 is no plant"),
+        ({"plant": "cloudpendulum", "I1": [1e-6, 1e-4], "m2": [0.076, 0.4]}, "matrix is not positive definite"),
+        ({"velocities": "guessed"}, "unknown velocities 'guessed'"),
+    ]:
+        with pytest.raises(SwingupError, match=message):
+            make_domain(content)
+
+
+def test_a_run_keeps_the_plant_of_its_domain():
+    domain = make_domain({"plant": "B.0", "m1": [0.6, 0.7], "velocities": "driver"}, "mine.yml")
+    settings = RunSettings("acrobot", "sim2real", 0, 1, 100, 100, get_preset("sim2real").config, domain=domain)
+    again = run_settings_from_dict(json.loads(json.dumps(settings.as_dict())))
+    assert again.domain == domain
+    assert again.domain != Domain(domain.ranges, domain.name, load_plant("C.0"), "driver")

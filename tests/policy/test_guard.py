@@ -1,0 +1,287 @@
+"""The safety guard: broken sensors, clocks and loops, in NumPy and in C, and who has a guard."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from swingup import realaigym
+from swingup.errors import SwingupError
+from swingup.policy.c_backend.header import c_header
+from swingup.policy.guard import Reason
+from swingup.policy.numpy_backend.controller import NumpyController
+from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
+from swingup.policy.settings import GuardSettings, choose_guard
+from swingup.runtime import load_controller
+
+from . import compiled
+from .references import DT, policy
+
+STEPS = 160
+AT = 40
+"""The call at which a fault is injected."""
+
+
+def calm():
+    """Times (n,) and measurements (n, 4) of a slow motion that no guard minds."""
+    times = DT * np.arange(STEPS)
+    q = 0.4 * np.sin(5 * times)[:, None] * [1.0, -0.7]
+    return times, np.concatenate([q, 2.0 * np.cos(5 * times)[:, None] * [1.0, -0.7]], axis=1)
+
+
+def changed(change):
+    times, states = calm()
+    change(times, states)
+    return times, states
+
+
+def put(joint, value, calls=slice(AT, AT + 1)):
+    """A measurement replaced in some calls."""
+
+    def change(times, states):
+        states[calls, joint] = value
+
+    return change
+
+
+def hold(*entries, start=AT):
+    """Entries of the state that stay as they were from some call on."""
+
+    def change(times, states):
+        states[start:, list(entries)] = states[start, list(entries)]
+
+    return change
+
+
+def pause(seconds):
+    def change(times, states):
+        times[AT:] += seconds
+
+    return change
+
+
+def stop_clock(times, states):
+    times[AT:] = times[AT]
+
+
+def rest(times, states):
+    states[:] = 0.0
+
+
+def nothing(times, states):
+    pass
+
+
+# What is done to the calm motion; the reason, the joint and the call of the stop. A repeated joint is found when
+# its time exceeds 0.021 s, in the 11th repeated call.
+FAULTS = {
+    "nothing": (nothing, Reason.NONE, -1, None),
+    "rest": (rest, Reason.NONE, -1, None),
+    "NaN": (put(0, np.nan), Reason.NOT_FINITE, 0, AT),
+    "infinite velocity": (put(3, -np.inf), Reason.NOT_FINITE, 1, AT),
+    "angle": (put(1, 12.6), Reason.ANGLE, 1, AT),
+    "angle at its limit": (put(1, -12.566), Reason.NONE, -1, None),
+    "velocity": (put(2, -20.001), Reason.VELOCITY, 0, AT),
+    "velocity at its limit": (put(2, 20.0), Reason.NONE, -1, None),
+    "enormous velocity": (put(3, 1e200), Reason.VELOCITY, 1, AT),
+    "elbow repeated": (hold(1, 3), Reason.STALE, 1, AT + 11),
+    "all repeated": (hold(0, 1, 2, 3), Reason.STALE, 0, AT + 11),
+    "angles alone repeated": (hold(0, 1), Reason.NONE, -1, None),
+    "pause": (pause(0.019), Reason.LATE, -1, AT),
+    "short pause": (pause(0.017), Reason.NONE, -1, None),
+    "clock backward": (pause(-0.01), Reason.CLOCK, -1, AT),
+    "clock stops": (stop_clock, Reason.CLOCK, -1, AT + 11),
+    "NaN of the clock": (pause(np.nan), Reason.CLOCK, -1, AT),
+}
+
+
+def guarded(name="pendubot-bare", **settings):
+    return dataclasses.replace(policy(name), guard=GuardSettings(**settings))
+
+
+def run(controller, times, states):
+    """Torques (n, 2), and the call at which the guard stopped the controller."""
+    controller.reset()
+    torques, stop = [], None
+    for call, (t, x) in enumerate(zip(times, states, strict=True)):
+        torques.append(controller(x, t))
+        stop = call if stop is None and controller.guard.fault else stop
+    return np.array(torques), stop
+
+
+@pytest.mark.parametrize("name", ["pendubot-bare", "acrobot-robot"])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_faults(fault, name):
+    """The guard stops the controller at the call of the fault, for good; before, it changes no torque."""
+    change, reason, joint, expected = FAULTS[fault]
+    times, states = changed(change)
+    controller, plain = NumpyController(guarded(name, stale_time=0.021)), NumpyController(policy(name))
+    torques, stop = run(controller, times, states)
+    found = controller.guard.fault
+    assert stop == expected
+    assert (found.reason, found.joint) == (reason, joint) if found else reason == Reason.NONE
+    acting = slice(None, stop)
+    unwatched = np.array([plain(x, t) for x, t in zip(states[acting], times[acting], strict=True)])
+    np.testing.assert_array_equal(torques[acting], unwatched)
+    if stop is not None:
+        assert not torques[stop:].any()
+        # reset() lets it act again, and the first run repeats bit for bit.
+        again, _ = run(controller, times, states)
+        np.testing.assert_array_equal(again, torques)
+
+
+BRAKING = {"torque_rate": 400.0, "braking": 0.3, "stale_time": 0.021}
+"""Settings with which all of the guard has an effect."""
+
+
+@pytest.fixture(scope="module")
+def in_c(tmp_path_factory):
+    """Guarded controllers in C by policy, each compiled once."""
+    kept = {}
+
+    def make(name):
+        if name not in kept:
+            folder = tmp_path_factory.mktemp("c")
+            (folder / "policy.h").write_text(c_header(guarded(name, **BRAKING)), encoding="utf-8")
+            kept[name] = compiled.compile_program(folder, compiled.WATCH)
+        return kept[name]
+
+    return make
+
+
+@compiled.needs_gcc
+@pytest.mark.parametrize("name", ["pendubot-bare", "acrobot-robot"])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_c_does_the_same(in_c, name, fault):
+    times, states = changed(FAULTS[fault][0])
+    controller = NumpyController(guarded(name, **BRAKING))
+    torques, stop = run(controller, times, states)
+    found, reasons, last, said = compiled.watch(in_c(name), times, states)
+    np.testing.assert_allclose(found, torques, rtol=0, atol=1e-9)
+    expected = np.zeros(STEPS, int)
+    if stop is not None:
+        expected[stop:] = controller.guard.fault.reason
+        first = controller.guard.fault
+        np.testing.assert_array_equal(last, [first.joint, first.time, first.value])
+    np.testing.assert_array_equal(reasons, expected)
+    assert said == Reason(int(expected[-1])).sentence
+
+
+def test_a_joint_that_stands_still_under_a_large_torque():
+    """A broken encoder may show rest: the torque tells. 0.2 s are exceeded in the 101st repeated call."""
+    controller = NumpyController(guarded("pendubot-bare"))
+    controller._network = lambda x: 3.1  # above half of 6 N m
+    for call in range(102):
+        assert controller.guard.fault is None, call
+        u = controller(np.array([0.1, 0.2, 0.0, 0.0]), DT * call)
+    assert not u.any()
+    assert (controller.guard.fault.reason, controller.guard.fault.joint) == (Reason.STALE, 0)
+    controller._network = lambda x: 2.9
+    controller.reset()
+    assert all(controller(np.array([0.1, 0.2, 0.0, 0.0]), DT * call).any() for call in range(200))
+
+
+def test_a_torque_that_is_not_finite():
+    controller = NumpyController(guarded("pendubot-bare"))
+    controller._network = lambda x: np.nan
+    assert not controller(np.zeros(4), 0.0).any()
+    assert controller.guard.fault.reason == Reason.TORQUE
+
+
+def test_the_torque_changes_no_faster_than_allowed():
+    """150 N m/s for 2 ms are 0.3 N m; a call after 4 ms may change it by 0.6 N m."""
+    controller = NumpyController(guarded("pendubot-bare", torque_rate=150.0))
+    controller._network = lambda x: wanted.pop(0)
+    wanted = [1.0, 1.0, 1.0, 1.0, -9.0, -9.0]
+    times = [0.0, 0.002, 0.004, 0.006, 0.008, 0.012]
+    states = calm()[1]
+    torques = [controller(x, t)[0] for x, t in zip(states, times, strict=False)]
+    np.testing.assert_allclose(torques, [0.3, 0.6, 0.9, 1.0, 0.7, 0.1], atol=1e-12)
+    assert controller.guard.fault is None
+
+
+def test_the_torques_are_within_the_motors_limits():
+    controller = NumpyController(guarded("pendubot-bare"))
+    controller._network = lambda x: 7.5
+    assert controller(np.zeros(4), 0.0).tolist() == [6.0, 0.0]
+
+
+def test_the_estimator_knows_what_the_motor_was_given():
+    controller = NumpyController(guarded("acrobot-refined", torque_rate=10.0))
+    controller._network = lambda x: 5.0
+    controller(np.zeros(4), 0.0)
+    assert controller._estimator._torques[0] == 0.02  # 10 N m/s for 2 ms
+
+
+def test_braking():
+    """-kd q̇ on the driven joint within its limit, until the measurement is unsound; then nothing, for good."""
+    controller = NumpyController(guarded("pendubot-bare", braking=0.2, velocity_limit=10.0))
+    # (velocity of the shoulder, torque): 0.2 · 11 = 2.2; 20 is still believed, 20.1 is beyond twice the limit.
+    rows = [(11.0, -2.2), (-8.0, 1.6), (20.0, -4.0), (20.1, 0.0), (5.0, -1.0), (np.nan, 0.0), (5.0, 0.0)]
+    for call, (rate, torque) in enumerate(rows):
+        u = controller(np.array([0.1 * call, 0.0, rate, -rate]), DT * call)
+        np.testing.assert_allclose(u, [torque, 0.0], atol=1e-12)
+    assert controller.guard.fault.reason == Reason.VELOCITY
+    controller.reset()
+    # Braked after a broken measurement: never.
+    assert [controller(np.array([q, 0.0, 1.0, 1.0]), 0.0).any() for q in (np.nan, 0.1)] == [False, False]
+
+
+def test_what_the_guard_says():
+    controller = load_controller("robot", "acrobot", guard=True)
+    controller([0.0, 0.1, 0.0, 0.0], 0.0)
+    controller([0.0, 0.1, 0.0, 21.25], 0.002)
+    said = "a joint's velocity is beyond the limit (elbow, 21.25 rad/s, at t = 0.002 s)"
+    assert str(controller.guard.fault) == said
+
+
+@pytest.mark.parametrize("name", ["refined", pytest.param("tvlqr", marks=pytest.mark.slow)])
+def test_realaigym_controllers(name):
+    """The guard looks at the measurement before a filter; stopped, no friction is compensated either."""
+    controller = realaigym.load_controller(name, "acrobot", guard={"velocity_limit": 9.0})
+    controller.set_filter(lambda x, u: 0.0 * x)
+    controller.init()
+    controller.set_friction_compensation([0.1, 0.1], [0.1, 0.1])
+    assert controller.get_control_output([0.1, 0.1, 0.0, 8.0], 0.0).shape == (2,)
+    assert controller.fault is None
+    assert not controller.get_control_output([0.1, 0.1, 0.0, 9.1], 0.002).any()
+    assert not controller.get_control_output([0.1, 0.1, 0.1, 0.1], 0.004).any()
+    assert controller.fault.reason == Reason.VELOCITY
+    controller.reset()
+    assert controller.fault is None
+
+
+def test_who_has_a_guard(tmp_path):
+    path = tmp_path / "p.npz"
+    write_pendulum_policy(path, guarded("pendubot-bare", velocity_limit=50.0), {})
+    found = read_pendulum_policy(path)
+    assert found.guard == GuardSettings(velocity_limit=50.0)
+    assert load_controller(path).guard.settings == found.guard
+    assert load_controller(path, guard=False).guard is None
+    assert load_controller("refined", "acrobot").guard is None
+    assert realaigym.load_controller("refined", "acrobot").fault is None
+    slow = dataclasses.replace(policy("acrobot-refined").estimator, dt=0.005)
+    at_200_hz = dataclasses.replace(policy("acrobot-refined"), estimator=slow)
+    assert choose_guard(True, None, at_200_hz.period) == GuardSettings(dt=0.005)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"velocity_limit": -1}, "guard setting velocity_limit = -1: use a number from 1e-06 to 1e"),
+        ({"velocity_limits": 1}, "unknown guard setting 'velocity_limits': use some of dt, angle_limit"),
+        ({"torque_rate": "fast"}, "guard setting torque_rate = 'fast': use a number"),
+        ({"longest_pause": 0.001}, "guard setting longest_pause = 0.001 is below dt = 0.002: raise it"),
+    ],
+)
+def test_settings_that_cannot_work(settings, message):
+    with pytest.raises(SwingupError, match=message):
+        load_controller("refined", "acrobot", guard=settings)
+
+
+def test_a_graph_has_no_guard():
+    pytest.importorskip("onnx", reason="onnx is not installed")
+    from swingup.policy.onnx_backend.graph import onnx_model
+
+    with pytest.raises(SwingupError, match="asks for a safety guard, which an ONNX graph cannot hold"):
+        onnx_model(guarded())
