@@ -16,7 +16,7 @@ from swingup.benchmark.uptime import draw_throws, uptime
 from swingup.control.controller import AbstractController
 from swingup.errors import SwingupError
 from swingup.physics.parameters import get_robot, identified_parameters, leaderboard_parameters
-from swingup.tasks.domain import make_domain
+from swingup.plants.domain import make_domain
 from swingup.tasks.limits import Limits
 from swingup.tasks.throws import TURNS, thrown_states
 

@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..physics.parameters import Robot, leaderboard_parameters
-from ..tasks.domain import Domain
+from ..plants.domain import Domain
+from ..tasks.draw import draw
 from ..tasks.limits import Stop
 from ..tasks.resets import Resets, ResetSupervisor
 from .criteria import tip_is_up
@@ -22,7 +23,7 @@ def robot_minute(rules: UptimeRules, domain: Domain, robot: Robot, seed: int) ->
     Both motors have the torque limit of the rules: a controller has to command 0 on its passive joint itself, or no
     more than the compensation of its friction.
     """
-    parameters, disturbance = domain.draw(jax.random.key(seed), robot)
+    parameters, disturbance = draw(domain, jax.random.key(seed), robot)
     limit = rules.thrower.limit
     parameters = dataclasses.replace(parameters, tl1=limit, tl2=limit)
     return Scenario(parameters, disturbance, supervisor=draw_resets(rules, robot, seed))

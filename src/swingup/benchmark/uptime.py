@@ -12,7 +12,7 @@ import numpy as np
 from ..control.registry import has_estimator
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot, leaderboard_parameters
-from ..tasks.domain import Domain, load_domain
+from ..plants.domain import Domain, load_domain
 from ..tasks.throws import Throws
 from ..version import __version__
 from .criteria import tip_is_up
