@@ -6,9 +6,11 @@ from ..checks import one_of
 from .rules import (
     PERFORMANCE_RULES,
     ROBUSTNESS_RULES,
+    TRIAL_RULES,
     UPTIME_RULES,
     PerformanceRules,
     RobustnessRules,
+    TrialRules,
     UptimeRules,
 )
 
@@ -21,11 +23,12 @@ class BoardRules:
     performance: PerformanceRules | None = None
     robustness: RobustnessRules | None = None
     uptime: UptimeRules | None = None
+    trials: TrialRules | None = None
 
     @property
     def for_recordings(self) -> PerformanceRules | UptimeRules | None:
         """The rules that score a recorded run, if any."""
-        return self.performance or self.uptime
+        return self.performance or self.uptime or (self.trials.performance if self.trials else None)
 
 
 BOARD_RULES = {
@@ -36,10 +39,13 @@ BOARD_RULES = {
         BoardRules("hardware-perturbed", PERFORMANCE_RULES["hardware-perturbed"]),
         BoardRules("v3", uptime=UPTIME_RULES["v3"]),
         BoardRules("icra-real", uptime=UPTIME_RULES["icra-real"]),
+        BoardRules("iros-real", trials=TRIAL_RULES["iros-real"]),
+        BoardRules("v2-real", trials=TRIAL_RULES["v2-real"]),
     )
 }
-"""``v2`` and ``v3``: IROS 2024 and ICRA 2025 in simulation. ``hardware``: the real robot of IROS 2024.
-``hardware-perturbed``: that robot's board of runs with pushes."""
+"""``v2`` and ``v3``: IROS 2024 and ICRA 2025 in simulation. ``hardware``: the real robot of IROS 2024, on the
+simulation's plant. ``hardware-perturbed``: that robot's board of runs with pushes. ``iros-real`` and ``icra-real``:
+the real robots' boards on the simulated robot; ``v2-real``: without pushes."""
 
 
 def get_board_rules(name: str | BoardRules) -> BoardRules:

@@ -10,7 +10,7 @@ from typing import Any
 from ..control.registry import find_controller, has_estimator
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot
-from ..policy.shipped import AR_EAPO, GLOBAL, REFINED
+from ..policy.shipped import AR_EAPO, GLOBAL, REFINED, ROBOT
 from .board_rules import BoardRules, get_board_rules
 from .columns import BOARDS, PERFORMANCE
 from .evaluate import evaluate
@@ -18,15 +18,19 @@ from .robustness import robustness
 from .rules import DEFAULT_RULES
 from .runner import Progress
 from .seeds import check_seeds
+from .trials import trials
 from .uptime import uptime
 
 OURS = "ours"
+ON_ROBOT = "robot"
 ENTRANTS = (AR_EAPO, "tvlqr", "ilqr-riccati", "ilqr-mpc")
 """The paper's controllers, by our names."""
 FURTHER = (REFINED, "tvlqr-score")
 """Further controllers of ours that enter every board beside the paper's."""
 FOR_THROWS = (GLOBAL,)
 """Those that enter only the boards with throws."""
+FOR_ROBOTS = (ROBOT,)
+"""Those that enter only the boards of real robots."""
 ALONE = " --no-estimator"
 """Ends the name of a shipped policy that enters a second time, without its estimator."""
 
@@ -40,7 +44,8 @@ class Row:
 
     controller: str
     source: str
-    """``ours`` if computed by this package, ``paper``, or ``board`` for the public leaderboard."""
+    """``ours`` if computed by this package, ``paper``, ``board`` for the public leaderboard of simulations, or
+    ``robot`` for that of runs on the real robot."""
     values: Mapping[str, float | None]
     """By the board's columns; None where nothing could be measured."""
     remark: str | None = None
@@ -59,7 +64,8 @@ class Board:
 
     robot: str
     measure: str
-    """``performance``, ``robustness`` (criteria in %, overall from 0 to 1) or ``uptime``."""
+    """``performance``, ``robustness`` (criteria in %, overall from 0 to 1) or ``uptime``; with ``robot_`` before it
+    for trials on the simulated robot."""
     rules: str
     seed: int | None
     """Of the noise, pushes or throws; None where nothing is random."""
@@ -91,7 +97,9 @@ def leaderboard(
     Args:
         robot: which joint is driven.
         controllers: controllers by name, in JAX or plain Python, that enter beside ours.
-        rules: ``v2`` (performance and robustness), ``hardware`` (performance), ``v3`` (uptime), or others as data.
+        rules: ``v2`` (performance and robustness), ``hardware`` or ``hardware-perturbed`` (performance), ``v3``
+            (uptime), ``iros-real``, ``v2-real`` or ``icra-real`` (trials on the simulated robot), or others as
+            data.
         seed: of noise, pushes and throws.
         recompute: also compute the rows that the package ships because they take minutes.
         entrants: names of the built-in controllers that enter; None for those of the rules.
@@ -110,7 +118,8 @@ def leaderboard(
 
 def default_entrants(rules: BoardRules) -> tuple[str, ...]:
     """Names of the built-in controllers on the boards of a version of the rules."""
-    return (*ENTRANTS, *FURTHER, *(FOR_THROWS if rules.uptime else ()))
+    on_robot = rules.trials is not None or (rules.uptime is not None and rules.uptime.domain is not None)
+    return (*ENTRANTS, *FURTHER, *(FOR_THROWS if rules.uptime else ()), *(FOR_ROBOTS if on_robot else ()))
 
 
 def entrants_for(
@@ -173,11 +182,29 @@ def _makers(rules: BoardRules, seed: int, recompute: bool, progress: RowProgress
 
     def thrown(controller: Any, robot: Robot, name: str) -> Row:
         assert rules.uptime is not None
-        result = uptime(controller, robot, name, rules.uptime, seed, progress=told(name, "uptime"))
-        return Row(name, OURS, {"uptime": result.uptime}, result.faults[0])
+        seeds, shown = rules.uptime.trials, told(name, "uptime")
+        result = uptime(controller, robot, name, rules.uptime, seed, seeds, progress=shown)
+        values = {"uptime": result.uptime} | ({} if result.domain is None else {"best": result.best})
+        return Row(name, OURS, values, next((fault for fault in result.faults if fault), None))
 
-    known: dict[str, _Maker] = {"performance": performance, "robustness": resilience, "uptime": thrown}
-    return {measure: make for measure, make in known.items() if getattr(rules, measure) is not None}
+    def tried(controller: Any, robot: Robot, name: str) -> Row:
+        assert rules.trials is not None
+        result = trials(controller, robot, name, rules.trials, seed=seed, progress=told(name, "trials"))
+        shares = {
+            "successes": 100.0 * result.successes / len(result.runs),
+            "best": result.best,
+            "mean": result.score,
+        }
+        return Row(name, OURS, shares, next((run.fault for run in result.runs if run.fault), None))
+
+    minute = "robot_uptime" if rules.uptime is not None and rules.uptime.domain is not None else "uptime"
+    known: tuple[tuple[str, Any, _Maker], ...] = (
+        ("performance", rules.performance, performance),
+        ("robustness", rules.robustness, resilience),
+        (minute, rules.uptime, thrown),
+        ("robot_performance", rules.trials, tried),
+    )
+    return {measure: make for measure, given, make in known if given is not None}
 
 
 def published_rows(robot: Robot, measure: str, rules: str) -> list[Row]:
@@ -185,14 +212,14 @@ def published_rows(robot: Robot, measure: str, rules: str) -> list[Row]:
 
     The paper prints 0.0083 N m as the smoothness of the pendubot's iLQR MPC; only 0.083 gives its score.
     """
-    # Each board was published for one version of the rules only.
-    if rules != {"uptime": "v3"}.get(measure, "v2"):
-        return []
     text = (resources.files(__package__) / f"published_{measure}.csv").read_text(encoding="utf-8")
     entries = [entry for entry in csv.DictReader(text.splitlines()) if entry["robot"] == robot.name]
     columns = BOARDS[measure]
     return [
-        Row(each["controller"], each["source"], {name: float(each[name]) for name in columns}) for each in entries
+        Row(each["controller"], each["source"], {name: float(each[name]) for name in columns})
+        for each in entries
+        # Most boards were published for one version of the rules only.
+        if rules == each.get("rules", {"uptime": "v3"}.get(measure, "v2"))
     ]
 
 

@@ -9,6 +9,9 @@ from .rollout import Trajectory
 START = 0.2
 """A run's first time is within this of 0 (s): six periods of the slowest recordings, which have 33 Hz."""
 
+LEAST = 3
+"""Rows of which costs can be summed."""
+
 Rows = tuple[Float[np.ndarray, "rows"], Float[np.ndarray, "rows 4"], Float[np.ndarray, "rows 2"]]
 
 
@@ -21,7 +24,7 @@ def checked_rows(trajectory: Trajectory) -> Rows:
     """
     time, x, u = (np.asarray(rows, np.float64) for rows in (trajectory.time, trajectory.x, trajectory.u))
     rows = time.size
-    if rows < 3 or time.shape != (rows,) or x.shape != (rows, 4) or u.shape != (rows, 2):
+    if rows < LEAST or time.shape != (rows,) or x.shape != (rows, 4) or u.shape != (rows, 2):
         shapes = f"{time.shape}, {x.shape} and {u.shape}"
         raise SwingupError(f"time, x and u have shapes {shapes}: pass (N,), (N, 4) and (N, 2) with N of 3 or more")
     if not (np.isfinite(time).all() and np.isfinite(x).all() and np.isfinite(u).all()):
@@ -31,3 +34,11 @@ def checked_rows(trajectory: Trajectory) -> Rows:
     if abs(time[0]) > START:
         raise SwingupError(f"the trajectory starts at t = {time[0]:g} s: give its times as seconds since its start")
     return time, x, u
+
+
+def recorded(rows: Trajectory) -> Trajectory:
+    """What a robot recorded of one run until it stopped, if it did: measured states, and torques asked for."""
+    assert rows.record is not None
+    kept = ~np.asarray(rows.record.over)
+    kept[:LEAST] = True
+    return Trajectory(*(np.asarray(each)[kept] for each in (rows.time, rows.record.x, rows.record.u)))

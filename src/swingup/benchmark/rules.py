@@ -208,6 +208,42 @@ class Sim2RealRules(_Timing):
 SIM2REAL_RULES = Sim2RealRules(name="sim2real")
 """Success in :func:`swingup.benchmark.sim2real.sim2real`."""
 
+
+STOP = Limits(angle=4 * math.pi, speed=20.0)
+"""Where the real robot stops. Source: the AI Olympics' loop on the robot."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialRules(_Timing):
+    """Trials on the simulated robot by the rules of a real one's board: what the robot records is scored."""
+
+    performance: PerformanceRules = PERFORMANCE_RULES["hardware"]
+    """How a recorded run is scored."""
+    pushes: Mapping[str, PushRules] = field(default_factory=dict)
+    """Pushes on both joints by the robot's name, with as many profiles as trials; none for calm trials."""
+    stop: Limits = STOP
+    """Beyond these the robot stops, and the run fails."""
+    domain: str = "randomised"
+    """Plants and loops are drawn from this domain, unless from another."""
+    trials: int = 10
+    """Runs of a controller on the board."""
+
+
+TRIAL_RULES = {
+    rules.name: rules
+    for rules in (
+        TrialRules(
+            name="iros-real",
+            pushes={
+                "acrobot": PushRules(profiles=10, pushes=2, amplitude=(0.5, 0.75)),
+                "pendubot": PushRules(profiles=10, pushes=2, amplitude=(0.2, 0.5)),
+            },
+        ),
+        TrialRules(name="v2-real"),
+    )
+}
+"""``iros-real``: the real robot of IROS 2024, with pushes. ``v2-real``: the same robot's board without."""
+
 ROBUSTNESS_RULES = {"v2": RobustnessRules(name="v2")}
 """``v2``: the robustness leaderboard of IROS 2024."""
 
@@ -236,6 +272,7 @@ UPTIME_RULES = {
 
 DEFAULT_RULES = "v2"
 DEFAULT_UPTIME_RULES = "v3"
+DEFAULT_TRIAL_RULES = "iros-real"
 
 _R = TypeVar("_R", bound=_Timing)
 
@@ -256,6 +293,15 @@ def get_robustness_rules(name: str | RobustnessRules) -> RobustnessRules:
         SwingupError: there are no such rules.
     """
     return _look_up("robustness", ROBUSTNESS_RULES, name)
+
+
+def get_trial_rules(name: str | TrialRules) -> TrialRules:
+    """Look rules of trials on a robot up by their name; rules are returned as they are.
+
+    Raises:
+        SwingupError: there are no such rules.
+    """
+    return _look_up("trial", TRIAL_RULES, name)
 
 
 def get_uptime_rules(name: str | UptimeRules) -> UptimeRules:

@@ -17,6 +17,7 @@ from ..tasks.throws import Throws
 from ..version import __version__
 from .criteria import tip_is_up
 from .interval import Interval, mean_interval
+from .recording import recorded
 from .robot_minute import recorded_share, robot_minute
 from .rollout import Scenario, Trajectory
 from .rules import DEFAULT_UPTIME_RULES, UptimeRules, get_uptime_rules
@@ -174,10 +175,8 @@ def _judged(
 
 def _first(rows: Any) -> Trajectory:
     """Rows of the first run: as a robot records them where one was simulated."""
-    if rows.record is None:
-        return Trajectory(rows.time[0], rows.x[0], rows.u[0])
-    kept = ~rows.record.over[0]
-    return Trajectory(rows.time[0][kept], rows.record.x[0][kept], rows.record.u[0][kept])
+    first = jax.tree.map(lambda each: each[0], rows)
+    return first if first.record is None else recorded(first)
 
 
 def draw_throws(rules: UptimeRules, seed: int) -> Throws:

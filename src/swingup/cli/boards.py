@@ -53,7 +53,8 @@ def score_command(
     Args:
         trajectory: the CSV file.
         robot: acrobot or pendubot.
-        rules: v2 (simulation), hardware, hardware-perturbed, or v3 (uptime of a minute).
+        rules: v2 (simulation), hardware, hardware-perturbed, iros-real or v2-real; v3 or icra-real (uptime of a
+            minute).
         json: print one JSON object.
     """
     chosen = get_robot(robot)
@@ -121,8 +122,9 @@ class BoardCommands:
         Args:
             robot: the robot.
             controller: controllers of yours that enter as well.
-            rules: v2 (performance and robustness), hardware or hardware-perturbed (performance), or v3 (uptime
-                under throws).
+            rules: v2 (performance and robustness), hardware or hardware-perturbed (performance), v3 (uptime under
+                throws), or trials on the simulated robot: iros-real (with pushes), v2-real (without), icra-real
+                (uptime under throws).
             seed: seed of noise, pushes and throws.
             recompute: also compute the robustness of ilqr-mpc, which takes minutes and whose row is shipped.
             json: print one JSON list of rows.

@@ -1,7 +1,7 @@
 """The commands that judge a controller: evaluate, robustness, uptime and sim2real."""
 
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,15 +10,17 @@ from tyro.conf import OmitArgPrefixes
 from ..benchmark import evaluate as performance_of
 from ..benchmark import robustness as robustness_of
 from ..benchmark import sim2real as sim2real_of
+from ..benchmark import trials as trials_of
 from ..benchmark import uptime as uptime_of
 from ..benchmark.board_rules import BOARD_RULES, BoardRules
 from ..benchmark.evaluate import Evaluation
 from ..benchmark.grid import change_grid
 from ..benchmark.robustness import Robustness
-from ..benchmark.rules import CRITERIA
+from ..benchmark.rules import CRITERIA, TrialRules
 from ..benchmark.runner import Progress
 from ..benchmark.sim2real import Sim2Real
 from ..benchmark.trajectory_file import save_trajectory
+from ..benchmark.trials import Trials
 from ..benchmark.uptime import Uptime
 from ..checks import one_of
 from ..control.registry import Controller, get_controller
@@ -29,7 +31,6 @@ from ..policy.shipped import REFINED, ROBOT
 from .arguments import (
     ControllerName,
     DisturbanceOptions,
-    DomainName,
     DomainOrNone,
     EstimatorFlags,
     EstimatorOptions,
@@ -38,10 +39,12 @@ from .arguments import (
     split_commas,
 )
 from .output import foreign_prints_apart, progress_shown, tell, tell_json
-from .results import evaluation_lines, robustness_lines, sim2real_lines, uptime_lines
+from .results import evaluation_lines, robustness_lines, sim2real_lines, trials_lines, uptime_lines
 
 NO_DISTURBANCE = DisturbanceOptions()
 AS_IT_COMES = EstimatorOptions()
+SUCCESS = "sim2real"
+"""Rules of the command of that name, which no board has."""
 
 Judge = Callable[[Controller, Robot, Progress], Any]
 """Judges a controller on a robot; the result has ``as_dict()``, and a ``trajectory`` where one can be saved."""
@@ -96,6 +99,24 @@ def judge_sim2real(
         return sim2real_of.sim2real(found, chosen, controller, domain, seed, seeds, progress=progress)
 
     return judge_and_tell(robot, controller, estimator, judge, sim2real_lines, output)
+
+
+def judge_trials(
+    rules: TrialRules,
+    domain: str | None,
+    robot: str,
+    controller: str,
+    estimator: EstimatorOptions,
+    seed: int,
+    seeds: int | None,
+    output: Output,
+) -> int:
+    """The command ``sim2real``, by the rules of a real robot's board."""
+
+    def judge(found: Controller, chosen: Robot, progress: Progress) -> Trials:
+        return trials_of.trials(found, chosen, controller, rules, domain, seed, seeds, progress)
+
+    return judge_and_tell(robot, controller, estimator, judge, trials_lines, output)
 
 
 @dataclass(frozen=True)
@@ -219,9 +240,10 @@ class JudgingCommands:
         /,
         controller: ControllerName = REFINED,
         estimator: EstimatorFlags = AS_IT_COMES,
-        domain: DomainName = "identified",
+        rules: str = SUCCESS,
+        domain: DomainOrNone = None,
         seed: int = 0,
-        seeds: int = 100,
+        seeds: int | None = None,
         json: bool = False,
         save: str | None = None,
     ) -> int:
@@ -234,23 +256,30 @@ class JudgingCommands:
             robot: the robot.
             controller: the controller.
             estimator: whether a state estimator stands before it.
-            domain: plant and loop: identified, randomised (another plant for each seed), or a YAML file.
+            rules: sim2real (success as above), or those of a real robot's board, which score what the robot records:
+                iros-real (pushes on both joints) or v2-real (none).
+            domain: plant and loop: identified, randomised (another plant for each seed), or a YAML file. By default
+                identified for sim2real, and randomised for the boards.
             seed: seed of noise and plants.
-            seeds: seeds in a row.
+            seeds: seeds in a row; 100 for sim2real by default, and 10 for the boards.
             json: print one JSON object, with every run.
             save: also write the first seed's trajectory to this CSV file.
         """
         output = Output(json, save)
-        status = judge_sim2real(load_domain(domain), robot, controller, estimator, seed, seeds, output)
+        if rules != SUCCESS:
+            chosen = self.board("trials", rules, (SUCCESS,))
+            return judge_trials(chosen, domain, robot, controller, estimator, seed, seeds, output)
+        drawn, number = load_domain("identified" if domain is None else domain), 100 if seeds is None else seeds
+        status = judge_sim2real(drawn, robot, controller, estimator, seed, number, output)
         if controller == REFINED and not json:
             tell(f"  The policy trained for this plant is --controller {ROBOT}.")
         return status
 
-    def board(self, measure: str, name: str) -> Any:
-        """Rules of one board.
+    def board(self, measure: str, name: str, others: Sequence[str] = ()) -> Any:
+        """Rules of one board; ``others`` are names that would do as well.
 
         Raises:
             SwingupError: no version of that name has such a board.
         """
-        known = [each for each, rules in self.rules.items() if getattr(rules, measure) is not None]
+        known = [*others, *(each for each, rules in self.rules.items() if getattr(rules, measure) is not None)]
         return getattr(self.rules[one_of(f"{measure} rules", name, known)], measure)

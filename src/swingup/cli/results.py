@@ -8,6 +8,7 @@ from ..benchmark.plausibility import Plausibility
 from ..benchmark.recorded_uptime import RecordedUptime
 from ..benchmark.robustness import Robustness
 from ..benchmark.sim2real import Sim2Real
+from ..benchmark.trials import Trials
 from ..benchmark.uptime import Uptime
 from .output import aligned, to_last
 
@@ -86,6 +87,26 @@ def sim2real_lines(result: Sim2Real, judged: str) -> list[str]:
     )
     return [
         f"{result.robot}, {judged} (domain {result.domain.name}, seed {_seeds(seeds)})",
+        *(aligned(*row, width=12) for row in rows),
+        *(f"  seed {run.seed}: {run.fault}" for run in runs if run.fault),
+    ]
+
+
+def trials_lines(result: Trials, judged: str) -> list[str]:
+    """Successes and scores with their intervals, extremes, and the faults of single seeds."""
+    runs = result.runs
+    (low, high), seeds = result.success_interval, tuple(run.seed for run in runs)
+    extra = f"{result.interval[0]:.3f} to {result.interval[1]:.3f}" if result.interval else ""
+    stopped = sum(run.stop is not None for run in runs)
+    rows = (
+        ("Success", f"{result.successes} of {len(runs)}", f"{low:.0%} to {high:.0%}"),
+        ("Mean score", f"{result.score:.3f}", extra),
+        ("Best score", f"{result.best:.3f}", ""),
+        ("Stopped by the robot", f"{stopped} of {len(runs)}", ""),
+        ("Largest speed [rad/s]", f"{max(run.speed for run in runs):.1f}", ""),
+    )
+    return [
+        f"{result.robot}, {judged} (rules {result.rules}, domain {result.domain.name}, seed {_seeds(seeds)})",
         *(aligned(*row, width=12) for row in rows),
         *(f"  seed {run.seed}: {run.fault}" for run in runs if run.fault),
     ]

@@ -13,7 +13,7 @@ from rich.measure import Measurement
 from rich.table import Table
 
 from ..benchmark.columns import COLUMNS
-from ..benchmark.leaderboard import OURS, Board, Row
+from ..benchmark.leaderboard import ON_ROBOT, OURS, Board, Row
 from ..text import one_line
 from .output import printable
 
@@ -103,9 +103,14 @@ def _cells(board: Board, row: Row) -> list[str]:
 
 
 def _remarks(board: Board) -> list[str]:
-    return [f"{row.controller}: {row.remark}" for row in board.rows if row.remark]
+    remarks = [f"{row.controller}: {row.remark}" for row in board.rows if row.remark]
+    measured = any(row.source == ON_ROBOT for row in board.rows)
+    return [
+        *remarks,
+        *([f"Rows of source {ON_ROBOT!r} were measured on the real robot; ours are simulated."] * measured),
+    ]
 
 
 def _title(board: Board) -> str:
     seed = "" if board.seed is None else f", seed {board.seed}"
-    return f"{board.measure.capitalize()} scores of the {board.robot} (rules {board.rules}{seed})"
+    return f"{board.measure.capitalize().replace('_', ' ')} scores of the {board.robot} (rules {board.rules}{seed})"
