@@ -84,6 +84,25 @@ def test_a_policy_file_and_its_username(tmp_path):
     assert 'robot = "pendubot"' in entry
 
 
+def test_a_folder_for_cloudpendulum(tmp_path, capsys):
+    folder = tmp_path / "cell"
+    assert main(["export", "robot", "--robot", "acrobot", "--to", "cloudpendulum", "--out", str(folder)]) == 0
+    told = capsys.readouterr().out.splitlines()
+    assert told[0] == str(folder / "controller_swingup.py")
+    assert told[1].startswith("it may command 6 N m, and CloudPendulum's motors give 0.15: train one")
+    entry = (folder / "controller_swingup.py").read_text()
+    assert '"velocity_limit": 50.0' in entry
+    assert "def ControllerType(" in entry
+    readme = (folder / "README.md").read_text()
+    assert readme.startswith("# swingup for CloudPendulum, acrobot")
+    assert "@" not in readme
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "README.md",
+        "controller_swingup.py",
+        "swingup_controller",
+    ]
+
+
 def test_graphs_and_headers(tmp_path, capsys):
     pytest.importorskip("onnx", reason="onnx is not installed")
     for form, start in (("onnx", b"\x08"), ("c", b"/*")):
@@ -109,7 +128,7 @@ def test_graphs_and_headers(tmp_path, capsys):
         (["refind", "--to", "c"], "did you mean refined?"),
         (
             ["refined", "--robot", "acrobot", "--to", "java"],
-            "unknown format 'java': use one of realaigym, onnx, c",
+            "unknown format 'java': use one of realaigym, cloudpendulum, onnx, c",
         ),
         (["refined", "--robot", "acrobot", "--to", "c", "--out", "none/x.h"], "cannot write none/x.h"),
         (["refined", "--robot", "acrobot", "--to", "realaigym", "--out", "none/x"], "cannot write none/x: No such"),

@@ -236,6 +236,7 @@ def test_leaderboard_formats(capsys, small_grid):
     assert "others_controllers:nan: " in text
 
 
+@pytest.mark.slow  # benchmark/test_leaderboard.py has this board, the test above the command
 def test_leaderboard_of_the_third_rules(capsys, brief_minute):
     boards = Boards({"v3": brief_minute}, ("ar-eapo",))
     rows = json.loads(run(capsys, "leaderboard", "--rules", "v3", "--seed", "1", "--json", boards=boards))
@@ -245,10 +246,12 @@ def test_leaderboard_of_the_third_rules(capsys, brief_minute):
 
 
 @pytest.mark.parametrize("values", [("plain", "nan"), ("plain,nan",)])
-def test_several_values_of_one_option(capsys, values, brief_runs):
+def test_several_values_of_one_option(capsys, values):
     names = [f"others_controllers:{name}" for name in ("plain", "nan")]
     words = [value.replace("plain", names[0]).replace("nan", names[1]) for value in values]
-    boards = Boards({"hardware": BOARD_RULES["hardware"]}, ())
+    hardware = BOARD_RULES["hardware"]
+    brief = dataclasses.replace(hardware, performance=dataclasses.replace(hardware.performance, duration=0.5))
+    boards = Boards({"hardware": brief}, ())
     words = ["leaderboard", "acrobot", "--controller", *words, "--rules", "hardware", "--json"]
     assert [row["controller"] for row in json.loads(run(capsys, *words, boards=boards))] == names
 

@@ -15,10 +15,11 @@ LONG = 2500
 BRIEF = 600
 """Steps of the others: the swing-up."""
 
-SLOW = ("pendubot-refined", "pendubot-global", "pendubot-robot")
-"""Their loops take seconds to compile, and the acrobot's are like them; their states are in the default suite.
+SLOW = ("acrobot-global", "pendubot-refined", "pendubot-global", "pendubot-robot")
+"""Their loops take seconds to compile; their states are in the default suite.
 
-The pendubot's loops that are in the default suite are those of ``ar-eapo``, which ships without an estimator."""
+Its loops are those of the acrobot's ``refined`` (estimator) and ``robot`` (front end and estimator), and of both
+robots' ``ar-eapo`` (neither)."""
 
 
 def a_cell(name, back_end, sensor):

@@ -16,7 +16,8 @@ from swingup.plants.loop import LOOP_DT
 from swingup.policy.jax_backend.front_end import FrontEnd
 from swingup.policy.numpy_backend.front_end import NumpyFrontEnd
 from swingup.policy.settings import FrontEndSettings
-from swingup.tasks.disturbance import Motor, Pushes, motor_torques, step_noise, undisturbed
+from swingup.tasks.disturbance import Pushes, motor_torques, step_noise, undisturbed
+from swingup.tasks.motors import Motor
 from swingup.tasks.presets import sim2real_task
 from swingup.tasks.sim2real import CALLS
 

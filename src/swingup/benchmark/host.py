@@ -42,8 +42,10 @@ def simulate_on_host(
             calls.append(_silent)
             faults[index] = str(error)
     # A batch even for one simulation: the compiled half steps have a leading axis.
-    loop: LoopState = jax.vmap(lambda each: initial_loop(jnp.zeros(4), depth, each.supervisor))(scenarios)
-    time = np.arange(steps) * dt
+    start = jax.vmap(lambda each: initial_loop(jnp.zeros(4), depth, each.disturbance, dt, each.supervisor))
+    loop: LoopState = start(scenarios)
+    # A loop with a clock of its own overwrites its times.
+    time = np.tile(np.arange(steps) * dt, (number, 1))
     kept = steps if keep else 0
     x, u = np.zeros((number, kept, 4)), np.zeros((number, kept, 2))
     # Rows that are never reached count as over.
@@ -52,13 +54,15 @@ def simulate_on_host(
         if keep:
             x[:, step] = loop.x
         loop, state, called = _measure(scenarios, loop, np.int64(step), dt)
+        if loop.times is not None:
+            time[:, step] = loop.times.now
         measured, command = np.asarray(state, np.float64), np.zeros((number, 2))
         # No call during a throw, nor on a state that has diverged: that is no fault of the controller.
         able = np.asarray(called) & np.isfinite(measured).all(axis=1)
         for index, call in enumerate(calls):
             if faults[index] is None and able[index]:
                 try:
-                    command[index] = answer(call, measured[index], float(time[step]))
+                    command[index] = answer(call, measured[index], float(time[index, step]))
                 except SwingupError as error:
                     faults[index] = str(error)
         if None not in faults:
@@ -70,7 +74,7 @@ def simulate_on_host(
         if keep:
             u[:, step] = loop.u
     kept_record = None if scenarios.supervisor is None else written
-    rows = Trajectory(time=np.tile(time, (number, 1)), x=x, u=u, record=kept_record) if keep else None
+    rows = Trajectory(time=time, x=x, u=u, record=kept_record) if keep else None
     return HostRun(rows, np.asarray(loop.x), faults)
 
 

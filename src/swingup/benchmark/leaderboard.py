@@ -10,6 +10,7 @@ from typing import Any
 from ..control.registry import find_controller, has_estimator
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot
+from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict
 from ..policy.shipped import AR_EAPO, GLOBAL, REFINED, ROBOT
 from .board_rules import BoardRules, get_board_rules
 from .columns import BOARDS, PERFORMANCE
@@ -70,6 +71,8 @@ class Board:
     seed: int | None
     """Of the noise, pushes or throws; None where nothing is random."""
     rows: tuple[Row, ...]
+    plant: Plant | None = None
+    """None is the leaderboards' plant."""
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -79,6 +82,7 @@ class Board:
     def as_dicts(self) -> list[dict[str, Any]]:
         """One flat object a row, ready for JSON."""
         head = {"robot": self.robot, "measure": self.measure, "rules": self.rules, "seed": self.seed}
+        head |= plant_as_dict(self.plant, self.robot)
         names = ("controller", "source", "remark")
         return [head | {name: getattr(row, name) for name in names} | dict(row.values) for row in self.rows]
 
@@ -91,6 +95,7 @@ def leaderboard(
     recompute: bool = False,
     entrants: Sequence[str] | None = None,
     progress: RowProgress | None = None,
+    plant: PlantLike | None = None,
 ) -> list[Board]:
     """Every board of a version of the rules, with our rows computed now.
 
@@ -104,16 +109,20 @@ def leaderboard(
         recompute: also compute the rows that the package ships because they take minutes.
         entrants: names of the built-in controllers that enter; None for those of the rules.
         progress: called before each row and while it is computed.
+        plant: what the controllers are judged on, and the baselines designed for: a plant, its parameters, its name
+            or its file. Boards of another plant than the leaderboards' (None) have no published or shipped rows.
 
     Raises:
-        SwingupError: there is no such robot, there are no such rules, or the seed is out of range. The row of a
-            controller that fails says so.
+        SwingupError: there is no such robot or plant, there are no such rules, or the seed is out of range. The row
+            of a controller that fails says so.
     """
     robot, rules, seed = get_robot(robot), get_board_rules(rules), check_seeds(seed, 1)[0]
-    names = default_entrants(rules) if entrants is None else entrants
-    entered = entrants_for(robot, controllers or {}, names, alone=True)
-    makers = _makers(rules, seed, recompute, progress)
-    return [_board(robot, measure, rules.name, seed, entered, make_row) for measure, make_row in makers.items()]
+    names, found = default_entrants(rules) if entrants is None else entrants, find_plant(plant)
+    entered = entrants_for(robot, controllers or {}, names, alone=True, plant=found)
+    makers = _makers(rules, seed, recompute or found is not None, progress, found)
+    return [
+        _board(robot, measure, rules.name, seed, entered, make_row, found) for measure, make_row in makers.items()
+    ]
 
 
 def default_entrants(rules: BoardRules) -> tuple[str, ...]:
@@ -123,7 +132,11 @@ def default_entrants(rules: BoardRules) -> tuple[str, ...]:
 
 
 def entrants_for(
-    robot: Robot, others: Mapping[str, Any], names: Sequence[str] = ENTRANTS, alone: bool = False
+    robot: Robot,
+    others: Mapping[str, Any],
+    names: Sequence[str] = ENTRANTS,
+    alone: bool = False,
+    plant: PlantLike | None = None,
 ) -> dict[str, Any]:
     """Built-in controllers and others, by name.
 
@@ -132,15 +145,16 @@ def entrants_for(
         others: controllers of the user.
         names: the built-in controllers.
         alone: whether a policy that ships with an estimator enters a second time without it.
+        plant: what baselines are designed for; None for the leaderboards' plant.
 
     Raises:
         SwingupError: another controller has a name of ours.
     """
     _check_names(others, names)  # before controllers are made, which takes seconds
     # Not get_controller: its notes on changed names are for names that a user gives.
-    ours = {name: find_controller(name, robot) for name in names}
+    ours = {name: find_controller(name, robot, plant=plant) for name in names}
     twice = [name for name in names if alone and has_estimator(ours[name])]
-    ours |= {f"{name}{ALONE}": find_controller(name, robot, estimator=False) for name in twice}
+    ours |= {f"{name}{ALONE}": find_controller(name, robot, False, plant) for name in twice}
     # Again, for the names without an estimator: they are known only now.
     _check_names(others, ours)
     return ours | dict(others)
@@ -152,7 +166,9 @@ def _check_names(others: Iterable[str], ours: Iterable[str]) -> None:
         raise SwingupError(f"controller {taken[0]!r} is on the board already: give yours another name")
 
 
-def _makers(rules: BoardRules, seed: int, recompute: bool, progress: RowProgress | None) -> dict[str, _Maker]:
+def _makers(
+    rules: BoardRules, seed: int, recompute: bool, progress: RowProgress | None, plant: Plant | None
+) -> dict[str, _Maker]:
     """One function for each board of a version of the rules: it fills a row."""
 
     def told(name: str, measure: str) -> Progress:
@@ -167,7 +183,7 @@ def _makers(rules: BoardRules, seed: int, recompute: bool, progress: RowProgress
     def performance(controller: Any, robot: Robot, name: str) -> Row:
         assert rules.performance is not None
         told(name, "performance")
-        criteria = evaluate(controller, robot, name, rules.performance).criteria
+        criteria = evaluate(controller, robot, name, rules.performance, plant=plant).criteria
         remark = None if criteria.success else "no swing-up"
         return Row(name, OURS, {column: getattr(criteria, column) for column in PERFORMANCE}, remark)
 
@@ -175,7 +191,8 @@ def _makers(rules: BoardRules, seed: int, recompute: bool, progress: RowProgress
         assert rules.robustness is not None
         if name in SHIPPED_ROBUSTNESS and not recompute:
             return shipped_robustness(robot, name)
-        result = robustness(controller, robot, name, rules.robustness, seed, progress=told(name, "robustness"))
+        shown = told(name, "robustness")
+        result = robustness(controller, robot, name, rules.robustness, seed, progress=shown, plant=plant)
         faults = result.faults
         remark = f"{len(faults)} simulations without an answer; the first: {faults[0].fault}" if faults else None
         return Row(name, OURS, {**result.percent, "overall": result.overall}, remark)
@@ -183,7 +200,7 @@ def _makers(rules: BoardRules, seed: int, recompute: bool, progress: RowProgress
     def thrown(controller: Any, robot: Robot, name: str) -> Row:
         assert rules.uptime is not None
         seeds, shown = rules.uptime.trials, told(name, "uptime")
-        result = uptime(controller, robot, name, rules.uptime, seed, seeds, progress=shown)
+        result = uptime(controller, robot, name, rules.uptime, seed, seeds, progress=shown, plant=plant)
         values = {"uptime": result.uptime} | ({} if result.domain is None else {"best": result.best})
         return Row(name, OURS, values, next((fault for fault in result.faults if fault), None))
 
@@ -237,9 +254,15 @@ def shipped_robustness(robot: Robot, name: str) -> Row:
 
 
 def _board(
-    robot: Robot, measure: str, rules: str, seed: int, entrants: Mapping[str, Any], make_row: _Maker
+    robot: Robot,
+    measure: str,
+    rules: str,
+    seed: int,
+    entrants: Mapping[str, Any],
+    make_row: _Maker,
+    plant: Plant | None,
 ) -> Board:
-    rows, score = published_rows(robot, measure, rules), BOARDS[measure][-1]
+    rows, score = published_rows(robot, measure, rules) if plant is None else [], BOARDS[measure][-1]
     drawn = None if measure == "performance" else seed
     for name, controller in entrants.items():
         try:
@@ -247,6 +270,5 @@ def _board(
         except SwingupError as error:
             # One controller's failure must not cost the others their rows.
             rows.append(Row(name, OURS, {**dict.fromkeys(BOARDS[measure]), score: 0.0}, str(error)))
-    return Board(
-        robot.name, measure, rules, drawn, tuple(sorted(rows, key=lambda row: -(row.values[score] or 0.0)))
-    )
+    ranked = tuple(sorted(rows, key=lambda row: -(row.values[score] or 0.0)))
+    return Board(robot.name, measure, rules, drawn, ranked, plant)

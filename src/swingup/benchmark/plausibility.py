@@ -18,7 +18,8 @@ from jaxtyping import Float
 
 from ..checks import LARGEST
 from ..physics.integrate import rk4_step
-from ..physics.parameters import TORQUE_LIMIT, Robot, get_robot, identified_parameters, leaderboard_parameters
+from ..physics.parameters import Parameters, Robot, get_robot, identified_parameters
+from ..plants.plant import PlantLike, load_plant, robot_parameters
 from .criteria import SHARE
 from .rollout import Trajectory
 from .rules import DEFAULT_RULES, PerformanceRules, UptimeRules, get_performance_rules
@@ -85,7 +86,10 @@ class Plausibility:
 
 
 def examine(
-    trajectory: Trajectory, robot: Robot | str, rules: PerformanceRules | UptimeRules | str = DEFAULT_RULES
+    trajectory: Trajectory,
+    robot: Robot | str,
+    rules: PerformanceRules | UptimeRules | str = DEFAULT_RULES,
+    plant: PlantLike | None = None,
 ) -> Plausibility:
     """Look at a trajectory that :func:`~swingup.benchmark.evaluate.score` accepts.
 
@@ -93,11 +97,13 @@ def examine(
         trajectory: NumPy arrays in float64.
         robot: which joint is driven.
         rules: rules of the performance board, or their name, or rules of a global-policy board.
+        plant: the recording's pendulum, with or without its friction; None for the leaderboards' or design C.1.
 
     Raises:
-        SwingupError: there is no such robot, or there are no such rules.
+        SwingupError: there is no such robot or plant, or there are no such rules.
     """
     robot = get_robot(robot)
+    plants = _possible_plants(plant, robot)
     rules = get_performance_rules(rules) if isinstance(rules, str) else rules
     scored = isinstance(rules, PerformanceRules)
     time, x, u = (np.asarray(rows, np.float64) for rows in (trajectory.time, trajectory.x, trajectory.u))
@@ -110,14 +116,22 @@ def examine(
             # The uptime compares no row with the next, and its throws drive both joints.
             *(_rate(period, rules.dt) if scored else ()),
             *_start(x[0]),
-            *_torques(u, robot, thrown=not scored),
+            *_torques(u, robot, float(max(plants[0].tl1, plants[0].tl2)), thrown=not scored),
             *_positions(period, slip),
-            *_defect(period, x, u, slip, robot),
+            *_defect(period, x, u, slip, plants),
         ]
     return Plausibility(float(1 / np.median(period)), tuple(Finding(name, text) for name, text in found))
 
 
 _Found = Iterator[tuple[str, str]]
+
+
+def _possible_plants(plant: PlantLike | None, robot: Robot) -> tuple[Parameters, Parameters]:
+    """A simulated recording has the frictionless plant, a robot's has friction."""
+    if plant is None:
+        return robot_parameters(None, robot), identified_parameters()
+    found = load_plant(plant)
+    return found.frictionless().driven(robot), found.parameters
 
 
 def _short_span(time: np.ndarray, duration: float, consequence: str) -> _Found:
@@ -153,14 +167,14 @@ def _start(x: Float[np.ndarray, "4"]) -> _Found:
         yield "not_hanging", f"it starts {angle:.3g} rad off hanging, at {speed:.3g} rad/s"
 
 
-def _torques(u: Float[np.ndarray, "rows 2"], robot: Robot, thrown: bool) -> _Found:
+def _torques(u: Float[np.ndarray, "rows 2"], robot: Robot, limit: float, thrown: bool) -> _Found:
     largest = np.abs(u).max(axis=0)
     driven, passive = float(largest[robot.joint]), float(largest[1 - robot.joint])
-    allowed = TORQUE_LIMIT if thrown else COMPENSATION
+    allowed = limit if thrown else COMPENSATION
     what = "the limit of its motor" if thrown else "the rules' friction compensation"
     # The margin is for rounding.
-    if driven > TORQUE_LIMIT * (1 + 1e-9):
-        yield "torque_limit", f"its torque reaches {driven:.4g} N m, above the limit of {TORQUE_LIMIT:g} N m"
+    if driven > limit * (1 + 1e-9):
+        yield "torque_limit", f"its torque reaches {driven:.4g} N m, above the limit of {limit:g} N m"
     if passive > allowed * (1 + 1e-9):
         yield (
             "passive_torque",
@@ -188,15 +202,14 @@ def _defect(
     x: Float[np.ndarray, "rows 4"],
     u: Float[np.ndarray, "rows 2"],
     slip: Float[np.ndarray, "steps 2"],
-    robot: Robot,
+    plants: tuple[Parameters, Parameters],
 ) -> _Found:
-    """Simulate every row to the next, on the board's plant and on the identified one, and keep the better plant."""
+    """Simulate every row to the next, without friction and with it, and keep the better plant."""
     clean = bool(np.quantile(np.abs(slip / period[:, None]).max(axis=1), 0.9) < CLEAN)
     # Longer periods are cut short and then ignored: every row stays, and the batch keeps its shape.
     step = np.minimum(period, COARSEST)
     least = LARGEST
-    # A simulated recording has the frictionless plant, a robot's has friction.
-    for parameters in (leaderboard_parameters(robot), identified_parameters()):
+    for parameters in plants:
         with jax.enable_x64(True):
             after = np.asarray(_steps(parameters, x[:-1], u[:-1], step))
         defect = np.where((period <= COARSEST)[:, None], x[1:, 2:] - after[:, 2:], 0.0)

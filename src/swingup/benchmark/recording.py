@@ -36,9 +36,22 @@ def checked_rows(trajectory: Trajectory) -> Rows:
     return time, x, u
 
 
-def recorded(rows: Trajectory) -> Trajectory:
-    """What a robot recorded of one run until it stopped, if it did: measured states, and torques asked for."""
+def recorded(rows: Trajectory, duration: float) -> Trajectory:
+    """What a robot recorded of one run: measured states, and torques asked for, until it stopped or time was up.
+
+    Args:
+        rows: one simulation with a record; late turns make it longer than the run.
+        duration: length of the run (s).
+    """
     assert rows.record is not None
-    kept = ~np.asarray(rows.record.over)
+    time = np.asarray(rows.time)
+    kept = ~np.asarray(rows.record.over) & (time < duration)
     kept[:LEAST] = True
-    return Trajectory(*(np.asarray(each)[kept] for each in (rows.time, rows.record.x, rows.record.u)))
+    return Trajectory(time[kept], np.asarray(rows.record.x)[kept], np.asarray(rows.record.u)[kept])
+
+
+def stopped_at(rows: Trajectory, duration: float) -> float | None:
+    """When the robot stopped one run of a duration (s), if it did (s)."""
+    assert rows.record is not None
+    times = np.asarray(rows.time)[np.asarray(rows.record.over)]
+    return float(times[0]) if times.size and times[0] < duration else None

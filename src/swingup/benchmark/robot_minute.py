@@ -1,19 +1,17 @@
 """A minute on the simulated robot by the rules of ICRA 2025's real one: its scenario, and its recorded uptime."""
 
 import dataclasses
-from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float
 
-from ..physics.parameters import Robot, leaderboard_parameters
+from ..physics.parameters import Parameters, Robot, leaderboard_parameters
 from ..plants.domain import Domain
 from ..tasks.draw import draw
 from ..tasks.limits import Stop
 from ..tasks.resets import Resets, ResetSupervisor
 from .criteria import tip_is_up
-from .rollout import Scenario
+from .rollout import Scenario, Trajectory
 from .rules import UptimeRules
 
 
@@ -26,7 +24,7 @@ def robot_minute(rules: UptimeRules, domain: Domain, robot: Robot, seed: int) ->
     parameters, disturbance = draw(domain, jax.random.key(seed), robot)
     limit = rules.thrower.limit
     parameters = dataclasses.replace(parameters, tl1=limit, tl2=limit)
-    return Scenario(parameters, disturbance, supervisor=draw_resets(rules, robot, seed))
+    return Scenario(parameters, disturbance, supervisor=draw_resets(rules, robot, seed), substeps=domain.substeps)
 
 
 def draw_resets(rules: UptimeRules, robot: Robot, seed: int) -> ResetSupervisor:
@@ -45,14 +43,9 @@ def draw_resets(rules: UptimeRules, robot: Robot, seed: int) -> ResetSupervisor:
     return ResetSupervisor(resets, Stop(rules.stop))
 
 
-def recorded_share(
-    time: Float[np.ndarray, "rows"],
-    x: Float[np.ndarray, "rows 4"],
-    over: Bool[np.ndarray, "rows"],
-    plant: Any,
-    rules: UptimeRules,
-) -> float:
-    """Time up over the duration of the rules, as recorded until the run was over; time in throws counts as well."""
-    up = tip_is_up(x, float(plant.l1), float(plant.l2), rules.height) & ~over
+def recorded_share(record: Trajectory, plant: Parameters, rules: UptimeRules) -> float:
+    """Time up over the duration of the rules, of what the robot recorded; time in throws counts as well."""
+    time, x = np.asarray(record.time), np.asarray(record.x)
+    up = tip_is_up(x, float(plant.l1), float(plant.l2), rules.height)
     # A row counts with the time before it, as in a recording.
     return float(np.diff(time, prepend=time[0])[up].sum()) / rules.duration

@@ -12,6 +12,7 @@ from ..control.registry import has_estimator
 from ..errors import SwingupError
 from ..physics.angles import UPRIGHT, wrap_difference
 from ..physics.parameters import Robot, get_robot
+from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict
 from ..version import __version__
 from .grid import Case, make_cases
 from .interval import Interval, mean_interval
@@ -56,6 +57,8 @@ class Robustness:
     """Version of swingup that measured."""
     estimator: bool = False
     """Whether a state estimator stood before the controller."""
+    plant: Plant | None = None
+    """What the grid is around; None is the leaderboards' plant."""
 
     @property
     def faults(self) -> list[Result]:
@@ -68,7 +71,7 @@ class Robustness:
         if len(self.seeds) > 1:
             seeds |= {"seeds": list(self.seeds), "intervals": self.intervals}
         names = ("robot", "controller", "estimator", "rules")
-        head = {name: getattr(self, name) for name in names} | seeds
+        head = {name: getattr(self, name) for name in names} | plant_as_dict(self.plant, self.robot) | seeds
         scores = {**self.percent, "overall": self.overall}
         return {**head, "version": self.version, **scores, "details": [result.as_dict() for result in self.results]}
 
@@ -82,6 +85,7 @@ def robustness(
     seeds: int = 1,
     criteria: str | Sequence[str] = CRITERIA,
     progress: Progress | None = None,
+    plant: PlantLike | None = None,
 ) -> Robustness:
     """Simulate the whole grid of the robustness board in float64, and score it.
 
@@ -95,18 +99,21 @@ def robustness(
         seeds: number of seeds in a row; the random criteria are simulated with each.
         criteria: the criteria to measure; ``overall`` needs all six.
         progress: called with the number of finished simulations and of all.
+        plant: what the grid is around, with disturbances in that pendulum's own units: a plant, its parameters, its
+            name or its file; None for the leaderboards'.
 
     Raises:
-        SwingupError: there is no such robot, there are no such rules or criteria, a seed is out of range, or the
-            controller is for the other robot. A controller that fails to answer loses that simulation only.
+        SwingupError: there is no such robot or plant, there are no such rules or criteria, a seed is out of range,
+            or the controller is for the other robot. A controller that fails to answer loses that simulation only.
     """
     robot, rules = get_robot(robot), get_robustness_rules(rules)
     every, chosen = check_seeds(seed, seeds), check_criteria(criteria)
+    found = find_plant(plant)
     estimator, controller = has_estimator(controller), prepare(controller, robot, name)
-    cases = [case for criterion in chosen for case in make_cases(robot, rules, criterion, every[0])]
+    cases = [case for criterion in chosen for case in make_cases(robot, rules, criterion, every[0], found)]
     # The other criteria do not depend on the seed: one simulation of each is enough.
     for other in every[1:]:
-        cases += [case for one in chosen if one in RANDOM for case in make_cases(robot, rules, one, other)]
+        cases += [case for one in chosen if one in RANDOM for case in make_cases(robot, rules, one, other, found)]
     disturbances = [case.scenario.disturbance for case in cases]
     # One state more than the largest delay: the present one.
     depth = 1 + max(int(each.delay_steps) for each in disturbances if each is not None)
@@ -117,9 +124,8 @@ def robustness(
     # A controller that failed gets no success, even if the pendulum happened to end upright.
     results = tuple(Result(case, bool(success) and fault is None, fault) for case, success, fault in ends)
     percent, overall, intervals = summarise(results, tuple(every))
-    return Robustness(
-        robot.name, name, rules.name, tuple(every), percent, overall, intervals, results, estimator=estimator
-    )
+    head = robot.name, name, rules.name, tuple(every)
+    return Robustness(*head, percent, overall, intervals, results, estimator=estimator, plant=found)
 
 
 def check_criteria(criteria: str | Sequence[str]) -> list[str]:

@@ -81,7 +81,7 @@ class ModelSweep:
     """Field of :class:`~swingup.physics.parameters.Parameters` that changes."""
     sweep: Sweep
     relative: bool = False
-    """The values are factors on the nominal one."""
+    """The values are factors on the nominal one; otherwise they are added to it."""
     mass: str | None = None
     """If given, the sweep is of the product of this mass and the parameter: m1 r1 or m2 r2."""
 
@@ -223,7 +223,7 @@ class TrialRules(_Timing):
     """Pushes on both joints by the robot's name, with as many profiles as trials; none for calm trials."""
     stop: Limits = STOP
     """Beyond these the robot stops, and the run fails."""
-    domain: str = "randomised"
+    domain: str = "recorded"
     """Plants and loops are drawn from this domain, unless from another."""
     trials: int = 10
     """Runs of a controller on the board."""
@@ -263,7 +263,7 @@ UPTIME_RULES = {
             limits=Limits(angle=3.5 * math.pi, speed=20.0),
             goals=101,
             stop=Limits(angle=4 * math.pi, speed=25.0),
-            domain="randomised",
+            domain="recorded",
             trials=3,
         ),
     )

@@ -124,7 +124,9 @@ def sim2real(
     for group in in_groups(every, SWINGUPS_AT_ONCE):
         with jax.enable_x64(True):
             # A key for each seed: its plant is the same however many seeds are judged.
-            scenarios = [Scenario(*draw(domain, jax.random.key(each), robot)) for each in group]
+            scenarios = [
+                Scenario(*draw(domain, jax.random.key(each), robot), substeps=domain.substeps) for each in group
+            ]
         batch = run_many(controller, stack(scenarios), rules.dt, rules.steps, domain.depth, keep=True)
         rows: Any = batch.trajectory
         for index, (each, fault) in enumerate(zip(group, batch.faults, strict=True)):

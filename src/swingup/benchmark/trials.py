@@ -18,7 +18,7 @@ from ..version import __version__
 from .criteria import Criteria, failed, judge
 from .grid import draw_pushes
 from .interval import Interval, mean_interval, share_interval
-from .recording import recorded
+from .recording import recorded, stopped_at
 from .rollout import Scenario, Trajectory
 from .rules import DEFAULT_TRIAL_RULES, TrialRules, get_trial_rules
 from .runner import Progress, prepare, run_many, stack
@@ -153,7 +153,7 @@ def trials(
         batch = run_many(controller, stack(scenarios), rules.dt, rules.steps, ranges.depth, keep=True)
         for index, (each, fault) in enumerate(zip(group, batch.faults, strict=True)):
             one = jax.tree.map(lambda rows, index=index: np.asarray(rows)[index], batch.trajectory)
-            first = first or recorded(one)
+            first = first or recorded(one, rules.duration)
             runs.append(_judged(each, one, scenarios[index].parameters, rules, fault))
         if progress is not None:
             progress(len(runs), len(every))
@@ -166,7 +166,7 @@ def trial_scenario(rules: TrialRules, domain: Domain, robot: Robot, seed: int) -
     parameters, disturbance = draw(domain, jax.random.key(seed), robot)
     if rules.pushes:
         disturbance = dataclasses.replace(disturbance, pushes=trial_pushes(rules, robot, seed))
-    return Scenario(parameters, disturbance, supervisor=Stop(rules.stop))
+    return Scenario(parameters, disturbance, supervisor=Stop(rules.stop), substeps=domain.substeps)
 
 
 def trial_pushes(rules: TrialRules, robot: Robot, trial: int) -> Pushes:
@@ -176,9 +176,8 @@ def trial_pushes(rules: TrialRules, robot: Robot, trial: int) -> Pushes:
 
 
 def _judged(seed: int, rows: Trajectory, plant: Parameters, rules: TrialRules, fault: str | None) -> Trial:
-    record: Any = recorded(rows)
-    whole = len(record.time) == len(rows.time)
+    record: Any = recorded(rows, rules.duration)
+    stop = stopped_at(rows, rules.duration)
     criteria = judge(record.time, record.x, record.u, float(plant.l1), float(plant.l2), rules.performance)
     speed, angle = float(np.abs(record.x[:, 2:]).max()), float(np.abs(record.x[:, :2]).max())
-    stop = None if whole else float(rows.time[len(record.time)])
-    return Trial(seed, criteria if whole else failed(criteria), speed, angle, stop, fault)
+    return Trial(seed, criteria if stop is None else failed(criteria), speed, angle, stop, fault)

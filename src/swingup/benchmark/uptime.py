@@ -11,13 +11,14 @@ import numpy as np
 
 from ..control.registry import has_estimator
 from ..errors import SwingupError
-from ..physics.parameters import Robot, get_robot, leaderboard_parameters
+from ..physics.parameters import Robot, get_robot
 from ..plants.domain import Domain, load_domain
+from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict, robot_parameters
 from ..tasks.throws import Throws
 from ..version import __version__
 from .criteria import tip_is_up
 from .interval import Interval, mean_interval
-from .recording import recorded
+from .recording import recorded, stopped_at
 from .robot_minute import recorded_share, robot_minute
 from .rollout import Scenario, Trajectory
 from .rules import DEFAULT_UPTIME_RULES, UptimeRules, get_uptime_rules
@@ -51,6 +52,9 @@ class Uptime:
     stops: tuple[float | None, ...] = ()
     """When the robot's limits stopped a run (s), if they did, one a seed."""
 
+    plant: Plant | None = None
+    """None is the leaderboards' plant."""
+
     @property
     def best(self) -> float:
         """The best of the seeds."""
@@ -69,7 +73,7 @@ class Uptime:
     def as_dict(self) -> dict[str, Any]:
         """Ready for JSON."""
         names = ("robot", "controller", "estimator", "rules", "version", "uptime", "interval")
-        head = {name: getattr(self, name) for name in names}
+        head = {name: getattr(self, name) for name in names} | plant_as_dict(self.plant, self.robot)
         if self.domain is not None:
             head |= {"best": self.best, "domain": self.domain.as_dict()}
         runs = zip(self.seeds, self.uptimes, self.faults, self.stops, strict=True)
@@ -88,6 +92,7 @@ def uptime(
     seed: int = 0,
     seeds: int = 1,
     progress: Progress | None = None,
+    plant: PlantLike | None = None,
     domain: Domain | str | None = None,
 ) -> Uptime:
     """Simulate a minute with random throws for each seed, in float64, and score it.
@@ -102,25 +107,28 @@ def uptime(
         seed: the first seed of the throws.
         seeds: number of seeds in a row.
         progress: called with the number of finished simulations and of all.
+        plant: what is thrown, by a PID in that pendulum's own units: a plant, its parameters, its name or its file;
+            None for the leaderboards'. Rules of a real robot draw theirs from a domain.
         domain: ranges of plants and loops for rules of a real robot; None for those of the rules.
 
     Raises:
-        SwingupError: there is no such robot or domain, there are no such rules, a seed is out of range, the
-            controller is for the other robot, or rules without a domain got one.
+        SwingupError: there is no such robot, plant or domain, there are no such rules, a seed is out of range, the
+            controller is for the other robot, or rules without a domain got one,
+            or the others a plant.
     """
     robot, rules = get_robot(robot), get_uptime_rules(rules)
-    every, drawn = tuple(check_seeds(seed, seeds)), _domain(rules, domain)
+    every, found, drawn = tuple(check_seeds(seed, seeds)), find_plant(plant), _domain(rules, domain, plant)
     estimator, controller = has_estimator(controller), prepare(controller, robot, name)
     runs: list[_Run] = []
     first = None
     for group in in_groups(every, MINUTES_AT_ONCE):
         with jax.enable_x64(True):
-            scenarios = [_scenario(rules, robot, drawn, each) for each in group]
+            scenarios = [_scenario(rules, robot, found, drawn, each) for each in group]
         depth = 1 if drawn is None else drawn.depth
         batch = run_many(controller, stack(scenarios), rules.dt, rules.steps, depth, keep=True)
         rows: Any = batch.trajectory
         runs += map(_Run, batch.faults, *_judged(rows, scenarios, rules))
-        first = first or _first(rows)
+        first = first or _first(rows, rules)
         if progress is not None:
             progress(len(runs), len(every))
     assert first is not None
@@ -133,6 +141,7 @@ def uptime(
         faults=tuple(run.fault for run in runs),
         trajectory=first,
         estimator=estimator,
+        plant=found,
         domain=drawn,
         stops=tuple(run.stop for run in runs),
     )
@@ -144,18 +153,20 @@ class _Run(NamedTuple):
     stop: float | None
 
 
-def _domain(rules: UptimeRules, domain: Domain | str | None) -> Domain | None:
+def _domain(rules: UptimeRules, domain: Domain | str | None, plant: PlantLike | None) -> Domain | None:
     if rules.domain is None and domain is not None:
         raise SwingupError(f"the rules {rules.name} draw no plants: leave the domain {domain} out")
+    if rules.domain is not None and plant is not None:
+        raise SwingupError(f"the rules {rules.name} draw plants from a domain: give the plant as the domain")
     chosen = rules.domain if domain is None else domain
     return load_domain(chosen) if isinstance(chosen, str) else chosen
 
 
-def _scenario(rules: UptimeRules, robot: Robot, domain: Domain | None, seed: int) -> Scenario:
+def _scenario(rules: UptimeRules, robot: Robot, plant: Plant | None, domain: Domain | None, seed: int) -> Scenario:
     if domain is not None:
         return robot_minute(rules, domain, robot, seed)
     limit = rules.thrower.limit
-    parameters = dataclasses.replace(leaderboard_parameters(robot), tl1=limit, tl2=limit)
+    parameters = dataclasses.replace(robot_parameters(plant, robot), tl1=limit, tl2=limit)
     return Scenario(parameters, throws=draw_throws(rules, seed))
 
 
@@ -163,20 +174,25 @@ def _judged(
     rows: Trajectory, scenarios: Sequence[Scenario], rules: UptimeRules
 ) -> tuple[list[float], list[float | None]]:
     """The uptime of each run, and when it stopped, if it did."""
-    record: Any = rows.record
     plants = [scenario.parameters for scenario in scenarios]
-    if record is None:
+    if rows.record is None:
         up = tip_is_up(np.asarray(rows.x), float(plants[0].l1), float(plants[0].l2), rules.height).mean(axis=1)
         return up.tolist(), [None] * len(plants)
-    runs = list(zip(np.asarray(rows.time), record.x, record.over, strict=True))
-    shares = [recorded_share(*run, plant, rules) for run, plant in zip(runs, plants, strict=True)]
-    return shares, [float(time[over][0]) if over.any() else None for time, _, over in runs]
+    runs = [_run(rows, index) for index in range(len(plants))]
+    records = [recorded(run, rules.duration) for run in runs]
+    shares = [recorded_share(record, plant, rules) for record, plant in zip(records, plants, strict=True)]
+    return shares, [stopped_at(run, rules.duration) for run in runs]
 
 
-def _first(rows: Any) -> Trajectory:
+def _run(rows: Trajectory, index: int) -> Trajectory:
+    run: Trajectory = jax.tree.map(lambda each: np.asarray(each)[index], rows)
+    return run
+
+
+def _first(rows: Trajectory, rules: UptimeRules) -> Trajectory:
     """Rows of the first run: as a robot records them where one was simulated."""
-    first = jax.tree.map(lambda each: each[0], rows)
-    return first if first.record is None else recorded(first)
+    first = _run(rows, 0)
+    return first if first.record is None else recorded(first, rules.duration)
 
 
 def draw_throws(rules: UptimeRules, seed: int) -> Throws:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ..benchmark.board_rules import BOARD_RULES, BoardRules
-from . import exporting, pictures, planning, refining, sweeping, training
+from . import exporting, pictures, planning, refining, rehearsing, sweeping, training
 from .boards import BoardCommands, check_command, score_command
 from .judging import JudgingCommands
 from .parsing import parse
@@ -15,7 +15,7 @@ Judge controllers: evaluate, robustness, uptime, sim2real, leaderboard, score, c
 
 Make them: train, sweep, refine, trajectory.
 
-Show and share them: plot, report, export."""
+Show and share them: plot, report, export, rehearse."""
 
 
 @dataclass(frozen=True)
@@ -47,5 +47,6 @@ def run_command(arguments: Sequence[str], boards: Boards | None = None) -> int:
         "plot": pictures.plot,
         "report": pictures.report,
         "export": exporting.export,
+        "rehearse": rehearsing.rehearse_command,
     }
     return parse(commands, arguments, DESCRIPTION)()

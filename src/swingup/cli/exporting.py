@@ -12,43 +12,46 @@ from ..control.baselines import BASELINES
 from ..errors import SwingupError
 from ..files import write_atomically
 from ..policy.c_backend.header import c_header
+from ..policy.export_cloudpendulum import cloudpendulum_guard, cloudpendulum_notes, export_cloudpendulum
 from ..policy.export_folder import export_realaigym
 from ..policy.onnx_backend.graph import onnx_model
-from ..policy.settings import choose_guard
+from ..policy.pendulum import PendulumPolicy
+from ..policy.settings import GuardSettings, choose_guard
 from ..policy.shipped import REFINED, SHIPPED_POLICIES, read_policy, shipped_file
 from ..policy.template import NAME
 from ..renamed import current_name
 from .output import tell
 
-FORMS = ("realaigym", "onnx", "c")
+FOLDERS = ("realaigym", "cloudpendulum")
+FORMS = (*FOLDERS, "onnx", "c")
 
 
 def export(
     policy: Positional[Annotated[str, arg(metavar="[POLICY]")]] = REFINED,
     /,
     *,
-    to: Annotated[str, arg(metavar="{realaigym,onnx,c}")],
+    to: Annotated[str, arg(metavar="{realaigym,cloudpendulum,onnx,c}")],
     out: Annotated[str, arg(metavar="PATH")],
     robot: str | None = None,
     username: str = "swingup",
     name: str = NAME,
     guard: bool = True,
 ) -> int:
-    """Write a policy for RealAIGym, ONNX Runtime or C.
+    """Write a policy for RealAIGym, CloudPendulum, ONNX Runtime or C.
 
     Baselines have no policy file: see swingup.realaigym.load_controller and swingup trajectory.
 
     Args:
         policy: a policy file, or refined (the default), ar-eapo, global or robot.
-        to: realaigym, a folder that needs NumPy alone; onnx, a graph of the policy without its estimator; or c, a
-            C99 header.
+        to: realaigym or cloudpendulum, a folder that needs NumPy alone; onnx, a graph of the policy without its
+            estimator; or c, a C99 header.
         out: the folder, new or empty; or the file.
         robot: acrobot or pendubot; needed with a name, checked with a file.
         username: your name on RealAIGym's leaderboard.
-        name: of the leaderboard's entry (con_NAME.py), and what all names in a C header begin with, so that several
-            go side by side; ONNX has none.
-        guard: put a safety guard around the controller in realaigym and c: it stops the controller at a limit or a
-            broken measurement. Turn it off for simulations. An onnx graph has none.
+        name: of the entry (con_NAME.py, controller_NAME.py), and what all names in a C header begin with, so that
+            several go side by side; ONNX has none.
+        guard: put a safety guard around the controller in the folders and in c: it stops the controller at a limit
+            or a broken measurement. Turn it off for simulations. An onnx graph has none.
     """
     one_of("format", to, FORMS)
     # Before the policy is read: that error would only list policies.
@@ -56,11 +59,14 @@ def export(
     policy = current_name("controller", policy)
     found = read_policy(policy, robot)
     if to != "onnx" or not guard:
-        found = dataclasses.replace(found, guard=choose_guard(guard, found.guard, found.period))
-    if to == "realaigym":
+        found = dataclasses.replace(found, guard=choose_guard(guard, _own_guard(found, to), found.period))
+    if to in FOLDERS:
         file = shipped_file(found.robot, policy) if policy in SHIPPED_POLICIES else Path(policy)
         with resources.as_file(file) as source:
-            tell(str(export_realaigym(found, source, out, username, name)))
+            if to == "realaigym":
+                tell(str(export_realaigym(found, source, out, username, name)))
+            else:
+                tell(str(export_cloudpendulum(found, source, out, name)), *cloudpendulum_notes(found))
         return 0
     content = onnx_model(found) if to == "onnx" else c_header(found, name).encode()
     write_atomically(out, content)
@@ -70,6 +76,13 @@ def export(
     if to == "onnx" and found.front_end is not None:
         print("without the policy's front end: filter the state and compensate friction yourself")
     return 0
+
+
+def _own_guard(policy: PendulumPolicy, to: str) -> GuardSettings | None:
+    """The guard of the policy file, or that of the robot that a form is for; None for the general one."""
+    if policy.guard is None and to == "cloudpendulum":
+        return cloudpendulum_guard(policy.period)
+    return policy.guard
 
 
 def _refuse_baselines(name: str, robot: str | None) -> None:

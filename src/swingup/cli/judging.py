@@ -27,13 +27,16 @@ from ..control.registry import Controller, get_controller
 from ..files import check_writable
 from ..physics.parameters import Robot, get_robot
 from ..plants.domain import Domain, load_domain
+from ..plants.plant import Plant
 from ..policy.shipped import REFINED, ROBOT
 from .arguments import (
+    NO_PLANT,
     ControllerName,
     DisturbanceOptions,
     DomainOrNone,
     EstimatorFlags,
     EstimatorOptions,
+    PlantFlags,
     RobotName,
     judged_name,
     split_commas,
@@ -65,7 +68,13 @@ class Output:
 
 
 def judge_and_tell(
-    robot: str, controller: str, estimator: EstimatorOptions, judge: Judge, lines: Lines, output: Output
+    robot: str,
+    controller: str,
+    estimator: EstimatorOptions,
+    judge: Judge,
+    lines: Lines,
+    output: Output,
+    plant: Plant | None = None,
 ) -> int:
     """Find a controller, judge it, and save and print the result: the steps of every judging command."""
     chosen = get_robot(robot)
@@ -73,7 +82,7 @@ def judge_and_tell(
         # Before the judging, which may take minutes.
         check_writable(output.save)
     with foreign_prints_apart(), progress_shown() as shown:
-        found = get_controller(controller, chosen, estimator.wanted)
+        found = get_controller(controller, chosen, estimator.wanted, plant)
         result = judge(found, chosen, lambda done, total: shown("simulations", done, total))
     if output.save is not None:
         save_trajectory(output.save, result.trajectory)
@@ -131,6 +140,7 @@ class JudgingCommands:
         /,
         controller: ControllerName = REFINED,
         estimator: EstimatorFlags = AS_IT_COMES,
+        plant: PlantFlags = NO_PLANT,
         rules: str = "v2",
         json: bool = False,
         save: str | None = None,
@@ -142,20 +152,21 @@ class JudgingCommands:
             robot: the robot.
             controller: the controller.
             estimator: whether a state estimator stands before it.
+            plant: what is simulated, and baselines are designed for.
             rules: v2 (simulation), hardware or hardware-perturbed.
             json: print one JSON object.
             save: also write the trajectory to this CSV file.
             disturbance: disturbances of the run; the boards' runs have none.
         """
-        chosen = self.board("performance", rules)
+        chosen, on_plant = self.board("performance", rules), plant.make()
 
         def judge(found: Controller, on: Robot, progress: Progress) -> Evaluation:
-            return performance_of.evaluate(found, on, controller, chosen, disturbance.make())
+            return performance_of.evaluate(found, on, controller, chosen, disturbance.make(), on_plant)
 
         def lines(result: Evaluation, judged: str) -> list[str]:
             return evaluation_lines(result, judged, rules)
 
-        return judge_and_tell(robot, controller, estimator, judge, lines, Output(json, save))
+        return judge_and_tell(robot, controller, estimator, judge, lines, Output(json, save), on_plant)
 
     def robustness(
         self,
@@ -163,6 +174,7 @@ class JudgingCommands:
         /,
         controller: ControllerName = REFINED,
         estimator: EstimatorFlags = AS_IT_COMES,
+        plant: PlantFlags = NO_PLANT,
         rules: str = "v2",
         seed: int = 0,
         seeds: int = 1,
@@ -176,6 +188,7 @@ class JudgingCommands:
             robot: the robot.
             controller: the controller.
             estimator: whether a state estimator stands before it.
+            plant: what the grid is around, with disturbances in that pendulum's own units.
             rules: v2.
             seed: seed of the noise and the pushes.
             seeds: seeds in a row; with two or more the random criteria get 95 % intervals.
@@ -185,21 +198,23 @@ class JudgingCommands:
             json: print one JSON object, with every single simulation.
         """
         criteria, grid = split_commas(criteria), split_commas(grid)
-        changed = self.board("robustness", rules)
+        changed, on_plant = self.board("robustness", rules), plant.make()
         for text in grid:
             changed = change_grid(changed, text)
 
         def judge(found: Controller, on: Robot, progress: Progress) -> Robustness:
-            return robustness_of.robustness(found, on, controller, changed, seed, seeds, criteria, progress)
+            return robustness_of.robustness(
+                found, on, controller, changed, seed, seeds, criteria, progress, on_plant
+            )
 
         # The result names the command that repeats it; the leaderboard shows it beside shipped rows.
         options = {"controller": controller, "rules": rules, "seed": seed, "seeds": seeds}
         command = ["swingup", "robustness", robot, *(f"--{name}={value}" for name, value in options.items())]
-        command += estimator.flags
+        command += [*estimator.flags, *plant.flags]
         command += ["--criteria", *criteria] if criteria != CRITERIA else []
         command += ["--grid", *grid] if grid else []
         output = Output(json, head={"command": shlex.join(command)}, indent=1)
-        return judge_and_tell(robot, controller, estimator, judge, robustness_lines, output)
+        return judge_and_tell(robot, controller, estimator, judge, robustness_lines, output, on_plant)
 
     def uptime(
         self,
@@ -207,6 +222,7 @@ class JudgingCommands:
         /,
         controller: ControllerName = REFINED,
         estimator: EstimatorFlags = AS_IT_COMES,
+        plant: PlantFlags = NO_PLANT,
         rules: str = "v3",
         domain: DomainOrNone = None,
         seed: int = 0,
@@ -220,19 +236,20 @@ class JudgingCommands:
             robot: the robot.
             controller: the controller.
             estimator: whether a state estimator stands before it.
+            plant: what is thrown by the rules v3, by a PID in that pendulum's own units.
             rules: v3 (simulation) or icra-real (the real robot's, simulated; throws at limits as well).
-            domain: for icra-real, plant and loop: identified, randomised (the default), or a YAML file.
+            domain: for icra-real, plant and loop: identified, randomised, recorded (the default), or a YAML file.
             seed: seed of the throws, and of plants and noise.
             seeds: seeds in a row; the score is their mean.
             json: print one JSON object.
             save: also write the first seed's trajectory to this CSV file.
         """
-        chosen = self.board("uptime", rules)
+        chosen, on_plant = self.board("uptime", rules), plant.make()
 
         def judge(found: Controller, on: Robot, progress: Progress) -> Uptime:
-            return uptime_of.uptime(found, on, controller, chosen, seed, seeds, progress, domain)
+            return uptime_of.uptime(found, on, controller, chosen, seed, seeds, progress, on_plant, domain)
 
-        return judge_and_tell(robot, controller, estimator, judge, uptime_lines, Output(json, save))
+        return judge_and_tell(robot, controller, estimator, judge, uptime_lines, Output(json, save), on_plant)
 
     def sim2real(
         self,
@@ -256,10 +273,10 @@ class JudgingCommands:
             robot: the robot.
             controller: the controller.
             estimator: whether a state estimator stands before it.
-            rules: sim2real (success as above), or those of a real robot's board, which score what the robot records:
+            rules: sim2real (success as above), or those of a real robot's board, which score what it records:
                 iros-real (pushes on both joints) or v2-real (none).
-            domain: plant and loop: identified, randomised (another plant for each seed), or a YAML file. By default
-                identified for sim2real, and randomised for the boards.
+            domain: plant and loop: identified, randomised or recorded (other plants for each seed), or a YAML file.
+                By default identified for sim2real, and recorded for the boards.
             seed: seed of noise and plants.
             seeds: seeds in a row; 100 for sim2real by default, and 10 for the boards.
             json: print one JSON object, with every run.

@@ -10,6 +10,7 @@ from ..benchmark.robustness import Robustness
 from ..benchmark.sim2real import Sim2Real
 from ..benchmark.trials import Trials
 from ..benchmark.uptime import Uptime
+from .arguments import plant_note
 from .output import aligned, to_last
 
 
@@ -19,7 +20,7 @@ def evaluation_lines(result: Evaluation, judged: str, rules: str) -> list[str]:
     success = "success" if result.criteria.success else "failure"
     values = [(COLUMNS[name].title, COLUMNS[name].show(getattr(result.criteria, name))) for name in PERFORMANCE]
     return [
-        f"{result.robot}, {judged} (rules {rules}{disturbed})",
+        f"{result.robot}, {judged} (rules {rules}{disturbed}{plant_note(result.plant, result.robot)})",
         aligned("Swing-up", success, result.tip.failure or ""),
         *(aligned(title, value) for title, value in values),
         aligned("Highest tip [m]", f"{result.tip.highest:.3f}", f"{result.tip.percent:.1f} % of l1 + l2"),
@@ -43,7 +44,8 @@ def plausibility_lines(found: Plausibility) -> list[str]:
 
 def robustness_lines(result: Robustness, judged: str) -> list[str]:
     """Percentages with their intervals, and how many simulations the controller lost."""
-    head = f"{result.robot}, {judged} (rules {result.rules}, seed {_seeds(result.seeds)})"
+    plant = plant_note(result.plant, result.robot)
+    head = f"{result.robot}, {judged} (rules {result.rules}, seed {_seeds(result.seeds)}{plant})"
     lines = [head]
     for name, value in {**result.percent, "overall": result.overall}.items():
         column, interval = COLUMNS[name], result.intervals.get(name)
@@ -59,10 +61,10 @@ def robustness_lines(result: Robustness, judged: str) -> list[str]:
 def uptime_lines(result: Uptime, judged: str) -> list[str]:
     """The score, its interval, and the faults of single seeds."""
     extra = f"{result.interval[0]:.3f} to {result.interval[1]:.3f}" if result.interval else ""
-    faults = zip(result.seeds, result.faults, strict=True)
+    faults, plant = zip(result.seeds, result.faults, strict=True), plant_note(result.plant, result.robot)
     drawn = "" if result.domain is None else f", domain {result.domain.name}"
     lines = [
-        f"{result.robot}, {judged} (rules {result.rules}{drawn}, seed {_seeds(result.seeds)})",
+        f"{result.robot}, {judged} (rules {result.rules}{drawn}, seed {_seeds(result.seeds)}{plant})",
         aligned("Uptime score", f"{result.uptime:.3f}", extra),
     ]
     if result.domain is not None:

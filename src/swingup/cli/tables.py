@@ -15,6 +15,7 @@ from rich.table import Table
 from ..benchmark.columns import COLUMNS
 from ..benchmark.leaderboard import ON_ROBOT, OURS, Board, Row
 from ..text import one_line
+from .arguments import plant_note
 from .output import printable
 
 WIDEST = 1000
@@ -113,4 +114,5 @@ def _remarks(board: Board) -> list[str]:
 
 def _title(board: Board) -> str:
     seed = "" if board.seed is None else f", seed {board.seed}"
-    return f"{board.measure.capitalize().replace('_', ' ')} scores of the {board.robot} (rules {board.rules}{seed})"
+    plant, measure = plant_note(board.plant, board.robot), board.measure.capitalize().replace("_", " ")
+    return f"{measure} scores of the {board.robot} (rules {board.rules}{seed}{plant})"

@@ -15,12 +15,14 @@ from jaxtyping import Float
 from ..arrays import load_archive, save_archive
 from ..checks import positive_number
 from ..errors import SwingupError
-from ..physics.angles import UPRIGHT
-from ..physics.parameters import Robot, get_robot, leaderboard_parameters
+from ..physics.parameters import Parameters, Robot, get_robot
+from ..plants.plant import PlantLike
 from ..version import __version__
 from .ilqr import ILQRSettings, Solution, Status, feedback_gains, solve
+from .model import model_of
 from .published import SwingupProblem
 from .riccati_passes import Cost
+from .search import search_torques
 from .transition import PendulumTransition
 
 REFERENCE_FORMAT = "swingup trajectory"
@@ -53,23 +55,29 @@ class Reference(eqx.Module):
 REFERENCE_ARRAYS = ("states", "torque", "gains", "unregularised_gains")
 
 
-def compute_reference(robot: Robot | str, problem: SwingupProblem, seed: int) -> tuple[Reference, dict[str, Any]]:
-    """Optimise a swing-up from hanging at rest with the leaderboard's plant; takes a minute or two.
+def compute_reference(
+    robot: Robot | str, problem: SwingupProblem, seed: int, plant: PlantLike | None = None
+) -> tuple[Reference, dict[str, Any]]:
+    """Optimise a swing-up from hanging at rest; takes a minute or two.
 
     Args:
         robot: which joint is driven.
         problem: weights and settings.
-        seed: of the first torques, which NumPy draws uniformly from [0, problem.first_torque].
+        seed: of the first torques, which NumPy draws uniformly from [0, problem.first_torque], or of the search.
+        plant: the pendulum, in whose units the problem is; None for the leaderboards'.
 
     Returns:
         The trajectory, and its provenance: JSON values for the file.
+
+    Raises:
+        SwingupError: there is no such plant, or the search led to no finite cost.
     """
     robot = get_robot(robot)
-    steps = problem.steps
-    transition = PendulumTransition(leaderboard_parameters(robot), robot.joint, problem.dt)
-    cost = problem.weights.cost(np.tile(UPRIGHT, (steps, 1)), np.zeros(steps), UPRIGHT)
-    first = np.random.default_rng(seed).uniform(0.0, problem.first_torque, steps)
+    parameters = model_of(plant, robot)
+    transition = PendulumTransition(parameters, robot.joint, problem.dt)
+    cost = problem.cost(problem.steps)
     with jax.enable_x64(True):
+        first = _first_torques(parameters, robot, problem, seed)
         solution = _solve(transition, cost, jnp.asarray(first), problem.settings)
         gains, free = (_gains(transition, cost, solution, mu) for mu in (problem.gain_regularisation, 0.0))
         solution, gains, free = jax.tree.map(np.asarray, (solution, gains, free))
@@ -82,6 +90,16 @@ def compute_reference(robot: Robot | str, problem: SwingupProblem, seed: int) ->
         "status": Status(int(solution.status)).name.lower(),
         "gain_regularisation": problem.gain_regularisation,
     }
+
+
+def _first_torques(parameters: Parameters, robot: Robot, problem: SwingupProblem, seed: int) -> np.ndarray:
+    if problem.search is None:
+        return np.random.default_rng(seed).uniform(0.0, problem.first_torque, problem.steps)
+    coarse = problem.search.steps
+    transition = PendulumTransition(parameters, robot.joint, problem.dt * problem.steps / coarse)
+    found = search_torques(transition, problem.cost(coarse), problem.search, seed)
+    # Held over the fine steps, the coarse torques give the same trajectory up to the integrator's error.
+    return found[np.arange(problem.steps) * coarse // problem.steps]
 
 
 _gains = jax.jit(feedback_gains)

@@ -68,7 +68,7 @@ def cut_windows(recording: Recording, length: float, stride: float = STRIDE, log
         log=np.full(len(starts), log),
         time=starts,
         start=states[:, 0],
-        impulse=_impulse(recording, grid),
+        impulse=cumulative_torque(recording, grid),
         reference=states[:, 1:],
     )
 
@@ -91,12 +91,12 @@ def _is_whole(recording: Recording, start: float, length: float) -> bool:
     return not bool(np.any((ends > start - REACH) & (begins < start + length + REACH)))
 
 
-def _impulse(recording: Recording, grid: np.ndarray) -> np.ndarray:
-    """Integral of the torques over time at the grid's points (N m s): each row's torque holds until the next."""
+def cumulative_torque(recording: Recording, times: Float[np.ndarray, "*times"]) -> Float[np.ndarray, "*times 2"]:
+    """Integral of the torques from the first row to any times (N m s): each row's torque holds until the next."""
     time, u = recording.time, recording.u * np.asarray(recording.driven)
     total = np.concatenate([np.zeros((1, 2)), np.cumsum(u[:-1] * np.diff(time)[:, None], axis=0)])
     # Beyond the rows the last torque holds; before them there is none.
     time = np.append(time, time[-1] + 1.0)
     total = np.append(total, total[-1:] + u[-1:], axis=0)
-    columns = [np.interp(grid.ravel(), time, total[:, joint]).reshape(grid.shape) for joint in (0, 1)]
+    columns = [np.interp(times.ravel(), time, total[:, joint]).reshape(times.shape) for joint in (0, 1)]
     return np.stack(columns, axis=-1)

@@ -4,7 +4,7 @@ import dataclasses
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from ..checks import suggestion
 from ..errors import SwingupError
@@ -18,6 +18,7 @@ from ..physics.parameters import (
     make_parameters,
     validated,
 )
+from ..physics.units import torque_over_gravity
 from ..robots import TORQUE_LIMIT
 from ..text import one_line, quoted
 from ..yaml_map import read_map
@@ -34,6 +35,10 @@ class Plant:
     """A shipped plant's name, or the file that it was read from."""
     parameters: Parameters
     """Both torque limits are those of the motors, whichever joint a robot drives."""
+
+    def __str__(self) -> str:
+        """Its name."""
+        return self.name
 
     def driven(self, robot: Robot | str) -> Parameters:
         """The parameters with a torque limit of 0 on the joint that the robot does not drive."""
@@ -99,6 +104,11 @@ def load_plant(source: PlantLike) -> Plant:
         raise SwingupError(f"plant {one_line(name)}: {error}") from error
 
 
+def find_plant(plant: PlantLike | None) -> Plant | None:
+    """As :func:`load_plant`; None stays None, which stands for the leaderboards' plant."""
+    return None if plant is None else load_plant(plant)
+
+
 def robot_parameters(plant: PlantLike | None, robot: Robot | str) -> Parameters:
     """The plant of a robot, with one driven joint: a plant's, or the leaderboards' where it is None.
 
@@ -107,6 +117,13 @@ def robot_parameters(plant: PlantLike | None, robot: Robot | str) -> Parameters:
     """
     robot = get_robot(robot)
     return leaderboard_parameters(robot) if plant is None else load_plant(plant).driven(robot)
+
+
+def plant_as_dict(plant: Plant | None, robot: Robot | str) -> dict[str, Any]:
+    """What a result says of its plant, ready for JSON; nothing of the leaderboards' (None)."""
+    if plant is None:
+        return {}
+    return {"plant": plant.name, "torque_over_gravity": torque_over_gravity(plant.driven(robot))}
 
 
 def base_plant(source: object, folder: str | Path) -> Plant:

@@ -9,7 +9,8 @@ from ..benchmark.leaderboard import ENTRANTS, RowProgress, entrants_for, leaderb
 from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import PushRules
 from ..errors import SwingupError
-from ..physics.parameters import Robot, get_robot, leaderboard_parameters
+from ..physics.parameters import Robot, get_robot
+from ..plants.plant import Plant, PlantLike, find_plant, robot_parameters
 from ..policy.jax_backend.controller import shipped_policy
 from ..policy.shipped import REFINED
 from ..tasks.disturbance import Disturbance
@@ -36,6 +37,7 @@ def make_section(
     seed: int = 0,
     progress: RowProgress | None = None,
     entrants: Sequence[str] = SHOWN_CONTROLLERS,
+    plant: PlantLike | None = None,
 ) -> Section:
     """Score controllers on one robot, and simulate their swing-ups.
 
@@ -46,26 +48,28 @@ def make_section(
         progress: called with the name of a stage, the number of its finished parts, and of all; a robot takes
             minutes. A stage is a row of a board or a controller's swing-ups; its name begins with the robot's.
         entrants: names of the built-in controllers whose swing-ups are shown; the boards have their own.
+        plant: what the page shows, and the baselines are designed for: a plant, its parameters, its name or its
+            file; None for the leaderboards'.
 
     Raises:
-        SwingupError: there is no such robot. A controller that fails gets a note.
+        SwingupError: there is no such robot or plant. A controller that fails gets a note.
     """
-    robot = get_robot(robot)
-    shown = entrants_for(robot, controllers or {}, entrants)
+    robot, found = get_robot(robot), find_plant(plant)
+    shown = entrants_for(robot, controllers or {}, entrants, plant=found)
 
     def tell(stage: str, done: int, total: int) -> None:
         if progress is not None:
             progress(f"{robot.name}: {one_line(stage)}", done, total)
 
-    boards = leaderboard(robot, controllers, seed=seed, progress=tell)
+    boards = leaderboard(robot, controllers, seed=seed, progress=tell, plant=found)
     shows: list[Show] = []
     for name, controller in shown.items():
         tell(f"swing-ups of {name}", len(shows), len(shown))
-        shows.append(make_show(name, controller, robot, seed))
+        shows.append(make_show(name, controller, robot, seed, found))
     tell("finished", len(shows), len(shown))
     return Section(
         robot=robot.name,
-        parameters=leaderboard_parameters(robot),
+        parameters=robot_parameters(found, robot),
         boards=boards,
         shows=shows,
         disturbance=describe_disturbance(seed),
@@ -73,13 +77,14 @@ def make_section(
     )
 
 
-def make_show(name: str, controller: Any, robot: Robot, seed: int) -> Show:
+def make_show(name: str, controller: Any, robot: Robot, seed: int, plant: Plant | None = None) -> Show:
     """Simulate one controller without and with a disturbance; a failed run becomes a note."""
     runs: dict[str, Trajectory | None] = {}
     notes: dict[str, None] = {}
     for run, disturbance in (("clean", None), ("disturbed", disturb(seed))):
         try:
-            runs[run] = thin(evaluate(controller, robot, name, disturbance=disturbance).trajectory)
+            result = evaluate(controller, robot, name, disturbance=disturbance, plant=plant)
+            runs[run] = thin(result.trajectory)
         except SwingupError as error:
             runs[run] = None
             notes[str(error)] = None

@@ -135,7 +135,8 @@ def _table(board: "Board") -> dict[str, Any]:
         for row in board.rows
     ]
     seed = "" if board.seed is None else f" Seed {board.seed}."
-    note = NOTES.get(board.measure, "") + f" Rules {board.rules}.{seed}"
+    plant = "" if board.plant is None else f" Plant {one_line(board.plant.name)}."
+    note = NOTES.get(board.measure, "") + f" Rules {board.rules}.{seed}{plant}"
     title = TITLES.get(board.measure, board.measure)
     return {
         "measure": board.measure,

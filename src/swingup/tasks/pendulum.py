@@ -34,7 +34,8 @@ class PendulumState(eqx.Module):
 class AbstractPendulumTask(AbstractTask[StateT]):
     """Swing up and balance; truncated at random and by a limit, never terminated.
 
-    Source of the numbers: AR-EAPO paper, section IV.
+    The numbers suit the leaderboards' plant, design C.1; :mod:`.units` scales them to other plants. Source: AR-EAPO
+    paper, section IV.
     """
 
     robot: Robot = eqx.field(static=True)
@@ -52,7 +53,9 @@ class AbstractPendulumTask(AbstractTask[StateT]):
     reward_scale: float = 0.001
     """α."""
     reset_noise: float = 0.01
-    """Standard deviation of the initial state around hanging (rad, rad/s)."""
+    """Standard deviation of the initial state around hanging (rad, and rad/s times ``reset_rate``)."""
+    reset_rate: float = 1.0
+    """Standard deviation of the initial velocities per that of the angles (1/s)."""
     truncation_probability: float = 1e-3
     """p_trunc: probability of a random truncation at each step."""
     max_steps: int = eqx.field(static=True, default=1000)
@@ -78,7 +81,7 @@ class AbstractPendulumTask(AbstractTask[StateT]):
 
     def hanging_start(self, key: Key) -> State:
         """Hang down, disturbed by Gaussian noise on all four states."""
-        return self.reset_noise * jax.random.normal(key, (4,))
+        return self.reset_noise * jax.random.normal(key, (4,)) * jnp.array([1.0, 1.0, *2 * [self.reset_rate]])
 
     def quadratic_reward(self, x: State, u: Torque) -> Scalar:
         """r(x', a) = -α[(x' - g)ᵀ Q (x' - g) + R a²], with q1 wrapped to [0, 2π) and q2 to [-π, π)."""

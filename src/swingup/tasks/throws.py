@@ -15,6 +15,7 @@ from jaxtyping import Array, Float, Int
 from ..physics.dynamics import gravity_torque
 from ..physics.integrate import rk4_step
 from ..physics.parameters import Parameters
+from ..physics.units import Scales, scales_of
 from ..types import Count, Flag, Scalar, State, Torque
 
 WITHOUT_DERIVATIVE = 2
@@ -43,6 +44,18 @@ class Thrower(eqx.Module):
 
 THROWER = Thrower()
 """The benchmark's."""
+
+
+def scaled_thrower(scales: Scales) -> Thrower:
+    """The benchmark's PID for a pendulum of other units, with gains in proportion to its torque limit."""
+    limit, time = scales.torque_limit, scales.time
+    return Thrower(
+        kp=THROWER.kp * limit,
+        ki=THROWER.ki * limit / time,
+        kd=THROWER.kd * limit * time,
+        dt=THROWER.dt * time,
+        limit=THROWER.limit * limit,
+    )
 
 
 class Throws(eqx.Module):
@@ -100,22 +113,25 @@ def throwing_torque(
 def thrown_states(
     random: np.random.Generator, plant: Parameters, number: int, steps: int = 100, dt: float = 0.002
 ) -> Float[np.ndarray, "number 4"]:
-    """States after throws of an upright pendulum, from which a controller has to recover.
+    """States after throws of an upright pendulum, from which a controller has to recover; in the plant's own units.
 
     Args:
         random: source of the numbers.
         plant: the plant.
         number: number of states.
         steps: length of a throw.
-        dt: time of a step (s).
+        dt: time of a step for design C.1 (s).
     """
+    scales = scales_of(plant)
     turns = [random.choice(len(odds), number, p=odds) - len(odds) // 2 for odds in TURNS]
     # Full turns matter: the PID's error is not wrapped.
     upright = np.stack([np.pi * (2 * turns[0] + 1), 2 * np.pi * turns[1]], axis=1)
-    x0 = np.concatenate([upright, np.zeros((number, 2))], axis=1) + 0.05 * random.normal(size=(number, 4))
+    noise = 0.05 * random.normal(size=(number, 4)) * [1.0, 1.0, scales.velocity, scales.velocity]
+    x0 = np.concatenate([upright, np.zeros((number, 2))], axis=1) + noise
     # Any last error: the throw before it aimed elsewhere, so that the first derivative saturates.
     targets, last = random.uniform(-np.pi, np.pi, (number, 2)), random.uniform(-6.0, 6.0, (number, 2))
-    x = _thrown(THROWER, plant, jnp.asarray(targets), jnp.asarray(last), jnp.asarray(x0), steps, dt)
+    starts = jnp.asarray(targets), jnp.asarray(last), jnp.asarray(x0)
+    x = _thrown(scaled_thrower(scales), plant, *starts, steps, dt * scales.time)
     return np.array(x)
 
 

@@ -1,0 +1,79 @@
+"""Intervals: a Bayesian bootstrap over logs and blocks, each draw solved in one step of Gauss and Newton.
+
+Errors of neighbouring windows are alike, so that windows are drawn in blocks of 1 s. A draw gives each block a weight
+from Exp(1), and each log a weight with a quarter of its variance. It also draws what is expected of each unknown: what
+the logs leave open is then as wide as before. Source: Rubin, The Bayesian bootstrap (Annals of Statistics 9, 1981).
+"""
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.optimize import lsq_linear
+
+from .fit import Fit
+from .windows import Windows
+
+BLOCK = 1.0
+"""Length of a block (s)."""
+LOG_SHAPE = 4.0
+"""Shape of the Gamma distribution of a log's weight: its variance is the inverse."""
+DRAWS = 400
+LEVEL = 0.95
+
+
+def draw_solutions(fit: Fit, windows: Windows, seed: int = 0) -> Float[np.ndarray, "draws unknowns"]:
+    """Solutions z for other logs and blocks that might have been recorded."""
+    random = np.random.default_rng(seed)
+    unknowns, count = fit.unknowns, len(fit.z)
+    normal, gradient = _by_block(fit, _blocks(windows))
+    logs = _first_of_each(windows.log, _blocks(windows))
+    weights = random.exponential(size=(DRAWS, len(normal)))
+    weights *= random.gamma(LOG_SHAPE, 1.0 / LOG_SHAPE, (DRAWS, int(logs.max(initial=0)) + 1))[:, logs]
+    expected = random.normal(size=(DRAWS, count)) * unknowns.spread
+    prior = np.diag(1.0 / unknowns.spread**2)
+    solutions = np.empty((DRAWS, count))
+    for draw in range(DRAWS):
+        matrix = np.tensordot(weights[draw], normal, 1) + prior
+        slope = weights[draw] @ gradient + prior @ (fit.z - expected[draw])
+        solutions[draw] = _step(matrix, slope, unknowns.low - fit.z, unknowns.high - fit.z) + fit.z
+    return solutions
+
+
+def interval(values: Float[np.ndarray, "draws"]) -> tuple[float, float]:
+    """The central 95 % of the draws."""
+    low, high = np.quantile(values, [0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL])
+    return float(low), float(high)
+
+
+def _blocks(windows: Windows) -> Int[np.ndarray, "windows"]:
+    """A number for each window's block, from 0."""
+    numbers = windows.log * 1_000_000 + np.floor(windows.time / BLOCK).astype(int)
+    return np.unique(numbers, return_inverse=True)[1]
+
+
+def _first_of_each(logs: np.ndarray, blocks: np.ndarray) -> np.ndarray:
+    found: np.ndarray = logs[np.unique(blocks, return_index=True)[1]]
+    return found
+
+
+def _by_block(fit: Fit, blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Normal matrix and gradient of each block, with the weights of the robust loss."""
+    count, unknowns = int(blocks.max(initial=-1)) + 1, len(fit.z)
+    robust = 1.0 / np.sqrt(1.0 + fit.residual**2)
+    normal, gradient = np.zeros((count, unknowns, unknowns)), np.zeros((count, unknowns))
+    for block in range(count):
+        rows = blocks == block
+        jacobian = fit.jacobian[rows].reshape(-1, unknowns)
+        weight = robust[rows].ravel()
+        normal[block] = jacobian.T @ (jacobian * weight[:, None])
+        gradient[block] = jacobian.T @ (weight * fit.residual[rows].ravel())
+    return normal, gradient
+
+
+def _step(matrix: np.ndarray, slope: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The least of ½ δᵀ matrix δ + slopeᵀ δ within bounds."""
+    step: np.ndarray = np.linalg.solve(matrix, -slope)
+    if np.all((step >= low) & (step <= high)):
+        return step
+    root = np.linalg.cholesky(matrix)
+    step = lsq_linear(root.T, -np.linalg.solve(root, slope), (low, high)).x
+    return step

@@ -1,0 +1,85 @@
+"""From base parameters to a plant and a domain: a physically consistent pendulum, and ranges for training.
+
+Motion tells m1 r1 + m2 l1, m2 r2, I1 + m2 l1² and I2, not the masses. Among the pendulums with these values, one is
+chosen whose masses are near the starting plant's and whose links could be built: m r² ≤ I on both links.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..errors import SwingupError
+from ..physics.parameters import Parameters, validated
+from ..plants.domain import make_domain
+from ..plants.loop import LOOP_DT
+
+Range = tuple[float, float]
+
+MARGIN = 1.05
+"""Inertia above that of a point mass, m r²."""
+
+
+def representative(base: Mapping[str, float], start: Parameters) -> Parameters:
+    """A pendulum with these base parameters and frictions; lengths, gravity and limits are the start's.
+
+    Raises:
+        SwingupError: no such pendulum has a positive definite mass matrix.
+    """
+    l1 = float(start.l1)
+    least = MARGIN * base["second"] ** 2 / base["elbow"]
+    most = min(0.95 * base["shoulder"] / l1**2, 0.98 * base["first"] / l1)
+    # Where link 2 is too heavy for its inertia, the masses cannot be consistent: the equations still hold.
+    m2 = float(np.clip(start.m2, least, most)) if least < most else most
+    rest, I1 = base["first"] - m2 * l1, base["shoulder"] - m2 * l1**2
+    m1 = max(float(start.m1), MARGIN * rest**2 / I1)
+    found = Parameters(
+        m1=m1, m2=m2, l1=l1, l2=float(start.l2), r1=rest / m1, r2=base["second"] / m2, I1=I1, I2=base["elbow"],
+        Ir=base["rotor"], gr=float(start.gr), b1=base["b1"], b2=base["b2"], cf1=base["cf1"], cf2=base["cf2"],
+        g=float(start.g), tl1=float(start.tl1), tl2=float(start.tl2),
+    )  # fmt: skip
+    return validated(found)
+
+
+def domain_of(plant: Parameters, ranges: Mapping[str, Range]) -> dict[str, float | list[float]]:
+    """A domain's content: ranges of plant and loop around an identified plant.
+
+    Where wide ranges have corners that are no pendulum, they are narrowed together until none is left.
+
+    Args:
+        plant: the representative.
+        ranges: of the base parameters, frictions, ``delay`` and ``lag`` (s).
+    """
+    for narrowing in (1.0, 0.7, 0.5, 0.3, 0.15, 0.0):
+        content = _content(plant, ranges, narrowing)
+        try:
+            make_domain(content)
+        except SwingupError:
+            continue
+        return content
+    return {}
+
+
+def _content(p: Parameters, ranges: Mapping[str, Range], narrowing: float) -> dict[str, float | list[float]]:
+    first, second, shoulder, elbow = (ranges[name] for name in ("first", "second", "shoulder", "elbow"))
+    weight, inertia = float(p.m2 * p.l1), float(p.m2 * p.l1**2)
+    # The masses stay: a range of a base parameter is one of the centre of mass or the inertia.
+    spans: dict[str, Range] = {
+        "r1": ((first[0] - weight) / float(p.m1), (first[1] - weight) / float(p.m1)),
+        "r2": (second[0] / float(p.m2), second[1] / float(p.m2)),
+        "I1": (shoulder[0] - inertia, shoulder[1] - inertia),
+        "I2": elbow,
+        "Ir": ranges["rotor"],
+        **{name: ranges[name] for name in ("b1", "b2", "cf1", "cf2")},
+    }
+    values = {name: float(getattr(p, name)) for name in ("m1", "m2", "l1", "l2", "gr", "g")}
+    content: dict[str, float | list[float]] = dict(values)
+    for name, (low, high) in spans.items():
+        value = float(getattr(p, name))
+        content[name] = [value + narrowing * min(low - value, 0.0), value + narrowing * max(high - value, 0.0)]
+    delay = (max(ranges["delay"][0], 0.0), max(ranges["delay"][1], 0.0))
+    lag = ranges["lag"]
+    content["torque_limit"] = float(max(p.tl1, p.tl2))
+    content["delay"] = list(delay)
+    # Of a change of torque, a first-order lag makes this part within a step of the loop.
+    content["response"] = [float(-np.expm1(-LOOP_DT / lag[1])), float(-np.expm1(-LOOP_DT / lag[0]))]
+    return content

@@ -1,0 +1,172 @@
+"""Open-loop predictions over windows, and their derivatives with respect to the model's parameters.
+
+The model is linear in five base parameters of the plant, which is all that motion and torques can tell of masses,
+centres of mass and inertias (the lengths are known):
+
+    first = m1 r1 + m2 l1,   second = m2 r2,   shoulder = I1 + m2 l1²,   elbow = I2,   rotor = Ir.
+
+The torque that acts is gain times the command, ``delay`` late, through a first-order lag:
+
+    lag du/dt = gain command(t - delay) - u.
+
+Angles are measured with constant offsets: q = measured - offset.
+"""
+
+import functools
+import math
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..physics.equations import COULOMB_STEEPNESS, Lumped
+from ..physics.implicit_friction import Friction, advance
+from ..physics.parameters import Parameters
+from .windows import HISTORY, INTERVAL, TORQUE_STEP, Windows
+
+NAMES = (
+    "first", "second", "shoulder", "elbow", "rotor", "b1", "b2", "cf1", "cf2", "offset1", "offset2", "gain1",
+    "gain2", "delay", "lag",
+)  # fmt: skip
+"""Entries of a model's vector, in order (kg m, kg m², N m s/rad, N m, rad, s)."""
+
+CHUNK = 128
+"""Windows that one call of the compiled program predicts; fewer are filled up, so that it compiles once."""
+THREADS = 2
+LONGEST_LAG = 0.03
+"""Time that a lag remembers (s)."""
+
+
+class Setting(NamedTuple):
+    """What of a plant is known, and the step of integration; hashable, it is compiled in."""
+
+    l1: float
+    """Length of link 1 (m)."""
+    gravity: float
+    """m/s²"""
+    gear: float
+    """Gear ratio."""
+    steepness: float
+    """Slope of the smoothed Coulomb friction (s/rad)."""
+    step: float
+    """Step of integration (s); an interval holds a whole number of them."""
+
+
+def setting_of(p: Parameters) -> Setting:
+    """The setting for a plant: 2 ms on C.1, shorter steps for shorter links.
+
+    Speeds of a pendulum grow with sqrt(g / l). The friction's slope is per speed, and steps are per time.
+    """
+    scale = min(1.0, math.sqrt(float(p.l1 + p.l2) / 0.5 * 9.81 / float(p.g)))
+    step = INTERVAL / math.ceil(INTERVAL / (0.002 * scale) - 1e-9)
+    step = TORQUE_STEP * max(1, math.floor(step / TORQUE_STEP + 1e-9))
+    return Setting(float(p.l1), float(p.g), float(p.gr), COULOMB_STEEPNESS * scale, step)
+
+
+def vector_of(p: Parameters, delay: float = 0.004, lag: float = 0.002) -> Float[np.ndarray, "15"]:
+    """A model's vector from a plant's parameters, with offsets of 0 and gains of 1."""
+    base = (p.m1 * p.r1 + p.m2 * p.l1, p.m2 * p.r2, p.I1 + p.m2 * p.l1**2, p.I2, p.Ir)
+    return np.array([*base, p.b1, p.b2, p.cf1, p.cf2, 0.0, 0.0, 1.0, 1.0, delay, lag], np.float64)
+
+
+def predict(setting: Setting, model: np.ndarray, windows: Windows) -> Float[np.ndarray, "windows outputs 4"]:
+    """States at the windows' output times, predicted from their starts."""
+    return _in_chunks(_compiled(setting, windows.reference.shape[1], False), model, windows)
+
+
+def predict_with_jacobian(
+    setting: Setting, model: np.ndarray, windows: Windows
+) -> tuple[Float[np.ndarray, "windows outputs 4"], Float[np.ndarray, "windows outputs 4 15"]]:
+    """The same with derivatives with respect to the model's vector."""
+    both = _in_chunks(_compiled(setting, windows.reference.shape[1], True), model, windows)
+    return both[..., 0], both[..., 1:]
+
+
+def _in_chunks(program: Callable[..., Any], model: np.ndarray, windows: Windows) -> np.ndarray:
+    """Run a compiled program on chunks of windows, on a thread for each core."""
+
+    def run(first: int) -> np.ndarray:
+        rows = np.arange(first, min(first + CHUNK, len(windows)))
+        padded = np.concatenate([rows, np.full(CHUNK - len(rows), rows[0])])
+        with jax.enable_x64(True):  # a setting of the thread
+            found = np.asarray(program(model, windows.start[padded], windows.impulse[padded]))
+        return found[: len(rows)]
+
+    firsts = range(0, len(windows), CHUNK)
+    with ThreadPoolExecutor(THREADS) as pool:
+        return np.concatenate(list(pool.map(run, firsts)))
+
+
+@functools.lru_cache(maxsize=16)
+def _compiled(setting: Setting, outputs: int, derivatives: bool) -> Callable[..., Any]:
+    def rollout(model: Array, start: Array, impulse: Array) -> Array:
+        return _rollout(setting, outputs, model, start, impulse)
+
+    def both(model: Array, start: Array, impulse: Array) -> Array:
+        pushed = functools.partial(jax.jvp, lambda each: rollout(each, start, impulse), (model,))
+        states, slopes = jax.vmap(lambda tangent: pushed((tangent,)), out_axes=(None, -1))(jnp.eye(len(NAMES)))
+        return jnp.concatenate([states[..., None], slopes], axis=-1)
+
+    return jax.jit(jax.vmap(both if derivatives else rollout, (None, 0, 0)))
+
+
+def _rollout(setting: Setting, outputs: int, model: Array, start: Array, impulse: Array) -> Array:
+    """States at the output times of one window, in measured angles."""
+    m = dict(zip(NAMES, model, strict=True))
+    plant = lump_base(setting, m)
+    friction = Friction((m["b1"], m["b2"]), (m["cf1"], m["cf2"]), setting.steepness)
+    torques = acting_torques(setting, outputs, m["delay"], m["lag"], impulse)
+    torques = torques * jnp.stack([m["gain1"], m["gain2"]])
+    x = (start[0] - m["offset1"], start[1] - m["offset2"], start[2], start[3])
+
+    def step(x: Any, u: Array) -> Any:
+        return advance(plant, friction, x, (u[0], u[1]), setting.step), None
+
+    def interval(x: Any, u: Array) -> Any:
+        x, _ = jax.lax.scan(step, x, u)
+        return x, jnp.stack(x)
+
+    _, states = jax.lax.scan(interval, x, torques.reshape(outputs, -1, 2))
+    return states + jnp.stack([m["offset1"], m["offset2"], jnp.zeros(()), jnp.zeros(())])
+
+
+def lump_base(setting: Setting, m: Any) -> Lumped:
+    """The equations' combinations from the base parameters."""
+    first, second, rotor, gear = m["first"], m["second"], m["rotor"], setting.gear
+    return Lumped(
+        shoulder=m["shoulder"] + m["elbow"],
+        elbow=m["elbow"],
+        coupling=setting.l1 * second,
+        gravity1=setting.gravity * first,
+        gravity2=setting.gravity * second,
+        reflected=gear**2 * rotor,
+        geared=gear * rotor,
+        rotor=rotor,
+    )
+
+
+def acting_torques(
+    setting: Setting, outputs: int, delay: Array, lag: Array, impulse: Float[Array, "grid 2"]
+) -> Float[Array, "steps 2"]:
+    """Mean torque of each step (N m): the command, late and through the lag, from its integral on a grid."""
+    stride, memory = round(setting.step / TORQUE_STEP), round(LONGEST_LAG / setting.step)
+    steps = outputs * round(INTERVAL / setting.step)
+    # The first step that is needed starts a memory's length before the window, and a delay earlier.
+    shift = (HISTORY - memory * setting.step - delay) / TORQUE_STEP
+    whole = jnp.floor(shift)
+    part = shift - whole
+    length = (steps + memory) * stride + 2
+    near = jax.lax.dynamic_slice_in_dim(impulse, whole.astype(jnp.int32), length)
+    total = (1.0 - part) * near[:-1] + part * near[1:]
+    mean = jnp.diff(total[::stride], axis=0) / setting.step
+    # The lag's response to a step of torque, averaged over each of the steps that follow.
+    a = setting.step / lag
+    after = jnp.exp(-a * jnp.arange(memory))
+    weights = jnp.concatenate([(1.0 - (1.0 - jnp.exp(-a)) / a)[None], (1.0 - jnp.exp(-a)) ** 2 / a * after])
+    weights = weights / weights.sum()
+    rows = jnp.arange(steps)[:, None] + memory - jnp.arange(memory + 1)
+    return jnp.einsum("k,skj->sj", weights, mean[rows])

@@ -1,0 +1,196 @@
+"""A first estimate by linear least squares: the change of momentum over 50 ms is the impulse of all torques.
+
+With the momenta p = ∂L/∂q̇ and L = T - V, integrated over a short time,
+
+    Δp - ∫ ∂L/∂q dt + ∫ F dt = ∫ u dt,
+
+which is linear in the base parameters and the friction. No acceleration is needed, and no start is guessed, so the
+same equations tell joints that are swapped or reversed, before any fit. Noise in the regressors makes the estimate
+a start for the fit, no more than that.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import lsq_linear
+
+from ..errors import SwingupError
+from .prediction import Setting
+from .recording import Recording
+from .smoothing import REACH, smooth
+from .windows import LEAST_SPEED, cumulative_torque
+
+SPAN = 0.05
+"""Time over which momenta change (s)."""
+POINTS = 11
+"""States within it, for the integrals."""
+DEAD_TIME = 0.004
+"""Typical age of a command when it acts (s)."""
+COLUMNS = ("first", "second", "shoulder", "elbow", "rotor", "b1", "b2", "cf1", "cf2")
+
+WIDEST = 5.0
+"""Masses and inertias lie within this factor of the starting plant's."""
+SUSPICIOUS = 0.02
+"""Share of the impulses that is left unexplained, below which nothing is wrong with the columns."""
+BETTER = 0.4
+"""Another reading of the columns must leave at most this part of that share, ..."""
+GOOD = 0.15
+"""... and at most this share."""
+LEAST_SPANS = 30
+
+
+@dataclass(frozen=True)
+class Spans:
+    """Short stretches of motion: states within each, and the impulses of the torques."""
+
+    states: Float[np.ndarray, "spans points 4"]
+    impulse: Float[np.ndarray, "spans 2"]
+    """N m s"""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A solution of the regression."""
+
+    values: Mapping[str, float]
+    unexplained: float
+    """Share of the sum of squares of all impulses that is left."""
+
+
+def cut_spans(recording: Recording) -> Spans:
+    """Stretches of 50 ms in which a joint moves."""
+    starts = np.arange(2 * REACH, recording.duration - SPAN - REACH, SPAN)
+    grid = starts[:, None] + np.linspace(0.0, SPAN, POINTS)
+    states = smooth(recording, grid.ravel()).reshape(*grid.shape, 4)
+    dead = DEAD_TIME if recording.commanded else 0.0
+    total = cumulative_torque(recording, np.stack([starts, starts + SPAN], axis=1) - dead)
+    moving = np.abs(states[..., 2:]).max(axis=(1, 2)) > LEAST_SPEED
+    rows = np.flatnonzero(recording.gaps)
+    for begins, ends in zip(recording.time[rows], recording.time[rows + 1], strict=True):
+        moving &= (starts + SPAN + REACH < begins) | (starts - REACH > ends)
+    return Spans(states[moving], (total[:, 1] - total[:, 0])[moving])
+
+
+def regress(setting: Setting, spans: Spans, start: Float[np.ndarray, "15"], driven: bool) -> Estimate:
+    """Base parameters within a factor of 5 of the start's, and friction.
+
+    Args:
+        setting: the lengths, gravity and gear ratio.
+        spans: of one or several recordings.
+        start: the starting plant's vector.
+        driven: whether torques set the scale; otherwise m1 r1 + m2 l1 is the start's.
+    """
+    matrix, right = _equations(setting, spans), spans.impulse.ravel()
+    low, high = _bounds(setting, start, driven)
+    size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-30)
+    found = np.clip(lsq_linear(matrix / size, right, (low * size, high * size)).x / size, low, high)
+    left, parts = right - matrix @ found, matrix * found
+    values = {name: float(value) for name, value in zip(COLUMNS, found, strict=True)}
+    return Estimate(values, float(left @ left) / max(float(right @ right + np.sum(parts**2)), 1e-30))
+
+
+def check_joints(recordings: Sequence[Recording], setting: Setting, start: Float[np.ndarray, "15"]) -> None:
+    """Refuse logs whose columns explain the motion much better in another order, sign or unit.
+
+    Raises:
+        SwingupError: with the log and what was seen.
+    """
+    for recording in recordings:
+        spans, driven = cut_spans(recording), any(recording.driven)
+        if len(spans.states) < LEAST_SPANS:
+            continue
+        plain = regress(setting, spans, start, driven).unexplained
+        if plain < SUSPICIOUS:
+            continue
+        # Without torques, angles that are too small by a factor of 57 fit any plant at rest.
+        readings = {text: read for text, read in _READINGS.items() if driven or read is not _radians}
+        others = {text: regress(setting, read(spans), start, driven).unexplained for text, read in readings.items()}
+        best = min(others, key=lambda text: others[text])
+        if others[best] < min(BETTER * plain, GOOD):
+            raise SwingupError(
+                f"{recording.name}: {best}: as it is, {plain:.1%} of the impulses stay unexplained, and "
+                f"{others[best]:.1%} otherwise; correct the columns"
+            )
+
+
+def _bounds(setting: Setting, start: np.ndarray, driven: bool) -> tuple[np.ndarray, np.ndarray]:
+    masses, torque = start[:4], setting.gravity * start[0]
+    rotor = max(10.0 * start[4], start[3] / setting.gear**2)
+    low = np.array([*(masses / WIDEST), *np.zeros(5)])
+    high = np.array([*(masses * WIDEST), rotor, 0.1 * torque, 0.1 * torque, 0.3 * torque, 0.3 * torque])
+    if not driven:
+        low[0], high[0] = 0.999 * start[0], 1.001 * start[0]
+    return low, high
+
+
+def _equations(setting: Setting, spans: Spans) -> np.ndarray:
+    """Rows: both joints of each span; columns: the impulses for a unit of each parameter."""
+    q1, q2, dq1, dq2 = np.moveaxis(spans.states, -1, 0)
+    l1, g, gear, none = setting.l1, setting.gravity, setting.gear, np.zeros(len(q1))
+    sin2, cos2, sin12 = np.sin(q2), np.cos(q2), np.sin(q1 + q2)
+    lift, slow1, slow2 = g * _integral(sin12), np.arctan(setting.steepness * dq1), np.arctan(setting.steepness * dq2)
+    swing = l1 * _integral(sin2 * dq1 * (dq1 + dq2))
+    both = _change(dq1 + dq2)
+    columns = {
+        "first": (g * _integral(np.sin(q1)), none),
+        "second": (lift + l1 * _change(cos2 * (2 * dq1 + dq2)), lift + l1 * _change(cos2 * dq1) + swing),
+        "shoulder": (_change(dq1), none),
+        "elbow": (both, both),
+        "rotor": (_change((gear**2 + 1) * dq1 - gear * dq2), _change(gear**2 * dq2 - gear * dq1)),
+        "b1": (_integral(dq1), none),
+        "b2": (none, _integral(dq2)),
+        "cf1": (_integral(slow1), none),
+        "cf2": (none, _integral(slow2)),
+    }
+    return np.stack([np.stack(columns[name], axis=1).ravel() for name in COLUMNS], axis=1)
+
+
+def _integral(values: np.ndarray) -> np.ndarray:
+    """Over each span, by Simpson's rule."""
+    weights = np.ones(POINTS)
+    weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
+    total: np.ndarray = values @ weights * (SPAN / (POINTS - 1) / 3.0)
+    return total
+
+
+def _change(values: np.ndarray) -> np.ndarray:
+    change: np.ndarray = values[:, -1] - values[:, 0]
+    return change
+
+
+def _signs(q1: float, q2: float, u1: float, u2: float) -> Callable[[Spans], Spans]:
+    return lambda spans: Spans(spans.states * np.array([q1, q2, q1, q2]), spans.impulse * np.array([u1, u2]))
+
+
+def _swapped(spans: Spans) -> Spans:
+    return Spans(spans.states[..., [1, 0, 3, 2]], spans.impulse[:, ::-1])
+
+
+def _shifted(spans: Spans) -> Spans:
+    return Spans(spans.states + np.array([np.pi, 0.0, 0.0, 0.0]), spans.impulse)
+
+
+def _relative(spans: Spans) -> Spans:
+    q1, q2, dq1, dq2 = np.moveaxis(spans.states, -1, 0)
+    return Spans(np.stack([q1, q2 - q1, dq1, dq2 - dq1], axis=-1), spans.impulse)
+
+
+def _radians(spans: Spans) -> Spans:
+    return Spans(np.radians(spans.states), spans.impulse)
+
+
+_READINGS: dict[str, Callable[[Spans], Spans]] = {
+    "joints 1 and 2 look swapped": _swapped,
+    "the angle of joint 2 looks absolute, not relative to link 1": _relative,
+    "the angle of joint 1 looks measured from upright, not from hanging": _shifted,
+    "the angles look like degrees": _radians,
+    "the angle of joint 1 looks reversed": _signs(-1, 1, 1, 1),
+    "the angle of joint 2 looks reversed": _signs(1, -1, 1, 1),
+    "the torque of joint 1 looks reversed": _signs(1, 1, -1, 1),
+    "the torque of joint 2 looks reversed": _signs(1, 1, 1, -1),
+    "both torques look reversed": _signs(1, 1, -1, -1),
+    "joint 2, with its torque, looks reversed": _signs(1, -1, 1, -1),
+}
+"""Ways to read the columns that a log may have been written in."""
