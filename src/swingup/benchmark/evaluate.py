@@ -5,6 +5,7 @@ from typing import Any
 
 from ..control.registry import has_estimator
 from ..errors import SwingupError
+from ..physics.integrate import stable_substeps
 from ..physics.parameters import Parameters, Robot, get_robot
 from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict, robot_parameters
 from ..tasks.disturbance import Disturbance, disturbance_as_dict
@@ -69,8 +70,8 @@ def evaluate(
     robot, found = get_robot(robot), find_plant(plant)
     rules = get_performance_rules(rules).of(robot)
     parameters = robot_parameters(found, robot)
-    estimator, controller = has_estimator(controller), prepare(controller, robot, name)
-    scenario = Scenario(parameters, disturbance)
+    estimator, controller = has_estimator(controller), prepare(controller, robot, name, parameters)
+    scenario = Scenario(parameters, disturbance, substeps=stable_substeps(parameters, rules.dt))
     # Room for the present state and the delayed ones.
     depth = 1 if disturbance is None else int(disturbance.delay_steps) + 1
     try:

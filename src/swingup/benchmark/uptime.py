@@ -11,13 +11,15 @@ import numpy as np
 
 from ..control.registry import has_estimator
 from ..errors import SwingupError
-from ..physics.parameters import Robot, get_robot
+from ..physics.integrate import stable_substeps
+from ..physics.parameters import Parameters, Robot, get_robot
 from ..plants.domain import Domain, load_domain
 from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict, robot_parameters
 from ..tasks.throws import Throws
 from ..version import __version__
 from .criteria import tip_is_up
 from .interval import Interval, mean_interval
+from .own_units import uptime_in_own_units
 from .recording import recorded, stopped_at
 from .robot_minute import recorded_share, robot_minute
 from .rollout import Scenario, Trajectory
@@ -113,17 +115,18 @@ def uptime(
 
     Raises:
         SwingupError: there is no such robot, plant or domain, there are no such rules, a seed is out of range, the
-            controller is for the other robot, or rules without a domain got one,
-            or the others a plant.
+            controller is for the other robot, or rules without a domain got one, or the others a plant.
     """
     robot, rules = get_robot(robot), get_uptime_rules(rules)
     every, found, drawn = tuple(check_seeds(seed, seeds)), find_plant(plant), _domain(rules, domain, plant)
-    estimator, controller = has_estimator(controller), prepare(controller, robot, name)
+    nominal = robot_parameters(found, robot)
+    estimator, controller = has_estimator(controller), prepare(controller, robot, name, nominal)
+    rules = uptime_in_own_units(rules, robot, found)
     runs: list[_Run] = []
     first = None
     for group in in_groups(every, MINUTES_AT_ONCE):
         with jax.enable_x64(True):
-            scenarios = [_scenario(rules, robot, found, drawn, each) for each in group]
+            scenarios = [_scenario(rules, robot, nominal, drawn, each) for each in group]
         depth = 1 if drawn is None else drawn.depth
         batch = run_many(controller, stack(scenarios), rules.dt, rules.steps, depth, keep=True)
         rows: Any = batch.trajectory
@@ -162,12 +165,12 @@ def _domain(rules: UptimeRules, domain: Domain | str | None, plant: PlantLike | 
     return load_domain(chosen) if isinstance(chosen, str) else chosen
 
 
-def _scenario(rules: UptimeRules, robot: Robot, plant: Plant | None, domain: Domain | None, seed: int) -> Scenario:
+def _scenario(rules: UptimeRules, robot: Robot, plant: Parameters, domain: Domain | None, seed: int) -> Scenario:
     if domain is not None:
         return robot_minute(rules, domain, robot, seed)
     limit = rules.thrower.limit
-    parameters = dataclasses.replace(robot_parameters(plant, robot), tl1=limit, tl2=limit)
-    return Scenario(parameters, throws=draw_throws(rules, seed))
+    parameters = dataclasses.replace(plant, tl1=limit, tl2=limit)
+    return Scenario(parameters, throws=draw_throws(rules, seed), substeps=stable_substeps(parameters, rules.dt))
 
 
 def _judged(
