@@ -120,7 +120,7 @@ def independent_robot_run(p, resets, stop, duration, control, dt):
 def test_the_robots_rules_agree_with_a_numpy_loop(make, name, stop):
     rules = dataclasses.replace(BRIEF_REAL, stop=Limits(4 * math.pi, stop))
     found = uptime(make(), name, rules=rules, seed=5, domain=FRICTION)
-    planned = draw_resets(rules, get_robot(name), 5).resets
+    planned = draw_resets(rules, FRICTION.base, 5).resets
     assert planned.target.shape == (101, 2)
     model, plain = vars(leaderboard_parameters(get_robot(name))), PlainCounting()
     resets = ResetText(list(planned.plan), planned.target, model, (3.0, 8.0), 0.2)
@@ -148,7 +148,7 @@ def test_domains_are_for_rules_that_draw_plants():
 
 def test_the_real_boards_resets_come_at_their_times():
     for seed in range(20):
-        plan = draw_resets(REAL, get_robot("acrobot"), seed).resets.plan
+        plan = draw_resets(REAL, FRICTION.base, seed).resets.plan
         # Means at 60/11 s, 120/11 s, ..., 600/11 s, within 1 s; never the same.
         assert np.all(np.abs(plan - 60 / 11 * np.arange(1, 11)) <= 1.0)
     assert (REAL.throw_duration, REAL.duration, REAL.trials) == (1.0, 60.0, 3)
@@ -194,7 +194,7 @@ def test_a_controller_that_fails_scores_nothing():
 
 
 def test_unknown_rules():
-    with pytest.raises(SwingupError, match="unknown uptime rules 'v2': use one of v3, icra-real"):
+    with pytest.raises(SwingupError, match="unknown uptime rules 'v2': use one of v3, icra-real, cloudpendulum"):
         uptime(Counting(), "acrobot", rules="v2")
 
 

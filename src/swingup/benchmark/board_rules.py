@@ -39,13 +39,15 @@ BOARD_RULES = {
         BoardRules("hardware-perturbed", PERFORMANCE_RULES["hardware-perturbed"]),
         BoardRules("v3", uptime=UPTIME_RULES["v3"]),
         BoardRules("icra-real", uptime=UPTIME_RULES["icra-real"]),
+        BoardRules("cloudpendulum", uptime=UPTIME_RULES["cloudpendulum"]),
         BoardRules("iros-real", trials=TRIAL_RULES["iros-real"]),
         BoardRules("v2-real", trials=TRIAL_RULES["v2-real"]),
     )
 }
 """``v2`` and ``v3``: IROS 2024 and ICRA 2025 in simulation. ``hardware``: the real robot of IROS 2024, on the
 simulation's plant. ``hardware-perturbed``: that robot's board of runs with pushes. ``iros-real`` and ``icra-real``:
-the real robots' boards on the simulated robot; ``v2-real``: without pushes."""
+the real robots' boards on the simulated robot; ``v2-real``: without pushes. ``cloudpendulum``: ours, in the shape
+of its public example."""
 
 
 def get_board_rules(name: str | BoardRules) -> BoardRules:

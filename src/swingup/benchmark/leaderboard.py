@@ -3,13 +3,15 @@
 import csv
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from typing import Any
 
+from ..control.baselines import BASELINES
 from ..control.registry import find_controller, has_estimator
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot
+from ..plants.domain import load_domain
 from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict
 from ..policy.shipped import AR_EAPO, GLOBAL, REFINED, ROBOT
 from .board_rules import BoardRules, get_board_rules
@@ -73,6 +75,8 @@ class Board:
     rows: tuple[Row, ...]
     plant: Plant | None = None
     """None is the leaderboards' plant."""
+    note: str | None = None
+    """What the rules say of the board."""
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -103,8 +107,8 @@ def leaderboard(
         robot: which joint is driven.
         controllers: controllers by name, in JAX or plain Python, that enter beside ours.
         rules: ``v2`` (performance and robustness), ``hardware`` or ``hardware-perturbed`` (performance), ``v3``
-            (uptime), ``iros-real``, ``v2-real`` or ``icra-real`` (trials on the simulated robot), or others as
-            data.
+            (uptime), ``iros-real``, ``v2-real``, ``icra-real`` or ``cloudpendulum`` (runs on simulated robots), or
+            others as data.
         seed: of noise, pushes and throws.
         recompute: also compute the rows that the package ships because they take minutes.
         entrants: names of the built-in controllers that enter; None for those of the rules.
@@ -118,17 +122,40 @@ def leaderboard(
     """
     robot, rules, seed = get_robot(robot), get_board_rules(rules), check_seeds(seed, 1)[0]
     names, found = default_entrants(rules) if entrants is None else entrants, find_plant(plant)
-    entered = entrants_for(robot, controllers or {}, names, alone=True, plant=found)
+    designed_for = _designed_for(rules, found)
+    entered = entrants_for(robot, controllers or {}, names, alone=True, plant=designed_for)
     makers = _makers(rules, seed, recompute or found is not None, progress, found)
     return [
-        _board(robot, measure, rules.name, seed, entered, make_row, found) for measure, make_row in makers.items()
+        replace(_board(robot, measure, rules.name, seed, entered, make_row, found), note=_note_of(rules))
+        for measure, make_row in makers.items()
     ]
 
 
 def default_entrants(rules: BoardRules) -> tuple[str, ...]:
     """Names of the built-in controllers on the boards of a version of the rules."""
-    on_robot = rules.trials is not None or (rules.uptime is not None and rules.uptime.domain is not None)
+    if rules.uptime is not None and rules.uptime.cell is not None:
+        return tuple(name for name in ENTRANTS if name in BASELINES)  # the shipped policies were made for C.1
+    on_robot = _domain_of(rules) is not None
     return (*ENTRANTS, *FURTHER, *(FOR_THROWS if rules.uptime else ()), *(FOR_ROBOTS if on_robot else ()))
+
+
+def _note_of(rules: BoardRules) -> str | None:
+    return rules.uptime.note if rules.uptime else None
+
+
+def _domain_of(rules: BoardRules) -> str | None:
+    """The domain of rules of a robot, which draw plants and loops."""
+    return rules.trials.domain if rules.trials else rules.uptime.domain if rules.uptime else None
+
+
+def _designed_for(rules: BoardRules, plant: Plant | None) -> Plant | None:
+    """What baselines are designed for: the plant that is judged on, or that a robot's domain starts from."""
+    domain = _domain_of(rules)
+    if domain is None:
+        return plant
+    if plant is not None:
+        raise SwingupError(f"the rules {rules.name} draw plants from a domain: leave the plant {plant.name} out")
+    return load_domain(domain).plant
 
 
 def entrants_for(

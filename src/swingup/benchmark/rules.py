@@ -9,6 +9,7 @@ import numpy as np
 
 from ..checks import one_of
 from ..robots import Robot
+from ..tasks.cell import CellSettings
 from ..tasks.limits import Limits
 from ..tasks.throws import THROWER, Thrower
 
@@ -171,8 +172,12 @@ class UptimeRules(_Timing):
     """Beyond these the run stops; None for runs that nothing stops."""
     domain: str | None = None
     """Plants and loops are drawn from this domain, or from another; None for the leaderboards' perfect plant."""
+    cell: CellSettings | None = None
+    """Disturbances of a CloudPendulum cell, in place of throws; None for throws."""
     trials: int = 1
     """Runs of a controller on the board."""
+    note: str | None = None
+    """What readers of a result should know."""
 
 
 PERFORMANCE_RULES = {
@@ -266,9 +271,19 @@ UPTIME_RULES = {
             domain="recorded",
             trials=3,
         ),
+        UptimeRules(
+            name="cloudpendulum",
+            duration=30.0,
+            cell=CellSettings(),
+            stop=Limits(angle=math.inf, speed=50.0),
+            domain="cells",
+            trials=4,
+            note="Ours, in the shape of CloudPendulum's public example; official scores are not public.",
+        ),
     )
 }
-"""``v3``: the global-policy leaderboard of ICRA 2025 in simulation. ``icra-real``: that of its real robot."""
+"""``v3``: the global-policy leaderboard of ICRA 2025 in simulation. ``icra-real``: that of its real robot.
+``cloudpendulum``: four drawn cells of CloudPendulum, in the shape of its public example."""
 
 DEFAULT_RULES = "v2"
 DEFAULT_UPTIME_RULES = "v3"

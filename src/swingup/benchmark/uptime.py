@@ -53,6 +53,8 @@ class Uptime:
     """What plants and loops were drawn from; None for the leaderboards' plant in a perfect loop."""
     stops: tuple[float | None, ...] = ()
     """When the robot's limits stopped a run (s), if they did, one a seed."""
+    note: str | None = None
+    """What the rules say of themselves."""
 
     plant: Plant | None = None
     """None is the leaderboards' plant."""
@@ -78,6 +80,8 @@ class Uptime:
         head = {name: getattr(self, name) for name in names} | plant_as_dict(self.plant, self.robot)
         if self.domain is not None:
             head |= {"best": self.best, "domain": self.domain.as_dict()}
+        if self.note is not None:
+            head |= {"note": self.note}
         runs = zip(self.seeds, self.uptimes, self.faults, self.stops, strict=True)
         details = [
             {"seed": seed, "uptime": up} | ({"fault": why} if why else {}) | ({"stop": stop} if stop else {})
@@ -92,7 +96,7 @@ def uptime(
     name: str = "controller",
     rules: UptimeRules | str = DEFAULT_UPTIME_RULES,
     seed: int = 0,
-    seeds: int = 1,
+    seeds: int | None = None,
     progress: Progress | None = None,
     plant: PlantLike | None = None,
     domain: Domain | str | None = None,
@@ -107,7 +111,7 @@ def uptime(
         name: name of the controller in the result.
         rules: rules of the global-policy board, or their name.
         seed: the first seed of the throws.
-        seeds: number of seeds in a row.
+        seeds: number of seeds in a row; None for as many as the board has runs: 1 for the rules v3.
         progress: called with the number of finished simulations and of all.
         plant: what is thrown, by a PID in that pendulum's own units: a plant, its parameters, its name or its file;
             None for the leaderboards'. Rules of a real robot draw theirs from a domain.
@@ -118,8 +122,10 @@ def uptime(
             controller is for the other robot, or rules without a domain got one, or the others a plant.
     """
     robot, rules = get_robot(robot), get_uptime_rules(rules)
-    every, found, drawn = tuple(check_seeds(seed, seeds)), find_plant(plant), _domain(rules, domain, plant)
-    nominal = robot_parameters(found, robot)
+    every = tuple(check_seeds(seed, rules.trials if seeds is None else seeds))
+    found, drawn = find_plant(plant), minute_domain(rules, domain, plant)
+    # What is known of a robot is the plant that its domain starts from.
+    nominal = robot_parameters(found if drawn is None else drawn.plant, robot)
     estimator, controller = has_estimator(controller), prepare(controller, robot, name, nominal)
     rules = uptime_in_own_units(rules, robot, found)
     runs: list[_Run] = []
@@ -147,6 +153,7 @@ def uptime(
         plant=found,
         domain=drawn,
         stops=tuple(run.stop for run in runs),
+        note=rules.note,
     )
 
 
@@ -156,7 +163,12 @@ class _Run(NamedTuple):
     stop: float | None
 
 
-def _domain(rules: UptimeRules, domain: Domain | str | None, plant: PlantLike | None) -> Domain | None:
+def minute_domain(rules: UptimeRules, domain: Domain | str | None, plant: PlantLike | None = None) -> Domain | None:
+    """What plants and loops are drawn from; None for rules that draw none.
+
+    Raises:
+        SwingupError: there is no such domain, or the rules take none, or no plant.
+    """
     if rules.domain is None and domain is not None:
         raise SwingupError(f"the rules {rules.name} draw no plants: leave the domain {domain} out")
     if rules.domain is not None and plant is not None:

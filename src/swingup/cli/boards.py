@@ -134,8 +134,8 @@ class BoardCommands:
             controller: controllers of yours that enter as well.
             plant: what all are judged on, without published rows, and what baselines are designed for.
             rules: v2 (performance and robustness), hardware or hardware-perturbed (performance), v3 (uptime under
-                throws), or trials on the simulated robot: iros-real (with pushes), v2-real (without), icra-real
-                (uptime under throws).
+                throws), or runs on simulated robots: iros-real (with pushes), v2-real (without), icra-real (uptime
+                under throws) or cloudpendulum (uptime in four cells).
             seed: seed of noise, pushes and throws.
             recompute: also compute the robustness of ilqr-mpc, which takes minutes and whose row is shipped.
             json: print one JSON list of rows.

@@ -239,7 +239,7 @@ class JudgingCommands:
         rules: str = "v3",
         domain: DomainOrNone = None,
         seed: int = 0,
-        seeds: int = 1,
+        seeds: int | None = None,
         json: bool = False,
         save: str | None = None,
     ) -> int:
@@ -250,10 +250,12 @@ class JudgingCommands:
             controller: the controller.
             estimator: whether a state estimator stands before it.
             plant: what is thrown by the rules v3, by a PID in that pendulum's own units.
-            rules: v3 (simulation) or icra-real (the real robot's, simulated; throws at limits as well).
-            domain: for icra-real, plant and loop: identified, randomised, recorded (the default), or a YAML file.
+            rules: v3 (simulation), icra-real (the real robot's, simulated; throws at limits as well), or
+                cloudpendulum (four drawn cells of 30 s, with moves and kicks).
+            domain: plants and loops for rules other than v3: identified, randomised, recorded (for icra-real by
+                default), cells (for cloudpendulum), or a YAML file. Baselines are designed for its plant.
             seed: seed of the throws, and of plants and noise.
-            seeds: seeds in a row; the score is their mean.
+            seeds: seeds in a row, whose mean is the score; 1 for v3 by default, else as many as a board has runs.
             json: print one JSON object.
             save: also write the first seed's trajectory to this CSV file.
         """
@@ -262,7 +264,9 @@ class JudgingCommands:
         def judge(found: Controller, on: Robot, progress: Progress) -> Uptime:
             return uptime_of.uptime(found, on, controller, chosen, seed, seeds, progress, on_plant, domain)
 
-        return judge_and_tell(robot, controller, estimator, judge, uptime_lines, Output(json, save), on_plant)
+        drawn = uptime_of.minute_domain(chosen, domain, on_plant)
+        designed_for = on_plant if drawn is None else drawn.plant
+        return judge_and_tell(robot, controller, estimator, judge, uptime_lines, Output(json, save), designed_for)
 
     def sim2real(
         self,

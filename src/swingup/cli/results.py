@@ -71,6 +71,7 @@ def uptime_lines(result: Uptime, judged: str) -> list[str]:
         stopped = [stop for stop in result.stops if stop is not None]
         lines.append(aligned("Best", f"{result.best:.3f}"))
         lines.append(aligned("Stopped by the robot", f"{len(stopped)} of {len(result.stops)}"))
+    lines += [] if result.note is None else [f"  {result.note}"]
     return lines + [f"  seed {number}: {fault}" for number, fault in faults if fault]
 
 

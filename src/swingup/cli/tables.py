@@ -105,11 +105,9 @@ def _cells(board: Board, row: Row) -> list[str]:
 
 def _remarks(board: Board) -> list[str]:
     remarks = [f"{row.controller}: {row.remark}" for row in board.rows if row.remark]
-    measured = any(row.source == ON_ROBOT for row in board.rows)
-    return [
-        *remarks,
-        *([f"Rows of source {ON_ROBOT!r} were measured on the real robot; ours are simulated."] * measured),
-    ]
+    if any(row.source == ON_ROBOT for row in board.rows):
+        remarks.append(f"Rows of source {ON_ROBOT!r} were measured on the real robot; ours are simulated.")
+    return remarks if board.note is None else [*remarks, board.note]
 
 
 def _title(board: Board) -> str:
