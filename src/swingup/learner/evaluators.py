@@ -60,8 +60,11 @@ class SwingUpEvaluator(AbstractEvaluator):
     observation_shape = (4,)
 
     def __init__(self, task: AbstractPendulumTask[Any], plant: Plant | None = None) -> None:
-        """The evaluator of a variant of the pendulum's task, on a plant, or the leaderboards' (None)."""
+        """The evaluator of a variant of the pendulum's task, on its plant, with the name that the plant has."""
         self.stages, self._robot, self._plant = (task.observation,), task.robot, plant
+        # A task that was passed in may have a plant of its own.
+        if plant is None and task.parameters != leaderboard_parameters(task.robot):
+            self._plant = Plant("the task's", task.parameters)
 
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
         """The criteria; ``episodes`` has no effect, since there is one deterministic episode."""

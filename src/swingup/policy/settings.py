@@ -4,13 +4,14 @@ The metadata is parsed only here; every back end takes the settings.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar
 
 import numpy as np
 
 from ..checks import finite_number, suggestion, whole_number
 from ..errors import SwingupError
+from ..physics.units import scales_of
 from ..text import quoted
 from .guard import GUARD, GuardChoice
 from .guard import GuardSettings as GuardSettings
@@ -36,7 +37,10 @@ PIECES = 4
 
 @dataclass(frozen=True)
 class EstimatorSettings:
-    """What the estimator expects of the measurement and of the loop; every value is chosen, not identified."""
+    """What the estimator expects of the measurement and of the loop; every value is chosen, not identified.
+
+    The defaults suit design C.1; :func:`default_estimator` scales them to another plant.
+    """
 
     dt: float = 0.002
     """Time between calls (s). After a longer pause the estimator restarts from the measurement."""
@@ -103,6 +107,23 @@ class FrontEndSettings:
             object.__setattr__(self, name, value)
         for name in ("damping", "coulomb"):
             object.__setattr__(self, name, _pair(f"front_end setting {name}", getattr(self, name)))
+
+
+def default_estimator(plant: Any) -> EstimatorSettings:
+    """The defaults in a plant's own units: noise of velocities and accelerations; encoder and loop stay.
+
+    Args:
+        plant: anything with the attributes of ``physics.parameters.Parameters``.
+
+    Raises:
+        SwingupError: as :func:`swingup.physics.units.scales_of`.
+    """
+    scales, usual = scales_of(plant), EstimatorSettings()
+    return replace(
+        usual,
+        velocity_noise=usual.velocity_noise * scales.velocity,
+        acceleration_noise=usual.acceleration_noise * scales.acceleration,
+    )
 
 
 def kalman_gains(settings: EstimatorSettings) -> np.ndarray:
