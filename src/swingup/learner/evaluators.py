@@ -12,14 +12,14 @@ import numpy as np
 
 from ..benchmark.evaluate import evaluate
 from ..benchmark.sim2real import sim2real
-from ..physics.parameters import TORQUE_LIMIT, leaderboard_parameters
+from ..physics.parameters import TORQUE_LIMIT
 from ..plants.plant import Plant
-from ..policy.jax_backend.controller import PolicyController, save_controller
-from ..policy.jax_backend.estimator import with_estimator
+from ..policy.jax_backend.controller import PolicyController, behind_estimator, save_controller
 from ..policy.jax_backend.observation import AbstractStage
 from ..policy.jax_backend.policy import Policy, save_policy
 from ..policy.plant_facts import policy_plant
 from ..policy.settings import ESTIMATOR, EstimatorSettings
+from ..tasks.middle_plant import middle_plant
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.sim2real import Sim2RealTask
 from ..tasks.task import AbstractTask
@@ -96,7 +96,7 @@ class Sim2RealEvaluator(AbstractEvaluator):
         number, robot = episodes or SIM2REAL_EPISODES, self._task.robot
         # Training shows the true state, but the judge measures late and with noise, for the estimator.
         alone = self._controller(policy)
-        controller = with_estimator(alone, robot, leaderboard_parameters(robot)) if self._task.estimated else alone
+        controller = behind_estimator(alone) if self._task.estimated else alone
         result = sim2real(controller, robot, domain=self._task.domain, seed=self._seed, seeds=number)
         return {
             "score": result.score,
@@ -110,7 +110,9 @@ class Sim2RealEvaluator(AbstractEvaluator):
         save_controller(path, self._controller(policy), {**provenance, **settings})
 
     def _controller(self, policy: Policy[Any]) -> PolicyController:
-        return PolicyController(policy, TORQUE_LIMIT, self._task.robot, self._task.front_end)
+        task = self._task
+        plant = middle_plant(task.domain, task.robot)
+        return PolicyController(policy, TORQUE_LIMIT, task.robot, task.front_end, plant)
 
 
 class ReturnEvaluator(AbstractEvaluator):
