@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import jax
@@ -16,7 +17,7 @@ from ..benchmark.runner import run_one
 from ..checks import positive_number, whole_number
 from ..control.python_controller import PythonController
 from ..errors import SwingupError
-from ..physics.parameters import Parameters, Robot, get_robot
+from ..physics.parameters import NAMES, Robot, get_robot
 from ..plants.domain import Domain
 from ..plants.plant import PlantLike
 from ..policy.pendulum import read_pendulum_policy
@@ -168,7 +169,7 @@ def rehearse(
         real_time=real_time,
         criteria=judge(time, x, u, *lengths, rules),
         tip=follow_tip(time, x, *lengths, rules),
-        difference=_difference(found, scenario.parameters, driven),
+        difference=_difference(found, around, driven),
         limits=_limits(facts),
         timing=controller.timing,
         facts=facts,
@@ -185,10 +186,14 @@ def _robot(given: Robot | str | None, said: Any, folder: Folder) -> Robot:
     return robot
 
 
-def _difference(folder: Folder, plant: Parameters, robot: Robot) -> str | None:
+def _difference(folder: Folder, domain: Domain, robot: Robot) -> str | None:
+    """How the middle of the domain's plants differs from the policy's plant."""
     if folder.policy is None:
         return None
-    return plant_difference(read_pendulum_policy(folder.policy).plant, plant, robot)
+    values = {name: domain.middle(name) for name in NAMES}
+    if "torque_limit" in domain.names:
+        values |= dict.fromkeys(("tl1", "tl2"), domain.middle("torque_limit"))
+    return plant_difference(read_pendulum_policy(folder.policy).plant, SimpleNamespace(**values), robot)
 
 
 def _limits(facts: dict[str, Any]) -> tuple[float, float]:
