@@ -12,13 +12,13 @@ import numpy as np
 
 from ..benchmark.evaluate import evaluate
 from ..benchmark.sim2real import sim2real
-from ..physics.parameters import TORQUE_LIMIT
+from ..physics.parameters import TORQUE_LIMIT, leaderboard_parameters
 from ..plants.plant import Plant
-from ..policy.jax_backend.controller import PolicyController, behind_estimator, save_controller
+from ..policy.jax_backend.controller import PolicyController, behind_estimator, plant_of, save_controller
 from ..policy.jax_backend.observation import AbstractStage
 from ..policy.jax_backend.policy import Policy, save_policy
 from ..policy.plant_facts import policy_plant
-from ..policy.settings import ESTIMATOR, EstimatorSettings
+from ..policy.settings import ESTIMATOR, default_estimator
 from ..tasks.middle_plant import middle_plant
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.sim2real import Sim2RealTask
@@ -106,8 +106,9 @@ class Sim2RealEvaluator(AbstractEvaluator):
 
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
         """Write a controller's policy file, with the estimator that the task assumes."""
-        settings = {ESTIMATOR: dataclasses.asdict(EstimatorSettings())} if self._task.estimated else {}
-        save_controller(path, self._controller(policy), {**provenance, **settings})
+        alone = self._controller(policy)
+        settings = dataclasses.asdict(default_estimator(plant_of(alone)))
+        save_controller(path, alone, {**provenance, **({ESTIMATOR: settings} if self._task.estimated else {})})
 
     def _controller(self, policy: Policy[Any]) -> PolicyController:
         task = self._task
