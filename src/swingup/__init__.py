@@ -20,9 +20,11 @@ if TYPE_CHECKING:
     from .control.check import check_controller
     from .control.controller import AbstractController
     from .control.registry import get_controller
+    from .identification.identify import Identification, identify
     from .learner.agent import AREAPO
     from .plants.plant import Plant, load_plant
     from .policy.jax_backend.controller import load_policy, shipped_policy
+    from .rehearsal.rehearse import Rehearsal, rehearse
 
 _HOMES = {
     "AREAPO": "learner.agent",
@@ -30,6 +32,7 @@ _HOMES = {
     "Board": "benchmark.leaderboard",
     "Evaluation": "benchmark.evaluate",
     "Plant": "plants.plant",
+    "Rehearsal": "rehearsal.rehearse",
     "Sim2Real": "benchmark.sim2real",
     "Robustness": "benchmark.robustness",
     "Uptime": "benchmark.uptime",
@@ -38,10 +41,13 @@ _HOMES = {
     "evaluate": "benchmark.evaluate",
     "get_controller": "control.registry",
     "sim2real": "benchmark.sim2real",
+    "identify": "identification.identify",
+    "Identification": "identification.identify",
     "leaderboard": "benchmark.leaderboard",
     "load_plant": "plants.plant",
     "load_policy": "policy.jax_backend.controller",
     "make_disturbance": "benchmark.disturbances",
+    "rehearse": "rehearsal.rehearse",
     "robustness": "benchmark.robustness",
     "score": "benchmark.evaluate",
     "shipped_policy": "policy.jax_backend.controller",
@@ -53,7 +59,9 @@ __all__ = [
     "AbstractController",
     "Board",
     "Evaluation",
+    "Identification",
     "Plant",
+    "Rehearsal",
     "Robustness",
     "Sim2Real",
     "SwingupError",
@@ -63,10 +71,12 @@ __all__ = [
     "check_controller",
     "evaluate",
     "get_controller",
+    "identify",
     "leaderboard",
     "load_plant",
     "load_policy",
     "make_disturbance",
+    "rehearse",
     "robustness",
     "score",
     "shipped_policy",

@@ -54,7 +54,7 @@ class AbstractEvaluator(abc.ABC):
 
 
 class SwingUpEvaluator(AbstractEvaluator):
-    """Evaluates by the criteria and the score of the one deterministic episode of the pendulum (rules v2)."""
+    """Evaluates by the criteria and the score of one deterministic episode on the task's plant (rules v2)."""
 
     measure = "v2"
     observation_shape = (4,)
