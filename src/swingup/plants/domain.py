@@ -35,7 +35,7 @@ MASSES = ("m2", "l1", "r2", "I1", "I2", "Ir", "gr")
 IDENTIFIED = "C.1"
 """The plant of a domain that names none: what it leaves out is as identified there."""
 
-SHIPPED = ("identified", "randomised", "recorded")
+SHIPPED = ("identified", "randomised", "recorded", "cells")
 """Domains that the package ships."""
 
 
