@@ -25,6 +25,7 @@ from ..control.registry import Controller, get_controller
 from ..files import check_writable
 from ..physics.parameters import Robot, get_robot
 from ..plants.domain import Domain, load_domain
+from ..plants.on_plant import on_plant
 from ..plants.plant import Plant
 from ..policy.shipped import REFINED, ROBOT
 from .arguments import (
@@ -117,13 +118,14 @@ def judge_sim2real(
     seed: int = 0,
     seeds: int = 100,
     output: Output = Output(),
+    plant: Plant | None = None,
 ) -> int:
     """The command ``sim2real``, on a domain that was read before."""
 
     def judge(found: Controller, chosen: Robot, progress: Progress) -> Sim2Real:
         return sim2real_of.sim2real(found, chosen, controller, domain, seed, seeds, progress=progress)
 
-    return judge_and_tell(robot, controller, estimator, judge, sim2real_lines, output)
+    return judge_and_tell(robot, controller, estimator, judge, sim2real_lines, output, plant)
 
 
 @dataclass(frozen=True)
@@ -247,6 +249,7 @@ class JudgingCommands:
         controller: ControllerName = REFINED,
         estimator: EstimatorFlags = AS_IT_COMES,
         domain: DomainName = "identified",
+        plant: PlantFlags = NO_PLANT,
         seed: int = 0,
         seeds: int = 100,
         json: bool = False,
@@ -262,14 +265,16 @@ class JudgingCommands:
             controller: the controller.
             estimator: whether a state estimator stands before it.
             domain: plant and loop: identified, randomised (another plant for each seed), or a YAML file.
+            plant: a plant for a domain that has none, as identified; its loop is then in the plant's own units.
             seed: seed of noise and plants.
             seeds: seeds in a row.
             json: print one JSON object, with every run.
             save: also write the first seed's trajectory to this CSV file.
         """
-        output = Output(json, save)
-        status = judge_sim2real(load_domain(domain), robot, controller, estimator, seed, seeds, output)
-        if controller == REFINED and not json:
+        output, on, chosen = Output(json, save), plant.make(), load_domain(domain)
+        chosen = chosen if on is None else on_plant(chosen, on)
+        status = judge_sim2real(chosen, robot, controller, estimator, seed, seeds, output, on)
+        if controller == REFINED and not json and on is None:
             tell(f"  The policy trained for this plant is --controller {ROBOT}.")
         return status
 
