@@ -36,15 +36,20 @@ def export(folder, form, guard=None, name="refined"):
         return export_cloudpendulum(policy, source, folder).parent
 
 
+@pytest.fixture(scope="module")
+def judged():
+    return swingup.evaluate(load_controller("refined", "acrobot"), "acrobot", rules=BRIEF)
+
+
 @pytest.mark.parametrize("form", ["realaigym", "cloudpendulum"])
-def test_a_folder_scores_as_its_policy_does_in_the_judge(form, tmp_path):
-    judged = swingup.evaluate(load_controller("refined", "acrobot"), "acrobot", rules=BRIEF)
+def test_a_folder_scores_as_its_policy_does_in_the_judge(form, judged, tmp_path):
     result = rehearse(export(tmp_path / "entry", form), BOARD, None, rules=BRIEF)
     assert result.success
     assert (result.folder.form, result.robot, result.facts["packages"]) == (form, "acrobot", ["numpy"])
     assert result.criteria.score == pytest.approx(judged.criteria.score, abs=1e-9)
     np.testing.assert_allclose(result.trajectory.x, judged.trajectory.x, atol=1e-9)
     assert len(result.timing.calls) == BRIEF.steps
+    assert result.difference is None
 
 
 def test_a_guard_that_stops_the_folder_is_reported(tmp_path):
@@ -64,7 +69,7 @@ def test_a_guard_that_stops_the_folder_is_reported(tmp_path):
 def test_the_command_in_real_time(tmp_path, capsys):
     folder, rows = export(tmp_path / "entry", "realaigym", name="robot"), tmp_path / "run.csv"
     begin = time.monotonic()
-    options = ["--duration", "0.1", "--real-time", "--json", "--save", str(rows)]
+    options = ["--plant", "A.0", "--duration", "0.1", "--real-time", "--json", "--save", str(rows)]
     assert main(["rehearse", str(folder), *options]) == 0
     # 50 periods of 2 ms.
     assert time.monotonic() - begin > 0.098
@@ -72,7 +77,8 @@ def test_the_command_in_real_time(tmp_path, capsys):
     assert told["periods"]["p50"] >= 0.002
     assert told["calls"]["longest"] >= told["calls"]["p99"] >= told["calls"]["p50"] > 0
     assert told["missed"] >= 0
-    assert told["domain"]["name"] == "recorded"
+    assert told["difference"].startswith("the policy was made for a plant 'leaderboard' with ")
+    assert told["domain"]["name"] == "A.0 in the loop of recorded"
     assert len(rows.read_text().splitlines()) == 51
 
 

@@ -3,6 +3,7 @@
 The optimisation starts from tiny random torques: another seed may end in another local optimum.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from jaxtyping import Float
 from ..arrays import load_archive, save_archive
 from ..checks import positive_number
 from ..errors import SwingupError
+from ..physics.angles import UPRIGHT
 from ..physics.parameters import Parameters, Robot, get_robot
 from ..plants.plant import PlantLike
 from ..version import __version__
@@ -27,6 +29,9 @@ from .transition import PendulumTransition
 
 REFERENCE_FORMAT = "swingup trajectory"
 REFERENCE_VERSION = 1
+
+NEAR = 0.05
+"""A search is over when a motion ends this close to upright, in both angles (rad)."""
 
 RECOMPUTE = "compute it again with swingup trajectory"
 
@@ -75,9 +80,9 @@ def compute_reference(
     robot = get_robot(robot)
     parameters = model_of(plant, robot)
     transition = PendulumTransition(parameters, robot.joint, problem.dt)
-    cost = problem.cost(problem.steps)
     with jax.enable_x64(True):
         first = _first_torques(parameters, robot, problem, seed)
+        cost = problem.cost(len(first))
         solution = _solve(transition, cost, jnp.asarray(first), problem.settings)
         gains, free = (_gains(transition, cost, solution, mu) for mu in (problem.gain_regularisation, 0.0))
         solution, gains, free = jax.tree.map(np.asarray, (solution, gains, free))
@@ -95,11 +100,15 @@ def compute_reference(
 def _first_torques(parameters: Parameters, robot: Robot, problem: SwingupProblem, seed: int) -> np.ndarray:
     if problem.search is None:
         return np.random.default_rng(seed).uniform(0.0, problem.first_torque, problem.steps)
-    coarse = problem.search.steps
-    transition = PendulumTransition(parameters, robot.joint, problem.dt * problem.steps / coarse)
-    found = search_torques(transition, problem.cost(coarse), problem.search, seed)
+    for stretch in problem.search.durations:
+        steps = round((problem.steps + 1) * stretch) - 1
+        search = replace(problem.search, steps=round(problem.search.steps * stretch))
+        transition = PendulumTransition(parameters, robot.joint, problem.dt * steps / search.steps)
+        torque, last = search_torques(transition, problem.cost(search.steps), search, seed)
+        if np.abs(last - UPRIGHT)[:2].max() < NEAR:
+            break
     # Held over the fine steps, the coarse torques give the same trajectory up to the integrator's error.
-    return found[np.arange(problem.steps) * coarse // problem.steps]
+    return torque[np.arange(steps) * search.steps // steps]
 
 
 _gains = jax.jit(feedback_gains)

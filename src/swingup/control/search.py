@@ -25,19 +25,21 @@ class SearchSettings:
     settings: ILQRSettings
     steps: int = 300
     """Steps of the coarse grid."""
-    starts: int = 8
+    starts: int = 6
     """Guesses."""
-    amplitude: float = 1.0
-    """Largest standard deviation of a guess's sines (N m)."""
+    amplitude: float = 0.3
+    """Largest standard deviation of a guess's sines (N m). Large guesses end in worse optima."""
     waves: tuple[float, ...] = (1.2, 2.4, 3.6, 4.8, 6.0)
     """Periods of the sines in the whole duration."""
+    durations: tuple[float, ...] = (1.0, 1.5, 2.0)
+    """Multiples of the problem's duration. The next one is tried where a motion does not end upright."""
 
 
 SEARCH = SearchSettings(
     ILQRSettings(
         max_iterations=600,
         tolerance=1e-6,
-        regularisation=1.0,
+        regularisation=10.0,
         min_regularisation=1e-6,
         max_regularisation=1e8,
         torque_limit=5.0,
@@ -62,8 +64,10 @@ def guesses(search: SearchSettings, seed: int) -> Float[np.ndarray, "starts n"]:
 
 def search_torques(
     transition: PendulumTransition, cost: Cost, search: SearchSettings, seed: int
-) -> Float[np.ndarray, "n"]:
-    """The torques of the cheapest optimised guess, on the coarse grid (N m); call it in 64-bit mode.
+) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "4"]]:
+    """The cheapest optimised guess: its torques (N m) on the coarse grid, and its last state.
+
+    Call it in 64-bit mode.
 
     Raises:
         SwingupError: no guess led to a finite cost.
@@ -72,7 +76,8 @@ def search_torques(
     costs = np.asarray(found.cost)
     if not np.isfinite(costs).any():
         raise SwingupError(f"no first torque of seed {seed} leads to a finite cost: use another seed")
-    return np.asarray(found.torque)[int(np.nanargmin(costs))]
+    best = int(np.nanargmin(costs))
+    return np.asarray(found.torque)[best], np.asarray(found.states)[best, -1]
 
 
 @jax.jit(static_argnames="settings")

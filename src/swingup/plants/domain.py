@@ -38,7 +38,7 @@ IDENTIFIED = "C.1"
 SESSIONS = ("excitation", "acrobot", "pendubot", "acrobot-pushed", "acrobot-iros", "pendubot-iros")
 """Sessions of the robot of design C.1, each with its fitted plant and loop: the domains ``session-...``."""
 
-SHIPPED = ("identified", "randomised", "recorded", *(f"session-{name}" for name in SESSIONS))
+SHIPPED = ("identified", "randomised", "recorded", "cells", *(f"session-{name}" for name in SESSIONS))
 """Domains that the package ships."""
 
 

@@ -173,6 +173,13 @@ def guard_settings(metadata: Mapping[str, Any]) -> GuardSettings | None:
     return _settings(metadata, GUARD, GuardSettings)
 
 
+def default_guard(dt: float | None = None) -> GuardSettings:
+    """The guard of a loop with ``dt`` (s) between calls; None for any. It bears ten missed or repeated calls."""
+    if dt is None:
+        return GuardSettings()
+    return GuardSettings(dt=dt, longest_pause=10 * dt, stale_time=10 * dt, stuck_time=100 * dt)
+
+
 def choose_guard(choice: GuardChoice, own: GuardSettings | None, dt: float | None) -> GuardSettings | None:
     """The guard that a caller chose for a policy; None for none.
 
@@ -188,8 +195,7 @@ def choose_guard(choice: GuardChoice, own: GuardSettings | None, dt: float | Non
         return own if choice is None else None
     if isinstance(choice, GuardSettings):
         return choice
-    default = GuardSettings() if dt is None else GuardSettings(dt=dt)
-    return own or default if choice is True else _settings({GUARD: choice}, GUARD, GuardSettings)
+    return own or default_guard(dt) if choice is True else _settings({GUARD: choice}, GUARD, GuardSettings)
 
 
 def _settings(metadata: Mapping[str, Any], key: str, kind: type[SettingsT]) -> SettingsT | None:

@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import jax
@@ -16,9 +17,11 @@ from ..benchmark.runner import run_one
 from ..checks import positive_number, whole_number
 from ..control.python_controller import PythonController
 from ..errors import SwingupError
-from ..physics.parameters import Robot, get_robot
+from ..physics.parameters import NAMES, Robot, get_robot
 from ..plants.domain import Domain
 from ..plants.plant import PlantLike
+from ..policy.pendulum import read_pendulum_policy
+from ..policy.plant_facts import plant_difference
 from ..tasks.draw import draw
 from .folder import Folder, find_folder
 from .loop import FolderController, PacedController, Timing
@@ -41,6 +44,8 @@ class Rehearsal:
     real_time: bool
     criteria: Criteria
     tip: TipHistory
+    difference: str | None
+    """How the plant differs from the one that the policy was made for; None if it differs little."""
     limits: tuple[float, float]
     """Largest angle (rad) and speed (rad/s) of a joint; the robot stops beyond them."""
     timing: Timing
@@ -87,6 +92,7 @@ class Rehearsal:
             **{name: value for name, value in asdict(self.criteria).items() if name not in ("success", "score")},
             "score": self.score,
             **self.tip.as_dict(),
+            "difference": self.difference,
             "speed": self.speed,
             "angle": self.angle,
             "violation": self.violation,
@@ -163,6 +169,7 @@ def rehearse(
         real_time=real_time,
         criteria=judge(time, x, u, *lengths, rules),
         tip=follow_tip(time, x, *lengths, rules),
+        difference=_difference(found, around, driven),
         limits=_limits(facts),
         timing=controller.timing,
         facts=facts,
@@ -177,6 +184,16 @@ def _robot(given: Robot | str | None, said: Any, folder: Folder) -> Robot:
     if isinstance(said, str) and said != robot.name:
         raise SwingupError(f"{folder.entry.name} is for the {said}, not the {robot.name}: export one for it")
     return robot
+
+
+def _difference(folder: Folder, domain: Domain, robot: Robot) -> str | None:
+    """How the middle of the domain's plants differs from the policy's plant."""
+    if folder.policy is None:
+        return None
+    values = {name: domain.middle(name) for name in NAMES}
+    if "torque_limit" in domain.names:
+        values |= dict.fromkeys(("tl1", "tl2"), domain.middle("torque_limit"))
+    return plant_difference(read_pendulum_policy(folder.policy).plant, SimpleNamespace(**values), robot)
 
 
 def _limits(facts: dict[str, Any]) -> tuple[float, float]:
