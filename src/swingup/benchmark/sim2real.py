@@ -149,7 +149,9 @@ def sim2real(
 def _judged(
     seed: int, rows: Trajectory, scenario: Scenario, rules: Sim2RealRules, fault: str | None
 ) -> Sim2RealRun:
-    x, u, time = np.asarray(rows.x), np.asarray(rows.u), np.asarray(rows.time)
+    # Late periods take a run beyond its duration: those rows do not count.
+    counted = np.asarray(rows.time) < rules.duration
+    x, u, time = (np.asarray(each)[counted] for each in (rows.x, rows.u, rows.time))
     l1, l2 = float(scenario.parameters.l1), float(scenario.parameters.l2)
     speed, angle = float(np.abs(x[:, 2:]).max()), float(np.abs(x[:, :2]).max())
     held = tip_is_up(x[time >= rules.duration - rules.hold], l1, l2, rules.performance.height).all()
