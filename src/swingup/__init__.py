@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .control.check import check_controller
     from .control.controller import AbstractController
     from .control.registry import get_controller
+    from .identification.identify import Identification, identify
     from .learner.agent import AREAPO
     from .plants.plant import Plant, load_plant
     from .policy.jax_backend.controller import load_policy, shipped_policy
@@ -38,6 +39,8 @@ _HOMES = {
     "evaluate": "benchmark.evaluate",
     "get_controller": "control.registry",
     "sim2real": "benchmark.sim2real",
+    "identify": "identification.identify",
+    "Identification": "identification.identify",
     "leaderboard": "benchmark.leaderboard",
     "load_plant": "plants.plant",
     "load_policy": "policy.jax_backend.controller",
@@ -53,6 +56,7 @@ __all__ = [
     "AbstractController",
     "Board",
     "Evaluation",
+    "Identification",
     "Plant",
     "Robustness",
     "Sim2Real",
@@ -63,6 +67,7 @@ __all__ = [
     "check_controller",
     "evaluate",
     "get_controller",
+    "identify",
     "leaderboard",
     "load_plant",
     "load_policy",

@@ -1,8 +1,9 @@
 """Intervals: a Bayesian bootstrap over logs and blocks, each draw solved in one step of Gauss and Newton.
 
-Errors of neighbouring windows are alike, so that windows are drawn in blocks of 1 s. A draw gives each block a weight
-from Exp(1), and each log a weight with a quarter of its variance. It also draws what is expected of each unknown: what
-the logs leave open is then as wide as before. Source: Rubin, The Bayesian bootstrap (Annals of Statistics 9, 1981).
+Errors of neighbouring windows are alike, so that windows are drawn in blocks of 1 s. A draw gives each block a
+weight from Exp(1), and each log a weight with a quarter of its variance. It also draws what is expected of each
+unknown: what the logs leave open is then as wide as before. Source: Rubin, The Bayesian bootstrap (Annals of
+Statistics 9, 1981).
 """
 
 import numpy as np
@@ -75,5 +76,5 @@ def _step(matrix: np.ndarray, slope: np.ndarray, low: np.ndarray, high: np.ndarr
     if np.all((step >= low) & (step <= high)):
         return step
     root = np.linalg.cholesky(matrix)
-    step = lsq_linear(root.T, -np.linalg.solve(root, slope), (low, high)).x
-    return step
+    bounded: np.ndarray = lsq_linear(root.T, -np.linalg.solve(root, slope), (low, high)).x
+    return bounded

@@ -46,7 +46,6 @@ class Fit:
     """r / sigma of each window."""
     jacobian: Float[np.ndarray, "windows errors unknowns"]
     """Of ``residual`` with respect to z."""
-    cost: float
 
     @property
     def models(self) -> Float[np.ndarray, "sessions 15"]:
@@ -65,9 +64,20 @@ def fit(
     z = start
     for outputs, evaluations in stages:
         z = _solve(setting, data, unknowns, z, outputs, evaluations)
+    return linearise(setting, data, unknowns, z)
+
+
+def linearise(setting: Setting, data: Data, unknowns: Unknowns, z: Float[np.ndarray, "unknowns"]) -> Fit:
+    """A solution as it is, with its errors and their derivatives."""
     sigma = spreads(data.windows, _errors(setting, data, unknowns, z))
-    residual, jacobian = _linearise(setting, data, unknowns, z, 1.0 / sigma)
-    return Fit(unknowns, z, residual, jacobian, float(np.sum(soft_l1(residual))))
+    return Fit(unknowns, z, *_linearise(setting, data, unknowns, z, 1.0 / sigma))
+
+
+def start_cost(setting: Setting, data: Data, unknowns: Unknowns, z: Float[np.ndarray, "unknowns"]) -> float:
+    """How badly a position predicts the first 50 ms: median errors, each relative to the median motion."""
+    first = np.abs(_errors(setting, data, unknowns, z)[:, 0])
+    moved = np.abs(data.windows.reference[:, 0] - data.windows.start)
+    return float(np.sum(np.median(first, axis=0) / np.maximum(np.median(moved, axis=0), 1e-6)))
 
 
 def soft_l1(residual: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
@@ -75,8 +85,10 @@ def soft_l1(residual: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
     return 2.0 * (np.sqrt(1.0 + residual**2) - 1.0)
 
 
-def spreads(windows: Windows, errors: Float[np.ndarray, "windows outputs 4"]) -> Float[np.ndarray, "windows outputs 4"]:
-    """sigma for each error: of its time and state over all windows, times how much worse or better its log fits."""
+def spreads(
+    windows: Windows, errors: Float[np.ndarray, "windows outputs 4"]
+) -> Float[np.ndarray, "windows outputs 4"]:
+    """The spread of each error: of its time and state over all windows, times how much worse its log fits."""
     size = np.abs(errors)
     floor = np.array([1e-4, 1e-4, 1e-2, 1e-2])
     common = np.maximum(1.48 * np.median(size, axis=0), floor)

@@ -1,4 +1,4 @@
-"""The unknowns of a fit: which entries of the sessions' models are free, shared or known, and what is expected of them.
+"""The unknowns of a fit: which entries of the sessions' models are free, shared or known, and what is expected.
 
 All sessions share the plant. Offsets, torque gain, delay and lag belong to a session. A free entry is
 
@@ -15,12 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from .prediction import NAMES, Setting
+from .prediction import INDEX, NAMES, Setting
 
 SHARED = NAMES[:9]
 """Entries of the plant, the same in all sessions."""
 MASSES = ("first", "second", "shoulder", "elbow", "rotor")
-INDEX = {name: place for place, name in enumerate(NAMES)}
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,7 @@ class Unknowns:
         return chosen * self.scale
 
     def position(self, models: Float[np.ndarray, "sessions 15"]) -> Float[np.ndarray, "unknowns"]:
-        """z of models, within the bounds; of a shared entry, that of the first session."""
+        """The position z of models, within the bounds; of a shared entry, that of the first session."""
         z = np.zeros(len(self.names))
         for session in reversed(range(len(self.place))):
             free = self.place[session] >= 0

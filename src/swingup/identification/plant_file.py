@@ -4,14 +4,18 @@ Motion tells m1 r1 + m2 l1, m2 r2, I1 + m2 l1² and I2, not the masses. Among th
 chosen whose masses are near the starting plant's and whose links could be built: m r² ≤ I on both links.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from ..errors import SwingupError
-from ..physics.parameters import Parameters, validated
+from ..files import write_atomically
+from ..physics.parameters import NAMES, Parameters, validated
 from ..plants.domain import make_domain
 from ..plants.loop import LOOP_DT
+from ..text import one_line
+from ..version import __version__
 
 Range = tuple[float, float]
 
@@ -83,3 +87,23 @@ def _content(p: Parameters, ranges: Mapping[str, Range], narrowing: float) -> di
     # Of a change of torque, a first-order lag makes this part within a step of the loop.
     content["response"] = [float(-np.expm1(-LOOP_DT / lag[1])), float(-np.expm1(-LOOP_DT / lag[0]))]
     return content
+
+
+def write_plant(
+    path: str | Path, plant: Parameters, domain: Mapping[str, float | Sequence[float]], logs: Sequence[str]
+) -> Path:
+    """Write a plant's file, and its domain's beside it: ``mine.yml`` and ``mine-domain.yml``.
+
+    Raises:
+        SwingupError: a file cannot be written.
+    """
+    target = Path(path)
+    beside = target.with_name(f"{target.stem}-domain{target.suffix}")
+    source = f"# Source: swingup {__version__} identify, from {one_line(', '.join(logs), 500)}."
+    facts = [f"{name}: {float(getattr(plant, name))!r}" for name in NAMES]
+    note = "# SI units. m1, m2, r1, r2 and I1 are one choice of many that move alike."
+    write_atomically(target, "\n".join([source, note, *facts, ""]).encode())
+    note = "# Ranges of the plant and its loop: 95 % intervals. What the logs do not determine is wide."
+    rows = [f"{name}: {list(value) if isinstance(value, Sequence) else value!r}" for name, value in domain.items()]
+    write_atomically(beside, "\n".join([source, note, *rows, ""]).encode())
+    return beside

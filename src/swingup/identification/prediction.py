@@ -33,6 +33,7 @@ NAMES = (
     "gain2", "delay", "lag",
 )  # fmt: skip
 """Entries of a model's vector, in order (kg m, kg m², N m s/rad, N m, rad, s)."""
+INDEX = {name: place for place, name in enumerate(NAMES)}
 
 CHUNK = 128
 """Windows that one call of the compiled program predicts; fewer are filled up, so that it compiles once."""

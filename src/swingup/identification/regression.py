@@ -130,7 +130,11 @@ def _equations(setting: Setting, spans: Spans) -> np.ndarray:
     q1, q2, dq1, dq2 = np.moveaxis(spans.states, -1, 0)
     l1, g, gear, none = setting.l1, setting.gravity, setting.gear, np.zeros(len(q1))
     sin2, cos2, sin12 = np.sin(q2), np.cos(q2), np.sin(q1 + q2)
-    lift, slow1, slow2 = g * _integral(sin12), np.arctan(setting.steepness * dq1), np.arctan(setting.steepness * dq2)
+    lift, slow1, slow2 = (
+        g * _integral(sin12),
+        np.arctan(setting.steepness * dq1),
+        np.arctan(setting.steepness * dq2),
+    )
     swing = l1 * _integral(sin2 * dq1 * (dq1 + dq2))
     both = _change(dq1 + dq2)
     columns = {

@@ -1,7 +1,7 @@
 """A fixed-step integrator whose Coulomb friction is implicit: stable on any plant, at a third of RK4's cost.
 
 The smoothed Coulomb friction cf arctan(s q̇) has the slope cf s at rest. Explicit methods need λ dt below 2 to 2.8,
-with λ the largest eigenvalue of M⁻¹ diag(cf s). At 2 ms it is 2.3 on design C.1 and 4.7 on a link of 5 cm and 0.1 kg.
+with λ the largest eigenvalue of M⁻¹ diag(cf s). At 2 ms it is 2.3 on design C.1, 4.7 on a link of 5 cm and 0.1 kg.
 
 Half a step of drift, a kick, half a step of drift, with everything but friction at the middle:
 
@@ -12,14 +12,17 @@ Half a step of drift, a kick, half a step of drift, with everything but friction
 Second order where friction is smooth, exact where Coulomb friction is constant; first order where a joint stops.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import jax.numpy as jnp
 
 from ..types import Scalar, State, Torque
-from .equations import COULOMB_STEEPNESS, Lumped, Number, Pair, StateFloats, coriolis, gravity, lump, mass_entries
+from .equations import COULOMB_STEEPNESS, Lumped, Number, Pair, coriolis, gravity, lump, mass_entries
 from .parameters import Parameters
 from .trigonometry import sine_cosine
+
+Numbers: TypeAlias = tuple[Number, Number, Number, Number]
+"""One number for each of q1, q2, dq1, dq2."""
 
 
 class Friction(NamedTuple):
@@ -43,7 +46,7 @@ def implicit_friction_step(
     return jnp.stack(after)
 
 
-def advance(plant: Lumped, friction: Friction, x: StateFloats, u: Pair, dt: Number) -> StateFloats:
+def advance(plant: Lumped, friction: Friction, x: Numbers, u: Pair, dt: Number) -> Numbers:
     """The same step on one number for each part of the state, which vectorises better."""
     q1, q2, dq1, dq2 = x
     half1, half2 = q1 + 0.5 * dt * dq1, q2 + 0.5 * dt * dq2
@@ -66,9 +69,7 @@ def advance(plant: Lumped, friction: Friction, x: StateFloats, u: Pair, dt: Numb
     return half1 + 0.5 * dt * after[0], half2 + 0.5 * dt * after[1], after[0], after[1]
 
 
-def _newton(
-    mass: tuple[Number, Number, Number], friction: Friction, target: Pair, rates: Pair, dt: Number
-) -> Pair:
+def _newton(mass: tuple[Number, Number, Number], friction: Friction, target: Pair, rates: Pair, dt: Number) -> Pair:
     """One step of Newton's method for M v + dt cf arctan(s v) = target."""
     (m11, m12, m22), (v1, v2), s = mass, rates, friction.steepness
     hold1, hold2 = dt * friction.coulomb[0], dt * friction.coulomb[1]

@@ -1,0 +1,117 @@
+"""The steps of an identification, from recordings to solutions: the start's best delay, then all unknowns."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from .fit import Data, Fit, fit, linearise, start_cost
+from .model import MASSES, Unknowns, expectations, make_unknowns
+from .prediction import INDEX, NAMES, Setting
+from .recording import Recording
+from .regression import Spans, cut_spans, regress
+from .windows import Windows
+
+PLANT = NAMES[:9]
+OFFSETS = ("offset1", "offset2")
+LOOP = ("delay", "lag")
+START_STAGES = ((5, 15),)
+WARM_STAGES = ((5, 15),)
+
+
+@dataclass(frozen=True)
+class Study:
+    """What all fits of an identification share."""
+
+    setting: Setting
+    start: Float[np.ndarray, "15"]
+    recordings: Sequence[Recording]
+    sessions: Sequence[int]
+    """Of each recording."""
+    known: Mapping[str, float]
+
+    @property
+    def count(self) -> int:
+        """Number of sessions."""
+        return max(self.sessions) + 1
+
+    @property
+    def has_scale(self) -> bool:
+        """Whether torques or known values fix the common factor of masses and torques."""
+        return any(any(recording.driven) for recording in self.recordings) or self.knows_mass
+
+    @property
+    def knows_mass(self) -> bool:
+        """Whether the user knows a mass: then it fixes the scale, and the torque gain is free."""
+        return any(name in self.known for name in MASSES)
+
+    def data(self, windows: Windows) -> Data:
+        """Windows with the session of each."""
+        return Data(windows, np.asarray(self.sessions, int)[windows.log])
+
+    def driven(self, session: int) -> bool:
+        """Whether a torque acts in a session."""
+        return any(any(r.driven) for r, s in zip(self.recordings, self.sessions, strict=True) if s == session)
+
+    def unknowns(self, plant: bool) -> Unknowns:
+        """All unknowns, or those of the loop alone, with the plant as it is."""
+        free = [self._free(session, plant) for session in range(self.count)]
+        commanded = [
+            all(
+                r.commanded or not any(r.driven)
+                for r, s in zip(self.recordings, self.sessions, strict=True)
+                if s == k
+            )
+            for k in range(self.count)
+        ]
+        expected = [expectations(self.setting, self.start, each) for each in commanded]
+        known = self.known if plant else {name: value for name, value in self.known.items() if name in LOOP}
+        return make_unknowns(expected, self.start, free, known)
+
+    def _free(self, session: int, plant: bool) -> list[str]:
+        driven = self.driven(session)
+        loop = [name for name in LOOP if driven]
+        if not plant:
+            return loop
+        # Without torques, one base parameter stands for the common factor of all.
+        base = [name for name in PLANT if name != "first" or self.has_scale]
+        gain = driven and (session > 0 or self.knows_mass)
+        return [*base, *OFFSETS, *(["gain1"] if gain else []), *loop]
+
+
+def fit_start(study: Study, windows: Windows) -> Float[np.ndarray, "sessions 15"]:
+    """The starting plant with the delay and lag that predict best."""
+    unknowns = study.unknowns(plant=False)
+    zero = np.clip(np.zeros(len(unknowns.names)), unknowns.low, unknowns.high)
+    if not len(windows) or not unknowns.names:
+        return unknowns.models(zero)
+    return fit(study.setting, study.data(windows), unknowns, zero, START_STAGES).models
+
+
+def fit_all(study: Study, windows: Windows, start: Float[np.ndarray, "sessions 15"]) -> Fit:
+    """All unknowns, from the better of the starting plant and the linear regression."""
+    unknowns, data = study.unknowns(plant=True), study.data(windows)
+    if not len(windows):
+        return linearise(study.setting, data, unknowns, np.clip(0.0 * unknowns.scale, unknowns.low, unknowns.high))
+    candidates = [unknowns.position(models) for models in (start, _regressed(study, start))]
+    costs = [start_cost(study.setting, data, unknowns, z) for z in candidates]
+    return fit(study.setting, data, unknowns, candidates[int(np.argmin(costs))])
+
+
+def refit(study: Study, windows: Windows, before: Fit) -> Fit:
+    """The same with more windows, from a solution."""
+    return fit(study.setting, study.data(windows), before.unknowns, before.z, WARM_STAGES)
+
+
+def _regressed(study: Study, models: np.ndarray) -> np.ndarray:
+    """The start's models with the plant that linear least squares find."""
+    parts = [cut_spans(recording) for recording in study.recordings]
+    spans = Spans(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("states", "impulse")))
+    if not len(spans.states):
+        return models
+    found = regress(study.setting, spans, study.start, any(any(r.driven) for r in study.recordings))
+    changed = models.copy()
+    for name, value in found.values.items():
+        changed[:, INDEX[name]] = value
+    return changed

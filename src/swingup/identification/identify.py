@@ -1,0 +1,161 @@
+"""Identify a pendulum and its loop from logs: the parameters, how sure they are, and errors on held-out motion."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..errors import SwingupError
+from ..physics.parameters import NAMES as PLANT_NAMES
+from ..physics.parameters import Parameters
+from ..plants.plant import PlantLike, load_plant
+from .bootstrap import draw_solutions
+from .estimate import Study, fit_all, fit_start, refit
+from .fit import Fit
+from .holdout import clear_of, held_out
+from .known import known_entries, session_numbers
+from .notes import make_notes
+from .plant_file import domain_of, representative, write_plant
+from .prediction import INDEX, NAMES, Setting, setting_of, vector_of
+from .reading import TITLES, Reading, read_solution
+from .recording import Recording, read_recording
+from .regression import check_joints
+from .scoring import LENGTH, Errors, prediction_errors, score_windows, summarise
+from .windows import Windows, cut_windows, join
+
+FIT_LENGTH = 0.25
+"""Length of the windows of the fit (s)."""
+
+
+@dataclass(frozen=True)
+class Identification:
+    """A fitted plant and loop, with what a reader needs to trust it."""
+
+    plant: Parameters
+    """A physically consistent pendulum with the fitted base parameters."""
+    reading: Reading
+    """Estimates, intervals, and which of them the logs determine."""
+    errors: Mapping[str, Errors]
+    """Of the fitted model and of the starting plant, on held-out motion."""
+    domain: Mapping[str, float | Sequence[float]]
+    """Ranges of plant and loop: what was not determined stays wide."""
+    notes: Sequence[str]
+    """What a user should know of the logs and the fit."""
+    start_name: str
+    setting: Setting
+    recordings: Sequence[Recording]
+    """Those that were fitted, then those that were held out."""
+    models: Float[np.ndarray, "logs 15"]
+    """The fitted model of each recording, ``prediction.NAMES``; without the held-out motion."""
+    start_models: Float[np.ndarray, "logs 15"]
+    """The starting plant with its best delay and lag, likewise."""
+    windows: Windows
+    """The held-out windows that the errors are of."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """As JSON values: parameters, intervals, determined and errors."""
+        plant = {name: float(getattr(self.plant, name)) for name in PLANT_NAMES}
+        return {
+            "parameters": {**plant, **self.reading.values},
+            "intervals": {name: list(pair) for name, pair in self.reading.intervals.items()},
+            "determined": dict(self.reading.determined),
+            "errors": {name: {key: dict(row) for key, row in rows.items()} for name, rows in self.errors.items()},
+        }
+
+    def save(self, path: str | Path) -> Path:
+        """Write the plant to a YAML file, and the domain beside it; returns the domain's path.
+
+        Raises:
+            SwingupError: a file cannot be written.
+        """
+        return write_plant(path, self.plant, self.domain, [recording.name for recording in self.recordings])
+
+
+def identify(
+    files: Sequence[str | Path],
+    test: Sequence[str | Path] = (),
+    start: PlantLike = "C.1",
+    known: Mapping[str, float] | None = None,
+    sessions: Sequence[str] | None = None,
+    seed: int = 0,
+) -> Identification:
+    """Identify a double pendulum and its loop from logs.
+
+    Args:
+        files: logs to fit, CSV files of RealAIGym's or CloudPendulum's kind.
+        test: logs to report errors on. Without them a log, or the last quarter of each, is held out for the
+            errors; the parameters are then fitted to everything.
+        start: the plant to start from: its lengths, gravity and gear ratio count as known.
+        known: values that the user knows, such as ``{"m2r2": 0.16}``, ``{"Ir": 6e-5}`` or ``{"gain": 0.85}``.
+        sessions: a label for each log, test logs last; torque gains are relative to the first session.
+        seed: of the bootstrap.
+
+    Raises:
+        SwingupError: a log cannot be read or used, or an argument makes no sense.
+    """
+    if not files:
+        raise SwingupError("no logs: give at least one CSV file")
+    plant = load_plant(start)
+    setting, vector = setting_of(plant.parameters), vector_of(plant.parameters)
+    recordings = [read_recording(path) for path in files]
+    tests = [read_recording(path) for path in test]
+    numbers = session_numbers(sessions, len(recordings) + len(tests))
+    check_joints([*recordings, *tests], setting, vector)
+    study = Study(setting, vector, recordings, numbers[: len(recordings)], known_entries(known))
+    _check_sessions(study, numbers)
+    windows = join([cut_windows(each, FIT_LENGTH, log=log) for log, each in enumerate(recordings)])
+    if tests:
+        judged, kept = score_windows(tests), windows
+        owners = numbers[len(recordings) :]
+    else:
+        judged, kept = _hold_out(recordings, windows)
+        owners = numbers
+    start_models = fit_start(study, kept)
+    solution = fit_all(study, kept, start_models)
+    errors = {
+        "fitted": summarise(prediction_errors(setting, solution.models[owners], judged)),
+        "start": summarise(prediction_errors(setting, start_models[owners], judged)),
+    }
+    final = solution if tests or not len(kept) else refit(study, windows, solution)
+    reading, domain, fitted = _read(study, final, windows, plant.parameters, seed)
+    return Identification(
+        plant=fitted,
+        reading=reading,
+        errors=errors,
+        domain=domain,
+        notes=make_notes([*recordings, *tests], study, reading, len(kept), len(judged)),
+        start_name=plant.name,
+        setting=setting,
+        recordings=[*recordings, *tests],
+        models=solution.models[numbers],
+        start_models=start_models[numbers],
+        windows=judged if not tests else replace(judged, log=judged.log + len(recordings)),
+    )
+
+
+def _check_sessions(study: Study, numbers: Sequence[int]) -> None:
+    if max(numbers) >= study.count:
+        raise SwingupError("a test log has a session of its own: fit at least one log of each session")
+
+
+def _hold_out(recordings: Sequence[Recording], windows: Windows) -> tuple[Windows, Windows]:
+    """The windows to judge, and those of the fit that share no time with them."""
+    everything = score_windows(recordings)
+    judged = everything.take(np.flatnonzero(held_out(everything)))
+    return judged, windows.take(np.flatnonzero(clear_of(windows, judged, FIT_LENGTH, LENGTH)))
+
+
+def _read(
+    study: Study, final: Fit, windows: Windows, start: Parameters, seed: int
+) -> tuple[Reading, dict[str, float | list[float]], Parameters]:
+    """Intervals, the domain and the plant of a solution."""
+    draws = draw_solutions(final, windows, seed)
+    reading = read_solution(final.unknowns, final.z, draws, study.has_scale, list(study.known), seed)
+    model = dict(zip(NAMES, np.maximum(final.models[0], 0.0), strict=True))
+    fitted = representative(model, start)
+    value = {name: (float(model[name]), float(model[name])) for name in INDEX}
+    ranges = {name: reading.intervals.get(TITLES.get(name, name), value[name]) for name in value}
+    return reading, domain_of(fitted, ranges), fitted
