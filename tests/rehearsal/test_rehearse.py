@@ -20,7 +20,7 @@ from swingup.policy.guard import GuardSettings
 from swingup.policy.shipped import read_policy, shipped_file
 from swingup.rehearsal.loop import FolderController, PacedController
 from swingup.rehearsal.process import Reply
-from swingup.rehearsal.rehearse import rehearse, simulated_robot
+from swingup.rehearsal.rehearse import rehearse
 from swingup.runtime import load_controller
 
 BRIEF = dataclasses.replace(PERFORMANCE_RULES["v2"], duration=1.5)
@@ -39,7 +39,7 @@ def export(folder, form, guard=None, name="refined"):
 @pytest.mark.parametrize("form", ["realaigym", "cloudpendulum"])
 def test_a_folder_scores_as_its_policy_does_in_the_judge(form, tmp_path):
     judged = swingup.evaluate(load_controller("refined", "acrobot"), "acrobot", rules=BRIEF)
-    result = rehearse(export(tmp_path / "entry", form), BOARD, rules=BRIEF)
+    result = rehearse(export(tmp_path / "entry", form), BOARD, None, rules=BRIEF)
     assert result.success
     assert (result.folder.form, result.robot, result.facts["packages"]) == (form, "acrobot", ["numpy"])
     assert result.criteria.score == pytest.approx(judged.criteria.score, abs=1e-9)
@@ -49,7 +49,7 @@ def test_a_folder_scores_as_its_policy_does_in_the_judge(form, tmp_path):
 
 def test_a_guard_that_stops_the_folder_is_reported(tmp_path):
     folder = export(tmp_path / "entry", "realaigym", GuardSettings(velocity_limit=2.0))
-    result = rehearse(folder, BOARD, rules=BRIEF, duration=0.6)
+    result = rehearse(folder, BOARD, None, rules=BRIEF, duration=0.6)
     stopped = result.facts["stopped"]
     assert "velocity is beyond the limit" in stopped["why"]
     # The loop is perfect: the guard sees the very state that passes its limit.
@@ -72,7 +72,7 @@ def test_the_command_in_real_time(tmp_path, capsys):
     assert told["periods"]["p50"] >= 0.002
     assert told["calls"]["longest"] >= told["calls"]["p99"] >= told["calls"]["p50"] > 0
     assert told["missed"] >= 0
-    assert told["domain"]["name"] == "identified"
+    assert told["domain"]["name"] == "recorded"
     assert len(rows.read_text().splitlines()) == 51
 
 
@@ -140,14 +140,3 @@ def test_the_cells_limits():
         "it may command 6 N m, and CloudPendulum's motors give 0.15"
         in cloudpendulum_notes(read_policy("robot", "acrobot"))[0]
     )
-
-
-def test_plant_and_loop_come_from_two_files():
-    both = simulated_robot("cloudpendulum", "identified")
-    assert both.name == "cloudpendulum in the loop of identified"
-    values = both.as_dict()
-    assert values["plant"] == "cloudpendulum"
-    assert values["delay"] == [0.01, 0.01]
-    assert "torque_limit" not in values  # the plant's own
-    assert simulated_robot(None, None).name == "identified"
-    assert simulated_robot("C.1", None).ranges == ()

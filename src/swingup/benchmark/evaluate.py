@@ -7,6 +7,7 @@ import numpy as np
 
 from ..control.registry import has_estimator
 from ..errors import SwingupError
+from ..physics.integrate import stable_substeps
 from ..physics.parameters import Parameters, Robot, get_robot
 from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict, robot_parameters
 from ..tasks.disturbance import Disturbance, disturbance_as_dict
@@ -73,8 +74,8 @@ def evaluate(
     robot, rules = get_robot(robot), get_performance_rules(rules)
     found = find_plant(plant)
     parameters = robot_parameters(found, robot)
-    estimator, controller = has_estimator(controller), prepare(controller, robot, name)
-    scenario = Scenario(parameters, disturbance)
+    estimator, controller = has_estimator(controller), prepare(controller, robot, name, parameters)
+    scenario = Scenario(parameters, disturbance, substeps=stable_substeps(parameters, rules.dt))
     # Room for the present state and the delayed ones.
     depth = 1 if disturbance is None else int(disturbance.delay_steps) + 1
     try:

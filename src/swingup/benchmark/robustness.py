@@ -1,7 +1,7 @@
 """The robustness score: success of one controller in every simulation of the grid."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import fmean
 from typing import Any
 
@@ -11,11 +11,14 @@ from ..checks import one_of
 from ..control.registry import has_estimator
 from ..errors import SwingupError
 from ..physics.angles import UPRIGHT, wrap_difference
+from ..physics.integrate import stable_substeps
 from ..physics.parameters import Robot, get_robot
-from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict
+from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict, robot_parameters
 from ..version import __version__
 from .grid import Case, make_cases
 from .interval import Interval, mean_interval
+from .own_units import robustness_in_own_units
+from .rollout import Scenario
 from .rules import CRITERIA, DEFAULT_RULES, RANDOM, RobustnessRules, get_robustness_rules
 from .runner import Progress, prepare, run_many, stack
 from .seeds import check_seeds
@@ -109,7 +112,8 @@ def robustness(
     robot, rules = get_robot(robot), get_robustness_rules(rules)
     every, chosen = check_seeds(seed, seeds), check_criteria(criteria)
     found = find_plant(plant)
-    estimator, controller = has_estimator(controller), prepare(controller, robot, name)
+    rules, nominal = robustness_in_own_units(rules, robot, found), robot_parameters(found, robot)
+    estimator, controller = has_estimator(controller), prepare(controller, robot, name, nominal)
     cases = [case for criterion in chosen for case in make_cases(robot, rules, criterion, every[0], found)]
     # The other criteria do not depend on the seed: one simulation of each is enough.
     for other in every[1:]:
@@ -118,7 +122,7 @@ def robustness(
     # One state more than the largest delay: the present one.
     depth = 1 + max(int(each.delay_steps) for each in disturbances if each is not None)
     # All criteria in one stack share one compiled program.
-    scenarios = stack([case.scenario for case in cases])
+    scenarios = stack(_stable([case.scenario for case in cases], rules.dt, found))
     batch = run_many(controller, scenarios, rules.dt, rules.steps, depth, progress=progress)
     ends = zip(cases, upright(batch.final, rules.tolerance), batch.faults, strict=True)
     # A controller that failed gets no success, even if the pendulum happened to end upright.
@@ -126,6 +130,14 @@ def robustness(
     percent, overall, intervals = summarise(results, tuple(every))
     head = robot.name, name, rules.name, tuple(every)
     return Robustness(*head, percent, overall, intervals, results, estimator=estimator, plant=found)
+
+
+def _stable(scenarios: list[Scenario], dt: float, plant: Plant | None) -> list[Scenario]:
+    """Scenarios in steps short enough for the stiffest plant among them; the board's grid takes one of RK4."""
+    if plant is None:
+        return scenarios
+    substeps = max(stable_substeps(each.parameters, dt) for each in scenarios)
+    return [replace(each, substeps=substeps) for each in scenarios]
 
 
 def check_criteria(criteria: str | Sequence[str]) -> list[str]:

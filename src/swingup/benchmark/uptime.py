@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 
 from ..control.registry import has_estimator
+from ..physics.integrate import stable_substeps
 from ..physics.parameters import Robot, get_robot
 from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict, robot_parameters
 from ..tasks.throws import Throws
 from ..version import __version__
 from .criteria import tip_is_up
 from .interval import Interval, mean_interval
+from .own_units import uptime_in_own_units
 from .rollout import Scenario, Trajectory
 from .rules import DEFAULT_UPTIME_RULES, UptimeRules, get_uptime_rules
 from .runner import Progress, prepare, run_many, stack
@@ -94,14 +96,18 @@ def uptime(
     """
     robot, rules = get_robot(robot), get_uptime_rules(rules)
     every, found = tuple(check_seeds(seed, seeds)), find_plant(plant)
-    estimator, controller = has_estimator(controller), prepare(controller, robot, name)
+    nominal = robot_parameters(found, robot)
+    estimator, controller = has_estimator(controller), prepare(controller, robot, name, nominal)
+    rules = uptime_in_own_units(rules, robot, found)
     limit = rules.thrower.limit
-    parameters = dataclasses.replace(robot_parameters(found, robot), tl1=limit, tl2=limit)
+    parameters = dataclasses.replace(nominal, tl1=limit, tl2=limit)
+    substeps = stable_substeps(parameters, rules.dt)
     uptimes: list[float] = []
     faults: list[str | None] = []
     first = None
     for group in in_groups(every, MINUTES_AT_ONCE):
-        scenarios = stack([Scenario(parameters, throws=draw_throws(rules, each)) for each in group])
+        thrown = [Scenario(parameters, throws=draw_throws(rules, each), substeps=substeps) for each in group]
+        scenarios = stack(thrown)
         batch = run_many(controller, scenarios, rules.dt, rules.steps, keep=True)
         rows: Any = batch.trajectory
         up = tip_is_up(rows.x, float(parameters.l1), float(parameters.l2), rules.height).mean(axis=1)

@@ -15,7 +15,7 @@ from ..benchmark.board_rules import BOARD_RULES, BoardRules
 from ..benchmark.evaluate import Evaluation
 from ..benchmark.grid import change_grid
 from ..benchmark.robustness import Robustness
-from ..benchmark.rules import CRITERIA
+from ..benchmark.rules import CRITERIA, DEFAULT_RULES, PERFORMANCE_RULES, PerformanceRules
 from ..benchmark.runner import Progress
 from ..benchmark.sim2real import Sim2Real
 from ..benchmark.trajectory_file import save_trajectory
@@ -89,6 +89,26 @@ def judge_and_tell(
     return 0
 
 
+def judge_performance(
+    robot: str,
+    controller: str,
+    plant: Plant | None,
+    estimator: EstimatorOptions = AS_IT_COMES,
+    rules: PerformanceRules = PERFORMANCE_RULES[DEFAULT_RULES],
+    disturbance: DisturbanceOptions = NO_DISTURBANCE,
+    output: Output = Output(),
+) -> int:
+    """The command ``evaluate``, on a plant that was read before."""
+
+    def judge(found: Controller, chosen: Robot, progress: Progress) -> Evaluation:
+        return performance_of.evaluate(found, chosen, controller, rules, disturbance.make(), plant)
+
+    def lines(result: Evaluation, judged: str) -> list[str]:
+        return evaluation_lines(result, judged, rules.name)
+
+    return judge_and_tell(robot, controller, estimator, judge, lines, output, plant)
+
+
 def judge_sim2real(
     domain: Domain,
     robot: str,
@@ -136,15 +156,8 @@ class JudgingCommands:
             save: also write the trajectory to this CSV file.
             disturbance: disturbances of the run; the boards' runs have none.
         """
-        chosen, on_plant = self.board("performance", rules), plant.make()
-
-        def judge(found: Controller, on: Robot, progress: Progress) -> Evaluation:
-            return performance_of.evaluate(found, on, controller, chosen, disturbance.make(), on_plant)
-
-        def lines(result: Evaluation, judged: str) -> list[str]:
-            return evaluation_lines(result, judged, rules)
-
-        return judge_and_tell(robot, controller, estimator, judge, lines, Output(json, save), on_plant)
+        chosen, output = self.board("performance", rules), Output(json, save)
+        return judge_performance(robot, controller, plant.make(), estimator, chosen, disturbance, output)
 
     def robustness(
         self,

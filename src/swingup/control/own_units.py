@@ -41,7 +41,8 @@ def scaled_swingup(problem: SwingupProblem, scales: Scales) -> SwingupProblem:
         # The search's settings: with a line search fewer iterations are enough.
         settings=replace(coarse, torque_limit=fine.torque_limit, max_iterations=FINE_ITERATIONS),
         gain_regularisation=problem.gain_regularisation / scales.torque_limit**2,
-        dt=problem.dt * scales.time,
+        # The loop's period stays, which is a multiple of dt: a row for each call.
+        steps=round((problem.steps + 1) * scales.time) - 1,
         first_torque=problem.first_torque * scales.torque_limit,
         search=replace(
             SEARCH,
@@ -64,18 +65,19 @@ def scaled_optimal(optimal: Optimal, scales: Scales) -> Optimal:
 def scaled_score(problem: ScoreProblem, scales: Scales) -> ScoreProblem:
     """Our trajectory optimisation for another pendulum."""
     T, U = scales.time, scales.torque_limit
+    # The fine step is the judge's and stays. The coarse one is a multiple of it, and the duration one of that.
+    coarse_dt = problem.fine_dt * max(1, round(problem.coarse_dt / problem.fine_dt * T))
     return replace(
         problem,
         velocity=problem.velocity * T,
         torque=problem.torque / (U**2 * T),
         rate=problem.rate * T / U**2,
         angle=problem.angle / T,
-        duration=problem.duration * T,
+        duration=coarse_dt * round(problem.duration * T / coarse_dt),
         coarse_final=_state_weights(problem.coarse_final, scales),
         fine_final=_state_weights(problem.fine_final, scales),
         final_torque=problem.final_torque / U**2,
-        coarse_dt=problem.coarse_dt * T,
-        fine_dt=problem.fine_dt * T,
+        coarse_dt=coarse_dt,
         # Their input is the torque's rate.
         coarse=_ilqr(problem.coarse, scales, U / T),
         fine=_ilqr(problem.fine, scales, U / T),

@@ -23,9 +23,9 @@ class SearchSettings:
     """The grid, the guesses, and their optimisation."""
 
     settings: ILQRSettings
-    steps: int = 400
+    steps: int = 300
     """Steps of the coarse grid."""
-    starts: int = 16
+    starts: int = 8
     """Guesses."""
     amplitude: float = 1.0
     """Largest standard deviation of a guess's sines (N m)."""
@@ -35,7 +35,7 @@ class SearchSettings:
 
 SEARCH = SearchSettings(
     ILQRSettings(
-        max_iterations=150,
+        max_iterations=600,
         tolerance=1e-6,
         regularisation=1.0,
         min_regularisation=1e-6,

@@ -13,10 +13,12 @@ import numpy as np
 from ..benchmark.evaluate import evaluate
 from ..benchmark.sim2real import sim2real
 from ..physics.parameters import TORQUE_LIMIT, leaderboard_parameters
+from ..plants.plant import Plant
 from ..policy.jax_backend.controller import PolicyController, save_controller
 from ..policy.jax_backend.estimator import with_estimator
 from ..policy.jax_backend.observation import AbstractStage
 from ..policy.jax_backend.policy import Policy, save_policy
+from ..policy.plant_facts import policy_plant
 from ..policy.settings import ESTIMATOR, EstimatorSettings
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.sim2real import Sim2RealTask
@@ -52,25 +54,28 @@ class AbstractEvaluator(abc.ABC):
 
 
 class SwingUpEvaluator(AbstractEvaluator):
-    """Evaluates by the criteria and the score of the one deterministic episode of the pendulum (rules v2)."""
+    """Evaluates by the criteria and the score of one deterministic episode on the task's plant (rules v2)."""
 
     measure = "v2"
     observation_shape = (4,)
 
-    def __init__(self, task: AbstractPendulumTask[Any]) -> None:
-        """The evaluator of a variant of the pendulum's task."""
-        self.stages, self._robot = (task.observation,), task.robot
+    def __init__(self, task: AbstractPendulumTask[Any], plant: Plant | None = None) -> None:
+        """The evaluator of a variant of the pendulum's task, on a plant, or the leaderboards' (None)."""
+        self.stages, self._robot, self._plant = (task.observation,), task.robot, plant
 
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
         """The criteria; ``episodes`` has no effect, since there is one deterministic episode."""
-        return dataclasses.asdict(evaluate(self._controller(policy), self._robot).criteria)
+        return dataclasses.asdict(evaluate(self._controller(policy), self._robot, plant=self._plant).criteria)
 
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
         """Write a controller's policy file."""
         save_controller(path, self._controller(policy), provenance)
 
     def _controller(self, policy: Policy[Any]) -> PolicyController:
-        return PolicyController(policy, TORQUE_LIMIT, self._robot)
+        if self._plant is None:
+            return PolicyController(policy, TORQUE_LIMIT, self._robot)
+        facts = policy_plant(self._plant.parameters, self._robot, self._plant.name)
+        return PolicyController(policy, facts.limit(self._robot.joint), self._robot, plant=facts)
 
 
 class Sim2RealEvaluator(AbstractEvaluator):

@@ -1,7 +1,7 @@
 """A plant: the facts about one double pendulum, with a name; and those that the package ships."""
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -27,11 +27,15 @@ LEADERBOARD = "leaderboard"
 """Name of the plant of the leaderboards: C.1 without friction and rotors' inertia."""
 
 
+FRICTIONLESS = ", frictionless"
+"""Ends the name of a plant whose friction was left out."""
+
+
 @dataclass(frozen=True)
 class Plant:
     """The facts about one double pendulum."""
 
-    name: str
+    name: str = field(compare=False)
     """A shipped plant's name, or the file that it was read from."""
     parameters: Parameters
     """Both torque limits are those of the motors, whichever joint a robot drives."""
@@ -50,7 +54,7 @@ class Plant:
         """The plant without friction and rotors' inertia, idealised as the leaderboards idealise C.1."""
         ideal = dataclasses.replace(self.parameters, b1=0.0, b2=0.0, cf1=0.0, cf2=0.0, Ir=0.0)
         # Without the rotors a mass matrix may stop being positive definite.
-        return Plant(f"{self.name}, frictionless", validated(ideal))
+        return Plant(f"{self.name}{FRICTIONLESS}", validated(ideal))
 
 
 PlantLike: TypeAlias = Plant | Parameters | str | Path
@@ -71,8 +75,9 @@ SHIPPED_PLANTS = {
     "C.0": _Shipped("design_C.0_model_3.0.yml", TORQUE_LIMIT),
     "C.1": _Shipped("design_C.1_model_1.0.yml", TORQUE_LIMIT),
     "cloudpendulum": _Shipped("cloudpendulum.yml"),
+    "cloudpendulum-rods": _Shipped("cloudpendulum_two_rods.yml"),
 }
-"""Plants that the package ships: RealAIGym's designs, as identified, and CloudPendulum's."""
+"""Plants that the package ships: RealAIGym's designs and a CloudPendulum as identified, and it as two rods."""
 
 
 def load_plant(source: PlantLike) -> Plant:

@@ -17,13 +17,13 @@ from ..checks import positive_number, whole_number
 from ..control.python_controller import PythonController
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot
-from ..plants.domain import Domain, load_domain
-from ..plants.loop import EVERY_LOOP
-from ..plants.plant import PlantLike, load_plant
+from ..plants.domain import Domain
+from ..plants.plant import PlantLike
 from ..tasks.draw import draw
 from .folder import Folder, find_folder
 from .loop import FolderController, PacedController, Timing
 from .process import CALLING, FolderProcess
+from .simulated import RECORDED, simulated_robot
 
 LONGEST = 600.0
 """Longest rehearsal (s)."""
@@ -70,6 +70,11 @@ class Rehearsal:
         """It swung up and stayed there, within the robot's limits."""
         return self.criteria.success and self.violation is None
 
+    @property
+    def score(self) -> float:
+        """The RealAI score, 0 without success."""
+        return self.criteria.score if self.success else 0.0
+
     def as_dict(self) -> dict[str, Any]:
         """Ready for JSON; times in s."""
         return {
@@ -79,7 +84,8 @@ class Rehearsal:
             "domain": {"name": self.domain.name} | self.domain.as_dict(),
             "seed": self.seed,
             "success": self.success,
-            **{name: value for name, value in asdict(self.criteria).items() if name != "success"},
+            **{name: value for name, value in asdict(self.criteria).items() if name not in ("success", "score")},
+            "score": self.score,
             **self.tip.as_dict(),
             "speed": self.speed,
             "angle": self.angle,
@@ -107,7 +113,7 @@ def spread(seconds: Sequence[float]) -> dict[str, float]:
 def rehearse(
     folder: str | Path,
     plant: PlantLike | None = None,
-    domain: Domain | str | None = None,
+    domain: Domain | str | None = RECORDED,
     robot: Robot | str | None = None,
     rules: PerformanceRules = PERFORMANCE_RULES["hardware"],
     duration: float | None = None,
@@ -120,8 +126,7 @@ def rehearse(
     Args:
         folder: a folder of ``swingup export --to realaigym`` or ``--to cloudpendulum``, or its Python file.
         plant: the plant, with the loop that its file has; None for the domain's.
-        domain: the loop that the plant's file lacks, and the plant if none is given; None for a perfect loop
-            around a plant, or for the domain ``identified`` without one.
+        domain: the loop that the plant's file lacks, and the plant if none is given; None for a perfect loop.
         robot: which joint is driven; None where the folder says it.
         rules: how the run is scored.
         duration: length of the run (s); None for that of the rules.
@@ -136,10 +141,11 @@ def rehearse(
     if duration is not None:
         rules = dataclasses.replace(rules, duration=positive_number("duration", duration, LONGEST, "s"))
     seed, found = whole_number("seed", seed, 0, 2**32 - 1), find_folder(folder)
-    around = simulated_robot(plant, domain)
     with FolderProcess(found, simulated_clock=not real_time, calling=calling) as process:
         driven = _robot(robot, process.facts["robot"], found)
-        scenario = _scenario(around, driven, seed)
+        around = simulated_robot(plant, domain, driven)
+        with jax.enable_x64(True):
+            scenario = Scenario(*draw(around, jax.random.key(seed), driven), substeps=around.substeps)
         controller = FolderController(process)
         paced = PacedController(controller, process, rules.dt) if real_time else controller
         if real_time:
@@ -171,43 +177,6 @@ def _robot(given: Robot | str | None, said: Any, folder: Folder) -> Robot:
     if isinstance(said, str) and said != robot.name:
         raise SwingupError(f"{folder.entry.name} is for the {said}, not the {robot.name}: export one for it")
     return robot
-
-
-def _scenario(domain: Domain, robot: Robot, seed: int) -> Scenario:
-    with jax.enable_x64(True):
-        return Scenario(*draw(domain, jax.random.key(seed), robot), substeps=domain.substeps)
-
-
-def simulated_robot(plant: PlantLike | None, domain: Domain | str | None) -> Domain:
-    """The plant and the loop of a rehearsal, as one domain.
-
-    Args:
-        plant: the plant, with the loop that its file has; None for the domain's.
-        domain: the loop that the plant's file lacks, and the plant if none is given; None for a perfect loop
-            around a plant, or for the domain ``identified`` without one.
-
-    Raises:
-        SwingupError: there is no such plant or domain.
-    """
-    if plant is None:
-        return domain if isinstance(domain, Domain) else load_domain(domain or "identified")
-    if isinstance(plant, str | Path) and str(plant).endswith((".yml", ".yaml")):
-        facts = load_domain(plant)
-    else:
-        found = load_plant(plant)
-        facts = Domain((), found.name, found)
-    if domain is None:
-        return facts
-    around = domain if isinstance(domain, Domain) else load_domain(domain)
-    own = {name for name, _, _ in facts.ranges}
-    # Not its torque limit: that is the plant's.
-    loop = [each for each in around.ranges if each[0] in EVERY_LOOP and each[0] not in {*own, "torque_limit"}]
-    return dataclasses.replace(
-        facts,
-        ranges=(*facts.ranges, *loop),
-        name=f"{facts.name} in the loop of {around.name}",
-        velocities=facts.velocities or around.velocities,
-    )
 
 
 def _limits(facts: dict[str, Any]) -> tuple[float, float]:

@@ -6,10 +6,12 @@ from typing import Any
 from ..benchmark.disturbances import make_disturbance
 from ..benchmark.evaluate import evaluate
 from ..benchmark.leaderboard import ENTRANTS, RowProgress, entrants_for, leaderboard
+from ..benchmark.own_units import scaled_pushes
 from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import PushRules
 from ..errors import SwingupError
-from ..physics.parameters import Robot, get_robot
+from ..physics.parameters import Parameters, Robot, get_robot
+from ..physics.units import scales_of
 from ..plants.plant import Plant, PlantLike, find_plant, robot_parameters
 from ..policy.jax_backend.controller import shipped_policy
 from ..policy.shipped import REFINED
@@ -55,6 +57,7 @@ def make_section(
         SwingupError: there is no such robot or plant. A controller that fails gets a note.
     """
     robot, found = get_robot(robot), find_plant(plant)
+    parameters = robot_parameters(found, robot)
     shown = entrants_for(robot, controllers or {}, entrants, plant=found)
 
     def tell(stage: str, done: int, total: int) -> None:
@@ -69,10 +72,10 @@ def make_section(
     tell("finished", len(shows), len(shown))
     return Section(
         robot=robot.name,
-        parameters=robot_parameters(found, robot),
+        parameters=parameters,
         boards=boards,
         shows=shows,
-        disturbance=describe_disturbance(seed),
+        disturbance=describe_disturbance(seed, parameters),
         policy=shipped_policy(robot)[0],
     )
 
@@ -81,7 +84,7 @@ def make_show(name: str, controller: Any, robot: Robot, seed: int, plant: Plant 
     """Simulate one controller without and with a disturbance; a failed run becomes a note."""
     runs: dict[str, Trajectory | None] = {}
     notes: dict[str, None] = {}
-    for run, disturbance in (("clean", None), ("disturbed", disturb(seed))):
+    for run, disturbance in (("clean", None), ("disturbed", disturb(seed, robot_parameters(plant, robot)))):
         try:
             result = evaluate(controller, robot, name, disturbance=disturbance, plant=plant)
             runs[run] = thin(result.trajectory)
@@ -91,19 +94,29 @@ def make_show(name: str, controller: Any, robot: Robot, seed: int, plant: Plant 
     return Show(name, runs["clean"], runs["disturbed"], "; ".join(notes) or None)
 
 
-def disturb(seed: int) -> Disturbance:
+def disturb(seed: int, parameters: Parameters | None = None) -> Disturbance:
     """The disturbance of the page's disturbed swing-ups; equal seeds give equal disturbances."""
-    return make_disturbance(velocity_noise=VELOCITY_NOISE, torque_noise=TORQUE_NOISE, pushes=SHOW_PUSHES, seed=seed)
+    velocity_noise, torque_noise, pushes = _sizes(parameters)
+    return make_disturbance(velocity_noise=velocity_noise, torque_noise=torque_noise, pushes=pushes, seed=seed)
 
 
-def describe_disturbance(seed: int) -> str:
+def describe_disturbance(seed: int, parameters: Parameters | None = None) -> str:
     """The disturbance of the page's disturbed swing-ups in one sentence."""
-    low, high = SHOW_PUSHES.amplitude
+    velocity_noise, torque_noise, pushes = _sizes(parameters)
+    low, high = pushes.amplitude
     return (
-        f"Disturbed means Gaussian noise on the measured velocities ({VELOCITY_NOISE:g} rad/s) and on the torque "
-        f"({TORQUE_NOISE:g} N m), and {SHOW_PUSHES.pushes} random pushes of {low:g} to {high:g} N m on the driven "
+        f"Disturbed means Gaussian noise on the measured velocities ({velocity_noise:.3g} rad/s) and on the torque "
+        f"({torque_noise:.3g} N m), and {pushes.pushes} random pushes of {low:.3g} to {high:.3g} N m on the driven "
         f"joint (seed {seed}), the same for each controller."
     )
+
+
+def _sizes(parameters: Parameters | None) -> tuple[float, float, PushRules]:
+    """Noise of velocities and torque, and the pushes, in the units of a plant; by default C.1's."""
+    if parameters is None:
+        return VELOCITY_NOISE, TORQUE_NOISE, SHOW_PUSHES
+    scales = scales_of(parameters)
+    return VELOCITY_NOISE * scales.velocity, TORQUE_NOISE * scales.torque_limit, scaled_pushes(SHOW_PUSHES, scales)
 
 
 def thin(trajectory: Trajectory) -> Trajectory:

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from ..physics.angles import UPRIGHT, wrap
-from ..physics.integrate import rk4_step
+from ..physics.integrate import rk4_steps
 from ..physics.parameters import Parameters, Robot
 from ..policy.jax_backend.observation import PendulumObservation
 from ..types import Action, Count, Key, Observation, Scalar, State, Torque
@@ -46,6 +46,8 @@ class AbstractPendulumTask(AbstractTask[StateT]):
     """What the policy sees."""
     dt: float = 0.01
     """Time of one action (s): 100 Hz."""
+    substeps: int = eqx.field(static=True, default=1)
+    """Steps of RK4 in an action: more than one where friction is stiff."""
     state_cost: tuple[float, float, float, float] = (50.0, 50.0, 4.0, 2.0)
     """Diagonal of Q (1/rad², s²/rad²)."""
     torque_cost: float = 1.0
@@ -118,12 +120,12 @@ class PendulumTask(AbstractPendulumTask[PendulumState]):
 def hold_torque(
     task: AbstractPendulumTask[PendulumState], state: PendulumState, action: Action, key: Key
 ) -> Step[PendulumState]:
-    """A step on the ideal plant: the torque held for dt, and one Runge-Kutta step.
+    """A step on the plant: the torque held for dt, in the task's steps of Runge-Kutta.
 
     If the integrator diverges, which takes some 60 rad/s, the last good state is kept and the episode truncated.
     """
     u = task.torque(action)
-    x = rk4_step(task.parameters, state.x, u, task.dt)
+    x = rk4_steps(task.parameters, state.x, u, task.dt, task.substeps)
     # Negated, so that NaN counts as diverged.
     diverged = ~jnp.all(jnp.abs(x[2:]) < DIVERGED)
     # The step counts even then, so that the limit is reached in any case.

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..physics.dynamics import gravity_torque
-from ..physics.integrate import rk4_step
+from ..physics.integrate import rk4_steps, stable_substeps
 from ..physics.parameters import Parameters
 from ..physics.units import Scales, scales_of
 from ..types import Count, Flag, Scalar, State, Torque
@@ -117,6 +117,8 @@ def thrown_states(
         dt: time of a step for design C.1 (s).
     """
     scales = scales_of(plant)
+    dt = dt * scales.time
+    substeps = stable_substeps(plant, dt)
     turns = [random.choice(len(odds), number, p=odds) - len(odds) // 2 for odds in TURNS]
     # Full turns matter: the PID's error is not wrapped.
     upright = np.stack([np.pi * (2 * turns[0] + 1), 2 * np.pi * turns[1]], axis=1)
@@ -125,12 +127,12 @@ def thrown_states(
     # Any last error: the throw before it aimed elsewhere, so that the first derivative saturates.
     targets, last = random.uniform(-np.pi, np.pi, (number, 2)), random.uniform(-6.0, 6.0, (number, 2))
     starts = jnp.asarray(targets), jnp.asarray(last), jnp.asarray(x0)
-    x = _thrown(scaled_thrower(scales), plant, *starts, steps, dt * scales.time)
+    x = _thrown(scaled_thrower(scales), plant, *starts, steps, dt, substeps)
     return np.array(x)
 
 
-@functools.partial(jax.jit, static_argnums=(5, 6))
-@functools.partial(jax.vmap, in_axes=(None, None, 0, 0, 0, None, None))
+@functools.partial(jax.jit, static_argnums=(5, 6, 7))
+@functools.partial(jax.vmap, in_axes=(None, None, 0, 0, 0, None, None, None))
 def _thrown(
     thrower: Thrower,
     plant: Parameters,
@@ -139,13 +141,14 @@ def _thrown(
     x: State,
     steps: int,
     dt: float,
+    substeps: int,
 ) -> State:
     """State after one throw by a PID whose throw before ended with the error ``last``."""
 
     def step(carry: tuple[State, PID], _: None) -> tuple[tuple[State, PID], None]:
         x, pid = carry
         pid, u = _control(thrower, plant, pid, target, x)
-        return (rk4_step(plant, x, jnp.clip(u, -thrower.limit, thrower.limit), dt), pid), None
+        return (rk4_steps(plant, x, jnp.clip(u, -thrower.limit, thrower.limit), dt, substeps), pid), None
 
     # Past the first two calls of the run, as in all throws but the first.
     pid = PID(jnp.array(WITHOUT_DERIVATIVE), jnp.zeros_like(last), last)

@@ -13,6 +13,7 @@ import dataclasses
 from typing import Any, TypeVar
 
 from ..errors import SwingupError
+from ..physics.integrate import stable_substeps
 from ..physics.units import scales_of
 from .pendulum import AbstractPendulumTask
 
@@ -30,13 +31,15 @@ def in_own_units(task: TaskT) -> TaskT:
         limit = float(getattr(task.parameters, driven))
         raise SwingupError(f"the {task.robot.name}'s torque limit {driven} = {limit:g} N m must be positive")
     scales = scales_of(task.parameters)
+    dt = task.dt * scales.time
     angle1, angle2, rate1, rate2 = task.state_cost
     return dataclasses.replace(
         task,
         observation=dataclasses.replace(
             task.observation, velocity_scale=task.observation.velocity_scale * scales.velocity
         ),
-        dt=task.dt * scales.time,
+        dt=dt,
+        substeps=stable_substeps(task.parameters, dt),
         state_cost=(angle1, angle2, rate1 * scales.time**2, rate2 * scales.time**2),
         torque_cost=task.torque_cost / scales.torque_limit**2,
         reset_rate=task.reset_rate * scales.velocity,
