@@ -42,10 +42,9 @@ class Comparison:
 
     def as_dict(self) -> dict[str, Any]:
         """Ready for JSON."""
-        plants = {
-            each.name: each.as_dict() | {"closed_loop": run.as_dict() for run in [self.runs.get(each.name)] if run}
-            for each in self.predictions
-        }
+        plants = {each.name: each.as_dict() for each in self.predictions}
+        for name, run in self.runs.items():
+            plants[name]["closed_loop"] = run.as_dict()
         return {
             "log": self.recording.name,
             "duration": self.recording.duration,
