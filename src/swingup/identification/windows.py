@@ -16,7 +16,7 @@ INTERVAL = 0.05
 LEAST_SPEED = 1.0
 """A window in which no joint is faster (rad/s) says little: it is left out."""
 
-TORQUE_STEP = 0.001
+TORQUE_STEP = 0.0005
 """Spacing of the torques' integral (s)."""
 HISTORY = 0.06
 """Torques before the start of a window that are kept (s): the largest delay, and what a lag remembers."""
