@@ -64,7 +64,7 @@ def test_torques_end_at_the_plants_limit():
 
 
 def test_friction_that_one_step_of_rk4_cannot_hold_is_integrated_in_several():
-    """λ dt = 4.07, where RK4 diverges above 2.79. The elbow creeps, with cf arctan(100 dq2) near the torque."""
+    """λ dt = 4.07, where RK4 diverges above 2.79. The elbow creeps: cf arctan(100 dq2) is near the torque."""
     stiff = dataclasses.replace(load_plant("cloudpendulum-rods").parameters, cf1=3e-4, cf2=3e-4)
     assert friction_rate(stiff) * 0.002 == pytest.approx(4.07, abs=0.01)
     assert stable_substeps(stiff, 0.002) == 2

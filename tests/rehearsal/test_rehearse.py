@@ -12,11 +12,13 @@ import swingup
 from swingup.benchmark.rules import PERFORMANCE_RULES
 from swingup.cli import main
 from swingup.physics.parameters import get_robot, leaderboard_parameters
-from swingup.plants.plant import Plant
+from swingup.plants.plant import Plant, load_plant
 from swingup.policy.cloudpendulum import load_policy_controller
-from swingup.policy.export_cloudpendulum import cloudpendulum_notes, export_cloudpendulum
+from swingup.policy.export_cloudpendulum import cloudpendulum_guard, cloudpendulum_notes, export_cloudpendulum
 from swingup.policy.export_folder import export_realaigym
 from swingup.policy.guard import GuardSettings
+from swingup.policy.numpy_backend.controller import NumpyController
+from swingup.policy.plant_facts import policy_plant
 from swingup.policy.shipped import read_policy, shipped_file
 from swingup.rehearsal.loop import FolderController, PacedController
 from swingup.rehearsal.process import Reply
@@ -36,15 +38,20 @@ def export(folder, form, guard=None, name="refined"):
         return export_cloudpendulum(policy, source, folder).parent
 
 
+@pytest.fixture(scope="module")
+def judged():
+    return swingup.evaluate(load_controller("refined", "acrobot"), "acrobot", rules=BRIEF)
+
+
 @pytest.mark.parametrize("form", ["realaigym", "cloudpendulum"])
-def test_a_folder_scores_as_its_policy_does_in_the_judge(form, tmp_path):
-    judged = swingup.evaluate(load_controller("refined", "acrobot"), "acrobot", rules=BRIEF)
+def test_a_folder_scores_as_its_policy_does_in_the_judge(form, judged, tmp_path):
     result = rehearse(export(tmp_path / "entry", form), BOARD, None, rules=BRIEF)
     assert result.success
     assert (result.folder.form, result.robot, result.facts["packages"]) == (form, "acrobot", ["numpy"])
     assert result.criteria.score == pytest.approx(judged.criteria.score, abs=1e-9)
     np.testing.assert_allclose(result.trajectory.x, judged.trajectory.x, atol=1e-9)
     assert len(result.timing.calls) == BRIEF.steps
+    assert result.difference is None
 
 
 def test_a_guard_that_stops_the_folder_is_reported(tmp_path):
@@ -64,7 +71,7 @@ def test_a_guard_that_stops_the_folder_is_reported(tmp_path):
 def test_the_command_in_real_time(tmp_path, capsys):
     folder, rows = export(tmp_path / "entry", "realaigym", name="robot"), tmp_path / "run.csv"
     begin = time.monotonic()
-    options = ["--duration", "0.1", "--real-time", "--json", "--save", str(rows)]
+    options = ["--plant", "A.0", "--duration", "0.1", "--real-time", "--json", "--save", str(rows)]
     assert main(["rehearse", str(folder), *options]) == 0
     # 50 periods of 2 ms.
     assert time.monotonic() - begin > 0.098
@@ -72,7 +79,8 @@ def test_the_command_in_real_time(tmp_path, capsys):
     assert told["periods"]["p50"] >= 0.002
     assert told["calls"]["longest"] >= told["calls"]["p99"] >= told["calls"]["p50"] > 0
     assert told["missed"] >= 0
-    assert told["domain"]["name"] == "recorded"
+    assert told["difference"].startswith("the policy was made for a plant 'leaderboard' with ")
+    assert told["domain"]["name"] == "A.0 in the loop of recorded"
     assert len(rows.read_text().splitlines()) == 51
 
 
@@ -136,7 +144,14 @@ def test_cloudpendulums_client_gives_no_time_and_gets_a_list():
 
 
 def test_the_cells_limits():
-    assert (
-        "it may command 6 N m, and CloudPendulum's motors give 0.15"
-        in cloudpendulum_notes(read_policy("robot", "acrobot"))[0]
-    )
+    policy = read_policy("robot", "acrobot")
+    assert cloudpendulum_notes(policy)[0].startswith("it may command 6 N m, and CloudPendulum's motors give 0.15")
+    cell = policy_plant(load_plant("cloudpendulum").parameters, policy.robot, "cell")
+    front_end = dataclasses.replace(policy.front_end, passive_limit=0.005)
+    fits = dataclasses.replace(policy, plant=cell, torque_limit=0.05, front_end=front_end)
+    assert cloudpendulum_notes(fits) == []
+    controller = NumpyController(fits, guard=cloudpendulum_guard(fits.period))
+    assert controller.guard.settings.velocity_limit == 50.0
+    # The compensation of C.1's friction exceeds what the cell's plant allows.
+    torques = [controller(np.array([1.0, 1.0 + 0.08 * step, 40.0, 40.0]), 0.002 * step) for step in range(5)]
+    assert np.abs(torques).max(axis=0) == pytest.approx([0.005, 0.13])

@@ -3,8 +3,6 @@
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-
 from ..control.registry import has_estimator
 from ..errors import SwingupError
 from ..physics.integrate import stable_substeps
@@ -12,12 +10,10 @@ from ..physics.parameters import Parameters, Robot, get_robot
 from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict, robot_parameters
 from ..tasks.disturbance import Disturbance, disturbance_as_dict
 from .criteria import SHARE, Criteria, TipHistory, failed, follow_tip, judge
+from .recording import checked_rows
 from .rollout import Scenario, Trajectory
 from .rules import DEFAULT_RULES, PerformanceRules, get_performance_rules
 from .runner import prepare, run_one
-
-START = 0.2
-"""A run's first time is within this of 0 (s): six periods of the slowest recordings, which have 33 Hz."""
 
 
 @dataclass(frozen=True)
@@ -71,8 +67,8 @@ def evaluate(
         SwingupError: there is no such robot or plant, there are no such rules, the controller is for the other
             robot, or it failed: it raised an error, or its torque is not two finite numbers.
     """
-    robot, rules = get_robot(robot), get_performance_rules(rules)
-    found = find_plant(plant)
+    robot, found = get_robot(robot), find_plant(plant)
+    rules = get_performance_rules(rules).of(robot)
     parameters = robot_parameters(found, robot)
     estimator, controller = has_estimator(controller), prepare(controller, robot, name, parameters)
     scenario = Scenario(parameters, disturbance, substeps=stable_substeps(parameters, rules.dt))
@@ -105,7 +101,8 @@ def evaluate_recorded(
     Raises:
         SwingupError: as :func:`score`.
     """
-    robot, rules, found = get_robot(robot), get_performance_rules(rules), find_plant(plant)
+    robot, found = get_robot(robot), find_plant(plant)
+    rules = get_performance_rules(rules).of(robot)
     judged = _judged(trajectory, robot_parameters(found, robot), rules)
     return Evaluation(robot.name, name, *judged, trajectory, plant=found)
 
@@ -131,22 +128,13 @@ def score(
             rows, rows of other shapes, values that are not finite, or times that do not increase or start far
             from 0.
     """
-    return _judged(trajectory, robot_parameters(plant, robot), get_performance_rules(rules))[0]
+    rules = get_performance_rules(rules).of(get_robot(robot))
+    return _judged(trajectory, robot_parameters(plant, robot), rules)[0]
 
 
 def _judged(trajectory: Trajectory, parameters: Parameters, rules: PerformanceRules) -> tuple[Criteria, TipHistory]:
     lengths = float(parameters.l1), float(parameters.l2)
-    time, x, u = (np.asarray(rows, np.float64) for rows in (trajectory.time, trajectory.x, trajectory.u))
-    rows = time.size
-    if rows < 3 or time.shape != (rows,) or x.shape != (rows, 4) or u.shape != (rows, 2):
-        shapes = f"{time.shape}, {x.shape} and {u.shape}"
-        raise SwingupError(f"time, x and u have shapes {shapes}: pass (N,), (N, 4) and (N, 2) with N of 3 or more")
-    if not (np.isfinite(time).all() and np.isfinite(x).all() and np.isfinite(u).all()):
-        raise SwingupError("the trajectory holds values that are not finite: end it before them")
-    if not np.all(np.diff(time) > 0):
-        raise SwingupError("the trajectory's times do not increase: keep one run, in order")
-    if abs(time[0]) > START:
-        raise SwingupError(f"the trajectory starts at t = {time[0]:g} s: give its times as seconds since its start")
+    time, x, u = checked_rows(trajectory)
     criteria = judge(time - min(0.0, time[0]), x, u, *lengths, rules)  # no negative swing-up times
     long_enough = time[-1] - time[0] >= SHARE * rules.duration
     return criteria if long_enough else failed(criteria), follow_tip(time, x, *lengths, rules)

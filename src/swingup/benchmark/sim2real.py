@@ -16,6 +16,7 @@ from ..tasks.draw import draw
 from ..version import __version__
 from .criteria import Criteria, judge, tip_is_up
 from .interval import Interval, share_interval
+from .own_units import sim2real_in_own_units
 from .rollout import Scenario, Trajectory
 from .rules import SIM2REAL_RULES, Sim2RealRules
 from .runner import Progress, prepare, run_many, stack
@@ -124,7 +125,7 @@ def sim2real(
     """
     robot, domain = get_robot(robot), load_domain(domain) if isinstance(domain, str) else domain
     domain = domain if plant is None else on_plant(domain, plant)
-    every = check_seeds(seed, seeds)
+    rules, every = sim2real_in_own_units(rules, domain, robot), check_seeds(seed, seeds)
     estimator, controller = has_estimator(controller), prepare(controller, robot, name)
     runs: list[Sim2RealRun] = []
     first = None
@@ -149,7 +150,9 @@ def sim2real(
 def _judged(
     seed: int, rows: Trajectory, scenario: Scenario, rules: Sim2RealRules, fault: str | None
 ) -> Sim2RealRun:
-    x, u, time = np.asarray(rows.x), np.asarray(rows.u), np.asarray(rows.time)
+    # Late periods take a run beyond its duration: those rows do not count.
+    counted = np.asarray(rows.time) < rules.duration
+    x, u, time = (np.asarray(each)[counted] for each in (rows.x, rows.u, rows.time))
     l1, l2 = float(scenario.parameters.l1), float(scenario.parameters.l2)
     speed, angle = float(np.abs(x[:, 2:]).max()), float(np.abs(x[:, :2]).max())
     held = tip_is_up(x[time >= rules.duration - rules.hold], l1, l2, rules.performance.height).all()

@@ -31,6 +31,7 @@ PLANT_HELP = (
     "default: the leaderboards' plant, C.1 without friction."
 )
 DomainName = Annotated[str, arg(metavar="DOMAIN")]
+DomainOrNone = Annotated[str | None, arg(metavar="DOMAIN")]
 
 
 @dataclass(frozen=True)

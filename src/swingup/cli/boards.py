@@ -9,8 +9,10 @@ from tyro.conf import Positional, arg
 
 from ..benchmark import leaderboard as boards_of
 from ..benchmark.board_rules import BOARD_RULES, BoardRules
-from ..benchmark.evaluate import evaluate_recorded
+from ..benchmark.evaluate import Evaluation, evaluate_recorded
 from ..benchmark.plausibility import examine
+from ..benchmark.recorded_uptime import RecordedUptime, recorded_uptime
+from ..benchmark.rules import UptimeRules
 from ..benchmark.trajectory_file import load_trajectory
 from ..checks import one_of
 from ..control.check import check_controller
@@ -33,7 +35,7 @@ from .arguments import (
 )
 from .judging import AS_IT_COMES
 from .output import foreign_prints_apart, progress_shown, tell, tell_json
-from .results import evaluation_lines, plausibility_lines
+from .results import evaluation_lines, plausibility_lines, recorded_uptime_lines
 
 FOUND = 1
 """Exit status of a check that found something."""
@@ -55,17 +57,27 @@ def score_command(
         trajectory: the CSV file.
         robot: acrobot or pendubot.
         plant: the pendulum of the recording: its lengths score, its equations warn.
-        rules: v2 (simulation) or hardware.
+        rules: v2 (simulation), hardware, hardware-perturbed, iros-real or v2-real; v3 or icra-real (uptime of a
+            minute).
         json: print one JSON object.
     """
     chosen = get_robot(robot)
-    rows, of = load_trajectory(trajectory), plant.make()
-    result = evaluate_recorded(rows, chosen, Path(trajectory).stem, rules, of)
-    found = examine(rows, chosen, rules, of)
+    known = {name: each.for_recordings for name, each in BOARD_RULES.items()}
+    by = known[one_of("rules of recordings", rules, [name for name, each in known.items() if each])]
+    rows, name, of = load_trajectory(trajectory), Path(trajectory).stem, plant.make()
+    result: Evaluation | RecordedUptime
+    if isinstance(by, UptimeRules):
+        result = recorded_uptime(rows, chosen, name, by, of)
+        lines = recorded_uptime_lines(result)
+    else:
+        assert by is not None
+        result = evaluate_recorded(rows, chosen, name, by, of)
+        lines = evaluation_lines(result, name, rules)
+    found = examine(rows, chosen, by, of)
     if json:
         tell_json(result.as_dict() | found.as_dict())
     else:
-        tell(*evaluation_lines(result, result.controller, rules), *plausibility_lines(found))
+        tell(*lines, *plausibility_lines(found))
     return 0
 
 
@@ -121,7 +133,9 @@ class BoardCommands:
             robot: the robot.
             controller: controllers of yours that enter as well.
             plant: what all are judged on, without published rows, and what baselines are designed for.
-            rules: v2 (performance and robustness), hardware (performance) or v3 (uptime under throws).
+            rules: v2 (performance and robustness), hardware or hardware-perturbed (performance), v3 (uptime under
+                throws), or runs on simulated robots: iros-real (with pushes), v2-real (without), icra-real (uptime
+                under throws) or cloudpendulum (uptime in four cells).
             seed: seed of noise, pushes and throws.
             recompute: also compute the robustness of ilqr-mpc, which takes minutes and whose row is shipped.
             json: print one JSON list of rows.

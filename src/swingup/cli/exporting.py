@@ -6,7 +6,7 @@ import tempfile
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from tyro.conf import Positional, arg
 
@@ -44,6 +44,8 @@ def export(
     username: str = "swingup",
     name: str = NAME,
     guard: bool = True,
+    velocity_limit: float | None = None,
+    braking: float | None = None,
 ) -> int:
     """Write a policy for RealAIGym, CloudPendulum, ONNX Runtime or C.
 
@@ -61,6 +63,10 @@ def export(
             several go side by side; ONNX has none.
         guard: put a safety guard around the controller in the folders and in c: it stops the controller at a limit
             or a broken measurement. Turn it off for simulations. An onnx graph has none.
+        velocity_limit: of both joints (rad/s), beyond which the guard stops the controller; by default the policy
+            file's, or 20, and 50 for cloudpendulum.
+        braking: damping (N m s/rad) with which the guard brakes the driven joint of a stopped controller, where the
+            measurement is sound; by default the policy file's, or none.
     """
     one_of("format", to, FORMS)
     # Before the policy is read: that error would only list policies.
@@ -70,7 +76,8 @@ def export(
     if on is not None:
         found = _with_plant(found, on)
     if to != "onnx" or not guard:
-        found = dataclasses.replace(found, guard=choose_guard(guard, _own_guard(found, to), found.period))
+        chosen = choose_guard(guard, _own_guard(found, to), found.period)
+        found = dataclasses.replace(found, guard=_changed(chosen, velocity_limit, braking))
     if to in FOLDERS:
         file = shipped_file(found.robot, policy) if policy in SHIPPED_POLICIES else Path(policy)
         with resources.as_file(file) as shipped, _source(found, shipped, on) as source:
@@ -120,6 +127,22 @@ def _own_guard(policy: PendulumPolicy, to: str) -> GuardSettings | None:
     if policy.guard is None and to == "cloudpendulum":
         return cloudpendulum_guard(policy.period)
     return policy.guard
+
+
+def _changed(
+    guard: GuardSettings | None, velocity_limit: float | None, braking: float | None
+) -> GuardSettings | None:
+    """The guard with what the user changed of it.
+
+    Raises:
+        SwingupError: there is no guard to change, or a value is out of range.
+    """
+    given = {"velocity_limit": velocity_limit, "braking": braking}
+    changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    if changes and guard is None:
+        flag = next(iter(changes)).replace("_", "-")
+        raise SwingupError(f"--{flag} is a setting of the safety guard: leave --no-guard out")
+    return guard if guard is None else dataclasses.replace(guard, **changes)
 
 
 def _refuse_baselines(name: str, robot: str | None) -> None:

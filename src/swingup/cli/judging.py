@@ -1,7 +1,7 @@
 """The commands that judge a controller: evaluate, robustness, uptime and sim2real."""
 
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,15 +10,17 @@ from tyro.conf import OmitArgPrefixes
 from ..benchmark import evaluate as performance_of
 from ..benchmark import robustness as robustness_of
 from ..benchmark import sim2real as sim2real_of
+from ..benchmark import trials as trials_of
 from ..benchmark import uptime as uptime_of
 from ..benchmark.board_rules import BOARD_RULES, BoardRules
 from ..benchmark.evaluate import Evaluation
 from ..benchmark.grid import change_grid
 from ..benchmark.robustness import Robustness
-from ..benchmark.rules import CRITERIA, DEFAULT_RULES, PERFORMANCE_RULES, PerformanceRules
+from ..benchmark.rules import CRITERIA, DEFAULT_RULES, PERFORMANCE_RULES, PerformanceRules, TrialRules
 from ..benchmark.runner import Progress
 from ..benchmark.sim2real import Sim2Real
 from ..benchmark.trajectory_file import save_trajectory
+from ..benchmark.trials import Trials
 from ..benchmark.uptime import Uptime
 from ..checks import one_of
 from ..control.registry import Controller, get_controller
@@ -32,7 +34,7 @@ from .arguments import (
     NO_PLANT,
     ControllerName,
     DisturbanceOptions,
-    DomainName,
+    DomainOrNone,
     EstimatorFlags,
     EstimatorOptions,
     PlantFlags,
@@ -41,10 +43,12 @@ from .arguments import (
     split_commas,
 )
 from .output import foreign_prints_apart, progress_shown, tell, tell_json
-from .results import evaluation_lines, robustness_lines, sim2real_lines, uptime_lines
+from .results import evaluation_lines, robustness_lines, sim2real_lines, trials_lines, uptime_lines
 
 NO_DISTURBANCE = DisturbanceOptions()
 AS_IT_COMES = EstimatorOptions()
+SUCCESS = "sim2real"
+"""Rules of the command of that name, which no board has."""
 
 Judge = Callable[[Controller, Robot, Progress], Any]
 """Judges a controller on a robot; the result has ``as_dict()``, and a ``trajectory`` where one can be saved."""
@@ -128,6 +132,24 @@ def judge_sim2real(
     return judge_and_tell(robot, controller, estimator, judge, sim2real_lines, output, plant)
 
 
+def judge_trials(
+    rules: TrialRules,
+    domain: Domain,
+    robot: str,
+    controller: str,
+    estimator: EstimatorOptions,
+    seed: int,
+    seeds: int | None,
+    output: Output,
+) -> int:
+    """The command ``sim2real``, by the rules of a real robot's board."""
+
+    def judge(found: Controller, chosen: Robot, progress: Progress) -> Trials:
+        return trials_of.trials(found, chosen, controller, rules, domain, seed, seeds, progress)
+
+    return judge_and_tell(robot, controller, estimator, judge, trials_lines, output)
+
+
 @dataclass(frozen=True)
 class JudgingCommands:
     """The commands, with the rules as data: a test may shorten them."""
@@ -153,7 +175,7 @@ class JudgingCommands:
             controller: the controller.
             estimator: whether a state estimator stands before it.
             plant: what is simulated, and baselines are designed for.
-            rules: v2 (simulation) or hardware.
+            rules: v2 (simulation), hardware or hardware-perturbed.
             json: print one JSON object.
             save: also write the trajectory to this CSV file.
             disturbance: disturbances of the run; the boards' runs have none.
@@ -217,30 +239,36 @@ class JudgingCommands:
         estimator: EstimatorFlags = AS_IT_COMES,
         plant: PlantFlags = NO_PLANT,
         rules: str = "v3",
+        domain: DomainOrNone = None,
         seed: int = 0,
-        seeds: int = 1,
+        seeds: int | None = None,
         json: bool = False,
         save: str | None = None,
     ) -> int:
-        """Run a minute of the global-policy benchmark, in which the pendulum is thrown fifteen times, and score it.
+        """Run a minute of the global-policy benchmark, in which the pendulum is thrown ten or fifteen times.
 
         Args:
             robot: the robot.
             controller: the controller.
             estimator: whether a state estimator stands before it.
-            plant: what is thrown, by a PID in that pendulum's own units.
-            rules: v3.
-            seed: seed of the throws.
-            seeds: seeds in a row; the score is their mean.
+            plant: what is thrown by the rules v3, by a PID in that pendulum's own units.
+            rules: v3 (simulation), icra-real (the real robot's, simulated; throws at limits as well), or
+                cloudpendulum (four drawn cells of 30 s, with moves and kicks).
+            domain: plants and loops for rules other than v3: identified, randomised, recorded (for icra-real by
+                default), cells (for cloudpendulum), or a YAML file. Baselines are designed for its plant.
+            seed: seed of the throws, and of plants and noise.
+            seeds: seeds in a row, whose mean is the score; 1 for v3 by default, else as many as a board has runs.
             json: print one JSON object.
             save: also write the first seed's trajectory to this CSV file.
         """
         chosen, on_plant = self.board("uptime", rules), plant.make()
 
         def judge(found: Controller, on: Robot, progress: Progress) -> Uptime:
-            return uptime_of.uptime(found, on, controller, chosen, seed, seeds, progress, on_plant)
+            return uptime_of.uptime(found, on, controller, chosen, seed, seeds, progress, on_plant, domain)
 
-        return judge_and_tell(robot, controller, estimator, judge, uptime_lines, Output(json, save), on_plant)
+        drawn = uptime_of.minute_domain(chosen, domain, on_plant)
+        designed_for = on_plant if drawn is None else drawn.plant
+        return judge_and_tell(robot, controller, estimator, judge, uptime_lines, Output(json, save), designed_for)
 
     def sim2real(
         self,
@@ -248,10 +276,11 @@ class JudgingCommands:
         /,
         controller: ControllerName = REFINED,
         estimator: EstimatorFlags = AS_IT_COMES,
-        domain: DomainName = "identified",
+        rules: str = SUCCESS,
+        domain: DomainOrNone = None,
         plant: PlantFlags = NO_PLANT,
         seed: int = 0,
-        seeds: int = 100,
+        seeds: int | None = None,
         json: bool = False,
         save: str | None = None,
     ) -> int:
@@ -264,25 +293,34 @@ class JudgingCommands:
             robot: the robot.
             controller: the controller.
             estimator: whether a state estimator stands before it.
-            domain: plant and loop: identified, randomised (another plant for each seed), or a YAML file.
+            rules: sim2real (success as above), or those of a real robot's board, which score what it records:
+                iros-real (pushes on both joints) or v2-real (none).
+            domain: plant and loop: identified, randomised or recorded (other plants for each seed), or a YAML file.
+                By default identified for sim2real, and recorded for the boards.
             plant: a plant for a domain that has none, as identified; its loop is then in the plant's own units.
             seed: seed of noise and plants.
-            seeds: seeds in a row.
+            seeds: seeds in a row; 100 for sim2real by default, and 10 for the boards.
             json: print one JSON object, with every run.
             save: also write the first seed's trajectory to this CSV file.
         """
-        output, on, chosen = Output(json, save), plant.make(), load_domain(domain)
-        chosen = chosen if on is None else on_plant(chosen, on)
-        status = judge_sim2real(chosen, robot, controller, estimator, seed, seeds, output, on)
+        output, on = Output(json, save), plant.make()
+        if rules != SUCCESS:
+            chosen = self.board("trials", rules, (SUCCESS,))
+            ranges = load_domain(chosen.domain if domain is None else domain)
+            ranges = ranges if on is None else on_plant(ranges, on)
+            return judge_trials(chosen, ranges, robot, controller, estimator, seed, seeds, output)
+        drawn, number = load_domain("identified" if domain is None else domain), 100 if seeds is None else seeds
+        drawn = drawn if on is None else on_plant(drawn, on)
+        status = judge_sim2real(drawn, robot, controller, estimator, seed, number, output, on)
         if controller == REFINED and not json and on is None:
             tell(f"  The policy trained for this plant is --controller {ROBOT}.")
         return status
 
-    def board(self, measure: str, name: str) -> Any:
-        """Rules of one board.
+    def board(self, measure: str, name: str, others: Sequence[str] = ()) -> Any:
+        """Rules of one board; ``others`` are names that would do as well.
 
         Raises:
             SwingupError: no version of that name has such a board.
         """
-        known = [each for each, rules in self.rules.items() if getattr(rules, measure) is not None]
+        known = [*others, *(each for each, rules in self.rules.items() if getattr(rules, measure) is not None)]
         return getattr(self.rules[one_of(f"{measure} rules", name, known)], measure)

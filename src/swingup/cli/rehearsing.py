@@ -10,7 +10,8 @@ from ..benchmark.trajectory_file import save_trajectory
 from ..checks import one_of, positive_number
 from ..files import check_writable
 from ..rehearsal.process import CALLING
-from ..rehearsal.rehearse import Rehearsal, rehearse, spread
+from ..rehearsal.rehearse import rehearse
+from ..rehearsal.result import Rehearsal, spread
 from ..rehearsal.simulated import RECORDED
 from .output import aligned, tell, tell_json
 
@@ -72,7 +73,7 @@ def rehearsal_lines(result: Rehearsal, rules: str) -> list[str]:
     angle, speed = result.limits
     stopped = result.facts["stopped"]
     guard = ("stopped it" if stopped else "quiet") if result.facts["guard"] else "none"
-    beyond = "" if result.violation is None else f"passed at t = {result.violation:.3f} s, where the robot stops"
+    beyond = "" if result.violation is None else f"at t = {result.violation:.3f} s, where the robot stops"
     return [
         f"{result.robot}, {result.folder.entry.name} ({result.folder.form}, {result.domain.name}, rules {rules}, "
         f"seed {result.seed})",
@@ -85,6 +86,7 @@ def rehearsal_lines(result: Rehearsal, rules: str) -> list[str]:
         *([aligned("Limits", "passed", beyond)] if beyond else []),
         aligned("Guard", guard, stopped["why"] if stopped else ""),
         *timing_lines(result),
+        *([] if result.difference is None else [f"  {result.difference}"]),
     ]
 
 

@@ -51,7 +51,7 @@ def simulated_robot(plant: PlantLike | None, domain: Domain | str | None, robot:
 
 def _facts(plant: PlantLike) -> Domain:
     """A plant as a domain; its file may have a loop as well."""
-    if isinstance(plant, str | Path) and str(plant).endswith((".yml", ".yaml")):
+    if isinstance(plant, str | Path) and Path(plant).suffix in (".yml", ".yaml") and Path(plant).is_file():
         return load_domain(plant)
     found = load_plant(plant)
     return Domain((), found.name, found)

@@ -38,6 +38,8 @@ class Thrower(eqx.Module):
     """The PID's period in its own formula (s); it is called every 0.002 s."""
     limit: float | Scalar = 6.0
     """Torque limit of the PID, and of each of the two motors (N m)."""
+    proportional_limit: float | Scalar | None = None
+    """Limit of its proportional part alone (N m); None for none."""
 
 
 THROWER = Thrower()
@@ -89,16 +91,20 @@ def is_thrown(throws: Throws, step: Count) -> Flag:
 def throw(throws: Throws, parameters: Parameters, pid: PID, step: Count, x: State) -> tuple[PID, Torque]:
     """The PID's torque (N m) at this step, minus the gravity torque, before the motors' limits."""
     target = jnp.asarray(throws.target)[jnp.asarray(throws.number)[step]]
-    return _control(throws.thrower, parameters, pid, target, x)
+    return throwing_torque(throws.thrower, parameters, pid, target, x)
 
 
-def _control(
+def throwing_torque(
     thrower: Thrower, parameters: Parameters, pid: PID, target: Float[Array, "2"], x: State
 ) -> tuple[PID, Torque]:
+    """One call of the PID towards a target (rad): its torque, minus the gravity torque of a model (N m)."""
     error = target - x[:2]
     total = pid.total + error
     derivative = jnp.where(pid.calls < WITHOUT_DERIVATIVE, 0.0, (error - pid.last) / thrower.dt)
-    u = thrower.kp * error + thrower.ki * thrower.dt * total + thrower.kd * derivative
+    proportional = thrower.kp * error
+    if thrower.proportional_limit is not None:
+        proportional = jnp.clip(proportional, -thrower.proportional_limit, thrower.proportional_limit)
+    u = proportional + thrower.ki * thrower.dt * total + thrower.kd * derivative
     # Clipped before the gravity torque; the motors clip the sum once more (benchmark).
     command = jnp.clip(u, -thrower.limit, thrower.limit) - gravity_torque(parameters, x)
     return PID(pid.calls + 1, total, error), command
@@ -147,7 +153,7 @@ def _thrown(
 
     def step(carry: tuple[State, PID], _: None) -> tuple[tuple[State, PID], None]:
         x, pid = carry
-        pid, u = _control(thrower, plant, pid, target, x)
+        pid, u = throwing_torque(thrower, plant, pid, target, x)
         return (rk4_steps(plant, x, jnp.clip(u, -thrower.limit, thrower.limit), dt, substeps), pid), None
 
     # Past the first two calls of the run, as in all throws but the first.
