@@ -111,7 +111,7 @@ def test_bad_domains(tmp_path, content, message):
 
 
 def test_unknown_domains(tmp_path):
-    with pytest.raises(SwingupError, match="unknown domain 'moon': use identified, randomised, recorded, .* or a YAML"):
+    with pytest.raises(SwingupError, match="unknown domain 'moon': use identified, randomised, recorded,"):
         load_domain("moon")
     with pytest.raises(SwingupError, match="No such file or directory; check the path"):
         load_domain(tmp_path / "none.yml")
