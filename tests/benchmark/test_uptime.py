@@ -115,7 +115,11 @@ def independent_robot_run(p, resets, stop, duration, control, dt):
 
 @pytest.mark.parametrize(
     ("make", "name", "stop"),
-    [(Counting, "acrobot", 25.0), (Counting, "pendubot", 9.0), (PlainCounting, "acrobot", 9.0)],
+    [
+        (Counting, "acrobot", 25.0),
+        (Counting, "pendubot", 9.0),
+        pytest.param(PlainCounting, "acrobot", 9.0, marks=pytest.mark.slow),
+    ],
 )
 def test_the_robots_rules_agree_with_a_numpy_loop(make, name, stop):
     rules = dataclasses.replace(BRIEF_REAL, stop=Limits(4 * math.pi, stop))
