@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from .learner.agent import AREAPO
     from .plants.plant import Plant, load_plant
     from .policy.jax_backend.controller import load_policy, shipped_policy
-    from .rehearsal.rehearse import Rehearsal, rehearse
+    from .rehearsal.rehearse import rehearse
+    from .rehearsal.result import Rehearsal
 
 _HOMES = {
     "AREAPO": "learner.agent",
@@ -32,7 +33,7 @@ _HOMES = {
     "Board": "benchmark.leaderboard",
     "Evaluation": "benchmark.evaluate",
     "Plant": "plants.plant",
-    "Rehearsal": "rehearsal.rehearse",
+    "Rehearsal": "rehearsal.result",
     "Sim2Real": "benchmark.sim2real",
     "Robustness": "benchmark.robustness",
     "Uptime": "benchmark.uptime",

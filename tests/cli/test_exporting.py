@@ -11,7 +11,7 @@ import swingup
 from swingup.benchmark.rollout import Trajectory
 from swingup.cli import main
 from swingup.control.registry import get_controller
-from swingup.policy.jax_backend.controller import save_controller, shipped_policy
+from swingup.policy.jax_backend.controller import load_policy, save_controller, shipped_policy
 
 RUN = """
 import sys
@@ -196,3 +196,18 @@ def test_an_exported_folder_stops_at_a_fault(tmp_path):
     assert first.endswith("None")
     said = "[0. 0.] a measured angle or velocity is not a finite number (elbow, nan, at t = 0.002 s)"
     assert (second, third) == (said, "[0. 0.]")
+
+
+def test_a_file_without_a_plant_gets_one(tmp_path, capsys):
+    """The estimator's model and the torque limit of B.0 in a C header; a file that has a plant keeps it."""
+    header, folder = tmp_path / "policy.h", tmp_path / "entry"
+    words = ["export", "refined", "--robot", "acrobot", "--plant", "cloudpendulum-rods"]
+    assert main([*words, "--to", "c", "--out", str(header)]) == 0
+    assert "0.13" in header.read_text()
+    assert main([*words, "--to", "cloudpendulum", "--out", str(folder)]) == 0
+    (file,) = folder.rglob("policy.npz")
+    capsys.readouterr()
+    controller, _ = load_policy(file)
+    assert (controller.plant.name, controller.plant.l1) == ("cloudpendulum-rods", 0.05)
+    assert main(["export", str(file), "--plant", "A.0", "--to", "c", "--out", str(header)]) == 2
+    assert "the policy's file has a plant, 'cloudpendulum-rods'" in capsys.readouterr().err

@@ -11,7 +11,7 @@ from swingup.control.model import model_of
 from swingup.control.optimal import OPTIMAL
 from swingup.control.own_units import scaled_optimal, scaled_published
 from swingup.control.published import PUBLISHED
-from swingup.control.search import SEARCH, guesses, search_torques
+from swingup.control.search import SEARCH, follow, guesses, search
 from swingup.control.transition import PendulumTransition
 from swingup.errors import SwingupError
 from swingup.physics.parameters import get_robot, leaderboard_parameters
@@ -55,17 +55,24 @@ def test_coulomb_friction_stays_out_of_the_model(robot):
     assert (model.b1, model.Ir) == (real.b1, real.Ir)
 
 
-def test_a_search_finds_a_motion_that_hangs_no_more(x64):
-    """From hanging to upright within six of B.0's own units of time, with 5 of its 6 N m."""
-    robot = get_robot("acrobot")
-    problem = design_of(robot, load_plant("B.0").frictionless()).published.swingup
-    settings = dataclasses.replace(problem.search.settings, max_iterations=3)
-    search = dataclasses.replace(problem.search, steps=60, starts=2, settings=settings)
-    transition = PendulumTransition(model_of("B.0", robot), robot.joint, 0.1)
-    found = search_torques(transition, problem.cost(60), search, seed=0)
-    assert found.shape == (60,)
-    assert np.abs(found).max() <= 5.0
-    assert np.abs(found).max() > 0
+@pytest.mark.slow
+def test_a_search_comes_up_and_a_finer_grid_follows_it(x64):
+    robot, plant = get_robot("acrobot"), load_plant("C.0").frictionless()
+    problem = design_of(robot, plant).published.swingup
+    settings = dataclasses.replace(problem.search, starts=1)
+    transition = PendulumTransition(
+        model_of(plant, robot), robot.joint, problem.dt * problem.steps / settings.steps
+    )
+    found = search(transition, problem.cost(settings.steps), settings, seed=0)
+    assert found.miss < 0.05
+    fine = PendulumTransition(model_of(plant, robot), robot.joint, problem.dt)
+    torque = follow(found, fine, problem.cost(problem.steps), 5.0, problem.steps)
+    assert np.abs(torque).max() <= 5.0
+    # The first states agree: the last of them has been reached by a tenth of all torques.
+    x, rows = (0.0, 0.0, 0.0, 0.0), problem.steps // 10
+    for u in torque[:rows]:
+        x = fine.step(x, u)
+    np.testing.assert_allclose(x, found.states[settings.steps // 10], atol=0.02)
 
 
 def test_guesses_repeat_and_differ():

@@ -12,11 +12,13 @@ import swingup
 from swingup.benchmark.rules import PERFORMANCE_RULES
 from swingup.cli import main
 from swingup.physics.parameters import get_robot, leaderboard_parameters
-from swingup.plants.plant import Plant
+from swingup.plants.plant import Plant, load_plant
 from swingup.policy.cloudpendulum import load_policy_controller
-from swingup.policy.export_cloudpendulum import cloudpendulum_notes, export_cloudpendulum
+from swingup.policy.export_cloudpendulum import cloudpendulum_guard, cloudpendulum_notes, export_cloudpendulum
 from swingup.policy.export_folder import export_realaigym
 from swingup.policy.guard import GuardSettings
+from swingup.policy.numpy_backend.controller import NumpyController
+from swingup.policy.plant_facts import policy_plant
 from swingup.policy.shipped import read_policy, shipped_file
 from swingup.rehearsal.loop import FolderController, PacedController
 from swingup.rehearsal.process import Reply
@@ -142,7 +144,14 @@ def test_cloudpendulums_client_gives_no_time_and_gets_a_list():
 
 
 def test_the_cells_limits():
-    assert (
-        "it may command 6 N m, and CloudPendulum's motors give 0.15"
-        in cloudpendulum_notes(read_policy("robot", "acrobot"))[0]
-    )
+    policy = read_policy("robot", "acrobot")
+    assert cloudpendulum_notes(policy)[0].startswith("it may command 6 N m, and CloudPendulum's motors give 0.15")
+    cell = policy_plant(load_plant("cloudpendulum").parameters, policy.robot, "cell")
+    front_end = dataclasses.replace(policy.front_end, passive_limit=0.005)
+    fits = dataclasses.replace(policy, plant=cell, torque_limit=0.05, front_end=front_end)
+    assert cloudpendulum_notes(fits) == []
+    controller = NumpyController(fits, guard=cloudpendulum_guard(fits.period))
+    assert controller.guard.settings.velocity_limit == 50.0
+    # The compensation of C.1's friction exceeds what the cell's plant allows.
+    torques = [controller(np.array([1.0, 1.0 + 0.08 * step, 40.0, 40.0]), 0.002 * step) for step in range(5)]
+    assert np.abs(torques).max(axis=0) == pytest.approx([0.005, 0.13])

@@ -1,6 +1,9 @@
 """The command ``export``: a policy for other programs."""
 
+import contextlib
 import dataclasses
+import tempfile
+from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,15 +14,19 @@ from ..checks import one_of
 from ..control.baselines import BASELINES
 from ..errors import SwingupError
 from ..files import write_atomically
+from ..plants.plant import Plant
 from ..policy.c_backend.header import c_header
 from ..policy.export_cloudpendulum import cloudpendulum_guard, cloudpendulum_notes, export_cloudpendulum
 from ..policy.export_folder import export_realaigym
 from ..policy.onnx_backend.graph import onnx_model
-from ..policy.pendulum import PendulumPolicy
+from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
+from ..policy.plant_facts import PLANT, policy_plant
 from ..policy.settings import GuardSettings, choose_guard
 from ..policy.shipped import REFINED, SHIPPED_POLICIES, read_policy, shipped_file
 from ..policy.template import NAME
 from ..renamed import current_name
+from ..text import quoted
+from .arguments import NO_PLANT, PlantFlags
 from .output import tell
 
 FOLDERS = ("realaigym", "cloudpendulum")
@@ -33,6 +40,7 @@ def export(
     to: Annotated[str, arg(metavar="{realaigym,cloudpendulum,onnx,c}")],
     out: Annotated[str, arg(metavar="PATH")],
     robot: str | None = None,
+    plant: PlantFlags = NO_PLANT,
     username: str = "swingup",
     name: str = NAME,
     guard: bool = True,
@@ -49,6 +57,7 @@ def export(
             estimator; or c, a C99 header.
         out: the folder, new or empty; or the file.
         robot: acrobot or pendubot; needed with a name, checked with a file.
+        plant: of a policy whose file names none: the model of its estimator, and its motor's torque limit.
         username: your name on RealAIGym's leaderboard.
         name: of the entry (con_NAME.py, controller_NAME.py), and what all names in a C header begin with, so that
             several go side by side; ONNX has none.
@@ -63,13 +72,15 @@ def export(
     # Before the policy is read: that error would only list policies.
     _refuse_baselines(policy, robot)
     policy = current_name("controller", policy)
-    found = read_policy(policy, robot)
+    on, found = plant.make(), read_policy(policy, robot)
+    if on is not None:
+        found = _with_plant(found, on)
     if to != "onnx" or not guard:
         chosen = choose_guard(guard, _own_guard(found, to), found.period)
         found = dataclasses.replace(found, guard=_changed(chosen, velocity_limit, braking))
     if to in FOLDERS:
         file = shipped_file(found.robot, policy) if policy in SHIPPED_POLICIES else Path(policy)
-        with resources.as_file(file) as source:
+        with resources.as_file(file) as shipped, _source(found, shipped, on) as source:
             if to == "realaigym":
                 tell(str(export_realaigym(found, source, out, username, name)))
             else:
@@ -83,6 +94,32 @@ def export(
     if to == "onnx" and found.front_end is not None:
         print("without the policy's front end: filter the state and compensate friction yourself")
     return 0
+
+
+def _with_plant(policy: PendulumPolicy, plant: Plant) -> PendulumPolicy:
+    """A policy of a file of version 1, made for a plant.
+
+    Raises:
+        SwingupError: the file names a plant itself.
+    """
+    if PLANT in policy.metadata:
+        raise SwingupError(
+            f"the policy's file has a plant, {quoted(policy.plant.name)}: --plant is for files without; refine the "
+            "policy on another plant with swingup refine --plant"
+        )
+    return dataclasses.replace(policy, plant=policy_plant(plant.parameters, policy.robot, plant.name))
+
+
+@contextlib.contextmanager
+def _source(policy: PendulumPolicy, file: Path, plant: Plant | None) -> Iterator[Path]:
+    """The policy's file, or a copy of it with another plant."""
+    if plant is None:
+        yield file
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "policy.npz"
+        write_pendulum_policy(path, policy, policy.metadata)
+        yield path
 
 
 def _own_guard(policy: PendulumPolicy, to: str) -> GuardSettings | None:

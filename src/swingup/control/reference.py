@@ -16,7 +16,6 @@ from jaxtyping import Float
 from ..arrays import load_archive, save_archive
 from ..checks import positive_number
 from ..errors import SwingupError
-from ..physics.angles import UPRIGHT
 from ..physics.parameters import Parameters, Robot, get_robot
 from ..plants.plant import PlantLike
 from ..version import __version__
@@ -24,7 +23,7 @@ from .ilqr import ILQRSettings, Solution, Status, feedback_gains, solve
 from .model import model_of
 from .published import SwingupProblem
 from .riccati_passes import Cost
-from .search import search_torques
+from .search import follow, search
 from .transition import PendulumTransition
 
 REFERENCE_FORMAT = "swingup trajectory"
@@ -102,13 +101,13 @@ def _first_torques(parameters: Parameters, robot: Robot, problem: SwingupProblem
         return np.random.default_rng(seed).uniform(0.0, problem.first_torque, problem.steps)
     for stretch in problem.search.durations:
         steps = round((problem.steps + 1) * stretch) - 1
-        search = replace(problem.search, steps=round(problem.search.steps * stretch))
-        transition = PendulumTransition(parameters, robot.joint, problem.dt * steps / search.steps)
-        torque, last = search_torques(transition, problem.cost(search.steps), search, seed)
-        if np.abs(last - UPRIGHT)[:2].max() < NEAR:
+        settings = replace(problem.search, steps=round(problem.search.steps * stretch))
+        transition = PendulumTransition(parameters, robot.joint, problem.dt * steps / settings.steps)
+        found = search(transition, problem.cost(settings.steps), settings, seed)
+        if found.miss < NEAR:
             break
-    # Held over the fine steps, the coarse torques give the same trajectory up to the integrator's error.
-    return torque[np.arange(steps) * search.steps // steps]
+    transition = PendulumTransition(parameters, robot.joint, problem.dt)
+    return follow(found, transition, problem.cost(steps), problem.settings.torque_limit, steps)
 
 
 _gains = jax.jit(feedback_gains)

@@ -87,7 +87,8 @@ def run_recipe(
     # Only the mean acts when a policy is judged; the deviation's head would stay without gradient.
     controller = eqx.tree_at(lambda c: c.policy.actor.std_head, controller, None, is_leaf=lambda leaf: leaf is None)
     facts = None if found is None else policy_plant(found.parameters, robot, found.name)
-    controller = dataclasses.replace(controller, plant=facts)
+    limit = controller.torque_limit if facts is None else facts.limit(robot.joint)
+    controller = dataclasses.replace(controller, plant=facts, torque_limit=limit)
     random = np.random.default_rng(seed)
     for number, stage in enumerate(stages, start=1):
         # The default of `number` binds this stage's; a closure alone would see the loop's last one.
