@@ -110,12 +110,6 @@ def trajectory(random):
     return damage(random, data) if random.random() < 0.15 else data
 
 
-PLANT = {
-    "name": "mine", "m1": 0.5, "m2": 0.6, "l1": 0.2, "l2": 0.3, "r1": 0.2, "r2": 0.25, "I1": 0.03, "I2": 0.05,
-    "Ir": 6e-5, "gr": 6.0, "b1": 0.001, "b2": 0.001, "cf1": 0.1, "cf2": 0.1, "g": 9.81, "tl1": 0.0, "tl2": 6.0,
-}  # fmt: skip
-
-
 def policy(random):
     """A policy file of a pendulum."""
     draw = np.random.default_rng(random.randrange(1 << 30)).normal
@@ -142,7 +136,10 @@ def policy(random):
         names = ["dt", "angle_limit", "velocity_limit", "longest_pause", "torque_rate", "braking", "x"]
         metadata |= {"format_version": 2, "guard": {random.choice(names): random.choice([*EXTREMES, None, 1000])}}
     if random.random() < 0.3:
-        metadata |= {"format_version": 2, "plant": PLANT | {random.choice([*PLANT, "x"]): random.choice(EXTREMES)}}
+        metadata |= {
+            "format_version": 2,
+            "plant": PLANT | {random.choice([*PLANT, "name", "x"]): random.choice(EXTREMES)},
+        }
     return _archive(random, metadata, arrays)
 
 
