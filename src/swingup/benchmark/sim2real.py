@@ -16,6 +16,7 @@ from ..tasks.draw import draw
 from ..version import __version__
 from .criteria import Criteria, judge, tip_is_up
 from .interval import Interval, share_interval
+from .own_units import sim2real_in_own_units
 from .rollout import Scenario, Trajectory
 from .rules import SIM2REAL_RULES, Sim2RealRules
 from .runner import Progress, prepare, run_many, stack
@@ -124,7 +125,7 @@ def sim2real(
     """
     robot, domain = get_robot(robot), load_domain(domain) if isinstance(domain, str) else domain
     domain = domain if plant is None else on_plant(domain, plant)
-    every = check_seeds(seed, seeds)
+    rules, every = sim2real_in_own_units(rules, domain, robot), check_seeds(seed, seeds)
     estimator, controller = has_estimator(controller), prepare(controller, robot, name)
     runs: list[Sim2RealRun] = []
     first = None

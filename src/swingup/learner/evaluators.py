@@ -113,7 +113,8 @@ class Sim2RealEvaluator(AbstractEvaluator):
     def _controller(self, policy: Policy[Any]) -> PolicyController:
         task = self._task
         plant = middle_plant(task.domain, task.robot)
-        return PolicyController(policy, TORQUE_LIMIT, task.robot, task.front_end, plant)
+        limit = TORQUE_LIMIT if plant is None else plant.limit(task.robot.joint)
+        return PolicyController(policy, limit, task.robot, task.front_end, plant)
 
 
 class ReturnEvaluator(AbstractEvaluator):

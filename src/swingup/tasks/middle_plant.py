@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-from ..physics.parameters import NAMES, Robot
+from ..physics.parameters import NAMES, Parameters, Robot
 from ..plants.domain import Domain
 from ..policy.plant_facts import PolicyPlant, policy_plant
 
@@ -18,3 +18,8 @@ def middle_plant(domain: Domain, robot: Robot) -> PolicyPlant | None:
     if "torque_limit" in domain.names:
         values |= dict.fromkeys(("tl1", "tl2"), domain.middle("torque_limit"))
     return policy_plant(SimpleNamespace(**values), robot, domain.plant.name)
+
+
+def parameters_of(plant: PolicyPlant) -> Parameters:
+    """The parameters of a policy's plant."""
+    return Parameters(**{name: getattr(plant, name) for name in NAMES})
