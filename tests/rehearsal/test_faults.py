@@ -132,7 +132,7 @@ def test_folders_are_recognised_by_their_files(tmp_path):
 )
 def test_the_command_says_it_in_one_line(body, options, message, tmp_path, capfd):
     folder = write_folder(tmp_path / "fake", body)
-    assert main(["rehearse", str(folder), *options]) == 2
+    assert main(["rehearse", str(folder), *(options or ("--plant", "C.1", "--domain", "none"))]) == 2
     error = capfd.readouterr().err
     assert message in error
     assert error.count("\n") == 1

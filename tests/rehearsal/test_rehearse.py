@@ -12,15 +12,17 @@ import swingup
 from swingup.benchmark.rules import PERFORMANCE_RULES
 from swingup.cli import main
 from swingup.physics.parameters import get_robot, leaderboard_parameters
-from swingup.plants.plant import Plant
+from swingup.plants.plant import Plant, load_plant
 from swingup.policy.cloudpendulum import load_policy_controller
-from swingup.policy.export_cloudpendulum import cloudpendulum_notes, export_cloudpendulum
+from swingup.policy.export_cloudpendulum import cloudpendulum_guard, cloudpendulum_notes, export_cloudpendulum
 from swingup.policy.export_folder import export_realaigym
 from swingup.policy.guard import GuardSettings
+from swingup.policy.numpy_backend.controller import NumpyController
+from swingup.policy.plant_facts import policy_plant
 from swingup.policy.shipped import read_policy, shipped_file
 from swingup.rehearsal.loop import FolderController, PacedController
 from swingup.rehearsal.process import Reply
-from swingup.rehearsal.rehearse import rehearse, simulated_robot
+from swingup.rehearsal.rehearse import rehearse
 from swingup.runtime import load_controller
 
 BRIEF = dataclasses.replace(PERFORMANCE_RULES["v2"], duration=1.5)
@@ -36,20 +38,25 @@ def export(folder, form, guard=None, name="refined"):
         return export_cloudpendulum(policy, source, folder).parent
 
 
+@pytest.fixture(scope="module")
+def judged():
+    return swingup.evaluate(load_controller("refined", "acrobot"), "acrobot", rules=BRIEF)
+
+
 @pytest.mark.parametrize("form", ["realaigym", "cloudpendulum"])
-def test_a_folder_scores_as_its_policy_does_in_the_judge(form, tmp_path):
-    judged = swingup.evaluate(load_controller("refined", "acrobot"), "acrobot", rules=BRIEF)
-    result = rehearse(export(tmp_path / "entry", form), BOARD, rules=BRIEF)
+def test_a_folder_scores_as_its_policy_does_in_the_judge(form, judged, tmp_path):
+    result = rehearse(export(tmp_path / "entry", form), BOARD, None, rules=BRIEF)
     assert result.success
     assert (result.folder.form, result.robot, result.facts["packages"]) == (form, "acrobot", ["numpy"])
     assert result.criteria.score == pytest.approx(judged.criteria.score, abs=1e-9)
     np.testing.assert_allclose(result.trajectory.x, judged.trajectory.x, atol=1e-9)
     assert len(result.timing.calls) == BRIEF.steps
+    assert result.difference is None
 
 
 def test_a_guard_that_stops_the_folder_is_reported(tmp_path):
     folder = export(tmp_path / "entry", "realaigym", GuardSettings(velocity_limit=2.0))
-    result = rehearse(folder, BOARD, rules=BRIEF, duration=0.6)
+    result = rehearse(folder, BOARD, None, rules=BRIEF, duration=0.6)
     stopped = result.facts["stopped"]
     assert "velocity is beyond the limit" in stopped["why"]
     # The loop is perfect: the guard sees the very state that passes its limit.
@@ -64,7 +71,7 @@ def test_a_guard_that_stops_the_folder_is_reported(tmp_path):
 def test_the_command_in_real_time(tmp_path, capsys):
     folder, rows = export(tmp_path / "entry", "realaigym", name="robot"), tmp_path / "run.csv"
     begin = time.monotonic()
-    options = ["--duration", "0.1", "--real-time", "--json", "--save", str(rows)]
+    options = ["--plant", "A.0", "--duration", "0.1", "--real-time", "--json", "--save", str(rows)]
     assert main(["rehearse", str(folder), *options]) == 0
     # 50 periods of 2 ms.
     assert time.monotonic() - begin > 0.098
@@ -72,7 +79,8 @@ def test_the_command_in_real_time(tmp_path, capsys):
     assert told["periods"]["p50"] >= 0.002
     assert told["calls"]["longest"] >= told["calls"]["p99"] >= told["calls"]["p50"] > 0
     assert told["missed"] >= 0
-    assert told["domain"]["name"] == "identified"
+    assert told["difference"].startswith("the policy was made for a plant 'leaderboard' with ")
+    assert told["domain"]["name"] == "A.0 in the loop of recorded"
     assert len(rows.read_text().splitlines()) == 51
 
 
@@ -136,18 +144,17 @@ def test_cloudpendulums_client_gives_no_time_and_gets_a_list():
 
 
 def test_the_cells_limits():
-    assert (
-        "it may command 6 N m, and CloudPendulum's motors give 0.15"
-        in cloudpendulum_notes(read_policy("robot", "acrobot"))[0]
-    )
-
-
-def test_plant_and_loop_come_from_two_files():
-    both = simulated_robot("cloudpendulum", "identified")
-    assert both.name == "cloudpendulum in the loop of identified"
-    values = both.as_dict()
-    assert values["plant"] == "cloudpendulum"
-    assert values["delay"] == [0.01, 0.01]
-    assert "torque_limit" not in values  # the plant's own
-    assert simulated_robot(None, None).name == "identified"
-    assert simulated_robot("C.1", None).ranges == ()
+    policy = read_policy("robot", "acrobot")
+    assert [note[:36] for note in cloudpendulum_notes(policy)] == [
+        "it may command 0.5 N m at the should",
+        "it may command 6 N m at the elbow, a",
+    ]
+    cell = policy_plant(load_plant("cloudpendulum").parameters, policy.robot, "cell")
+    front_end = dataclasses.replace(policy.front_end, passive_limit=0.005)
+    fits = dataclasses.replace(policy, plant=cell, torque_limit=0.05, front_end=front_end)
+    assert cloudpendulum_notes(fits) == []
+    controller = NumpyController(fits, guard=cloudpendulum_guard(fits.period))
+    assert controller.guard.settings.velocity_limit == 50.0
+    # The compensation of C.1's friction exceeds what the cell's plant allows.
+    torques = [controller(np.array([1.0, 1.0 + 0.08 * step, 40.0, 40.0]), 0.002 * step) for step in range(5)]
+    assert np.abs(torques).max(axis=0) == pytest.approx([0.005, 0.13])

@@ -8,8 +8,10 @@ from dataclasses import replace
 
 from ..physics.parameters import Robot
 from ..physics.units import Scales, scales_of
+from ..plants.domain import Domain
 from ..plants.plant import PlantLike, robot_parameters
-from .rules import ModelSweep, PushRules, RobustnessRules, Sweep, UptimeRules
+from ..tasks.middle_plant import middle_plant
+from .rules import ModelSweep, PushRules, RobustnessRules, Sim2RealRules, Sweep, UptimeRules
 
 
 def robustness_in_own_units(
@@ -50,6 +52,16 @@ def uptime_in_own_units(rules: UptimeRules, robot: Robot, plant: PlantLike | Non
         pid, kp=pid.kp * limit, ki=pid.ki * limit / time, kd=pid.kd * limit * time, limit=pid.limit * limit
     )
     return replace(rules, throw_duration=rules.throw_duration * time, thrower=thrower)
+
+
+def sim2real_in_own_units(rules: Sim2RealRules, domain: Domain, robot: Robot) -> Sim2RealRules:
+    """The speed that stops a robot, for the plant in the middle of a domain that names one.
+
+    Raises:
+        SwingupError: that plant has no units.
+    """
+    plant = middle_plant(domain, robot)
+    return rules if plant is None else replace(rules, speed=rules.speed * scales_of(plant).velocity)
 
 
 def scaled_pushes(pushes: PushRules, scales: Scales) -> PushRules:

@@ -27,6 +27,7 @@ from ..control.registry import Controller, get_controller
 from ..files import check_writable
 from ..physics.parameters import Robot, get_robot
 from ..plants.domain import Domain, load_domain
+from ..plants.on_plant import on_plant
 from ..plants.plant import Plant
 from ..policy.shipped import REFINED, ROBOT
 from .arguments import (
@@ -121,18 +122,19 @@ def judge_sim2real(
     seed: int = 0,
     seeds: int = 100,
     output: Output = Output(),
+    plant: Plant | None = None,
 ) -> int:
     """The command ``sim2real``, on a domain that was read before."""
 
     def judge(found: Controller, chosen: Robot, progress: Progress) -> Sim2Real:
         return sim2real_of.sim2real(found, chosen, controller, domain, seed, seeds, progress=progress)
 
-    return judge_and_tell(robot, controller, estimator, judge, sim2real_lines, output)
+    return judge_and_tell(robot, controller, estimator, judge, sim2real_lines, output, plant)
 
 
 def judge_trials(
     rules: TrialRules,
-    domain: str | None,
+    domain: Domain,
     robot: str,
     controller: str,
     estimator: EstimatorOptions,
@@ -276,6 +278,7 @@ class JudgingCommands:
         estimator: EstimatorFlags = AS_IT_COMES,
         rules: str = SUCCESS,
         domain: DomainOrNone = None,
+        plant: PlantFlags = NO_PLANT,
         seed: int = 0,
         seeds: int | None = None,
         json: bool = False,
@@ -294,18 +297,22 @@ class JudgingCommands:
                 iros-real (pushes on both joints) or v2-real (none).
             domain: plant and loop: identified, randomised or recorded (other plants for each seed), or a YAML file.
                 By default identified for sim2real, and recorded for the boards.
+            plant: a plant for a domain that has none, as identified; its loop is then in the plant's own units.
             seed: seed of noise and plants.
             seeds: seeds in a row; 100 for sim2real by default, and 10 for the boards.
             json: print one JSON object, with every run.
             save: also write the first seed's trajectory to this CSV file.
         """
-        output = Output(json, save)
+        output, on = Output(json, save), plant.make()
         if rules != SUCCESS:
             chosen = self.board("trials", rules, (SUCCESS,))
-            return judge_trials(chosen, domain, robot, controller, estimator, seed, seeds, output)
+            ranges = load_domain(chosen.domain if domain is None else domain)
+            ranges = ranges if on is None else on_plant(ranges, on)
+            return judge_trials(chosen, ranges, robot, controller, estimator, seed, seeds, output)
         drawn, number = load_domain("identified" if domain is None else domain), 100 if seeds is None else seeds
-        status = judge_sim2real(drawn, robot, controller, estimator, seed, number, output)
-        if controller == REFINED and not json:
+        drawn = drawn if on is None else on_plant(drawn, on)
+        status = judge_sim2real(drawn, robot, controller, estimator, seed, number, output, on)
+        if controller == REFINED and not json and on is None:
             tell(f"  The policy trained for this plant is --controller {ROBOT}.")
         return status
 

@@ -14,8 +14,8 @@ from ..benchmark.seeds import check_seeds
 from ..checks import one_of
 from ..files import check_writable
 from ..physics.parameters import Robot, get_robot
-from ..policy.jax_backend.controller import PolicyController, load_policy, save_controller, shipped_policy
-from ..policy.settings import EstimatorSettings
+from ..policy.jax_backend.controller import PolicyController, load_policy, plant_of, save_controller, shipped_policy
+from ..policy.settings import default_estimator
 from ..policy.shipped import AR_EAPO, SHIPPED_POLICIES
 from ..refine.recipe import RECIPES, RefinementReport, run_recipe
 from ..renamed import current_name
@@ -77,6 +77,7 @@ def _provenance(
     base: dict[str, Any], command: str, seed: int, stages: tuple[Any, ...], now: RefinementReport
 ) -> dict[str, Any]:
     """Where the refined policy comes from, and the base's own origin; it goes with the estimator."""
+    estimator = default_estimator(plant_of(now.controller))
     origin = {
         name: base[name]
         for name in ("version", "preset", "command", "seed", "frames", "seconds", "scores")
@@ -91,7 +92,7 @@ def _provenance(
         "scores": {"v2": dataclasses.asdict(now.criteria)},
         "base": origin,
         # A front end has a filter of its own.
-        **({} if now.controller.front_end else {"estimator": dataclasses.asdict(EstimatorSettings())}),
+        **({} if now.controller.front_end else {"estimator": dataclasses.asdict(estimator)}),
     }
 
 

@@ -10,7 +10,9 @@ from ..benchmark.trajectory_file import save_trajectory
 from ..checks import one_of, positive_number
 from ..files import check_writable
 from ..rehearsal.process import CALLING
-from ..rehearsal.rehearse import Rehearsal, rehearse, spread
+from ..rehearsal.rehearse import rehearse
+from ..rehearsal.result import Rehearsal, spread
+from ..rehearsal.simulated import RECORDED
 from .output import aligned, tell, tell_json
 
 
@@ -18,7 +20,7 @@ def rehearse_command(
     folder: Positional[Annotated[str, arg(metavar="FOLDER")]],
     /,
     plant: Annotated[str | None, arg(metavar="PLANT")] = None,
-    domain: Annotated[str | None, arg(metavar="DOMAIN")] = None,
+    domain: Annotated[str, arg(metavar="DOMAIN")] = RECORDED,
     robot: str | None = None,
     rules: str = "hardware",
     duration: float | None = None,
@@ -36,8 +38,7 @@ def rehearse_command(
     Args:
         folder: the folder, or its con_NAME.py or controller_NAME.py.
         plant: a plant's name or its file, with the loop that the file has.
-        domain: loop, and plant if none is given: a domain's name or file. Default: identified, or a perfect loop
-            around a plant.
+        domain: the loop, and the plant if none is given: a domain's name or file, or none for a perfect loop.
         robot: acrobot or pendubot, where the folder does not say it.
         rules: how the run is scored: v2 or hardware.
         duration: length of the run (s); default: that of the rules, 10 s.
@@ -51,7 +52,8 @@ def rehearse_command(
     longest = positive_number("timeout", timeout, 600.0, "s")
     if save is not None:
         check_writable(save)
-    result = rehearse(folder, plant, domain, robot, scored, duration, seed, real_time, longest)
+    around = None if domain == "none" else domain
+    result = rehearse(folder, plant, around, robot, scored, duration, seed, real_time, longest)
     if save is not None:
         save_trajectory(save, result.trajectory)
     if json:
@@ -63,22 +65,28 @@ def rehearse_command(
 
 def rehearsal_lines(result: Rehearsal, rules: str) -> list[str]:
     """How the run went, what the guard did, and what was measured of the calls."""
-    criteria = [(COLUMNS[name].title, COLUMNS[name].show(getattr(result.criteria, name))) for name in PERFORMANCE]
+    criteria = [
+        (COLUMNS[name].title, COLUMNS[name].show(getattr(result.criteria, name)))
+        for name in PERFORMANCE
+        if name != "score"
+    ]
     angle, speed = result.limits
     stopped = result.facts["stopped"]
     guard = ("stopped it" if stopped else "quiet") if result.facts["guard"] else "none"
-    beyond = "" if result.violation is None else f"passed at t = {result.violation:.3f} s, where the robot stops"
+    beyond = "" if result.violation is None else f"at t = {result.violation:.3f} s, where the robot stops"
     return [
         f"{result.robot}, {result.folder.entry.name} ({result.folder.form}, {result.domain.name}, rules {rules}, "
         f"seed {result.seed})",
         aligned("Swing-up", "success" if result.success else "failure", result.tip.failure or ""),
         *(aligned(title, value) for title, value in criteria),
+        aligned(COLUMNS["score"].title, COLUMNS["score"].show(result.score)),
         aligned("Highest tip [m]", f"{result.tip.highest:.3f}", f"{result.tip.percent:.1f} % of l1 + l2"),
         aligned("Largest speed [rad/s]", f"{result.speed:.1f}", f"limit {speed:g}"),
         aligned("Largest angle [rad]", f"{result.angle:.1f}", f"limit {angle:.4g}"),
         *([aligned("Limits", "passed", beyond)] if beyond else []),
         aligned("Guard", guard, stopped["why"] if stopped else ""),
         *timing_lines(result),
+        *([] if result.difference is None else [f"  {result.difference}"]),
     ]
 
 

@@ -81,6 +81,7 @@ def sim2real_lines(result: Sim2Real, judged: str) -> list[str]:
     seeds, (low, high) = tuple(run.seed for run in runs), result.interval
     times = [run.criteria.swingup_time or 0.0 for run in runs if run.success]
     middle = COLUMNS["swingup_time"].show(median(times) if times else None)
+    plant = plant_note(result.domain.plant, result.robot)
     rows = (
         ("Success", f"{result.successes} of {len(runs)}", f"{low:.0%} to {high:.0%}"),
         ("Score (rules hardware)", f"{result.score:.3f}", ""),
@@ -89,7 +90,7 @@ def sim2real_lines(result: Sim2Real, judged: str) -> list[str]:
         ("Largest angle [rad]", f"{max(run.angle for run in runs):.1f}", ""),
     )
     return [
-        f"{result.robot}, {judged} (domain {result.domain.name}, seed {_seeds(seeds)})",
+        f"{result.robot}, {judged} (domain {result.domain.name}, seed {_seeds(seeds)}{plant})",
         *(aligned(*row, width=12) for row in rows),
         *(f"  seed {run.seed}: {run.fault}" for run in runs if run.fault),
     ]

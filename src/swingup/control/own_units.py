@@ -87,6 +87,11 @@ def scaled_score(problem: ScoreProblem, scales: Scales) -> ScoreProblem:
     )
 
 
+def stretched(problem: ScoreProblem, factor: float) -> ScoreProblem:
+    """The problem with a longer duration, in whole coarse steps."""
+    return replace(problem, duration=problem.coarse_dt * round(factor * problem.duration / problem.coarse_dt))
+
+
 def _ilqr(settings: ILQRSettings, scales: Scales, unit: float) -> ILQRSettings:
     """Settings of an iteration whose input has a unit: μ is a cost per square of it."""
     return replace(

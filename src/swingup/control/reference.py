@@ -3,6 +3,7 @@
 The optimisation starts from tiny random torques: another seed may end in another local optimum.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +23,14 @@ from .ilqr import ILQRSettings, Solution, Status, feedback_gains, solve
 from .model import model_of
 from .published import SwingupProblem
 from .riccati_passes import Cost
-from .search import search_torques
+from .search import follow, search
 from .transition import PendulumTransition
 
 REFERENCE_FORMAT = "swingup trajectory"
 REFERENCE_VERSION = 1
+
+NEAR = 0.05
+"""A search is over when a motion ends this close to upright, in both angles (rad)."""
 
 RECOMPUTE = "compute it again with swingup trajectory"
 
@@ -75,9 +79,9 @@ def compute_reference(
     robot = get_robot(robot)
     parameters = model_of(plant, robot)
     transition = PendulumTransition(parameters, robot.joint, problem.dt)
-    cost = problem.cost(problem.steps)
     with jax.enable_x64(True):
         first = _first_torques(parameters, robot, problem, seed)
+        cost = problem.cost(len(first))
         solution = _solve(transition, cost, jnp.asarray(first), problem.settings)
         gains, free = (_gains(transition, cost, solution, mu) for mu in (problem.gain_regularisation, 0.0))
         solution, gains, free = jax.tree.map(np.asarray, (solution, gains, free))
@@ -95,11 +99,15 @@ def compute_reference(
 def _first_torques(parameters: Parameters, robot: Robot, problem: SwingupProblem, seed: int) -> np.ndarray:
     if problem.search is None:
         return np.random.default_rng(seed).uniform(0.0, problem.first_torque, problem.steps)
-    coarse = problem.search.steps
-    transition = PendulumTransition(parameters, robot.joint, problem.dt * problem.steps / coarse)
-    found = search_torques(transition, problem.cost(coarse), problem.search, seed)
-    # Held over the fine steps, the coarse torques give the same trajectory up to the integrator's error.
-    return found[np.arange(problem.steps) * coarse // problem.steps]
+    for stretch in problem.search.durations:
+        steps = round((problem.steps + 1) * stretch) - 1
+        settings = replace(problem.search, steps=round(problem.search.steps * stretch))
+        transition = PendulumTransition(parameters, robot.joint, problem.dt * steps / settings.steps)
+        found = search(transition, problem.cost(settings.steps), settings, seed)
+        if found.miss < NEAR:
+            break
+    transition = PendulumTransition(parameters, robot.joint, problem.dt)
+    return follow(found, transition, problem.cost(steps), problem.settings.torque_limit, steps)
 
 
 _gains = jax.jit(feedback_gains)

@@ -1,9 +1,10 @@
 """Intervals: a Bayesian bootstrap over logs and blocks, each draw solved in one step of Gauss and Newton.
 
 Errors of neighbouring windows are alike, so that windows are drawn in blocks of 1 s. A draw gives each block a
-weight from Exp(1), and each log a weight with a quarter of its variance. It also draws what is expected of each
-unknown: what the logs leave open is then as wide as before. Source: Rubin, The Bayesian bootstrap (Annals of
-Statistics 9, 1981).
+weight from Exp(1). Each log, and each output time and state of the predictions, gets a weight with a quarter of its
+variance: where short and long predictions, or angles and velocities, disagree on an unknown, the model is not exact
+and the interval is wider. A draw also has its own expectation of each unknown: what the logs leave open is then as
+wide as before. Source: Rubin, The Bayesian bootstrap (Annals of Statistics 9, 1981).
 """
 
 import numpy as np
@@ -15,8 +16,8 @@ from .windows import Windows
 
 BLOCK = 1.0
 """Length of a block (s)."""
-LOG_SHAPE = 4.0
-"""Shape of the Gamma distribution of a log's weight: its variance is the inverse."""
+SHAPE = 4.0
+"""Shape of the Gamma distribution of the other weights: their variance is the inverse."""
 DRAWS = 400
 LEVEL = 0.95
 
@@ -25,16 +26,19 @@ def draw_solutions(fit: Fit, windows: Windows, seed: int = 0) -> Float[np.ndarra
     """Solutions z for other logs and blocks that might have been recorded."""
     random = np.random.default_rng(seed)
     unknowns, count = fit.unknowns, len(fit.z)
-    normal, gradient = _by_block(fit, _blocks(windows))
-    logs = _first_of_each(windows.log, _blocks(windows))
+    blocks = _blocks(windows)
+    normal, gradient = _by_block(fit, blocks)
+    logs = _first_of_each(windows.log, blocks)
     weights = random.exponential(size=(DRAWS, len(normal)))
-    weights *= random.gamma(LOG_SHAPE, 1.0 / LOG_SHAPE, (DRAWS, int(logs.max(initial=0)) + 1))[:, logs]
+    weights *= random.gamma(SHAPE, 1.0 / SHAPE, (DRAWS, int(logs.max(initial=0)) + 1))[:, logs]
+    kinds = random.gamma(SHAPE, 1.0 / SHAPE, (DRAWS, fit.residual.shape[1]))
     expected = random.normal(size=(DRAWS, count)) * unknowns.spread
     prior = np.diag(1.0 / unknowns.spread**2)
     solutions = np.empty((DRAWS, count))
     for draw in range(DRAWS):
-        matrix = np.tensordot(weights[draw], normal, 1) + prior
-        slope = weights[draw] @ gradient + prior @ (fit.z - expected[draw])
+        both = weights[draw][:, None] * kinds[draw]
+        matrix = np.tensordot(both, normal, 2) + prior
+        slope = np.tensordot(both, gradient, 2) + prior @ (fit.z - expected[draw])
         solutions[draw] = _step(matrix, slope, unknowns.low - fit.z, unknowns.high - fit.z) + fit.z
     return solutions
 
@@ -57,16 +61,15 @@ def _first_of_each(logs: np.ndarray, blocks: np.ndarray) -> np.ndarray:
 
 
 def _by_block(fit: Fit, blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Normal matrix and gradient of each block, with the weights of the robust loss."""
-    count, unknowns = int(blocks.max(initial=-1)) + 1, len(fit.z)
+    """Normal matrix and gradient of each block and kind of error, with the weights of the robust loss."""
+    count, (_, kinds, unknowns) = int(blocks.max(initial=-1)) + 1, fit.jacobian.shape
     robust = 1.0 / np.sqrt(1.0 + fit.residual**2)
-    normal, gradient = np.zeros((count, unknowns, unknowns)), np.zeros((count, unknowns))
+    normal, gradient = np.zeros((count, kinds, unknowns, unknowns)), np.zeros((count, kinds, unknowns))
     for block in range(count):
         rows = blocks == block
-        jacobian = fit.jacobian[rows].reshape(-1, unknowns)
-        weight = robust[rows].ravel()
-        normal[block] = jacobian.T @ (jacobian * weight[:, None])
-        gradient[block] = jacobian.T @ (weight * fit.residual[rows].ravel())
+        jacobian, weight = fit.jacobian[rows], robust[rows]
+        normal[block] = np.einsum("wka,wkb,wk->kab", jacobian, jacobian, weight)
+        gradient[block] = np.einsum("wka,wk,wk->ka", jacobian, weight, fit.residual[rows])
     return normal, gradient
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from .fit import Data, Fit, fit, linearise, start_cost
+from .fit import Data, Evaluator, Fit, Stage, fit, linearise, start_cost
 from .model import MASSES, Unknowns, expectations, make_unknowns
 from .prediction import INDEX, NAMES, Setting
 from .recording import Recording
@@ -16,8 +16,8 @@ from .windows import Windows
 PLANT = NAMES[:9]
 OFFSETS = ("offset1", "offset2")
 LOOP = ("delay", "lag")
-START_STAGES = ((5, 15),)
-WARM_STAGES = ((5, 15),)
+START_STAGES = (Stage(5, 15, True),)
+WARM_STAGES = (Stage(5, 10, False),)
 
 
 @dataclass(frozen=True)
@@ -93,9 +93,11 @@ def fit_all(study: Study, windows: Windows, start: Float[np.ndarray, "sessions 1
     """All unknowns, from the better of the starting plant and the linear regression."""
     unknowns, data = study.unknowns(plant=True), study.data(windows)
     if not len(windows):
-        return linearise(study.setting, data, unknowns, np.clip(0.0 * unknowns.scale, unknowns.low, unknowns.high))
+        zero = np.clip(0.0 * unknowns.scale, unknowns.low, unknowns.high)
+        return linearise(Evaluator(study.setting, data, unknowns), zero)
     candidates = [unknowns.position(models) for models in (start, _regressed(study, start))]
-    costs = [start_cost(study.setting, data, unknowns, z) for z in candidates]
+    evaluate = Evaluator(study.setting.coarse, data, unknowns)
+    costs = [start_cost(evaluate, z) for z in candidates]
     return fit(study.setting, data, unknowns, candidates[int(np.argmin(costs))])
 
 

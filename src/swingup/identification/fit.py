@@ -17,13 +17,25 @@ from jaxtyping import Float, Int
 from scipy.optimize import least_squares
 
 from .model import Unknowns
-from .prediction import Setting, predict, predict_with_jacobian
-from .windows import INTERVAL, Windows
+from .prediction import Setting, predict_with_jacobian
+from .windows import Windows
 
-STAGES = ((2, 12), (5, 12), (5, 25))
-"""Output times that count, and the most evaluations, of each stage."""
+
+@dataclass(frozen=True)
+class Stage:
+    """One least-squares problem of a fit."""
+
+    outputs: int
+    """Number of output times that count, the first ones."""
+    evaluations: int
+    """The most of them."""
+    coarse: bool
+    """Whether steps of integration are twice as long."""
+
+
+STAGES = (Stage(2, 12, True), Stage(5, 20, True), Stage(5, 8, False))
 LARGEST_ERROR = 1e3
-"""Errors that are not finite count as this many sigma."""
+"""An error that is not finite counts as this (rad, rad/s)."""
 LEAST_WINDOWS = 10
 """Windows of a log from which it has a spread of its own."""
 
@@ -58,37 +70,67 @@ def fit(
     data: Data,
     unknowns: Unknowns,
     start: Float[np.ndarray, "unknowns"],
-    stages: Sequence[tuple[int, int]] = STAGES,
+    stages: Sequence[Stage] = STAGES,
 ) -> Fit:
     """Fit the unknowns, from a starting position z."""
     z = start
-    for outputs, evaluations in stages:
-        z = _solve(setting, data, unknowns, z, outputs, evaluations)
-    return linearise(setting, data, unknowns, z)
+    for stage in stages:
+        chosen = setting.coarse if stage.coarse else setting
+        z = _solve(Evaluator(chosen, data, unknowns), z, stage)
+    return linearise(Evaluator(setting, data, unknowns), z)
 
 
-def linearise(setting: Setting, data: Data, unknowns: Unknowns, z: Float[np.ndarray, "unknowns"]) -> Fit:
-    """A solution as it is, with its errors and their derivatives."""
-    sigma = spreads(data.windows, _errors(setting, data, unknowns, z))
-    return Fit(unknowns, z, *_linearise(setting, data, unknowns, z, 1.0 / sigma))
+class Evaluator:
+    """Errors of all windows and their derivatives; the latest evaluation is kept, since SciPy asks twice."""
+
+    def __init__(self, setting: Setting, data: Data, unknowns: Unknowns) -> None:
+        self.setting, self.data, self.unknowns = setting, data, unknowns
+        self._latest: tuple[bytes, np.ndarray, np.ndarray] = (b"", np.zeros(0), np.zeros(0))
+
+    def __call__(self, z: Float[np.ndarray, "unknowns"]) -> tuple[np.ndarray, np.ndarray]:
+        """Errors [windows, outputs, 4] and their derivatives with respect to z."""
+        if self._latest[0] != z.tobytes():
+            self._latest = (z.tobytes(), *self._evaluate(z))
+        return self._latest[1:]
+
+    def _evaluate(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        windows, models = self.data.windows, self.unknowns.models(z)
+        errors = np.zeros_like(windows.reference)
+        slopes = np.zeros((*errors.shape, len(z)))
+        for session in np.unique(self.data.session):
+            rows = np.flatnonzero(self.data.session == session)
+            part = windows.take(rows)
+            states, derivatives = predict_with_jacobian(self.setting, models[session], part)
+            errors[rows] = states - part.reference
+            slopes[rows] = derivatives @ self.unknowns.derivative(int(session))
+        bad = ~(np.isfinite(errors) & np.isfinite(slopes).all(axis=-1))
+        errors[bad], slopes[bad] = LARGEST_ERROR, 0.0
+        return errors, slopes
 
 
-def start_cost(setting: Setting, data: Data, unknowns: Unknowns, z: Float[np.ndarray, "unknowns"]) -> float:
+def linearise(evaluate: Evaluator, z: Float[np.ndarray, "unknowns"]) -> Fit:
+    """A solution as it is, with its errors and their derivatives in units of their spreads."""
+    errors, slopes = evaluate(z)
+    sigma = spreads(evaluate.data.windows, errors)
+    shape = (len(errors), errors[0:1].size if len(errors) else 0)
+    return Fit(
+        evaluate.unknowns, z, (errors / sigma).reshape(shape), (slopes / sigma[..., None]).reshape(*shape, len(z))
+    )
+
+
+def start_cost(evaluate: Evaluator, z: Float[np.ndarray, "unknowns"]) -> float:
     """How badly a position predicts the first 50 ms: median errors, each relative to the median motion."""
-    first = np.abs(_errors(setting, data, unknowns, z)[:, 0])
-    moved = np.abs(data.windows.reference[:, 0] - data.windows.start)
+    windows, first = evaluate.data.windows, np.abs(evaluate(z)[0][:, 0])
+    moved = np.abs(windows.reference[:, 0] - windows.start)
     return float(np.sum(np.median(first, axis=0) / np.maximum(np.median(moved, axis=0), 1e-6)))
-
-
-def soft_l1(residual: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
-    """The loss rho of each residual."""
-    return 2.0 * (np.sqrt(1.0 + residual**2) - 1.0)
 
 
 def spreads(
     windows: Windows, errors: Float[np.ndarray, "windows outputs 4"]
 ) -> Float[np.ndarray, "windows outputs 4"]:
     """The spread of each error: of its time and state over all windows, times how much worse its log fits."""
+    if not len(errors):
+        return np.ones_like(errors)
     size = np.abs(errors)
     floor = np.array([1e-4, 1e-4, 1e-2, 1e-2])
     common = np.maximum(1.48 * np.median(size, axis=0), floor)
@@ -102,58 +144,18 @@ def spreads(
     return sigma
 
 
-def _errors(setting: Setting, data: Data, unknowns: Unknowns, z: np.ndarray) -> np.ndarray:
-    models = unknowns.models(z)
-    errors = np.zeros_like(data.windows.reference)
-    for session in np.unique(data.session):
-        rows = np.flatnonzero(data.session == session)
-        part = data.windows.take(rows)
-        errors[rows] = predict(setting, models[session], part) - part.reference
-    return np.nan_to_num(errors, nan=LARGEST_ERROR, posinf=LARGEST_ERROR, neginf=-LARGEST_ERROR)
-
-
-def _linearise(
-    setting: Setting, data: Data, unknowns: Unknowns, z: np.ndarray, weight: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Weighted errors and their derivatives with respect to z, by windows."""
-    models, count = unknowns.models(z), len(data.windows)
-    residual = np.zeros((count, weight.shape[1], 4))
-    jacobian = np.zeros((*residual.shape, len(z)))
-    for session in np.unique(data.session):
-        rows = np.flatnonzero(data.session == session)
-        part = data.windows.take(rows)
-        states, slopes = predict_with_jacobian(setting, models[session], part)
-        residual[rows] = (states - part.reference) * weight[rows]
-        jacobian[rows] = (slopes @ unknowns.derivative(int(session))) * weight[rows][..., None]
-    bad = ~(np.isfinite(residual) & np.isfinite(jacobian).all(axis=-1)) | (np.abs(residual) > LARGEST_ERROR)
-    residual[bad], jacobian[bad] = LARGEST_ERROR, 0.0
-    return residual.reshape(count, -1), jacobian.reshape(count, -1, len(z))
-
-
-def _solve(
-    setting: Setting, data: Data, unknowns: Unknowns, z: np.ndarray, outputs: int, evaluations: int
-) -> np.ndarray:
+def _solve(evaluate: Evaluator, z: np.ndarray, stage: Stage) -> np.ndarray:
     """One stage: sigma as it is at the start, then the least squares."""
-    sigma = spreads(data.windows, _errors(setting, data, unknowns, z))
-    counts = INTERVAL * (np.arange(sigma.shape[1]) + 0.5) < INTERVAL * outputs
-    weight = counts[:, None] / sigma
-    latest: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
-
-    def linearise(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        # SciPy asks for the errors and then for their derivatives at the same point.
-        if z.tobytes() not in latest:
-            latest.clear()
-            latest[z.tobytes()] = _linearise(setting, data, unknowns, z, weight)
-        return latest[z.tobytes()]
-
+    unknowns, sigma = evaluate.unknowns, spreads(evaluate.data.windows, evaluate(z)[0])
+    weight = (np.arange(sigma.shape[1]) < stage.outputs)[:, None] / sigma
     expected = np.diag(1.0 / unknowns.spread)
     solution = least_squares(
-        lambda z: np.append(linearise(z)[0].ravel(), z / unknowns.spread),
+        lambda z: np.append((evaluate(z)[0] * weight).ravel(), z / unknowns.spread),
         z,
-        lambda z: np.concatenate([linearise(z)[1].reshape(-1, len(z)), expected]),
+        lambda z: np.concatenate([(evaluate(z)[1] * weight[..., None]).reshape(-1, len(z)), expected]),
         bounds=(unknowns.low, unknowns.high),
         loss="soft_l1",
-        max_nfev=evaluations,
+        max_nfev=stage.evaluations,
         xtol=1e-4,
         ftol=1e-4,
     )

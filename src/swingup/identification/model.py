@@ -55,7 +55,9 @@ class Unknowns:
 
     def models(self, z: Float[np.ndarray, "unknowns"]) -> Float[np.ndarray, "sessions 15"]:
         """The model's vector of each session."""
-        return np.where(self.place >= 0, (self.centre + self.scale * z)[self.place], self.fixed)
+        # One value more, so that -1 is a place also where nothing is unknown.
+        values = np.append(self.centre + self.scale * z, 0.0)
+        return np.where(self.place >= 0, values[self.place], self.fixed)
 
     def derivative(self, session: int) -> Float[np.ndarray, "15 unknowns"]:
         """Of a session's model with respect to z."""
@@ -129,7 +131,8 @@ def make_unknowns(
             names.append(name if session == 0 else f"{name}@{session + 1}")
             rows.append(expected[session][name])
             entries.append(INDEX[name])
-    columns = {key: np.array([getattr(row, key) for row in rows]) for key in ("centre", "scale", "spread")}
-    low = np.array([(row.low - row.centre) / row.scale for row in rows])
-    high = np.array([(row.high - row.centre) / row.scale for row in rows])
-    return Unknowns(tuple(names), np.array(entries), place, fixed, low=low, high=high, **columns)
+    centre, scale, spread, low, high = (
+        np.array([(row.centre, row.scale, row.spread, row.low, row.high) for row in rows]).reshape(-1, 5).T
+    )
+    low, high = (low - centre) / scale, (high - centre) / scale
+    return Unknowns(tuple(names), np.array(entries, int), place, fixed, centre, scale, spread, low, high)

@@ -13,7 +13,6 @@ from ..errors import SwingupError
 from ..files import write_atomically
 from ..physics.parameters import NAMES, Parameters, validated
 from ..plants.domain import make_domain
-from ..plants.loop import LOOP_DT
 from ..text import one_line
 from ..version import __version__
 
@@ -81,11 +80,9 @@ def _content(p: Parameters, ranges: Mapping[str, Range], narrowing: float) -> di
         value = float(getattr(p, name))
         content[name] = [value + narrowing * min(low - value, 0.0), value + narrowing * max(high - value, 0.0)]
     delay = (max(ranges["delay"][0], 0.0), max(ranges["delay"][1], 0.0))
-    lag = ranges["lag"]
     content["torque_limit"] = float(max(p.tl1, p.tl2))
     content["delay"] = list(delay)
-    # Of a change of torque, a first-order lag makes this part within a step of the loop.
-    content["response"] = [float(-np.expm1(-LOOP_DT / lag[1])), float(-np.expm1(-LOOP_DT / lag[0]))]
+    content["lag"] = list(ranges["lag"])
     return content
 
 

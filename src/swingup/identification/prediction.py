@@ -56,15 +56,20 @@ class Setting(NamedTuple):
     step: float
     """Step of integration (s); an interval holds a whole number of them."""
 
+    @property
+    def coarse(self) -> "Setting":
+        """The same with steps twice as long, for the first stages of a fit."""
+        return self._replace(step=2.0 * self.step)
+
 
 def setting_of(p: Parameters) -> Setting:
-    """The setting for a plant: 2 ms on C.1, shorter steps for shorter links.
+    """The setting for a plant: 1 ms on C.1, 0.5 ms on links of 5 cm.
 
-    Speeds of a pendulum grow with sqrt(g / l). The friction's slope is per speed, and steps are per time.
+    Speeds of a pendulum grow with sqrt(g / l). The friction's slope is per speed, and steps are per time. With
+    steps twice as long, predictions over 0.25 s change by 1e-4 rad, a third of the angles' quantum.
     """
     scale = min(1.0, math.sqrt(float(p.l1 + p.l2) / 0.5 * 9.81 / float(p.g)))
-    step = INTERVAL / math.ceil(INTERVAL / (0.002 * scale) - 1e-9)
-    step = TORQUE_STEP * max(1, math.floor(step / TORQUE_STEP + 1e-9))
+    step = TORQUE_STEP * min(2, max(1, round(0.001 * scale / TORQUE_STEP)))
     return Setting(float(p.l1), float(p.g), float(p.gr), COULOMB_STEEPNESS * scale, step)
 
 
@@ -76,19 +81,23 @@ def vector_of(p: Parameters, delay: float = 0.004, lag: float = 0.002) -> Float[
 
 def predict(setting: Setting, model: np.ndarray, windows: Windows) -> Float[np.ndarray, "windows outputs 4"]:
     """States at the windows' output times, predicted from their starts."""
-    return _in_chunks(_compiled(setting, windows.reference.shape[1], False), model, windows)
+    return _in_chunks(setting, False, model, windows)
 
 
 def predict_with_jacobian(
     setting: Setting, model: np.ndarray, windows: Windows
 ) -> tuple[Float[np.ndarray, "windows outputs 4"], Float[np.ndarray, "windows outputs 4 15"]]:
     """The same with derivatives with respect to the model's vector."""
-    both = _in_chunks(_compiled(setting, windows.reference.shape[1], True), model, windows)
+    both = _in_chunks(setting, True, model, windows)
     return both[..., 0], both[..., 1:]
 
 
-def _in_chunks(program: Callable[..., Any], model: np.ndarray, windows: Windows) -> np.ndarray:
+def _in_chunks(setting: Setting, derivatives: bool, model: np.ndarray, windows: Windows) -> np.ndarray:
     """Run a compiled program on chunks of windows, on a thread for each core."""
+    if not len(windows):
+        shape = windows.reference.shape
+        return np.zeros((*shape, 1 + len(NAMES)) if derivatives else shape)
+    program = _compiled(setting, windows.reference.shape[1], derivatives)
 
     def run(first: int) -> np.ndarray:
         rows = np.arange(first, min(first + CHUNK, len(windows)))

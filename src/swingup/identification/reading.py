@@ -95,7 +95,7 @@ def _tail(session: int) -> str:
 
 def _entries(unknowns: Unknowns, z: np.ndarray) -> np.ndarray:
     """Models of many solutions: by solution, session and entry."""
-    values = unknowns.centre + unknowns.scale * z
+    values = np.pad(unknowns.centre + unknowns.scale * z, ((0, 0), (0, 1)))
     entries: np.ndarray = np.where(unknowns.place >= 0, values[:, unknowns.place], unknowns.fixed)
     return entries
 

@@ -6,7 +6,8 @@ and acts on the rates at the step's end (implicit Euler):
 
     (M + h D) a = G + u - C v - F(v) + D (v - v₀),    D = diag(b + 100 cf / (1 + (100 v)²)),    q̇ = v₀ + h a
 
-Any step is stable. Without friction this is the explicit midpoint rule.
+A joint at rest stays there whatever the step. A step overshoots only where friction alone reverses a joint
+within it, h cf π/2 > M |v|, and by no more than that. Without friction this is the explicit midpoint rule.
 """
 
 from collections.abc import Callable

@@ -7,6 +7,8 @@ friction of a short link asks for less than 2 ms.
 import math
 from collections.abc import Callable
 
+import jax
+
 from ..types import Scalar, State, Torque
 from .dynamics import derivative
 from .equations import COULOMB_STEEPNESS, lump, mass_entries
@@ -41,9 +43,10 @@ def stable_substeps(parameters: Parameters, dt: float) -> int:
 
 def rk4_steps(parameters: Parameters, x: State, u: Torque, dt: float | Scalar, number: int) -> State:
     """A number of equal steps of RK4 over dt (s) in all."""
-    for _ in range(number):
-        x = rk4_step(parameters, x, u, dt / number if number > 1 else dt)
-    return x
+    if number == 1:
+        return rk4_step(parameters, x, u, dt)
+    # A loop, since compiling many copies of a step takes long.
+    return jax.lax.fori_loop(0, number, lambda _, at: rk4_step(parameters, at, u, dt / number), x)
 
 
 def rk4_step(parameters: Parameters, x: State, u: Torque, dt: float | Scalar) -> State:

@@ -75,8 +75,9 @@ SHIPPED_PLANTS = {
     "C.0": _Shipped("design_C.0_model_3.0.yml", TORQUE_LIMIT),
     "C.1": _Shipped("design_C.1_model_1.0.yml", TORQUE_LIMIT),
     "cloudpendulum": _Shipped("cloudpendulum.yml"),
+    "cloudpendulum-rods": _Shipped("cloudpendulum_two_rods.yml"),
 }
-"""Plants that the package ships: RealAIGym's designs, as identified, and CloudPendulum's."""
+"""Plants that the package ships: RealAIGym's designs and a CloudPendulum as identified, and it as two rods."""
 
 
 def load_plant(source: PlantLike) -> Plant:

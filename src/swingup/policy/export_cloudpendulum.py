@@ -6,6 +6,7 @@ from pathlib import Path
 from .export_folder import guard_entry, readme_values, write_folder
 from .guard import GuardSettings
 from .pendulum import PendulumPolicy
+from .settings import default_guard
 from .template import NAME, asset, check_export_name, fill
 
 VELOCITY_LIMIT = 50.0
@@ -16,17 +17,16 @@ TORQUE_LIMIT = 0.15
 
 def cloudpendulum_guard(period: float | None) -> GuardSettings:
     """The guard of a policy whose file has none, for calls every ``period`` s; None for every 2 ms."""
-    guard = GuardSettings(velocity_limit=VELOCITY_LIMIT)
-    return guard if period is None else dataclasses.replace(guard, dt=period)
+    return dataclasses.replace(default_guard(period), velocity_limit=VELOCITY_LIMIT)
 
 
 def cloudpendulum_notes(policy: PendulumPolicy) -> list[str]:
     """What does not fit the cells in a policy, as sentences."""
-    most = max(policy.torque_limits)
-    if most <= TORQUE_LIMIT:
-        return []
     return [
-        f"it may command {most:g} N m, and CloudPendulum's motors give {TORQUE_LIMIT:g}: train one for its plant"
+        f"it may command {most:g} N m at the {joint}, and CloudPendulum's motors give {TORQUE_LIMIT:g}: train one "
+        "for its plant"
+        for joint, most in zip(("shoulder", "elbow"), policy.torque_limits, strict=True)
+        if most > TORQUE_LIMIT
     ]
 
 

@@ -22,7 +22,7 @@ PACKAGE = "{name}_controller"
 
 SOURCES = (
     "errors.py", "text.py", "checks.py", "renamed.py", "files.py", "arrays.py", "robots.py", MODEL,
-    "physics/__init__.py", "physics/damped.py", "physics/equations.py", "physics/validity.py",
+    "physics/__init__.py", "physics/damped.py", "physics/equations.py", "physics/units.py", "physics/validity.py",
     *(f"policy/{name}.py" for name in (
         "__init__", "contract", "file", "guard", "network", "pendulum", "plant", "plant_facts", "settings",
         "shipped", "stages",

@@ -1,5 +1,6 @@
 """Recipes: stages of refinement as data, and the function that runs them."""
 
+import dataclasses
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -17,6 +18,7 @@ from ..errors import SwingupError
 from ..physics.parameters import Robot
 from ..plants.plant import Plant, PlantLike, find_plant
 from ..policy.jax_backend.controller import PolicyController
+from ..policy.plant_facts import policy_plant
 from .analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings
 from .behaviour_cloning import CloningSettings, clone_behaviour
 from .episodes import EpisodeSettings, sample_episodes
@@ -84,6 +86,9 @@ def run_recipe(
     start, found = time.perf_counter(), find_plant(plant)
     # Only the mean acts when a policy is judged; the deviation's head would stay without gradient.
     controller = eqx.tree_at(lambda c: c.policy.actor.std_head, controller, None, is_leaf=lambda leaf: leaf is None)
+    facts = None if found is None else policy_plant(found.parameters, robot, found.name)
+    limit = controller.torque_limit if facts is None else facts.limit(robot.joint)
+    controller = dataclasses.replace(controller, plant=facts, torque_limit=limit)
     random = np.random.default_rng(seed)
     for number, stage in enumerate(stages, start=1):
         # The default of `number` binds this stage's; a closure alone would see the loop's last one.

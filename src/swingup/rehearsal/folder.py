@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import SwingupError
+from ..policy.export_folder import PACKAGE
 
 PATTERNS = {"realaigym": "con_*.py", "cloudpendulum": "controller_*.py"}
 """Forms of exported folders, and the file that each has."""
@@ -17,6 +18,13 @@ class Folder:
     """The file that defines its controller."""
     form: str
     """``realaigym`` or ``cloudpendulum``."""
+
+    @property
+    def policy(self) -> Path | None:
+        """The policy file; None where it is not a folder of ours."""
+        name = self.entry.stem.partition("_")[2]
+        file = self.entry.parent / PACKAGE.format(name=name) / "policy.npz"
+        return file if file.is_file() else None
 
 
 def find_folder(path: str | Path) -> Folder:

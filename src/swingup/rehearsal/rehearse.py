@@ -1,113 +1,40 @@
 """A rehearsal: an exported folder drives the simulated robot, from a process of its own, perhaps in real time."""
 
 import dataclasses
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import jax
 import numpy as np
 
-from ..benchmark.criteria import Criteria, TipHistory, follow_tip, judge
-from ..benchmark.rollout import Scenario, Trajectory
+from ..benchmark.criteria import follow_tip, judge
+from ..benchmark.rollout import Scenario
 from ..benchmark.rules import PERFORMANCE_RULES, SIM2REAL_RULES, PerformanceRules
 from ..benchmark.runner import run_one
 from ..checks import positive_number, whole_number
 from ..control.python_controller import PythonController
 from ..errors import SwingupError
-from ..physics.parameters import Robot, get_robot
-from ..plants.domain import Domain, load_domain
-from ..plants.loop import EVERY_LOOP
-from ..plants.plant import PlantLike, load_plant
+from ..physics.parameters import NAMES, Robot, get_robot
+from ..plants.domain import Domain
+from ..plants.plant import PlantLike
+from ..policy.pendulum import read_pendulum_policy
+from ..policy.plant_facts import plant_difference
 from ..tasks.draw import draw
 from .folder import Folder, find_folder
-from .loop import FolderController, PacedController, Timing
+from .loop import FolderController, PacedController
 from .process import CALLING, FolderProcess
+from .result import Rehearsal
+from .simulated import RECORDED, simulated_robot
 
 LONGEST = 600.0
 """Longest rehearsal (s)."""
 
 
-@dataclass(frozen=True)
-class Rehearsal:
-    """What one rehearsal showed."""
-
-    folder: Folder
-    robot: str
-    domain: Domain
-    """What plant and loop were drawn from."""
-    seed: int
-    real_time: bool
-    criteria: Criteria
-    tip: TipHistory
-    limits: tuple[float, float]
-    """Largest angle (rad) and speed (rad/s) of a joint; the robot stops beyond them."""
-    timing: Timing
-    facts: dict[str, Any]
-    """What the folder says of itself: its packages, and when and why its guard stopped it."""
-    trajectory: Trajectory
-
-    @property
-    def angle(self) -> float:
-        """Largest angle of a joint (rad)."""
-        return float(np.abs(self.trajectory.x[:, :2]).max())
-
-    @property
-    def speed(self) -> float:
-        """Largest speed of a joint (rad/s)."""
-        return float(np.abs(self.trajectory.x[:, 2:]).max())
-
-    @property
-    def violation(self) -> float | None:
-        """When a joint first passed a limit (s); None for never."""
-        most = np.repeat(self.limits, 2)
-        beyond = (np.abs(self.trajectory.x) > most).any(axis=1)
-        return float(self.trajectory.time[beyond.argmax()]) if beyond.any() else None
-
-    @property
-    def success(self) -> bool:
-        """It swung up and stayed there, within the robot's limits."""
-        return self.criteria.success and self.violation is None
-
-    def as_dict(self) -> dict[str, Any]:
-        """Ready for JSON; times in s."""
-        return {
-            "folder": str(self.folder.entry.parent),
-            "form": self.folder.form,
-            "robot": self.robot,
-            "domain": {"name": self.domain.name} | self.domain.as_dict(),
-            "seed": self.seed,
-            "success": self.success,
-            **{name: value for name, value in asdict(self.criteria).items() if name != "success"},
-            **self.tip.as_dict(),
-            "speed": self.speed,
-            "angle": self.angle,
-            "violation": self.violation,
-            "limits": {"angle": self.limits[0], "speed": self.limits[1]},
-            "guard": self.facts["guard"],
-            "stopped": self.facts["stopped"],
-            "packages": self.facts["packages"],
-            "calls": spread(self.timing.calls),
-            "real_time": self.real_time,
-            "periods": spread(self.timing.periods) if self.real_time else None,
-            "missed": self.timing.missed if self.real_time else None,
-            "late": self.timing.late if self.real_time else None,
-        }
-
-
-def spread(seconds: Sequence[float]) -> dict[str, float]:
-    """Median, 99th percentile and longest of measured times (s)."""
-    if not seconds:
-        return {}
-    middle, most = np.percentile(seconds, [50, 99]).tolist()
-    return {"p50": middle, "p99": most, "longest": max(seconds)}
-
-
 def rehearse(
     folder: str | Path,
     plant: PlantLike | None = None,
-    domain: Domain | str | None = None,
+    domain: Domain | str | None = RECORDED,
     robot: Robot | str | None = None,
     rules: PerformanceRules = PERFORMANCE_RULES["hardware"],
     duration: float | None = None,
@@ -120,8 +47,7 @@ def rehearse(
     Args:
         folder: a folder of ``swingup export --to realaigym`` or ``--to cloudpendulum``, or its Python file.
         plant: the plant, with the loop that its file has; None for the domain's.
-        domain: the loop that the plant's file lacks, and the plant if none is given; None for a perfect loop
-            around a plant, or for the domain ``identified`` without one.
+        domain: the loop that the plant's file lacks, and the plant if none is given; None for a perfect loop.
         robot: which joint is driven; None where the folder says it.
         rules: how the run is scored.
         duration: length of the run (s); None for that of the rules.
@@ -136,10 +62,11 @@ def rehearse(
     if duration is not None:
         rules = dataclasses.replace(rules, duration=positive_number("duration", duration, LONGEST, "s"))
     seed, found = whole_number("seed", seed, 0, 2**32 - 1), find_folder(folder)
-    around = simulated_robot(plant, domain)
     with FolderProcess(found, simulated_clock=not real_time, calling=calling) as process:
         driven = _robot(robot, process.facts["robot"], found)
-        scenario = _scenario(around, driven, seed)
+        around = simulated_robot(plant, domain, driven)
+        with jax.enable_x64(True):
+            scenario = Scenario(*draw(around, jax.random.key(seed), driven), substeps=around.substeps)
         controller = FolderController(process)
         paced = PacedController(controller, process, rules.dt) if real_time else controller
         if real_time:
@@ -157,6 +84,7 @@ def rehearse(
         real_time=real_time,
         criteria=judge(time, x, u, *lengths, rules),
         tip=follow_tip(time, x, *lengths, rules),
+        difference=_difference(found, around, driven),
         limits=_limits(facts),
         timing=controller.timing,
         facts=facts,
@@ -173,41 +101,14 @@ def _robot(given: Robot | str | None, said: Any, folder: Folder) -> Robot:
     return robot
 
 
-def _scenario(domain: Domain, robot: Robot, seed: int) -> Scenario:
-    with jax.enable_x64(True):
-        return Scenario(*draw(domain, jax.random.key(seed), robot), substeps=domain.substeps)
-
-
-def simulated_robot(plant: PlantLike | None, domain: Domain | str | None) -> Domain:
-    """The plant and the loop of a rehearsal, as one domain.
-
-    Args:
-        plant: the plant, with the loop that its file has; None for the domain's.
-        domain: the loop that the plant's file lacks, and the plant if none is given; None for a perfect loop
-            around a plant, or for the domain ``identified`` without one.
-
-    Raises:
-        SwingupError: there is no such plant or domain.
-    """
-    if plant is None:
-        return domain if isinstance(domain, Domain) else load_domain(domain or "identified")
-    if isinstance(plant, str | Path) and str(plant).endswith((".yml", ".yaml")):
-        facts = load_domain(plant)
-    else:
-        found = load_plant(plant)
-        facts = Domain((), found.name, found)
-    if domain is None:
-        return facts
-    around = domain if isinstance(domain, Domain) else load_domain(domain)
-    own = {name for name, _, _ in facts.ranges}
-    # Not its torque limit: that is the plant's.
-    loop = [each for each in around.ranges if each[0] in EVERY_LOOP and each[0] not in {*own, "torque_limit"}]
-    return dataclasses.replace(
-        facts,
-        ranges=(*facts.ranges, *loop),
-        name=f"{facts.name} in the loop of {around.name}",
-        velocities=facts.velocities or around.velocities,
-    )
+def _difference(folder: Folder, domain: Domain, robot: Robot) -> str | None:
+    """How the middle of the domain's plants differs from the policy's plant."""
+    if folder.policy is None:
+        return None
+    values = {name: domain.middle(name) for name in NAMES}
+    if "torque_limit" in domain.names:
+        values |= dict.fromkeys(("tl1", "tl2"), domain.middle("torque_limit"))
+    return plant_difference(read_pendulum_policy(folder.policy).plant, SimpleNamespace(**values), robot)
 
 
 def _limits(facts: dict[str, Any]) -> tuple[float, float]:

@@ -18,7 +18,7 @@ from .pendulum import DIVERGED, AbstractPendulumTask
 from .task import Step
 
 CALLS = 5
-"""Steps of the loop in an action: the policy acts at 100 Hz."""
+"""Steps of the loop in an action, for design C.1: the policy acts at 100 Hz."""
 
 
 class Sim2RealState(eqx.Module):
@@ -56,6 +56,8 @@ class Sim2RealTask(AbstractPendulumTask[Sim2RealState]):
     """Filter, dead-band and friction compensation between measurement, policy and motors."""
     estimated: bool = eqx.field(kw_only=True, static=True, default=False)
     """A state estimator precedes the front end. Training shows the true state, without delay and noise."""
+    calls: int = eqx.field(kw_only=True, static=True, default=CALLS)
+    """Steps of the loop in an action."""
 
     @property
     def unseen(self) -> list[str]:
@@ -105,7 +107,7 @@ class Sim2RealTask(AbstractPendulumTask[Sim2RealState]):
         If the integrator diverges, the last good state is kept and the episode truncated.
         """
         noise_key, end_key = jax.random.split(key)
-        noises = jax.random.normal(noise_key, (CALLS, 4), action.dtype)
+        noises = jax.random.normal(noise_key, (self.calls, 4), action.dtype)
         limits = jnp.array([state.plant.tl1, state.plant.tl2])
         wanted = self.torque(action)
 

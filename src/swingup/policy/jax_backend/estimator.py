@@ -25,7 +25,7 @@ from ...physics.integrate import midpoint_step
 from ...physics.parameters import Parameters, Robot
 from ...physics.trigonometry import sine_cosine
 from ...types import Count, Flag, Scalar, State, Torque
-from ..settings import LOST, PIECES, EstimatorSettings, kalman_gains
+from ..settings import LOST, PIECES, EstimatorSettings, default_estimator, kalman_gains
 
 
 class EstimatorMemory(eqx.Module):
@@ -184,13 +184,13 @@ def with_estimator(
         controller: the controller; called with estimates of the state.
         robot: which joint is driven.
         parameters: the model, with the motor's torque limit.
-        settings: what to expect of measurement and loop.
+        settings: what to expect of measurement and loop; the defaults in the model's units if None.
 
     Raises:
-        SwingupError: the controller is for the other robot.
+        SwingupError: the controller is for the other robot, or the model has no units of its own.
     """
     check_robot(controller, robot)
-    settings = EstimatorSettings() if settings is None else settings
+    settings = default_estimator(parameters) if settings is None else settings
     gains, fading = kalman_gains(settings), math.exp(-settings.dt / settings.memory)
     p = parameters
     # Values of JAX may be traced: they count as friction.

@@ -8,10 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from swingup.benchmark.own_units import sim2real_in_own_units
+from swingup.benchmark.rules import SIM2REAL_RULES
 from swingup.errors import SwingupError
 from swingup.physics.parameters import leaderboard_parameters
+from swingup.plants.domain import Domain, load_domain
 from swingup.plants.plant import load_plant
-from swingup.tasks.presets import get_task, smooth_task
+from swingup.tasks.presets import get_task, sim2real_task, smooth_task
 from swingup.tasks.throws import thrown_states
 
 STEPS = 60
@@ -80,6 +83,20 @@ def test_the_global_tasks_starts_and_line_are_in_the_plants_units(either_robot, 
     assert twin.up_line_width == pytest.approx(0.25 * 0.01)
     # The last thousands are drawn, not simulated: anywhere, then hanging.
     np.testing.assert_allclose(twin.starts[-6000:], task.starts[-6000:] * np.array([1, 1, 2, 2]), rtol=1e-6)
+
+
+def test_the_robots_task_is_in_the_units_of_its_domains_plant(either_robot):
+    around_c1 = load_domain("randomised")
+    task = sim2real_task(either_robot, around_c1)
+    assert task.parameters == leaderboard_parameters(either_robot)
+    assert (task.calls, task.dt, task.observation.velocity_scale) == (5, 0.01, 20.0)
+    assert sim2real_in_own_units(SIM2REAL_RULES, around_c1, either_robot) is SIM2REAL_RULES
+    # T is 0.4258 of C.1's: actions of 4.3 ms, two steps of the loop, and speeds up to 20 / 0.4258 rad/s.
+    small = Domain((("m1", 0.1, 0.11),), plant=load_plant("cloudpendulum"))
+    task = sim2real_task(either_robot, small)
+    assert (task.calls, task.torque_cost) == (2, pytest.approx((6 / 0.13) ** 2))
+    assert task.observation.velocity_scale == pytest.approx(46.97, abs=0.01)
+    assert sim2real_in_own_units(SIM2REAL_RULES, small, either_robot).speed == pytest.approx(46.97, abs=0.01)
 
 
 def test_a_scaled_task_needs_a_torque_and_a_plant_of_its_own(either_robot):

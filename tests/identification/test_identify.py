@@ -1,0 +1,142 @@
+"""A fit of one short simulated log, whose plant, offsets and delay are known."""
+
+import json
+
+import numpy as np
+import pytest
+from synthetic import HEADER, OFFSETS, TRUTH, simulate, write
+
+import swingup
+from swingup.cli import main
+from swingup.identification.prediction import vector_of
+from swingup.physics.parameters import load_parameters
+from swingup.plants.domain import load_domain
+
+BASE = ("m1 r1 + m2 l1", "m2 r2", "I1 + m2 l1^2", "I2", "Ir", "b1", "b2", "cf1", "cf2")
+EXPECTED = dict(zip(BASE, vector_of(TRUTH), strict=False))
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("logs")
+    return [str(write(folder / f"{seed}.csv", simulate(6.0, seed))) for seed in (0, 1)]
+
+
+@pytest.fixture(scope="module")
+def found(logs):
+    return swingup.identify(logs[:1], test=logs[1:])
+
+
+def test_the_plant_is_found(found):
+    for name, tolerance in zip(BASE, [0.01, 0.01, 0.01, 0.01, 0.05, 0.5, 0.5, 0.03, 0.03], strict=True):
+        assert found.reading.values[name] == pytest.approx(EXPECTED[name], rel=tolerance), name
+    assert [found.reading.values[name] for name in ("offset1", "offset2")] == pytest.approx(OFFSETS, abs=2e-3)
+    assert found.reading.values["delay + lag"] == pytest.approx(0.003, abs=3e-4)
+
+
+def test_what_the_log_determines(found):
+    sure = found.reading.determined
+    assert all(sure[name] for name in (*BASE[:5], "cf1", "cf2", "delay + lag"))
+    # The sum of delay and lag is known, the parts are not; and m and r only as a product.
+    assert not any(sure[name] for name in ("m1", "r1", "m2", "r2", "torque gain"))
+    for name in BASE[:5]:
+        low, high = found.reading.intervals[name]
+        assert low <= high <= low + 0.2 * EXPECTED[name]
+
+
+def test_errors_are_below_those_of_the_start(found):
+    result = found.as_dict()
+    assert list(result) == ["parameters", "intervals", "determined", "errors"]
+    for horizon in ("0.1", "0.25", "0.5"):
+        for quantity in ("angle", "velocity"):
+            assert (
+                result["errors"]["fitted"][horizon][quantity] < 0.3 * result["errors"]["start"][horizon][quantity]
+            )
+    json.dumps(result, allow_nan=False)
+
+
+def test_files_are_those_that_others_read(found, tmp_path):
+    domain = found.save(tmp_path / "mine.yml")
+    plant = load_parameters(tmp_path / "mine.yml")
+    np.testing.assert_allclose(vector_of(plant)[:9], [found.reading.values[name] for name in BASE], rtol=1e-9)
+    # Links that could be built: inertia above that of a point mass at the centre of mass.
+    assert plant.m1 * plant.r1**2 < plant.I1
+    assert plant.m2 * plant.r2**2 < plant.I2
+    ranges = load_domain(domain)
+    assert ranges.middle("cf1") == pytest.approx(TRUTH.cf1, rel=0.05)
+
+
+def test_a_log_at_rest_determines_nothing(tmp_path):
+    table = simulate(3.0, torque=(0.05, 0.05))
+    found = swingup.identify([write(tmp_path / "rest.csv", table)])
+    assert not any(found.reading.determined.values())
+    assert found.as_dict()["errors"]["fitted"]["0.25"] == {"angle": None, "velocity": None}
+    assert any("determine next to nothing" in note for note in found.notes)
+
+
+@pytest.mark.slow
+def test_a_free_fall_determines_ratios_alone(tmp_path):
+    logs = [
+        write(tmp_path / f"{k}.csv", simulate(6.0, k, (0.0, 0.0), start))
+        for k, start in enumerate([(2.5, 1.0, 0.0, 0.0), (-1.5, 2.0, 0.0, 0.0)])
+    ]
+    found = swingup.identify(logs)
+    sure = found.reading.determined
+    assert not any(sure[name] for name in BASE)
+    assert sure["(m2 r2) / (m1 r1 + m2 l1)"]
+    ratio = found.reading.values["(m2 r2) / (m1 r1 + m2 l1)"]
+    assert ratio == pytest.approx(EXPECTED["m2 r2"] / EXPECTED["m1 r1 + m2 l1"], rel=0.01)
+    # One known value gives the scale of all.
+    known = swingup.identify(logs, known={"m2r2": float(EXPECTED["m2 r2"])})
+    assert known.reading.values["I2"] == pytest.approx(EXPECTED["I2"], rel=0.02)
+
+
+@pytest.mark.slow
+def test_a_second_session_has_its_own_torque_gain(tmp_path, logs):
+    weak = simulate(6.0, 5)
+    # The motors of the second session deliver 0.8 of what the log says.
+    weak[:, 5:] /= 0.8
+    found = swingup.identify([*logs, write(tmp_path / "weak.csv", weak)], sessions=["a", "a", "b"])
+    assert found.reading.values["torque gain @2"] == pytest.approx(0.8, rel=0.01)
+    assert found.reading.values["m2 r2"] == pytest.approx(EXPECTED["m2 r2"], rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("change", "seen"),
+    [
+        ({1: 2, 2: 1, 3: 4, 4: 3, 5: 6, 6: 5}, "joints 1 and 2 look swapped"),
+        ({5: -5, 6: -6}, "both torques look reversed"),
+        ({2: -2, 4: -4}, "the angle of joint 2 looks reversed"),
+    ],
+)
+def test_columns_in_another_order_or_sign_are_named(tmp_path, logs, change, seen):
+    table = np.loadtxt(logs[0], delimiter=",", skiprows=1)
+    wrong = table.copy()
+    for place, source in change.items():
+        wrong[:, place] = np.sign(source) * table[:, abs(source)]
+    with pytest.raises(swingup.SwingupError, match=seen):
+        swingup.identify([write(tmp_path / "wrong.csv", wrong, HEADER)])
+
+
+def test_the_command(logs, tmp_path, capsys, monkeypatch, found):
+    monkeypatch.setattr("swingup.cli.identifying.identify", lambda *given: found)
+    assert main(["identify", logs[0], "--json", "--out", str(tmp_path / "mine.yml")]) == 0
+    assert set(json.loads(capsys.readouterr().out)) == {"parameters", "intervals", "determined", "errors"}
+    assert main(["identify", logs[0]]) == 0
+    assert "held-out errors" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "seen"),
+    [
+        ([], "needs LOG.csv"),
+        (["{log}", "--known", "m2r2"], "write NAME=VALUE"),
+        (["{log}", "--known", "mass=1"], "unknown known value"),
+        (["{log}", "--sessions", "a", "b"], "2 sessions for 1 logs"),
+        (["{log}", "--start", "C.9"], "unknown plant"),
+        (["nothing.csv"], "no such file"),
+    ],
+)
+def test_arguments_that_make_no_sense(logs, capsys, words, seen):
+    assert main(["identify", *(word.format(log=logs[0]) for word in words)]) != 0
+    assert seen in capsys.readouterr().err

@@ -1,0 +1,42 @@
+import numpy as np
+import pytest
+from synthetic import TRUTH, simulate, write
+
+from swingup.identification.prediction import predict, setting_of, vector_of
+from swingup.identification.recording import read_recording
+from swingup.identification.scoring import score_windows, summarise
+from swingup.physics.parameters import identified_parameters
+
+
+def test_errors_by_hand():
+    errors = np.zeros((2, 10, 4))
+    errors[0, 1], errors[1, 1] = [3.0, 0.0, 1.0, 1.0], [0.0, 1.0, 1.0, 1.0]
+    errors[:, 4, 2:] = 2.0
+    summary = summarise(errors)
+    assert list(summary) == ["0.1", "0.25", "0.5"]
+    # Four angles, (9 + 0 + 0 + 1) / 4.
+    assert summary["0.1"] == {"angle": pytest.approx(np.sqrt(2.5)), "velocity": pytest.approx(1.0)}
+    assert summary["0.25"] == {"angle": 0.0, "velocity": pytest.approx(2.0)}
+    assert summarise(errors[:0])["0.5"] == {"angle": None, "velocity": None}
+
+
+def test_windows_start_every_tenth_of_a_second_where_a_joint_is_fast(tmp_path):
+    time = np.arange(0, 4, 0.002)
+    # Faster than 1 rad/s from 2.0 s on: windows that reach it start after 1.5 s and end before 4 s.
+    q1 = np.where(time < 2, 0.0, 1.5 * (time - 2)) + 0.01 * np.sin(time)
+    table = np.column_stack([time, q1, 0.01 * np.sin(time)])
+    windows = score_windows([read_recording(write(tmp_path / "log.csv", table, "time,pos1,pos2"))])
+    assert windows.time[0] == pytest.approx(1.5, abs=0.11)
+    np.testing.assert_allclose(np.diff(windows.time), 0.1)
+    assert windows.time[-1] == pytest.approx(3.4)
+
+
+def test_the_true_plant_predicts_a_simulation(tmp_path):
+    recording = read_recording(write(tmp_path / "log.csv", simulate()))
+    windows = score_windows([recording])
+    model = vector_of(TRUTH, 0.003, 3e-4)
+    model[9:11] = 0.012, -0.02
+    errors = predict(setting_of(TRUTH), model, windows) - windows.reference
+    assert np.median(np.abs(errors[:, 4]), axis=0) == pytest.approx(0.0, abs=0.03)
+    wrong = predict(setting_of(TRUTH), vector_of(identified_parameters()), windows) - windows.reference
+    assert np.median(np.abs(wrong[:, 4, :2])) > 5 * np.median(np.abs(errors[:, 4, :2]))
