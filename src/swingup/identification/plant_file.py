@@ -81,7 +81,7 @@ def _content(p: Parameters, ranges: Mapping[str, Range], narrowing: float) -> di
         value = float(getattr(p, name))
         content[name] = [value + narrowing * min(low - value, 0.0), value + narrowing * max(high - value, 0.0)]
     delay = (max(ranges["delay"][0], 0.0), max(ranges["delay"][1], 0.0))
-    lag = ranges["lag"]
+    lag = (max(ranges["lag"][0], 3e-4), max(ranges["lag"][1], 3e-4))
     content["torque_limit"] = float(max(p.tl1, p.tl2))
     content["delay"] = list(delay)
     # Of a change of torque, a first-order lag makes this part within a step of the loop.
