@@ -21,11 +21,13 @@ import jax
 import numpy as np
 import onnxruntime
 
+from swingup.physics.parameters import identified_parameters
 from swingup.policy.c_backend.header import c_header
 from swingup.policy.jax_backend.controller import shipped_policy
 from swingup.policy.numpy_backend.controller import NumpyController
 from swingup.policy.numpy_backend.network import NumpyNetwork
 from swingup.policy.onnx_backend.graph import onnx_model
+from swingup.policy.plant_facts import policy_plant
 from swingup.policy.settings import EstimatorSettings, FrontEndSettings, GuardSettings
 from swingup.policy.shipped import AR_EAPO, read_policy
 from swingup.runtime import load_controller
@@ -110,7 +112,8 @@ def main(robot: str) -> None:
     alone, whole = NumpyNetwork(policy), load_controller(AR_EAPO, robot, estimator=True)
     # The drift runs far: the limits are above it, so that the guard has all to do at every call.
     front_end, guard = FrontEndSettings(coulomb=(0.1, 0.1)), GuardSettings(angle_limit=1e6, velocity_limit=1e6)
-    everything = dataclasses.replace(policy, front_end=front_end, guard=guard)
+    plant = policy_plant(identified_parameters(), policy.robot)
+    everything = dataclasses.replace(policy, front_end=front_end, guard=guard, plant=plant)
     watched = NumpyController(everything)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1

@@ -1,5 +1,6 @@
 """Judge the policy for the real robot's plant, run it as a 500 Hz loop does, and export it to C."""
 
+import dataclasses
 import time
 from pathlib import Path
 from statistics import median
@@ -8,6 +9,7 @@ import numpy as np
 
 import swingup
 from swingup.policy.c_backend.header import c_header
+from swingup.policy.settings import default_guard
 from swingup.policy.shipped import read_policy
 from swingup.realaigym import load_controller
 
@@ -18,7 +20,7 @@ result = swingup.sim2real(swingup.get_controller(NAME, ROBOT), ROBOT, NAME, seed
 print(f"{NAME} on the {ROBOT}'s plant: {result.successes} of {SEEDS} swing-ups held")
 
 # The robot's loop calls this object, which needs NumPy alone. Its input here is the first of these runs.
-controller = load_controller(NAME, ROBOT)
+controller = load_controller(NAME, ROBOT, guard=True)
 controller.reset()
 controller.init()
 rows, took = result.trajectory, []
@@ -28,7 +30,9 @@ for t, x in zip(np.asarray(rows.time), np.asarray(rows.x), strict=True):
     took.append(time.perf_counter() - start)
     assert u.shape == (2,)
     assert abs(u[0]) < 1.0  # the passive joint's motor only compensates friction
+assert controller.fault is None  # the safety guard found nothing
 print(f"{len(took)} calls, {1e6 * median(took):.0f} microseconds each in the median")
 
-Path("policy.h").write_text(c_header(read_policy(NAME, ROBOT)), encoding="utf-8")
+policy = dataclasses.replace(read_policy(NAME, ROBOT), guard=default_guard())
+Path("policy.h").write_text(c_header(policy), encoding="utf-8")
 print("written: policy.h, for a microcontroller")

@@ -6,6 +6,8 @@ import importlib.metadata
 import os
 import tempfile
 
+gc.disable()  # until all tests are collected: nearly all that is imported stays
+
 COMPILED = tempfile.TemporaryDirectory(prefix="swingup-tests-")
 """What several tests and their commands need is compiled once a worker. JAX reads this when it is imported."""
 os.environ |= {"JAX_COMPILATION_CACHE_DIR": COMPILED.name, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1"}
@@ -37,6 +39,19 @@ def robot(request):
 def either_robot(request):
     """For what does not depend on the robot and takes seconds: the acrobot, and the pendubot in the slow tests."""
     return request.param
+
+
+@pytest.fixture(scope="session")
+def similar():
+    """From a plant to one that moves alike: lengths × 0.25 and masses × 0.1; T × 0.5 and torques × 0.025."""
+    powers = {"l": (1, 0), "r": (1, 0), "m": (0, 1), "I": (2, 1), "t": (1, 1)}  # of length and mass
+
+    def make(plant):
+        names = ("l1", "l2", "r1", "r2", "m1", "m2", "I1", "I2", "Ir", "tl1", "tl2")
+        factors = {name: 0.25 ** powers[name[0]][0] * 0.1 ** powers[name[0]][1] for name in names}
+        return dataclasses.replace(plant, **{name: getattr(plant, name) * factors[name] for name in names})
+
+    return make
 
 
 @pytest.fixture
@@ -73,6 +88,7 @@ def pytest_collection_finish():
     """What was imported stays: the collector, which JAX makes dear, need not walk through it, nor often."""
     gc.collect()
     gc.freeze()
+    gc.enable()
     gc.set_threshold(20_000, 10, 10)
 
 

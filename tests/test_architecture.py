@@ -15,10 +15,11 @@ LAYERS = {
     "robots": 2, "arrays": 2, "table": 2, "yaml_map": 2, "physics": 3, "plants": 4, "policy": 4,
     "policy.numpy_backend": 5, "policy.c_backend": 5, "policy.onnx_backend": 5, "policy.javascript_backend": 5,
     "policy.jax_backend.observation": 5, "policy.jax_backend.front_end": 5,
-    "policy.realaigym": 6, "runtime": 6, "tasks": 6, "areapo": 7, "control": 7, "policy.jax_backend": 8,
+    "policy.realaigym": 6, "policy.cloudpendulum": 6, "runtime": 6, "tasks": 6,
+    "areapo": 7, "control": 7, "policy.jax_backend": 8,
     "control.registry": 9, "benchmark": 10, "drawing": 10, "identification": 10,
     "learner": 11, "gym": 11, "refine": 11, "realaigym": 11,
-    "report": 12, "sweep": 12, "cli": 13,
+    "report": 12, "rehearsal": 12, "sweep": 12, "cli": 13,
 }  # fmt: skip
 """Every part of the package and its layer: imports go to a lower layer or stay at home. A part is a module or a
 package at the top; where a name with dots is given, that part of it stands by itself."""

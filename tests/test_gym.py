@@ -210,12 +210,24 @@ def test_step_and_render_before_reset_are_refused(kind):
         ({"robot": "acrobot", "task": "easy"}, "unknown task 'easy'"),
         ({"robot": "acrobot", "task": short_task("pendubot")}, "for the pendubot, not for the acrobot"),
         ({"robot": "acrobot", "render_mode": "ansi"}, "unknown render_mode 'ansi': use rgb_array"),
+        ({"robot": "acrobot", "plant": "C.2"}, "unknown plant 'C.2': use A.0"),
+        ({"robot": "acrobot", "task": short_task("acrobot"), "plant": "A.0"}, "has a plant of its own"),
     ],
 )
 @pytest.mark.parametrize("kind", [PendulumEnv, make_two])
 def test_bad_arguments_are_refused(kind, arguments, message):
     with pytest.raises(SwingupError, match=message):
         kind(**arguments)
+
+
+def test_the_plant_is_an_argument():
+    env = gymnasium.make("swingup/Acrobot-v0", plant="cloudpendulum-rods").unwrapped
+    assert float(env.task.parameters.tl2) == pytest.approx(0.13)
+    assert float(env.task.parameters.l1) == pytest.approx(0.05)
+    # Its own unit of time is 0.38 of C.1's 10 ms: 1 / 3.8 ms.
+    assert env.metadata["render_fps"] == 263
+    vector = gymnasium.make_vec("swingup/Acrobot-v0", num_envs=2, plant="cloudpendulum-rods")
+    assert float(vector.unwrapped.task.dt) == float(env.task.dt)
 
 
 def test_vector_needs_an_environment():

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from .learner.agent import AREAPO
     from .plants.plant import Plant, load_plant
     from .policy.jax_backend.controller import load_policy, shipped_policy
+    from .rehearsal.rehearse import rehearse
+    from .rehearsal.result import Rehearsal
 
 _HOMES = {
     "AREAPO": "learner.agent",
@@ -31,6 +33,7 @@ _HOMES = {
     "Board": "benchmark.leaderboard",
     "Evaluation": "benchmark.evaluate",
     "Plant": "plants.plant",
+    "Rehearsal": "rehearsal.result",
     "Sim2Real": "benchmark.sim2real",
     "Robustness": "benchmark.robustness",
     "Uptime": "benchmark.uptime",
@@ -45,6 +48,7 @@ _HOMES = {
     "load_plant": "plants.plant",
     "load_policy": "policy.jax_backend.controller",
     "make_disturbance": "benchmark.disturbances",
+    "rehearse": "rehearsal.rehearse",
     "robustness": "benchmark.robustness",
     "score": "benchmark.evaluate",
     "shipped_policy": "policy.jax_backend.controller",
@@ -58,6 +62,7 @@ __all__ = [
     "Evaluation",
     "Identification",
     "Plant",
+    "Rehearsal",
     "Robustness",
     "Sim2Real",
     "SwingupError",
@@ -72,6 +77,7 @@ __all__ = [
     "load_plant",
     "load_policy",
     "make_disturbance",
+    "rehearse",
     "robustness",
     "score",
     "shipped_policy",

@@ -63,7 +63,7 @@ def finite(value: Any) -> Any:
 def load_archive(
     path: str | Path,
     kind: str,
-    version: int,
+    version: int | tuple[int, ...],
     known: Callable[[str], bool] = lambda name: True,
     most: int = LARGEST_ARCHIVE,
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -72,7 +72,7 @@ def load_archive(
     Args:
         path: the file.
         kind: what its metadata must name as ``format``.
-        version: what it must give as ``format_version``.
+        version: what it must give as ``format_version``, or several of which it must give one.
         known: whether an array of this name is read; others are left alone.
         most: bytes that the arrays may have in memory, all together.
 
@@ -88,9 +88,11 @@ def load_archive(
         raise SwingupError(_lacks_metadata(path, kind)) from error
     if found != kind:
         raise SwingupError(f"{path} is a {quoted(found)} file: a {kind} file is needed here")
-    if found_version != version:
+    versions = version if isinstance(version, tuple) else (version,)
+    if found_version not in versions:
+        read = " and ".join(map(str, versions))
         raise SwingupError(
-            f"{path} has format version {quoted(found_version)}, this program reads {version}: update swingup"
+            f"{path} has format version {quoted(found_version)}, this program reads {read}: update swingup"
         )
     return metadata, arrays
 

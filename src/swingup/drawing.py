@@ -23,13 +23,19 @@ MARGIN = 1.15
 GOAL_HEIGHT = 0.9
 """Height of the goal line above the shoulder in units of l1 + l2."""
 FULL_ARC = 150.0
-"""Length of the arrow that stands for the leaderboards' torque limit (degrees)."""
+"""Length of the arrow that stands for the torque limit (degrees)."""
 PAPER, GUIDE, BASE, GREEN = "#fbfaf7", "#dedad2", "#8b8780", "#4f9d69"
 LINK_1, LINK_2, DRIVEN = "#1f3b57", "#3f7cac", "#e4572e"
 
 
 def draw_frame(
-    x: Reals, l1: float, l2: float, size: int = 400, torque: Reals | None = None, driven: int | None = None
+    x: Reals,
+    l1: float,
+    l2: float,
+    size: int = 400,
+    torque: Reals | None = None,
+    driven: int | None = None,
+    limit: float = TORQUE_LIMIT,
 ) -> UInt8[np.ndarray, "size size 3"]:
     """Draw one state of the double pendulum and the goal line at 0.9 (l1 + l2) above the shoulder, in RGB.
 
@@ -40,6 +46,7 @@ def draw_frame(
         size: width and height of the picture (pixels).
         torque: torques [u1, u2] (N m) to show as arrows around their joints, if any.
         driven: joint to mark as driven, if any: 0 is the shoulder, 1 the elbow.
+        limit: torque of the longest arrow (N m).
 
     Raises:
         SwingupError: Pillow is not installed.
@@ -64,7 +71,7 @@ def draw_frame(
         canvas.circle(centre, 2.8 * unit, fill=LINK_1)
         canvas.circle(centre, 1.6 * unit, fill=DRIVEN if joint == driven else PAPER)
         if torque is not None:
-            _draw_torque(canvas, centre, float(torque[joint]), unit)
+            _draw_torque(canvas, centre, float(torque[joint]) / limit, unit)
     # Pillow draws lines without smoothing; the average of the finer pixels smooths them.
     return np.array(image.reduce(SUPERSAMPLING))
 
@@ -84,10 +91,10 @@ def _draw_scenery(canvas: "ImageDraw", shoulder: Point, reach: float, unit: floa
         canvas.line((dash * unit, goal, (dash + 2.4) * unit, goal), fill=GREEN, width=round(0.7 * unit))
 
 
-def _draw_torque(canvas: "ImageDraw", centre: Point, torque: float, unit: float) -> None:
-    """An arrow that starts above the joint and turns with the torque, counter-clockwise if it is positive."""
+def _draw_torque(canvas: "ImageDraw", centre: Point, share: float, unit: float) -> None:
+    """An arrow that turns with the torque, a share of the limit, from above the joint, counter-clockwise if > 0."""
     # Beyond the limit the arrow stays at its full length; pushes may exceed it.
-    sweep = math.radians(FULL_ARC) * max(-1.0, min(1.0, torque / TORQUE_LIMIT))
+    sweep = math.radians(FULL_ARC) * max(-1.0, min(1.0, share))
     # A smaller torque would show only the arrow's head.
     if abs(sweep) < 0.05:
         return

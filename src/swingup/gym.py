@@ -21,6 +21,7 @@ from .checks import whole_number
 from .drawing import draw_frame
 from .errors import SwingupError
 from .physics.parameters import ROBOTS, get_robot
+from .plants.plant import PlantLike
 from .tasks.pendulum import DIVERGED, AbstractPendulumTask, PendulumState
 from .tasks.presets import get_task
 from .tasks.task import Step
@@ -51,7 +52,11 @@ class PendulumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     metadata: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": 100}  # noqa: RUF012 (as gymnasium has it)
 
     def __init__(
-        self, robot: str, task: str | AbstractPendulumTask[Any] = "paper", render_mode: str | None = None
+        self,
+        robot: str,
+        task: str | AbstractPendulumTask[Any] = "paper",
+        render_mode: str | None = None,
+        plant: PlantLike | None = None,
     ) -> None:
         """Prepare an environment, to be reset before its first step.
 
@@ -59,11 +64,14 @@ class PendulumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             robot: ``acrobot`` or ``pendubot``.
             task: name of a variant of the task, see :data:`swingup.tasks.presets.TASKS`, or a task.
             render_mode: ``rgb_array`` for pictures from ``render``; ``None`` for none.
+            plant: the pendulum, in whose units a named task is: a plant, its parameters, its name or its file;
+                ``None`` for the leaderboards'.
 
         Raises:
-            SwingupError: there is no such robot, task or render mode, or the task is another robot's.
+            SwingupError: there is no such robot, task, plant or render mode, or the task is another robot's, or a
+                task that was passed in comes with a plant.
         """
-        self.task = _compiled_task(robot, task)
+        self.task = _compiled_task(robot, task, plant)
         self.render_mode = _checked_render_mode(render_mode)
         # A dict of its own: the class's is shared, and the rate follows the task.
         self.metadata = {**self.metadata, "render_fps": round(1 / float(self.task.dt))}
@@ -139,6 +147,7 @@ class PendulumVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         num_envs: int = 1,
         task: str | AbstractPendulumTask[Any] = "paper",
         render_mode: str | None = None,
+        plant: PlantLike | None = None,
     ) -> None:
         """Prepare ``num_envs`` environments; the other arguments are those of :class:`PendulumEnv`.
 
@@ -146,7 +155,7 @@ class PendulumVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             SwingupError: ``num_envs`` is not positive, or as :class:`PendulumEnv`.
         """
         self.num_envs = num_envs = whole_number("num_envs", num_envs, 1)
-        self.task = _compiled_task(robot, task)
+        self.task = _compiled_task(robot, task, plant)
         self.render_mode = _checked_render_mode(render_mode)
         self.metadata = {**self.metadata, "render_fps": round(1 / float(self.task.dt))}
         self.single_observation_space, self.single_action_space = _spaces(self.task)
@@ -253,9 +262,13 @@ _advance_all = jax.jit(jax.vmap(advance_and_reset, in_axes=(None, 0, 0)))
 _keys = jax.jit(jax.vmap(jax.random.key))
 
 
-def _compiled_task(robot: str, task: str | AbstractPendulumTask[Any]) -> AbstractPendulumTask[Any]:
+def _compiled_task(
+    robot: str, task: str | AbstractPendulumTask[Any], plant: PlantLike | None
+) -> AbstractPendulumTask[Any]:
     """The task with its numbers as arrays, which compiled functions take faster."""
-    chosen = get_task(task, get_robot(robot)) if isinstance(task, str) else task
+    if plant is not None and not isinstance(task, str):
+        raise SwingupError(f"a {type(task).__name__} has a plant of its own: pass the task's name with plant=")
+    chosen = get_task(task, get_robot(robot), plant) if isinstance(task, str) else task
     if chosen.robot != get_robot(robot):
         raise SwingupError(f"the task is for the {chosen.robot.name}, not for the {robot}: change one of them")
     return jax.tree.map(jnp.asarray, chosen)
@@ -321,7 +334,9 @@ def _running(episode: Episode | None) -> Episode:
 
 def _draw(task: AbstractPendulumTask[Any], x: Any, action: Any) -> UInt8[np.ndarray, "400 400 3"]:
     lengths = float(task.parameters.l1), float(task.parameters.l2)
-    return draw_frame(np.asarray(x), *lengths, torque=np.asarray(task.torque(action)), driven=task.robot.joint)
+    limit = float(max(task.parameters.tl1, task.parameters.tl2))
+    torque = np.asarray(task.torque(action))
+    return draw_frame(np.asarray(x), *lengths, torque=torque, driven=task.robot.joint, limit=limit)
 
 
 for _robot in ROBOTS:

@@ -74,3 +74,48 @@ def closed_loop(p, driven, control, x, dt, world):
         x, before = rk4(p, x, u, dt), u
         states.append(x)
     return np.array(rows)
+
+
+class ResetText:
+    """The resets of ICRA 2025's robot, sentence by sentence: a list of times in which violations insert theirs."""
+
+    def __init__(self, times, goals, model, limits, duration=1.0):
+        self.times, self.goals, self.model, self.limits = [*times, math.inf], goals, model, limits
+        self.duration, self.errors, self.violations = duration, [], []
+        self.number, self.running, self.clock, self.last = 0, False, 0.0, 0.0
+
+    def __call__(self, t, x):
+        """The torques of the PID while a reset runs, else None."""
+        angle, speed = self.limits
+        violated = abs(x[0]) > angle or abs(x[1]) > angle or abs(x[2]) > speed or abs(x[3]) > speed
+        self.violations.append(violated)
+        if not self.running:
+            if t >= self.times[self.number]:
+                self.start()
+            elif violated:
+                shift = t if self.number == 0 else t - self.times[self.number - 1]
+                later = [time + shift for time in self.times[self.number :]]
+                self.times = [*self.times[: self.number], t, *later]
+                self.start()
+        if self.running and self.clock > self.duration and not any(self.violations[-10:]):
+            self.running = False
+        u = None
+        if self.running:
+            u = self.pid(x)
+            self.clock += t - self.last
+        self.last = t
+        return u
+
+    def start(self):
+        self.goal, self.running, self.clock = self.goals[self.number], True, 0.0
+        self.number += 1
+
+    def pid(self, x):
+        self.errors.append((self.goal[0] - x[0], self.goal[1] - x[1]))
+        u = []
+        for joint in range(2):
+            part = min(max(2.0 * self.errors[-1][joint], -3.0), 3.0)
+            if len(self.errors) > 2:
+                part += 0.3 * (self.errors[-1][joint] - self.errors[-2][joint]) / 0.001
+            u.append(min(max(part, -6.0), 6.0) - gravity(self.model, x)[joint])
+        return np.array(u)

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from swingup.benchmark.criteria import judge, realai_score
+from swingup.benchmark.evaluate import score
+from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.rules import PERFORMANCE_RULES, Normalisers, PerformanceRules, get_performance_rules
 from swingup.errors import SwingupError
 
@@ -212,6 +214,36 @@ def test_rules_are_the_published_ones():
     assert get_performance_rules("v2").normalisers == Normalisers(20.0, 60.0, 20.0, 0.1, 400.0)
     assert get_performance_rules("hardware").normalisers == Normalisers(20.0, 60.0, 100.0, 4.0, 400.0)
     assert (V2.duration, V2.dt, V2.height, V2.steps) == (10.0, 0.002, 0.9, 5000)
+
+
+def test_normalisers_of_runs_with_pushes_differ_by_robot(robot):
+    """Both boards of the real robot: the acrobot's alone differ, in the torque's cost and smoothness."""
+    pushed, calm = (get_performance_rules(name).of(robot) for name in ("hardware-perturbed", "hardware"))
+    assert (
+        pushed.normalisers
+        == {
+            "acrobot": Normalisers(20.0, 60.0, 20.0, 1.0, 400.0),
+            "pendubot": Normalisers(20.0, 60.0, 100.0, 4.0, 400.0),
+        }[robot.name]
+    )
+    assert calm.normalisers == Normalisers(20.0, 60.0, 100.0, 4.0, 400.0)
+
+
+@pytest.mark.parametrize(("name", "torque", "smooth"), [("acrobot", 20, 1.0), ("pendubot", 100, 4.0)])
+def test_a_recording_with_pushes_is_scored_by_its_robots_normalisers(name, torque, smooth):
+    # Up and at rest from the second row on, with 1 N m and -1 N m in turn on the driven joint for 10 s at 100 Hz.
+    time, signs = 0.01 * np.arange(1001), 1.0 - 2.0 * (np.arange(1001) % 2)
+    x = np.tile([math.pi, 0.0, 0.0, 0.0], (1001, 1))
+    x[0, 0] = 0.0
+    u = np.zeros((1001, 2))
+    u[:, {"acrobot": 1, "pendubot": 0}[name]] = signs
+    found = score(Trajectory(time, x, u), name, "hardware-perturbed")
+    # Torque cost: 1 N²m² for 10 s. Differences are 2 and -2 in turn, half each: mean 0, deviation 2.
+    # Energy: only the first row moves, by π about the shoulder; the torque there is the pendubot's 1 N m alone.
+    energy = {"acrobot": 0.0, "pendubot": math.pi}[name]
+    # Swing-up at the second row, 0.01 s; no row has a velocity.
+    costs = (0.01 / 20, energy / 60, 10 / torque, 2 / smooth, 0.0)
+    assert found.score == pytest.approx(1 - sum(math.tanh(math.pi * cost) for cost in costs) / 5, rel=1e-9)
 
 
 def test_unknown_rules_are_refused_with_the_choice():

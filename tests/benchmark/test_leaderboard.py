@@ -151,7 +151,7 @@ def test_names_on_the_board_are_taken():
 
 
 def test_unknown_rules():
-    with pytest.raises(SwingupError, match="unknown rules 'v9': use one of v2, hardware, v3"):
+    with pytest.raises(SwingupError, match="unknown rules 'v9': use one of v2, hardware, hardware-perturbed, v3"):
         leaderboard("acrobot", rules="v9")
 
 

@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 import json
 import math
 
@@ -12,9 +13,14 @@ from swingup.benchmark.criteria import judge
 from swingup.benchmark.evaluate import evaluate
 from swingup.benchmark.rollout import Scenario, simulate
 from swingup.benchmark.rules import PERFORMANCE_RULES
+from swingup.benchmark.runner import run_one
 from swingup.control.controller import AbstractController
+from swingup.control.python_controller import PythonController
+from swingup.physics.integrate import rk4_steps
 from swingup.physics.parameters import identified_parameters, leaderboard_parameters
+from swingup.plants.domain import make_domain
 from swingup.tasks.disturbance import Pushes, step_noise, undisturbed
+from swingup.tasks.draw import draw
 
 from .independent import World, closed_loop
 
@@ -133,6 +139,23 @@ def test_a_disturbance_of_nothing_changes_nothing(robot):
     _, calm = run(Scenario(plant), controller, jnp.array(X0), DT, steps=STEPS)
     _, same = run(Scenario(plant, undisturbed()), controller, jnp.array(X0), DT, steps=STEPS, depth=21)
     np.testing.assert_allclose(same.x, calm.x, rtol=0, atol=1e-11)
+
+
+@pytest.mark.usefixtures("x64")
+def test_a_late_loop_alike_in_jax_and_on_the_host(robot):
+    """Times, states and torques; each state is the one before, one recorded period later."""
+    domain = make_domain({"quantum1": 1e-3, "late": 0.3, "lateness": 1e-3, "lag": 0.002, "delay": 0.002})
+    scenario = Scenario(*draw(domain, jax.random.key(5), robot), substeps=domain.substeps)
+    _, found = run(scenario, Feedback(jnp.array(GAIN)), jnp.zeros(4), DT, steps=50, depth=domain.depth)
+    plain = PythonController(feedback())
+    rows = run_one(plain, scenario, DT, 50, domain.depth)
+    np.testing.assert_allclose(rows.time, found.time, rtol=1e-12)
+    np.testing.assert_allclose(rows.x, found.x, rtol=0, atol=1e-9)
+    periods = np.diff(found.time)
+    assert ((periods >= DT - 1e-12) & (periods <= 3 * DT)).all()
+    assert 5 <= (periods > 1.001 * DT).sum() <= 30
+    step = jax.jit(jax.vmap(functools.partial(rk4_steps, scenario.parameters, number=domain.substeps)))
+    np.testing.assert_allclose(step(found.x[:-1], found.u[:-1], periods), found.x[1:], rtol=0, atol=1e-12)
 
 
 @pytest.mark.usefixtures("x64")

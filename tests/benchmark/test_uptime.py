@@ -9,14 +9,18 @@ import numpy as np
 import pytest
 
 import swingup
+from swingup.benchmark.recorded_uptime import recorded_uptime
+from swingup.benchmark.robot_minute import draw_resets
 from swingup.benchmark.rules import get_uptime_rules
 from swingup.benchmark.uptime import draw_throws, uptime
 from swingup.control.controller import AbstractController
 from swingup.errors import SwingupError
-from swingup.physics.parameters import leaderboard_parameters
+from swingup.physics.parameters import get_robot, identified_parameters, leaderboard_parameters
+from swingup.plants.domain import make_domain
+from swingup.tasks.limits import Limits
 from swingup.tasks.throws import TURNS, thrown_states
 
-from .independent import gravity, rk4
+from .independent import ResetText, gravity, rk4
 
 V3 = get_uptime_rules("v3")
 BRIEF = dataclasses.replace(V3, name="brief", duration=2.0, throws=3, first=0.4, jitter=0.1)
@@ -85,6 +89,72 @@ def test_plain_python_is_neither_called_nor_told(robot):
     np.testing.assert_allclose(found.trajectory.x, expected.trajectory.x, rtol=1e-7, atol=1e-7)
 
 
+REAL = get_uptime_rules("icra-real")
+BRIEF_REAL = dataclasses.replace(
+    REAL, name="brief", duration=3.0, throws=2, first=0.8, jitter=0.1, throw_duration=0.2, limits=Limits(3.0, 8.0)
+)
+BRIEF_REAL = dataclasses.replace(BRIEF_REAL, height=-0.97)
+"""Three seconds in which the pendulum exceeds the limits, and a line that the tip passes."""
+FRICTION = make_domain({"passive_limit": 0.5})
+"""The identified plant in a perfect loop."""
+
+
+def independent_robot_run(p, resets, stop, duration, control, dt):
+    """A run as the robot's loop goes: measure, stop, reset or control, clip, move. Rows [t, x, u]."""
+    x, rows = np.zeros(4), []
+    for k in range(round(duration / dt)):
+        t = k * dt
+        if np.any(np.abs(x) > stop):
+            break
+        u = resets(t, x)
+        u = np.clip(np.asarray(control(x, t)) if u is None else u, -6, 6)
+        rows.append([t, *x, *u])
+        x = rk4(p, x, u, dt)
+    return np.array(rows)
+
+
+@pytest.mark.parametrize(
+    ("make", "name", "stop"),
+    [(Counting, "acrobot", 25.0), (Counting, "pendubot", 9.0), (PlainCounting, "acrobot", 9.0)],
+)
+def test_the_robots_rules_agree_with_a_numpy_loop(make, name, stop):
+    rules = dataclasses.replace(BRIEF_REAL, stop=Limits(4 * math.pi, stop))
+    found = uptime(make(), name, rules=rules, seed=5, domain=FRICTION)
+    planned = draw_resets(rules, FRICTION.base, 5).resets
+    assert planned.target.shape == (101, 2)
+    model, plain = vars(leaderboard_parameters(get_robot(name))), PlainCounting()
+    resets = ResetText(list(planned.plan), planned.target, model, (3.0, 8.0), 0.2)
+    plain.init()
+    limits, plant = np.array([4 * math.pi, 4 * math.pi, stop, stop]), vars(identified_parameters())
+    rows = independent_robot_run(plant, resets, limits, 3.0, plain.get_control_output, rules.dt)
+    # Inserted resets, and a controller that is called between them.
+    assert resets.number > sum(time < rows[-1, 0] for time in planned.plan)
+    assert 0 < plain.calls < len(rows)
+    np.testing.assert_allclose(found.trajectory.time, rows[:, 0], rtol=1e-14)
+    np.testing.assert_allclose(found.trajectory.x, rows[:, 1:5], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(found.trajectory.u, rows[:, 5:], rtol=1e-5, atol=1e-5)
+    assert found.stops == ((None,) if stop == 25.0 else (pytest.approx(rows[-1, 0] + rules.dt),))
+    height = -0.2 * np.cos(rows[:, 1]) - 0.3 * np.cos(rows[:, 1] + rows[:, 2])
+    # The first row has no time before it, and what a stop cuts off counts as down.
+    assert found.uptime == pytest.approx(0.002 * np.sum(height[1:] > -0.485) / 3.0)
+    assert 0.05 < found.uptime < 0.95
+    assert recorded_uptime(found.trajectory, name, rules=rules).uptime == pytest.approx(found.uptime)
+
+
+def test_domains_are_for_rules_that_draw_plants():
+    with pytest.raises(SwingupError, match="the rules v3 draw no plants: leave the domain identified out"):
+        uptime(Counting(), "acrobot", domain="identified")
+
+
+def test_the_real_boards_resets_come_at_their_times():
+    for seed in range(20):
+        plan = draw_resets(REAL, FRICTION.base, seed).resets.plan
+        # Means at 60/11 s, 120/11 s, ..., 600/11 s, within 1 s; never the same.
+        assert np.all(np.abs(plan - 60 / 11 * np.arange(1, 11)) <= 1.0)
+    assert (REAL.throw_duration, REAL.duration, REAL.trials) == (1.0, 60.0, 3)
+    assert (REAL.thrower.kp, REAL.thrower.ki, REAL.thrower.kd, REAL.thrower.dt) == (2.0, 0.0, 0.3, 0.001)
+
+
 def test_throws_come_at_their_times_and_last_a_hundred_steps_or_one_more():
     lengths = set()
     for seed in range(20):
@@ -124,7 +194,7 @@ def test_a_controller_that_fails_scores_nothing():
 
 
 def test_unknown_rules():
-    with pytest.raises(SwingupError, match="unknown uptime rules 'v2': use one of v3"):
+    with pytest.raises(SwingupError, match="unknown uptime rules 'v2': use one of v3, icra-real, cloudpendulum"):
         uptime(Counting(), "acrobot", rules="v2")
 
 

@@ -11,7 +11,7 @@ import swingup
 from swingup.benchmark.rollout import Trajectory
 from swingup.cli import main
 from swingup.control.registry import get_controller
-from swingup.policy.jax_backend.controller import save_controller, shipped_policy
+from swingup.policy.jax_backend.controller import load_policy, save_controller, shipped_policy
 
 RUN = """
 import sys
@@ -84,6 +84,25 @@ def test_a_policy_file_and_its_username(tmp_path):
     assert 'robot = "pendubot"' in entry
 
 
+def test_a_folder_for_cloudpendulum(tmp_path, capsys):
+    folder = tmp_path / "cell"
+    assert main(["export", "robot", "--robot", "acrobot", "--to", "cloudpendulum", "--out", str(folder)]) == 0
+    told = capsys.readouterr().out.splitlines()
+    assert told[0] == str(folder / "controller_swingup.py")
+    assert told[1].startswith("it may command 6 N m, and CloudPendulum's motors give 0.15: train one")
+    entry = (folder / "controller_swingup.py").read_text()
+    assert '"velocity_limit": 50.0' in entry
+    assert "def ControllerType(" in entry
+    readme = (folder / "README.md").read_text()
+    assert readme.startswith("# swingup for CloudPendulum, acrobot")
+    assert "@" not in readme
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "README.md",
+        "controller_swingup.py",
+        "swingup_controller",
+    ]
+
+
 def test_graphs_and_headers(tmp_path, capsys):
     pytest.importorskip("onnx", reason="onnx is not installed")
     for form, start in (("onnx", b"\x08"), ("c", b"/*")):
@@ -109,7 +128,7 @@ def test_graphs_and_headers(tmp_path, capsys):
         (["refind", "--to", "c"], "did you mean refined?"),
         (
             ["refined", "--robot", "acrobot", "--to", "java"],
-            "unknown format 'java': use one of realaigym, onnx, c",
+            "unknown format 'java': use one of realaigym, cloudpendulum, onnx, c",
         ),
         (["refined", "--robot", "acrobot", "--to", "c", "--out", "none/x.h"], "cannot write none/x.h"),
         (["refined", "--robot", "acrobot", "--to", "realaigym", "--out", "none/x"], "cannot write none/x: No such"),
@@ -133,3 +152,62 @@ def test_bad_input_is_one_line_and_leaves_nothing(options, message, tmp_path, mo
     assert message in error
     assert error.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["full"]
+
+
+def test_the_guard_of_an_export(tmp_path, monkeypatch, capsys):
+    """On by default and in the entry, for its owner to change; left out for simulations."""
+    monkeypatch.chdir(tmp_path)
+    base = ["export", "refined", "--robot", "acrobot", "--to"]
+    assert main([*base, "realaigym", "--out", "guarded", "--velocity-limit", "25", "--braking", "0.1"]) == 0
+    assert main([*base, "realaigym", "--out", "bare", "--no-guard"]) == 0
+    entries = [(tmp_path / name / "con_swingup.py").read_text() for name in ("guarded", "bare")]
+    assert '"velocity_limit": 25.0,' in entries[0]
+    assert '"braking": 0.1,' in entries[0]
+    assert "guard = False" in entries[1]
+    assert main([*base, "c", "--out", "guarded.h"]) == 0
+    assert main([*base, "c", "--out", "bare.h", "--no-guard"]) == 0
+    assert "SWINGUP_GUARD_VELOCITY 3" in (tmp_path / "guarded.h").read_text()
+    assert "SWINGUP_GUARD_VELOCITY" not in (tmp_path / "bare.h").read_text()
+    capsys.readouterr()
+    assert main([*base, "c", "--out", "x.h", "--no-guard", "--braking", "1"]) == 2
+    assert "--braking is a setting of the safety guard: leave --no-guard out" in capsys.readouterr().err
+    assert main([*base, "c", "--out", "x.h", "--velocity-limit", "-1"]) == 2
+    assert "guard setting velocity_limit = -1.0: use a number from" in capsys.readouterr().err
+
+
+FAULTY = """
+import sys
+sys.path.insert(0, {folder!r})
+import numpy as np
+from con_swingup import controller
+
+print(controller.get_control_output(x=[0.1, 0.0, 0.0, 0.0], t=0.0), controller.fault)
+print(controller.get_control_output(x=[0.1, np.nan, 0.0, 0.0], t=0.002), controller.fault)
+print(controller.get_control_output(x=[0.1, 0.0, 0.0, 0.0], t=0.004))
+"""
+
+
+def test_an_exported_folder_stops_at_a_fault(tmp_path):
+    folder = tmp_path / "entry"
+    assert main(["export", "robot", "--robot", "acrobot", "--to", "realaigym", "--out", str(folder)]) == 0
+    code = FAULTY.format(folder=str(folder))
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    first, second, third = result.stdout.splitlines()
+    assert first.endswith("None")
+    said = "[0. 0.] a measured angle or velocity is not a finite number (elbow, nan, at t = 0.002 s)"
+    assert (second, third) == (said, "[0. 0.]")
+
+
+def test_a_file_without_a_plant_gets_one(tmp_path, capsys):
+    """The estimator's model and the torque limit of B.0 in a C header; a file that has a plant keeps it."""
+    header, folder = tmp_path / "policy.h", tmp_path / "entry"
+    words = ["export", "refined", "--robot", "acrobot", "--plant", "cloudpendulum-rods"]
+    assert main([*words, "--to", "c", "--out", str(header)]) == 0
+    assert "0.13" in header.read_text()
+    assert main([*words, "--to", "cloudpendulum", "--out", str(folder)]) == 0
+    (file,) = folder.rglob("policy.npz")
+    capsys.readouterr()
+    controller, _ = load_policy(file)
+    assert (controller.plant.name, controller.plant.l1) == ("cloudpendulum-rods", 0.05)
+    assert main(["export", str(file), "--plant", "A.0", "--to", "c", "--out", str(header)]) == 2
+    assert "the policy's file has a plant, 'cloudpendulum-rods'" in capsys.readouterr().err

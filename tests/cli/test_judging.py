@@ -16,6 +16,8 @@ from swingup.benchmark.rules import CRITERIA
 from swingup.cli import main
 from swingup.cli.commands import Boards
 from swingup.control.registry import BUILT_IN
+from swingup.physics.parameters import save_parameters
+from swingup.plants.plant import load_plant
 from swingup.policy.jax_backend.controller import save_controller
 
 CONTROLLERS = textwrap.dedent(
@@ -236,6 +238,7 @@ def test_leaderboard_formats(capsys, small_grid):
     assert "others_controllers:nan: " in text
 
 
+@pytest.mark.slow  # benchmark/test_leaderboard.py has this board, the test above the command
 def test_leaderboard_of_the_third_rules(capsys, brief_minute):
     boards = Boards({"v3": brief_minute}, ("ar-eapo",))
     rows = json.loads(run(capsys, "leaderboard", "--rules", "v3", "--seed", "1", "--json", boards=boards))
@@ -245,10 +248,12 @@ def test_leaderboard_of_the_third_rules(capsys, brief_minute):
 
 
 @pytest.mark.parametrize("values", [("plain", "nan"), ("plain,nan",)])
-def test_several_values_of_one_option(capsys, values, brief_runs):
+def test_several_values_of_one_option(capsys, values):
     names = [f"others_controllers:{name}" for name in ("plain", "nan")]
     words = [value.replace("plain", names[0]).replace("nan", names[1]) for value in values]
-    boards = Boards({"hardware": BOARD_RULES["hardware"]}, ())
+    hardware = BOARD_RULES["hardware"]
+    brief = dataclasses.replace(hardware, performance=dataclasses.replace(hardware.performance, duration=0.5))
+    boards = Boards({"hardware": brief}, ())
     words = ["leaderboard", "acrobot", "--controller", *words, "--rules", "hardware", "--json"]
     assert [row["controller"] for row in json.loads(run(capsys, *words, boards=boards))] == names
 
@@ -350,3 +355,53 @@ def test_bad_input(arguments, message, capsys):
     assert message in output.err
     assert output.err.count("\n") == 1
     assert output.out == ""
+
+
+def test_a_plant_is_named_with_the_ratio_of_its_torques(capsys, brief_runs, tmp_path):
+    options = ("--controller", "others_controllers:plain")
+    out = run(capsys, "evaluate", "acrobot", *options, "--plant", "B.0", "--frictionless", boards=brief_runs)
+    assert out.startswith(
+        "acrobot, others_controllers:plain (rules v2, plant B.0, frictionless, torque/gravity 0.96)\n"
+    )
+    save_parameters(load_plant("B.0").parameters, tmp_path / "mine.yml")
+    result = json.loads(
+        run(capsys, "evaluate", "acrobot", *options, "--plant", "mine.yml", "--json", boards=brief_runs)
+    )
+    assert (result["plant"], round(result["torque_over_gravity"], 3)) == ("mine.yml", 0.961)
+    (tmp_path / "run.csv").write_text(
+        "time,pos1,pos2,vel1,vel2,tau1,tau2\n" + "".join(f"{t},0,0,0,0,0,0\n" for t in range(11))
+    )
+    out = run(capsys, "score", "run.csv", "--robot", "acrobot", "--plant", "B.0")
+    assert "-0.700   (-100.0 % of l1 + l2)" in out
+
+
+def test_the_command_of_a_result_names_its_plant(capsys, brief_runs):
+    options = ("--controller", "lqr", "--plant", "A.0", "--criteria", "delay", "--grid", "delay=0:0:2", "--json")
+    result = json.loads(run(capsys, "robustness", "acrobot", *options, boards=brief_runs))
+    assert "--plant=A.0 --criteria delay" in result["command"]
+    assert result["plant"] == "A.0"
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("evaluate", "acrobot", "--frictionless"), "--frictionless needs --plant"),
+        (("uptime", "acrobot", "--plant", "B.9"), "unknown plant 'B.9': use A.0"),
+        (("score", "none.csv", "--robot", "acrobot", "--plant", "none.yml"), "none.csv"),
+        (("check", "acrobot", "--plant", "none.yml"), "plant none.yml: cannot read"),
+        (("sim2real", "acrobot", "--domain", "randomised", "--plant", "B.0"), "has values of its own plant"),
+        (("report", "acrobot", "--plant", "bad.yml"), "plant bad.yml: parameter file bad.yml lacks m2"),
+        (("trajectory", "acrobot", "--out", "x.npz", "--plant", "bad.yml"), "lacks m2"),
+        (("refine", "acrobot", "--out", "x.npz", "--plant", "bad.yml"), "lacks m2"),
+        (("train", "acrobot", "--plant", "bad.yml"), "lacks m2"),
+        (("plot", "phase", "none.csv", "--out", "x.png", "--plant", "bad.yml"), "lacks m2"),
+        (("export", "--robot", "acrobot", "--to", "c", "--out", "x.h", "--plant", "bad.yml"), "lacks m2"),
+        (("leaderboard", "acrobot", "--plant", "bad.yml"), "lacks m2"),
+    ],
+)
+def test_a_bad_plant_is_one_line(capsys, tmp_path, words, message):
+    (tmp_path / "bad.yml").write_text("m1: 1.0\n")
+    assert main(list(words)) == 2
+    told = capsys.readouterr().err
+    assert message in told
+    assert told.count("\n") == 1

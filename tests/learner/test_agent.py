@@ -306,6 +306,7 @@ def test_the_docstrings_example():
     assert doctest.testmod(agent) == (0, 4)
 
 
+@pytest.mark.slow  # CartPole trains by its id above, and boxes of actions by Stairs
 def test_mujoco_learns_where_it_is_installed():
     pytest.importorskip("mujoco")
     space = gymnasium.make("Swimmer-v5").action_space

@@ -15,6 +15,7 @@ from swingup.learner.run import Run
 from swingup.learner.run_settings import PENDULUM_INTERVALS, RunSettings, run_settings_from_dict
 from swingup.learner.start import resume_run, start_run
 from swingup.plants.domain import Domain
+from swingup.plants.plant import load_plant
 from swingup.policy.jax_backend.controller import load_policy, save_controller
 
 from .brief import briefly_judged
@@ -353,3 +354,35 @@ def test_a_domain_stands_in_settings_and_command():
 def test_bad_settings(change, message):
     with pytest.raises(SwingupError, match=message):
         dataclasses.replace(SETTINGS, **change)
+
+
+def test_settings_keep_their_plant():
+    plant = load_plant("B.0").frictionless()
+    settings = dataclasses.replace(SETTINGS, plant=plant)
+    again = run_settings_from_dict(json.loads(json.dumps(settings.as_dict())))
+    assert again == settings
+    assert again.plant.name == "B.0, frictionless"
+    assert "--plant B.0 --frictionless" in again.command(64)
+    task = again.task()
+    assert task.parameters == plant.driven("acrobot")
+    assert task.dt == pytest.approx(0.01 * 1.0871, abs=1e-6)
+    assert run_settings_from_dict(SETTINGS.as_dict()).plant is None
+
+
+def test_a_plant_goes_with_a_robot():
+    with pytest.raises(SwingupError, match="a plant goes with a robot, not with Swimmer-v5"):
+        dataclasses.replace(SETTINGS, robot=None, env="Swimmer-v5", preset="mujoco", plant=load_plant("B.0"))
+    settings = dataclasses.replace(SETTINGS, preset="sim2real", plant=load_plant("B.0"))
+    with pytest.raises(SwingupError, match="give a domain, not a plant"):
+        settings.task()
+
+
+@pytest.mark.slow
+def test_a_run_on_a_plant_resumes_there_and_its_policy_carries_it(tmp_path):
+    settings = dataclasses.replace(SETTINGS, plant=load_plant("A.0"))
+    run(tmp_path / "run", 2, settings)
+    again = resume_run(tmp_path / "run", 4 * FRAMES)
+    assert again.settings.plant == settings.plant
+    list(again.advance())
+    controller, _ = load_policy(tmp_path / "run" / "best.npz")
+    assert (controller.plant.name, controller.plant.l1, controller.torque_limit) == ("A.0", 0.3, 6.0)

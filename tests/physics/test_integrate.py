@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 from pathlib import Path
 
 import jax
@@ -9,8 +10,10 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
 from swingup.physics import dynamics
-from swingup.physics.integrate import euler_step, rk4_step
+from swingup.physics.dynamics import mass_matrix
+from swingup.physics.integrate import euler_step, friction_rate, rk4_step, rk4_steps, stable_substeps
 from swingup.physics.parameters import ROBOTS, identified_parameters, leaderboard_parameters
+from swingup.plants.plant import load_plant
 
 DATA = Path(__file__).parent / "data"
 FRICTIONLESS = leaderboard_parameters(ROBOTS["acrobot"])
@@ -141,3 +144,43 @@ def test_gradient_through_many_steps_agrees_with_differences():
 def test_steps_keep_the_dtype_of_the_state(method, dtype):
     x, u = jnp.zeros(4, dtype), jnp.zeros(2, dtype)
     assert jax.eval_shape(lambda x, u: method(identified_parameters(), x, u, 0.01), x, u).dtype == dtype
+
+
+def small_link():
+    """Two links of 5 cm with the friction of small motors: λ dt is about 4.7 at 2 ms."""
+    plant = load_plant("cloudpendulum").parameters
+    return dataclasses.replace(plant, b1=1e-5, b2=1e-5, cf1=6e-4, cf2=3e-4)
+
+
+@pytest.mark.parametrize("name", ["A.0", "B.0", "C.0", "C.1", "small link"])
+def test_friction_rate_is_the_largest_eigenvalue(name):
+    plant = small_link() if name == "small link" else load_plant(name).parameters
+    damping = np.diag([plant.b1 + 100 * plant.cf1, plant.b2 + 100 * plant.cf2])
+    angles = np.arccos(np.linspace(-1, 1, 9))
+    masses = [np.asarray(mass_matrix(plant, jnp.array([0.0, q2, 0.0, 0.0]))) for q2 in angles]
+    expected = max(np.linalg.eigvals(np.linalg.solve(mass, damping)).max() for mass in masses)
+    assert friction_rate(plant) == pytest.approx(expected, rel=1e-9)
+
+
+def test_stiff_plants_take_more_steps():
+    counts = {name: stable_substeps(load_plant(name).parameters, 0.002) for name in ("B.0", "C.0", "C.1")}
+    assert counts == {"B.0": 2, "C.0": 1, "C.1": 1}
+    assert stable_substeps(load_plant("B.0").frictionless().parameters, 0.1) == 1
+
+
+def test_halved_steps_agree_where_single_ones_do_not():
+    """A joint that rests under a small torque: one step of RK4 rings about rest, stable ones stay."""
+    plant = small_link()
+    number = stable_substeps(plant, 0.002)
+    assert number >= 2
+
+    @functools.partial(jax.jit, static_argnums=0)
+    def speeds(substeps):
+        def step(x, _):
+            return (after := rk4_steps(plant, x, jnp.array([4e-4, 0.0]), 0.002, substeps)), after[2:]
+
+        return jax.lax.scan(step, jnp.array([0.0, 0.0, 0.005, -0.005]), length=60)[1]
+
+    single, chosen, halved = (np.asarray(speeds(count)) for count in (1, number, 2 * number))
+    np.testing.assert_allclose(chosen[20:], halved[20:], atol=2e-4)
+    assert np.abs(single[20:] - halved[20:]).max() > 20 * np.abs(chosen[20:] - halved[20:]).max()

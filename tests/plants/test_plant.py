@@ -38,7 +38,10 @@ def test_files_and_faults(tmp_path):
     path = tmp_path / "mine.yml"
     path.write_text("m1: 1.0\n")
     for source, message in [
-        ("C.2", "unknown plant 'C.2': use A.0, B.0, C.0, C.1, cloudpendulum or a parameter file"),
+        (
+            "C.2",
+            "unknown plant 'C.2': use A.0, B.0, C.0, C.1, cloudpendulum, cloudpendulum-rods or a parameter file",
+        ),
         (path, "lacks m2, l1"),
         (tmp_path / "none.yml", "cannot read"),
         (dataclasses.replace(identified_parameters(), m1=-1.0), "m1 = -1 must be positive"),

@@ -1,6 +1,8 @@
 """What every back end is compared with: the judge's JAX in double precision, on states and on recorded loops."""
 
+import dataclasses
 import functools
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -9,10 +11,11 @@ import numpy as np
 
 from swingup.areapo.networks import init_actor
 from swingup.physics.integrate import rk4_step
-from swingup.physics.parameters import get_robot, leaderboard_parameters
+from swingup.physics.parameters import get_robot, identified_parameters, leaderboard_parameters
 from swingup.policy.jax_backend.controller import PolicyController, make_controller, policy_of
 from swingup.policy.jax_backend.observation import Normalise, PendulumObservation
 from swingup.policy.jax_backend.policy import Policy
+from swingup.policy.plant_facts import policy_plant
 from swingup.policy.shipped import SHIPPED_POLICIES, read_policy
 
 DT = 0.002
@@ -21,19 +24,42 @@ AWAY = 1e-3
 TOLERANCE = 3e-5
 """How far torques of different back ends may lie apart (N m)."""
 
+ENCODER = 2 * np.pi / 2**14
+"""Quantum of the angles (rad) of an encoder with 2^14 counts."""
+QUANTUM = 3.81e-4
+"""That of RealAIGym's motors."""
+
+
+class Sensor(NamedTuple):
+    """What measures the state, and when."""
+
+    noise: float = 0.0
+    """Standard deviation of the velocities' noise (rad/s)."""
+    age: int = 0
+    """Of a measurement (steps)."""
+    quantum: float = 0.0
+    """Steps of the angles (rad)."""
+    periods: tuple[float, ...] = (DT,)
+    """Times between calls (s), one of which is drawn for each."""
+    differences: bool = False
+    """Whether velocities are backward differences of the measured angles; the loop's periods must be equal."""
+    offset: float = 0.0
+    """Error of the zeros, + for the shoulder, - for the elbow (rad)."""
+
+
 SENSORS = {
-    # Noise of the velocities (rad/s), age of a measurement (steps), steps of the angles (rad), and times between
-    # calls (s), one of which is drawn for each.
-    "clean": (0.0, 0, 0.0, [DT]),
-    "noisy": (0.5, 0, 2 * np.pi / 2**14, [DT]),
-    "late": (0.0, 20, 0.0, [DT]),
-    "late and noisy": (0.3, 15, 2 * np.pi / 2**14, [DT]),
-    "400 Hz": (0.1, 4, 2 * np.pi / 2**14, [0.0025]),
-    "uneven": (0.1, 4, 2 * np.pi / 2**14, [DT, 0.0025]),
+    "clean": Sensor(),
+    "noisy": Sensor(0.5, 0, ENCODER),
+    "late": Sensor(0.0, 20),
+    "late and noisy": Sensor(0.3, 15, ENCODER),
+    "400 Hz": Sensor(0.1, 4, ENCODER, (0.0025,)),
+    "uneven": Sensor(0.1, 4, ENCODER, (DT, 0.0025)),
+    "quantum": Sensor(0.0, 1, QUANTUM, differences=True),
+    "zero offsets": Sensor(0.1, 1, ENCODER, offset=0.02),
 }
 COLUMNS = [*SENSORS, "not finite"]
 """All sensors."""
-DEPTH = 21
+DEPTH = 22
 """States that the sensors look back on."""
 
 UNSOUND = np.where(np.eye(4), np.array([np.nan, np.inf, -np.inf])[:, None, None], 0.1).reshape(-1, 4)
@@ -42,6 +68,8 @@ UNSOUND = np.where(np.eye(4), np.array([np.nan, np.inf, -np.inf])[:, None, None]
 SHIPPED = [f"{robot}-{name}" for robot in ("acrobot", "pendubot") for name in SHIPPED_POLICIES]
 SMALL = ["pendubot-wrapped", "pendubot-bare"]
 """Untrained ones with the paper's observation, which jumps at its wraps: with and without normalisation."""
+OTHER_PLANT = "acrobot-friction"
+"""The policy for the robot, with an estimator that believes in C.1 as it is: with friction and motors' rotors."""
 
 
 @functools.cache
@@ -54,8 +82,11 @@ def random_states(number=10_000):
 
 @functools.cache
 def policy(name):
-    """A policy by a name of SHIPPED or SMALL."""
+    """A policy by a name of SHIPPED, SMALL or OTHER_PLANT."""
     robot, _, kind = name.partition("-")
+    if name == OTHER_PLANT:
+        found = read_policy("robot", robot)
+        return dataclasses.replace(found, plant=policy_plant(identified_parameters(), found.robot, "C.1"))
     return policy_of(small_policy(kind == "wrapped")) if name in SMALL else read_policy(kind, robot)
 
 
@@ -88,18 +119,19 @@ def recorded(name, steps):
     Behind a sensor the loop is closed; "not finite" is a recording that is played to the controller.
     """
     columns = []
-    for sigma, age, quantum, periods in SENSORS.values():
+    for sensor in SENSORS.values():
         random = np.random.default_rng(3)
-        noise, pauses = sigma * random.normal(size=(steps, 2)), random.choice(periods, steps)
-        columns.append((age, quantum, np.cumsum(pauses) - pauses, pauses, noise, False, np.zeros((steps, 4))))
+        noise, pauses = sensor.noise * random.normal(size=(steps, 2)), random.choice(sensor.periods, steps)
+        how = sensor.age, sensor.quantum, sensor.differences, sensor.offset * np.array([1.0, -1.0])
+        columns.append((*how, np.cumsum(pauses) - pauses, pauses, noise, False, np.zeros((steps, 4))))
     times, played = (np.resize(rows, (steps, *rows.shape[1:])) for rows in faults())
-    columns.append((0, 0.0, times, np.zeros(steps), np.zeros((steps, 2)), True, played))
+    columns.append((0, 0.0, False, np.zeros(2), times, np.ones(steps), np.zeros((steps, 2)), True, played))
     with jax.enable_x64(True):
         stacked = tuple(jnp.asarray(np.array(column)) for column in zip(*columns, strict=True))
         measured, torques = (np.asarray(rows) for rows in _loops(controller(name), *stacked))
     lengths = [steps] * len(SENSORS) + [len(faults()[0])]
     return {
-        sensor: (column[2][:length], x[:length], u[:length])
+        sensor: (column[4][:length], x[:length], u[:length])
         for sensor, length, column, x, u in zip(COLUMNS, lengths, columns, measured, torques, strict=True)
     }
 
@@ -109,13 +141,16 @@ def _loops(found, *columns):
     p = leaderboard_parameters(found.robot)
     limits = jnp.array([p.tl1, p.tl2])
 
-    def loop(age, quantum, times, pauses, noise, played, recording):
+    def loop(age, quantum, differences, offset, times, pauses, noise, played, recording):
+        def angles(x):
+            return jnp.where(quantum > 0, jnp.round(x[:2] / (quantum + 1e-30)) * quantum, x[:2]) + offset
+
         def step(carry, now):
             past, memory = carry
             t, pause, normal, given = now
-            angles = past[age, :2]
-            angles = jnp.where(quantum > 0, jnp.round(angles / (quantum + 1e-30)) * quantum, angles)
-            measured = jnp.where(played, given, jnp.concatenate([angles, past[age, 2:] + normal]))
+            seen, before = angles(past[age]), angles(past[age + 1])
+            rates = jnp.where(differences, (seen - before) / pause, past[age, 2:] + normal)
+            measured = jnp.where(played, given, jnp.concatenate([seen, rates]))
             memory, u = found(memory, t, measured)
             x = rk4_step(p, past[0], jnp.clip(u, -limits, limits), pause)
             return (jnp.concatenate([x[None], past[:-1]]), memory), (measured, u)

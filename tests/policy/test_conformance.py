@@ -8,17 +8,30 @@ import numpy as np
 import pytest
 
 from .backends import BACK_ENDS
-from .references import COLUMNS, SHIPPED, SMALL, TOLERANCE, alone, policy, random_states, recorded
+from .references import (
+    COLUMNS,
+    OTHER_PLANT,
+    SHIPPED,
+    SMALL,
+    TOLERANCE,
+    alone,
+    controller,
+    policy,
+    random_states,
+    recorded,
+    replay,
+)
 
 LONG = 2500
 """Steps of the recorded loops of the default policy (5 s)."""
 BRIEF = 600
 """Steps of the others: the swing-up."""
 
-SLOW = ("pendubot-refined", "pendubot-global", "pendubot-robot")
-"""Their loops take seconds to compile, and the acrobot's are like them; their states are in the default suite.
+SLOW = ("acrobot-global", "pendubot-refined", "pendubot-global", "pendubot-robot")
+"""Their loops take seconds to compile; their states are in the default suite.
 
-The pendubot's loops that are in the default suite are those of ``ar-eapo``, which ships without an estimator."""
+Its loops are those of the acrobot's ``refined`` (estimator) and ``robot`` (front end and estimator), and of both
+robots' ``ar-eapo`` (neither)."""
 
 
 def a_cell(name, back_end, sensor):
@@ -84,6 +97,19 @@ def test_torques(made, name, back_end, sensor):
 REFINED = ["acrobot-refined", pytest.param("pendubot-refined", marks=pytest.mark.slow)]
 
 
+@pytest.mark.parametrize("sensor", ["late and noisy", "quantum", "not finite"])
+@pytest.mark.parametrize("back_end", ["numpy", "c"])
+def test_the_estimators_plant_is_the_policys(made, back_end, sensor):
+    """A plant with friction and rotors, on the recordings of the same policy with the leaderboards' plant."""
+    times, states, before = recorded("acrobot-robot", BRIEF)[sensor]
+    expected = replay(controller(OTHER_PLANT), times, states)
+    found, finite = made(back_end, OTHER_PLANT).run(times, states), np.isfinite(states).all(axis=1)
+    np.testing.assert_allclose(found[finite], expected[finite], rtol=0, atol=BACK_ENDS[back_end].whole_within)
+    assert np.isnan(found[~finite, policy(OTHER_PLANT).robot.joint]).all()
+    if sensor == "late and noisy":
+        assert np.abs(found - before).max() > 0.1
+
+
 @pytest.mark.parametrize("sensor", ["400 Hz", "uneven"])
 @pytest.mark.parametrize("name", REFINED)
 def test_a_loop_at_another_rate_swings_up_and_holds(name, sensor):
@@ -103,9 +129,9 @@ def test_the_passive_joint_has_no_torque_without_a_front_end(made, name):
 def test_the_estimator_tries_several_delays(made):
     """Otherwise the table would say little of the bank."""
     times, states, _ = recorded("acrobot-refined", LONG)["late"]
-    controller, delays = made("numpy", "acrobot-refined").controller, set()
-    controller.reset()
+    found, delays = made("numpy", "acrobot-refined").controller, set()
+    found.reset()
     for t, x in zip(times, states, strict=True):
-        controller(x, t)
-        delays.add(controller._estimator.delay_steps)
+        found(x, t)
+        delays.add(found._estimator.delay_steps)
     assert len(delays) > 2

@@ -15,7 +15,7 @@ from swingup.physics.integrate import rk4_step
 from swingup.physics.parameters import ROBOTS, leaderboard_parameters
 from swingup.policy.jax_backend.controller import shipped_policy
 from swingup.policy.jax_backend.estimator import with_estimator
-from swingup.policy.settings import EstimatorSettings, estimator_settings, kalman_gains
+from swingup.policy.settings import EstimatorSettings, default_estimator, estimator_settings, kalman_gains
 
 DT, STEPS, PAST = 0.002, 1500, 32
 UP = np.array([np.pi, 0.0, 0.0, 0.0])
@@ -368,3 +368,12 @@ def test_settings_of_a_policy_file():
     for other in (True, None, [], "default"):
         with pytest.raises(SwingupError, match="is no object of settings"):
             estimator_settings({"estimator": other})
+
+
+def test_default_settings_are_in_the_plants_units(either_robot, similar):
+    plant = leaderboard_parameters(either_robot)
+    assert default_estimator(plant) == EstimatorSettings()
+    # Half C.1's unit of time: twice its velocities and four times its accelerations. Encoder and loop are the same.
+    found = default_estimator(similar(plant))
+    assert (found.velocity_noise, found.acceleration_noise) == pytest.approx((0.5, 200.0))
+    assert dataclasses.replace(found, velocity_noise=0.25, acceleration_noise=50.0) == EstimatorSettings()

@@ -107,7 +107,7 @@ STAGES = [{"name": "pendulum"}, {"name": "normalise"}]
     ("metadata", "arrays", "message"),
     [
         ({"format": "swingup checkpoint"}, {}, "a 'swingup checkpoint' file"),
-        ({"format_version": 2}, {}, "format version 2"),
+        ({"format_version": 3}, {}, "format version 3, this program reads 1 and 2"),
         ({"observation": [{"name": "kalman"}, *STAGES]}, {}, "unknown observation stage 'kalman'"),
         (
             {"observation": [{"name": "pendulum", "angles": "polar"}, STAGES[1]]},

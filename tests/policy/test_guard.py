@@ -262,7 +262,9 @@ def test_who_has_a_guard(tmp_path):
     assert realaigym.load_controller("refined", "acrobot").fault is None
     slow = dataclasses.replace(policy("acrobot-refined").estimator, dt=0.005)
     at_200_hz = dataclasses.replace(policy("acrobot-refined"), estimator=slow)
-    assert choose_guard(True, None, at_200_hz.period) == GuardSettings(dt=0.005)
+    scaled = GuardSettings(dt=0.005, longest_pause=0.05, stale_time=0.05, stuck_time=0.5)
+    assert choose_guard(True, None, at_200_hz.period) == scaled
+    assert choose_guard(True, None, DT) == choose_guard(True, None, None) == GuardSettings()
 
 
 @pytest.mark.parametrize(

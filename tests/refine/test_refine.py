@@ -110,9 +110,9 @@ def test_the_cost_weighs_the_measures():
 
 def test_the_cost_of_a_batch_is_the_mean_of_its_episodes():
     settings = PolicyGradientSettings(duration=0.1, weights=EpisodeWeights(score=1.0, down=3.0))
-    cost = jax.jit(batch_cost, static_argnames="settings")
+    cost, plant = jax.jit(batch_cost, static_argnames="settings"), leaderboard_parameters(ACROBOT)
     x0 = jnp.array([[0.0, 0.0, 0.0, 0.0], [np.pi, 0.1, 0.0, 0.0]], jnp.float32)
-    total, measures = cost(small().policy.actor, small(), x0, settings=settings)
+    total, measures = cost(small().policy.actor, small(), x0, settings=settings, plant=plant)
     assert float(total) == pytest.approx(float(jnp.mean(3 * measures.down - measures.score)), rel=1e-5)
     assert measures.down[1] < 0.01 < 0.99 < measures.down[0]
 
@@ -135,7 +135,7 @@ def test_the_gradient_through_an_episode_is_that_of_finite_differences(x64):
     @jax.jit
     @jax.value_and_grad
     def cost_and_gradient(actor):
-        return batch_cost(actor, controller, x0, settings)[0]
+        return batch_cost(actor, controller, x0, settings, leaderboard_parameters(ACROBOT))[0]
 
     gradient = cost_and_gradient(actor)[1]
     direction = jax.tree.map(

@@ -112,7 +112,7 @@ def test_bad_domains(tmp_path, content, message):
 
 def test_unknown_domains(tmp_path):
     with pytest.raises(
-        SwingupError, match="unknown domain 'moon': use identified, randomised, a plant's name or a"
+        SwingupError, match="unknown domain 'moon': use identified, randomised, recorded, a plant's name or a"
     ):
         load_domain("moon")
     with pytest.raises(SwingupError, match="No such file or directory; check the path"):

@@ -8,6 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from swingup.benchmark.rollout import Scenario, apply_torque, initial_loop, measure
 from swingup.physics.parameters import get_robot
@@ -16,7 +17,8 @@ from swingup.plants.loop import LOOP_DT
 from swingup.policy.jax_backend.front_end import FrontEnd
 from swingup.policy.numpy_backend.front_end import NumpyFrontEnd
 from swingup.policy.settings import FrontEndSettings
-from swingup.tasks.disturbance import Motor, Pushes, motor_torques, step_noise, undisturbed
+from swingup.tasks.disturbance import Pushes, motor_torques, step_noise, undisturbed
+from swingup.tasks.motors import Motor
 from swingup.tasks.presets import sim2real_task
 from swingup.tasks.sim2real import CALLS
 
@@ -27,6 +29,15 @@ QUIET = make_domain(
     }
 )  # fmt: skip
 """No noise: the motion is determined."""
+
+ROBOT = make_domain(
+    {
+        "passive_limit": 0.5, "delay": 0.002, "lag": 0.002, "gain1": 0.9, "gain2": 0.8, "quantum1": 3e-4,
+        "quantum2": 4e-4, "offset1": 0.02, "offset2": -0.01, "late": 0.3, "lateness": 1e-3, "push": 2.0,
+        "passive_push": 1.0,
+    }
+)  # fmt: skip
+"""The robot's own loop: its late periods are drawn from the loop's key, and so are equal in both."""
 
 
 def test_a_motor_by_hand():
@@ -85,15 +96,16 @@ def test_each_motor_has_its_own_noise():
     assert abs(float(np.corrcoef(noise.T)[0, 1])) < 0.07
 
 
-def test_steps_are_the_judges(either_robot):
+@pytest.mark.parametrize("domain", [QUIET, ROBOT], ids=["typical", "robot"])
+def test_steps_are_the_judges(either_robot, domain):
     """Actions held for 10 ms on a plant without noise, beside the judge's loop and NumPy's front end."""
-    task = dataclasses.replace(measuring(either_robot, QUIET), reset_noise=0.3)
+    task = dataclasses.replace(measuring(either_robot, domain), reset_noise=0.3)
     actions = np.random.default_rng(1).uniform(-1, 1, (8, 1))
     with jax.enable_x64(True):
         state = jax.jit(lambda key: task.reset(key))(jax.random.key(4))
         start = np.asarray(state.x)
-        scenario = Scenario(state.plant, state.disturbance)
-        judged = initial_loop(jnp.asarray(start), QUIET.depth)
+        scenario = Scenario(state.plant, state.disturbance, substeps=domain.substeps)
+        judged = initial_loop(jnp.asarray(start), domain.depth, state.disturbance)
         front = NumpyFrontEnd(task.front_end.settings, either_robot.joint)
         step, half, other = jax.jit(lambda *given: task.step(*given)), jax.jit(measure), jax.jit(apply_torque)
         judged, seen, _ = half(scenario, judged, 0)

@@ -9,6 +9,8 @@ BOARDS = {
     "performance": PERFORMANCE,
     "robustness": (*CRITERIA, "overall"),
     "uptime": ("uptime",),
+    "robot_uptime": ("best", "uptime"),
+    "robot_performance": ("successes", "best", "mean"),
 }
 """What each board measures; its last column is the score that it is sorted by."""
 
@@ -51,4 +53,7 @@ COLUMNS = {
     "perturbations": Column("Perturbations", "Per-\nturb.", "%", ".1f"),
     "overall": Column("Overall robustness score", "Over-\nall", "", ".3f"),
     "uptime": Column("Uptime score", "Uptime\nscore", "", ".3f"),
+    "successes": Column("Swing-ups", "Swing-\nups", "%", ".0f"),
+    "best": Column("Best score", "Best\nscore", "", ".3f"),
+    "mean": Column("Mean score", "Mean\nscore", "", ".3f"),
 }

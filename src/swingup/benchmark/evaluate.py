@@ -3,19 +3,17 @@
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-
 from ..control.registry import has_estimator
 from ..errors import SwingupError
-from ..physics.parameters import Robot, get_robot, leaderboard_parameters
+from ..physics.integrate import stable_substeps
+from ..physics.parameters import Parameters, Robot, get_robot
+from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict, robot_parameters
 from ..tasks.disturbance import Disturbance, disturbance_as_dict
 from .criteria import SHARE, Criteria, TipHistory, failed, follow_tip, judge
+from .recording import checked_rows
 from .rollout import Scenario, Trajectory
 from .rules import DEFAULT_RULES, PerformanceRules, get_performance_rules
 from .runner import prepare, run_one
-
-START = 0.2
-"""A run's first time is within this of 0 (s): six periods of the slowest recordings, which have 33 Hz."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +31,8 @@ class Evaluation:
     """None on the boards, whose runs are undisturbed."""
     estimator: bool | None = None
     """Whether a state estimator stood before the controller; None for a recorded trajectory."""
+    plant: Plant | None = None
+    """None is the leaderboards' plant."""
 
     def as_dict(self) -> dict[str, Any]:
         """Ready for JSON: the names, success, the criteria, the score, the tip, and the disturbance, if any."""
@@ -40,6 +40,7 @@ class Evaluation:
         if self.estimator is not None:
             head["estimator"] = self.estimator
         disturbed = {} if self.disturbance is None else {"disturbance": disturbance_as_dict(self.disturbance)}
+        head |= plant_as_dict(self.plant, self.robot)
         return head | asdict(self.criteria) | self.tip.as_dict() | disturbed
 
 
@@ -49,8 +50,9 @@ def evaluate(
     name: str = "controller",
     rules: PerformanceRules | str = DEFAULT_RULES,
     disturbance: Disturbance | None = None,
+    plant: PlantLike | None = None,
 ) -> Evaluation:
-    """Simulate one swing-up from hanging at rest on the leaderboard's plant, in float64, and score it.
+    """Simulate one swing-up from hanging at rest, in float64, and score it.
 
     Args:
         controller: a controller in JAX, an object with ``get_control_output(x, t)`` or a function of (x, t);
@@ -59,72 +61,80 @@ def evaluate(
         name: name of the controller in the result.
         rules: rules of the performance board, or their name.
         disturbance: noise, delay, motor response and pushes of the simulation; None for the board's.
+        plant: what is simulated: a plant, its parameters, its name or its file; None for the leaderboards'.
 
     Raises:
-        SwingupError: there is no such robot, there are no such rules, the controller is for the other robot, or
-            it failed: it raised an error, or its torque is not two finite numbers.
+        SwingupError: there is no such robot or plant, there are no such rules, the controller is for the other
+            robot, or it failed: it raised an error, or its torque is not two finite numbers.
     """
-    robot, rules = get_robot(robot), get_performance_rules(rules)
-    estimator, controller = has_estimator(controller), prepare(controller, robot, name)
-    scenario = Scenario(leaderboard_parameters(robot), disturbance)
+    robot, found = get_robot(robot), find_plant(plant)
+    rules = get_performance_rules(rules).of(robot)
+    parameters = robot_parameters(found, robot)
+    estimator, controller = has_estimator(controller), prepare(controller, robot, name, parameters)
+    scenario = Scenario(parameters, disturbance, substeps=stable_substeps(parameters, rules.dt))
     # Room for the present state and the delayed ones.
     depth = 1 if disturbance is None else int(disturbance.delay_steps) + 1
     try:
         trajectory = run_one(controller, scenario, rules.dt, rules.steps, depth)
     except SwingupError as error:
         raise SwingupError(f"controller {name!r}: {error}") from error
-    return Evaluation(robot.name, name, *_judged(trajectory, robot, rules), trajectory, disturbance, estimator)
+    judged = _judged(trajectory, parameters, rules)
+    return Evaluation(robot.name, name, *judged, trajectory, disturbance, estimator, found)
 
 
 def evaluate_recorded(
-    trajectory: Trajectory, robot: Robot | str, name: str, rules: PerformanceRules | str = DEFAULT_RULES
+    trajectory: Trajectory,
+    robot: Robot | str,
+    name: str,
+    rules: PerformanceRules | str = DEFAULT_RULES,
+    plant: PlantLike | None = None,
 ) -> Evaluation:
     """Score a trajectory from any source, such as a recording of a real robot.
 
     Args:
         trajectory: NumPy arrays in float64.
-        robot: which joint is driven; gives the lengths of the links.
+        robot: which joint is driven.
         name: name of the trajectory in the result.
         rules: rules of the performance board, or their name.
+        plant: gives the lengths of the links; None for the leaderboards'.
 
     Raises:
         SwingupError: as :func:`score`.
     """
-    robot, rules = get_robot(robot), get_performance_rules(rules)
-    return Evaluation(robot.name, name, *_judged(trajectory, robot, rules), trajectory)
+    robot, found = get_robot(robot), find_plant(plant)
+    rules = get_performance_rules(rules).of(robot)
+    judged = _judged(trajectory, robot_parameters(found, robot), rules)
+    return Evaluation(robot.name, name, *judged, trajectory, plant=found)
 
 
-def score(trajectory: Trajectory, robot: Robot | str, rules: PerformanceRules | str = DEFAULT_RULES) -> Criteria:
+def score(
+    trajectory: Trajectory,
+    robot: Robot | str,
+    rules: PerformanceRules | str = DEFAULT_RULES,
+    plant: PlantLike | None = None,
+) -> Criteria:
     """Score a trajectory from any source by the rules of the performance board.
 
     Times count from 0, or from the first row where that is earlier. A span below 99 % of the duration scores 0.
 
     Args:
         trajectory: NumPy arrays in float64.
-        robot: which joint is driven; gives the lengths of the links.
+        robot: which joint is driven.
         rules: rules of the performance board, or their name.
+        plant: gives the lengths of the links; None for the leaderboards'.
 
     Raises:
-        SwingupError: there is no such robot, there are no such rules, or the trajectory has fewer than 3 rows, rows
-            of other shapes, values that are not finite, or times that do not increase or start far from 0.
+        SwingupError: there is no such robot or plant, there are no such rules, or the trajectory has fewer than 3
+            rows, rows of other shapes, values that are not finite, or times that do not increase or start far
+            from 0.
     """
-    return _judged(trajectory, get_robot(robot), get_performance_rules(rules))[0]
+    rules = get_performance_rules(rules).of(get_robot(robot))
+    return _judged(trajectory, robot_parameters(plant, robot), rules)[0]
 
 
-def _judged(trajectory: Trajectory, robot: Robot, rules: PerformanceRules) -> tuple[Criteria, TipHistory]:
-    parameters = leaderboard_parameters(robot)
+def _judged(trajectory: Trajectory, parameters: Parameters, rules: PerformanceRules) -> tuple[Criteria, TipHistory]:
     lengths = float(parameters.l1), float(parameters.l2)
-    time, x, u = (np.asarray(rows, np.float64) for rows in (trajectory.time, trajectory.x, trajectory.u))
-    rows = time.size
-    if rows < 3 or time.shape != (rows,) or x.shape != (rows, 4) or u.shape != (rows, 2):
-        shapes = f"{time.shape}, {x.shape} and {u.shape}"
-        raise SwingupError(f"time, x and u have shapes {shapes}: pass (N,), (N, 4) and (N, 2) with N of 3 or more")
-    if not (np.isfinite(time).all() and np.isfinite(x).all() and np.isfinite(u).all()):
-        raise SwingupError("the trajectory holds values that are not finite: end it before them")
-    if not np.all(np.diff(time) > 0):
-        raise SwingupError("the trajectory's times do not increase: keep one run, in order")
-    if abs(time[0]) > START:
-        raise SwingupError(f"the trajectory starts at t = {time[0]:g} s: give its times as seconds since its start")
+    time, x, u = checked_rows(trajectory)
     criteria = judge(time - min(0.0, time[0]), x, u, *lengths, rules)  # no negative swing-up times
     long_enough = time[-1] - time[0] >= SHARE * rules.duration
     return criteria if long_enough else failed(criteria), follow_tip(time, x, *lengths, rules)

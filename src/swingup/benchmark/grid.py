@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import SwingupError
-from ..physics.parameters import Parameters, Robot, leaderboard_parameters, validated
+from ..physics.parameters import Parameters, Robot, validated
+from ..plants.plant import PlantLike, robot_parameters
 from ..tasks.disturbance import Disturbance, Pushes, undisturbed
 from .rollout import Scenario
 from .rules import CRITERIA, RANDOM, SWEPT, ModelSweep, PushRules, RobustnessRules, Sweep
@@ -31,7 +32,9 @@ class Case:
     scenario: Scenario
 
 
-def make_cases(robot: Robot, rules: RobustnessRules, criterion: str, seed: int) -> list[Case]:
+def make_cases(
+    robot: Robot, rules: RobustnessRules, criterion: str, seed: int, plant: PlantLike | None = None
+) -> list[Case]:
     """All simulations of one criterion.
 
     Args:
@@ -39,11 +42,12 @@ def make_cases(robot: Robot, rules: RobustnessRules, criterion: str, seed: int) 
         rules: the sweeps.
         criterion: one of :data:`~swingup.benchmark.rules.CRITERIA`.
         seed: of the noise and the pushes; the other criteria do not depend on it.
+        plant: what the grid is around; None for the leaderboards' plant.
 
     Raises:
-        SwingupError: a value makes no pendulum, or is no disturbance.
+        SwingupError: there is no such plant, a value makes no pendulum, or is no disturbance.
     """
-    nominal = leaderboard_parameters(robot)
+    nominal = robot_parameters(plant, robot)
     # Room for pushes in every case: scenarios of one structure can be stacked.
     calm = undisturbed(rules.perturbations.pushes)
     if criterion == "model":
@@ -77,6 +81,9 @@ def vary(nominal: Parameters, model: ModelSweep, value: float) -> Parameters:
         mass = 1.0 if model.mass is None else getattr(nominal, model.mass)
         # The benchmark varies m r and divides by m. Another order of operations would round differently.
         value = mass * getattr(nominal, model.parameter) * value / mass
+    else:
+        # Added: the leaderboards' plant has 0 of what changes so, other plants have not.
+        value = getattr(nominal, model.parameter) + value
     return dataclasses.replace(nominal, **{model.parameter: value})
 
 

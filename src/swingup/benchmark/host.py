@@ -9,9 +9,10 @@ import numpy as np
 
 from ..control.python_controller import Answer, PythonController, answer
 from ..errors import SwingupError
-from .rollout import LoopState, Scenario, Trajectory, apply_torque, initial_loop, measure
+from .rollout import LoopState, Record, Scenario, Trajectory, apply_torque, initial_loop, measure, record
 
-_measure = jax.jit(jax.vmap(measure, in_axes=(0, 0, None)))
+_measure = jax.jit(jax.vmap(measure, in_axes=(0, 0, None, None)))
+_record = jax.jit(jax.vmap(record))
 _apply_torque = jax.jit(jax.vmap(apply_torque, in_axes=(0, 0, None, 0, None)))
 
 
@@ -41,29 +42,39 @@ def simulate_on_host(
             calls.append(_silent)
             faults[index] = str(error)
     # A batch even for one simulation: the compiled half steps have a leading axis.
-    loop: LoopState = jax.tree.map(lambda leaf: jnp.stack([leaf] * number), initial_loop(jnp.zeros(4), depth))
-    time = np.arange(steps) * dt
+    start = jax.vmap(lambda each: initial_loop(jnp.zeros(4), depth, each.disturbance, dt, each.supervisor))
+    loop: LoopState = start(scenarios)
+    # A loop with a clock of its own overwrites its times.
+    time = np.tile(np.arange(steps) * dt, (number, 1))
     kept = steps if keep else 0
     x, u = np.zeros((number, kept, 4)), np.zeros((number, kept, 2))
+    # Rows that are never reached count as over.
+    written = Record(np.zeros_like(x), np.zeros_like(u), np.ones((number, kept), bool))
     for step in range(steps):
         if keep:
             x[:, step] = loop.x
-        loop, state, called = _measure(scenarios, loop, np.int64(step))
+        loop, state, called = _measure(scenarios, loop, np.int64(step), dt)
+        if loop.times is not None:
+            time[:, step] = loop.times.now
         measured, command = np.asarray(state, np.float64), np.zeros((number, 2))
         # No call during a throw, nor on a state that has diverged: that is no fault of the controller.
         able = np.asarray(called) & np.isfinite(measured).all(axis=1)
         for index, call in enumerate(calls):
             if faults[index] is None and able[index]:
                 try:
-                    command[index] = answer(call, measured[index], float(time[step]))
+                    command[index] = answer(call, measured[index], float(time[index, step]))
                 except SwingupError as error:
                     faults[index] = str(error)
         if None not in faults:
             break  # every controller has failed
+        if keep and scenarios.supervisor is not None:
+            row = _record(scenarios, loop, state, command)
+            written.x[:, step], written.u[:, step], written.over[:, step] = row.x, row.u, row.over
         loop = _apply_torque(scenarios, loop, np.int64(step), command, dt)
         if keep:
             u[:, step] = loop.u
-    rows = Trajectory(time=np.tile(time, (number, 1)), x=x, u=u) if keep else None
+    kept_record = None if scenarios.supervisor is None else written
+    rows = Trajectory(time=time, x=x, u=u, record=kept_record) if keep else None
     return HostRun(rows, np.asarray(loop.x), faults)
 
 

@@ -3,14 +3,17 @@
 import csv
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from typing import Any
 
+from ..control.baselines import BASELINES
 from ..control.registry import find_controller, has_estimator
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot
-from ..policy.shipped import AR_EAPO, GLOBAL, REFINED
+from ..plants.domain import load_domain
+from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict
+from ..policy.shipped import AR_EAPO, GLOBAL, REFINED, ROBOT
 from .board_rules import BoardRules, get_board_rules
 from .columns import BOARDS, PERFORMANCE
 from .evaluate import evaluate
@@ -18,15 +21,19 @@ from .robustness import robustness
 from .rules import DEFAULT_RULES
 from .runner import Progress
 from .seeds import check_seeds
+from .trials import trials
 from .uptime import uptime
 
 OURS = "ours"
+ON_ROBOT = "robot"
 ENTRANTS = (AR_EAPO, "tvlqr", "ilqr-riccati", "ilqr-mpc")
 """The paper's controllers, by our names."""
 FURTHER = (REFINED, "tvlqr-score")
 """Further controllers of ours that enter every board beside the paper's."""
 FOR_THROWS = (GLOBAL,)
 """Those that enter only the boards with throws."""
+FOR_ROBOTS = (ROBOT,)
+"""Those that enter only the boards of real robots."""
 ALONE = " --no-estimator"
 """Ends the name of a shipped policy that enters a second time, without its estimator."""
 
@@ -40,7 +47,8 @@ class Row:
 
     controller: str
     source: str
-    """``ours`` if computed by this package, ``paper``, or ``board`` for the public leaderboard."""
+    """``ours`` if computed by this package, ``paper``, ``board`` for the public leaderboard of simulations, or
+    ``robot`` for that of runs on the real robot."""
     values: Mapping[str, float | None]
     """By the board's columns; None where nothing could be measured."""
     remark: str | None = None
@@ -59,11 +67,16 @@ class Board:
 
     robot: str
     measure: str
-    """``performance``, ``robustness`` (criteria in %, overall from 0 to 1) or ``uptime``."""
+    """``performance``, ``robustness`` (criteria in %, overall from 0 to 1) or ``uptime``; with ``robot_`` before it
+    for trials on the simulated robot."""
     rules: str
     seed: int | None
     """Of the noise, pushes or throws; None where nothing is random."""
     rows: tuple[Row, ...]
+    plant: Plant | None = None
+    """None is the leaderboards' plant."""
+    note: str | None = None
+    """What the rules say of the board."""
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -73,6 +86,7 @@ class Board:
     def as_dicts(self) -> list[dict[str, Any]]:
         """One flat object a row, ready for JSON."""
         head = {"robot": self.robot, "measure": self.measure, "rules": self.rules, "seed": self.seed}
+        head |= plant_as_dict(self.plant, self.robot)
         names = ("controller", "source", "remark")
         return [head | {name: getattr(row, name) for name in names} | dict(row.values) for row in self.rows]
 
@@ -85,36 +99,71 @@ def leaderboard(
     recompute: bool = False,
     entrants: Sequence[str] | None = None,
     progress: RowProgress | None = None,
+    plant: PlantLike | None = None,
 ) -> list[Board]:
     """Every board of a version of the rules, with our rows computed now.
 
     Args:
         robot: which joint is driven.
         controllers: controllers by name, in JAX or plain Python, that enter beside ours.
-        rules: ``v2`` (performance and robustness), ``hardware`` (performance), ``v3`` (uptime), or others as data.
+        rules: ``v2`` (performance and robustness), ``hardware`` or ``hardware-perturbed`` (performance), ``v3``
+            (uptime), ``iros-real``, ``v2-real``, ``icra-real`` or ``cloudpendulum`` (runs on simulated robots), or
+            others as data.
         seed: of noise, pushes and throws.
         recompute: also compute the rows that the package ships because they take minutes.
         entrants: names of the built-in controllers that enter; None for those of the rules.
         progress: called before each row and while it is computed.
+        plant: what the controllers are judged on, and the baselines designed for: a plant, its parameters, its name
+            or its file. Boards of another plant than the leaderboards' (None) have no published or shipped rows.
 
     Raises:
-        SwingupError: there is no such robot, there are no such rules, or the seed is out of range. The row of a
-            controller that fails says so.
+        SwingupError: there is no such robot or plant, there are no such rules, or the seed is out of range. The row
+            of a controller that fails says so.
     """
     robot, rules, seed = get_robot(robot), get_board_rules(rules), check_seeds(seed, 1)[0]
-    names = default_entrants(rules) if entrants is None else entrants
-    entered = entrants_for(robot, controllers or {}, names, alone=True)
-    makers = _makers(rules, seed, recompute, progress)
-    return [_board(robot, measure, rules.name, seed, entered, make_row) for measure, make_row in makers.items()]
+    names, found = default_entrants(rules) if entrants is None else entrants, find_plant(plant)
+    designed_for = _designed_for(rules, found)
+    entered = entrants_for(robot, controllers or {}, names, alone=True, plant=designed_for)
+    makers = _makers(rules, seed, recompute or found is not None, progress, found)
+    return [
+        replace(_board(robot, measure, rules.name, seed, entered, make_row, found), note=_note_of(rules))
+        for measure, make_row in makers.items()
+    ]
 
 
 def default_entrants(rules: BoardRules) -> tuple[str, ...]:
     """Names of the built-in controllers on the boards of a version of the rules."""
-    return (*ENTRANTS, *FURTHER, *(FOR_THROWS if rules.uptime else ()))
+    if rules.uptime is not None and rules.uptime.cell is not None:
+        return tuple(name for name in ENTRANTS if name in BASELINES)  # the shipped policies were made for C.1
+    on_robot = _domain_of(rules) is not None
+    return (*ENTRANTS, *FURTHER, *(FOR_THROWS if rules.uptime else ()), *(FOR_ROBOTS if on_robot else ()))
+
+
+def _note_of(rules: BoardRules) -> str | None:
+    return rules.uptime.note if rules.uptime else None
+
+
+def _domain_of(rules: BoardRules) -> str | None:
+    """The domain of rules of a robot, which draw plants and loops."""
+    return rules.trials.domain if rules.trials else rules.uptime.domain if rules.uptime else None
+
+
+def _designed_for(rules: BoardRules, plant: Plant | None) -> Plant | None:
+    """What baselines are designed for: the plant that is judged on, or that a robot's domain starts from."""
+    domain = _domain_of(rules)
+    if domain is None:
+        return plant
+    if plant is not None:
+        raise SwingupError(f"the rules {rules.name} draw plants from a domain: leave the plant {plant.name} out")
+    return load_domain(domain).plant
 
 
 def entrants_for(
-    robot: Robot, others: Mapping[str, Any], names: Sequence[str] = ENTRANTS, alone: bool = False
+    robot: Robot,
+    others: Mapping[str, Any],
+    names: Sequence[str] = ENTRANTS,
+    alone: bool = False,
+    plant: PlantLike | None = None,
 ) -> dict[str, Any]:
     """Built-in controllers and others, by name.
 
@@ -123,15 +172,16 @@ def entrants_for(
         others: controllers of the user.
         names: the built-in controllers.
         alone: whether a policy that ships with an estimator enters a second time without it.
+        plant: what baselines are designed for; None for the leaderboards' plant.
 
     Raises:
         SwingupError: another controller has a name of ours.
     """
     _check_names(others, names)  # before controllers are made, which takes seconds
     # Not get_controller: its notes on changed names are for names that a user gives.
-    ours = {name: find_controller(name, robot) for name in names}
+    ours = {name: find_controller(name, robot, plant=plant) for name in names}
     twice = [name for name in names if alone and has_estimator(ours[name])]
-    ours |= {f"{name}{ALONE}": find_controller(name, robot, estimator=False) for name in twice}
+    ours |= {f"{name}{ALONE}": find_controller(name, robot, False, plant) for name in twice}
     # Again, for the names without an estimator: they are known only now.
     _check_names(others, ours)
     return ours | dict(others)
@@ -143,7 +193,9 @@ def _check_names(others: Iterable[str], ours: Iterable[str]) -> None:
         raise SwingupError(f"controller {taken[0]!r} is on the board already: give yours another name")
 
 
-def _makers(rules: BoardRules, seed: int, recompute: bool, progress: RowProgress | None) -> dict[str, _Maker]:
+def _makers(
+    rules: BoardRules, seed: int, recompute: bool, progress: RowProgress | None, plant: Plant | None
+) -> dict[str, _Maker]:
     """One function for each board of a version of the rules: it fills a row."""
 
     def told(name: str, measure: str) -> Progress:
@@ -158,7 +210,7 @@ def _makers(rules: BoardRules, seed: int, recompute: bool, progress: RowProgress
     def performance(controller: Any, robot: Robot, name: str) -> Row:
         assert rules.performance is not None
         told(name, "performance")
-        criteria = evaluate(controller, robot, name, rules.performance).criteria
+        criteria = evaluate(controller, robot, name, rules.performance, plant=plant).criteria
         remark = None if criteria.success else "no swing-up"
         return Row(name, OURS, {column: getattr(criteria, column) for column in PERFORMANCE}, remark)
 
@@ -166,18 +218,37 @@ def _makers(rules: BoardRules, seed: int, recompute: bool, progress: RowProgress
         assert rules.robustness is not None
         if name in SHIPPED_ROBUSTNESS and not recompute:
             return shipped_robustness(robot, name)
-        result = robustness(controller, robot, name, rules.robustness, seed, progress=told(name, "robustness"))
+        shown = told(name, "robustness")
+        result = robustness(controller, robot, name, rules.robustness, seed, progress=shown, plant=plant)
         faults = result.faults
         remark = f"{len(faults)} simulations without an answer; the first: {faults[0].fault}" if faults else None
         return Row(name, OURS, {**result.percent, "overall": result.overall}, remark)
 
     def thrown(controller: Any, robot: Robot, name: str) -> Row:
         assert rules.uptime is not None
-        result = uptime(controller, robot, name, rules.uptime, seed, progress=told(name, "uptime"))
-        return Row(name, OURS, {"uptime": result.uptime}, result.faults[0])
+        seeds, shown = rules.uptime.trials, told(name, "uptime")
+        result = uptime(controller, robot, name, rules.uptime, seed, seeds, progress=shown, plant=plant)
+        values = {"uptime": result.uptime} | ({} if result.domain is None else {"best": result.best})
+        return Row(name, OURS, values, next((fault for fault in result.faults if fault), None))
 
-    known: dict[str, _Maker] = {"performance": performance, "robustness": resilience, "uptime": thrown}
-    return {measure: make for measure, make in known.items() if getattr(rules, measure) is not None}
+    def tried(controller: Any, robot: Robot, name: str) -> Row:
+        assert rules.trials is not None
+        result = trials(controller, robot, name, rules.trials, seed=seed, progress=told(name, "trials"))
+        shares = {
+            "successes": 100.0 * result.successes / len(result.runs),
+            "best": result.best,
+            "mean": result.score,
+        }
+        return Row(name, OURS, shares, next((run.fault for run in result.runs if run.fault), None))
+
+    minute = "robot_uptime" if rules.uptime is not None and rules.uptime.domain is not None else "uptime"
+    known: tuple[tuple[str, Any, _Maker], ...] = (
+        ("performance", rules.performance, performance),
+        ("robustness", rules.robustness, resilience),
+        (minute, rules.uptime, thrown),
+        ("robot_performance", rules.trials, tried),
+    )
+    return {measure: make for measure, given, make in known if given is not None}
 
 
 def published_rows(robot: Robot, measure: str, rules: str) -> list[Row]:
@@ -185,14 +256,14 @@ def published_rows(robot: Robot, measure: str, rules: str) -> list[Row]:
 
     The paper prints 0.0083 N m as the smoothness of the pendubot's iLQR MPC; only 0.083 gives its score.
     """
-    # Each board was published for one version of the rules only.
-    if rules != {"uptime": "v3"}.get(measure, "v2"):
-        return []
     text = (resources.files(__package__) / f"published_{measure}.csv").read_text(encoding="utf-8")
     entries = [entry for entry in csv.DictReader(text.splitlines()) if entry["robot"] == robot.name]
     columns = BOARDS[measure]
     return [
-        Row(each["controller"], each["source"], {name: float(each[name]) for name in columns}) for each in entries
+        Row(each["controller"], each["source"], {name: float(each[name]) for name in columns})
+        for each in entries
+        # Most boards were published for one version of the rules only.
+        if rules == each.get("rules", {"uptime": "v3"}.get(measure, "v2"))
     ]
 
 
@@ -210,9 +281,15 @@ def shipped_robustness(robot: Robot, name: str) -> Row:
 
 
 def _board(
-    robot: Robot, measure: str, rules: str, seed: int, entrants: Mapping[str, Any], make_row: _Maker
+    robot: Robot,
+    measure: str,
+    rules: str,
+    seed: int,
+    entrants: Mapping[str, Any],
+    make_row: _Maker,
+    plant: Plant | None,
 ) -> Board:
-    rows, score = published_rows(robot, measure, rules), BOARDS[measure][-1]
+    rows, score = published_rows(robot, measure, rules) if plant is None else [], BOARDS[measure][-1]
     drawn = None if measure == "performance" else seed
     for name, controller in entrants.items():
         try:
@@ -220,6 +297,5 @@ def _board(
         except SwingupError as error:
             # One controller's failure must not cost the others their rows.
             rows.append(Row(name, OURS, {**dict.fromkeys(BOARDS[measure]), score: 0.0}, str(error)))
-    return Board(
-        robot.name, measure, rules, drawn, tuple(sorted(rows, key=lambda row: -(row.values[score] or 0.0)))
-    )
+    ranked = tuple(sorted(rows, key=lambda row: -(row.values[score] or 0.0)))
+    return Board(robot.name, measure, rules, drawn, ranked, plant)

@@ -18,10 +18,11 @@ from jaxtyping import Float
 
 from ..checks import LARGEST
 from ..physics.integrate import rk4_step
-from ..physics.parameters import TORQUE_LIMIT, Robot, get_robot, identified_parameters, leaderboard_parameters
+from ..physics.parameters import Parameters, Robot, get_robot, identified_parameters
+from ..plants.plant import PlantLike, load_plant, robot_parameters
 from .criteria import SHARE
 from .rollout import Trajectory
-from .rules import DEFAULT_RULES, PerformanceRules, get_performance_rules
+from .rules import DEFAULT_RULES, PerformanceRules, UptimeRules, get_performance_rules
 
 COMPENSATION = 0.5
 """Torque that the rules leave the passive joint's motor, for the compensation of its friction (N m)."""
@@ -85,30 +86,39 @@ class Plausibility:
 
 
 def examine(
-    trajectory: Trajectory, robot: Robot | str, rules: PerformanceRules | str = DEFAULT_RULES
+    trajectory: Trajectory,
+    robot: Robot | str,
+    rules: PerformanceRules | UptimeRules | str = DEFAULT_RULES,
+    plant: PlantLike | None = None,
 ) -> Plausibility:
     """Look at a trajectory that :func:`~swingup.benchmark.evaluate.score` accepts.
 
     Args:
         trajectory: NumPy arrays in float64.
         robot: which joint is driven.
-        rules: rules of the performance board, or their name.
+        rules: rules of the performance board, or their name, or rules of a global-policy board.
+        plant: the recording's pendulum, with or without its friction; None for the leaderboards' or design C.1.
 
     Raises:
-        SwingupError: there is no such robot, or there are no such rules.
+        SwingupError: there is no such robot or plant, or there are no such rules.
     """
-    robot, rules = get_robot(robot), get_performance_rules(rules)
+    robot = get_robot(robot)
+    plants = _possible_plants(plant, robot)
+    rules = get_performance_rules(rules) if isinstance(rules, str) else rules
+    scored = isinstance(rules, PerformanceRules)
     time, x, u = (np.asarray(rows, np.float64) for rows in (trajectory.time, trajectory.x, trajectory.u))
     period = np.diff(time)
     with np.errstate(all="ignore"):  # absurd values overflow and become findings
         slip = _slip(period, x)
         found = [
-            *_short_span(time, rules),
-            *_periods(period, rules),
+            *_short_span(time, rules.duration, "it scores 0" if scored else "the rest counts as down"),
+            *_periods(period),
+            # The uptime compares no row with the next, and its throws drive both joints.
+            *(_rate(period, rules.dt) if scored else ()),
             *_start(x[0]),
-            *_torques(u, robot),
+            *_torques(u, robot, float(max(plants[0].tl1, plants[0].tl2)), thrown=not scored),
             *_positions(period, slip),
-            *_defect(period, x, u, slip, robot),
+            *_defect(period, x, u, slip, plants),
         ]
     return Plausibility(float(1 / np.median(period)), tuple(Finding(name, text) for name, text in found))
 
@@ -116,13 +126,21 @@ def examine(
 _Found = Iterator[tuple[str, str]]
 
 
-def _short_span(time: np.ndarray, rules: PerformanceRules) -> _Found:
+def _possible_plants(plant: PlantLike | None, robot: Robot) -> tuple[Parameters, Parameters]:
+    """A simulated recording has the frictionless plant, a robot's has friction."""
+    if plant is None:
+        return robot_parameters(None, robot), identified_parameters()
+    found = load_plant(plant)
+    return found.frictionless().driven(robot), found.parameters
+
+
+def _short_span(time: np.ndarray, duration: float, consequence: str) -> _Found:
     span = time[-1] - time[0]
-    if span < SHARE * rules.duration:
-        yield "short_span", f"it spans {span:.4g} s of {rules.duration:g} s: below {SHARE:.0%} it scores 0"
+    if span < SHARE * duration:
+        yield "short_span", f"it spans {span:.4g} s of {duration:g} s: below {SHARE:.0%} {consequence}"
 
 
-def _periods(period: np.ndarray, rules: PerformanceRules) -> _Found:
+def _periods(period: np.ndarray) -> _Found:
     usual, longest = float(np.median(period)), float(period.max())
     uneven = float(np.mean(np.abs(period - usual) > UNEVEN[0] * usual))
     if longest > LONGEST_PERIOD * usual or uneven > UNEVEN[1]:
@@ -130,10 +148,14 @@ def _periods(period: np.ndarray, rules: PerformanceRules) -> _Found:
             "irregular_periods",
             f"its periods reach {longest:.4g} s, their median is {usual:.4g} s, and {uneven:.0%} are far from that",
         )
-    if abs(rules.dt / usual - 1) > RATE:
+
+
+def _rate(period: np.ndarray, dt: float) -> _Found:
+    usual = float(np.median(period))
+    if abs(dt / usual - 1) > RATE:
         yield (
             "rate",
-            f"it has {1 / usual:.4g} Hz, where the board has {1 / rules.dt:g} Hz: the torque smoothness, which "
+            f"it has {1 / usual:.4g} Hz, where the board has {1 / dt:g} Hz: the torque smoothness, which "
             "compares one row with the next, is not the board's",
         )
 
@@ -145,17 +167,18 @@ def _start(x: Float[np.ndarray, "4"]) -> _Found:
         yield "not_hanging", f"it starts {angle:.3g} rad off hanging, at {speed:.3g} rad/s"
 
 
-def _torques(u: Float[np.ndarray, "rows 2"], robot: Robot) -> _Found:
+def _torques(u: Float[np.ndarray, "rows 2"], robot: Robot, limit: float, thrown: bool) -> _Found:
     largest = np.abs(u).max(axis=0)
     driven, passive = float(largest[robot.joint]), float(largest[1 - robot.joint])
+    allowed = limit if thrown else COMPENSATION
+    what = "the limit of its motor" if thrown else "the rules' friction compensation"
     # The margin is for rounding.
-    if driven > TORQUE_LIMIT * (1 + 1e-9):
-        yield "torque_limit", f"its torque reaches {driven:.4g} N m, above the limit of {TORQUE_LIMIT:g} N m"
-    if passive > COMPENSATION * (1 + 1e-9):
+    if driven > limit * (1 + 1e-9):
+        yield "torque_limit", f"its torque reaches {driven:.4g} N m, above the limit of {limit:g} N m"
+    if passive > allowed * (1 + 1e-9):
         yield (
             "passive_torque",
-            f"the passive joint {2 - robot.joint} has up to {passive:.4g} N m, above the {COMPENSATION:g} N m of "
-            "the rules' friction compensation",
+            f"the passive joint {2 - robot.joint} has up to {passive:.4g} N m, above the {allowed:g} N m of {what}",
         )
 
 
@@ -179,15 +202,14 @@ def _defect(
     x: Float[np.ndarray, "rows 4"],
     u: Float[np.ndarray, "rows 2"],
     slip: Float[np.ndarray, "steps 2"],
-    robot: Robot,
+    plants: tuple[Parameters, Parameters],
 ) -> _Found:
-    """Simulate every row to the next, on the board's plant and on the identified one, and keep the better plant."""
+    """Simulate every row to the next, without friction and with it, and keep the better plant."""
     clean = bool(np.quantile(np.abs(slip / period[:, None]).max(axis=1), 0.9) < CLEAN)
     # Longer periods are cut short and then ignored: every row stays, and the batch keeps its shape.
     step = np.minimum(period, COARSEST)
     least = LARGEST
-    # A simulated recording has the frictionless plant, a robot's has friction.
-    for parameters in (leaderboard_parameters(robot), identified_parameters()):
+    for parameters in plants:
         with jax.enable_x64(True):
             after = np.asarray(_steps(parameters, x[:-1], u[:-1], step))
         defect = np.where((period <= COARSEST)[:, None], x[1:, 2:] - after[:, 2:], 0.0)

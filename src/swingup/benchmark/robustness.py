@@ -1,7 +1,7 @@
 """The robustness score: success of one controller in every simulation of the grid."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import fmean
 from typing import Any
 
@@ -11,10 +11,14 @@ from ..checks import one_of
 from ..control.registry import has_estimator
 from ..errors import SwingupError
 from ..physics.angles import UPRIGHT, wrap_difference
+from ..physics.integrate import stable_substeps
 from ..physics.parameters import Robot, get_robot
+from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict, robot_parameters
 from ..version import __version__
 from .grid import Case, make_cases
 from .interval import Interval, mean_interval
+from .own_units import robustness_in_own_units
+from .rollout import Scenario
 from .rules import CRITERIA, DEFAULT_RULES, RANDOM, RobustnessRules, get_robustness_rules
 from .runner import Progress, prepare, run_many, stack
 from .seeds import check_seeds
@@ -56,6 +60,8 @@ class Robustness:
     """Version of swingup that measured."""
     estimator: bool = False
     """Whether a state estimator stood before the controller."""
+    plant: Plant | None = None
+    """What the grid is around; None is the leaderboards' plant."""
 
     @property
     def faults(self) -> list[Result]:
@@ -68,7 +74,7 @@ class Robustness:
         if len(self.seeds) > 1:
             seeds |= {"seeds": list(self.seeds), "intervals": self.intervals}
         names = ("robot", "controller", "estimator", "rules")
-        head = {name: getattr(self, name) for name in names} | seeds
+        head = {name: getattr(self, name) for name in names} | plant_as_dict(self.plant, self.robot) | seeds
         scores = {**self.percent, "overall": self.overall}
         return {**head, "version": self.version, **scores, "details": [result.as_dict() for result in self.results]}
 
@@ -82,6 +88,7 @@ def robustness(
     seeds: int = 1,
     criteria: str | Sequence[str] = CRITERIA,
     progress: Progress | None = None,
+    plant: PlantLike | None = None,
 ) -> Robustness:
     """Simulate the whole grid of the robustness board in float64, and score it.
 
@@ -95,31 +102,42 @@ def robustness(
         seeds: number of seeds in a row; the random criteria are simulated with each.
         criteria: the criteria to measure; ``overall`` needs all six.
         progress: called with the number of finished simulations and of all.
+        plant: what the grid is around, with disturbances in that pendulum's own units: a plant, its parameters, its
+            name or its file; None for the leaderboards'.
 
     Raises:
-        SwingupError: there is no such robot, there are no such rules or criteria, a seed is out of range, or the
-            controller is for the other robot. A controller that fails to answer loses that simulation only.
+        SwingupError: there is no such robot or plant, there are no such rules or criteria, a seed is out of range,
+            or the controller is for the other robot. A controller that fails to answer loses that simulation only.
     """
     robot, rules = get_robot(robot), get_robustness_rules(rules)
     every, chosen = check_seeds(seed, seeds), check_criteria(criteria)
-    estimator, controller = has_estimator(controller), prepare(controller, robot, name)
-    cases = [case for criterion in chosen for case in make_cases(robot, rules, criterion, every[0])]
+    found = find_plant(plant)
+    rules, nominal = robustness_in_own_units(rules, robot, found), robot_parameters(found, robot)
+    estimator, controller = has_estimator(controller), prepare(controller, robot, name, nominal)
+    cases = [case for criterion in chosen for case in make_cases(robot, rules, criterion, every[0], found)]
     # The other criteria do not depend on the seed: one simulation of each is enough.
     for other in every[1:]:
-        cases += [case for one in chosen if one in RANDOM for case in make_cases(robot, rules, one, other)]
+        cases += [case for one in chosen if one in RANDOM for case in make_cases(robot, rules, one, other, found)]
     disturbances = [case.scenario.disturbance for case in cases]
     # One state more than the largest delay: the present one.
     depth = 1 + max(int(each.delay_steps) for each in disturbances if each is not None)
     # All criteria in one stack share one compiled program.
-    scenarios = stack([case.scenario for case in cases])
+    scenarios = stack(_stable([case.scenario for case in cases], rules.dt, found))
     batch = run_many(controller, scenarios, rules.dt, rules.steps, depth, progress=progress)
     ends = zip(cases, upright(batch.final, rules.tolerance), batch.faults, strict=True)
     # A controller that failed gets no success, even if the pendulum happened to end upright.
     results = tuple(Result(case, bool(success) and fault is None, fault) for case, success, fault in ends)
     percent, overall, intervals = summarise(results, tuple(every))
-    return Robustness(
-        robot.name, name, rules.name, tuple(every), percent, overall, intervals, results, estimator=estimator
-    )
+    head = robot.name, name, rules.name, tuple(every)
+    return Robustness(*head, percent, overall, intervals, results, estimator=estimator, plant=found)
+
+
+def _stable(scenarios: list[Scenario], dt: float, plant: Plant | None) -> list[Scenario]:
+    """Scenarios in steps short enough for the stiffest plant among them; the board's grid takes one of RK4."""
+    if plant is None:
+        return scenarios
+    substeps = max(stable_substeps(each.parameters, dt) for each in scenarios)
+    return [replace(each, substeps=substeps) for each in scenarios]
 
 
 def check_criteria(criteria: str | Sequence[str]) -> list[str]:

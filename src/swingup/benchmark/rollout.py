@@ -12,16 +12,38 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..control.controller import AbstractController
-from ..physics.integrate import rk4_step
+from ..physics.integrate import rk4_steps
 from ..physics.parameters import Parameters
-from ..tasks.disturbance import Disturbance, Past, measured_state, motor_torques, remember, step_noise
+from ..plants.loop import LOOP_DT
+from ..tasks.clock import Times, start_times
+from ..tasks.disturbance import (
+    Disturbance,
+    Past,
+    measured_state,
+    motor_torques,
+    remember,
+    step_noise,
+    step_period,
+)
+from ..tasks.supervisor import AbstractSupervisor, Intervention, no_intervention
 from ..tasks.throws import PID, Throws, is_thrown, start_pid, throw
-from ..types import Count, Flag, State, Torque
+from ..types import Count, Flag, Scalar, State, Torque
 
 Rows = Array | np.ndarray
+
+
+class Record(eqx.Module):
+    """What a robot writes down of a run, row by row."""
+
+    x: Float[Rows, "rows 4"]
+    """The measured states (rad, rad/s)."""
+    u: Float[Rows, "rows 2"]
+    """The torques that were asked for (N m), within the motors' limits: the controller's, or the supervisor's."""
+    over: Bool[Rows, "rows"]
+    """The supervisor has stopped the run at this row or before."""
 
 
 class Trajectory(eqx.Module):
@@ -33,6 +55,8 @@ class Trajectory(eqx.Module):
     """[q1, q2, dq1, dq2] (rad, rad/s)"""
     u: Float[Rows, "rows 2"]
     """[u1, u2] (N m) that acted: after the torque limits, with pushes if there were any"""
+    record: Record | None = None
+    """None where no supervisor stands beside the controller."""
 
 
 class Scenario(eqx.Module):
@@ -44,6 +68,10 @@ class Scenario(eqx.Module):
     """None is a perfect loop, and faster than a disturbance that changes nothing."""
     throws: Throws | None = None
     """When a PID takes the pendulum from the controller, if ever."""
+    supervisor: AbstractSupervisor[Any] | None = None
+    """What a robot's loop does beside the controller: it stops the run, throws the pendulum or pushes it."""
+    substeps: int = eqx.field(static=True, default=1)
+    """Steps of RK4 in a step of the loop: ``stable_substeps`` of the plant. The boards' plants have 1."""
 
 
 class LoopState(eqx.Module):
@@ -58,6 +86,10 @@ class LoopState(eqx.Module):
     pid: PID
     torque_noise: Torque
     """Noise on the torques of the step measured last (N m), drawn together with the measurement's noise."""
+    times: Times | None = None
+    """The loop's own clock; None where every step takes the same time and nothing is measured by it."""
+    supervision: tuple[Any, Intervention] | None = None
+    """The supervisor's memory, and what it does in the step measured last."""
 
 
 class SimulationEnd(eqx.Module):
@@ -69,27 +101,66 @@ class SimulationEnd(eqx.Module):
     """First step in which the controller answered a finite measurement with a torque that is not finite, or -1."""
 
 
-def initial_loop(x0: State, depth: int = 1) -> LoopState:
-    """The loop before its first step, with room for delays below ``depth`` steps."""
+def initial_loop(
+    x0: State,
+    depth: int = 1,
+    disturbance: Disturbance | None = None,
+    dt: float = LOOP_DT,
+    supervisor: AbstractSupervisor[Any] | None = None,
+) -> LoopState:
+    """The loop before its first step, with room for delays below ``depth`` steps of dt (s).
+
+    Velocities that are differences need room for one step more.
+    """
     rest = jnp.zeros(2, x0.dtype)
+    timed = disturbance is not None and disturbance.is_timed
+    times = start_times(depth, dt, x0.dtype) if timed else None
+    supervision = None if supervisor is None else (supervisor.start(x0.dtype), no_intervention(x0.dtype))
     # A delay that reaches before the start measures the first state, as in the benchmark.
-    return LoopState(x0, rest, rest, jnp.tile(x0, (depth, 1)), start_pid(x0.dtype), rest)
+    return LoopState(x0, rest, rest, jnp.tile(x0, (depth, 1)), start_pid(x0.dtype), rest, times, supervision)
 
 
-def measure(scenario: Scenario, loop: LoopState, step: Count) -> tuple[LoopState, State, Flag]:
-    """First half of a step: the measured state, and whether the controller is called at all."""
+def loop_time(loop: LoopState, step: Count, dt: float) -> Scalar:
+    """The time (s) of a step: by the loop's own clock, if it has one."""
+    return step.astype(loop.x.dtype) * dt if loop.times is None else loop.times.now
+
+
+def measure(scenario: Scenario, loop: LoopState, step: Count, dt: float = LOOP_DT) -> tuple[LoopState, State, Flag]:
+    """First half of a step of dt (s): the measured state, and whether the controller is called at all."""
     called = jnp.array(True) if scenario.throws is None else ~is_thrown(scenario.throws, step)
-    if scenario.disturbance is None:
-        return loop, loop.x, called
-    past = remember(loop.past, step, loop.x)
-    noise, torque_noise = step_noise(scenario.disturbance, step, loop.x.dtype)
-    measured = measured_state(scenario.disturbance, past, step, noise)
-    return replace(loop, past=past, torque_noise=torque_noise), measured, called
+    measured, now = loop.x, loop_time(loop, step, dt)
+    if scenario.disturbance is not None:
+        past = remember(loop.past, step, loop.x)
+        times = None if loop.times is None else loop.times.remember(step)
+        noise, torque_noise = step_noise(scenario.disturbance, step, loop.x.dtype)
+        measured = measured_state(scenario.disturbance, past, step, noise, times)
+        loop = replace(loop, past=past, times=times, torque_noise=torque_noise)
+    if scenario.supervisor is not None and loop.supervision is not None:
+        supervision = scenario.supervisor(loop.supervision[0], now, measured)
+        loop, called = replace(loop, supervision=supervision), called & ~supervision[1].takes
+    return loop, measured, called
+
+
+def asked(loop: LoopState, command: Torque) -> Torque:
+    """The torques that are asked of the motors (N m): the controller's command, or the supervisor's."""
+    if loop.supervision is None:
+        return command
+    done = loop.supervision[1]
+    return jnp.where(done.takes, done.torque, command) + done.push
+
+
+def record(scenario: Scenario, loop: LoopState, measured: State, command: Torque) -> Record | None:
+    """A row of the robot's own record, for the loop after the first half of a step; None without a supervisor."""
+    if loop.supervision is None:
+        return None
+    limits = jnp.array([scenario.parameters.tl1, scenario.parameters.tl2], measured.dtype)
+    return Record(measured, jnp.clip(asked(loop, command), -limits, limits), loop.supervision[1].stops)
 
 
 def apply_torque(scenario: Scenario, loop: LoopState, step: Count, command: Torque, dt: float) -> LoopState:
     """Second half of a step: the motor, the pushes, and the plant for dt (s) with its torque held."""
-    p, pid, motors = scenario.parameters, loop.pid, loop.motors
+    p, pid, motors, command = scenario.parameters, loop.pid, loop.motors, asked(loop, command)
+    period: float | Scalar = dt
     limits = jnp.array([p.tl1, p.tl2], loop.x.dtype)
     if scenario.throws is not None:
         thrown = is_thrown(scenario.throws, step)
@@ -100,9 +171,12 @@ def apply_torque(scenario: Scenario, loop: LoopState, step: Count, command: Torq
     if scenario.disturbance is None:
         u = jnp.clip(command, -limits, limits)
     else:
-        time, noise = step.astype(loop.x.dtype) * dt, loop.torque_noise
-        u, motors = motor_torques(scenario.disturbance, command, motors, time, noise, limits, loop.x[:2], dt)
-    return replace(loop, x=rk4_step(p, loop.x, u, dt), u=u, motors=motors, pid=pid)
+        period = step_period(scenario.disturbance, step, dt, loop.x.dtype)
+        time, noise = loop_time(loop, step, dt), loop.torque_noise
+        u, motors = motor_torques(scenario.disturbance, command, motors, time, noise, limits, loop.x[:2], period)
+    times = None if loop.times is None else loop.times.after(period)
+    x = rk4_steps(p, loop.x, u, period, scenario.substeps)
+    return replace(loop, x=x, u=u, motors=motors, pid=pid, times=times)
 
 
 def simulate(
@@ -122,19 +196,20 @@ def simulate(
         x0: first state.
         dt: time of a step (s).
         steps: number of steps.
-        depth: states that are remembered: more than the largest delay (steps).
+        depth: states that are remembered: more than the largest delay (steps), and one more for velocities that
+            are differences.
         guard: applied to the state before each step; it may change gradients, not values.
     """
     Carry = tuple[LoopState, Any, Count]
 
     def step(carry: Carry, index: Count) -> tuple[Carry, Trajectory]:
         before, memory, fault = carry
-        time = index.astype(x0.dtype) * dt
+        time = loop_time(before, index, dt)
         before = eqx.tree_at(lambda loop: loop.x, before, replace_fn=guard)
         # The measurement comes before the control and the motor: the benchmark's order.
-        loop, measured, called = measure(scenario, before, index)
+        loop, measured, called = measure(scenario, before, index, dt)
         after_call, command = controller(memory, time, measured)
-        if scenario.throws is None:
+        if scenario.throws is None and scenario.supervisor is None:
             memory = after_call
         else:
             # The compiled loop computes the call during a throw, too. The memory must not advance then.
@@ -143,8 +218,13 @@ def simulate(
         failed = called & jnp.isfinite(measured).all() & ~jnp.isfinite(command).all()
         fault = jnp.where((fault < 0) & failed, index, fault)
         after = apply_torque(scenario, loop, index, command, dt)
-        return (after, memory, fault), Trajectory(time=time, x=before.x, u=after.u)
+        rows = Trajectory(time=time, x=before.x, u=after.u, record=record(scenario, loop, measured, command))
+        return (after, memory, fault), rows
 
-    start = (initial_loop(x0, depth), controller.init(), jnp.array(-1))
+    start = (
+        initial_loop(x0, depth, scenario.disturbance, dt, scenario.supervisor),
+        controller.init(),
+        jnp.array(-1),
+    )
     (loop, _, fault), trajectory = jax.lax.scan(step, start, jnp.arange(steps))
     return SimulationEnd(loop.x, fault), trajectory

@@ -2,12 +2,15 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
 
 from ..checks import one_of
+from ..robots import Robot
+from ..tasks.cell import CellSettings
+from ..tasks.limits import Limits
 from ..tasks.throws import THROWER, Thrower
 
 
@@ -47,8 +50,14 @@ class PerformanceRules(_Timing):
     """How one swing-up from hanging at rest is simulated and scored."""
 
     normalisers: Normalisers
+    for_robots: Mapping[str, Normalisers] = field(default_factory=dict)
+    """Normalisers of single robots, by the robot's name, where they are others."""
     height: float = 0.9
     """Fraction of l1 + l2 above which the tip counts as up."""
+
+    def of(self, robot: Robot) -> "PerformanceRules":
+        """The rules with the normalisers of one robot."""
+        return replace(self, normalisers=self.for_robots.get(robot.name, self.normalisers), for_robots={})
 
 
 @dataclass(frozen=True)
@@ -73,7 +82,7 @@ class ModelSweep:
     """Field of :class:`~swingup.physics.parameters.Parameters` that changes."""
     sweep: Sweep
     relative: bool = False
-    """The values are factors on the nominal one."""
+    """The values are factors on the nominal one; otherwise they are added to it."""
     mass: str | None = None
     """If given, the sweep is of the product of this mass and the parameter: m1 r1 or m2 r2."""
 
@@ -153,6 +162,22 @@ class UptimeRules(_Timing):
     """s"""
     thrower: Thrower = THROWER
     """The PID that throws."""
+    limits: Limits | None = None
+    """Beyond these the pendulum is thrown at once; None for planned throws alone."""
+    clean: int = 10
+    """Samples in a row that have to be within these limits before a throw ends."""
+    goals: int | None = None
+    """Number of targets that are drawn, for throws by plan and at limits; None for one a planned throw."""
+    stop: Limits | None = None
+    """Beyond these the run stops; None for runs that nothing stops."""
+    domain: str | None = None
+    """Plants and loops are drawn from this domain, or from another; None for the leaderboards' perfect plant."""
+    cell: CellSettings | None = None
+    """Disturbances of a CloudPendulum cell, in place of throws; None for throws."""
+    trials: int = 1
+    """Runs of a controller on the board."""
+    note: str | None = None
+    """What readers of a result should know."""
 
 
 PERFORMANCE_RULES = {
@@ -160,9 +185,15 @@ PERFORMANCE_RULES = {
     for rules in (
         PerformanceRules(name="v2", normalisers=Normalisers(20.0, 60.0, 20.0, 0.1, 400.0)),
         PerformanceRules(name="hardware", normalisers=Normalisers(20.0, 60.0, 100.0, 4.0, 400.0)),
+        PerformanceRules(
+            name="hardware-perturbed",
+            normalisers=Normalisers(20.0, 60.0, 100.0, 4.0, 400.0),
+            for_robots={"acrobot": Normalisers(20.0, 60.0, 20.0, 1.0, 400.0)},
+        ),
     )
 }
-"""``v2``: the simulation leaderboard of IROS 2024. ``hardware``: the real robot's of the same year."""
+"""``v2``: the simulation leaderboard of IROS 2024. ``hardware``: the real robot's of the same year.
+``hardware-perturbed``: the real robot's board of runs with pushes, whose normalisers differ by robot."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,14 +213,81 @@ class Sim2RealRules(_Timing):
 SIM2REAL_RULES = Sim2RealRules(name="sim2real")
 """Success in :func:`swingup.benchmark.sim2real.sim2real`."""
 
+
+STOP = Limits(angle=4 * math.pi, speed=20.0)
+"""Where the real robot stops. Source: the AI Olympics' loop on the robot."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialRules(_Timing):
+    """Trials on the simulated robot by the rules of a real one's board: what the robot records is scored."""
+
+    performance: PerformanceRules = PERFORMANCE_RULES["hardware"]
+    """How a recorded run is scored."""
+    pushes: Mapping[str, PushRules] = field(default_factory=dict)
+    """Pushes on both joints by the robot's name, with as many profiles as trials; none for calm trials."""
+    stop: Limits = STOP
+    """Beyond these the robot stops, and the run fails."""
+    domain: str = "recorded"
+    """Plants and loops are drawn from this domain, unless from another."""
+    trials: int = 10
+    """Runs of a controller on the board."""
+
+
+TRIAL_RULES = {
+    rules.name: rules
+    for rules in (
+        TrialRules(
+            name="iros-real",
+            pushes={
+                "acrobot": PushRules(profiles=10, pushes=2, amplitude=(0.5, 0.75)),
+                "pendubot": PushRules(profiles=10, pushes=2, amplitude=(0.2, 0.5)),
+            },
+        ),
+        TrialRules(name="v2-real"),
+    )
+}
+"""``iros-real``: the real robot of IROS 2024, with pushes. ``v2-real``: the same robot's board without."""
+
 ROBUSTNESS_RULES = {"v2": RobustnessRules(name="v2")}
 """``v2``: the robustness leaderboard of IROS 2024."""
 
-UPTIME_RULES = {"v3": UptimeRules(name="v3")}
-"""``v3``: the global-policy leaderboard of ICRA 2025."""
+ROBOT_THROWER = Thrower(kp=2.0, ki=0.0, kd=0.3, proportional_limit=3.0)
+"""The PID that throws the real robot."""
+
+UPTIME_RULES = {
+    rules.name: rules
+    for rules in (
+        UptimeRules(name="v3"),
+        UptimeRules(
+            name="icra-real",
+            throws=10,
+            first=60.0 / 11,
+            throw_duration=1.0,
+            thrower=ROBOT_THROWER,
+            limits=Limits(angle=3.5 * math.pi, speed=20.0),
+            goals=101,
+            stop=Limits(angle=4 * math.pi, speed=25.0),
+            domain="recorded",
+            trials=3,
+        ),
+        UptimeRules(
+            name="cloudpendulum",
+            duration=30.0,
+            cell=CellSettings(),
+            stop=Limits(angle=math.inf, speed=50.0),
+            domain="cells",
+            trials=4,
+            note="Ours, in the shape of CloudPendulum's public example; official scores are not public.",
+        ),
+    )
+}
+"""``v3``: the global-policy leaderboard of ICRA 2025 in simulation. ``icra-real``: that of its real robot.
+``cloudpendulum``: four drawn cells of CloudPendulum, in the shape of its public example."""
 
 DEFAULT_RULES = "v2"
 DEFAULT_UPTIME_RULES = "v3"
+DEFAULT_TRIAL_RULES = "iros-real"
 
 _R = TypeVar("_R", bound=_Timing)
 
@@ -210,6 +308,15 @@ def get_robustness_rules(name: str | RobustnessRules) -> RobustnessRules:
         SwingupError: there are no such rules.
     """
     return _look_up("robustness", ROBUSTNESS_RULES, name)
+
+
+def get_trial_rules(name: str | TrialRules) -> TrialRules:
+    """Look rules of trials on a robot up by their name; rules are returned as they are.
+
+    Raises:
+        SwingupError: there are no such rules.
+    """
+    return _look_up("trial", TRIAL_RULES, name)
 
 
 def get_uptime_rules(name: str | UptimeRules) -> UptimeRules:

@@ -1,5 +1,7 @@
 """Run scenarios with any controller, in float64: compiled and batched in JAX, or step by step in plain Python."""
 
+import functools
+import logging
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -17,7 +19,10 @@ from ..control.registry import Controller
 from ..control.switch import AbstractExpensiveController
 from ..errors import SwingupError
 from ..foreign import blaming
-from ..physics.parameters import Robot
+from ..physics.parameters import Parameters, Robot
+from ..policy.jax_backend.controller import PolicyController, plant_of
+from ..policy.jax_backend.estimator import EstimatingController
+from ..policy.plant_facts import plant_difference
 from .host import HostRun, simulate_on_host
 from .rollout import Scenario, SimulationEnd, Trajectory, simulate
 
@@ -28,6 +33,8 @@ SIDE_BY_SIDE = 64
 """Copies of a controller in plain Python that exist at a time."""
 SMALLEST_BATCH = 32
 """Scenarios side by side that keep a core busy with more than calling compiled loops."""
+
+_LOGGER = logging.getLogger(__name__)
 
 _Result: TypeAlias = tuple[SimulationEnd, Trajectory | None]
 
@@ -59,8 +66,14 @@ class SimulatedBatch:
     """With a leading axis; None if ``keep`` was false."""
 
 
-def prepare(source: Any, robot: Robot, name: str) -> Controller:
+def prepare(source: Any, robot: Robot, name: str, plant: Parameters | None = None) -> Controller:
     """Turn a controller of any kind into one that can be run on a robot.
+
+    Args:
+        source: the controller.
+        robot: which joint is driven.
+        name: the controller's, for messages.
+        plant: what it will run on; a policy that was made for a plant that differs much is said to be so.
 
     Raises:
         SwingupError: it is no controller, is for another robot, or cannot be compiled; the message names it.
@@ -75,7 +88,18 @@ def prepare(source: Any, robot: Robot, name: str) -> Controller:
                 check_interface(controller)
     except SwingupError as error:
         raise SwingupError(f"controller {name!r}: {error}") from error
+    policy = controller.controller if isinstance(controller, EstimatingController) else controller
+    if plant is not None and isinstance(policy, PolicyController):
+        difference = plant_difference(plant_of(policy), plant, robot)
+        if difference is not None:
+            _warn_once(f"controller {name!r}: {difference}")
     return controller
+
+
+@functools.cache
+def _warn_once(message: str) -> None:
+    """Log a warning the first time only: training judges a policy again and again."""
+    _LOGGER.warning("%s", message)
 
 
 def run_one(controller: Controller, scenario: Scenario, dt: float, steps: int, depth: int = 1) -> Trajectory:

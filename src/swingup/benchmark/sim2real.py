@@ -10,10 +10,13 @@ import numpy as np
 from ..control.registry import has_estimator
 from ..physics.parameters import Robot, get_robot
 from ..plants.domain import Domain, load_domain
+from ..plants.on_plant import on_plant
+from ..plants.plant import PlantLike, plant_as_dict
 from ..tasks.draw import draw
 from ..version import __version__
 from .criteria import Criteria, judge, tip_is_up
 from .interval import Interval, share_interval
+from .own_units import sim2real_in_own_units
 from .rollout import Scenario, Trajectory
 from .rules import SIM2REAL_RULES, Sim2RealRules
 from .runner import Progress, prepare, run_many, stack
@@ -81,6 +84,7 @@ class Sim2Real:
             "controller": self.controller,
             "estimator": self.estimator,
             "version": self.version,
+            **plant_as_dict(self.domain.plant, self.robot),
             "domain": self.domain.as_dict(),
             "successes": self.successes,
             "interval": self.interval,
@@ -99,6 +103,7 @@ def sim2real(
     seeds: int = 1,
     rules: Sim2RealRules = SIM2REAL_RULES,
     progress: Progress | None = None,
+    plant: PlantLike | None = None,
 ) -> Sim2Real:
     """Simulate swing-ups from hanging at rest in float64, one a seed, and judge them.
 
@@ -111,20 +116,25 @@ def sim2real(
         seeds: number of seeds in a row.
         rules: what counts as success.
         progress: called with the number of finished simulations and of all.
+        plant: a plant for a domain that has none, whose loop is then in that pendulum's own units: a plant, its
+            parameters, its name or its file; None for the domain's.
 
     Raises:
-        SwingupError: there is no such robot or domain, a seed is out of range, or the controller is for the other
-            robot.
+        SwingupError: there is no such robot, domain or plant, a seed is out of range, the domain has a plant of its
+            own, or the controller is for the other robot.
     """
     robot, domain = get_robot(robot), load_domain(domain) if isinstance(domain, str) else domain
-    every = check_seeds(seed, seeds)
+    domain = domain if plant is None else on_plant(domain, plant)
+    rules, every = sim2real_in_own_units(rules, domain, robot), check_seeds(seed, seeds)
     estimator, controller = has_estimator(controller), prepare(controller, robot, name)
     runs: list[Sim2RealRun] = []
     first = None
     for group in in_groups(every, SWINGUPS_AT_ONCE):
         with jax.enable_x64(True):
             # A key for each seed: its plant is the same however many seeds are judged.
-            scenarios = [Scenario(*draw(domain, jax.random.key(each), robot)) for each in group]
+            scenarios = [
+                Scenario(*draw(domain, jax.random.key(each), robot), substeps=domain.substeps) for each in group
+            ]
         batch = run_many(controller, stack(scenarios), rules.dt, rules.steps, domain.depth, keep=True)
         rows: Any = batch.trajectory
         for index, (each, fault) in enumerate(zip(group, batch.faults, strict=True)):
@@ -140,7 +150,9 @@ def sim2real(
 def _judged(
     seed: int, rows: Trajectory, scenario: Scenario, rules: Sim2RealRules, fault: str | None
 ) -> Sim2RealRun:
-    x, u, time = np.asarray(rows.x), np.asarray(rows.u), np.asarray(rows.time)
+    # Late periods take a run beyond its duration: those rows do not count.
+    counted = np.asarray(rows.time) < rules.duration
+    x, u, time = (np.asarray(each)[counted] for each in (rows.x, rows.u, rows.time))
     l1, l2 = float(scenario.parameters.l1), float(scenario.parameters.l2)
     speed, angle = float(np.abs(x[:, 2:]).max()), float(np.abs(x[:, :2]).max())
     held = tip_is_up(x[time >= rules.duration - rules.hold], l1, l2, rules.performance.height).all()

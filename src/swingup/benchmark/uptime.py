@@ -1,18 +1,27 @@
 """The global-policy score (ICRA 2025): the share of a minute that the tip is up although the pendulum is thrown."""
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import fmean
-from typing import Any
+from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from ..control.registry import has_estimator
-from ..physics.parameters import Robot, get_robot, leaderboard_parameters
+from ..errors import SwingupError
+from ..physics.integrate import stable_substeps
+from ..physics.parameters import Parameters, Robot, get_robot
+from ..plants.domain import Domain, load_domain
+from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict, robot_parameters
 from ..tasks.throws import Throws
 from ..version import __version__
 from .criteria import tip_is_up
 from .interval import Interval, mean_interval
+from .own_units import uptime_in_own_units
+from .recording import recorded, stopped_at
+from .robot_minute import recorded_share, robot_minute
 from .rollout import Scenario, Trajectory
 from .rules import DEFAULT_UPTIME_RULES, UptimeRules, get_uptime_rules
 from .runner import Progress, prepare, run_many, stack
@@ -40,6 +49,20 @@ class Uptime:
     version: str = __version__
     estimator: bool = False
     """Whether a state estimator stood before the controller."""
+    domain: Domain | None = None
+    """What plants and loops were drawn from; None for the leaderboards' plant in a perfect loop."""
+    stops: tuple[float | None, ...] = ()
+    """When the robot's limits stopped a run (s), if they did, one a seed."""
+    note: str | None = None
+    """What the rules say of themselves."""
+
+    plant: Plant | None = None
+    """None is the leaderboards' plant."""
+
+    @property
+    def best(self) -> float:
+        """The best of the seeds."""
+        return max(self.uptimes)
 
     @property
     def uptime(self) -> float:
@@ -54,9 +77,16 @@ class Uptime:
     def as_dict(self) -> dict[str, Any]:
         """Ready for JSON."""
         names = ("robot", "controller", "estimator", "rules", "version", "uptime", "interval")
-        head = {name: getattr(self, name) for name in names}
-        runs = zip(self.seeds, self.uptimes, self.faults, strict=True)
-        details = [{"seed": seed, "uptime": up} | ({"fault": why} if why else {}) for seed, up, why in runs]
+        head = {name: getattr(self, name) for name in names} | plant_as_dict(self.plant, self.robot)
+        if self.domain is not None:
+            head |= {"best": self.best, "domain": self.domain.as_dict()}
+        if self.note is not None:
+            head |= {"note": self.note}
+        runs = zip(self.seeds, self.uptimes, self.faults, self.stops, strict=True)
+        details = [
+            {"seed": seed, "uptime": up} | ({"fault": why} if why else {}) | ({"stop": stop} if stop else {})
+            for seed, up, why, stop in runs
+        ]
         return {**head, "seed": self.seeds[0], "details": details}
 
 
@@ -66,8 +96,10 @@ def uptime(
     name: str = "controller",
     rules: UptimeRules | str = DEFAULT_UPTIME_RULES,
     seed: int = 0,
-    seeds: int = 1,
+    seeds: int | None = None,
     progress: Progress | None = None,
+    plant: PlantLike | None = None,
+    domain: Domain | str | None = None,
 ) -> Uptime:
     """Simulate a minute with random throws for each seed, in float64, and score it.
 
@@ -79,33 +111,103 @@ def uptime(
         name: name of the controller in the result.
         rules: rules of the global-policy board, or their name.
         seed: the first seed of the throws.
-        seeds: number of seeds in a row.
+        seeds: number of seeds in a row; None for as many as the board has runs: 1 for the rules v3.
         progress: called with the number of finished simulations and of all.
+        plant: what is thrown, by a PID in that pendulum's own units: a plant, its parameters, its name or its file;
+            None for the leaderboards'. Rules of a real robot draw theirs from a domain.
+        domain: ranges of plants and loops for rules of a real robot; None for those of the rules.
 
     Raises:
-        SwingupError: there is no such robot, there are no such rules, a seed is out of range, or the controller is
-            for the other robot.
+        SwingupError: there is no such robot, plant or domain, there are no such rules, a seed is out of range, the
+            controller is for the other robot, or rules without a domain got one, or the others a plant.
     """
     robot, rules = get_robot(robot), get_uptime_rules(rules)
-    every = tuple(check_seeds(seed, seeds))
-    estimator, controller = has_estimator(controller), prepare(controller, robot, name)
-    limit = rules.thrower.limit
-    parameters = dataclasses.replace(leaderboard_parameters(robot), tl1=limit, tl2=limit)
-    uptimes: list[float] = []
-    faults: list[str | None] = []
+    every = tuple(check_seeds(seed, rules.trials if seeds is None else seeds))
+    found, drawn = find_plant(plant), minute_domain(rules, domain, plant)
+    # What is known of a robot is the plant that its domain starts from.
+    nominal = robot_parameters(found if drawn is None else drawn.plant, robot)
+    estimator, controller = has_estimator(controller), prepare(controller, robot, name, nominal)
+    rules = uptime_in_own_units(rules, robot, found)
+    runs: list[_Run] = []
     first = None
     for group in in_groups(every, MINUTES_AT_ONCE):
-        scenarios = stack([Scenario(parameters, throws=draw_throws(rules, each)) for each in group])
-        batch = run_many(controller, scenarios, rules.dt, rules.steps, keep=True)
+        with jax.enable_x64(True):
+            scenarios = [_scenario(rules, robot, nominal, drawn, each) for each in group]
+        depth = 1 if drawn is None else drawn.depth
+        batch = run_many(controller, stack(scenarios), rules.dt, rules.steps, depth, keep=True)
         rows: Any = batch.trajectory
-        up = tip_is_up(rows.x, float(parameters.l1), float(parameters.l2), rules.height).mean(axis=1)
-        uptimes += [0.0 if fault else float(share) for share, fault in zip(up, batch.faults, strict=True)]
-        faults += batch.faults
-        first = first or Trajectory(rows.time[0], rows.x[0], rows.u[0])
+        runs += map(_Run, batch.faults, *_judged(rows, scenarios, rules))
+        first = first or _first(rows, rules)
         if progress is not None:
-            progress(len(uptimes), len(every))
+            progress(len(runs), len(every))
     assert first is not None
-    return Uptime(robot.name, name, rules.name, every, tuple(uptimes), tuple(faults), first, estimator=estimator)
+    return Uptime(
+        robot=robot.name,
+        controller=name,
+        rules=rules.name,
+        seeds=every,
+        uptimes=tuple(0.0 if run.fault else run.uptime for run in runs),
+        faults=tuple(run.fault for run in runs),
+        trajectory=first,
+        estimator=estimator,
+        plant=found,
+        domain=drawn,
+        stops=tuple(run.stop for run in runs),
+        note=rules.note,
+    )
+
+
+class _Run(NamedTuple):
+    fault: str | None
+    uptime: float
+    stop: float | None
+
+
+def minute_domain(rules: UptimeRules, domain: Domain | str | None, plant: PlantLike | None = None) -> Domain | None:
+    """What plants and loops are drawn from; None for rules that draw none.
+
+    Raises:
+        SwingupError: there is no such domain, or the rules take none, or no plant.
+    """
+    if rules.domain is None and domain is not None:
+        raise SwingupError(f"the rules {rules.name} draw no plants: leave the domain {domain} out")
+    if rules.domain is not None and plant is not None:
+        raise SwingupError(f"the rules {rules.name} draw plants from a domain: give the plant as the domain")
+    chosen = rules.domain if domain is None else domain
+    return load_domain(chosen) if isinstance(chosen, str) else chosen
+
+
+def _scenario(rules: UptimeRules, robot: Robot, plant: Parameters, domain: Domain | None, seed: int) -> Scenario:
+    if domain is not None:
+        return robot_minute(rules, domain, robot, seed)
+    limit = rules.thrower.limit
+    parameters = dataclasses.replace(plant, tl1=limit, tl2=limit)
+    return Scenario(parameters, throws=draw_throws(rules, seed), substeps=stable_substeps(parameters, rules.dt))
+
+
+def _judged(
+    rows: Trajectory, scenarios: Sequence[Scenario], rules: UptimeRules
+) -> tuple[list[float], list[float | None]]:
+    """The uptime of each run, and when it stopped, if it did."""
+    plants = [scenario.parameters for scenario in scenarios]
+    if rows.record is None:
+        up = tip_is_up(np.asarray(rows.x), float(plants[0].l1), float(plants[0].l2), rules.height).mean(axis=1)
+        return up.tolist(), [None] * len(plants)
+    runs = [_run(rows, index) for index in range(len(plants))]
+    records = [recorded(run, rules.duration) for run in runs]
+    shares = [recorded_share(record, plant, rules) for record, plant in zip(records, plants, strict=True)]
+    return shares, [stopped_at(run, rules.duration) for run in runs]
+
+
+def _run(rows: Trajectory, index: int) -> Trajectory:
+    run: Trajectory = jax.tree.map(lambda each: np.asarray(each)[index], rows)
+    return run
+
+
+def _first(rows: Trajectory, rules: UptimeRules) -> Trajectory:
+    """Rows of the first run: as a robot records them where one was simulated."""
+    first = _run(rows, 0)
+    return first if first.record is None else recorded(first, rules.duration)
 
 
 def draw_throws(rules: UptimeRules, seed: int) -> Throws:

@@ -12,6 +12,8 @@ from ..benchmark.rules import PushRules
 from ..control.registry import BUILT_IN, has_estimator
 from ..errors import SwingupError
 from ..physics.parameters import ROBOTS, Robot, get_robot
+from ..physics.units import torque_over_gravity
+from ..plants.plant import SHIPPED_PLANTS, Plant, load_plant
 from ..policy.jax_backend.controller import PolicyController
 from ..tasks.disturbance import Disturbance
 
@@ -24,7 +26,12 @@ ControllerName = Annotated[
 ControllerNames = Annotated[
     tuple[str, ...], arg(metavar="NAME...", help="controllers of yours: policy files or module:object.")
 ]
+PLANT_HELP = (
+    f"plant: {', '.join(SHIPPED_PLANTS)}, or a parameter file (.yml) as RealAIGym's model_parameters.yml; "
+    "default: the leaderboards' plant, C.1 without friction."
+)
 DomainName = Annotated[str, arg(metavar="DOMAIN")]
+DomainOrNone = Annotated[str | None, arg(metavar="DOMAIN")]
 
 
 @dataclass(frozen=True)
@@ -83,6 +90,49 @@ class EstimatorOptions:
 
 
 EstimatorFlags = OmitArgPrefixes[EstimatorOptions]
+
+
+@dataclass(frozen=True)
+class PlantOptions:
+    """Which plant; by default the leaderboards', design C.1 without friction and rotors' inertia."""
+
+    plant: Annotated[str | None, arg(metavar="PLANT", help=PLANT_HELP)] = None
+    frictionless: FlagCreatePairsOff[bool] = False
+    """Leave the plant's friction and rotors' inertia out, as the leaderboards do."""
+
+    def make(self) -> Plant | None:
+        """The plant that the options name; None without any.
+
+        Raises:
+            SwingupError: there is no such plant, or its friction is left out where none was named.
+        """
+        if self.plant is None:
+            if self.frictionless:
+                raise SwingupError("--frictionless needs --plant: the leaderboards' plant has no friction")
+            return None
+        found = load_plant(self.plant)
+        return found.frictionless() if self.frictionless else found
+
+    @property
+    def flags(self) -> list[str]:
+        """The options as they were given."""
+        return [
+            *([] if self.plant is None else [f"--plant={self.plant}"]),
+            *(["--frictionless"] if self.frictionless else []),
+        ]
+
+
+PlantFlags = OmitArgPrefixes[PlantOptions]
+
+NO_PLANT = PlantOptions()
+"""The default of the commands: the leaderboards' plant."""
+
+
+def plant_note(plant: Plant | None, robot: str) -> str:
+    """What a result's headline says of its plant; nothing of the leaderboards'."""
+    if plant is None:
+        return ""
+    return f", plant {plant.name}, torque/gravity {torque_over_gravity(plant.driven(robot)):.2f}"
 
 
 def judged_name(name: str, controller: object) -> str:

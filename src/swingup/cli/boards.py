@@ -9,8 +9,10 @@ from tyro.conf import Positional, arg
 
 from ..benchmark import leaderboard as boards_of
 from ..benchmark.board_rules import BOARD_RULES, BoardRules
-from ..benchmark.evaluate import evaluate_recorded
+from ..benchmark.evaluate import Evaluation, evaluate_recorded
 from ..benchmark.plausibility import examine
+from ..benchmark.recorded_uptime import RecordedUptime, recorded_uptime
+from ..benchmark.rules import UptimeRules
 from ..benchmark.trajectory_file import load_trajectory
 from ..checks import one_of
 from ..control.check import check_controller
@@ -20,9 +22,11 @@ from ..physics.parameters import get_robot
 from ..policy.shipped import REFINED
 from . import tables
 from .arguments import (
+    NO_PLANT,
     ControllerName,
     ControllerNames,
     EstimatorFlags,
+    PlantFlags,
     RobotName,
     RobotOrAll,
     judged_name,
@@ -31,7 +35,7 @@ from .arguments import (
 )
 from .judging import AS_IT_COMES
 from .output import foreign_prints_apart, progress_shown, tell, tell_json
-from .results import evaluation_lines, plausibility_lines
+from .results import evaluation_lines, plausibility_lines, recorded_uptime_lines
 
 FOUND = 1
 """Exit status of a check that found something."""
@@ -41,6 +45,7 @@ def score_command(
     trajectory: Positional[Annotated[str, arg(metavar="TRAJECTORY")]],
     /,
     robot: str,
+    plant: PlantFlags = NO_PLANT,
     rules: str = "v2",
     json: bool = False,
 ) -> int:
@@ -51,21 +56,37 @@ def score_command(
     Args:
         trajectory: the CSV file.
         robot: acrobot or pendubot.
-        rules: v2 (simulation) or hardware.
+        plant: the pendulum of the recording: its lengths score, its equations warn.
+        rules: v2 (simulation), hardware, hardware-perturbed, iros-real or v2-real; v3 or icra-real (uptime of a
+            minute).
         json: print one JSON object.
     """
     chosen = get_robot(robot)
-    rows = load_trajectory(trajectory)
-    result, found = evaluate_recorded(rows, chosen, Path(trajectory).stem, rules), examine(rows, chosen, rules)
+    known = {name: each.for_recordings for name, each in BOARD_RULES.items()}
+    by = known[one_of("rules of recordings", rules, [name for name, each in known.items() if each])]
+    rows, name, of = load_trajectory(trajectory), Path(trajectory).stem, plant.make()
+    result: Evaluation | RecordedUptime
+    if isinstance(by, UptimeRules):
+        result = recorded_uptime(rows, chosen, name, by, of)
+        lines = recorded_uptime_lines(result)
+    else:
+        assert by is not None
+        result = evaluate_recorded(rows, chosen, name, by, of)
+        lines = evaluation_lines(result, name, rules)
+    found = examine(rows, chosen, by, of)
     if json:
         tell_json(result.as_dict() | found.as_dict())
     else:
-        tell(*evaluation_lines(result, result.controller, rules), *plausibility_lines(found))
+        tell(*lines, *plausibility_lines(found))
     return 0
 
 
 def check_command(
-    robot: RobotName, /, controller: ControllerName = REFINED, estimator: EstimatorFlags = AS_IT_COMES
+    robot: RobotName,
+    /,
+    controller: ControllerName = REFINED,
+    estimator: EstimatorFlags = AS_IT_COMES,
+    plant: PlantFlags = NO_PLANT,
 ) -> int:
     """Try a controller on a few dozen states and name its faults, before it is judged.
 
@@ -75,10 +96,11 @@ def check_command(
         robot: the robot.
         controller: the controller.
         estimator: whether a state estimator stands before it.
+        plant: what baselines are designed for.
     """
     chosen = get_robot(robot)
     with foreign_prints_apart():
-        found = get_controller(controller, chosen, estimator.wanted)
+        found = get_controller(controller, chosen, estimator.wanted, plant.make())
         findings = check_controller(found, chosen)
     tell(*(f"{judged_name(controller, found)}: {each}" for each in findings or ["nothing wrong was found"]))
     return FOUND if findings else 0
@@ -97,6 +119,7 @@ class BoardCommands:
         robot: RobotOrAll = "all",
         /,
         controller: ControllerNames = (),
+        plant: PlantFlags = NO_PLANT,
         rules: str = "v2",
         seed: int = 0,
         recompute: bool = False,
@@ -109,7 +132,10 @@ class BoardCommands:
         Args:
             robot: the robot.
             controller: controllers of yours that enter as well.
-            rules: v2 (performance and robustness), hardware (performance) or v3 (uptime under throws).
+            plant: what all are judged on, without published rows, and what baselines are designed for.
+            rules: v2 (performance and robustness), hardware or hardware-perturbed (performance), v3 (uptime under
+                throws), or runs on simulated robots: iros-real (with pushes), v2-real (without), icra-real (uptime
+                under throws) or cloudpendulum (uptime in four cells).
             seed: seed of noise, pushes and throws.
             recompute: also compute the robustness of ilqr-mpc, which takes minutes and whose row is shipped.
             json: print one JSON list of rows.
@@ -119,11 +145,11 @@ class BoardCommands:
         asked = [name for name, wanted in {"json": json, "csv": csv, "markdown": markdown}.items() if wanted]
         if len(asked) > 1:
             raise SwingupError(f"--{' and --'.join(asked)} exclude each other: choose one")
-        version, made = self.rules[one_of("rules", rules, self.rules)], []
+        version, made, on = self.rules[one_of("rules", rules, self.rules)], [], plant.make()
         with foreign_prints_apart(), progress_shown() as progress:
             for each in robots(robot):
-                mine = {name: get_controller(name, each) for name in split_commas(controller)}
-                made += boards_of.leaderboard(each, mine, version, seed, recompute, self.entrants, progress)
+                mine = {name: get_controller(name, each, plant=on) for name in split_commas(controller)}
+                made += boards_of.leaderboard(each, mine, version, seed, recompute, self.entrants, progress, on)
         if asked:
             # Not tell(), which would escape the line ends of the table.
             print(tables.TABLE_FORMATS[asked[0]](made))

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ..benchmark.board_rules import BOARD_RULES, BoardRules
-from . import exporting, identifying, pictures, planning, refining, sweeping, training
+from . import comparing, exporting, identifying, pictures, planning, refining, rehearsing, sweeping, training
 from .boards import BoardCommands, check_command, score_command
 from .judging import JudgingCommands
 from .parsing import parse
@@ -15,7 +15,7 @@ Judge controllers: evaluate, robustness, uptime, sim2real, leaderboard, score, c
 
 Make them: train, sweep, refine, trajectory, identify.
 
-Show and share them: plot, report, export."""
+Show and share them: compare, plot, report, export, rehearse."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,10 @@ def run_command(arguments: Sequence[str], boards: Boards | None = None) -> int:
         "refine": refining.refine_command,
         "trajectory": planning.trajectory,
         "identify": identifying.identify_command,
+        "compare": comparing.compare_command,
         "plot": pictures.plot,
         "report": pictures.report,
         "export": exporting.export,
+        "rehearse": rehearsing.rehearse_command,
     }
     return parse(commands, arguments, DESCRIPTION)()

@@ -1,9 +1,12 @@
 """The command ``export``: a policy for other programs."""
 
+import contextlib
 import dataclasses
+import tempfile
+from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from tyro.conf import Positional, arg
 
@@ -11,56 +14,77 @@ from ..checks import one_of
 from ..control.baselines import BASELINES
 from ..errors import SwingupError
 from ..files import write_atomically
+from ..plants.plant import Plant
 from ..policy.c_backend.header import c_header
+from ..policy.export_cloudpendulum import cloudpendulum_guard, cloudpendulum_notes, export_cloudpendulum
 from ..policy.export_folder import export_realaigym
 from ..policy.onnx_backend.graph import onnx_model
-from ..policy.settings import choose_guard
+from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
+from ..policy.plant_facts import PLANT, policy_plant
+from ..policy.settings import GuardSettings, choose_guard
 from ..policy.shipped import REFINED, SHIPPED_POLICIES, read_policy, shipped_file
 from ..policy.template import NAME
 from ..renamed import current_name
+from ..text import quoted
+from .arguments import NO_PLANT, PlantFlags
 from .output import tell
 
-FORMS = ("realaigym", "onnx", "c")
+FOLDERS = ("realaigym", "cloudpendulum")
+FORMS = (*FOLDERS, "onnx", "c")
 
 
 def export(
     policy: Positional[Annotated[str, arg(metavar="[POLICY]")]] = REFINED,
     /,
     *,
-    to: Annotated[str, arg(metavar="{realaigym,onnx,c}")],
+    to: Annotated[str, arg(metavar="{realaigym,cloudpendulum,onnx,c}")],
     out: Annotated[str, arg(metavar="PATH")],
     robot: str | None = None,
+    plant: PlantFlags = NO_PLANT,
     username: str = "swingup",
     name: str = NAME,
     guard: bool = True,
+    velocity_limit: float | None = None,
+    braking: float | None = None,
 ) -> int:
-    """Write a policy for RealAIGym, ONNX Runtime or C.
+    """Write a policy for RealAIGym, CloudPendulum, ONNX Runtime or C.
 
     Baselines have no policy file: see swingup.realaigym.load_controller and swingup trajectory.
 
     Args:
         policy: a policy file, or refined (the default), ar-eapo, global or robot.
-        to: realaigym, a folder that needs NumPy alone; onnx, a graph of the policy without its estimator; or c, a
-            C99 header.
+        to: realaigym or cloudpendulum, a folder that needs NumPy alone; onnx, a graph of the policy without its
+            estimator; or c, a C99 header.
         out: the folder, new or empty; or the file.
         robot: acrobot or pendubot; needed with a name, checked with a file.
+        plant: of a policy whose file names none: the model of its estimator, and its motor's torque limit.
         username: your name on RealAIGym's leaderboard.
-        name: of the leaderboard's entry (con_NAME.py), and what all names in a C header begin with, so that several
-            go side by side; ONNX has none.
-        guard: put a safety guard around the controller in realaigym and c: it stops the controller at a limit or a
-            broken measurement. Turn it off for simulations. An onnx graph has none.
+        name: of the entry (con_NAME.py, controller_NAME.py), and what all names in a C header begin with, so that
+            several go side by side; ONNX has none.
+        guard: put a safety guard around the controller in the folders and in c: it stops the controller at a limit
+            or a broken measurement. Turn it off for simulations. An onnx graph has none.
+        velocity_limit: of both joints (rad/s), beyond which the guard stops the controller; by default the policy
+            file's, or 20, and 50 for cloudpendulum.
+        braking: damping (N m s/rad) with which the guard brakes the driven joint of a stopped controller, where the
+            measurement is sound; by default the policy file's, or none.
     """
     one_of("format", to, FORMS)
     # Before the policy is read: that error would only list policies.
     _refuse_baselines(policy, robot)
     policy = current_name("controller", policy)
-    found = read_policy(policy, robot)
+    on, found = plant.make(), read_policy(policy, robot)
+    if on is not None:
+        found = _with_plant(found, on)
     if to != "onnx" or not guard:
-        found = dataclasses.replace(found, guard=choose_guard(guard, found.guard, found.period))
-    if to == "realaigym":
+        chosen = choose_guard(guard, _own_guard(found, to), found.period)
+        found = dataclasses.replace(found, guard=_changed(chosen, velocity_limit, braking))
+    if to in FOLDERS:
         file = shipped_file(found.robot, policy) if policy in SHIPPED_POLICIES else Path(policy)
-        with resources.as_file(file) as source:
-            tell(str(export_realaigym(found, source, out, username, name)))
+        with resources.as_file(file) as shipped, _source(found, shipped, on) as source:
+            if to == "realaigym":
+                tell(str(export_realaigym(found, source, out, username, name)))
+            else:
+                tell(str(export_cloudpendulum(found, source, out, name)), *cloudpendulum_notes(found))
         return 0
     content = onnx_model(found) if to == "onnx" else c_header(found, name).encode()
     write_atomically(out, content)
@@ -70,6 +94,55 @@ def export(
     if to == "onnx" and found.front_end is not None:
         print("without the policy's front end: filter the state and compensate friction yourself")
     return 0
+
+
+def _with_plant(policy: PendulumPolicy, plant: Plant) -> PendulumPolicy:
+    """A policy of a file of version 1, made for a plant.
+
+    Raises:
+        SwingupError: the file names a plant itself.
+    """
+    if PLANT in policy.metadata:
+        raise SwingupError(
+            f"the policy's file has a plant, {quoted(policy.plant.name)}: --plant is for files without; refine the "
+            "policy on another plant with swingup refine --plant"
+        )
+    return dataclasses.replace(policy, plant=policy_plant(plant.parameters, policy.robot, plant.name))
+
+
+@contextlib.contextmanager
+def _source(policy: PendulumPolicy, file: Path, plant: Plant | None) -> Iterator[Path]:
+    """The policy's file, or a copy of it with another plant."""
+    if plant is None:
+        yield file
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "policy.npz"
+        write_pendulum_policy(path, policy, policy.metadata)
+        yield path
+
+
+def _own_guard(policy: PendulumPolicy, to: str) -> GuardSettings | None:
+    """The guard of the policy file, or that of the robot that a form is for; None for the general one."""
+    if policy.guard is None and to == "cloudpendulum":
+        return cloudpendulum_guard(policy.period)
+    return policy.guard
+
+
+def _changed(
+    guard: GuardSettings | None, velocity_limit: float | None, braking: float | None
+) -> GuardSettings | None:
+    """The guard with what the user changed of it.
+
+    Raises:
+        SwingupError: there is no guard to change, or a value is out of range.
+    """
+    given = {"velocity_limit": velocity_limit, "braking": braking}
+    changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    if changes and guard is None:
+        flag = next(iter(changes)).replace("_", "-")
+        raise SwingupError(f"--{flag} is a setting of the safety guard: leave --no-guard out")
+    return guard if guard is None else dataclasses.replace(guard, **changes)
 
 
 def _refuse_baselines(name: str, robot: str | None) -> None:

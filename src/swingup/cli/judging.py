@@ -1,7 +1,7 @@
 """The commands that judge a controller: evaluate, robustness, uptime and sim2real."""
 
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,37 +10,45 @@ from tyro.conf import OmitArgPrefixes
 from ..benchmark import evaluate as performance_of
 from ..benchmark import robustness as robustness_of
 from ..benchmark import sim2real as sim2real_of
+from ..benchmark import trials as trials_of
 from ..benchmark import uptime as uptime_of
 from ..benchmark.board_rules import BOARD_RULES, BoardRules
 from ..benchmark.evaluate import Evaluation
 from ..benchmark.grid import change_grid
 from ..benchmark.robustness import Robustness
-from ..benchmark.rules import CRITERIA
+from ..benchmark.rules import CRITERIA, DEFAULT_RULES, PERFORMANCE_RULES, PerformanceRules, TrialRules
 from ..benchmark.runner import Progress
 from ..benchmark.sim2real import Sim2Real
 from ..benchmark.trajectory_file import save_trajectory
+from ..benchmark.trials import Trials
 from ..benchmark.uptime import Uptime
 from ..checks import one_of
 from ..control.registry import Controller, get_controller
 from ..files import check_writable
 from ..physics.parameters import Robot, get_robot
 from ..plants.domain import Domain, load_domain
+from ..plants.on_plant import on_plant
+from ..plants.plant import Plant
 from ..policy.shipped import REFINED, ROBOT
 from .arguments import (
+    NO_PLANT,
     ControllerName,
     DisturbanceOptions,
-    DomainName,
+    DomainOrNone,
     EstimatorFlags,
     EstimatorOptions,
+    PlantFlags,
     RobotName,
     judged_name,
     split_commas,
 )
 from .output import foreign_prints_apart, progress_shown, tell, tell_json
-from .results import evaluation_lines, robustness_lines, sim2real_lines, uptime_lines
+from .results import evaluation_lines, robustness_lines, sim2real_lines, trials_lines, uptime_lines
 
 NO_DISTURBANCE = DisturbanceOptions()
 AS_IT_COMES = EstimatorOptions()
+SUCCESS = "sim2real"
+"""Rules of the command of that name, which no board has."""
 
 Judge = Callable[[Controller, Robot, Progress], Any]
 """Judges a controller on a robot; the result has ``as_dict()``, and a ``trajectory`` where one can be saved."""
@@ -61,7 +69,13 @@ class Output:
 
 
 def judge_and_tell(
-    robot: str, controller: str, estimator: EstimatorOptions, judge: Judge, lines: Lines, output: Output
+    robot: str,
+    controller: str,
+    estimator: EstimatorOptions,
+    judge: Judge,
+    lines: Lines,
+    output: Output,
+    plant: Plant | None = None,
 ) -> int:
     """Find a controller, judge it, and save and print the result: the steps of every judging command."""
     chosen = get_robot(robot)
@@ -69,7 +83,7 @@ def judge_and_tell(
         # Before the judging, which may take minutes.
         check_writable(output.save)
     with foreign_prints_apart(), progress_shown() as shown:
-        found = get_controller(controller, chosen, estimator.wanted)
+        found = get_controller(controller, chosen, estimator.wanted, plant)
         result = judge(found, chosen, lambda done, total: shown("simulations", done, total))
     if output.save is not None:
         save_trajectory(output.save, result.trajectory)
@@ -80,6 +94,26 @@ def judge_and_tell(
     return 0
 
 
+def judge_performance(
+    robot: str,
+    controller: str,
+    plant: Plant | None,
+    estimator: EstimatorOptions = AS_IT_COMES,
+    rules: PerformanceRules = PERFORMANCE_RULES[DEFAULT_RULES],
+    disturbance: DisturbanceOptions = NO_DISTURBANCE,
+    output: Output = Output(),
+) -> int:
+    """The command ``evaluate``, on a plant that was read before."""
+
+    def judge(found: Controller, chosen: Robot, progress: Progress) -> Evaluation:
+        return performance_of.evaluate(found, chosen, controller, rules, disturbance.make(), plant)
+
+    def lines(result: Evaluation, judged: str) -> list[str]:
+        return evaluation_lines(result, judged, rules.name)
+
+    return judge_and_tell(robot, controller, estimator, judge, lines, output, plant)
+
+
 def judge_sim2real(
     domain: Domain,
     robot: str,
@@ -88,13 +122,32 @@ def judge_sim2real(
     seed: int = 0,
     seeds: int = 100,
     output: Output = Output(),
+    plant: Plant | None = None,
 ) -> int:
     """The command ``sim2real``, on a domain that was read before."""
 
     def judge(found: Controller, chosen: Robot, progress: Progress) -> Sim2Real:
         return sim2real_of.sim2real(found, chosen, controller, domain, seed, seeds, progress=progress)
 
-    return judge_and_tell(robot, controller, estimator, judge, sim2real_lines, output)
+    return judge_and_tell(robot, controller, estimator, judge, sim2real_lines, output, plant)
+
+
+def judge_trials(
+    rules: TrialRules,
+    domain: Domain,
+    robot: str,
+    controller: str,
+    estimator: EstimatorOptions,
+    seed: int,
+    seeds: int | None,
+    output: Output,
+) -> int:
+    """The command ``sim2real``, by the rules of a real robot's board."""
+
+    def judge(found: Controller, chosen: Robot, progress: Progress) -> Trials:
+        return trials_of.trials(found, chosen, controller, rules, domain, seed, seeds, progress)
+
+    return judge_and_tell(robot, controller, estimator, judge, trials_lines, output)
 
 
 @dataclass(frozen=True)
@@ -109,6 +162,7 @@ class JudgingCommands:
         /,
         controller: ControllerName = REFINED,
         estimator: EstimatorFlags = AS_IT_COMES,
+        plant: PlantFlags = NO_PLANT,
         rules: str = "v2",
         json: bool = False,
         save: str | None = None,
@@ -120,20 +174,14 @@ class JudgingCommands:
             robot: the robot.
             controller: the controller.
             estimator: whether a state estimator stands before it.
-            rules: v2 (simulation) or hardware.
+            plant: what is simulated, and baselines are designed for.
+            rules: v2 (simulation), hardware or hardware-perturbed.
             json: print one JSON object.
             save: also write the trajectory to this CSV file.
             disturbance: disturbances of the run; the boards' runs have none.
         """
-        chosen = self.board("performance", rules)
-
-        def judge(found: Controller, on: Robot, progress: Progress) -> Evaluation:
-            return performance_of.evaluate(found, on, controller, chosen, disturbance.make())
-
-        def lines(result: Evaluation, judged: str) -> list[str]:
-            return evaluation_lines(result, judged, rules)
-
-        return judge_and_tell(robot, controller, estimator, judge, lines, Output(json, save))
+        chosen, output = self.board("performance", rules), Output(json, save)
+        return judge_performance(robot, controller, plant.make(), estimator, chosen, disturbance, output)
 
     def robustness(
         self,
@@ -141,6 +189,7 @@ class JudgingCommands:
         /,
         controller: ControllerName = REFINED,
         estimator: EstimatorFlags = AS_IT_COMES,
+        plant: PlantFlags = NO_PLANT,
         rules: str = "v2",
         seed: int = 0,
         seeds: int = 1,
@@ -154,6 +203,7 @@ class JudgingCommands:
             robot: the robot.
             controller: the controller.
             estimator: whether a state estimator stands before it.
+            plant: what the grid is around, with disturbances in that pendulum's own units.
             rules: v2.
             seed: seed of the noise and the pushes.
             seeds: seeds in a row; with two or more the random criteria get 95 % intervals.
@@ -163,21 +213,23 @@ class JudgingCommands:
             json: print one JSON object, with every single simulation.
         """
         criteria, grid = split_commas(criteria), split_commas(grid)
-        changed = self.board("robustness", rules)
+        changed, on_plant = self.board("robustness", rules), plant.make()
         for text in grid:
             changed = change_grid(changed, text)
 
         def judge(found: Controller, on: Robot, progress: Progress) -> Robustness:
-            return robustness_of.robustness(found, on, controller, changed, seed, seeds, criteria, progress)
+            return robustness_of.robustness(
+                found, on, controller, changed, seed, seeds, criteria, progress, on_plant
+            )
 
         # The result names the command that repeats it; the leaderboard shows it beside shipped rows.
         options = {"controller": controller, "rules": rules, "seed": seed, "seeds": seeds}
         command = ["swingup", "robustness", robot, *(f"--{name}={value}" for name, value in options.items())]
-        command += estimator.flags
+        command += [*estimator.flags, *plant.flags]
         command += ["--criteria", *criteria] if criteria != CRITERIA else []
         command += ["--grid", *grid] if grid else []
         output = Output(json, head={"command": shlex.join(command)}, indent=1)
-        return judge_and_tell(robot, controller, estimator, judge, robustness_lines, output)
+        return judge_and_tell(robot, controller, estimator, judge, robustness_lines, output, on_plant)
 
     def uptime(
         self,
@@ -185,30 +237,38 @@ class JudgingCommands:
         /,
         controller: ControllerName = REFINED,
         estimator: EstimatorFlags = AS_IT_COMES,
+        plant: PlantFlags = NO_PLANT,
         rules: str = "v3",
+        domain: DomainOrNone = None,
         seed: int = 0,
-        seeds: int = 1,
+        seeds: int | None = None,
         json: bool = False,
         save: str | None = None,
     ) -> int:
-        """Run a minute of the global-policy benchmark, in which the pendulum is thrown fifteen times, and score it.
+        """Run a minute of the global-policy benchmark, in which the pendulum is thrown ten or fifteen times.
 
         Args:
             robot: the robot.
             controller: the controller.
             estimator: whether a state estimator stands before it.
-            rules: v3.
-            seed: seed of the throws.
-            seeds: seeds in a row; the score is their mean.
+            plant: what is thrown by the rules v3, by a PID in that pendulum's own units.
+            rules: v3 (simulation), icra-real (the real robot's, simulated; throws at limits as well), or
+                cloudpendulum (four drawn cells of 30 s, with moves and kicks).
+            domain: plants and loops for rules other than v3: identified, randomised, recorded (for icra-real by
+                default), cells (for cloudpendulum), or a YAML file. Baselines are designed for its plant.
+            seed: seed of the throws, and of plants and noise.
+            seeds: seeds in a row, whose mean is the score; 1 for v3 by default, else as many as a board has runs.
             json: print one JSON object.
             save: also write the first seed's trajectory to this CSV file.
         """
-        chosen = self.board("uptime", rules)
+        chosen, on_plant = self.board("uptime", rules), plant.make()
 
         def judge(found: Controller, on: Robot, progress: Progress) -> Uptime:
-            return uptime_of.uptime(found, on, controller, chosen, seed, seeds, progress)
+            return uptime_of.uptime(found, on, controller, chosen, seed, seeds, progress, on_plant, domain)
 
-        return judge_and_tell(robot, controller, estimator, judge, uptime_lines, Output(json, save))
+        drawn = uptime_of.minute_domain(chosen, domain, on_plant)
+        designed_for = on_plant if drawn is None else drawn.plant
+        return judge_and_tell(robot, controller, estimator, judge, uptime_lines, Output(json, save), designed_for)
 
     def sim2real(
         self,
@@ -216,9 +276,11 @@ class JudgingCommands:
         /,
         controller: ControllerName = REFINED,
         estimator: EstimatorFlags = AS_IT_COMES,
-        domain: DomainName = "identified",
+        rules: str = SUCCESS,
+        domain: DomainOrNone = None,
+        plant: PlantFlags = NO_PLANT,
         seed: int = 0,
-        seeds: int = 100,
+        seeds: int | None = None,
         json: bool = False,
         save: str | None = None,
     ) -> int:
@@ -231,23 +293,34 @@ class JudgingCommands:
             robot: the robot.
             controller: the controller.
             estimator: whether a state estimator stands before it.
-            domain: plant and loop: identified, randomised (another plant for each seed), or a YAML file.
+            rules: sim2real (success as above), or those of a real robot's board, which score what it records:
+                iros-real (pushes on both joints) or v2-real (none).
+            domain: plant and loop: identified, randomised or recorded (other plants for each seed), or a YAML file.
+                By default identified for sim2real, and recorded for the boards.
+            plant: a plant for a domain that has none, as identified; its loop is then in the plant's own units.
             seed: seed of noise and plants.
-            seeds: seeds in a row.
+            seeds: seeds in a row; 100 for sim2real by default, and 10 for the boards.
             json: print one JSON object, with every run.
             save: also write the first seed's trajectory to this CSV file.
         """
-        output = Output(json, save)
-        status = judge_sim2real(load_domain(domain), robot, controller, estimator, seed, seeds, output)
-        if controller == REFINED and not json:
+        output, on = Output(json, save), plant.make()
+        if rules != SUCCESS:
+            chosen = self.board("trials", rules, (SUCCESS,))
+            ranges = load_domain(chosen.domain if domain is None else domain)
+            ranges = ranges if on is None else on_plant(ranges, on)
+            return judge_trials(chosen, ranges, robot, controller, estimator, seed, seeds, output)
+        drawn, number = load_domain("identified" if domain is None else domain), 100 if seeds is None else seeds
+        drawn = drawn if on is None else on_plant(drawn, on)
+        status = judge_sim2real(drawn, robot, controller, estimator, seed, number, output, on)
+        if controller == REFINED and not json and on is None:
             tell(f"  The policy trained for this plant is --controller {ROBOT}.")
         return status
 
-    def board(self, measure: str, name: str) -> Any:
-        """Rules of one board.
+    def board(self, measure: str, name: str, others: Sequence[str] = ()) -> Any:
+        """Rules of one board; ``others`` are names that would do as well.
 
         Raises:
             SwingupError: no version of that name has such a board.
         """
-        known = [each for each, rules in self.rules.items() if getattr(rules, measure) is not None]
+        known = [*others, *(each for each, rules in self.rules.items() if getattr(rules, measure) is not None)]
         return getattr(self.rules[one_of(f"{measure} rules", name, known)], measure)

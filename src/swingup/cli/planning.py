@@ -6,19 +6,21 @@ from typing import Annotated, Literal
 from tyro.conf import arg
 
 from ..benchmark.seeds import check_seeds
-from ..control.optimal import OPTIMAL, compute_optimal_reference
-from ..control.published import PUBLISHED
+from ..control.baselines import design_of
+from ..control.optimal import compute_optimal_reference
 from ..control.reference import compute_reference, save_reference
 from ..control.trajectory_csv import save_reference_csv
 from ..files import check_writable
 from ..physics.parameters import get_robot
-from .arguments import RobotName
+from ..plants.plant import plant_as_dict
+from .arguments import NO_PLANT, PlantFlags, RobotName
 
 
 def trajectory(
     robot: RobotName,
     /,
     out: Annotated[str, arg(metavar="FILE.npz")],
+    plant: PlantFlags = NO_PLANT,
     problem: Literal["published", "score"] = "published",
     seed: int = 0,
 ) -> int:
@@ -27,22 +29,25 @@ def trajectory(
     Args:
         robot: the robot.
         out: the trajectory's file; one that ends in .csv is in RealAIGym's format.
+        plant: what swings up; for another plant than the leaderboards' the problem is in its own units.
         problem: the published one, or ours: nearly the best RealAI score, which tvlqr-score follows.
         seed: seed of the first torques; another one may end in another local optimum.
     """
-    chosen = get_robot(robot)
+    chosen, on = get_robot(robot), plant.make()
+    design = design_of(chosen, on)
     check_seeds(seed, 1)
     check_writable(out)
     if problem == "score":
-        reference, provenance = compute_optimal_reference(chosen, OPTIMAL[chosen.name].swingup, seed)
+        reference, provenance = compute_optimal_reference(chosen, design.optimal.swingup, seed, on)
     else:
-        reference, provenance = compute_reference(chosen, PUBLISHED[chosen.name].swingup, seed)
+        reference, provenance = compute_reference(chosen, design.published.swingup, seed, on)
     choice = [] if problem == "published" else ["--problem", problem]
-    command = shlex.join(["swingup", "trajectory", robot, *choice, "--seed", str(seed), "--out", out])
+    command = shlex.join(["swingup", "trajectory", robot, *choice, *plant.flags, "--seed", str(seed), "--out", out])
     if out.endswith(".csv"):
         save_reference_csv(out, reference)
     else:
-        save_reference(out, reference, {**provenance, "command": command})
-    for name, value in provenance.items():
+        about = {} if on is None else {"plant": {"name": on.name, **vars(on.driven(chosen))}}
+        save_reference(out, reference, {**provenance, **about, "command": command})
+    for name, value in (provenance | plant_as_dict(on, chosen)).items():
         print(f"{name:<20}{value}")
     return 0

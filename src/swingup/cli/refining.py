@@ -14,13 +14,13 @@ from ..benchmark.seeds import check_seeds
 from ..checks import one_of
 from ..files import check_writable
 from ..physics.parameters import Robot, get_robot
-from ..policy.jax_backend.controller import PolicyController, load_policy, save_controller, shipped_policy
-from ..policy.settings import EstimatorSettings
+from ..policy.jax_backend.controller import PolicyController, load_policy, plant_of, save_controller, shipped_policy
+from ..policy.settings import default_estimator
 from ..policy.shipped import AR_EAPO, SHIPPED_POLICIES
 from ..refine.recipe import RECIPES, RefinementReport, run_recipe
 from ..renamed import current_name
 from ..version import __version__
-from .arguments import RobotName
+from .arguments import NO_PLANT, PlantFlags, RobotName
 from .output import SECONDS_BETWEEN_LINES, tell
 
 
@@ -30,6 +30,7 @@ def refine_command(
     out: Annotated[str, arg(metavar="FILE.npz")],
     policy: Annotated[str | None, arg(metavar="POLICY")] = None,
     recipe: str = "score",
+    plant: PlantFlags = NO_PLANT,
     seed: int = 0,
 ) -> int:
     """Refine a trained policy by a teacher or by gradients through the simulation; takes seconds to minutes.
@@ -41,9 +42,10 @@ def refine_command(
         out: the refined policy's file.
         policy: the policy to start from: a file, or the name of a shipped one; default ar-eapo.
         recipe: score (learn a teacher's swing-up) or recover (be up again soon after throws).
+        plant: what the policy is refined on, and its teacher designed for.
         seed: seed of all random numbers.
     """
-    chosen = get_robot(robot)
+    chosen, on = get_robot(robot), plant.make()
     one_of("recipe", recipe, RECIPES)
     check_seeds(seed, 1)
     check_writable(out)
@@ -51,7 +53,7 @@ def refine_command(
     start, metadata = (shipped_policy if policy in SHIPPED_POLICIES else _load)(chosen, policy)
     stages, console = RECIPES[recipe], Console(stderr=True)
     options = {"policy": policy, "recipe": recipe, "seed": seed, "out": Path(out).name}
-    words = ["swingup", "refine", robot, *(f"--{name}={value}" for name, value in options.items())]
+    words = ["swingup", "refine", robot, *(f"--{name}={value}" for name, value in options.items()), *plant.flags]
     shown = -math.inf
 
     def report(now: RefinementReport) -> None:
@@ -61,8 +63,9 @@ def refine_command(
             shown = time.monotonic()
             console.print(_line(now, len(stages)), soft_wrap=True, highlight=False)
 
-    run_recipe(start, chosen, stages, seed, report)
-    tell(f"wrote {out}: judge it with swingup evaluate {robot} --controller {shlex.quote(out)}")
+    run_recipe(start, chosen, stages, seed, report, plant=on)
+    judge = shlex.join(["swingup", "evaluate", robot, "--controller", out, *plant.flags])
+    tell(f"wrote {out}: judge it with {judge}")
     return 0
 
 
@@ -74,6 +77,7 @@ def _provenance(
     base: dict[str, Any], command: str, seed: int, stages: tuple[Any, ...], now: RefinementReport
 ) -> dict[str, Any]:
     """Where the refined policy comes from, and the base's own origin; it goes with the estimator."""
+    estimator = default_estimator(plant_of(now.controller))
     origin = {
         name: base[name]
         for name in ("version", "preset", "command", "seed", "frames", "seconds", "scores")
@@ -88,7 +92,7 @@ def _provenance(
         "scores": {"v2": dataclasses.asdict(now.criteria)},
         "base": origin,
         # A front end has a filter of its own.
-        **({} if now.controller.front_end else {"estimator": dataclasses.asdict(EstimatorSettings())}),
+        **({} if now.controller.front_end else {"estimator": dataclasses.asdict(estimator)}),
     }
 
 

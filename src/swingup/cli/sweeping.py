@@ -17,7 +17,7 @@ from ..sweep.executors import executor_for
 from ..sweep.jobs import JobOutcome, run_jobs
 from ..sweep.plan import parse_grid, plan_jobs
 from ..sweep.summary import VariantRow, summarise_variants
-from .arguments import RobotOrNone
+from .arguments import NO_PLANT, PlantFlags, RobotOrNone
 from .training import default_options
 
 Assignments = Annotated[
@@ -39,6 +39,7 @@ def sweep(
     out: str | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
+    plant: PlantFlags = NO_PLANT,
     evaluate_every: int | None = None,
     checkpoint_every: int | None = None,
     evaluation_episodes: int | None = None,
@@ -59,6 +60,7 @@ def sweep(
         out: folder of the sweep; default sweeps/ROBOT-PRESET.
         workers: local processes; default one for every two cores.
         scheduler: address of a Dask scheduler to run on instead; it needs to see the same files.
+        plant: the pendulum to train on, in whose units the task is.
         evaluate_every: frames between evaluations; default as for train.
         checkpoint_every: frames between checkpoints; default as for train.
         evaluation_episodes: episodes of an evaluation with --env; default 5.
@@ -67,6 +69,7 @@ def sweep(
     whole_number("seeds", seeds, 1, 2**32)
     options: dict[str, Any] = {"robot": robot, "env": env, "preset": preset, "evaluate_every": evaluate_every}
     options |= {"checkpoint_every": checkpoint_every, "evaluation_episodes": evaluation_episodes}
+    options["plant"] = plant.make()
     base = default_options(options)
     # Ids of Gymnasium environments may contain slashes.
     folder = out or f"sweeps/{str(robot or env).replace('/', '-')}-{base['preset']}"

@@ -13,8 +13,9 @@ from rich.measure import Measurement
 from rich.table import Table
 
 from ..benchmark.columns import COLUMNS
-from ..benchmark.leaderboard import OURS, Board, Row
+from ..benchmark.leaderboard import ON_ROBOT, OURS, Board, Row
 from ..text import one_line
+from .arguments import plant_note
 from .output import printable
 
 WIDEST = 1000
@@ -103,9 +104,13 @@ def _cells(board: Board, row: Row) -> list[str]:
 
 
 def _remarks(board: Board) -> list[str]:
-    return [f"{row.controller}: {row.remark}" for row in board.rows if row.remark]
+    remarks = [f"{row.controller}: {row.remark}" for row in board.rows if row.remark]
+    if any(row.source == ON_ROBOT for row in board.rows):
+        remarks.append(f"Rows of source {ON_ROBOT!r} were measured on the real robot; ours are simulated.")
+    return remarks if board.note is None else [*remarks, board.note]
 
 
 def _title(board: Board) -> str:
     seed = "" if board.seed is None else f", seed {board.seed}"
-    return f"{board.measure.capitalize()} scores of the {board.robot} (rules {board.rules}{seed})"
+    plant, measure = plant_note(board.plant, board.robot), board.measure.capitalize().replace("_", " ")
+    return f"{measure} scores of the {board.robot} (rules {board.rules}{seed}{plant})"

@@ -21,9 +21,9 @@ from ..learner.start import resume_run, start_run
 from ..physics.parameters import get_robot
 from ..plants.domain import load_domain
 from ..tasks.sim2real import Sim2RealTask
-from .arguments import RobotOrNone
+from .arguments import NO_PLANT, PlantFlags, RobotOrNone, plant_note
 from .hyperparameters import HyperparameterOptions, given_hyperparameters
-from .judging import JudgingCommands, judge_sim2real
+from .judging import judge_performance, judge_sim2real
 from .progress import WIDTH, progress_line
 
 PROGRESS_INTERVAL = 10.0
@@ -50,6 +50,7 @@ def train_command(
     checkpoint_every: int | None = None,
     evaluation_episodes: int | None = None,
     domain: Annotated[str | None, arg(metavar="DOMAIN")] = None,
+    plant: PlantFlags = NO_PLANT,
     hyperparameters: OmitArgPrefixes[HyperparameterOptions] = FROM_PRESET,
 ) -> int:
     """Train a policy, show the progress, and end with the score of the best one.
@@ -70,6 +71,7 @@ def train_command(
         evaluation_episodes: episodes of an evaluation with --env; default 5.
         domain: domain of the preset sim2real, which plants and loops are drawn from: identified (the default),
             randomised or a YAML file.
+        plant: the pendulum to train on, in whose units the task is; the simulated robot has a domain instead.
         hyperparameters: those that are left out are the preset's. In brackets: the value in the preset default,
             then in presets that differ.
     """
@@ -78,6 +80,7 @@ def train_command(
         "evaluate_every": evaluate_every, "checkpoint_every": checkpoint_every,
         "evaluation_episodes": evaluation_episodes,
         "domain": None if domain is None else load_domain(domain),
+        "plant": plant.make(),
     }  # fmt: skip
     if frames is not None:
         whole_number("frames", frames, 1)
@@ -144,7 +147,7 @@ def _score(run: Run) -> int:
     task, best = run.settings.task(), str(run.folder / "best.npz")
     if isinstance(task, Sim2RealTask):
         return judge_sim2real(task.domain, run.settings.robot, best)
-    return JudgingCommands().evaluate(run.settings.robot, controller=best)
+    return judge_performance(run.settings.robot, best, run.settings.plant)
 
 
 def _stop_on_signals(run: Run) -> list[int]:
@@ -185,6 +188,7 @@ def _announce(run: Run, console: Console) -> None:
     """Print what is trained, for how long and where, and the parts of a domain that training leaves out."""
     settings, domain = run.settings, run.settings.domain
     on = settings.preset if domain is None else f"{settings.preset}, domain {domain.name}"
+    on += "" if settings.robot is None else plant_note(settings.plant, settings.robot)
     text = f"training {settings.name} ({on}) to {run.goal:,} frames in {run.folder}"
     console.print(text, soft_wrap=True, markup=False)
     task = None if domain is None else settings.task()

@@ -18,10 +18,12 @@ from jaxtyping import Float
 from ..errors import SwingupError
 from ..physics.angles import UPRIGHT
 from ..physics.equations import StateFloats
-from ..physics.parameters import Robot, get_robot, leaderboard_parameters
+from ..physics.parameters import Parameters, Robot, get_robot
+from ..plants.plant import PlantLike
 from ..types import Scalar
 from .ilqr import ILQRSettings, Solution, Status, feedback_gains, solve
 from .lqr import LQRSettings
+from .model import model_of
 from .reference import Reference
 from .riccati_passes import Cost, forward
 from .scalar_algebra import unpack
@@ -70,6 +72,8 @@ class ScoreProblem:
     """Random first torques."""
     first_torque: float = 1.5
     """The torque at t = 0 is drawn from ± this (N m)."""
+    amplitude: float = 1.0
+    """Size of the sines of a random first torque (N m)."""
     spread: float = 1.0
     """The best result is optimised again from torques at t = 0 that differ by up to this (N m)."""
 
@@ -98,32 +102,34 @@ RESTING = np.append(UPRIGHT, 0.0)
 
 
 def compute_optimal_reference(
-    robot: Robot | str, problem: ScoreProblem, seed: int
+    robot: Robot | str, problem: ScoreProblem, seed: int, plant: PlantLike | None = None
 ) -> tuple[Reference, dict[str, Any]]:
-    """Optimise a swing-up for the score with the leaderboard's plant; takes one or two minutes.
+    """Optimise a swing-up for the score; takes one or two minutes.
 
     Args:
         robot: which joint is driven.
         problem: weights and settings.
         seed: of the first torques, which NumPy draws.
+        plant: the pendulum, in whose units the problem is; None for the leaderboards'.
 
     Returns:
         The trajectory with rows of the judge's time step, and its provenance: JSON values for the file. Its
         gains, both kinds the same, are LQ-optimal for the problem's weights without that of the torque's rate.
 
     Raises:
-        SwingupError: no first torque led to a finite cost.
+        SwingupError: there is no such plant, or no first torque led to a finite cost.
     """
     robot = get_robot(robot)
+    parameters = model_of(plant, robot)
     first = first_torques(problem, seed)
     with jax.enable_x64(True):
-        coarse = _transition(robot, problem.coarse_dt), coarse_cost(problem)
+        coarse = _transition(parameters, robot, problem.coarse_dt), coarse_cost(problem)
         rough = _cheapest(_solve_all(*coarse, first, problem.coarse), seed)
         rough = _cheapest(_solve_all(*coarse, _restarts(*coarse, rough, problem), problem.coarse), seed)
         # The coarse torques, held over the fine steps, give the same trajectory up to the integrator's error.
         held = np.repeat(np.asarray(rough.states)[:, 4], round(problem.coarse_dt / problem.fine_dt))
         rows = round(problem.duration / problem.fine_dt)
-        cost, transition = fine_cost(problem), _transition(robot, problem.fine_dt)
+        cost, transition = fine_cost(problem), _transition(parameters, robot, problem.fine_dt)
         # The fine grid ends at the last coarse row, which was repeated as well: the rest is cut.
         fine = _cheapest(_solve_all(transition, cost, held[None, : rows + 1], problem.fine), seed)
         x, u = np.asarray(fine.states), np.asarray(fine.states)[:-1, 4]
@@ -148,7 +154,7 @@ def first_torques(problem: ScoreProblem, seed: int) -> Float[np.ndarray, "starts
     """Random sums of slow sines, zero in the last fifth, each with its own first torque (N m); coarse rows."""
     random, rows = np.random.default_rng(seed), round(problem.duration / problem.coarse_dt) + 1
     time = np.linspace(0.0, 1.0, rows)
-    scale = random.uniform(0.3, 3.0, (problem.starts, 1, 1))
+    scale = problem.amplitude * random.uniform(0.3, 3.0, (problem.starts, 1, 1))
     amplitude = scale * random.normal(size=(problem.starts, 5, 1))
     phase = random.uniform(0.0, 2 * np.pi, (problem.starts, 5, 1))
     frequency = 2 * np.pi * 0.6 * np.arange(1, 6)[:, None]
@@ -206,8 +212,8 @@ def _cost(problem: ScoreProblem, dt: float, final: StateFloats) -> Cost:
     )
 
 
-def _transition(robot: Robot, dt: float) -> TorqueRateTransition:
-    return TorqueRateTransition(PendulumTransition(leaderboard_parameters(robot), robot.joint, dt))
+def _transition(parameters: Parameters, robot: Robot, dt: float) -> TorqueRateTransition:
+    return TorqueRateTransition(PendulumTransition(parameters, robot.joint, dt))
 
 
 @jax.jit(static_argnames="settings")

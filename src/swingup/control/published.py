@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from ..physics.angles import UPRIGHT
 from ..physics.equations import StateFloats
 from .ilqr import ILQRSettings
 from .lqr import LQRSettings
 from .riccati_passes import Cost
+from .search import SearchSettings
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,12 @@ class SwingupProblem:
     steps: int = 5999
     first_torque: float = 1e-4
     """The first guess is uniform between 0 and this (N m)."""
+    search: SearchSettings | None = None
+    """A search for the first guess instead, as other pendulums need it."""
+
+    def cost(self, steps: int) -> Cost:
+        """The cost of a grid: that of the distance from upright."""
+        return self.weights.cost(np.tile(UPRIGHT, (steps, 1)), np.zeros(steps), UPRIGHT)
 
 
 @dataclass(frozen=True)

@@ -71,7 +71,8 @@ def answer(call: Answer, x: np.ndarray, t: float) -> np.ndarray:
     try:
         given = call(x.copy(), t)
         u = np.asarray(given)
-    except KeyboardInterrupt:
+    # A SwingupError already names its fault.
+    except (KeyboardInterrupt, SwingupError):
         raise
     except BaseException as error:  # no context manager: this is called millions of times
         raise SwingupError(f"it raised {described(error)} at t = {t:g} s: correct it there") from error

@@ -3,6 +3,7 @@
 The optimisation starts from tiny random torques: another seed may end in another local optimum.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +16,21 @@ from jaxtyping import Float
 from ..arrays import load_archive, save_archive
 from ..checks import positive_number
 from ..errors import SwingupError
-from ..physics.angles import UPRIGHT
-from ..physics.parameters import Robot, get_robot, leaderboard_parameters
+from ..physics.parameters import Parameters, Robot, get_robot
+from ..plants.plant import PlantLike
 from ..version import __version__
 from .ilqr import ILQRSettings, Solution, Status, feedback_gains, solve
+from .model import model_of
 from .published import SwingupProblem
 from .riccati_passes import Cost
+from .search import follow, search
 from .transition import PendulumTransition
 
 REFERENCE_FORMAT = "swingup trajectory"
 REFERENCE_VERSION = 1
+
+NEAR = 0.05
+"""A search is over when a motion ends this close to upright, in both angles (rad)."""
 
 RECOMPUTE = "compute it again with swingup trajectory"
 
@@ -53,23 +59,29 @@ class Reference(eqx.Module):
 REFERENCE_ARRAYS = ("states", "torque", "gains", "unregularised_gains")
 
 
-def compute_reference(robot: Robot | str, problem: SwingupProblem, seed: int) -> tuple[Reference, dict[str, Any]]:
-    """Optimise a swing-up from hanging at rest with the leaderboard's plant; takes a minute or two.
+def compute_reference(
+    robot: Robot | str, problem: SwingupProblem, seed: int, plant: PlantLike | None = None
+) -> tuple[Reference, dict[str, Any]]:
+    """Optimise a swing-up from hanging at rest; takes a minute or two.
 
     Args:
         robot: which joint is driven.
         problem: weights and settings.
-        seed: of the first torques, which NumPy draws uniformly from [0, problem.first_torque].
+        seed: of the first torques, which NumPy draws uniformly from [0, problem.first_torque], or of the search.
+        plant: the pendulum, in whose units the problem is; None for the leaderboards'.
 
     Returns:
         The trajectory, and its provenance: JSON values for the file.
+
+    Raises:
+        SwingupError: there is no such plant, or the search led to no finite cost.
     """
     robot = get_robot(robot)
-    steps = problem.steps
-    transition = PendulumTransition(leaderboard_parameters(robot), robot.joint, problem.dt)
-    cost = problem.weights.cost(np.tile(UPRIGHT, (steps, 1)), np.zeros(steps), UPRIGHT)
-    first = np.random.default_rng(seed).uniform(0.0, problem.first_torque, steps)
+    parameters = model_of(plant, robot)
+    transition = PendulumTransition(parameters, robot.joint, problem.dt)
     with jax.enable_x64(True):
+        first = _first_torques(parameters, robot, problem, seed)
+        cost = problem.cost(len(first))
         solution = _solve(transition, cost, jnp.asarray(first), problem.settings)
         gains, free = (_gains(transition, cost, solution, mu) for mu in (problem.gain_regularisation, 0.0))
         solution, gains, free = jax.tree.map(np.asarray, (solution, gains, free))
@@ -82,6 +94,20 @@ def compute_reference(robot: Robot | str, problem: SwingupProblem, seed: int) ->
         "status": Status(int(solution.status)).name.lower(),
         "gain_regularisation": problem.gain_regularisation,
     }
+
+
+def _first_torques(parameters: Parameters, robot: Robot, problem: SwingupProblem, seed: int) -> np.ndarray:
+    if problem.search is None:
+        return np.random.default_rng(seed).uniform(0.0, problem.first_torque, problem.steps)
+    for stretch in problem.search.durations:
+        steps = round((problem.steps + 1) * stretch) - 1
+        settings = replace(problem.search, steps=round(problem.search.steps * stretch))
+        transition = PendulumTransition(parameters, robot.joint, problem.dt * steps / settings.steps)
+        found = search(transition, problem.cost(settings.steps), settings, seed)
+        if found.miss < NEAR:
+            break
+    transition = PendulumTransition(parameters, robot.joint, problem.dt)
+    return follow(found, transition, problem.cost(steps), problem.settings.torque_limit, steps)
 
 
 _gains = jax.jit(feedback_gains)

@@ -10,7 +10,8 @@ from typing import Any
 from ..checks import suggestion
 from ..errors import SwingupError
 from ..foreign import described
-from ..physics.parameters import Robot, get_robot, leaderboard_parameters
+from ..physics.parameters import Robot, get_robot
+from ..plants.plant import PlantLike, robot_parameters
 from ..policy.jax_backend.controller import make_controller
 from ..policy.jax_backend.estimator import EstimatingController, with_estimator
 from ..policy.shipped import SHIPPED_POLICIES, is_policy, read_policy
@@ -26,7 +27,9 @@ BUILT_IN = (*SHIPPED_POLICIES, *BASELINES)
 Controller = AbstractController[Any] | PythonController
 
 
-def get_controller(name: str, robot: Robot | str, estimator: bool | None = None) -> Controller:
+def get_controller(
+    name: str, robot: Robot | str, estimator: bool | None = None, plant: PlantLike | None = None
+) -> Controller:
     """Find a controller by its name, with or without a state estimator before it.
 
     Args:
@@ -35,21 +38,25 @@ def get_controller(name: str, robot: Robot | str, estimator: bool | None = None)
             ``get_control_output(x, t)``, or is a function of (x, t).
         robot: which joint is driven.
         estimator: never (False), always (True), or where the policy file has its settings (None). Without settings
-            in the file it has the defaults. Its model is the leaderboard's plant.
+            in the file it has the defaults.
+        plant: what a baseline is designed for, and the model of an estimator before it: a plant, its parameters,
+            its name or its file; None for the leaderboards'.
 
     Raises:
-        SwingupError: there is no such controller, it cannot be loaded, it is for another robot, or it is in plain
-            Python and an estimator was requested.
+        SwingupError: there is no such controller or plant, it cannot be loaded, it is for another robot, or it is
+            in plain Python and an estimator was requested.
     """
-    return find_controller(current_name("controller", name), robot, estimator)
+    return find_controller(current_name("controller", name), robot, estimator, plant)
 
 
-def find_controller(name: str, robot: Robot | str, estimator: bool | None = None) -> Controller:
+def find_controller(
+    name: str, robot: Robot | str, estimator: bool | None = None, plant: PlantLike | None = None
+) -> Controller:
     """Do as :func:`get_controller`, for names in the package's own code: no notes on changed names."""
     robot = get_robot(robot)
     if is_policy(name):
         return make_controller(read_policy(name, robot), estimator)
-    found = baseline(name, robot) if name in BASELINES else _imported(name)
+    found = baseline(name, robot, plant) if name in BASELINES else _imported(name)
     # An imported controller may bring its own estimator; a second one would estimate an estimate.
     if isinstance(found, EstimatingController):
         return found.controller if estimator is False else found
@@ -61,7 +68,7 @@ def find_controller(name: str, robot: Robot | str, estimator: bool | None = None
             "in JAX"
         )
     try:
-        return with_estimator(found, robot, leaderboard_parameters(robot))
+        return with_estimator(found, robot, robot_parameters(plant, robot))
     except SwingupError as error:
         raise SwingupError(f"controller {quoted(name)}: {error}") from error
 

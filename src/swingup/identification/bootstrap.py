@@ -23,7 +23,7 @@ SHAPE = 4.0
 DRAWS = 400
 WIDENING = 2.0
 """Factor on the draws' distance from the solution. The bootstrap does not see what all windows have in common:
-errors of the smoother and of the integration. Chosen on simulated pendulums, others than those that are reported."""
+errors of the smoother and of the integration. Chosen on simulated pendulums that are not among those reported."""
 LEVEL = 0.95
 
 

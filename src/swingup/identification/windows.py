@@ -47,8 +47,10 @@ class Windows:
         return Windows(self.log[rows], self.time[rows], self.start[rows], self.impulse[rows], self.reference[rows])
 
 
-def cut_windows(recording: Recording, length: float, stride: float = STRIDE, log: int = 0) -> Windows:
-    """Windows of ``length`` (s) every ``stride`` (s) in which a joint is faster than 1 rad/s.
+def cut_windows(
+    recording: Recording, length: float, stride: float = STRIDE, log: int = 0, least_speed: float = LEAST_SPEED
+) -> Windows:
+    """Windows of ``length`` (s) every ``stride`` (s) in which a joint is faster than ``least_speed`` (rad/s).
 
     The first window starts one stride after the first row; no window crosses a gap.
     """
@@ -60,7 +62,7 @@ def cut_windows(recording: Recording, length: float, stride: float = STRIDE, log
     # Speeds every 10 ms: a joint may be fast between two states that are reported.
     fine = starts[:, None] + 0.01 * np.arange(round(length / 0.01) + 1)
     speeds = smooth(recording, fine.ravel()).reshape(*fine.shape, 4)[..., 2:]
-    moving = np.abs(speeds).max(axis=(1, 2)) > LEAST_SPEED if starts.size else np.zeros(0, bool)
+    moving = np.abs(speeds).max(axis=(1, 2)) > least_speed if starts.size else np.zeros(0, bool)
     starts, times = starts[moving], times[moving]
     states = smooth(recording, times.ravel()).reshape(len(starts), outputs + 1, 4)
     grid = starts[:, None] + TORQUE_STEP * np.arange(grid_size(length)) - HISTORY

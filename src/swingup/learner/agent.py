@@ -15,6 +15,7 @@ from ..areapo.config import Config, config_from_dict
 from ..checks import whole_number
 from ..errors import SwingupError
 from ..physics.parameters import ROBOTS
+from ..plants.plant import Plant, PlantLike, find_plant
 from ..policy.jax_backend.policy import Policy, act
 from .backend import batched
 from .presets import choose_preset, get_preset
@@ -26,7 +27,7 @@ from .start import restore_run, resume_run, start_run
 Callback = Callable[["AREAPO", TrainingReport], bool | None]
 """Called after each chunk; returning False ends ``learn``."""
 
-OPTIONS = ("preset", "seed", "folder", "evaluate_every", "checkpoint_every", "evaluation_episodes")
+OPTIONS = ("preset", "seed", "folder", "evaluate_every", "checkpoint_every", "evaluation_episodes", "plant")
 """Keywords of the class besides the hyperparameters, to suggest for a misspelt one."""
 
 _LOGGER = logging.getLogger(__name__)
@@ -53,6 +54,7 @@ class AREAPO:
         evaluate_every: int | None = None,
         checkpoint_every: int | None = None,
         evaluation_episodes: int = 5,
+        plant: PlantLike | None = None,
         run: Run | None = None,
         **overrides: Any,
     ) -> None:
@@ -69,6 +71,8 @@ class AREAPO:
             checkpoint_every: frames between checkpoints, where the environments that the host steps are reset.
             evaluation_episodes: episodes of an evaluation. With 0, where the host steps the environments, the score
                 is that of the training episodes, or, if none of them ended, the mean reward of a step.
+            plant: the robot's pendulum, in whose units the task is: a plant, its parameters, its name or its file;
+                None for the leaderboards'.
             run: a run to continue; the other arguments then have no effect.
             **overrides: hyperparameters, names of :class:`swingup.areapo.config.Config`.
 
@@ -77,7 +81,7 @@ class AREAPO:
         """
         if run is None:
             intervals = {"evaluate_every": evaluate_every, "checkpoint_every": checkpoint_every}
-            settings = _settings(env, preset, seed, intervals, evaluation_episodes, overrides)
+            settings = _settings(env, preset, seed, intervals, evaluation_episodes, find_plant(plant), overrides)
             run = start_run(settings, folder, get_preset(settings.preset).frames, env)
         self._run = run
         # Apart from the training's key: sampled actions do not change what is learned.
@@ -221,6 +225,7 @@ def _settings(
     seed: int,
     intervals: dict[str, int | None],
     evaluation_episodes: int,
+    plant: Plant | None,
     overrides: dict[str, Any],
 ) -> RunSettings:
     """The settings of a new learner, with defaults for the arguments that are None."""
@@ -237,4 +242,5 @@ def _settings(
         config=config_from_dict(vars(get_preset(chosen).config) | overrides, OPTIONS),
         env=None if robot else describe_env(env),
         evaluation_episodes=evaluation_episodes,
+        plant=plant,
     )

@@ -13,11 +13,13 @@ import numpy as np
 from ..benchmark.evaluate import evaluate
 from ..benchmark.sim2real import sim2real
 from ..physics.parameters import TORQUE_LIMIT, leaderboard_parameters
-from ..policy.jax_backend.controller import PolicyController, save_controller
-from ..policy.jax_backend.estimator import with_estimator
+from ..plants.plant import Plant
+from ..policy.jax_backend.controller import PolicyController, behind_estimator, plant_of, save_controller
 from ..policy.jax_backend.observation import AbstractStage
 from ..policy.jax_backend.policy import Policy, save_policy
-from ..policy.settings import ESTIMATOR, EstimatorSettings
+from ..policy.plant_facts import policy_plant
+from ..policy.settings import ESTIMATOR, default_estimator
+from ..tasks.middle_plant import middle_plant
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.sim2real import Sim2RealTask
 from ..tasks.task import AbstractTask
@@ -52,25 +54,31 @@ class AbstractEvaluator(abc.ABC):
 
 
 class SwingUpEvaluator(AbstractEvaluator):
-    """Evaluates by the criteria and the score of the one deterministic episode of the pendulum (rules v2)."""
+    """Evaluates by the criteria and the score of one deterministic episode on the task's plant (rules v2)."""
 
     measure = "v2"
     observation_shape = (4,)
 
-    def __init__(self, task: AbstractPendulumTask[Any]) -> None:
-        """The evaluator of a variant of the pendulum's task."""
-        self.stages, self._robot = (task.observation,), task.robot
+    def __init__(self, task: AbstractPendulumTask[Any], plant: Plant | None = None) -> None:
+        """The evaluator of a variant of the pendulum's task, on its plant, with the name that the plant has."""
+        self.stages, self._robot, self._plant = (task.observation,), task.robot, plant
+        # A task that was passed in may have a plant of its own.
+        if plant is None and task.parameters != leaderboard_parameters(task.robot):
+            self._plant = Plant("the task's", task.parameters)
 
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
         """The criteria; ``episodes`` has no effect, since there is one deterministic episode."""
-        return dataclasses.asdict(evaluate(self._controller(policy), self._robot).criteria)
+        return dataclasses.asdict(evaluate(self._controller(policy), self._robot, plant=self._plant).criteria)
 
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
         """Write a controller's policy file."""
         save_controller(path, self._controller(policy), provenance)
 
     def _controller(self, policy: Policy[Any]) -> PolicyController:
-        return PolicyController(policy, TORQUE_LIMIT, self._robot)
+        if self._plant is None:
+            return PolicyController(policy, TORQUE_LIMIT, self._robot)
+        facts = policy_plant(self._plant.parameters, self._robot, self._plant.name)
+        return PolicyController(policy, facts.limit(self._robot.joint), self._robot, plant=facts)
 
 
 class Sim2RealEvaluator(AbstractEvaluator):
@@ -88,7 +96,7 @@ class Sim2RealEvaluator(AbstractEvaluator):
         number, robot = episodes or SIM2REAL_EPISODES, self._task.robot
         # Training shows the true state, but the judge measures late and with noise, for the estimator.
         alone = self._controller(policy)
-        controller = with_estimator(alone, robot, leaderboard_parameters(robot)) if self._task.estimated else alone
+        controller = behind_estimator(alone) if self._task.estimated else alone
         result = sim2real(controller, robot, domain=self._task.domain, seed=self._seed, seeds=number)
         return {
             "score": result.score,
@@ -98,11 +106,15 @@ class Sim2RealEvaluator(AbstractEvaluator):
 
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
         """Write a controller's policy file, with the estimator that the task assumes."""
-        settings = {ESTIMATOR: dataclasses.asdict(EstimatorSettings())} if self._task.estimated else {}
-        save_controller(path, self._controller(policy), {**provenance, **settings})
+        alone = self._controller(policy)
+        settings = dataclasses.asdict(default_estimator(plant_of(alone)))
+        save_controller(path, alone, {**provenance, **({ESTIMATOR: settings} if self._task.estimated else {})})
 
     def _controller(self, policy: Policy[Any]) -> PolicyController:
-        return PolicyController(policy, TORQUE_LIMIT, self._task.robot, self._task.front_end)
+        task = self._task
+        plant = middle_plant(task.domain, task.robot)
+        limit = TORQUE_LIMIT if plant is None else plant.limit(task.robot.joint)
+        return PolicyController(policy, limit, task.robot, task.front_end, plant)
 
 
 class ReturnEvaluator(AbstractEvaluator):

@@ -32,7 +32,7 @@ def make_backend(settings: RunSettings, env: Any = None) -> AbstractBackend:
         if isinstance(pendulum, Sim2RealTask):
             by_scores = Sim2RealEvaluator(pendulum, seed)
         else:
-            by_scores = SwingUpEvaluator(pendulum)
+            by_scores = SwingUpEvaluator(pendulum, settings.plant)
         return CompiledBackend(pendulum, config, seed, seeds, by_scores)
     if isinstance(env, AbstractTask):
         check_memory(config, env.spaces, seeds)

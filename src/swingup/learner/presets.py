@@ -38,6 +38,16 @@ PRESETS = {
         6_000_000,
         "global",
     ),
+    "small": Preset(
+        "networks of 64-64 for any plant: quadratic cost, starts anywhere, short rollouts, little entropy",
+        Config(
+            centre_values=True, num_envs=32, num_steps=64, batch_size=256, policy_layers=(64, 64),
+            value_layers=(64, 64), temperature=0.1, gae_lambda=0.95, entropy_gae_lambda=0.9, clip_range=0.1,
+            learning_rate=1e-3,
+        ),
+        6_000_000,
+        "anywhere",
+    ),
     "sim2real": Preset(
         "the simulated robot behind a state estimator: its friction and motors, networks of half the width",
         Config(centre_values=True, policy_layers=(128, 128), value_layers=(256, 256)),

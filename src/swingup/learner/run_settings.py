@@ -13,7 +13,7 @@ from ..errors import SwingupError
 from ..files import write_atomically
 from ..physics.parameters import get_robot, make_parameters
 from ..plants.domain import Domain
-from ..plants.plant import Plant
+from ..plants.plant import FRICTIONLESS, Plant
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.presets import SIM2REAL_TASKS, get_task
 from ..text import one_line, quoted
@@ -57,6 +57,8 @@ class RunSettings:
     """Episodes of an evaluation on another task; 0 for none, where the host steps the environments."""
     domain: Domain | None = None
     """The domain that plants of the simulated robot are drawn from; None for the preset's."""
+    plant: Plant | None = None
+    """The pendulum, in whose units the task is; None for the leaderboards' plant."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot work."""
@@ -70,6 +72,8 @@ class RunSettings:
         in_sim2real = self.robot is not None and get_preset(self.preset).task in SIM2REAL_TASKS
         if self.domain is not None and not in_sim2real:
             raise SwingupError(f"a domain goes with the preset sim2real, not with {self.preset}")
+        if self.plant is not None and self.robot is None:
+            raise SwingupError(f"a plant goes with a robot, not with {self.name}")
         for each in dataclasses.fields(self):
             if "least" in each.metadata:
                 number = whole_number(each.name, getattr(self, each.name), each.metadata["least"])
@@ -101,7 +105,9 @@ class RunSettings:
         if self.robot is None:
             raise SwingupError(f"{self.env} is no task of the pendulum")
         robot, name = get_robot(self.robot), get_preset(self.preset).task
-        return get_task(name, robot) if self.domain is None else SIM2REAL_TASKS[name](robot, self.domain)
+        if self.domain is not None:
+            return SIM2REAL_TASKS[name](robot, self.domain)
+        return get_task(name, robot, self.plant)
 
     def command(self, frames: int) -> str:
         """The command that makes such a run from scratch; in Python where the environment was passed in."""
@@ -112,6 +118,7 @@ class RunSettings:
         task = self.robot if self.env is None else f"--env {shlex.quote(self.env)}"
         words = [f"swingup train {task} --preset {self.preset} --frames {frames} --seed {self.seed}"]
         words += [] if self.domain is None else [f"--domain {shlex.quote(self.domain.name)}"]
+        words += [] if self.plant is None else _plant_options(self.plant)
         words += [] if self.seeds == 1 else [f"--seeds {self.seeds}"]
         return " ".join(words + [_option(name, value) for name, value in self._changed().items()])
 
@@ -128,11 +135,20 @@ class RunSettings:
         return json.loads(json.dumps(dataclasses.asdict(self)))
 
 
+def _plant_options(plant: Plant) -> list[str]:
+    name = plant.name.removesuffix(FRICTIONLESS)
+    return [f"--plant {shlex.quote(name)}", *([] if name == plant.name else ["--frictionless"])]
+
+
+def _plant_from_dict(content: Any) -> Plant | None:
+    if content is None:
+        return None
+    return Plant(str(content["name"]), make_parameters(content["parameters"], "its plant"))
+
+
 def _domain_from_dict(content: Any) -> Domain:
     ranges = tuple((str(name), float(low), float(high)) for name, low, high in content["ranges"])
-    plant = content.get("plant")  # None, too, in runs of a version that knew one plant
-    if plant is not None:
-        plant = Plant(str(plant["name"]), make_parameters(plant["parameters"], "its plant"))
+    plant = _plant_from_dict(content.get("plant"))  # None, too, in runs of a version that knew one plant
     return Domain(ranges, str(content["name"]), plant, content.get("velocities"))
 
 
@@ -144,7 +160,8 @@ def run_settings_from_dict(content: Any) -> RunSettings:
     """
     try:
         domain = None if content.get("domain") is None else _domain_from_dict(content["domain"])
-        return RunSettings(**{**content, "domain": domain, "config": config_from_dict(content["config"])})
+        plant, config = _plant_from_dict(content.get("plant")), config_from_dict(content["config"])
+        return RunSettings(**{**content, "domain": domain, "plant": plant, "config": config})
     except MALFORMED as error:
         raise SwingupError(f"the settings are malformed ({type(error).__name__}: {one_line(error, 80)})") from error
 

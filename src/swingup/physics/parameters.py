@@ -21,7 +21,7 @@ from ..robots import get_robot as get_robot
 from ..text import quoted
 from ..types import Scalar
 from ..yaml_map import read_map, write_map
-from .equations import lump, mass_entries
+from .validity import check_pendulum
 
 Real = float | Scalar
 
@@ -132,20 +132,7 @@ def validated(parameters: Parameters) -> Parameters:
             the mass matrix is not positive definite in every configuration.
     """
     values = {name: _real(name, getattr(parameters, name)) for name in NAMES}
-    for name in ("m1", "m2", "l1", "l2", "g"):
-        if values[name] <= 0:
-            raise SwingupError(f"parameter {name} = {values[name]:g} must be positive")
-    for name in ("tl1", "tl2"):
-        if values[name] < 0:
-            raise SwingupError(f"parameter {name} = {values[name]:g} must not be negative")
-    # det M is concave in cos(q2), so that its least value lies at cos(q2) = 1 or -1.
-    for cos_q2 in (1.0, -1.0):
-        m11, m12, m22 = mass_entries(lump(Parameters(**values)), cos_q2)
-        if not (m22 > 0 and m11 * m22 - m12 * m12 > 0):
-            raise SwingupError(
-                f"mass matrix is not positive definite at cos(q2) = {cos_q2:g}: "
-                f"raise I1 = {values['I1']:g} or I2 = {values['I2']:g}"
-            )
+    check_pendulum(values)
     return parameters
 
 

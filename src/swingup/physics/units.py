@@ -10,14 +10,16 @@ time T and torque Γ every pendulum has J = Γ = 1. Ratios remain: two pendulums
 parameters are equal in these units.
 """
 
-import functools
 import math
 from dataclasses import dataclass
+from typing import Any
 
 from ..errors import SwingupError
-from ..robots import ROBOTS
+from ..robots import TORQUE_LIMIT
 from .equations import lump
-from .parameters import Parameters, leaderboard_parameters
+
+REFERENCE = (0.2119482605847436, 3.8235349329950976, TORQUE_LIMIT, 0.5)
+"""T (s), Γ (N m), torque limit (N m) and length (m) of the leaderboards' plant, to the last digit."""
 
 
 @dataclass(frozen=True)
@@ -49,20 +51,20 @@ class Scales:
         return self.torque * self.time**2
 
 
-def scales_of(parameters: Parameters) -> Scales:
+def scales_of(parameters: Any) -> Scales:
     """The units of a pendulum, relative to C.1's: exactly 1 for C.1, with or without its frictions and rotors.
 
     Args:
-        parameters: the pendulum; a robot's, with a torque limit of 0 on the passive joint, or one with two motors.
+        parameters: anything with the attributes of ``physics.parameters.Parameters``: a robot's, with a torque
+            limit of 0 on the passive joint, or a pendulum's with two motors.
 
     Raises:
         SwingupError: gravity does not pull its stretched arm down, or its inertia is not positive.
     """
-    mine, reference = _absolute(parameters), _reference()
-    return Scales(*(value / unit for value, unit in zip(mine, reference, strict=True)))
+    return Scales(*(value / unit for value, unit in zip(_absolute(parameters), REFERENCE, strict=True)))
 
 
-def time_unit(parameters: Parameters) -> float:
+def time_unit(parameters: Any) -> float:
     """T (s).
 
     Raises:
@@ -71,7 +73,7 @@ def time_unit(parameters: Parameters) -> float:
     return _absolute(parameters)[0]
 
 
-def torque_over_gravity(parameters: Parameters) -> float:
+def torque_over_gravity(parameters: Any) -> float:
     """Larger torque limit over Γ: above 1 a motor at the shoulder can hold the stretched arm level.
 
     Raises:
@@ -81,7 +83,7 @@ def torque_over_gravity(parameters: Parameters) -> float:
     return limit / gravity
 
 
-def _absolute(p: Parameters) -> tuple[float, float, float, float]:
+def _absolute(p: Any) -> tuple[float, float, float, float]:
     """T (s), Γ (N m), the torque limit (N m) and the length (m)."""
     plant = lump(p)
     inertia, gravity = float(plant.shoulder + 2 * plant.coupling), float(plant.gravity1 + plant.gravity2)
@@ -92,9 +94,4 @@ def _absolute(p: Parameters) -> tuple[float, float, float, float]:
         )
     if not inertia > 0:
         raise SwingupError(f"the stretched arm's inertia is {inertia:g} kg m² without rotors: raise I1 or I2")
-    return math.sqrt(inertia / gravity), gravity, float(max(p.tl1, p.tl2)), float(p.length)
-
-
-@functools.cache
-def _reference() -> tuple[float, float, float, float]:
-    return _absolute(leaderboard_parameters(ROBOTS["pendubot"]))
+    return math.sqrt(inertia / gravity), gravity, float(max(p.tl1, p.tl2)), float(p.l1 + p.l2)

@@ -15,11 +15,12 @@ from typing import Any
 
 from ..checks import suggestion
 from ..errors import SwingupError
+from ..physics.integrate import stable_substeps
 from ..physics.parameters import NAMES, Parameters, validated
 from ..renamed import current_name
 from ..text import one_line, quoted
 from ..yaml_map import read_map
-from .loop import BOUNDS, LOOP, LOOP_DT, check_velocities
+from .loop import BOUNDS, CLOCK, EVERY_LOOP, LONGEST, LOOP_DT, check_velocities
 from .plant import SHIPPED_PLANTS, Plant, base_plant, load_plant
 
 MOTORS = ("tl1", "tl2")
@@ -34,7 +35,10 @@ MASSES = ("m2", "l1", "r2", "I1", "I2", "Ir", "gr")
 IDENTIFIED = "C.1"
 """The plant of a domain that names none: what it leaves out is as identified there."""
 
-SHIPPED = ("identified", "randomised")
+SESSIONS = ("excitation", "acrobot", "pendubot", "acrobot-pushed", "acrobot-iros", "pendubot-iros")
+"""Sessions of the robot of design C.1, each with its fitted plant and loop: the domains ``session-...``."""
+
+SHIPPED = ("identified", "randomised", "recorded", "cells", *(f"session-{name}" for name in SESSIONS))
 """Domains that the package ships."""
 
 
@@ -56,7 +60,7 @@ class Domain:
         Raises:
             SwingupError: a name is unknown, a range ends below its start, or a value makes no pendulum or loop.
         """
-        known = (*NAMES, *LOOP)
+        known = (*NAMES, *EVERY_LOOP)
         check_velocities(self.velocities)
         for name, low, high in self.ranges:
             if name not in known:
@@ -92,12 +96,36 @@ class Domain:
     @property
     def defaults(self) -> dict[str, float]:
         """What the ranges may leave out: the plant's values, and those of a perfect loop."""
-        return vars(self.base) | LOOP
+        return vars(self.base) | EVERY_LOOP
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Names that the domain gives a value or a range."""
+        return frozenset(name for name, _, _ in self.ranges)
+
+    @property
+    def differences(self) -> bool:
+        """Whether measured velocities are differences of positions: by choice, or where angles have a quantum."""
+        return self.velocities == "differences" or (
+            self.velocities is None and not self.names.isdisjoint(("quantum1", "quantum2"))
+        )
 
     @property
     def depth(self) -> int:
-        """Number of states that the loop remembers, enough for the longest delay."""
-        return whole_delay_steps({name: high for name, _, high in self.ranges}.get("delay", 0.0)) + 1
+        """Number of states that the loop remembers, enough for the longest delay and a difference before it."""
+        longest = whole_delay_steps({name: high for name, _, high in self.ranges}.get("delay", 0.0))
+        return longest + 1 + self.differences
+
+    @functools.cached_property
+    def substeps(self) -> int:
+        """Steps of RK4 in a step of the loop, so that friction stays stable on all of its plants.
+
+        Loops around C.1 as identified that are always on time keep one, as the boards do.
+        """
+        is_late = not self.names.isdisjoint(CLOCK)
+        if self.plant is None and not self.names.issuperset(PLANT) and not is_late:
+            return 1
+        return max(stable_substeps(corner, LOOP_DT * (LONGEST if is_late else 1)) for corner in self.corners())
 
     def middle(self, name: str) -> float:
         """Middle of a range, or the default if the domain leaves the name out."""

@@ -1,10 +1,10 @@
 """A plant: the facts about one double pendulum, with a name; and those that the package ships."""
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from ..checks import suggestion
 from ..errors import SwingupError
@@ -18,6 +18,7 @@ from ..physics.parameters import (
     make_parameters,
     validated,
 )
+from ..physics.units import torque_over_gravity
 from ..robots import TORQUE_LIMIT
 from ..text import one_line, quoted
 from ..yaml_map import read_map
@@ -26,14 +27,22 @@ LEADERBOARD = "leaderboard"
 """Name of the plant of the leaderboards: C.1 without friction and rotors' inertia."""
 
 
+FRICTIONLESS = ", frictionless"
+"""Ends the name of a plant whose friction was left out."""
+
+
 @dataclass(frozen=True)
 class Plant:
     """The facts about one double pendulum."""
 
-    name: str
+    name: str = field(compare=False)
     """A shipped plant's name, or the file that it was read from."""
     parameters: Parameters
     """Both torque limits are those of the motors, whichever joint a robot drives."""
+
+    def __str__(self) -> str:
+        """Its name."""
+        return self.name
 
     def driven(self, robot: Robot | str) -> Parameters:
         """The parameters with a torque limit of 0 on the joint that the robot does not drive."""
@@ -45,7 +54,7 @@ class Plant:
         """The plant without friction and rotors' inertia, idealised as the leaderboards idealise C.1."""
         ideal = dataclasses.replace(self.parameters, b1=0.0, b2=0.0, cf1=0.0, cf2=0.0, Ir=0.0)
         # Without the rotors a mass matrix may stop being positive definite.
-        return Plant(f"{self.name}, frictionless", validated(ideal))
+        return Plant(f"{self.name}{FRICTIONLESS}", validated(ideal))
 
 
 PlantLike: TypeAlias = Plant | Parameters | str | Path
@@ -66,8 +75,9 @@ SHIPPED_PLANTS = {
     "C.0": _Shipped("design_C.0_model_3.0.yml", TORQUE_LIMIT),
     "C.1": _Shipped("design_C.1_model_1.0.yml", TORQUE_LIMIT),
     "cloudpendulum": _Shipped("cloudpendulum.yml"),
+    "cloudpendulum-rods": _Shipped("cloudpendulum_two_rods.yml"),
 }
-"""Plants that the package ships: RealAIGym's designs, as identified, and CloudPendulum's."""
+"""Plants that the package ships: RealAIGym's designs and a CloudPendulum as identified, and it as two rods."""
 
 
 def load_plant(source: PlantLike) -> Plant:
@@ -99,6 +109,11 @@ def load_plant(source: PlantLike) -> Plant:
         raise SwingupError(f"plant {one_line(name)}: {error}") from error
 
 
+def find_plant(plant: PlantLike | None) -> Plant | None:
+    """As :func:`load_plant`; None stays None, which stands for the leaderboards' plant."""
+    return None if plant is None else load_plant(plant)
+
+
 def robot_parameters(plant: PlantLike | None, robot: Robot | str) -> Parameters:
     """The plant of a robot, with one driven joint: a plant's, or the leaderboards' where it is None.
 
@@ -107,6 +122,13 @@ def robot_parameters(plant: PlantLike | None, robot: Robot | str) -> Parameters:
     """
     robot = get_robot(robot)
     return leaderboard_parameters(robot) if plant is None else load_plant(plant).driven(robot)
+
+
+def plant_as_dict(plant: Plant | None, robot: Robot | str) -> dict[str, Any]:
+    """What a result says of its plant, ready for JSON; nothing of the leaderboards' (None)."""
+    if plant is None:
+        return {}
+    return {"plant": plant.name, "torque_over_gravity": torque_over_gravity(plant.driven(robot))}
 
 
 def base_plant(source: object, folder: str | Path) -> Plant:

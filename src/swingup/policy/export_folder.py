@@ -1,8 +1,9 @@
-"""A folder for RealAIGym's leaderboards and its robot that needs NumPy alone: our source, the policy, an entry."""
+"""Folders that need NumPy alone: our source, the policy, and an entry; the one for RealAIGym is here."""
 
 import json
 import shutil
 import tempfile
+from collections.abc import Mapping
 from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
@@ -21,16 +22,16 @@ PACKAGE = "{name}_controller"
 
 SOURCES = (
     "errors.py", "text.py", "checks.py", "renamed.py", "files.py", "arrays.py", "robots.py", MODEL,
-    "physics/__init__.py", "physics/equations.py",
+    "physics/__init__.py", "physics/damped.py", "physics/equations.py", "physics/units.py", "physics/validity.py",
     *(f"policy/{name}.py" for name in (
-        "__init__", "contract", "file", "guard", "network", "pendulum", "plant", "realaigym", "settings", "shipped",
-        "stages",
+        "__init__", "contract", "file", "guard", "network", "pendulum", "plant", "plant_facts", "settings",
+        "shipped", "stages",
     )),
     *(f"policy/numpy_backend/{name}.py" for name in (
         "__init__", "controller", "estimator", "front_end", "guard", "network",
     )),
 )  # fmt: skip
-"""What the controller needs of this package; a test runs it without the rest."""
+"""What the controller needs of this package, besides its interface; a test runs it without the rest."""
 
 GUARDED = (
     "It is behind a safety guard, whose settings are in the entry. `controller.fault` says why it stopped the\n"
@@ -64,25 +65,47 @@ def export_realaigym(
         SwingupError: the folder is not empty or cannot be written, or a name does not fit the entry.
     """
     check_export_name(name)
-    target = Path(folder).resolve()
     if not username.isprintable() or any(sign in username for sign in '"\\,') or not 0 < len(username) <= 60:
         raise SwingupError(
             f"username {quoted(username)} does not fit an entry: use up to 60 letters, no quotes or commas"
         )
+    texts = {
+        f"con_{name}.py": _entry(policy, username, name),
+        f"readmes/{name}.md": fill(asset(__package__, "readme.md"), readme_values(policy, name)),
+    }
+    return write_folder(folder, name, "realaigym", source, texts) / f"con_{name}.py"
+
+
+def write_folder(folder: str | Path, name: str, interface: str, source: Path, texts: Mapping[str, str]) -> Path:
+    """Write the source, the policy and some texts, whole or not at all.
+
+    Args:
+        folder: a new or empty folder.
+        name: name of the entry, which the copied source gets as well.
+        interface: module of this package with the controller that the entry loads.
+        source: the policy file.
+        texts: contents by their paths in the folder.
+
+    Returns:
+        The folder.
+
+    Raises:
+        SwingupError: the folder is not empty or cannot be written.
+    """
+    target, root = Path(folder).resolve(), resources.files("swingup")
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise SwingupError(f"{folder} is there already: name a folder that is new or empty")
-    root = resources.files("swingup")
     try:
         # On the target's file system, where the final move is a rename: the folder appears whole or not at all.
         with tempfile.TemporaryDirectory(dir=target.parent, prefix=f".{target.name}.") as temporary:
             made = Path(temporary) / target.name
             package = made / PACKAGE.format(name=name)
-            for file in SOURCES:
+            for file in (*SOURCES, f"policy/{interface}.py"):
                 _write(package / file, root.joinpath(*file.split("/")).read_bytes())
             _write(package / "__init__.py", ABOUT.encode())
             _write(package / "policy.npz", source.read_bytes())
-            _write(made / f"con_{name}.py", _entry(policy, username, name).encode())
-            _write(made / "readmes" / f"{name}.md", _readme(policy, name).encode())
+            for path, text in texts.items():
+                _write(made / path, text.encode())
             # Empty, as tested above. The move would otherwise go inside it.
             if target.exists():
                 target.rmdir()
@@ -92,7 +115,7 @@ def export_realaigym(
         raise SwingupError(
             f"cannot write {folder}: {reason}; choose a place that exists and can be written"
         ) from error
-    return target / f"con_{name}.py"
+    return target
 
 
 def _write(path: Path, content: bytes) -> None:
@@ -122,7 +145,8 @@ def guard_entry(guard: GuardSettings | None) -> str:
     return json.dumps(asdict(guard), indent=4).replace("null", "None").replace("\n}", ",\n}")
 
 
-def _readme(policy: PendulumPolicy, name: str) -> str:
+def readme_values(policy: PendulumPolicy, name: str) -> dict[str, str]:
+    """What a folder's README says of its policy, for the gaps of a template."""
     command = policy.metadata.get("command")
     seen = (
         "an estimate of the state by a Kalman filter, which also finds the loop's delay"
@@ -130,7 +154,7 @@ def _readme(policy: PendulumPolicy, name: str) -> str:
         else "the measured state"
     )
     front = ", through a front end with a filter and friction compensation" if policy.front_end else ""
-    values = {
+    return {
         "ESTIMATOR": f"It is shown {seen}{front}.",
         "GUARD": GUARDED if policy.guard else UNGUARDED,
         "JOINT": ("shoulder", "elbow")[policy.robot.joint],
@@ -143,7 +167,6 @@ def _readme(policy: PendulumPolicy, name: str) -> str:
         "ROBOT": policy.robot.name,
         "VERSION": __version__,
     }
-    return fill(asset(__package__, "readme.md"), values)
 
 
 def _torque(policy: PendulumPolicy) -> str:

@@ -18,7 +18,10 @@ from .network import Layer, Network
 from .stages import ARRAYS, STAGES, Stage, make_stage
 
 FORMAT = "swingup policy"
-FORMAT_VERSION = 1
+FORMAT_VERSIONS = (1, 2)
+"""Versions that are read. Version 2 added the plant and the guard, which programs for version 1 would ignore."""
+SINCE_VERSION_2 = ("plant", "guard")
+"""Keys of the metadata that make a file one of version 2."""
 
 MOST_STAGES = 10
 KNOWN = re.compile(r"network\.(trunk\.\d{1,2}|mean|std|logits)\.(weight|bias)|observation\.\d\.(mean|variance)")
@@ -31,8 +34,11 @@ def read_network(path: str | Path) -> tuple[Network, dict[str, Any]]:
     Raises:
         SwingupError: the file cannot be read, is truncated, or is not a policy file of this version.
     """
-    metadata, found = load_archive(path, FORMAT, FORMAT_VERSION, lambda name: bool(KNOWN.fullmatch(name)))
+    metadata, found = load_archive(path, FORMAT, FORMAT_VERSIONS, lambda name: bool(KNOWN.fullmatch(name)))
     try:
+        later = [key for key in SINCE_VERSION_2 if key in metadata]
+        if later and metadata["format_version"] == 1:
+            raise SwingupError(f"a file with a {later[0]} must have format version 2")
         arrays = {name: _checked(name, array) for name, array in found.items()}
         return _network(metadata, arrays), metadata
     except SwingupError as error:
@@ -58,7 +64,10 @@ def write_network(path: str | Path, network: Network, metadata: Mapping[str, Any
     for name, layer in layers.items():
         arrays |= {f"network.{name}.weight": layer.weight, f"network.{name}.bias": layer.bias}
     choices = {} if network.choices is None else {"choices": list(network.choices)}
-    save_archive(path, FORMAT, FORMAT_VERSION, {"observation": stages, **choices, **metadata}, arrays)
+    given = {key: value for key, value in metadata.items() if key not in ("format", "format_version")}
+    # Where nothing needs version 2, programs for version 1 can read the file.
+    version = 2 if any(key in given for key in SINCE_VERSION_2) else 1
+    save_archive(path, FORMAT, version, {"observation": stages, **choices, **given}, arrays)
 
 
 def _checked(name: str, array: np.ndarray) -> np.ndarray:

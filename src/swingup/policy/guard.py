@@ -106,7 +106,7 @@ class GuardSettings:
         Raises:
             SwingupError: a value is no number of its range.
         """
-        ranges = {"dt": (1e-6, 0.1), "braking": (0.0, 1000.0), "torque_rate": (1e-6, 1e9)}
+        ranges = {"dt": (1e-6, 0.1), "braking": (0.0, 1000.0)}
         for field in fields(self):
             name, value = field.name, getattr(self, field.name)
             if name == "torque_rate" and value is None:

@@ -7,11 +7,12 @@ from typing import Any
 
 from ..checks import finite_number
 from ..errors import SwingupError
-from ..robots import ROBOTS, TORQUE_LIMIT, Robot, get_robot
+from ..robots import ROBOTS, Robot, get_robot
 from ..text import quoted
 from .file import read_network, write_network
 from .guard import GUARD
 from .network import Network
+from .plant_facts import PLANT, PolicyPlant, modelled, read_plant, write_plant
 from .settings import (
     FRONT_END,
     EstimatorSettings,
@@ -32,6 +33,8 @@ class PendulumPolicy:
     robot: Robot
     torque_limit: float
     """Torque of an action of 1 (N m)."""
+    plant: PolicyPlant
+    """The plant that it was made for."""
     estimator: EstimatorSettings | None = None
     """Settings of the estimator in the file; None for the policy alone."""
     front_end: FrontEndSettings | None = None
@@ -50,7 +53,13 @@ class PendulumPolicy:
     def torque_limits(self) -> tuple[float, float]:
         """Largest torques of shoulder and elbow (N m): the motor's, and the front end's on the passive joint."""
         passive = 0.0 if self.front_end is None else self.front_end.passive_limit
-        return (TORQUE_LIMIT, passive) if self.robot.joint == 0 else (passive, TORQUE_LIMIT)
+        driven = self.plant.limit(self.robot.joint)
+        return (driven, passive) if self.robot.joint == 0 else (passive, driven)
+
+    @property
+    def model(self) -> PolicyPlant:
+        """The plant that its estimator believes in."""
+        return modelled(self.plant, self.robot, self.front_end)
 
 
 def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> PendulumPolicy:
@@ -81,10 +90,10 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
     try:
         limit = finite_number("torque_limit", metadata["torque_limit"], 1e-6, 1e6, "N m")
         estimator, front_end = estimator_settings(metadata), front_end_settings(metadata)
-        guard = guard_settings(metadata)
+        guard, plant = guard_settings(metadata), read_plant(metadata, ROBOTS[name])
     except SwingupError as error:
         raise SwingupError(f"policy file {path}: {error}; see docs/policy-format.md") from error
-    return PendulumPolicy(network, ROBOTS[name], limit, estimator, front_end, guard, metadata)
+    return PendulumPolicy(network, ROBOTS[name], limit, plant, estimator, front_end, guard, metadata)
 
 
 def write_pendulum_policy(path: str | Path, policy: PendulumPolicy, provenance: Mapping[str, Any]) -> None:
@@ -93,12 +102,14 @@ def write_pendulum_policy(path: str | Path, policy: PendulumPolicy, provenance: 
     Args:
         path: the file.
         policy: what to write; its own metadata is left out.
-        provenance: where the policy comes from, JSON values. An ``estimator`` in it puts one before the policy.
+        provenance: where the policy comes from, JSON values. An ``estimator`` in it puts one before the policy; a
+            plant in it is replaced.
 
     Raises:
         SwingupError: the file cannot be written.
     """
     head: dict[str, Any] = {"robot": policy.robot.name, "torque_limit": float(policy.torque_limit)}
+    provenance = {**provenance, PLANT: write_plant(policy.plant)}
     if policy.front_end is not None:
         head[FRONT_END] = asdict(policy.front_end)
     if policy.guard is not None:

@@ -1,4 +1,4 @@
-"""The leaderboards' plant in plain floats: no friction, no motor inertia.
+"""The estimator's model in plain floats, and the leaderboards' plant: no friction, no motor inertia.
 
 The state is x = [q1, q2, dq1, dq2] (rad, rad/s). The equations of motion stand in ``physics/equations.py``. The
 estimator calls them for one state at a time, where a dozen numbers are fastest as Python's own.
@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 from ..errors import SwingupError
 from ..physics import equations
+from ..physics.damped import Friction, Functions, damped_midpoint_step
 from ..physics.equations import Lumped, StateFloats, lump
 
 MODEL = "physics/models/design_C.1_model_1.0.yml"
@@ -33,10 +34,15 @@ def make_plant(values: dict[str, float]) -> Lumped:
 
 
 def nominal_plant() -> Lumped:
-    """The plant that the policies were trained for and that their estimator believes in."""
+    """The leaderboards' plant."""
+    return make_plant(identified_values())
+
+
+def identified_values() -> dict[str, float]:
+    """The identified model's parameters by name."""
     # Not by the package's name: the copy in an exported folder has another one.
     root = resources.files(__package__.rpartition(".")[0])
-    return make_plant(parse_flat_yaml((root / MODEL).read_text(encoding="utf-8")))
+    return parse_flat_yaml((root / MODEL).read_text(encoding="utf-8"))
 
 
 def parse_flat_yaml(text: str) -> dict[str, float]:
@@ -85,3 +91,20 @@ def midpoint_step(plant: Lumped, x: StateFloats, u1: float, u2: float, dt: float
     v1, v2 = dq1 + half * a1, dq2 + half * a2
     a1, a2 = acceleration(plant, (q1 + half * dq1, q2 + half * dq2, v1, v2), u1, u2)
     return q1 + dt * v1, q2 + dt * v2, dq1 + dt * a1, dq2 + dt * a2
+
+
+def model_step(
+    plant: Lumped, friction: Friction | None, x: StateFloats, u1: float, u2: float, dt: float
+) -> StateFloats:
+    """One step over dt (s), with friction if there is any."""
+    if friction is None:
+        return midpoint_step(plant, x, u1, u2, dt)
+    return damped_midpoint_step(plant, friction, x, (u1, u2), dt, _FLOATS)
+
+
+def _sine_cosine(angle: float) -> tuple[float, float]:
+    # For what is not finite, math.sin raises an error.
+    return (math.sin(angle), math.cos(angle)) if math.isfinite(angle) else (math.nan, math.nan)
+
+
+_FLOATS = Functions(_sine_cosine, math.atan)

@@ -79,7 +79,9 @@ class RealAIGymController:
         self.robot = robot
         self.disturbance_intervals: list[Any] = []
         """Intervals in which the run is disturbed on purpose: none."""
-        self._controller, self._about, self._dt, self._guard = controller, about, dt, guard
+        self._controller, self._about, self._dt = controller, about, dt
+        self.guard = guard
+        """The safety guard inside the controller; None without one."""
         self.filter = Filter()
         """What filters measurements, with its histories."""
         self.reset()
@@ -136,7 +138,7 @@ class RealAIGymController:
     @property
     def fault(self) -> Fault | None:
         """Why the safety guard stopped the controller; None while it acts, or without a guard."""
-        return None if self._guard is None else self._guard.fault
+        return None if self.guard is None else self.guard.fault
 
     def save(self, directory: str | Path) -> None:
         """Write what this controller is to ``controller_swingup.json`` in a folder.

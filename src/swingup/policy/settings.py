@@ -4,13 +4,14 @@ The metadata is parsed only here; every back end takes the settings.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar
 
 import numpy as np
 
 from ..checks import finite_number, suggestion, whole_number
 from ..errors import SwingupError
+from ..physics.units import scales_of
 from ..text import quoted
 from .guard import GUARD, GuardChoice
 from .guard import GuardSettings as GuardSettings
@@ -36,7 +37,10 @@ PIECES = 4
 
 @dataclass(frozen=True)
 class EstimatorSettings:
-    """What the estimator expects of the measurement and of the loop; every value is chosen, not identified."""
+    """What the estimator expects of the measurement and of the loop; every value is chosen, not identified.
+
+    The defaults suit design C.1; :func:`default_estimator` scales them to another plant.
+    """
 
     dt: float = 0.002
     """Time between calls (s). After a longer pause the estimator restarts from the measurement."""
@@ -105,6 +109,23 @@ class FrontEndSettings:
             object.__setattr__(self, name, _pair(f"front_end setting {name}", getattr(self, name)))
 
 
+def default_estimator(plant: Any) -> EstimatorSettings:
+    """The defaults in a plant's own units: noise of velocities and accelerations; encoder and loop stay.
+
+    Args:
+        plant: anything with the attributes of ``physics.parameters.Parameters``.
+
+    Raises:
+        SwingupError: as :func:`swingup.physics.units.scales_of`.
+    """
+    scales, usual = scales_of(plant), EstimatorSettings()
+    return replace(
+        usual,
+        velocity_noise=usual.velocity_noise * scales.velocity,
+        acceleration_noise=usual.acceleration_noise * scales.acceleration,
+    )
+
+
 def kalman_gains(settings: EstimatorSettings) -> np.ndarray:
     """Steady-state Kalman gains (2, 2) of one joint: a double integrator whose acceleration is unsure.
 
@@ -152,6 +173,13 @@ def guard_settings(metadata: Mapping[str, Any]) -> GuardSettings | None:
     return _settings(metadata, GUARD, GuardSettings)
 
 
+def default_guard(dt: float | None = None) -> GuardSettings:
+    """The guard of a loop with ``dt`` (s) between calls; None for any. It bears ten missed or repeated calls."""
+    if dt is None:
+        return GuardSettings()
+    return GuardSettings(dt=dt, longest_pause=10 * dt, stale_time=10 * dt, stuck_time=100 * dt)
+
+
 def choose_guard(choice: GuardChoice, own: GuardSettings | None, dt: float | None) -> GuardSettings | None:
     """The guard that a caller chose for a policy; None for none.
 
@@ -167,8 +195,7 @@ def choose_guard(choice: GuardChoice, own: GuardSettings | None, dt: float | Non
         return own if choice is None else None
     if isinstance(choice, GuardSettings):
         return choice
-    default = GuardSettings() if dt is None else GuardSettings(dt=dt)
-    return own or default if choice is True else _settings({GUARD: choice}, GUARD, GuardSettings)
+    return own or default_guard(dt) if choice is True else _settings({GUARD: choice}, GUARD, GuardSettings)
 
 
 def _settings(metadata: Mapping[str, Any], key: str, kind: type[SettingsT]) -> SettingsT | None:

@@ -16,7 +16,8 @@ from ..areapo.networks import Actor
 from ..benchmark.rollout import Scenario, simulate
 from ..benchmark.rules import PERFORMANCE_RULES
 from ..benchmark.runner import cores
-from ..physics.parameters import leaderboard_parameters
+from ..physics.parameters import Parameters
+from ..plants.plant import PlantLike, robot_parameters
 from ..policy.jax_backend.controller import PolicyController
 from ..types import Scalar
 from .episodes import EpisodeBatch
@@ -59,8 +60,11 @@ class OptimisationState(NamedTuple):
 class AnalyticPolicyGradient:
     """Gradient steps for one controller: a part of each batch on every core, or one batch on an accelerator."""
 
-    def __init__(self, controller: PolicyController, settings: PolicyGradientSettings) -> None:
-        """Prepare; nothing is compiled before the first step."""
+    def __init__(
+        self, controller: PolicyController, settings: PolicyGradientSettings, plant: PlantLike | None = None
+    ) -> None:
+        """Prepare; nothing is compiled before the first step. Without a plant it is the leaderboards'."""
+        self._plant = robot_parameters(plant, controller.robot)
         # The actor is differentiated, and so an argument of its own; here it is left out.
         self._controller = eqx.tree_at(lambda c: c.policy.actor, single_precision(controller), None)
         self._settings = settings
@@ -78,7 +82,8 @@ class AnalyticPolicyGradient:
 
         def run(piece: slice) -> tuple[tuple[Scalar, Measures], Actor]:
             x0 = jnp.asarray(episodes.x0[piece])
-            return jax.block_until_ready(_gradient(self.state.actor, self._controller, x0, self._settings))
+            gradient = _gradient(self.state.actor, self._controller, x0, self._settings, self._plant)
+            return jax.block_until_ready(gradient)
 
         with ThreadPoolExecutor(self._parts) as pool:
             results = list(pool.map(run, pieces))
@@ -94,7 +99,11 @@ class AnalyticPolicyGradient:
 
 
 def batch_cost(
-    actor: Actor, controller: PolicyController, x0: Float[Array, "n 4"], settings: PolicyGradientSettings
+    actor: Actor,
+    controller: PolicyController,
+    x0: Float[Array, "n 4"],
+    settings: PolicyGradientSettings,
+    plant: Parameters,
 ) -> tuple[Scalar, Measures]:
     """Mean cost of a batch of episodes under a policy with this actor, and the episodes' measures.
 
@@ -103,9 +112,9 @@ def batch_cost(
         controller: the controller around it; its own actor is replaced.
         x0: the episodes' first states (rad, rad/s).
         settings: duration, weights and bounds.
+        plant: the plant.
     """
     controller = eqx.tree_at(lambda c: c.policy.actor, controller, actor, is_leaf=lambda leaf: leaf is None)
-    plant = leaderboard_parameters(controller.robot)
     limit = settings.adjoint_limit / len(x0)  # the mean gives each episode this share of its gradient
 
     def one(start: Float[Array, "4"]) -> tuple[Scalar, Measures]:
@@ -120,7 +129,7 @@ def batch_cost(
     return jnp.mean(costs), measures
 
 
-_gradient = jax.jit(jax.value_and_grad(batch_cost, has_aux=True), static_argnames="settings")
+_gradient = jax.jit(jax.value_and_grad(batch_cost, has_aux=True), static_argnames=("settings", "plant"))
 
 
 def _optimiser(settings: PolicyGradientSettings) -> optax.GradientTransformation:

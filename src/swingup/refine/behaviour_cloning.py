@@ -23,7 +23,8 @@ from ..benchmark.rules import ROBUSTNESS_RULES
 from ..benchmark.runner import stack
 from ..control.controller import AbstractController
 from ..errors import SwingupError
-from ..physics.parameters import Robot, leaderboard_parameters
+from ..physics.parameters import Robot
+from ..plants.plant import PlantLike, robot_parameters
 from ..policy.jax_backend.controller import PolicyController
 from ..policy.jax_backend.policy import Policy
 from ..tasks.disturbance import Pushes, undisturbed
@@ -70,13 +71,22 @@ def clone_behaviour(
     robot: Robot,
     settings: CloningSettings,
     random: np.random.Generator,
+    plant: PlantLike | None = None,
 ) -> PolicyController:
     """A policy with the teacher's torques where the teacher goes, and with the student's elsewhere.
+
+    Args:
+        student: the policy to start from.
+        teacher: whose torques are learned.
+        robot: which joint is driven.
+        settings: of the teacher's runs and of the learning.
+        random: source of the numbers.
+        plant: what the teacher runs on; None for the leaderboards' plant.
 
     Raises:
         SwingupError: no run of the teacher ended upright.
     """
-    visited, answers = demonstrate(teacher, robot, settings, random)
+    visited, answers = demonstrate(teacher, robot, settings, random, plant)
     size = (RETAINED_STATES, 2)
     # A size for each state, or slow states would be rare.
     rates = random.uniform(0, RETAINED_SPEED, (RETAINED_STATES, 1)) * random.normal(size=size)
@@ -119,14 +129,18 @@ def _train(
 
 
 def demonstrate(
-    teacher: AbstractController[Any], robot: Robot, settings: CloningSettings, random: np.random.Generator
+    teacher: AbstractController[Any],
+    robot: Robot,
+    settings: CloningSettings,
+    random: np.random.Generator,
+    plant: PlantLike | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """States (n, 4) of the teacher's runs from hanging under pushes, and its torques in them (N m).
 
     Raises:
         SwingupError: no run ended upright.
     """
-    plant, steps = leaderboard_parameters(robot), round(settings.duration / DEMONSTRATION_RULES.dt)
+    parameters, steps = robot_parameters(plant, robot), round(settings.duration / DEMONSTRATION_RULES.dt)
     scenarios, starts = [], []
     for _ in range(settings.demonstrations):
         # One size for pushes and start: the runs reach from calm to rough.
@@ -137,7 +151,8 @@ def demonstrate(
             width=random.uniform(0.03, 0.08, shape),
             amplitude=settings.push * size * random.normal(size=shape),
         )
-        scenarios.append(Scenario(plant, dataclasses.replace(undisturbed(DEMONSTRATION_PUSHES), pushes=pushes)))
+        disturbance = dataclasses.replace(undisturbed(DEMONSTRATION_PUSHES), pushes=pushes)
+        scenarios.append(Scenario(parameters, disturbance))
         starts.append(0.05 * size * random.normal(size=4))
 
     def run(scenario: Scenario, x0: Any) -> tuple[Any, Trajectory, Any]:

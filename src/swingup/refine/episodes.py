@@ -11,7 +11,8 @@ from jaxtyping import Array, Bool, Float
 
 from ..checks import finite_number, whole_number
 from ..errors import SwingupError
-from ..physics.parameters import Robot, leaderboard_parameters
+from ..physics.parameters import Robot
+from ..plants.plant import PlantLike, robot_parameters
 from ..tasks.throws import thrown_states
 
 EPISODE_KINDS = ("nominal", "anywhere", "thrown")
@@ -64,19 +65,22 @@ class EpisodeBatch(eqx.Module):
     """Whether the episode starts hanging."""
 
 
-def sample_episodes(random: np.random.Generator, robot: Robot, settings: EpisodeSettings) -> EpisodeBatch:
+def sample_episodes(
+    random: np.random.Generator, robot: Robot, settings: EpisodeSettings, plant: PlantLike | None = None
+) -> EpisodeBatch:
     """Draw the episodes of one step, in single precision.
 
     Args:
         random: source of the numbers.
         robot: which joint is driven.
         settings: how many of each kind.
+        plant: what is thrown; None for the leaderboards' plant.
     """
     nominal, anywhere, thrown = (getattr(settings, kind) for kind in EPISODE_KINDS)
     hanging = settings.spread * random.uniform(size=(nominal, 1)) * random.normal(size=(nominal, 4))
     rates = settings.speed * random.uniform(size=(anywhere, 1)) * random.normal(size=(anywhere, 2))
     free = np.concatenate([random.uniform(-np.pi, np.pi, (anywhere, 2)), rates], axis=1)
-    after = thrown_states(random, leaderboard_parameters(robot), thrown) if thrown else np.zeros((0, 4))
+    after = thrown_states(random, robot_parameters(plant, robot), thrown) if thrown else np.zeros((0, 4))
     x0 = np.concatenate([hanging, free, after]).astype(np.float32)
     # Shuffled: each core takes a slice of the batch, and every slice needs episodes of all kinds.
     order = random.permutation(len(x0))

@@ -1,5 +1,6 @@
 """Recipes: stages of refinement as data, and the function that runs them."""
 
+import dataclasses
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,7 +16,9 @@ from ..control.controller import AbstractController
 from ..control.registry import get_controller
 from ..errors import SwingupError
 from ..physics.parameters import Robot
+from ..plants.plant import Plant, PlantLike, find_plant
 from ..policy.jax_backend.controller import PolicyController
+from ..policy.plant_facts import policy_plant
 from .analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings
 from .behaviour_cloning import CloningSettings, clone_behaviour
 from .episodes import EpisodeSettings, sample_episodes
@@ -62,6 +65,7 @@ def run_recipe(
     seed: int = 0,
     report: Callable[[RefinementReport], Any] = lambda _: None,
     every: int = 10,
+    plant: PlantLike | None = None,
 ) -> PolicyController:
     """Take a policy through the stages of a recipe.
 
@@ -72,30 +76,36 @@ def run_recipe(
         seed: seed of all random numbers.
         report: called after every ``every`` gradient steps and after each stage.
         every: gradient steps between reports.
+        plant: what the policy is refined on, and the teacher designed for: a plant, its parameters, its name or its
+            file; None for the leaderboards'.
 
     Raises:
-        SwingupError: the weights are no longer finite, or the teacher fails or is plain Python.
+        SwingupError: there is no such plant, the weights are no longer finite, or the teacher fails or is plain
+            Python.
     """
-    start = time.perf_counter()
+    start, found = time.perf_counter(), find_plant(plant)
     # Only the mean acts when a policy is judged; the deviation's head would stay without gradient.
     controller = eqx.tree_at(lambda c: c.policy.actor.std_head, controller, None, is_leaf=lambda leaf: leaf is None)
+    facts = None if found is None else policy_plant(found.parameters, robot, found.name)
+    limit = controller.torque_limit if facts is None else facts.limit(robot.joint)
+    controller = dataclasses.replace(controller, plant=facts, torque_limit=limit)
     random = np.random.default_rng(seed)
     for number, stage in enumerate(stages, start=1):
         # The default of `number` binds this stage's; a closure alone would see the loop's last one.
         def tell(
             now: PolicyController, iteration: int, of: int, measures: dict[str, float], number: int = number
         ) -> None:
-            criteria = evaluate(now, robot).criteria
+            criteria = evaluate(now, robot, plant=found).criteria
             report(RefinementReport(number, iteration, of, time.perf_counter() - start, now, criteria, measures))
 
         if isinstance(stage, CloningSettings):
-            teacher = get_controller(stage.teacher, robot)
+            teacher = get_controller(stage.teacher, robot, plant=found)
             if not isinstance(teacher, AbstractController):
                 raise SwingupError(f"teacher {stage.teacher!r} is plain Python: use a controller in JAX")
-            controller = clone_behaviour(controller, teacher, robot, stage, random)
+            controller = clone_behaviour(controller, teacher, robot, stage, random, found)
             tell(controller, stage.steps, stage.steps, {})
         else:
-            controller = _gradient_steps(controller, robot, stage, random, tell, every)
+            controller = _gradient_steps(controller, robot, stage, random, tell, every, found)
     return controller
 
 
@@ -106,11 +116,12 @@ def _gradient_steps(
     random: np.random.Generator,
     tell: Callable[[PolicyController, int, int, dict[str, float]], None],
     every: int,
+    plant: Plant | None,
 ) -> PolicyController:
-    learner, number = AnalyticPolicyGradient(controller, stage.gradient), stage.gradient.iterations
+    learner, number = AnalyticPolicyGradient(controller, stage.gradient, plant), stage.gradient.iterations
     recent: list[dict[str, float]] = []
     for iteration in range(1, number + 1):
-        episodes = sample_episodes(random, robot, stage.episodes)
+        episodes = sample_episodes(random, robot, stage.episodes, plant)
         recent.append(_means(np.asarray(episodes.nominal), learner.step(episodes)))
         if iteration % every == 0 or iteration == number:
             controller = _with_actor(controller, learner)

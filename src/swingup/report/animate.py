@@ -16,7 +16,8 @@ from ..checks import finite_number, positive_number, whole_number
 from ..drawing import draw_frame
 from ..errors import SwingupError
 from ..files import write_atomically
-from ..physics.parameters import Robot, get_robot, leaderboard_parameters
+from ..physics.parameters import Robot, get_robot
+from ..plants.plant import PlantLike, robot_parameters
 from ..text import one_line
 from .files import check_suffix, check_trajectory
 from .gif import RgbFrames, encode_gif
@@ -40,6 +41,7 @@ def animate(
     fps: float = FPS,
     size: int = SIZE,
     speed: float = 1.0,
+    plant: PlantLike | None = None,
 ) -> None:
     """Write a film of a trajectory, as long as the trajectory divided by the speed.
 
@@ -50,6 +52,7 @@ def animate(
         fps: frames a second, from 1 to 50 (GIF) or 120 (MP4).
         size: width and height (pixels); MP4 rounds it up to an even number.
         speed: 1 is real time, 0.5 is half as fast.
+        plant: gives the lengths of the links; None for the leaderboards'.
 
     Raises:
         SwingupError: a value is out of range, the film has too many frames or pixels, the suffix is unknown, there
@@ -65,10 +68,11 @@ def animate(
     encode: Callable[[RgbFrames, float], bytes] = encode_gif if suffix == ".gif" else _encode_mp4
     # Each row's torque acts from its time on. The small number absorbs the rounding of the division.
     shown = np.searchsorted(time, time[0] + np.arange(count) * (speed / fps) + 1e-9, side="right") - 1
-    parameters = leaderboard_parameters(robot)
+    parameters = robot_parameters(plant, robot)
     lengths = float(parameters.l1), float(parameters.l2)
+    limit = float(max(parameters.tl1, parameters.tl2))
     # A generator: the encoders take one frame at a time, so that no film is whole in memory.
-    frames = (draw_frame(x[k], *lengths, size=size, torque=u[k], driven=robot.joint) for k in shown)
+    frames = (draw_frame(x[k], *lengths, size, u[k], robot.joint, limit) for k in shown)
     write_atomically(path, encode(frames, fps))
 
 

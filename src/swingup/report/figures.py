@@ -81,9 +81,11 @@ def motion_figures(parameters: Parameters, driven: int, duration: float) -> dict
     rows[-1].xaxis.axis_label = "Time (s)"
     rows[-1].height = SERIES_HEIGHT + 42  # room for the axis
     return {
-        "series": _item(gridplot([[row] for row in rows], sizing_mode="stretch_width", toolbar_location="above")),
-        "phase-1": _item(_phase(1, "--link-1")),
-        "phase-2": _item(_phase(2, "--link-2")),
+        "series": embedded(
+            gridplot([[row] for row in rows], sizing_mode="stretch_width", toolbar_location="above")
+        ),
+        "phase-1": embedded(_phase(1, "--link-1")),
+        "phase-2": embedded(_phase(2, "--link-2")),
     }
 
 
@@ -95,7 +97,7 @@ def robustness_figure(rows: Sequence["Row"], labels: Sequence[str], criteria: di
         labels: their names in the plot.
         criteria: headings of the criteria by their column.
     """
-    plot = _figure(height=320, toolbar_location="above", name="robustness")
+    plot = new_plot(height=320, toolbar_location="above", name="robustness")
     plot.x_range, plot.y_range = Range1d(start=-0.55, end=len(criteria) - 0.45), Range1d(start=0, end=106)
     width = GROUP_WIDTH / len(rows)
     for index, (row, label) in enumerate(zip(rows, labels, strict=True)):
@@ -125,13 +127,13 @@ def robustness_figure(rows: Sequence["Row"], labels: Sequence[str], criteria: di
     plot.xaxis.major_label_overrides = dict(enumerate(criteria.values()))
     plot.xaxis.axis_label, plot.yaxis.axis_label = "Criterion", "Successes (%)"
     plot.xgrid.visible = False
-    return _item(plot)
+    return embedded(plot)
 
 
 def _time_series(
     label: str, curves: Sequence[Curve], sources: dict[str, ColumnDataSource], axis: Range1d
 ) -> figure:
-    plot = _figure(height=SERIES_HEIGHT, x_range=axis, min_border_left=62, tags=["time"])
+    plot = new_plot(height=SERIES_HEIGHT, x_range=axis, min_border_left=62, tags=["time"])
     values = [(curve["column"], f"@{curve['column']}{{0.000}}") for curve in curves]
     sides: dict[str, Literal["left", "right"]] = {"disturbed": "left", "clean": "right"}
     for run, side in sides.items():
@@ -147,7 +149,7 @@ def _time_series(
 
 
 def _phase(joint: int, colour: str) -> figure:
-    plot = _figure(height=300, toolbar_location="above")
+    plot = new_plot(height=300, toolbar_location="above")
     # Each portrait has its own sources: Bokeh allows a source in one document only.
     sources, dots = _sources(RUN_COLUMNS), _sources(RUN_COLUMNS[1:5], "-now")
     q, rate = f"q{joint}", f"dq{joint}"
@@ -175,7 +177,7 @@ def _line(plot: figure, x: str, curve: Curve, source: ColumnDataSource, run: str
     return line
 
 
-def _figure(**options: Any) -> figure:
+def new_plot(**options: Any) -> figure:
     """An empty figure without frame and background: the page's style sheet provides both."""
     plot = figure(sizing_mode="stretch_width", tools=TOOLS, active_drag="box_zoom", **options)
     plot.background_fill_alpha = plot.border_fill_alpha = 0.0
@@ -186,5 +188,6 @@ def _figure(**options: Any) -> figure:
     return plot
 
 
-def _item(model: Model) -> dict[str, Any]:
+def embedded(model: Model) -> dict[str, Any]:
+    """A plot as data of the page's scripts."""
     return dict(json_item(model))

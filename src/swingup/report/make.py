@@ -6,10 +6,13 @@ from typing import Any
 from ..benchmark.disturbances import make_disturbance
 from ..benchmark.evaluate import evaluate
 from ..benchmark.leaderboard import ENTRANTS, RowProgress, entrants_for, leaderboard
+from ..benchmark.own_units import scaled_pushes
 from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import PushRules
 from ..errors import SwingupError
-from ..physics.parameters import Robot, get_robot, leaderboard_parameters
+from ..physics.parameters import Parameters, Robot, get_robot
+from ..physics.units import scales_of
+from ..plants.plant import Plant, PlantLike, find_plant, robot_parameters
 from ..policy.jax_backend.controller import shipped_policy
 from ..policy.shipped import REFINED
 from ..tasks.disturbance import Disturbance
@@ -36,6 +39,7 @@ def make_section(
     seed: int = 0,
     progress: RowProgress | None = None,
     entrants: Sequence[str] = SHOWN_CONTROLLERS,
+    plant: PlantLike | None = None,
 ) -> Section:
     """Score controllers on one robot, and simulate their swing-ups.
 
@@ -46,59 +50,73 @@ def make_section(
         progress: called with the name of a stage, the number of its finished parts, and of all; a robot takes
             minutes. A stage is a row of a board or a controller's swing-ups; its name begins with the robot's.
         entrants: names of the built-in controllers whose swing-ups are shown; the boards have their own.
+        plant: what the page shows, and the baselines are designed for: a plant, its parameters, its name or its
+            file; None for the leaderboards'.
 
     Raises:
-        SwingupError: there is no such robot. A controller that fails gets a note.
+        SwingupError: there is no such robot or plant. A controller that fails gets a note.
     """
-    robot = get_robot(robot)
-    shown = entrants_for(robot, controllers or {}, entrants)
+    robot, found = get_robot(robot), find_plant(plant)
+    parameters = robot_parameters(found, robot)
+    shown = entrants_for(robot, controllers or {}, entrants, plant=found)
 
     def tell(stage: str, done: int, total: int) -> None:
         if progress is not None:
             progress(f"{robot.name}: {one_line(stage)}", done, total)
 
-    boards = leaderboard(robot, controllers, seed=seed, progress=tell)
+    boards = leaderboard(robot, controllers, seed=seed, progress=tell, plant=found)
     shows: list[Show] = []
     for name, controller in shown.items():
         tell(f"swing-ups of {name}", len(shows), len(shown))
-        shows.append(make_show(name, controller, robot, seed))
+        shows.append(make_show(name, controller, robot, seed, found))
     tell("finished", len(shows), len(shown))
     return Section(
         robot=robot.name,
-        parameters=leaderboard_parameters(robot),
+        parameters=parameters,
         boards=boards,
         shows=shows,
-        disturbance=describe_disturbance(seed),
+        disturbance=describe_disturbance(seed, parameters),
         policy=shipped_policy(robot)[0],
     )
 
 
-def make_show(name: str, controller: Any, robot: Robot, seed: int) -> Show:
+def make_show(name: str, controller: Any, robot: Robot, seed: int, plant: Plant | None = None) -> Show:
     """Simulate one controller without and with a disturbance; a failed run becomes a note."""
     runs: dict[str, Trajectory | None] = {}
     notes: dict[str, None] = {}
-    for run, disturbance in (("clean", None), ("disturbed", disturb(seed))):
+    for run, disturbance in (("clean", None), ("disturbed", disturb(seed, robot_parameters(plant, robot)))):
         try:
-            runs[run] = thin(evaluate(controller, robot, name, disturbance=disturbance).trajectory)
+            result = evaluate(controller, robot, name, disturbance=disturbance, plant=plant)
+            runs[run] = thin(result.trajectory)
         except SwingupError as error:
             runs[run] = None
             notes[str(error)] = None
     return Show(name, runs["clean"], runs["disturbed"], "; ".join(notes) or None)
 
 
-def disturb(seed: int) -> Disturbance:
+def disturb(seed: int, parameters: Parameters | None = None) -> Disturbance:
     """The disturbance of the page's disturbed swing-ups; equal seeds give equal disturbances."""
-    return make_disturbance(velocity_noise=VELOCITY_NOISE, torque_noise=TORQUE_NOISE, pushes=SHOW_PUSHES, seed=seed)
+    velocity_noise, torque_noise, pushes = _sizes(parameters)
+    return make_disturbance(velocity_noise=velocity_noise, torque_noise=torque_noise, pushes=pushes, seed=seed)
 
 
-def describe_disturbance(seed: int) -> str:
+def describe_disturbance(seed: int, parameters: Parameters | None = None) -> str:
     """The disturbance of the page's disturbed swing-ups in one sentence."""
-    low, high = SHOW_PUSHES.amplitude
+    velocity_noise, torque_noise, pushes = _sizes(parameters)
+    low, high = pushes.amplitude
     return (
-        f"Disturbed means Gaussian noise on the measured velocities ({VELOCITY_NOISE:g} rad/s) and on the torque "
-        f"({TORQUE_NOISE:g} N m), and {SHOW_PUSHES.pushes} random pushes of {low:g} to {high:g} N m on the driven "
+        f"Disturbed means Gaussian noise on the measured velocities ({velocity_noise:.3g} rad/s) and on the torque "
+        f"({torque_noise:.3g} N m), and {pushes.pushes} random pushes of {low:.3g} to {high:.3g} N m on the driven "
         f"joint (seed {seed}), the same for each controller."
     )
+
+
+def _sizes(parameters: Parameters | None) -> tuple[float, float, PushRules]:
+    """Noise of velocities and torque, and the pushes, in the units of a plant; by default C.1's."""
+    if parameters is None:
+        return VELOCITY_NOISE, TORQUE_NOISE, SHOW_PUSHES
+    scales = scales_of(parameters)
+    return VELOCITY_NOISE * scales.velocity, TORQUE_NOISE * scales.torque_limit, scaled_pushes(SHOW_PUSHES, scales)
 
 
 def thin(trajectory: Trajectory) -> Trajectory:

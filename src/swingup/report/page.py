@@ -60,24 +60,28 @@ def render_page(sections: Sequence[Section], title: str = "Swinging up double pe
     names = [section.robot for section in sections]
     if not names or len(set(names)) < len(names):
         raise SwingupError(f"a report of {', '.join(names) or 'no robot'}: give one section for each robot")
-    figures, template = _tools()
+    figures, template = page_tools("page.html")
     encoded = [_encode(figures, section) for section in sections]
-    scripts = [policy_script(), *map(_asset, SCRIPTS)]
+    scripts = [policy_script(), *map(asset, SCRIPTS)]
     return str(
         template.render(
             title=one_line(title),
             version=__version__,
             sections=[_describe(*pair) for pair in zip(sections, encoded, strict=True)],
-            style=_asset("style.css"),
-            data=_json({"sections": encoded}),
+            style=asset("style.css"),
+            data=json_for_script({"sections": encoded}),
             bokeh=figures.script(),
-            scripts="\n".join([*scripts, _asset("main.js")]),
+            scripts="\n".join([*scripts, asset("main.js")]),
         )
     )
 
 
-def _tools() -> tuple[ModuleType, Any]:
-    """The figures and the page's template; their libraries come with the extra ``report``."""
+def page_tools(name: str) -> tuple[ModuleType, Any]:
+    """The figures and a page's template in ``assets``; their libraries come with the extra ``report``.
+
+    Raises:
+        SwingupError: Bokeh or Jinja is not installed.
+    """
     try:
         from jinja2 import Environment, StrictUndefined
 
@@ -85,7 +89,7 @@ def _tools() -> tuple[ModuleType, Any]:
     except ImportError as error:
         raise SwingupError("a report needs Bokeh, which is missing: pip install swingup[report]") from error
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    return figures, environment.from_string(_asset("page.html"))
+    return figures, environment.from_string(asset(name))
 
 
 def _encode(figures: ModuleType, section: Section) -> dict[str, Any]:
@@ -135,7 +139,8 @@ def _table(board: "Board") -> dict[str, Any]:
         for row in board.rows
     ]
     seed = "" if board.seed is None else f" Seed {board.seed}."
-    note = NOTES.get(board.measure, "") + f" Rules {board.rules}.{seed}"
+    plant = "" if board.plant is None else f" Plant {one_line(board.plant.name)}."
+    note = NOTES.get(board.measure, "") + f" Rules {board.rules}.{seed}{plant}"
     title = TITLES.get(board.measure, board.measure)
     return {
         "measure": board.measure,
@@ -167,11 +172,12 @@ def _series(boards: Sequence["Board"]) -> list["Row"]:
     return [row for row in measured if any(row is chosen for chosen in (*ours, *best))]
 
 
-def _json(data: Any) -> str:
+def json_for_script(data: Any) -> str:
     """JSON for a script element: nothing in it can end the element."""
     text = json.dumps(data, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
 
 
-def _asset(name: str) -> str:
+def asset(name: str) -> str:
+    """The text of a file in ``assets``."""
     return (resources.files(__package__) / "assets" / name).read_text(encoding="utf-8")

@@ -8,7 +8,8 @@ import numpy as np
 from ..benchmark.evaluate import score
 from ..benchmark.rollout import Trajectory
 from ..drawing import BASE, DRIVEN, GREEN, LINK_1, LINK_2
-from ..physics.parameters import TORQUE_LIMIT, Robot, get_robot
+from ..physics.parameters import Robot, get_robot
+from ..plants.plant import PlantLike, robot_parameters
 from .files import check_trajectory, require_some
 from .style import RING, STAR, legend_below, line_look, new_figure, plain, styled, tick_angles
 
@@ -18,7 +19,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def plot_trajectories(trajectories: Mapping[str, Trajectory], robot: Robot | str) -> "Figure":
+def plot_trajectories(
+    trajectories: Mapping[str, Trajectory], robot: Robot | str, plant: PlantLike | None = None
+) -> "Figure":
     """Draw positions (rad), velocities (rad/s) and torques (N m) over time (s), a column for each trajectory.
 
     Angles are unwrapped from a start within half a turn of hanging. Green marks the goal nearest to the end, and
@@ -27,18 +30,20 @@ def plot_trajectories(trajectories: Mapping[str, Trajectory], robot: Robot | str
     Args:
         trajectories: by name; the names become titles.
         robot: which joint is driven; the other's torque is drawn in grey unless it is zero.
+        plant: gives the lengths of the links and the torque limit; None for the leaderboards'.
 
     Raises:
         SwingupError: there is no trajectory, one is malformed, or matplotlib is not installed.
     """
-    robot, count = get_robot(robot), len(trajectories)
+    robot, count, parameters = get_robot(robot), len(trajectories), robot_parameters(plant, robot)
+    limit = float(max(parameters.tl1, parameters.tl2))
     require_some(trajectories, "trajectory")
     with styled():
         figure = new_figure(1.4 + 2.9 * count if count > 1 else 5.4, 4.6)
         axes = figure.subplots(3, count, sharex="col", sharey="row", squeeze=False, height_ratios=(1.15, 1, 0.9))
         for column, (name, trajectory) in enumerate(trajectories.items()):
-            _draw_column(list(axes[:, column]), check_trajectory(name, trajectory), robot.joint)
-            _mark_time(list(axes[:, column]), score(trajectory, robot).swingup_time)
+            _draw_column(list(axes[:, column]), check_trajectory(name, trajectory), robot.joint, limit)
+            _mark_time(list(axes[:, column]), score(trajectory, robot, plant=plant).swingup_time)
             axes[0, column].set_title(plain(name))
         for each, label in zip(axes[:, 0], ("position (rad)", "velocity (rad/s)", "torque (N m)"), strict=True):
             each.set_ylabel(label)
@@ -96,7 +101,7 @@ def goals(q: np.ndarray) -> np.ndarray:
     return upright + 2 * np.pi * np.round((q[-1] - upright) / (2 * np.pi))
 
 
-def _draw_column(panels: Sequence["Axes"], rows: tuple[np.ndarray, ...], driven: int) -> None:
+def _draw_column(panels: Sequence["Axes"], rows: tuple[np.ndarray, ...], driven: int, limit: float) -> None:
     """Positions, velocities and torques of one trajectory, from the upper panel to the lower."""
     (time, x, u), (top, middle, bottom) = rows, panels
     q = unwrapped(x)
@@ -106,7 +111,7 @@ def _draw_column(panels: Sequence["Axes"], rows: tuple[np.ndarray, ...], driven:
     for goal, label in zip(goals(q), ("goal", "_goal"), strict=True):
         top.axhline(goal, color=GREEN, linewidth=0.8, linestyle="--", zorder=1, label=label)
     tick_angles(top.yaxis)
-    _draw_torques(bottom, time, u, driven)
+    _draw_torques(bottom, time, u, driven, limit)
     end = 2 * time[-1] - time[-2]  # the last row lasts as long as the one before
     bottom.set(xlabel="time (s)", xlim=(time[0], end))
 
@@ -123,10 +128,10 @@ def _mark_time(panels: Sequence["Axes"], up: float | None) -> None:
     panels[1].annotate(f"up at {up:.2f} s", (up, 1.0), **look)
 
 
-def _draw_torques(axes: "Axes", time: np.ndarray, u: np.ndarray, driven: int) -> None:
+def _draw_torques(axes: "Axes", time: np.ndarray, u: np.ndarray, driven: int, limit: float) -> None:
     for joint in (1 - driven, driven):
         if joint == driven or u[:, joint].any():
             look: dict[str, Any] = {"color": DRIVEN if joint == driven else BASE, "drawstyle": "steps-post"}
             axes.plot(time, u[:, joint], label=f"$u_{joint + 1}$", linewidth=0.9, **look)
-    for limit, label in ((TORQUE_LIMIT, "limit"), (-TORQUE_LIMIT, "_limit")):
-        axes.axhline(limit, color=BASE, linewidth=0.8, linestyle="--", zorder=1, label=label)
+    for torque, label in ((limit, "limit"), (-limit, "_limit")):
+        axes.axhline(torque, color=BASE, linewidth=0.8, linestyle="--", zorder=1, label=label)

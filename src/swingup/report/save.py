@@ -9,6 +9,7 @@ from ..checks import one_of
 from ..errors import SwingupError
 from ..files import write_atomically
 from ..physics.parameters import Robot, get_robot
+from ..plants.plant import PlantLike
 from .animate import FASTEST, FPS, SIZE, animate
 from .files import check_suffix, infer_robot, make_labels, read_curve, read_robustness
 from .plot import plot_curves, plot_phase, plot_robustness, plot_trajectories
@@ -25,6 +26,7 @@ def save_plot(
     fps: float = FPS,
     size: int = SIZE,
     speed: float = 1.0,
+    plant: PlantLike | None = None,
 ) -> None:
     """Make a figure or a film from files, and write it whole or not at all.
 
@@ -37,6 +39,7 @@ def save_plot(
         fps: frames a second of an animation.
         size: width and height of an animation (pixels).
         speed: speed of an animation; 1 is real time.
+        plant: the trajectories' pendulum: its lengths and its torque limit; None for the leaderboards'.
 
     Raises:
         SwingupError: an unknown kind or suffix, a file that cannot be read, understood or written, trajectories
@@ -54,10 +57,10 @@ def save_plot(
     else:
         trajectories, chosen = _load(files, robot)
         if kind == "animation":
-            animate(_only(trajectories), chosen, out, fps, size, speed)
+            animate(_only(trajectories), chosen, out, fps, size, speed, plant)
             return
-        draw = plot_trajectories if kind == "trajectory" else plot_phase
-        figure = draw(dict(zip(labels, trajectories, strict=True)), chosen)
+        named = dict(zip(labels, trajectories, strict=True))
+        figure = plot_trajectories(named, chosen, plant) if kind == "trajectory" else plot_phase(named, chosen)
     write_atomically(out, render(figure, suffix))
 
 

@@ -1,4 +1,4 @@
-"""Everything between a controller and the pendulum as data: noise, delay, the motor's response and pushes.
+"""Everything between a controller and the pendulum as data: sensors, noise, delay, motors, pushes and the clock.
 
 A :class:`Disturbance` is a pytree of reals: batch it with ``vmap`` to run many at once. The functions follow the
 order of one step of the public RealAIGym benchmark: :func:`measured_state`, the controller, :func:`motor_torques`,
@@ -14,6 +14,9 @@ import numpy as np
 from jaxtyping import Array, Float, UInt32
 
 from ..types import Count, Scalar, State, Torque
+from .clock import Clock, Times
+from .motors import Drive, Motor
+from .sensor import Sensor
 
 Past = Float[Array, "depth 4"]
 """The last states as a ring: row k mod depth holds the state before step k, and the oldest is overwritten."""
@@ -35,26 +38,6 @@ class Pushes(eqx.Module):
         return jnp.sum(jnp.asarray(self.amplitude) * jnp.exp(-0.5 * distance**2), axis=1)
 
 
-class Motor(eqx.Module):
-    """Limits of a motor's torque besides its response: how fast it changes, and its ripple."""
-
-    rate_limit: float | Scalar
-    """Fastest change of its torque (N m/s)."""
-    ripple: float | Scalar
-    """Amplitude of the torque ripple, a sine of the joint's angle (N m)."""
-    ripple_periods: float | Scalar
-    """Its periods in a turn of the joint."""
-
-    def follow(self, wanted: Torque, before: Torque, dt: float) -> Torque:
-        """The motor's own torque (N m) on its way from ``before`` to ``wanted``, dt (s) later."""
-        most = self.rate_limit * dt
-        return before + jnp.clip(wanted - before, -most, most)
-
-    def ripple_torque(self, q: Float[Array, "2"]) -> Torque:
-        """Ripple torque (N m) at angles q (rad)."""
-        return self.ripple * jnp.sin(self.ripple_periods * q)
-
-
 class Disturbance(eqx.Module):
     """Everything that disturbs one simulation, besides an error of the model."""
 
@@ -72,6 +55,17 @@ class Disturbance(eqx.Module):
     """The two words of a threefry key, which fixes the noise."""
     motor: Motor | None = None
     """None for motors without torque-rate limit and ripple."""
+    sensor: Sensor | None = None
+    """None for angles without steps and offsets, and true velocities but for their noise."""
+    clock: Clock | None = None
+    """None for periods that are all equal."""
+    drive: Drive | None = None
+    """None for motors without lag that deliver what they are asked for."""
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether the loop has to keep its own time: its periods vary, or velocities are differences over it."""
+        return self.clock is not None or (self.sensor is not None and self.sensor.differences)
 
 
 def undisturbed(pushes: int = 1) -> Disturbance:
@@ -109,13 +103,40 @@ def remember(past: Past, step: Count, x: State) -> Past:
     return past.at[step % past.shape[0]].set(x)
 
 
-def measured_state(disturbance: Disturbance, past: Past, step: Count, velocity_noise: Float[Array, "2"]) -> State:
-    """The state that the controller receives: all four entries delayed, then noise on the velocities.
+def step_period(disturbance: Disturbance, step: Count, dt: float, dtype: jnp.dtype) -> float | Scalar:
+    """The time (s) from one step to the next."""
+    if disturbance.clock is None:
+        return dt
+    key = jax.random.wrap_key_data(jnp.asarray(disturbance.noise), impl="threefry2x32")
+    # Apart from the keys of the noise, which are those of the steps.
+    late_key = jax.random.fold_in(jax.random.fold_in(key, step), 1)
+    return disturbance.clock.period(jax.random.uniform(late_key, (), dtype), dt)
+
+
+def measured_state(
+    disturbance: Disturbance,
+    past: Past,
+    step: Count,
+    velocity_noise: Float[Array, "2"],
+    times: Times | None = None,
+) -> State:
+    """The state that the controller receives: delayed, as the sensors see it, then noise on the velocities.
 
     Before the run is as old as the delay, the first state is measured: start with it in all rows of the past.
+
+    Args:
+        disturbance: delay and sensors.
+        past: the last states, deeper than the delay; with velocities from differences one deeper than that.
+        step: number of the present step.
+        velocity_noise: the noise of this step (rad/s).
+        times: when the states were measured; needed for differences.
     """
-    delayed = past[(step - jnp.asarray(disturbance.delay_steps)) % past.shape[0]]
-    return delayed.at[2:].add(velocity_noise)
+    seen = step - jnp.asarray(disturbance.delay_steps)
+    measured = past[seen % past.shape[0]]
+    if disturbance.sensor is not None:
+        before = past[(seen - 1) % past.shape[0]]
+        measured = disturbance.sensor.read(measured, before, 1.0 if times is None else times.age(seen))
+    return measured.at[2:].add(velocity_noise)
 
 
 def motor_torques(
@@ -126,35 +147,51 @@ def motor_torques(
     torque_noise: Torque,
     limits: Torque,
     q: Float[Array, "2"],
-    dt: float,
+    dt: float | Scalar,
 ) -> tuple[Torque, Torque]:
     """The torques that act on the joints at time t (s), and the torques that the motors start from next.
 
     In the public benchmark the motor moves from the torque that acted before towards the command, takes noise and
     is clipped to its limits; the push comes on top. With a ``motor`` it moves from its own torque, within its rate
     limit and its limits, and ripple, noise and push come on top. A joint with limit 0 is passive: nothing acts on
-    it, not even its pushes, as in the public benchmark.
+    it, not even its pushes, as in the public benchmark. With a ``drive`` the push is asked of the motors of both
+    joints, as on the robot: it is added to the command after the limits.
 
     Args:
-        disturbance: response, pushes and motor of the loop.
+        disturbance: response, pushes, motor and drive of the loop.
         command: the controller's torques (N m).
         before: torques that the motors start from (N m): the second result of the step before, 0 at first.
         t: time (s).
         torque_noise: the noise of this step (N m).
         limits: torque limits of the two motors (N m).
         q: angles of the joints (rad), for the motors' ripple.
-        dt: time of the step (s), for their rate limit.
+        dt: time of the step (s), for their rate limit and lag.
     """
     # Pushes drawn for the passive joint have no effect: the benchmark's published numbers contain this.
-    driven = limits > 0
+    driven, pushes = limits > 0, disturbance.pushes.torque(t)
+    noise, push = (jnp.where(driven, added, 0.0) for added in (torque_noise, pushes))
+    ripple = jnp.zeros(2) if disturbance.motor is None else disturbance.motor.ripple_torque(q)
+    ripple = jnp.where(driven, ripple, 0.0)
+    if disturbance.drive is not None:
+        asked = jnp.clip(command, -limits, limits) + pushes
+        delivered, own = _lagging_torques(disturbance, disturbance.drive, asked, before, dt)
+        return delivered + ripple + noise, own
     torque = before + disturbance.response * (command - before)
-    noise, push = (jnp.where(driven, added, 0.0) for added in (torque_noise, disturbance.pushes.torque(t)))
     if disturbance.motor is None:
         acting = jnp.clip(torque + noise, -limits, limits) + push
         # The push is part of what the motor starts from, as in the benchmark.
         return acting, acting
     own = jnp.clip(disturbance.motor.follow(torque, before, dt), -limits, limits)
-    ripple = jnp.where(driven, disturbance.motor.ripple_torque(q), 0.0)
     # The motors continue from their own torques: from the sums, ripple at rest would be integrated, and a push
     # would let them exceed their limits.
     return own + ripple + noise + push, own
+
+
+def _lagging_torques(
+    disturbance: Disturbance, drive: Drive, asked: Torque, before: Torque, dt: float | Scalar
+) -> tuple[Torque, Torque]:
+    """What motors with a lag deliver on the mean of a step, and their own torques at its end (N m)."""
+    mean, own = drive.follow(before + disturbance.response * (asked - before), before, dt)
+    if disturbance.motor is not None:
+        mean, own = (disturbance.motor.follow(torque, before, dt) for torque in (mean, own))
+    return jnp.asarray(drive.gain) * mean, own

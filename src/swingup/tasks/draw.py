@@ -8,9 +8,12 @@ from jaxtyping import Array, Float
 
 from ..physics.parameters import Parameters, Robot
 from ..plants.domain import PLANT, Domain
-from ..plants.loop import LOOP_DT
+from ..plants.loop import CLOCK, DRIVE, LOOP_DT, SENSOR
 from ..types import Key
-from .disturbance import Disturbance, Motor, Pushes
+from .clock import Clock
+from .disturbance import Disturbance, Pushes
+from .motors import Drive, Motor
+from .sensor import Sensor
 
 PUSH_WIDTH = 0.05
 """Standard deviation of a push (s), the benchmark's shortest."""
@@ -42,19 +45,34 @@ def draw(domain: Domain, key: Key, robot: Robot) -> tuple[Parameters, Disturbanc
         # Two words for threefry; other implementations of JAX's keys have four.
         noise=jax.random.key_data(noise_key).astype(jnp.uint32)[-2:],
         motor=Motor(values["rate_limit"], values["ripple"], values["ripple_periods"]),
+        sensor=_sensor(domain, values),
+        clock=None if domain.names.isdisjoint(CLOCK) else Clock(values["late"], values["lateness"]),
+        drive=None if domain.names.isdisjoint(DRIVE) else Drive(_joints(values, "gain"), values["lag"]),
     )
     return parameters, disturbance
 
 
+def _joints(values: Values, name: str) -> Float[Array, "2"]:
+    return jnp.stack([values[f"{name}1"], values[f"{name}2"]])
+
+
+def _sensor(domain: Domain, values: Values) -> Sensor | None:
+    """None where angles are exact and velocities the motors' own."""
+    if domain.names.isdisjoint(SENSOR) and not domain.differences:
+        return None
+    return Sensor(_joints(values, "quantum"), _joints(values, "offset"), domain.differences)
+
+
 def _torque_limits(values: Values, given: Values, robot: Robot) -> Float[Array, "2"]:
     """Of both motors (N m): the driven one's is the plant's own where the domain gives none."""
-    motors = jnp.stack([values["tl1"], values["tl2"]])
-    driven = given.get("torque_limit", motors)
+    driven = given.get("torque_limit", _joints(values, "tl"))
     return jnp.where(jnp.array(robot.actuation) > 0, driven, values["passive_limit"])
 
 
 def _pushes(values: Values, key: Key, robot: Robot) -> Pushes:
     """One push on each joint, at a time and with a peak that are drawn."""
     time, size = jax.random.uniform(key, (2, 2, 1))
-    peak = values["push"] * (2 * size - 1) * jnp.array(robot.actuation)[:, None]
+    driven = jnp.array(robot.actuation)[:, None]
+    # Multiplied first: the draws of domains without a push on the passive joint keep their bits.
+    peak = values["push"] * (2 * size - 1) * driven + values["passive_push"] * (2 * size - 1) * (1 - driven)
     return Pushes(PUSH_TIME * time, jnp.full((2, 1), PUSH_WIDTH), peak)

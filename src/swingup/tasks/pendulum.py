@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from ..physics.angles import UPRIGHT, wrap
-from ..physics.integrate import rk4_step
+from ..physics.integrate import rk4_steps
 from ..physics.parameters import Parameters, Robot
 from ..policy.jax_backend.observation import PendulumObservation
 from ..types import Action, Count, Key, Observation, Scalar, State, Torque
@@ -34,7 +34,8 @@ class PendulumState(eqx.Module):
 class AbstractPendulumTask(AbstractTask[StateT]):
     """Swing up and balance; truncated at random and by a limit, never terminated.
 
-    Source of the numbers: AR-EAPO paper, section IV.
+    The numbers suit the leaderboards' plant, design C.1; :mod:`.units` scales them to other plants. Source: AR-EAPO
+    paper, section IV.
     """
 
     robot: Robot = eqx.field(static=True)
@@ -45,6 +46,8 @@ class AbstractPendulumTask(AbstractTask[StateT]):
     """What the policy sees."""
     dt: float = 0.01
     """Time of one action (s): 100 Hz."""
+    substeps: int = eqx.field(static=True, default=1)
+    """Steps of RK4 in an action: more than one where friction is stiff."""
     state_cost: tuple[float, float, float, float] = (50.0, 50.0, 4.0, 2.0)
     """Diagonal of Q (1/rad², s²/rad²)."""
     torque_cost: float = 1.0
@@ -52,7 +55,9 @@ class AbstractPendulumTask(AbstractTask[StateT]):
     reward_scale: float = 0.001
     """α."""
     reset_noise: float = 0.01
-    """Standard deviation of the initial state around hanging (rad, rad/s)."""
+    """Standard deviation of the initial state around hanging (rad, and rad/s times ``reset_rate``)."""
+    reset_rate: float = 1.0
+    """Standard deviation of the initial velocities per that of the angles (1/s)."""
     truncation_probability: float = 1e-3
     """p_trunc: probability of a random truncation at each step."""
     max_steps: int = eqx.field(static=True, default=1000)
@@ -78,7 +83,7 @@ class AbstractPendulumTask(AbstractTask[StateT]):
 
     def hanging_start(self, key: Key) -> State:
         """Hang down, disturbed by Gaussian noise on all four states."""
-        return self.reset_noise * jax.random.normal(key, (4,))
+        return self.reset_noise * jax.random.normal(key, (4,)) * jnp.array([1.0, 1.0, *2 * [self.reset_rate]])
 
     def quadratic_reward(self, x: State, u: Torque) -> Scalar:
         """r(x', a) = -α[(x' - g)ᵀ Q (x' - g) + R a²], with q1 wrapped to [0, 2π) and q2 to [-π, π)."""
@@ -115,12 +120,12 @@ class PendulumTask(AbstractPendulumTask[PendulumState]):
 def hold_torque(
     task: AbstractPendulumTask[PendulumState], state: PendulumState, action: Action, key: Key
 ) -> Step[PendulumState]:
-    """A step on the ideal plant: the torque held for dt, and one Runge-Kutta step.
+    """A step on the plant: the torque held for dt, in the task's steps of Runge-Kutta.
 
     If the integrator diverges, which takes some 60 rad/s, the last good state is kept and the episode truncated.
     """
     u = task.torque(action)
-    x = rk4_step(task.parameters, state.x, u, task.dt)
+    x = rk4_steps(task.parameters, state.x, u, task.dt, task.substeps)
     # Negated, so that NaN counts as diverged.
     diverged = ~jnp.all(jnp.abs(x[2:]) < DIVERGED)
     # The step counts even then, so that the limit is reached in any case.

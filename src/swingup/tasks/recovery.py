@@ -13,7 +13,7 @@ from .task import Step
 UP_FRACTION = 0.9
 """The tip is up above this fraction of l1 + l2, as in the benchmark's rules."""
 UP_LINE_WIDTH = 0.01
-"""Width of the smooth step in the reward at that height (m)."""
+"""Width of the smooth step in the reward at that height, for design C.1 (m)."""
 
 
 class RecoveryTask(AbstractPendulumTask[PendulumState]):
@@ -29,6 +29,8 @@ class RecoveryTask(AbstractPendulumTask[PendulumState]):
     """s: a quadratic cost that is already large."""
     down_weight: float = 0.5
     """w: share of the reward that depends only on whether the tip is up."""
+    up_line_width: float = eqx.field(kw_only=True, static=True, default=UP_LINE_WIDTH)
+    """Width of the smooth step at the line (m)."""
 
     def reset(self, key: Key) -> PendulumState:
         """Any of the given states."""
@@ -42,9 +44,8 @@ class RecoveryTask(AbstractPendulumTask[PendulumState]):
     def reward(self, x: State, u: Torque) -> Scalar:
         """From -1, far down, to 0, upright at rest without torque."""
         away = 1 - jnp.exp(self.quadratic_reward(x, u) / self.saturation)
-        down = jax.nn.sigmoid(
-            (UP_FRACTION * self.parameters.length - tip_height(self.parameters, x)) / UP_LINE_WIDTH
-        )
+        below = UP_FRACTION * self.parameters.length - tip_height(self.parameters, x)
+        down = jax.nn.sigmoid(below / self.up_line_width)
         return -((1 - self.down_weight) * away + self.down_weight * down)
 
     def step(self, state: PendulumState, action: Action, key: Key) -> Step[PendulumState]:

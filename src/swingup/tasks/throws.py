@@ -13,8 +13,9 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..physics.dynamics import gravity_torque
-from ..physics.integrate import rk4_step
+from ..physics.integrate import rk4_steps, stable_substeps
 from ..physics.parameters import Parameters
+from ..physics.units import Scales, scales_of
 from ..types import Count, Flag, Scalar, State, Torque
 
 WITHOUT_DERIVATIVE = 2
@@ -37,10 +38,24 @@ class Thrower(eqx.Module):
     """The PID's period in its own formula (s); it is called every 0.002 s."""
     limit: float | Scalar = 6.0
     """Torque limit of the PID, and of each of the two motors (N m)."""
+    proportional_limit: float | Scalar | None = None
+    """Limit of its proportional part alone (N m); None for none."""
 
 
 THROWER = Thrower()
 """The benchmark's."""
+
+
+def scaled_thrower(scales: Scales) -> Thrower:
+    """The benchmark's PID for a pendulum of other units, with gains in proportion to its torque limit."""
+    limit, time = scales.torque_limit, scales.time
+    return Thrower(
+        kp=THROWER.kp * limit,
+        ki=THROWER.ki * limit / time,
+        kd=THROWER.kd * limit * time,
+        dt=THROWER.dt * time,
+        limit=THROWER.limit * limit,
+    )
 
 
 class Throws(eqx.Module):
@@ -76,16 +91,20 @@ def is_thrown(throws: Throws, step: Count) -> Flag:
 def throw(throws: Throws, parameters: Parameters, pid: PID, step: Count, x: State) -> tuple[PID, Torque]:
     """The PID's torque (N m) at this step, minus the gravity torque, before the motors' limits."""
     target = jnp.asarray(throws.target)[jnp.asarray(throws.number)[step]]
-    return _control(throws.thrower, parameters, pid, target, x)
+    return throwing_torque(throws.thrower, parameters, pid, target, x)
 
 
-def _control(
+def throwing_torque(
     thrower: Thrower, parameters: Parameters, pid: PID, target: Float[Array, "2"], x: State
 ) -> tuple[PID, Torque]:
+    """One call of the PID towards a target (rad): its torque, minus the gravity torque of a model (N m)."""
     error = target - x[:2]
     total = pid.total + error
     derivative = jnp.where(pid.calls < WITHOUT_DERIVATIVE, 0.0, (error - pid.last) / thrower.dt)
-    u = thrower.kp * error + thrower.ki * thrower.dt * total + thrower.kd * derivative
+    proportional = thrower.kp * error
+    if thrower.proportional_limit is not None:
+        proportional = jnp.clip(proportional, -thrower.proportional_limit, thrower.proportional_limit)
+    u = proportional + thrower.ki * thrower.dt * total + thrower.kd * derivative
     # Clipped before the gravity torque; the motors clip the sum once more (benchmark).
     command = jnp.clip(u, -thrower.limit, thrower.limit) - gravity_torque(parameters, x)
     return PID(pid.calls + 1, total, error), command
@@ -94,27 +113,32 @@ def _control(
 def thrown_states(
     random: np.random.Generator, plant: Parameters, number: int, steps: int = 100, dt: float = 0.002
 ) -> Float[np.ndarray, "number 4"]:
-    """States after throws of an upright pendulum, from which a controller has to recover.
+    """States after throws of an upright pendulum, from which a controller has to recover; in the plant's own units.
 
     Args:
         random: source of the numbers.
         plant: the plant.
         number: number of states.
         steps: length of a throw.
-        dt: time of a step (s).
+        dt: time of a step for design C.1 (s).
     """
+    scales = scales_of(plant)
+    dt = dt * scales.time
+    substeps = stable_substeps(plant, dt)
     turns = [random.choice(len(odds), number, p=odds) - len(odds) // 2 for odds in TURNS]
     # Full turns matter: the PID's error is not wrapped.
     upright = np.stack([np.pi * (2 * turns[0] + 1), 2 * np.pi * turns[1]], axis=1)
-    x0 = np.concatenate([upright, np.zeros((number, 2))], axis=1) + 0.05 * random.normal(size=(number, 4))
+    noise = 0.05 * random.normal(size=(number, 4)) * [1.0, 1.0, scales.velocity, scales.velocity]
+    x0 = np.concatenate([upright, np.zeros((number, 2))], axis=1) + noise
     # Any last error: the throw before it aimed elsewhere, so that the first derivative saturates.
     targets, last = random.uniform(-np.pi, np.pi, (number, 2)), random.uniform(-6.0, 6.0, (number, 2))
-    x = _thrown(THROWER, plant, jnp.asarray(targets), jnp.asarray(last), jnp.asarray(x0), steps, dt)
+    starts = jnp.asarray(targets), jnp.asarray(last), jnp.asarray(x0)
+    x = _thrown(scaled_thrower(scales), plant, *starts, steps, dt, substeps)
     return np.array(x)
 
 
-@functools.partial(jax.jit, static_argnums=(5, 6))
-@functools.partial(jax.vmap, in_axes=(None, None, 0, 0, 0, None, None))
+@functools.partial(jax.jit, static_argnums=(5, 6, 7))
+@functools.partial(jax.vmap, in_axes=(None, None, 0, 0, 0, None, None, None))
 def _thrown(
     thrower: Thrower,
     plant: Parameters,
@@ -123,13 +147,14 @@ def _thrown(
     x: State,
     steps: int,
     dt: float,
+    substeps: int,
 ) -> State:
     """State after one throw by a PID whose throw before ended with the error ``last``."""
 
     def step(carry: tuple[State, PID], _: None) -> tuple[tuple[State, PID], None]:
         x, pid = carry
-        pid, u = _control(thrower, plant, pid, target, x)
-        return (rk4_step(plant, x, jnp.clip(u, -thrower.limit, thrower.limit), dt), pid), None
+        pid, u = throwing_torque(thrower, plant, pid, target, x)
+        return (rk4_steps(plant, x, jnp.clip(u, -thrower.limit, thrower.limit), dt, substeps), pid), None
 
     # Past the first two calls of the run, as in all throws but the first.
     pid = PID(jnp.array(WITHOUT_DERIVATIVE), jnp.zeros_like(last), last)

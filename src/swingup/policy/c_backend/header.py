@@ -4,17 +4,17 @@
 """
 
 import itertools
+import re
 from collections.abc import Mapping
 
 import numpy as np
 
 from ...errors import SwingupError
-from ...physics.equations import COULOMB_STEEPNESS
-from ...robots import TORQUE_LIMIT
+from ...physics.equations import COULOMB_STEEPNESS, lump
 from ...version import __version__
 from ..guard import BRAKED, PUSHING, SENTENCES, STANDSTILLS, GuardSettings, Reason
 from ..pendulum import PendulumPolicy
-from ..plant import nominal_plant
+from ..plant_facts import PolicyPlant
 from ..settings import LOST, PIECES, EstimatorSettings, FrontEndSettings, kalman_gains
 from ..stages import NormaliseStage, PendulumStage, Stage
 from ..template import NAME, asset, check_export_name, fill
@@ -117,7 +117,7 @@ def _controller(policy: PendulumPolicy) -> str:
     front_end, estimator, guard = policy.front_end, policy.estimator, policy.guard
     parts = [
         _part("front_end.h", _front_end_values(front_end)) if front_end else _part("alone.h"),
-        _part("estimator.h", _estimator_values(estimator)) if estimator else _part("direct.h"),
+        _part("estimator.h", _estimator_values(estimator, policy)) if estimator else _part("direct.h"),
         _part("guard.h", _guard_values(guard, policy)) if guard else _part("unguarded.h"),
         _part("controller.h", {"SENTENCES": ", ".join(f'"{text}"' for text in SENTENCES)}),
     ]
@@ -160,16 +160,31 @@ def _front_end_values(settings: FrontEndSettings) -> dict[str, str]:
     return texts | {name: _braces(np.array(pair, np.float64)) for name, pair in pairs.items()}
 
 
-def _estimator_values(settings: EstimatorSettings) -> dict[str, str]:
-    plant, gains = nominal_plant(), kalman_gains(settings)
+def _model(plant: PolicyPlant) -> str:
+    lumped = lump(plant)
+    numbers = {
+        "COUPLING": lumped.coupling,
+        "M11": lumped.shoulder + lumped.reflected + lumped.rotor,
+        "M12": lumped.elbow - lumped.geared,
+        "M22": lumped.elbow + lumped.reflected,
+        "GRAVITY1": lumped.gravity1,
+        "GRAVITY2": lumped.gravity2,
+        "STEEPNESS": COULOMB_STEEPNESS,
+    }
+    values = {name: repr(float(value)) for name, value in numbers.items()}
+    # A name may be anything: no end of a comment may come from a file.
+    values["PLANT"] = re.sub(r"[^\w. -]", "_", plant.name)[:60] or "the plant of the policy"
+    if plant.friction is None:
+        return _part("model.h", values)
+    pairs = {"DAMPING": plant.friction.damping, "COULOMB": plant.friction.coulomb}
+    return _part("damped_model.h", values | {name: _braces(np.array(pair)) for name, pair in pairs.items()})
+
+
+def _estimator_values(settings: EstimatorSettings, policy: PendulumPolicy) -> dict[str, str]:
+    gains = kalman_gains(settings)
     numbers = {
         "DT": settings.dt,
-        "MOTOR_LIMIT": TORQUE_LIMIT,
-        "COUPLING": plant.coupling,
-        "SHOULDER": plant.shoulder,
-        "ELBOW": plant.elbow,
-        "GRAVITY1": plant.gravity1,
-        "GRAVITY2": plant.gravity2,
+        "MOTOR_LIMIT": policy.model.limit(policy.robot.joint),
         "GAIN_QQ": gains[0, 0],
         "GAIN_QV": gains[0, 1],
         "GAIN_VQ": gains[1, 0],
@@ -180,7 +195,11 @@ def _estimator_values(settings: EstimatorSettings) -> dict[str, str]:
         "LOST": LOST * settings.velocity_noise,
     }
     texts = {name: repr(float(value)) for name, value in numbers.items()}
-    return texts | {"DEPTH": str(settings.max_delay_steps + 1), "PIECES": str(PIECES)}
+    return texts | {
+        "MODEL": _model(policy.model),
+        "DEPTH": str(settings.max_delay_steps + 1),
+        "PIECES": str(PIECES),
+    }
 
 
 def _observe(stage: Stage) -> str:

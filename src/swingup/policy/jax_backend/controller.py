@@ -9,10 +9,12 @@ import jax.numpy as jnp
 
 from ...areapo.networks import Actor
 from ...control.controller import AbstractController
-from ...physics.parameters import leaderboard_parameters
+from ...physics.parameters import Parameters
 from ...robots import Robot, get_robot
 from ...types import Scalar, State, Torque
 from ..pendulum import PendulumPolicy, read_pendulum_policy, write_pendulum_policy
+from ..plant_facts import PLANT_NAMES, PolicyPlant, leaderboard_plant, modelled
+from ..settings import EstimatorSettings
 from ..shipped import REFINED, read_policy
 from .estimator import EstimatingController, with_estimator
 from .front_end import FrontEnd, FrontEndMemory, choose
@@ -38,6 +40,8 @@ class PolicyController(AbstractController[PolicyMemory | None]):
     """Which joint is driven."""
     front_end: FrontEnd | None = None
     """Filter and friction compensation, if any."""
+    plant: PolicyPlant | None = eqx.field(static=True, default=None)
+    """The plant that the policy was made for; None for the leaderboards'."""
 
     def init(self) -> PolicyMemory | None:
         """Nothing measured yet."""
@@ -72,20 +76,38 @@ def make_controller(
     Args:
         policy: what the file holds.
         estimator: where the file has one (None), never (False) or always (True). Settings that the file lacks have
-            their defaults. Its model is the leaderboard's plant.
+            their defaults. Its model is the policy's plant.
     """
     alone = _alone(policy)
     wanted = policy.estimator is not None if estimator is None else estimator
-    if not wanted:
-        return alone
-    return with_estimator(alone, policy.robot, leaderboard_parameters(policy.robot), policy.estimator)
+    return behind_estimator(alone, policy.estimator) if wanted else alone
+
+
+def behind_estimator(
+    controller: PolicyController, settings: EstimatorSettings | None = None
+) -> EstimatingController:
+    """A policy behind an estimator whose model is the policy's plant.
+
+    Args:
+        controller: the policy alone.
+        settings: what to expect of measurement and loop.
+    """
+    front_end = None if controller.front_end is None else controller.front_end.settings
+    model = modelled(plant_of(controller), controller.robot, front_end)
+    parameters = Parameters(**{name: getattr(model, name) for name in PLANT_NAMES})
+    return with_estimator(controller, controller.robot, parameters, settings)
+
+
+def plant_of(controller: PolicyController) -> PolicyPlant:
+    """The plant that a policy was made for."""
+    return leaderboard_plant(controller.robot) if controller.plant is None else controller.plant
 
 
 def policy_of(controller: PolicyController) -> PendulumPolicy:
     """What a file holds of a controller, without an estimator."""
     settings = None if controller.front_end is None else controller.front_end.settings
-    network = network_of(controller.policy)
-    return PendulumPolicy(network, controller.robot, float(controller.torque_limit), front_end=settings)
+    network, limit = network_of(controller.policy), float(controller.torque_limit)
+    return PendulumPolicy(network, controller.robot, limit, plant_of(controller), front_end=settings)
 
 
 def save_controller(path: str | Path, controller: PolicyController, provenance: Mapping[str, Any]) -> None:
@@ -132,4 +154,5 @@ def shipped_policy(robot: Robot | str, name: str = REFINED) -> tuple[PolicyContr
 
 def _alone(policy: PendulumPolicy) -> PolicyController:
     front_end = None if policy.front_end is None else FrontEnd(policy.front_end)
-    return PolicyController(make_policy(policy.network), policy.torque_limit, policy.robot, front_end)
+    network = make_policy(policy.network)
+    return PolicyController(network, policy.torque_limit, policy.robot, front_end, policy.plant)

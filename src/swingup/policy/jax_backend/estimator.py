@@ -18,11 +18,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...control.controller import AbstractController, check_robot
+from ...physics.damped import Friction, Functions, damped_midpoint_step
 from ...physics.dynamics import acceleration
+from ...physics.equations import lump
 from ...physics.integrate import midpoint_step
 from ...physics.parameters import Parameters, Robot
+from ...physics.trigonometry import sine_cosine
 from ...types import Count, Flag, Scalar, State, Torque
-from ..settings import LOST, PIECES, EstimatorSettings, kalman_gains
+from ..settings import LOST, PIECES, EstimatorSettings, default_estimator, kalman_gains
 
 
 class EstimatorMemory(eqx.Module):
@@ -58,6 +61,8 @@ class EstimatingController(AbstractController[EstimatorMemory]):
     settings: EstimatorSettings = eqx.field(static=True)
     robot: Robot = eqx.field(static=True)
     """Which joint is driven."""
+    damped: bool = eqx.field(static=True, default=False)
+    """Whether the model has friction."""
 
     def init(self) -> EstimatorMemory:
         """Nothing seen yet."""
@@ -109,11 +114,11 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         """
         dt, driven = dt.astype(x.dtype), jnp.array(self.robot.actuation, x.dtype)
         torque = memory.torques[memory.delay_steps]
-        predicted = midpoint_step(self.parameters, memory.state, torque * driven, dt)
+        predicted = self._step(memory.state, torque * driven, dt)
         miss = x - predicted
         miss = miss.at[:2].set(_nearest(miss[:2]))
 
-        # M⁻¹ times the torque: gravity cancels in the difference, and nothing else acts at rest.
+        # M⁻¹ times the torque: gravity cancels in the difference, and nothing else acts at rest, friction included.
         p, at_rest = self.parameters, jnp.concatenate([memory.state[:2], jnp.zeros(2)])
         response = acceleration(p, at_rest, driven) - acceleration(p, at_rest, jnp.zeros(2))
         extra = (memory.torques - torque)[:, None] * response
@@ -155,8 +160,16 @@ class EstimatingController(AbstractController[EstimatorMemory]):
             within = jnp.clip(left * steps - ages, 0, 1) - jnp.clip((left - 1) * steps - ages, 0, 1)
             # Without a delay the pieces are empty: 0 / 0 would be NaN.
             torque = jnp.sum(within * memory.torques) / jnp.maximum(steps, 1e-6)
-            x = midpoint_step(self.parameters, x, torque * driven, steps * dt.astype(x.dtype))
+            x = self._step(x, torque * driven, steps * dt.astype(x.dtype))
         return x
+
+    def _step(self, x: State, u: Torque, dt: Scalar) -> State:
+        """The model's step over dt (s)."""
+        p = self.parameters
+        if not self.damped:
+            return midpoint_step(p, x, u, dt)
+        friction = Friction((p.b1, p.b2), (p.cf1, p.cf2))
+        return jnp.array(damped_midpoint_step(lump(p), friction, x, u, dt, Functions(sine_cosine, jnp.arctan)))
 
 
 def with_estimator(
@@ -171,16 +184,18 @@ def with_estimator(
         controller: the controller; called with estimates of the state.
         robot: which joint is driven.
         parameters: the model, with the motor's torque limit.
-        settings: what to expect of measurement and loop.
+        settings: what to expect of measurement and loop; the defaults in the model's units if None.
 
     Raises:
-        SwingupError: the controller is for the other robot.
+        SwingupError: the controller is for the other robot, or the model has no units of its own.
     """
     check_robot(controller, robot)
-    settings = EstimatorSettings() if settings is None else settings
-    return EstimatingController(
-        controller, parameters, kalman_gains(settings), math.exp(-settings.dt / settings.memory), settings, robot
-    )
+    settings = default_estimator(parameters) if settings is None else settings
+    gains, fading = kalman_gains(settings), math.exp(-settings.dt / settings.memory)
+    p = parameters
+    # Values of JAX may be traced: they count as friction.
+    damped = any(isinstance(value, jax.Array) or value != 0 for value in (p.b1, p.b2, p.cf1, p.cf2))
+    return EstimatingController(controller, parameters, gains, fading, settings, robot, damped)
 
 
 def _nearest(angle: Float[Array, "n"]) -> Float[Array, "n"]:

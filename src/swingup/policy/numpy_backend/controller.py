@@ -5,11 +5,10 @@ from pathlib import Path
 import numpy as np
 
 from ...renamed import current_name
-from ...robots import TORQUE_LIMIT, Robot
+from ...robots import Robot
 from ..guard import GuardChoice
 from ..pendulum import PendulumPolicy
-from ..plant import nominal_plant
-from ..settings import EstimatorSettings, choose_guard
+from ..settings import choose_guard, default_estimator
 from ..shipped import read_policy
 from .estimator import NumpyEstimator
 from .front_end import NumpyFrontEnd
@@ -29,18 +28,18 @@ class NumpyController:
         Args:
             policy: what the file holds.
             estimator: where the file has one (None), never (False) or always (True). Settings that the file lacks
-                have their defaults.
+                have their defaults, in the units of its plant.
             guard: where the file has one (None), never (False), always (True), or its settings.
 
         Raises:
             SwingupError: a setting of the guard is unknown or out of range.
         """
         self.policy = policy
-        settings = policy.estimator or EstimatorSettings()
+        settings = policy.estimator or default_estimator(policy.plant)
         wanted = policy.estimator is not None if estimator is None else estimator
         joint, front_end = policy.robot.joint, policy.front_end
         self._joint, self._network = joint, NumpyNetwork(policy)
-        self._estimator = NumpyEstimator(settings, nominal_plant(), joint, TORQUE_LIMIT) if wanted else None
+        self._estimator = NumpyEstimator(settings, policy.model, joint) if wanted else None
         self._front_end = None if front_end is None else NumpyFrontEnd(front_end, joint)
         chosen = choose_guard(guard, policy.guard, policy.period)
         self.guard = None if chosen is None else NumpyGuard(chosen, joint, policy.torque_limits)

@@ -5,8 +5,9 @@ import math
 
 import numpy as np
 
-from ...physics.equations import Lumped, StateFloats
-from ..plant import midpoint_step, torque_response
+from ...physics.equations import StateFloats, lump
+from ..plant import model_step, torque_response
+from ..plant_facts import PolicyPlant
 from ..settings import LOST, PIECES, EstimatorSettings, kalman_gains
 from .network import TURN
 
@@ -17,18 +18,17 @@ class NumpyEstimator:
     Call ``observe`` with each measurement, then ``remember`` with the torque that was commanded.
     """
 
-    def __init__(self, settings: EstimatorSettings, plant: Lumped, joint: int, torque_limit: float) -> None:
+    def __init__(self, settings: EstimatorSettings, model: PolicyPlant, joint: int) -> None:
         """Prepare for a loop.
 
         Args:
             settings: what to expect of measurement and loop.
-            plant: the model.
+            model: the plant; commands are clipped to its torque limit.
             joint: index of the driven joint.
-            torque_limit: the motor's (N m); commands are clipped to it.
         """
-        self._settings, self._plant = settings, plant
+        self._settings, self._plant, self._friction = settings, lump(model), model.friction
         self._driven = (1.0, 0.0) if joint == 0 else (0.0, 1.0)
-        self._limit = torque_limit
+        self._limit = model.limit(joint)
         # From the misses [e_q1, e_q2, e_v1, e_v2] to corrections: the gains of one joint, for both.
         self._gains = np.kron(kalman_gains(settings), np.eye(2)).T
         self._fading = math.exp(-settings.dt / settings.memory)
@@ -71,7 +71,7 @@ class NumpyEstimator:
         b1, b2 = self._driven
         state = _floats(self._state)
         torque = float(self._torques[self.delay_steps])
-        predicted = np.array(midpoint_step(self._plant, state, torque * b1, torque * b2, dt))
+        predicted = np.array(model_step(self._plant, self._friction, state, torque * b1, torque * b2, dt))
         miss = x - predicted
         miss[:2] -= TURN * np.round(miss[:2] / TURN)
 
@@ -106,7 +106,7 @@ class NumpyEstimator:
         x = _floats(self._state)
         for before, after in itertools.pairwise(to_go):
             torque = (before - after) / steps
-            x = midpoint_step(self._plant, x, torque * b1, torque * b2, steps * dt)
+            x = model_step(self._plant, self._friction, x, torque * b1, torque * b2, steps * dt)
         return np.array(x)
 
 

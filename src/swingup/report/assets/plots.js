@@ -103,5 +103,5 @@
     return models;
   }
 
-  swingup.plots = { followPlayer, robustnessBars, columnsOf };
+  swingup.plots = { embed, followPlayer, robustnessBars, columnsOf };
 })((window.swingup = window.swingup || {}));

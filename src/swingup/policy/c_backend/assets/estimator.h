@@ -1,3 +1,4 @@
+@MODEL@
 /* ---- the state estimator, as docs/policy-format.md of swingup describes it ---- */
 
 #define SWINGUP_DT @DT@ /* time between calls (s) */
@@ -15,36 +16,6 @@ typedef struct {
     double surprise[SWINGUP_DEPTH];     /* evidence against each delay */
 } swingup_estimator;
 
-/* Accelerations (rad/s^2) of the leaderboards' plant under a torque of the driven joint (N m). */
-static inline void swingup_acceleration(const double x[4], double torque, double a[2])
-{
-    const double cosine = @COUPLING@ * cos(x[1]), sine = @COUPLING@ * sin(x[1]);
-    const double m11 = @SHOULDER@ + 2.0 * cosine, m12 = @ELBOW@ + cosine, m22 = @ELBOW@;
-    const double weight = @GRAVITY2@ * sin(x[0] + x[1]), determinant = m11 * m22 - m12 * m12;
-    double f[2];
-    f[0] = -@GRAVITY1@ * sin(x[0]) - weight + sine * x[3] * (2.0 * x[2] + x[3]);
-    f[1] = -weight - sine * x[2] * x[2];
-    f[SWINGUP_DRIVEN] += torque;
-    a[0] = (m22 * f[0] - m12 * f[1]) / determinant;
-    a[1] = (m11 * f[1] - m12 * f[0]) / determinant;
-}
-
-/* One step of the explicit midpoint rule over h (s), in place. */
-static inline void swingup_step(double x[4], double torque, double h)
-{
-    double a[2], middle[4];
-    swingup_acceleration(x, torque, a);
-    middle[0] = x[0] + 0.5 * h * x[2];
-    middle[1] = x[1] + 0.5 * h * x[3];
-    middle[2] = x[2] + 0.5 * h * a[0];
-    middle[3] = x[3] + 0.5 * h * a[1];
-    swingup_acceleration(middle, torque, a);
-    x[0] += h * middle[2];
-    x[1] += h * middle[3];
-    x[2] += h * a[0];
-    x[3] += h * a[1];
-}
-
 /* What the steady-state Kalman gains make of a miss. */
 static inline void swingup_correction(const double miss[4], double correction[4])
 {
@@ -60,7 +31,7 @@ static inline int swingup_follow(swingup_estimator *c, const double x[4], double
 {
     const double torque = c->torques[c->delay_steps];
     double drifted[SWINGUP_DEPTH][4], surprise[SWINGUP_DEPTH], least = 0.0;
-    double predicted[4], miss[4], correction[4], change[4], response[2], still[2], rest[4] = {0.0, 0.0, 0.0, 0.0};
+    double predicted[4], miss[4], correction[4], change[4], response[2];
     int i, n, best = 0;
 
     for (i = 0; i < 4; i++) {
@@ -72,15 +43,13 @@ static inline int swingup_follow(swingup_estimator *c, const double x[4], double
     }
     for (i = 0; i < 2; i++) {
         miss[i] -= 2.0 * SWINGUP_PI * rint(miss[i] / (2.0 * SWINGUP_PI));
-        rest[i] = c->state[i];
     }
-    swingup_acceleration(rest, 1.0, response);
-    swingup_acceleration(rest, 0.0, still);
+    swingup_response(c->state, response);
 
     for (n = 0; n < SWINGUP_DEPTH; n++) {
         double far = 0.0, evidence;
         for (i = 0; i < 2; i++) {
-            const double extra = (c->torques[n] - torque) * (response[i] - still[i]);
+            const double extra = (c->torques[n] - torque) * response[i];
             const double *d = c->deviations[n];
             drifted[n][i] = d[i] + h * d[i + 2] + 0.5 * h * h * extra;
             drifted[n][i + 2] = d[i + 2] + h * extra;

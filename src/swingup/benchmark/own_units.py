@@ -1,0 +1,90 @@
+"""Disturbances in the units of the pendulum that is judged: noise, friction, pushes and throws, exactly as on C.1.
+
+Torques scale with the torque limit, velocities and times with the pendulum's own unit of time. The period of the
+loop, the length of a run, the costs' normalisers and all shares stay as the rules have them.
+"""
+
+from dataclasses import replace
+
+from ..physics.parameters import Robot
+from ..physics.units import Scales, scales_of
+from ..plants.domain import Domain
+from ..plants.plant import PlantLike, robot_parameters
+from ..tasks.middle_plant import middle_plant
+from .rules import ModelSweep, PushRules, RobustnessRules, Sim2RealRules, Sweep, UptimeRules
+
+
+def robustness_in_own_units(
+    rules: RobustnessRules, robot: Robot, plant: PlantLike | None = None
+) -> RobustnessRules:
+    """The grid with its noise, delay, friction, pushes and tolerance scaled; as it is for the leaderboards' plant.
+
+    Raises:
+        SwingupError: there is no such plant, or it has no units.
+    """
+    if plant is None:
+        return rules
+    scales = scales_of(robot_parameters(plant, robot))
+    angle1, angle2, rate1, rate2 = rules.tolerance
+    return replace(
+        rules,
+        model={name: _model(model, scales) for name, model in rules.model.items()},
+        velocity_noise=_sweep(rules.velocity_noise, scales.velocity),
+        torque_noise=_sweep(rules.torque_noise, scales.torque_limit),
+        delay=_sweep(rules.delay, scales.time),
+        perturbations=scaled_pushes(rules.perturbations, scales),
+        tolerance=(angle1, angle2, rate1 * scales.velocity, rate2 * scales.velocity),
+    )
+
+
+def uptime_in_own_units(rules: UptimeRules, robot: Robot, plant: PlantLike | None = None) -> UptimeRules:
+    """The throws by a PID with the pendulum's own strength and speed; as they are for the leaderboards' plant.
+
+    Raises:
+        SwingupError: there is no such plant, or it has no units.
+    """
+    if plant is None:
+        return rules
+    scales, pid = scales_of(robot_parameters(plant, robot)), rules.thrower
+    limit, time = scales.torque_limit, scales.time
+    # The loop's period does not scale, and so the PID's own period does not either.
+    thrower = replace(
+        pid, kp=pid.kp * limit, ki=pid.ki * limit / time, kd=pid.kd * limit * time, limit=pid.limit * limit
+    )
+    return replace(rules, throw_duration=rules.throw_duration * time, thrower=thrower)
+
+
+def sim2real_in_own_units(rules: Sim2RealRules, domain: Domain, robot: Robot) -> Sim2RealRules:
+    """The speed that stops a robot, for the plant in the middle of a domain that names one.
+
+    Raises:
+        SwingupError: that plant has no units.
+    """
+    plant = middle_plant(domain, robot)
+    return rules if plant is None else replace(rules, speed=rules.speed * scales_of(plant).velocity)
+
+
+def scaled_pushes(pushes: PushRules, scales: Scales) -> PushRules:
+    """Pushes with another size and width; the time between them stays, as the length of a run does."""
+    least, most = pushes.amplitude
+    short, long = pushes.width
+    return replace(
+        pushes,
+        width=(short * scales.time, long * scales.time),
+        amplitude=(least * scales.torque_limit, most * scales.torque_limit),
+    )
+
+
+def _model(model: ModelSweep, scales: Scales) -> ModelSweep:
+    units = {
+        "Ir": scales.torque_limit * scales.time**2,
+        "b1": scales.torque_limit * scales.time,
+        "b2": scales.torque_limit * scales.time,
+        "cf1": scales.torque_limit,
+        "cf2": scales.torque_limit,
+    }
+    return model if model.relative else replace(model, sweep=_sweep(model.sweep, units[model.parameter]))
+
+
+def _sweep(sweep: Sweep, scale: float) -> Sweep:
+    return replace(sweep, low=sweep.low * scale, high=sweep.high * scale)

@@ -1,0 +1,57 @@
+"""Recordings of a run, from a simulation or a robot: the rows that every score refuses."""
+
+import numpy as np
+from jaxtyping import Float
+
+from ..errors import SwingupError
+from .rollout import Trajectory
+
+START = 0.2
+"""A run's first time is within this of 0 (s): six periods of the slowest recordings, which have 33 Hz."""
+
+LEAST = 3
+"""Rows of which costs can be summed."""
+
+Rows = tuple[Float[np.ndarray, "rows"], Float[np.ndarray, "rows 4"], Float[np.ndarray, "rows 2"]]
+
+
+def checked_rows(trajectory: Trajectory) -> Rows:
+    """The times (s), states (rad, rad/s) and torques (N m) of a trajectory, in float64.
+
+    Raises:
+        SwingupError: the trajectory has fewer than 3 rows, rows of other shapes, values that are not finite, or
+            times that do not increase or start far from 0.
+    """
+    time, x, u = (np.asarray(rows, np.float64) for rows in (trajectory.time, trajectory.x, trajectory.u))
+    rows = time.size
+    if rows < LEAST or time.shape != (rows,) or x.shape != (rows, 4) or u.shape != (rows, 2):
+        shapes = f"{time.shape}, {x.shape} and {u.shape}"
+        raise SwingupError(f"time, x and u have shapes {shapes}: pass (N,), (N, 4) and (N, 2) with N of 3 or more")
+    if not (np.isfinite(time).all() and np.isfinite(x).all() and np.isfinite(u).all()):
+        raise SwingupError("the trajectory holds values that are not finite: end it before them")
+    if not np.all(np.diff(time) > 0):
+        raise SwingupError("the trajectory's times do not increase: keep one run, in order")
+    if abs(time[0]) > START:
+        raise SwingupError(f"the trajectory starts at t = {time[0]:g} s: give its times as seconds since its start")
+    return time, x, u
+
+
+def recorded(rows: Trajectory, duration: float) -> Trajectory:
+    """What a robot recorded of one run: measured states, and torques asked for, until it stopped or time was up.
+
+    Args:
+        rows: one simulation with a record; late turns make it longer than the run.
+        duration: length of the run (s).
+    """
+    assert rows.record is not None
+    time = np.asarray(rows.time)
+    kept = ~np.asarray(rows.record.over) & (time < duration)
+    kept[:LEAST] = True
+    return Trajectory(time[kept], np.asarray(rows.record.x)[kept], np.asarray(rows.record.u)[kept])
+
+
+def stopped_at(rows: Trajectory, duration: float) -> float | None:
+    """When the robot stopped one run of a duration (s), if it did (s)."""
+    assert rows.record is not None
+    times = np.asarray(rows.time)[np.asarray(rows.record.over)]
+    return float(times[0]) if times.size and times[0] < duration else None

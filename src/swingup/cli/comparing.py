@@ -1,0 +1,98 @@
+"""The command ``compare``: a log beside predictions of plants and a controller's simulated run."""
+
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+from ..errors import SwingupError
+from ..files import check_writable
+from ..plants.domain import Domain, load_domain
+from ..plants.plant import SHIPPED_PLANTS, load_plant
+from ..rehearsal.simulated import simulated_robot
+from ..report.compare import Comparison, compare
+from ..report.compare_study import study_of
+from ..report.files import check_suffix
+from ..report.save_study import STUDY_FORMATS, save_study
+from ..report.study import shown
+from .output import foreign_prints_apart, tell, tell_json
+
+LogFile = Positional[Annotated[str, arg(metavar="LOG.csv")]]
+PlantNames = Annotated[
+    tuple[str, ...],
+    arg(metavar="PLANT...", help=f"plants to compare: {', '.join(SHIPPED_PLANTS)}, or files (.yml)."),
+]
+
+
+def compare_command(
+    log: LogFile,
+    /,
+    plant: PlantNames = ("C.1",),
+    controller: str | None = None,
+    domain: Annotated[str | None, arg(metavar="DOMAIN")] = None,
+    robot: str | None = None,
+    seed: int = 0,
+    out: Annotated[str | None, arg(metavar="FILE")] = None,
+    json: bool = False,
+) -> int:
+    """Compare a log with what plants predict of it, and with a controller's simulated run.
+
+    Errors are those of predictions after 0.1, 0.25, 0.5 and 1 s, and by speed. Where a plant's file has no delay
+    and lag, those that predict the log best are taken.
+
+    Args:
+        log: a recording, as swingup identify reads it.
+        plant: plants to compare.
+        controller: a controller whose run on each plant stands beside the log.
+        domain: loop of these runs: a domain's name or file. Default: a perfect loop, or what the plant's file has.
+        robot: acrobot or pendubot, where the log's torques do not show it.
+        seed: seed of what is drawn from the domain.
+        out: page (.html) or figure (.png, .svg, .pdf) to write.
+        json: print one JSON object.
+    """
+    if not plant:
+        raise SwingupError("--plant needs at least one plant: a shipped name or a file (.yml)")
+    if out is not None:
+        check_suffix(out, STUDY_FORMATS)
+        check_writable(out)
+    plants = {name: _facts(name) for name in plant}
+    with foreign_prints_apart():
+        found = compare(
+            log, plants, controller, lambda name, driven: simulated_robot(name, domain, driven), robot, seed
+        )
+    if out is not None:
+        save_study(study_of(found), out)
+    if json:
+        tell_json(found.as_dict())
+    else:
+        tell(*comparison_lines(found), *([f"wrote {out}"] if out else []))
+    return 0
+
+
+def _facts(name: str) -> Domain:
+    """A plant as a domain; its file may have a loop and ranges as well."""
+    # A name that is none gets the plants' own message.
+    return load_domain(name) if name.endswith((".yml", ".yaml")) else Domain((), name, load_plant(name))
+
+
+def comparison_lines(found: Comparison) -> list[str]:
+    """Errors by horizon and by speed, and the outcomes of the runs."""
+    lines = [f"{found.recording.name}, {found.recording.duration:.3g} s"]
+    for each in found.predictions:
+        loop = ", ".join(f"{name} {1e3 * each.as_dict()['model'][name]:.1f} ms" for name in each.fitted)
+        lines += [f"  {each.name}{f' (best {loop})' if loop else ''}"]
+        lines += [f"  {'':<22}{'angle (rad): RMS, median':>28}{'velocity (rad/s)':>24}"]
+        rows = [(f"after {key} s", row) for key, row in each.horizons.items()]
+        rows += [(f"{row.slowest:.1f} to {row.fastest:.1f} rad/s", row.errors) for row in each.speeds]
+        for title, row in rows:
+            pairs = [
+                f"{shown(getattr(row, name)):>8} {shown(getattr(row, f'{name}_median')):>8}"
+                for name in ("angle", "velocity")
+            ]
+            lines.append(f"  {title:<22}{pairs[0]:>28}{pairs[1]:>24}")
+    for name, run in found.runs.items():
+        for title, part in (("log", run.recorded), (f"{run.controller} on {name}", run.simulated)):
+            outcome = "up" if part.criteria.success else part.tip.failure or "failure"
+            lines.append(
+                f"  {title}: {outcome}, highest tip {part.tip.percent:.0f} %, speed {part.speed:.1f} rad/s"
+            )
+    return [*lines, *(f"  {note}" for note in found.notes)]

@@ -1,0 +1,110 @@
+"""The command ``rehearse``: an exported folder drives the simulated robot before it drives the real one."""
+
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+from ..benchmark.columns import COLUMNS, PERFORMANCE
+from ..benchmark.rules import PERFORMANCE_RULES
+from ..benchmark.trajectory_file import save_trajectory
+from ..checks import one_of, positive_number
+from ..files import check_writable
+from ..rehearsal.process import CALLING
+from ..rehearsal.rehearse import rehearse
+from ..rehearsal.result import Rehearsal, spread
+from ..rehearsal.simulated import RECORDED
+from .output import aligned, tell, tell_json
+
+
+def rehearse_command(
+    folder: Positional[Annotated[str, arg(metavar="FOLDER")]],
+    /,
+    plant: Annotated[str | None, arg(metavar="PLANT")] = None,
+    domain: Annotated[str, arg(metavar="DOMAIN")] = RECORDED,
+    robot: str | None = None,
+    rules: str = "hardware",
+    duration: float | None = None,
+    seed: int = 0,
+    real_time: bool = False,
+    timeout: float = CALLING,
+    json: bool = False,
+    save: str | None = None,
+) -> int:
+    """Run an exported folder in a process of its own, against the simulated robot, before the real one.
+
+    The folder is one of swingup export --to realaigym or cloudpendulum, and is called as there. A folder that
+    cannot be imported, crashes, hangs, prints, or gives no two finite torques ends it in one line and status 2.
+
+    Args:
+        folder: the folder, or its con_NAME.py or controller_NAME.py.
+        plant: a plant's name or its file, with the loop that the file has.
+        domain: the loop, and the plant if none is given: a domain's name or file, or none for a perfect loop.
+        robot: acrobot or pendubot, where the folder does not say it.
+        rules: how the run is scored: v2 or hardware.
+        duration: length of the run (s); default: that of the rules, 10 s.
+        seed: seed of noise and plants.
+        real_time: one step every 2 ms, with periods and missed deadlines measured.
+        timeout: longest time of a call (s).
+        json: print one JSON object.
+        save: also write the trajectory to this CSV file.
+    """
+    scored = PERFORMANCE_RULES[one_of("rules", rules, PERFORMANCE_RULES)]
+    longest = positive_number("timeout", timeout, 600.0, "s")
+    if save is not None:
+        check_writable(save)
+    around = None if domain == "none" else domain
+    result = rehearse(folder, plant, around, robot, scored, duration, seed, real_time, longest)
+    if save is not None:
+        save_trajectory(save, result.trajectory)
+    if json:
+        tell_json(result.as_dict())
+    else:
+        tell(*rehearsal_lines(result, rules))
+    return 0
+
+
+def rehearsal_lines(result: Rehearsal, rules: str) -> list[str]:
+    """How the run went, what the guard did, and what was measured of the calls."""
+    criteria = [
+        (COLUMNS[name].title, COLUMNS[name].show(getattr(result.criteria, name)))
+        for name in PERFORMANCE
+        if name != "score"
+    ]
+    angle, speed = result.limits
+    stopped = result.facts["stopped"]
+    guard = ("stopped it" if stopped else "quiet") if result.facts["guard"] else "none"
+    beyond = "" if result.violation is None else f"at t = {result.violation:.3f} s, where the robot stops"
+    return [
+        f"{result.robot}, {result.folder.entry.name} ({result.folder.form}, {result.domain.name}, rules {rules}, "
+        f"seed {result.seed})",
+        aligned("Swing-up", "success" if result.success else "failure", result.tip.failure or ""),
+        *(aligned(title, value) for title, value in criteria),
+        aligned(COLUMNS["score"].title, COLUMNS["score"].show(result.score)),
+        aligned("Highest tip [m]", f"{result.tip.highest:.3f}", f"{result.tip.percent:.1f} % of l1 + l2"),
+        aligned("Largest speed [rad/s]", f"{result.speed:.1f}", f"limit {speed:g}"),
+        aligned("Largest angle [rad]", f"{result.angle:.1f}", f"limit {angle:.4g}"),
+        *([aligned("Limits", "passed", beyond)] if beyond else []),
+        aligned("Guard", guard, stopped["why"] if stopped else ""),
+        *timing_lines(result),
+        *([] if result.difference is None else [f"  {result.difference}"]),
+    ]
+
+
+def timing_lines(result: Rehearsal) -> list[str]:
+    """Times of the calls and, in real time, of the loop, in ms: median, 99th percentile, longest."""
+    timing = result.timing
+    rows = [("Call [ms]", spread(timing.calls))]
+    if result.real_time:
+        rows.append(("Period [ms]", spread(timing.periods)))
+    lines = [
+        aligned(
+            title, f"{1e3 * row['p50']:.3f}", f"99 % {1e3 * row['p99']:.3f}, longest {1e3 * row['longest']:.3f}"
+        )
+        for title, row in rows
+        if row
+    ]
+    if result.real_time:
+        lines.append(aligned("Missed deadlines", str(timing.missed), f"of {len(timing.calls)} calls"))
+    if timing.late:
+        lines.append(f"  The simulation itself was late {timing.late} times: close other programs and repeat.")
+    return lines

@@ -1,0 +1,98 @@
+"""A running folder as a controller in plain Python, for the judge's loop: as fast as it goes, or in real time."""
+
+import itertools
+import math
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .process import FolderProcess, Reply
+
+SLEPT = 0.0005
+"""The last part of a wait (s) is spent looking at the clock: a sleep may last longer than asked."""
+
+
+@dataclass
+class Timing:
+    """What was measured of a run's calls (s)."""
+
+    calls: list[float] = field(default_factory=list)
+    """Time inside each call."""
+    sent: list[float] = field(default_factory=list)
+    """When each call began."""
+    missed: int = 0
+    """Periods that ended without an answer: the motors kept the torques before."""
+    late: int = 0
+    """Periods that began late because the simulation, not the controller, was slow."""
+
+    @property
+    def periods(self) -> list[float]:
+        """Times between calls."""
+        return [after - before for before, after in itertools.pairwise(self.sent)]
+
+
+class FolderController:
+    """Calls the folder at every step and waits for its answer; a fault raises ``SwingupError``."""
+
+    def __init__(self, process: FolderProcess) -> None:
+        """Wrap a running folder."""
+        self._process = process
+        self.timing = Timing()
+        self.stopped: float | None = None
+        """When a safety guard stopped the controller (s)."""
+
+    def get_control_output(self, x: np.ndarray, t: float) -> np.ndarray:
+        """The torques (2,) (N m) for the state x (4,) measured at time t (s)."""
+        self._process.send(t, x)
+        reply = self._process.receive()
+        assert reply is not None  # it waits until there is one
+        self.note(reply, t)
+        return reply.u
+
+    def note(self, reply: Reply, t: float) -> None:
+        """Take an answer's measurements in."""
+        self.timing.calls.append(reply.seconds)
+        if reply.stopped and self.stopped is None:
+            self.stopped = t
+
+
+class PacedController:
+    """The same in real time, one step a period, as a robot's loop runs.
+
+    A controller whose answer takes longer than the period is not called again until it is there. Meanwhile the
+    motors keep the torques before, and the simulation goes on.
+    """
+
+    def __init__(self, inner: FolderController, process: FolderProcess, dt: float) -> None:
+        """Wrap a folder's controller, for periods of dt (s) or what the simulation's clock says."""
+        self._inner, self._process, self._dt = inner, process, dt
+        self._begin, self._time = -math.inf, 0.0
+        self._held, self._busy = np.zeros(2), False
+
+    def get_control_output(self, x: np.ndarray, t: float) -> np.ndarray:
+        """The torques (2,) (N m) that act from time t (s)."""
+        timing, begin = self._inner.timing, self._wait(t)
+        if not self._busy:
+            timing.sent.append(begin)
+            self._process.send(t, x)
+        reply = self._process.receive(begin + self._dt - time.perf_counter())
+        self._busy = reply is None
+        if reply is None:
+            timing.missed += 1
+        else:
+            self._inner.note(reply, t)
+            self._held = reply.u
+        return self._held
+
+    def _wait(self, t: float) -> float:
+        """Wait for the period that begins at time t (s) of the simulation; when it began."""
+        now, due = time.perf_counter(), self._begin + t - self._time
+        # A loop that is late does not catch up: its next period begins now, as a robot's does.
+        self._inner.timing.late += math.isfinite(due) and not self._busy and now > due + 0.5 * self._dt
+        if due - now > SLEPT:
+            time.sleep(due - now - SLEPT)
+        while (now := time.perf_counter()) < due:
+            pass
+        self._begin, self._time = now, t
+        return now

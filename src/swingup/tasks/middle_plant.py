@@ -1,0 +1,25 @@
+"""The one plant that a policy is said to be made for, when it was trained on a domain of plants."""
+
+from types import SimpleNamespace
+
+from ..physics.parameters import NAMES, Parameters, Robot
+from ..plants.domain import Domain
+from ..policy.plant_facts import PolicyPlant, policy_plant
+
+
+def middle_plant(domain: Domain, robot: Robot) -> PolicyPlant | None:
+    """The plant in the middle of a domain's ranges, if the domain names its plant; None for the leaderboards'.
+
+    Domains around C.1 as identified that name no plant keep the estimator that their policies have always had.
+    """
+    if domain.plant is None:
+        return None
+    values = {name: domain.middle(name) for name in NAMES}
+    if "torque_limit" in domain.names:
+        values |= dict.fromkeys(("tl1", "tl2"), domain.middle("torque_limit"))
+    return policy_plant(SimpleNamespace(**values), robot, domain.plant.name)
+
+
+def parameters_of(plant: PolicyPlant) -> Parameters:
+    """The parameters of a policy's plant."""
+    return Parameters(**{name: getattr(plant, name) for name in NAMES})

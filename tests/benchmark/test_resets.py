@@ -1,0 +1,134 @@
+"""Resets, call by call beside a plain-Python implementation of the rules' text."""
+
+import math
+
+import jax
+import numpy as np
+import pytest
+
+from swingup.physics.parameters import get_robot, leaderboard_parameters
+from swingup.tasks.limits import Limits, Stop
+from swingup.tasks.resets import Resets, ResetSupervisor, start_resets, step_resets
+from swingup.tasks.throws import Thrower
+
+from .independent import ResetText
+
+MODEL = leaderboard_parameters(get_robot("acrobot"))
+ANGLE, SPEED = 3.5 * math.pi, 20.0
+GOALS = np.random.default_rng(3).uniform(-math.pi, math.pi, (101, 2))
+PID = Thrower(kp=2.0, ki=0.0, kd=0.3, dt=0.001, limit=6.0, proportional_limit=3.0)
+
+
+CALLS = 3500
+
+
+@jax.jit
+def called(resets, times, states):
+    """Torques and memories, call by call."""
+
+    def call(memory, given):
+        after, torque = step_resets(resets, memory, *given)
+        return after, (torque, after)
+
+    return jax.lax.scan(call, start_resets(resets, times.dtype), (times, states))[1]
+
+
+def follow(times, states, plan, goals=GOALS):
+    """Torques of both, call by call (NaN where the controller drives), and the last memories."""
+    count, text = len(times), ResetText(plan, goals, vars(MODEL), (ANGLE, SPEED))
+    # One shape, and so one compilation, for all tests.
+    plan = np.concatenate([plan, np.full(5 - len(plan), np.inf)])
+    times, states = (np.pad(rows, [(0, CALLS - count)] + [(0, 0)] * (rows.ndim - 1)) for rows in (times, states))
+    with jax.enable_x64(True):
+        resets = Resets(plan, goals, 1.0, 10, Limits(ANGLE, SPEED), PID, MODEL)
+        torques, memories = jax.tree.map(np.asarray, called(resets, times, states))
+    answers = [text(t, x) for t, x in zip(times[:count], states, strict=False)]
+    expected = np.array([np.full(2, np.nan) if u is None else u for u in answers])
+    found = np.where(memories.active[:count, None], torques[:count], np.nan)
+    return found, expected, jax.tree.map(lambda rows: rows[count - 1], memories), text
+
+
+def wander(seed):
+    """Uneven times of about 2.7 ms, and states that cross the limits now and then."""
+    random = np.random.default_rng(seed)
+    times = np.concatenate([[0.0], np.cumsum(random.uniform(0.0015, 0.004, CALLS - 1))])
+    noise, states = random.normal(0, [0.95, 0.95, 1.9, 1.9], (CALLS, 4)), np.zeros((CALLS, 4))
+    for k in range(1, CALLS):
+        states[k] = 0.98 * states[k - 1] + noise[k]  # deviations of 5 rad and 10 rad/s
+    return times, states
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_call_by_call_as_the_text_says(seed):
+    # 9.6 s; the last planned reset comes after the end. Both angles and both speeds exceed their limits at times.
+    times, states = wander(seed)
+    assert np.all(np.abs(states).max(axis=0) > [ANGLE, ANGLE, SPEED, SPEED])
+    found, expected, memory, text = follow(times, states, [1.0, 3.5, 5.0, 7.0, 30.0])
+    np.testing.assert_array_equal(np.isnan(found), np.isnan(expected))
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+    assert memory.begun == text.number
+    assert memory.begun > memory.planned  # some were inserted
+    next_one = [1.0, 3.5, 5.0, 7.0, 30.0][int(memory.planned)] + float(memory.delay)
+    assert next_one == pytest.approx(text.times[text.number])
+
+
+def test_without_violations_resets_come_by_plan_and_last_a_second():
+    times = 0.002 * np.arange(3000)
+    found, expected, memory, _ = follow(times, np.zeros((3000, 4)), [1.0, 2.5])
+    np.testing.assert_array_equal(np.isnan(found), np.isnan(expected))
+    driven = ~np.isnan(found[:, 0])
+    starts = np.flatnonzero(np.diff(driven.astype(int), prepend=0) == 1)
+    np.testing.assert_allclose(times[starts], [1.0, 2.5])
+    # The clock is 0.002 k in call k after the first, and the first call above 1.0 s drives no more.
+    assert driven.sum() in (1000, 1001, 1002)
+    assert (memory.begun, memory.planned, memory.delay) == (2, 2, 0.0)
+    # Hanging at rest: P clipped to 3 N m where 2 |goal| is more, no D, and no gravity torque. The first call of
+    # the second reset spans the change of goals: its D saturates.
+    np.testing.assert_allclose(found[starts[0]], np.clip(2 * GOALS[0], -3, 3), atol=1e-12)
+    np.testing.assert_allclose(found[starts[1]], 6 * np.sign(GOALS[1] - GOALS[0]), atol=1e-12)
+    np.testing.assert_allclose(found[starts[1] + 1], np.clip(2 * GOALS[1], -3, 3), atol=1e-12)
+
+
+def test_the_first_violation_delays_the_plan_by_its_own_time():
+    # By hand: plan 4 and 9. One fast sample at t = 3 inserts a reset and moves the plan to 7 and 12.
+    times, states = 0.01 * np.arange(800), np.zeros((800, 4))
+    states[300, 3] = -20.1
+    _, _, memory, text = follow(times, states, [4.0, 9.0])
+    assert text.times == pytest.approx([3.0, 7.0, 12.0, math.inf])
+    assert (memory.begun, memory.planned) == (2, 1)  # at 3 s and at 7 s
+    assert memory.delay == pytest.approx(3.0)
+
+
+def test_later_violations_delay_it_by_the_time_since_the_plan_before():
+    # Planned at 1 s; a violation at 3 s moves 4 and 9 by 3 - 1 = 2 s; one at 4.5 s by another 4.5 - 3 = 1.5 s.
+    times, states = 0.01 * np.arange(500), np.zeros((500, 4))
+    states[[300, 450], 0] = 11.0  # 3.5 π is 10.996
+    _, _, memory, text = follow(times, states, [1.0, 4.0, 9.0])
+    assert text.times == pytest.approx([1.0, 3.0, 4.5, 7.5, 12.5, math.inf])
+    assert (memory.begun, memory.planned) == (3, 1)
+    assert memory.delay == pytest.approx(3.5)
+
+
+def test_a_reset_ends_after_ten_clean_samples():
+    times, states = 0.01 * np.arange(400), np.zeros((400, 4))
+    # Too fast until t = 1.99 s: the clock alone would end the reset at about 1.51 s.
+    states[50:200, 2] = 25.0
+    found, expected, memory, _ = follow(times, states, [30.0])
+    np.testing.assert_array_equal(np.isnan(found), np.isnan(expected))
+    # It begins with sample 50; samples 200 to 209 are clean, and the tenth ends it.
+    assert np.flatnonzero(~np.isnan(found[:, 0])).tolist() == list(range(50, 209))
+    assert memory.begun == 1
+
+
+def test_the_robot_stops_at_wider_limits_and_brakes():
+    resets = Resets(np.array([30.0]), GOALS, 1.0, 10, Limits(ANGLE, SPEED), PID, MODEL)
+    supervisor = ResetSupervisor(resets, Stop(Limits(4 * math.pi, 25.0)))
+    with jax.enable_x64(True):
+        memory, step = supervisor.start(np.dtype(float)), jax.jit(lambda *given: supervisor(*given))
+        seen = []
+        for t, speed in [(0.0, 5.0), (0.002, 24.9), (0.004, 25.1), (0.006, 1.0)]:
+            memory, done = step(memory, t, np.array([0.0, 0.0, speed, -2.0]))
+            seen.append((bool(done.takes), bool(done.stops)))
+    # 24.9 rad/s throws, 25.1 stops, for good.
+    assert seen == [(False, False), (True, False), (True, True), (True, True)]
+    np.testing.assert_allclose(done.torque, [-1.0, 2.0])  # 1 N m s/rad against the velocities

@@ -1,0 +1,133 @@
+"""Trials by the real robots' rules: their pushes, their loop beside NumPy's, and the published scores."""
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+
+from swingup.benchmark.criteria import realai_score
+from swingup.benchmark.evaluate import score
+from swingup.benchmark.recording import recorded, stopped_at
+from swingup.benchmark.rollout import Record, Trajectory
+from swingup.benchmark.rules import TRIAL_RULES, get_trial_rules
+from swingup.benchmark.trials import trial_pushes, trials
+from swingup.errors import SwingupError
+from swingup.physics.parameters import get_robot, identified_parameters
+from swingup.plants.domain import make_domain
+from swingup.tasks.limits import Limits
+
+from .controllers import Swinging, swinging
+from .independent import rk4
+
+IROS = get_trial_rules("iros-real")
+BRIEF = dataclasses.replace(
+    IROS,
+    duration=2.0,
+    pushes={name: dataclasses.replace(each, apart=0.3) for name, each in IROS.pushes.items()},
+    # With a line that the tip is above from the start, so that runs succeed.
+    performance=dataclasses.replace(IROS.performance, duration=2.0, height=-1.01),
+)
+FRICTION = make_domain({"passive_limit": 0.5})
+"""The identified plant in a perfect loop."""
+
+
+@pytest.mark.parametrize(("name", "least", "most"), [("acrobot", 0.5, 0.75), ("pendubot", 0.2, 0.5)])
+def test_the_ten_sets_of_pushes(name, least, most):
+    sets = [trial_pushes(IROS, get_robot(name), trial) for trial in range(20)]
+    for pushes in sets:
+        assert pushes.centre.shape == (2, 2)  # two on each of the two joints
+        assert np.diff(np.sort(pushes.centre.ravel())).min() >= 1.0
+        assert np.all((pushes.width >= 0.05) & (pushes.width <= 0.1))
+        assert np.all((np.abs(pushes.amplitude) >= least) & (np.abs(pushes.amplitude) <= most))
+        assert np.all((pushes.centre > 0) & (pushes.centre < 10.0))
+    # Both signs come, no two of ten are alike, and trial 10 has the pushes of trial 0.
+    assert {*np.sign([each.amplitude for each in sets]).ravel()} == {-1.0, 1.0}
+    assert len({each.centre.tobytes() for each in sets}) == 10
+    np.testing.assert_array_equal(sets[3].amplitude, sets[13].amplitude)
+
+
+def independent_trial(control, pushes, limits, steps):
+    """The robot's loop: the controller, the limits of its motors, the pushes on both joints, the plant."""
+    p, x, rows = vars(identified_parameters()), np.zeros(4), []
+    for k in range(steps):
+        t = 0.002 * k
+        u = np.clip(control(x, t), -limits, limits)
+        rows.append([t, *x, *u])
+        for joint in range(2):
+            for centre, width, peak in zip(
+                pushes.centre[joint], pushes.width[joint], pushes.amplitude[joint], strict=True
+            ):
+                u[joint] += peak * math.exp(-((t - centre) ** 2) / (2 * width**2))
+        x = rk4(p, x, u, 0.002)
+    return np.array(rows)
+
+
+def test_a_trial_agrees_with_a_numpy_loop(robot):
+    # The controller pumps beyond the robot's limits within 0.3 s.
+    rules = dataclasses.replace(BRIEF, stop=Limits(angle=1e3, speed=1e3))
+    found = trials(Swinging(), robot, rules=rules, domain=FRICTION, seed=4, seeds=1)
+    limits = np.where(np.array(robot.actuation) > 0, 6.0, 0.5)
+    rows = independent_trial(swinging, trial_pushes(BRIEF, robot, 4), limits, 1000)
+    np.testing.assert_allclose(found.trajectory.x, rows[:, 1:5], rtol=1e-7, atol=1e-7)
+    # What is recorded and scored is what was asked for, within the limits and without the pushes.
+    np.testing.assert_allclose(found.trajectory.u, rows[:, 5:], rtol=1e-7, atol=1e-7)
+    expected = score(Trajectory(rows[:, 0], rows[:, 1:5], rows[:, 5:]), robot, BRIEF.performance)
+    assert found.score == pytest.approx(expected.score, rel=1e-6)
+    assert 0.2 < found.score == found.best < 1
+    assert (found.successes, found.runs[0].stop) == (1, None)
+    # Calm, the trial goes otherwise: the pushes act.
+    calm = trials(Swinging(), robot, rules=dataclasses.replace(rules, pushes={}), domain=FRICTION, seed=4, seeds=1)
+    assert np.abs(calm.trajectory.x - found.trajectory.x).max() > 0.05
+
+
+def test_a_robot_that_stops_scores_nothing():
+    rules = dataclasses.replace(BRIEF, stop=Limits(angle=4 * math.pi, speed=1.5))
+    found = trials(Swinging(), "acrobot", "fast", rules, FRICTION, seeds=1)
+    assert found.score == 0.0
+    assert found.runs[0].stop is not None
+    # The record ends before the state that exceeds the limit.
+    assert np.abs(found.trajectory.x[:, 2:]).max() <= 1.5
+    assert found.trajectory.time[-1] == pytest.approx(found.runs[0].stop - 0.002)
+    row = json.loads(json.dumps(found.as_dict()))
+    assert (row["rules"], row["successes"], row["best"], row["score"]) == ("iros-real", 0, 0.0, 0.0)
+    assert row["details"][0]["stop"] == found.runs[0].stop
+
+
+def test_a_record_ends_with_the_time_of_the_rules():
+    # Turns that come late make a simulation of 6 steps longer than 1 s: rows at 1.0 s and 1.3 s are left out.
+    time = np.array([0.0, 0.3, 0.6, 0.8, 1.0, 1.3])
+    over = np.array([False, False, False, False, False, True])
+    x, u = np.arange(24.0).reshape(6, 4), np.arange(12.0).reshape(6, 2)
+    rows = Trajectory(time, np.zeros((6, 4)), np.zeros((6, 2)), Record(x, u, over))
+    record = recorded(rows, 1.0)
+    assert record.time.tolist() == [0.0, 0.3, 0.6, 0.8]
+    np.testing.assert_array_equal(record.x, x[:4])
+    np.testing.assert_array_equal(record.u, u[:4])
+    # It stopped after the time of the rules, which does not count.
+    assert stopped_at(rows, 1.0) is None
+    assert stopped_at(rows, 2.0) == 1.3
+
+
+@pytest.mark.parametrize(
+    ("name", "criteria", "best"),
+    [
+        ("acrobot", (1.43, 15.95, 6.16, 0.23, 125.23), 0.594),
+        ("pendubot", (0.77, 11.7, 7.33, 0.237, 49.53), 0.711),
+    ],
+)
+def test_published_criteria_give_the_published_scores(name, criteria, best):
+    """AR-EAPO's best runs of IROS 2024 on the robot, as its public board prints them."""
+    names = ("swingup_time", "energy", "torque_cost", "torque_smoothness", "velocity_cost")
+    rules = IROS.performance.of(get_robot(name))
+    found = realai_score(dict(zip(names, criteria, strict=True)), rules.normalisers)
+    assert found == pytest.approx(best, abs=0.001)
+
+
+def test_the_boards_differ_in_their_pushes_alone():
+    assert set(TRIAL_RULES) == {"iros-real", "v2-real"}
+    assert dataclasses.replace(IROS, name="v2-real", pushes={}) == TRIAL_RULES["v2-real"]
+    assert (IROS.trials, IROS.duration, IROS.stop.speed, IROS.stop.angle) == (10, 10.0, 20.0, 4 * math.pi)
+    with pytest.raises(SwingupError, match="unknown trial rules 'v2': use one of iros-real, v2-real"):
+        trials(Swinging(), "acrobot", rules="v2")

@@ -1,0 +1,95 @@
+"""Baselines that are designed for other plants."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import swingup
+from swingup.control.baselines import baseline, design_of
+from swingup.control.model import model_of
+from swingup.control.optimal import OPTIMAL
+from swingup.control.own_units import scaled_optimal, scaled_published
+from swingup.control.published import PUBLISHED
+from swingup.control.search import SEARCH, follow, guesses, search
+from swingup.control.transition import PendulumTransition
+from swingup.errors import SwingupError
+from swingup.physics.parameters import get_robot, leaderboard_parameters
+from swingup.physics.units import Scales, scales_of
+from swingup.plants.plant import load_plant
+
+ONE = Scales(1.0, 1.0, 1.0, 1.0)
+
+
+def test_the_settings_on_c1_are_the_published_ones(robot):
+    published = PUBLISHED[robot.name]
+    scaled = scaled_published(published, ONE)
+    swingup_ = dataclasses.replace(
+        scaled.swingup, search=None, settings=published.swingup.settings, steps=published.swingup.steps
+    )
+    assert dataclasses.replace(scaled, swingup=swingup_) == published
+    # 1.8 s and 2 s are whole numbers of coarse steps up to rounding.
+    scaled = scaled_optimal(OPTIMAL[robot.name], ONE)
+    assert scaled.swingup.duration == pytest.approx(OPTIMAL[robot.name].swingup.duration)
+    same = dataclasses.replace(scaled.swingup, duration=OPTIMAL[robot.name].swingup.duration)
+    assert dataclasses.replace(scaled, swingup=same) == OPTIMAL[robot.name]
+
+
+def test_a_plant_like_the_leaderboards_has_the_shipped_design(robot):
+    assert design_of(robot, load_plant("C.1").frictionless()).shipped
+    assert not design_of(robot, "C.1").shipped
+
+
+def test_a_similar_pendulum_gets_a_similar_regulator(robot, similar):
+    """T × 0.5 and torques × 0.025: gains on angles × 0.025, on velocities × 0.0125; the cost-to-go has one T."""
+    plant = leaderboard_parameters(robot)
+    gains = [np.asarray(baseline("lqr", robot, each).gains) for each in (None, similar(plant))]
+    np.testing.assert_allclose(gains[1], gains[0] * [0.025, 0.025, 0.0125, 0.0125], rtol=1e-8)
+    assert baseline("lqr", robot, similar(plant)).max_cost_to_go == pytest.approx(500)
+
+
+def test_coulomb_friction_stays_out_of_the_model(robot):
+    real = load_plant("C.1").driven(robot)
+    model = model_of("C.1", robot)
+    assert (model.cf1, model.cf2) == (0.0, 0.0)
+    assert (model.b1, model.Ir) == (real.b1, real.Ir)
+
+
+@pytest.mark.slow
+def test_a_search_comes_up_and_a_finer_grid_follows_it(x64):
+    robot, plant = get_robot("acrobot"), load_plant("C.0").frictionless()
+    problem = design_of(robot, plant).published.swingup
+    settings = dataclasses.replace(problem.search, starts=1)
+    transition = PendulumTransition(
+        model_of(plant, robot), robot.joint, problem.dt * problem.steps / settings.steps
+    )
+    found = search(transition, problem.cost(settings.steps), settings, seed=0)
+    assert found.miss < 0.05
+    fine = PendulumTransition(model_of(plant, robot), robot.joint, problem.dt)
+    torque = follow(found, fine, problem.cost(problem.steps), 5.0, problem.steps)
+    assert np.abs(torque).max() <= 5.0
+    # The first states agree: the last of them has been reached by a tenth of all torques.
+    x, rows = (0.0, 0.0, 0.0, 0.0), problem.steps // 10
+    for u in torque[:rows]:
+        x = fine.step(x, u)
+    np.testing.assert_allclose(x, found.states[settings.steps // 10], atol=0.02)
+
+
+def test_guesses_repeat_and_differ():
+    assert np.array_equal(guesses(SEARCH, 1), guesses(SEARCH, 1))
+    assert not np.array_equal(guesses(SEARCH, 1), guesses(SEARCH, 2))
+    assert not guesses(SEARCH, 1)[:, -SEARCH.steps // 5 :].any()
+
+
+def test_a_motor_without_torque_is_refused():
+    weak = dataclasses.replace(load_plant("B.0").parameters, tl2=0.0)
+    with pytest.raises(SwingupError, match="the acrobot's motor has a torque limit of 0: raise tl2"):
+        baseline("lqr", "acrobot", weak)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["tvlqr", "ilqr-riccati-unregularised", "ilqr-mpc", "tvlqr-score"])
+def test_baselines_swing_up_other_plants(name):
+    plant = load_plant("C.0").frictionless()
+    assert scales_of(plant.parameters).time == pytest.approx(0.971, abs=1e-3)
+    assert swingup.evaluate(baseline(name, "acrobot", plant), "acrobot", plant=plant).criteria.success

@@ -1,0 +1,157 @@
+"""Rehearsals of exported folders: the judge's scores, real time, and what a guard did."""
+
+import dataclasses
+import json
+import time
+from importlib import resources
+
+import numpy as np
+import pytest
+
+import swingup
+from swingup.benchmark.rules import PERFORMANCE_RULES
+from swingup.cli import main
+from swingup.physics.parameters import get_robot, leaderboard_parameters
+from swingup.plants.plant import Plant, load_plant
+from swingup.policy.cloudpendulum import load_policy_controller
+from swingup.policy.export_cloudpendulum import cloudpendulum_guard, cloudpendulum_notes, export_cloudpendulum
+from swingup.policy.export_folder import export_realaigym
+from swingup.policy.guard import GuardSettings
+from swingup.policy.numpy_backend.controller import NumpyController
+from swingup.policy.plant_facts import policy_plant
+from swingup.policy.shipped import read_policy, shipped_file
+from swingup.rehearsal.loop import FolderController, PacedController
+from swingup.rehearsal.process import Reply
+from swingup.rehearsal.rehearse import rehearse
+from swingup.runtime import load_controller
+
+BRIEF = dataclasses.replace(PERFORMANCE_RULES["v2"], duration=1.5)
+BOARD = Plant("leaderboard", leaderboard_parameters(get_robot("acrobot")))
+
+
+def export(folder, form, guard=None, name="refined"):
+    """A shipped policy of the acrobot as a folder."""
+    policy = dataclasses.replace(read_policy(name, "acrobot"), guard=guard)
+    with resources.as_file(shipped_file("acrobot", name)) as source:
+        if form == "realaigym":
+            return export_realaigym(policy, source, folder, "Ada").parent
+        return export_cloudpendulum(policy, source, folder).parent
+
+
+@pytest.fixture(scope="module")
+def judged():
+    return swingup.evaluate(load_controller("refined", "acrobot"), "acrobot", rules=BRIEF)
+
+
+@pytest.mark.parametrize("form", ["realaigym", "cloudpendulum"])
+def test_a_folder_scores_as_its_policy_does_in_the_judge(form, judged, tmp_path):
+    result = rehearse(export(tmp_path / "entry", form), BOARD, None, rules=BRIEF)
+    assert result.success
+    assert (result.folder.form, result.robot, result.facts["packages"]) == (form, "acrobot", ["numpy"])
+    assert result.criteria.score == pytest.approx(judged.criteria.score, abs=1e-9)
+    np.testing.assert_allclose(result.trajectory.x, judged.trajectory.x, atol=1e-9)
+    assert len(result.timing.calls) == BRIEF.steps
+    assert result.difference is None
+
+
+def test_a_guard_that_stops_the_folder_is_reported(tmp_path):
+    folder = export(tmp_path / "entry", "realaigym", GuardSettings(velocity_limit=2.0))
+    result = rehearse(folder, BOARD, None, rules=BRIEF, duration=0.6)
+    stopped = result.facts["stopped"]
+    assert "velocity is beyond the limit" in stopped["why"]
+    # The loop is perfect: the guard sees the very state that passes its limit.
+    assert result.violation == pytest.approx(stopped["time"])
+    assert result.limits[1] == 2.0
+    assert not result.success
+    after = result.trajectory.u[np.asarray(result.trajectory.time) >= stopped["time"]]
+    assert len(after) > 10
+    assert not np.any(after)
+
+
+def test_the_command_in_real_time(tmp_path, capsys):
+    folder, rows = export(tmp_path / "entry", "realaigym", name="robot"), tmp_path / "run.csv"
+    begin = time.monotonic()
+    options = ["--plant", "A.0", "--duration", "0.1", "--real-time", "--json", "--save", str(rows)]
+    assert main(["rehearse", str(folder), *options]) == 0
+    # 50 periods of 2 ms.
+    assert time.monotonic() - begin > 0.098
+    told = json.loads(capsys.readouterr().out)
+    assert told["periods"]["p50"] >= 0.002
+    assert told["calls"]["longest"] >= told["calls"]["p99"] >= told["calls"]["p50"] > 0
+    assert told["missed"] >= 0
+    assert told["difference"].startswith("the policy was made for a plant 'leaderboard' with ")
+    assert told["domain"]["name"] == "A.0 in the loop of recorded"
+    assert len(rows.read_text().splitlines()) == 51
+
+
+class Slow:
+    """Stands in for a process whose second answer takes two and a half periods."""
+
+    def __init__(self):
+        self.calls, self.waits = [], []
+
+    def send(self, t, x):
+        self.calls.append(t)
+        self.left = 2 if len(self.calls) == 2 else 0
+
+    def receive(self, wait):
+        self.waits.append(wait)
+        if self.left:
+            self.left -= 1
+            return None
+        return Reply(np.array([0.0, self.calls[-1]]), 1e-4, len(self.calls) > 2)
+
+
+def test_torques_are_held_while_a_slow_answer_is_awaited():
+    process, dt = Slow(), 0.004
+    controller = FolderController(process)
+    paced = PacedController(controller, process, dt)
+    torques = [paced.get_control_output(np.zeros(4), step * dt)[1] for step in range(6)]
+    # The call at step 1 is answered in step 3: steps 1 and 2 keep step 0's torque, and are not called again.
+    assert process.calls == [0.0, dt, 4 * dt, 5 * dt]
+    assert torques == [0.0, 0.0, 0.0, dt, 4 * dt, 5 * dt]
+    assert controller.timing.missed == 2
+    assert controller.stopped == 4 * dt
+    periods = controller.timing.periods
+    assert min(periods) >= 0.999 * dt
+    assert periods[1] >= 2.999 * dt
+    assert max(process.waits) <= dt
+
+
+class Motor:
+    def __init__(self, position, velocity):
+        self.position, self.velocity = position, velocity
+
+
+def test_cloudpendulums_client_gives_no_time_and_gets_a_list():
+    times = iter([100.0, 100.002, 100.004, 7.0, 7.002])
+    cloud = load_policy_controller("robot", "acrobot", guard=True, clock=lambda: next(times))
+    plain = load_controller("robot", "acrobot", guard=True)
+    states = [[0.1, -0.2, 0.5, 0.3], [0.101, -0.199, 0.5, 0.3], [0.102, -0.198, 0.5, 0.3]]
+
+    def ask(x):
+        u = cloud.get_control_output([Motor(x[0], x[2]), Motor(x[1], x[3])])
+        assert [type(each) for each in u] == [float, float]
+        return u
+
+    first = [ask(x) for x in states]
+    expected = [plain(x, 0.002 * step).tolist() for step, x in enumerate(states)]
+    np.testing.assert_allclose(first, expected, atol=1e-9)
+    # Another run, by a clock of another origin.
+    cloud.reset()
+    np.testing.assert_allclose([ask(x) for x in states[:2]], first[:2], atol=1e-9)
+    assert (cloud.fault, cloud.robot.name) == (None, "acrobot")
+
+
+def test_the_cells_limits():
+    policy = read_policy("robot", "acrobot")
+    assert cloudpendulum_notes(policy)[0].startswith("it may command 6 N m, and CloudPendulum's motors give 0.15")
+    cell = policy_plant(load_plant("cloudpendulum").parameters, policy.robot, "cell")
+    front_end = dataclasses.replace(policy.front_end, passive_limit=0.005)
+    fits = dataclasses.replace(policy, plant=cell, torque_limit=0.05, front_end=front_end)
+    assert cloudpendulum_notes(fits) == []
+    controller = NumpyController(fits, guard=cloudpendulum_guard(fits.period))
+    assert controller.guard.settings.velocity_limit == 50.0
+    # The compensation of C.1's friction exceeds what the cell's plant allows.
+    torques = [controller(np.array([1.0, 1.0 + 0.08 * step, 40.0, 40.0]), 0.002 * step) for step in range(5)]
+    assert np.abs(torques).max(axis=0) == pytest.approx([0.005, 0.13])

@@ -1,0 +1,153 @@
+"""A log beside plants: errors of the right plant vanish, and pages and figures show them."""
+
+import dataclasses
+import json
+import re
+
+import numpy as np
+import pytest
+
+from swingup.cli import main
+from swingup.errors import SwingupError
+from swingup.identification.open_loop import by_speed, error_row, predict_log, stretches
+from swingup.identification.recording import read_recording
+from swingup.identification.scoring import prediction_errors, score_windows, summarise
+from swingup.identification.windows import Windows
+from swingup.physics.parameters import ROBOTS, save_parameters
+from swingup.plants.domain import Domain, make_domain
+from swingup.plants.plant import Plant
+from swingup.report.closed_loop import close_loop, driven_robot
+from swingup.report.compare import Comparison, compare
+from swingup.report.compare_study import study_of
+from swingup.report.plot_study import plot_study
+from swingup.report.save_study import save_study
+from swingup.report.study_page import render_study
+
+from .logs import C1, write_log
+
+HEAVY = dataclasses.replace(C1, I2=1.3 * C1.I2)
+PERFECT = {"delay": 0.0, "lag": 3e-4}
+"""The loop of the simulated logs; with it nothing is fitted."""
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    return write_log(tmp_path_factory.mktemp("logs") / "run_$1.csv")
+
+
+@pytest.fixture(scope="module")
+def comparison(log):
+    plants = {"right": make_domain({"plant": "C.1", **PERFECT}), "heavy": _domain(HEAVY)}
+    found = compare(log, plants)
+    run = close_loop(found.recording, lambda x, t: [0.5, 0.0], "mine:push", ROBOTS["pendubot"], plants["right"])
+    return dataclasses.replace(found, runs={"right": run})
+
+
+def _domain(plant):
+    return Domain(tuple((name, value, value) for name, value in PERFECT.items()), "heavy", Plant("heavy", plant))
+
+
+def test_the_right_plant_predicts_and_another_does_not(comparison):
+    right, heavy = (each.horizons for each in comparison.predictions)
+    # What is left is the integrators' difference and the lag of 0.3 ms.
+    assert right["0.25"].angle < 2e-3
+    assert right["1"].angle < 2e-2
+    assert all(heavy[key].angle > 10 * right[key].angle for key in right)
+    assert right["1"].windows < right["0.5"].windows
+
+
+def test_errors_up_to_half_a_second_are_those_of_the_fixed_scoring(comparison):
+    windows = score_windows([comparison.recording])
+    for each in comparison.predictions:
+        scored = summarise(prediction_errors(each.setting, each.model[None], windows))
+        for key, row in scored.items():
+            assert (each.horizons[key].angle, each.horizons[key].velocity) == pytest.approx(tuple(row.values()))
+
+
+def test_rows_of_errors_by_hand():
+    row = error_row(np.array([[3.0, 4.0, 0.0, 1.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 1.0, 0.0]]))
+    assert row.angle == pytest.approx(np.sqrt(25 / 6))
+    assert row.angle_median == 0.0
+    assert row.velocity == row.velocity_median == pytest.approx(np.sqrt(1 / 2))
+    assert error_row(np.zeros((0, 4))).angle is None
+
+
+def test_windows_are_grouped_by_their_fastest_joint():
+    start = np.zeros((8, 4))
+    start[:, 3] = [8, 7, 6, 5, 4, 3, 2, 1]
+    nothing = np.zeros((8, 10, 4))
+    windows = Windows(np.zeros(8, int), np.arange(8.0), start, np.zeros((8, 1, 2)), nothing)
+    errors = nothing + start[:, None, 3:]
+    rows = by_speed(windows, errors)
+    assert [(row.slowest, row.fastest, row.errors.windows) for row in rows] == [
+        (1.0, 2.0, 2), (3.0, 4.0, 2), (5.0, 6.0, 2), (7.0, 8.0, 2)
+    ]  # fmt: skip
+    assert rows[0].errors.angle == pytest.approx(np.sqrt((1 + 4) / 2))
+
+
+def test_delay_and_lag_come_from_the_domain(comparison):
+    assert comparison.predictions[0].fitted == ()
+    model = comparison.as_dict()["plants"]["right"]["model"]
+    assert (model["delay"], model["lag"]) == (0.0, 3e-4)
+
+
+@pytest.mark.slow
+def test_delay_and_lag_that_nobody_says_are_fitted(log):
+    found = predict_log(read_recording(log), make_domain({"plant": "C.1"}), "C.1")
+    assert found.fitted == ("delay", "lag")
+    assert found.as_dict()["model"]["delay"] + found.as_dict()["model"]["lag"] < 1.5e-3
+
+
+def test_drawn_stretches_pass_through_the_log(comparison):
+    recording, right = comparison.recording, comparison.predictions[0]
+    drawn = stretches(recording, right.setting, right.model, 0.5)
+    row = np.searchsorted(recording.time, drawn.time[0, 7])  # between two predicted states
+    assert drawn.x[0, 7, :2] == pytest.approx(recording.q[row], abs=0.02)
+
+
+def test_the_robot_of_a_log_is_that_of_its_torque(log, tmp_path):
+    assert driven_robot(read_recording(log)).name == "pendubot"
+    free = read_recording(write_log(tmp_path / "free.csv", driven=False))
+    with pytest.raises(SwingupError, match=r"free\.csv has no torque: say --robot"):
+        driven_robot(free)
+
+
+def test_the_page_stands_alone(comparison):
+    html = render_study(study_of(comparison))
+    markup = re.sub(r"<script.*?</script>|<style.*?</style>", "", html, flags=re.DOTALL)
+    assert not re.search(r"""\b(src|href|action)=["'](?!#|data:)""", markup)
+    assert len(re.findall("</script>", html)) == 3
+    data = json.loads(re.search(r'id="data">(.*?)</script>', html, re.DOTALL).group(1))
+    assert [len(items) for items in data["plots"]] == [1, 2, 2, 1]
+    for text in ("Errors by horizon", "Errors by speed", "Closed loop: right", "mine:push on the pendubot"):
+        assert text in markup
+
+
+def test_the_figure_has_all_panels(comparison, tmp_path):
+    figure = plot_study(study_of(comparison))
+    panels = [axes for part in figure.subfigs for axes in part.axes]
+    assert len(panels) == 5 + 2 + 2 + 5
+    save_study(study_of(comparison), tmp_path / "compare.svg")
+    assert (tmp_path / "compare.svg").stat().st_size > 10_000
+    with pytest.raises(SwingupError, match=r"must end in \.html or \.png"):
+        save_study(study_of(comparison), tmp_path / "compare.txt")
+
+
+def test_notes_say_what_is_missing(comparison):
+    swing = comparison.recording  # it starts at 1.5 rad
+    assert "the simulated run begins hanging at rest, the log does not" in comparison.notes
+    assert Comparison(swing, comparison.predictions, comparison.drawn, {}).notes == list(swing.warnings)
+
+
+def test_the_command(log, tmp_path, capsys):
+    save_parameters(C1, tmp_path / "mine.yml")
+    with (tmp_path / "mine.yml").open("a") as file:
+        file.write("delay: 0.0\nlag: 0.0003\n")
+    out = tmp_path / "compare.html"
+    assert main(["compare", str(log), "--plant", str(tmp_path / "mine.yml"), "--out", str(out), "--json"]) == 0
+    (plant,) = json.loads(capsys.readouterr().out)["plants"].values()
+    assert plant["errors"]["0.25"]["angle"] < 2e-3
+    assert [row["windows"] for row in plant["speeds"]]
+    assert out.stat().st_size > 100_000
+    assert main(["compare", str(log), "--plant", "nothing"]) == 2
+    assert "unknown plant 'nothing'" in capsys.readouterr().err

@@ -1,0 +1,108 @@
+"""Tasks in their plant's own units: C.1's as they are, and the same decision process for a similar pendulum."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from swingup.benchmark.own_units import sim2real_in_own_units
+from swingup.benchmark.rules import SIM2REAL_RULES
+from swingup.errors import SwingupError
+from swingup.physics.parameters import leaderboard_parameters
+from swingup.plants.domain import Domain, load_domain
+from swingup.plants.plant import load_plant
+from swingup.tasks.presets import get_task, sim2real_task, smooth_task
+from swingup.tasks.throws import thrown_states
+
+STEPS = 60
+
+
+SLOW_GLOBAL = pytest.param("global", marks=pytest.mark.slow)
+"""Its many throws take seconds."""
+
+
+@pytest.mark.parametrize("name", ["paper", "smooth", SLOW_GLOBAL])
+def test_the_leaderboards_plant_gives_todays_task(name, either_robot):
+    assert get_task(name, either_robot, leaderboard_parameters(either_robot)) == get_task(name, either_robot)
+
+
+def test_a_scaled_task_has_the_numbers_of_its_units(either_robot, similar):
+    # T = 0.5 and torques of 0.025: rates are doubled, their weights 0.5², the torque's weight 1 / 0.025².
+    task = smooth_task(either_robot, similar(leaderboard_parameters(either_robot)))
+    numbers = (
+        task.dt,
+        task.torque_cost,
+        task.reset_rate,
+        task.cost_velocity_limit,
+        task.observation.velocity_scale,
+    )
+    assert numbers == pytest.approx((0.005, 1600.0, 2.0, 40.0, 40.0))
+    assert task.state_cost == pytest.approx((50.0, 50.0, 1.0, 0.5))
+    assert (task.reward_scale, task.max_steps, task.reset_noise) == (0.001, 1000, 0.01)
+
+
+@eqx.filter_jit
+def episode(task, actions):
+    """Observations, rewards and tip heights over the length of an episode from one key."""
+    start = task.reset(jax.random.key(1))
+
+    def advance(state, action):
+        step = task.step(state, action, jax.random.key(2))
+        return step.state, (step.observation, step.reward)
+
+    return task.observe(start), jax.lax.scan(advance, start, actions)[1]
+
+
+@pytest.mark.parametrize("name", ["smooth", pytest.param("paper", marks=pytest.mark.slow)])
+def test_a_similar_pendulum_has_the_same_decision_process(name, either_robot, x64, similar):
+    actions = jnp.asarray(np.random.default_rng(0).uniform(-1, 1, (STEPS, 1)))
+    task = get_task(name, either_robot)
+    twin = get_task(name, either_robot, similar(task.parameters))
+    expected, found = episode(task, actions), episode(twin, actions)
+    # It moves, and both angles and rates are observed.
+    assert np.ptp(expected[1][0], axis=0).min() > 0.05
+    for mine, theirs in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_allclose(mine, theirs, rtol=1e-8, atol=1e-10)
+
+
+@pytest.mark.slow
+def test_throws_of_a_similar_pendulum_are_the_same_in_its_units(either_robot, x64, similar):
+    plant = leaderboard_parameters(either_robot)
+    expected, found = (thrown_states(np.random.default_rng(0), each, 8, 10) for each in (plant, similar(plant)))
+    assert np.abs(expected[:, 2:]).max() > 5
+    np.testing.assert_allclose(found, expected * [1, 1, 2, 2], rtol=1e-8, atol=1e-10)
+
+
+@pytest.mark.slow
+def test_the_global_tasks_starts_and_line_are_in_the_plants_units(either_robot, similar):
+    task = get_task("global", either_robot)
+    twin = get_task("global", either_robot, similar(task.parameters))
+    assert twin.up_line_width == pytest.approx(0.25 * 0.01)
+    # The last thousands are drawn, not simulated: anywhere, then hanging.
+    np.testing.assert_allclose(twin.starts[-6000:], task.starts[-6000:] * np.array([1, 1, 2, 2]), rtol=1e-6)
+
+
+def test_the_robots_task_is_in_the_units_of_its_domains_plant(either_robot):
+    around_c1 = load_domain("randomised")
+    task = sim2real_task(either_robot, around_c1)
+    assert task.parameters == leaderboard_parameters(either_robot)
+    assert (task.calls, task.dt, task.observation.velocity_scale) == (5, 0.01, 20.0)
+    assert sim2real_in_own_units(SIM2REAL_RULES, around_c1, either_robot) is SIM2REAL_RULES
+    # T is 0.4258 of C.1's: actions of 4.3 ms, two steps of the loop, and speeds up to 20 / 0.4258 rad/s.
+    small = Domain((("m1", 0.1, 0.11),), plant=load_plant("cloudpendulum"))
+    task = sim2real_task(either_robot, small)
+    assert (task.calls, task.torque_cost) == (2, pytest.approx((6 / 0.13) ** 2))
+    assert task.observation.velocity_scale == pytest.approx(46.97, abs=0.01)
+    assert sim2real_in_own_units(SIM2REAL_RULES, small, either_robot).speed == pytest.approx(46.97, abs=0.01)
+
+
+def test_a_scaled_task_needs_a_torque_and_a_plant_of_its_own(either_robot):
+    plant = load_plant("C.1")
+    idle = dataclasses.replace(plant, parameters=dataclasses.replace(plant.parameters, tl1=0.0, tl2=0.0))
+    with pytest.raises(SwingupError, match="= 0 N m must be positive"):
+        get_task("smooth", either_robot, idle)
+    with pytest.raises(SwingupError, match="give a domain, not a plant"):
+        get_task("sim2real", either_robot, plant)
