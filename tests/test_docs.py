@@ -132,6 +132,10 @@ def test_command_lines_run_in_their_order(tmp_path, monkeypatch, small_grid, bri
         shutil.copy(source, "best.npz")
     shutil.copy(ROOT / "src" / "swingup" / "plants" / "domains" / "identified.yml", "mine.yml")
     Path("mine.py").write_text(MINE, encoding="utf-8")
+    logs = ROOT / "examples" / "logs"
+    shutil.copytree(logs, "examples/logs")
+    for name in ("free-fall", "excitation"):
+        shutil.copy(logs / f"cloudpendulum-{name}.csv", f"{name}.csv")
     assert main(["evaluate", "acrobot", "--save", "robot.csv"]) == 0
     lines = [param.values[0] for param in command_lines()]
     assert all(any(text in line for line in lines) for text in LEFT_OUT)
