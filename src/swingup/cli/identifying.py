@@ -9,6 +9,9 @@ from tyro.conf import Positional, arg
 from ..errors import SwingupError
 from ..files import check_writable
 from ..identification.identify import Identification, identify
+from ..report.files import check_suffix
+from ..report.identification_study import study_of_identification
+from ..report.save_study import STUDY_FORMATS, save_study
 from ..text import quoted
 from .output import tell, tell_json
 
@@ -32,6 +35,7 @@ def identify_command(
     known: KnownValues = (),
     sessions: Sessions = (),
     seed: int = 0,
+    page: Annotated[str | None, arg(metavar="FILE.html")] = None,
     json: bool = False,
 ) -> int:
     """Fit a pendulum's parameters and its loop to logs; takes a minute or less for five logs of 10 s.
@@ -46,12 +50,16 @@ def identify_command(
         known: values that you know.
         sessions: labels, where offsets, torque gain and delay differ between logs.
         seed: seed of the intervals' bootstrap.
+        page: page (.html) or figure (.png, .svg, .pdf): windows, residuals, friction curves and held-out errors.
         json: print one JSON object.
     """
     if not logs:
         raise SwingupError("swingup identify needs LOG.csv...: see swingup identify --help")
     if out is not None:
         check_writable(out)
+    if page is not None:
+        check_suffix(page, STUDY_FORMATS)
+        check_writable(page)
     begun = time.monotonic()
     found = identify(logs, test, start, _known(known), sessions or None, seed)
     Console(stderr=True).print(f"fitted in {time.monotonic() - begun:.0f} s", highlight=False)
@@ -59,6 +67,8 @@ def identify_command(
         tell_json(found.as_dict())
     else:
         tell(*identification_lines(found))
+    if page is not None:
+        save_study(study_of_identification(found), page)
     if out is not None:
         domain = found.save(out)
         if not json:

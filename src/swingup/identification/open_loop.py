@@ -156,7 +156,11 @@ def fastest_speeds(windows: Windows, outputs: int) -> Float[np.ndarray, "windows
 
 def stretches(recording: Recording, setting: Setting, model: Float[np.ndarray, "15"], length: float) -> Stretches:
     """Predictions of ``length`` (s) over a whole log, one after another, as smooth curves."""
-    windows = cut_windows(recording, length, stride=length, least_speed=0.0)
+    return predicted_stretches(setting, model, cut_windows(recording, length, stride=length, least_speed=0.0))
+
+
+def predicted_stretches(setting: Setting, model: Float[np.ndarray, "15"], windows: Windows) -> Stretches:
+    """Predictions over windows as smooth curves."""
     if not len(windows):
         return Stretches(np.zeros((0, 1)), np.zeros((0, 1, 4)))
     states = np.concatenate([windows.start[:, None], predict(setting, model, windows)], axis=1)

@@ -1,6 +1,5 @@
 """A study's panels as one figure: parts below each other, tables and notes left to the page."""
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..errors import SwingupError
@@ -10,7 +9,7 @@ from .style import COLOURS, legend_below, new_figure, plain, styled
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 WIDTH = 8.5
 SERIES_HEIGHT, PANEL_HEIGHT = 1.15, 2.4
@@ -26,36 +25,41 @@ def plot_study(study: Study) -> "Figure":
     Raises:
         SwingupError: there is no panel, or matplotlib is not installed.
     """
-    rows = [row for part in study.parts for row in _rows(part)]
-    if not rows:
+    parts = [part for part in study.parts if part.panels]
+    if not parts:
         raise SwingupError("nothing to draw: no stretch of the log is long enough")
-    heights = [height for _, height, _ in rows]
+    heights = [_height(part) for part in parts]
     with styled():
         figure = new_figure(WIDTH, sum(heights) + 0.8)
         figure.suptitle(plain(study.title), fontsize=11)
         entries: dict[str, Artist] = {}
-        parts = figure.subfigures(len(rows), 1, height_ratios=heights, squeeze=False)[:, 0]
-        for place, (panels, _, title) in zip(parts, rows, strict=True):
-            axes = place.subplots(1, len(panels), squeeze=False)[0]
-            for each, panel in zip(axes, panels, strict=True):
-                _draw(each, panel, entries)
-            if title:
-                axes[0].set_title(title, loc="left", fontweight="bold")
+        places = figure.subfigures(len(parts), 1, height_ratios=heights, squeeze=False)[:, 0]
+        for place, part in zip(places, parts, strict=True):
+            _draw_part(place, part, entries)
         legend_below(figure, [(artist, name) for name, artist in entries.items()])
     return figure
 
 
-def _rows(part: Part) -> list[tuple[Sequence[Panel], float, str]]:
-    """Panels side by side, their height, and a title in the first row."""
-    panels = list(part.panels)
-    across, height = (1, SERIES_HEIGHT) if part.over_time else (SIDE_BY_SIDE, PANEL_HEIGHT)
-    groups = [panels[first : first + across] for first in range(0, len(panels), across)]
-    # Room for the title, and for the axis below the last row.
-    extra = [0.25 * (k == 0) + 0.3 * (part.over_time and k == len(groups) - 1) for k in range(len(groups))]
-    return [
-        (group, height + more, part.title if k == 0 else "")
-        for k, (group, more) in enumerate(zip(groups, extra, strict=True))
-    ]
+def _height(part: Part) -> float:
+    """Room for the panels, their title, and the time axis."""
+    if part.over_time:
+        return SERIES_HEIGHT * len(part.panels) + 0.5
+    return PANEL_HEIGHT * -(-len(part.panels) // SIDE_BY_SIDE) + 0.25
+
+
+def _draw_part(place: "SubFigure", part: Part, entries: dict[str, "Artist"]) -> None:
+    count = len(part.panels)
+    columns = 1 if part.over_time else min(count, SIDE_BY_SIDE)
+    grid = place.subplots(-(-count // columns), columns, squeeze=False, sharex=part.over_time)
+    axes = list(grid.ravel())
+    for each, panel in zip(axes[:count], part.panels, strict=True):
+        _draw(each, panel, entries)
+        if part.over_time and each is not axes[count - 1]:
+            each.set_xlabel("")
+    for each in axes[count:]:
+        each.set_axis_off()
+    axes[0].set_title(plain(part.title), loc="left", fontweight="bold")
+    place.align_ylabels(axes)
 
 
 def _draw(axes: "Axes", panel: Panel, entries: dict[str, "Artist"]) -> None:
