@@ -147,7 +147,7 @@ def judge_trials(
     def judge(found: Controller, chosen: Robot, progress: Progress) -> Trials:
         return trials_of.trials(found, chosen, controller, rules, domain, seed, seeds, progress)
 
-    return judge_and_tell(robot, controller, estimator, judge, trials_lines, output)
+    return judge_and_tell(robot, controller, estimator, judge, trials_lines, output, domain.plant)
 
 
 @dataclass(frozen=True)
