@@ -21,7 +21,7 @@ BLOCK = 1.0
 SHAPE = 4.0
 """Shape of the Gamma distribution of the other weights: their variance is the inverse."""
 DRAWS = 400
-WIDENING = 2.0
+WIDENING = 1.75
 """Factor on the draws' distance from the solution. The bootstrap does not see what all windows have in common:
 errors of the smoother and of the integration. Chosen on simulated pendulums that are not among those reported."""
 LEVEL = 0.95
