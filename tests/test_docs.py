@@ -140,6 +140,8 @@ def test_command_lines_run_in_their_order(tmp_path, monkeypatch, small_grid, bri
     shutil.copytree(logs, "examples/logs")
     for name in ("free-fall", "excitation"):
         shutil.copy(logs / f"cloudpendulum-{name}.csv", f"{name}.csv")
+    for number, name in enumerate("abc", start=1):
+        shutil.copy(logs / f"C1-excitation-{number}.csv", f"{name}.csv")
     assert main(["evaluate", "acrobot", "--save", "robot.csv"]) == 0
     lines = [param.values[0] for param in command_lines()]
     assert all(any(text in line for line in lines) for text in LEFT_OUT)
