@@ -4,7 +4,18 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ..benchmark.board_rules import BOARD_RULES, BoardRules
-from . import comparing, exporting, identifying, pictures, planning, refining, rehearsing, sweeping, training
+from . import (
+    comparing,
+    exciting,
+    exporting,
+    identifying,
+    pictures,
+    planning,
+    refining,
+    rehearsing,
+    sweeping,
+    training,
+)
 from .boards import BoardCommands, check_command, score_command
 from .judging import JudgingCommands
 from .parsing import parse
@@ -13,7 +24,7 @@ DESCRIPTION = """Swing up and balance the acrobot and the pendubot with AR-EAPO.
 
 Judge controllers: evaluate, robustness, uptime, sim2real, leaderboard, score, check.
 
-Make them: train, sweep, refine, trajectory, identify.
+Make them: train, sweep, refine, trajectory, excite, identify.
 
 Show and share them: compare, plot, report, export, rehearse."""
 
@@ -44,6 +55,7 @@ def run_command(arguments: Sequence[str], boards: Boards | None = None) -> int:
         "sweep": sweeping.sweep,
         "refine": refining.refine_command,
         "trajectory": planning.trajectory,
+        "excite": exciting.excite_command,
         "identify": identifying.identify_command,
         "compare": comparing.compare_command,
         "plot": pictures.plot,

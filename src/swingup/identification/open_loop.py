@@ -5,18 +5,17 @@ After 1 s an error says less: where the motion is unstable any plant is lost by 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from ..physics.parameters import NAMES as PLANT_NAMES
-from ..physics.parameters import Parameters
 from ..plants.domain import Domain
 from ..plants.loop import LOOP_DT
 from .estimate import Study, fit_start
 from .prediction import INDEX, NAMES, Setting, predict, setting_of, vector_of
+from .prior import middle_plant
 from .recording import Recording
 from .scoring import HORIZONS, prediction_errors, score_windows
 from .smoothing import REACH, smooth
@@ -103,9 +102,7 @@ def predict_log(recording: Recording, domain: Domain, name: str) -> OpenLoop:
         domain: plant and loop.
         name: of the plant in the result.
     """
-    plant = replace(
-        domain.base, **{each: domain.middle(each) for each in domain.names if each in vars(domain.base)}
-    )
+    plant = middle_plant(domain)
     setting, start = setting_of(plant), _start(domain, vector_of(plant))
     known = {each: float(start[INDEX[each]]) for each in LOOP if _says(domain, each)}
     fitted = tuple(each for each in LOOP if each not in known) if any(recording.driven) else ()
@@ -118,11 +115,6 @@ def predict_log(recording: Recording, domain: Domain, name: str) -> OpenLoop:
         errors = far if horizon == LONGEST else near
         rows[f"{horizon:g}"] = error_row(errors[:, round(horizon / INTERVAL) - 1])
     return OpenLoop(name, setting, model, fitted, rows, by_speed(short, near))
-
-
-def middle_plant(domain: Domain) -> Parameters:
-    """The plant in the middle of the domain's ranges."""
-    return replace(domain.base, **{name: domain.middle(name) for name in domain.names if name in PLANT_NAMES})
 
 
 def error_row(errors: Float[np.ndarray, "windows 4"]) -> ErrorRow:

@@ -114,7 +114,7 @@ def _in_chunks(setting: Setting, derivatives: bool, model: np.ndarray, windows: 
 @functools.lru_cache(maxsize=16)
 def _compiled(setting: Setting, outputs: int, derivatives: bool) -> Callable[..., Any]:
     def rollout(model: Array, start: Array, impulse: Array) -> Array:
-        return _rollout(setting, outputs, model, start, impulse)
+        return predict_window(setting, outputs, model, start, impulse)
 
     def both(model: Array, start: Array, impulse: Array) -> Array:
         pushed = functools.partial(jax.jvp, lambda each: rollout(each, start, impulse), (model,))
@@ -124,7 +124,7 @@ def _compiled(setting: Setting, outputs: int, derivatives: bool) -> Callable[...
     return jax.jit(jax.vmap(both if derivatives else rollout, (None, 0, 0)))
 
 
-def _rollout(setting: Setting, outputs: int, model: Array, start: Array, impulse: Array) -> Array:
+def predict_window(setting: Setting, outputs: int, model: Array, start: Array, impulse: Array) -> Array:
     """States at the output times of one window, in measured angles."""
     m = dict(zip(NAMES, model, strict=True))
     plant = lump_base(setting, m)

@@ -7,7 +7,8 @@ from typing import Any
 
 from ..control.registry import get_controller
 from ..errors import SwingupError
-from ..identification.open_loop import OpenLoop, Stretches, middle_plant, predict_log, stretches
+from ..identification.open_loop import OpenLoop, Stretches, predict_log, stretches
+from ..identification.prior import middle_plant
 from ..identification.recording import Recording, read_recording
 from ..physics.parameters import Robot, get_robot
 from ..plants.domain import Domain

@@ -1,0 +1,88 @@
+"""The command ``excite``: torques that make a robot show its parameters."""
+
+from dataclasses import replace
+from typing import Annotated, Literal
+
+from tyro.conf import arg
+
+from ..files import check_writable
+from ..identification.excitation import Excitation
+from ..identification.excite import excite
+from ..identification.prior import prior_around
+from ..plants.domain import Domain, load_domain
+from ..plants.plant import load_plant
+from .arguments import PLANT_HELP
+from .output import tell, tell_json
+
+
+def excite_command(
+    out: Annotated[str, arg(metavar="FILE.csv")],
+    plant: Annotated[
+        str | None, arg(metavar="PLANT", help=PLANT_HELP.replace("the leaderboards' plant, ", ""))
+    ] = None,
+    domain: Annotated[str | None, arg(metavar="DOMAIN")] = None,
+    joint: Literal["both", "shoulder", "elbow"] = "both",
+    duration: float = 10.0,
+    torque: float | None = None,
+    speed: float | None = None,
+    angle: float = 3.0,
+    quantum: float | None = None,
+    seed: int = 0,
+    json: bool = False,
+) -> int:
+    """Write torques for identification, within limits that are checked on all plants that the robot may be.
+
+    The file has time, torques (tau1, tau2) and the motion to expect (pos, vel, acc), 500 rows a second. Play the
+    torques from hanging at rest, without feedback, and give the robot's log to swingup identify.
+
+    Args:
+        out: the excitation's file.
+        plant: the robot, as far as it is known.
+        domain: ranges of what the robot may be: a domain's name or file. Default: around the plant.
+        joint: which motors act.
+        duration: length (s).
+        torque: largest torque (N m). Default: that of the motors.
+        speed: largest speed of a joint (rad/s). Default: 20 on design C.1, other plants in their own units.
+        angle: largest angle of a joint from hanging (rad).
+        quantum: step of the encoders (rad). Default: the domain's, or 3.81e-4.
+        seed: seed of the search.
+        json: print one JSON object.
+    """
+    check_writable(out)
+    prior = find_prior(plant, domain)
+    found = excite(prior, duration, joint, torque, speed, angle, quantum, seed)
+    found.save(out)
+    if json:
+        tell_json({"domain": prior.name, "joint": joint, "seed": seed, **found.as_dict()})
+    else:
+        tell(*excitation_lines(found, prior), f"wrote {out}")
+    return 0
+
+
+def find_prior(plant: str | None, domain: str | None) -> Domain:
+    """What the robot may be: a domain, perhaps around another plant, or ranges around a plant.
+
+    Raises:
+        SwingupError: there is no such plant or domain.
+    """
+    if domain is None:
+        return prior_around(load_plant(plant or "C.1"))
+    found = load_domain(domain)
+    return found if plant is None else replace(found, plant=load_plant(plant))
+
+
+def excitation_lines(found: Excitation, prior: Domain) -> list[str]:
+    """What it reaches on all checked plants, and how well the parameters would be determined."""
+    torques = [abs(found.torque[:, joint]).max() for joint in (0, 1)]
+    pairs = zip(torques, found.limits.torque, strict=True)
+    lines = [
+        f"{found.time[-1]:.3g} s, checked on {found.plants} plants of {prior.name}",
+        "  largest torque " + ", ".join(f"{u:.3g} of {limit:.3g} N m" for u, limit in pairs),
+        f"  largest speed {found.speed:.3g} of {found.limits.speed:.3g} rad/s, "
+        f"angle {found.angle:.3g} of {found.limits.angle:.3g} rad",
+        f"  {'expected 95 % half-width':<26}{'typical':>10}{'worst':>10}",
+    ]
+    for name, each in found.prospects.items():
+        remark = "" if each.determined else "   would not be determined"
+        lines.append(f"  {name:<26}{each.typical:>10.1%}{each.worst:>10.1%}{remark}")
+    return lines

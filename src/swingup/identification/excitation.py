@@ -1,0 +1,93 @@
+"""An excitation: torques to play on a robot, the motion that they should make, and what its log would tell."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..table import write_columns
+from .reading import NARROW
+from .waves import PERIOD
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the robot may do."""
+
+    torque: tuple[float, float]
+    """Of each motor (N m); 0 on a joint that is not driven."""
+    speed: float
+    """Of either joint (rad/s)."""
+    angle: float
+    """Of either joint, from hanging (rad)."""
+
+
+@dataclass(frozen=True)
+class Prospect:
+    """How well one parameter would be determined: halves of 95 % intervals, relative to the value."""
+
+    typical: float
+    """Median over plants of the prior."""
+    worst: float
+    """Largest."""
+
+    @property
+    def determined(self) -> bool:
+        """Whether the interval would be narrow on a typical plant."""
+        return self.typical <= 0.5 * NARROW
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """A torque sequence, the motion it makes in the middle of the prior, and what to expect of it."""
+
+    torque: Float[np.ndarray, "rows 2"]
+    """N m, rows ``PERIOD`` apart."""
+    state: Float[np.ndarray, "rows 4"]
+    """Of the plant in the middle of the prior (rad, rad/s)."""
+    limits: Limits
+    angle: float
+    """Largest angle over all checked plants (rad)."""
+    speed: float
+    """Largest speed over all checked plants (rad/s)."""
+    plants: int
+    """Number of checked plants."""
+    prospects: Mapping[str, Prospect]
+    quantum: float
+    """Step of the encoders (rad)."""
+
+    @property
+    def time(self) -> Float[np.ndarray, "rows"]:
+        """Of the rows (s)."""
+        return PERIOD * np.arange(len(self.torque))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Ready for JSON."""
+        return {
+            "duration": len(self.torque) * PERIOD,
+            "limits": vars(self.limits) | {"torque": list(self.limits.torque)},
+            "reached": {
+                "torque": np.abs(self.torque).max(axis=0).tolist(),
+                "speed": self.speed,
+                "angle": self.angle,
+            },
+            "plants": self.plants,
+            "quantum": self.quantum,
+            "half_widths": {name: vars(each) for name, each in self.prospects.items()},
+            "determined": {name: each.determined for name, each in self.prospects.items()},
+        }
+
+    def save(self, path: str | Path) -> None:
+        """Write time, motion and torques under RealAIGym's names, which CloudPendulum's files have as well.
+
+        Raises:
+            SwingupError: the file cannot be written.
+        """
+        columns = {"time": self.time}
+        columns |= dict(zip(("pos1", "pos2", "vel1", "vel2"), self.state.T, strict=True))
+        columns |= dict(zip(("acc1", "acc2"), np.gradient(self.state[:, 2:], PERIOD, axis=0).T, strict=True))
+        columns |= dict(zip(("tau1", "tau2"), self.torque.T, strict=True))
+        write_columns(path, columns)

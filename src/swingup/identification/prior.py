@@ -1,0 +1,74 @@
+"""What a robot may be before it is identified: models drawn from a domain, and a domain around a plant."""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from ..physics.parameters import NAMES as PLANT_NAMES
+from ..physics.parameters import Parameters
+from ..plants.domain import Domain, make_domain
+from ..plants.plant import Plant
+from .plant_file import domain_of
+from .prediction import INDEX, NAMES, vector_of
+
+MASSES = 0.2
+"""Base parameters around a plant that a drawing or a fit of another specimen gives: this part lower or higher."""
+ROTOR = (0.5, 2.5)
+FRICTION = (0.4, 1.6)
+"""Rotors' inertia and Coulomb friction, as multiples. Source: fits of one robot in several sessions."""
+LEAST_FRICTION = 0.02
+"""Coulomb friction may reach this part of gravity's torque where the plant has none."""
+DELAY, LAG = (0.001, 0.006), (0.001, 0.004)
+"""s. Source: fits of recordings."""
+
+
+def prior_around(plant: Plant) -> Domain:
+    """A domain around a plant's facts: as wide as specimens of one design, and sessions of one robot, differ."""
+    vector, p = vector_of(plant.parameters), plant.parameters
+    torque = float(p.g) * vector[0]
+    around = dict.fromkeys(NAMES[:4], (1 - MASSES, 1 + MASSES)) | {
+        "rotor": ROTOR,
+        "cf1": FRICTION,
+        "cf2": FRICTION,
+    }
+    ranges = {name: (low * vector[INDEX[name]], high * vector[INDEX[name]]) for name, (low, high) in around.items()}
+    for joint in ("1", "2"):
+        low, high = ranges[f"cf{joint}"]
+        ranges[f"cf{joint}"] = (min(low, high), max(low, high, LEAST_FRICTION * torque))
+        damping = vector[INDEX[f"b{joint}"]]
+        ranges[f"b{joint}"] = (min(damping, 0.0), max(3 * damping, 0.002 * torque))
+    content = domain_of(p, ranges | {"delay": DELAY, "lag": LAG})
+    found = make_domain(content, f"around {plant.name}")
+    return replace(found, plant=plant)
+
+
+def middle_plant(domain: Domain) -> Parameters:
+    """The plant in the middle of the domain's ranges."""
+    return replace(domain.base, **{name: domain.middle(name) for name in domain.names if name in PLANT_NAMES})
+
+
+def draw_models(domain: Domain, count: int, seed: int) -> Float[np.ndarray, "count 15"]:
+    """Models of plants and loops from the domain's ranges, evenly; the first is the middle of all ranges."""
+    random = np.random.default_rng(seed)
+    names = [name for name, _, _ in domain.ranges]
+    low, high = (np.array([row[place] for row in domain.ranges]) for place in (1, 2))
+    part = np.concatenate([np.full((1, len(names)), 0.5), random.random((count - 1, len(names)))])
+    return np.stack([_model(domain, dict(zip(names, low + row * (high - low), strict=True))) for row in part])
+
+
+def corner_models(domain: Domain) -> Float[np.ndarray, "corners 15"]:
+    """Models of the plants at the ends of the domain's ranges, with the largest torque gains."""
+    highest = {name: high for name, _, high in domain.ranges if name in ("gain1", "gain2")}
+    return np.stack([_model(domain, highest, plant) for plant in domain.corners()])
+
+
+def _model(domain: Domain, values: dict[str, float], plant: Parameters | None = None) -> np.ndarray:
+    """A model's vector; loop values that the domain does not have are typical ones."""
+    own = {name: value for name, value in values.items() if name in PLANT_NAMES}
+    vector = vector_of(replace(domain.base, **own) if plant is None else plant)
+    for name in ("gain1", "gain2", "delay", "lag"):
+        if name in values:
+            vector[INDEX[name]] = values[name]
+    vector[INDEX["lag"]] = max(vector[INDEX["lag"]], 3e-4)
+    return vector

@@ -1,0 +1,176 @@
+"""Excitations: waves within limits, the information in a motion, and what is checked over a prior."""
+
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+
+from swingup.cli import exciting, main
+from swingup.errors import SwingupError
+from swingup.identification import excite as search
+from swingup.identification.excitation import Excitation, Limits, Prospect
+from swingup.identification.information import covariance, information, noise_of, unknowns_of
+from swingup.identification.prediction import INDEX, setting_of, vector_of
+from swingup.identification.prior import corner_models, draw_models, prior_around
+from swingup.identification.recording import read_recording
+from swingup.identification.trial import Trial, try_out
+from swingup.identification.waves import BAND, FREE, PERIOD, random_waves, torques, varied
+from swingup.physics.implicit_friction import implicit_friction_step
+from swingup.plants.domain import make_domain
+from swingup.plants.plant import load_plant
+
+C1 = load_plant("C.1")
+SETTING = setting_of(C1.parameters).coarse
+LIMITS = np.array([2.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def sequence():
+    """Three seconds of torque on both joints."""
+    time = PERIOD * np.arange(1500)
+    return np.stack([1.2 * np.sin(5 * time), 0.6 * np.sin(8 * time)], axis=1)
+
+
+@pytest.fixture(scope="module")
+def models():
+    return draw_models(prior_around(C1), 3, 0)
+
+
+@pytest.fixture(scope="module")
+def trial(models, sequence):
+    return try_out(SETTING, models, np.stack([0.1 * sequence, sequence]))
+
+
+def test_waves_keep_limits_and_end_free():
+    random = np.random.default_rng(0)
+    waves = random_waves(random, 5, 0.75, np.array([1.0, 0.0]))
+    for each in (waves, varied(random, waves, 7, 0.75)):
+        found = torques(each, 4.0, LIMITS)
+        assert np.all(np.abs(found) <= LIMITS + 1e-12)
+        assert np.all(found[:, :, 1] == 0)
+        assert np.abs(found[:, :, 0]).max(axis=1) == pytest.approx(2.0 * each.share[:, 0], rel=0.5)
+        assert np.all(found[:, round((1 - FREE) * 4.0 / PERIOD) :] == 0)
+        assert np.all(found[:, 0] == 0)
+        assert np.all((each.frequency >= 0.75 * BAND[0]) & (each.frequency <= 0.75 * BAND[1]))
+
+
+def test_a_trial_is_the_integrator_step_by_step(sequence, models, trial):
+    with jax.enable_x64(True):
+        step = jax.jit(implicit_friction_step)
+        x = np.zeros(4)
+        for u in sequence[:100]:
+            x = np.asarray(step(C1.parameters, x, u, PERIOD))
+    single = try_out(SETTING, vector_of(C1.parameters)[None], sequence[None])
+    assert single.states[0, 0, 4] == pytest.approx(x, abs=1e-9)  # after four intervals of 50 ms
+    assert trial.states.shape == (2, 3, 60, 4)
+    assert np.all(trial.speed[1] > trial.speed[0])
+    assert np.all(trial.speed >= np.abs(trial.states[..., 2:]).max(axis=(2, 3)) - 1e-12)
+
+
+def test_limits_must_hold_on_all_plants():
+    angle, speed = np.array([[1.0, 2.0], [1.0, 1.5]]), np.array([[5.0, 5.0], [5.0, np.inf]])
+    trial = Trial(np.zeros((2, 2, 1, 4)), angle, speed)
+    assert trial.holds(2.0, 5.0).tolist() == [True, False]
+    assert trial.holds(1.9, 5.0).tolist() == [False, False]
+
+
+def test_information_grows_with_motion_and_falls_with_noise(sequence, models, trial):
+    unknowns = unknowns_of(SETTING, models[0])
+    sequences = np.stack([0.1 * sequence, sequence])
+    fine, coarse = (
+        information(SETTING, models, sequences, trial, unknowns, noise_of(quantum, 2.3)) for quantum in (4e-4, 4e-3)
+    )
+    assert fine.shape == (2, 3, len(unknowns.names), len(unknowns.names))
+    volumes = [np.linalg.slogdet(covariance(unknowns, each))[1] for each in (fine, coarse)]
+    assert np.all(volumes[0][1] < volumes[0][0])
+    assert np.all(volumes[0][1] < volumes[1][1])
+    # Gravity's first moment is among the best known, the rotors' inertia not.
+    spread = np.sqrt(np.diagonal(covariance(unknowns, fine)[1, 0]))
+    assert spread[unknowns.names.index("first")] < spread[unknowns.names.index("rotor")]
+
+
+def test_without_motion_nothing_is_learnt(models):
+    still = try_out(SETTING, models, np.zeros((1, 1500, 2)))
+    unknowns = unknowns_of(SETTING, models[0])
+    found = information(SETTING, models, np.zeros((1, 1500, 2)), still, unknowns, noise_of(4e-4, 2.3))
+    assert np.all(found == 0)
+    assert np.sqrt(np.diagonal(covariance(unknowns, found)[0, 0])) == pytest.approx(unknowns.spread)
+
+
+def test_noise_of_the_smoother():
+    # 21 rows: the central weight of a cubic is that of a parabola, 3 (3 n² - 7) / (4 n (n² - 4)) with n = 21.
+    angle = 1e-3 / np.sqrt(12) * np.sqrt(3 * (3 * 21**2 - 7) / (4 * 21 * (21**2 - 4)))
+    assert noise_of(1e-3, 1.0).state[0] == pytest.approx(angle)
+    assert noise_of(0.0, 1.0).state[0] == 1e-5
+
+
+def test_a_prior_around_a_plant_and_from_a_domain():
+    prior = prior_around(C1)
+    drawn, corners = draw_models(prior, 50, 0), corner_models(prior)
+    first = INDEX["first"]
+    middle = vector_of(C1.parameters)[first]
+    assert drawn[0, first] == pytest.approx(middle, rel=0.02)
+    assert corners[:, first].min() <= drawn[:, first].min() < 0.9 * middle
+    assert corners[:, first].max() >= drawn[:, first].max() > 1.1 * middle
+    assert np.array_equal(draw_models(prior, 50, 0), drawn)
+    gains = draw_models(make_domain({"plant": "C.1", "gain1": [0.8, 1.0]}), 50, 0)[:, INDEX["gain1"]]
+    assert 0.8 <= gains.min() < 0.82
+    assert 0.98 < gains.max() <= 1.0
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """A search that is none: two members and no generation, on few plants."""
+    for name, value in {"POPULATION": 2, "KEPT": 1, "GENERATIONS": 0, "CHECKED_PLANTS": 4}.items():
+        monkeypatch.setattr(search, name, value)
+
+
+def test_the_command_writes_what_it_checked(quick, tmp_path, capsys):
+    out = tmp_path / "excitation.csv"
+    words = ["excite", "--joint", "shoulder", "--duration", "3", "--speed", "9", "--out", str(out)]
+    assert main(words) == 0
+    text = capsys.readouterr().out
+    assert "checked on" in text
+    assert "would not be determined" in text
+    table = np.genfromtxt(out, delimiter=",", names=True)
+    assert table.dtype.names == ("time", "pos1", "pos2", "vel1", "vel2", "acc1", "acc2", "tau1", "tau2")
+    assert len(table) == 1500
+    assert np.all(table["tau2"] == 0)
+    assert 0 < np.abs(table["vel1"]).max() <= 9
+    before = out.read_bytes()
+    assert main(words) == 0
+    assert out.read_bytes() == before
+    assert read_recording(out).driven == (True, False)
+    # What is written is what was checked: the torques make that motion on the plant in the middle.
+    model = draw_models(exciting.find_prior(None, None), 1, 0)
+    u = np.stack([table["tau1"], table["tau2"]], axis=1)
+    motion = try_out(SETTING, model, u[None], PERIOD).states[0, 0]
+    assert motion[:, 2] == pytest.approx(table["vel1"])
+
+
+def test_arguments_that_make_no_sense(quick):
+    prior = prior_around(C1)
+    with pytest.raises(SwingupError, match="torque = 7"):
+        search.excite(prior, torque=7.0)
+    with pytest.raises(SwingupError, match="unknown joint 'hip'"):
+        search.excite(prior, joint="hip")
+    with pytest.raises(SwingupError, match="duration = 1"):
+        search.excite(prior, duration=1)
+
+
+def test_limits_that_nothing_keeps(quick):
+    # Negative damping: the pendulum swings up by itself.
+    wild = make_domain({"plant": "C.1", "b1": -0.5, "b2": -0.5, "cf1": 0.0, "cf2": 0.0})
+    with pytest.raises(SwingupError, match="no torque keeps all plants within 3 rad"):
+        search.excite(wild, duration=3)
+
+
+def test_what_is_determined():
+    excitation = Excitation(
+        np.zeros((3, 2)), np.zeros((3, 4)), Limits((6.0, 0.0), 20.0, 3.0), 1.0, 2.0, 5,
+        {"I2": Prospect(0.05, 0.3), "b1": Prospect(0.2, 0.3)}, 1e-4,
+    )  # fmt: skip
+    assert excitation.as_dict()["determined"] == {"I2": True, "b1": False}
+    assert dataclasses.asdict(excitation.prospects["I2"]) == {"typical": 0.05, "worst": 0.3}
+    assert excitation.time.tolist() == [0.0, 0.002, 0.004]
