@@ -10,6 +10,9 @@ OURS := $(VENV)/.made-by-swingup
 leaderboard: $(READY)
 	$(BIN)/swingup leaderboard
 
+# Bytecode is kept, whatever the shell says: the tests start dozens of processes, and each would compile the sources.
+test slow: export PYTHONDONTWRITEBYTECODE =
+
 test: $(READY)
 	$(BIN)/python -m pytest -n 2 --dist worksteal
 

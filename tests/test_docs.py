@@ -94,7 +94,11 @@ def test_command_line_parses(line, parse):
     assert parse(shlex.split(line)) == 0
 
 
-LEFT_OUT = {"--scheduler": "a cluster", "--recipe recover": "six minutes; tests/refine has it"}
+LEFT_OUT = {
+    "--scheduler": "a cluster",
+    "identify ": "tests/identification has logs",
+    "--recipe recover": "six minutes; tests/refine has it",
+}
 """Command lines that do not run here, and why."""
 SHORTER = {r"--seeds \d+": "--seeds 1", r"--frames \d+": "--frames 16384"}
 """Options that are shortened before a command line runs."""
@@ -132,6 +136,12 @@ def test_command_lines_run_in_their_order(tmp_path, monkeypatch, small_grid, bri
         shutil.copy(source, "best.npz")
     shutil.copy(ROOT / "src" / "swingup" / "plants" / "domains" / "identified.yml", "mine.yml")
     Path("mine.py").write_text(MINE, encoding="utf-8")
+    logs = ROOT / "examples" / "logs"
+    shutil.copytree(logs, "examples/logs")
+    for name in ("free-fall", "excitation"):
+        shutil.copy(logs / f"cloudpendulum-{name}.csv", f"{name}.csv")
+    for number, name in enumerate("abc", start=1):
+        shutil.copy(logs / f"C1-excitation-{number}.csv", f"{name}.csv")
     assert main(["evaluate", "acrobot", "--save", "robot.csv"]) == 0
     lines = [param.values[0] for param in command_lines()]
     assert all(any(text in line for line in lines) for text in LEFT_OUT)

@@ -13,8 +13,10 @@ if TYPE_CHECKING:
     from .benchmark.disturbances import make_disturbance
     from .benchmark.evaluate import Evaluation, evaluate, score
     from .benchmark.leaderboard import Board, leaderboard
+    from .benchmark.recorded_uptime import RecordedUptime, recorded_uptime
     from .benchmark.robustness import Robustness, robustness
     from .benchmark.sim2real import Sim2Real, sim2real
+    from .benchmark.trials import Trials, trials
     from .benchmark.uptime import Uptime, uptime
     from .control.baselines import baseline
     from .control.check import check_controller
@@ -34,14 +36,18 @@ _HOMES = {
     "Evaluation": "benchmark.evaluate",
     "Plant": "plants.plant",
     "Rehearsal": "rehearsal.result",
+    "RecordedUptime": "benchmark.recorded_uptime",
     "Sim2Real": "benchmark.sim2real",
+    "Trials": "benchmark.trials",
     "Robustness": "benchmark.robustness",
     "Uptime": "benchmark.uptime",
     "baseline": "control.baselines",
     "check_controller": "control.check",
     "evaluate": "benchmark.evaluate",
     "get_controller": "control.registry",
+    "recorded_uptime": "benchmark.recorded_uptime",
     "sim2real": "benchmark.sim2real",
+    "trials": "benchmark.trials",
     "identify": "identification.identify",
     "Identification": "identification.identify",
     "leaderboard": "benchmark.leaderboard",
@@ -62,10 +68,12 @@ __all__ = [
     "Evaluation",
     "Identification",
     "Plant",
+    "RecordedUptime",
     "Rehearsal",
     "Robustness",
     "Sim2Real",
     "SwingupError",
+    "Trials",
     "Uptime",
     "__version__",
     "baseline",
@@ -77,11 +85,13 @@ __all__ = [
     "load_plant",
     "load_policy",
     "make_disturbance",
+    "recorded_uptime",
     "rehearse",
     "robustness",
     "score",
     "shipped_policy",
     "sim2real",
+    "trials",
     "uptime",
 ]  # fmt: skip
 

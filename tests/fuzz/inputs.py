@@ -132,6 +132,14 @@ def policy(random):
     if random.random() < 0.3:
         names = ["dt", "damping", "coulomb", "dead_band", "velocity_weight", "passive_limit", "spacing", "x"]
         metadata["front_end"] = {random.choice(names): random.choice([*EXTREMES, [1e9, 1], 1000])}
+    if random.random() < 0.3:
+        names = ["dt", "angle_limit", "velocity_limit", "longest_pause", "torque_rate", "braking", "x"]
+        metadata |= {"format_version": 2, "guard": {random.choice(names): random.choice([*EXTREMES, None, 1000])}}
+    if random.random() < 0.3:
+        metadata |= {
+            "format_version": 2,
+            "plant": PLANT | {random.choice([*PLANT, "name", "x"]): random.choice(EXTREMES)},
+        }
     return _archive(random, metadata, arrays)
 
 

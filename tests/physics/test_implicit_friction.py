@@ -50,7 +50,7 @@ def test_stiff_friction_is_stable():
     assert 100 * 0.01 * 0.002 / least > 20
     # Friction holds both joints: arctan(100 dq) lets them creep. RK4 chatters for ever.
     speeds = [np.abs(follow(step, plant, 0.002, 500)[-1, 2:]).max() for step in (implicit_friction_step, rk4_step)]
-    assert speeds[0] < 0.02 < 0.1 < speeds[1]
+    assert speeds[0] < 0.03 < 0.1 < speeds[1]
 
 
 def test_a_torque_below_the_friction_moves_nothing():

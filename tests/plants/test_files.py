@@ -91,3 +91,12 @@ def test_a_run_keeps_the_plant_of_its_domain():
     again = run_settings_from_dict(json.loads(json.dumps(settings.as_dict())))
     assert again.domain == domain
     assert again.domain != Domain(domain.ranges, domain.name, load_plant("C.0"), "driver")
+
+
+def test_a_domain_with_all_of_a_plants_values_has_that_plant():
+    """What is trained on it carries the middle of its ranges."""
+    values = vars(load_plant("B.0").parameters)
+    domain = make_domain({**values, "m1": [0.6, 0.8], "delay": 0.002}, "mine.yml")
+    assert domain.plant.name == "mine.yml"
+    assert vars(domain.plant.parameters) == {**values, "m1": pytest.approx(0.7)}
+    assert make_domain({"m1": [0.5, 0.6]}).plant is None

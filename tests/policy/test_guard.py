@@ -95,7 +95,7 @@ FAULTS = {
 }
 
 
-def guarded(name="pendubot-bare", **settings):
+def guarded(name="pendubot-ar-eapo", **settings):
     return dataclasses.replace(policy(name), guard=GuardSettings(**settings))
 
 
@@ -109,7 +109,7 @@ def run(controller, times, states):
     return np.array(torques), stop
 
 
-@pytest.mark.parametrize("name", ["pendubot-bare", "acrobot-robot"])
+@pytest.mark.parametrize("name", ["pendubot-ar-eapo", "acrobot-robot"])
 @pytest.mark.parametrize("fault", FAULTS)
 def test_faults(fault, name):
     """The guard stops the controller at the call of the fault, for good; before, it changes no torque."""
@@ -150,7 +150,7 @@ def in_c(tmp_path_factory):
 
 
 @compiled.needs_gcc
-@pytest.mark.parametrize("name", ["pendubot-bare", "acrobot-robot"])
+@pytest.mark.parametrize("name", ["pendubot-ar-eapo", "acrobot-robot"])
 @pytest.mark.parametrize("fault", FAULTS)
 def test_c_does_the_same(in_c, name, fault):
     times, states = changed(FAULTS[fault][0])
@@ -169,7 +169,7 @@ def test_c_does_the_same(in_c, name, fault):
 
 def test_a_joint_that_stands_still_under_a_large_torque():
     """A broken encoder may show rest: the torque tells. 0.2 s are exceeded in the 101st repeated call."""
-    controller = NumpyController(guarded("pendubot-bare"))
+    controller = NumpyController(guarded("pendubot-ar-eapo"))
     controller._network = lambda x: 3.1  # above half of 6 N m
     for call in range(102):
         assert controller.guard.fault is None, call
@@ -182,7 +182,7 @@ def test_a_joint_that_stands_still_under_a_large_torque():
 
 
 def test_a_torque_that_is_not_finite():
-    controller = NumpyController(guarded("pendubot-bare"))
+    controller = NumpyController(guarded("pendubot-ar-eapo"))
     controller._network = lambda x: np.nan
     assert not controller(np.zeros(4), 0.0).any()
     assert controller.guard.fault.reason == Reason.TORQUE
@@ -190,7 +190,7 @@ def test_a_torque_that_is_not_finite():
 
 def test_the_torque_changes_no_faster_than_allowed():
     """150 N m/s for 2 ms are 0.3 N m; a call after 4 ms may change it by 0.6 N m."""
-    controller = NumpyController(guarded("pendubot-bare", torque_rate=150.0))
+    controller = NumpyController(guarded("pendubot-ar-eapo", torque_rate=150.0))
     controller._network = lambda x: wanted.pop(0)
     wanted = [1.0, 1.0, 1.0, 1.0, -9.0, -9.0]
     times = [0.0, 0.002, 0.004, 0.006, 0.008, 0.012]
@@ -201,7 +201,7 @@ def test_the_torque_changes_no_faster_than_allowed():
 
 
 def test_the_torques_are_within_the_motors_limits():
-    controller = NumpyController(guarded("pendubot-bare"))
+    controller = NumpyController(guarded("pendubot-ar-eapo"))
     controller._network = lambda x: 7.5
     assert controller(np.zeros(4), 0.0).tolist() == [6.0, 0.0]
 
@@ -215,7 +215,7 @@ def test_the_estimator_knows_what_the_motor_was_given():
 
 def test_braking():
     """-kd q̇ on the driven joint within its limit, until the measurement is unsound; then nothing, for good."""
-    controller = NumpyController(guarded("pendubot-bare", braking=0.2, velocity_limit=10.0))
+    controller = NumpyController(guarded("pendubot-ar-eapo", braking=0.2, velocity_limit=10.0))
     # (velocity of the shoulder, torque): 0.2 · 11 = 2.2; 20 is still believed, 20.1 is beyond twice the limit.
     rows = [(11.0, -2.2), (-8.0, 1.6), (20.0, -4.0), (20.1, 0.0), (5.0, -1.0), (np.nan, 0.0), (5.0, 0.0)]
     for call, (rate, torque) in enumerate(rows):
@@ -253,7 +253,7 @@ def test_realaigym_controllers(name):
 
 def test_who_has_a_guard(tmp_path):
     path = tmp_path / "p.npz"
-    write_pendulum_policy(path, guarded("pendubot-bare", velocity_limit=50.0), {})
+    write_pendulum_policy(path, guarded("pendubot-ar-eapo", velocity_limit=50.0), {})
     found = read_pendulum_policy(path)
     assert found.guard == GuardSettings(velocity_limit=50.0)
     assert load_controller(path).guard.settings == found.guard

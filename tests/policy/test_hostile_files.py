@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from swingup.errors import SwingupError
+from swingup.physics.parameters import get_robot, identified_parameters
 from swingup.policy.c_backend.header import c_header
 from swingup.policy.file import FORMAT, FORMAT_VERSION
 from swingup.policy.numpy_backend.controller import NumpyController
 from swingup.policy.pendulum import read_pendulum_policy
+from swingup.policy.plant_facts import policy_plant, write_plant
 
 METADATA = {
     "format": FORMAT,
@@ -21,6 +23,8 @@ METADATA = {
     "observation": [{"name": "pendulum", "angles": "sincos"}, {"name": "normalise", "clip": 10.0, "epsilon": 1e-8}],
     "estimator": {"caution": 20.0, "longest_dead_time": 25},
     "front_end": {"damping": [0.001, 0.001], "coulomb": [0.1, 0.1], "spacing": 5},
+    "plant": write_plant(policy_plant(identified_parameters(), get_robot("acrobot"), "C.1")),
+    "guard": {"velocity_limit": 1000.0, "torque_rate": 500.0, "braking": 0.1},
 }
 
 HUGE = [1e300, 1e308, -1e300, float("nan"), float("inf"), 10**400, 2**63, 1e-300, 0, -1]

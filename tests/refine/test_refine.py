@@ -16,6 +16,7 @@ from swingup.control.baselines import baseline
 from swingup.errors import SwingupError
 from swingup.physics.angles import UPRIGHT
 from swingup.physics.parameters import get_robot, leaderboard_parameters
+from swingup.plants.plant import load_plant
 from swingup.policy.jax_backend.controller import PolicyController, shipped_policy
 from swingup.policy.jax_backend.observation import PendulumObservation
 from swingup.policy.jax_backend.policy import Policy
@@ -198,3 +199,11 @@ def test_a_recipe_reports_repeats_itself_and_keeps_the_observation():
     assert not np.array_equal(weights[0], weights[2])
     assert first.policy.stages == small().policy.stages
     assert first.policy.actor.std_head is None
+
+
+@pytest.mark.slow
+def test_a_recipe_on_another_plant_leaves_a_policy_for_it():
+    plant = load_plant("cloudpendulum-rods")
+    refined = run_recipe(small(), ACROBOT, (GradientStage(SHORT, FEW),), 5, plant=plant)
+    assert refined.plant.name == "cloudpendulum-rods"
+    assert refined.torque_limit == pytest.approx(0.13)

@@ -111,9 +111,7 @@ def test_bad_domains(tmp_path, content, message):
 
 
 def test_unknown_domains(tmp_path):
-    with pytest.raises(
-        SwingupError, match="unknown domain 'moon': use identified, randomised, recorded, a plant's name or a"
-    ):
+    with pytest.raises(SwingupError, match="unknown domain 'moon': use identified, randomised, recorded,"):
         load_domain("moon")
     with pytest.raises(SwingupError, match="No such file or directory; check the path"):
         load_domain(tmp_path / "none.yml")

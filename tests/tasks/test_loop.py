@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from swingup.physics.parameters import NAMES, get_robot
-from swingup.plants.domain import load_domain, make_domain
+from swingup.plants.domain import PLANT, SESSIONS, load_domain, make_domain
 from swingup.plants.loop import EVERY_LOOP, LONGEST
 from swingup.tasks.clock import Clock, Times, start_times
 from swingup.tasks.disturbance import Pushes, measured_state, motor_torques, step_period, undisturbed
@@ -120,15 +120,22 @@ def test_every_number_of_the_recorded_domain_says_where_it_comes_from():
     text = (resources.files("swingup.plants") / "domains" / "recorded.yml").read_text(encoding="utf-8")
     rows = [line for line in text.splitlines() if line and not line.startswith("#")]
     assert {row.partition(":")[0] for row in rows} - {"velocities"} <= {*NAMES, *EVERY_LOOP}
-    assert all("Source:" in row for row in rows)
+    assert all("Source:" in row or "Chosen" in row for row in rows)
+
+
+@pytest.mark.parametrize("name", SESSIONS)
+def test_sessions_have_facts(name):
+    domain = load_domain(f"session-{name}")
+    assert domain.names >= {*PLANT, "delay", "lag", "quantum1", "offset2"}
+    assert all(low == high for _, low, high in domain.ranges)
 
 
 def test_the_recorded_ranges_are_as_wide_as_the_recordings():
-    """Base parameters relative to the identified plant, where r1, m2 and l1 keep their values."""
+    """Base parameters relative to the identified plant, where m2 and l1 keep their values."""
     domain = load_domain("recorded")
     ends = {name: array(low, high) for name, low, high in domain.ranges}
     base = domain.base
-    first = (ends["m1"] * base.r1 + base.m2 * base.l1) / (base.m1 * base.r1 + base.m2 * base.l1)
+    first = (ends["m1"] * ends["r1"] + base.m2 * base.l1) / (base.m1 * base.r1 + base.m2 * base.l1)
     widest = {
         "m1 r1 + m2 l1": (first, 0.87, 1.02), "m2 r2": (ends["r2"] / base.r2, 0.95, 1.05),
         "I2": (ends["I2"] / base.I2, 0.95, 1.05), "Ir": (ends["Ir"], 6e-5, 1.4e-4),

@@ -251,3 +251,11 @@ def test_recovering_is_rewarded_for_being_up_and_not_for_being_slow(robot):
     saturated = 1 - np.exp(-0.05 * np.pi**2 / 0.3)
     assert float(task.reward(hanging, still)) == pytest.approx(-0.5 * (saturated + 1), rel=1e-5)
     assert float(task.reward(jnp.array([0.0, 0.0, 15.0, 15.0]), still)) >= -1.0
+
+
+def test_the_anywhere_task_has_the_quadratic_cost_and_the_global_tasks_starts(robot):
+    task = made("anywhere", robot)
+    # Hanging, -0.001 · 50 π² = -0.4935 of the paper's reward, saturated: -(1 - exp(-0.4935)). Upright nothing.
+    for q1, reward in ((0.0, -0.3895), (PI, 0.0)):
+        assert float(task.reward(jnp.array([q1, 0.0, 0.0, 0.0]), jnp.zeros(2))) == pytest.approx(reward, abs=1e-4)
+    assert np.array_equal(task.starts, made("global", robot).starts)

@@ -13,7 +13,7 @@ from ..report.files import check_suffix
 from ..report.identification_study import study_of_identification
 from ..report.save_study import STUDY_FORMATS, save_study
 from ..text import quoted
-from .output import tell, tell_json
+from .output import printable, tell, tell_json
 
 Logs = Positional[Annotated[tuple[str, ...], arg(metavar="LOG.csv...", help="logs to fit.")]]
 TestLogs = Annotated[tuple[str, ...], arg(metavar="LOG.csv...", help="logs to report errors on; not fitted.")]
@@ -62,8 +62,12 @@ def identify_command(
         check_writable(page)
     begun = time.monotonic()
     found = identify(logs, test, start, _known(known), sessions or None, seed)
-    Console(stderr=True).print(f"fitted in {time.monotonic() - begun:.0f} s", highlight=False)
+    console = Console(stderr=True)
+    console.print(f"fitted in {time.monotonic() - begun:.0f} s", highlight=False)
     if json:
+        # Standard output holds one object; what logs showed is said beside it.
+        for warning in (text for recording in found.recordings for text in recording.warnings):
+            console.print(printable(warning), soft_wrap=True, highlight=False, markup=False)
         tell_json(found.as_dict())
     else:
         tell(*identification_lines(found))

@@ -147,7 +147,7 @@ def judge_trials(
     def judge(found: Controller, chosen: Robot, progress: Progress) -> Trials:
         return trials_of.trials(found, chosen, controller, rules, domain, seed, seeds, progress)
 
-    return judge_and_tell(robot, controller, estimator, judge, trials_lines, output)
+    return judge_and_tell(robot, controller, estimator, judge, trials_lines, output, domain.plant)
 
 
 @dataclass(frozen=True)
@@ -295,8 +295,9 @@ class JudgingCommands:
             estimator: whether a state estimator stands before it.
             rules: sim2real (success as above), or those of a real robot's board, which score what it records:
                 iros-real (pushes on both joints) or v2-real (none).
-            domain: plant and loop: identified, randomised or recorded (other plants for each seed), or a YAML file.
-                By default identified for sim2real, and recorded for the boards.
+            domain: plant and loop: identified, randomised or recorded (other plants for each seed), a session of
+                the robot, as session-acrobot, or a YAML file. By default identified for sim2real, and recorded for
+                the boards.
             plant: a plant for a domain that has none, as identified; its loop is then in the plant's own units.
             seed: seed of noise and plants.
             seeds: seeds in a row; 100 for sim2real by default, and 10 for the boards.

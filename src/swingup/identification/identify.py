@@ -21,7 +21,7 @@ from .notes import make_notes
 from .plant_file import domain_of, representative, write_plant
 from .prediction import INDEX, NAMES, Setting, setting_of, vector_of
 from .reading import TITLES, Reading, read_solution
-from .recording import Recording, read_recording
+from .recording import Recording, read_recording, sensors
 from .regression import check_joints
 from .scoring import LENGTH, Errors, prediction_errors, score_windows, summarise
 from .windows import Windows, cut_windows, join
@@ -40,7 +40,7 @@ class Identification:
     """Estimates, intervals, and which of them the logs determine."""
     errors: Mapping[str, Errors]
     """Of the fitted model and of the starting plant, on held-out motion."""
-    domain: Mapping[str, float | Sequence[float]]
+    domain: Mapping[str, Any]
     """Ranges of plant and loop: what was not determined stays wide."""
     notes: Sequence[str]
     """What a user should know of the logs and the fit."""
@@ -150,7 +150,7 @@ def _hold_out(recordings: Sequence[Recording], windows: Windows) -> tuple[Window
 
 def _read(
     study: Study, final: Fit, windows: Windows, start: Parameters, seed: int
-) -> tuple[Reading, dict[str, float | list[float]], Parameters]:
+) -> tuple[Reading, dict[str, Any], Parameters]:
     """Intervals, the domain and the plant of a solution."""
     draws = draw_solutions(final, windows, seed)
     reading = read_solution(final.unknowns, final.z, draws, study.has_scale, list(study.known), seed)
@@ -158,4 +158,4 @@ def _read(
     fitted = representative(model, start)
     value = {name: (float(model[name]), float(model[name])) for name in INDEX}
     ranges = {name: reading.intervals.get(TITLES.get(name, name), value[name]) for name in value}
-    return reading, domain_of(fitted, ranges), fitted
+    return reading, domain_of(fitted, ranges, sensors(study.recordings)), fitted

@@ -56,7 +56,9 @@ def check_motion(
                 f"{name}: joint {label} never moves (its angle stays within {reach:.2g} rad): check the encoder, "
                 "or leave this log out"
             )
-        fastest = float(np.quantile(np.abs(slopes[:, joint]), 0.99))
+        # Slopes of angles in degrees may look slower: their jumps were taken for turns.
+        speeds = slopes[:, joint] if dq is None else np.concatenate([slopes[:, joint], dq[:, joint]])
+        fastest = float(np.quantile(np.abs(speeds), 0.99))
         if fastest > FASTEST:
             raise SwingupError(
                 f"{name}: joint {label} moves at {fastest:.0f} rad/s: convert degrees to rad (57.3 to 1)"

@@ -33,7 +33,7 @@ def make_notes(
         notes.append("of delay and lag the logs determine the sum, not the parts")
     unknown = [name for name, sure in reading.determined.items() if not sure and name in reading.intervals]
     if unknown:
-        notes.append(f"not determined (interval wider than 20 % of the value): {', '.join(unknown)}")
+        notes.append(f"not determined (interval wider than 25 % of the value): {', '.join(unknown)}")
     return tuple(notes)
 
 

@@ -6,6 +6,7 @@ chosen whose masses are near the starting plant's and whose links could be built
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from ..version import __version__
 
 Range = tuple[float, float]
 
+SHORTEST_LAG = 3e-4
+"""s"""
 MARGIN = 1.05
 """Inertia above that of a point mass, m r²."""
 
@@ -43,17 +46,18 @@ def representative(base: Mapping[str, float], start: Parameters) -> Parameters:
     return validated(found)
 
 
-def domain_of(plant: Parameters, ranges: Mapping[str, Range]) -> dict[str, float | list[float]]:
+def domain_of(plant: Parameters, ranges: Mapping[str, Range], sensors: Mapping[str, float | str]) -> dict[str, Any]:
     """A domain's content: ranges of plant and loop around an identified plant.
 
     Where wide ranges have corners that are no pendulum, they are narrowed together until none is left.
 
     Args:
         plant: the representative.
-        ranges: of the base parameters, frictions, ``delay`` and ``lag`` (s).
+        ranges: of the base parameters, frictions, offsets, ``delay`` and ``lag`` (s).
+        sensors: the encoders' quanta (rad) and where velocities come from.
     """
     for narrowing in (1.0, 0.7, 0.5, 0.3, 0.15, 0.0):
-        content = _content(plant, ranges, narrowing)
+        content = {**_content(plant, ranges, narrowing), **sensors}
         try:
             make_domain(content)
         except SwingupError:
@@ -82,13 +86,13 @@ def _content(p: Parameters, ranges: Mapping[str, Range], narrowing: float) -> di
     delay = (max(ranges["delay"][0], 0.0), max(ranges["delay"][1], 0.0))
     content["torque_limit"] = float(max(p.tl1, p.tl2))
     content["delay"] = list(delay)
-    content["lag"] = list(ranges["lag"])
+    content["lag"] = [max(end, SHORTEST_LAG) for end in ranges["lag"]]
+    for joint in ("1", "2"):
+        content[f"offset{joint}"] = list(ranges[f"offset{joint}"])
     return content
 
 
-def write_plant(
-    path: str | Path, plant: Parameters, domain: Mapping[str, float | Sequence[float]], logs: Sequence[str]
-) -> Path:
+def write_plant(path: str | Path, plant: Parameters, domain: Mapping[str, Any], logs: Sequence[str]) -> Path:
     """Write a plant's file, and its domain's beside it: ``mine.yml`` and ``mine-domain.yml``.
 
     Raises:
@@ -101,6 +105,6 @@ def write_plant(
     note = "# SI units. m1, m2, r1, r2 and I1 are one choice of many that move alike."
     write_atomically(target, "\n".join([source, note, *facts, ""]).encode())
     note = "# Ranges of the plant and its loop: 95 % intervals. What the logs do not determine is wide."
-    rows = [f"{name}: {list(value) if isinstance(value, Sequence) else value!r}" for name, value in domain.items()]
+    rows = [f"{name}: {value}" for name, value in domain.items()]
     write_atomically(beside, "\n".join([source, note, *rows, ""]).encode())
     return beside

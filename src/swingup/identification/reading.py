@@ -23,7 +23,7 @@ DEAD_TIME = "delay + lag"
 RATIOS = ("second", "shoulder", "elbow", "rotor", "b1", "b2", "cf1", "cf2")
 """Entries that a free fall determines only as multiples of m1 r1 + m2 l1."""
 
-NARROW = 0.2
+NARROW = 0.25
 """An interval as wide as this part of its value, or narrower, is determined."""
 OFFSET_SIZE = 0.1
 """What the interval of an offset is measured by (rad): its value may be 0."""
@@ -70,6 +70,7 @@ def read_solution(
         tail = _tail(session)
         total, delay, lag = DEAD_TIME + tail, f"delay{tail}", f"lag{tail}"
         found[total], sampled[total] = found[delay] + found[lag], sampled[delay] + sampled[lag]
+        sampled[lag] = np.maximum(sampled[lag], 0.0)
         if {delay, lag} & free:
             free.add(total)
     if not has_scale:

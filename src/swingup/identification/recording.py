@@ -4,6 +4,7 @@ A log is read by the names of its columns. Periods may be uneven, and rows may r
 missing. What cannot be used is refused here; what can be used with care is a warning of the recording.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +25,9 @@ _GROUPS = ((("time",),), _POSITIONS, _VELOCITIES, _COMMANDS, _PUSHES, _MEASURED)
 
 MEASURED_NOISE = 0.01
 """Peak of a measured torque (N m) below which it is the noise of a motor that drives nothing."""
+
+DIFFERENCES = 1e-3
+"""Median distance (rad/s) up to which recorded velocities are backward differences of the angles."""
 
 REPEAT_MOTION = 0.25
 """Motion between two rows, in steps of an encoder, with which they should differ: of four such rows one does."""
@@ -119,6 +123,14 @@ def read_recording(path: str | Path, torque_limits: tuple[float, float] | None =
         commanded=commanded,
         warnings=find_warnings(name, time, u, measured if commanded else None, fresh),
     )
+
+
+def sensors(recordings: Sequence[Recording]) -> dict[str, float | str]:
+    """What a domain says of the sensors: the coarsest quanta, and whether velocities are differences of angles."""
+    quanta = np.max([recording.quantum for recording in recordings], axis=0)
+    slack = np.median([np.median(np.abs(each.dq - _differences(each.time, each.q))) for each in recordings])
+    source = "differences" if slack < DIFFERENCES else "driver"
+    return {"quantum1": float(quanta[0]), "quantum2": float(quanta[1]), "velocities": source}
 
 
 def _names(columns: dict[str, np.ndarray], group: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:

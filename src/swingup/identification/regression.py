@@ -38,7 +38,10 @@ BETTER = 0.4
 """Another reading of the columns must leave at most this part of that share, ..."""
 GOOD = 0.15
 """... and at most this share."""
-LEAST_SPANS = 30
+HOPELESS = 0.4
+UNDRIVEN = 0.05
+"""Shares, with and without torques, above which the log is not of such a pendulum."""
+LEAST_SPANS = 15
 
 
 @dataclass(frozen=True)
@@ -110,8 +113,14 @@ def check_joints(recordings: Sequence[Recording], setting: Setting, start: Float
         best = min(others, key=lambda text: others[text])
         if others[best] < min(BETTER * plain, GOOD):
             raise SwingupError(
-                f"{recording.name}: {best}: as it is, {plain:.1%} of the impulses stay unexplained, and "
+                f"{recording.name}: {best}: as it is, {min(plain, 1.0):.1%} of the impulses stay unexplained, and "
                 f"{others[best]:.1%} otherwise; correct the columns"
+            )
+        if plain > (HOPELESS if driven else UNDRIVEN):
+            reason = "" if driven else "torques that are not in the log act, or "
+            raise SwingupError(
+                f"{recording.name}: {reason}the pendulum is not near the starting plant: {min(plain, 1.0):.1%} of "
+                "the impulses stay unexplained; check units and columns, or give another --start"
             )
 
 

@@ -18,6 +18,7 @@ from ..errors import SwingupError
 from ..physics.integrate import stable_substeps
 from ..physics.parameters import NAMES, Parameters, validated
 from ..renamed import current_name
+from ..robots import TORQUE_LIMIT
 from ..text import one_line, quoted
 from ..yaml_map import read_map
 from .loop import BOUNDS, CLOCK, EVERY_LOOP, LONGEST, LOOP_DT, check_velocities
@@ -163,7 +164,16 @@ def make_domain(content: Mapping[str, Any], name: str = "DOMAIN.yml", folder: st
     named, velocities = values.pop("plant", None), values.pop("velocities", None)
     plant = None if named is None else base_plant(named, folder)
     ranges = tuple((each, *_range(each, value)) for each, value in values.items())
+    if named is None and values.keys() >= set(PLANT):
+        plant = _middle_plant(ranges, name)
     return Domain(ranges, name, plant, velocities)
+
+
+def _middle_plant(ranges: tuple[tuple[str, float, float], ...], name: str) -> Plant:
+    """The plant of a domain that has all of a plant's values itself."""
+    middles = {each: 0.5 * (low + high) for each, low, high in ranges}
+    limits = dict.fromkeys(("tl1", "tl2"), middles.get("torque_limit", TORQUE_LIMIT)) | middles
+    return Plant(name, validated(Parameters(**{each: limits[each] for each in NAMES})))
 
 
 def load_domain(source: str | Path) -> Domain:

@@ -22,11 +22,11 @@ def cloudpendulum_guard(period: float | None) -> GuardSettings:
 
 def cloudpendulum_notes(policy: PendulumPolicy) -> list[str]:
     """What does not fit the cells in a policy, as sentences."""
-    most = max(policy.torque_limits)
-    if most <= TORQUE_LIMIT:
-        return []
     return [
-        f"it may command {most:g} N m, and CloudPendulum's motors give {TORQUE_LIMIT:g}: train one for its plant"
+        f"it may command {most:g} N m at the {joint}, and CloudPendulum's motors give {TORQUE_LIMIT:g}: train one "
+        "for its plant"
+        for joint, most in zip(("shoulder", "elbow"), policy.torque_limits, strict=True)
+        if most > TORQUE_LIMIT
     ]
 
 

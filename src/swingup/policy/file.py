@@ -18,8 +18,10 @@ from .network import Layer, Network
 from .stages import ARRAYS, STAGES, Stage, make_stage
 
 FORMAT = "swingup policy"
-FORMAT_VERSIONS = (1, 2)
-"""Versions that are read. Version 2 added the plant and the guard, which programs for version 1 would ignore."""
+FORMAT_VERSION = 2
+"""The newest version. It added the plant and the guard, which programs for version 1 would ignore."""
+READABLE = (1, FORMAT_VERSION)
+"""Versions that are read."""
 SINCE_VERSION_2 = ("plant", "guard")
 """Keys of the metadata that make a file one of version 2."""
 
@@ -34,7 +36,7 @@ def read_network(path: str | Path) -> tuple[Network, dict[str, Any]]:
     Raises:
         SwingupError: the file cannot be read, is truncated, or is not a policy file of this version.
     """
-    metadata, found = load_archive(path, FORMAT, FORMAT_VERSIONS, lambda name: bool(KNOWN.fullmatch(name)))
+    metadata, found = load_archive(path, FORMAT, READABLE, lambda name: bool(KNOWN.fullmatch(name)))
     try:
         later = [key for key in SINCE_VERSION_2 if key in metadata]
         if later and metadata["format_version"] == 1:
@@ -66,7 +68,7 @@ def write_network(path: str | Path, network: Network, metadata: Mapping[str, Any
     choices = {} if network.choices is None else {"choices": list(network.choices)}
     given = {key: value for key, value in metadata.items() if key not in ("format", "format_version")}
     # Where nothing needs version 2, programs for version 1 can read the file.
-    version = 2 if any(key in given for key in SINCE_VERSION_2) else 1
+    version = FORMAT_VERSION if any(key in given for key in SINCE_VERSION_2) else 1
     save_archive(path, FORMAT, version, {"observation": stages, **choices, **given}, arrays)
 
 

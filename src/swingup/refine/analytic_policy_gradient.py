@@ -16,6 +16,7 @@ from ..areapo.networks import Actor
 from ..benchmark.rollout import Scenario, simulate
 from ..benchmark.rules import PERFORMANCE_RULES
 from ..benchmark.runner import cores
+from ..physics.integrate import stable_substeps
 from ..physics.parameters import Parameters
 from ..plants.plant import PlantLike, robot_parameters
 from ..policy.jax_backend.controller import PolicyController
@@ -115,11 +116,12 @@ def batch_cost(
         plant: the plant.
     """
     controller = eqx.tree_at(lambda c: c.policy.actor, controller, actor, is_leaf=lambda leaf: leaf is None)
+    scenario = Scenario(plant, substeps=stable_substeps(plant, SCORE_RULES.dt))
     limit = settings.adjoint_limit / len(x0)  # the mean gives each episode this share of its gradient
 
     def one(start: Float[Array, "4"]) -> tuple[Scalar, Measures]:
         _, rows = simulate(
-            Scenario(plant), controller, start, SCORE_RULES.dt, settings.steps,
+            scenario, controller, start, SCORE_RULES.dt, settings.steps,
             guard=lambda x: bound_adjoint(x, limit),
         )  # fmt: skip
         measures = measure_episode(rows, plant, SCORE_RULES.dt, SCORE_RULES)

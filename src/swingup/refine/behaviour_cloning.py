@@ -6,7 +6,7 @@ it one.
 
 import dataclasses
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import equinox as eqx
@@ -23,7 +23,9 @@ from ..benchmark.rules import ROBUSTNESS_RULES
 from ..benchmark.runner import stack
 from ..control.controller import AbstractController
 from ..errors import SwingupError
+from ..physics.integrate import stable_substeps
 from ..physics.parameters import Robot
+from ..physics.units import scales_of
 from ..plants.plant import PlantLike, robot_parameters
 from ..policy.jax_backend.controller import PolicyController
 from ..policy.jax_backend.policy import Policy
@@ -89,7 +91,8 @@ def clone_behaviour(
     visited, answers = demonstrate(teacher, robot, settings, random, plant)
     size = (RETAINED_STATES, 2)
     # A size for each state, or slow states would be rare.
-    rates = random.uniform(0, RETAINED_SPEED, (RETAINED_STATES, 1)) * random.normal(size=size)
+    fastest = RETAINED_SPEED * scales_of(robot_parameters(plant, robot)).velocity
+    rates = random.uniform(0, fastest, (RETAINED_STATES, 1)) * random.normal(size=size)
     free = np.concatenate([random.uniform(-np.pi, np.pi, size), rates], axis=1)
     single = single_precision(student)
     own = jax.jit(jax.vmap(lambda x: single(None, jnp.zeros(()), x)[1][robot.joint]))(jnp.float32(free))
@@ -140,7 +143,11 @@ def demonstrate(
     Raises:
         SwingupError: no run ended upright.
     """
-    parameters, steps = robot_parameters(plant, robot), round(settings.duration / DEMONSTRATION_RULES.dt)
+    parameters = robot_parameters(plant, robot)
+    scales, substeps = scales_of(parameters), stable_substeps(parameters, DEMONSTRATION_RULES.dt)
+    settings = replace(settings, duration=settings.duration * scales.time, push=settings.push * scales.torque_limit)
+    rates = np.array([1.0, 1.0, scales.velocity, scales.velocity])
+    steps = round(settings.duration / DEMONSTRATION_RULES.dt)
     scenarios, starts = [], []
     for _ in range(settings.demonstrations):
         # One size for pushes and start: the runs reach from calm to rough.
@@ -148,12 +155,12 @@ def demonstrate(
         shape = (2, DEMONSTRATION_PUSHES)
         pushes = Pushes(
             centre=random.uniform(0.0, 0.8 * settings.duration, shape),
-            width=random.uniform(0.03, 0.08, shape),
+            width=scales.time * random.uniform(0.03, 0.08, shape),
             amplitude=settings.push * size * random.normal(size=shape),
         )
         disturbance = dataclasses.replace(undisturbed(DEMONSTRATION_PUSHES), pushes=pushes)
-        scenarios.append(Scenario(parameters, disturbance))
-        starts.append(0.05 * size * random.normal(size=4))
+        scenarios.append(Scenario(parameters, disturbance, substeps=substeps))
+        starts.append(0.05 * size * random.normal(size=4) * rates)
 
     def run(scenario: Scenario, x0: Any) -> tuple[Any, Trajectory, Any]:
         outcome, rows = simulate(scenario, teacher, x0, DEMONSTRATION_RULES.dt, steps)
@@ -165,7 +172,7 @@ def demonstrate(
     with jax.enable_x64(True):
         final, rows, torque = jax.jit(jax.vmap(run))(stack(scenarios), jnp.asarray(np.stack(starts)))
         final, x, torque = (np.asarray(each) for each in (final, rows.x, torque))
-    good = upright(final, DEMONSTRATION_RULES.tolerance)
+    good = upright(final, (rates * DEMONSTRATION_RULES.tolerance).tolist())
     if not good.any():
         raise SwingupError(f"the teacher {settings.teacher!r} never ended upright: use another one")
     return x[good].reshape(-1, 4), torque[good].reshape(-1)
