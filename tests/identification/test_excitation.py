@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from swingup.cli import exciting, main
+from swingup.control.trajectory_csv import load_reference_csv
 from swingup.errors import SwingupError
 from swingup.identification import excite as search
 from swingup.identification.excitation import Excitation, Limits, Prospect
@@ -14,15 +15,15 @@ from swingup.identification.information import covariance, information, noise_of
 from swingup.identification.prediction import INDEX, setting_of, vector_of
 from swingup.identification.prior import corner_models, draw_models, prior_around
 from swingup.identification.recording import read_recording
-from swingup.identification.trial import Trial, try_out
-from swingup.identification.waves import BAND, FREE, PERIOD, random_waves, torques, varied
+from swingup.identification.trial import Play, Trial, try_out
+from swingup.identification.waves import BAND, PERIOD, REST, desired, random_waves, varied
 from swingup.physics.implicit_friction import implicit_friction_step
 from swingup.plants.domain import make_domain
 from swingup.plants.plant import load_plant
 
 C1 = load_plant("C.1")
 SETTING = setting_of(C1.parameters).coarse
-LIMITS = np.array([2.0, 0.0])
+NO_FEEDBACK = np.zeros((2, 2))
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +33,12 @@ def sequence():
     return np.stack([1.2 * np.sin(5 * time), 0.6 * np.sin(8 * time)], axis=1)
 
 
+def alone(torques, limit=6.0):
+    """Torques without feedback."""
+    torques = np.asarray(torques)
+    return Play(torques, np.zeros((*torques.shape[:2], 4)), NO_FEEDBACK, np.full(2, limit))
+
+
 @pytest.fixture(scope="module")
 def models():
     return draw_models(prior_around(C1), 3, 0)
@@ -39,47 +46,58 @@ def models():
 
 @pytest.fixture(scope="module")
 def trial(models, sequence):
-    return try_out(SETTING, models, np.stack([0.1 * sequence, sequence]))
+    return try_out(SETTING, models, alone([0.1 * sequence, sequence]), keep=True)
 
 
-def test_waves_keep_limits_and_end_free():
+def test_desired_motions_start_and_end_at_rest():
     random = np.random.default_rng(0)
     waves = random_waves(random, 5, 0.75, np.array([1.0, 0.0]))
     for each in (waves, varied(random, waves, 7, 0.75)):
-        found = torques(each, 4.0, LIMITS)
-        assert np.all(np.abs(found) <= LIMITS + 1e-12)
-        assert np.all(found[:, :, 1] == 0)
-        assert np.abs(found[:, :, 0]).max(axis=1) == pytest.approx(2.0 * each.share[:, 0], rel=0.5)
-        assert np.all(found[:, round((1 - FREE) * 4.0 / PERIOD) :] == 0)
-        assert np.all(found[:, 0] == 0)
+        motion = desired(each, 4.0, 2.0)
+        q, dq = motion[..., :2], motion[..., 2:]
+        assert np.all(q[..., 1] == 0)
+        assert np.all(np.abs(q[..., 0]).max(axis=1) <= 2.0 * each.share[:, 0] + 1e-12)
+        assert np.all(np.abs(q[..., 0]).max(axis=1) > 0.5 * each.share[:, 0])
+        assert np.all(q[:, 0] == 0)
+        assert np.all(motion[:, round((1 - REST) * 4.0 / PERIOD) + 1 :] == 0)
+        assert np.diff(q, axis=1) / PERIOD == pytest.approx(0.5 * (dq[:, 1:] + dq[:, :-1]), abs=0.02)
         assert np.all((each.frequency >= 0.75 * BAND[0]) & (each.frequency <= 0.75 * BAND[1]))
 
 
-def test_a_trial_is_the_integrator_step_by_step(sequence, models, trial):
+def test_a_trial_is_the_integrator_step_by_step(sequence, trial):
+    model = vector_of(C1.parameters)[None]
+    kept = try_out(SETTING, model, alone([sequence]), keep=True)
     with jax.enable_x64(True):
-        step = jax.jit(implicit_friction_step)
-        x = np.zeros(4)
+        step, x = jax.jit(implicit_friction_step), np.zeros(4)
         for u in sequence[:100]:
             x = np.asarray(step(C1.parameters, x, u, PERIOD))
-    single = try_out(SETTING, vector_of(C1.parameters)[None], sequence[None])
-    assert single.states[0, 0, 4] == pytest.approx(x, abs=1e-9)  # after four intervals of 50 ms
-    assert trial.states.shape == (2, 3, 60, 4)
+    assert kept.states[0, 0, 100] == pytest.approx(x, abs=1e-9)
+    assert kept.torque[0, 0] == pytest.approx(sequence)
     assert np.all(trial.speed[1] > trial.speed[0])
     assert np.all(trial.speed >= np.abs(trial.states[..., 2:]).max(axis=(2, 3)) - 1e-12)
 
 
+def test_feedback_brings_plants_together_within_the_limits(sequence, models, trial):
+    reference = trial.states[1:, 0]  # of the plant in the middle
+    feedback, limits = np.array([[5.0, 5.0], [1.0, 0.5]]), np.array([2.0, 0.9])
+    followed = try_out(SETTING, models, Play(sequence[None], reference, feedback, limits), keep=True)
+    assert np.all(np.abs(followed.torque) <= limits)
+    assert followed.torque[0, 0] == pytest.approx(sequence, abs=1e-6)
+    apart, close = (np.ptp(each.states[-1], axis=0).max() for each in (trial, followed))
+    assert close < 0.5 * apart
+
+
 def test_limits_must_hold_on_all_plants():
     angle, speed = np.array([[1.0, 2.0], [1.0, 1.5]]), np.array([[5.0, 5.0], [5.0, np.inf]])
-    trial = Trial(np.zeros((2, 2, 1, 4)), angle, speed)
+    trial = Trial(np.zeros((2, 2, 1, 4)), None, angle, speed)
     assert trial.holds(2.0, 5.0).tolist() == [True, False]
     assert trial.holds(1.9, 5.0).tolist() == [False, False]
 
 
-def test_information_grows_with_motion_and_falls_with_noise(sequence, models, trial):
+def test_information_grows_with_motion_and_falls_with_noise(models, trial):
     unknowns = unknowns_of(SETTING, models[0])
-    sequences = np.stack([0.1 * sequence, sequence])
     fine, coarse = (
-        information(SETTING, models, sequences, trial, unknowns, noise_of(quantum, 2.3)) for quantum in (4e-4, 4e-3)
+        information(SETTING, models, trial, unknowns, noise_of(quantum, 2.3)) for quantum in (4e-4, 4e-3)
     )
     assert fine.shape == (2, 3, len(unknowns.names), len(unknowns.names))
     volumes = [np.linalg.slogdet(covariance(unknowns, each))[1] for each in (fine, coarse)]
@@ -91,9 +109,9 @@ def test_information_grows_with_motion_and_falls_with_noise(sequence, models, tr
 
 
 def test_without_motion_nothing_is_learnt(models):
-    still = try_out(SETTING, models, np.zeros((1, 1500, 2)))
+    still = try_out(SETTING, models, alone(np.zeros((1, 1500, 2))), keep=True)
     unknowns = unknowns_of(SETTING, models[0])
-    found = information(SETTING, models, np.zeros((1, 1500, 2)), still, unknowns, noise_of(4e-4, 2.3))
+    found = information(SETTING, models, still, unknowns, noise_of(4e-4, 2.3))
     assert np.all(found == 0)
     assert np.sqrt(np.diagonal(covariance(unknowns, found)[0, 0])) == pytest.approx(unknowns.spread)
 
@@ -134,7 +152,10 @@ def test_the_command_writes_what_it_checked(quick, tmp_path, capsys):
     assert "checked on" in text
     assert "would not be determined" in text
     table = np.genfromtxt(out, delimiter=",", names=True)
-    assert table.dtype.names == ("time", "pos1", "pos2", "vel1", "vel2", "acc1", "acc2", "tau1", "tau2")
+    names = ("time", "pos1", "pos2", "vel1", "vel2", "acc1", "acc2", "tau1", "tau2")
+    assert table.dtype.names == (*names, *(f"K{joint}{entry}" for joint in (1, 2) for entry in (1, 2, 3, 4)))
+    assert np.all(table["K11"] < 0)
+    assert np.all(table["K12"] == 0)
     assert len(table) == 1500
     assert np.all(table["tau2"] == 0)
     assert 0 < np.abs(table["vel1"]).max() <= 9
@@ -145,8 +166,10 @@ def test_the_command_writes_what_it_checked(quick, tmp_path, capsys):
     # What is written is what was checked: the torques make that motion on the plant in the middle.
     model = draw_models(exciting.find_prior(None, None), 1, 0)
     u = np.stack([table["tau1"], table["tau2"]], axis=1)
-    motion = try_out(SETTING, model, u[None], PERIOD).states[0, 0]
-    assert motion[:, 2] == pytest.approx(table["vel1"])
+    motion = try_out(SETTING, model, alone([u]), keep=True).states[0, 0]
+    assert motion[:, 2] == pytest.approx(table["vel1"], abs=1e-6)
+    # A trajectory follower of RealAIGym's kind reads it.
+    assert load_reference_csv(out, "pendubot").gains[0] == pytest.approx([table["K11"][0], 0, table["K13"][0], 0])
 
 
 def test_arguments_that_make_no_sense(quick):
@@ -162,13 +185,14 @@ def test_arguments_that_make_no_sense(quick):
 def test_limits_that_nothing_keeps(quick):
     # Negative damping: the pendulum swings up by itself.
     wild = make_domain({"plant": "C.1", "b1": -0.5, "b2": -0.5, "cf1": 0.0, "cf2": 0.0})
-    with pytest.raises(SwingupError, match="no torque keeps all plants within 3 rad"):
-        search.excite(wild, duration=3)
+    # Feedback tames it; torques alone do not.
+    with pytest.raises(SwingupError, match="no motion keeps all plants within 3 rad"):
+        search.excite(wild, duration=3, alone=True)
 
 
 def test_what_is_determined():
     excitation = Excitation(
-        np.zeros((3, 2)), np.zeros((3, 4)), Limits((6.0, 0.0), 20.0, 3.0), 1.0, 2.0, 5,
+        np.zeros((3, 2)), np.zeros((3, 4)), NO_FEEDBACK, Limits((6.0, 0.0), 20.0, 3.0), 1.0, 2.0, 5,
         {"I2": Prospect(0.05, 0.3), "b1": Prospect(0.2, 0.3)}, 1e-4,
     )  # fmt: skip
     assert excitation.as_dict()["determined"] == {"I2": True, "b1": False}

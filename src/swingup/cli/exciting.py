@@ -27,13 +27,14 @@ def excite_command(
     speed: float | None = None,
     angle: float = 3.0,
     quantum: float | None = None,
+    alone: bool = False,
     seed: int = 0,
     json: bool = False,
 ) -> int:
-    """Write torques for identification, within limits that are checked on all plants that the robot may be.
+    """Write an excitation for identification, within limits that are checked on all plants that the robot may be.
 
-    The file has time, torques (tau1, tau2) and the motion to expect (pos, vel, acc), 500 rows a second. Play the
-    torques from hanging at rest, without feedback, and give the robot's log to swingup identify.
+    The file has time, motion (pos, vel, acc), torques (tau) and feedback gains (K), 500 rows a second. Play
+    u = tau + K (x - [pos, vel]) from hanging at rest, and give the robot's log to swingup identify.
 
     Args:
         out: the excitation's file.
@@ -45,12 +46,13 @@ def excite_command(
         speed: largest speed of a joint (rad/s). Default: 20 on design C.1, other plants in their own units.
         angle: largest angle of a joint from hanging (rad).
         quantum: step of the encoders (rad). Default: the domain's, or 3.81e-4.
+        alone: for loops without feedback: the torques are played alone.
         seed: seed of the search.
         json: print one JSON object.
     """
     check_writable(out)
     prior = find_prior(plant, domain)
-    found = excite(prior, duration, joint, torque, speed, angle, quantum, seed)
+    found = excite(prior, duration, joint, torque, speed, angle, quantum, seed, alone)
     found.save(out)
     if json:
         tell_json({"domain": prior.name, "joint": joint, "seed": seed, **found.as_dict()})

@@ -1,4 +1,4 @@
-"""An excitation: torques to play on a robot, the motion that they should make, and what its log would tell."""
+"""An excitation: torques and a motion to play on a robot, and what its log would tell."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -42,12 +42,14 @@ class Prospect:
 
 @dataclass(frozen=True)
 class Excitation:
-    """A torque sequence, the motion it makes in the middle of the prior, and what to expect of it."""
+    """Torques, the motion they make in the middle of the prior, the feedback around it, and what to expect."""
 
     torque: Float[np.ndarray, "rows 2"]
     """N m, rows ``PERIOD`` apart."""
     state: Float[np.ndarray, "rows 4"]
     """Of the plant in the middle of the prior (rad, rad/s)."""
+    feedback: Float[np.ndarray, "2 2"]
+    """kp of both joints (N m/rad), kd of both (N m s/rad); 0 where the torques are played alone."""
     limits: Limits
     angle: float
     """Largest angle over all checked plants (rad)."""
@@ -75,13 +77,16 @@ class Excitation:
                 "angle": self.angle,
             },
             "plants": self.plants,
+            "feedback": {"kp": self.feedback[0].tolist(), "kd": self.feedback[1].tolist()},
             "quantum": self.quantum,
             "half_widths": {name: vars(each) for name, each in self.prospects.items()},
             "determined": {name: each.determined for name, each in self.prospects.items()},
         }
 
     def save(self, path: str | Path) -> None:
-        """Write time, motion and torques under RealAIGym's names, which CloudPendulum's files have as well.
+        """Write time, motion, torques and gains K of u = tau + K (x - motion), under RealAIGym's names.
+
+        CloudPendulum's desired motions have the same names of time, pos, vel and acc.
 
         Raises:
             SwingupError: the file cannot be written.
@@ -90,4 +95,9 @@ class Excitation:
         columns |= dict(zip(("pos1", "pos2", "vel1", "vel2"), self.state.T, strict=True))
         columns |= dict(zip(("acc1", "acc2"), np.gradient(self.state[:, 2:], PERIOD, axis=0).T, strict=True))
         columns |= dict(zip(("tau1", "tau2"), self.torque.T, strict=True))
+        for joint in (0, 1):
+            gains = np.zeros(4)
+            gains[[joint, 2 + joint]] = -self.feedback[:, joint]
+            rows = np.tile(gains, (len(self.torque), 1))
+            columns |= dict(zip((f"K{joint + 1}{entry}" for entry in (1, 2, 3, 4)), rows.T, strict=True))
         write_columns(path, columns)

@@ -69,28 +69,29 @@ def unknowns_of(setting: Setting, middle: Float[np.ndarray, "15"]) -> Unknowns:
 def information(
     setting: Setting,
     models: Float[np.ndarray, "plants 15"],
-    sequences: Float[np.ndarray, "sequences rows 2"],
     trial: Trial,
     unknowns: Unknowns,
     noise: Noise,
 ) -> Float[np.ndarray, "sequences plants unknowns unknowns"]:
-    """The information of each sequence on each plant, from its motion in a trial."""
-    every, count = OUTPUTS, (trial.states.shape[2] - 1) // OUTPUTS
-    starts = trial.states[:, :, : every * count : every]
-    last = trial.states[:, :, 1 : every * count + 1].reshape(*starts.shape[:3], every, 4)
+    """The information of each sequence on each plant, from a trial whose torques are kept."""
+    assert trial.torque is not None
+    states, (sequences, plants) = trial.states[:, :, :: round(INTERVAL / PERIOD)], trial.angle.shape
+    every, count = OUTPUTS, (states.shape[2] - 1) // OUTPUTS
+    starts = states[:, :, : every * count : every]
+    last = states[:, :, 1 : every * count + 1].reshape(*starts.shape[:3], every, 4)
     moving = np.abs(last[..., 2:]).max(axis=(-1, -2)) > LEAST_SPEED
-    impulse, derivative = _impulses(sequences, count), unknowns.derivative(0)
-    plants = len(models)
-    which, whose = np.divmod(np.arange(len(sequences) * plants), plants)
+    derivative = unknowns.derivative(0)
+    which, whose = np.divmod(np.arange(sequences * plants), plants)
+    impulse = _impulses(trial.torque[which, whose], count)
     program = _compiled(setting)
     state, torque = np.square(noise.state), np.full(2 * (1 + PIECES), noise.torque**2)
 
     def run(rows: np.ndarray) -> Any:
         s, p = which[rows], whose[rows]
-        return (program(models[p], derivative, state, torque, starts[s, p], impulse[s], moving[s, p]),)
+        return (program(models[p], derivative, state, torque, starts[s, p], impulse[rows], moving[s, p]),)
 
     (found,) = in_chunks(LANES, len(which), run)
-    return found.reshape(len(sequences), plants, *found.shape[1:])
+    return found.reshape(sequences, plants, *found.shape[1:])
 
 
 def covariance(
@@ -101,10 +102,10 @@ def covariance(
     return inverse
 
 
-def _impulses(sequences: np.ndarray, count: int) -> np.ndarray:
-    """Integrals of the torques around each window, by sequence, window and point of the grid."""
-    rows = sequences.shape[1]
-    total = np.concatenate([np.zeros((len(sequences), 1, 2)), PERIOD * np.cumsum(sequences, axis=1)], axis=1)
+def _impulses(torques: np.ndarray, count: int) -> np.ndarray:
+    """Integrals of the torques around each window, by motion, window and point of the grid."""
+    rows = torques.shape[1]
+    total = np.concatenate([np.zeros((len(torques), 1, 2)), PERIOD * np.cumsum(torques, axis=1)], axis=1)
     grid = TORQUE_STEP * np.arange(grid_size(LENGTH)) - HISTORY
     place = np.clip((LENGTH * np.arange(count)[:, None] + grid) / PERIOD, 0, rows)
     before = np.minimum(place.astype(int), rows - 1)

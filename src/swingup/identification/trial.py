@@ -1,4 +1,8 @@
-"""Trials of torque sequences on many plants at once, from hanging at rest: how far, how fast, and which states.
+"""Trials on many plants at once, from hanging at rest: how far, how fast, and which states and torques.
+
+The torque of a driven joint is a sequence's and a feedback's, within the limit:
+
+    u = clip(tau + kp (q_ref - q) + kd (dq_ref - dq), -limit, limit)
 
 Delay and lag are left out: they shift the motion by milliseconds.
 """
@@ -24,11 +28,31 @@ LANES = 256
 
 
 @dataclass(frozen=True)
+class Play:
+    """Sequences, with the feedback that all are played with; rows are ``PERIOD`` apart."""
+
+    torque: Float[np.ndarray, "sequences rows 2"]
+    """tau (N m)"""
+    reference: Float[np.ndarray, "sequences rows 4"]
+    """q_ref, dq_ref (rad, rad/s)"""
+    feedback: Float[np.ndarray, "2 2"]
+    """kp of both joints (N m/rad), kd of both (N m s/rad)."""
+    limits: Float[np.ndarray, "2"]
+    """N m; 0 on a joint that is not driven."""
+
+    def take(self, rows: np.ndarray) -> "Play":
+        """Some of the sequences."""
+        return Play(self.torque[rows], self.reference[rows], self.feedback, self.limits)
+
+
+@dataclass(frozen=True)
 class Trial:
     """Motions by sequence and plant."""
 
-    states: Float[np.ndarray, "sequences plants intervals 4"]
-    """From the start on, an interval apart."""
+    states: Float[np.ndarray, "sequences plants steps 4"]
+    """From the start on: ``INTERVAL`` apart, or those of each row where torques are kept."""
+    torque: Float[np.ndarray, "sequences plants rows 2"] | None
+    """As asked for (N m), where they are kept."""
     angle: Float[np.ndarray, "sequences plants"]
     """Largest angle of a joint (rad); infinite where the motion diverged."""
     speed: Float[np.ndarray, "sequences plants"]
@@ -39,27 +63,28 @@ class Trial:
         return np.all((self.angle <= angle) & (self.speed <= speed), axis=1)
 
 
-def try_out(
-    setting: Setting,
-    models: Float[np.ndarray, "plants 15"],
-    sequences: Float[np.ndarray, "sequences rows 2"],
-    interval: float = INTERVAL,
-) -> Trial:
-    """Simulate every sequence on every plant.
+def try_out(setting: Setting, models: Float[np.ndarray, "plants 15"], play: Play, keep: bool = False) -> Trial:
+    """Play every sequence on every plant.
 
     Args:
         setting: of the plants.
         models: of the plants.
-        sequences: torques ``PERIOD`` apart (N m), which fill whole intervals.
-        interval: time between the states that are kept (s).
+        play: sequences, which fill whole intervals.
+        keep: whether to keep the states and torques of each row.
     """
-    count, plants = len(sequences), len(models)
-    which, whose = (part.ravel() for part in np.divmod(np.arange(count * plants), plants))
-    program = _compiled(setting, round(interval / PERIOD))
-    found = in_chunks(LANES, len(which), lambda rows: program(models[whose[rows]], sequences[which[rows]]))
-    states, angle, speed = (part.reshape(count, plants, *part.shape[1:]) for part in found)
-    angle, speed = (np.nan_to_num(part, nan=np.inf) for part in (angle, speed))
-    return Trial(np.nan_to_num(states, nan=0.0), angle, speed)
+    count, plants = len(play.torque), len(models)
+    which, whose = np.divmod(np.arange(count * plants), plants)
+    program = _compiled(setting, 1 if keep else round(INTERVAL / PERIOD), keep)
+
+    def run(rows: np.ndarray) -> Any:
+        s = which[rows]
+        return program(models[whose[rows]], play.torque[s], play.reference[s], play.feedback, play.limits)
+
+    found = in_chunks(LANES, len(which), run)
+    parts = [part.reshape(count, plants, *part.shape[1:]) for part in found]
+    angle, speed = (np.nan_to_num(part, nan=np.inf) for part in parts[:2])
+    torque = np.nan_to_num(parts[3], nan=0.0) if keep else None
+    return Trial(np.nan_to_num(parts[2], nan=0.0), torque, angle, speed)
 
 
 def in_chunks(size: int, count: int, run: Callable[[np.ndarray], Any]) -> list[np.ndarray]:
@@ -80,29 +105,33 @@ def in_chunks(size: int, count: int, run: Callable[[np.ndarray], Any]) -> list[n
 
 
 @functools.lru_cache(maxsize=4)
-def _compiled(setting: Setting, every: int) -> Callable[..., Any]:
+def _compiled(setting: Setting, every: int, keep: bool) -> Callable[..., Any]:
     substeps = round(PERIOD / setting.step)
 
-    def simulate(model: Array, rows: Float[Array, "rows 2"]) -> Any:
+    def simulate(model: Array, torque: Array, reference: Array, feedback: Array, limits: Array) -> Any:
         m = dict(zip(NAMES, model, strict=True))
         plant = lump_base(setting, m)
         friction = Friction((m["b1"], m["b2"]), (m["cf1"], m["cf2"]), setting.steepness)
         gains = jnp.stack([m["gain1"], m["gain2"]])
 
-        def row(carry: Any, u: Array) -> Any:
-            x, angle, speed = carry
+        def row(carry: Any, now: Any) -> Any:
+            (x, angle, speed), (tau, ref) = carry, now
+            u = tau + feedback[0] * (ref[:2] - jnp.stack(x[:2])) + feedback[1] * (ref[2:] - jnp.stack(x[2:]))
+            u = jnp.clip(u, -limits, limits)
+            acting = u * gains
             for _ in range(substeps):
-                x = advance(plant, friction, x, (u[0], u[1]), setting.step)
+                x = advance(plant, friction, x, (acting[0], acting[1]), setting.step)
             angle = jnp.maximum(angle, jnp.maximum(jnp.abs(x[0]), jnp.abs(x[1])))
             speed = jnp.maximum(speed, jnp.maximum(jnp.abs(x[2]), jnp.abs(x[3])))
-            return (x, angle, speed), None
+            return (x, angle, speed), u if keep else None
 
-        def interval(carry: Any, u: Array) -> Any:
-            return jax.lax.scan(row, carry, u)[0], jnp.stack(carry[0])
+        def interval(carry: Any, now: Any) -> Any:
+            after, u = jax.lax.scan(row, carry, now)
+            return after, (jnp.stack(carry[0]), u)
 
-        torques = (rows * gains).reshape(-1, every, 2)
         zero = jnp.zeros(())
-        (_, angle, speed), states = jax.lax.scan(interval, ((zero,) * 4, zero, zero), torques)
-        return states, angle, speed
+        rows = torque.reshape(-1, every, 2), reference.reshape(-1, every, 4)
+        (_, angle, speed), (states, u) = jax.lax.scan(interval, ((zero,) * 4, zero, zero), rows)
+        return (angle, speed, states, u.reshape(-1, 2)) if keep else (angle, speed, states)
 
-    return jax.jit(jax.vmap(simulate))
+    return jax.jit(jax.vmap(simulate, (0, 0, 0, None, None)))

@@ -1,11 +1,10 @@
-"""Excitations as sums of sinusoids: a population of torque sequences that a search can vary.
+"""Desired motions as sums of sinusoids: a population that a search can vary.
 
-    u_j(t) = limit_j share_j w(t) s_j(t) / max |s_j|,    s_j(t) = Σ_k a_jk sin(2π f_jk t + φ_jk)
+    q_j(t) = reach share_j w(t) s_j(t) / max |s_j|,    s_j(t) = Σ_k a_jk sin(2π f_jk t + φ_jk)
 
-w rises from 0 within a moment, is 1, and falls to 0 before the end: there the pendulum swings freely, which shows
-its friction. Frequencies lie around those of the pendulum's own swings. Source: Swevers, Ganseman, Tükel, de
-Schutter and Van Brussel, Optimal robot excitation and identification (IEEE Transactions on Robotics and Automation
-13, 1997).
+w rises from 0 within a moment, is 1, and falls to 0 before the end. Frequencies lie around those of the pendulum's
+own swings. Source: Swevers, Ganseman, Tükel, de Schutter and Van Brussel, Optimal robot excitation and
+identification (IEEE Transactions on Robotics and Automation 13, 1997).
 """
 
 from dataclasses import dataclass, fields
@@ -18,10 +17,10 @@ PERIOD = 0.002
 WAVES = 6
 """Sinusoids of each joint."""
 RISE = 0.5
-"""Time in which the torques rise and fall (s)."""
-FREE = 0.15
-"""Part of the time at the end without torque."""
-BAND = (0.2, 4.0)
+"""Time in which the motion rises and falls (s)."""
+REST = 0.05
+"""Part of the time at the end at rest."""
+BAND = (0.2, 6.0)
 """Frequencies, as multiples of the pendulum's own."""
 
 
@@ -35,14 +34,14 @@ class Waves:
     phase: Float[np.ndarray, "count 2 waves"]
     """rad"""
     share: Float[np.ndarray, "count 2"]
-    """Of the torque limits, at most 1; 0 on a joint that is not driven."""
+    """Of the reach, at most 1; 0 on a joint that is not driven."""
 
     def take(self, rows: np.ndarray) -> "Waves":
         """Some of the population."""
         return Waves(*(getattr(self, field.name)[rows] for field in fields(self)))
 
     def scaled(self, factor: Float[np.ndarray, "count"]) -> "Waves":
-        """The same with smaller torques."""
+        """The same with smaller motions."""
         return Waves(self.amplitude, self.frequency, self.phase, self.share * factor[:, None])
 
 
@@ -62,8 +61,9 @@ def random_waves(random: np.random.Generator, count: int, own: float, driven: Fl
     """
     shape = (count, 2, WAVES)
     frequency = own * np.exp(random.uniform(np.log(BAND[0]), np.log(BAND[1]), shape))
-    # Slow waves get larger amplitudes, as slow swings need them.
-    amplitude = np.exp(0.5 * random.normal(size=shape)) * np.sqrt(own / frequency)
+    # Accelerations grow with the square of the frequency: some members swing widely, others shake.
+    tilt = random.uniform(-2.0, -0.5, (count, 1, 1))
+    amplitude = np.exp(0.5 * random.normal(size=shape)) * (frequency / own) ** tilt
     share = np.exp(random.uniform(np.log(0.2), 0.0, (count, 2))) * driven
     return Waves(amplitude, frequency, random.uniform(0, 2 * np.pi, shape), share)
 
@@ -81,19 +81,18 @@ def varied(random: np.random.Generator, waves: Waves, count: int, own: float) ->
     )
 
 
-def torques(waves: Waves, duration: float, limits: Float[np.ndarray, "2"]) -> Float[np.ndarray, "count rows 2"]:
-    """The torques of each row (N m)."""
+def desired(waves: Waves, duration: float, reach: float) -> Float[np.ndarray, "count rows 4"]:
+    """Angles (rad) and velocities (rad/s) of each row."""
     time = PERIOD * np.arange(round(duration / PERIOD))
     angle = 2 * np.pi * waves.frequency[..., None] * time + waves.phase[..., None]
     signal = np.sum(waves.amplitude[..., None] * np.sin(angle), axis=2)
-    signal /= np.abs(signal).max(axis=-1, keepdims=True)
-    signal *= waves.share[..., None] * np.asarray(limits)[:, None] * _window(time, duration)
-    # Without the sign of zeros.
-    return np.swapaxes(signal, 1, 2) + 0.0
+    signal *= reach * waves.share[..., None] * _window(time, duration) / np.abs(signal).max(axis=-1, keepdims=True)
+    motion = np.concatenate([signal, np.gradient(signal, PERIOD, axis=-1)], axis=1)
+    return np.swapaxes(motion, 1, 2)
 
 
 def _window(time: np.ndarray, duration: float) -> np.ndarray:
-    end = (1.0 - FREE) * duration
+    end = (1.0 - REST) * duration
     part = np.clip(np.minimum(time, end - time) / RISE, 0.0, 1.0)
     window: np.ndarray = 0.5 - 0.5 * np.cos(np.pi * part)
     return window
