@@ -91,7 +91,7 @@ def test_foreign_names_are_escaped_everywhere():
 def test_stages_are_told_before_they_begin(monkeypatch):
     told = []
 
-    def leaderboard(robot, controllers, seed, progress):
+    def leaderboard(robot, controllers, seed, progress, plant):
         progress("mine\n, performance", 0, 1)
         told.append("boards")
         return []
@@ -224,7 +224,7 @@ def test_sections_judge_everybody_with_one_disturbance(monkeypatch):
     policy = get_controller("ar-eapo", ACROBOT)  # without an estimator, which takes seconds to compile
     asked = []
 
-    def leaderboard(robot, controllers, seed, progress):
+    def leaderboard(robot, controllers, seed, progress, plant):
         asked.append((robot.name, list(controllers), seed))
         return [make_board(robot, "performance")]
 
