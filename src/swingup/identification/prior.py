@@ -38,7 +38,8 @@ def prior_around(plant: Plant) -> Domain:
         ranges[f"cf{joint}"] = (min(low, high), max(low, high, LEAST_FRICTION * torque))
         damping = vector[INDEX[f"b{joint}"]]
         ranges[f"b{joint}"] = (min(damping, 0.0), max(3 * damping, 0.002 * torque))
-    content = domain_of(p, ranges | {"delay": DELAY, "lag": LAG})
+    loop = {"delay": DELAY, "lag": LAG, "offset1": (0.0, 0.0), "offset2": (0.0, 0.0)}
+    content = domain_of(p, ranges | loop, {})
     found = make_domain(content, f"around {plant.name}")
     return replace(found, plant=plant)
 
