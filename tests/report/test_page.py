@@ -113,7 +113,7 @@ def test_stages_are_told_before_they_begin(monkeypatch):
 
 
 def test_the_command_shows_its_progress_on_standard_error(monkeypatch, capsys, tmp_path):
-    def make_section(robot, controllers, seed, progress):
+    def make_section(robot, controllers, seed, progress, plant):
         progress(f"{robot.name}: evil\n\x1b[31m[red]", 3, 7)
         return robot.name
 
