@@ -26,11 +26,14 @@ from swingup.learner.run_settings import PENDULUM_INTERVALS, RunSettings
 from swingup.learner.start import resume_run, start_run
 from swingup.physics.angles import UPRIGHT
 from swingup.physics.dynamics import linearise
-from swingup.physics.parameters import ROBOTS, Parameters
+from swingup.physics.parameters import ROBOTS, Parameters, get_robot
 from swingup.physics.units import time_unit, torque_over_gravity
-from swingup.plants.plant import SHIPPED_PLANTS, load_plant
+from swingup.plants.plant import load_plant
 from swingup.policy.jax_backend.controller import load_policy
 from swingup.tasks.presets import get_task
+
+PLANTS = ("A.0", "B.0", "C.0", "C.1", "cloudpendulum")
+"""RealAIGym's designs and CloudPendulum."""
 
 LATEST = 8.0
 """Latest time at which a pendulum that is said to hold comes up to stay (s)."""
@@ -86,7 +89,7 @@ def table(results: list[dict[str, Any]], plants: list[str], robots: list[str]) -
     lines.append("|---|---|---|---|" + "---|" * len(robots))
     for plant in plants:
         ideal = load_plant(plant).frictionless().parameters
-        dt = get_task("smooth", ROBOTS["acrobot"], ideal).dt
+        dt = get_task("smooth", get_robot("acrobot"), ideal).dt
         cells = [f"{torque_over_gravity(ideal):.2f}", f"{fall_rate(ideal):.2f}", f"{1000 * dt:.1f}"]
         cells += [
             cell([row for row in results if (row["plant"], row["robot"]) == (plant, name)]) for name in robots
@@ -98,7 +101,7 @@ def table(results: list[dict[str, Any]], plants: list[str], robots: list[str]) -
 def main() -> None:
     """Train the missing runs and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("plants", nargs="*", default=list(SHIPPED_PLANTS), metavar="PLANT")
+    parser.add_argument("plants", nargs="*", default=list(PLANTS), metavar="PLANT")
     parser.add_argument("--robots", nargs="+", default=list(ROBOTS))
     parser.add_argument("--preset", default="small")
     parser.add_argument("--frames", type=int)

@@ -6,6 +6,7 @@ from statistics import fmean
 import jax.numpy as jnp
 import pytest
 
+from swingup.benchmark.board_rows import published_rows, shipped_robustness
 from swingup.benchmark.board_rules import get_board_rules
 from swingup.benchmark.columns import BOARDS
 from swingup.benchmark.criteria import realai_score
@@ -15,8 +16,6 @@ from swingup.benchmark.leaderboard import (
     default_entrants,
     entrants_for,
     leaderboard,
-    published_rows,
-    shipped_robustness,
 )
 from swingup.benchmark.rules import CRITERIA, PERFORMANCE_RULES
 from swingup.control.controller import AbstractController

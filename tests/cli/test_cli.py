@@ -177,7 +177,7 @@ def test_train_another_task_and_resume(capsys):
         ("train acrobot --preset sim2real --domain moon", "unknown domain 'moon'"),
         ("train acrobot --preset sim2real --domain missing.yml", "cannot read domain file missing.yml"),
         ("sim2real cartpole", "unknown robot 'cartpole'"),
-        ("sim2real acrobot --domain moon", "unknown domain 'moon': use identified, randomised or a YAML file"),
+        ("sim2real acrobot --domain moon", "unknown domain 'moon': use identified, randomised, recorded, cells, "),
         ("sim2real acrobot --seeds 0", "seeds = 0"),
         ("sim2real acrobot --save missing/t.csv", "cannot write missing/t.csv"),
         ("train acrobot --batch-size 1000", "batch_size = 1000 does not divide"),

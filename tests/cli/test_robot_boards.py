@@ -5,8 +5,9 @@ import json
 
 import pytest
 
+from swingup.benchmark.board_rows import published_rows
 from swingup.benchmark.board_rules import BOARD_RULES
-from swingup.benchmark.leaderboard import default_entrants, published_rows
+from swingup.benchmark.leaderboard import default_entrants
 from swingup.cli.commands import Boards, run_command
 from swingup.errors import SwingupError
 from swingup.physics.parameters import get_robot

@@ -3,8 +3,9 @@ import io
 
 import pytest
 
+from swingup.benchmark.board_rows import Row, published_rows
 from swingup.benchmark.columns import COLUMNS
-from swingup.benchmark.leaderboard import Board, Row, published_rows
+from swingup.benchmark.leaderboard import Board
 from swingup.cli.tables import TABLE_FORMATS, show_boards
 from swingup.physics.parameters import ROBOTS
 

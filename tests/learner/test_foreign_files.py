@@ -13,6 +13,7 @@ from swingup.arrays import load_archive, save_archive
 from swingup.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.start import resume_run
+from swingup.policy.file import FORMAT_VERSION, READABLE
 
 from .brief import briefly_judged
 from .test_run import FRAMES, run
@@ -121,8 +122,8 @@ def test_names_among_the_checkpoints_that_are_none(folder):
 
 def policy_of(robot):
     def make(path):
-        metadata, arrays = load_archive(path, "swingup policy", 1)
-        save_archive(path, "swingup policy", 1, metadata | {"robot": robot}, arrays)
+        metadata, arrays = load_archive(path, "swingup policy", READABLE)
+        save_archive(path, "swingup policy", FORMAT_VERSION, metadata | {"robot": robot}, arrays)
 
     return make
 

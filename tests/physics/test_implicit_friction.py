@@ -14,7 +14,7 @@ from swingup.plants.plant import load_plant
 pytestmark = pytest.mark.usefixtures("x64")
 
 C1 = identified_parameters()
-SMALL = dataclasses.replace(load_plant("cloudpendulum").parameters, cf1=0.002, cf2=0.003)
+SMALL = dataclasses.replace(load_plant("cloudpendulum-rods").parameters, cf1=0.002, cf2=0.003)
 START = np.array([0.5, -0.3, 2.0, -4.0])
 
 
@@ -34,6 +34,7 @@ def test_halving_the_step_quarters_the_error():
     assert errors[0].max() < 2e-3
 
 
+@pytest.mark.slow
 def test_halving_the_step_through_stops_of_a_joint():
     # Friction brings both joints to rest many times in 2 s.
     exact = follow(rk4_step, SMALL, 2.5e-5, 80_000)[-1, :2]

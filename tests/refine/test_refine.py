@@ -111,7 +111,8 @@ def test_the_cost_weighs_the_measures():
 
 def test_the_cost_of_a_batch_is_the_mean_of_its_episodes():
     settings = PolicyGradientSettings(duration=0.1, weights=EpisodeWeights(score=1.0, down=3.0))
-    cost, plant = jax.jit(batch_cost, static_argnames="settings"), leaderboard_parameters(ACROBOT)
+    cost = jax.jit(batch_cost, static_argnames=("settings", "plant"))
+    plant = leaderboard_parameters(ACROBOT)
     x0 = jnp.array([[0.0, 0.0, 0.0, 0.0], [np.pi, 0.1, 0.0, 0.0]], jnp.float32)
     total, measures = cost(small().policy.actor, small(), x0, settings=settings, plant=plant)
     assert float(total) == pytest.approx(float(jnp.mean(3 * measures.down - measures.score)), rel=1e-5)

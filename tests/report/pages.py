@@ -4,8 +4,9 @@ import dataclasses
 
 import numpy as np
 
+from swingup.benchmark.board_rows import OURS, Row, published_rows
 from swingup.benchmark.columns import BOARDS
-from swingup.benchmark.leaderboard import OURS, Board, Row, published_rows
+from swingup.benchmark.leaderboard import Board
 from swingup.benchmark.rollout import Trajectory
 from swingup.physics.parameters import ROBOTS, Robot, leaderboard_parameters
 from swingup.policy.jax_backend.controller import shipped_policy

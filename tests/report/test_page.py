@@ -10,7 +10,8 @@ import equinox as eqx
 import numpy as np
 import pytest
 
-from swingup.benchmark.leaderboard import Board, Row
+from swingup.benchmark.board_rows import Row
+from swingup.benchmark.leaderboard import Board
 from swingup.benchmark.rollout import Trajectory
 from swingup.cli import main, output, pictures
 from swingup.control.registry import get_controller

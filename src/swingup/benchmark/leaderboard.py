@@ -1,10 +1,7 @@
 """The boards: rows of our controllers, computed here, beside the published ones."""
 
-import csv
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib import resources
 from typing import Any
 
 from ..control.baselines import BASELINES
@@ -14,6 +11,7 @@ from ..physics.parameters import Robot, get_robot
 from ..plants.domain import load_domain
 from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict
 from ..policy.shipped import AR_EAPO, GLOBAL, REFINED, ROBOT
+from .board_rows import OURS, Row, published_rows, shipped_robustness
 from .board_rules import BoardRules, get_board_rules
 from .columns import BOARDS, PERFORMANCE
 from .evaluate import evaluate
@@ -24,8 +22,6 @@ from .seeds import check_seeds
 from .trials import trials
 from .uptime import uptime
 
-OURS = "ours"
-ON_ROBOT = "robot"
 ENTRANTS = (AR_EAPO, "tvlqr", "ilqr-riccati", "ilqr-mpc")
 """The paper's controllers, by our names."""
 FURTHER = (REFINED, "tvlqr-score")
@@ -39,20 +35,6 @@ ALONE = " --no-estimator"
 
 SHIPPED_ROBUSTNESS = ("ilqr-mpc",)
 """Controllers whose robustness takes many minutes: the package ships the output of the command."""
-
-
-@dataclass(frozen=True)
-class Row:
-    """One controller on a board."""
-
-    controller: str
-    source: str
-    """``ours`` if computed by this package, ``paper``, ``board`` for the public leaderboard of simulations, or
-    ``robot`` for that of runs on the real robot."""
-    values: Mapping[str, float | None]
-    """By the board's columns; None where nothing could be measured."""
-    remark: str | None = None
-    """Why a row has failed, or how it was made."""
 
 
 _Maker = Callable[[Any, Robot, str], Row]
@@ -249,35 +231,6 @@ def _makers(
         ("robot_performance", rules.trials, tried),
     )
     return {measure: make for measure, given, make in known if given is not None}
-
-
-def published_rows(robot: Robot, measure: str, rules: str) -> list[Row]:
-    """The published rows of a board: the paper's tables and the public leaderboards.
-
-    The paper prints 0.0083 N m as the smoothness of the pendubot's iLQR MPC; only 0.083 gives its score.
-    """
-    text = (resources.files(__package__) / f"published_{measure}.csv").read_text(encoding="utf-8")
-    entries = [entry for entry in csv.DictReader(text.splitlines()) if entry["robot"] == robot.name]
-    columns = BOARDS[measure]
-    return [
-        Row(each["controller"], each["source"], {name: float(each[name]) for name in columns})
-        for each in entries
-        # Most boards were published for one version of the rules only.
-        if rules == each.get("rules", {"uptime": "v3"}.get(measure, "v2"))
-    ]
-
-
-def shipped_robustness(robot: Robot, name: str) -> Row:
-    """The row of a result of ``swingup robustness --json`` that the package ships."""
-    file = resources.files("swingup") / "zoo" / f"{robot.name}-{name}-robustness.json"
-    try:
-        result = json.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise SwingupError(f"the package lacks {file}: use --recompute, or install it anew") from error
-    remark = (
-        f"shipped: seed {result['seed']}, version {result['version']}, {result['command']}; --recompute repeats it"
-    )
-    return Row(name, OURS, {column: result[column] for column in BOARDS["robustness"]}, remark)
 
 
 def _board(

@@ -12,8 +12,9 @@ from rich.markup import escape
 from rich.measure import Measurement
 from rich.table import Table
 
+from ..benchmark.board_rows import ON_ROBOT, OURS, Row
 from ..benchmark.columns import COLUMNS
-from ..benchmark.leaderboard import ON_ROBOT, OURS, Board, Row
+from ..benchmark.leaderboard import Board
 from ..text import one_line
 from .arguments import plant_note
 from .output import printable

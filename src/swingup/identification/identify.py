@@ -158,4 +158,5 @@ def _read(
     fitted = representative(model, start)
     value = {name: (float(model[name]), float(model[name])) for name in INDEX}
     ranges = {name: reading.intervals.get(TITLES.get(name, name), value[name]) for name in value}
-    return reading, domain_of(fitted, ranges, sensors(study.recordings)), fitted
+    offsets = {name: list(ranges[name]) for name in ("offset1", "offset2")}
+    return reading, domain_of(fitted, ranges, offsets | sensors(study.recordings)), fitted

@@ -46,18 +46,20 @@ def representative(base: Mapping[str, float], start: Parameters) -> Parameters:
     return validated(found)
 
 
-def domain_of(plant: Parameters, ranges: Mapping[str, Range], sensors: Mapping[str, float | str]) -> dict[str, Any]:
+def domain_of(
+    plant: Parameters, ranges: Mapping[str, Range], sensors: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
     """A domain's content: ranges of plant and loop around an identified plant.
 
     Where wide ranges have corners that are no pendulum, they are narrowed together until none is left.
 
     Args:
         plant: the representative.
-        ranges: of the base parameters, frictions, offsets, ``delay`` and ``lag`` (s).
-        sensors: the encoders' quanta (rad) and where velocities come from.
+        ranges: of the base parameters, frictions, ``delay`` and ``lag`` (s).
+        sensors: ranges of the offsets and the encoders' quanta (rad), and where velocities come from.
     """
     for narrowing in (1.0, 0.7, 0.5, 0.3, 0.15, 0.0):
-        content = {**_content(plant, ranges, narrowing), **sensors}
+        content = {**_content(plant, ranges, narrowing), **(sensors or {})}
         try:
             make_domain(content)
         except SwingupError:
@@ -87,8 +89,6 @@ def _content(p: Parameters, ranges: Mapping[str, Range], narrowing: float) -> di
     content["torque_limit"] = float(max(p.tl1, p.tl2))
     content["delay"] = list(delay)
     content["lag"] = [max(end, SHORTEST_LAG) for end in ranges["lag"]]
-    for joint in ("1", "2"):
-        content[f"offset{joint}"] = list(ranges[f"offset{joint}"])
     return content
 
 

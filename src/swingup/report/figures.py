@@ -20,7 +20,7 @@ from bokeh.resources import Resources
 from ..physics.parameters import Parameters
 
 if TYPE_CHECKING:
-    from ..benchmark.leaderboard import Row
+    from ..benchmark.board_rows import Row
 
 TOOLS = "pan,box_zoom,wheel_zoom,reset,save"
 RUN_COLUMNS = ("t", "q1", "q2", "dq1", "dq2", "u1", "u2", "height")

@@ -23,7 +23,8 @@ from ..version import __version__
 from .content import Section, Show, encode_section
 
 if TYPE_CHECKING:
-    from ..benchmark.leaderboard import Board, Row
+    from ..benchmark.board_rows import Row
+    from ..benchmark.leaderboard import Board
 
 __all__ = ["Section", "Show", "render_page"]
 
