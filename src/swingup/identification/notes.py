@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from .estimate import Problem
 from .model import MASSES
-from .reading import DEAD_TIME, TITLES, Reading
+from .reading import DEAD_TIME, NARROW, OFFSET_SIZE, TITLES, Reading
 from .recording import Recording
 
 FEW_WINDOWS = 10
@@ -34,7 +34,8 @@ def make_notes(
         notes.append("of delay and lag the logs determine the sum, not the parts")
     unknown = [name for name, sure in reading.determined.items() if not sure and name in reading.intervals]
     if unknown:
-        notes.append(f"not determined (interval wider than 25 % of the value): {', '.join(unknown)}")
+        limits = f"{100 * NARROW:g} % of the value, or {1e3 * NARROW * OFFSET_SIZE:g} mrad of an offset"
+        notes.append(f"not determined (interval wider than {limits}): {', '.join(unknown)}")
     return tuple(notes)
 
 
