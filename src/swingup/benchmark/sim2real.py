@@ -17,8 +17,8 @@ from ..version import __version__
 from .criteria import Criteria, judge, tip_is_up
 from .interval import Interval, share_interval
 from .own_units import sim2real_in_own_units
+from .robot_rules import SIM2REAL_RULES, Sim2RealRules
 from .rollout import Scenario, Trajectory
-from .rules import SIM2REAL_RULES, Sim2RealRules
 from .runner import Progress, prepare, run_many, stack
 from .seeds import check_seeds, in_groups
 

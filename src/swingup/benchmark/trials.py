@@ -11,6 +11,7 @@ import numpy as np
 from ..control.registry import has_estimator
 from ..physics.parameters import Parameters, Robot, get_robot
 from ..plants.domain import Domain, load_domain
+from ..plants.plant import plant_as_dict
 from ..tasks.disturbance import Pushes
 from ..tasks.draw import draw
 from ..tasks.limits import Stop
@@ -19,8 +20,8 @@ from .criteria import Criteria, failed, judge
 from .grid import draw_pushes
 from .interval import Interval, mean_interval, share_interval
 from .recording import recorded, stopped_at
+from .robot_rules import DEFAULT_TRIAL_RULES, TrialRules, get_trial_rules
 from .rollout import Scenario, Trajectory
-from .rules import DEFAULT_TRIAL_RULES, TrialRules, get_trial_rules
 from .runner import Progress, prepare, run_many, stack
 from .seeds import check_seeds, in_groups
 
@@ -107,6 +108,7 @@ class Trials:
         scores = ("successes", "success_interval", "best", "score", "interval")
         return {
             **{name: getattr(self, name) for name in names},
+            **plant_as_dict(self.domain.plant, self.robot),
             "domain": self.domain.as_dict(),
             **{name: getattr(self, name) for name in scores},
             "seed": self.runs[0].seed,

@@ -16,6 +16,7 @@ from ..physics.parameters import Parameters, Robot, get_robot
 from ..plants.domain import Domain, load_domain
 from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict, robot_parameters
 from ..tasks.throws import Throws
+from ..text import quoted
 from ..version import __version__
 from .criteria import tip_is_up
 from .interval import Interval, mean_interval
@@ -170,7 +171,8 @@ def minute_domain(rules: UptimeRules, domain: Domain | str | None, plant: PlantL
         SwingupError: there is no such domain, or the rules take none, or no plant.
     """
     if rules.domain is None and domain is not None:
-        raise SwingupError(f"the rules {rules.name} draw no plants: leave the domain {domain} out")
+        name = domain.name if isinstance(domain, Domain) else domain
+        raise SwingupError(f"the rules {rules.name} draw no plants: leave the domain {quoted(name)} out")
     if rules.domain is not None and plant is not None:
         raise SwingupError(f"the rules {rules.name} draw plants from a domain: give the plant as the domain")
     chosen = rules.domain if domain is None else domain

@@ -123,13 +123,8 @@ PLANT_TASKS: dict[str, Callable[[Robot, PlantLike | None], AbstractPendulumTask[
 }
 """Tasks on one plant, the leaderboards' by default."""
 
-TASKS: dict[str, Callable[[Robot], AbstractPendulumTask[Any]]] = {
-    "paper": paper_task,
-    "smooth": smooth_task,
-    "global": global_task,
-    "anywhere": anywhere_task,
-    "sim2real": sim2real_task,
-}
+TASKS: dict[str, Callable[..., AbstractPendulumTask[Any]]] = {**PLANT_TASKS, **SIM2REAL_TASKS}
+"""All of them; each has its defaults for a robot alone."""
 
 
 def get_task(name: str, robot: Robot, plant: PlantLike | None = None) -> AbstractPendulumTask[Any]:
