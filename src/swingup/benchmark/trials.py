@@ -15,6 +15,7 @@ from ..plants.plant import plant_as_dict
 from ..tasks.disturbance import Pushes
 from ..tasks.draw import draw
 from ..tasks.limits import Stop
+from ..tasks.middle_plant import known_plant
 from ..version import __version__
 from .criteria import Criteria, failed, judge
 from .grid import draw_pushes
@@ -146,7 +147,7 @@ def trials(
     every = check_seeds(seed, rules.trials if seeds is None else seeds)
     chosen = rules.domain if domain is None else domain
     ranges = load_domain(chosen) if isinstance(chosen, str) else chosen
-    estimator, controller = has_estimator(controller), prepare(controller, robot, name)
+    estimator, controller = has_estimator(controller), prepare(controller, robot, name, known_plant(ranges, robot))
     runs: list[Trial] = []
     first = None
     for group in in_groups(every, TRIALS_AT_ONCE):

@@ -17,7 +17,7 @@ from ..plants.plant import PlantLike, robot_parameters
 from ..policy.jax_backend.front_end import FrontEnd
 from ..policy.jax_backend.observation import PendulumObservation
 from ..policy.settings import FrontEndSettings
-from .middle_plant import middle_plant, parameters_of
+from .middle_plant import known_plant
 from .pendulum import AbstractPendulumTask, PendulumTask
 from .recovery import UP_LINE_WIDTH, RecoveryTask
 from .sim2real import Sim2RealTask
@@ -98,10 +98,10 @@ def sim2real_task(
         velocity_weight=velocity_weight,
         dead_band=dead_band,
     )
-    plant = middle_plant(domain, robot)
+    plant = known_plant(domain, robot)
     task = Sim2RealTask(
         robot=robot,
-        parameters=leaderboard_parameters(robot) if plant is None else parameters_of(plant),
+        parameters=leaderboard_parameters(robot) if plant is None else plant,
         observation=observation,
         cost_velocity_limit=observation.velocity_scale,
         domain=domain,
