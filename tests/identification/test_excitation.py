@@ -9,6 +9,7 @@ import pytest
 from swingup.cli import exciting, main
 from swingup.control.trajectory_csv import load_reference_csv
 from swingup.errors import SwingupError
+from swingup.identification import excitation_search
 from swingup.identification import excite as search
 from swingup.identification.excitation import Excitation, Limits, Prospect
 from swingup.identification.information import covariance, information, noise_of, unknowns_of
@@ -140,8 +141,9 @@ def test_a_prior_around_a_plant_and_from_a_domain():
 @pytest.fixture
 def quick(monkeypatch):
     """A search that is none: two members and no generation, on few plants."""
-    for name, value in {"POPULATION": 2, "KEPT": 1, "GENERATIONS": 0, "CHECKED_PLANTS": 4}.items():
-        monkeypatch.setattr(search, name, value)
+    for name, value in {"POPULATION": 2, "KEPT": 1, "GENERATIONS": 0}.items():
+        monkeypatch.setattr(excitation_search, name, value)
+    monkeypatch.setattr(search, "CHECKED_PLANTS", 4)
 
 
 def test_the_command_writes_what_it_checked(quick, tmp_path, capsys):

@@ -89,10 +89,9 @@ def comparison_lines(found: Comparison) -> list[str]:
                 for name in ("angle", "velocity")
             ]
             lines.append(f"  {title:<22}{pairs[0]:>28}{pairs[1]:>24}")
-    for name, run in found.runs.items():
-        for title, part in (("log", run.recorded), (f"{run.controller} on {name}", run.simulated)):
-            outcome = "up" if part.criteria.success else part.tip.failure or "failure"
-            lines.append(
-                f"  {title}: {outcome}, highest tip {part.tip.percent:.0f} %, speed {part.speed:.1f} rad/s"
-            )
+    runs = [(f"{run.controller} on {name}", run.simulated) for name, run in found.runs.items()]
+    recorded = [("log", run.recorded) for run in found.runs.values()][:1]
+    for title, part in [*recorded, *runs]:
+        outcome = "up" if part.criteria.success else part.tip.failure or "failure"
+        lines.append(f"  {title}: {outcome}, highest tip {part.tip.percent:.0f} %, speed {part.speed:.1f} rad/s")
     return [*lines, *(f"  {note}" for note in found.notes)]
