@@ -372,9 +372,9 @@ def test_settings_keep_their_plant():
 def test_a_plant_goes_with_a_robot():
     with pytest.raises(SwingupError, match="a plant goes with a robot, not with Swimmer-v5"):
         dataclasses.replace(SETTINGS, robot=None, env="Swimmer-v5", preset="mujoco", plant=load_plant("B.0"))
-    settings = dataclasses.replace(SETTINGS, preset="sim2real", plant=load_plant("B.0"))
-    with pytest.raises(SwingupError, match="give a domain, not a plant"):
-        settings.task()
+    for domain in (None, load_domain("recorded")):
+        with pytest.raises(SwingupError, match="sim2real draws its plants from a domain, not B.0: write plant"):
+            dataclasses.replace(SETTINGS, preset="sim2real", plant=load_plant("B.0"), domain=domain)
 
 
 @pytest.mark.slow
