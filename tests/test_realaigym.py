@@ -79,6 +79,7 @@ def test_the_checker_finds_nothing(name):
     assert findings == ["it is for the acrobot, not the pendubot: judge it there"]
 
 
+@pytest.mark.slow
 def test_the_mpc_answers():
     controller = realaigym.load_controller("ilqr-mpc", "acrobot")
     states, torques = Simulator(get_robot("acrobot")).run(controller, 0.04)

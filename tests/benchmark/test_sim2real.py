@@ -60,6 +60,7 @@ def test_down_before_the_last_two_seconds_is_no_failure():
     assert not verdict(lambda x, time: None, "it gave up").success
 
 
+@pytest.mark.slow
 def test_a_pendulum_without_motors_fails_and_seeds_differ(either_robot):
     def judged(domain, seed, seeds):
         return sim2real(lambda x, t: [0.0, 0.0], either_robot, "nothing", domain, seed, seeds, BRIEF)

@@ -102,6 +102,7 @@ def test_train_resume_and_evaluate(capsys):
     assert result["controller"] == "runs/pendubot-default-5/last.npz"
 
 
+@pytest.mark.slow
 def test_train_on_the_simulated_robot_and_resume(capsys, tmp_path, monkeypatch):
     """A run is judged on its own domain, at evaluations and at the end."""
     domains = []

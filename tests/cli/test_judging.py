@@ -128,7 +128,11 @@ def meant(tmp_path):
 
 @pytest.mark.parametrize(
     ("flags", "judged"),
-    [((), True), (("--estimator",), True), (("--no-estimator",), False)],
+    [
+        ((), True),
+        pytest.param(("--estimator",), True, marks=pytest.mark.slow),
+        (("--no-estimator",), False),
+    ],
 )
 def test_with_and_without_an_estimator(capsys, meant, flags, judged, brief_runs):
     words = f"meant.npz, {'with estimator' if judged else 'policy alone'}"
@@ -138,6 +142,7 @@ def test_with_and_without_an_estimator(capsys, meant, flags, judged, brief_runs)
     assert f"{words}: nothing wrong was found" in run(capsys, "check", *options)
 
 
+@pytest.mark.slow
 def test_robustness_with_an_estimator(capsys, meant):
     v2 = BOARD_RULES["v2"]
     # Three seconds are enough for a swing-up.

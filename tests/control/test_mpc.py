@@ -50,6 +50,7 @@ def test_on_the_trajectory_it_returns_about_its_torque(mpc, answer):
         np.testing.assert_array_equal(plans[:, -1], mpc.torque[row + 99])
 
 
+@pytest.mark.slow
 def test_a_batch_equals_single_calls_and_the_idle_do_not_plan(mpc, answer):
     errors = RANDOM.normal(size=(3, 4)) * [0.05, 0.05, 0.3, 0.3]
     guess, states = lanes(mpc, 700, errors)

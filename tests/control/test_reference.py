@@ -66,6 +66,7 @@ def test_shipped_trajectories_can_be_recomputed(robot):
     np.testing.assert_allclose(reference.torque, shipped.torque, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_computing_is_repeatable_and_seeded(monkeypatch):
     # The slow test above has the exact Jacobian, which takes seconds to compile.
     monkeypatch.setattr(reference_module, "PendulumTransition", functools.partial(PendulumTransition, exact=False))

@@ -146,6 +146,7 @@ def quick(monkeypatch):
     monkeypatch.setattr(search, "CHECKED_PLANTS", 4)
 
 
+@pytest.mark.slow
 def test_the_command_writes_what_it_checked(quick, tmp_path, capsys):
     out = tmp_path / "excitation.csv"
     words = ["excite", "--joint", "shoulder", "--duration", "3", "--speed", "9", "--out", str(out)]

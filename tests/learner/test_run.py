@@ -167,6 +167,7 @@ def test_the_command_makes_the_same_settings():
     )
 
 
+@pytest.mark.slow
 def test_seeds_side_by_side(tmp_path, monkeypatch):
     settings = dataclasses.replace(SETTINGS, seed=3, seeds=2)
     training, _ = run(tmp_path / "r", 4, settings)

@@ -147,6 +147,7 @@ def test_kalman_gains_of_extreme_noise_are_finite(noise):
     assert np.isfinite(kalman_gains(settings)).all()
 
 
+@pytest.mark.slow
 def test_a_perfect_measurement_is_believed():
     rows = closed_loops()["perfect"]
     np.testing.assert_allclose(rows.seen[:, :2], rows.x[:, :2], atol=1e-6)

@@ -38,6 +38,7 @@ def test_the_period_is_the_estimators_or_the_front_ends():
         np.testing.assert_array_equal(counted.get_control_output(x), timed.get_control_output(x, 0.001 * step))
 
 
+@pytest.mark.slow
 def test_the_score_is_the_judges(either_robot):
     name = either_robot.name
     rules = dataclasses.replace(PERFORMANCE_RULES["v2"], duration=4.0)  # a swing-up, and the way to hold

@@ -151,6 +151,7 @@ def test_the_gradient_through_an_episode_is_that_of_finite_differences(x64):
     assert float(along) == pytest.approx(float((ahead - behind) / 2e-6), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_gradient_steps_lower_the_cost_and_do_not_depend_on_how_the_batch_is_split():
     x0 = UPRIGHT + 0.1 * np.random.default_rng(0).normal(size=(8, 4))
     episodes = EpisodeBatch(x0.astype(np.float32), np.zeros(8, bool))

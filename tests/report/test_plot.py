@@ -330,6 +330,7 @@ def test_malformed_trajectories_are_refused(draw, change, reason):
         draw({"run": Trajectory(**parts)}, "acrobot")
 
 
+@pytest.mark.slow
 def test_figures_do_not_depend_on_names():
     names = ("_hidden", "cost in $", "$x_1", "x" * 300, "a_b", "--></svg>\x1b\n\udcff")
     for figure in (
