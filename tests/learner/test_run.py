@@ -14,7 +14,7 @@ from swingup.learner.presets import get_preset
 from swingup.learner.run import Run
 from swingup.learner.run_settings import PENDULUM_INTERVALS, RunSettings, run_settings_from_dict
 from swingup.learner.start import resume_run, start_run
-from swingup.plants.domain import Domain
+from swingup.plants.domain import Domain, load_domain
 from swingup.plants.plant import load_plant
 from swingup.policy.jax_backend.controller import load_policy, save_controller
 
