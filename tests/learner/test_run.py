@@ -374,7 +374,7 @@ def test_a_plant_goes_with_a_robot():
     with pytest.raises(SwingupError, match="a plant goes with a robot, not with Swimmer-v5"):
         dataclasses.replace(SETTINGS, robot=None, env="Swimmer-v5", preset="mujoco", plant=load_plant("B.0"))
     for domain in (None, load_domain("recorded")):
-        with pytest.raises(SwingupError, match="sim2real draws its plants from a domain, not B.0: write plant"):
+        with pytest.raises(SwingupError, match=r"sim2real draws its plants from a domain, not B\.0: write plant"):
             dataclasses.replace(SETTINGS, preset="sim2real", plant=load_plant("B.0"), domain=domain)
 
 
