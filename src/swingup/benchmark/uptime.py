@@ -85,7 +85,9 @@ class Uptime:
             head |= {"note": self.note}
         runs = zip(self.seeds, self.uptimes, self.faults, self.stops, strict=True)
         details = [
-            {"seed": seed, "uptime": up} | ({"fault": why} if why else {}) | ({} if stop is None else {"stop": stop})
+            {"seed": seed, "uptime": up}
+            | ({"fault": why} if why else {})
+            | ({} if stop is None else {"stop": stop})
             for seed, up, why, stop in runs
         ]
         return {**head, "seed": self.seeds[0], "details": details}
