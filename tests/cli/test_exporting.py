@@ -171,6 +171,8 @@ def test_the_guard_of_an_export(tmp_path, monkeypatch, capsys):
     capsys.readouterr()
     assert main([*base, "c", "--out", "x.h", "--no-guard", "--braking", "1"]) == 2
     assert "--braking is a setting of the safety guard: leave --no-guard out" in capsys.readouterr().err
+    assert main([*base, "onnx", "--out", "x.onnx", "--velocity-limit", "25"]) == 2
+    assert "--velocity-limit is a setting of the safety guard" in capsys.readouterr().err
     assert main([*base, "c", "--out", "x.h", "--velocity-limit", "-1"]) == 2
     assert "guard setting velocity_limit = -1.0: use a number from" in capsys.readouterr().err
 

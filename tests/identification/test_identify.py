@@ -8,7 +8,8 @@ from synthetic import HEADER, OFFSETS, TRUTH, simulate, write
 
 import swingup
 from swingup.cli import main
-from swingup.identification.prediction import vector_of
+from swingup.identification.model import expectations, make_unknowns
+from swingup.identification.prediction import INDEX, setting_of, vector_of
 from swingup.physics.parameters import load_parameters
 from swingup.plants.domain import load_domain
 
@@ -101,6 +102,15 @@ def test_a_second_session_has_its_own_torque_gain(tmp_path, logs):
     assert found.reading.values["m2 r2"] == pytest.approx(EXPECTED["m2 r2"], rel=0.01)
 
 
+def test_a_known_gain_is_that_of_both_motors():
+    vector = vector_of(TRUTH)
+    expected = expectations(setting_of(TRUTH), vector, commanded=True)
+    unknowns = make_unknowns([expected] * 2, vector, [["second"], ["second", "gain1"]], {"gain1": 0.8})
+    assert unknowns.names == ("second",)
+    gains = [INDEX["gain1"], INDEX["gain2"]]
+    np.testing.assert_array_equal(unknowns.models(np.zeros(1))[:, gains], 0.8)
+
+
 @pytest.mark.parametrize(
     ("change", "seen"),
     [
@@ -134,6 +144,7 @@ def test_the_command(logs, tmp_path, capsys, monkeypatch, found):
         (["{log}", "--known", "mass=1"], "unknown known value"),
         (["{log}", "--sessions", "a", "b"], "2 sessions for 1 logs"),
         (["{log}", "--start", "C.9"], "unknown plant"),
+        (["{log}", "--out", "mine"], "must end in .yml or .yaml"),
         (["nothing.csv"], "no such file"),
     ],
 )

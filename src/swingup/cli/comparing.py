@@ -6,9 +6,8 @@ from tyro.conf import Positional, arg
 
 from ..errors import SwingupError
 from ..files import check_writable
-from ..plants.domain import Domain, load_domain
-from ..plants.plant import SHIPPED_PLANTS, load_plant
-from ..rehearsal.simulated import simulated_robot
+from ..plants.plant import SHIPPED_PLANTS
+from ..rehearsal.simulated import plant_as_domain, simulated_robot
 from ..report.compare import Comparison, compare
 from ..report.compare_study import study_of
 from ..report.files import check_suffix
@@ -54,7 +53,7 @@ def compare_command(
     if out is not None:
         check_suffix(out, STUDY_FORMATS)
         check_writable(out)
-    plants = {name: _facts(name) for name in plant}
+    plants = {name: plant_as_domain(name) for name in plant}
     with foreign_prints_apart():
         found = compare(
             log, plants, controller, lambda name, driven: simulated_robot(name, domain, driven), robot, seed
@@ -66,12 +65,6 @@ def compare_command(
     else:
         tell(*comparison_lines(found), *([f"wrote {out}"] if out else []))
     return 0
-
-
-def _facts(name: str) -> Domain:
-    """A plant as a domain; its file may have a loop and ranges as well."""
-    # A name that is none gets the plants' own message.
-    return load_domain(name) if name.endswith((".yml", ".yaml")) else Domain((), name, load_plant(name))
 
 
 def comparison_lines(found: Comparison) -> list[str]:

@@ -31,7 +31,7 @@ def excite_command(
     seed: int = 0,
     json: bool = False,
 ) -> int:
-    """Write an excitation for identification, within limits that are checked on all plants that the robot may be.
+    """Write an excitation for identification, within limits that are checked on plants drawn from a prior.
 
     The file has time, motion (pos, vel, acc), torques (tau) and feedback gains (K), 500 rows a second. Play
     u = tau + K (x - [pos, vel]) from hanging at rest, and give the robot's log to swingup identify.

@@ -75,9 +75,9 @@ def export(
     on, found = plant.make(), read_policy(policy, robot)
     if on is not None:
         found = _with_plant(found, on)
-    if to != "onnx" or not guard:
-        chosen = choose_guard(guard, _own_guard(found, to), found.period)
-        found = dataclasses.replace(found, guard=_changed(chosen, velocity_limit, braking))
+    # A graph has no guard: it is not given one, and that of the file is refused later.
+    chosen = found.guard if to == "onnx" and guard else choose_guard(guard, _own_guard(found, to), found.period)
+    found = dataclasses.replace(found, guard=_changed(chosen, velocity_limit, braking))
     if to in FOLDERS:
         file = shipped_file(found.robot, policy) if policy in SHIPPED_POLICIES else Path(policy)
         with resources.as_file(file) as shipped, _source(found, shipped, on) as source:
@@ -141,7 +141,7 @@ def _changed(
     changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     if changes and guard is None:
         flag = next(iter(changes)).replace("_", "-")
-        raise SwingupError(f"--{flag} is a setting of the safety guard: leave --no-guard out")
+        raise SwingupError(f"--{flag} is a setting of the safety guard: leave --no-guard out; onnx has no guard")
     return guard if guard is None else dataclasses.replace(guard, **changes)
 
 

@@ -56,6 +56,7 @@ def identify_command(
     if not logs:
         raise SwingupError("swingup identify needs LOG.csv...: see swingup identify --help")
     if out is not None:
+        check_suffix(out, (".yml", ".yaml"))
         check_writable(out)
     if page is not None:
         check_suffix(page, STUDY_FORMATS)

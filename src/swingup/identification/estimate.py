@@ -7,21 +7,20 @@ import numpy as np
 from jaxtyping import Float
 
 from .fit import Data, Evaluator, Fit, Stage, fit, linearise, start_cost
-from .model import MASSES, Unknowns, expectations, make_unknowns
-from .prediction import INDEX, NAMES, Setting
+from .model import MASSES, SHARED, Unknowns, expectations, make_unknowns
+from .prediction import INDEX, Setting
 from .recording import Recording
 from .regression import Spans, cut_spans, regress
 from .windows import Windows
 
-PLANT = NAMES[:9]
 OFFSETS = ("offset1", "offset2")
-LOOP = ("delay", "lag")
+LATENCY = ("delay", "lag")
 START_STAGES = (Stage(5, 15, True),)
 WARM_STAGES = (Stage(5, 10, False),)
 
 
 @dataclass(frozen=True)
-class Study:
+class Problem:
     """What all fits of an identification share."""
 
     setting: Setting
@@ -66,53 +65,53 @@ class Study:
             for k in range(self.count)
         ]
         expected = [expectations(self.setting, self.start, each) for each in commanded]
-        known = self.known if plant else {name: value for name, value in self.known.items() if name in LOOP}
+        known = self.known if plant else {name: value for name, value in self.known.items() if name in LATENCY}
         return make_unknowns(expected, self.start, free, known)
 
     def _free(self, session: int, plant: bool) -> list[str]:
         driven = self.driven(session)
-        loop = [name for name in LOOP if driven]
+        loop = [name for name in LATENCY if driven]
         if not plant:
             return loop
         # Without torques, one base parameter stands for the common factor of all.
-        base = [name for name in PLANT if name != "first" or self.has_scale]
+        base = [name for name in SHARED if name != "first" or self.has_scale]
         gain = driven and (session > 0 or self.knows_mass)
         return [*base, *OFFSETS, *(["gain1"] if gain else []), *loop]
 
 
-def fit_start(study: Study, windows: Windows) -> Float[np.ndarray, "sessions 15"]:
+def fit_start(problem: Problem, windows: Windows) -> Float[np.ndarray, "sessions 15"]:
     """The starting plant with the delay and lag that predict best."""
-    unknowns = study.unknowns(plant=False)
+    unknowns = problem.unknowns(plant=False)
     zero = np.clip(np.zeros(len(unknowns.names)), unknowns.low, unknowns.high)
     if not len(windows) or not unknowns.names:
         return unknowns.models(zero)
-    return fit(study.setting, study.data(windows), unknowns, zero, START_STAGES).models
+    return fit(problem.setting, problem.data(windows), unknowns, zero, START_STAGES).models
 
 
-def fit_all(study: Study, windows: Windows, start: Float[np.ndarray, "sessions 15"]) -> Fit:
+def fit_all(problem: Problem, windows: Windows, start: Float[np.ndarray, "sessions 15"]) -> Fit:
     """All unknowns, from the better of the starting plant and the linear regression."""
-    unknowns, data = study.unknowns(plant=True), study.data(windows)
+    unknowns, data = problem.unknowns(plant=True), problem.data(windows)
     if not len(windows):
         zero = np.clip(0.0 * unknowns.scale, unknowns.low, unknowns.high)
-        return linearise(Evaluator(study.setting, data, unknowns), zero)
-    candidates = [unknowns.position(models) for models in (start, _regressed(study, start))]
-    evaluate = Evaluator(study.setting.coarse, data, unknowns)
+        return linearise(Evaluator(problem.setting, data, unknowns), zero)
+    candidates = [unknowns.position(models) for models in (start, _regressed(problem, start))]
+    evaluate = Evaluator(problem.setting.coarse, data, unknowns)
     costs = [start_cost(evaluate, z) for z in candidates]
-    return fit(study.setting, data, unknowns, candidates[int(np.argmin(costs))])
+    return fit(problem.setting, data, unknowns, candidates[int(np.argmin(costs))])
 
 
-def refit(study: Study, windows: Windows, before: Fit) -> Fit:
+def refit(problem: Problem, windows: Windows, before: Fit) -> Fit:
     """The same with more windows, from a solution."""
-    return fit(study.setting, study.data(windows), before.unknowns, before.z, WARM_STAGES)
+    return fit(problem.setting, problem.data(windows), before.unknowns, before.z, WARM_STAGES)
 
 
-def _regressed(study: Study, models: np.ndarray) -> np.ndarray:
+def _regressed(problem: Problem, models: np.ndarray) -> np.ndarray:
     """The start's models with the plant that linear least squares find."""
-    parts = [cut_spans(recording) for recording in study.recordings]
+    parts = [cut_spans(recording) for recording in problem.recordings]
     spans = Spans(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("states", "impulse")))
     if not len(spans.states):
         return models
-    found = regress(study.setting, spans, study.start, any(any(r.driven) for r in study.recordings))
+    found = regress(problem.setting, spans, problem.start, any(any(r.driven) for r in problem.recordings))
     changed = models.copy()
     for name, value in found.values.items():
         changed[:, INDEX[name]] = value

@@ -11,7 +11,7 @@ from .excitation_search import Search, check_on_many, find_best
 from .information import covariance, information, noise_of, unknowns_of
 from .model import SHARED, Unknowns
 from .prediction import INDEX, NAMES, Setting, setting_of
-from .prior import corner_models, draw_models, middle_plant
+from .prior import corner_models, draw_models
 from .reading import TITLES
 from .trial import try_out
 from .windows import INTERVAL
@@ -81,7 +81,7 @@ def _limits(domain: Domain, joint: str, torque: float | None, speed: float | Non
     driven = JOINTS[one_of("joint", joint, JOINTS)]
     motors = [min(domain.middle(name), domain.middle("torque_limit")) for name in ("tl1", "tl2")]
     most = [motor if torque is None else finite_number("torque", torque, 1e-6, motor, "N m") for motor in motors]
-    usual = SPEED * scales_of(middle_plant(domain)).velocity
+    usual = SPEED * scales_of(domain.middle_parameters).velocity
     return Limits(
         torque=(most[0] * driven[0], most[1] * driven[1]),
         speed=usual if speed is None else finite_number("speed", speed, 0.1, 1e3, "rad/s"),
@@ -93,7 +93,7 @@ def _prepare(
     domain: Domain, duration: float, limits: Limits, quantum: float | None, seed: int, alone: bool
 ) -> Search:
     length = finite_number("duration", duration, SHORTEST, LONGEST, "s")
-    seed, plant = whole_number("seed", seed, 0, 2**32 - 3), middle_plant(domain)
+    seed, plant = whole_number("seed", seed, 0, 2**32 - 3), domain.middle_parameters
     setting, models = setting_of(plant).coarse, draw_models(domain, SEARCH_PLANTS, seed)
     gravity = setting.gravity * float(models[0, INDEX["first"]])
     return Search(

@@ -6,7 +6,7 @@ from jaxtyping import Bool
 from .windows import Windows
 
 LOGS = 3
-"""From this number of logs on, the last one is held out whole."""
+"""From this number of logs on, one is held out whole."""
 SHARE = 0.25
 """Of the windows of each log, at its end, otherwise."""
 

@@ -13,21 +13,18 @@ from ..physics.parameters import NAMES as PLANT_NAMES
 from ..physics.parameters import Parameters
 from ..plants.plant import PlantLike, load_plant
 from .bootstrap import draw_solutions
-from .estimate import Study, fit_all, fit_start, refit
+from .estimate import Problem, fit_all, fit_start, refit
 from .fit import Fit
 from .holdout import clear_of, held_out
 from .known import known_entries, session_numbers
 from .notes import make_notes
-from .plant_file import domain_of, representative, write_plant
+from .plant_file import domain_of, representative, write_plant_files
 from .prediction import INDEX, NAMES, Setting, setting_of, vector_of
 from .reading import TITLES, Reading, read_solution
 from .recording import Recording, read_recording, sensors
 from .regression import check_joints
 from .scoring import LENGTH, Errors, prediction_errors, score_windows, summarise
-from .windows import Windows, cut_windows, join
-
-FIT_LENGTH = 0.25
-"""Length of the windows of the fit (s)."""
+from .windows import FIT_LENGTH, Windows, cut_windows, join
 
 
 @dataclass(frozen=True)
@@ -71,7 +68,7 @@ class Identification:
         Raises:
             SwingupError: a file cannot be written.
         """
-        return write_plant(path, self.plant, self.domain, [recording.name for recording in self.recordings])
+        return write_plant_files(path, self.plant, self.domain, [recording.name for recording in self.recordings])
 
 
 def identify(
@@ -99,13 +96,11 @@ def identify(
     if not files:
         raise SwingupError("no logs: give at least one CSV file")
     plant = load_plant(start)
-    setting, vector = setting_of(plant.parameters), vector_of(plant.parameters)
     recordings = [read_recording(path) for path in files]
     tests = [read_recording(path) for path in test]
     numbers = session_numbers(sessions, len(recordings) + len(tests))
-    check_joints([*recordings, *tests], setting, vector)
-    study = Study(setting, vector, recordings, numbers[: len(recordings)], known_entries(known))
-    _check_sessions(study, numbers)
+    problem = _pose(plant.parameters, recordings, tests, numbers, known)
+    setting = problem.setting
     windows = join([cut_windows(each, FIT_LENGTH, log=log) for log, each in enumerate(recordings)])
     if tests:
         judged, kept = score_windows(tests), windows
@@ -113,20 +108,20 @@ def identify(
     else:
         judged, kept = _hold_out(recordings, windows)
         owners = numbers
-    start_models = fit_start(study, kept)
-    solution = fit_all(study, kept, start_models)
+    start_models = fit_start(problem, kept)
+    solution = fit_all(problem, kept, start_models)
     errors = {
         "fitted": summarise(prediction_errors(setting, solution.models[owners], judged)),
         "start": summarise(prediction_errors(setting, start_models[owners], judged)),
     }
-    final = solution if tests or not len(kept) else refit(study, windows, solution)
-    reading, domain, fitted = _read(study, final, windows, plant.parameters, seed)
+    final = solution if tests or not len(kept) else refit(problem, windows, solution)
+    reading, domain, fitted = _read(problem, final, windows, plant.parameters, seed)
     return Identification(
         plant=fitted,
         reading=reading,
         errors=errors,
         domain=domain,
-        notes=make_notes([*recordings, *tests], study, reading, len(kept), len(judged)),
+        notes=make_notes([*recordings, *tests], problem, reading, len(kept), len(judged)),
         start_name=plant.name,
         setting=setting,
         recordings=[*recordings, *tests],
@@ -136,9 +131,20 @@ def identify(
     )
 
 
-def _check_sessions(study: Study, numbers: Sequence[int]) -> None:
-    if max(numbers) >= study.count:
+def _pose(
+    start: Parameters,
+    recordings: Sequence[Recording],
+    tests: Sequence[Recording],
+    numbers: Sequence[int],
+    known: Mapping[str, float] | None,
+) -> Problem:
+    """What the fits share, after checks of the logs and their sessions."""
+    setting, vector = setting_of(start), vector_of(start)
+    check_joints([*recordings, *tests], setting, vector)
+    problem = Problem(setting, vector, recordings, numbers[: len(recordings)], known_entries(known))
+    if max(numbers) >= problem.count:
         raise SwingupError("a test log has a session of its own: fit at least one log of each session")
+    return problem
 
 
 def _hold_out(recordings: Sequence[Recording], windows: Windows) -> tuple[Windows, Windows]:
@@ -149,14 +155,16 @@ def _hold_out(recordings: Sequence[Recording], windows: Windows) -> tuple[Window
 
 
 def _read(
-    study: Study, final: Fit, windows: Windows, start: Parameters, seed: int
+    problem: Problem, final: Fit, windows: Windows, start: Parameters, seed: int
 ) -> tuple[Reading, dict[str, Any], Parameters]:
     """Intervals, the domain and the plant of a solution."""
     draws = draw_solutions(final, windows, seed)
-    reading = read_solution(final.unknowns, final.z, draws, study.has_scale, list(study.known), seed)
+    reading = read_solution(final.unknowns, final.z, draws, problem.has_scale, list(problem.known), seed)
     model = dict(zip(NAMES, np.maximum(final.models[0], 0.0), strict=True))
     fitted = representative(model, start)
     value = {name: (float(model[name]), float(model[name])) for name in INDEX}
     ranges = {name: reading.intervals.get(TITLES.get(name, name), value[name]) for name in value}
-    offsets = {name: list(ranges[name]) for name in ("offset1", "offset2")}
-    return reading, domain_of(fitted, ranges, offsets | sensors(study.recordings)), fitted
+    loop = {name: list(ranges[name]) for name in ("offset1", "offset2")}
+    if ranges["gain1"] != (1.0, 1.0):
+        loop |= {name: list(ranges["gain1"]) for name in ("gain1", "gain2")}
+    return reading, domain_of(fitted, ranges, loop | sensors(problem.recordings)), fitted

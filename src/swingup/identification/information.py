@@ -25,11 +25,10 @@ from .prediction import Setting, predict_window
 from .smoothing import DEGREE, REACH
 from .trial import Trial, in_chunks
 from .waves import PERIOD
-from .windows import HISTORY, INTERVAL, LEAST_SPEED, TORQUE_STEP, grid_size
+from .windows import FIT_LENGTH, HISTORY, INTERVAL, LEAST_SPEED, TORQUE_STEP, grid_size
 
-LENGTH = 0.25
-"""Length of a window (s), and the time between two: they do not overlap."""
-OUTPUTS = round(LENGTH / INTERVAL)
+OUTPUTS = round(FIT_LENGTH / INTERVAL)
+"""States that a window reports; windows do not overlap."""
 LEAST_NOISE = (1e-5, 1e-3)
 """Of smoothed angles (rad) and velocities (rad/s): encoders without steps are not perfect."""
 UNEXPLAINED = 0.02
@@ -106,8 +105,8 @@ def _impulses(torques: np.ndarray, count: int) -> np.ndarray:
     """Integrals of the torques around each window, by motion, window and point of the grid."""
     rows = torques.shape[1]
     total = np.concatenate([np.zeros((len(torques), 1, 2)), PERIOD * np.cumsum(torques, axis=1)], axis=1)
-    grid = TORQUE_STEP * np.arange(grid_size(LENGTH)) - HISTORY
-    place = np.clip((LENGTH * np.arange(count)[:, None] + grid) / PERIOD, 0, rows)
+    grid = TORQUE_STEP * np.arange(grid_size(FIT_LENGTH)) - HISTORY
+    place = np.clip((FIT_LENGTH * np.arange(count)[:, None] + grid) / PERIOD, 0, rows)
     before = np.minimum(place.astype(int), rows - 1)
     part = (place - before)[..., None]
     impulses: np.ndarray = (1 - part) * total[:, before] + part * total[:, before + 1]
@@ -138,7 +137,7 @@ def _compiled(setting: Setting) -> Callable[..., Any]:
 
 def _unexplained() -> Float[np.ndarray, "grid pieces"]:
     """Integrals of a torque of 1 from a window's start on: over the whole window, and over each of its pieces."""
-    since = TORQUE_STEP * np.arange(grid_size(LENGTH)) - HISTORY
-    length = LENGTH / PIECES
+    since = TORQUE_STEP * np.arange(grid_size(FIT_LENGTH)) - HISTORY
+    length = FIT_LENGTH / PIECES
     pieces = [np.clip(since - piece * length, 0.0, length) for piece in range(PIECES)]
     return np.stack([np.maximum(since, 0.0), *pieces], axis=1)

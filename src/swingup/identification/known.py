@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from ..checks import finite_number, one_of
 from ..errors import SwingupError
 from .model import MASSES
+from .prediction import LEAST_LAG
 
 KNOWN = {
     "m1r1+m2l1": "first", "m2r2": "second", "I1+m2l1^2": "shoulder", "I2": "elbow", "Ir": "rotor", "b1": "b1",
@@ -24,7 +25,7 @@ def known_entries(known: Mapping[str, float] | None) -> dict[str, float]:
         entry = KNOWN[one_of("known value", name.replace(" ", ""), KNOWN)]
         least = 1e-9 if entry in (*MASSES[:4], "gain1") else -0.015 if entry == "delay" else 0.0
         most = {"delay": 0.025, "lag": 0.015}.get(entry, 1e3)
-        entries[entry] = max(finite_number(name, value, least, most), 3e-4 if entry == "lag" else least)
+        entries[entry] = max(finite_number(name, value, least, most), LEAST_LAG if entry == "lag" else least)
     return entries
 
 

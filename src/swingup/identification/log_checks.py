@@ -15,7 +15,8 @@ FASTEST = 150.0
 """Largest speed of a joint (rad/s); in degrees a second it is common."""
 SATURATED_SHARE = 0.25
 """Share of rows at the largest torque from which a motor counts as saturated."""
-DEGREES = 180.0 / np.pi
+GAP, GAP_PERIODS = 0.06, 20.0
+"""A longer time between rows, in s and in median periods, is a gap that no prediction crosses."""
 MISMATCH = 1.5
 """Ratio of the angles' slopes to recorded velocities, or its inverse, that noise does not explain."""
 
@@ -31,7 +32,7 @@ def check_time(name: str, time: Float[np.ndarray, "rows"]) -> None:
     period = float(np.median(np.diff(time)))
     if period > SLOWEST_PERIOD:
         raise SwingupError(
-            f"{name}: rows are {period:g} s apart (median): write time in seconds, and record at 20 Hz or faster"
+            f"{name}: rows are {period:g} s apart (median): write time in seconds, and record at 33 Hz or faster"
         )
     if time[-1] < SHORTEST:
         raise SwingupError(f"{name} lasts {time[-1]:g} s: at least {SHORTEST:g} s are needed, with time in seconds")
@@ -100,7 +101,7 @@ def find_warnings(
     found = []
     periods = np.diff(time)
     period, longest = float(np.median(periods)), float(periods.max())
-    if longest > max(0.06, 20 * period):
+    if longest > longest_step(period):
         at = float(time[int(periods.argmax())])
         found.append(f"{name}: time jumps by {longest:.3g} s at {at:.3g} s: no prediction crosses the gap")
     if not np.any(u):
@@ -115,11 +116,17 @@ def find_warnings(
             at_most = float(np.mean(np.abs(measured[:, joint]) > 0.98 * delivered))
             if delivered < 0.8 * peak and at_most > 0.05:
                 found.append(
-                    f"{name}: motor {label} delivers at most {delivered:.3g} of {peak:.3g} N m: give its limit"
+                    f"{name}: motor {label} delivers at most {delivered:.3g} of {peak:.3g} N m: clip the log's "
+                    "commands to that"
                 )
     if (repeated := float(np.mean(~fresh))) > 0.05:
         found.append(f"{name}: {repeated:.0%} of the rows repeat the one before: they are left out")
     return tuple(found)
+
+
+def longest_step(period: float) -> float:
+    """The longest time between rows that is no gap (s), for a median ``period`` (s)."""
+    return max(GAP, GAP_PERIODS * period)
 
 
 def _slopes(time: np.ndarray, q: np.ndarray) -> np.ndarray:

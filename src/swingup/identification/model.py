@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from .prediction import INDEX, NAMES, Setting
+from .prediction import INDEX, LEAST_LAG, NAMES, Setting
 
 SHARED = NAMES[:9]
 """Entries of the plant, the same in all sessions."""
@@ -96,7 +96,7 @@ def expectations(setting: Setting, start: Float[np.ndarray, "15"], commanded: bo
     found["gain1"] = Expectation(1.0, 0.2, 1.5, 0.2, 3.0)
     # Measured torques may be later than those that act.
     found["delay"] = Expectation(0.003 if commanded else 0.0, 0.004, 1.5, 0.0 if commanded else -0.015, 0.025)
-    found["lag"] = Expectation(0.0025, 0.002, 1.0, 3e-4, 0.015)
+    found["lag"] = Expectation(0.0025, 0.002, 1.0, LEAST_LAG, 0.015)
     return found
 
 
@@ -119,15 +119,12 @@ def make_unknowns(
     entries: list[int] = []
     place, fixed = np.full((len(free), len(NAMES)), -1), np.tile(start, (len(free), 1))
     for name, value in known.items():
-        fixed[:, INDEX[name]] = value
+        fixed[:, _places(name)] = value
     for session, wanted in enumerate(free):
         for name in wanted:
             if name in known or (name in SHARED and session > 0):
                 continue
-            targets = [INDEX[name], *([INDEX["gain2"]] if name == "gain1" else [])]
-            sessions = slice(None) if name in SHARED else session
-            for target in targets:
-                place[sessions, target] = len(names)
+            place[slice(None) if name in SHARED else session, _places(name)] = len(names)
             names.append(name if session == 0 else f"{name}@{session + 1}")
             rows.append(expected[session][name])
             entries.append(INDEX[name])
@@ -136,3 +133,8 @@ def make_unknowns(
     )
     low, high = (low - centre) / scale, (high - centre) / scale
     return Unknowns(tuple(names), np.array(entries, int), place, fixed, centre, scale, spread, low, high)
+
+
+def _places(name: str) -> list[int]:
+    """Where an unknown or a known value stands in the model's vector: both motors have one gain."""
+    return [INDEX[name], INDEX["gain2"]] if name == "gain1" else [INDEX[name]]

@@ -2,21 +2,22 @@
 
 from collections.abc import Sequence
 
-from .estimate import Study
-from .reading import DEAD_TIME, TITLES, Reading
+from .estimate import Problem
+from .model import MASSES
+from .reading import DEAD_TIME, NARROW, OFFSET_SIZE, TITLES, Reading
 from .recording import Recording
 
 FEW_WINDOWS = 10
 
 
 def make_notes(
-    recordings: Sequence[Recording], study: Study, reading: Reading, fitted: int, judged: int
+    recordings: Sequence[Recording], problem: Problem, reading: Reading, fitted: int, judged: int
 ) -> tuple[str, ...]:
     """Warnings of the logs, and what the fit leaves open.
 
     Args:
         recordings: all logs.
-        study: of the fit.
+        problem: of the fit.
         reading: its estimates.
         fitted: number of windows of the fit.
         judged: number of held-out windows.
@@ -27,22 +28,24 @@ def make_notes(
     if not judged:
         notes.append("no held-out window has a joint faster than 1 rad/s: there are no errors to report")
     notes.append("of masses and centres of mass, motion tells m1 r1 + m2 l1, m2 r2 and I1 + m2 l1^2 alone")
-    notes.append(_scale(study))
+    notes.append(_scale(problem))
     delay, lag, total = (reading.determined.get(name, False) for name in ("delay", "lag", DEAD_TIME))
     if total and not (delay and lag):
         notes.append("of delay and lag the logs determine the sum, not the parts")
     unknown = [name for name, sure in reading.determined.items() if not sure and name in reading.intervals]
     if unknown:
-        notes.append(f"not determined (interval wider than 25 % of the value): {', '.join(unknown)}")
+        limits = f"{100 * NARROW:g} % of the value, or {1e3 * NARROW * OFFSET_SIZE:g} mrad of an offset"
+        notes.append(f"not determined (interval wider than {limits}): {', '.join(unknown)}")
     return tuple(notes)
 
 
-def _scale(study: Study) -> str:
-    if study.knows_mass:
-        return f"the known {', '.join(TITLES.get(name, name) for name in study.known)} fixes the scale"
-    if study.has_scale and "gain1" in study.known:
+def _scale(problem: Problem) -> str:
+    if problem.knows_mass:
+        masses = ", ".join(TITLES[name] for name in MASSES if name in problem.known)
+        return f"the known {masses} fixes the scale"
+    if problem.has_scale and "gain1" in problem.known:
         return "the known torque gain fixes the scale of masses, inertias and frictions"
-    if study.has_scale:
+    if problem.has_scale:
         return (
             "masses, inertias and frictions are relative to the torque: if the motors deliver less than the log "
             "says, all are smaller by that factor (fix one scale with --known)"

@@ -13,23 +13,19 @@ from jaxtyping import Float
 
 from ..plants.domain import Domain
 from ..plants.loop import LOOP_DT
-from .estimate import Study, fit_start
-from .prediction import INDEX, NAMES, Setting, predict, setting_of, vector_of
-from .prior import middle_plant
+from .estimate import LATENCY, Problem, fit_start
+from .prediction import INDEX, LEAST_LAG, NAMES, Setting, predict, setting_of, vector_of
 from .recording import Recording
 from .scoring import HORIZONS, prediction_errors, score_windows
 from .smoothing import REACH, smooth
-from .windows import INTERVAL, Windows, cut_windows
+from .windows import FIT_LENGTH, INTERVAL, Windows, cut_windows
 
 LONGEST = 1.0
 """The longest horizon (s)."""
-FIT_LENGTH = 0.25
-"""Length of the windows that delay and lag are fitted on (s)."""
 SPEED_HORIZON = 0.25
 """Horizon of the errors by speed (s)."""
 SPEED_GROUPS = 4
 """Groups of equally many windows, from slow to fast."""
-LOOP = ("delay", "lag")
 
 
 @dataclass(frozen=True)
@@ -102,12 +98,12 @@ def predict_log(recording: Recording, domain: Domain, name: str) -> OpenLoop:
         domain: plant and loop.
         name: of the plant in the result.
     """
-    plant = middle_plant(domain)
+    plant = domain.middle_parameters
     setting, start = setting_of(plant), _start(domain, vector_of(plant))
-    known = {each: float(start[INDEX[each]]) for each in LOOP if _says(domain, each)}
-    fitted = tuple(each for each in LOOP if each not in known) if any(recording.driven) else ()
-    study = Study(setting, start, [recording], [0], known)
-    model = fit_start(study, cut_windows(recording, FIT_LENGTH))[0] if fitted else start
+    known = {each: float(start[INDEX[each]]) for each in LATENCY if _says(domain, each)}
+    fitted = tuple(each for each in LATENCY if each not in known) if any(recording.driven) else ()
+    problem = Problem(setting, start, [recording], [0], known)
+    model = fit_start(problem, cut_windows(recording, FIT_LENGTH))[0] if fitted else start
     short, long = score_windows([recording]), cut_windows(recording, LONGEST)
     models, rows = model[None], {}
     near, far = prediction_errors(setting, models, short), prediction_errors(setting, models, long)
@@ -185,11 +181,11 @@ def _says(domain: Domain, name: str) -> bool:
 def _start(domain: Domain, vector: Float[np.ndarray, "15"]) -> Float[np.ndarray, "15"]:
     """The model's vector with what the domain says of the loop."""
     values = dict(zip(NAMES, vector, strict=True))
-    for name in ("offset1", "offset2", "gain1", "gain2", *LOOP):
+    for name in ("offset1", "offset2", "gain1", "gain2", *LATENCY):
         if name in domain.names:
             values[name] = domain.middle(name)
     if "response" in domain.names and "lag" not in domain.names:
         # Of a change of torque, a first-order lag makes this part within a step of the loop.
         values["lag"] = -LOOP_DT / np.log1p(-min(domain.middle("response"), 0.999))
-    values["lag"] = max(values["lag"], 3e-4)
+    values["lag"] = max(values["lag"], LEAST_LAG)
     return np.array([values[name] for name in NAMES])

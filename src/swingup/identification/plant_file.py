@@ -4,6 +4,7 @@ Motion tells m1 r1 + m2 l1, m2 r2, I1 + m2 l1² and I2, not the masses. Among th
 chosen whose masses are near the starting plant's and whose links could be built: m r² ≤ I on both links.
 """
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,11 +17,10 @@ from ..physics.parameters import NAMES, Parameters, validated
 from ..plants.domain import make_domain
 from ..text import one_line
 from ..version import __version__
+from .prediction import LEAST_LAG
 
 Range = tuple[float, float]
 
-SHORTEST_LAG = 3e-4
-"""s"""
 MARGIN = 1.05
 """Inertia above that of a point mass, m r²."""
 
@@ -47,7 +47,7 @@ def representative(base: Mapping[str, float], start: Parameters) -> Parameters:
 
 
 def domain_of(
-    plant: Parameters, ranges: Mapping[str, Range], sensors: Mapping[str, Any] | None = None
+    plant: Parameters, ranges: Mapping[str, Range], others: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
     """A domain's content: ranges of plant and loop around an identified plant.
 
@@ -56,16 +56,19 @@ def domain_of(
     Args:
         plant: the representative.
         ranges: of the base parameters, frictions, ``delay`` and ``lag`` (s).
-        sensors: ranges of the offsets and the encoders' quanta (rad), and where velocities come from.
+        others: entries of the domain as they are: offsets, quanta, torque gains, and where velocities come from.
+
+    Raises:
+        SwingupError: not even the plant alone makes a domain.
     """
-    for narrowing in (1.0, 0.7, 0.5, 0.3, 0.15, 0.0):
-        content = {**_content(plant, ranges, narrowing), **(sensors or {})}
-        try:
+    for narrowing in (1.0, 0.7, 0.5, 0.3, 0.15):
+        content = {**_content(plant, ranges, narrowing), **(others or {})}
+        with contextlib.suppress(SwingupError):
             make_domain(content)
-        except SwingupError:
-            continue
-        return content
-    return {}
+            return content
+    content = {**_content(plant, ranges, 0.0), **(others or {})}
+    make_domain(content)
+    return content
 
 
 def _content(p: Parameters, ranges: Mapping[str, Range], narrowing: float) -> dict[str, float | list[float]]:
@@ -88,11 +91,11 @@ def _content(p: Parameters, ranges: Mapping[str, Range], narrowing: float) -> di
     delay = (max(ranges["delay"][0], 0.0), max(ranges["delay"][1], 0.0))
     content["torque_limit"] = float(max(p.tl1, p.tl2))
     content["delay"] = list(delay)
-    content["lag"] = [max(end, SHORTEST_LAG) for end in ranges["lag"]]
+    content["lag"] = [max(end, LEAST_LAG) for end in ranges["lag"]]
     return content
 
 
-def write_plant(path: str | Path, plant: Parameters, domain: Mapping[str, Any], logs: Sequence[str]) -> Path:
+def write_plant_files(path: str | Path, plant: Parameters, domain: Mapping[str, Any], logs: Sequence[str]) -> Path:
     """Write a plant's file, and its domain's beside it: ``mine.yml`` and ``mine-domain.yml``.
 
     Raises:
@@ -104,7 +107,7 @@ def write_plant(path: str | Path, plant: Parameters, domain: Mapping[str, Any], 
     facts = [f"{name}: {float(getattr(plant, name))!r}" for name in NAMES]
     note = "# SI units. m1, m2, r1, r2 and I1 are one choice of many that move alike."
     write_atomically(target, "\n".join([source, note, *facts, ""]).encode())
-    note = "# Ranges of the plant and its loop: 95 % intervals. What the logs do not determine is wide."
+    note = "# Ranges of the plant and its loop: 95 % intervals, narrowed where they make no pendulum."
     rows = [f"{name}: {value}" for name, value in domain.items()]
     write_atomically(beside, "\n".join([source, note, *rows, ""]).encode())
     return beside

@@ -40,6 +40,8 @@ CHUNK = 128
 THREADS = 2
 LONGEST_LAG = 0.03
 """Time that a lag remembers (s)."""
+LEAST_LAG = 3e-4
+"""Shortest lag of a model (s)."""
 
 
 class Setting(NamedTuple):

@@ -10,9 +10,9 @@ from ..physics.parameters import Parameters
 from ..plants.domain import Domain, make_domain
 from ..plants.plant import Plant
 from .plant_file import domain_of
-from .prediction import INDEX, NAMES, vector_of
+from .prediction import INDEX, LEAST_LAG, NAMES, vector_of
 
-MASSES = 0.2
+BASE_SPREAD = 0.2
 """Base parameters around a plant that a drawing or a fit of another specimen gives: this part lower or higher."""
 ROTOR = (0.5, 2.5)
 FRICTION = (0.4, 1.6)
@@ -27,7 +27,7 @@ def prior_around(plant: Plant) -> Domain:
     """A domain around a plant's facts: as wide as specimens of one design, and sessions of one robot, differ."""
     vector, p = vector_of(plant.parameters), plant.parameters
     torque = float(p.g) * vector[0]
-    around = dict.fromkeys(NAMES[:4], (1 - MASSES, 1 + MASSES)) | {
+    around = dict.fromkeys(NAMES[:4], (1 - BASE_SPREAD, 1 + BASE_SPREAD)) | {
         "rotor": ROTOR,
         "cf1": FRICTION,
         "cf2": FRICTION,
@@ -39,14 +39,9 @@ def prior_around(plant: Plant) -> Domain:
         damping = vector[INDEX[f"b{joint}"]]
         ranges[f"b{joint}"] = (min(damping, 0.0), max(3 * damping, 0.002 * torque))
     loop = {"delay": DELAY, "lag": LAG, "offset1": (0.0, 0.0), "offset2": (0.0, 0.0)}
-    content = domain_of(p, ranges | loop, {})
+    content = domain_of(p, ranges | loop)
     found = make_domain(content, f"around {plant.name}")
     return replace(found, plant=plant)
-
-
-def middle_plant(domain: Domain) -> Parameters:
-    """The plant in the middle of the domain's ranges."""
-    return replace(domain.base, **{name: domain.middle(name) for name in domain.names if name in PLANT_NAMES})
 
 
 def draw_models(domain: Domain, count: int, seed: int) -> Float[np.ndarray, "count 15"]:
@@ -71,5 +66,5 @@ def _model(domain: Domain, values: dict[str, float], plant: Parameters | None = 
     for name in ("gain1", "gain2", "delay", "lag"):
         if name in values:
             vector[INDEX[name]] = values[name]
-    vector[INDEX["lag"]] = max(vector[INDEX["lag"]], 3e-4)
+    vector[INDEX["lag"]] = max(vector[INDEX["lag"]], LEAST_LAG)
     return vector

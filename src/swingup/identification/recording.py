@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 
 from ..errors import SwingupError
 from ..table import read_columns
-from .log_checks import check_motion, check_time, find_warnings
+from .log_checks import check_motion, check_time, find_warnings, longest_step
 
 _POSITIONS = (("pos_meas1", "pos_meas2"), ("pos1", "pos2"))
 _VELOCITIES = (("vel_meas1", "vel_meas2"), ("vel1", "vel2"), ())
@@ -31,10 +31,6 @@ DIFFERENCES = 1e-3
 
 REPEAT_MOTION = 0.25
 """Motion between two rows, in steps of an encoder, with which they should differ: of four such rows one does."""
-
-GAP_PERIODS = 20.0
-GAP = 0.06
-"""A longer time between rows, in median periods and in s, is a gap that no prediction crosses."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +70,7 @@ class Recording:
     @property
     def gaps(self) -> Bool[np.ndarray, "intervals"]:
         """Intervals between rows that are too long to predict across."""
-        return np.diff(self.time) > max(GAP, GAP_PERIODS * self.period)
+        return np.diff(self.time) > longest_step(self.period)
 
 
 def read_recording(path: str | Path, torque_limits: tuple[float, float] | None = None) -> Recording:

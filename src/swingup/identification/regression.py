@@ -17,6 +17,7 @@ from jaxtyping import Float
 from scipy.optimize import lsq_linear
 
 from ..errors import SwingupError
+from .model import SHARED
 from .prediction import Setting
 from .recording import Recording
 from .smoothing import REACH, smooth
@@ -26,9 +27,8 @@ SPAN = 0.05
 """Time over which momenta change (s)."""
 POINTS = 11
 """States within it, for the integrals."""
-DEAD_TIME = 0.004
+COMMAND_AGE = 0.004
 """Typical age of a command when it acts (s)."""
-COLUMNS = ("first", "second", "shoulder", "elbow", "rotor", "b1", "b2", "cf1", "cf2")
 
 WIDEST = 5.0
 """Masses and inertias lie within this factor of the starting plant's."""
@@ -67,8 +67,8 @@ def cut_spans(recording: Recording) -> Spans:
     starts = np.arange(2 * REACH, recording.duration - SPAN - REACH, SPAN)
     grid = starts[:, None] + np.linspace(0.0, SPAN, POINTS)
     states = smooth(recording, grid.ravel()).reshape(*grid.shape, 4)
-    dead = DEAD_TIME if recording.commanded else 0.0
-    total = cumulative_torque(recording, np.stack([starts, starts + SPAN], axis=1) - dead)
+    age = COMMAND_AGE if recording.commanded else 0.0
+    total = cumulative_torque(recording, np.stack([starts, starts + SPAN], axis=1) - age)
     moving = np.abs(states[..., 2:]).max(axis=(1, 2)) > LEAST_SPEED
     rows = np.flatnonzero(recording.gaps)
     for begins, ends in zip(recording.time[rows], recording.time[rows + 1], strict=True):
@@ -90,7 +90,7 @@ def regress(setting: Setting, spans: Spans, start: Float[np.ndarray, "15"], driv
     size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-30)
     found = np.clip(lsq_linear(matrix / size, right, (low * size, high * size)).x / size, low, high)
     left, parts = right - matrix @ found, matrix * found
-    values = {name: float(value) for name, value in zip(COLUMNS, found, strict=True)}
+    values = {name: float(value) for name, value in zip(SHARED, found, strict=True)}
     return Estimate(values, float(left @ left) / max(float(right @ right + np.sum(parts**2)), 1e-30))
 
 
@@ -157,7 +157,7 @@ def _equations(setting: Setting, spans: Spans) -> np.ndarray:
         "cf1": (_integral(slow1), none),
         "cf2": (none, _integral(slow2)),
     }
-    return np.stack([np.stack(columns[name], axis=1).ravel() for name in COLUMNS], axis=1)
+    return np.stack([np.stack(columns[name], axis=1).ravel() for name in SHARED], axis=1)
 
 
 def _integral(values: np.ndarray) -> np.ndarray:

@@ -11,6 +11,8 @@ from .smoothing import REACH, smooth
 
 STRIDE = 0.1
 """Time between the starts of two windows (s)."""
+FIT_LENGTH = 0.25
+"""Length of the windows of a fit (s)."""
 INTERVAL = 0.05
 """Time between the states that a prediction reports (s)."""
 LEAST_SPEED = 1.0

@@ -133,6 +133,14 @@ class Domain:
         low, high = {each: (low, high) for each, low, high in self.ranges}.get(name, (self.defaults[name],) * 2)
         return 0.5 * (low + high)
 
+    @property
+    def middle_parameters(self) -> Parameters:
+        """The plant in the middle of the ranges; both motors have the ``torque_limit``, if there is one."""
+        values = {name: self.middle(name) for name in NAMES}
+        if "torque_limit" in self.names:
+            values |= dict.fromkeys(MOTORS, self.middle("torque_limit"))
+        return Parameters(**values)
+
     def __str__(self) -> str:
         """Its name and its ranges."""
         return f"{self.name} {self.as_dict()}"

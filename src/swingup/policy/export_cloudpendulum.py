@@ -9,24 +9,24 @@ from .pendulum import PendulumPolicy
 from .settings import default_guard
 from .template import NAME, asset, check_export_name, fill
 
-VELOCITY_LIMIT = 50.0
+CELL_VELOCITY = 50.0
 """Largest velocity of a joint (rad/s). Source: what teams report of the cells in 2026."""
-TORQUE_LIMIT = 0.15
+CELL_TORQUE = 0.15
 """Largest torque (N m). Source: the same."""
 
 
 def cloudpendulum_guard(period: float | None) -> GuardSettings:
     """The guard of a policy whose file has none, for calls every ``period`` s; None for every 2 ms."""
-    return dataclasses.replace(default_guard(period), velocity_limit=VELOCITY_LIMIT)
+    return dataclasses.replace(default_guard(period), velocity_limit=CELL_VELOCITY)
 
 
 def cloudpendulum_notes(policy: PendulumPolicy) -> list[str]:
     """What does not fit the cells in a policy, as sentences."""
     return [
-        f"it may command {most:g} N m at the {joint}, and CloudPendulum's motors give {TORQUE_LIMIT:g}: train one "
+        f"it may command {most:g} N m at the {joint}, and CloudPendulum's motors give {CELL_TORQUE:g}: train one "
         "for its plant"
         for joint, most in zip(("shoulder", "elbow"), policy.torque_limits, strict=True)
-        if most > TORQUE_LIMIT
+        if most > CELL_TORQUE
     ]
 
 

@@ -2,7 +2,6 @@
 
 import dataclasses
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import jax
@@ -16,7 +15,7 @@ from ..benchmark.runner import run_one
 from ..checks import positive_number, whole_number
 from ..control.python_controller import PythonController
 from ..errors import SwingupError
-from ..physics.parameters import NAMES, Robot, get_robot
+from ..physics.parameters import Robot, get_robot
 from ..plants.domain import Domain
 from ..plants.plant import PlantLike
 from ..policy.pendulum import read_pendulum_policy
@@ -106,10 +105,7 @@ def _difference(folder: Folder, domain: Domain, robot: Robot) -> str | None:
     """How the middle of the domain's plants differs from the policy's plant."""
     if folder.policy is None:
         return None
-    values = {name: domain.middle(name) for name in NAMES}
-    if "torque_limit" in domain.names:
-        values |= dict.fromkeys(("tl1", "tl2"), domain.middle("torque_limit"))
-    return plant_difference(read_pendulum_policy(folder.policy).plant, SimpleNamespace(**values), robot)
+    return plant_difference(read_pendulum_policy(folder.policy).plant, domain.middle_parameters, robot)
 
 
 def _limits(facts: dict[str, Any]) -> tuple[float, float]:

@@ -32,7 +32,7 @@ def simulated_robot(plant: PlantLike | None, domain: Domain | str | None, robot:
     around = load_domain(domain) if isinstance(domain, str) else domain or Domain((), "a perfect loop")
     if plant is None:
         return around
-    facts = _facts(plant)
+    facts = plant_as_domain(plant)
     own, (limit, scale) = facts.names, _torque_limit(facts, around, robot)
     loop = [
         (name, *((low * scale, high * scale) if name in TORQUES else (low, high)))
@@ -49,8 +49,12 @@ def simulated_robot(plant: PlantLike | None, domain: Domain | str | None, robot:
     )
 
 
-def _facts(plant: PlantLike) -> Domain:
-    """A plant as a domain; its file may have a loop as well."""
+def plant_as_domain(plant: PlantLike) -> Domain:
+    """A plant as a domain; its file may have a loop and ranges as well.
+
+    Raises:
+        SwingupError: there is no such plant, or its file makes none.
+    """
     if isinstance(plant, str | Path) and Path(plant).suffix in (".yml", ".yaml") and Path(plant).is_file():
         return load_domain(plant)
     found = load_plant(plant)

@@ -88,7 +88,7 @@ def close_loop(
         seed: of all that is drawn.
 
     Raises:
-        SwingupError: the controller is for the other one or fails.
+        SwingupError: the controller is for the other robot, or fails.
     """
     rules = replace(PERFORMANCE_RULES["hardware"], duration=min(recording.duration, LONGEST))
     with jax.enable_x64(True):

@@ -8,7 +8,6 @@ from typing import Any
 from ..control.registry import get_controller
 from ..errors import SwingupError
 from ..identification.open_loop import OpenLoop, Stretches, predict_log, stretches
-from ..identification.prior import middle_plant
 from ..identification.recording import Recording, read_recording
 from ..physics.parameters import Robot, get_robot
 from ..plants.domain import Domain
@@ -82,7 +81,7 @@ def compare(
         driven = driven_robot(recording) if robot is None else get_robot(robot)
         for name, domain in plants.items():
             around = domain if loop is None else loop(name, driven)
-            found = get_controller(controller, driven, plant=middle_plant(domain))
+            found = get_controller(controller, driven, plant=domain.middle_parameters)
             runs[name] = close_loop(recording, found, controller, driven, around, seed)
     predictions = [predict_log(recording, domain, name) for name, domain in plants.items()]
     drawn = [stretches(recording, each.setting, each.model, DRAWN_LENGTH) for each in predictions]

@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from ..identification.open_loop import LOOP, ErrorRow, OpenLoop, Stretches, smoothed
+from ..identification.estimate import LATENCY
+from ..identification.open_loop import ErrorRow, OpenLoop, Stretches, smoothed
 from ..identification.prediction import INDEX
 from .closed_loop import ClosedLoop, Run
 from .compare import Comparison
@@ -57,7 +59,7 @@ def _motion(comparison: Comparison) -> Part:
         u = Curve("log", recording.time, recording.u[:, joint], MEASURED, STEPS)
         panels.append(Panel(TIME, TORQUES[joint], [u]))
     rows = [
-        [each.name, *(f"{1e3 * each.model[INDEX[name]]:.1f} ms{_fitted(each, name)}" for name in LOOP)]
+        [each.name, *(f"{1e3 * each.model[INDEX[name]]:.1f} ms{_fitted(each, name)}" for name in LATENCY)]
         for each in comparison.predictions
         if any(recording.driven)
     ]
@@ -144,31 +146,27 @@ def _run(name: str, found: ClosedLoop) -> Part:
         "Energy (J)",
         "Torque cost (N² m² s)",
     )
-    panels = []
-    columns = [(label, place, None) for place, label in enumerate(STATES)] + [
-        (TORQUES[found.robot.joint], None, found.robot.joint)
+    runs = (("log", recorded, MEASURED), (f"{name}, simulated", simulated, 0))
+    panels = [
+        Panel(TIME, label, [_curve(title, run, run.trajectory.x[:, place], colour) for title, run, colour in runs])
+        for place, label in enumerate(STATES)
     ]
-    for label, state, joint in columns:
-        curves = []
-        for title, run, colour in (("log", recorded, MEASURED), (f"{name}, simulated", simulated, 0)):
-            rows_of = run.trajectory
-            every = max(1, round(PERIOD / float(np.median(np.diff(np.asarray(rows_of.time))))) // 2)
-            y = rows_of.x[:, state] if joint is None else rows_of.u[:, joint]
-            curves.append(
-                Curve(
-                    title,
-                    np.asarray(rows_of.time)[::every],
-                    np.asarray(y)[::every],
-                    colour,
-                    LINE if colour == MEASURED else THIN,
-                )
-            )
-        panels.append(Panel(TIME, label, curves))
+    joint = found.robot.joint
+    torques = [_curve(title, run, run.trajectory.u[:, joint], colour) for title, run, colour in runs]
+    panels.append(Panel(TIME, TORQUES[joint], torques))
     note = (
         f"{found.controller} on the {found.robot.name}, from hanging at rest, simulated: {found.domain.name}. "
         "Unstable motions differ in timing: compare how high, how fast and how still they are, not their rows."
     )
     return Part(f"Closed loop: {name}", note, [Table(heads, rows)], panels, over_time=True)
+
+
+def _curve(title: str, run: Run, values: Any, colour: str | int) -> Curve:
+    """A column of a run, thinned to about half of ``PERIOD``."""
+    time = np.asarray(run.trajectory.time)
+    every = max(1, round(PERIOD / float(np.median(np.diff(time)))) // 2)
+    look = LINE if colour == MEASURED else THIN
+    return Curve(title, time[::every], np.asarray(values)[::every], colour, look)
 
 
 def _outcome(name: str, run: Run) -> list[str]:

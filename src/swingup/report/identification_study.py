@@ -5,6 +5,7 @@ import numpy as np
 from ..identification.identify import Identification
 from ..identification.open_loop import SPEED_HORIZON, fastest_speeds, predicted_stretches, smoothed
 from ..identification.prediction import INDEX
+from ..identification.reading import NARROW, OFFSET_SIZE
 from ..identification.scoring import LENGTH, prediction_errors
 from ..identification.windows import INTERVAL, Windows
 from .compare_study import PERIOD, STATES, motion_panels
@@ -35,7 +36,10 @@ def _parameters(found: Identification) -> Part:
         [name, shown(reading.values[name], 4), f"{low:.4g} to {high:.4g}", _answer(reading.determined.get(name))]
         for name, (low, high) in reading.intervals.items()
     ]
-    note = "SI units. Determined: the 95 % interval, from a bootstrap over logs, is at most 20 % of the value."
+    note = (
+        f"SI units. Determined: the 95 % interval is no wider than {100 * NARROW:g} % of the value, or than "
+        f"{1e3 * NARROW * OFFSET_SIZE:g} mrad for an offset. Intervals come from a bootstrap over logs and blocks."
+    )
     return Part("Parameters", note, [Table(("Parameter", "Value", "95 % interval", "Determined"), rows)])
 
 

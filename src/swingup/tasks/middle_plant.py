@@ -1,7 +1,5 @@
 """The one plant that a policy is said to be made for, when it was trained on a domain of plants."""
 
-from types import SimpleNamespace
-
 from ..physics.parameters import NAMES, Parameters, Robot
 from ..plants.domain import Domain
 from ..policy.plant_facts import PolicyPlant, policy_plant
@@ -14,10 +12,7 @@ def middle_plant(domain: Domain, robot: Robot) -> PolicyPlant | None:
     """
     if domain.plant is None:
         return None
-    values = {name: domain.middle(name) for name in NAMES}
-    if "torque_limit" in domain.names:
-        values |= dict.fromkeys(("tl1", "tl2"), domain.middle("torque_limit"))
-    return policy_plant(SimpleNamespace(**values), robot, domain.plant.name)
+    return policy_plant(domain.middle_parameters, robot, domain.plant.name)
 
 
 def known_plant(domain: Domain, robot: Robot) -> Parameters | None:
