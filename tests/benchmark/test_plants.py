@@ -118,6 +118,9 @@ def test_disturbances_are_in_the_plants_own_units(similar):
     # kp θ and kd θ / T are torques; ki has one more 1/T.
     assert (pid.kp, pid.ki, pid.kd, pid.limit) == pytest.approx((0.25, 0.005, 0.0125, 0.15))
     assert (pid.dt, thrown.throw_duration) == pytest.approx((0.001, 0.1))
+    # The real robot's PID has a limit of 3 N m for its proportional part.
+    robots = uptime_in_own_units(UPTIME_RULES["icra-real"], ACROBOT, plant)
+    assert robots.thrower.proportional_limit == pytest.approx(0.075)
 
 
 def test_disturbances_on_c1_are_the_boards():

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from swingup.benchmark.interval import share_interval
+from swingup.benchmark.robot_rules import SIM2REAL_RULES
 from swingup.benchmark.rollout import Scenario, Trajectory
-from swingup.benchmark.rules import SIM2REAL_RULES
 from swingup.benchmark.sim2real import _judged, sim2real
 from swingup.control.registry import get_controller
 from swingup.errors import SwingupError

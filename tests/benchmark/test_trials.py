@@ -10,8 +10,8 @@ import pytest
 from swingup.benchmark.criteria import realai_score
 from swingup.benchmark.evaluate import score
 from swingup.benchmark.recording import recorded, stopped_at
+from swingup.benchmark.robot_rules import TRIAL_RULES, get_trial_rules
 from swingup.benchmark.rollout import Record, Trajectory
-from swingup.benchmark.rules import TRIAL_RULES, get_trial_rules
 from swingup.benchmark.trials import trial_pushes, trials
 from swingup.errors import SwingupError
 from swingup.physics.parameters import get_robot, identified_parameters

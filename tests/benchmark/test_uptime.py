@@ -146,7 +146,7 @@ def test_the_robots_rules_agree_with_a_numpy_loop(make, name, stop):
 
 
 def test_domains_are_for_rules_that_draw_plants():
-    with pytest.raises(SwingupError, match="the rules v3 draw no plants: leave the domain identified out"):
+    with pytest.raises(SwingupError, match="the rules v3 draw no plants: leave the domain 'identified' out"):
         uptime(Counting(), "acrobot", domain="identified")
 
 

@@ -13,9 +13,10 @@ import pytest
 import swingup
 from swingup.benchmark.board_rules import BOARD_RULES
 from swingup.benchmark.rules import CRITERIA
-from swingup.cli import main
+from swingup.cli import judging, main
 from swingup.cli.commands import Boards
 from swingup.control.registry import BUILT_IN
+from swingup.errors import SwingupError
 from swingup.physics.parameters import save_parameters
 from swingup.plants.plant import load_plant
 from swingup.policy.jax_backend.controller import save_controller
@@ -378,6 +379,18 @@ def test_a_plant_is_named_with_the_ratio_of_its_torques(capsys, brief_runs, tmp_
     )
     out = run(capsys, "score", "run.csv", "--robot", "acrobot", "--plant", "B.0")
     assert "-0.700   (-100.0 % of l1 + l2)" in out
+    out = run(capsys, "score", "run.csv", "--robot", "acrobot", "--plant", "B.0", "--rules", "v3")
+    assert out.startswith("acrobot, run (rules v3, plant B.0, torque/gravity 0.96)\n")
+
+
+@pytest.mark.parametrize(("domain", "plant"), [("identified", "None"), ("B.0", "B.0")])
+def test_baselines_of_sim2real_are_designed_for_the_domains_plant(capsys, monkeypatch, domain, plant):
+    def found(name, robot, estimator, plant):
+        raise SwingupError(f"designed for {plant}")
+
+    monkeypatch.setattr(judging, "get_controller", found)
+    assert main(["sim2real", "acrobot", "--controller", "lqr", "--domain", domain]) == 2
+    assert f"designed for {plant}\n" in capsys.readouterr().err
 
 
 def test_the_command_of_a_result_names_its_plant(capsys, brief_runs):
@@ -399,6 +412,11 @@ def test_the_command_of_a_result_names_its_plant(capsys, brief_runs):
         (("trajectory", "acrobot", "--out", "x.npz", "--plant", "bad.yml"), "lacks m2"),
         (("refine", "acrobot", "--out", "x.npz", "--plant", "bad.yml"), "lacks m2"),
         (("train", "acrobot", "--plant", "bad.yml"), "lacks m2"),
+        (
+            ("train", "acrobot", "--preset", "sim2real", "--domain", "recorded", "--plant", "B.0"),
+            "a domain, not B.0",
+        ),
+        (("uptime", "acrobot", "--domain", "recorded"), "leave the domain 'recorded' out"),
         (("plot", "phase", "none.csv", "--out", "x.png", "--plant", "bad.yml"), "lacks m2"),
         (("export", "--robot", "acrobot", "--to", "c", "--out", "x.h", "--plant", "bad.yml"), "lacks m2"),
         (("leaderboard", "acrobot", "--plant", "bad.yml"), "lacks m2"),

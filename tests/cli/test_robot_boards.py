@@ -65,7 +65,7 @@ def test_cells_say_whose_board_they_are(capsys):
     assert run("uptime pendubot --controller lqr --rules cloudpendulum --json") == 0
     result = json.loads(capsys.readouterr().out)
     assert len(result["details"]) == 4
-    assert result["domain"]["plant"] == "cloudpendulum"
+    assert result["domain"]["plant"] == "cloudpendulum-rods"
     assert result["note"].startswith("Ours")
 
 

@@ -1,12 +1,14 @@
 """Baselines that are designed for other plants."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import swingup
-from swingup.control.baselines import baseline, design_of
+from swingup.control import baselines
+from swingup.control.baselines import baseline, compute_score_reference, design_of
 from swingup.control.model import model_of
 from swingup.control.optimal import OPTIMAL
 from swingup.control.own_units import scaled_optimal, scaled_published
@@ -14,6 +16,7 @@ from swingup.control.published import PUBLISHED
 from swingup.control.search import SEARCH, follow, guesses, search
 from swingup.control.transition import PendulumTransition
 from swingup.errors import SwingupError
+from swingup.physics.angles import UPRIGHT
 from swingup.physics.parameters import get_robot, leaderboard_parameters
 from swingup.physics.units import Scales, scales_of
 from swingup.plants.plant import load_plant
@@ -53,6 +56,25 @@ def test_coulomb_friction_stays_out_of_the_model(robot):
     model = model_of("C.1", robot)
     assert (model.cf1, model.cf2) == (0.0, 0.0)
     assert (model.b1, model.Ir) == (real.b1, real.Ir)
+
+
+def test_a_swingup_for_the_score_gets_longer_until_it_comes_up(robot, monkeypatch):
+    durations = []
+
+    def computed(robot, problem, seed, plant):
+        durations.append(problem.duration)
+        end = UPRIGHT if len(durations) == 2 else np.zeros(4)
+        return SimpleNamespace(states=np.stack([np.zeros(4), end]), torque=np.zeros(1)), {"seed": seed}
+
+    monkeypatch.setattr(baselines, "compute_optimal_reference", computed)
+    design = design_of(robot, "C.0")
+    assert compute_score_reference(design, 3)[1] == {"seed": 3}
+    first = design.optimal.swingup.duration
+    assert durations == pytest.approx([first, 1.5 * first], abs=design.optimal.swingup.coarse_dt)
+    # The leaderboards' plant keeps the one duration that was chosen for it.
+    durations[:] = []
+    compute_score_reference(design_of(robot, None), 3)
+    assert durations == pytest.approx([OPTIMAL[robot.name].swingup.duration])
 
 
 @pytest.mark.slow

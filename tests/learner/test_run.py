@@ -14,7 +14,7 @@ from swingup.learner.presets import get_preset
 from swingup.learner.run import Run
 from swingup.learner.run_settings import PENDULUM_INTERVALS, RunSettings, run_settings_from_dict
 from swingup.learner.start import resume_run, start_run
-from swingup.plants.domain import Domain
+from swingup.plants.domain import Domain, load_domain
 from swingup.plants.plant import load_plant
 from swingup.policy.jax_backend.controller import load_policy, save_controller
 
@@ -373,9 +373,9 @@ def test_settings_keep_their_plant():
 def test_a_plant_goes_with_a_robot():
     with pytest.raises(SwingupError, match="a plant goes with a robot, not with Swimmer-v5"):
         dataclasses.replace(SETTINGS, robot=None, env="Swimmer-v5", preset="mujoco", plant=load_plant("B.0"))
-    settings = dataclasses.replace(SETTINGS, preset="sim2real", plant=load_plant("B.0"))
-    with pytest.raises(SwingupError, match="give a domain, not a plant"):
-        settings.task()
+    for domain in (None, load_domain("recorded")):
+        with pytest.raises(SwingupError, match=r"sim2real draws its plants from a domain, not B\.0: write plant"):
+            dataclasses.replace(SETTINGS, preset="sim2real", plant=load_plant("B.0"), domain=domain)
 
 
 @pytest.mark.slow

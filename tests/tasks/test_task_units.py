@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from swingup.benchmark.own_units import sim2real_in_own_units
-from swingup.benchmark.rules import SIM2REAL_RULES
+from swingup.benchmark.robot_rules import SIM2REAL_RULES
 from swingup.errors import SwingupError
 from swingup.physics.parameters import leaderboard_parameters
 from swingup.plants.domain import Domain, load_domain

@@ -3,14 +3,13 @@
 from dataclasses import dataclass
 
 from ..checks import one_of
+from .robot_rules import TRIAL_RULES, TrialRules
 from .rules import (
     PERFORMANCE_RULES,
     ROBUSTNESS_RULES,
-    TRIAL_RULES,
     UPTIME_RULES,
     PerformanceRules,
     RobustnessRules,
-    TrialRules,
     UptimeRules,
 )
 

@@ -123,6 +123,11 @@ def tip_is_up(x: np.ndarray, l1: float, l2: float, fraction: float) -> np.ndarra
     return tip_heights(x, l1, l2) > fraction * (l1 + l2)
 
 
+def time_up(time: np.ndarray, x: np.ndarray, l1: float, l2: float, fraction: float) -> float:
+    """Σ Δt_k of the recorded rows that are up (s), Δt_k = t_k - t_{k-1} and Δt_0 = 0; lengths in m."""
+    return float(np.diff(time, prepend=time[0])[tip_is_up(x, l1, l2, fraction)].sum())
+
+
 def tip_heights(x: np.ndarray, l1: float, l2: float) -> np.ndarray:
     """Height of the tip above the shoulder (m), for states of shape (..., 4); lengths in m."""
     height: np.ndarray = -l1 * np.cos(x[..., 0]) - l2 * np.cos(x[..., 0] + x[..., 1])

@@ -11,7 +11,9 @@ from ..physics.units import Scales, scales_of
 from ..plants.domain import Domain
 from ..plants.plant import PlantLike, robot_parameters
 from ..tasks.middle_plant import middle_plant
-from .rules import ModelSweep, PushRules, RobustnessRules, Sim2RealRules, Sweep, UptimeRules
+from ..tasks.throws import scaled_thrower
+from .robot_rules import Sim2RealRules
+from .rules import ModelSweep, PushRules, RobustnessRules, Sweep, UptimeRules
 
 
 def robustness_in_own_units(
@@ -45,13 +47,13 @@ def uptime_in_own_units(rules: UptimeRules, robot: Robot, plant: PlantLike | Non
     """
     if plant is None:
         return rules
-    scales, pid = scales_of(robot_parameters(plant, robot)), rules.thrower
-    limit, time = scales.torque_limit, scales.time
+    scales = scales_of(robot_parameters(plant, robot))
     # The loop's period does not scale, and so the PID's own period does not either.
-    thrower = replace(
-        pid, kp=pid.kp * limit, ki=pid.ki * limit / time, kd=pid.kd * limit * time, limit=pid.limit * limit
+    return replace(
+        rules,
+        throw_duration=rules.throw_duration * scales.time,
+        thrower=scaled_thrower(rules.thrower, scales),
     )
-    return replace(rules, throw_duration=rules.throw_duration * time, thrower=thrower)
 
 
 def sim2real_in_own_units(rules: Sim2RealRules, domain: Domain, robot: Robot) -> Sim2RealRules:

@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from ..physics.parameters import Robot, get_robot
 from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict, robot_parameters
-from .criteria import tip_heights, tip_is_up
+from .criteria import time_up, tip_heights
 from .recording import checked_rows
 from .rollout import Trajectory
 from .rules import DEFAULT_UPTIME_RULES, UptimeRules, get_uptime_rules
@@ -66,8 +64,7 @@ def recorded_uptime(
     found = find_plant(plant)
     parameters = robot_parameters(found, robot)
     lengths = float(parameters.l1), float(parameters.l2)
-    # A row counts with the time before it: the first has none.
-    up = float(np.diff(time, prepend=time[0])[tip_is_up(x, *lengths, rules.height)].sum())
+    up = time_up(time, x, *lengths, rules.height)
     highest = float(tip_heights(x, *lengths).max())
     return RecordedUptime(
         robot=robot.name,

@@ -12,10 +12,10 @@ START = 0.2
 LEAST = 3
 """Rows of which costs can be summed."""
 
-Rows = tuple[Float[np.ndarray, "rows"], Float[np.ndarray, "rows 4"], Float[np.ndarray, "rows 2"]]
+CheckedRows = tuple[Float[np.ndarray, "rows"], Float[np.ndarray, "rows 4"], Float[np.ndarray, "rows 2"]]
 
 
-def checked_rows(trajectory: Trajectory) -> Rows:
+def checked_rows(trajectory: Trajectory) -> CheckedRows:
     """The times (s), states (rad, rad/s) and torques (N m) of a trajectory, in float64.
 
     Raises:

@@ -11,7 +11,7 @@ from ..tasks.cell import Cell, example_disturbances
 from ..tasks.draw import draw
 from ..tasks.limits import Stop
 from ..tasks.resets import Resets, ResetSupervisor
-from .criteria import tip_is_up
+from .criteria import time_up
 from .rollout import Scenario, Trajectory
 from .rules import UptimeRules
 
@@ -55,6 +55,4 @@ def draw_cell(rules: UptimeRules, model: Parameters, seed: int) -> Cell:
 def recorded_share(record: Trajectory, plant: Parameters, rules: UptimeRules) -> float:
     """Time up over the duration of the rules, of what the robot recorded; time in throws counts as well."""
     time, x = np.asarray(record.time), np.asarray(record.x)
-    up = tip_is_up(x, float(plant.l1), float(plant.l2), rules.height)
-    # A row counts with the time before it, as in a recording.
-    return float(np.diff(time, prepend=time[0])[up].sum()) / rules.duration
+    return time_up(time, x, float(plant.l1), float(plant.l2), rules.height) / rules.duration

@@ -1,4 +1,4 @@
-"""The benchmark's rules, version by version, as data."""
+"""The benchmark's rules, version by version, as data; those of runs on a simulated robot are in ``robot_rules``."""
 
 import math
 from collections.abc import Mapping
@@ -31,7 +31,9 @@ class Normalisers:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Timing:
+class Timing:
+    """How long a run lasts, and in which steps."""
+
     name: str
     duration: float = 10.0
     """Length of a run (s)."""
@@ -46,7 +48,7 @@ class _Timing:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PerformanceRules(_Timing):
+class PerformanceRules(Timing):
     """How one swing-up from hanging at rest is simulated and scored."""
 
     normalisers: Normalisers
@@ -133,7 +135,7 @@ RANDOM = ("velocity_noise", "torque_noise", "perturbations")
 
 
 @dataclass(frozen=True, kw_only=True)
-class RobustnessRules(_Timing):
+class RobustnessRules(Timing):
     """The grid of simulations of the robustness score, and the condition of success."""
 
     model: Mapping[str, ModelSweep] = field(default_factory=lambda: dict(MODEL_SWEEPS))
@@ -147,7 +149,7 @@ class RobustnessRules(_Timing):
 
 
 @dataclass(frozen=True, kw_only=True)
-class UptimeRules(_Timing):
+class UptimeRules(Timing):
     """The global-policy score: throws by a PID on both joints, and the share of time that the tip is up."""
 
     duration: float = 60.0
@@ -196,59 +198,6 @@ PERFORMANCE_RULES = {
 ``hardware-perturbed``: the real robot's board of runs with pushes, whose normalisers differ by robot."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Sim2RealRules(_Timing):
-    """What counts as success on the simulated robot."""
-
-    performance: PerformanceRules = PERFORMANCE_RULES["hardware"]
-    """How its costs are scored."""
-    hold: float = 2.0
-    """Last part of the run in which the tip must be up (s). Chosen."""
-    speed: float = 20.0
-    """Speed of a joint at which the robot stops (rad/s). Source: the AI Olympics' loop on the robot."""
-    angle: float = 4 * math.pi
-    """Angle of a joint at which it stops (rad). Source: the same."""
-
-
-SIM2REAL_RULES = Sim2RealRules(name="sim2real")
-"""Success in :func:`swingup.benchmark.sim2real.sim2real`."""
-
-
-STOP = Limits(angle=4 * math.pi, speed=20.0)
-"""Where the real robot stops. Source: the AI Olympics' loop on the robot."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrialRules(_Timing):
-    """Trials on the simulated robot by the rules of a real one's board: what the robot records is scored."""
-
-    performance: PerformanceRules = PERFORMANCE_RULES["hardware"]
-    """How a recorded run is scored."""
-    pushes: Mapping[str, PushRules] = field(default_factory=dict)
-    """Pushes on both joints by the robot's name, with as many profiles as trials; none for calm trials."""
-    stop: Limits = STOP
-    """Beyond these the robot stops, and the run fails."""
-    domain: str = "recorded"
-    """Plants and loops are drawn from this domain, unless from another."""
-    trials: int = 10
-    """Runs of a controller on the board."""
-
-
-TRIAL_RULES = {
-    rules.name: rules
-    for rules in (
-        TrialRules(
-            name="iros-real",
-            pushes={
-                "acrobot": PushRules(profiles=10, pushes=2, amplitude=(0.5, 0.75)),
-                "pendubot": PushRules(profiles=10, pushes=2, amplitude=(0.2, 0.5)),
-            },
-        ),
-        TrialRules(name="v2-real"),
-    )
-}
-"""``iros-real``: the real robot of IROS 2024, with pushes. ``v2-real``: the same robot's board without."""
-
 ROBUSTNESS_RULES = {"v2": RobustnessRules(name="v2")}
 """``v2``: the robustness leaderboard of IROS 2024."""
 
@@ -287,9 +236,8 @@ UPTIME_RULES = {
 
 DEFAULT_RULES = "v2"
 DEFAULT_UPTIME_RULES = "v3"
-DEFAULT_TRIAL_RULES = "iros-real"
 
-_R = TypeVar("_R", bound=_Timing)
+RulesT = TypeVar("RulesT", bound=Timing)
 
 
 def get_performance_rules(name: str | PerformanceRules) -> PerformanceRules:
@@ -298,7 +246,7 @@ def get_performance_rules(name: str | PerformanceRules) -> PerformanceRules:
     Raises:
         SwingupError: there are no such rules.
     """
-    return _look_up("performance", PERFORMANCE_RULES, name)
+    return look_up("performance", PERFORMANCE_RULES, name)
 
 
 def get_robustness_rules(name: str | RobustnessRules) -> RobustnessRules:
@@ -307,16 +255,7 @@ def get_robustness_rules(name: str | RobustnessRules) -> RobustnessRules:
     Raises:
         SwingupError: there are no such rules.
     """
-    return _look_up("robustness", ROBUSTNESS_RULES, name)
-
-
-def get_trial_rules(name: str | TrialRules) -> TrialRules:
-    """Look rules of trials on a robot up by their name; rules are returned as they are.
-
-    Raises:
-        SwingupError: there are no such rules.
-    """
-    return _look_up("trial", TRIAL_RULES, name)
+    return look_up("robustness", ROBUSTNESS_RULES, name)
 
 
 def get_uptime_rules(name: str | UptimeRules) -> UptimeRules:
@@ -325,10 +264,15 @@ def get_uptime_rules(name: str | UptimeRules) -> UptimeRules:
     Raises:
         SwingupError: there are no such rules.
     """
-    return _look_up("uptime", UPTIME_RULES, name)
+    return look_up("uptime", UPTIME_RULES, name)
 
 
-def _look_up(kind: str, known: Mapping[str, _R], name: str | _R) -> _R:
+def look_up(kind: str, known: Mapping[str, RulesT], name: str | RulesT) -> RulesT:
+    """Look rules of a kind up by their name; rules are returned as they are.
+
+    Raises:
+        SwingupError: there are no such rules.
+    """
     if not isinstance(name, str):
         return name
     return known[one_of(f"{kind} rules", name, known)]

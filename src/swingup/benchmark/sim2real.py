@@ -13,12 +13,13 @@ from ..plants.domain import Domain, load_domain
 from ..plants.on_plant import on_plant
 from ..plants.plant import PlantLike, plant_as_dict
 from ..tasks.draw import draw
+from ..tasks.middle_plant import known_plant
 from ..version import __version__
 from .criteria import Criteria, judge, tip_is_up
 from .interval import Interval, share_interval
 from .own_units import sim2real_in_own_units
+from .robot_rules import SIM2REAL_RULES, Sim2RealRules
 from .rollout import Scenario, Trajectory
-from .rules import SIM2REAL_RULES, Sim2RealRules
 from .runner import Progress, prepare, run_many, stack
 from .seeds import check_seeds, in_groups
 
@@ -126,7 +127,7 @@ def sim2real(
     robot, domain = get_robot(robot), load_domain(domain) if isinstance(domain, str) else domain
     domain = domain if plant is None else on_plant(domain, plant)
     rules, every = sim2real_in_own_units(rules, domain, robot), check_seeds(seed, seeds)
-    estimator, controller = has_estimator(controller), prepare(controller, robot, name)
+    estimator, controller = has_estimator(controller), prepare(controller, robot, name, known_plant(domain, robot))
     runs: list[Sim2RealRun] = []
     first = None
     for group in in_groups(every, SWINGUPS_AT_ONCE):

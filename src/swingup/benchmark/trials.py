@@ -11,16 +11,18 @@ import numpy as np
 from ..control.registry import has_estimator
 from ..physics.parameters import Parameters, Robot, get_robot
 from ..plants.domain import Domain, load_domain
+from ..plants.plant import plant_as_dict
 from ..tasks.disturbance import Pushes
 from ..tasks.draw import draw
 from ..tasks.limits import Stop
+from ..tasks.middle_plant import known_plant
 from ..version import __version__
 from .criteria import Criteria, failed, judge
 from .grid import draw_pushes
 from .interval import Interval, mean_interval, share_interval
 from .recording import recorded, stopped_at
+from .robot_rules import DEFAULT_TRIAL_RULES, TrialRules, get_trial_rules
 from .rollout import Scenario, Trajectory
-from .rules import DEFAULT_TRIAL_RULES, TrialRules, get_trial_rules
 from .runner import Progress, prepare, run_many, stack
 from .seeds import check_seeds, in_groups
 
@@ -107,6 +109,7 @@ class Trials:
         scores = ("successes", "success_interval", "best", "score", "interval")
         return {
             **{name: getattr(self, name) for name in names},
+            **plant_as_dict(self.domain.plant, self.robot),
             "domain": self.domain.as_dict(),
             **{name: getattr(self, name) for name in scores},
             "seed": self.runs[0].seed,
@@ -144,7 +147,7 @@ def trials(
     every = check_seeds(seed, rules.trials if seeds is None else seeds)
     chosen = rules.domain if domain is None else domain
     ranges = load_domain(chosen) if isinstance(chosen, str) else chosen
-    estimator, controller = has_estimator(controller), prepare(controller, robot, name)
+    estimator, controller = has_estimator(controller), prepare(controller, robot, name, known_plant(ranges, robot))
     runs: list[Trial] = []
     first = None
     for group in in_groups(every, TRIALS_AT_ONCE):

@@ -16,6 +16,7 @@ from ..physics.parameters import Parameters, Robot, get_robot
 from ..plants.domain import Domain, load_domain
 from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict, robot_parameters
 from ..tasks.throws import Throws
+from ..text import quoted
 from ..version import __version__
 from .criteria import tip_is_up
 from .interval import Interval, mean_interval
@@ -84,7 +85,9 @@ class Uptime:
             head |= {"note": self.note}
         runs = zip(self.seeds, self.uptimes, self.faults, self.stops, strict=True)
         details = [
-            {"seed": seed, "uptime": up} | ({"fault": why} if why else {}) | ({"stop": stop} if stop else {})
+            {"seed": seed, "uptime": up}
+            | ({"fault": why} if why else {})
+            | ({} if stop is None else {"stop": stop})
             for seed, up, why, stop in runs
         ]
         return {**head, "seed": self.seeds[0], "details": details}
@@ -170,7 +173,8 @@ def minute_domain(rules: UptimeRules, domain: Domain | str | None, plant: PlantL
         SwingupError: there is no such domain, or the rules take none, or no plant.
     """
     if rules.domain is None and domain is not None:
-        raise SwingupError(f"the rules {rules.name} draw no plants: leave the domain {domain} out")
+        name = domain.name if isinstance(domain, Domain) else domain
+        raise SwingupError(f"the rules {rules.name} draw no plants: leave the domain {quoted(name)} out")
     if rules.domain is not None and plant is not None:
         raise SwingupError(f"the rules {rules.name} draw plants from a domain: give the plant as the domain")
     chosen = rules.domain if domain is None else domain

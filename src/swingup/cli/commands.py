@@ -17,7 +17,7 @@ from . import (
     training,
 )
 from .boards import BoardCommands, check_command, score_command
-from .judging import JudgingCommands
+from .judging_commands import JudgingCommands
 from .parsing import parse
 
 DESCRIPTION = """Swing up and balance the acrobot and the pendubot with AR-EAPO.

@@ -6,8 +6,7 @@ from typing import Annotated, Literal
 from tyro.conf import arg
 
 from ..benchmark.seeds import check_seeds
-from ..control.baselines import design_of
-from ..control.optimal import compute_optimal_reference
+from ..control.baselines import compute_score_reference, design_of
 from ..control.reference import compute_reference, save_reference
 from ..control.trajectory_csv import save_reference_csv
 from ..files import check_writable
@@ -24,7 +23,7 @@ def trajectory(
     problem: Literal["published", "score"] = "published",
     seed: int = 0,
 ) -> int:
-    """Compute the swing-up that the baselines follow by iterative LQR; takes a minute or two.
+    """Compute the swing-up that the baselines follow by iterative LQR; takes minutes.
 
     Args:
         robot: the robot.
@@ -38,7 +37,7 @@ def trajectory(
     check_seeds(seed, 1)
     check_writable(out)
     if problem == "score":
-        reference, provenance = compute_optimal_reference(chosen, design.optimal.swingup, seed, on)
+        reference, provenance = compute_score_reference(design, seed)
     else:
         reference, provenance = compute_reference(chosen, design.published.swingup, seed, on)
     choice = [] if problem == "published" else ["--problem", problem]

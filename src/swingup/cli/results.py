@@ -30,7 +30,7 @@ def evaluation_lines(result: Evaluation, judged: str, rules: str) -> list[str]:
 def recorded_uptime_lines(result: RecordedUptime) -> list[str]:
     """The uptime of a recording, and how high the tip came."""
     return [
-        f"{result.robot}, {result.controller} (rules {result.rules})",
+        f"{result.robot}, {result.controller} (rules {result.rules}{plant_note(result.plant, result.robot)})",
         aligned("Uptime score", f"{result.uptime:.3f}", f"up for {result.time_up:.2f} s of {result.span:.2f} s"),
         aligned("Highest tip [m]", f"{result.highest_tip:.3f}", f"{result.highest_tip_percent:.1f} % of l1 + l2"),
     ]
@@ -109,8 +109,9 @@ def trials_lines(result: Trials, judged: str) -> list[str]:
         ("Stopped by the robot", f"{stopped} of {len(runs)}", ""),
         ("Largest speed [rad/s]", f"{max(run.speed for run in runs):.1f}", ""),
     )
+    drawn = f"domain {result.domain.name}, seed {_seeds(seeds)}{plant_note(result.domain.plant, result.robot)}"
     return [
-        f"{result.robot}, {judged} (rules {result.rules}, domain {result.domain.name}, seed {_seeds(seeds)})",
+        f"{result.robot}, {judged} (rules {result.rules}, {drawn})",
         *(aligned(*row, width=12) for row in rows),
         *(f"  seed {run.seed}: {run.fault}" for run in runs if run.fault),
     ]

@@ -70,8 +70,8 @@ def train_command(
         checkpoint_every: frames between checkpoints; default 1048576, or 262144 with --env.
         evaluation_episodes: episodes of an evaluation with --env; default 5.
         domain: domain of the preset sim2real, which plants and loops are drawn from: identified (the default),
-            randomised or a YAML file.
-        plant: the pendulum to train on, in whose units the task is; the simulated robot has a domain instead.
+            randomised, recorded, a session of the robot, as session-acrobot, or a YAML file.
+        plant: the pendulum to train on, in whose units the task is; for the preset sim2real a domain names it.
         hyperparameters: those that are left out are the preset's. In brackets: the value in the preset default,
             then in presets that differ.
     """

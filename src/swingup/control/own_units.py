@@ -33,22 +33,18 @@ def scaled_published(published: Published, scales: Scales) -> Published:
 
 def scaled_swingup(problem: SwingupProblem, scales: Scales) -> SwingupProblem:
     """The published trajectory optimisation for another pendulum, which begins with a search."""
-    coarse = _ilqr(SEARCH.settings, scales, scales.torque_limit)
-    fine = replace(_ilqr(problem.settings, scales, scales.torque_limit), max_iterations=FINE_ITERATIONS)
+    limit = problem.settings.torque_limit * scales.torque_limit
+    # The search's settings for both grids: with a line search fewer iterations are enough.
+    settings = replace(_ilqr(SEARCH.settings, scales.torque_limit), torque_limit=limit)
     return replace(
         problem,
         weights=_tracking(problem.weights, scales),
-        # The search's settings: with a line search fewer iterations are enough.
-        settings=replace(coarse, torque_limit=fine.torque_limit, max_iterations=FINE_ITERATIONS),
+        settings=replace(settings, max_iterations=FINE_ITERATIONS),
         gain_regularisation=problem.gain_regularisation / scales.torque_limit**2,
         # The loop's period stays, which is a multiple of dt: a row for each call.
         steps=round((problem.steps + 1) * scales.time) - 1,
         first_torque=problem.first_torque * scales.torque_limit,
-        search=replace(
-            SEARCH,
-            settings=replace(coarse, torque_limit=fine.torque_limit),
-            amplitude=SEARCH.amplitude * scales.torque_limit,
-        ),
+        search=replace(SEARCH, settings=settings, amplitude=SEARCH.amplitude * scales.torque_limit),
     )
 
 
@@ -79,8 +75,8 @@ def scaled_score(problem: ScoreProblem, scales: Scales) -> ScoreProblem:
         final_torque=problem.final_torque / U**2,
         coarse_dt=coarse_dt,
         # Their input is the torque's rate.
-        coarse=_ilqr(problem.coarse, scales, U / T),
-        fine=_ilqr(problem.fine, scales, U / T),
+        coarse=_ilqr(problem.coarse, U / T),
+        fine=_ilqr(problem.fine, U / T),
         first_torque=problem.first_torque * U,
         amplitude=problem.amplitude * U,
         spread=problem.spread * U,
@@ -92,7 +88,7 @@ def stretched(problem: ScoreProblem, factor: float) -> ScoreProblem:
     return replace(problem, duration=problem.coarse_dt * round(factor * problem.duration / problem.coarse_dt))
 
 
-def _ilqr(settings: ILQRSettings, scales: Scales, unit: float) -> ILQRSettings:
+def _ilqr(settings: ILQRSettings, unit: float) -> ILQRSettings:
     """Settings of an iteration whose input has a unit: μ is a cost per square of it."""
     return replace(
         settings,
@@ -125,7 +121,7 @@ def _mpc(settings: MPCSettings, scales: Scales) -> MPCSettings:
         settings,
         tracking=_tracking(settings.tracking, scales),
         upright=_tracking(settings.upright, scales),
-        settings=_ilqr(settings.settings, scales, scales.torque_limit),
+        settings=_ilqr(settings.settings, scales.torque_limit),
         # The loop's period stays: a plan of as many of the pendulum's own units has another number of steps.
         horizon=max(10, round(settings.horizon * scales.time)),
     )

@@ -24,7 +24,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..physics.equations import COULOMB_STEEPNESS, Lumped
-from ..physics.implicit_friction import Friction, advance
+from ..physics.implicit_friction import SmoothedFriction, advance
 from ..physics.parameters import Parameters
 from .windows import HISTORY, INTERVAL, TORQUE_STEP, Windows
 
@@ -130,7 +130,7 @@ def predict_window(setting: Setting, outputs: int, model: Array, start: Array, i
     """States at the output times of one window, in measured angles."""
     m = dict(zip(NAMES, model, strict=True))
     plant = lump_base(setting, m)
-    friction = Friction((m["b1"], m["b2"]), (m["cf1"], m["cf2"]), setting.steepness)
+    friction = SmoothedFriction((m["b1"], m["b2"]), (m["cf1"], m["cf2"]), setting.steepness)
     torques = acting_torques(setting, outputs, m["delay"], m["lag"], impulse)
     torques = torques * jnp.stack([m["gain1"], m["gain2"]])
     x = (start[0] - m["offset1"], start[1] - m["offset2"], start[2], start[3])

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..physics.implicit_friction import Friction, advance
+from ..physics.implicit_friction import SmoothedFriction, advance
 from .prediction import NAMES, THREADS, Setting, lump_base
 from .waves import PERIOD
 from .windows import INTERVAL
@@ -111,7 +111,7 @@ def _compiled(setting: Setting, every: int, keep: bool) -> Callable[..., Any]:
     def simulate(model: Array, torque: Array, reference: Array, feedback: Array, limits: Array) -> Any:
         m = dict(zip(NAMES, model, strict=True))
         plant = lump_base(setting, m)
-        friction = Friction((m["b1"], m["b2"]), (m["cf1"], m["cf2"]), setting.steepness)
+        friction = SmoothedFriction((m["b1"], m["b2"]), (m["cf1"], m["cf2"]), setting.steepness)
         gains = jnp.stack([m["gain1"], m["gain2"]])
 
         def row(carry: Any, now: Any) -> Any:

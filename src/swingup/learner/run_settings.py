@@ -74,6 +74,11 @@ class RunSettings:
             raise SwingupError(f"a domain goes with the preset sim2real, not with {self.preset}")
         if self.plant is not None and self.robot is None:
             raise SwingupError(f"a plant goes with a robot, not with {self.name}")
+        if self.plant is not None and in_sim2real:
+            raise SwingupError(
+                f"the preset {self.preset} draws its plants from a domain, not {self.plant.name}: "
+                "write plant: NAME into the domain's file"
+            )
         for each in dataclasses.fields(self):
             if "least" in each.metadata:
                 number = whole_number(each.name, getattr(self, each.name), each.metadata["least"])

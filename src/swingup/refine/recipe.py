@@ -1,6 +1,7 @@
 """Recipes: stages of refinement as data, and the function that runs them."""
 
 import dataclasses
+import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,13 +16,15 @@ from ..benchmark.evaluate import evaluate
 from ..control.controller import AbstractController
 from ..control.registry import get_controller
 from ..errors import SwingupError
-from ..physics.parameters import Robot
+from ..physics.parameters import Robot, leaderboard_parameters
 from ..plants.plant import Plant, PlantLike, find_plant
-from ..policy.jax_backend.controller import PolicyController
-from ..policy.plant_facts import policy_plant
+from ..policy.jax_backend.controller import PolicyController, plant_of
+from ..policy.plant_facts import plant_difference, policy_plant
 from .analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings
 from .behaviour_cloning import CloningSettings, clone_behaviour
 from .episodes import EpisodeSettings, sample_episodes
+
+_LOGGER = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -84,6 +87,10 @@ def run_recipe(
             Python.
     """
     start, found = time.perf_counter(), find_plant(plant)
+    if found is None:
+        difference = plant_difference(plant_of(controller), leaderboard_parameters(robot), robot)
+        if difference is not None:
+            _LOGGER.warning("without a plant the policy is refined on the leaderboards': %s", difference)
     # Only the mean acts when a policy is judged; the deviation's head would stay without gradient.
     controller = eqx.tree_at(lambda c: c.policy.actor.std_head, controller, None, is_leaf=lambda leaf: leaf is None)
     facts = None if found is None else policy_plant(found.parameters, robot, found.name)

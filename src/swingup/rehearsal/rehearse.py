@@ -8,8 +8,9 @@ import jax
 import numpy as np
 
 from ..benchmark.criteria import follow_tip, judge
+from ..benchmark.robot_rules import SIM2REAL_RULES
 from ..benchmark.rollout import Scenario
-from ..benchmark.rules import PERFORMANCE_RULES, SIM2REAL_RULES, PerformanceRules
+from ..benchmark.rules import PERFORMANCE_RULES, PerformanceRules
 from ..benchmark.runner import run_one
 from ..checks import positive_number, whole_number
 from ..control.python_controller import PythonController

@@ -15,6 +15,7 @@ def middle_plant(domain: Domain, robot: Robot) -> PolicyPlant | None:
     return policy_plant(domain.middle_parameters, robot, domain.plant.name)
 
 
-def parameters_of(plant: PolicyPlant) -> Parameters:
-    """The parameters of a policy's plant."""
-    return Parameters(**{name: getattr(plant, name) for name in NAMES})
+def known_plant(domain: Domain, robot: Robot) -> Parameters | None:
+    """The parameters of :func:`middle_plant`, if there is one."""
+    plant = middle_plant(domain, robot)
+    return None if plant is None else Parameters(**{name: getattr(plant, name) for name in NAMES})

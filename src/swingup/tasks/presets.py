@@ -17,7 +17,7 @@ from ..plants.plant import PlantLike, robot_parameters
 from ..policy.jax_backend.front_end import FrontEnd
 from ..policy.jax_backend.observation import PendulumObservation
 from ..policy.settings import FrontEndSettings
-from .middle_plant import middle_plant, parameters_of
+from .middle_plant import known_plant
 from .pendulum import AbstractPendulumTask, PendulumTask
 from .recovery import UP_LINE_WIDTH, RecoveryTask
 from .sim2real import Sim2RealTask
@@ -98,10 +98,10 @@ def sim2real_task(
         velocity_weight=velocity_weight,
         dead_band=dead_band,
     )
-    plant = middle_plant(domain, robot)
+    plant = known_plant(domain, robot)
     task = Sim2RealTask(
         robot=robot,
-        parameters=leaderboard_parameters(robot) if plant is None else parameters_of(plant),
+        parameters=leaderboard_parameters(robot) if plant is None else plant,
         observation=observation,
         cost_velocity_limit=observation.velocity_scale,
         domain=domain,
@@ -123,13 +123,8 @@ PLANT_TASKS: dict[str, Callable[[Robot, PlantLike | None], AbstractPendulumTask[
 }
 """Tasks on one plant, the leaderboards' by default."""
 
-TASKS: dict[str, Callable[[Robot], AbstractPendulumTask[Any]]] = {
-    "paper": paper_task,
-    "smooth": smooth_task,
-    "global": global_task,
-    "anywhere": anywhere_task,
-    "sim2real": sim2real_task,
-}
+TASKS: dict[str, Callable[..., AbstractPendulumTask[Any]]] = {**PLANT_TASKS, **SIM2REAL_TASKS}
+"""All of them; each has its defaults for a robot alone."""
 
 
 def get_task(name: str, robot: Robot, plant: PlantLike | None = None) -> AbstractPendulumTask[Any]:

@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 
 from ..types import Scalar, State
 
-Angles = Float[Array, "2"]
+JointAngles = Float[Array, "2"]
 """q1 and q2 (rad)."""
 
 
@@ -21,7 +21,7 @@ class Sensor(eqx.Module):
     differences: bool = eqx.field(static=True, default=True)
     """Velocities are backward differences of measured angles; otherwise the motors' drivers know the true ones."""
 
-    def angles(self, q: Angles) -> Angles:
+    def angles(self, q: JointAngles) -> JointAngles:
         """Measured angles (rad): with the offset, rounded to the nearest step."""
         shown, quantum = q + jnp.asarray(self.offset), jnp.asarray(self.quantum)
         grid = jnp.where(quantum > 0, quantum, 1.0)

@@ -4,6 +4,7 @@ Source: the rules of the global-policy benchmark (ICRA 2025). They include the P
 wrapped, its error sum and its last error continue from throw to throw, and its period is not the loop's.
 """
 
+import dataclasses
 import functools
 
 import equinox as eqx
@@ -46,15 +47,17 @@ THROWER = Thrower()
 """The benchmark's."""
 
 
-def scaled_thrower(scales: Scales) -> Thrower:
-    """The benchmark's PID for a pendulum of other units, with gains in proportion to its torque limit."""
+def scaled_thrower(thrower: Thrower, scales: Scales) -> Thrower:
+    """A PID for a pendulum of other units, with gains in proportion to its torque limit; its period stays."""
     limit, time = scales.torque_limit, scales.time
-    return Thrower(
-        kp=THROWER.kp * limit,
-        ki=THROWER.ki * limit / time,
-        kd=THROWER.kd * limit * time,
-        dt=THROWER.dt * time,
-        limit=THROWER.limit * limit,
+    part = thrower.proportional_limit
+    return dataclasses.replace(
+        thrower,
+        kp=thrower.kp * limit,
+        ki=thrower.ki * limit / time,
+        kd=thrower.kd * limit * time,
+        limit=thrower.limit * limit,
+        proportional_limit=None if part is None else part * limit,
     )
 
 
@@ -133,7 +136,9 @@ def thrown_states(
     # Any last error: the throw before it aimed elsewhere, so that the first derivative saturates.
     targets, last = random.uniform(-np.pi, np.pi, (number, 2)), random.uniform(-6.0, 6.0, (number, 2))
     starts = jnp.asarray(targets), jnp.asarray(last), jnp.asarray(x0)
-    x = _thrown(scaled_thrower(scales), plant, *starts, steps, dt, substeps)
+    # Here the loop's period scales, and so the PID's own does as well.
+    thrower = dataclasses.replace(scaled_thrower(THROWER, scales), dt=THROWER.dt * scales.time)
+    x = _thrown(thrower, plant, *starts, steps, dt, substeps)
     return np.array(x)
 
 

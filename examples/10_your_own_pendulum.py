@@ -1,0 +1,25 @@
+"""From the logs of a real pendulum to a plant: identify it, with intervals, and judge a policy on it."""
+
+from pathlib import Path
+
+import swingup
+
+LOGS = Path(__file__).parent / "logs"
+
+found = swingup.identify(
+    [LOGS / "C1-excitation-1.csv", LOGS / "C1-excitation-2.csv"], test=[LOGS / "C1-excitation-3.csv"], start="C.1"
+)
+result = found.as_dict()
+print("parameter        value   95 % interval")
+for name in ("m1 r1 + m2 l1", "m2 r2", "I1 + m2 l1^2", "I2"):
+    low, high = result["intervals"][name]
+    print(f"{name:14} {result['parameters'][name]:7.4f}   {low:.4f} to {high:.4f}")
+for model, errors in result["errors"].items():
+    print(f"held-out error of the {model} model after 0.25 s: {errors['0.25']['angle']:.3f} rad")
+
+domain = found.save("mine.yml")  # the plant, and the ranges that the logs leave beside it
+print(f"wrote mine.yml and {domain}: swingup train acrobot --preset sim2real --domain {domain}")
+
+# A policy made for another plant says so, and usually fails: train one on these ranges.
+policy = swingup.get_controller("refined", "acrobot")
+print(f"score of refined on it: {swingup.evaluate(policy, 'acrobot', plant='mine.yml').criteria.score:.3f}")
