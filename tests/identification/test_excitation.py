@@ -187,7 +187,7 @@ def test_arguments_that_make_no_sense(quick):
 
 def test_limits_that_nothing_keeps(quick):
     # Negative damping: the pendulum swings up by itself.
-    wild = make_domain({"plant": "C.1", "b1": -0.5, "b2": -0.5, "cf1": 0.0, "cf2": 0.0})
+    wild = make_domain({"plant": "C.1", "b1": -2.0, "b2": -2.0, "cf1": 0.0, "cf2": 0.0})
     # Feedback tames it; torques alone do not.
     with pytest.raises(SwingupError, match="no motion keeps all plants within 3 rad"):
         search.excite(wild, duration=3, alone=True)
