@@ -21,6 +21,7 @@ from .initial import begin_episodes, init_learner
 from .keys import IterationKeys, initial_keys, iteration_keys, step_keys
 from .loss import Frames, LossMetrics, loss
 from .optimiser import make_optimiser
+from .shuffle import shuffled
 from .state import LearnerState, Metrics, Rollout, iteration_metrics, select
 from .targets import apply_endings, estimate_values, normalise_returns
 
@@ -142,8 +143,7 @@ def improve(
         updates, optimiser_state = optimiser.update(gradients, optimiser_state)
         return (optax.apply_updates(networks, updates), optimiser_state), (metrics, optax.tree.norm(gradients))
 
-    # Sorting random bits once shuffles well enough (ties are rare) and costs a third of jax.random.permutation.
-    orders = jnp.argsort(jax.random.bits(key, (config.num_epochs, config.rollout_size)), axis=-1)
+    orders = shuffled(key, config.num_epochs, config.rollout_size)
     carry = ((state.actor, state.critic), state.optimiser)
     # batch_size divides the rollout: no minibatch has frames of two epochs.
     ((actor, critic), optimiser_state), (losses, norms) = jax.lax.scan(
