@@ -93,6 +93,14 @@ class Config(eqx.Module):
     """Weight of the value loss."""
     entropy_value_coefficient: float = _number(0.5, 0.0, HUGE)
     """c2: weight of the entropy value's loss within the value loss."""
+    anneal_begin: int = eqx.field(static=True, default=0, metadata={"range": (0, LARGEST_COUNT)})
+    """Frames of a seed from which learning rate and temperature are annealed."""
+    anneal_end: int = eqx.field(static=True, default=0, metadata={"range": (0, LARGEST_COUNT)})
+    """Frames at which annealing ends; 0: both stay as they are."""
+    learning_rate_end: float = _number(0.05, 0.0, 1.0)
+    """Part of the learning rate that is left after annealing."""
+    temperature_end: float = _number(1.0, 0.0, 1.0)
+    """Part of the temperature that is left after annealing."""
     log_std_init: float = _number(-1.0, -20.0, 2.0)
     """Logarithm of the policy's initial standard deviation (before tanh)."""
     observation_clip: float = _number(10.0, TINY, HUGE)
@@ -118,6 +126,10 @@ class Config(eqx.Module):
             raise SwingupError(
                 "terminations = 'end' does not go with average_reward, whose task goes on: "
                 "use reset_cost or bootstrap"
+            )
+        if self.anneal_end and self.anneal_begin >= self.anneal_end:
+            raise SwingupError(
+                f"anneal_begin = {self.anneal_begin} is not before anneal_end = {self.anneal_end}: lower it"
             )
         if self.centre_values and self.popart:
             raise SwingupError("centre_values does not go with popart, which centres as well: choose one")

@@ -16,6 +16,7 @@ from ..tasks.task import AbstractTask
 from ..types import Count, Key, Scalar
 from .act import decide, update_statistics, vmap_with_keys
 from .advantage import advantages, update_gains
+from .anneal import annealed
 from .config import Config
 from .initial import begin_episodes, init_learner
 from .keys import IterationKeys, initial_keys, iteration_keys, step_keys
@@ -63,6 +64,7 @@ def update(
     state: LearnerState, rollout: Rollout, keys: IterationKeys, config: Config
 ) -> tuple[LearnerState, Metrics]:
     """Learn from a rollout of any back end: estimate, then improve."""
+    config = annealed(config, state.iterations)
     estimated, frames, value_means = estimate(state, rollout, config)
     improved, losses, gradient_norm = improve(estimated, frames, keys.improve, config)
     metrics = iteration_metrics(rollout, improved.gains, value_means, losses, gradient_norm)
