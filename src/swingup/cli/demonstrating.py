@@ -82,7 +82,7 @@ def demo(
     paper = paper_score(chosen)
     tell(
         f"AR-EAPO learns to swing up the {chosen.name} from nothing, by trial and error.",
-        f"A score of 1 is perfect; the paper's policy has {paper:.3f}.",
+        f"A score of 1 is perfect, 0 is no swing-up; the paper's policy has {paper:.3f}.",
     )
     sys.stdout.flush()  # before the progress, which goes to the other stream
     watch = Watch(run, paper, start)
@@ -108,7 +108,7 @@ def _show_result(robot: Robot, run: Run, watch: Watch, start: float) -> int:
     with progress_shown() as progress:
         section = trained_section(robot, policies, progress)
     page = folder / PAGE
-    title = f"{robot.name.capitalize()}: a policy after {run.frames / 1e6:.3g} million frames of training"
+    title = f"{robot.name.capitalize()}: your policy after {run.frames / 1e6:.3g} million frames"
     write_atomically(page, render_page([section], title).encode())
     tell("", *comparison_lines(section.boards[0], TRAINED), "", _verdict(watch))
     tell(f"All of it took {duration(time.monotonic() - start)}.", "")
