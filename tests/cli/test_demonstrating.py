@@ -14,6 +14,7 @@ from swingup.benchmark.board_rules import BOARD_RULES
 from swingup.benchmark.leaderboard import Board
 from swingup.cli import commands, demonstrating, main
 from swingup.cli.demonstrating import Watch
+from swingup.cli.parsing import program_typed
 from swingup.cli.progress import progress_line
 from swingup.cli.results import comparison_lines
 from swingup.errors import SwingupError
@@ -150,9 +151,9 @@ def test_the_next_commands_can_be_typed(robot, monkeypatch, tmp_path):
     # By its name where that is the same program, by the module where there is no program.
     monkeypatch.setattr(sys, "argv", [str(program)])
     monkeypatch.setenv("PATH", str(program.parent))
-    assert demonstrating.program_typed() == "swingup"
+    assert program_typed() == "swingup"
     monkeypatch.setattr(sys, "argv", ["__main__.py"])
-    assert demonstrating.program_typed() == f"{shlex.quote(sys.executable)} -m swingup"
+    assert program_typed() == f"{shlex.quote(sys.executable)} -m swingup"
 
 
 @pytest.fixture
@@ -201,6 +202,22 @@ def test_an_interrupted_training_shows_no_result(pretended, monkeypatch, capsys)
     assert main(["demo"]) == 130
     assert "Next" not in capsys.readouterr().out
     assert not Path("runs/demo-acrobot/page.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("--frames 0", "frames = 0"),
+        ("--seed -1", "seed = -1"),
+        ("acrobat", "did you mean acrobot?"),
+        ("--out .", ". exists: choose another --out"),
+    ],
+)
+def test_bad_options_train_nothing(words, message, capsys, monkeypatch):
+    monkeypatch.setattr(demonstrating, "page_tools", lambda name: None)
+    assert main(["demo", *words.split()]) == 2
+    assert message in capsys.readouterr().err
+    assert not Path("runs").exists()
 
 
 def test_without_its_libraries_nothing_is_trained(pretended, monkeypatch, capsys):

@@ -2,7 +2,6 @@
 
 import itertools
 import shlex
-import shutil
 import sys
 import time
 from pathlib import Path
@@ -22,7 +21,7 @@ from ..policy.jax_backend.controller import PolicyController
 from ..report.page import page_tools, render_page
 from ..report.trained import trained_section
 from .output import progress_shown, tell
-from .parsing import PROGRAM
+from .parsing import program_typed
 from .progress import duration
 from .results import comparison_lines
 from .showing import train_shown
@@ -78,13 +77,13 @@ def demo(
     start, chosen = time.monotonic(), get_robot(robot)
     page_tools("page.html")  # before the training: without its libraries there is no page
     options = {"robot": chosen.name, "preset": PRESET, "seed": seed}
-    run = start_training(frames, options, out=str(_new_folder(chosen, out)), changes={})
-    paper = paper_score(chosen)
+    folder, paper = _new_folder(chosen, out), paper_score(chosen)
     tell(
         f"AR-EAPO learns to swing up the {chosen.name} from nothing, by trial and error.",
         f"A score of 1 is perfect, 0 is no swing-up; the paper's policy has {paper:.3f}.",
     )
     sys.stdout.flush()  # before the progress, which goes to the other stream
+    run = start_training(frames, options, out=str(folder), changes={})
     watch = Watch(run, paper, start)
     status = train_shown(run, watch.note)
     return status or _show_result(chosen, run, watch, start)
@@ -141,12 +140,3 @@ def next_lines(robot: Robot, policy: Path) -> list[str]:
         "# every controller on the long boards",
         f"{program} leaderboard {robot.name}",
     ]
-
-
-def program_typed() -> str:
-    """The program as it can be typed: its name, its path where no active environment has it, or the module."""
-    started = Path(sys.argv[0])
-    if started.name != PROGRAM:
-        return f"{shlex.quote(sys.executable)} -m {PROGRAM}"
-    found = shutil.which(PROGRAM)
-    return PROGRAM if found and Path(found).samefile(started) else shlex.quote(str(started))

@@ -1,6 +1,7 @@
 """A training run before the user's eyes: a progress bar or lines; signals stop the run cleanly."""
 
 import math
+import shlex
 import signal
 import time
 from types import FrameType
@@ -11,6 +12,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 from ..learner.run import Run
 from ..tasks.sim2real import Sim2RealTask
 from .arguments import plant_note
+from .parsing import program_typed
 from .progress import WIDTH, Note, no_note, progress_line
 
 PROGRESS_INTERVAL = 10.0
@@ -34,7 +36,7 @@ def train_shown(run: Run, note: Note = no_note) -> int:
     run.close()
     if not received:
         return 0
-    command = f"swingup train --resume {run.folder}"
+    command = f"{program_typed()} train --resume {shlex.quote(str(run.folder))}"
     console.print(
         f"stopped at {run.frames:,} frames and saved: continue with {command}", soft_wrap=True, markup=False
     )

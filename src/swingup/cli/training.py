@@ -110,7 +110,7 @@ def start_training(frames: int | None, options: dict[str, Any], out: str | None,
     # Ids of Gymnasium may contain signs that a folder's name cannot.
     name = settings.name.replace("/", "-").replace(":", "-")
     folder = out or f"runs/{name}-{settings.preset}-{settings.seed}"
-    return start_run(settings, folder, frames or preset.frames)
+    return start_run(settings, folder, preset.frames if frames is None else frames)
 
 
 def _resume(
