@@ -66,7 +66,7 @@ def demo(
 ) -> int:
     """Train a policy before your eyes, score it beside known controllers, and write a page of its swing-up.
 
-    The preset is fast. The folder is that of a run of train: other settings are options there.
+    The training is that of train --preset fast, which has more options and continues an interrupted run.
 
     Args:
         robot: the robot.
