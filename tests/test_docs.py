@@ -115,7 +115,7 @@ def shortened(line):
     """The command line with short trainings, which must not take what the page says."""
     for pattern, text in SHORTER.items():
         line = re.sub(pattern, text, line)
-    return line + " --frames 16384" * (line.startswith(("train", "sweep")) and "--frames" not in line)
+    return line + " --frames 16384" * (line.startswith(("demo", "train", "sweep")) and "--frames" not in line)
 
 
 @pytest.mark.slow

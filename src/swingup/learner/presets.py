@@ -49,6 +49,11 @@ PRESETS = {
         6_000_000,
         "anywhere",
     ),
+    "fast": Preset(
+        "the default in minutes: networks of 64-64, three epochs",
+        Config(centre_values=True, num_epochs=3, policy_layers=(64, 64), value_layers=(64, 64)),
+        8_000_000,
+    ),
     "sim2real": Preset(
         "the simulated robot behind a state estimator: its friction and motors, networks of half the width",
         Config(centre_values=True, policy_layers=(128, 128), value_layers=(256, 256)),
