@@ -16,16 +16,14 @@ import types
 from importlib import resources
 from pathlib import Path
 
-import jax
 import pytest
 
 import swingup
 from swingup.benchmark.board_rules import BOARD_RULES
 from swingup.benchmark.leaderboard import leaderboard
-from swingup.cli import commands, main, pictures
+from swingup.cli import commands, main, pictures, planning
 from swingup.cli.parsing import parse as parse_words
-from swingup.control.optimal import OPTIMAL
-from swingup.control.published import PUBLISHED
+from swingup.control.baselines import shipped_reference
 from swingup.errors import SwingupError
 from swingup.identification import excitation_search, excite
 from swingup.policy.shipped import shipped_file
@@ -139,34 +137,19 @@ def shortened(line):
 
 
 @pytest.fixture
-def few_iterations(monkeypatch):
+def brief_searches(monkeypatch):
     """Searches that end before they found much: whether they find it is for the tests of each of them."""
-    published, optimal = PUBLISHED["acrobot"], OPTIMAL["acrobot"]
-    brief = dataclasses.replace(published.swingup.settings, max_iterations=3)
-    swingup_ = dataclasses.replace(published.swingup, steps=60, settings=brief)
-    monkeypatch.setitem(PUBLISHED, "acrobot", dataclasses.replace(published, swingup=swingup_))
-    grids = {
-        name: dataclasses.replace(getattr(optimal.swingup, name), max_iterations=3) for name in ("coarse", "fine")
-    }
-    score = dataclasses.replace(optimal.swingup, starts=2, **grids)
-    monkeypatch.setitem(OPTIMAL, "acrobot", dataclasses.replace(optimal, swingup=score))
+    shipped, for_the_score = (shipped_reference("acrobot", problem)[0] for problem in ("published", "score"))
+    monkeypatch.setattr(planning, "compute_reference", lambda *_: (shipped, {}))
+    monkeypatch.setattr(planning, "compute_score_reference", lambda *_: (for_the_score, {}))
     monkeypatch.setitem(RECIPES, "score", (CloningSettings(steps=50, demonstrations=16),))
     for name, value in {"POPULATION": 4, "KEPT": 2, "GENERATIONS": 1}.items():
         monkeypatch.setattr(excitation_search, name, value)
     monkeypatch.setattr(excite, "CHECKED_PLANTS", 8)
 
 
-@pytest.fixture
-def hardly_optimised(monkeypatch):
-    """Programs are compiled in a fraction of the time, in the sweeps' workers, too: most of them run once."""
-    monkeypatch.setenv("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
-    jax.config.update("jax_disable_most_optimizations", True)
-    yield
-    jax.config.update("jax_disable_most_optimizations", False)
-
-
 @pytest.mark.slow
-@pytest.mark.usefixtures("few_iterations", "hardly_optimised")
+@pytest.mark.usefixtures("brief_searches")
 def test_command_lines_run_in_their_order(tmp_path, monkeypatch, small_grid, brief_minute):
     """All run in one folder, since some read what others wrote; two trainings may have the same folder."""
     pytest.importorskip("mujoco", reason="mujoco is not installed")
