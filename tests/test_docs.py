@@ -112,7 +112,7 @@ SHORTER = {
 }
 """Options that are shortened before a command line runs."""
 ADDED = {
-    "--frames": ("16384", ("train", "sweep")),
+    "--frames": ("16384", ("demo", "train", "sweep")),
     "--seeds": ("1", ("sim2real",)),
 }
 """Options that are added to some commands where a line leaves them out: the defaults take long."""
