@@ -1,4 +1,4 @@
-"""Annealing: hyperparameters that change with the frames of a run."""
+"""Annealing: smaller steps, and another temperature, towards the end of a run."""
 
 from dataclasses import replace
 
@@ -11,8 +11,8 @@ from .config import Config
 def annealed(config: Config, iterations: Count) -> Config:
     """The hyperparameters of the iteration after so many; those of a run without annealing stay as they are.
 
-    Up to ``anneal_begin`` frames they are as given. Until ``anneal_end`` frames the learning rate and the
-    temperature change linearly to their parts, which they keep.
+    Up to ``anneal_begin`` frames they are as given, from ``anneal_end`` frames on they are multiplied by their
+    factors. In between learning rate and clip range fall geometrically, and the temperature changes linearly.
     """
     if not config.anneal_end:
         return config
@@ -21,6 +21,7 @@ def annealed(config: Config, iterations: Count) -> Config:
     done = jnp.clip((frames - config.anneal_begin) / (config.anneal_end - config.anneal_begin), 0.0, 1.0)
     return replace(
         config,
-        learning_rate=config.learning_rate * (1.0 - done * (1.0 - config.learning_rate_end)),
-        temperature=config.temperature * (1.0 - done * (1.0 - config.temperature_end)),
+        learning_rate=config.learning_rate * config.learning_rate_end**done,
+        clip_range=config.clip_range * config.clip_range_end**done,
+        temperature=config.temperature * (1.0 + done * (config.temperature_end - 1.0)),
     )

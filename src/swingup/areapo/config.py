@@ -94,13 +94,15 @@ class Config(eqx.Module):
     entropy_value_coefficient: float = _number(0.5, 0.0, HUGE)
     """c2: weight of the entropy value's loss within the value loss."""
     anneal_begin: int = eqx.field(static=True, default=0, metadata={"range": (0, LARGEST_COUNT)})
-    """Frames of a seed from which learning rate and temperature are annealed."""
+    """Frames of a seed from which learning rate, clip range and temperature change."""
     anneal_end: int = eqx.field(static=True, default=0, metadata={"range": (0, LARGEST_COUNT)})
-    """Frames at which annealing ends; 0: both stay as they are."""
-    learning_rate_end: float = _number(0.05, 0.0, 1.0)
-    """Part of the learning rate that is left after annealing."""
-    temperature_end: float = _number(1.0, 0.0, 1.0)
-    """Part of the temperature that is left after annealing."""
+    """Frames at which they have changed; 0: they stay as they are."""
+    learning_rate_end: float = _number(0.1, TINY, 1.0)
+    """Factor on the learning rate after annealing."""
+    clip_range_end: float = _number(1.0, TINY, 1.0)
+    """Factor on the clip range after annealing."""
+    temperature_end: float = _number(1.0, 0.0, 1000.0)
+    """Factor on the temperature after annealing."""
     log_std_init: float = _number(-1.0, -20.0, 2.0)
     """Logarithm of the policy's initial standard deviation (before tanh)."""
     observation_clip: float = _number(10.0, TINY, HUGE)

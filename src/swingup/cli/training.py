@@ -8,6 +8,7 @@ from tyro.conf import OmitArgPrefixes, arg
 from ..areapo.config import config_from_dict
 from ..checks import whole_number
 from ..errors import SwingupError
+from ..learner.cores import share_cores
 from ..learner.presets import PRESETS, choose_preset, get_preset
 from ..learner.run import Run
 from ..learner.run_settings import RunSettings, default_intervals, read_run_settings
@@ -53,7 +54,7 @@ def train_command(
         preset: named settings.
         frames: frames to train each seed for; default: the preset's.
         seed: the first seed; default 0.
-        seeds: how many seeds to train side by side; default 1.
+        seeds: how many seeds to train side by side; default: the preset's, 1 or for fast 2.
         out: folder of the run, new or empty; default runs/ROBOT-PRESET-SEED, or the id's name for the robot's.
         resume: folder of a run to continue from its last checkpoint, bit for bit.
         evaluate_every: frames between evaluations, metrics and progress; default 65536.
@@ -87,7 +88,7 @@ def default_options(options: dict[str, Any]) -> dict[str, Any]:
     if options["robot"] is not None:
         get_robot(options["robot"])
     preset = choose_preset(options["preset"], options.get("env") or options["robot"])
-    defaults: dict[str, Any] = {"seed": 0, "seeds": 1} | default_intervals(options["robot"])
+    defaults: dict[str, Any] = {"seed": 0, "seeds": get_preset(preset).seeds} | default_intervals(options["robot"])
     given = {name: value for name, value in options.items() if value is not None}
     return {"robot": None, **defaults, **given, "preset": preset}
 
@@ -110,6 +111,7 @@ def start_training(frames: int | None, options: dict[str, Any], out: str | None,
     # Ids of Gymnasium may contain signs that a folder's name cannot.
     name = settings.name.replace("/", "-").replace(":", "-")
     folder = out or f"runs/{name}-{settings.preset}-{settings.seed}"
+    share_cores(settings.seeds)
     return start_run(settings, folder, preset.frames if frames is None else frames)
 
 
@@ -128,6 +130,7 @@ def _resume(
                 f"{folder} was trained with {name} = {known[name]}, not {value}: resume it without "
                 f"that option, or train anew with another --out"
             )
+    share_cores(saved.seeds)
     return resume_run(folder, frames)
 
 

@@ -23,6 +23,8 @@ class Preset:
     """Default length of a run."""
     task: str = "smooth"
     """The pendulum's variant, a name of :data:`swingup.tasks.presets.TASKS`."""
+    seeds: int = 1
+    """How many seeds a command trains side by side, unless it is told: it keeps the best policy of all."""
 
 
 PRESETS = {

@@ -1,0 +1,40 @@
+import os
+import subprocess
+import sys
+
+import jax
+import pytest
+
+from swingup.learner import cores
+
+
+@pytest.mark.parametrize("seeds, there, expected", [(2, 2, 2), (4, 2, 2), (3, 2, None), (6, 8, 6), (1, 8, None)])
+def test_as_many_cores_as_share_the_seeds_evenly(monkeypatch, seeds, there, expected):
+    asked = {}
+    monkeypatch.setattr(jax.config, "update", lambda name, value: asked.update({name: value}))
+    monkeypatch.setattr(os, "cpu_count", lambda: there)
+    monkeypatch.setenv("XLA_FLAGS", "")
+    cores.share_cores(seeds)
+    assert asked.get("jax_num_cpu_devices") == expected
+
+
+def test_the_users_number_of_devices_stays(monkeypatch):
+    monkeypatch.setattr(jax.config, "update", lambda *_: pytest.fail("the configuration was changed"))
+    monkeypatch.setattr(os, "cpu_count", lambda: 8)
+    monkeypatch.setenv("XLA_FLAGS", "--xla_force_host_platform_device_count=2")
+    cores.share_cores(4)
+
+
+def test_after_the_first_computation_nothing_changes():
+    before = jax.device_count()
+    cores.share_cores(64)
+    assert jax.device_count() == before
+
+
+@pytest.mark.slow
+def test_a_program_trains_on_the_cores_that_it_asked_for():
+    program = "import os; os.cpu_count = lambda: 2\nfrom swingup.learner.cores import share_cores\nshare_cores(4)\n"
+    program += "import jax; print(jax.device_count())"
+    environment = os.environ | {"XLA_FLAGS": "", "JAX_PLATFORMS": "cpu"}
+    shown = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True)
+    assert shown.stdout.strip() == "2", shown.stderr
