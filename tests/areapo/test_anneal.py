@@ -13,7 +13,7 @@ CONFIG = Config(
 
 
 @pytest.mark.parametrize(
-    "iterations, learning_rate, clip_range, temperature",
+    ("iterations", "learning_rate", "clip_range", "temperature"),
     [
         (0, 1e-3, 0.2, 2.0),
         (2, 1e-3, 0.2, 2.0),

@@ -8,7 +8,9 @@ import pytest
 from swingup.learner import cores
 
 
-@pytest.mark.parametrize("seeds, there, expected", [(2, 2, 2), (4, 2, 2), (3, 2, None), (6, 8, 6), (1, 8, None)])
+@pytest.mark.parametrize(
+    ("seeds", "there", "expected"), [(2, 2, 2), (4, 2, 2), (3, 2, None), (6, 8, 6), (1, 8, None)]
+)
 def test_as_many_cores_as_share_the_seeds_evenly(monkeypatch, seeds, there, expected):
     asked = {}
     monkeypatch.setattr(jax.config, "update", lambda name, value: asked.update({name: value}))
