@@ -1,11 +1,19 @@
-# Everything from a fresh clone: `make` scores the shipped policies, `make test` passes the tests.
+# Everything from a fresh clone: `make` trains a policy and shows it, `make test` passes the tests.
+# `make ROBOT=pendubot` takes the other robot, `make FRAMES=100000` trains for fewer frames.
+ROBOT = acrobot
+FRAMES =
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 OURS := $(VENV)/.made-by-swingup
+INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .[dev]
+ANOTHER_PYTHON := make PYTHON=python3.12
 
-.PHONY: leaderboard test slow lint types format examples docs check clean
+.PHONY: demo leaderboard test slow lint types format examples docs check clean
+
+demo: $(READY)
+	@$(BIN)/swingup demo $(ROBOT) $(if $(FRAMES),--frames $(FRAMES))
 
 leaderboard: $(READY)
 	$(BIN)/swingup leaderboard
@@ -44,11 +52,17 @@ check: lint types test examples docs
 $(READY): pyproject.toml
 	@test ! -e $(VENV) || test -e $(OURS) || test -e $(READY) || { \
 		echo "$(VENV) is there and was not made by this Makefile: choose another with make VENV=PATH" >&2; exit 2; }
-	$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'swingup needs Python 3.11 or newer: make PYTHON=python3.12')"
-	$(PYTHON) -m venv $(VENV)
-	touch $(OURS)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
-	touch $(READY)
+	@command -v $(PYTHON) >/dev/null || { echo "make: there is no $(PYTHON): $(ANOTHER_PYTHON)" >&2; exit 2; }
+	@$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'make: swingup needs Python 3.11 or newer: $(ANOTHER_PYTHON)')"
+	@mkdir -p $(VENV) && touch $(OURS)
+	@echo "installing swingup and its tools in $(VENV): some minutes, once"
+	@$(PYTHON) -m venv $(VENV) || { echo "make: '$(PYTHON) -m venv $(VENV)' failed:" \
+		"install venv (Debian: python3-venv), or $(ANOTHER_PYTHON)" >&2; exit 2; }
+	@$(INSTALL) || { echo "make: '$(INSTALL)' failed, so that $(VENV) is not ready; repeat make" \
+		"with a network; behind a proxy: HTTPS_PROXY=URL make; from a mirror: PIP_INDEX_URL=URL make;" \
+		"offline: PIP_NO_INDEX=1 PIP_FIND_LINKS=FOLDER make; where a package lacks this Python:" \
+		"make clean, then $(ANOTHER_PYTHON)" >&2; exit 2; }
+	@touch $(READY)
 
 clean:
 	@test ! -e $(VENV) || test -e $(OURS) || test -e $(READY) || { \

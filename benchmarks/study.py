@@ -127,8 +127,10 @@ def _draw_panel(axes: Any, lines: Mapping[str, Sequence[Curve]]) -> dict[str, An
         for curve in curves:
             axes.plot(np.array(curve["frames"]) / 1e6, curve["scores"], **line_look(k), **THIN)
         if curves:
-            mean = np.mean([curve["scores"] for curve in curves], axis=0)
-            (entries[label],) = axes.plot(np.array(curves[0]["frames"]) / 1e6, mean, **line_look(k))
+            # A run that was stopped ends the mean.
+            shortest = min(len(curve["scores"]) for curve in curves)
+            mean = np.mean([curve["scores"][:shortest] for curve in curves], axis=0)
+            (entries[label],) = axes.plot(np.array(curves[0]["frames"][:shortest]) / 1e6, mean, **line_look(k))
     return entries
 
 

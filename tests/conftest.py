@@ -1,9 +1,11 @@
 """Fixtures and options that all layers share."""
 
+import ctypes
 import dataclasses
 import gc
 import importlib.metadata
 import os
+import sys
 import tempfile
 
 gc.disable()  # until all tests are collected: nearly all that is imported stays
@@ -82,6 +84,27 @@ def brief_minute():
     """Rules of ICRA 2025 with 9 s of the minute and two throws, of which the first comes as late as ever."""
     brief = dataclasses.replace(rules.UPTIME_RULES["v3"], duration=9.0, throws=2)
     return dataclasses.replace(BOARD_RULES["v3"], uptime=brief)
+
+
+TRIM = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
+"""glibc's; other C libraries have none."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def trimmed_memory():
+    """After a module, memory that compilations freed goes back to the system: glibc keeps gigabytes else."""
+    yield
+    if TRIM is not None:
+        TRIM(0)
+
+
+LONGEST = ("test_command_lines_run_in_their_order", "test_the_default_preset_learns_to_swing_up")
+"""Tests that take minutes: they begin first, so that no process waits for the last of them in the end."""
+
+
+def pytest_collection_modifyitems(items):
+    """Long tests first; all others keep their order."""
+    items.sort(key=lambda item: item.name not in LONGEST)
 
 
 def pytest_collection_finish():

@@ -21,10 +21,14 @@ import pytest
 import swingup
 from swingup.benchmark.board_rules import BOARD_RULES
 from swingup.benchmark.leaderboard import leaderboard
-from swingup.cli import commands, main, pictures
+from swingup.cli import commands, main, pictures, planning
 from swingup.cli.parsing import parse as parse_words
+from swingup.control.baselines import shipped_reference
 from swingup.errors import SwingupError
+from swingup.identification import excitation_search, excite
 from swingup.policy.shipped import shipped_file
+from swingup.refine.behaviour_cloning import CloningSettings
+from swingup.refine.recipe import RECIPES
 from swingup.report import make
 
 ROOT = Path(swingup.__file__).parents[2]
@@ -99,8 +103,19 @@ LEFT_OUT = {
     "--recipe recover": "six minutes; tests/refine has it",
 }
 """Command lines that do not run here, and why."""
-SHORTER = {r"--seeds \d+": "--seeds 1", r"--frames \d+": "--frames 16384"}
+SHORTER = {
+    r"--seeds \d+": "--seeds 1",
+    r"--frames \d+": "--frames 16384",
+    r"--duration \d+": "--duration 3",
+    "--real-time": "--real-time --duration 1",
+    r"( preset| policy_layers)=([^ ,]+),\S+": r"\1=\2",  # one sweep keeps its two values
+}
 """Options that are shortened before a command line runs."""
+ADDED = {
+    "--frames": ("16384", ("demo", "train", "sweep")),
+    "--seeds": ("1", ("sim2real",)),
+}
+"""Options that are added to some commands where a line leaves them out: the defaults take long."""
 MINE = """
 def controller(x, t):
     return [0.0, -0.5 * x[3]]
@@ -112,13 +127,29 @@ def brake(x, t):
 
 
 def shortened(line):
-    """The command line with short trainings, which must not take what the page says."""
+    """The command line with short runs, which must not take what the page says."""
     for pattern, text in SHORTER.items():
         line = re.sub(pattern, text, line)
-    return line + " --frames 16384" * (line.startswith(("train", "sweep")) and "--frames" not in line)
+    for option, (value, names) in ADDED.items():
+        if line.startswith(names) and option not in line:
+            line += f" {option} {value}"
+    return line
+
+
+@pytest.fixture
+def brief_searches(monkeypatch):
+    """Searches that end before they found much: whether they find it is for the tests of each of them."""
+    shipped, for_the_score = (shipped_reference("acrobot", problem)[0] for problem in ("published", "score"))
+    monkeypatch.setattr(planning, "compute_reference", lambda *_: (shipped, {}))
+    monkeypatch.setattr(planning, "compute_score_reference", lambda *_: (for_the_score, {}))
+    monkeypatch.setitem(RECIPES, "score", (CloningSettings(steps=50, demonstrations=16),))
+    for name, value in {"POPULATION": 4, "KEPT": 2, "GENERATIONS": 1}.items():
+        monkeypatch.setattr(excitation_search, name, value)
+    monkeypatch.setattr(excite, "CHECKED_PLANTS", 8)
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("brief_searches")
 def test_command_lines_run_in_their_order(tmp_path, monkeypatch, small_grid, brief_minute):
     """All run in one folder, since some read what others wrote; two trainings may have the same folder."""
     pytest.importorskip("mujoco", reason="mujoco is not installed")

@@ -26,7 +26,7 @@ def figures(monkeypatch):
     monkeypatch.setattr(style, "render", lambda figure, suffix: kept.append(figure) or b"")
     monkeypatch.setattr(study, "write_atomically", lambda path, content: None)
     yield kept
-    for name in ("study", "ablations", "mujoco_learning"):
+    for name in ("study", "ablations", "mujoco_learning", "paper_runs"):
         sys.modules.pop(name, None)
 
 
@@ -77,3 +77,17 @@ def test_the_mujoco_picture_explains_thick_and_thin_lines(figures, monkeypatch):
     for axes in figure.axes:
         thin = [line for line in axes.get_lines() if line.get_linewidth() < 1]
         assert (len(thin), len(axes.get_lines())) == (6, 8)  # 3 seeds of 2 learners, and their means
+
+
+def test_the_papers_picture_has_runs_of_any_length(figures, monkeypatch, tmp_path):
+    stored = ROOT / "benchmarks" / "runs" / "acrobot-paper-0.jsonl"
+    stopped = tmp_path / "acrobot-paper-1.jsonl"
+    stopped.write_text("".join(stored.read_text().splitlines(keepends=True)[:100]))
+    monkeypatch.setattr(sys, "argv", ["paper_runs", str(stored), str(stopped), "--plot", "picture.svg"])
+    __import__("paper_runs").main()
+    (figure,) = figures
+    (axes,) = figure.axes
+    assert axes.get_title() == "acrobot"
+    whole, short, mean, *_ = axes.get_lines()
+    assert [len(line.get_xdata()) for line in (whole, short, mean)] == [458, 100, 100]
+    assert legend_of(figure)[:2] == ["preset paper", "the paper's score"]

@@ -256,6 +256,7 @@ def _wait_for_a_report():
 
 def _check_stopped(error):
     assert "stopped at" in error
+    assert "train --resume r" in error
     frames = read_metrics("r/metrics.jsonl")[-1]["frames"]
     assert f"{frames:012d}.npz" in os.listdir("r/checkpoints")
     assert os.path.exists("r/last.npz")

@@ -126,8 +126,10 @@ def test_unknown_problems_are_refused():
 
 
 @pytest.mark.slow
-def test_shipped_trajectories_can_be_recomputed(robot):
-    shipped, metadata = shipped_reference(robot, "score")
-    reference, provenance = compute_optimal_reference(robot, OPTIMAL[robot.name].swingup, metadata["seed"])
+def test_a_shipped_trajectory_can_be_recomputed():
+    """One robot's, which takes half a minute: small changes, above, tell that the other one's is optimal, too."""
+    pendubot = ROBOTS["pendubot"]
+    shipped, metadata = shipped_reference(pendubot, "score")
+    reference, provenance = compute_optimal_reference(pendubot, OPTIMAL["pendubot"].swingup, metadata["seed"])
     assert provenance["cost"] == pytest.approx(metadata["cost"], rel=1e-4)
     np.testing.assert_allclose(reference.torque, shipped.torque, atol=1e-2)

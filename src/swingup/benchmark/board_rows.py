@@ -44,6 +44,12 @@ def published_rows(robot: Robot, measure: str, rules: str) -> list[Row]:
     ]
 
 
+def paper_score(robot: Robot) -> float:
+    """The score of the paper's policy on the performance board."""
+    rows = published_rows(robot, "performance", "v2")
+    return next(row.values["score"] or 0.0 for row in rows if (row.controller, row.source) == ("AR-EAPO", "paper"))
+
+
 def shipped_robustness(robot: Robot, name: str) -> Row:
     """The row of a result of ``swingup robustness --json`` that the package ships."""
     file = resources.files("swingup") / "zoo" / f"{robot.name}-{name}-robustness.json"

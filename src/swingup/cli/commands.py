@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from ..benchmark.board_rules import BOARD_RULES, BoardRules
 from . import (
     comparing,
+    demonstrating,
     exciting,
     exporting,
     identifying,
@@ -21,6 +22,8 @@ from .judging_commands import JudgingCommands
 from .parsing import parse
 
 DESCRIPTION = """Swing up and balance the acrobot and the pendubot with AR-EAPO.
+
+Start here: demo trains a policy in minutes and shows it.
 
 Judge controllers: evaluate, robustness, uptime, sim2real, leaderboard, score, check.
 
@@ -44,6 +47,7 @@ def run_command(arguments: Sequence[str], boards: Boards | None = None) -> int:
     boards = boards or Boards()
     judging, leaderboards = JudgingCommands(boards.rules), BoardCommands(boards.rules, boards.entrants)
     commands: dict[str, Callable[..., int]] = {
+        "demo": demonstrating.demo,
         "evaluate": judging.evaluate,
         "robustness": judging.robustness,
         "uptime": judging.uptime,

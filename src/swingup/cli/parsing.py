@@ -4,8 +4,12 @@ import contextlib
 import functools
 import io
 import re
+import shlex
+import shutil
+import sys
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 
 import tyro
 
@@ -48,6 +52,15 @@ def parse(commands: Mapping[str, Command], arguments: Sequence[str], description
         name = repeated[0]
         raise SwingupError(f"{name} is given twice: write its values after one {name}, with spaces or commas")
     return ready
+
+
+def program_typed() -> str:
+    """The program as it can be typed: its name, its path where no active environment has it, or the module."""
+    started = Path(sys.argv[0])
+    if started.name != PROGRAM:
+        return f"{shlex.quote(sys.executable)} -m {PROGRAM}"
+    found = shutil.which(PROGRAM)
+    return PROGRAM if found and Path(found).samefile(started) else shlex.quote(str(started))
 
 
 def _run_tyro(commands: Mapping[str, Command], arguments: Sequence[str], description: str) -> Ready:

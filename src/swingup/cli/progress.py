@@ -1,6 +1,7 @@
 """The line that shows where a training run stands."""
 
 import math
+from collections.abc import Callable
 
 from ..learner.report import TrainingReport
 
@@ -8,10 +9,20 @@ WIDTH = 80
 """Columns of a narrow terminal."""
 LEAST_WANTED = ("reward", "best", "score")
 """What a line leaves out first where it would be too long."""
+LEAST_WANTED_WITH_NOTE = ("reward", "rate", "score", "best")
+"""The same of a line that ends with a note."""
+
+Note = Callable[[TrainingReport], str]
+"""Words at the end of a report's line; none where they are empty."""
 
 
-def progress_line(report: TrainingReport, goal: int, seeds: int, width: int = WIDTH) -> str:
-    """Frames, speed, time left, and means over the seeds, in at most ``width`` columns."""
+def no_note(report: TrainingReport) -> str:
+    """The note of a training that watches for nothing."""
+    return ""
+
+
+def progress_line(report: TrainingReport, goal: int, seeds: int, width: int = WIDTH, note: str = "") -> str:
+    """Frames, speed, time left, means over the seeds, and a note of at most 24 letters, in ``width`` columns."""
     left = (goal - report.frames) * seeds / report.frames_per_second
     parts = {
         "frames": f"{report.frames:,} frames",
@@ -20,8 +31,8 @@ def progress_line(report: TrainingReport, goal: int, seeds: int, width: int = WI
         "reward": f"reward {_mean(report, 'reward'):.3f}",
         "score": f"score {_mean(report, 'score'):.3f}",
         "best": f"best {report.best_score:.3f}",
-    }
-    for name in LEAST_WANTED:
+    } | ({"note": note} if note else {})
+    for name in LEAST_WANTED_WITH_NOTE if note else LEAST_WANTED:
         if len("  ".join(parts.values())) > width:
             del parts[name]
     return "  ".join(parts.values())

@@ -2,8 +2,10 @@
 
 from statistics import median
 
+from ..benchmark.board_rows import OURS
 from ..benchmark.columns import COLUMNS, PERFORMANCE
 from ..benchmark.evaluate import Evaluation
+from ..benchmark.leaderboard import Board
 from ..benchmark.plausibility import Plausibility
 from ..benchmark.recorded_uptime import RecordedUptime
 from ..benchmark.robustness import Robustness
@@ -25,6 +27,21 @@ def evaluation_lines(result: Evaluation, judged: str, rules: str) -> list[str]:
         *(aligned(title, value) for title, value in values),
         aligned("Highest tip [m]", f"{result.tip.highest:.3f}", f"{result.tip.percent:.1f} % of l1 + l2"),
     ]
+
+
+def comparison_lines(board: Board, trained: str) -> list[str]:
+    """A performance board in short lines, the score first, with a mark at the policy that was trained just now."""
+    origin = {OURS: "shipped", "paper": "published, paper", "board": "published, public leaderboard"}
+    lines = [f"One swing-up of 10 s of the {board.robot} (rules {board.rules}); 1 is perfect", ""]
+    lines.append(f"{'score':>9}{'up after':>12}{'energy':>12}   controller")
+    for row in board.rows:
+        time, energy = (COLUMNS[name].show(row.values[name]) for name in ("swingup_time", "energy"))
+        mine = row.controller == trained and row.source == OURS
+        of = row.remark or "trained just now" if mine else origin[row.source]
+        score = COLUMNS["score"].show(row.values["score"])
+        mark = ">" if mine else ""
+        lines.append(f"{mark:<3}{score:>6}{time:>10} s{energy:>10} J   {row.controller} ({of})")
+    return lines
 
 
 def recorded_uptime_lines(result: RecordedUptime) -> list[str]:

@@ -1,14 +1,8 @@
-"""The command ``train``: a run with a progress bar; signals stop it cleanly."""
+"""The command ``train``: from its options to a run, and the score of the best policy."""
 
-import math
-import signal
-import time
 from pathlib import Path
-from types import FrameType
 from typing import Annotated, Any
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn
 from tyro.conf import OmitArgPrefixes, arg
 
 from ..areapo.config import config_from_dict
@@ -21,14 +15,10 @@ from ..learner.start import resume_run, start_run
 from ..physics.parameters import get_robot
 from ..plants.domain import load_domain
 from ..tasks.sim2real import Sim2RealTask
-from .arguments import NO_PLANT, PlantFlags, RobotOrNone, plant_note
+from .arguments import NO_PLANT, PlantFlags, RobotOrNone
 from .hyperparameters import HyperparameterOptions, given_hyperparameters
 from .judging import judge_performance, judge_sim2real
-from .progress import WIDTH, progress_line
-
-PROGRESS_INTERVAL = 10.0
-"""Seconds between lines where there is no terminal for a progress bar."""
-BAR_WIDTH = 10
+from .showing import train_shown
 
 FROM_PRESET = HyperparameterOptions()
 """No hyperparameter given: the preset has them all."""
@@ -86,38 +76,41 @@ def train_command(
         whole_number("frames", frames, 1)
     changes = given_hyperparameters(hyperparameters)
     if resume is None:
-        run = _start(frames, options, out, changes)
+        run = start_training(frames, options, out, changes)
     else:
         run = _resume(frames, options, out, Path(resume), changes)
-    received = _stop_on_signals(run)
-    console = Console(stderr=True)
-    _show(run, console)
-    run.close()
-    if received:
-        console.print(f"stopped at {run.frames:,} frames and saved: continue with --resume {run.folder}")
-        # The status that shells give a program ended by this signal.
-        return 128 + received[0]
-    return _score(run)
+    return train_shown(run) or _score(run)
 
 
 def default_options(options: dict[str, Any]) -> dict[str, Any]:
     """Options with the defaults of those that were not given, which differ between the pendulum and other tasks."""
     if options["robot"] is not None:
         get_robot(options["robot"])
-    preset = choose_preset(options["preset"], options["env"] or options["robot"])
+    preset = choose_preset(options["preset"], options.get("env") or options["robot"])
     defaults: dict[str, Any] = {"seed": 0, "seeds": 1} | default_intervals(options["robot"])
     given = {name: value for name, value in options.items() if value is not None}
     return {"robot": None, **defaults, **given, "preset": preset}
 
 
-def _start(frames: int | None, options: dict[str, Any], out: str | None, changes: dict[str, Any]) -> Run:
+def start_training(frames: int | None, options: dict[str, Any], out: str | None, changes: dict[str, Any]) -> Run:
+    """A new run, with the defaults of its preset and its task for what is None or left out.
+
+    Args:
+        frames: frames of each seed.
+        options: fields of the run's settings by name.
+        out: the run's folder.
+        changes: hyperparameters by name.
+
+    Raises:
+        SwingupError: an option is wrong, or the folder holds something or cannot be written.
+    """
     chosen = default_options(options)
     preset = get_preset(chosen["preset"])
     settings = RunSettings(config=config_from_dict(vars(preset.config) | changes), **chosen)
     # Ids of Gymnasium may contain signs that a folder's name cannot.
     name = settings.name.replace("/", "-").replace(":", "-")
     folder = out or f"runs/{name}-{settings.preset}-{settings.seed}"
-    return start_run(settings, folder, frames or preset.frames)
+    return start_run(settings, folder, preset.frames if frames is None else frames)
 
 
 def _resume(
@@ -148,50 +141,3 @@ def _score(run: Run) -> int:
     if isinstance(task, Sim2RealTask):
         return judge_sim2real(task.domain, run.settings.robot, best)
     return judge_performance(run.settings.robot, best, run.settings.plant)
-
-
-def _stop_on_signals(run: Run) -> list[int]:
-    """Ctrl-C and SIGTERM end the run after its chunk; a second one ends the program at once."""
-    received: list[int] = []
-
-    def handle(number: int, frame: FrameType | None) -> None:
-        received.append(number)
-        signal.signal(number, signal.SIG_DFL)
-        run.stop()
-
-    signal.signal(signal.SIGINT, handle)
-    signal.signal(signal.SIGTERM, handle)
-    return received
-
-
-def _show(run: Run, console: Console) -> None:
-    """Train with a progress bar on a terminal; elsewhere with a line every few seconds."""
-    _announce(run, console)
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(bar_width=BAR_WIDTH))
-    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
-        bar = progress.add_task("compiling", total=run.goal, completed=run.frames)
-        if not console.is_terminal:
-            console.print("compiling")
-        run.compile()  # first, so that the estimate of the time left does not contain it
-        shown = -math.inf
-        for report in run.advance():
-            room = WIDTH if not console.is_terminal else min(console.width, WIDTH) - BAR_WIDTH - 1
-            line = progress_line(report, run.goal, run.settings.seeds, room)
-            progress.update(bar, completed=report.frames, description=line)
-            due = time.monotonic() - shown >= PROGRESS_INTERVAL or report.frames >= run.goal
-            if due and not console.is_terminal:
-                console.print(line, soft_wrap=True, highlight=False, markup=False)
-                shown = time.monotonic()
-
-
-def _announce(run: Run, console: Console) -> None:
-    """Print what is trained, for how long and where, and the parts of a domain that training leaves out."""
-    settings, domain = run.settings, run.settings.domain
-    on = settings.preset if domain is None else f"{settings.preset}, domain {domain.name}"
-    on += "" if settings.robot is None else plant_note(settings.plant, settings.robot)
-    text = f"training {settings.name} ({on}) to {run.goal:,} frames in {run.folder}"
-    console.print(text, soft_wrap=True, markup=False)
-    task = None if domain is None else settings.task()
-    if isinstance(task, Sim2RealTask) and task.unseen:
-        note = f"a policy behind an estimator trains without the domain's {' and '.join(task.unseen)}"
-        console.print(f"note: {note}; its evaluations have them", soft_wrap=True, highlight=False)

@@ -1,0 +1,142 @@
+"""The command ``demo``: from nothing to a policy, its score beside known ones, and a page of its swing-up."""
+
+import itertools
+import shlex
+import sys
+import time
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+from ..benchmark.board_rows import paper_score
+from ..control.registry import find_controller
+from ..errors import SwingupError
+from ..files import write_atomically
+from ..learner.policy_files import BEST
+from ..learner.report import TrainingReport
+from ..learner.run import Run
+from ..physics.parameters import Robot, get_robot
+from ..policy.jax_backend.controller import PolicyController
+from ..report.page import page_tools, render_page
+from ..report.trained import trained_section
+from .output import progress_shown, tell
+from .parsing import program_typed
+from .progress import duration
+from .results import comparison_lines
+from .showing import train_shown
+from .training import start_training
+
+PRESET = "fast"
+FIRST = "first.npz"
+"""The policy of the first report, which shows on the page what training changed."""
+PAGE = "page.html"
+TRAINED, BEGINNER = "your policy", "your policy at first"
+
+RobotOrAcrobot = Positional[Annotated[str, arg(metavar="[ROBOT]", help="acrobot or pendubot.")]]
+
+
+class Watch:
+    """Watches a run: keeps its first policy, and notes when its score passed the paper's."""
+
+    def __init__(self, run: Run, paper: float, start: float) -> None:
+        """Of a run whose command started at a reading of ``time.monotonic``."""
+        self._run, self._paper, self._start = run, paper, start
+        self.passed: float | None = None
+        """Seconds from the command to the score."""
+
+    def note(self, report: TrainingReport) -> str:
+        """The paper's score, and the time at which the run passed it."""
+        first = self._run.folder / FIRST
+        if not first.exists():
+            result = {"score": report.rows[0]["score"], "frames": report.frames}
+            self._run.save_policy(first, 0, self._run.policy(0), result)
+        if self.passed is None and report.best_score >= self._paper:
+            self.passed = time.monotonic() - self._start
+        when = "" if self.passed is None else f" at {self.passed:.0f} s"
+        return f"paper's {self._paper:.3f}{when}"
+
+
+def demo(
+    robot: RobotOrAcrobot = "acrobot",
+    /,
+    seed: int = 0,
+    frames: int | None = None,
+    out: str | None = None,
+) -> int:
+    """Train a policy before your eyes, score it beside known controllers, and write a page of its swing-up.
+
+    The training is that of train --preset fast, which has more options and continues an interrupted run.
+
+    Args:
+        robot: the robot.
+        seed: seed of the training.
+        frames: frames to train for; default: the preset's.
+        out: folder of the run, which does not exist yet; default runs/demo-ROBOT, with a number where that exists.
+    """
+    start, chosen = time.monotonic(), get_robot(robot)
+    page_tools("page.html")  # before the training: without its libraries there is no page
+    options = {"robot": chosen.name, "preset": PRESET, "seed": seed}
+    folder, paper = _new_folder(chosen, out), paper_score(chosen)
+    tell(
+        f"AR-EAPO learns to swing up the {chosen.name} from nothing, by trial and error.",
+        f"A score of 1 is perfect, 0 is no swing-up; the paper's policy has {paper:.3f}.",
+    )
+    sys.stdout.flush()  # before the progress, which goes to the other stream
+    run = start_training(frames, options, out=str(folder), changes={})
+    watch = Watch(run, paper, start)
+    status = train_shown(run, watch.note)
+    return status or _show_result(chosen, run, watch, start)
+
+
+def _new_folder(robot: Robot, out: str | None) -> Path:
+    """The folder of the run: the one that was asked for, or the first that does not exist."""
+    if out is not None:
+        if Path(out).exists():
+            raise SwingupError(f"{out} exists: choose another --out")
+        return Path(out)
+    base = Path("runs") / f"demo-{robot.name}"
+    numbered = (base.with_name(f"{base.name}-{number}") for number in itertools.count(2))
+    return next(folder for folder in itertools.chain([base], numbered) if not folder.exists())
+
+
+def _show_result(robot: Robot, run: Run, watch: Watch, start: float) -> int:
+    """Score the best policy, write the page, and name commands to go on with."""
+    folder, files = run.folder, {TRAINED: BEST, BEGINNER: FIRST}
+    policies = {name: find_policy(folder / file, robot) for name, file in files.items()}
+    with progress_shown() as progress:
+        section = trained_section(robot, policies, progress)
+    page = folder / PAGE
+    title = f"{robot.name.capitalize()}: your policy after {run.frames / 1e6:.3g} million frames"
+    write_atomically(page, render_page([section], title).encode())
+    tell("", *comparison_lines(section.boards[0], TRAINED), "", _verdict(watch))
+    tell(f"All of it took {duration(time.monotonic() - start)}.", "")
+    tell(f"Policy  {folder / BEST}", f"Page    {page}: open it in a browser, and push the pendulum")
+    tell("", "Next:", *next_lines(robot, folder / BEST))
+    return 0
+
+
+def find_policy(path: Path, robot: Robot) -> PolicyController:
+    """The policy in a file of the run; its preset's task has no estimator."""
+    found = find_controller(str(path), robot)
+    assert isinstance(found, PolicyController)
+    return found
+
+
+def _verdict(watch: Watch) -> str:
+    if watch.passed is not None:
+        return f"Training passed the paper's score after {watch.passed:.0f} s."
+    return "The best score stayed below the paper's: try more --frames, or another --seed."
+
+
+def next_lines(robot: Robot, policy: Path) -> list[str]:
+    """Three commands to go on with, as they can be typed."""
+    program, other = program_typed(), {"acrobot": "pendubot", "pendubot": "acrobot"}[robot.name]
+    return [
+        "# 722 simulations of your policy, with noise, delay and pushes",
+        f"{program} robustness {robot.name} --controller {shlex.quote(str(policy))}",
+        "# the other robot",
+        f"{program} demo {other}",
+        "# every controller on the long boards",
+        f"{program} leaderboard {robot.name}",
+    ]

@@ -1,0 +1,91 @@
+"""A training run before the user's eyes: a progress bar or lines; signals stop the run cleanly."""
+
+import math
+import shlex
+import signal
+import time
+from types import FrameType
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn
+
+from ..learner.run import Run
+from ..tasks.sim2real import Sim2RealTask
+from .arguments import plant_note
+from .parsing import program_typed
+from .progress import WIDTH, Note, no_note, progress_line
+
+PROGRESS_INTERVAL = 10.0
+"""Seconds between lines where there is no terminal for a progress bar."""
+BAR_WIDTH = 10
+
+
+def train_shown(run: Run, note: Note = no_note) -> int:
+    """Train to the goal, with the progress on standard error, and free the environments.
+
+    Args:
+        run: the run.
+        note: words at the end of a report's line.
+
+    Returns:
+        0, or the exit status of the signal that stopped the run; then it is saved.
+    """
+    received = _stop_on_signals(run)
+    console = Console(stderr=True)
+    _show(run, console, note)
+    run.close()
+    if not received:
+        return 0
+    command = f"{program_typed()} train --resume {shlex.quote(str(run.folder))}"
+    console.print(
+        f"stopped at {run.frames:,} frames and saved: continue with {command}", soft_wrap=True, markup=False
+    )
+    # The status that shells give a program ended by this signal.
+    return 128 + received[0]
+
+
+def _stop_on_signals(run: Run) -> list[int]:
+    """Ctrl-C and SIGTERM end the run after its chunk; a second one ends the program at once."""
+    received: list[int] = []
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        received.append(number)
+        signal.signal(number, signal.SIG_DFL)
+        run.stop()
+
+    signal.signal(signal.SIGINT, handle)
+    signal.signal(signal.SIGTERM, handle)
+    return received
+
+
+def _show(run: Run, console: Console, note: Note) -> None:
+    """Train with a progress bar on a terminal; elsewhere with a line every few seconds."""
+    _announce(run, console)
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(bar_width=BAR_WIDTH))
+    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+        bar = progress.add_task("compiling", total=run.goal, completed=run.frames)
+        if not console.is_terminal:
+            console.print("compiling")
+        run.compile()  # first, so that the estimate of the time left does not contain it
+        shown = -math.inf
+        for report in run.advance():
+            room = WIDTH if not console.is_terminal else min(console.width, WIDTH) - BAR_WIDTH - 1
+            line = progress_line(report, run.goal, run.settings.seeds, room, note(report))
+            progress.update(bar, completed=report.frames, description=line)
+            due = time.monotonic() - shown >= PROGRESS_INTERVAL or report.frames >= run.goal
+            if due and not console.is_terminal:
+                console.print(line, soft_wrap=True, highlight=False, markup=False)
+                shown = time.monotonic()
+
+
+def _announce(run: Run, console: Console) -> None:
+    """Print what is trained, for how long and where, and the parts of a domain that training leaves out."""
+    settings, domain = run.settings, run.settings.domain
+    on = settings.preset if domain is None else f"{settings.preset}, domain {domain.name}"
+    on += "" if settings.robot is None else plant_note(settings.plant, settings.robot)
+    text = f"training {settings.name} ({on}) to {run.goal:,} frames in {run.folder}"
+    console.print(text, soft_wrap=True, markup=False)
+    task = None if domain is None else settings.task()
+    if isinstance(task, Sim2RealTask) and task.unseen:
+        note = f"a policy behind an estimator trains without the domain's {' and '.join(task.unseen)}"
+        console.print(f"note: {note}; its evaluations have them", soft_wrap=True, highlight=False)

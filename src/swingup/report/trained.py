@@ -1,0 +1,59 @@
+"""Compute what the page of a policy shows that was trained just now: its swing-ups and score beside known ones."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from ..benchmark.board_rows import OURS
+from ..benchmark.board_rules import BOARD_RULES
+from ..benchmark.leaderboard import Board, RowProgress, leaderboard
+from ..benchmark.rules import DEFAULT_RULES
+from ..control.registry import find_controller
+from ..physics.parameters import Robot, leaderboard_parameters
+from ..policy.jax_backend.controller import PolicyController
+from ..policy.shipped import AR_EAPO, REFINED
+from .content import Section, Show
+from .make import describe_disturbance, make_show
+
+SHIPPED = (REFINED, AR_EAPO)
+"""Shipped policies beside the new one."""
+PUBLISHED = (("AR-EAPO", "paper"), ("TVLQR", "paper"), ("History SAC", "board"))
+"""Published rows beside it: the paper's method, its best baseline, and the best of the public leaderboard."""
+
+
+def trained_section(
+    robot: Robot, policies: Mapping[str, PolicyController], progress: RowProgress | None = None, seed: int = 0
+) -> Section:
+    """Score policies on one robot, and simulate their swing-ups.
+
+    Args:
+        robot: which joint is driven.
+        policies: by name; the first one drives the live pendulum and enters the board.
+        progress: called with the name of a stage, the number of its finished parts, and of all.
+        seed: of the noise and the pushes of the disturbed swing-ups.
+    """
+    name, policy = next(iter(policies.items()))
+    shown = {**policies, **{each: find_controller(each, robot) for each in SHIPPED}}
+    board = trained_board(robot, name, policy, progress)
+    shows: list[Show] = []
+    for each, controller in shown.items():
+        if progress is not None:
+            progress(f"swing-ups of {each}", len(shows), len(shown))
+        shows.append(make_show(each, controller, robot, seed))
+    return Section(
+        robot=robot.name,
+        parameters=leaderboard_parameters(robot),
+        boards=[board],
+        shows=shows,
+        disturbance=describe_disturbance(seed),
+        policy=policy,
+    )
+
+
+def trained_board(robot: Robot, name: str, policy: PolicyController, progress: RowProgress | None = None) -> Board:
+    """The performance board with a policy, the shipped ones, and the published rows that matter most."""
+    rules = replace(BOARD_RULES[DEFAULT_RULES], robustness=None)  # 722 simulations a row are another command
+    # Not as the boards' own entrants, which enter a second time without their estimators.
+    policies = {name: policy, **{each: find_controller(each, robot) for each in SHIPPED}}
+    (board,) = leaderboard(robot, policies, rules, entrants=(), progress=progress)
+    rows = tuple(row for row in board.rows if row.source == OURS or (row.controller, row.source) in PUBLISHED)
+    return replace(board, rows=rows)
