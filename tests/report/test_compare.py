@@ -151,3 +151,9 @@ def test_the_command(log, tmp_path, capsys):
     assert out.stat().st_size > 100_000
     assert main(["compare", str(log), "--plant", "nothing"]) == 2
     assert "unknown plant 'nothing'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", [("--domain", "recorded"), ("--robot", "acrobot"), ("--seed", "0")])
+def test_options_of_a_controllers_runs_need_one(option, log, capsys):
+    assert main(["compare", str(log), *option]) == 2
+    assert f"{' '.join(option)} goes with a controller's runs: add --controller" in capsys.readouterr().err

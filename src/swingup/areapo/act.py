@@ -1,9 +1,6 @@
 """One step of acting, the same on every back end: update the observation statistics, then sample actions."""
 
-from typing import Any
-
 import equinox as eqx
-import jax
 from jaxtyping import Array, Float, Shaped
 
 from ..types import Key
@@ -22,11 +19,10 @@ class Decisions(eqx.Module):
 
 def decide(actor: AbstractActor, observations: Float[Array, "envs n"], key: Key) -> Decisions:
     """Sample an action in each environment, for normalised observations."""
-    policy = jax.vmap(actor)(observations)
-    latents = vmap_with_keys(lambda p, k: p.sample(k), key, policy)
+    policy = actor(observations.T)
+    latents = policy.sample(key)
     # The density of the latent: from the action, atanh would lose precision near saturation.
-    log_probs = jax.vmap(lambda p, z: p.log_prob(z))(policy, latents)
-    return Decisions(latents, log_probs, jax.vmap(lambda p, z: p.action(z))(policy, latents))
+    return Decisions(latents.T, policy.log_prob(latents), policy.action(latents).T)
 
 
 def update_statistics(
@@ -48,9 +44,3 @@ def update_statistics(
     statistics = statistics.update(following)
     normalise = statistics.stage(clip)
     return statistics, normalise(following), normalise(true_next)
-
-
-def vmap_with_keys(function: Any, key: Key, *arguments: Any) -> Any:
-    """Map over environments with a key for each."""
-    size = jax.tree.leaves(arguments[0])[0].shape[0]
-    return jax.vmap(function)(*arguments, jax.random.split(key, size))

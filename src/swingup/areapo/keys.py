@@ -27,12 +27,15 @@ class IterationKeys(NamedTuple):
     """Kept in the state for the next iteration."""
 
 
-class StepKeys(NamedTuple):
-    """The keys of one step of a rollout."""
+class RolloutKeys(NamedTuple):
+    """The keys of a compiled rollout; scanned, those of one step."""
 
     sample: Key
+    """One a step: all environments draw their actions together."""
     step: Key
+    """One for each environment at each step."""
     reset: Key
+    """One for each environment at each step."""
 
 
 def initial_keys(key: Key) -> InitialKeys:
@@ -45,6 +48,8 @@ def iteration_keys(key: Key) -> IterationKeys:
     return IterationKeys(*jax.random.split(key, 3))
 
 
-def step_keys(key: Key) -> StepKeys:
-    """The keys of one step of a compiled rollout."""
-    return StepKeys(*jax.random.split(key, 3))
+def rollout_keys(key: Key, steps: int, envs: int) -> RolloutKeys:
+    """The keys of a compiled rollout, split at once: in the loop over the steps each split costs as much."""
+    sample, step, reset = jax.random.split(key, 3)
+    each = (steps, envs)
+    return RolloutKeys(jax.random.split(sample, steps), jax.random.split(step, each), jax.random.split(reset, each))

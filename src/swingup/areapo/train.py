@@ -14,12 +14,12 @@ from jaxtyping import Array, Float
 
 from ..tasks.task import AbstractTask
 from ..types import Count, Key, Scalar
-from .act import decide, update_statistics, vmap_with_keys
+from .act import decide, update_statistics
 from .advantage import advantages, update_gains
 from .anneal import annealed
 from .config import Config
 from .initial import begin_episodes, init_learner
-from .keys import IterationKeys, initial_keys, iteration_keys, step_keys
+from .keys import IterationKeys, RolloutKeys, initial_keys, iteration_keys, rollout_keys
 from .loss import Frames, LossMetrics, loss
 from .optimiser import make_optimiser
 from .shuffle import shuffled
@@ -74,14 +74,17 @@ def update(
 def collect(state: LearnerState, key: Key, task: Task, config: Config) -> tuple[LearnerState, Rollout]:
     """Act for ``num_steps`` in every environment; reset those that ended."""
 
-    def act(carry: tuple[Any, ...], key: Key) -> tuple[tuple[Any, ...], Rollout]:
+    def act(carry: tuple[Any, ...], keys: RolloutKeys) -> tuple[tuple[Any, ...], Rollout]:
         task_states, observations, statistics = carry
-        keys = step_keys(key)
         chosen = decide(state.actor, observations, keys.sample)
-        step = vmap_with_keys(lambda s, a, k: task.step(s, a, k), keys.step, task_states, chosen.actions)
-        # All environments draw a reset: under vmap a condition would compute both branches anyway.
-        fresh = jax.vmap(task.reset)(jax.random.split(keys.reset, config.num_envs))
-        following = select(step.terminated | step.truncated, fresh, step.state)
+        step = jax.vmap(task.step)(task_states, chosen.actions, keys.step)
+        ended = step.terminated | step.truncated
+        # Few steps have a reset. All environments draw one then, and always where seeds run side by side.
+        following = jax.lax.cond(
+            jnp.any(ended),
+            lambda: select(ended, jax.vmap(task.reset)(keys.reset), step.state),
+            lambda: step.state,
+        )
         statistics, seen, true_next = update_statistics(
             statistics, jax.vmap(task.observe)(following), step.observation, config.observation_clip
         )
@@ -90,9 +93,8 @@ def collect(state: LearnerState, key: Key, task: Task, config: Config) -> tuple[
         )
 
     carry = (state.task_states, state.observations, state.statistics)
-    (task_states, observations, statistics), rollout = jax.lax.scan(
-        act, carry, jax.random.split(key, config.num_steps)
-    )
+    keys = rollout_keys(key, config.num_steps, config.num_envs)
+    (task_states, observations, statistics), rollout = jax.lax.scan(act, carry, keys)
     return replace(state, task_states=task_states, observations=observations, statistics=statistics), rollout
 
 

@@ -13,6 +13,7 @@ from ..report.compare_study import study_of
 from ..report.files import check_suffix
 from ..report.save_study import STUDY_FORMATS, save_study
 from ..report.study import shown
+from ..text import one_line
 from .output import foreign_prints_apart, tell, tell_json
 
 LogFile = Positional[Annotated[str, arg(metavar="LOG.csv")]]
@@ -29,7 +30,7 @@ def compare_command(
     controller: str | None = None,
     domain: Annotated[str | None, arg(metavar="DOMAIN")] = None,
     robot: str | None = None,
-    seed: int = 0,
+    seed: int | None = None,
     out: Annotated[str | None, arg(metavar="FILE")] = None,
     json: bool = False,
 ) -> int:
@@ -42,21 +43,25 @@ def compare_command(
         log: a recording, as swingup identify reads it.
         plant: plants to compare.
         controller: a controller whose run on each plant stands beside the log.
-        domain: loop of these runs: a domain's name or file. Default: a perfect loop, or what the plant's file has.
-        robot: acrobot or pendubot, where the log's torques do not show it.
-        seed: seed of what is drawn from the domain.
+        domain: loop of the controller's runs: a domain's name or file. Default: a perfect loop, or what the plant's
+            file has.
+        robot: acrobot or pendubot, where the log's torques do not show which one the controller drives.
+        seed: seed of what is drawn from the domain. Default: 0.
         out: page (.html) or figure (.png, .svg, .pdf) to write.
         json: print one JSON object.
     """
     if not plant:
         raise SwingupError("--plant needs at least one plant: a shipped name or a file (.yml)")
+    for option, value in {"--domain": domain, "--robot": robot, "--seed": seed}.items():
+        if controller is None and value is not None:
+            raise SwingupError(f"{option} {one_line(value)} goes with a controller's runs: add --controller")
     if out is not None:
         check_suffix(out, STUDY_FORMATS)
         check_writable(out)
     plants = {name: plant_as_domain(name) for name in plant}
     with foreign_prints_apart():
         found = compare(
-            log, plants, controller, lambda name, driven: simulated_robot(name, domain, driven), robot, seed
+            log, plants, controller, lambda name, driven: simulated_robot(name, domain, driven), robot, seed or 0
         )
     if out is not None:
         save_study(study_of(found), out)

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 
 from ..physics.equations import Number, acceleration, friction, lump
 from ..physics.parameters import Parameters
-from ..physics.trigonometry import sine_cosine
+from ..physics.trigonometry import arctan, sine_cosine
 from .scalar_algebra import Matrix, Vector, add_scaled, dot
 
 
@@ -95,4 +95,4 @@ def differentiate(function: Callable[[Vector, Number], Vector], x: Vector, u: Nu
 
 def _friction(damping: Number, coulomb: Number, rate: Number) -> Number:
     # Without friction an arctangent would be compiled for nothing: XLA keeps 0 · arctan(x), which may be NaN.
-    return friction(damping, coulomb, rate, jnp.arctan) if damping or coulomb else 0.0
+    return friction(damping, coulomb, rate, arctan) if damping or coulomb else 0.0

@@ -11,9 +11,9 @@ from ..areapo.config import Config, config_from_dict
 from ..checks import whole_number
 from ..errors import SwingupError
 from ..files import write_atomically
-from ..physics.parameters import get_robot, make_parameters
+from ..physics.parameters import NAMES, get_robot, make_parameters
 from ..plants.domain import Domain
-from ..plants.plant import FRICTIONLESS, Plant
+from ..plants.plant import FRICTIONLESS, Plant, is_plant_name
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.presets import SIM2REAL_TASKS, get_task
 from ..text import one_line, quoted
@@ -115,17 +115,23 @@ class RunSettings:
         return get_task(name, robot, self.plant)
 
     def command(self, frames: int) -> str:
-        """The command that makes such a run from scratch; in Python where the environment was passed in."""
-        if is_description(self.name):
-            words = ["env", f"preset={self.preset!r}", f"seed={self.seed}"]
-            words += [f"{name}={value!r}" for name, value in self._changed().items()]
-            return f"swingup.AREAPO({', '.join(words)}).learn({frames})  # env: {self.name}"
+        """The command that makes such a run from scratch; in Python where environment or plant has no name."""
+        passed_in = is_description(self.name)
+        if passed_in or not (self.plant is None or is_plant_name(self.plant.name.removesuffix(FRICTIONLESS))):
+            return self._call(frames) + (f"  # env: {self.name}" if passed_in else "")
         task = self.robot if self.env is None else f"--env {shlex.quote(self.env)}"
         words = [f"swingup train {task} --preset {self.preset} --frames {frames} --seed {self.seed}"]
         words += [] if self.domain is None else [f"--domain {shlex.quote(self.domain.name)}"]
         words += [] if self.plant is None else _plant_options(self.plant)
         words += [] if self.seeds == 1 else [f"--seeds {self.seeds}"]
         return " ".join(words + [_option(name, value) for name, value in self._changed().items()])
+
+    def _call(self, frames: int) -> str:
+        words = ["env" if is_description(self.name) else repr(self.name)]
+        words += [f"preset={self.preset!r}", f"seed={self.seed}"]
+        words += [] if self.plant is None else [f"plant={_in_python(self.plant)}"]
+        words += [f"{name}={value!r}" for name, value in self._changed().items()]
+        return f"swingup.AREAPO({', '.join(words)}).learn({frames})"
 
     def _changed(self) -> dict[str, Any]:
         """Hyperparameters that differ from the preset's, then intervals and episodes that are not the defaults."""
@@ -143,6 +149,11 @@ class RunSettings:
 def _plant_options(plant: Plant) -> list[str]:
     name = plant.name.removesuffix(FRICTIONLESS)
     return [f"--plant {shlex.quote(name)}", *([] if name == plant.name else ["--frictionless"])]
+
+
+def _in_python(plant: Plant) -> str:
+    values = ", ".join(f"{name}={float(getattr(plant.parameters, name))!r}" for name in NAMES)
+    return f"Parameters({values})"
 
 
 def _plant_from_dict(content: Any) -> Plant | None:

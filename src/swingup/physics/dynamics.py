@@ -12,7 +12,7 @@ from ..types import Scalar, State, Torque
 from . import equations
 from .equations import lump
 from .parameters import Parameters
-from .trigonometry import sine_cosine
+from .trigonometry import arctan, sine_cosine
 
 
 def mass_matrix(parameters: Parameters, x: State) -> Float[Array, "2 2"]:
@@ -85,4 +85,4 @@ def linearise(parameters: Parameters, x: State, u: Torque) -> tuple[Float[Array,
 
 def _losses(parameters: Parameters, x: State) -> tuple[Scalar, Scalar]:
     p, (_, _, dq1, dq2) = parameters, x
-    return equations.friction(p.b1, p.cf1, dq1, jnp.arctan), equations.friction(p.b2, p.cf2, dq2, jnp.arctan)
+    return equations.friction(p.b1, p.cf1, dq1, arctan), equations.friction(p.b2, p.cf2, dq2, arctan)

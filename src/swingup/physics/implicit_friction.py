@@ -21,7 +21,7 @@ import jax.numpy as jnp
 from ..types import Scalar, State, Torque
 from .equations import COULOMB_STEEPNESS, Lumped, Number, Pair, gravity, lump, mass_entries
 from .parameters import Parameters
-from .trigonometry import sine_cosine
+from .trigonometry import arctan, sine_cosine
 
 Numbers: TypeAlias = tuple[Number, Number, Number, Number]
 """One number for each of q1, q2, dq1, dq2."""
@@ -84,8 +84,8 @@ def _newton(
     """One step of Newton's method for M v + swing [-v2 (2 v1 + v2), v1²] + time cf arctan(s v) = target."""
     (m11, m12, m22), (v1, v2), s = mass, rates, friction.steepness
     hold1, hold2 = time * friction.coulomb[0], time * friction.coulomb[1]
-    left1 = target[0] - m11 * v1 - m12 * v2 + swing * v2 * (2.0 * v1 + v2) - hold1 * jnp.arctan(s * v1)
-    left2 = target[1] - m12 * v1 - m22 * v2 - swing * v1 * v1 - hold2 * jnp.arctan(s * v2)
+    left1 = target[0] - m11 * v1 - m12 * v2 + swing * v2 * (2.0 * v1 + v2) - hold1 * arctan(s * v1)
+    left2 = target[1] - m12 * v1 - m22 * v2 - swing * v1 * v1 - hold2 * arctan(s * v2)
     j11 = m11 + hold1 * s / (1.0 + (s * v1) ** 2) - 2.0 * swing * v2
     j12, j21 = m12 - 2.0 * swing * (v1 + v2), m12 + 2.0 * swing * v1
     j22 = m22 + hold2 * s / (1.0 + (s * v2) ** 2)

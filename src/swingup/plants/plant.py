@@ -99,7 +99,7 @@ def load_plant(source: PlantLike) -> Plant:
     name = str(source)
     if name in SHIPPED_PLANTS:
         return _shipped_plant(name)
-    if not name.endswith((".yml", ".yaml")):
+    if not is_plant_name(name):
         known = ", ".join(SHIPPED_PLANTS)
         near = suggestion(name, SHIPPED_PLANTS)
         raise SwingupError(f"unknown plant {quoted(name)}: use {known} or a parameter file (.yml){near}")
@@ -107,6 +107,11 @@ def load_plant(source: PlantLike) -> Plant:
         return Plant(name, _facts(name))
     except SwingupError as error:
         raise SwingupError(f"plant {one_line(name)}: {error}") from error
+
+
+def is_plant_name(name: str) -> bool:
+    """Whether a name is a shipped plant's or a parameter file's, as the command line takes them."""
+    return name in SHIPPED_PLANTS or name.endswith((".yml", ".yaml"))
 
 
 def find_plant(plant: PlantLike | None) -> Plant | None:

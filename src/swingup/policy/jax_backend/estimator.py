@@ -23,7 +23,7 @@ from ...physics.dynamics import acceleration
 from ...physics.equations import lump
 from ...physics.integrate import midpoint_step
 from ...physics.parameters import Parameters, Robot
-from ...physics.trigonometry import sine_cosine
+from ...physics.trigonometry import arctan, sine_cosine
 from ...types import Count, Flag, Scalar, State, Torque
 from ..settings import LOST, PIECES, EstimatorSettings, default_estimator, kalman_gains
 
@@ -169,7 +169,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         if not self.damped:
             return midpoint_step(p, x, u, dt)
         friction = Friction((p.b1, p.b2), (p.cf1, p.cf2))
-        return jnp.array(damped_midpoint_step(lump(p), friction, x, u, dt, Functions(sine_cosine, jnp.arctan)))
+        return jnp.array(damped_midpoint_step(lump(p), friction, x, u, dt, Functions(sine_cosine, arctan)))
 
 
 def with_estimator(

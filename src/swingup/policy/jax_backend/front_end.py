@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...physics.equations import friction
+from ...physics.trigonometry import arctan
 from ...robots import Robot
 from ...types import Scalar, State, Torque
 from ..settings import FrontEndSettings
@@ -41,7 +42,7 @@ class FrontEnd(eqx.Module):
         # The arctangent and the clip could make a finite torque of an infinite velocity.
         rates = jnp.where(jnp.isfinite(rates), rates, jnp.nan)
         damping, coulomb = jnp.array(settings.damping, rates.dtype), jnp.array(settings.coulomb, rates.dtype)
-        compensation = friction(damping, coulomb, rates, jnp.arctan)
+        compensation = friction(damping, coulomb, rates, arctan)
         passive = jnp.clip(compensation, -settings.passive_limit, settings.passive_limit)
         return jnp.where(jnp.array(robot.actuation) > 0, torque + compensation, passive)
 
