@@ -1,6 +1,7 @@
 """Annealing: smaller steps, and another temperature, towards the end of a run."""
 
 from dataclasses import replace
+from typing import Any
 
 import jax.numpy as jnp
 
@@ -19,9 +20,9 @@ def annealed(config: Config, iterations: Count) -> Config:
     # As real numbers: a long run has more frames than 32 bits count.
     frames = config.rollout_size * jnp.asarray(iterations, jnp.float32)
     done = jnp.clip((frames - config.anneal_begin) / (config.anneal_end - config.anneal_begin), 0.0, 1.0)
-    return replace(
-        config,
-        learning_rate=config.learning_rate * config.learning_rate_end**done,
-        clip_range=config.clip_range * config.clip_range_end**done,
-        temperature=config.temperature * (1.0 + done * (config.temperature_end - 1.0)),
-    )
+    changed: dict[str, Any] = {
+        "learning_rate": config.learning_rate * config.learning_rate_end**done,
+        "clip_range": config.clip_range * config.clip_range_end**done,
+        "temperature": config.temperature * (1.0 + done * (config.temperature_end - 1.0)),
+    }
+    return replace(config, **changed)
