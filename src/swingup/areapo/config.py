@@ -5,6 +5,7 @@ temperatures can be batched with ``vmap``. Defaults are Table I of the paper, to
 """
 
 import dataclasses
+import itertools
 from collections.abc import Iterable
 from numbers import Integral, Real
 from typing import Any, Literal, get_args
@@ -32,6 +33,11 @@ def _number(default: float, least: float, most: float) -> Any:
 def _static(default: Any) -> Any:
     """A value that is compiled in."""
     return eqx.field(static=True, default=default)
+
+
+def _schedule() -> Any:
+    """Pairs of numbers that are compiled in, without any by default."""
+    return eqx.field(static=True, default=(), metadata={"schedule": True})
 
 
 def _count(default: int) -> Any:
@@ -93,16 +99,14 @@ class Config(eqx.Module):
     """Weight of the value loss."""
     entropy_value_coefficient: float = _number(0.5, 0.0, HUGE)
     """c2: weight of the entropy value's loss within the value loss."""
-    anneal_begin: int = eqx.field(static=True, default=0, metadata={"range": (0, LARGEST_COUNT)})
-    """Frames of a seed from which learning rate, clip range and temperature change."""
-    anneal_end: int = eqx.field(static=True, default=0, metadata={"range": (0, LARGEST_COUNT)})
-    """Frames at which they have changed; 0: they stay as they are."""
-    learning_rate_end: float = _number(0.1, TINY, 1.0)
-    """Factor on the learning rate after annealing."""
-    clip_range_end: float = _number(1.0, TINY, 1.0)
-    """Factor on the clip range after annealing."""
-    temperature_end: float = _number(1.0, 0.0, 1000.0)
-    """Factor on the temperature after annealing."""
+    schedule_frames: int = eqx.field(static=True, default=0, metadata={"range": (0, LARGEST_COUNT)})
+    """Frames of a seed over which the schedules run; 0: nothing changes."""
+    learning_rate_schedule: tuple[float, ...] = _schedule()
+    """Pairs of a part of schedule_frames and a factor on the learning rate, as 0.5 1 1 0.1: linear between them."""
+    clip_range_schedule: tuple[float, ...] = _schedule()
+    """Likewise for the clip range."""
+    temperature_schedule: tuple[float, ...] = _schedule()
+    """Likewise for the temperature."""
     log_std_init: float = _number(-1.0, -20.0, 2.0)
     """Logarithm of the policy's initial standard deviation (before tanh)."""
     observation_clip: float = _number(10.0, TINY, HUGE)
@@ -128,10 +132,6 @@ class Config(eqx.Module):
             raise SwingupError(
                 "terminations = 'end' does not go with average_reward, whose task goes on: "
                 "use reset_cost or bootstrap"
-            )
-        if self.anneal_end and self.anneal_begin >= self.anneal_end:
-            raise SwingupError(
-                f"anneal_begin = {self.anneal_begin} is not before anneal_end = {self.anneal_end}: lower it"
             )
         if self.centre_values and self.popart:
             raise SwingupError("centre_values does not go with popart, which centres as well: choose one")
@@ -199,6 +199,8 @@ def hyperparameters() -> list[str]:
 
 def kind_of(default: Any) -> str:
     """What values of a hyperparameter with this default are, in words."""
+    if default == ():
+        return "pairs of numbers such as 0.5 1 1 0.1"
     kinds = {bool: "True or False", int: "an integer", float: "a number", tuple: "integers such as (64, 64)"}
     return kinds.get(type(default), "a word")
 
@@ -216,7 +218,9 @@ def _check_field(field: Any, value: Any) -> None:
     name, default = field.name, field.default
     if not _is_of_kind(value, default):
         raise SwingupError(f"{name} = {quoted(value)}: use {kind_of(default)}")
-    if isinstance(default, tuple):
+    if "schedule" in field.metadata:
+        _check_schedule(name, value)
+    elif isinstance(default, tuple):
         if not value:
             raise SwingupError(f"{name} = (): name at least one layer, such as 64")
         for width in value:
@@ -225,6 +229,18 @@ def _check_field(field: Any, value: Any) -> None:
         whole_number(name, value, *field.metadata["range"])
     elif "range" in field.metadata and isinstance(value, Real):
         finite_number(name, value, *field.metadata["range"])
+
+
+def _check_schedule(name: str, pairs: tuple[float, ...]) -> None:
+    """Refuse pairs whose parts do not rise from 0 to 1, or whose factors are negative or endless."""
+    parts, factors = pairs[0::2], pairs[1::2]
+    if len(parts) != len(factors):
+        raise SwingupError(f"{name} = {quoted(pairs)} has a part without a factor: use pairs such as 0.5 1 1 0.1")
+    for part, factor in zip(parts, factors, strict=True):
+        finite_number(f"a part in {name}", part, 0.0, 1.0)
+        finite_number(f"a factor in {name}", factor, 0.0, HUGE)
+    if any(later <= part for part, later in itertools.pairwise(parts)):
+        raise SwingupError(f"{name} = {quoted(pairs)}: its parts must rise, as 0.5 and 1 do in 0.5 1 1 0.1")
 
 
 def _is_of_kind(value: Any, default: Any) -> bool:
@@ -236,7 +252,10 @@ def _is_of_kind(value: Any, default: Any) -> bool:
     if isinstance(default, float):
         return isinstance(value, Real | np.ndarray | jax.Array) and not isinstance(value, bool)
     if isinstance(default, tuple):
-        return isinstance(value, tuple) and all(map(_is_integer, value))
+        kind = Real if not default else Integral  # a schedule's default is empty
+        return isinstance(value, tuple) and all(
+            isinstance(each, kind) and not isinstance(each, bool) for each in value
+        )
     return True
 
 

@@ -16,12 +16,12 @@ from ..tasks.task import AbstractTask
 from ..types import Count, Key, Scalar
 from .act import decide, update_statistics
 from .advantage import advantages, update_gains
-from .anneal import annealed
 from .config import Config
 from .initial import begin_episodes, init_learner
 from .keys import IterationKeys, RolloutKeys, initial_keys, iteration_keys, rollout_keys
 from .loss import Frames, LossMetrics, loss
 from .optimiser import make_optimiser
+from .schedule import at_iteration
 from .shuffle import shuffled
 from .state import LearnerState, Metrics, Rollout, iteration_metrics, select
 from .targets import apply_endings, estimate_values, normalise_returns
@@ -64,7 +64,7 @@ def update(
     state: LearnerState, rollout: Rollout, keys: IterationKeys, config: Config
 ) -> tuple[LearnerState, Metrics]:
     """Learn from a rollout of any back end: estimate, then improve."""
-    config = annealed(config, state.iterations)
+    config = at_iteration(config, state.iterations)
     estimated, frames, value_means = estimate(state, rollout, config)
     improved, losses, gradient_norm = improve(estimated, frames, keys.improve, config)
     metrics = iteration_metrics(rollout, improved.gains, value_means, losses, gradient_norm)

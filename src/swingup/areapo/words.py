@@ -8,7 +8,7 @@ from .config import Config, check_hyperparameter, kind_of
 
 
 def parse_value(name: str, text: str) -> Any:
-    """A hyperparameter from text: 3e-4, true or false, 64x64 or 64 64 or 64,64, or a word.
+    """A hyperparameter from text: 3e-4, true or false, 64x64 or 64 64 or 64,64, 0.5 1 1 0.1, or a word.
 
     Raises:
         SwingupError: the name is unknown, or the text is not a value of the hyperparameter's type.
@@ -18,7 +18,8 @@ def parse_value(name: str, text: str) -> Any:
         if isinstance(default, bool):
             return {"true": True, "false": False}[text.lower()]
         if isinstance(default, tuple):
-            return tuple(int(part) for part in text.replace("x", " ").replace(",", " ").split())
+            number = int if default else float  # schedules are empty by default, layers are not
+            return tuple(number(part) for part in text.replace("x", " ").replace(",", " ").split())
         return type(default)(text)
     except (KeyError, ValueError) as error:
         raise SwingupError(f"{name} = {quoted(text)}: use {kind_of(default)}") from error

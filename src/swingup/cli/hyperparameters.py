@@ -29,10 +29,15 @@ def _defaults(name: str) -> str:
     """The value of a hyperparameter in every preset, as ``2.0; global: 0.4; apo, ppo: 0.0``."""
     by_value: dict[str, list[str]] = {}
     for preset, each in PRESETS.items():
-        by_value.setdefault(format_value(getattr(each.config, name)), []).append(preset)
-    usual = format_value(getattr(PRESETS[PENDULUM_PRESET].config, name))
+        by_value.setdefault(_shown(getattr(each.config, name)), []).append(preset)
+    usual = _shown(getattr(PRESETS[PENDULUM_PRESET].config, name))
     others = [f"{', '.join(presets)}: {value}" for value, presets in by_value.items() if value != usual]
     return "; ".join([usual, *others])
+
+
+def _shown(value: Any) -> str:
+    """A value in the help: an empty schedule is none."""
+    return format_value(value) or "none"
 
 
 def _options() -> list[tuple[str, Any, Any]]:
@@ -48,6 +53,7 @@ def _options() -> list[tuple[str, Any, Any]]:
             fields.append((f"no_{name}", Annotated[FlagCreatePairsOff[bool], off], False))
             continue
         metavar = {int: "INT", float: "FLOAT", tuple: "INT..."}.get(type(field.default), "WORD")
+        metavar = "FLOAT..." if field.default == () else metavar
         kind = tuple[str, ...] if isinstance(field.default, tuple) else str
         option = arg(metavar=metavar, help=help_, help_behavior_hint=note)
         fields.append((name, Annotated[kind | None, option], None))

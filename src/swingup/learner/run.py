@@ -8,6 +8,7 @@ import contextlib
 import math
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -183,21 +184,24 @@ class Run:
         return metrics, extras
 
     def _evaluate_all(self) -> list[dict[str, Any]]:
-        return [self._evaluate(index) for index in range(self.settings.seeds)]
+        """Evaluate the deterministic policy of each seed; keep those that are their seeds' best."""
+        policies = [self.policy(index) for index in range(self.settings.seeds)]
+        # A simulation is one long chain of small steps, which a second core cannot shorten: one thread for each seed.
+        with ThreadPoolExecutor(len(policies)) as pool:
+            results = list(pool.map(self.backend.evaluator.evaluate, policies))
+        for index, (policy, result) in enumerate(zip(policies, results, strict=True)):
+            self._keep_best(index, policy, result)
+        return results
 
-    def _evaluate(self, index: int) -> dict[str, Any]:
-        """Evaluate the deterministic policy of one seed; keep it if it is its seed's best."""
-        policy = self.policy(index)
-        result = self.backend.evaluator.evaluate(policy)
+    def _keep_best(self, index: int, policy: Policy[Any], result: dict[str, Any]) -> None:
         score, best = result["score"], self.progress.best
         if score > best[index]:
-            # best.npz first: if the run is killed before the seed's own file, resuming finds the same record again.
+            # best.npz first: if the run is killed before the seed's own file, resuming finds the record again.
             if score > self.best_score:
                 self._save_policy(BEST, index, policy, result)
             if self.settings.seeds > 1:
                 self._save_policy(best_name(self.settings, index), index, policy, result)
             self.progress = replace(self.progress, best=(*best[:index], score, *best[index + 1 :]))
-        return result
 
     def _save_policy(self, name: str, index: int, policy: Policy[Any], result: dict[str, Any]) -> None:
         if self._folder is not None:
