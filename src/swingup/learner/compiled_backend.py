@@ -15,6 +15,7 @@ from ..policy.jax_backend.policy import Policy
 from ..tasks.task import AbstractTask
 from .backend import AbstractBackend, portable_policy
 from .evaluators import AbstractEvaluator
+from .progress import member
 
 # Compiled once for all runs of a program. A single seed runs without vmap, which is slower on a CPU.
 # The state is not donated: an interrupted run can continue from the state before the chunk.
@@ -51,8 +52,8 @@ class CompiledBackend(AbstractBackend):
         state = self.begin(state, 0)
         # One iteration stands for any number, since the number is traced.
         advance.lower(state, self._task, self._config, 1).compile()
-        member = state if len(self._seeds) == 1 else jax.tree.map(lambda leaf: leaf[0], state)
-        self.evaluator.evaluate(self.policy(member))
+        first = state if len(self._seeds) == 1 else member(state, 0)
+        self.evaluator.evaluate(self.policy(first))
 
     def begin(self, state: LearnerState, iterations: int) -> LearnerState:
         """Share the seeds among the devices. Nothing is reset: a checkpoint holds everything."""

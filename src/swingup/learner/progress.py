@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from ..areapo.state import LearnerState
@@ -33,7 +34,7 @@ class TrainingProgress:
 
     def member(self, index: int) -> LearnerState:
         """The state of one seed."""
-        return self.state if len(self.best) == 1 else jax.tree.map(lambda leaf: leaf[index], self.state)
+        return self.state if len(self.best) == 1 else member(self.state, index)
 
     def metadata(self, settings: RunSettings) -> dict[str, Any]:
         """The metadata of a checkpoint."""
@@ -43,6 +44,21 @@ class TrainingProgress:
             "seconds": self.seconds,
             "best": list(self.best),
         }
+
+
+def member(state: LearnerState, index: int) -> LearnerState:
+    """The state of one of several seeds, in NumPy.
+
+    Where devices share the seeds, an index in JAX would be a program on all of them for every leaf. Many such
+    programs, started at once, can wait for each other without end on a CPU.
+    """
+
+    def row(leaf: jax.Array) -> Any:
+        if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
+            return jax.random.wrap_key_data(np.asarray(jax.random.key_data(leaf))[index])
+        return np.asarray(leaf)[index]
+
+    return jax.tree.map(row, state)
 
 
 def initial_progress(state: LearnerState, seeds: int) -> TrainingProgress:

@@ -186,7 +186,7 @@ class Run:
     def _evaluate_all(self) -> list[dict[str, Any]]:
         """Evaluate the deterministic policy of each seed; keep those that are their seeds' best."""
         policies = [self.policy(index) for index in range(self.settings.seeds)]
-        # A simulation is one long chain of small steps, which a second core cannot shorten: one thread for each seed.
+        # A simulation is a chain of small steps, which a second core does not shorten: each seed has a thread.
         with ThreadPoolExecutor(len(policies)) as pool:
             results = list(pool.map(self.backend.evaluator.evaluate, policies))
         for index, (policy, result) in enumerate(zip(policies, results, strict=True)):
