@@ -274,7 +274,7 @@ def test_several_values_of_one_option(capsys, values):
         ),
         ("evalute acrobot", "unknown command 'evalute'"),
         ("evaluate", "swingup evaluate needs ROBOT: see swingup evaluate --help"),
-        ("", "a command is missing: use one of evaluate, robustness"),
+        ("", "a command is missing: use one of demo, evaluate, robustness"),
         ("trajectory acrobot", "swingup trajectory needs --out FILE.npz"),
         ("trajectory acrobot --out x --problem foo", "--problem = 'foo': use one of 'published', 'score'"),
         ("evaluate acrobot --seed x", "--seed = 'x' is no whole number"),
