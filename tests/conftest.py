@@ -91,10 +91,10 @@ TRIM = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux
 
 
 @pytest.fixture(scope="module", autouse=True)
-def trimmed_memory():
-    """After a module, memory that compilations freed goes back to the system: glibc keeps gigabytes else."""
+def trimmed_memory(request):
+    """After a module of slow tests, memory that compilations freed goes back: glibc keeps gigabytes else."""
     yield
-    if TRIM is not None:
+    if TRIM is not None and request.config.option.markexpr == "slow":
         TRIM(0)
 
 
