@@ -1,7 +1,7 @@
-"""Tries of the preset ``fast``: the time from the command to a kept policy with the paper's score, and the best one.
+"""Tries of the preset ``fast``: the time from the command to a kept policy with the paper's score, and the best.
 
-Usage: python benchmarks/fast.py ROBOT FOLDER [TRIES [FRAMES]]. The defaults are 5 tries of the preset's frames. A try
-is one command of swingup, whatever it trains side by side: leave the machine idle. FOLDER receives the runs and
+Usage: python benchmarks/fast.py ROBOT FOLDER [TRIES [FRAMES]]. The defaults are 5 tries of the preset's frames. A
+try is one command of swingup, whatever it trains side by side: leave the machine idle. FOLDER receives the runs and
 results.jsonl, a line for each try. Tries in that file are not repeated.
 """
 
