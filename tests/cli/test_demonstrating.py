@@ -240,8 +240,9 @@ def test_a_short_demonstration_and_its_next_commands(capsys, monkeypatch, small_
     assert "training pendubot (fast) to 150,000 frames in runs/demo-pendubot" in output.err
     assert "paper's 0.659" in output.err
     folder = Path("runs/demo-pendubot")
-    frames = [row["frames"] for row in read_metrics(folder / "metrics.jsonl")]
-    assert frames == [65_536, 131_072, 155_648]  # whole iterations of 64 × 128 frames
+    frames = [(row["seed"], row["frames"]) for row in read_metrics(folder / "metrics.jsonl")]
+    # Whole iterations of 64 × 128 frames, of both seeds.
+    assert frames == [(seed, number) for number in (65_536, 131_072, 155_648) for seed in (0, 1)]
     page = (folder / "page.html").read_text(encoding="utf-8")
     shown = json.loads(page.partition('id="data">')[2].partition("</script>")[0])["sections"][0]
     assert [show["name"] for show in shown["shows"]] == [
