@@ -21,6 +21,8 @@ from ..text import quoted
 TINY, HUGE = 1e-12, 1e12
 LARGEST_COUNT = 2**31 - 1
 """Frames and units are indexed in 32 bits."""
+NO_SCHEDULE: tuple[float, ...] = ()
+"""The default of all schedules, which tells them from layers."""
 
 Terminations = Literal["auto", "end", "reset_cost", "bootstrap"]
 
@@ -37,7 +39,7 @@ def _static(default: Any) -> Any:
 
 def _schedule() -> Any:
     """Pairs of numbers that are compiled in, without any by default."""
-    return eqx.field(static=True, default=(), metadata={"schedule": True})
+    return eqx.field(static=True, default=NO_SCHEDULE, metadata={"schedule": True})
 
 
 def _count(default: int) -> Any:
@@ -199,7 +201,7 @@ def hyperparameters() -> list[str]:
 
 def kind_of(default: Any) -> str:
     """What values of a hyperparameter with this default are, in words."""
-    if default == ():
+    if default == NO_SCHEDULE:
         return "pairs of numbers such as 0.5 1 1 0.1"
     kinds = {bool: "True or False", int: "an integer", float: "a number", tuple: "integers such as (64, 64)"}
     return kinds.get(type(default), "a word")
@@ -252,7 +254,7 @@ def _is_of_kind(value: Any, default: Any) -> bool:
     if isinstance(default, float):
         return isinstance(value, Real | np.ndarray | jax.Array) and not isinstance(value, bool)
     if isinstance(default, tuple):
-        kind = Real if not default else Integral  # a schedule's default is empty
+        kind = Real if default == NO_SCHEDULE else Integral
         return isinstance(value, tuple) and all(
             isinstance(each, kind) and not isinstance(each, bool) for each in value
         )

@@ -4,7 +4,7 @@ from typing import Any
 
 from ..errors import SwingupError
 from ..text import quoted
-from .config import Config, check_hyperparameter, kind_of
+from .config import NO_SCHEDULE, Config, check_hyperparameter, kind_of
 
 
 def parse_value(name: str, text: str) -> Any:
@@ -18,7 +18,7 @@ def parse_value(name: str, text: str) -> Any:
         if isinstance(default, bool):
             return {"true": True, "false": False}[text.lower()]
         if isinstance(default, tuple):
-            number = int if default else float  # schedules are empty by default, layers are not
+            number = float if default == NO_SCHEDULE else int
             return tuple(number(part) for part in text.replace("x", " ").replace(",", " ").split())
         return type(default)(text)
     except (KeyError, ValueError) as error:

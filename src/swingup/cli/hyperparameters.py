@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import FlagCreatePairsOff, arg
 
-from ..areapo.config import Config
+from ..areapo.config import NO_SCHEDULE, Config
 from ..areapo.words import format_value, parse_value
 from ..errors import SwingupError
 from ..learner.presets import PENDULUM_PRESET, PRESETS
@@ -53,7 +53,7 @@ def _options() -> list[tuple[str, Any, Any]]:
             fields.append((f"no_{name}", Annotated[FlagCreatePairsOff[bool], off], False))
             continue
         metavar = {int: "INT", float: "FLOAT", tuple: "INT..."}.get(type(field.default), "WORD")
-        metavar = "FLOAT..." if field.default == () else metavar
+        metavar = "FLOAT..." if field.default == NO_SCHEDULE else metavar
         kind = tuple[str, ...] if isinstance(field.default, tuple) else str
         option = arg(metavar=metavar, help=help_, help_behavior_hint=note)
         fields.append((name, Annotated[kind | None, option], None))

@@ -52,7 +52,7 @@ PRESETS = {
         "anywhere",
     ),
     "fast": Preset(
-        "the paper's score in a minute or two: the default with networks of 64-64, large steps first, two seeds",
+        "near the paper's score in a minute or two: the default with networks of 64-64, two seeds",
         Config(
             centre_values=True, num_epochs=3, batch_size=512, policy_layers=(64, 64), value_layers=(64, 64),
             gae_lambda=0.9, entropy_gae_lambda=0.8, clip_range=0.2, learning_rate=1e-3, schedule_frames=20_000_000,

@@ -187,8 +187,13 @@ class Run:
         """Evaluate the deterministic policy of each seed; keep those that are their seeds' best."""
         policies = [self.policy(index) for index in range(self.settings.seeds)]
         # A simulation is a chain of small steps, which a second core does not shorten: each seed has a thread.
-        with ThreadPoolExecutor(len(policies)) as pool:
-            results = list(pool.map(self.backend.evaluator.evaluate, policies))
+        # One seed stays in the caller's thread, on which an environment of the host may depend.
+        evaluate = self.backend.evaluator.evaluate
+        if len(policies) == 1:
+            results = [evaluate(policies[0])]
+        else:
+            with ThreadPoolExecutor(len(policies)) as pool:
+                results = list(pool.map(evaluate, policies))
         for index, (policy, result) in enumerate(zip(policies, results, strict=True)):
             self._keep_best(index, policy, result)
         return results
