@@ -293,6 +293,7 @@ WORDS = ["--set", "learning_rate=0.001,0.0001", "--set", *SIZE_WORDS]
 """One option names several; given again, it adds to them."""
 
 
+@pytest.mark.slow
 def test_the_command_on_local_processes(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))

@@ -87,7 +87,8 @@ def test_entropy_gain_is_in_units_of_the_temperature():
     assert metrics.entropy_gain == pytest.approx(0.3 * float(metrics.entropy), rel=0.02)
 
 
-@pytest.mark.parametrize("temperature", [pytest.param(0.1, marks=pytest.mark.slow), 0.5])
+@pytest.mark.slow  # the two levers have a default test
+@pytest.mark.parametrize("temperature", [0.1, 0.5])
 def test_maximum_entropy_policy_of_a_bowl(temperature):
     objective, mean, log_std = best_squashed_gaussian(lambda a: -(a**2), temperature)
     state, metrics = learn(Bowl(), temperature=temperature)

@@ -78,7 +78,11 @@ class Uncopyable(Counting):
 
 @pytest.mark.parametrize(
     ("source", "twin"),
-    [(plain, Swinging()), (Counting(), JaxCounting()), (Uncopyable(), JaxCounting())],
+    [
+        (plain, Swinging()),
+        pytest.param(Counting(), JaxCounting(), marks=pytest.mark.slow),
+        pytest.param(Uncopyable(), JaxCounting(), marks=pytest.mark.slow),
+    ],
     ids=["function", "object", "one by one"],
 )
 def test_plain_python_gets_the_same_table(source, twin):

@@ -51,6 +51,7 @@ def ours(board):
     return {row.controller: row for row in board.rows if row.source == "ours"}
 
 
+@pytest.mark.slow  # the command has a default test
 def test_boards_are_sorted_and_mark_what_is_ours(either_robot, small_grid):
     performance, robustness = leaderboard(either_robot, {"hanging": Hanging()}, small_grid, **ONE)
     assert (performance.measure, performance.seed) == ("performance", None)
@@ -80,6 +81,7 @@ def test_a_controller_that_fails_gets_a_row_that_says_so():
     assert rows["raising"].values["score"] == 0.0
 
 
+@pytest.mark.slow
 def test_the_third_rules_have_a_board_of_their_own(either_robot, brief_minute):
     others, ours_too = {"raising": raising, "nan": Failing()}, (AR_EAPO, "lqr")
     (board,) = leaderboard(either_robot, others, brief_minute, seed=4, entrants=ours_too)

@@ -104,6 +104,7 @@ def test_a_whole_grid_as_json():
     assert robustness(Swinging(), "pendubot", "mine", LOOSE, seed=5).as_dict() != result.as_dict()
 
 
+@pytest.mark.slow
 def test_single_criteria_repeat_the_whole_grid():
     whole = robustness(Swinging(), "pendubot", seed=2, rules=LOOSE)
     for criterion in ("perturbations", "torque_noise"):

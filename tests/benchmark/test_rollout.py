@@ -141,6 +141,7 @@ def test_a_disturbance_of_nothing_changes_nothing(robot):
     np.testing.assert_allclose(same.x, calm.x, rtol=0, atol=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("x64")
 def test_a_late_loop_alike_in_jax_and_on_the_host(robot):
     """Times, states and torques; each state is the one before, one recorded period later."""

@@ -76,6 +76,7 @@ def test_a_pendulum_without_motors_fails_and_seeds_differ(either_robot):
     assert [run.speed for run in again.runs] == pytest.approx([one.runs[0].speed, two.runs[0].speed], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_the_shipped_policies_swing_up_and_stay(either_robot):
     judged = sim2real(get_controller("robot", either_robot), either_robot, seeds=4)
     assert judged.successes == 4

@@ -129,7 +129,7 @@ def meant(tmp_path):
 @pytest.mark.parametrize(
     ("flags", "judged"),
     [
-        ((), True),
+        pytest.param((), True, marks=pytest.mark.slow),
         pytest.param(("--estimator",), True, marks=pytest.mark.slow),
         (("--no-estimator",), False),
     ],

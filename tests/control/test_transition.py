@@ -43,6 +43,7 @@ def finite_differences(p, robot, dt):
     return np.stack(columns, axis=-1)
 
 
+@pytest.mark.slow
 def test_exact_jacobian_against_finite_differences(x64, either_robot):
     robot = either_robot
     p = dataclasses.replace(leaderboard_parameters(robot), b1=0.1, cf2=0.05)

@@ -95,6 +95,7 @@ def test_limits_must_hold_on_all_plants():
     assert trial.holds(1.9, 5.0).tolist() == [False, False]
 
 
+@pytest.mark.slow
 def test_information_grows_with_motion_and_falls_with_noise(models, trial):
     unknowns = unknowns_of(SETTING, models[0])
     fine, coarse = (

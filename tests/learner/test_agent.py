@@ -256,7 +256,9 @@ def test_a_reset_that_is_not_finite_is_named():
         AREAPO(Broken(), **TINY)
 
 
-@pytest.mark.parametrize("preset", ["ppo", "eapo", "apo", "mujoco"])
+@pytest.mark.parametrize(
+    "preset", ["ppo", "mujoco", *(pytest.param(each, marks=pytest.mark.slow) for each in ("eapo", "apo"))]
+)
 def test_the_family_trains_on_a_gymnasium_id(preset):
     row = []
     model = AREAPO("CartPole-v1", preset, **TINY)

@@ -98,12 +98,14 @@ def best_score(row):
     return -math.inf if row["best_score"] is None else row["best_score"]
 
 
-def check_kills(tmp_path, task, kills, frames, resumes=0):
-    arguments = [*TASKS[task], "--frames", str(frames), *TINY]
+@pytest.mark.slow
+@pytest.mark.parametrize("task", ["compiled", "host"])
+def test_killed_processes_resume_to_the_same_bits(tmp_path, task):
+    arguments = [*TASKS[task], "--frames", str(64 * (100 if task == "compiled" else 320)), *TINY]
     with signals_as_they_were():
         assert main(["train", *arguments, "--out", str(tmp_path / "whole")]) == 0
-        resumed = kill_and_resume(tmp_path / "part", arguments, tmp_path / "cache", kills, seed=kills)
-    assert resumed >= resumes
+        resumed = kill_and_resume(tmp_path / "part", arguments, tmp_path / "cache", kills=4, seed=4)
+    assert resumed >= 2
     assert_same_files(tmp_path / "whole", tmp_path / "part")
     whole, part = measured(tmp_path / "whole"), measured(tmp_path / "part")
     assert whole[-1] == part[-1]
@@ -111,16 +113,6 @@ def check_kills(tmp_path, task, kills, frames, resumes=0):
     assert all(best_score(one) <= best_score(other) for one, other in zip(whole, part, strict=True))
     assert [row | {"best_score": None} for row in whole] == [row | {"best_score": None} for row in part]
     assert [path.name for path in (tmp_path / "part").rglob(".*")] == [".lock"]
-
-
-def test_a_killed_process_resumes_to_the_same_bits(tmp_path):
-    check_kills(tmp_path, "host", kills=1, frames=64 * 40)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("task", ["compiled", "host"])
-def test_many_killed_processes_resume_to_the_same_bits(tmp_path, task):
-    check_kills(tmp_path, task, kills=4, frames=64 * (100 if task == "compiled" else 320), resumes=2)
 
 
 @pytest.mark.usefixtures("brief")

@@ -110,6 +110,7 @@ def test_the_estimators_plant_is_the_policys(made, back_end, sensor):
         assert np.abs(found - before).max() > 0.1
 
 
+@pytest.mark.slow  # the tables compare torques at these rates
 @pytest.mark.parametrize("sensor", ["400 Hz", "uneven"])
 @pytest.mark.parametrize("name", REFINED)
 def test_a_loop_at_another_rate_swings_up_and_holds(name, sensor):

@@ -221,6 +221,7 @@ def test_it_does_what_the_document_says(x64):
     np.testing.assert_allclose(shown, expected, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_noise_of_the_velocities_is_filtered():
     rows = closed_loops()["noisy"]
     measured, seen = (np.sqrt(np.mean((given - rows.x)[:, 2:] ** 2)) for given in (rows.measured, rows.seen))

@@ -128,6 +128,7 @@ def test_the_adjoint_is_cut_and_the_state_is_not():
     assert np.array_equal(jax.grad(lambda x: jnp.sqrt(bound_adjoint(x, 9.0)[0]))(0 * x), jnp.zeros(4))
 
 
+@pytest.mark.slow  # the integrators' gradient has a default test
 def test_the_gradient_through_an_episode_is_that_of_finite_differences(x64):
     controller = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float64) if eqx.is_array(leaf) else leaf, small())
     x0 = sample_episodes(np.random.default_rng(3), ACROBOT, FEW).x0.astype(np.float64)

@@ -221,6 +221,7 @@ def test_without_the_extra_the_remedy_is_named(missing, section, monkeypatch):
         render_page([section])
 
 
+@pytest.mark.slow  # the figures of two robots are compiled; the report's command has a default test
 def test_sections_judge_everybody_with_one_disturbance(monkeypatch):
     policy = get_controller("ar-eapo", ACROBOT)  # without an estimator, which takes seconds to compile
     asked = []
