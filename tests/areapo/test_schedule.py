@@ -1,3 +1,5 @@
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import pytest
@@ -21,6 +23,14 @@ def test_a_schedule_is_a_line_through_its_pairs(iterations, learning_rate):
     assert float(found.learning_rate) == pytest.approx(learning_rate, rel=1e-5)
     assert float(found.temperature) == pytest.approx(1.0)
     assert (found.clip_range, found.gae_lambda, found.num_epochs) == (0.2, CONFIG.gae_lambda, CONFIG.num_epochs)
+
+
+@pytest.mark.parametrize(
+    ("iterations", "learning_rate"), [(3, 0.775e-3), (7, 1e-4), (8, 1e-3), (11, 0.775e-3), (8003, 0.775e-3)]
+)
+def test_a_schedule_begins_anew(iterations, learning_rate):
+    found = jax.jit(at_iteration)(dataclasses.replace(CONFIG, schedule_repeats=True), jnp.array(iterations))
+    assert float(found.learning_rate) == pytest.approx(learning_rate, rel=1e-5)
 
 
 def test_without_frames_nothing_changes():

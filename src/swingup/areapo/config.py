@@ -103,6 +103,8 @@ class Config(eqx.Module):
     """c2: weight of the entropy value's loss within the value loss."""
     schedule_frames: int = eqx.field(static=True, default=0, metadata={"range": (0, LARGEST_COUNT)})
     """Frames of a seed over which the schedules run; 0: nothing changes."""
+    schedule_repeats: bool = _static(False)
+    """Whether the schedules begin anew after these frames (warm restarts, arXiv 1608.03983) or stay as they end."""
     learning_rate_schedule: tuple[float, ...] = _schedule()
     """Pairs of a part of schedule_frames and a factor on the learning rate, as 0.5 1 1 0.1: linear between them."""
     clip_range_schedule: tuple[float, ...] = _schedule()

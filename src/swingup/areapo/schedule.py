@@ -16,11 +16,14 @@ def at_iteration(config: Config, iterations: Count) -> Config:
     """The hyperparameters of the iteration after so many: each with a schedule is multiplied by its factor.
 
     A schedule is a line through its pairs of a part of ``schedule_frames`` and a factor; outside it is constant.
+    After ``schedule_frames`` it stays at its end, or begins anew with ``schedule_repeats``.
     """
     if not config.schedule_frames:
         return config
     # As real numbers: a long run has more frames than 32 bits count.
     part = config.rollout_size * jnp.asarray(iterations, jnp.float32) / config.schedule_frames
+    if config.schedule_repeats:
+        part %= 1
     changed: dict[str, Any] = {}
     for name in SCHEDULED:
         pairs = getattr(config, f"{name}_schedule")
