@@ -1,5 +1,6 @@
 """The back end of tasks in JAX: environments are compiled with the learner, seeds train side by side."""
 
+import functools
 from typing import Any
 
 import jax
@@ -22,8 +23,9 @@ from .progress import member
 _init = jax.jit(train.init)
 _init_seeds = jax.jit(jax.vmap(train.init, in_axes=(0, None, None)))
 _train = jax.jit(train.train)
-_train_seeds = jax.jit(jax.vmap(train.train, in_axes=(0, None, None, None)))
 
+AXIS = "seeds"
+"""Along which devices share the seeds."""
 RESETS_TRIED = 1024
 """Resets that are inspected after training diverged."""
 
@@ -37,6 +39,7 @@ class CompiledBackend(AbstractBackend):
         """Consecutive seeds of a task, and the evaluator of their policies."""
         self.evaluator = evaluator
         self._task, self._config, self._seeds = task, config, range(seed, seed + seeds)
+        self._advance = _train if seeds == 1 else _train_shared(sharing_mesh(seeds))
 
     def init(self) -> LearnerState:
         """The state before the first iteration."""
@@ -47,11 +50,10 @@ class CompiledBackend(AbstractBackend):
 
     def compile(self, state: LearnerState) -> None:
         """Compile a chunk of training, and an evaluation by running one."""
-        advance = _train if len(self._seeds) == 1 else _train_seeds
         # Shared among the devices first: where arrays lie is part of what is compiled.
         state = self.begin(state, 0)
         # One iteration stands for any number, since the number is traced.
-        advance.lower(state, self._task, self._config, 1).compile()
+        self._advance.lower(state, self._task, self._config, 1).compile()
         first = state if len(self._seeds) == 1 else member(state, 0)
         self.evaluator.evaluate(self.policy(first))
 
@@ -61,8 +63,7 @@ class CompiledBackend(AbstractBackend):
 
     def train(self, state: LearnerState, iterations: int) -> tuple[LearnerState, Metrics, dict[str, Any]]:
         """Run some iterations in one compiled call."""
-        advance = _train if len(self._seeds) == 1 else _train_seeds
-        return *advance(state, self._task, self._config, iterations), {}
+        return *self._advance(state, self._task, self._config, iterations), {}
 
     def policy(self, member: LearnerState) -> Policy[Any]:
         """The policy of one seed."""
@@ -85,14 +86,32 @@ class CompiledBackend(AbstractBackend):
         """Nothing to free."""
 
 
-def spread(state: LearnerState, seeds: int) -> LearnerState:
-    """Share the seeds among as many devices as divide them evenly."""
-    # JAX shards an axis only into equal parts.
+def sharing_mesh(seeds: int) -> Mesh:
+    """As many devices as share the seeds evenly: JAX shards an axis only into equal parts."""
     count = max(n for n in range(1, len(jax.devices()) + 1) if seeds % n == 0)
-    if count == 1:
-        return state
-    mesh = Mesh(np.array(jax.devices()[:count]), ("seeds",))
-    return jax.device_put(state, NamedSharding(mesh, PartitionSpec("seeds")))
+    return Mesh(np.array(jax.devices()[:count]), (AXIS,))
+
+
+def spread(state: LearnerState, seeds: int) -> LearnerState:
+    """Share the seeds among the devices."""
+    return jax.device_put(state, NamedSharding(sharing_mesh(seeds), PartitionSpec(AXIS)))
+
+
+@functools.cache
+def _train_shared(mesh: Mesh) -> Any:
+    """Train several seeds; a device that has one trains it without vmap."""
+
+    def train_own(state: LearnerState, *rest: Any) -> tuple[LearnerState, Metrics]:
+        if state.iterations.shape[0] > 1:
+            return jax.vmap(train.train, in_axes=(0, None, None, None))(state, *rest)
+        trained = train.train(jax.tree.map(lambda leaf: leaf[0], state), *rest)
+        return jax.tree.map(lambda leaf: leaf[None], trained)
+
+    own, common = PartitionSpec(AXIS), PartitionSpec()
+    # No seed sees another: there is nothing to check between devices.
+    return jax.jit(
+        jax.shard_map(train_own, mesh=mesh, in_specs=(own, common, common, common), out_specs=own, check_vma=False)
+    )
 
 
 @jax.jit
