@@ -18,7 +18,7 @@ LAYERS = {
     "policy.realaigym": 6, "policy.cloudpendulum": 6, "runtime": 6, "tasks": 6,
     "areapo": 7, "control": 7, "policy.jax_backend": 8,
     "control.registry": 9, "benchmark": 10, "drawing": 10, "identification": 10,
-    "learner": 11, "gym": 11, "refine": 11, "realaigym": 11,
+    "learner": 11, "gym": 11, "gymnax": 11, "refine": 11, "realaigym": 11,
     "report": 12, "rehearsal": 12, "sweep": 12, "cli": 13,
 }  # fmt: skip
 """Every part of the package and its layer: imports go to a lower layer or stay at home. A part is a module or a

@@ -20,10 +20,10 @@ from jaxtyping import Bool, Float, Float32, UInt8
 from .checks import whole_number
 from .drawing import draw_frame
 from .errors import SwingupError
-from .physics.parameters import ROBOTS, get_robot
+from .physics.parameters import ROBOTS
 from .plants.plant import PlantLike
 from .tasks.pendulum import DIVERGED, AbstractPendulumTask, PendulumState
-from .tasks.presets import get_task
+from .tasks.presets import find_task
 from .tasks.task import Step
 from .text import quoted
 from .types import Action, Key, Observation, State
@@ -266,12 +266,7 @@ def _compiled_task(
     robot: str, task: str | AbstractPendulumTask[Any], plant: PlantLike | None
 ) -> AbstractPendulumTask[Any]:
     """The task with its numbers as arrays, which compiled functions take faster."""
-    if plant is not None and not isinstance(task, str):
-        raise SwingupError(f"a {type(task).__name__} has a plant of its own: pass the task's name with plant=")
-    chosen = get_task(task, get_robot(robot), plant) if isinstance(task, str) else task
-    if chosen.robot != get_robot(robot):
-        raise SwingupError(f"the task is for the {chosen.robot.name}, not for the {robot}: change one of them")
-    return jax.tree.map(jnp.asarray, chosen)
+    return jax.tree.map(jnp.asarray, find_task(task, robot, plant))
 
 
 def _spaces(task: AbstractPendulumTask[Any]) -> tuple[Box, Box]:

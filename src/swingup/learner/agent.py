@@ -17,6 +17,7 @@ from ..errors import SwingupError
 from ..physics.parameters import ROBOTS
 from ..plants.plant import Plant, PlantLike, find_plant
 from ..policy.jax_backend.policy import Policy, act
+from ..tasks.gymnax_task import as_task
 from .backend import batched
 from .presets import choose_preset, get_preset
 from .report import TrainingReport
@@ -62,7 +63,8 @@ class AREAPO:
 
         Args:
             env: a Gymnasium id, a function that makes a ``gymnasium.Env``, a ``gymnasium.vector.VectorEnv``, a task
-                in JAX (:class:`swingup.tasks.task.AbstractTask`), or ``acrobot`` or ``pendubot``.
+                in JAX (:class:`swingup.tasks.task.AbstractTask`), an environment with gymnax's methods or a pair of
+                one and its parameters, or ``acrobot`` or ``pendubot``.
             preset: named settings, see :data:`swingup.learner.presets.PRESETS`. The default is ``default`` for the
                 robots and ``mujoco`` for anything else; a pendulum task that is passed in needs a name.
             seed: from which all randomness follows.
@@ -80,6 +82,7 @@ class AREAPO:
             SwingupError: an argument cannot work, or the environment's spaces are not supported.
         """
         if run is None:
+            env = as_task(env)
             intervals = {"evaluate_every": evaluate_every, "checkpoint_every": checkpoint_every}
             settings = _settings(env, preset, seed, intervals, evaluation_episodes, find_plant(plant), overrides)
             run = start_run(settings, folder, get_preset(settings.preset).frames, env)

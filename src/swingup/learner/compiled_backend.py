@@ -1,6 +1,7 @@
 """The back end of tasks in JAX: environments are compiled with the learner, seeds train side by side."""
 
 import functools
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -34,10 +35,25 @@ class CompiledBackend(AbstractBackend):
     """One or several seeds of a task in JAX; several devices share the seeds."""
 
     def __init__(
-        self, task: AbstractTask[Any], config: Config, seed: int, seeds: int, evaluator: AbstractEvaluator
+        self,
+        task: AbstractTask[Any],
+        config: Config,
+        seed: int,
+        seeds: int,
+        evaluator: AbstractEvaluator,
+        to_actions: Callable[[Any], Any] | None = None,
     ) -> None:
-        """Consecutive seeds of a task, and the evaluator of their policies."""
-        self.evaluator = evaluator
+        """Consecutive seeds of a task, and the evaluator of their policies.
+
+        Args:
+            task: what is trained on.
+            config: the hyperparameters.
+            seed: the first seed.
+            seeds: their number.
+            evaluator: evaluates and saves the policies.
+            to_actions: actions of the environment that the task adapts, for actions of the task.
+        """
+        self.evaluator, self._to_actions = evaluator, to_actions
         self._task, self._config, self._seeds = task, config, range(seed, seed + seeds)
         self._advance = _train if seeds == 1 else _train_shared(sharing_mesh(seeds))
 
@@ -79,8 +95,8 @@ class CompiledBackend(AbstractBackend):
         return f"{broken} of {RESETS_TRIED} resets gave an observation that is not finite: correct the task's reset"
 
     def to_actions(self, actions: Shaped[np.ndarray, "b m"]) -> Shaped[np.ndarray, "b ..."]:
-        """The task's actions are the policy's."""
-        return actions
+        """The task's actions are the policy's; an environment that the task adapts may have others."""
+        return actions if self._to_actions is None else np.asarray(self._to_actions(actions))
 
     def close(self) -> None:
         """Nothing to free."""

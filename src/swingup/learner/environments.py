@@ -29,7 +29,8 @@ from ..text import one_line, quoted
 from .answers import Answers
 
 MAKES_SENSE = (
-    "a Gymnasium id, a function that makes a gymnasium.Env, a gymnasium.vector.VectorEnv, or a task in JAX"
+    "a Gymnasium id, a function that makes a gymnasium.Env, a gymnasium.vector.VectorEnv, "
+    "a gymnax environment, or a task in JAX"
 )
 
 

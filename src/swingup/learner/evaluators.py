@@ -19,6 +19,7 @@ from ..policy.jax_backend.observation import AbstractStage
 from ..policy.jax_backend.policy import Policy, save_policy
 from ..policy.plant_facts import policy_plant
 from ..policy.settings import ESTIMATOR, default_estimator
+from ..tasks.gymnax_task import GymnaxTask
 from ..tasks.middle_plant import middle_plant
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.sim2real import Sim2RealTask
@@ -125,7 +126,9 @@ class ReturnEvaluator(AbstractEvaluator):
 
     def __init__(self, task: AbstractTask[Any], seed: int, episodes: int) -> None:
         """The evaluator of a task, with a default number of episodes."""
-        self.observation_shape = (task.observation_size,)
+        adapted = task if isinstance(task, GymnaxTask) else None
+        self.observation_shape = adapted.observation_shape if adapted else (task.observation_size,)
+        self._facts = adapted.actions.describe() if adapted else {}
         self._task, self._seed, self._episodes = task, seed, episodes
 
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
@@ -136,8 +139,8 @@ class ReturnEvaluator(AbstractEvaluator):
         return summarise_episodes(total.tolist(), length.tolist())
 
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
-        """Write a policy file."""
-        save_policy(path, policy, provenance)
+        """Write a policy file; that of a gymnax environment has the bounds of its actions."""
+        save_policy(path, policy, {**self._facts, **provenance})
 
 
 def summarise_episodes(returns: list[float], lengths: list[int]) -> dict[str, Any]:
@@ -159,8 +162,9 @@ def _episodes(policy: Policy[Any], task: AbstractTask[Any], keys: Key) -> tuple[
         def advance(carry: tuple[Any, ...], key: Key) -> tuple[tuple[Any, ...], None]:
             state, running, total, length = carry
             step = task.step(state, policy(task.observe(state)), key)
-            # A scan has a fixed length: an episode that ended is still stepped, but no longer counted.
-            after = (total + running * step.reward, length + running)
+            # A scan has a fixed length: an episode that ended is still stepped, but no longer counted. Its rewards
+            # may then be NaN, and 0 times that is NaN.
+            after = (total + jnp.where(running, step.reward, 0.0), length + running)
             return (step.state, running & ~(step.terminated | step.truncated), *after), None
 
         start = (task.reset(reset_key), jnp.array(True), jnp.zeros(()), jnp.array(0))

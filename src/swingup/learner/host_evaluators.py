@@ -10,9 +10,10 @@ from gymnasium.vector import VectorEnv
 from ..areapo.networks import CategoricalActor
 from ..errors import SwingupError
 from ..policy.jax_backend.policy import Policy, act, save_policy
-from ..tasks.task import Spaces
+from ..tasks.gymnax_task import as_task
+from ..tasks.task import AbstractTask, Spaces
 from .environments import Environments, make_environments
-from .evaluators import AbstractEvaluator, summarise_episodes
+from .evaluators import AbstractEvaluator, ReturnEvaluator, summarise_episodes
 
 MAX_EPISODE_STEPS = 10_000
 """An evaluation cuts an episode after this (steps)."""
@@ -118,6 +119,10 @@ def play_once(policy: Policy[Any], env: Any, episodes: int, seed: int) -> dict[s
     Raises:
         SwingupError: the environments cannot be made, or the policy is for other spaces.
     """
+    task = as_task(env)
+    if isinstance(task, AbstractTask):
+        _check_spaces(policy, task.spaces)
+        return ReturnEvaluator(task, seed, episodes).evaluate(policy)
     environments = make_environments(env, env.num_envs if isinstance(env, VectorEnv) else episodes)
     try:
         _check_spaces(policy, environments.spaces)

@@ -3,6 +3,7 @@
 from typing import Any
 
 from ..errors import SwingupError
+from ..tasks.gymnax_task import GymnaxTask, as_task
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.sim2real import Sim2RealTask
 from ..tasks.task import AbstractTask
@@ -25,6 +26,7 @@ def make_backend(settings: RunSettings, env: Any = None) -> AbstractBackend:
         SwingupError: the task cannot be made or must be passed in again, or memory is short.
     """
     config, seed, seeds = settings.config, settings.seed, settings.seeds
+    env = as_task(env)
     if settings.robot is not None:
         pendulum = env if isinstance(env, AbstractPendulumTask) else settings.task()
         check_memory(config, pendulum.spaces, seeds)
@@ -38,7 +40,8 @@ def make_backend(settings: RunSettings, env: Any = None) -> AbstractBackend:
         check_memory(config, env.spaces, seeds)
         # With 0 episodes the score would come from training, which only the host's back end can do.
         by_returns = ReturnEvaluator(env, seed, max(1, settings.evaluation_episodes))
-        return CompiledBackend(env, config, seed, seeds, by_returns)
+        to_actions = env.actions if isinstance(env, GymnaxTask) else None
+        return CompiledBackend(env, config, seed, seeds, by_returns, to_actions)
     if seeds > 1:
         raise SwingupError(
             f"seeds = {seeds}, but Gymnasium environments train one seed at a time: use swingup sweep"

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..checks import one_of
 from ..errors import SwingupError
-from ..physics.parameters import Robot, leaderboard_parameters
+from ..physics.parameters import Robot, get_robot, leaderboard_parameters
 from ..physics.units import scales_of
 from ..plants.domain import Domain, load_domain
 from ..plants.loop import LOOP_DT
@@ -149,3 +149,25 @@ def get_task(name: str, robot: Robot, plant: PlantLike | None = None) -> Abstrac
     if name in SIM2REAL_TASKS:
         raise SwingupError(f"the task {name} draws its plants from a domain: give a domain, not a plant")
     return PLANT_TASKS[one_of("task", name, TASKS)](robot, plant)
+
+
+def find_task(
+    task: str | AbstractPendulumTask[Any], robot: str, plant: PlantLike | None = None
+) -> AbstractPendulumTask[Any]:
+    """A task for a robot's environment, by name or passed in.
+
+    Args:
+        task: name of a variant, or a task, which must be the robot's.
+        robot: its name.
+        plant: the pendulum, in whose units a named task is; the leaderboards' by default.
+
+    Raises:
+        SwingupError: there is no such robot, variant or plant, or the task that was passed in is another robot's
+            or comes with a plant.
+    """
+    if plant is not None and not isinstance(task, str):
+        raise SwingupError(f"a {type(task).__name__} has a plant of its own: pass the task's name with plant=")
+    chosen = get_task(task, get_robot(robot), plant) if isinstance(task, str) else task
+    if chosen.robot != get_robot(robot):
+        raise SwingupError(f"the task is for the {chosen.robot.name}, not for the {robot}: change one of them")
+    return chosen

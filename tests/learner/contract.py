@@ -1,0 +1,71 @@
+"""The contract of tasks that adapt environments of other packages: what the learner counts on."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Ending:
+    """An action that, held from the start, ends an episode."""
+
+    action: Any
+    steps: int
+    """Steps until it ends."""
+    terminated: bool
+    last: Any
+    """The observation that a step must return there, as a function of the first one."""
+
+
+def check_contract(task, endings):
+    """Check a task, and each of its endings."""
+    first, second = jax.random.split(jax.random.key(5))
+    _check_resets(task, first, second)
+    for ending in endings:
+        steps, start = _held(task, ending, first)
+        ended = np.asarray(steps.terminated | steps.truncated)
+        assert ended.tolist() == [False] * (ending.steps - 1) + [True]
+        # One flag alone: a time limit is no end of the task, and the other way round.
+        assert bool(steps.terminated[-1]) is ending.terminated
+        assert bool(steps.truncated[-1]) is not ending.terminated
+        np.testing.assert_allclose(steps.observation[-1], ending.last(np.asarray(start)), rtol=1e-5, atol=1e-6)
+        assert steps.reward.shape == (ending.steps,)
+        again, _ = _held(task, ending, first)
+        jax.tree.map(np.testing.assert_array_equal, _numbers(steps), _numbers(again))
+
+
+def _check_resets(task, first, second):
+    """Resets are a function of the key, one by one and side by side, in the shapes that the task promises."""
+    observe = jax.jit(jax.vmap(lambda key: task.observe(task.reset(key))))
+    side_by_side = observe(jnp.stack([first, second, first]))
+    assert side_by_side.shape == (3, task.observation_size)
+    assert side_by_side.dtype == jnp.float32
+    np.testing.assert_array_equal(side_by_side[0], side_by_side[2])
+    assert not np.array_equal(side_by_side[0], side_by_side[1])
+    np.testing.assert_allclose(task.observe(task.reset(first)), side_by_side[0], rtol=1e-5, atol=1e-6)
+
+
+def _held(task, ending, key):
+    """The steps of an episode, in one scan, which takes only states whose types do not change; and its start."""
+    action = jnp.atleast_1d(jnp.asarray(ending.action, int if task.choices else jnp.float32))
+
+    @jax.jit
+    def run(key):
+        start = task.reset(key)
+
+        def advance(state, key):
+            step = task.step(state, action, key)
+            return step.state, step
+
+        return jax.lax.scan(advance, start, jax.random.split(key, ending.steps))[1], task.observe(start)
+
+    return run(key)
+
+
+def _numbers(tree):
+    leaves = jax.tree.leaves(tree)
+    keys = [jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key) for leaf in leaves]
+    return [jax.random.key_data(leaf) if key else leaf for leaf, key in zip(leaves, keys, strict=True)]

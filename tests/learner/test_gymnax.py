@@ -1,0 +1,57 @@
+"""The learner on environments with gymnax's methods."""
+
+import numpy as np
+import pytest
+
+from swingup import AREAPO
+from swingup.errors import SwingupError
+from swingup.policy.jax_backend.policy import load_any_policy
+
+from .corridors import Corridor, Params, Turns
+
+TINY = {
+    "num_envs": 2, "num_steps": 16, "num_epochs": 1, "batch_size": 32, "policy_layers": (8,), "value_layers": (8,),
+    "evaluate_every": 64, "checkpoint_every": 128, "evaluation_episodes": 2,
+}  # fmt: skip
+
+
+def test_an_environment_trains_saves_and_goes_on(tmp_path):
+    env = Corridor()
+    model = AREAPO((env, Params(max_steps_in_episode=5)), seed=3, **TINY).learn(64)
+    assert model.settings.env == "<learner.corridors.Corridor>"
+    # In the environment's shapes and bounds, [-1, 3].
+    observations = np.random.default_rng(0).normal(size=(7, 1, 2))
+    actions = model.predict(observations)
+    assert actions.shape == (7, 1, 1)
+    assert model.predict(observations[0]).shape == (1, 1)
+    assert np.all((actions > -1.0) & (actions < 3.0))
+    model.save(tmp_path / "model.npz")
+    model.export_policy(tmp_path / "policy.npz")
+    facts = load_any_policy(tmp_path / "policy.npz")[1]
+    assert (facts["action_low"], facts["action_high"]) == ([[-1.0]], [[3.0]])
+    with pytest.raises(SwingupError, match=r"was passed in \(<learner.corridors.Corridor>\): pass it again as env"):
+        AREAPO.load(tmp_path / "model.npz")
+    other = AREAPO.load(tmp_path / "model.npz", env=(env, Params(max_steps_in_episode=5)))
+    np.testing.assert_array_equal(model.learn(64).predict(observations), other.learn(64).predict(observations))
+    # Two steps to the door at most speed, and five to the time limit.
+    assert 2.0 <= model.evaluate(2)["mean_length"] <= 5.0
+    # Another one with the same spaces, whose time is up at once.
+    assert model.evaluate(2, env=(env, Params(max_steps_in_episode=1)))["mean_length"] == 1.0
+    with pytest.raises(
+        SwingupError, match="the policy's actions are 1 numbers, the environment's are 1 choices of 3"
+    ):
+        model.evaluate(2, env=Turns())
+
+
+@pytest.mark.slow
+def test_both_kinds_of_actions_learn():
+    """Standing still in the corridor costs nothing, going back costs, and running pays: the best is to run."""
+    sizes = {"num_envs": 8, "num_steps": 32, "batch_size": 64, "evaluation_episodes": 4, "learning_rate": 3e-3}
+    never = Params(door=1e6)
+    box = AREAPO((Corridor(), never), preset="ppo", policy_layers=(16,), value_layers=(16,), **sizes).learn(20_000)
+    # Six steps of 3.
+    assert box.evaluate(4)["score"] > 15.0
+    turns = AREAPO((Turns(), never), preset="ppo", policy_layers=(16,), value_layers=(16,), **sizes).learn(20_000)
+    # Six steps of 2.
+    assert turns.evaluate(4)["score"] == 12.0
+    assert turns.predict(np.zeros((1, 2))).tolist() == 2
