@@ -74,7 +74,9 @@ class Corridor(Base):
     def step_env(self, key, state, action, params):
         pace = jnp.asarray(action, float).reshape(())
         after = State(state.place + params.pace * pace, state.time + 1)
-        return self.observe(after), after, jnp.float32(pace), after.place > params.door, {}
+        # The corridor ends at the door: a learner that goes on without a reset sees NaN.
+        reward = jnp.where(state.place > params.door, jnp.nan, pace)
+        return self.observe(after), after, reward, after.place > params.door, {}
 
 
 class Turns(Corridor):
