@@ -162,9 +162,8 @@ def _episodes(policy: Policy[Any], task: AbstractTask[Any], keys: Key) -> tuple[
         def advance(carry: tuple[Any, ...], key: Key) -> tuple[tuple[Any, ...], None]:
             state, running, total, length = carry
             step = task.step(state, policy(task.observe(state)), key)
-            # A scan has a fixed length: an episode that ended is still stepped, but no longer counted. Its rewards
-            # may then be NaN, and 0 times that is NaN.
-            after = (total + jnp.where(running, step.reward, 0.0), length + running)
+            # A scan has a fixed length: an episode that ended is still stepped, but no longer counted.
+            after = (total + running * step.reward, length + running)
             return (step.state, running & ~(step.terminated | step.truncated), *after), None
 
         start = (task.reset(reset_key), jnp.array(True), jnp.zeros(()), jnp.array(0))
