@@ -31,7 +31,7 @@ OTHER_NAMES: dict[str, tuple[Ours, str]] = {
     "lam": (("gae_lambda",), ""),
     "ent_coef": (("temperature",), BONUS),
     "entropy_coef": (("temperature",), BONUS),
-    "vf_coef": (("value_coefficient",), ""),
+    "vf_coef": (("value_coefficient",), "half of CleanRL's or rejax's, whose loss has a factor 1/2"),
     "clip_coef": (("clip_range",), ""),
     "clip_eps": (("clip_range",), ""),
     "clip_range_vf": ((), UNCLIPPED),
