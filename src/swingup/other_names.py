@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 Ours = tuple[str, ...]
 
-NETWORKS = "widths of hidden layers, as (64, 64)"
+NETWORKS = "widths of hidden layers, such as 64 and 64"
 STEPS = "steps of each environment in a rollout"
 MINIBATCH = "frames, num_envs * num_steps divided by the number of minibatches"
 BONUS = "it weighs a reward for entropy that has its own values, not a bonus in the loss"

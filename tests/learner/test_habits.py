@@ -18,7 +18,7 @@ from swingup.errors import SwingupError
 from swingup.learner.agent import OPTIONS
 from swingup.learner.environments import make_environments
 from swingup.learner.habits import check_device
-from swingup.learner.made_environment import copies_of, id_of
+from swingup.learner.made_environment import copies_of, id_of, tell_changes
 from swingup.other_names import OTHER_NAMES, our_name
 
 from .environments import Chain, Stairs
@@ -111,6 +111,19 @@ def test_a_vector_environment_keeps_its_number():
     assert AREAPO(Chain(4, "cycle", AutoresetMode.SAME_STEP), **sizes).config.num_envs == 4
     with pytest.raises(SwingupError, match="num_envs = 2, but the vector environment has 4"):
         AREAPO(Chain(4, "cycle", AutoresetMode.SAME_STEP), **TINY)
+
+
+def test_a_changed_attribute_is_named_in_the_log(caplog):
+    env = gymnasium.make("Pendulum-v1")
+    env.reset(seed=5)
+    env.step(np.ones(1))
+    tell_changes(env)
+    assert caplog.records == []
+    env.unwrapped.max_torque = 5.0
+    tell_changes(env)
+    (line,) = [record.getMessage() for record in caplog.records]
+    assert line.startswith("max_torque = 5.0 of <")
+    assert "is 2.0 in the environments to train on: pass the function" in line
 
 
 class Camera(Stairs):

@@ -211,7 +211,7 @@ class Environments:
 
 
 def make_environments(env: Any, num_envs: int) -> Environments:
-    """Environments from an id, from a function that makes one, or from a vector environment.
+    """Environments from an id, from one that was made or a function that makes it, or from a vector environment.
 
     Raises:
         SwingupError: it is none of these, cannot be made, or its spaces are not supported.

@@ -2,9 +2,10 @@
 
 Gymnasium keeps a record of how an environment was made: id, arguments and wrappers. Training needs several
 environments and evaluation others again, so they are made from the record, and the object itself is not stepped.
-What was changed on the object afterwards is not in the record.
+What was changed on the object afterwards is not in the record; a line in the log names it where it shows.
 """
 
+import logging
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -13,8 +14,10 @@ import gymnasium
 from gymnasium.vector import VectorEnv
 
 from ..errors import SwingupError
-from ..foreign import attribute
-from ..text import one_line
+from ..foreign import attribute, blaming
+from ..text import one_line, quoted
+
+_LOGGER = logging.getLogger(__name__)
 
 PASS_THE_FUNCTION = "pass the function that makes it, as in AREAPO(lambda: MyEnv(...))"
 
@@ -44,6 +47,33 @@ def copies_of(env: gymnasium.Env[Any, Any]) -> Callable[[], gymnasium.Env[Any, A
         return made
 
     return make
+
+
+def tell_changes(env: gymnasium.Env[Any, Any]) -> None:
+    """Log a number or a word that was changed on the object: environments made by its record do not have it."""
+    other = copies_of(env)()
+    made = _plain_attributes(other)
+    with blaming(f"the reset of {one_line(env, 200)}"):
+        other.reset(seed=0)
+    # What a reset sets is the state of an episode.
+    begun = _plain_attributes(other)
+    other.close()
+    for name, value in _plain_attributes(env).items():
+        if name in made and value not in (made[name], begun.get(name)):
+            _LOGGER.warning(
+                "%s = %s of %s was changed after it was made, and is %s in the environments to train on: %s",
+                name, quoted(value), one_line(env, 200), quoted(made[name]), PASS_THE_FUNCTION,
+            )  # fmt: skip
+            return
+
+
+def _plain_attributes(env: gymnasium.Env[Any, Any]) -> dict[str, Any]:
+    mine = vars(attribute(env, "unwrapped"))
+    return {
+        name: value
+        for name, value in mine.items()
+        if isinstance(value, int | float | str) and not name.startswith("_")
+    }
 
 
 def id_of(env: Any) -> str | None:
