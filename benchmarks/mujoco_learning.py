@@ -7,7 +7,8 @@ Needs swingup[mujoco], and stable-baselines3 for the peer. The peer has its own 
 rollout come from 8 environments of 256 steps, as ours do. It has its VecNormalize, since ours normalises
 observations as well. Finished runs are lines of the study's file and are not repeated: frames, the mean return of
 ten deterministic episodes of the plain environment, seconds. Prints a table in Markdown: the interquartile mean
-over the seeds of the last return, with 95 % bootstrap intervals.
+over the seeds of the last return, with 95 % bootstrap intervals. Then, for each other learner, the probability that
+a run of the first learner returns more.
 """
 
 import argparse
@@ -15,7 +16,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from study import Study, cell, draw
+from study import Study, cell, draw, improvement
 
 from swingup import AREAPO
 from swingup.learner.report import TrainingReport
@@ -100,9 +101,15 @@ def main() -> None:
     study = Study(options.study)
     print(f"\n| {options.frames:,} frames, {options.seeds} seeds | {' | '.join(options.learners)} |")
     print("|---" * (1 + len(options.learners)) + "|")
-    for task in options.tasks:
-        last = [[curve["scores"][-1] for curve in study.of(task, learner)] for learner in options.learners]
-        print(f"| {task} | {' | '.join(cell(values, digits=0) for values in last)} |")
+    last = {
+        learner: [[curve["scores"][-1] for curve in study.of(task, learner)] for task in options.tasks]
+        for learner in options.learners
+    }
+    for k, task in enumerate(options.tasks):
+        print(f"| {task} | {' | '.join(cell(scores[k], digits=0) for scores in last.values())} |")
+    first, *others = options.learners
+    for other in others:
+        print(f"\nProbability that {first} improves on {other}: {improvement(last[first], last[other])}")
     if options.plot:
         panels = {task: {LABELS[each]: study.of(task, each) for each in options.learners} for task in options.tasks}
         draw(options.plot, panels, "mean return (sum of rewards)")

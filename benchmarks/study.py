@@ -9,6 +9,7 @@ from typing import Any, TypedDict
 
 import numpy as np
 
+from swingup.benchmark.comparison import improvement_interval, probability_of_improvement
 from swingup.benchmark.interval import bootstrap_interval, interquartile_mean
 from swingup.files import write_atomically
 
@@ -71,6 +72,25 @@ def cell(values: Sequence[float], digits: int = 3) -> str:
     low, high = bootstrap_interval(values)
     few = f", {len(values)} seeds only" if len(values) < 3 else ""
     return f"{interquartile_mean(values):.{digits}f} ({low:.{digits}f} to {high:.{digits}f}{few})"
+
+
+def improvement(ours: Sequence[Sequence[float]], theirs: Sequence[Sequence[float]]) -> str:
+    """Probability of improvement over the tasks that both learners ran, with its interval and both numbers of runs.
+
+    Args:
+        ours: the runs' scores, task by task. Where tasks differ in their number of runs, the first runs count, as
+            many as the task with the fewest has.
+        theirs: likewise, the same tasks.
+    """
+    both = [pair for pair in zip(ours, theirs, strict=True) if all(pair)]
+    if not both:
+        return "not run"
+    mine, peers = (
+        np.array([task[: min(map(len, tasks))] for task in tasks]).T for tasks in zip(*both, strict=True)
+    )
+    low, high = improvement_interval(mine, peers)
+    runs = f"{len(mine)} and {len(peers)} runs of {len(both)} tasks"
+    return f"{probability_of_improvement(mine, peers):.2f} ({low:.2f} to {high:.2f}; {runs})"
 
 
 def smooth(curves: Sequence[Curve], evaluations: int) -> list[Curve]:

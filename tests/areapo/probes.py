@@ -1,6 +1,7 @@
 """Probe tasks whose gain, bias and maximum-entropy policy are known."""
 
 import abc
+import dataclasses
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -114,3 +115,15 @@ class Walk(Probe):
 
     def outcome(self, value, action):
         return jnp.array(1.0), value + 1.0
+
+
+class Trap(Probe):
+    """The second of two choices pays 1 and ends the task, which begins anew in the only state."""
+
+    choices = (2,)
+
+    def outcome(self, value, action):
+        return action.astype(float), value
+
+    def step(self, state, action, key):
+        return dataclasses.replace(super().step(state, action, key), terminated=action[0] == 1)

@@ -14,7 +14,7 @@ import pytest
 from swingup.areapo import train
 from swingup.areapo.config import Config
 
-from .probes import Bowl, Constant, Cycle, Lever, Levers, Switch, Walk, best_squashed_gaussian
+from .probes import Bowl, Constant, Cycle, Lever, Levers, Switch, Trap, Walk, best_squashed_gaussian
 
 SMALL = Config(
     num_envs=16, num_steps=32, num_epochs=4, batch_size=128, policy_layers=(32, 32), value_layers=(32, 32),
@@ -186,3 +186,32 @@ def test_popart_learns_the_same_values():
     )  # fmt: skip
     raw = state.value_scale.denormalise(values(state, [0.0, 1.0, 2.0, 3.0]))[:, 0]
     np.testing.assert_allclose(raw, [1875.0, 1750.0, 1500.0, 1000.0], rtol=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", [0.0, 5.0])
+def test_the_reset_cost_becomes_the_multiplier_of_the_target(first):
+    # The best policy at a cost c has the odds exp((1 - c) / τ) of the trap. They meet a target f where
+    # c = 1 - τ log(f / (1 - f)).
+    target, temperature = 0.1, 0.5
+    state, metrics = learn(
+        Trap(), temperature=temperature, adaptive_reset_cost=True, termination_target=target, reset_cost=first,
+        reset_cost_step=0.02,
+    )  # fmt: skip
+    assert float(state.reset_cost) == pytest.approx(1 - temperature * np.log(target / (1 - target)), rel=0.05)
+    assert metrics.reward == pytest.approx(target, rel=0.05)
+
+
+@pytest.mark.slow
+def test_the_reset_cost_ends_at_zero_where_the_target_permits_the_best_policy():
+    # Without a cost the odds are exp(1 / 0.5), a probability of 0.88.
+    state, metrics = learn(
+        Trap(),
+        temperature=0.5,
+        adaptive_reset_cost=True,
+        termination_target=0.95,
+        reset_cost=1.0,
+        reset_cost_step=0.5,
+    )
+    assert float(state.reset_cost) == 0.0
+    assert metrics.reward == pytest.approx(1 / (1 + np.exp(-2)), rel=0.02)

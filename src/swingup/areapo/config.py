@@ -118,7 +118,13 @@ class Config(eqx.Module):
     """Normalised observations are clipped to ± this."""
     reset_cost: float = _number(10.0, 0.0, HUGE)
     """Subtracted from the reward where a task terminates, with terminations = reset_cost (10 in arXiv 2501.06937's
-    continuing MuJoCo tasks)."""
+    continuing MuJoCo tasks). The first value with adaptive_reset_cost."""
+    adaptive_reset_cost: bool = _static(False)
+    """Whether the reset cost rises while terminations exceed their target, and falls otherwise (after RVI-SAC)."""
+    termination_target: float = _number(1e-3, TINY, 1.0)
+    """Terminations a step that the adaptive reset cost permits (1e-3 in RVI-SAC, arXiv 2408.01972)."""
+    reset_cost_step: float = _number(0.1, 0.0, HUGE)
+    """What a rollout without terminations takes from the adaptive reset cost, in units of the reward."""
     popart_step_size: float = _number(0.1, TINY, 1.0)
     """Weight of a rollout's returns in PopArt's running moments."""
 
@@ -137,6 +143,11 @@ class Config(eqx.Module):
             raise SwingupError(
                 "terminations = 'end' does not go with average_reward, whose task goes on: "
                 "use reset_cost or bootstrap"
+            )
+        if self.adaptive_reset_cost and self.ending != "reset_cost":
+            raise SwingupError(
+                f"adaptive_reset_cost has no effect with terminations = {self.terminations!r}"
+                f"{'' if self.average_reward else ' and without average_reward'}: use terminations = 'reset_cost'"
             )
         if self.centre_values and self.popart:
             raise SwingupError("centre_values does not go with popart, which centres as well: choose one")

@@ -33,6 +33,7 @@ def init_learner(keys: InitialKeys, spaces: Spaces, config: Config) -> LearnerSt
         key=keys.state,
         iterations=jnp.array(0),
         value_scale=init_value_scale() if config.popart else None,
+        reset_cost=jnp.asarray(config.reset_cost, jnp.float32) if config.adaptive_reset_cost else None,
     )
 
 

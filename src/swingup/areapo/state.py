@@ -34,6 +34,8 @@ class LearnerState(eqx.Module):
     iterations: Count
     value_scale: ValueScale | None = None
     """What the critic's outputs stand for, with PopArt."""
+    reset_cost: Scalar | None = None
+    """What a termination costs, if that adapts (units of the reward)."""
 
 
 class Rollout(eqx.Module):
@@ -68,6 +70,10 @@ class Metrics(eqx.Module):
     """Mean of V_H before any centring."""
     gradient_norm: Scalar
     """Joint norm before clipping."""
+    termination_rate: Scalar
+    """Terminations a step."""
+    reset_cost: Scalar
+    """What a termination costs after the iteration, where it costs something (units of the reward)."""
     losses: LossMetrics
 
     def as_dict(self) -> dict[str, float]:
@@ -79,7 +85,12 @@ class Metrics(eqx.Module):
 
 
 def iteration_metrics(
-    rollout: Rollout, gains: Gains, value_means: Float[Array, "2"], losses: LossMetrics, gradient_norm: Scalar
+    rollout: Rollout,
+    gains: Gains,
+    cost: Scalar,
+    value_means: Float[Array, "2"],
+    losses: LossMetrics,
+    gradient_norm: Scalar,
 ) -> Metrics:
     """The metrics of one iteration, over the frames that count."""
     return Metrics(
@@ -90,8 +101,15 @@ def iteration_metrics(
         value=value_means[0],
         entropy_value=value_means[1],
         gradient_norm=gradient_norm,
+        termination_rate=termination_rate(rollout),
+        reset_cost=cost,
         losses=losses,
     )
+
+
+def termination_rate(rollout: Rollout) -> Scalar:
+    """Terminations a step, over the frames that count."""
+    return mean(rollout.terminated.astype(jnp.float32), rollout.counted)
 
 
 def select(condition: Bool[Array, "envs"], new: Any, old: Any) -> Any:

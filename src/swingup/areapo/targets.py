@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..types import Count
+from ..types import Count, Scalar
 from .average import mean
 from .config import Config
 from .networks import Critic
@@ -49,14 +49,14 @@ def estimate_values(state: LearnerState, rollout: Rollout, config: Config) -> tu
 
 
 def apply_endings(
-    rollout: Rollout, next_values: Float[Array, "steps envs 2"], config: Config
+    rollout: Rollout, next_values: Float[Array, "steps envs 2"], cost: Scalar, config: Config
 ) -> tuple[Float[Array, "steps envs"], Float[Array, "steps envs 2"]]:
-    """Rewards and next values with terminations applied as ``Config.terminations`` says."""
+    """Rewards and next values with terminations as ``Config.terminations`` says, at this cost of a reset."""
     if config.ending == "end":
         return rollout.rewards, jnp.where(rollout.terminated[..., None], 0.0, next_values)
     # next_values are those of the new start: _bootstrap replaced only truncated steps.
     if config.ending == "reset_cost":
-        return jnp.where(rollout.terminated, rollout.rewards - config.reset_cost, rollout.rewards), next_values
+        return jnp.where(rollout.terminated, rollout.rewards - cost, rollout.rewards), next_values
     return rollout.rewards, next_values
 
 

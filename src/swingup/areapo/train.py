@@ -21,6 +21,7 @@ from .initial import begin_episodes, init_learner
 from .keys import IterationKeys, RolloutKeys, initial_keys, iteration_keys, rollout_keys
 from .loss import Frames, LossMetrics, loss
 from .optimiser import make_optimiser
+from .reset_cost import adapt_reset_cost, reset_cost
 from .schedule import at_iteration
 from .shuffle import shuffled
 from .state import LearnerState, Metrics, Rollout, iteration_metrics, select
@@ -67,7 +68,9 @@ def update(
     config = at_iteration(config, state.iterations)
     estimated, frames, value_means = estimate(state, rollout, config)
     improved, losses, gradient_norm = improve(estimated, frames, keys.improve, config)
-    metrics = iteration_metrics(rollout, improved.gains, value_means, losses, gradient_norm)
+    metrics = iteration_metrics(
+        rollout, improved.gains, reset_cost(improved, config), value_means, losses, gradient_norm
+    )
     return replace(improved, key=keys.following, iterations=state.iterations + 1), metrics
 
 
@@ -101,14 +104,14 @@ def collect(state: LearnerState, key: Key, task: Task, config: Config) -> tuple[
 def estimate(
     state: LearnerState, rollout: Rollout, config: Config
 ) -> tuple[LearnerState, Frames, Float[Array, "2"]]:
-    """Soft advantages and λ-returns of a rollout, then the gains; also the means of both values.
+    """Soft advantages and λ-returns of a rollout, then the gains and the reset cost; also the means of both values.
 
     A truncated step bootstraps from the state before the reset. After a terminated step ``config.terminations``
     decides: the value beyond is 0, or that of the state before the reset, or the step pays a cost and the value of
     the state after the reset follows. All of them cut the recursion. The entropy reward is -τ log π(a|s).
     """
     state, (values, next_values, value_means) = estimate_values(state, rollout, config)
-    rewards, next_values = apply_endings(rollout, next_values, config)
+    rewards, next_values = apply_endings(rollout, next_values, reset_cost(state, config), config)
     cuts = rollout.terminated | rollout.truncated
     # τ enters here, so that V_H and ρ_H are in units of the reward.
     entropy_rewards = -config.temperature * rollout.log_probs
@@ -130,7 +133,8 @@ def estimate(
     frames = Frames(
         rollout.observations, rollout.latents, rollout.log_probs, soft_advantages, targets, rollout.counted
     )
-    return replace(state, gains=gains), frames, value_means
+    cost = adapt_reset_cost(state.reset_cost, rollout, config)
+    return replace(state, gains=gains, reset_cost=cost), frames, value_means
 
 
 def improve(

@@ -1,0 +1,24 @@
+"""The cost of a reset as a dual variable: it rises while terminations exceed their target, and falls below it."""
+
+import jax.numpy as jnp
+
+from ..types import Scalar
+from .config import Config
+from .state import LearnerState, Rollout, termination_rate
+
+
+def reset_cost(state: LearnerState, config: Config) -> Scalar:
+    """What a termination costs at present, in units of the reward."""
+    return jnp.asarray(config.reset_cost if state.reset_cost is None else state.reset_cost, jnp.float32)
+
+
+def adapt_reset_cost(cost: Scalar | None, rollout: Rollout, config: Config) -> Scalar | None:
+    """The cost after a rollout, c ← max(0, c + η_c (f / f* - 1)); None, a fixed cost, stays None.
+
+    The rollout has f terminations a step, and their target is f*. One without terminations lowers the cost by η_c.
+    The idea is that of RVI-SAC (arXiv 2408.01972): the cost is the multiplier of the constraint f ≤ f*.
+    """
+    if cost is None:
+        return None
+    excess = termination_rate(rollout) / config.termination_target - 1.0
+    return jnp.maximum(0.0, cost + config.reset_cost_step * excess)
