@@ -119,6 +119,11 @@ class Equal(Corridor):
         return True
 
 
+class Camera(Corridor):
+    def observe(self, state):
+        return jnp.zeros((4, 4, 3), jnp.uint8)
+
+
 class Broken(Corridor):
     def reset_env(self, key, params):
         raise RuntimeError("no start")
@@ -133,6 +138,7 @@ class Broken(Corridor):
         (Corridor(Discrete(0)), None, "are empty: give them a choice"),
         (Corridor({"left": Discrete(2)}), None, "actions .* are not supported: use a Discrete or a bounded Box"),
         (Corridor(observations=Discrete(4)), None, "observations .* of Corridor are no Box"),
+        (Camera(), None, "of Camera are images, which these networks cannot see"),
         (Merged(), None, "Merged.step_env returns 4 values, not gymnax 1.0's 5"),
         (Before(Corridor()), None, "Before.step returns 5 values, not gymnax 1.0's 6 that tell terminated"),
         (Hiding(Corridor()), None, "hides the last observation: put it in info"),

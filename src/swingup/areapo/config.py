@@ -16,6 +16,7 @@ import numpy as np
 
 from ..checks import finite_number, one_of, suggestion, whole_number
 from ..errors import SwingupError
+from ..other_names import our_name
 from ..text import quoted
 
 TINY, HUGE = 1e-12, 1e12
@@ -198,12 +199,13 @@ def check_hyperparameter(name: Any, others: Iterable[str] = ()) -> str:
     """The name of a hyperparameter.
 
     Raises:
-        SwingupError: no hyperparameter has that name; the line suggests the nearest.
+        SwingupError: no hyperparameter has that name; the line has ours for that of another package, or suggests
+            the nearest.
     """
     names = hyperparameters()
     if name in names:
         return name
-    near = suggestion(name, [*names, *others]) or "; swingup train --help lists them all"
+    near = our_name(name) or suggestion(name, [*names, *others]) or "; swingup train --help lists them all"
     raise SwingupError(f"unknown hyperparameter {quoted(name)}{near}")
 
 
@@ -232,7 +234,10 @@ def _check_field(field: Any, value: Any) -> None:
     """Refuse a value of another kind than the default's or outside the field's range; numbers may be traced."""
     name, default = field.name, field.default
     if not _is_of_kind(value, default):
-        raise SwingupError(f"{name} = {quoted(value)}: use {kind_of(default)}")
+        # Elsewhere a schedule is a function in the number's place.
+        schedule = f"{name}_schedule"
+        changing = f", and {schedule} to change it" if callable(value) and schedule in hyperparameters() else ""
+        raise SwingupError(f"{name} = {quoted(value)}: use {kind_of(default)}{changing}")
     if "schedule" in field.metadata:
         _check_schedule(name, value)
     elif isinstance(default, tuple):

@@ -15,6 +15,7 @@ import tyro
 
 from ..checks import suggestion
 from ..errors import SwingupError
+from ..other_names import our_name
 from ..text import one_line, quoted
 
 PROGRAM = "swingup"
@@ -87,6 +88,10 @@ def _options(arguments: Sequence[str]) -> list[str]:
     return [word.partition("=")[0].replace("_", "-") for word in arguments if word.startswith("--")]
 
 
+def _as_option(name: str) -> str:
+    return "--" + name.replace("_", "-")
+
+
 def _explain(commands: Mapping[str, Command], arguments: Sequence[str], told: str) -> str:
     """One line on words that tyro refused, from the words themselves and from what tyro printed."""
     command = next(iter(arguments), "")
@@ -97,7 +102,10 @@ def _explain(commands: Mapping[str, Command], arguments: Sequence[str], told: st
     known = _known_options(commands, command)
     unknown = [name for name in _options(arguments) if name not in known]
     if unknown:
-        near = suggestion(unknown[0], known) or f"; {help_line}"
+        ours = our_name(unknown[0].removeprefix("--").replace("-", "_"), _as_option)
+        # An option of another command would be no help.
+        fits = set(re.findall(r"--[a-z-]+", ours)) <= set(known)
+        near = (ours if fits else "") or suggestion(unknown[0], known) or f"; {help_line}"
         return f"{PROGRAM} {command} has no option {one_line(unknown[0], 60)}{near}"
     rows = _rows(told)
     # tyro indents the names of missing arguments by four.

@@ -1,6 +1,5 @@
 """``swingup.AREAPO``: the learner for your own tasks."""
 
-import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,20 +17,24 @@ from ..physics.parameters import ROBOTS
 from ..plants.plant import Plant, PlantLike, find_plant
 from ..policy.jax_backend.policy import Policy, act
 from ..tasks.gymnax_task import as_task
+from ..tasks.task import AbstractTask
 from .backend import batched
+from .habits import callbacks_of, check_device, check_env, check_names, chosen_folder, frames_to_learn
 from .presets import choose_preset, get_preset
 from .report import TrainingReport
 from .run import Run
 from .run_settings import RunSettings, default_intervals, describe_env, run_settings_from_dict
+from .shown import ProgressBar, tell
 from .start import restore_run, resume_run, start_run
 
 Callback = Callable[["AREAPO", TrainingReport], bool | None]
 """Called after each chunk; returning False ends ``learn``."""
 
-OPTIONS = ("preset", "seed", "folder", "evaluate_every", "checkpoint_every", "evaluation_episodes", "plant")
+OPTIONS = (
+    "env", "preset", "seed", "folder", "evaluate_every", "checkpoint_every", "evaluation_episodes", "plant",
+    "verbose", "tensorboard_log", "device",
+)  # fmt: skip
 """Keywords of the class besides the hyperparameters, to suggest for a misspelt one."""
-
-_LOGGER = logging.getLogger(__name__)
 
 
 class AREAPO:
@@ -56,15 +59,19 @@ class AREAPO:
         checkpoint_every: int | None = None,
         evaluation_episodes: int = 5,
         plant: PlantLike | None = None,
+        verbose: int = 0,
+        tensorboard_log: str | Path | None = None,
+        device: Any = "auto",
         run: Run | None = None,
         **overrides: Any,
     ) -> None:
         """Prepare to learn.
 
         Args:
-            env: a Gymnasium id, a function that makes a ``gymnasium.Env``, a ``gymnasium.vector.VectorEnv``, a task
-                in JAX (:class:`swingup.tasks.task.AbstractTask`), an environment with gymnax's methods or a pair of
-                one and its parameters, or ``acrobot`` or ``pendubot``.
+            env: a Gymnasium id, an environment that ``gymnasium.make`` made (of which more are made alike), a
+                function that makes a ``gymnasium.Env``, a ``gymnasium.vector.VectorEnv``, a task in JAX
+                (:class:`swingup.tasks.task.AbstractTask`), an environment with gymnax's methods or a pair of one
+                and its parameters, or ``acrobot`` or ``pendubot``.
             preset: named settings, see :data:`swingup.learner.presets.PRESETS`. The default is ``default`` for the
                 robots and ``mujoco`` for anything else; a pendulum task that is passed in needs a name.
             seed: from which all randomness follows.
@@ -75,17 +82,26 @@ class AREAPO:
                 is that of the training episodes, or, if none of them ended, the mean reward of a step.
             plant: the robot's pendulum, in whose units the task is: a plant, its parameters, its name or its file;
                 None for the leaderboards'.
+            verbose: 1 or 2 shows a line of each report on standard error.
+            tensorboard_log: a folder in which each run gets a new ``folder``: AREAPO_1, AREAPO_2 and so on.
+            device: where JAX must run: ``auto``, ``cpu``, ``cuda`` or ``tpu``. It is checked, not chosen.
             run: a run to continue; the other arguments then have no effect.
-            **overrides: hyperparameters, names of :class:`swingup.areapo.config.Config`.
+            **overrides: hyperparameters, names of :class:`swingup.areapo.config.Config`. Without ``num_envs`` a
+                vector environment keeps its number.
 
         Raises:
             SwingupError: an argument cannot work, or the environment's spaces are not supported.
         """
+        self._verbose = whole_number("verbose", verbose, 0, 2) > 0
         if run is None:
+            check_env(env)
+            check_names(overrides)
+            check_device(device)
             env = as_task(env)
             intervals = {"evaluate_every": evaluate_every, "checkpoint_every": checkpoint_every}
             settings = _settings(env, preset, seed, intervals, evaluation_episodes, find_plant(plant), overrides)
-            run = start_run(settings, folder, get_preset(settings.preset).frames, env)
+            place = chosen_folder(folder, tensorboard_log)
+            run = start_run(settings, place, get_preset(settings.preset).frames, env)
         self._run = run
         # Apart from the training's key: sampled actions do not change what is learned.
         self._sampling = jax.random.key(run.settings.seed)
@@ -125,7 +141,15 @@ class AREAPO:
         """Frames learned from so far."""
         return self._run.frames
 
-    def learn(self, frames: int, callback: Callback | Sequence[Callback] = ()) -> "AREAPO":
+    def learn(
+        self,
+        frames: int | None = None,
+        callback: Callback | Sequence[Callback] | None = None,
+        *,
+        total_timesteps: int | None = None,
+        progress_bar: bool = False,
+        **others: Any,
+    ) -> "AREAPO":
         """Learn from more frames (rounded up to whole iterations), and return the learner itself.
 
         A second call continues. Each call starts by resetting the environments that the host steps. After an
@@ -134,21 +158,24 @@ class AREAPO:
         Args:
             frames: number of frames.
             callback: one or several functions of the learner and a :class:`.TrainingReport`, for each chunk.
+            total_timesteps: another name of ``frames``.
+            progress_bar: whether standard error shows a bar, which moves with each report.
+            **others: arguments that other packages know; an error says what to write for them.
 
         Raises:
-            SwingupError: training diverged, an environment failed, or a file cannot be written.
+            SwingupError: training diverged, an environment failed, a file cannot be written, or an argument is
+                unknown.
         """
-        self._run.extend(frames)
-        callbacks = [callback] if callable(callback) else list(callback)
-        for report in self._run.advance():
-            row = report.rows[0]
-            _LOGGER.info(
-                "%s frames, %.0f/s, reward %.4g, gain %.4g, score %s",
-                f"{report.frames:,}", report.frames_per_second, row["reward"], row["gain"], row["score"],
-            )  # fmt: skip
-            # A list, not any(): every callback is called, even after one returned False.
-            if [True for each in callbacks if each(self, report) is False]:
-                self._run.stop()
+        goal = frames_to_learn(frames, total_timesteps, others)
+        callbacks = callbacks_of(callback)
+        self._run.extend(goal)
+        with ProgressBar(self.frames, self._run.goal, progress_bar) as bar:
+            for report in self._run.advance():
+                tell(report, self._verbose and not progress_bar)
+                bar.draw(report.frames, report.frames_per_second)
+                # A list, not any(): every callback is called, even after one returned False.
+                if [True for each in callbacks if each(self, report) is False]:
+                    self._run.stop()
         return self
 
     def predict(self, observation: Any, deterministic: bool = True) -> Shaped[np.ndarray, "..."]:
@@ -234,6 +261,8 @@ def _settings(
     """The settings of a new learner, with defaults for the arguments that are None."""
     robot = env if isinstance(env, str) and env in ROBOTS else None
     chosen = choose_preset(preset, env)
+    name, num_envs = _name_and_number(env)
+    number = {} if num_envs is None else {"num_envs": num_envs}
     given: dict[str, Any] = {name: value for name, value in intervals.items() if value is not None}
     return RunSettings(
         robot=robot,
@@ -242,8 +271,18 @@ def _settings(
         seeds=1,
         **(default_intervals(robot) | given),
         # From names, so that misspelt keywords are found and NumPy's numbers become Python's.
-        config=config_from_dict(vars(get_preset(chosen).config) | overrides, OPTIONS),
-        env=None if robot else describe_env(env),
+        config=config_from_dict(vars(get_preset(chosen).config) | number | overrides, OPTIONS),
+        env=None if robot else name,
         evaluation_episodes=evaluation_episodes,
         plant=plant,
     )
+
+
+def _name_and_number(env: Any) -> tuple[str, int | None]:
+    """The environment's id or description, and its number where it is several side by side."""
+    if isinstance(env, str | AbstractTask):
+        return describe_env(env), None
+    # Imported here: Gymnasium is slow to load.
+    from .made_environment import id_of, num_envs_of
+
+    return id_of(env) or describe_env(env), num_envs_of(env)

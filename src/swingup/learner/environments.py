@@ -27,6 +27,7 @@ from ..foreign import attribute
 from ..tasks.task import Spaces
 from ..text import one_line, quoted
 from .answers import Answers
+from .made_environment import copies_of
 
 MAKES_SENSE = (
     "a Gymnasium id, a function that makes a gymnasium.Env, a gymnasium.vector.VectorEnv, "
@@ -123,6 +124,11 @@ class Environments:
                 f"observations {one_line(space, 200)} of {name} are {what}: wrap it in "
                 "gymnasium.wrappers.FlattenObservation"
             )
+        if np.issubdtype(space.dtype, np.uint8) and len(space.shape) > 1:
+            raise SwingupError(
+                f"observations {one_line(space, 200)} of {name} are images, which these networks cannot see: make "
+                "features of them in a gymnasium.wrappers.TransformObservation, or say FlattenObservation"
+            )
         metadata = attribute(env, "metadata")
         mode = metadata.get("autoreset_mode") if isinstance(metadata, dict) else metadata
         if not isinstance(mode, AutoresetMode):
@@ -206,7 +212,7 @@ class Environments:
 
 
 def make_environments(env: Any, num_envs: int) -> Environments:
-    """Environments from an id, from a function that makes one, or from a vector environment.
+    """Environments from an id, from one that was made or a function that makes it, or from a vector environment.
 
     Raises:
         SwingupError: it is none of these, cannot be made, or its spaces are not supported.
@@ -233,14 +239,17 @@ def _maker(env: Any) -> Callable[[], gymnasium.Env[Any, Any]]:
     """A function that makes one environment, tried once."""
     if isinstance(env, str):
         make: Callable[[], gymnasium.Env[Any, Any]] = lambda: gymnasium.make(env)  # noqa: E731
-    elif callable(env) and not isinstance(env, gymnasium.Env):
+    elif isinstance(env, gymnasium.Env):
+        make = copies_of(env)
+    elif callable(env):
         make = env
     else:
         kind = type(env).__name__
-        hint = ": pass the function that makes it" if isinstance(env, gymnasium.Env) else ""
-        raise SwingupError(f"{kind} {_short(env)} cannot be trained on{hint}: use {MAKES_SENSE}")
+        raise SwingupError(f"{kind} {_short(env)} cannot be trained on: use {MAKES_SENSE}")
     try:
         first = make()
+    except SwingupError:
+        raise
     except gymnasium.error.DependencyNotInstalled as error:
         raise SwingupError(f"{env}: {_short(error)}; for MuJoCo: pip install 'swingup[mujoco]'") from error
     except (Exception, SystemExit) as error:

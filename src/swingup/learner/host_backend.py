@@ -4,6 +4,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from gymnasium import Env
 from gymnasium.vector import VectorEnv
 from jaxtyping import Shaped
 
@@ -18,6 +19,7 @@ from .environments import make_environments
 from .evaluators import summarise_episodes
 from .host_collection import compile_iteration, host_iteration, new_tally
 from .host_evaluators import EpisodeEvaluator, TrainingEvaluator
+from .made_environment import tell_changes
 from .memory import check_memory
 
 
@@ -30,7 +32,7 @@ class HostBackend(AbstractBackend):
         """Make the environments.
 
         Args:
-            env: an id, a function that makes an environment, or a vector environment.
+            env: an id, an environment or a function that makes one, or a vector environment.
             name: its name in policy files.
             config: the hyperparameters.
             seed: the environments' seeds follow from it and the iteration.
@@ -42,6 +44,8 @@ class HostBackend(AbstractBackend):
         check_memory(config, Spaces(1, 1))  # before so many environments are made
         self.environments = make_environments(env, config.num_envs)
         check_memory(config, self.environments.spaces)
+        if isinstance(env, Env):
+            tell_changes(env)
         self._passed_in = isinstance(env, VectorEnv)
         self._config, self._seed = config, seed
         self._tally = new_tally(config.num_envs)

@@ -63,4 +63,9 @@ def observation_shape(env: Any, name: str, given: Any, params: Any) -> tuple[int
     shape = attribute(observation, "shape")
     if shape is None or 0 in shape:
         raise SwingupError(f"{name}.reset shows {one_line(observation, 100)}: make it one array with an entry")
+    if observation.dtype == np.uint8 and len(shape) > 1:
+        raise SwingupError(
+            f"observations {one_line(space, 100)} of {name} are images, which these networks cannot see: "
+            "show features of them, or say gymnax.wrappers.purerl.FlattenObservationWrapper"
+        )
     return tuple(shape)
