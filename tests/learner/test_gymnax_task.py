@@ -191,6 +191,7 @@ def test_pendulum_is_one_of_the_tasks():
         PendulumEnvironment("pendubot", "none")
 
 
+@pytest.mark.slow  # it is not installed with the tests: it asks for an older Gymnasium
 def test_the_package_itself():
     """gymnax's own environments and wrappers keep the contract; and its registry takes the pendulum."""
     gymnax = pytest.importorskip("gymnax", reason="gymnax is not installed: pip install 'swingup[gymnax]'")

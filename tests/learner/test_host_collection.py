@@ -66,9 +66,8 @@ def test_gain_bias_and_policy_of_a_cycle(mode):
     assert extras["episode_return"] == pytest.approx(9 * metrics.reward, rel=0.02)
 
 
-@pytest.mark.parametrize(
-    "mode", [pytest.param(AutoresetMode.SAME_STEP, marks=pytest.mark.slow), AutoresetMode.NEXT_STEP]
-)
+@pytest.mark.slow  # what a termination costs in a rollout has default tests
+@pytest.mark.parametrize("mode", [AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP])
 def test_a_termination_costs_and_goes_on_from_a_new_start(mode):
     # Uniform choices (no reward difference would do; here a high temperature): the walk pays 1 + E[choice] a step,
     # and 10 at its end after four: ρ = 1 + E - 10 / 4 and v(k+1) - v(k) = ρ - (1 + E) = -2.5.
