@@ -115,7 +115,7 @@ def spread(state: LearnerState, seeds: int) -> LearnerState:
 
 @functools.cache
 def _train_shared(mesh: Mesh) -> Any:
-    """Train several seeds; a device that has one trains it without vmap."""
+    """A compiled function that trains several seeds; a device that has one trains it without vmap."""
 
     def train_own(state: LearnerState, *rest: Any) -> tuple[LearnerState, Metrics]:
         if state.iterations.shape[0] > 1:
