@@ -63,9 +63,9 @@ def test_a_plan_has_every_combination(tmp_path):
     ("grid", "frames", "message"),
     [
         (
-            {"preset": ["mujoco", "ppo"]},
+            {"preset": ["mujoco", "default"]},
             None,
-            r"\(mujoco 1,000,000, ppo 12,000,000 frames\): give --frames",
+            r"\(mujoco 1,000,000, default 12,000,000 frames\): give --frames",
         ),
         ({"temperature": [1.0, 1.0]}, 64, "temperature=1.0/seed-0 would hold 2 runs: give each alternative"),
         (

@@ -240,8 +240,9 @@ def test_no_preset_is_guessed_for_a_pendulum_task():
     assert "mujoco" not in str(caught.value)
     with pytest.raises(SwingupError, match="for this RecoveryTask"):
         AREAPO(global_task(ROBOTS["pendubot"]), **TINY)
-    model = AREAPO(task, "default", **TINY)
-    assert (model.settings.preset, model.settings.robot) == ("default", None)
+    model = AREAPO(task, "apo", **TINY)
+    assert (model.settings.preset, model.settings.robot) == ("apo", None)
+    assert model.config.learning_rate == 5e-4  # the pendulum's, as the task is one
 
 
 class Broken(Lever):
@@ -262,6 +263,7 @@ def test_a_reset_that_is_not_finite_is_named():
 def test_the_family_trains_on_a_gymnasium_id(preset):
     row = []
     model = AREAPO("CartPole-v1", preset, **TINY)
+    assert model.config.learning_rate == 3e-4  # a size for this task, not the pendulum's 5e-4
     model.learn(64, lambda _, report: row.extend(report.rows))
     assert row[0]["gradient_norm"] > 0.0
     # Without average reward there is no gain; without temperature no entropy reward.

@@ -12,17 +12,25 @@ from tyro.conf import UseAppendAction, arg
 
 from ..arrays import finite
 from ..checks import whole_number
+from ..errors import SwingupError
 from ..files import make_folder, write_atomically
 from ..sweep.executors import executor_for
 from ..sweep.jobs import JobOutcome, run_jobs
 from ..sweep.plan import parse_grid, plan_jobs
+from ..sweep.search_plan import plan_search
+from ..sweep.space import parse_space
 from ..sweep.summary import VariantRow, summarise_variants
 from .arguments import NO_PLANT, PlantFlags, RobotOrNone
+from .searching import show_search
 from .training import default_options
 
 Assignments = Annotated[
     UseAppendAction[tuple[tuple[str, ...], ...]],
-    arg(name="set", metavar="NAME=VALUE,...", help="alternatives of hyperparameters or of preset."),
+    arg(
+        name="set",
+        metavar="NAME=VALUE,...",
+        help="alternatives of hyperparameters or of preset; with --trials also ranges LOW:HIGH or LOW:HIGH:log.",
+    ),
 ]
 """One option may name several; given again, it adds to them."""
 
@@ -33,7 +41,9 @@ def sweep(
     env: str | None = None,
     assignments: Assignments = (),
     preset: str | None = None,
-    seeds: int = 8,
+    trials: int | None = None,
+    no_pruning: bool = False,
+    seeds: int | None = None,
     seed: int = 0,
     frames: int | None = None,
     out: str | None = None,
@@ -45,20 +55,26 @@ def sweep(
     evaluation_episodes: int | None = None,
     json: bool = False,
 ) -> int:
-    """Train every combination of settings with several seeds; one table with intervals.
+    """Train every combination of settings with several seeds; one table with intervals. Or search with --trials.
 
     Given again, the command repeats nothing: finished runs are read, runs that were cut off resume.
+
+    With --trials Optuna suggests the settings, from ranges and alternatives. best.json then has the best.
 
     Args:
         robot: the robot; none with --env.
         env: Gymnasium id of another task.
-        assignments: what varies, such as learning_rate=3e-4,5e-4 policy_layers=64x64,128x128.
+        assignments: what varies, such as learning_rate=3e-4,5e-4 policy_layers=64x64,128x128; with --trials also
+            ranges, such as learning_rate=1e-4:1e-2:log num_epochs=2:20.
         preset: named settings that the runs share.
-        seeds: seeds of each combination.
+        trials: search with so many trials instead, those of earlier calls included; needs swingup[optuna].
+        no_pruning: with --trials, train all runs to their end, also those that are worse than the median.
+        seeds: seeds of each combination, default 8; of each trial, default 1.
         seed: the first seed.
         frames: frames of each run; default: the preset's.
-        out: folder of the sweep; default sweeps/ROBOT-PRESET.
-        workers: local processes; default one for every two cores.
+        out: folder of the sweep; default sweeps/ROBOT-PRESET, or searches/ROBOT-PRESET with --trials.
+        workers: local processes; default one for every two cores. With --scheduler and --trials: runs side by
+            side.
         scheduler: address of a Dask scheduler to run on instead; it needs to see the same files.
         plant: the pendulum to train on, in whose units the task is.
         evaluate_every: frames between evaluations; default as for train.
@@ -66,15 +82,22 @@ def sweep(
         evaluation_episodes: episodes of an evaluation with --env; default 5.
         json: print JSON instead of the table.
     """
-    whole_number("seeds", seeds, 1, 2**32)
+    if seeds is not None:
+        whole_number("seeds", seeds, 1, 2**32)
     options: dict[str, Any] = {"robot": robot, "env": env, "preset": preset, "evaluate_every": evaluate_every}
     options |= {"checkpoint_every": checkpoint_every, "evaluation_episodes": evaluation_episodes}
     options["plant"] = plant.make()
     base = default_options(options)
     # Ids of Gymnasium environments may contain slashes.
-    folder = out or f"sweeps/{str(robot or env).replace('/', '-')}-{base['preset']}"
-    grid = parse_grid([word for words in assignments for word in words])
-    jobs = plan_jobs(base, grid, range(seed, seed + seeds), folder, frames)
+    name = f"{str(robot or env).replace('/', '-')}-{base['preset']}"
+    given = [word for words in assignments for word in words]
+    if trials is not None:
+        plan = plan_search(base, parse_space(given), out or f"searches/{name}", frames, seed, seeds or 1)
+        return show_search(plan, trials, not no_pruning, scheduler, workers, json)
+    if no_pruning:
+        raise SwingupError("--no-pruning goes with --trials: a sweep trains all runs to their end")
+    folder = out or f"sweeps/{name}"
+    jobs = plan_jobs(base, parse_grid(given), range(seed, seed + (seeds or 8)), folder, frames)
     console = Console(stderr=True)
 
     def tell(outcome: JobOutcome) -> None:

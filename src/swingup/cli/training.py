@@ -88,7 +88,8 @@ def default_options(options: dict[str, Any]) -> dict[str, Any]:
     if options["robot"] is not None:
         get_robot(options["robot"])
     preset = choose_preset(options["preset"], options.get("env") or options["robot"])
-    defaults: dict[str, Any] = {"seed": 0, "seeds": get_preset(preset).seeds} | default_intervals(options["robot"])
+    defaults: dict[str, Any] = {"seed": 0, "seeds": get_preset(preset).seeds}
+    defaults |= default_intervals(options["robot"])
     given = {name: value for name, value in options.items() if value is not None}
     return {"robot": None, **defaults, **given, "preset": preset}
 
@@ -106,7 +107,7 @@ def start_training(frames: int | None, options: dict[str, Any], out: str | None,
         SwingupError: an option is wrong, or the folder holds something or cannot be written.
     """
     chosen = default_options(options)
-    preset = get_preset(chosen["preset"])
+    preset = get_preset(chosen["preset"], chosen["robot"] is not None)
     settings = RunSettings(config=config_from_dict(vars(preset.config) | changes), **chosen)
     # Ids of Gymnasium may contain signs that a folder's name cannot.
     name = settings.name.replace("/", "-").replace(":", "-")
