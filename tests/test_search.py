@@ -19,6 +19,7 @@ from swingup.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.run_folder import RunFolder
 from swingup.learner.run_settings import read_run_settings, run_settings_from_dict
+from swingup.sweep.executors import workers_for
 from swingup.sweep.jobs import JobOutcome, is_pruned, prune, train_one
 from swingup.sweep.search import run_search
 from swingup.sweep.search_plan import plan_search
@@ -301,6 +302,25 @@ def test_the_command_searches_goes_on_and_its_best_settings_train(tmp_path, caps
     assert [row["score"] for row in read_metrics(again / "metrics.jsonl")] == [
         row["score"] for row in read_metrics(seed / "metrics.jsonl")
     ]
+
+
+def score_of_epochs(job):
+    score = float(settings_of(job).config.num_epochs)
+    return JobOutcome(job, score, score)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default")
+def test_a_search_on_dask(tmp_path):
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(2, processes=False, threads_per_worker=1, dashboard_address=None) as cluster,
+        workers_for(cluster.scheduler_address, None) as pool,
+    ):
+        assert pool.count == 2
+        result = run_search(plan_of(tmp_path), 4, pool.executor, pool.count, train=score_of_epochs, poll=0.01)
+    assert [row.state for row in result.rows] == ["complete"] * 4
+    assert result.best.score == result.best.hyperparameters["num_epochs"]
 
 
 @pytest.mark.slow

@@ -64,7 +64,7 @@ def train_command(
             randomised, recorded, a session of the robot, as session-acrobot, or a YAML file.
         plant: the pendulum to train on, in whose units the task is; for the preset sim2real a domain names it.
         hyperparameters: those that are left out are the preset's. In brackets: the value in the preset default,
-            then in presets that differ.
+            then in presets that differ. "ppo --env" is the preset's value with --env.
     """
     options = {
         "robot": robot, "env": env, "preset": preset, "seed": seed, "seeds": seeds,

@@ -86,7 +86,7 @@ def search(
         "plant": find_plant(plant), "evaluate_every": evaluate_every, "checkpoint_every": checkpoint_every,
         "evaluation_episodes": evaluation_episodes,
     }  # fmt: skip
-    base = {"robot": robot, "env": None if robot else env, "preset": choose_preset(preset, env)}
+    base: dict[str, Any] = {"robot": robot, "env": None if robot else env, "preset": choose_preset(preset, env)}
     base |= default_intervals(robot) | {name: value for name, value in given.items() if value is not None}
     plan = plan_search(base, space, out, frames, seed, seeds)
     with workers_for(scheduler, workers) as pool:
