@@ -95,9 +95,8 @@ def train_one(job: Job) -> JobOutcome:
             finally:
                 in_progress.remove(run)
         early = run.frames < job.frames
-        if early and not is_pruned(
-            job
-        ):  # a signal stopped it in a local worker, which ends now that the run is saved
+        # A signal stopped it in a local worker, which ends now that the run is saved.
+        if early and not is_pruned(job):
             signal.raise_signal(signal.SIGTERM)
         rows = read_metrics(Path(job.folder) / METRICS_FILE)
         if not rows:

@@ -137,8 +137,7 @@ def run_search(
             pending = [future for each in running for future in each.futures if not future.done()]
             wait(pending, poll, FIRST_COMPLETED)
             for each in running.copy():
-                each.report()
-                if each.is_done():
+                if each.report():
                     running.remove(each)
                     _tell(plan, study, each.finish(study), progress)
 

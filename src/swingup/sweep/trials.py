@@ -43,22 +43,25 @@ class RunningTrial:
         self.trial, self.jobs, self.futures = trial, jobs, futures
         self._rung, self._pruned = 0, False
 
-    def is_done(self) -> bool:
-        """Whether all its runs have ended."""
-        return all(future.done() for future in self.futures)
+    def report(self) -> bool:
+        """Tell the study the intermediate scores that all seeds have, and end the runs if it expects no more.
 
-    def report(self) -> None:
-        """Tell the study the intermediate scores that all seeds have, and end the runs if it expects no more."""
+        Returns:
+            Whether all runs have ended.
+        """
+        # Before the scores are read, so that those of a run that has ended are complete.
+        done = all(future.done() for future in self.futures)
         scores = [rung_scores(job) for job in self.jobs]
         for rung in range(self._rung + 1, RUNGS):
             if self._pruned or any(rung not in each for each in scores):
                 continue
             self.trial.report(interquartile_mean([each[rung] for each in scores]), rung)
             self._rung = rung
-            if self.trial.should_prune():
+            if not done and self.trial.should_prune():
                 self._pruned = True
                 for job in self.jobs:
                     prune(job)
+        return done
 
     def finish(self, study: "Study") -> TrialRow:
         """Tell the study what came of the trial.
