@@ -146,6 +146,12 @@ def test_a_search_that_was_cut_off_goes_on(tmp_path):
     expected = searched(plan_of(tmp_path / "whole"), 12, undisturbed)
     with pytest.raises(KeyboardInterrupt):
         searched(plan_of(tmp_path / "cut"), 12, first)
+    # A worker of the search that was killed may still train the fourth trial.
+    with (
+        RunFolder(tmp_path / "cut" / "trial-3" / "seed-0").exclusive(),
+        pytest.raises(SwingupError, match=r"another process trains in .*trial-3/seed-0: wait for it"),
+    ):
+        searched(plan_of(tmp_path / "cut"), 12, StandIn())
     result = searched(plan_of(tmp_path / "cut"), 12, second)
     # What had ended is not trained again, and the fourth trial is continued in its folder.
     assert (first.trained, second.trained) == ([0, 1, 2, 3], list(range(3, 12)))

@@ -153,13 +153,22 @@ def _has_next(study: "Study", trials: int) -> bool:
 def _begin(
     plan: SearchPlan, study: "Study", trial: "Trial", executor: Executor, train: Callable[[Job], JobOutcome]
 ) -> RunningTrial | TrialRow:
-    """Submit the runs of a trial, or end it where its settings do not go together."""
+    """Submit the runs of a trial, or end it where its settings do not go together.
+
+    Raises:
+        SwingupError: a worker of a search that was killed still trains one of them.
+    """
     chosen = chosen_values(trial.params)
     try:
         jobs = plan.jobs(chosen, trial.user_attrs[PLACE])
     except SwingupError as error:
         words = " ".join(f"{name}={format_value(value)}" for name, value in chosen.items())
         return end_trial(study, trial, words, "failed", error=str(error))
+    for job in jobs:
+        if Path(job.folder).exists():
+            # Here, since a run that only finds its folder in use would be a failed trial.
+            with RunFolder(job.folder).exclusive():
+                pass
     return RunningTrial(trial, jobs, [executor.submit(train, job) for job in jobs])
 
 
