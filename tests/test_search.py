@@ -320,7 +320,9 @@ def score_of_epochs(job):
 def test_a_search_on_dask(tmp_path):
     distributed = pytest.importorskip("distributed")
     with (
-        distributed.LocalCluster(2, processes=False, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.LocalCluster(
+            n_workers=2, processes=False, threads_per_worker=1, dashboard_address=None
+        ) as cluster,
         workers_for(cluster.scheduler_address, None) as pool,
     ):
         assert pool.count == 2
