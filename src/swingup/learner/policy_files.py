@@ -58,6 +58,18 @@ def best_scores_on_disk(folder: Path, settings: RunSettings, measure: str) -> li
     ]
 
 
+def result_on_disk(path: Path, measure: str) -> dict[str, Any]:
+    """The result of the evaluation under which a policy file was written.
+
+    Raises:
+        SwingupError: the file cannot be read, or holds no result of this measure.
+    """
+    try:
+        return dict(load_any_policy(path)[1]["scores"][measure])
+    except (KeyError, TypeError, ValueError) as error:
+        raise SwingupError(f"{path} holds no result of {measure}: train again") from error
+
+
 def _score_on_disk(path: Path, settings: RunSettings, measure: str) -> float:
     if not path.exists():
         return -math.inf
