@@ -8,8 +8,8 @@ from typing import Any
 def step_time(env: Any) -> float | None:
     """Seconds of one step: the attribute ``dt`` of an environment, a task or its parameters; None without one.
 
-    Gymnasium's MuJoCo tasks have it, and so have its Pendulum and Acrobot. Wrappers are asked first: one that repeats
-    actions can have a ``dt`` of its own.
+    Gymnasium's MuJoCo tasks have it, and so have its Pendulum and Acrobot. Wrappers are asked first: one that
+    repeats actions can have a ``dt`` of its own.
     """
     # A figure for reports must not end a training, whatever a foreign property raises.
     with contextlib.suppress(Exception):
