@@ -126,13 +126,14 @@ def rows_of(study: Study, task: str, learners: Sequence[str]) -> Iterator[str]:
 
 
 def plot(path: Path, study: Study, tasks: Sequence[str], learners: Sequence[str]) -> None:
-    """Draw the returns of all tasks, then the other measures where a run recorded them."""
+    """Draw the returns of all tasks, then their other measures where a run recorded one that is not 0."""
     panels, labels = {}, []
     for name, (label, _) in MEASURES.items():
         for task in tasks:
             lines = {LABELS[each]: measured(study.of(task, each), name) for each in learners}
-            if name == "scores" or any(lines.values()):
-                panels[task if name == "scores" else f"{task}: {label}"] = lines
+            if name == "scores" or any(any(curve["scores"]) for curves in lines.values() for curve in curves):
+                # Short: a panel is narrow, and its axis has the whole label.
+                panels[task if name == "scores" else f"{task}: {name.replace('_', ' ')}"] = lines
                 labels.append(label)
     draw(path, panels, labels, columns=min(3, len(tasks)))
 

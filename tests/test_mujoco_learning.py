@@ -87,9 +87,12 @@ def test_rates_are_drawn_where_they_were_recorded(table, tmp_path, monkeypatch):
     table(runs, "--plot", "p.png")
     assert list(drawn) == ["A-v1"]
     table(runs, "--plot", "p.png", reward_rates=[1.25], resets=[0.5])
-    assert list(drawn) == ["A-v1", "A-v1: reward rate (per step)", "A-v1: resets per 1,000 steps"]
-    (curve,) = drawn["A-v1: resets per 1,000 steps"]["AR-EAPO (swingup)"]
+    assert list(drawn) == ["A-v1", "A-v1: reward rates", "A-v1: resets"]
+    (curve,) = drawn["A-v1: resets"]["AR-EAPO (swingup)"]
     assert curve["scores"] == [0.5]
+    drawn.clear()
+    table(runs, "--plot", "p.png", reward_rates=[1.25], resets=[0.0])
+    assert list(drawn) == ["A-v1", "A-v1: reward rates"]
 
 
 def test_a_run_with_its_rates_is_stored_and_read(table, tmp_path):

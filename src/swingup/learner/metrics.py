@@ -13,12 +13,9 @@ from typing import Any
 from ..checks import whole_number
 from ..errors import SwingupError
 from ..files import write_atomically
-from .rates import REWARD_RATE
+from .rates import with_present_names
 
 METRICS_FILE = "metrics.jsonl"
-
-RENAMED = {"mean_reward": REWARD_RATE}
-"""Present names of entries in files of older versions."""
 
 
 class MetricsWriter:
@@ -160,7 +157,7 @@ def _parse_row(line: str) -> dict[str, Any]:
     row = json.loads(line, parse_constant=_refuse)
     if not isinstance(row, dict) or any(isinstance(value, dict | list) for value in row.values()):
         raise TypeError("a row is one level of names and values")
-    row = {RENAMED.get(name, name): value for name, value in row.items()}
+    row = with_present_names(row)
     return row | {name: whole_number(name, row[name], 0) for name in ("seed", "frames")}
 
 

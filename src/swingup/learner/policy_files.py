@@ -11,6 +11,7 @@ from ..policy.jax_backend.policy import load_any_policy
 from ..text import one_line
 from ..version import __version__
 from .progress import TrainingProgress
+from .rates import with_present_names
 from .run_settings import RunSettings
 
 BEST, LAST = "best.npz", "last.npz"
@@ -65,8 +66,8 @@ def result_on_disk(path: Path, measure: str) -> dict[str, Any]:
         SwingupError: the file cannot be read, or holds no result of this measure.
     """
     try:
-        return dict(load_any_policy(path)[1]["scores"][measure])
-    except (KeyError, TypeError, ValueError) as error:
+        return with_present_names(load_any_policy(path)[1]["scores"][measure])
+    except (KeyError, TypeError, AttributeError) as error:
         raise SwingupError(f"{path} holds no result of {measure}: train again") from error
 
 
