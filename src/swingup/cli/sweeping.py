@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 from typing import Annotated, Any
 
 from rich.box import SIMPLE_HEAD
@@ -14,6 +15,7 @@ from ..arrays import finite
 from ..checks import whole_number
 from ..errors import SwingupError
 from ..files import make_folder, write_atomically
+from ..learner.rates import shown_rate
 from ..sweep.executors import executor_for
 from ..sweep.jobs import JobOutcome, run_jobs
 from ..sweep.plan import parse_grid, plan_jobs
@@ -23,6 +25,9 @@ from ..sweep.summary import VariantRow, summarise_variants
 from .arguments import NO_PLANT, PlantFlags, RobotOrNone
 from .searching import show_search
 from .training import default_options
+
+RATE_HEADINGS = ("Reward rate", "Resets per 1,000 steps")
+"""Columns of tasks that are judged by episodes: of the last policies' evaluations."""
 
 Assignments = Annotated[
     UseAppendAction[tuple[tuple[str, ...], ...]],
@@ -113,7 +118,7 @@ def sweep(
     if json:
         print(text)
     else:
-        _show(rows)
+        show_variants(rows)
     return 1 if any(row.failed for row in rows) else 0
 
 
@@ -122,13 +127,17 @@ def rows_as_json(rows: list[VariantRow]) -> str:
     return json.dumps(finite([dataclasses.asdict(row) for row in rows]), indent=2)
 
 
-def _show(rows: list[VariantRow]) -> None:
+def show_variants(rows: list[VariantRow]) -> None:
+    """Print one line a variant."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     table.add_column("Settings", no_wrap=True)
-    for heading in ("Runs", "Score (IQM)", "95 % interval", "Best"):
+    # Tasks that are not judged by episodes have no rates, and neither have runs of older versions.
+    rated = any(not math.isnan(row.reward_rate) for row in rows)
+    for heading in ("Runs", "Score (IQM)", "95 % interval", "Best", *(RATE_HEADINGS if rated else ())):
         table.add_column(heading, justify="right")
     for row in rows:
         low, high = row.interval
         cells = (str(row.runs), f"{row.score:.4g}", f"{low:.4g} to {high:.4g}", f"{row.best:.4g}")
-        table.add_row(escape(row.variant or "as the preset has it"), *cells)
+        rates = (shown_rate(row.reward_rate), shown_rate(row.resets_per_1000_steps))
+        table.add_row(escape(row.variant or "as the preset has it"), *cells, *(rates if rated else ()))
     Console().print(table)

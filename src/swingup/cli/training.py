@@ -9,7 +9,9 @@ from ..areapo.config import config_from_dict
 from ..checks import whole_number
 from ..errors import SwingupError
 from ..learner.cores import share_cores
+from ..learner.policy_files import BEST, LAST, result_on_disk
 from ..learner.presets import PRESETS, choose_preset, get_preset
+from ..learner.rates import describe_rates
 from ..learner.run import Run
 from ..learner.run_settings import RunSettings, default_intervals, read_run_settings
 from ..learner.start import resume_run, start_run
@@ -138,8 +140,9 @@ def _resume(
 def _score(run: Run) -> int:
     """Print the score of the best policy; judge that of a robot."""
     if run.settings.robot is None:
-        name = "best.npz" if (run.folder / "best.npz").exists() else "last.npz"
+        name = BEST if (run.folder / BEST).exists() else LAST
         print(f"best score {run.best_score:.6g}, policy {run.folder / name}")
+        print(describe_rates(result_on_disk(run.folder / name, run.backend.evaluator.measure)))
         return 0
     task, best = run.settings.task(), str(run.folder / "best.npz")
     if isinstance(task, Sim2RealTask):

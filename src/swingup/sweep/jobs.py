@@ -1,6 +1,7 @@
 """One run of a sweep, and many of them on any ``concurrent.futures.Executor``."""
 
 import contextlib
+import math
 import signal
 from collections.abc import Callable, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
@@ -11,6 +12,7 @@ from typing import Any
 from ..errors import SwingupError
 from ..files import write_atomically
 from ..learner.metrics import METRICS_FILE, read_metrics
+from ..learner.rates import RESETS, REWARD_RATE
 from ..learner.run import Run
 from ..learner.run_folder import RunFolder
 from ..learner.run_settings import read_run_settings, run_settings_from_dict
@@ -43,6 +45,10 @@ class JobOutcome:
     best_score: float
     error: str = ""
     """The reason why there is no score; empty where there is one."""
+    reward_rate: float = math.nan
+    """Of the last policy's evaluation; NaN where the score is none of episodes."""
+    resets_per_1000_steps: float = math.nan
+    """Likewise."""
     pruned: bool = False
     """Whether the run was ended early, since a search expects no more from it."""
 
@@ -101,7 +107,10 @@ def train_one(job: Job) -> JobOutcome:
         rows = read_metrics(Path(job.folder) / METRICS_FILE)
         if not rows:
             raise SwingupError(f"{job.folder} holds no metrics: remove it to train again")
-        return JobOutcome(job, _number(rows[-1]["score"]), _number(rows[-1]["best_score"]), pruned=early)
+        last = rows[-1]
+        scores = _number(last["score"]), _number(last["best_score"])
+        # A file of an older version, and one of the pendulum, has no rates.
+        return JobOutcome(job, *scores, "", _number(last.get(REWARD_RATE)), _number(last.get(RESETS)), early)
     except Exception as error:
         return _failed(job, error)
 
