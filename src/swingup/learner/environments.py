@@ -31,7 +31,7 @@ from .made_environment import copies_of
 
 MAKES_SENSE = (
     "a Gymnasium id, a function that makes a gymnasium.Env, a gymnasium.vector.VectorEnv, "
-    "a gymnax environment, or a task in JAX"
+    "a gymnax or envelope environment, or a task in JAX"
 )
 
 
