@@ -26,17 +26,19 @@ from swingup import AREAPO
 ENVS, STEPS, EPOCHS, MINIBATCHES, LAYERS = 64, 64, 8, 16, (64, 64)
 LEARNING_RATE, CLIP_RANGE, GAE_LAMBDA = 3e-4, 0.2, 0.95
 ROLLOUT, QUARTERS, EPISODES = ENVS * STEPS, 4, 128
+NEVER = 10**12
+"""Frames between reports: each call of ``learn`` then ends with the only one."""
 
 
 class Ours:
     """The learner of this package, on the environment as it is."""
 
-    def __init__(self, task: str, preset: str, seed: int, frames: int) -> None:
+    def __init__(self, task: str, preset: str, seed: int) -> None:
         self.model = AREAPO(
             gymnax.make(task), preset, seed, num_envs=ENVS, num_steps=STEPS, num_epochs=EPOCHS,
             batch_size=ROLLOUT // MINIBATCHES, policy_layers=LAYERS, value_layers=LAYERS,
             learning_rate=LEARNING_RATE, clip_range=CLIP_RANGE, gae_lambda=GAE_LAMBDA, evaluation_episodes=1,
-            evaluate_every=frames, checkpoint_every=frames,
+            evaluate_every=NEVER, checkpoint_every=NEVER,
         )  # fmt: skip
         # The first rollout, which compiles; both learners begin with it.
         self.model.learn(ROLLOUT)
@@ -82,28 +84,31 @@ class Peer:
         # One episode after each call, as ours.
         self._algorithm, self._train = _compiled(PPO.create(**common), frames)
         first = _compiled(PPO.create(**common), ROLLOUT)[1]
-        self._state = first(jax.jit(self._algorithm.init_state)(jax.random.key(seed)))
+        self._state = first(jax.jit(self._algorithm.init_state)(jax.random.key(seed)))[0]
         # Compiled here, without running it.
         self._train = self._train.lower(self._state).compile()
+        self._returns = jax.jit(lambda state: _episodes(self._algorithm, state, jax.random.key(0), EPISODES))
 
     def learn(self, frames: int) -> None:
         """Train for the frames that the program was compiled for."""
-        self._state = jax.block_until_ready(self._train(self._state))
+        self._state, _ = jax.block_until_ready(self._train(self._state))
 
     def score(self) -> float:
         """The mean return."""
-        algorithm, state = self._algorithm, self._state
-        return float(mean(_episodes(algorithm, state, jax.random.key(0), EPISODES).tolist()))
+        return float(self._returns(self._state).mean())
 
 
 def _compiled(algorithm: Any, frames: int) -> tuple[Any, Any]:
-    """The algorithm with one episode of evaluation at the end, and its training as a function of the state."""
+    """The algorithm with one episode of evaluation at the end, and its training as a function of the state.
+
+    The function also returns that evaluation: what is not returned is not computed.
+    """
     algorithm = algorithm.replace(
         total_timesteps=frames,
         eval_freq=frames,
         eval_callback=lambda algorithm, state, key: _episodes(algorithm, state, key, 1),
     )
-    return algorithm, jax.jit(lambda state: algorithm.train(train_state=state)[0])
+    return algorithm, jax.jit(lambda state: algorithm.train(train_state=state))
 
 
 def _episodes(algorithm: Any, state: Any, key: jax.Array, number: int) -> Any:
@@ -128,7 +133,7 @@ def main(task: str, frames: int, seeds: int, preset: str) -> None:
     rates: dict[str, list[float]] = {name: [] for name in names}
     scores: dict[str, list[list[float]]] = {name: [] for name in names}
     for seed in range(seeds):
-        both = (Ours(task, preset, seed, quarter), Peer(task, seed, quarter))
+        both = (Ours(task, preset, seed), Peer(task, seed, quarter))
         learners: dict[str, Ours | Peer] = dict(zip(names, both, strict=True))
         curves: dict[str, list[float]] = {name: [] for name in names}
         for _ in range(QUARTERS):
