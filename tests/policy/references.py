@@ -10,10 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from swingup.areapo.networks import init_actor
+from swingup.physics.base_parameters import base_parameters
 from swingup.physics.integrate import rk4_step
 from swingup.physics.parameters import get_robot, identified_parameters, leaderboard_parameters
 from swingup.policy.jax_backend.controller import PolicyController, make_controller, policy_of
-from swingup.policy.jax_backend.observation import Normalise, PendulumObservation
+from swingup.policy.jax_backend.observation import Normalise, PendulumObservation, PlantObservation
 from swingup.policy.jax_backend.policy import Policy
 from swingup.policy.plant_facts import policy_plant
 from swingup.policy.shipped import SHIPPED_POLICIES, read_policy
@@ -68,6 +69,8 @@ UNSOUND = np.where(np.eye(4), np.array([np.nan, np.inf, -np.inf])[:, None, None]
 SHIPPED = [f"{robot}-{name}" for robot in ("acrobot", "pendubot") for name in SHIPPED_POLICIES]
 SMALL = ["pendubot-wrapped", "pendubot-bare"]
 """Untrained ones with the paper's observation, which jumps at its wraps: with and without normalisation."""
+SIGHTED = "acrobot-sighted"
+"""An untrained one that sees its plant, C.1 as it is."""
 OTHER_PLANT = "acrobot-friction"
 """The policy for the robot, with an estimator that believes in C.1 as it is: with friction and motors' rotors."""
 
@@ -82,11 +85,13 @@ def random_states(number=10_000):
 
 @functools.cache
 def policy(name):
-    """A policy by a name of SHIPPED, SMALL or OTHER_PLANT."""
+    """A policy by a name of SHIPPED, SMALL, SIGHTED or OTHER_PLANT."""
     robot, _, kind = name.partition("-")
     if name == OTHER_PLANT:
         found = read_policy("robot", robot)
         return dataclasses.replace(found, plant=policy_plant(identified_parameters(), found.robot, "C.1"))
+    if name == SIGHTED:
+        return policy_of(sighted_policy())
     return policy_of(small_policy(kind == "wrapped")) if name in SMALL else read_policy(kind, robot)
 
 
@@ -97,6 +102,19 @@ def small_policy(normalised=True):
     normalise = Normalise(mean=np.linspace(-1, 1, 4), variance=np.linspace(0.5, 2, 4), clip=1.0)
     stages = (PendulumObservation(20.0, "wrapped"), *([normalise] if normalised else []))
     return PolicyController(Policy(stages, actor), 3.0, get_robot("pendubot"))
+
+
+def sighted_policy(layers=(16, 12)):
+    """A small untrained policy of the acrobot that sees its plant, C.1 with its friction and rotors."""
+    with jax.enable_x64(False):
+        actor = jax.tree.map(lambda leaf: leaf + 0.1, init_actor(jax.random.key(1), 15, 1, layers, -1.0))
+    plant = policy_plant(identified_parameters(), get_robot("acrobot"), "C.1")
+    base = base_parameters(plant)
+    # Inputs from -0.15 to 0.15, except the last, which is clipped.
+    centre, scale = base * np.linspace(1.3, 0.7, 9), 2 * np.abs(base)
+    scale[8] = 0.01 * base[8]
+    stages = (PendulumObservation(20.0, "sincos"), PlantObservation(centre, scale, base, clip=1.0))
+    return PolicyController(Policy(stages, actor), 3.0, get_robot("acrobot"), plant=plant)
 
 
 def in_double(controller):

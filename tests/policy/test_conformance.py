@@ -12,6 +12,7 @@ from .references import (
     COLUMNS,
     OTHER_PLANT,
     SHIPPED,
+    SIGHTED,
     SMALL,
     TOLERANCE,
     alone,
@@ -47,7 +48,7 @@ TABLE = [
 ] + [
     # What jumps cannot be compared in a loop: rounding decides on which side it is.
     a_cell(name, back_end, sensor)
-    for name in SMALL
+    for name in [*SMALL, SIGHTED]
     for back_end in BACK_ENDS
     for sensor in ["states", "not finite"]
 ]  # fmt: skip

@@ -5,6 +5,7 @@ torques u = [u1, u2] (N m) of shoulder and elbow.
 
 - Back ends differ by at most 3e-5 N m, and by 1e-11 where both compute in double precision throughout. Behind an
   estimator, rounding feeds back: 1e-9 over a whole run.
+- A policy that sees its plant runs as the ordinary policy that it is for the plant of its file.
 - The torque of the driven joint is NaN where the state is not finite, so that no clipping hides a broken sensor.
   The passive joint has 0, or the friction compensation of a front end.
 - Behind a safety guard no torque is ever NaN: the guard stops the controller instead (``policy/guard.py``).

@@ -22,9 +22,10 @@ PACKAGE = "{name}_controller"
 
 SOURCES = (
     "errors.py", "text.py", "checks.py", "renamed.py", "files.py", "arrays.py", "robots.py", MODEL,
-    "physics/__init__.py", "physics/damped.py", "physics/equations.py", "physics/units.py", "physics/validity.py",
+    "physics/__init__.py", "physics/base_parameters.py", "physics/damped.py", "physics/equations.py",
+    "physics/units.py", "physics/validity.py",
     *(f"policy/{name}.py" for name in (
-        "__init__", "contract", "file", "guard", "network", "pendulum", "plant", "plant_facts", "settings",
+        "__init__", "contract", "file", "fold", "guard", "network", "pendulum", "plant", "plant_facts", "settings",
         "shipped", "stages",
     )),
     *(f"policy/numpy_backend/{name}.py" for name in (

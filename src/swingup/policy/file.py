@@ -26,7 +26,9 @@ SINCE_VERSION_2 = ("plant", "guard")
 """Keys of the metadata that make a file one of version 2."""
 
 MOST_STAGES = 10
-KNOWN = re.compile(r"network\.(trunk\.\d{1,2}|mean|std|logits)\.(weight|bias)|observation\.\d\.(mean|variance)")
+KNOWN = re.compile(
+    r"network\.(trunk\.\d{1,2}|mean|std|logits)\.(weight|bias)|observation\.\d\.(mean|variance|centre|scale)"
+)
 """Names of the arrays that are read; all others are left alone."""
 
 

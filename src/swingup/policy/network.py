@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import SwingupError
-from .stages import NormaliseStage, PendulumStage, Stage
+from .stages import NormaliseStage, PendulumStage, PlantStage, Stage
 
 SUM_GROUP = 64
 """Inputs of a wide layer whose products are summed in single precision; the groups are summed in double."""
@@ -17,7 +17,10 @@ LARGEST_FEATURE = 1e30
 
 @dataclass(frozen=True)
 class Layer:
-    """y = weight x + bias, both in float32; weight has the shape (outputs, inputs)."""
+    """y = weight x + bias, in float32; weight has the shape (outputs, inputs).
+
+    The bias that ``policy/fold.py`` makes is float64, as the sums that it replaces.
+    """
 
     weight: np.ndarray
     bias: np.ndarray
@@ -39,8 +42,10 @@ class Network:
         """Follow one observation through the stages and the layers.
 
         Raises:
-            SwingupError: a size does not fit, or weights are so large that a feature overflows.
+            SwingupError: a size or the order of the stages does not fit, or weights are so large that a feature
+                overflows.
         """
+        _check_order(self.stages)
         size = _input_size(self)
         for stage in self.stages:
             size = stage.size(size)
@@ -61,15 +66,21 @@ class Network:
             )
 
     @property
+    def plant_stage(self) -> PlantStage | None:
+        """The stage that shows the plant; None for a policy that sees the state alone."""
+        last = self.stages[-1] if self.stages else None
+        return last if isinstance(last, PlantStage) else None
+
+    @property
     def layers(self) -> tuple[Layer, ...]:
         """The layers of the deterministic policy."""
         return (*self.trunk, self.head)
 
 
 def largest_feature(network: Network) -> float:
-    """A bound of what a layer gives, for observations of up to 1 or what the normalisation clips to."""
-    normalise = [stage for stage in network.stages if isinstance(stage, NormaliseStage)]
-    most = largest = max([1.0, *(stage.clip for stage in normalise)])
+    """A bound of what a layer gives, for observations of up to 1 or what a stage clips to."""
+    clips = [stage.clip for stage in network.stages if not isinstance(stage, PendulumStage)]
+    most = largest = max([1.0, *clips])
     heads = [network.head, *([] if network.std is None else [network.std])]
     with np.errstate(over="ignore"):
         for layer in network.trunk:
@@ -84,9 +95,18 @@ def _reach(layer: Layer, most: float) -> float:
     return float(np.max(sums * most + np.abs(layer.bias), initial=0.0))
 
 
+def _check_order(stages: tuple[Stage, ...]) -> None:
+    shows_plant = [isinstance(stage, PlantStage) for stage in stages]
+    # No stage after it: what it appends keeps the meaning that its centre and scale give it.
+    if any(shows_plant) and (any(shows_plant[:-1]) or not isinstance(stages[0], PendulumStage)):
+        raise SwingupError("observation stage 'plant' must be the last one, and 'pendulum' the first")
+
+
 def _input_size(network: Network) -> int:
     """Length of the observation before the first stage: a pendulum's state, or as many as the statistics are of."""
     first = network.stages[0] if network.stages else None
     if isinstance(first, PendulumStage):
         return STATE
-    return int(first.mean.size if first is not None else network.layers[0].weight.shape[1])
+    if isinstance(first, NormaliseStage):
+        return int(first.mean.size)
+    return int(network.layers[0].weight.shape[1])

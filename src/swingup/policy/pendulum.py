@@ -7,9 +7,11 @@ from typing import Any
 
 from ..checks import finite_number
 from ..errors import SwingupError
+from ..physics.base_parameters import base_parameters
 from ..robots import ROBOTS, Robot, get_robot
 from ..text import quoted
 from .file import read_network, write_network
+from .fold import fold
 from .guard import GUARD
 from .network import Network
 from .plant_facts import PLANT, PolicyPlant, modelled, read_plant, write_plant
@@ -30,6 +32,7 @@ class PendulumPolicy:
     """One torque for a state, perhaps behind an estimator or a front end."""
 
     network: Network
+    """As in the file; ``folded`` is what back ends run."""
     robot: Robot
     torque_limit: float
     """Torque of an action of 1 (N m)."""
@@ -43,6 +46,11 @@ class PendulumPolicy:
     """Settings of the safety guard in the file; None for none."""
     metadata: Mapping[str, Any] = field(default_factory=dict)
     """The file's."""
+
+    @property
+    def folded(self) -> Network:
+        """The network of the state alone: the policy's own, or what a policy that sees its plant is for it."""
+        return fold(self.network, base_parameters(self.plant))
 
     @property
     def period(self) -> float | None:

@@ -8,12 +8,15 @@ import numpy as np
 
 from ..checks import finite_number, one_of
 from ..errors import SwingupError
+from ..physics.base_parameters import BASE
 from ..text import quoted
 
 ANGLES = ("wrapped", "sincos")
 """Encodings of the angles."""
 FORMER_COUNTS = ("torques", "history")
 """Settings of older files, whose policies saw past torques and states. Only 0, which means neither, is accepted."""
+SMALLEST_SCALE = 1e-30
+"""Of a base parameter: single precision can divide by it."""
 
 
 @dataclass(frozen=True)
@@ -77,12 +80,53 @@ class NormaliseStage:
         return np.sqrt(self.variance + self.epsilon)
 
 
-Stage = PendulumStage | NormaliseStage
+@dataclass(frozen=True)
+class PlantStage:
+    """The observation, then the plant's base parameters θ: (θ - centre) / scale, clipped to ± clip.
 
-STAGES: dict[str, type[Stage]] = {"pendulum": PendulumStage, "normalise": NormaliseStage}
+    It is the last stage of a pendulum's policy. ``physics/base_parameters.py`` says what θ is.
+    """
+
+    centre: np.ndarray
+    """One for each base parameter, in its unit."""
+    scale: np.ndarray
+    """Likewise."""
+    clip: float = 10.0
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot work, in double or in single precision.
+
+        Raises:
+            SwingupError: an array has another length, or a number is out of range.
+        """
+        object.__setattr__(self, "clip", finite_number("clip", self.clip, 1e-6))
+        if not self.centre.shape == self.scale.shape == (BASE,):
+            shapes = f"{self.centre.shape} and {self.scale.shape}"
+            raise SwingupError(f"centre and scale have shapes {shapes}, the base parameters {(BASE,)}")
+        # Negated, so that a scale of NaN fails as well.
+        if not np.all(self.scale >= SMALLEST_SCALE):
+            raise SwingupError(f"a scale of stage 'plant' is below {SMALLEST_SCALE:g}")
+
+    def size(self, before: int) -> int:
+        """Length of the result, that of the observation and the base parameters."""
+        return before + BASE
+
+    def inputs(self, base: np.ndarray) -> np.ndarray:
+        """What is appended (9,) for base parameters θ (9,)."""
+        with np.errstate(over="ignore"):
+            return np.clip((base - self.centre) / self.scale, -self.clip, self.clip)
+
+
+Stage = PendulumStage | NormaliseStage | PlantStage
+
+STAGES: dict[str, type[Stage]] = {"pendulum": PendulumStage, "normalise": NormaliseStage, "plant": PlantStage}
 """Stages by their name in the file. Numbers and words among their fields are settings, the others arrays."""
 
-ARRAYS: dict[str, tuple[str, ...]] = {"pendulum": (), "normalise": ("mean", "variance")}
+ARRAYS: dict[str, tuple[str, ...]] = {
+    "pendulum": (),
+    "normalise": ("mean", "variance"),
+    "plant": ("centre", "scale"),
+}
 """Names of the arrays of a stage."""
 
 

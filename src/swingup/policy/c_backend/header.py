@@ -83,7 +83,8 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
         SwingupError: the name is no identifier, or the policy has an observation that this program does not write.
     """
     check_export_name(name)
-    layers = policy.network.layers
+    network = policy.folded
+    layers = network.layers
     names = ["input", *(f"layer_{index}" for index in range(len(layers)))]
     sizes = [len(layer.bias) for layer in layers]
     around = {"state estimator": policy.estimator, "front end": policy.front_end, "safety guard": policy.guard}
@@ -100,7 +101,7 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
         "ARRAYS": "\n\n".join(_arrays(index, layer.weight, layer.bias) for index, layer in enumerate(layers)),
         "LAYERS": "\n".join(_layer(index, len(layers), layer.weight) for index, layer in enumerate(layers)),
         "BUFFERS": "\n".join(f"    swingup_real {name}[{n}];" for name, n in zip(names[1:], sizes, strict=True)),
-        "OBSERVE": "".join(map(_observe, policy.network.stages)).rstrip("\n"),
+        "OBSERVE": "".join(map(_observe, network.stages)).rstrip("\n"),
         "CALLS": "\n".join(
             f"    swingup_layer_{index}({before}, {after});"
             for index, (before, after) in enumerate(itertools.pairwise(names))
@@ -218,8 +219,10 @@ def _pendulum(stage: PendulumStage) -> str:
 def _arrays(index: int, weight: np.ndarray, bias: np.ndarray) -> str:
     outputs, inputs = weight.shape
     rows = ",\n".join(_braces(column, "f") for column in weight.T)
+    # That of a folded layer has more digits.
+    kind, suffix = ("double", "") if bias.dtype == np.float64 else ("float", "f")
     return (
-        f"static const float swingup_bias_{index}[{outputs}] = {_braces(bias, 'f')};\n"
+        f"static const {kind} swingup_bias_{index}[{outputs}] = {_braces(bias, suffix)};\n"
         f"static const float swingup_weight_{index}[{inputs}][{outputs}] = {{\n{rows}\n}};"
     )
 

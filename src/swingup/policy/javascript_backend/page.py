@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from ..network import Layer
 from ..pendulum import PendulumPolicy
-from ..stages import PendulumStage, Stage
+from ..stages import NormaliseStage, PendulumStage, Stage
 
 
 def policy_script() -> str:
@@ -20,20 +21,26 @@ def policy_data(policy: PendulumPolicy) -> dict[str, Any]:
 
     Neither an estimator nor a front end is in it, and no guard: the page simulates.
     """
-    layers = policy.network.layers
+    network = policy.folded
     return {
         "torque_limit": policy.torque_limit,
-        "stages": [_stage(stage) for stage in policy.network.stages],
-        "layers": [{"weight": _base64(layer.weight), "bias": _base64(layer.bias)} for layer in layers],
+        "stages": [_stage(stage) for stage in network.stages],
+        "layers": [{"weight": _base64(layer.weight), "bias": _bias(layer)} for layer in network.layers],
     }
 
 
 def _stage(stage: Stage) -> dict[str, Any]:
     if isinstance(stage, PendulumStage):
         return {"name": "pendulum", "angles": stage.angles, "velocity_scale": stage.velocity_scale}
+    assert isinstance(stage, NormaliseStage)  # the network is folded
     # In double precision, as the stages are applied.
     vectors = {"mean": stage.mean.tolist(), "variance": stage.variance.tolist()}
     return {"name": "normalise", **vectors, "clip": stage.clip, "epsilon": stage.epsilon}
+
+
+def _bias(layer: Layer) -> str | list[float]:
+    # That of a folded layer has more digits than single precision.
+    return layer.bias.tolist() if layer.bias.dtype == np.float64 else _base64(layer.bias)
 
 
 def _base64(array: np.ndarray) -> str:

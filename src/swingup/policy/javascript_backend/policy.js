@@ -43,7 +43,10 @@
 
   /** From what page.py gives to a function of a state that gives the torques [u1, u2] (N m). */
   function makePolicy(spec, driven) {
-    const layers = spec.layers.map(({ weight, bias }) => ({ weight: decode(weight), bias: decode(bias) }));
+    const layers = spec.layers.map(({ weight, bias }) => ({
+      weight: decode(weight),
+      bias: typeof bias === "string" ? decode(bias) : bias, // double precision is not encoded
+    }));
     return (x) => {
       let features = spec.stages.reduce((seen, stage) => STAGES[stage.name](stage, seen), x);
       layers.forEach((layer, depth) => {

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 
 from ...areapo.networks import Actor
 from ...control.controller import AbstractController
+from ...physics.base_parameters import base_parameters
 from ...physics.parameters import Parameters
 from ...robots import Robot, get_robot
 from ...types import Scalar, State, Torque
@@ -154,5 +155,5 @@ def shipped_policy(robot: Robot | str, name: str = REFINED) -> tuple[PolicyContr
 
 def _alone(policy: PendulumPolicy) -> PolicyController:
     front_end = None if policy.front_end is None else FrontEnd(policy.front_end)
-    network = make_policy(policy.network)
+    network = make_policy(policy.network, base_parameters(policy.plant))
     return PolicyController(network, policy.torque_limit, policy.robot, front_end, policy.plant)

@@ -55,6 +55,25 @@ class PendulumObservation(AbstractStage):
         return jnp.concatenate([angles, velocities])
 
 
+class PlantObservation(AbstractStage):
+    """The observation, then the plant's base parameters θ: (θ - centre) / scale, clipped.
+
+    θ is an array among the policy's: replace it and the policy is that of another plant.
+    """
+
+    centre: Float[Array, "9"]
+    scale: Float[Array, "9"]
+    base: Float[Array, "9"]
+    """θ in the order of ``physics.base_parameters.BASE_NAMES``."""
+    clip: float = 10.0
+    """What is appended is clipped to ± this."""
+
+    def __call__(self, observation: Observation) -> Observation:
+        """Append the plant to an observation (n,)."""
+        inputs = jnp.clip((self.base - self.centre) / self.scale, -self.clip, self.clip)
+        return jnp.concatenate([observation, inputs])
+
+
 class Normalise(AbstractStage):
     """(observation - mean) / sqrt(variance + ε), clipped; the observation may have leading axes."""
 

@@ -16,8 +16,8 @@ from ...errors import SwingupError
 from ...types import Action, Key, Observation
 from ..file import read_network, write_network
 from ..network import Layer, Network
-from ..stages import NormaliseStage, PendulumStage, Stage
-from .observation import AbstractStage, Normalise, PendulumObservation
+from ..stages import NormaliseStage, PendulumStage, PlantStage, Stage
+from .observation import AbstractStage, Normalise, PendulumObservation, PlantObservation
 
 ActorT = TypeVar("ActorT", bound=AbstractActor)
 
@@ -60,15 +60,24 @@ def load_any_policy(path: str | Path) -> tuple[Policy[Any], dict[str, Any]]:
     """Read a policy and its metadata.
 
     Raises:
-        SwingupError: the file cannot be read, is truncated, or is not a policy file of this version.
+        SwingupError: the file cannot be read, is truncated, is not a policy file of this version, or is one of a
+            policy that sees its plant.
     """
     network, metadata = read_network(path)
     return make_policy(network), metadata
 
 
-def make_policy(network: Network) -> Policy[Any]:
-    """The policy that a file holds."""
-    stages, std = tuple(map(_stage, network.stages)), network.std
+def make_policy(network: Network, base: np.ndarray | None = None) -> Policy[Any]:
+    """The policy that a file holds.
+
+    Args:
+        network: its stages and layers.
+        base: base parameters θ (9,) of the plant, for a policy that sees it.
+
+    Raises:
+        SwingupError: the policy sees its plant, and there is none.
+    """
+    stages, std = tuple(_stage(stage, base) for stage in network.stages), network.std
     trunk, head = tuple(map(_linear, network.trunk)), _linear(network.head)
     if network.choices is not None:
         return Policy(stages, CategoricalActor(trunk, head, network.choices))
@@ -106,9 +115,13 @@ def _samples(policy: Policy[Any], observations: Float[Array, "b n"], key: Key) -
     return decide(policy.actor, jax.vmap(policy.observe)(observations), key).actions
 
 
-def _stage(stage: Stage) -> AbstractStage:
+def _stage(stage: Stage, base: np.ndarray | None) -> AbstractStage:
     if isinstance(stage, PendulumStage):
         return PendulumObservation(stage.velocity_scale, stage.angles)  # type: ignore[arg-type]  # checked
+    if isinstance(stage, PlantStage):
+        if base is None:
+            raise SwingupError("the policy sees its plant: read it with swingup.load_policy")
+        return PlantObservation(stage.centre, stage.scale, base, stage.clip)  # type: ignore[arg-type]  # as NumPy's
     return Normalise(stage.mean, stage.variance, stage.clip, stage.epsilon)  # type: ignore[arg-type]  # as NumPy's
 
 
@@ -118,7 +131,11 @@ def _stage_of(stage: AbstractStage) -> Stage:
     if isinstance(stage, Normalise):
         mean, variance = (np.asarray(values, np.float64) for values in (stage.mean, stage.variance))
         return NormaliseStage(mean, variance, float(stage.clip), float(stage.epsilon))
-    raise SwingupError(f"a policy file has no stage {type(stage).__name__}: use PendulumObservation and Normalise")
+    if isinstance(stage, PlantObservation):
+        centre, scale = (np.asarray(values, np.float64) for values in (stage.centre, stage.scale))
+        return PlantStage(centre, scale, float(stage.clip))
+    known = "PendulumObservation, Normalise and PlantObservation"
+    raise SwingupError(f"a policy file has no stage {type(stage).__name__}: use {known}")
 
 
 def _linear(layer: Layer) -> Linear:

@@ -25,13 +25,14 @@ class NumpyNetwork:
 
     def __init__(self, policy: PendulumPolicy) -> None:
         """Take the arrays of a policy."""
-        self._stages = [_observer(stage) for stage in policy.network.stages]
+        network = policy.folded
+        self._stages = [_observer(stage) for stage in network.stages]
         self._layers = [
             (layer.weight.astype(np.float64), layer.bias.astype(np.float64), np.empty(layer.bias.shape))
-            for layer in policy.network.trunk
+            for layer in network.trunk
         ]
-        self._head = policy.network.head.weight[0].astype(np.float64)
-        self._offset = float(policy.network.head.bias[0])
+        self._head = network.head.weight[0].astype(np.float64)
+        self._offset = float(network.head.bias[0])
         self._torque_limit = policy.torque_limit
 
     def __call__(self, x: np.ndarray) -> float:
@@ -48,7 +49,10 @@ class NumpyNetwork:
 
 def _observer(stage: Stage) -> Observe:
     """The function of a stage."""
-    return _pendulum(stage) if isinstance(stage, PendulumStage) else _normalise(stage)
+    if isinstance(stage, PendulumStage):
+        return _pendulum(stage)
+    assert isinstance(stage, NormaliseStage)  # the network is folded
+    return _normalise(stage)
 
 
 def _pendulum(stage: PendulumStage) -> Observe:

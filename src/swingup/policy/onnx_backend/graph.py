@@ -40,14 +40,14 @@ def onnx_model(policy: PendulumPolicy) -> bytes:
     except ImportError as error:
         raise SwingupError("the package onnx is not installed: pip install 'swingup[onnx]'") from error
     graph = _Graph(onnx.helper, onnx.numpy_helper)
-    features = "state"
-    for stage in policy.network.stages:
+    network, features = policy.folded, "state"
+    for stage in network.stages:
         observe: Any = _pendulum if isinstance(stage, PendulumStage) else _normalise
         features = observe(graph, stage, features)
     features = graph.cast(features, onnx.TensorProto.FLOAT)
-    for layer in policy.network.trunk:
+    for layer in network.trunk:
         features = graph.add("Relu", _hidden(graph, layer, features))
-    head, features = policy.network.head, graph.cast(features, onnx.TensorProto.DOUBLE)
+    head, features = network.head, graph.cast(features, onnx.TensorProto.DOUBLE)
     action = graph.add(
         "Tanh", graph.gemm(features, head.weight.astype(float), graph.constant(head.bias.astype(float)))
     )
@@ -86,7 +86,7 @@ def _hidden(graph: "_Graph", layer: Layer, features: str) -> str:
     inputs = layer.weight.shape[1]
     starts = range(0, inputs, SUM_GROUP)
     groups = graph.split(features, [min(SUM_GROUP, inputs - start) for start in starts])
-    total = graph.constant(layer.bias)
+    total = graph.constant(layer.bias.astype(np.float32))
     for start, group in zip(starts, groups, strict=True):
         total = graph.gemm(group, layer.weight[:, start : start + SUM_GROUP], total)
     return total

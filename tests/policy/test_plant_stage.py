@@ -1,0 +1,158 @@
+"""Policies that see their plant: the file, the ordinary network for one plant, and other plants told to it."""
+
+import dataclasses
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from swingup.errors import SwingupError
+from swingup.physics.base_parameters import base_parameters
+from swingup.physics.parameters import Parameters, identified_parameters, leaderboard_parameters
+from swingup.policy.fold import fold
+from swingup.policy.jax_backend.controller import behind_estimator, load_policy, policy_of
+from swingup.policy.jax_backend.policy import load_any_policy
+from swingup.policy.jax_backend.told import sees_plant, told, told_base, traced_base_parameters
+from swingup.policy.network import Layer, Network
+from swingup.policy.numpy_backend.network import NumpyNetwork
+from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
+from swingup.policy.plant_facts import policy_plant
+from swingup.policy.stages import PendulumStage, PlantStage
+
+from .references import in_double, random_states, sighted_policy, small_policy
+
+STAGE = PlantStage(np.linspace(-1, 1, 9), np.linspace(1, 2, 9), clip=2.0)
+STATE = PendulumStage("sincos")
+
+
+def layer(outputs, inputs, seed):
+    rng = np.random.default_rng(seed)
+    return Layer(*(rng.normal(size=shape).astype(np.float32) for shape in ((outputs, inputs), outputs)))
+
+
+def outputs(network, observation):
+    """Heads of a network, in double precision."""
+    for weight, bias in ((each.weight, each.bias) for each in network.trunk):
+        observation = np.maximum(weight.astype(float) @ observation + bias, 0)
+    heads = [network.head, *([] if network.std is None else [network.std])]
+    return np.array([each.weight.astype(float) @ observation + each.bias for each in heads])
+
+
+@pytest.mark.parametrize("depth", [0, 1])
+def test_a_folded_network_gives_the_same(depth):
+    trunk = (layer(7, 15, 1),) * depth
+    size = 7 if depth else 15
+    network = Network((STATE, STAGE), trunk, layer(1, size, 2), layer(1, size, 3))
+    base, seen = np.arange(9.0), np.linspace(-1, 1, 6)
+    # By hand: (0 + 1)/1 = 1, and (1 + 0.75)/1.125 = 1.56; then (2 + 0.5)/1.25 = 2, and all others are clipped to 2.
+    inputs = np.array([1, 1.75 / 1.125, 2, 2, 2, 2, 2, 2, 2])
+    folded = fold(network, base)
+    assert folded.stages == (STATE,)
+    found, expected = outputs(folded, seen), outputs(network, np.concatenate([seen, inputs]))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
+
+
+def test_a_network_that_sees_the_state_alone_stays_as_it_is():
+    network = Network((STATE,), (), layer(1, 6, 1))
+    assert fold(network, np.zeros(9)) is network
+
+
+@pytest.fixture
+def file(tmp_path):
+    write_pendulum_policy(tmp_path / "p.npz", policy_of(sighted_policy()), {"command": "none"})
+    return tmp_path / "p.npz"
+
+
+def test_round_trip(file):
+    found, expected = read_pendulum_policy(file), policy_of(sighted_policy())
+    assert found.plant == expected.plant
+    for one, other in zip(found.network.layers, expected.network.layers, strict=True):
+        np.testing.assert_array_equal(one.weight, other.weight)
+    stage, other = found.network.plant_stage, expected.network.plant_stage
+    np.testing.assert_array_equal([stage.centre, stage.scale], [other.centre, other.scale])
+    assert stage.clip == other.clip == 1.0
+    controller, _ = load_policy(file)
+    assert sees_plant(controller)
+    np.testing.assert_array_equal(controller.policy.stages[-1].base, base_parameters(found.plant))
+
+
+def test_told_plants_are_those_of_files(file):
+    """A batch of plants, traced: each row is the ordinary network of a file with that plant."""
+    plants = leaderboard_parameters(sighted_policy().robot), identified_parameters()
+    controller, states = in_double(load_policy(file)[0]), random_states()[:20]
+
+    @jax.jit
+    @jax.vmap
+    def torques(parameters: Parameters):
+        return jax.vmap(told(controller, parameters)._torque)(jnp.asarray(states))
+
+    with jax.enable_x64(True):
+        found = np.asarray(torques(jax.tree.map(lambda *each: jnp.array(each), *plants)))
+    for row, parameters in zip(found, plants, strict=True):
+        plant = policy_plant(parameters, controller.robot)
+        network = NumpyNetwork(dataclasses.replace(read_pendulum_policy(file), plant=plant))
+        np.testing.assert_allclose(row, [network(x) for x in states], rtol=0, atol=1e-11)
+    assert np.abs(found[0] - found[1]).max() > 0.01
+
+
+def test_base_parameters_in_jax():
+    p = identified_parameters()
+    with jax.enable_x64(True):
+        np.testing.assert_allclose(traced_base_parameters(p), base_parameters(p), rtol=1e-14)
+
+
+def test_a_policy_that_sees_the_state_alone_is_the_same_for_all_plants():
+    controller = small_policy()
+    assert not sees_plant(controller)
+    found = told_base(controller, jnp.zeros(9))
+    assert jax.tree.structure(found) == jax.tree.structure(controller)
+    assert all(one is other for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(controller), strict=True))
+
+
+def test_a_policy_behind_an_estimator_is_told(file):
+    controller = behind_estimator(load_policy(file)[0])
+    assert sees_plant(controller)
+    found = told_base(controller, jnp.arange(9.0))
+    np.testing.assert_array_equal(found.controller.policy.stages[-1].base, np.arange(9.0))
+    assert found.parameters == controller.parameters
+
+
+def test_a_policy_needs_its_plant(file):
+    with pytest.raises(SwingupError, match=r"sees its plant: read it with swingup\.load_policy"):
+        load_any_policy(file)
+
+
+PENDULUM, PLANT = {"name": "pendulum", "angles": "sincos"}, {"name": "plant"}
+
+
+@pytest.mark.parametrize(
+    ("stages", "arrays", "message"),
+    [
+        ([PLANT, PENDULUM], {}, "stage 'plant' lacks its array centre"),
+        ([PENDULUM, PLANT, PLANT], {}, "stage 'plant' lacks its array centre"),
+        ([PENDULUM, PLANT], {"scale": None}, "stage 'plant' lacks its array scale"),
+        ([PENDULUM, PLANT], {"centre": np.zeros(8)}, r"shapes \(8,\) and \(9,\), the base parameters \(9,\)"),
+        ([PENDULUM, PLANT], {"scale": np.zeros(9)}, "a scale of stage 'plant' is below 1e-30"),
+        ([PENDULUM, PLANT], {"scale": np.full(9, np.nan)}, r"array observation\.1\.scale holds values that"),
+        ([PENDULUM, PLANT | {"clip": 0}], {}, "clip = 0: use a number from 1e-06"),
+        ([PENDULUM, PLANT | {"epsilon": 1}], {}, "unknown setting 'epsilon' of stage 'plant': use some of clip"),
+    ],
+)  # fmt: skip
+def test_bad_files(file, stages, arrays, message):
+    with np.load(file) as found:
+        values = dict(found)
+    metadata = json.loads(values.pop("metadata").tobytes()) | {"observation": stages}
+    values |= {f"observation.1.{name}": array for name, array in arrays.items()}
+    values = {name: array for name, array in values.items() if array is not None}
+    np.savez(file, metadata=np.frombuffer(json.dumps(metadata).encode(), np.uint8), **values)
+    with pytest.raises(SwingupError, match=message) as refusal:
+        read_pendulum_policy(file)
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("stages", [(STAGE,), (STAGE, STATE), (STATE, STAGE, STAGE)])
+def test_the_stage_is_the_last(stages):
+    with pytest.raises(SwingupError, match="stage 'plant' must be the last one, and 'pendulum' the first"):
+        Network(stages, (), layer(1, 24, 1))
