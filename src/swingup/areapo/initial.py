@@ -10,17 +10,23 @@ from .act import update_statistics
 from .advantage import init_gains
 from .config import Config
 from .keys import InitialKeys
-from .networks import init_critic, init_policy
+from .layers import LayerKind
+from .networks import init_critic, init_policy, init_shared_critic
 from .normalise import init_statistics
 from .optimiser import make_optimiser
 from .popart import init_value_scale
+from .reward_scale import init_reward_scale
 from .state import LearnerState
 
 
 def init_learner(keys: InitialKeys, spaces: Spaces, config: Config) -> LearnerState:
     """The state of a learner that has observed no environment yet."""
-    actor = init_policy(keys.actor, spaces, config.policy_layers, config.log_std_init)
-    critic = init_critic(keys.critic, spaces.observation_size, config.value_layers)
+    kind = LayerKind(config.activation, config.layer_norm)
+    actor = init_policy(keys.actor, spaces, config.policy_layers, config.log_std_init, kind)
+    if config.shared_trunk:
+        critic = init_shared_critic(keys.critic, config.policy_layers[-1])
+    else:
+        critic = init_critic(keys.critic, spaces.observation_size, config.value_layers, kind)
     return LearnerState(
         actor=actor,
         critic=critic,
@@ -34,6 +40,7 @@ def init_learner(keys: InitialKeys, spaces: Spaces, config: Config) -> LearnerSt
         iterations=jnp.array(0),
         value_scale=init_value_scale() if config.popart else None,
         reset_cost=jnp.asarray(config.reset_cost, jnp.float32) if config.adaptive_reset_cost else None,
+        reward_scale=init_reward_scale() if config.normalise_rewards else None,
     )
 
 

@@ -45,7 +45,8 @@ def loss(networks: tuple[AbstractActor, Critic], frames: Frames, config: Config)
     actor, critic = networks
     # Features first: XLA has fast CPU kernels for the products of this form (see networks).
     observations = frames.observations.T
-    log_ratios = actor(observations).log_prob(frames.latents.T) - frames.log_probs
+    features = actor.features(observations)
+    log_ratios = actor.distribution(features).log_prob(frames.latents.T) - frames.log_probs
     ratios = jnp.exp(log_ratios)
     soft_advantages = frames.advantages
     if config.normalise_advantages:
@@ -54,7 +55,7 @@ def loss(networks: tuple[AbstractActor, Critic], frames: Frames, config: Config)
     clipped = jnp.clip(ratios, 1.0 - config.clip_range, 1.0 + config.clip_range)
     policy_loss = -mean(jnp.minimum(ratios * soft_advantages, clipped * soft_advantages), frames.weights)
 
-    errors = critic(observations) - frames.returns.T
+    errors = critic(features if critic.shared else observations) - frames.returns.T
     value_loss, entropy_value_loss = mean(errors**2, frames.weights, axis=1)
     # No entropy bonus: the entropy is in the advantages. Values are not clipped, as in the authors' code.
     total = policy_loss + config.value_coefficient * (

@@ -16,6 +16,7 @@ from .loss import LossMetrics
 from .networks import AbstractActor, Critic
 from .normalise import RunningStatistics
 from .popart import ValueScale
+from .reward_scale import RewardScale
 
 
 class LearnerState(eqx.Module):
@@ -36,6 +37,8 @@ class LearnerState(eqx.Module):
     """What the critic's outputs stand for, with PopArt."""
     reset_cost: Scalar | None = None
     """What a termination costs, if that adapts (units of the reward)."""
+    reward_scale: RewardScale | None = None
+    """By what rewards are divided, if they are normalised."""
 
 
 class Rollout(eqx.Module):

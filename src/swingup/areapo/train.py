@@ -25,7 +25,14 @@ from .reset_cost import adapt_reset_cost, reset_cost
 from .schedule import at_iteration
 from .shuffle import shuffled
 from .state import LearnerState, Metrics, Rollout, iteration_metrics, select
-from .targets import apply_endings, estimate_values, normalise_returns
+from .targets import (
+    apply_endings,
+    estimate_values,
+    follow_rewards,
+    normalise_returns,
+    over_scale,
+    times_scale,
+)
 
 Task = AbstractTask[Any]
 
@@ -110,11 +117,13 @@ def estimate(
     decides: the value beyond is 0, or that of the state before the reset, or the step pays a cost and the value of
     the state after the reset follows. All of them cut the recursion. The entropy reward is -τ log π(a|s).
     """
+    paid = reset_cost(state, config)
+    state = follow_rewards(state, rollout, paid, config)
     state, (values, next_values, value_means) = estimate_values(state, rollout, config)
-    rewards, next_values = apply_endings(rollout, next_values, reset_cost(state, config), config)
+    rewards, next_values = apply_endings(rollout, next_values, paid, config)
     cuts = rollout.terminated | rollout.truncated
     # τ enters here, so that V_H and ρ_H are in units of the reward.
-    entropy_rewards = -config.temperature * rollout.log_probs
+    entropy_rewards = -times_scale(state, config.temperature) * rollout.log_probs
     reward_advantages = advantages(
         rewards, values[..., 0], next_values[..., 0], cuts,
         state.gains.reward, config.discount, config.gae_lambda,
@@ -129,7 +138,7 @@ def estimate(
     state, targets = normalise_returns(state, returns, rollout, config)
     # After the advantages, which use the old gains, as in the authors' code.
     gains = update_gains(state.gains, reward_advantages, entropy_advantages, config, rollout.counted)
-    soft_advantages = reward_advantages + entropy_advantages
+    soft_advantages = over_scale(state, reward_advantages + entropy_advantages)
     frames = Frames(
         rollout.observations, rollout.latents, rollout.log_probs, soft_advantages, targets, rollout.counted
     )

@@ -11,11 +11,12 @@ import numpy as np
 from jaxtyping import Array, Float, Shaped
 
 from ...areapo.act import decide
-from ...areapo.networks import AbstractActor, Actor, CategoricalActor, Linear
+from ...areapo.layers import LayerNorm, Linear
+from ...areapo.networks import AbstractActor, Actor, CategoricalActor
 from ...errors import SwingupError
 from ...types import Action, Key, Observation
 from ..file import read_network, write_network
-from ..network import Layer, Network
+from ..network import Layer, Network, Norm
 from ..stages import NormaliseStage, PendulumStage, Stage
 from .observation import AbstractStage, Normalise, PendulumObservation
 
@@ -70,9 +71,10 @@ def make_policy(network: Network) -> Policy[Any]:
     """The policy that a file holds."""
     stages, std = tuple(map(_stage, network.stages)), network.std
     trunk, head = tuple(map(_linear, network.trunk)), _linear(network.head)
+    norms = tuple(LayerNorm(each.weight, each.bias) for each in network.norms)  # type: ignore[arg-type]  # as NumPy's
     if network.choices is not None:
-        return Policy(stages, CategoricalActor(trunk, head, network.choices))
-    return Policy(stages, Actor(trunk, head, None if std is None else _linear(std)))
+        return Policy(stages, CategoricalActor(trunk, norms, network.activation, head, network.choices))
+    return Policy(stages, Actor(trunk, norms, network.activation, head, None if std is None else _linear(std)))
 
 
 def network_of(policy: Policy[Any]) -> Network:
@@ -83,10 +85,13 @@ def network_of(policy: Policy[Any]) -> Network:
     """
     actor, stages = policy.actor, tuple(map(_stage_of, policy.stages))
     trunk = tuple(map(_layer_of, actor.trunk))
+    norms = tuple(Norm(np.asarray(norm.weight), np.asarray(norm.bias)) for norm in actor.norms)
     if isinstance(actor, CategoricalActor):
-        return Network(stages, trunk, _layer_of(actor.logits_head), choices=actor.choices)
-    std = None if actor.std_head is None else _layer_of(actor.std_head)
-    return Network(stages, trunk, _layer_of(actor.mean_head), std)
+        head, std, choices = actor.logits_head, None, actor.choices
+    else:
+        head, std, choices = actor.mean_head, actor.std_head, None
+    deviation = None if std is None else _layer_of(std)
+    return Network(stages, trunk, _layer_of(head), deviation, choices, actor.activation, norms)
 
 
 def act(

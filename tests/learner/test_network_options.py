@@ -1,0 +1,86 @@
+"""Options of networks, rewards and schedules on both back ends: bits after a resume, policies, schedules."""
+
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+
+from swingup.areapo.config import Config
+from swingup.learner.run_settings import RunSettings
+from swingup.learner.start import resume_run, start_run
+from swingup.policy.jax_backend.policy import load_any_policy
+
+from .brief import briefly_judged
+from .environments import Noisy
+from .test_run import assert_same_files, measured
+
+TINY = Config(
+    num_envs=2, num_steps=16, num_epochs=1, batch_size=16, policy_layers=(8, 8), value_layers=(8,),
+    centre_values=True,
+)  # fmt: skip
+FRAMES = 32
+"""Frames of one iteration."""
+OPTIONS = {
+    "activation": {"activation": "tanh"},
+    "layer_norm": {"layer_norm": True},
+    "shared_trunk": {"shared_trunk": True},
+    "normalise_rewards": {"normalise_rewards": True},
+    "all": {"activation": "silu", "layer_norm": True, "shared_trunk": True, "normalise_rewards": True},
+}
+ON = {
+    "host": lambda config: (RunSettings(None, "mujoco", 3, 1, 64, 128, config, "<noisy>", 2), Noisy),
+    "compiled": lambda config: (RunSettings("acrobot", "default", 3, 1, 64, 128, config), None),
+}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def brief():
+    with briefly_judged():
+        yield
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("back_end", ON)
+@pytest.mark.parametrize("option", OPTIONS)
+def test_killed_and_resumed_equals_uninterrupted(tmp_path, option, back_end):
+    changes = OPTIONS[option]
+    settings, env = ON[back_end](dataclasses.replace(TINY, **changes))
+    list(start_run(settings, tmp_path / "whole", 8 * FRAMES, env).advance())
+    run = start_run(settings, tmp_path / "part", 8 * FRAMES, env)
+    for report in run.advance():
+        if report.frames == 6 * FRAMES:  # past the checkpoint at 4: what came since is lost
+            break
+    run = resume_run(tmp_path / "part", env=env)
+    assert run.frames == 4 * FRAMES
+    list(run.advance())
+    assert_same_files(tmp_path / "whole", tmp_path / "part")
+    assert measured(tmp_path / "whole") == measured(tmp_path / "part")
+    loaded, _ = load_any_policy(tmp_path / "whole" / "last.npz")
+    kept = run.policy().actor
+    assert (loaded.actor.activation, len(loaded.actor.norms)) == (kept.activation, 2 * ("layer_norm" in changes))
+    jax.tree.map(np.testing.assert_array_equal, loaded.actor, kept)
+    assert bool(run.progress.state.critic.trunk) == ("shared_trunk" not in changes)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("back_end", ON)
+def test_schedules_work(tmp_path, back_end):
+    """Entropy counts nothing, the first of two iterations clips almost everything, and the second moves nothing."""
+    config = dataclasses.replace(
+        TINY, num_epochs=2, learning_rate=0.01, schedule_frames=2 * FRAMES,
+        learning_rate_schedule=(0.0, 1.0, 0.25, 0.0), clip_range_schedule=(0.0, 0.01),
+        temperature_schedule=(0.0, 0.0),
+    )  # fmt: skip
+    settings, env = ON[back_end](config)
+    run = start_run(settings, None, 2 * FRAMES, env)
+    state = run.backend.begin(run.progress.state, 0)
+    first, metrics, _ = run.backend.train(state, 1)
+    second, later, _ = run.backend.train(first, 1)
+    run.close()
+    # Each minibatch after the first sees other ratios than 1, which leave any range this narrow.
+    assert float(metrics.clip_fraction) > 0.5
+    assert float(later.clip_fraction) == 0.0
+    assert float(metrics.entropy_gain) == float(later.entropy_gain) == 0.0
+    assert not np.array_equal(state.actor.trunk[0].weight, first.actor.trunk[0].weight)
+    jax.tree.map(np.testing.assert_array_equal, first.actor, second.actor)
