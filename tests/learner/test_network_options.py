@@ -11,7 +11,7 @@ from swingup.learner.run_settings import RunSettings
 from swingup.learner.start import resume_run, start_run
 from swingup.policy.jax_backend.policy import load_any_policy
 
-from .brief import briefly_judged
+from .corridors import Corridor
 from .environments import Noisy
 from .test_run import assert_same_files, measured
 
@@ -30,14 +30,8 @@ OPTIONS = {
 }
 ON = {
     "host": lambda config: (RunSettings(None, "mujoco", 3, 1, 64, 128, config, "<noisy>", 2), Noisy),
-    "compiled": lambda config: (RunSettings("acrobot", "default", 3, 1, 64, 128, config), None),
+    "compiled": lambda config: (RunSettings(None, "mujoco", 3, 1, 64, 128, config, "<corridor>", 2), Corridor()),
 }
-
-
-@pytest.fixture(scope="module", autouse=True)
-def brief():
-    with briefly_judged():
-        yield
 
 
 @pytest.mark.slow
