@@ -109,6 +109,16 @@ STAGES = [{"name": "pendulum"}, {"name": "normalise"}]
         ({"format": "swingup checkpoint"}, {}, "a 'swingup checkpoint' file"),
         ({"activation": "tanh"}, {}, "a file with an activation must have format version 3"),
         ({"format_version": 3, "activation": "step"}, {}, "unknown activation 'step': use one of relu, tanh"),
+        ({"format_version": 3, "gru": True}, {}, "array network.gru.inputs.weight is missing"),
+        (
+            {"format_version": 3, "gru": True},
+            {
+                f"network.gru.{part}.{name}": np.zeros(shape, np.float32)
+                for part, rows in (("inputs", 256), ("hidden", 7))
+                for name, shape in (("weight", (24, rows)), ("bias", 24))
+            },
+            r"a GRU of 7 after 256 values has weights \(24, 256\) and \(24, 7\)",
+        ),
         ({"format_version": 3, "layer_norm": 1}, {}, "layer_norm = 1: use true or false"),
         ({"format_version": 3, "layer_norm": True}, {}, "array network.norm.0.weight is missing"),
         (

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from swingup.areapo.config import Config
-from swingup.areapo.layers import LayerKind, LayerNorm, hidden_features, init_norms
+from swingup.areapo.layers import LayerKind, LayerNorm, Linear, hidden_features, init_norms
 from swingup.areapo.networks import Actor, init_shared_critic, values
+from swingup.areapo.recurrence import GRU
 from swingup.errors import SwingupError
 from swingup.policy.c_backend.header import c_header
 from swingup.policy.javascript_backend.page import policy_data
@@ -41,7 +42,7 @@ def of_kind(activation, layer_norm):
             LayerNorm(*np.linspace([0.5, -0.3], [1.5, 0.3], layer.bias.size).T.astype(np.float32))
             for layer in actor.trunk
         )
-    actor = Actor(actor.trunk, norms, activation, actor.mean_head, actor.std_head)
+    actor = Actor(actor.trunk, norms, activation, None, actor.mean_head, actor.std_head)
     return dataclasses.replace(controller, policy=Policy(controller.policy.stages, actor))
 
 
@@ -95,6 +96,18 @@ def test_relu_alone_is_a_file_of_an_older_version(tmp_path):
     assert found.metadata["format_version"] == 2
     assert not {"activation", "layer_norm"} & found.metadata.keys()
     check_plain(found.network, "anything")
+
+
+def test_a_pendulum_has_no_recurrent_policy(tmp_path):
+    controller = small_policy()
+    linear = Linear(np.zeros((36, 12), np.float32), np.zeros(36, np.float32))
+    actor = dataclasses.replace(controller.policy.actor, gru=GRU(linear, linear))
+    policy = Policy(controller.policy.stages, actor)
+    save_controller(tmp_path / "p.npz", dataclasses.replace(controller, policy=policy), {})
+    with pytest.raises(
+        SwingupError, match=r"has a memory \(gru\), which a pendulum's controllers have not: train one"
+    ):
+        read_pendulum_policy(tmp_path / "p.npz")
 
 
 def test_a_bound_of_the_features():

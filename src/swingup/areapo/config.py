@@ -70,6 +70,9 @@ class Config(eqx.Module):
     """Whether each hidden layer normalises its features before the activation (arXiv 1607.06450)."""
     shared_trunk: bool = _static(False)
     """Whether the value heads read the policy's hidden layers; value_layers then has no effect."""
+    gru_width: int = eqx.field(static=True, default=0, metadata={"range": (0, LARGEST_COUNT)})
+    """Numbers that a recurrent layer (GRU) after the hidden layers remembers; 0: none. It needs shared_trunk, and a
+    batch_size that is a multiple of num_steps."""
     average_reward: bool = _static(True)
     """Subtract the gains (average reward); without it, the discounts below 1 bound the values."""
     gain_trace: bool = _static(True)
@@ -162,6 +165,7 @@ class Config(eqx.Module):
             )
         if self.centre_values and self.popart:
             raise SwingupError("centre_values does not go with popart, which centres as well: choose one")
+        self._check_gru()
         if self.normalise_rewards and self.popart:
             raise SwingupError("normalise_rewards does not go with popart, which scales as well: choose one")
         for name in ("discount", "entropy_discount"):
@@ -174,6 +178,17 @@ class Config(eqx.Module):
                 raise SwingupError(
                     f"centre_values does not go with {name} = {value}: such a value has no free constant"
                 )
+
+    def _check_gru(self) -> None:
+        if self.gru_width and not self.shared_trunk:
+            raise SwingupError(
+                f"gru_width = {self.gru_width} needs shared_trunk: the values read the policy's memory"
+            )
+        if self.gru_width and self.batch_size % self.num_steps:
+            raise SwingupError(
+                f"batch_size = {self.batch_size} is no multiple of num_steps = {self.num_steps}: with gru_width a "
+                f"minibatch has whole rollouts of some environments"
+            )
 
     @property
     def ending(self) -> Literal["end", "reset_cost", "bootstrap"]:

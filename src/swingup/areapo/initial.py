@@ -21,10 +21,10 @@ from .state import LearnerState
 
 def init_learner(keys: InitialKeys, spaces: Spaces, config: Config) -> LearnerState:
     """The state of a learner that has observed no environment yet."""
-    kind = LayerKind(config.activation, config.layer_norm)
+    kind = LayerKind(config.activation, config.layer_norm, config.gru_width)
     actor = init_policy(keys.actor, spaces, config.policy_layers, config.log_std_init, kind)
     if config.shared_trunk:
-        critic = init_shared_critic(keys.critic, config.policy_layers[-1])
+        critic = init_shared_critic(keys.critic, kind.width(config.policy_layers))
     else:
         critic = init_critic(keys.critic, spaces.observation_size, config.value_layers, kind)
     return LearnerState(
@@ -41,6 +41,7 @@ def init_learner(keys: InitialKeys, spaces: Spaces, config: Config) -> LearnerSt
         value_scale=init_value_scale() if config.popart else None,
         reset_cost=jnp.asarray(config.reset_cost, jnp.float32) if config.adaptive_reset_cost else None,
         reward_scale=init_reward_scale() if config.normalise_rewards else None,
+        memory=_no_memories(config),
     )
 
 
@@ -50,4 +51,9 @@ def begin_episodes(state: LearnerState, observations: Float[Array, "envs n"], co
     statistics, normalised, _ = update_statistics(
         state.statistics, observations, observations, config.observation_clip
     )
-    return dataclasses.replace(state, statistics=statistics, observations=normalised)
+    return dataclasses.replace(state, statistics=statistics, observations=normalised, memory=_no_memories(config))
+
+
+def _no_memories(config: Config) -> Float[Array, "envs w"] | None:
+    """The memories of a recurrent policy at the start of episodes."""
+    return jnp.zeros((config.num_envs, config.gru_width)) if config.gru_width else None

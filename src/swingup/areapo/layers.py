@@ -22,11 +22,17 @@ ACTIVATIONS: dict[Activation, Callable[[Array], Array]] = {
 
 
 class LayerKind(NamedTuple):
-    """What follows the linear map of each hidden layer."""
+    """What follows the linear map of each hidden layer, and what follows them all."""
 
     activation: Activation = "relu"
     layer_norm: bool = False
     """Whether a layer normalisation comes before the activation."""
+    gru_width: int = 0
+    """Width of a recurrent layer after the hidden layers; 0 for none."""
+
+    def width(self, layers: tuple[int, ...]) -> int:
+        """Numbers that the heads read."""
+        return self.gru_width or layers[-1]
 
 
 class Linear(eqx.Module):

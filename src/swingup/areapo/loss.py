@@ -1,13 +1,17 @@
 """The clipped surrogate and the value losses of one minibatch."""
 
+from dataclasses import replace
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Shaped
+from jaxtyping import Array, Bool, Float, Shaped
 
 from ..types import Scalar
 from .average import mean, standardise
 from .config import Config
 from .networks import AbstractActor, Critic
+from .unroll import unroll
 
 
 class Frames(eqx.Module):
@@ -25,6 +29,10 @@ class Frames(eqx.Module):
     """λ-returns of the reward and of the entropy objective, on the scale of the critic's outputs: its targets."""
     weights: Float[Array, "*b"] | None = None
     """1 for a frame that counts, 0 for one that does not; None: all count."""
+    memory: Float[Array, "envs w"] | None = None
+    """Of a recurrent policy before the first step; the other leaves then have the axes step and environment."""
+    forgets: Bool[Array, "steps envs"] | None = None
+    """Where the next row starts an episode."""
 
 
 class LossMetrics(eqx.Module):
@@ -43,9 +51,17 @@ def loss(networks: tuple[AbstractActor, Critic], frames: Frames, config: Config)
     L(θ) = mean min(r A, clip(r, 1 - ε, 1 + ε) A), r = π_θ(a|s) / π_old(a|s).
     """
     actor, critic = networks
-    # Features first: XLA has fast CPU kernels for the products of this form (see networks).
-    observations = frames.observations.T
-    features = actor.features(observations)
+    if frames.memory is None or frames.forgets is None:
+        # Features first: XLA has fast CPU kernels for the products of this form (see networks).
+        observations = frames.observations.T
+        features = actor.features(observations)
+    else:
+        along = unroll(actor, frames.memory, frames.observations, frames.forgets)
+        features = along.reshape(-1, along.shape[-1]).T
+        frames = jax.tree.map(
+            lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), replace(frames, memory=None, forgets=None)
+        )
+        observations = frames.observations.T
     log_ratios = actor.distribution(features).log_prob(frames.latents.T) - frames.log_probs
     ratios = jnp.exp(log_ratios)
     soft_advantages = frames.advantages

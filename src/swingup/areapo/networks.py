@@ -19,9 +19,12 @@ from .categorical import Categoricals
 from .distribution import AbstractDistribution
 from .gaussian import SquashedGaussian
 from .layers import LayerKind, LayerNorm, Linear, hidden_features, init_norms, init_trunk, orthogonal
+from .recurrence import GRU, init_gru
 
 LOG_STD_RANGE = (-20.0, 2.0)
 """Range to which log σ is clamped (authors' code)."""
+Memory = Float[Array, "w *batch"] | None
+"""What a recurrent policy remembers; None for one without memory."""
 PLAIN = LayerKind()
 """ReLU without normalisation, as in the paper."""
 
@@ -33,6 +36,8 @@ class AbstractActor(eqx.Module):
     norms: eqx.AbstractVar[tuple[LayerNorm, ...]]
     """One before the activation of each hidden layer, or none at all."""
     activation: eqx.AbstractVar[Activation]
+    gru: eqx.AbstractVar[GRU | None]
+    """The recurrent layer after the hidden layers, if there is one."""
 
     @abc.abstractmethod
     def distribution(self, features: Float[Array, "width *batch"]) -> AbstractDistribution:
@@ -42,9 +47,28 @@ class AbstractActor(eqx.Module):
     def choose(self, features: Float[Array, "width *batch"]) -> Shaped[Array, "m *batch"]:
         """The deterministic action for the hidden layers' output."""
 
-    def features(self, observation: Float[Array, "n *batch"]) -> Float[Array, "width *batch"]:
-        """The hidden layers' output for normalised observations."""
+    def hidden(self, observation: Float[Array, "n *batch"]) -> Float[Array, "width *batch"]:
+        """The hidden layers' output for normalised observations, before the recurrent layer."""
         return hidden_features(self.trunk, self.norms, self.activation, observation)
+
+    def features(self, observation: Float[Array, "n *batch"]) -> Float[Array, "width *batch"]:
+        """What the heads read, for normalised observations.
+
+        Raises:
+            SwingupError: the policy is recurrent.
+        """
+        if self.gru is not None:
+            raise SwingupError("this policy has a memory: pass it with each observation")
+        return self.hidden(observation)
+
+    def step(
+        self, memory: Memory, observation: Float[Array, "n *batch"]
+    ) -> tuple[Memory, Float[Array, "width *batch"]]:
+        """The memory after an observation, None without a recurrent layer, and what the heads read."""
+        if self.gru is None or memory is None:
+            return memory, self.features(observation)
+        after = self.gru(memory, self.hidden(observation))
+        return after, after
 
     def __call__(self, observation: Float[Array, "n *batch"]) -> AbstractDistribution:
         """Distribution of the action for normalised observations."""
@@ -61,6 +85,7 @@ class Actor(AbstractActor):
     trunk: tuple[Linear, ...]
     norms: tuple[LayerNorm, ...]
     activation: Activation = eqx.field(static=True)
+    gru: GRU | None
     mean_head: Linear
     std_head: Linear | None
     """None in a policy file that holds only the deterministic policy."""
@@ -83,6 +108,7 @@ class CategoricalActor(AbstractActor):
     trunk: tuple[Linear, ...]
     norms: tuple[LayerNorm, ...]
     activation: Activation = eqx.field(static=True)
+    gru: GRU | None
     logits_head: Linear
     choices: tuple[int, ...] = eqx.field(static=True)
     """Number of alternatives of each action."""
@@ -112,9 +138,11 @@ class Critic(eqx.Module):
         return self.heads(hidden_features(self.trunk, self.norms, self.activation, observation))
 
 
-def values(actor: AbstractActor, critic: Critic, observation: Float[Array, "n *batch"]) -> Float[Array, "2 *batch"]:
+def values(
+    actor: AbstractActor, critic: Critic, observation: Float[Array, "n *batch"], memory: Memory = None
+) -> Float[Array, "2 *batch"]:
     """[v(s), v_H(s)] for normalised observations, whether hidden layers are shared or not."""
-    return critic(actor.features(observation) if critic.shared else observation)
+    return critic(actor.step(memory, observation)[1] if critic.shared else observation)
 
 
 def init_policy(
@@ -124,12 +152,13 @@ def init_policy(
     if not spaces.choices:
         return init_actor(key, spaces.observation_size, spaces.action_size, layers, log_std_init, kind)
     trunk_key, head_key = jax.random.split(key)
-    outputs = sum(spaces.choices)
+    outputs, gru = sum(spaces.choices), _init_gru(key, layers, kind)
     return CategoricalActor(
         trunk=init_trunk(trunk_key, spaces.observation_size, layers),
         norms=init_norms(layers, kind),
         activation=kind.activation,
-        logits_head=Linear(orthogonal(head_key, layers[-1], outputs, 0.01), jnp.zeros(outputs)),
+        gru=gru,
+        logits_head=Linear(orthogonal(head_key, kind.width(layers), outputs, 0.01), jnp.zeros(outputs)),
         choices=spaces.choices,
     )
 
@@ -144,17 +173,23 @@ def init_actor(
 ) -> Actor:
     """An actor whose mean starts near 0 and whose σ starts at exp(log_std_init)."""
     trunk_key, mean_key, std_key = jax.random.split(key, 3)
-    width = layers[-1]
+    width = kind.width(layers)
     # The inverse of softplus, so that log softplus(std_bias) = log_std_init.
     std_bias = jnp.log(jnp.expm1(jnp.exp(log_std_init)))
     return Actor(
         trunk=init_trunk(trunk_key, observation_size, layers),
         norms=init_norms(layers, kind),
         activation=kind.activation,
+        gru=_init_gru(key, layers, kind),
         mean_head=Linear(orthogonal(mean_key, width, action_size, 0.01), jnp.zeros(action_size)),
         # Normal weights instead of orthogonal ones, as in the authors' code.
         std_head=Linear(0.01 * jax.random.normal(std_key, (action_size, width)), jnp.zeros(action_size) + std_bias),
     )
+
+
+def _init_gru(key: Key, layers: tuple[int, ...], kind: LayerKind) -> GRU | None:
+    # From a key of its own: without it the other layers start as they always did.
+    return init_gru(jax.random.fold_in(key, 1), layers[-1], kind.gru_width) if kind.gru_width else None
 
 
 def init_critic(key: Key, observation_size: int, layers: tuple[int, ...], kind: LayerKind = PLAIN) -> Critic:

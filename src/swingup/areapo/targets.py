@@ -16,6 +16,7 @@ from .networks import values as network_values
 from .popart import rescale
 from .reward_scale import keep_values
 from .state import LearnerState, Rollout
+from .unroll import Memories, memories
 
 BOOTSTRAP_SIZE = 64
 """Truncated states whose values are computed at once; a rollout of Table I holds about 13."""
@@ -34,15 +35,16 @@ class ValueEstimates(NamedTuple):
 
 def estimate_values(state: LearnerState, rollout: Rollout, config: Config) -> tuple[LearnerState, ValueEstimates]:
     """Bootstrapped values along a rollout; ``centre_values`` subtracts their means from the critic."""
+    before, after = memories(state.actor, rollout.memory, rollout.observations, rollout.forgets)
 
-    def output(observation: Float[Array, "n"]) -> Float[Array, "2"]:
-        return network_values(state.actor, state.critic, observation)
+    def output(observation: Float[Array, "n"], memory: Float[Array, "w"] | None) -> Float[Array, "2"]:
+        return network_values(state.actor, state.critic, observation, memory)
 
-    outputs = jax.vmap(jax.vmap(output))(rollout.observations)
-    last = jax.vmap(output)(state.observations)
+    outputs = jax.vmap(jax.vmap(output))(rollout.observations, before)
+    last = jax.vmap(output)(state.observations, state.memory)
     # The next row holds the next state, except after a reset; _bootstrap corrects those rows.
     next_outputs = jnp.concatenate([outputs[1:], last[None]])
-    next_outputs = _bootstrap(output, rollout, next_outputs, config)
+    next_outputs = _bootstrap(output, rollout, after, next_outputs, config)
     values, next_values = _denormalise(state, outputs), _denormalise(state, next_outputs)
     means = _mean_of_both(values, rollout)
     if not config.centre_values:
@@ -114,7 +116,11 @@ def _mean_of_both(values: Float[Array, "steps envs 2"], rollout: Rollout) -> Flo
 
 
 def _bootstrap(
-    output: Callable[[Array], Array], rollout: Rollout, next_values: Float[Array, "steps envs 2"], config: Config
+    output: Callable[..., Array],
+    rollout: Rollout,
+    memory: Memories,
+    next_values: Float[Array, "steps envs 2"],
+    config: Config,
 ) -> Float[Array, "steps envs 2"]:
     """Replace the next values of truncated steps by those of the true next states, a few at a time.
 
@@ -125,7 +131,7 @@ def _bootstrap(
     if config.ending == "bootstrap":
         cut_short = rollout.truncated | rollout.terminated
     truncated = cut_short.reshape(-1)
-    observations = rollout.next_observations.reshape(truncated.size, -1)
+    seen = jax.tree.map(lambda leaf: leaf.reshape(truncated.size, -1), (rollout.next_observations, memory))
     # Those to replace first; one array of integers sorts far faster than argsort(~truncated).
     order = jnp.sort(jnp.arange(truncated.size) + jnp.where(truncated, 0, truncated.size)) % truncated.size
 
@@ -133,7 +139,7 @@ def _bootstrap(
         start, flat = carry
         # The last slice is moved back to fit. It then repeats some rows, with the same result.
         indices = jax.lax.dynamic_slice(order, (start,), (min(BOOTSTRAP_SIZE, truncated.size),))
-        fixed = jax.vmap(output)(observations[indices])
+        fixed = jax.vmap(output)(*jax.tree.map(lambda leaf: leaf[indices], seen))
         kept = jnp.where(truncated[indices, None], fixed, flat[indices])
         return start + BOOTSTRAP_SIZE, flat.at[indices].set(kept)
 

@@ -160,14 +160,15 @@ def _episodes(policy: Policy[Any], task: AbstractTask[Any], keys: Key) -> tuple[
         reset_key, steps_key = jax.random.split(key)
 
         def advance(carry: tuple[Any, ...], key: Key) -> tuple[tuple[Any, ...], None]:
-            state, running, total, length = carry
-            step = task.step(state, policy(task.observe(state)), key)
+            state, running, total, length, memory = carry
+            memory, action = policy.step(memory, task.observe(state))
+            step = task.step(state, action, key)
             # A scan has a fixed length: an episode that ended is still stepped, but no longer counted.
             after = (total + running * step.reward, length + running)
-            return (step.state, running & ~(step.terminated | step.truncated), *after), None
+            return (step.state, running & ~(step.terminated | step.truncated), *after, memory), None
 
-        start = (task.reset(reset_key), jnp.array(True), jnp.zeros(()), jnp.array(0))
-        (_, _, total, length), _ = jax.lax.scan(advance, start, jax.random.split(steps_key, EPISODE_STEPS))
+        start = (task.reset(reset_key), jnp.array(True), jnp.zeros(()), jnp.array(0), policy.start())
+        (_, _, total, length, _), _ = jax.lax.scan(advance, start, jax.random.split(steps_key, EPISODE_STEPS))
         return total, length
 
     return jax.vmap(episode)(keys)

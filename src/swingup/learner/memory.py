@@ -39,6 +39,8 @@ def training_bytes(config: Config, spaces: Spaces) -> tuple[int, int]:
     # Of a continuous action: mean and standard deviation.
     outputs = sum(spaces.choices) or 2 * spaces.action_size
     weights = _layers(spaces.observation_size, config.policy_layers, outputs)
+    width = config.gru_width
+    weights += 3 * width * (config.policy_layers[-1] + width + 2)
     if not config.shared_trunk:
         weights += _layers(spaces.observation_size, config.value_layers, 2)
     widest = max(config.policy_layers if config.shared_trunk else config.value_layers)

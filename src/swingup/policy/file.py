@@ -15,7 +15,7 @@ from ..arrays import load_archive, save_archive
 from ..checks import one_of
 from ..errors import SwingupError
 from ..text import quoted
-from .network import RELU, Activation, Layer, Network, Norm
+from .network import RELU, Activation, Layer, Network, Norm, Recurrence
 from .stages import ARRAYS, STAGES, Stage, make_stage
 
 FORMAT = "swingup policy"
@@ -23,14 +23,15 @@ FORMAT_VERSION = 3
 """The newest version."""
 READABLE = (1, 2, FORMAT_VERSION)
 """Versions that are read."""
-ACTIVATION, LAYER_NORM = "activation", "layer_norm"
-"""Keys of the metadata that say what follows a hidden layer; both are left out for ReLU alone."""
-SINCE = {"plant": 2, "guard": 2, ACTIVATION: 3, LAYER_NORM: 3}
+ACTIVATION, LAYER_NORM, GRU = "activation", "layer_norm", "gru"
+"""Keys of the metadata that say what follows hidden layers; all are left out for ReLU alone."""
+SINCE = {"plant": 2, "guard": 2, ACTIVATION: 3, LAYER_NORM: 3, GRU: 3}
 """Keys of the metadata that programs for older versions would ignore, and the version of a file with them."""
 
 MOST_STAGES = 10
 KNOWN = re.compile(
-    r"network\.((trunk|norm)\.\d{1,2}|mean|std|logits)\.(weight|bias)|observation\.\d\.(mean|variance)"
+    r"network\.((trunk|norm)\.\d{1,2}|gru\.(inputs|hidden)|mean|std|logits)\.(weight|bias)"
+    r"|observation\.\d\.(mean|variance)"
 )
 """Names of the arrays that are read; all others are left alone."""
 
@@ -71,13 +72,16 @@ def write_network(path: str | Path, network: Network, metadata: Mapping[str, Any
     layers |= {head: network.head}
     layers |= {} if network.std is None else {"std": network.std}
     layers |= {f"norm.{index}": norm for index, norm in enumerate(network.norms)}
+    if network.gru is not None:
+        layers |= {"gru.inputs": network.gru.inputs, "gru.hidden": network.gru.hidden}
     for name, layer in layers.items():
         arrays |= {f"network.{name}.weight": layer.weight, f"network.{name}.bias": layer.bias}
     choices = {} if network.choices is None else {"choices": list(network.choices)}
-    own = ("format", "format_version", ACTIVATION, LAYER_NORM)
+    own = ("format", "format_version", ACTIVATION, LAYER_NORM, GRU)
     given = {key: value for key, value in metadata.items() if key not in own}
     given |= {} if network.activation == RELU else {ACTIVATION: network.activation}
     given |= {LAYER_NORM: True} if network.norms else {}
+    given |= {} if network.gru is None else {GRU: True}
     # Where nothing needs a later version, older programs can read the file.
     version = max([1, *(SINCE[key] for key in given if key in SINCE)])
     save_archive(path, FORMAT, version, {"observation": stages, **choices, **given}, arrays)
@@ -110,6 +114,7 @@ def _network(metadata: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> N
         choices=choices,
         activation=_activation(metadata),
         norms=_norms(metadata, arrays, depth),
+        gru=_gru(arrays) if _flag(metadata, GRU) else None,
     )
 
 
@@ -119,11 +124,19 @@ def _activation(metadata: Mapping[str, Any]) -> Activation:
 
 
 def _norms(metadata: Mapping[str, Any], arrays: Mapping[str, np.ndarray], depth: int) -> tuple[Norm, ...]:
-    wanted = metadata.get(LAYER_NORM, False)
-    if not isinstance(wanted, bool):
-        raise SwingupError(f"{LAYER_NORM} = {quoted(wanted)}: use true or false")
-    names = [f"network.norm.{index}" for index in range(depth if wanted else 0)]
+    names = [f"network.norm.{index}" for index in range(depth if _flag(metadata, LAYER_NORM) else 0)]
     return tuple(Norm(*_vectors(arrays, name)) for name in names)
+
+
+def _gru(arrays: Mapping[str, np.ndarray]) -> Recurrence:
+    return Recurrence(_layer(arrays, "network.gru.inputs"), _layer(arrays, "network.gru.hidden"))
+
+
+def _flag(metadata: Mapping[str, Any], key: str) -> bool:
+    value = metadata.get(key, False)
+    if not isinstance(value, bool):
+        raise SwingupError(f"{key} = {quoted(value)}: use true or false")
+    return value
 
 
 def _vectors(arrays: Mapping[str, np.ndarray], name: str) -> tuple[np.ndarray, np.ndarray]:

@@ -41,6 +41,34 @@ class Layer:
 
 
 @dataclass(frozen=True)
+class Recurrence:
+    """A GRU after the hidden layers; both layers have three rows for each number that is remembered.
+
+    h ← (1 - z) n + z h with r, z = σ(...), n = tanh(W_n x + b_n + r (U_n h + c_n)); r, z and n one above the other.
+    """
+
+    inputs: Layer
+    hidden: Layer
+
+    @property
+    def width(self) -> int:
+        """Numbers that are remembered."""
+        return int(self.hidden.weight.shape[1])
+
+    def size(self, inputs: int) -> int:
+        """The output's size.
+
+        Raises:
+            SwingupError: a matrix does not fit.
+        """
+        wanted = (3 * self.width, inputs), (3 * self.width, self.width)
+        if (self.inputs.weight.shape, self.hidden.weight.shape) != wanted:
+            shapes = f"{self.inputs.weight.shape} and {self.hidden.weight.shape}"
+            raise SwingupError(f"a GRU of {self.width} after {inputs} values has weights {shapes}")
+        return self.width
+
+
+@dataclass(frozen=True)
 class Network:
     """The observation stages, the hidden layers, and the heads."""
 
@@ -55,6 +83,8 @@ class Network:
     """After each hidden layer."""
     norms: tuple[Norm, ...] = ()
     """Before each activation, or nowhere."""
+    gru: Recurrence | None = None
+    """After the hidden layers, if the policy has a memory."""
 
     def __post_init__(self) -> None:
         """Follow one observation through the stages and the layers.
@@ -66,6 +96,8 @@ class Network:
         for stage in self.stages:
             size = stage.size(size)
         for layer in self.layers:
+            if layer is self.head and self.gru is not None:
+                size = self.gru.size(size)
             size_out, size_in = layer.weight.shape
             if size != size_in:
                 raise SwingupError(f"a layer of {size_in} inputs is fed {size} values")
@@ -109,6 +141,9 @@ def largest_feature(network: Network) -> float:
             # No activation gives more than it is given, or than 1.
             most = most if network.activation == RELU else max(most, 1.0)
             largest = max(largest, most)
+        if network.gru is not None:
+            # What is remembered lies between -1 and 1.
+            largest, most = max(largest, _reach(network.gru.inputs, most), _reach(network.gru.hidden, 1.0)), 1.0
         return max(largest, *(_reach(head, most) for head in heads))
 
 
