@@ -5,18 +5,22 @@ Usage: python benchmarks/mujoco_learning.py [ID ...] [--frames 1000000] [--seeds
 
 Needs swingup[mujoco], and stable-baselines3 for the peer. The peer has its own defaults, but its 2,048 frames of a
 rollout come from 8 environments of 256 steps, as ours do. It has its VecNormalize, since ours normalises
-observations as well. Finished runs are lines of the study's file and are not repeated: frames, the mean return of
-ten deterministic episodes of the plain environment, seconds. Prints a table in Markdown: the interquartile mean
-over the seeds of the last return, with 95 % bootstrap intervals. Then, for each other learner, the probability that
-a run of the first learner returns more.
+observations as well. Finished runs are lines of the study's file and are not repeated: frames, seconds, and of ten
+deterministic episodes of the plain environment the mean return, the reward rate and the resets per 1,000 steps. A
+reset is a termination of the task, such as a fall; the time limit is none.
+
+Prints a table in Markdown: for each task the interquartile mean over the seeds of the last of these, with 95 %
+bootstrap intervals, and a dash where runs of an older version did not record it. Then, for each other learner, the
+probability that a run of the first learner returns more.
 """
 
 import argparse
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
-from study import Study, cell, draw, improvement
+from study import MISSING, Study, cell, draw, improvement, measured
 
 from swingup import AREAPO
 from swingup.learner.report import TrainingReport
@@ -28,8 +32,15 @@ POINTS = 20
 ENVS, STEPS = 8, 256
 """Environments and steps of a rollout, for both learners."""
 
-Point = tuple[int, float, float]
-"""Frames, mean return, seconds so far."""
+Point = tuple[int, float, float, float, float]
+"""Frames, mean return, seconds so far, reward of a step, resets per 1,000 steps."""
+
+MEASURES = {
+    "scores": ("mean return (sum of rewards)", 0),
+    "reward_rates": ("reward rate (per step)", 3),
+    "resets": ("resets per 1,000 steps", 2),
+}
+"""What the table and the picture show of a run, by column of the study: its label, and digits in the table."""
 
 
 def areapo(task: str, seed: int, frames: int) -> Iterator[Point]:
@@ -38,7 +49,8 @@ def areapo(task: str, seed: int, frames: int) -> Iterator[Point]:
     start = time.perf_counter()
 
     def note(model: AREAPO, report: TrainingReport) -> None:
-        points.append((report.frames, report.rows[0]["score"], time.perf_counter() - start))
+        row, seconds = report.rows[0], time.perf_counter() - start
+        points.append((report.frames, row["score"], seconds, row["reward_rate"], row["resets_per_1000_steps"]))
 
     every = frames // POINTS
     model = AREAPO(
@@ -64,8 +76,23 @@ def sb3_ppo(task: str, seed: int, frames: int) -> Iterator[Point]:
     start = time.perf_counter()
     for _ in range(POINTS):
         model.learn(frames // POINTS, reset_num_timesteps=False)
-        mean, _ = evaluate_policy(model, judge, EPISODES, deterministic=True)
-        yield model.num_timesteps, float(mean), time.perf_counter() - start
+        falls: list[bool] = []
+        returns, lengths = evaluate_policy(
+            model, judge, EPISODES, deterministic=True, return_episode_rewards=True, callback=watching(falls)
+        )
+        steps = sum(lengths)
+        seconds = time.perf_counter() - start
+        yield model.num_timesteps, sum(returns) / EPISODES, seconds, sum(returns) / steps, 1000 * sum(falls) / steps
+
+
+def watching(falls: list[bool]) -> Callable[[dict[str, Any], dict[str, Any]], None]:
+    """A callback of the peer's evaluation, which notes of each episode whether the task ended it, not a limit."""
+
+    def note(local: dict[str, Any], _: dict[str, Any]) -> None:
+        if local["done"]:
+            falls.append(not local["info"].get("TimeLimit.truncated", False))
+
+    return note
 
 
 LEARNERS = {"areapo": areapo, "sb3-ppo": sb3_ppo}
@@ -76,10 +103,39 @@ LABELS = {"areapo": "AR-EAPO (swingup)", "sb3-ppo": "PPO (Stable-Baselines3)"}
 def run(learner: str, task: str, seed: int, frames: int) -> list[Point]:
     """One run's points."""
     points = []
-    for count, score, seconds in LEARNERS[learner](task, seed, frames):
-        points.append((count, round(score, 2), round(seconds, 1)))
-        print(f"{learner} {task} seed {seed}: {count:,} frames, return {score:.1f}, {seconds:.0f} s", flush=True)
+    for count, score, seconds, rate, resets in LEARNERS[learner](task, seed, frames):
+        points.append((count, round(score, 2), round(seconds, 1), round(rate, 4), round(resets, 3)))
+        print(
+            f"{learner} {task} seed {seed}: {count:,} frames, return {score:.1f}, reward rate {rate:.3f}, "
+            f"resets per 1,000 steps {resets:.2f}, {seconds:.0f} s",
+            flush=True,
+        )
     return points
+
+
+def rows_of(study: Study, task: str, learners: Sequence[str]) -> Iterator[str]:
+    """The table's lines of one task: returns, then the other measures."""
+    for name, (label, digits) in MEASURES.items():
+        last = [[curve["scores"][-1] for curve in measured(study.of(task, each), name)] for each in learners]
+        title = task if name == "scores" else f"{task}, {label}"
+        cells = [
+            cell(values, digits) if values or not study.of(task, each) else MISSING
+            for each, values in zip(learners, last, strict=True)
+        ]
+        yield f"| {title} | {' | '.join(cells)} |"
+
+
+def plot(path: Path, study: Study, tasks: Sequence[str], learners: Sequence[str]) -> None:
+    """Draw the returns of all tasks, then their other measures where a run recorded one that is not 0."""
+    panels, labels = {}, []
+    for name, (label, _) in MEASURES.items():
+        for task in tasks:
+            lines = {LABELS[each]: measured(study.of(task, each), name) for each in learners}
+            if name == "scores" or any(any(curve["scores"]) for curves in lines.values() for curve in curves):
+                # Short: a panel is narrow, and its axis has the whole label.
+                panels[task if name == "scores" else f"{task}: {name.replace('_', ' ')}"] = lines
+                labels.append(label)
+    draw(path, panels, labels, columns=min(3, len(tasks)))
 
 
 def main() -> None:
@@ -105,14 +161,13 @@ def main() -> None:
         learner: [[curve["scores"][-1] for curve in study.of(task, learner)] for task in options.tasks]
         for learner in options.learners
     }
-    for k, task in enumerate(options.tasks):
-        print(f"| {task} | {' | '.join(cell(scores[k], digits=0) for scores in last.values())} |")
+    for task in options.tasks:
+        print("\n".join(rows_of(study, task, options.learners)))
     first, *others = options.learners
     for other in others:
         print(f"\nProbability that {first} improves on {other}: {improvement(last[first], last[other])}")
     if options.plot:
-        panels = {task: {LABELS[each]: study.of(task, each) for each in options.learners} for task in options.tasks}
-        draw(options.plot, panels, "mean return (sum of rewards)")
+        plot(options.plot, study, options.tasks, options.learners)
 
 
 if __name__ == "__main__":

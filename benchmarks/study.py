@@ -5,7 +5,7 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import median
-from typing import Any, TypedDict
+from typing import Any, NotRequired, TypedDict
 
 import numpy as np
 
@@ -31,6 +31,17 @@ class Curve(TypedDict):
     scores: list[float]
     seconds: list[float]
     """Since the run's start."""
+    reward_rates: NotRequired[list[float]]
+    """Reward of a step in each evaluation; runs of older versions lack it."""
+    resets: NotRequired[list[float]]
+    """Terminations per 1,000 steps in each evaluation; runs of older versions lack it."""
+
+
+COLUMNS = ("frames", "scores", "seconds", "reward_rates", "resets")
+"""Of an evaluation, in the order of a point; a study may leave out the last two."""
+
+MISSING = "–"
+"""In a table, for what was not recorded."""
 
 
 class Study:
@@ -47,10 +58,10 @@ class Study:
         """Whether such a run is finished."""
         return any((curve["run"], curve["seed"]) == (list(run), seed) for curve in self.curves)
 
-    def add(self, run: Sequence[str], seed: int, points: Sequence[tuple[int, float, float]]) -> None:
-        """Append a run of (frames, score, seconds)."""
-        frames, scores, seconds = ([row[k] for row in points] for k in range(3))
-        curve = {"run": list(run), "seed": seed, "frames": frames, "scores": scores, "seconds": seconds}
+    def add(self, run: Sequence[str], seed: int, points: Sequence[tuple[float, ...]]) -> None:
+        """Append a run of points: frames, score, seconds, and where measured reward rate and resets."""
+        columns = dict(zip(COLUMNS, map(list, zip(*points, strict=True)), strict=False))
+        curve = {"run": list(run), "seed": seed, **columns}
         self.curves.append(Curve(**curve))  # type: ignore[typeddict-item]
         self._path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(self._path, "".join(json.dumps(each) + "\n" for each in self.curves).encode())
@@ -63,6 +74,11 @@ class Study:
 def ends(curves: Sequence[Curve]) -> list[float]:
     """The median score of the last tenth of each curve."""
     return [median(curve["scores"][-max(1, round(TAIL * len(curve["scores"]))) :]) for curve in curves]
+
+
+def measured(curves: Sequence[Curve], name: str) -> list[Curve]:
+    """Curves with another column in the place of their scores, without those that lack it."""
+    return [Curve(**{**curve, "scores": curve[name]}) for curve in curves if name in curve]  # type: ignore[literal-required]
 
 
 def cell(values: Sequence[float], digits: int = 3) -> str:
@@ -103,21 +119,27 @@ def smooth(curves: Sequence[Curve], evaluations: int) -> list[Curve]:
 
 
 def draw(
-    path: Path, panels: Mapping[str, Mapping[str, Sequence[Curve]]], ylabel: str, sharey: bool = False
+    path: Path,
+    panels: Mapping[str, Mapping[str, Sequence[Curve]]],
+    ylabel: str | Sequence[str],
+    sharey: bool = False,
+    columns: int = 3,
 ) -> None:
     """Draw a panel for each title: for each label a thick line for the mean of the seeds, a thin one for each.
 
     Args:
         path: the picture's file.
         panels: curves by title and label.
-        ylabel: what the scores are, with their unit.
+        ylabel: what the scores are, with their unit; of all panels, or of each.
         sharey: whether scores of all panels have one scale.
+        columns: most panels side by side.
     """
     from matplotlib.lines import Line2D
 
     from swingup.report.style import legend_below, new_figure, render, styled
 
-    columns = min(3, len(panels))
+    labels = [ylabel] * len(panels) if isinstance(ylabel, str) else ylabel
+    columns = min(columns, len(panels))
     rows = -(-len(panels) // columns)
     with styled():
         figure = new_figure(max(5.6, 2.6 * columns), 0.9 + 2.1 * rows)
@@ -130,7 +152,7 @@ def draw(
             axes.set(title=title, xlim=(0, None), xlabel="frames (millions)")
             # Panels with a common scale have its numbers on the left only.
             if not sharey or place % columns == 0:
-                axes.set_ylabel(ylabel)
+                axes.set_ylabel(labels[place])
         entries["thick: mean of the seeds"] = Line2D([], [], color="black")
         entries["thin: one seed"] = Line2D([], [], color="black", **THIN)
         legend_below(figure, [(line, label) for label, line in entries.items()])

@@ -39,6 +39,7 @@ ONE_PLACE = {
     "tensorboardX": {"learner"},
     "yaml": {"yaml_map"},
     "distributed": {"sweep"},
+    "optuna": {"sweep"},
 }
 """Third-party packages that only these parts may import."""
 

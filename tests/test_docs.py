@@ -106,6 +106,7 @@ LEFT_OUT = {
 SHORTER = {
     r"--seeds \d+": "--seeds 1",
     r"--frames \d+": "--frames 16384",
+    r"--trials \d+": "--trials 1",
     r"--duration \d+": "--duration 3",
     "--real-time": "--real-time --duration 1",
     r"( preset| policy_layers)=([^ ,]+),\S+": r"\1=\2",  # one sweep keeps its two values

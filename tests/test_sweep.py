@@ -19,6 +19,7 @@ from swingup.areapo.config import Config
 from swingup.areapo.words import format_value
 from swingup.benchmark.interval import bootstrap_interval, interquartile_mean
 from swingup.cli import main
+from swingup.cli.sweeping import rows_as_json, show_variants
 from swingup.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.run import Run
@@ -63,9 +64,9 @@ def test_a_plan_has_every_combination(tmp_path):
     ("grid", "frames", "message"),
     [
         (
-            {"preset": ["mujoco", "ppo"]},
+            {"preset": ["mujoco", "default"]},
             None,
-            r"\(mujoco 1,000,000, ppo 12,000,000 frames\): give --frames",
+            r"\(mujoco 1,000,000, default 12,000,000 frames\): give --frames",
         ),
         ({"temperature": [1.0, 1.0]}, 64, "temperature=1.0/seed-0 would hold 2 runs: give each alternative"),
         (
@@ -110,6 +111,7 @@ def test_bad_words(words, message):
 def test_a_sweep_repeats_nothing_and_resumes(tmp_path):
     jobs = jobs_of(tmp_path, seeds=(0, 1))
     first = inline(jobs)
+    assert all(outcome.reward_rate == 1.0 for outcome in first)  # CartPole pays 1 a step
     assert [outcome.error for outcome in first] == ["", ""]
     files = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("last.npz")}
     assert len(files) == 2
@@ -275,6 +277,22 @@ def test_rows_summarise_by_hand():
     )
     assert (row.score, row.best, row.runs) == (2.5, 3.5, 8)
     assert row.interval[0] < 2.5 < row.interval[1]
+
+
+def test_rates_of_runs_that_lack_some_are_not_those_of_the_others(capsys):
+    job = Job("a", {"seed": 0}, "", 1)
+    outcomes = [JobOutcome(job, 1.0, 1.0, reward_rate=2.0, resets_per_1000_steps=resets) for resets in (0.5, 1.5)]
+    (row,) = summarise_variants(outcomes)
+    assert (row.reward_rate, row.resets_per_1000_steps) == (2.0, 1.0)
+    (lacking,) = summarise_variants([*outcomes, JobOutcome(job, 1.0, 1.0)])  # read from a file of an older version
+    show_variants([row, lacking])
+    text = capsys.readouterr().out
+    assert "Reward" in text
+    cells = [line.split() for line in text.splitlines()]
+    assert [line[-2:] for line in cells if line[:1] == ["a"]] == [["2", "1"], ["–", "–"]]
+    assert json.loads(rows_as_json([lacking]))[0]["reward_rate"] is None
+    show_variants([lacking])
+    assert "Reward" not in capsys.readouterr().out
 
 
 def test_intervals():

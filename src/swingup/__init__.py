@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from .policy.jax_backend.controller import load_policy, shipped_policy
     from .rehearsal.rehearse import rehearse
     from .rehearsal.result import Rehearsal
+    from .sweep.search import search
 
 _HOMES = {
     "AREAPO": "learner.agent",
@@ -57,6 +58,7 @@ _HOMES = {
     "rehearse": "rehearsal.rehearse",
     "robustness": "benchmark.robustness",
     "score": "benchmark.evaluate",
+    "search": "sweep.search",
     "shipped_policy": "policy.jax_backend.controller",
     "uptime": "benchmark.uptime",
 }
@@ -89,6 +91,7 @@ __all__ = [
     "rehearse",
     "robustness",
     "score",
+    "search",
     "shipped_policy",
     "sim2real",
     "trials",

@@ -74,9 +74,14 @@ class PendulumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self.task = _compiled_task(robot, task, plant)
         self.render_mode = _checked_render_mode(render_mode)
         # A dict of its own: the class's is shared, and the rate follows the task.
-        self.metadata = {**self.metadata, "render_fps": round(1 / float(self.task.dt))}
+        self.metadata = {**self.metadata, "render_fps": round(1 / self.dt)}
         self.observation_space, self.action_space = _spaces(self.task)
         self._episode: Episode | None = None
+
+    @property
+    def dt(self) -> float:
+        """Time of a step (s)."""
+        return float(self.task.dt)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -157,11 +162,16 @@ class PendulumVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.num_envs = num_envs = whole_number("num_envs", num_envs, 1)
         self.task = _compiled_task(robot, task, plant)
         self.render_mode = _checked_render_mode(render_mode)
-        self.metadata = {**self.metadata, "render_fps": round(1 / float(self.task.dt))}
+        self.metadata = {**self.metadata, "render_fps": round(1 / self.dt)}
         self.single_observation_space, self.single_action_space = _spaces(self.task)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._episodes: Episode | None = None
+
+    @property
+    def dt(self) -> float:
+        """Time of a step (s)."""
+        return float(self.task.dt)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -103,6 +103,11 @@ class PendulumEnvironment:
         return f"swingup/{self._params.task.robot.name.capitalize()}"
 
     @property
+    def dt(self) -> float:
+        """Time of a step of the task that was named (s)."""
+        return float(self._params.task.dt)
+
+    @property
     def num_actions(self) -> int:
         """Length of an action."""
         return self._params.task.action_size

@@ -134,6 +134,7 @@ def test_train_another_task_and_resume(capsys):
     assert main(["train", "--env", "CartPole-v1", "--frames", "128", *options]) == 0
     output = capsys.readouterr()
     assert "best score" in output.out
+    assert "reward rate 1 per step, resets per 1,000 steps " in output.out  # CartPole has no dt
     assert "training CartPole-v1 (mujoco) to 128 frames in runs/CartPole-v1-mujoco-0" in output.err
     assert main(["train", "--resume", "runs/CartPole-v1-mujoco-0", "--frames", "256"]) == 0
     rows = read_metrics("runs/CartPole-v1-mujoco-0/metrics.jsonl")

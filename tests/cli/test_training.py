@@ -24,6 +24,15 @@ def test_the_line_by_hand():
     assert "15 min left" in progress_line(report(3_000_000, 20_000.0, -0.25, 0.5, 0.75), 12_000_000, 2)
 
 
+def test_the_line_names_resets_where_there_are_some():
+    rows = [{"reward": 1.0, "score": 0.5, "termination_rate": rate} for rate in (0.001, 0.004)]
+    report = TrainingReport(50_000, 20_000.0, rows, 0.75)
+    assert progress_line(report, 100_000, 2, 99).endswith(" reward 1.000  resets 2.5/1k  score 0.500  best 0.750")
+    assert progress_line(report, 100_000, 2).endswith(" left  resets 2.5/1k  score 0.500  best 0.750")
+    never = [row | {"termination_rate": 0.0} for row in rows]
+    assert "resets" not in progress_line(TrainingReport(50_000, 20_000.0, never, 0.75), 100_000, 2)
+
+
 @pytest.mark.parametrize("reward", [0.0, -0.4935, -123456.789, 1e12, math.nan])
 @pytest.mark.parametrize("rate", [0.51, 999.6, 21_340.0, 1_234_567.0])
 @pytest.mark.parametrize("width", [80, 69])

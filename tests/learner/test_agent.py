@@ -46,6 +46,12 @@ class Lever(AbstractTask):
         return Step(after, self.observe(after), reward, jnp.array(False), ended)
 
 
+class Timed(Stairs):
+    """A step lasts half a second."""
+
+    dt = 0.5
+
+
 @pytest.fixture(scope="module")
 def noisy():
     return AREAPO(Noisy, seed=3, **TINY).learn(64)
@@ -119,6 +125,7 @@ def test_a_task_without_an_end_is_scored_by_the_reward_of_a_step(tmp_path, vecto
     model = AREAPO(env, folder=tmp_path / "run", **(TINY | episodes)).learn(64)
     row = read_metrics(tmp_path / "run" / "metrics.jsonl")[-1]
     assert (row["score"], row["best_score"], row["episode_return"]) == (2.0, 2.0, None)
+    assert (row["reward_rate"], row["resets_per_1000_steps"], row["truncation_rate"]) == (2.0, 0.0, 0.0)
     assert load_any_policy(tmp_path / "run" / "best.npz")[1]["scores"]["episodes"]["score"] == 2.0
     model.close()
 
@@ -193,8 +200,12 @@ def test_the_policy_file_says_what_it_is_for(noisy, tmp_path):
 def test_evaluate_is_the_mean_return():
     # Stairs pay 1 + 2 + 3 in three steps, whatever is done.
     model = AREAPO(Stairs, **TINY)
-    assert model.evaluate(4) == {"score": 6.0, "mean_length": 3.0, "mean_reward": 2.0}
-    assert model.evaluate(3, env=functools.partial(Stairs, terminates=True))["score"] == 6.0
+    rates = {"reward_rate": 2.0, "resets_per_1000_steps": 0.0}  # a time limit is no reset of the task
+    assert model.evaluate(4) == {"score": 6.0, "mean_length": 3.0, **rates}
+    ending = functools.partial(Stairs, terminates=True)
+    rates["resets_per_1000_steps"] = pytest.approx(1000 / 3)
+    assert model.evaluate(3, env=ending) == {"score": 6.0, "mean_length": 3.0, **rates}
+    assert model.evaluate(3, env=Timed)["reward_per_second"] == 4.0
 
 
 def test_a_vector_environment_evaluates_elsewhere():
@@ -240,8 +251,9 @@ def test_no_preset_is_guessed_for_a_pendulum_task():
     assert "mujoco" not in str(caught.value)
     with pytest.raises(SwingupError, match="for this RecoveryTask"):
         AREAPO(global_task(ROBOTS["pendubot"]), **TINY)
-    model = AREAPO(task, "default", **TINY)
-    assert (model.settings.preset, model.settings.robot) == ("default", None)
+    model = AREAPO(task, "apo", **TINY)
+    assert (model.settings.preset, model.settings.robot) == ("apo", None)
+    assert model.config.learning_rate == 5e-4  # the pendulum's, as the task is one
 
 
 class Broken(Lever):
@@ -262,6 +274,7 @@ def test_a_reset_that_is_not_finite_is_named():
 def test_the_family_trains_on_a_gymnasium_id(preset):
     row = []
     model = AREAPO("CartPole-v1", preset, **TINY)
+    assert model.config.learning_rate == 3e-4  # a size for this task, not the pendulum's 5e-4
     model.learn(64, lambda _, report: row.extend(report.rows))
     assert row[0]["gradient_norm"] > 0.0
     # Without average reward there is no gain; without temperature no entropy reward.

@@ -39,6 +39,8 @@ def test_an_environment_trains_saves_and_goes_on(tmp_path):
     near = model.evaluate(2, env=(env, Params(door=0.15)))
     assert near["mean_length"] == 1.0
     assert 0.0 < near["score"] < 3.0
+    assert near["resets_per_1000_steps"] == 1000.0  # every step ends at the door
+    assert near["reward_rate"] == pytest.approx(near["score"])
     with pytest.raises(
         SwingupError, match="the policy's actions are 1 numbers, the environment's are 1 choices of 3"
     ):

@@ -235,7 +235,7 @@ def test_curves_show_reward_and_score_of_every_seed():
     np.testing.assert_allclose([line.get_ydata() for line in dots], [[0, 0.4, 0.2], [0, 0.45, 0.25], [0, 0.5, 0.3]])
     np.testing.assert_allclose([line.get_ydata() for line in best], [[0, 0.4, 0.4], [0, 0.45, 0.45], [0, 0.5, 0.5]])
     assert scores.get_xlabel() == "frames (millions)"
-    assert (rewards.get_ylabel(), scores.get_ylabel()) == ("mean reward per step (–)", "best RealAI score (0 to 1)")
+    assert (rewards.get_ylabel(), scores.get_ylabel()) == ("reward rate per step (–)", "best RealAI score (0 to 1)")
     assert legend_texts(figure.legends[0]) == ["a (2 seeds)", "b", "one evaluation"]
 
 
@@ -255,6 +255,22 @@ def test_curves_have_gaps_where_nothing_was_measured():
     np.testing.assert_allclose(scores.get_lines()[0].get_ydata(), [np.nan, 0.4, np.nan])
 
 
+def test_a_third_panel_shows_resets_where_there_were_some():
+    rows = [{**row, "termination_rate": rate} for row, rate in zip(curve(), (0.02, None, 0.0), strict=True)]
+    figure = plot_curves({"new": rows, "old": curve(1) + curve(2)})
+    _, resets, _ = figure.axes
+    assert resets.get_ylabel() == "resets per 1,000 steps (–)"
+    new, *old = [line.get_ydata() for line in resets.get_lines()]
+    np.testing.assert_allclose(new, [20.0, np.nan, 0.0])
+    # A run of a version that did not count them is not drawn as one without resets.
+    assert all(np.isnan(line).all() for line in old)
+    assert legend_texts(figure.legends[0]) == ["new", "old (2 seeds, resets –)", "one evaluation"]
+
+
+def test_a_task_without_resets_has_no_panel_of_them():
+    assert len(plot_curves({"a": [{**row, "termination_rate": 0.0} for row in curve()]}).axes) == 2
+
+
 @pytest.mark.parametrize(
     ("rows", "reason"),
     [
@@ -264,6 +280,7 @@ def test_curves_have_gaps_where_nothing_was_measured():
         ([{"seed": 0, "score": 0.5}], "frames = None: use a number"),
         ([{"seed": 0, "frames": 1, "score": [0.5]}], r"score = \[0.5\]: use a number"),
         ([{"seed": 0, "frames": 1, "score": math.inf}], "score = inf: use a number"),
+        ([{"seed": 0, "frames": 1, "score": 0.5, "termination_rate": "x"}], "termination_rate = 'x': use a number"),
         ([{"seed": [0], "frames": 1, "score": 0.5}], r"seed = \[0\]: use a whole number"),
     ],
 )
@@ -294,6 +311,9 @@ def axis_label(axes, direction):
         pytest.param(lambda: plot_robustness({"a": result()}), id="robustness"),
         pytest.param(lambda: plot_curves({"a": curve()}), id="curve"),
         pytest.param(lambda: plot_curves({"a": [{**row, "mean_length": 9.0} for row in curve()]}), id="returns"),
+        pytest.param(
+            lambda: plot_curves({"a": [{**row, "termination_rate": 1e-3} for row in curve()]}), id="resets"
+        ),
     ],
 )
 def test_every_axis_has_a_label_and_a_unit(figure):

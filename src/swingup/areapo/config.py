@@ -237,6 +237,15 @@ def check_hyperparameter(name: Any, others: Iterable[str] = ()) -> str:
     raise SwingupError(f"unknown hyperparameter {quoted(name)}{near}")
 
 
+def check_value(name: str, value: Any) -> None:
+    """Refuse a value that a hyperparameter cannot have, whatever the others are.
+
+    Raises:
+        SwingupError: it is of another kind, or outside the hyperparameter's range.
+    """
+    _check_field(next(field for field in dataclasses.fields(Config) if field.name == name), value)
+
+
 def hyperparameters() -> list[str]:
     """The names of all hyperparameters."""
     return [field.name for field in dataclasses.fields(Config)]

@@ -85,7 +85,9 @@ class Metrics(eqx.Module):
     gradient_norm: Scalar
     """Joint norm before clipping."""
     termination_rate: Scalar
-    """Terminations a step."""
+    """Terminations a step: resets of the task itself."""
+    truncation_rate: Scalar
+    """Truncations a step, without those of a step that also terminates: the task would continue."""
     reset_cost: Scalar
     """What a termination costs after the iteration, where it costs something (units of the reward)."""
     losses: LossMetrics
@@ -116,6 +118,7 @@ def iteration_metrics(
         entropy_value=value_means[1],
         gradient_norm=gradient_norm,
         termination_rate=termination_rate(rollout),
+        truncation_rate=truncation_rate(rollout),
         reset_cost=cost,
         losses=losses,
     )
@@ -124,6 +127,11 @@ def iteration_metrics(
 def termination_rate(rollout: Rollout) -> Scalar:
     """Terminations a step, over the frames that count."""
     return mean(rollout.terminated.astype(jnp.float32), rollout.counted)
+
+
+def truncation_rate(rollout: Rollout) -> Scalar:
+    """Truncations a step, over the frames that count; where a step is both, the termination decides."""
+    return mean((rollout.truncated & ~rollout.terminated).astype(jnp.float32), rollout.counted)
 
 
 def select(condition: Bool[Array, "envs"], new: Any, old: Any) -> Any:

@@ -26,10 +26,12 @@ def _field_help() -> dict[str, str]:
 
 
 def _defaults(name: str) -> str:
-    """The value of a hyperparameter in every preset, as ``2.0; global: 0.4; apo, ppo: 0.0``."""
+    """The value of a hyperparameter in every preset, as ``2.0; global: 0.4; apo, ppo: 0.0; ppo --env: 0.0``."""
     by_value: dict[str, list[str]] = {}
     for preset, each in PRESETS.items():
         by_value.setdefault(_shown(getattr(each.config, name)), []).append(preset)
+        if each.elsewhere is not None and getattr(each.elsewhere.config, name) != getattr(each.config, name):
+            by_value.setdefault(_shown(getattr(each.elsewhere.config, name)), []).append(f"{preset} --env")
     usual = _shown(getattr(PRESETS[PENDULUM_PRESET].config, name))
     others = [f"{', '.join(presets)}: {value}" for value, presets in by_value.items() if value != usual]
     return "; ".join([usual, *others])

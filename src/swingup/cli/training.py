@@ -9,7 +9,9 @@ from ..areapo.config import config_from_dict
 from ..checks import whole_number
 from ..errors import SwingupError
 from ..learner.cores import share_cores
+from ..learner.policy_files import BEST, LAST, result_on_disk
 from ..learner.presets import PRESETS, choose_preset, get_preset
+from ..learner.rates import describe_rates
 from ..learner.run import Run
 from ..learner.run_settings import RunSettings, default_intervals, read_run_settings
 from ..learner.start import resume_run, start_run
@@ -64,7 +66,7 @@ def train_command(
             randomised, recorded, a session of the robot, as session-acrobot, or a YAML file.
         plant: the pendulum to train on, in whose units the task is; for the preset sim2real a domain names it.
         hyperparameters: those that are left out are the preset's. In brackets: the value in the preset default,
-            then in presets that differ.
+            then in presets that differ. "ppo --env" is the preset's value with --env.
     """
     options = {
         "robot": robot, "env": env, "preset": preset, "seed": seed, "seeds": seeds,
@@ -88,7 +90,8 @@ def default_options(options: dict[str, Any]) -> dict[str, Any]:
     if options["robot"] is not None:
         get_robot(options["robot"])
     preset = choose_preset(options["preset"], options.get("env") or options["robot"])
-    defaults: dict[str, Any] = {"seed": 0, "seeds": get_preset(preset).seeds} | default_intervals(options["robot"])
+    defaults: dict[str, Any] = {"seed": 0, "seeds": get_preset(preset).seeds}
+    defaults |= default_intervals(options["robot"])
     given = {name: value for name, value in options.items() if value is not None}
     return {"robot": None, **defaults, **given, "preset": preset}
 
@@ -106,7 +109,7 @@ def start_training(frames: int | None, options: dict[str, Any], out: str | None,
         SwingupError: an option is wrong, or the folder holds something or cannot be written.
     """
     chosen = default_options(options)
-    preset = get_preset(chosen["preset"])
+    preset = get_preset(chosen["preset"], chosen["robot"] is not None)
     settings = RunSettings(config=config_from_dict(vars(preset.config) | changes), **chosen)
     # Ids of Gymnasium may contain signs that a folder's name cannot.
     name = settings.name.replace("/", "-").replace(":", "-")
@@ -137,8 +140,9 @@ def _resume(
 def _score(run: Run) -> int:
     """Print the score of the best policy; judge that of a robot."""
     if run.settings.robot is None:
-        name = "best.npz" if (run.folder / "best.npz").exists() else "last.npz"
+        name = BEST if (run.folder / BEST).exists() else LAST
         print(f"best score {run.best_score:.6g}, policy {run.folder / name}")
+        print(describe_rates(result_on_disk(run.folder / name, run.backend.evaluator.measure)))
         return 0
     task, best = run.settings.task(), str(run.folder / "best.npz")
     if isinstance(task, Sim2RealTask):

@@ -20,7 +20,7 @@ from ..tasks.task import AbstractTask
 from .backend import batched
 from .habits import callbacks_of, check_device, check_env, check_names, chosen_folder, frames_to_learn
 from .policy_memory import memory_before
-from .presets import choose_preset, get_preset
+from .presets import choose_preset, get_preset, is_pendulum
 from .report import TrainingReport
 from .run import Run
 from .run_settings import RunSettings, default_intervals, describe_env, run_settings_from_dict
@@ -101,7 +101,7 @@ class AREAPO:
             intervals = {"evaluate_every": evaluate_every, "checkpoint_every": checkpoint_every}
             settings = _settings(env, preset, seed, intervals, evaluation_episodes, find_plant(plant), overrides)
             place = chosen_folder(folder, tensorboard_log)
-            run = start_run(settings, place, get_preset(settings.preset).frames, env)
+            run = start_run(settings, place, get_preset(settings.preset, is_pendulum(env)).frames, env)
         self._run = run
         # Apart from the training's key: sampled actions do not change what is learned.
         self._sampling = jax.random.key(run.settings.seed)
@@ -282,7 +282,7 @@ def _settings(
         seeds=1,
         **(default_intervals(robot) | given),
         # From names, so that misspelt keywords are found and NumPy's numbers become Python's.
-        config=config_from_dict(vars(get_preset(chosen).config) | number | overrides, OPTIONS),
+        config=config_from_dict(vars(get_preset(chosen, is_pendulum(env)).config) | number | overrides, OPTIONS),
         env=None if robot else name,
         evaluation_episodes=evaluation_episodes,
         plant=plant,

@@ -28,6 +28,7 @@ from ..tasks.task import Spaces
 from ..text import one_line, quoted
 from .answers import Answers
 from .made_environment import copies_of
+from .step_time import step_time
 
 MAKES_SENSE = (
     "a Gymnasium id, a function that makes a gymnasium.Env, a gymnasium.vector.VectorEnv, "
@@ -138,6 +139,8 @@ class Environments:
         self.observation_space, self.actions = space, Actions(attribute(env, "single_action_space"))
         self.num_envs = whole_number(f"num_envs of {name}", attribute(env, "num_envs"), 1)
         self._answers = Answers(f"environment {name}", self.num_envs, space.shape)
+        # Only environments of this process are asked: a worker process would not survive an attribute it lacks.
+        self.step_time = step_time(env.envs[0] if isinstance(env, SyncVectorEnv) else env)
         self._env, self._mode = env, mode
         self._resetting = np.zeros(self.num_envs, np.bool_)
         self._starts = np.zeros((self.num_envs, self.spaces.observation_size), np.float32)

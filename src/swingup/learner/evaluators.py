@@ -25,6 +25,8 @@ from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.sim2real import Sim2RealTask
 from ..tasks.task import AbstractTask
 from ..types import Key, Scalar
+from .rates import rates
+from .step_time import step_time
 
 EPISODE_STEPS = 1000
 """Longest episode of an evaluation of a task in JAX (steps)."""
@@ -130,45 +132,55 @@ class ReturnEvaluator(AbstractEvaluator):
         self.observation_shape = adapted.observation_shape if adapted else (task.observation_size,)
         self._facts = adapted.actions.describe() if adapted else {}
         self._task, self._seed, self._episodes = task, seed, episodes
+        self._step_time = (step_time(adapted.env) or step_time(adapted.params)) if adapted else step_time(task)
 
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
         """Means over the episodes."""
         # The same episodes each time, so that scores differ by the policy alone.
         keys = jax.random.split(jax.random.key(self._seed), episodes or self._episodes)
-        total, length = jax.device_get(_episodes(policy, self._task, keys))
-        return summarise_episodes(total.tolist(), length.tolist())
+        total, length, resets = jax.device_get(_episodes(policy, self._task, keys))
+        return summarise_episodes(total.tolist(), length.tolist(), int(resets.sum()), self._step_time)
 
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
         """Write a policy file; that of a gymnax environment has the bounds of its actions."""
         save_policy(path, policy, {**self._facts, **provenance})
 
 
-def summarise_episodes(returns: list[float], lengths: list[int]) -> dict[str, Any]:
-    """Means over episodes: the return, which is the score, its length, and the reward of a step."""
-    return {
-        "score": float(np.mean(returns)),
-        "mean_length": float(np.mean(lengths)),
-        "mean_reward": float(np.sum(returns) / np.sum(lengths)),
-    }
+def summarise_episodes(
+    returns: list[float], lengths: list[int], terminations: int, step_time: float | None = None
+) -> dict[str, Any]:
+    """Mean return, which is the score, and mean length of episodes; reward rate and resets of all their steps.
+
+    Args:
+        returns: of the episodes.
+        lengths: their steps.
+        terminations: how many of them the task itself ended, not a limit.
+        step_time: seconds of a step; None where the task has no time.
+    """
+    steps = float(np.sum(lengths))
+    means = {"score": float(np.mean(returns)), "mean_length": float(np.mean(lengths))}
+    return means | rates(float(np.sum(returns) / steps), terminations / steps, step_time)
 
 
 @jax.jit
-def _episodes(policy: Policy[Any], task: AbstractTask[Any], keys: Key) -> tuple[jax.Array, jax.Array]:
-    """Returns and lengths of the deterministic policy's episodes, one a key."""
+def _episodes(policy: Policy[Any], task: AbstractTask[Any], keys: Key) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Returns, lengths and terminations of the deterministic policy's episodes, one a key."""
 
-    def episode(key: Key) -> tuple[Scalar, Scalar]:
+    def episode(key: Key) -> tuple[Scalar, Scalar, Scalar]:
         reset_key, steps_key = jax.random.split(key)
 
         def advance(carry: tuple[Any, ...], key: Key) -> tuple[tuple[Any, ...], None]:
-            state, running, total, length, memory = carry
+            state, running, total, length, resets, memory = carry
             memory, action = policy.step(memory, task.observe(state))
             step = task.step(state, action, key)
             # A scan has a fixed length: an episode that ended is still stepped, but no longer counted.
-            after = (total + running * step.reward, length + running)
-            return (step.state, running & ~(step.terminated | step.truncated), *after, memory), None
+            after = (total + running * step.reward, length + running, resets + (running & step.terminated), memory)
+            return (step.state, running & ~(step.terminated | step.truncated), *after), None
 
-        start = (task.reset(reset_key), jnp.array(True), jnp.zeros(()), jnp.array(0), policy.start())
-        (_, _, total, length, _), _ = jax.lax.scan(advance, start, jax.random.split(steps_key, EPISODE_STEPS))
-        return total, length
+        none = jnp.array(0)
+        start = (task.reset(reset_key), jnp.array(True), jnp.zeros(()), none, none, policy.start())
+        (_, _, *counts, _), _ = jax.lax.scan(advance, start, jax.random.split(steps_key, EPISODE_STEPS))
+        total, length, resets = counts
+        return total, length, resets
 
     return jax.vmap(episode)(keys)

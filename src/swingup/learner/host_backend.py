@@ -16,11 +16,11 @@ from ..policy.jax_backend.policy import Policy
 from ..tasks.task import Spaces
 from .backend import AbstractBackend, portable_policy
 from .environments import make_environments
-from .evaluators import summarise_episodes
 from .host_collection import compile_iteration, host_iteration, new_tally
 from .host_evaluators import EpisodeEvaluator, TrainingEvaluator
 from .made_environment import tell_changes
 from .memory import check_memory
+from .rates import rates
 
 
 class HostBackend(AbstractBackend):
@@ -82,16 +82,16 @@ class HostBackend(AbstractBackend):
             state, metrics = host_iteration(state, self.environments, tally, self._config)
             rows.append(jax.device_get(metrics))
         mean = jax.tree.map(lambda *leaves: np.mean(leaves, dtype=np.float32), *rows)
-        reward = float(mean.reward)
+        reward, resets = float(mean.reward), float(mean.termination_rate)
         # Perhaps no episode ended since the last report; an endless task never ends one.
-        if tally.returns:
-            result = summarise_episodes(tally.returns, tally.finished)
-        else:
-            result = {"score": reward, "mean_length": None, "mean_reward": reward}
+        episode_return = float(np.mean(tally.returns)) if tally.returns else None
+        episode_length = float(np.mean(tally.finished)) if tally.returns else None
         if isinstance(self.evaluator, TrainingEvaluator):
-            self.evaluator.update(result)
-        episode_return = result["score"] if tally.returns else None
-        return state, mean, {"episode_return": episode_return, "episode_length": result["mean_length"]}
+            score = reward if episode_return is None else episode_return
+            # Of all steps since the last report, also those of episodes that go on.
+            measured = rates(reward, resets, self.environments.step_time)
+            self.evaluator.update({"score": score, "mean_length": episode_length, **measured})
+        return state, mean, {"episode_return": episode_return, "episode_length": episode_length}
 
     def policy(self, member: LearnerState) -> Policy[Any]:
         """The policy of an observation, flattened."""

@@ -14,6 +14,7 @@ from ..tasks.gymnax_task import as_task
 from ..tasks.task import AbstractTask, Spaces
 from .environments import Environments, make_environments
 from .evaluators import AbstractEvaluator, ReturnEvaluator, summarise_episodes
+from .rates import unknown_rates
 
 MAX_EPISODE_STEPS = 10_000
 """An evaluation cuts an episode after this (steps)."""
@@ -87,7 +88,7 @@ class TrainingEvaluator(AbstractEvaluator):
         self.observation_shape = other.observation_shape
         self._other, self._has_others = other, has_others
         # Before the first step, so that any score is better.
-        self._result: dict[str, Any] = {"score": -np.inf, "mean_length": None, "mean_reward": None}
+        self._result: dict[str, Any] = {"score": -np.inf, "mean_length": None, **unknown_rates()}
 
     def update(self, result: dict[str, Any]) -> None:
         """Keep the result of the training since the last report."""
@@ -138,18 +139,19 @@ def play(policy: Policy[Any], environments: Environments, seed: int) -> dict[str
     observations = environments.reset(seed)
     running = np.ones(environments.num_envs, np.bool_)
     returns, lengths = np.zeros(running.size), np.zeros(running.size, np.int64)
-    memory = policy.start(environments.num_envs)
+    terminations, memory = 0, policy.start(environments.num_envs)
     for _ in range(MAX_EPISODE_STEPS):
         memory, actions = remember(policy, memory, observations)
         step = environments.step(actions)
         # Environments that ended start another episode by themselves; it does not count.
         returns += running * step.rewards
         lengths += running
+        terminations += int(np.sum(running & step.terminated))
         running &= ~step.ended
         observations = step.following
         if not running.any():
             break
-    return summarise_episodes(returns.tolist(), lengths.tolist())
+    return summarise_episodes(returns.tolist(), lengths.tolist(), terminations, environments.step_time)
 
 
 def _check_spaces(policy: Policy[Any], spaces: Spaces) -> None:

@@ -11,6 +11,7 @@ from ..policy.jax_backend.policy import load_any_policy
 from ..text import one_line
 from ..version import __version__
 from .progress import TrainingProgress
+from .rates import with_present_names
 from .run_settings import RunSettings
 
 BEST, LAST = "best.npz", "last.npz"
@@ -56,6 +57,18 @@ def best_scores_on_disk(folder: Path, settings: RunSettings, measure: str) -> li
     return [
         _score_on_disk(folder / best_name(settings, index), settings, measure) for index in range(settings.seeds)
     ]
+
+
+def result_on_disk(path: Path, measure: str) -> dict[str, Any]:
+    """The result of the evaluation under which a policy file was written.
+
+    Raises:
+        SwingupError: the file cannot be read, or holds no result of this measure.
+    """
+    try:
+        return with_present_names(load_any_policy(path)[1]["scores"][measure])
+    except (KeyError, TypeError, AttributeError) as error:
+        raise SwingupError(f"{path} holds no result of {measure}: train again") from error
 
 
 def _score_on_disk(path: Path, settings: RunSettings, measure: str) -> float:

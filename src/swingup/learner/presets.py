@@ -1,5 +1,6 @@
 """Named settings of task and algorithm; presets are Python values."""
 
+import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,7 +26,44 @@ class Preset:
     """The pendulum's variant, a name of :data:`swingup.tasks.presets.TASKS`."""
     seeds: int = 1
     """How many seeds a command trains side by side, unless it is told: it keeps the best policy of all."""
+    elsewhere: "Preset | None" = None
+    """The same on tasks other than the pendulum's, where they need other sizes."""
 
+
+MUJOCO = Preset(
+    "AR-EAPO with sizes for Gymnasium's control tasks and a million frames",
+    Config(
+        num_envs=8, num_steps=256, num_epochs=10, batch_size=128, policy_layers=(64, 64), value_layers=(64, 64),
+        # With λ = 0.95 the trace's first steps, of size 1, make the gain diverge. The reset cost is ATRPO's.
+        temperature=0.02, gae_lambda=0.95, entropy_gae_lambda=0.95, clip_range=0.2, learning_rate=3e-4,
+        max_grad_norm=0.5, centre_values=True, gain_trace=False, reset_cost=100.0,
+    ),
+    1_000_000,
+)  # fmt: skip
+
+PPO_ELSEWHERE = Preset(
+    "PPO with the sizes that Stable-Baselines3 gives it",
+    Config(
+        num_envs=1, num_steps=2048, num_epochs=10, batch_size=64, policy_layers=(64, 64), value_layers=(64, 64),
+        average_reward=False, temperature=0.0, discount=0.99, entropy_discount=0.99, gae_lambda=0.95,
+        clip_range=0.2, learning_rate=3e-4, max_grad_norm=0.5, value_coefficient=0.5, log_std_init=0.0,
+        entropy_value_coefficient=0.0,  # at τ = 0 nothing reads the entropy's values
+    ),
+    1_000_000,
+)  # fmt: skip
+
+EAPO_ELSEWHERE = Preset(
+    "EAPO with PPO's sizes, and the entropy's weight and trace of the preset mujoco",
+    dataclasses.replace(
+        PPO_ELSEWHERE.config, temperature=0.02, entropy_gae_lambda=0.95, popart=True, value_coefficient=0.25,
+        entropy_value_coefficient=1.0,
+    ),
+    1_000_000,
+)  # fmt: skip
+
+APO_ELSEWHERE = Preset(
+    "the preset mujoco without entropy", dataclasses.replace(MUJOCO.config, temperature=0.0), MUJOCO.frames
+)
 
 PRESETS = {
     "default": Preset(
@@ -73,7 +111,8 @@ PRESETS = {
         task="sim2real",
     ),
     "apo": Preset(
-        "average reward without entropy (after APO, arXiv 2106.03442)", Config(temperature=0.0, centre_values=True)
+        "average reward without entropy (after APO, arXiv 2106.03442)", Config(temperature=0.0, centre_values=True),
+        elsewhere=APO_ELSEWHERE,
     ),
     "eapo": Preset(
         "discounted rewards with entropy advantages and PopArt (EAPO, arXiv 2407.18143)",
@@ -81,6 +120,7 @@ PRESETS = {
             average_reward=False, discount=0.99, entropy_discount=0.99, gae_lambda=0.95, entropy_gae_lambda=0.6,
             clip_range=0.2, popart=True,
         ),
+        elsewhere=EAPO_ELSEWHERE,
     ),
     "ppo": Preset(
         "discounted rewards, no entropy (PPO, arXiv 1707.06347)",
@@ -89,17 +129,9 @@ PRESETS = {
             average_reward=False, temperature=0.0, discount=0.99, entropy_discount=0.99, gae_lambda=0.95,
             clip_range=0.2,
         ),
+        elsewhere=PPO_ELSEWHERE,
     ),
-    "mujoco": Preset(
-        "AR-EAPO with sizes for Gymnasium's control tasks and a million frames",
-        Config(
-            num_envs=8, num_steps=256, num_epochs=10, batch_size=128, policy_layers=(64, 64), value_layers=(64, 64),
-            # With λ = 0.95 the trace's first steps, of size 1, make the gain diverge. The reset cost is ATRPO's.
-            temperature=0.02, gae_lambda=0.95, entropy_gae_lambda=0.95, clip_range=0.2, learning_rate=3e-4,
-            max_grad_norm=0.5, centre_values=True, gain_trace=False, reset_cost=100.0,
-        ),
-        1_000_000,
-    ),
+    "mujoco": MUJOCO,
 }  # fmt: skip
 
 PENDULUM_PRESET = "default"
@@ -108,13 +140,18 @@ ENV_PRESET = "mujoco"
 """The default of every other task."""
 
 
-def get_preset(name: str) -> Preset:
+def get_preset(name: str, pendulum: bool = True) -> Preset:
     """Look a preset up by its name.
+
+    Args:
+        name: of the preset.
+        pendulum: whether the task is a pendulum's; ``ppo``, ``eapo`` and ``apo`` have other sizes elsewhere.
 
     Raises:
         SwingupError: there is no such preset.
     """
-    return PRESETS[preset_name(name)]
+    preset = PRESETS[preset_name(name)]
+    return preset if pendulum or preset.elsewhere is None else preset.elsewhere
 
 
 def preset_name(name: str) -> str:
@@ -124,6 +161,11 @@ def preset_name(name: str) -> str:
         SwingupError: there is no such preset.
     """
     return one_of("preset", current_name("preset", name) if isinstance(name, str) else name, PRESETS)
+
+
+def is_pendulum(env: Any) -> bool:
+    """Whether an environment is a robot's name or a task of the pendulum."""
+    return isinstance(env, AbstractPendulumTask) or (isinstance(env, str) and env in ROBOTS)
 
 
 def choose_preset(named: str | None, env: Any) -> str:
@@ -142,4 +184,4 @@ def choose_preset(named: str | None, env: Any) -> str:
     if isinstance(env, AbstractPendulumTask):
         fitting = ", ".join(repr(name) for name in PRESETS if name != ENV_PRESET)
         raise SwingupError(f"no preset was named for this {type(env).__name__}: pass preset=, one of {fitting}")
-    return PENDULUM_PRESET if isinstance(env, str) and env in ROBOTS else ENV_PRESET
+    return PENDULUM_PRESET if is_pendulum(env) else ENV_PRESET

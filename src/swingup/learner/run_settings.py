@@ -136,10 +136,12 @@ class RunSettings:
 
     def _changed(self) -> dict[str, Any]:
         """Hyperparameters that differ from the preset's, then intervals and episodes that are not the defaults."""
-        defaults = vars(get_preset(self.preset).config) | default_intervals(self.robot)
-        defaults |= {"evaluation_episodes": RunSettings.evaluation_episodes}
-        mine = {name: (vars(self.config) | vars(self))[name] for name in defaults}
-        return {name: value for name, value in mine.items() if value != defaults[name]}
+        # What was passed in may be a pendulum's task or another: what one of the two does not have is named.
+        kinds = [True, False] if is_description(self.name) else [self.robot is not None]
+        usual = default_intervals(self.robot) | {"evaluation_episodes": RunSettings.evaluation_episodes}
+        defaults = [vars(get_preset(self.preset, pendulum).config) | usual for pendulum in kinds]
+        mine = {name: (vars(self.config) | vars(self))[name] for name in defaults[0]}
+        return {name: value for name, value in mine.items() if any(value != each[name] for each in defaults)}
 
     def as_dict(self) -> dict[str, Any]:
         """As JSON values."""

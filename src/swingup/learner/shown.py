@@ -5,6 +5,7 @@ import sys
 from types import TracebackType
 from typing import Any
 
+from .rates import shown_rate, training_resets
 from .report import TrainingReport
 
 BAR_WIDTH = 30
@@ -18,7 +19,8 @@ def tell(report: TrainingReport, aloud: bool) -> None:
     row = report.rows[0]
     line = (
         f"{report.frames:,} frames, {report.frames_per_second:.0f}/s, reward {_short(row['reward'])}, "
-        f"gain {_short(row['gain'])}, score {_short(row['score'])}"
+        f"gain {_short(row['gain'])}, resets per 1,000 steps {shown_rate(training_resets(row))}, "
+        f"score {_short(row['score'])}"
     )
     if aloud and not _LOGGER.isEnabledFor(logging.INFO):
         sys.stderr.write(line + "\n")

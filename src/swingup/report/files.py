@@ -19,7 +19,10 @@ from ..physics.parameters import ROBOTS, Robot
 from ..text import quoted
 
 CURVE_KEYS = ("reward", "score")
-"""The values of a row of metrics that learning curves show."""
+"""The values of a row of metrics that learning curves show; a run has one of them."""
+
+RESETS_KEY = "termination_rate"
+"""A further one, which older versions did not record."""
 
 LARGEST_DRAWN = 1e15
 """No count or score is larger; matplotlib's axes cannot show numbers near the largest of floating point."""
@@ -156,7 +159,7 @@ def check_curve(name: str, rows: Sequence[Mapping[str, Any]]) -> None:
         if seed is not None and not isinstance(seed, str):
             whole_number(f"{name}: seed", seed, 0)
         finite_number(f"{name}: frames", row.get("frames"), 0, LARGEST_DRAWN)
-        for key in CURVE_KEYS:
+        for key in (*CURVE_KEYS, RESETS_KEY):
             value = row.get(key)
             # Missing and NaN mean that nothing was measured: the curve has a gap there.
             if value is not None and not (isinstance(value, float) and math.isnan(value)):

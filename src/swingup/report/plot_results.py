@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..benchmark.rules import CRITERIA
-from .files import CURVE_KEYS, check_curve, check_robustness, require_some
+from .files import CURVE_KEYS, RESETS_KEY, check_curve, check_robustness, require_some
 from .style import bar_look, legend_below, line_look, new_figure, plain, styled
 
 if TYPE_CHECKING:
@@ -66,10 +66,13 @@ def plot_robustness(results: Mapping[str, Mapping[str, Any]]) -> "Figure":
 
 
 def plot_curves(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> "Figure":
-    """Draw mean reward and score over frames (millions), one line for each seed of each run.
+    """Draw reward rate and score over frames (millions), one line for each seed of each run.
 
     Dots are single evaluations; the line through them is the best so far. The score is the RealAI score of a double
     pendulum, and the mean return of other tasks. Rewards, returns and scores have no unit.
+
+    Reward rate and resets are those of training, with the exploring policy. Where a run had resets, a third panel
+    shows them. It has no line of a run that did not record them; the legend then has a dash.
 
     Args:
         runs: rows of ``metrics.jsonl``, by name, as in the legend.
@@ -80,29 +83,46 @@ def plot_curves(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> "Figure":
     require_some(runs, "run")
     for name, rows in runs.items():
         check_curve(name, rows)
+    recorded = {name for name, rows in runs.items() if any(row.get(RESETS_KEY) is not None for row in rows)}
+    with_resets = any((row.get(RESETS_KEY) or 0.0) > 0.0 for rows in runs.values() for row in rows)
     with styled():
-        figure = new_figure(5.6, 4.6)
-        top, bottom = figure.subplots(2, 1, sharex=True)
+        figure = new_figure(5.6, 6.2 if with_resets else 4.6)
+        top, *middle, bottom = panels = figure.subplots(3 if with_resets else 2, 1, sharex=True)
         entries: list[tuple[Artist, str]] = []
         for k, (name, rows) in enumerate(runs.items()):
-            seeds = list(dict.fromkeys(row.get("seed") for row in rows))
-            look = {**line_look(k), "alpha": 1.0 if len(seeds) == 1 else 0.6, "label": plain(name)}
-            for seed in seeds:
-                frames, reward, points = _columns([row for row in rows if row.get("seed") == seed])
-                (line,) = top.plot(frames, reward, **look)
-                bottom.plot(frames, points, ".", color=look["color"], **DOTS)
-                bottom.plot(frames, np.fmax.accumulate(points), drawstyle="steps-post", **look)
-            entries.append((line, plain(name) + (f" ({len(seeds)} seeds)" if len(seeds) > 1 else "")))
-        top.set(ylabel="mean reward per step (–)")
+            line, seeds = _draw_run(panels, name, rows, line_look(k))
+            facts = [f"{seeds} seeds"] if seeds > 1 else []
+            facts += ["resets –"] if with_resets and name not in recorded else []
+            entries.append((line, plain(name) + (f" ({', '.join(facts)})" if facts else "")))
+        top.set(ylabel="reward rate per step (–)")
+        for axes in middle:
+            axes.set(ylabel="resets per 1,000 steps (–)", ylim=(0, None))
         (dot,) = bottom.plot([], [], ".", color="black", **DOTS)
         bottom.set(xlabel="frames (millions)", xlim=(0, None))
         if any("mean_length" in row for rows in runs.values() for row in rows):
             bottom.set(ylabel="best mean return (–)")
         else:
             bottom.set(ylabel="best RealAI score (0 to 1)", ylim=(-0.02, None))
-        figure.align_ylabels((top, bottom))
+        figure.align_ylabels(panels)
         legend_below(figure, [*entries, (dot, "one evaluation")])
     return figure
+
+
+def _draw_run(
+    panels: Sequence["Axes"], name: str, rows: Sequence[Mapping[str, Any]], looks: Mapping[str, Any]
+) -> tuple["Artist", int]:
+    """Draw the lines of a run's seeds; returns one of them, and the number of seeds."""
+    top, *middle, bottom = panels
+    seeds = list(dict.fromkeys(row.get("seed") for row in rows))
+    look = {**looks, "alpha": 1.0 if len(seeds) == 1 else 0.6, "label": plain(name)}
+    for seed in seeds:
+        frames, reward, points, terminations = _columns([row for row in rows if row.get("seed") == seed])
+        (line,) = top.plot(frames, reward, **look)
+        for axes in middle:
+            axes.plot(frames, 1000.0 * terminations, **look)
+        bottom.plot(frames, points, ".", color=look["color"], **DOTS)
+        bottom.plot(frames, np.fmax.accumulate(points), drawstyle="steps-post", **look)
+    return line, len(seeds)
 
 
 def _draw_interval(axes: "Axes", place: float, value: float, interval: Sequence[float] | None) -> float:
@@ -124,6 +144,6 @@ def _overall(result: Mapping[str, Any]) -> str:
 
 
 def _columns(rows: Sequence[Mapping[str, Any]]) -> list[np.ndarray]:
-    """Frames (millions), rewards and scores; NaN where a row has none."""
+    """Frames (millions), rewards, scores and terminations a step; NaN where a row has none."""
     frames = np.array([row["frames"] / 1e6 for row in rows])
-    return [frames, *(np.array([row.get(key, np.nan) for row in rows], float) for key in CURVE_KEYS)]
+    return [frames, *(np.array([row.get(key, np.nan) for row in rows], float) for key in (*CURVE_KEYS, RESETS_KEY))]

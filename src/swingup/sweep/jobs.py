@@ -1,21 +1,27 @@
 """One run of a sweep, and many of them on any ``concurrent.futures.Executor``."""
 
 import contextlib
+import math
 import signal
 from collections.abc import Callable, Sequence
-from concurrent.futures import BrokenExecutor, Executor, as_completed
+from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ..errors import SwingupError
+from ..files import write_atomically
 from ..learner.metrics import METRICS_FILE, read_metrics
+from ..learner.rates import RESETS, REWARD_RATE
 from ..learner.run import Run
 from ..learner.run_folder import RunFolder
 from ..learner.run_settings import read_run_settings, run_settings_from_dict
 from ..learner.start import resume_run, start_run
 from ..text import one_line
 from .signals import in_progress
+
+PRUNED = "pruned"
+"""An empty file in a run's folder that asks for the run's end."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +45,12 @@ class JobOutcome:
     best_score: float
     error: str = ""
     """The reason why there is no score; empty where there is one."""
+    reward_rate: float = math.nan
+    """Of the last policy's evaluation; NaN where the score is none of episodes."""
+    resets_per_1000_steps: float = math.nan
+    """Likewise."""
+    pruned: bool = False
+    """Whether the run was ended early, since a search expects no more from it."""
 
 
 def run_jobs(
@@ -57,16 +69,24 @@ def run_jobs(
     futures = {executor.submit(train_one, job): index for index, job in enumerate(jobs)}
     outcomes: dict[int, JobOutcome] = {}
     for future in as_completed(futures):
-        try:
-            outcome = future.result()
-        except BrokenExecutor as error:
-            raise SwingupError("a worker of the sweep died: give the same command again, it goes on") from error
-        except Exception as error:  # train_one returns its errors: this one is the executor's
-            outcome = _failed(jobs[futures[future]], error)
-        outcomes[futures[future]] = outcome
+        outcomes[futures[future]] = outcome = outcome_of(future, jobs[futures[future]])
         if progress is not None:
             progress(outcome)
     return [outcomes[index] for index in sorted(outcomes)]
+
+
+def outcome_of(future: Future[JobOutcome], job: Job) -> JobOutcome:
+    """The outcome of a job that has ended on an executor.
+
+    Raises:
+        SwingupError: the executor lost its workers.
+    """
+    try:
+        return future.result()
+    except BrokenExecutor as error:
+        raise SwingupError("a worker of the sweep died: give the same command again, it goes on") from error
+    except Exception as error:  # train_one returns its errors: this one is the executor's
+        return _failed(job, error)
 
 
 def train_one(job: Job) -> JobOutcome:
@@ -76,17 +96,33 @@ def train_one(job: Job) -> JobOutcome:
             in_progress.append(run)
             try:
                 for _ in run.advance():
-                    pass
+                    if is_pruned(job):
+                        run.stop()
             finally:
                 in_progress.remove(run)
-        if run.frames < job.frames:  # a signal stopped it in a local worker, which ends now that the run is saved
+        early = run.frames < job.frames
+        # A signal stopped it in a local worker, which ends now that the run is saved.
+        if early and not is_pruned(job):
             signal.raise_signal(signal.SIGTERM)
         rows = read_metrics(Path(job.folder) / METRICS_FILE)
         if not rows:
             raise SwingupError(f"{job.folder} holds no metrics: remove it to train again")
-        return JobOutcome(job, _number(rows[-1]["score"]), _number(rows[-1]["best_score"]))
+        last = rows[-1]
+        scores = _number(last["score"]), _number(last["best_score"])
+        # A file of an older version, and one of the pendulum, has no rates.
+        return JobOutcome(job, *scores, "", _number(last.get(REWARD_RATE)), _number(last.get(RESETS)), early)
     except Exception as error:
         return _failed(job, error)
+
+
+def prune(job: Job) -> None:
+    """Ask for the end of a job, on whatever worker it runs, after the chunk in progress."""
+    write_atomically(Path(job.folder) / PRUNED, b"")
+
+
+def is_pruned(job: Job) -> bool:
+    """Whether the end of a job was asked for."""
+    return (Path(job.folder) / PRUNED).exists()
 
 
 def _failed(job: Job, error: Exception) -> JobOutcome:

@@ -7,14 +7,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..areapo.config import check_hyperparameter, config_from_dict
-from ..areapo.words import format_value, parse_value
+from ..areapo.config import config_from_dict
+from ..areapo.words import format_value
 from ..checks import whole_number
 from ..errors import SwingupError
 from ..learner.presets import get_preset
 from ..learner.run_settings import RunSettings
-from ..text import quoted
 from .jobs import Job
+from .space import Range, parse_space
 
 Grid = Mapping[str, Sequence[Any]]
 """Alternatives of each setting: names of the hyperparameters, or ``preset``."""
@@ -44,48 +44,67 @@ def plan_jobs(
         raise SwingupError(
             f"this sweep has {count:,} runs, of at most {MOST_RUNS:,}: choose fewer seeds or alternatives"
         )
-    # One length for all: a table of runs of different lengths would compare lengths.
-    presets = {name: get_preset(name).frames for name in grid.get("preset", [base["preset"]])}
-    if frames is None and len(set(presets.values())) > 1:
-        lengths = ", ".join(f"{name} {length:,}" for name, length in presets.items())
-        raise SwingupError(f"presets have runs of different lengths ({lengths} frames): give --frames")
+    length = common_length(base, grid.get("preset", [base["preset"]]), frames)
     jobs: list[Job] = []
     for values in itertools.product(*grid.values()):
         chosen = dict(zip(grid, values, strict=True))
         words = [f"{name}={format_value(value)}" for name, value in chosen.items()]
-        preset = chosen.pop("preset", base["preset"])
-        config = config_from_dict(vars(get_preset(preset).config) | chosen)
-        for seed in seeds:
-            settings = RunSettings(**{**base, "preset": preset, "seed": seed, "seeds": 1}, config=config)
-            # Absolute, since workers may have another working directory.
-            folder = Path(out).absolute() / (",".join(words) or "base") / f"seed-{seed}"
-            length = presets[preset] if frames is None else whole_number("frames", frames, 1)
-            jobs.append(Job(" ".join(words), settings.as_dict(), str(folder), length))
+        jobs += plan_variant(base, chosen, seeds, Path(out) / (",".join(words) or "base"), length)
     for path, count in Counter(job.folder for job in jobs).items():
         if count > 1:
             raise SwingupError(f"{path} would hold {count} runs: give each alternative and each seed once")
     return jobs
 
 
+def common_length(base: Mapping[str, Any], presets: Sequence[str], frames: int | None) -> int:
+    """The length of the runs: ``frames``, or that of all these presets.
+
+    Raises:
+        SwingupError: ``frames`` is no length, or missing where the presets differ.
+    """
+    if frames is not None:
+        return whole_number("frames", frames, 1)
+    # One length for all: a table of runs of different lengths would compare lengths.
+    known = {name: get_preset(name, _is_of_pendulum(base)).frames for name in presets}
+    if len(set(known.values())) > 1:
+        lengths = ", ".join(f"{name} {length:,}" for name, length in known.items())
+        raise SwingupError(f"presets have runs of different lengths ({lengths} frames): give --frames")
+    return next(iter(known.values()))
+
+
+def plan_variant(
+    base: Mapping[str, Any], chosen: Mapping[str, Any], seeds: Sequence[int], folder: Path, frames: int
+) -> list[Job]:
+    """The jobs of one choice of settings: one for each seed, in folders of their own below ``folder``.
+
+    Raises:
+        SwingupError: the settings cannot work, for themselves or together.
+    """
+    words = " ".join(f"{name}={format_value(value)}" for name, value in chosen.items())
+    preset = chosen.get("preset", base["preset"])
+    changes = {name: value for name, value in chosen.items() if name != "preset"}
+    config = config_from_dict(vars(get_preset(preset, _is_of_pendulum(base)).config) | changes)
+    jobs = []
+    for seed in seeds:
+        settings = RunSettings(**{**base, "preset": preset, "seed": seed, "seeds": 1}, config=config)
+        # Absolute, since workers may have another working directory.
+        jobs.append(Job(words, settings.as_dict(), str(folder.absolute() / f"seed-{seed}"), frames))
+    return jobs
+
+
+def _is_of_pendulum(base: Mapping[str, Any]) -> bool:
+    return base.get("robot") is not None
+
+
 def parse_grid(assignments: Sequence[str]) -> dict[str, list[Any]]:
     """Alternatives from words like ``learning_rate=3e-4,5e-4`` or ``policy_layers=64x64,128x128``.
 
     Raises:
-        SwingupError: a word is no assignment, a name is unknown, or a value is of another type.
+        SwingupError: a word is no assignment or has a range, a name is unknown, or a value is of another type.
     """
     grid: dict[str, list[Any]] = {}
-    for assignment in assignments:
-        name, equals, values = assignment.partition("=")
-        name = name.replace("-", "_")
-        if not equals:
-            raise SwingupError(
-                f"--set {quoted(assignment)}: write NAME=VALUE,VALUE with a hyperparameter's name or preset"
-            )
-        try:
-            if name != "preset":
-                check_hyperparameter(name, ["preset"])
-            alternatives = [text if name == "preset" else parse_value(name, text) for text in values.split(",")]
-        except SwingupError as error:
-            raise SwingupError(f"--set {quoted(assignment)}: {error}") from error
-        grid.setdefault(name, []).extend(alternatives)
+    for name, values in parse_space(assignments).items():
+        if isinstance(values, Range):
+            raise SwingupError(f"--set {name}={values} is a range: give --trials to search it, or alternatives")
+        grid[name] = values
     return grid

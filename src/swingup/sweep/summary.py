@@ -1,5 +1,6 @@
 """The table of a sweep: one row for each variant, over its seeds."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -21,6 +22,10 @@ class VariantRow:
     """Its 95 % bootstrap interval."""
     best: float
     """Interquartile mean of the best scores."""
+    reward_rate: float
+    """Interquartile mean of the last policies' reward rates; NaN where none was recorded."""
+    resets_per_1000_steps: float
+    """Likewise of their resets per 1,000 steps."""
 
 
 def summarise_variants(outcomes: Sequence[JobOutcome]) -> list[VariantRow]:
@@ -31,15 +36,21 @@ def summarise_variants(outcomes: Sequence[JobOutcome]) -> list[VariantRow]:
         # A failed run has the score NaN, which differs from itself.
         good = [outcome for outcome in mine if outcome.score == outcome.score]
         scores, best = [o.score for o in good], [o.best_score for o in good]
-        none = float("nan")
         rows.append(
             VariantRow(
                 variant=variant,
                 runs=len(good),
                 failed=len(mine) - len(good),
-                score=interquartile_mean(scores) if scores else none,
-                interval=bootstrap_interval(scores) if scores else (none, none),
-                best=interquartile_mean(best) if best else none,
+                score=_middle(scores),
+                interval=bootstrap_interval(scores) if scores else (math.nan, math.nan),
+                best=_middle(best),
+                reward_rate=_middle([o.reward_rate for o in good]),
+                resets_per_1000_steps=_middle([o.resets_per_1000_steps for o in good]),
             )
         )
     return rows
+
+
+def _middle(values: Sequence[float]) -> float:
+    """The interquartile mean; NaN where a run lacks the value: a mean of the others would hide it."""
+    return interquartile_mean(values) if values and not any(map(math.isnan, values)) else math.nan

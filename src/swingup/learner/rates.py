@@ -1,0 +1,61 @@
+"""How a continuing task is reported: its reward rate, and its resets per 1,000 steps.
+
+The reward rate is the mean reward of a step, as measured. The gain ρ is the learner's estimate of it for the
+exploring policy, less what its resets cost. A reset is a termination of the task itself. A truncation is none: the
+process would continue, and only the caller starts it anew.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from ..checks import is_number
+
+REWARD_RATE, REWARD_PER_SECOND = "reward_rate", "reward_per_second"
+RESETS = "resets_per_1000_steps"
+
+RENAMED = {"mean_reward": REWARD_RATE}
+"""Present names of entries in files of older versions."""
+
+MISSING = "–"
+"""Shown where a number was not recorded."""
+
+
+def rates(reward: float, termination_rate: float, step_time: float | None = None) -> dict[str, float]:
+    """The entries of an evaluation's result.
+
+    Args:
+        reward: mean reward of a step.
+        termination_rate: terminations a step.
+        step_time: seconds of a step; None where the task has no time.
+    """
+    timed = {} if step_time is None else {REWARD_PER_SECOND: reward / step_time}
+    return {REWARD_RATE: reward, **timed, RESETS: 1000.0 * termination_rate}
+
+
+def with_present_names(entries: Mapping[str, Any]) -> dict[str, Any]:
+    """Entries of a file of this version or an older one, under their present names."""
+    return {RENAMED.get(name, name): value for name, value in entries.items()}
+
+
+def unknown_rates() -> dict[str, None]:
+    """The same before anything was measured."""
+    return {REWARD_RATE: None, RESETS: None}
+
+
+def training_resets(row: Mapping[str, Any]) -> float | None:
+    """Resets per 1,000 steps of training in a row of metrics; None in rows of a version that did not count them."""
+    rate: Any = row.get("termination_rate")
+    return 1000.0 * float(rate) if is_number(rate) else None
+
+
+def describe_rates(result: Mapping[str, Any]) -> str:
+    """Both rates of an evaluation's result in words, with a dash for what it lacks."""
+    per_second = result.get(REWARD_PER_SECOND)
+    timed = f" ({shown_rate(per_second)} per second)" if is_number(per_second) else ""
+    rate, resets = shown_rate(result.get(REWARD_RATE)), shown_rate(result.get(RESETS))
+    return f"reward rate {rate} per step{timed}, resets per 1,000 steps {resets}"
+
+
+def shown_rate(value: Any) -> str:
+    """A number in four digits; a dash for what is none."""
+    return f"{value:.4g}" if is_number(value) else MISSING
