@@ -15,7 +15,7 @@ from ..errors import SwingupError
 from ..physics.parameters import ROBOTS
 from ..plants.plant import Plant, PlantLike, find_plant
 from ..policy.jax_backend.policy import Policy, remember
-from ..tasks.gymnax_task import as_task
+from ..tasks.adapters import as_task
 from ..tasks.task import AbstractTask
 from .backend import batched
 from .habits import callbacks_of, check_device, check_env, check_names, chosen_folder, frames_to_learn
@@ -71,7 +71,7 @@ class AREAPO:
             env: a Gymnasium id, an environment that ``gymnasium.make`` made (of which more are made alike), a
                 function that makes a ``gymnasium.Env``, a ``gymnasium.vector.VectorEnv``, a task in JAX
                 (:class:`swingup.tasks.task.AbstractTask`), an environment with gymnax's methods or a pair of one
-                and its parameters, or ``acrobot`` or ``pendubot``.
+                and its parameters, an environment of jax-envelope, or ``acrobot`` or ``pendubot``.
             preset: named settings, see :data:`swingup.learner.presets.PRESETS`. The default is ``default`` for the
                 robots and ``mujoco`` for anything else; a pendulum task that is passed in needs a name.
             seed: from which all randomness follows.

@@ -32,7 +32,7 @@ from .step_time import step_time
 
 MAKES_SENSE = (
     "a Gymnasium id, a function that makes a gymnasium.Env, a gymnasium.vector.VectorEnv, "
-    "a gymnax environment, or a task in JAX"
+    "a gymnax or envelope environment, or a task in JAX"
 )
 
 

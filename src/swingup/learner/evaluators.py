@@ -19,7 +19,7 @@ from ..policy.jax_backend.observation import AbstractStage
 from ..policy.jax_backend.policy import Policy, save_policy
 from ..policy.plant_facts import policy_plant
 from ..policy.settings import ESTIMATOR, default_estimator
-from ..tasks.gymnax_task import GymnaxTask
+from ..tasks.adapted import AbstractAdaptedTask
 from ..tasks.middle_plant import middle_plant
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.sim2real import Sim2RealTask
@@ -128,7 +128,7 @@ class ReturnEvaluator(AbstractEvaluator):
 
     def __init__(self, task: AbstractTask[Any], seed: int, episodes: int) -> None:
         """The evaluator of a task, with a default number of episodes."""
-        adapted = task if isinstance(task, GymnaxTask) else None
+        adapted = task if isinstance(task, AbstractAdaptedTask) else None
         self.observation_shape = adapted.observation_shape if adapted else (task.observation_size,)
         self._facts = adapted.actions.describe() if adapted else {}
         self._task, self._seed, self._episodes = task, seed, episodes
@@ -142,7 +142,7 @@ class ReturnEvaluator(AbstractEvaluator):
         return summarise_episodes(total.tolist(), length.tolist(), int(resets.sum()), self._step_time)
 
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
-        """Write a policy file; that of a gymnax environment has the bounds of its actions."""
+        """Write a policy file; that of an adapted environment has the bounds of its actions."""
         save_policy(path, policy, {**self._facts, **provenance})
 
 

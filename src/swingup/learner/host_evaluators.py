@@ -10,7 +10,7 @@ from gymnasium.vector import VectorEnv
 from ..areapo.networks import CategoricalActor
 from ..errors import SwingupError
 from ..policy.jax_backend.policy import Policy, remember, save_policy
-from ..tasks.gymnax_task import as_task
+from ..tasks.adapters import as_task
 from ..tasks.task import AbstractTask, Spaces
 from .environments import Environments, make_environments
 from .evaluators import AbstractEvaluator, ReturnEvaluator, summarise_episodes

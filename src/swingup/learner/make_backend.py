@@ -3,7 +3,8 @@
 from typing import Any
 
 from ..errors import SwingupError
-from ..tasks.gymnax_task import GymnaxTask, as_task
+from ..tasks.adapted import AbstractAdaptedTask
+from ..tasks.adapters import as_task
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.sim2real import Sim2RealTask
 from ..tasks.task import AbstractTask
@@ -45,7 +46,7 @@ def make_backend(settings: RunSettings, env: Any = None) -> AbstractBackend:
         check_memory(config, env.spaces, seeds)
         # With 0 episodes the score would come from training, which only the host's back end can do.
         by_returns = ReturnEvaluator(env, seed, max(1, settings.evaluation_episodes))
-        to_actions = env.actions if isinstance(env, GymnaxTask) else None
+        to_actions = env.actions if isinstance(env, AbstractAdaptedTask) else None
         return CompiledBackend(env, config, seed, seeds, by_returns, to_actions)
     if seeds > 1:
         raise SwingupError(

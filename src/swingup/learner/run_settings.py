@@ -14,7 +14,7 @@ from ..files import write_atomically
 from ..physics.parameters import NAMES, get_robot, make_parameters
 from ..plants.domain import Domain
 from ..plants.plant import FRICTIONLESS, Plant, is_plant_name
-from ..tasks.gymnax_task import GymnaxTask
+from ..tasks.adapted import AbstractAdaptedTask
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.presets import SIM2REAL_TASKS, get_task
 from ..text import one_line, quoted
@@ -224,8 +224,8 @@ def describe_env(env: Any) -> str:
     """A name for an environment: its id, or its type or function in angle brackets."""
     if isinstance(env, str):
         return env
-    if isinstance(env, GymnaxTask):
-        env = env.env
+    if isinstance(env, AbstractAdaptedTask):
+        env = env.named_after
     named = env if hasattr(env, "__qualname__") else type(env)
     return f"<{named.__module__}.{named.__qualname__}>"
 

@@ -3,12 +3,11 @@
 from typing import Any
 
 import jax
-import jax.numpy as jnp
-import numpy as np
 
 from ..errors import SwingupError
 from ..foreign import attribute, blaming
-from ..text import one_line, quoted
+from ..text import one_line
+from .adapted import shape_of_observation
 
 
 def resets_itself(env: Any) -> bool:
@@ -22,22 +21,6 @@ def resets_itself(env: Any) -> bool:
     special, general = homes
     has_limit = any("is_truncated" in vars(kind) for kind in kinds)
     return special is None or not has_limit or (general is not None and general <= special)
-
-
-def arrays_of(name: str, params: Any) -> Any:
-    """Parameters with arrays as leaves.
-
-    Raises:
-        SwingupError: a leaf is no number.
-    """
-    leaves, structure = jax.tree.flatten(params)
-    try:
-        return jax.tree.unflatten(structure, [jnp.asarray(leaf) for leaf in leaves])
-    except (TypeError, ValueError):
-        bad = next(leaf for leaf in leaves if not isinstance(leaf, bool | int | float | jax.Array | np.ndarray))
-        raise SwingupError(
-            f"parameters of {name} have a leaf {quoted(bad)}: give them numbers and arrays, in a pytree"
-        ) from None
 
 
 def observation_shape(env: Any, name: str, given: Any, params: Any) -> tuple[int, ...]:
@@ -60,12 +43,4 @@ def observation_shape(env: Any, name: str, given: Any, params: Any) -> tuple[int
         )
     with blaming(f"{name}.reset(key, params)"):
         observation, _ = jax.eval_shape(env.reset, jax.random.key(0), params)
-    shape = attribute(observation, "shape")
-    if shape is None or 0 in shape:
-        raise SwingupError(f"{name}.reset shows {one_line(observation, 100)}: make it one array with an entry")
-    if observation.dtype == np.uint8 and len(shape) > 1:
-        raise SwingupError(
-            f"observations {one_line(space, 100)} of {name} are images, which these networks cannot see: "
-            "show features of them, or say gymnax.wrappers.purerl.FlattenObservationWrapper"
-        )
-    return tuple(shape)
+    return shape_of_observation(observation, name, "reset", "gymnax.wrappers.purerl.FlattenObservationWrapper")

@@ -1,4 +1,4 @@
-"""Actions of a gymnax action space, made from the policy's."""
+"""Actions of a JAX environment's action space, made from the policy's."""
 
 from typing import Any
 
@@ -12,8 +12,8 @@ from ..foreign import attribute
 from ..text import one_line
 
 
-class GymnaxActions(eqx.Module):
-    """Scales numbers in [-1, 1] to the bounds of a box, or passes the number of a choice on."""
+class SpaceActions(eqx.Module):
+    """Scales numbers in [-1, 1] to the bounds of a box, or passes the numbers of choices on."""
 
     shape: tuple[int, ...] = eqx.field(static=True)
     """Shape of the environment's action."""
@@ -43,19 +43,20 @@ class GymnaxActions(eqx.Module):
         return {"action_low": np.asarray(self.low).tolist(), "action_high": np.asarray(self.high).tolist()}
 
 
-def gymnax_actions(space: Any) -> GymnaxActions:
-    """The actions of a space that has gymnax's attributes: ``n`` of a Discrete, ``low`` and ``high`` of a Box.
+def space_actions(space: Any) -> SpaceActions:
+    """The actions of a space of gymnax or envelope, which has either ``n`` or ``low`` and ``high``.
 
     Raises:
-        SwingupError: the space is neither, empty, of whole numbers, or without bounds.
+        SwingupError: the space has neither, is empty, of whole numbers, or without bounds.
     """
     shown = f"actions {one_line(space, 100)}"
-    if np.ndim(attribute(space, "n", np.zeros(1))) == 0:
-        number = int(space.n)
-        if number < 1:
+    number = attribute(space, "n")
+    if number is not None:
+        counts = np.asarray(number)
+        if counts.size == 0 or counts.min() < 1:
             raise SwingupError(f"{shown} are empty: give them a choice")
-        nothing = jnp.zeros(())
-        return GymnaxActions((), np.dtype(attribute(space, "dtype", np.int32)).name, (number,), nothing, nothing)
+        dtype, nothing = np.dtype(attribute(space, "dtype", np.int32)), jnp.zeros(())
+        return SpaceActions(counts.shape, dtype.name, tuple(map(int, np.ravel(counts))), nothing, nothing)
     if any(attribute(space, name) is None for name in ("low", "high", "shape")):
         raise SwingupError(f"{shown} are not supported: use a Discrete or a bounded Box")
     shape, dtype = tuple(map(int, space.shape)), np.dtype(attribute(space, "dtype", np.float32))
@@ -68,4 +69,4 @@ def gymnax_actions(space: Any) -> GymnaxActions:
         bounded = bool(np.isfinite(high - low).all())
     if not bounded:
         raise SwingupError(f"{shown} have no bounds to scale to: give its action_space finite low and high")
-    return GymnaxActions(shape, dtype.name, (), jnp.asarray(low), jnp.asarray(high))
+    return SpaceActions(shape, dtype.name, (), jnp.asarray(low), jnp.asarray(high))
