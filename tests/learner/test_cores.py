@@ -17,7 +17,8 @@ def test_as_many_cores_as_share_the_seeds_evenly(monkeypatch, seeds, there, expe
     monkeypatch.setattr(os, "cpu_count", lambda: there)
     monkeypatch.setenv("XLA_FLAGS", "")
     cores.share_cores(seeds)
-    assert asked.get("jax_num_cpu_devices") == expected
+    dispatch = {"jax_cpu_enable_async_dispatch": False}
+    assert asked == ({} if expected is None else {"jax_num_cpu_devices": expected} | dispatch)
 
 
 def test_the_users_number_of_devices_stays(monkeypatch):
@@ -31,6 +32,7 @@ def test_after_the_first_computation_nothing_changes():
     before = jax.device_count()
     cores.share_cores(64)
     assert jax.device_count() == before
+    assert jax.config.values["jax_cpu_enable_async_dispatch"]
 
 
 @pytest.mark.slow

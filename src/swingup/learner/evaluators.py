@@ -132,7 +132,7 @@ class ReturnEvaluator(AbstractEvaluator):
         self.observation_shape = adapted.observation_shape if adapted else (task.observation_size,)
         self._facts = adapted.actions.describe() if adapted else {}
         self._task, self._seed, self._episodes = task, seed, episodes
-        self._step_time = (step_time(adapted.env) or step_time(adapted.params)) if adapted else step_time(task)
+        self._step_time = step_time(*(adapted.timed if adapted else (task,)))
 
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
         """Means over the episodes."""

@@ -43,6 +43,11 @@ class AbstractAdaptedTask(AbstractTask[AdaptedState[Any]]):
         """The object whose class names the task in messages and files."""
 
     @property
+    @abc.abstractmethod
+    def timed(self) -> tuple[Any, ...]:
+        """What may have the time of a step (s) as its attribute ``dt``, the first that has it."""
+
+    @property
     def observation_size(self) -> int:
         """Length of a flattened observation."""
         return int(np.prod(self.observation_shape))

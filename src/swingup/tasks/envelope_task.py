@@ -58,6 +58,11 @@ class EnvelopeTask(AbstractAdaptedTask):
         """The environment inside all wrappers."""
         return attribute(self.env, "unwrapped", self.env)
 
+    @property
+    def timed(self) -> tuple[Any, ...]:
+        """The environment, then the one inside all wrappers."""
+        return self.env, self.named_after
+
     def reset(self, key: Key) -> AdaptedState[Any]:
         """The first state of an episode."""
         state, info = self.env.init(key)

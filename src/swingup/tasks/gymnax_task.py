@@ -70,6 +70,11 @@ class GymnaxTask(AbstractAdaptedTask):
         """The environment, or the outermost of its wrappers."""
         return self.env
 
+    @property
+    def timed(self) -> tuple[Any, ...]:
+        """The environment, then its parameters."""
+        return self.env, self.params
+
     def reset(self, key: Key) -> AdaptedState[Any]:
         """The first state of an episode."""
         observation, state = self.env.reset(key, self.params)
