@@ -187,7 +187,7 @@ class Config(eqx.Module):
         if self.gru_width and self.batch_size % self.num_steps:
             raise SwingupError(
                 f"batch_size = {self.batch_size} is no multiple of num_steps = {self.num_steps}: with gru_width a "
-                f"minibatch has whole rollouts of some environments"
+                f"minibatch has whole rollouts of some environments, so choose a multiple"
             )
 
     @property
