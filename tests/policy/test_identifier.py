@@ -8,12 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from swingup.control.controller import AbstractController, check_interface
 from swingup.errors import SwingupError
 from swingup.physics.base_parameters import BASE, base_parameters
 from swingup.physics.equations import lump
 from swingup.physics.integrate import rk4_step
 from swingup.physics.parameters import get_robot, leaderboard_parameters
 from swingup.policy.identifier_settings import LAG, IdentifierSettings, hat_weights, prior
+from swingup.policy.jax_backend.estimator import with_estimator
 from swingup.policy.jax_backend.identifier import make_identifier
 
 DT, STEPS = 0.002, 800
@@ -25,6 +27,16 @@ OTHER = dataclasses.replace(
 )  # fmt: skip
 GRID = np.array([0.1, 0.1, 0.2, 0.2, 1e-4])
 """The benchmark's half ranges of friction and rotor."""
+
+
+class Rest(AbstractController):
+    """No torque."""
+
+    def init(self):
+        return None
+
+    def __call__(self, carry, t, x):
+        return None, jnp.zeros(2, x.dtype)
 
 
 @functools.cache
@@ -151,3 +163,10 @@ def test_settings():
     mean, covariance = prior(NOMINAL, IdentifierSettings())
     assert mean[LAG] == 0
     assert np.linalg.eigvalsh(covariance).min() > -1e-12
+
+
+@pytest.mark.parametrize("double", [False, True])
+def test_it_belongs_into_the_estimator(double):
+    with jax.enable_x64(double):
+        identifier = make_identifier(ROBOT, NOMINAL)
+        check_interface(with_estimator(Rest(), ROBOT, NOMINAL, identifier=identifier))
