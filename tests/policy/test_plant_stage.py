@@ -13,6 +13,8 @@ from swingup.physics.base_parameters import base_parameters
 from swingup.physics.parameters import Parameters, identified_parameters, leaderboard_parameters
 from swingup.policy.fold import fold
 from swingup.policy.jax_backend.controller import behind_estimator, load_policy, policy_of
+from swingup.policy.jax_backend.estimator import with_estimator
+from swingup.policy.jax_backend.identifier import make_identifier
 from swingup.policy.jax_backend.policy import load_any_policy
 from swingup.policy.jax_backend.told import sees_plant, told, told_base, traced_base_parameters
 from swingup.policy.network import Layer, Network
@@ -117,6 +119,16 @@ def test_a_policy_behind_an_estimator_is_told(file):
     found = told_base(controller, jnp.arange(9.0))
     np.testing.assert_array_equal(found.controller.policy.stages[-1].base, np.arange(9.0))
     assert found.parameters == controller.parameters
+
+
+def test_an_identifier_tells_what_it_found(file):
+    controller, p = load_policy(file)[0], identified_parameters()
+    whole = with_estimator(controller, controller.robot, p, identifier=make_identifier(controller.robot, p))
+    memory = whole.init()
+    found = jnp.linspace(0.9, 1.1, 9) * base_parameters(p)
+    identified = dataclasses.replace(memory.identified, unknowns=memory.identified.unknowns.at[:9].set(found))
+    told_one = whole._informed(dataclasses.replace(memory, identified=identified))
+    np.testing.assert_allclose(told_one.policy.stages[-1].base, found, rtol=1e-5)
 
 
 def test_a_policy_needs_its_plant(file):
