@@ -34,7 +34,6 @@ from .riccati_passes import Cost, forward
 from .scalar_algebra import unpack
 from .torque_rate import TorqueRateTransition
 
-
 _SOLVER = ILQRSettings(
     # A step needs no more precision: the next one starts from its end.
     max_iterations=25,
@@ -132,6 +131,8 @@ def continue_swingups(
         pending = np.flatnonzero((found.reached < 1.0) & (steps >= settings.smallest_step))
         if progress is not None:
             progress(number - len(pending), number)
+        if not len(pending):
+            break
         for start in range(0, len(pending), settings.batch):
             part = pending[start : start + settings.batch]
             tried = _try_step(found, part, steps[part], targets, settings)
