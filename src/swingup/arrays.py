@@ -90,7 +90,8 @@ def load_archive(
         raise SwingupError(f"{path} is a {quoted(found)} file: a {kind} file is needed here")
     versions = version if isinstance(version, tuple) else (version,)
     if found_version not in versions:
-        read = " and ".join(map(str, versions))
+        *others, newest = map(str, versions)
+        read = f"{', '.join(others)} and {newest}" if others else newest
         raise SwingupError(
             f"{path} has format version {quoted(found_version)}, this program reads {read}: update swingup"
         )

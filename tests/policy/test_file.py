@@ -107,7 +107,26 @@ STAGES = [{"name": "pendulum"}, {"name": "normalise"}]
     ("metadata", "arrays", "message"),
     [
         ({"format": "swingup checkpoint"}, {}, "a 'swingup checkpoint' file"),
-        ({"format_version": 3}, {}, "format version 3, this program reads 1 and 2"),
+        ({"activation": "tanh"}, {}, "a file with an activation must have format version 3"),
+        ({"format_version": 3, "activation": "step"}, {}, "unknown activation 'step': use one of relu, tanh"),
+        ({"format_version": 3, "gru": True}, {}, "array network.gru.inputs.weight is missing"),
+        (
+            {"format_version": 3, "gru": True},
+            {
+                f"network.gru.{part}.{name}": np.zeros(shape, np.float32)
+                for part, rows in (("inputs", 256), ("hidden", 7))
+                for name, shape in (("weight", (24, rows)), ("bias", 24))
+            },
+            r"a GRU of 7 after 256 values has weights \(24, 256\) and \(24, 7\)",
+        ),
+        ({"format_version": 3, "layer_norm": 1}, {}, "layer_norm = 1: use true or false"),
+        ({"format_version": 3, "layer_norm": True}, {}, "array network.norm.0.weight is missing"),
+        (
+            {"format_version": 3, "layer_norm": True},
+            {f"network.norm.{i}.{part}": np.ones(3, np.float32) for i in (0, 1) for part in ("weight", "bias")},
+            r"a norm has shapes \(3,\) and \(3,\), its layer \(256,\)",
+        ),
+        ({"format_version": 4}, {}, "format version 4, this program reads 1, 2 and 3"),
         ({"observation": [{"name": "kalman"}, *STAGES]}, {}, "unknown observation stage 'kalman'"),
         (
             {"observation": [{"name": "pendulum", "angles": "polar"}, STAGES[1]]},

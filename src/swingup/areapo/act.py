@@ -1,7 +1,8 @@
 """One step of acting, the same on every back end: update the observation statistics, then sample actions."""
 
 import equinox as eqx
-from jaxtyping import Array, Float, Shaped
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Shaped
 
 from ..types import Key
 from .networks import AbstractActor
@@ -15,14 +16,28 @@ class Decisions(eqx.Module):
     log_probs: Float[Array, "envs"]
     actions: Shaped[Array, "envs m"]
     """In [-1, 1], or integers if they are discrete."""
+    memory: Float[Array, "envs w"] | None = None
+    """Of a recurrent policy, after the observation."""
 
 
-def decide(actor: AbstractActor, observations: Float[Array, "envs n"], key: Key) -> Decisions:
+def decide(
+    actor: AbstractActor,
+    observations: Float[Array, "envs n"],
+    key: Key,
+    memory: Float[Array, "envs w"] | None = None,
+) -> Decisions:
     """Sample an action in each environment, for normalised observations."""
-    policy = actor(observations.T)
+    after, features = actor.step(None if memory is None else memory.T, observations.T)
+    policy = actor.distribution(features)
     latents = policy.sample(key)
     # The density of the latent: from the action, atanh would lose precision near saturation.
-    return Decisions(latents.T, policy.log_prob(latents), policy.action(latents).T)
+    log_probs, actions = policy.log_prob(latents), policy.action(latents).T
+    return Decisions(latents.T, log_probs, actions, None if after is None else after.T)
+
+
+def forget(memory: Float[Array, "envs w"] | None, where: Bool[Array, "envs"]) -> Float[Array, "envs w"] | None:
+    """The memory with 0 where an episode starts."""
+    return None if memory is None else jnp.where(where[:, None], 0.0, memory)
 
 
 def update_statistics(

@@ -17,6 +17,7 @@ import numpy as np
 from ..checks import finite_number, one_of, suggestion, whole_number
 from ..errors import SwingupError
 from ..other_names import our_name
+from ..policy.network import Activation
 from ..text import quoted
 
 TINY, HUGE = 1e-12, 1e12
@@ -60,9 +61,18 @@ class Config(eqx.Module):
     batch_size: int = _count(1024)
     """Frames in a minibatch."""
     policy_layers: tuple[int, ...] = _static((256, 256))
-    """Widths of the policy's hidden layers (ReLU)."""
+    """Widths of the policy's hidden layers."""
     value_layers: tuple[int, ...] = _static((512, 512))
-    """Widths of the hidden layers that both value heads share (ReLU)."""
+    """Widths of the hidden layers that both value heads share."""
+    activation: Activation = _static("relu")
+    """Activation of all hidden layers: relu, tanh, elu, silu or gelu. C, ONNX and pages run relu alone."""
+    layer_norm: bool = _static(False)
+    """Whether each hidden layer normalises its features before the activation (arXiv 1607.06450)."""
+    shared_trunk: bool = _static(False)
+    """Whether the value heads read the policy's hidden layers; value_layers then has no effect."""
+    gru_width: int = eqx.field(static=True, default=0, metadata={"range": (0, LARGEST_COUNT)})
+    """Numbers that a recurrent layer (GRU) after the hidden layers remembers; 0: none. It needs shared_trunk, and a
+    batch_size that is a multiple of num_steps."""
     average_reward: bool = _static(True)
     """Subtract the gains (average reward); without it, the discounts below 1 bound the values."""
     gain_trace: bool = _static(True)
@@ -70,6 +80,9 @@ class Config(eqx.Module):
     near 1: λ-advantages scale the step by about 1 / (1 - λ), and the first estimates overshoot more and more."""
     centre_values: bool = _static(False)
     """Fix the values' free constant: after each rollout, subtract their mean from the heads' biases."""
+    normalise_rewards: bool = _static(False)
+    """Divide rewards by their running standard deviation, the cost of a reset included. The temperature is then in
+    units of it; metrics and gains stay in the task's."""
     normalise_advantages: bool = _static(True)
     """Normalise the soft advantages in each minibatch."""
     terminations: Terminations = _static("auto")
@@ -139,6 +152,7 @@ class Config(eqx.Module):
                 f"{self.num_envs} x {self.num_steps} = {self.rollout_size} frames: choose a divisor"
             )
         one_of("terminations", self.terminations, get_args(Terminations))
+        one_of("activation", self.activation, get_args(Activation))
         if self.average_reward and self.terminations == "end":
             raise SwingupError(
                 "terminations = 'end' does not go with average_reward, whose task goes on: "
@@ -151,6 +165,9 @@ class Config(eqx.Module):
             )
         if self.centre_values and self.popart:
             raise SwingupError("centre_values does not go with popart, which centres as well: choose one")
+        self._check_gru()
+        if self.normalise_rewards and self.popart:
+            raise SwingupError("normalise_rewards does not go with popart, which scales as well: choose one")
         for name in ("discount", "entropy_discount"):
             value = getattr(self, name)
             # Traced or batched values cannot be compared here.
@@ -161,6 +178,17 @@ class Config(eqx.Module):
                 raise SwingupError(
                     f"centre_values does not go with {name} = {value}: such a value has no free constant"
                 )
+
+    def _check_gru(self) -> None:
+        if self.gru_width and not self.shared_trunk:
+            raise SwingupError(
+                f"gru_width = {self.gru_width} needs shared_trunk: the values read the policy's memory"
+            )
+        if self.gru_width and self.batch_size % self.num_steps:
+            raise SwingupError(
+                f"batch_size = {self.batch_size} is no multiple of num_steps = {self.num_steps}: with gru_width a "
+                f"minibatch has whole rollouts of some environments, so choose a multiple"
+            )
 
     @property
     def ending(self) -> Literal["end", "reset_cost", "bootstrap"]:

@@ -16,6 +16,7 @@ from .loss import LossMetrics
 from .networks import AbstractActor, Critic
 from .normalise import RunningStatistics
 from .popart import ValueScale
+from .reward_scale import RewardScale
 
 
 class LearnerState(eqx.Module):
@@ -36,6 +37,10 @@ class LearnerState(eqx.Module):
     """What the critic's outputs stand for, with PopArt."""
     reset_cost: Scalar | None = None
     """What a termination costs, if that adapts (units of the reward)."""
+    reward_scale: RewardScale | None = None
+    """By what rewards are divided, if they are normalised."""
+    memory: Float[Array, "envs w"] | None = None
+    """What a recurrent policy remembers in each environment; 0 where an episode starts."""
 
 
 class Rollout(eqx.Module):
@@ -51,6 +56,15 @@ class Rollout(eqx.Module):
     truncated: Bool[Array, "steps envs"]
     counted: Float[Array, "steps envs"] | None = None
     """0 for a row in which an environment did nothing but reset itself, else 1; None: all rows count."""
+    memory: Float[Array, "envs w"] | None = None
+    """Of a recurrent policy, before the first step."""
+
+    @property
+    def forgets(self) -> Bool[Array, "steps envs"]:
+        """Where the next row starts an episode, and a recurrent policy its memory."""
+        ended = self.terminated | self.truncated
+        # The row of a reset follows the end of an episode, and precedes the start of the next.
+        return ended if self.counted is None else ended | (self.counted == 0.0)
 
 
 class Metrics(eqx.Module):

@@ -1,7 +1,8 @@
 """The critic's targets from a rollout: bootstrapped values, the meaning of an ending, PopArt's rescaling."""
 
 import dataclasses
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -11,9 +12,11 @@ from jaxtyping import Array, Float
 from ..types import Count, Scalar
 from .average import mean
 from .config import Config
-from .networks import Critic
+from .networks import values as network_values
 from .popart import rescale
+from .reward_scale import keep_values
 from .state import LearnerState, Rollout
+from .unroll import Memories, memories
 
 BOOTSTRAP_SIZE = 64
 """Truncated states whose values are computed at once; a rollout of Table I holds about 13."""
@@ -32,17 +35,23 @@ class ValueEstimates(NamedTuple):
 
 def estimate_values(state: LearnerState, rollout: Rollout, config: Config) -> tuple[LearnerState, ValueEstimates]:
     """Bootstrapped values along a rollout; ``centre_values`` subtracts their means from the critic."""
-    outputs = jax.vmap(jax.vmap(state.critic))(rollout.observations)
-    last = jax.vmap(state.critic)(state.observations)
+    before, after = memories(state.actor, rollout.memory, rollout.observations, rollout.forgets)
+
+    def output(observation: Float[Array, "n"], memory: Float[Array, "w"] | None) -> Float[Array, "2"]:
+        return network_values(state.actor, state.critic, observation, memory)
+
+    outputs = jax.vmap(jax.vmap(output))(rollout.observations, before)
+    last = jax.vmap(output)(state.observations, state.memory)
     # The next row holds the next state, except after a reset; _bootstrap corrects those rows.
     next_outputs = jnp.concatenate([outputs[1:], last[None]])
-    next_outputs = _bootstrap(state.critic, rollout, next_outputs, config)
+    next_outputs = _bootstrap(output, rollout, after, next_outputs, config)
     values, next_values = _denormalise(state, outputs), _denormalise(state, next_outputs)
     means = _mean_of_both(values, rollout)
     if not config.centre_values:
         return state, ValueEstimates(values, next_values, means)
     # The mean leaves the biases, too, or the next rollout would have it again.
-    critic = eqx.tree_at(lambda c: c.heads.bias, state.critic, replace_fn=lambda bias: bias - means)
+    shift = over_scale(state, means)
+    critic = eqx.tree_at(lambda c: c.heads.bias, state.critic, replace_fn=lambda bias: bias - shift)
     centred = dataclasses.replace(state, critic=critic)
     # Both shift alike, so that with γ = 1 no advantage changes.
     return centred, ValueEstimates(values - means, next_values - means, means)
@@ -52,20 +61,45 @@ def apply_endings(
     rollout: Rollout, next_values: Float[Array, "steps envs 2"], cost: Scalar, config: Config
 ) -> tuple[Float[Array, "steps envs"], Float[Array, "steps envs 2"]]:
     """Rewards and next values with terminations as ``Config.terminations`` says, at this cost of a reset."""
+    rewards = charged_rewards(rollout, cost, config)
     if config.ending == "end":
-        return rollout.rewards, jnp.where(rollout.terminated[..., None], 0.0, next_values)
+        return rewards, jnp.where(rollout.terminated[..., None], 0.0, next_values)
     # next_values are those of the new start: _bootstrap replaced only truncated steps.
-    if config.ending == "reset_cost":
-        return jnp.where(rollout.terminated, rollout.rewards - cost, rollout.rewards), next_values
-    return rollout.rewards, next_values
+    return rewards, next_values
+
+
+def charged_rewards(rollout: Rollout, cost: Scalar, config: Config) -> Float[Array, "steps envs"]:
+    """Rewards less the cost of a reset, where there is one."""
+    if config.ending != "reset_cost":
+        return rollout.rewards
+    return jnp.where(rollout.terminated, rollout.rewards - cost, rollout.rewards)
+
+
+def follow_rewards(state: LearnerState, rollout: Rollout, cost: Scalar, config: Config) -> LearnerState:
+    """The state whose reward scale has seen a rollout; no value changes. Without a scale it stays as it is."""
+    if state.reward_scale is None:
+        return state
+    scale = state.reward_scale.update(charged_rewards(rollout, cost, config), rollout.counted)
+    critic = keep_values(state.critic, state.reward_scale, scale)
+    return dataclasses.replace(state, critic=critic, reward_scale=scale)
+
+
+def times_scale(state: LearnerState, values: Any) -> Any:
+    """Values in the task's units, for values on the learner's scale of rewards."""
+    return values if state.reward_scale is None else values * state.reward_scale.deviation
+
+
+def over_scale(state: LearnerState, values: Any) -> Any:
+    """Values on the learner's scale of rewards, for values in the task's units."""
+    return values if state.reward_scale is None else values / state.reward_scale.deviation
 
 
 def normalise_returns(
     state: LearnerState, returns: Float[Array, "steps envs 2"], rollout: Rollout, config: Config
 ) -> tuple[LearnerState, Float[Array, "steps envs 2"]]:
-    """The critic's targets: the returns. With PopArt they are on its scale, which first follows the returns."""
+    """The critic's targets: the returns on the scale of the rewards, or of PopArt, which first follows them."""
     if state.value_scale is None:
-        return state, returns
+        return state, over_scale(state, returns)
     first, second = _mean_of_both(returns, rollout), _mean_of_both(returns**2, rollout)
     scale = state.value_scale.update(first, second, config.popart_step_size)
     critic = rescale(state.critic, state.value_scale, scale)
@@ -73,7 +107,7 @@ def normalise_returns(
 
 
 def _denormalise(state: LearnerState, outputs: Float[Array, "steps envs 2"]) -> Float[Array, "steps envs 2"]:
-    return outputs if state.value_scale is None else state.value_scale.denormalise(outputs)
+    return times_scale(state, outputs) if state.value_scale is None else state.value_scale.denormalise(outputs)
 
 
 def _mean_of_both(values: Float[Array, "steps envs 2"], rollout: Rollout) -> Float[Array, "2"]:
@@ -82,7 +116,11 @@ def _mean_of_both(values: Float[Array, "steps envs 2"], rollout: Rollout) -> Flo
 
 
 def _bootstrap(
-    critic: Critic, rollout: Rollout, next_values: Float[Array, "steps envs 2"], config: Config
+    output: Callable[..., Array],
+    rollout: Rollout,
+    memory: Memories,
+    next_values: Float[Array, "steps envs 2"],
+    config: Config,
 ) -> Float[Array, "steps envs 2"]:
     """Replace the next values of truncated steps by those of the true next states, a few at a time.
 
@@ -93,7 +131,7 @@ def _bootstrap(
     if config.ending == "bootstrap":
         cut_short = rollout.truncated | rollout.terminated
     truncated = cut_short.reshape(-1)
-    observations = rollout.next_observations.reshape(truncated.size, -1)
+    seen = jax.tree.map(lambda leaf: leaf.reshape(truncated.size, -1), (rollout.next_observations, memory))
     # Those to replace first; one array of integers sorts far faster than argsort(~truncated).
     order = jnp.sort(jnp.arange(truncated.size) + jnp.where(truncated, 0, truncated.size)) % truncated.size
 
@@ -101,7 +139,7 @@ def _bootstrap(
         start, flat = carry
         # The last slice is moved back to fit. It then repeats some rows, with the same result.
         indices = jax.lax.dynamic_slice(order, (start,), (min(BOOTSTRAP_SIZE, truncated.size),))
-        fixed = jax.vmap(critic)(observations[indices])
+        fixed = jax.vmap(output)(*jax.tree.map(lambda leaf: leaf[indices], seen))
         kept = jnp.where(truncated[indices, None], fixed, flat[indices])
         return start + BOOTSTRAP_SIZE, flat.at[indices].set(kept)
 

@@ -14,18 +14,25 @@ from jaxtyping import Array, Float
 
 from ..tasks.task import AbstractTask
 from ..types import Count, Key, Scalar
-from .act import decide, update_statistics
+from .act import decide, forget, update_statistics
 from .advantage import advantages, update_gains
 from .config import Config
 from .initial import begin_episodes, init_learner
 from .keys import IterationKeys, RolloutKeys, initial_keys, iteration_keys, rollout_keys
 from .loss import Frames, LossMetrics, loss
+from .minibatches import minibatches
 from .optimiser import make_optimiser
 from .reset_cost import adapt_reset_cost, reset_cost
 from .schedule import at_iteration
-from .shuffle import shuffled
 from .state import LearnerState, Metrics, Rollout, iteration_metrics, select
-from .targets import apply_endings, estimate_values, normalise_returns
+from .targets import (
+    apply_endings,
+    estimate_values,
+    follow_rewards,
+    normalise_returns,
+    over_scale,
+    times_scale,
+)
 
 Task = AbstractTask[Any]
 
@@ -78,8 +85,8 @@ def collect(state: LearnerState, key: Key, task: Task, config: Config) -> tuple[
     """Act for ``num_steps`` in every environment; reset those that ended."""
 
     def act(carry: tuple[Any, ...], keys: RolloutKeys) -> tuple[tuple[Any, ...], Rollout]:
-        task_states, observations, statistics = carry
-        chosen = decide(state.actor, observations, keys.sample)
+        task_states, observations, statistics, memory = carry
+        chosen = decide(state.actor, observations, keys.sample, memory)
         step = jax.vmap(task.step)(task_states, chosen.actions, keys.step)
         ended = step.terminated | step.truncated
         # Few steps have a reset. All environments draw one then, and always where seeds run side by side.
@@ -91,14 +98,15 @@ def collect(state: LearnerState, key: Key, task: Task, config: Config) -> tuple[
         statistics, seen, true_next = update_statistics(
             statistics, jax.vmap(task.observe)(following), step.observation, config.observation_clip
         )
-        return (following, seen, statistics), Rollout(
+        return (following, seen, statistics, forget(chosen.memory, ended)), Rollout(
             observations, chosen.latents, chosen.log_probs, step.reward, true_next, step.terminated, step.truncated
         )
 
-    carry = (state.task_states, state.observations, state.statistics)
+    carry = (state.task_states, state.observations, state.statistics, state.memory)
     keys = rollout_keys(key, config.num_steps, config.num_envs)
-    (task_states, observations, statistics), rollout = jax.lax.scan(act, carry, keys)
-    return replace(state, task_states=task_states, observations=observations, statistics=statistics), rollout
+    (task_states, observations, statistics, memory), rollout = jax.lax.scan(act, carry, keys)
+    after = replace(state, task_states=task_states, observations=observations, statistics=statistics, memory=memory)
+    return after, replace(rollout, memory=state.memory)
 
 
 def estimate(
@@ -110,11 +118,13 @@ def estimate(
     decides: the value beyond is 0, or that of the state before the reset, or the step pays a cost and the value of
     the state after the reset follows. All of them cut the recursion. The entropy reward is -τ log π(a|s).
     """
+    paid = reset_cost(state, config)
+    state = follow_rewards(state, rollout, paid, config)
     state, (values, next_values, value_means) = estimate_values(state, rollout, config)
-    rewards, next_values = apply_endings(rollout, next_values, reset_cost(state, config), config)
+    rewards, next_values = apply_endings(rollout, next_values, paid, config)
     cuts = rollout.terminated | rollout.truncated
     # τ enters here, so that V_H and ρ_H are in units of the reward.
-    entropy_rewards = -config.temperature * rollout.log_probs
+    entropy_rewards = -times_scale(state, config.temperature) * rollout.log_probs
     reward_advantages = advantages(
         rewards, values[..., 0], next_values[..., 0], cuts,
         state.gains.reward, config.discount, config.gae_lambda,
@@ -129,10 +139,11 @@ def estimate(
     state, targets = normalise_returns(state, returns, rollout, config)
     # After the advantages, which use the old gains, as in the authors' code.
     gains = update_gains(state.gains, reward_advantages, entropy_advantages, config, rollout.counted)
-    soft_advantages = reward_advantages + entropy_advantages
+    soft_advantages = over_scale(state, reward_advantages + entropy_advantages)
     frames = Frames(
-        rollout.observations, rollout.latents, rollout.log_probs, soft_advantages, targets, rollout.counted
-    )
+        rollout.observations, rollout.latents, rollout.log_probs, soft_advantages, targets, rollout.counted,
+        rollout.memory, None if rollout.memory is None else rollout.forgets,
+    )  # fmt: skip
     cost = adapt_reset_cost(state.reset_cost, rollout, config)
     return replace(state, gains=gains, reset_cost=cost), frames, value_means
 
@@ -142,20 +153,15 @@ def improve(
 ) -> tuple[LearnerState, LossMetrics, Scalar]:
     """Several epochs of minibatch gradient steps on actor and critic with one Adam."""
     optimiser = make_optimiser(config)
-    flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), frames)
+    orders, pick = minibatches(key, frames, config)
 
     def step(carry: tuple[Any, ...], indices: Array) -> tuple[tuple[Any, ...], tuple[LossMetrics, Scalar]]:
         networks, optimiser_state = carry
-        minibatch = jax.tree.map(lambda leaf: leaf[indices], flat)
-        gradients, metrics = jax.grad(loss, has_aux=True)(networks, minibatch, config)
+        gradients, metrics = jax.grad(loss, has_aux=True)(networks, pick(indices), config)
         updates, optimiser_state = optimiser.update(gradients, optimiser_state)
         return (optax.apply_updates(networks, updates), optimiser_state), (metrics, optax.tree.norm(gradients))
 
-    orders = shuffled(key, config.num_epochs, config.rollout_size)
     carry = ((state.actor, state.critic), state.optimiser)
-    # batch_size divides the rollout: no minibatch has frames of two epochs.
-    ((actor, critic), optimiser_state), (losses, norms) = jax.lax.scan(
-        step, carry, orders.reshape(-1, config.batch_size)
-    )
+    ((actor, critic), optimiser_state), (losses, norms) = jax.lax.scan(step, carry, orders)
     improved = replace(state, actor=actor, critic=critic, optimiser=optimiser_state)
     return improved, jax.tree.map(jnp.mean, losses), jnp.mean(norms)

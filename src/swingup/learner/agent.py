@@ -7,7 +7,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Shaped
 
 from ..areapo.checkpoint import load_checkpoint, read_metadata, save_checkpoint
 from ..areapo.config import Config, config_from_dict
@@ -15,11 +14,12 @@ from ..checks import whole_number
 from ..errors import SwingupError
 from ..physics.parameters import ROBOTS
 from ..plants.plant import Plant, PlantLike, find_plant
-from ..policy.jax_backend.policy import Policy, act
+from ..policy.jax_backend.policy import Policy, remember
 from ..tasks.adapters import as_task
 from ..tasks.task import AbstractTask
 from .backend import batched
 from .habits import callbacks_of, check_device, check_env, check_names, chosen_folder, frames_to_learn
+from .policy_memory import memory_before
 from .presets import choose_preset, get_preset, is_pendulum
 from .report import TrainingReport
 from .run import Run
@@ -178,7 +178,9 @@ class AREAPO:
                     self._run.stop()
         return self
 
-    def predict(self, observation: Any, deterministic: bool = True) -> Shaped[np.ndarray, "..."]:
+    def predict(
+        self, observation: Any, deterministic: bool = True, *, state: Any = None, episode_start: Any = None
+    ) -> Any:
         """Actions of the environment for an observation, or for several along a leading axis.
 
         For the pendulum's robots and for tasks in JAX, actions are those of the task: in [-1, 1], or integers.
@@ -186,16 +188,25 @@ class AREAPO:
         Args:
             observation: shape of the observation space, or with one axis more in front.
             deterministic: the policy's mode; otherwise a sample, which differs from call to call.
+            state: of a recurrent policy (``gru_width``), what the last call returned; None at the first.
+            episode_start: of a recurrent policy, whether each observation is the first of an episode.
+
+        Returns:
+            The actions; of a recurrent policy a pair of them and the state for the next call.
 
         Raises:
-            SwingupError: the observation has another shape.
+            SwingupError: the observation, the state or ``episode_start`` has another shape.
         """
         flat, single = batched(observation, self._run.backend.evaluator.observation_shape)
         key = None
         if not deterministic:
             self._sampling, key = jax.random.split(self._sampling)
-        actions = self._run.backend.to_actions(act(self._policy(), flat, key))
-        return actions[0] if single else actions
+        policy = self._policy()
+        before = memory_before(policy, state, episode_start, len(flat))
+        after, chosen = remember(policy, before, flat, key)
+        actions = self._run.backend.to_actions(chosen)
+        found = actions[0] if single else actions
+        return found if after is None else (found, np.asarray(after))
 
     def _policy(self) -> Policy[Any]:
         """The policy on the device; it is copied there again after each call of ``learn``."""

@@ -170,14 +170,16 @@ def _episodes(policy: Policy[Any], task: AbstractTask[Any], keys: Key) -> tuple[
         reset_key, steps_key = jax.random.split(key)
 
         def advance(carry: tuple[Any, ...], key: Key) -> tuple[tuple[Any, ...], None]:
-            state, running, total, length, resets = carry
-            step = task.step(state, policy(task.observe(state)), key)
+            state, running, total, length, resets, memory = carry
+            memory, action = policy.step(memory, task.observe(state))
+            step = task.step(state, action, key)
             # A scan has a fixed length: an episode that ended is still stepped, but no longer counted.
-            after = (total + running * step.reward, length + running, resets + (running & step.terminated))
+            after = (total + running * step.reward, length + running, resets + (running & step.terminated), memory)
             return (step.state, running & ~(step.terminated | step.truncated), *after), None
 
-        start = (task.reset(reset_key), jnp.array(True), jnp.zeros(()), jnp.array(0), jnp.array(0))
-        (_, _, *counts), _ = jax.lax.scan(advance, start, jax.random.split(steps_key, EPISODE_STEPS))
+        none = jnp.array(0)
+        start = (task.reset(reset_key), jnp.array(True), jnp.zeros(()), none, none, policy.start())
+        (_, _, *counts, _), _ = jax.lax.scan(advance, start, jax.random.split(steps_key, EPISODE_STEPS))
         total, length, resets = counts
         return total, length, resets
 

@@ -1,17 +1,16 @@
 """Collecting a rollout from environments that the host steps: one compiled call for each step of all of them."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..areapo import train
-from ..areapo.act import Decisions, decide, update_statistics
+from ..areapo.act import Decisions, decide, forget, update_statistics
 from ..areapo.config import Config
 from ..areapo.keys import iteration_keys
 from ..areapo.networks import AbstractActor
@@ -61,16 +60,20 @@ def compile_iteration(state: LearnerState, config: Config, all_count: bool) -> N
     """Compile the functions that an iteration calls, from shapes alone; no environment is stepped."""
     keys, index = _keys(state.key), np.uint32(0)
     observations = np.zeros(state.observations.shape, np.float32)
-    chosen = _decide.lower(state.actor, observations, keys.collect, index).compile().out_info
+    memory: Any = None if state.memory is None else np.zeros(state.memory.shape, np.float32)
+    chosen = _decide.lower(state.actor, observations, keys.collect, index, memory).compile().out_info
     clip = np.float32(config.observation_clip)
-    lowered = _advance.lower(state.actor, state.statistics, observations, observations, keys.collect, index, clip)
-    lowered.compile()
     flags = np.zeros(config.num_envs, np.bool_)
+    lowered = _advance.lower(
+        state.actor, state.statistics, observations, observations, keys.collect, index, clip, memory, flags
+    )
+    lowered.compile()
     rewards = np.zeros(config.num_envs, np.float32)
     step = HostStep(observations, observations, rewards, flags, flags, flags)
     latents = np.zeros(chosen.latents.shape, chosen.latents.dtype)
     row = (observations, latents, rewards, observations, step)
-    _update.lower(state, _rollout([row] * config.num_steps, all_count), keys, config).compile()
+    rollout = replace(_rollout([row] * config.num_steps, all_count), memory=memory)
+    _update.lower(state, rollout, keys, config).compile()
 
 
 def collect_on_host(
@@ -79,7 +82,9 @@ def collect_on_host(
     """Act for ``num_steps`` in every environment, as :func:`swingup.areapo.train.collect` does."""
     seen = np.asarray(state.observations)
     statistics = state.statistics
-    chosen = jax.device_get(_decide(state.actor, seen, key, np.uint32(0)))
+    start: Any = None if state.memory is None else np.asarray(state.memory)
+    memory = start
+    chosen = jax.device_get(_decide(state.actor, seen, key, np.uint32(0), memory))
     # NumPy's types, as in compile_iteration: Python's numbers have other types for JAX and compile again.
     clip = np.float32(config.observation_clip)
     rows = []
@@ -87,14 +92,20 @@ def collect_on_host(
         step = environments.step(chosen.actions)
         tally.add(step)
         statistics, *answer = _advance(
-            state.actor, statistics, step.following, step.true_next, key, np.uint32(index), clip
-        )
-        following, true_next, following_chosen = jax.device_get(answer)
+            state.actor, statistics, step.following, step.true_next, key, np.uint32(index), clip,
+            chosen.memory, step.ended | ~step.counted,
+        )  # fmt: skip
+        following, true_next, memory, following_chosen = jax.device_get(answer)
         rows.append((seen, chosen.latents, chosen.log_probs, true_next, step))
         seen, chosen = following, following_chosen
     # The last decision is dropped: the next rollout decides with its own key and the improved actor.
-    after = eqx.tree_at(lambda s: (s.statistics, s.observations), state, (statistics, jnp.asarray(seen)))
-    return after, _rollout(rows, environments.all_count)
+    after = replace(
+        state,
+        statistics=statistics,
+        observations=jnp.asarray(seen),
+        memory=None if memory is None else jnp.asarray(memory),
+    )
+    return after, replace(_rollout(rows, environments.all_count), memory=start)
 
 
 def _rollout(rows: list[tuple[Any, ...]], all_count: bool) -> Rollout:
@@ -118,8 +129,14 @@ def _stack(arrays: Iterable[np.ndarray]) -> Any:
 
 
 @jax.jit
-def _decide(actor: AbstractActor, seen: Float[Array, "envs n"], key: Key, index: Count) -> Decisions:
-    return decide(actor, seen, jax.random.fold_in(key, index))
+def _decide(
+    actor: AbstractActor,
+    seen: Float[Array, "envs n"],
+    key: Key,
+    index: Count,
+    memory: Float[Array, "envs w"] | None,
+) -> Decisions:
+    return decide(actor, seen, jax.random.fold_in(key, index), memory)
 
 
 @jax.jit
@@ -131,10 +148,18 @@ def _advance(
     key: Key,
     index: Count,
     clip: float,
-) -> tuple[RunningStatistics, Float[Array, "envs n"], Float[Array, "envs n"], Decisions]:
-    """Update the statistics with a step's observations and sample the next actions; one call saves overhead."""
+    memory: Float[Array, "envs w"] | None,
+    forgets: Bool[Array, "envs"],
+) -> tuple[
+    RunningStatistics, Float[Array, "envs n"], Float[Array, "envs n"], Float[Array, "envs w"] | None, Decisions
+]:
+    """Update the statistics with a step's observations and sample the next actions; one call saves overhead.
+
+    A recurrent policy's memory is 0 where an episode starts. Without one, ``forgets`` has no effect.
+    """
     statistics, seen, seen_next = update_statistics(statistics, following, true_next, clip)
-    return statistics, seen, seen_next, decide(actor, seen, jax.random.fold_in(key, index))
+    kept = forget(memory, forgets)
+    return statistics, seen, seen_next, kept, decide(actor, seen, jax.random.fold_in(key, index), kept)
 
 
 _keys = jax.jit(iteration_keys)

@@ -7,26 +7,32 @@ import re
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from ..arrays import load_archive, save_archive
+from ..checks import one_of
 from ..errors import SwingupError
 from ..text import quoted
-from .network import Layer, Network
+from .network import RELU, Activation, Layer, Network, Norm, Recurrence
 from .stages import ARRAYS, STAGES, Stage, make_stage
 
 FORMAT = "swingup policy"
-FORMAT_VERSION = 2
-"""The newest version. It added the plant and the guard, which programs for version 1 would ignore."""
-READABLE = (1, FORMAT_VERSION)
+FORMAT_VERSION = 3
+"""The newest version."""
+READABLE = (1, 2, FORMAT_VERSION)
 """Versions that are read."""
-SINCE_VERSION_2 = ("plant", "guard")
-"""Keys of the metadata that make a file one of version 2."""
+ACTIVATION, LAYER_NORM, GRU = "activation", "layer_norm", "gru"
+"""Keys of the metadata that say what follows hidden layers; all are left out for ReLU alone."""
+SINCE = {"plant": 2, "guard": 2, ACTIVATION: 3, LAYER_NORM: 3, GRU: 3}
+"""Keys of the metadata that programs for older versions would ignore, and the version of a file with them."""
 
 MOST_STAGES = 10
-KNOWN = re.compile(r"network\.(trunk\.\d{1,2}|mean|std|logits)\.(weight|bias)|observation\.\d\.(mean|variance)")
+KNOWN = re.compile(
+    r"network\.((trunk|norm)\.\d{1,2}|gru\.(inputs|hidden)|mean|std|logits)\.(weight|bias)"
+    r"|observation\.\d\.(mean|variance)"
+)
 """Names of the arrays that are read; all others are left alone."""
 
 
@@ -38,9 +44,10 @@ def read_network(path: str | Path) -> tuple[Network, dict[str, Any]]:
     """
     metadata, found = load_archive(path, FORMAT, READABLE, lambda name: bool(KNOWN.fullmatch(name)))
     try:
-        later = [key for key in SINCE_VERSION_2 if key in metadata]
-        if later and metadata["format_version"] == 1:
-            raise SwingupError(f"a file with a {later[0]} must have format version 2")
+        later = [key for key, version in SINCE.items() if key in metadata and metadata["format_version"] < version]
+        if later:
+            named = f"an {ACTIVATION}" if later[0] == ACTIVATION else f"a {later[0]}"
+            raise SwingupError(f"a file with {named} must have format version {SINCE[later[0]]}")
         arrays = {name: _checked(name, array) for name, array in found.items()}
         return _network(metadata, arrays), metadata
     except SwingupError as error:
@@ -61,14 +68,22 @@ def write_network(path: str | Path, network: Network, metadata: Mapping[str, Any
         stages.append({"name": name} | {key: getattr(stage, key) for key in settings})
         arrays |= {f"observation.{index}.{key}": getattr(stage, key) for key in ARRAYS[name]}
     head = "mean" if network.choices is None else "logits"
-    layers = {f"trunk.{index}": layer for index, layer in enumerate(network.trunk)} | {head: network.head}
+    layers: dict[str, Layer | Norm] = {f"trunk.{index}": layer for index, layer in enumerate(network.trunk)}
+    layers |= {head: network.head}
     layers |= {} if network.std is None else {"std": network.std}
+    layers |= {f"norm.{index}": norm for index, norm in enumerate(network.norms)}
+    if network.gru is not None:
+        layers |= {"gru.inputs": network.gru.inputs, "gru.hidden": network.gru.hidden}
     for name, layer in layers.items():
         arrays |= {f"network.{name}.weight": layer.weight, f"network.{name}.bias": layer.bias}
     choices = {} if network.choices is None else {"choices": list(network.choices)}
-    given = {key: value for key, value in metadata.items() if key not in ("format", "format_version")}
-    # Where nothing needs version 2, programs for version 1 can read the file.
-    version = FORMAT_VERSION if any(key in given for key in SINCE_VERSION_2) else 1
+    own = ("format", "format_version", ACTIVATION, LAYER_NORM, GRU)
+    given = {key: value for key, value in metadata.items() if key not in own}
+    given |= {} if network.activation == RELU else {ACTIVATION: network.activation}
+    given |= {LAYER_NORM: True} if network.norms else {}
+    given |= {} if network.gru is None else {GRU: True}
+    # Where nothing needs a later version, older programs can read the file.
+    version = max([1, *(SINCE[key] for key in given if key in SINCE)])
     save_archive(path, FORMAT, version, {"observation": stages, **choices, **given}, arrays)
 
 
@@ -97,7 +112,39 @@ def _network(metadata: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> N
         head=_layer(arrays, "network.mean" if choices is None else "network.logits"),
         std=_layer(arrays, "network.std") if "network.std.weight" in arrays else None,
         choices=choices,
+        activation=_activation(metadata),
+        norms=_norms(metadata, arrays, depth),
+        gru=_gru(arrays) if _flag(metadata, GRU) else None,
     )
+
+
+def _activation(metadata: Mapping[str, Any]) -> Activation:
+    name = metadata.get(ACTIVATION, RELU)
+    return one_of(ACTIVATION, name, get_args(Activation))  # type: ignore[return-value]  # one of them
+
+
+def _norms(metadata: Mapping[str, Any], arrays: Mapping[str, np.ndarray], depth: int) -> tuple[Norm, ...]:
+    names = [f"network.norm.{index}" for index in range(depth if _flag(metadata, LAYER_NORM) else 0)]
+    return tuple(Norm(*_vectors(arrays, name)) for name in names)
+
+
+def _gru(arrays: Mapping[str, np.ndarray]) -> Recurrence:
+    return Recurrence(_layer(arrays, "network.gru.inputs"), _layer(arrays, "network.gru.hidden"))
+
+
+def _flag(metadata: Mapping[str, Any], key: str) -> bool:
+    value = metadata.get(key, False)
+    if not isinstance(value, bool):
+        raise SwingupError(f"{key} = {quoted(value)}: use true or false")
+    return value
+
+
+def _vectors(arrays: Mapping[str, np.ndarray], name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Weight and bias of a part."""
+    missing = [f"{name}.{part}" for part in ("weight", "bias") if f"{name}.{part}" not in arrays]
+    if missing:
+        raise SwingupError(f"array {missing[0]} is missing")
+    return arrays[f"{name}.weight"], arrays[f"{name}.bias"]
 
 
 def _stage(index: int, entry: Any, arrays: Mapping[str, np.ndarray]) -> Stage:
@@ -107,10 +154,7 @@ def _stage(index: int, entry: Any, arrays: Mapping[str, np.ndarray]) -> Stage:
 
 
 def _layer(arrays: Mapping[str, np.ndarray], name: str) -> Layer:
-    missing = [f"{name}.{part}" for part in ("weight", "bias") if f"{name}.{part}" not in arrays]
-    if missing:
-        raise SwingupError(f"array {missing[0]} is missing")
-    weight, bias = arrays[f"{name}.weight"], arrays[f"{name}.bias"]
+    weight, bias = _vectors(arrays, name)
     if weight.ndim != 2 or bias.shape != weight.shape[:1] or weight.size == 0:
         raise SwingupError(f"{name} has weight {weight.shape} and bias {bias.shape}: expected (out, in), (out,)")
     return Layer(weight, bias)

@@ -13,6 +13,7 @@ from ...errors import SwingupError
 from ...physics.equations import COULOMB_STEEPNESS, lump
 from ...version import __version__
 from ..guard import BRAKED, PUSHING, SENTENCES, STANDSTILLS, GuardSettings, Reason
+from ..network import check_plain
 from ..pendulum import PendulumPolicy
 from ..plant_facts import PolicyPlant
 from ..settings import LOST, PIECES, EstimatorSettings, FrontEndSettings, kalman_gains
@@ -80,9 +81,11 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
         name: what all names in it begin with; headers with different names go into one program.
 
     Raises:
-        SwingupError: the name is no identifier, or the policy has an observation that this program does not write.
+        SwingupError: the name is no identifier, or the policy has an observation or hidden layers that this program
+            does not write.
     """
     check_export_name(name)
+    check_plain(policy.network, "a C header")
     layers = policy.network.layers
     names = ["input", *(f"layer_{index}" for index in range(len(layers)))]
     sizes = [len(layer.bias) for layer in layers]

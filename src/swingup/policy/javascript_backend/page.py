@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..network import check_plain
 from ..pendulum import PendulumPolicy
 from ..stages import PendulumStage, Stage
 
@@ -19,7 +20,11 @@ def policy_data(policy: PendulumPolicy) -> dict[str, Any]:
     """A policy as JSON values: its stages with their settings, and its layers up to the action's mean.
 
     Neither an estimator nor a front end is in it, and no guard: the page simulates.
+
+    Raises:
+        SwingupError: the script does not run such hidden layers.
     """
+    check_plain(policy.network, "a page")
     layers = policy.network.layers
     return {
         "torque_limit": policy.torque_limit,

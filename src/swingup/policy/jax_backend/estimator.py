@@ -4,12 +4,12 @@ Encoders are good and velocities are noisy, on the real robots as in the robustn
 velocities mostly from successive positions and the model. The loop may have a delay (an old measurement, a slow
 motor): a bank of such filters, one for each delay, tells which explains the measured motion best, and the estimate
 is carried ahead over that time with the torques that are still on their way. The steps are those of
-``docs/policy-format.md``.
+``docs/policy-format.md``. With an identifier the model is the plant that it has found so far.
 """
 
 import math
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import equinox as eqx
 import jax
@@ -18,14 +18,19 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...control.controller import AbstractController, check_robot
+from ...physics import equations
 from ...physics.damped import Friction, Functions, damped_midpoint_step
 from ...physics.dynamics import acceleration
-from ...physics.equations import lump
+from ...physics.equations import Lumped, lump
 from ...physics.integrate import midpoint_step
 from ...physics.parameters import Parameters, Robot
 from ...physics.trigonometry import arctan, sine_cosine
 from ...types import Count, Flag, Scalar, State, Torque
 from ..settings import LOST, PIECES, EstimatorSettings, default_estimator, kalman_gains
+from .identifier import Identifier, IdentifierMemory
+
+Model: TypeAlias = tuple[Lumped, Friction] | None
+"""The plant that was identified; None for the nominal one."""
 
 
 class EstimatorMemory(eqx.Module):
@@ -45,6 +50,8 @@ class EstimatorMemory(eqx.Module):
     """The delay found (steps)."""
     controller: Any
     """What the controller behind remembers."""
+    identified: IdentifierMemory | None = None
+    """What the identifier remembers; None without one."""
 
 
 class EstimatingController(AbstractController[EstimatorMemory]):
@@ -63,6 +70,8 @@ class EstimatingController(AbstractController[EstimatorMemory]):
     """Which joint is driven."""
     damped: bool = eqx.field(static=True, default=False)
     """Whether the model has friction."""
+    identifier: Identifier | None = None
+    """Identifies the plant; None for the nominal model."""
 
     def init(self) -> EstimatorMemory:
         """Nothing seen yet."""
@@ -75,6 +84,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
             surprise=jnp.zeros(depth),
             delay_steps=jnp.array(0),
             controller=self.controller.init(),
+            identified=None if self.identifier is None else self.identifier.init(),
         )
 
     def __call__(self, carry: EstimatorMemory, t: Scalar, x: State) -> tuple[EstimatorMemory, Torque]:
@@ -84,29 +94,46 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         late = ~((pause >= 0) & (pause <= 1.5 * period))
         # Both branches below are computed: a late call needs a finite step, too.
         dt = jnp.where(late | (pause == 0), period, pause)
-        followed = self._follow(carry, x, dt)
+        model = self._model(carry)
+        followed = self._follow(carry, x, dt, model)
         # What is not finite fails the comparison, and is lost.
         kept = jnp.all(jnp.abs(x - followed.state)[2:] <= LOST * self.settings.velocity_noise)
         restarts = late | ~kept
-        memory = _choose(restarts, self._restart(carry, x), followed)
+        memory = self._identify(_choose(restarts, self._restart(carry, x), followed), x, late)
         # The filter's estimate is as old as the delay; the controller needs the present state.
-        ahead = self._ahead(memory, dt)
+        ahead = self._ahead(memory, dt, model)
         seen = _choose(restarts | ~jnp.all(jnp.isfinite(ahead)), x, ahead)
         inner, u = self.controller(carry.controller, t, seen)
         joint, limits = self.robot.joint, (self.parameters.tl1, self.parameters.tl2)
         # The model gets the torque that the motor can give.
         newest = jnp.clip(u[joint], -limits[joint], limits[joint])
         torques = jnp.concatenate([newest[None], memory.torques[:-1]])
+        identified = memory.identified
+        if self.identifier is not None and identified is not None:
+            most = jnp.asarray(limits, u.dtype)
+            identified = self.identifier.remember(identified, jnp.clip(u, -most, most))
         # In the memory's own type: a compiled loop keeps the types of its carry.
         now = jnp.asarray(t, carry.time.dtype)
-        return replace(memory, time=now, torques=torques, controller=inner), u
+        return replace(memory, time=now, torques=torques, controller=inner, identified=identified), u
+
+    def _model(self, memory: EstimatorMemory) -> Model:
+        if self.identifier is None or memory.identified is None:
+            return None
+        return self.identifier.plant(memory.identified)
+
+    def _identify(self, memory: EstimatorMemory, x: State, late: Flag) -> EstimatorMemory:
+        """Show the measured angles to the identifier, if there is one; rates are noisy and not needed."""
+        if self.identifier is None or memory.identified is None:
+            return memory
+        identified = _choose(late, self.identifier.restart(memory.identified), memory.identified)
+        return replace(memory, identified=self.identifier.observe(identified, x[:2], memory.delay_steps))
 
     def _restart(self, memory: EstimatorMemory, x: State) -> EstimatorMemory:
         """Believe the measurement; only the evidence on the delay is kept."""
         torques, deviations = jnp.zeros_like(memory.torques), jnp.zeros_like(memory.deviations)
         return replace(memory, state=x, torques=torques, deviations=deviations)
 
-    def _follow(self, memory: EstimatorMemory, x: State, dt: Scalar) -> EstimatorMemory:
+    def _follow(self, memory: EstimatorMemory, x: State, dt: Scalar, model: Model) -> EstimatorMemory:
         """One step of dt (s) of the filter in charge and of the bank.
 
         The filters of the bank differ only in the torque, and accelerations are linear in the torque. A double
@@ -114,14 +141,11 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         """
         dt, driven = dt.astype(x.dtype), jnp.array(self.robot.actuation, x.dtype)
         torque = memory.torques[memory.delay_steps]
-        predicted = self._step(memory.state, torque * driven, dt)
+        predicted = self._step(model, memory.state, torque * driven, dt)
         miss = x - predicted
         miss = miss.at[:2].set(_nearest(miss[:2]))
 
-        # M⁻¹ times the torque: gravity cancels in the difference, and nothing else acts at rest, friction included.
-        p, at_rest = self.parameters, jnp.concatenate([memory.state[:2], jnp.zeros(2)])
-        response = acceleration(p, at_rest, driven) - acceleration(p, at_rest, jnp.zeros(2))
-        extra = (memory.torques - torque)[:, None] * response
+        extra = (memory.torques - torque)[:, None] * self._response(model, memory.state, driven)
         angles, rates = memory.deviations[:, :2], memory.deviations[:, 2:]
         drifted = jnp.concatenate([angles + dt * rates + 0.5 * dt**2 * extra, rates + dt * extra], axis=1)
         misses = miss - drifted
@@ -141,6 +165,14 @@ class EstimatingController(AbstractController[EstimatorMemory]):
             delay_steps=delay_steps.astype(memory.delay_steps.dtype),
         )
 
+    def _response(self, model: Model, x: State, driven: Torque) -> Float[Array, "2"]:
+        """M⁻¹ times the torque of 1 N m on the driven joint (rad/s²)."""
+        if model is not None:
+            return jnp.asarray(equations.response(model[0], jnp.cos(x[1]), driven, jnp.stack))
+        # Gravity cancels in the difference, and nothing else acts at rest, friction included.
+        p, at_rest = self.parameters, jnp.concatenate([x[:2], jnp.zeros(2)])
+        return acceleration(p, at_rest, driven) - acceleration(p, at_rest, jnp.zeros(2))
+
     def _correction(self, miss: Float[Array, "*n 4"]) -> Float[Array, "*n 4"]:
         """What the Kalman gains make of a miss."""
         gains = jnp.asarray(self.gains, miss.dtype)
@@ -149,7 +181,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
             [gains[0, 0] * angles + gains[0, 1] * rates, gains[1, 0] * angles + gains[1, 1] * rates], axis=-1
         )
 
-    def _ahead(self, memory: EstimatorMemory, dt: Scalar) -> State:
+    def _ahead(self, memory: EstimatorMemory, dt: Scalar, model: Model) -> State:
         """The state after the delay, steps of dt (s), in pieces with the mean of the torques that act in each."""
         driven = jnp.array(self.robot.actuation, memory.state.dtype)
         steps = memory.delay_steps.astype(memory.state.dtype) / PIECES
@@ -160,16 +192,16 @@ class EstimatingController(AbstractController[EstimatorMemory]):
             within = jnp.clip(left * steps - ages, 0, 1) - jnp.clip((left - 1) * steps - ages, 0, 1)
             # Without a delay the pieces are empty: 0 / 0 would be NaN.
             torque = jnp.sum(within * memory.torques) / jnp.maximum(steps, 1e-6)
-            x = self._step(x, torque * driven, steps * dt.astype(x.dtype))
+            x = self._step(model, x, torque * driven, steps * dt.astype(x.dtype))
         return x
 
-    def _step(self, x: State, u: Torque, dt: Scalar) -> State:
+    def _step(self, model: Model, x: State, u: Torque, dt: Scalar) -> State:
         """The model's step over dt (s)."""
         p = self.parameters
-        if not self.damped:
+        if model is None and not self.damped:
             return midpoint_step(p, x, u, dt)
-        friction = Friction((p.b1, p.b2), (p.cf1, p.cf2))
-        return jnp.array(damped_midpoint_step(lump(p), friction, x, u, dt, Functions(sine_cosine, arctan)))
+        plant, friction = model or (lump(p), Friction((p.b1, p.b2), (p.cf1, p.cf2)))
+        return jnp.array(damped_midpoint_step(plant, friction, x, u, dt, Functions(sine_cosine, arctan)))
 
 
 def with_estimator(
@@ -177,6 +209,7 @@ def with_estimator(
     robot: Robot,
     parameters: Parameters,
     settings: EstimatorSettings | None = None,
+    identifier: Identifier | None = None,
 ) -> EstimatingController:
     """Put an estimator in front of a controller.
 
@@ -185,6 +218,7 @@ def with_estimator(
         robot: which joint is driven.
         parameters: the model, with the motor's torque limit.
         settings: what to expect of measurement and loop; the defaults in the model's units if None.
+        identifier: finds the plant, whose model the estimator then has; None for the nominal model.
 
     Raises:
         SwingupError: the controller is for the other robot, or the model has no units of its own.
@@ -195,7 +229,7 @@ def with_estimator(
     p = parameters
     # Values of JAX may be traced: they count as friction.
     damped = any(isinstance(value, jax.Array) or value != 0 for value in (p.b1, p.b2, p.cf1, p.cf2))
-    return EstimatingController(controller, parameters, gains, fading, settings, robot, damped)
+    return EstimatingController(controller, parameters, gains, fading, settings, robot, damped, identifier)
 
 
 def _nearest(angle: Float[Array, "n"]) -> Float[Array, "n"]:

@@ -9,10 +9,12 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ..network import NORM_EPSILON, Activation, Norm
 from ..pendulum import PendulumPolicy
 from ..stages import NormaliseStage, PendulumStage, Stage
 
 Observe = Callable[[np.ndarray], np.ndarray]
+Activate = Callable[[np.ndarray], np.ndarray]
 
 TURN = 2 * math.pi
 
@@ -30,6 +32,7 @@ class NumpyNetwork:
             (layer.weight.astype(np.float64), layer.bias.astype(np.float64), np.empty(layer.bias.shape))
             for layer in policy.network.trunk
         ]
+        self._activate = [_after(policy.network.activation, norm) for norm in _norms(policy)]
         self._head = policy.network.head.weight[0].astype(np.float64)
         self._offset = float(policy.network.head.bias[0])
         self._torque_limit = policy.torque_limit
@@ -39,11 +42,57 @@ class NumpyNetwork:
         features = np.asarray(x, np.float64)
         for observe in self._stages:
             features = observe(features)
-        for weight, bias, result in self._layers:
+        for (weight, bias, result), activate in zip(self._layers, self._activate, strict=True):
             np.dot(weight, features, out=result)
             np.add(result, bias, out=result)
-            features = np.maximum(result, 0.0, out=result)
+            features = activate(result)
         return self._torque_limit * math.tanh(float(np.dot(self._head, features)) + self._offset)
+
+
+def _norms(policy: PendulumPolicy) -> list[Norm | None]:
+    """The normalisation of each hidden layer."""
+    return list(policy.network.norms) or [None] * len(policy.network.trunk)
+
+
+def _after(name: Activation, norm: Norm | None) -> Activate:
+    """What follows the linear map of a hidden layer."""
+    activate = ACTIVATIONS[name]
+    if norm is None:
+        return activate
+    scale, shift = norm.weight.astype(np.float64), norm.bias.astype(np.float64)
+
+    def normalised(x: np.ndarray) -> np.ndarray:
+        centred = x - x.mean()
+        return activate(scale * (centred / np.sqrt((centred**2).mean() + NORM_EPSILON)) + shift)
+
+    return normalised
+
+
+def _relu(x: np.ndarray) -> np.ndarray:
+    return np.maximum(x, 0.0, out=x)
+
+
+def _elu(x: np.ndarray) -> np.ndarray:
+    # Clipped, since both branches are computed: of large x the exponential has no number.
+    return np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0)))
+
+
+def _silu(x: np.ndarray) -> np.ndarray:
+    # The logistic function by tanh, which never overflows.
+    return 0.5 * x * (1.0 + np.tanh(0.5 * x))
+
+
+def _gelu(x: np.ndarray) -> np.ndarray:
+    return 0.5 * x * (1.0 + np.tanh(math.sqrt(2.0 / math.pi) * (x + 0.044715 * x**3)))
+
+
+ACTIVATIONS: dict[Activation, Activate] = {
+    "relu": _relu,
+    "tanh": np.tanh,
+    "elu": _elu,
+    "silu": _silu,
+    "gelu": _gelu,
+}
 
 
 def _observer(stage: Stage) -> Observe:

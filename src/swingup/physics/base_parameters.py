@@ -1,0 +1,107 @@
+"""The base parameters: the fewest numbers in which the equations of motion are linear.
+
+    θ = [A, B, m2 r2, k, b1, b2, cf1, cf2, Ir],   A = I1 + I2 + m2 l1²,   B = I2,   k = m1 r1 + m2 l1
+
+Lengths, gear ratio and gravity are known. The coupling of the links is l1 m2 r2, and gravity's torques are g k and
+g m2 r2. Motion alone does not tell one common factor on θ and on the torque: the commanded torque sets the scale.
+A motor that delivers 85 % of its command therefore shows as a θ that is 1/0.85 of the true one; the motion is the
+same.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .damped import Friction
+from .equations import Lumped, Number, mass_entries
+
+BASE_NAMES = ("A", "B", "m2r2", "k", "b1", "b2", "cf1", "cf2", "Ir")
+"""Entries of θ: kg m², kg m², kg m, kg m, N m s/rad (two), N m (two), kg m²."""
+BASE = len(BASE_NAMES)
+
+
+class Spread(NamedTuple):
+    """How far plants may lie from the nominal one: standard deviations of its independent parameters."""
+
+    inertial: float = 0.25
+    """Of I1, I2, m2, r1 and r2, as a share of each."""
+    damping: float = 0.1
+    """Of b1 and b2 (N m s/rad)."""
+    coulomb: float = 0.2
+    """Of cf1 and cf2 (N m)."""
+    rotor: float = 1e-4
+    """Of Ir (kg m²)."""
+
+
+class Known(NamedTuple):
+    """What is known of a plant whose base parameters are not."""
+
+    l1: float
+    """Length of link 1 (m)."""
+    g: float
+    """Gravity (m/s²)."""
+    gr: float
+    """Gear ratio of the motors."""
+
+
+def base_parameters(p: Any) -> np.ndarray:
+    """θ (9,) of a plant whose attributes are those of ``physics.parameters.Parameters``."""
+    inertial = p.I1 + p.I2 + p.m2 * p.l1**2, p.I2, p.m2 * p.r2, p.m1 * p.r1 + p.m2 * p.l1
+    return np.array([*inertial, p.b1, p.b2, p.cf1, p.cf2, p.Ir], float)
+
+
+def base_covariance(p: Any, spread: Spread) -> np.ndarray:
+    """Covariance (9, 9) of θ over plants about a nominal one, J diag(σ²) Jᵀ with the derivatives J of θ.
+
+    A heavier second link raises A, m2 r2 and k together: the correlations say so.
+    """
+    l1, share = p.l1, spread.inertial
+    jacobian = np.zeros((BASE, 10))
+    jacobian[0, :3] = p.I1 * share, p.I2 * share, p.m2 * l1**2 * share
+    jacobian[1, 1] = p.I2 * share
+    jacobian[2, 2] = jacobian[2, 4] = p.m2 * p.r2 * share
+    jacobian[3, 2:4] = p.m2 * l1 * share, p.m1 * p.r1 * share
+    own = spread.damping, spread.damping, spread.coulomb, spread.coulomb, spread.rotor
+    jacobian[range(4, BASE), range(5, 10)] = own
+    return jacobian @ jacobian.T
+
+
+def lumped(theta: Any, known: Known) -> Lumped:
+    """The combinations in which the equations of motion are written, for θ."""
+    shoulder, elbow, second, first, rotor = theta[0], theta[1], theta[2], theta[3], theta[8]
+    geared = known.gr * rotor
+    return Lumped(
+        shoulder, elbow, known.l1 * second, known.g * first, known.g * second, known.gr * geared, geared, rotor
+    )
+
+
+def friction_of(theta: Any) -> Friction:
+    """The friction of both joints, for θ."""
+    return Friction((theta[4], theta[5]), (theta[6], theta[7]))
+
+
+def share_allowed(theta: Any, nominal: Any, known: Known, margin: float, minimum: Any, root: Any) -> Number:
+    """The largest share s in [0, 1] of the step θ0 + s (θ - θ0) whose mass matrix is at least margin M(θ0).
+
+    M is linear in θ, so that the eigenvalues of M(θ0)⁻¹ M go straight from 1 to those of θ. For any θ the least of
+    them over all q2 lies at cos q2 = ±1, where the determinant, concave in cos q2, is smallest.
+
+    Args:
+        theta: θ.
+        nominal: θ0, of a pendulum.
+        known: what is known of the plant.
+        margin: in (0, 1).
+        minimum: the smaller of two numbers of this kind.
+        root: the square root of a number of this kind.
+    """
+    share: Number = 1.0
+    for cos2 in (1.0, -1.0):
+        n11, n12, n22 = mass_entries(lumped(nominal, known), cos2)
+        m11, m12, m22 = mass_entries(lumped(theta, known), cos2)
+        determinant = n11 * n22 - n12 * n12
+        half = 0.5 * (n22 * m11 - 2 * n12 * m12 + n11 * m22) / determinant
+        product = (m11 * m22 - m12 * m12) / determinant
+        # Both eigenvalues are real; rounding may not make the root's argument negative.
+        least = half - root(abs(half * half - product))
+        share = minimum(share, (1.0 - margin) / (1.0 - minimum(least, margin)))
+    return share

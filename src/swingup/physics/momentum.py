@@ -1,0 +1,104 @@
+"""The equations of motion as a regression on base parameters, from angles alone: no rate and no acceleration.
+
+With the momenta p = M(q) q̇ the equations of motion are
+
+    dp1/dt = G1 + u1 - F1,    dp2/dt = -h sin(q2) q̇1 (q̇1 + q̇2) + G2 + u2 - F2,    h = l1 m2 r2.
+
+Three angles qa, qb, qc, a step h apart, give the rates v0 = (qb - qa)/h, v1 = (qc - qb)/h at the midpoints. The
+change of p from one midpoint to the other, with the mean of the other terms, is the discrete Euler-Lagrange
+equation of Marsden and West (Acta Numerica 10, 2001), second order in h:
+
+    Y(qa, qb, qc) θ = ∫ w(t) u dt,    w the hat of area 1 over both steps.
+
+Y is linear in the second difference of the angles. A low-pass on both sides keeps the equation and removes what
+encoders and noise add there. Like ``equations`` this is arithmetic for any kind of number.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from .base_parameters import Known
+from .equations import COULOMB_STEEPNESS, Number, Pair
+
+CLOSE = 1e-3
+"""Rates closer than this (rad/s) have one arctangent: the mean by the antiderivative would lose its digits."""
+
+
+class Maths(NamedTuple):
+    """The functions of a kind of number."""
+
+    sine_cosine: Callable[[Any], Pair]
+    arctan: Callable[[Any], Any]
+    log1p: Callable[[Any], Any]
+    where: Callable[[Any, Any, Any], Any]
+
+
+def momentum_rows(
+    before: Pair, middle: Pair, after: Pair, step: Number, known: Known, maths: Maths
+) -> tuple[Any, Any]:
+    """Y (2, 9): the row of the shoulder and that of the elbow, each with one number a base parameter.
+
+    Args:
+        before: qa = (q1, q2) (rad).
+        middle: qb, a step later.
+        after: qc, two steps later.
+        step: h (s).
+        known: what is known of the plant.
+        maths: for this kind of number.
+    """
+    first, second = _half(before, middle, step, known, maths), _half(middle, after, step, known, maths)
+    (v1, v2), (w1, w2) = first.rates, second.rates
+    a1, a2 = (w1 - v1) / step, (w2 - v2) / step
+    pull1, pull2 = 0.5 * (first.pull1 + second.pull1), 0.5 * (first.pull2 + second.pull2)
+    turning = 0.5 * (first.turning + second.turning)
+    coupling1 = (second.momentum1 - first.momentum1) / step + pull2
+    coupling2 = (second.momentum2 - first.momentum2) / step + turning + pull2
+    f1, f2 = mean_arctan(v1, w1, maths), mean_arctan(v2, w2, maths)
+    none, gr = 0.0 * v1, known.gr
+    rotor1, rotor2 = (gr * gr + 1) * a1 - gr * a2, gr * gr * a2 - gr * a1
+    shoulder = a1, a2, coupling1, pull1, 0.5 * (v1 + w1), none, f1, none, rotor1
+    elbow = none, a1 + a2, coupling2, none, none, 0.5 * (v2 + w2), none, f2, rotor2
+    return shoulder, elbow
+
+
+def mean_arctan(start: Number, end: Number, maths: Maths) -> Number:
+    """The mean of arctan(100 v) while a rate v goes straight from start to end (rad/s)."""
+    far = abs(end - start) > CLOSE
+    # Both branches are computed, so that neither may divide by 0.
+    span = maths.where(far, end - start, 1.0)
+    mean = (_antiderivative(end, maths) - _antiderivative(start, maths)) / span
+    return maths.where(far, mean, maths.arctan(0.5 * COULOMB_STEEPNESS * (start + end)))
+
+
+def _antiderivative(rate: Number, maths: Maths) -> Number:
+    steep = COULOMB_STEEPNESS * rate
+    return rate * maths.arctan(steep) - maths.log1p(steep * steep) / (2 * COULOMB_STEEPNESS)
+
+
+class _Half(NamedTuple):
+    """Half of the equation, at the midpoint of one step."""
+
+    rates: Pair
+    momentum1: Number
+    """p1 / (m2 r2) without the parts of A and B; ``momentum2`` likewise."""
+    momentum2: Number
+    turning: Number
+    """l1 sin(q2) q̇1 (q̇1 + q̇2)."""
+    pull1: Number
+    """g sin(q1); ``pull2``: g sin(q1 + q2)."""
+    pull2: Number
+
+
+def _half(start: Pair, end: Pair, step: Number, known: Known, maths: Maths) -> _Half:
+    rate1, rate2 = (end[0] - start[0]) / step, (end[1] - start[1]) / step
+    q1, q2 = 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1])
+    (sin1, cos1), (sin2, cos2) = maths.sine_cosine(q1), maths.sine_cosine(q2)
+    along = known.l1 * cos2
+    return _Half(
+        rates=(rate1, rate2),
+        momentum1=along * (2 * rate1 + rate2),
+        momentum2=along * rate1,
+        turning=known.l1 * sin2 * rate1 * (rate1 + rate2),
+        pull1=known.g * sin1,
+        pull2=known.g * (sin1 * cos2 + cos1 * sin2),
+    )

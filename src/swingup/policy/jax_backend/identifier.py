@@ -1,0 +1,232 @@
+"""Online identification of the plant's base parameters from measured angles and commanded torques.
+
+At each measurement, with the rows Y of ``physics.momentum`` for the last angles and the torques of that time:
+
+1. z ← (Y, u̇, u) through three first-order low-passes of equal pole, all columns alike. Now Y θ + u̇ λ = u holds
+   for the low-passed columns: λ (s) is a lag of the torque beside the delay that is known.
+2. For each joint's row φ, y, with the unknowns x = (θ, λ), their covariance P, and the variance r of what the
+   row leaves unexplained (at least a floor f):
+
+       e = y - φᵀ x,   s = φᵀ P φ,   d² = e² / (s + r),
+       r ← r + w (e² r / (s + r) - r),   w fast if r grows, slow if it falls,
+       k = P φ / (s + n r (1 + d²⁺)),   x ← x + k e,   P ← P - k (P φ)ᵀ.
+
+   n counts the neighbouring rows whose errors are alike. (1 + d²⁺) is Student's weight. A row with d above the
+   gate, and rows for a while after it, change nothing but r: pushes.
+3. P grows by a small drift. There is no forgetting: what is not excited stays as sure as it was.
+
+The motor's torque is no part of the undriven joint's row. That row alone gives its part of θ up to scale, and noise
+of the motor and pushes on the driven joint do not enter it; the driven joint's row adds the scale. Rates are not
+used at all: their noise costs nothing. Sources: filtered regression, Slotine and Li (Applied Nonlinear Control,
+9.2); recursive least squares with a variance that adapts to innovations, Mehra (IEEE Transactions on Automatic
+Control 15, 1970).
+"""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ...physics.base_parameters import BASE, Known, Spread, friction_of, lumped, share_allowed
+from ...physics.damped import Friction
+from ...physics.equations import Lumped
+from ...physics.momentum import Maths, momentum_rows
+from ...physics.parameters import Parameters, Robot
+from ...physics.trigonometry import arctan, sine_cosine
+from ...types import Count, Flag, Torque
+from ..identifier_settings import LAG, POLES, UNKNOWNS, IdentifierSettings, hat_weights, prior
+
+MATHS = Maths(sine_cosine, arctan, jnp.log1p, jnp.where)
+STUDENT = 4.0
+"""Degrees of freedom of the errors' distribution."""
+
+Joints = Float[Array, "2"]
+Unknowns = Float[Array, "10"]
+Covariance = Float[Array, "10 10"]
+
+
+class IdentifierMemory(eqx.Module):
+    """What is remembered from call to call."""
+
+    angles: Float[Array, "depth 2"]
+    """Measured angles without jumps of full turns, newest first (rad)."""
+    torques: Float[Array, "past 2"]
+    """Commanded torques, newest first (N m)."""
+    calls: Count
+    """Measurements since the last restart."""
+    delay_steps: Count
+    """The delay told last (steps)."""
+    filtered: Float[Array, "3 2 11"]
+    """States of the low-passes: rows of both joints, with u̇ and u in the last columns."""
+    unknowns: Unknowns
+    """θ, and the lag (s)."""
+    covariance: Covariance
+    variance: Joints
+    """Of what each joint's row leaves unexplained (N² m²)."""
+    held: Joints
+    """Time for which each joint's row is still not used (s)."""
+
+
+class Identifier(eqx.Module):
+    """Identifies the plant of one loop: ``init``, ``observe`` at each measurement, ``remember`` each command."""
+
+    mean: Float[np.ndarray, "10"]
+    """θ of the nominal plant, and no lag."""
+    covariance: Float[np.ndarray, "10 10"]
+    """Prior covariance."""
+    known: Known = eqx.field(static=True)
+    settings: IdentifierSettings = eqx.field(static=True)
+    robot: Robot = eqx.field(static=True)
+    """Which joint is driven."""
+
+    def init(self) -> IdentifierMemory:
+        """Nothing seen yet."""
+        span, driven = self.settings.span, jnp.array(self.robot.actuation, float)
+        first, most = self.settings.passive_deviation, self.settings.driven_deviation
+        return IdentifierMemory(
+            angles=jnp.zeros((2 * span + 1, 2)),
+            torques=jnp.zeros((2 * span + self.settings.max_delay_steps, 2)),
+            calls=jnp.array(0),
+            delay_steps=jnp.array(0),
+            filtered=jnp.zeros((POLES, 2, UNKNOWNS + 1)),
+            unknowns=jnp.asarray(self.mean),
+            covariance=jnp.asarray(self.covariance),
+            variance=jnp.where(driven > 0, most, first) ** 2,
+            held=jnp.zeros(2),
+        )
+
+    def restart(self, memory: IdentifierMemory) -> IdentifierMemory:
+        """After a pause: what was found stays, the motion before is forgotten."""
+        return replace(
+            memory,
+            torques=jnp.zeros_like(memory.torques),
+            calls=jnp.zeros_like(memory.calls),
+            filtered=jnp.zeros_like(memory.filtered),
+        )
+
+    def remember(self, memory: IdentifierMemory, u: Torque) -> IdentifierMemory:
+        """Note the torques that were commanded, within the motors' limits (N m)."""
+        return replace(memory, torques=jnp.concatenate([u[None], memory.torques[:-1]]))
+
+    def observe(self, memory: IdentifierMemory, q: Joints, delay_steps: Count) -> IdentifierMemory:
+        """Learn from measured angles (rad), whole turns aside, that are ``delay_steps`` old."""
+        before, newest = memory, memory.angles[0] + _nearest(q - memory.angles[0])
+        angles = jnp.concatenate([newest[None], memory.angles[:-1]])
+        # The lag counts from the delay: their sum is what was found. The old columns belong to the old delay.
+        change = delay_steps - memory.delay_steps
+        unknowns = memory.unknowns.at[LAG].add(-change * self.settings.dt)
+        filtered = jnp.where(change == 0, memory.filtered, 0.0)
+        calls = memory.calls + 1
+        memory = replace(
+            memory,
+            angles=jnp.where(memory.calls == 0, q, angles),
+            calls=jnp.minimum(calls, len(memory.angles) + len(memory.torques)),
+            delay_steps=delay_steps.astype(memory.delay_steps.dtype),
+            unknowns=unknowns,
+            filtered=filtered,
+        )
+        learned = self._learn(memory)
+        # The torques before a restart are not known.
+        full = calls >= len(memory.angles) + delay_steps
+        finite = jnp.isfinite(learned.unknowns).all() & jnp.isfinite(learned.covariance).all()
+        memory = _choose(full & finite, learned, memory)
+        # An angle that is not finite would stay in the differences.
+        return _choose(jnp.isfinite(q).all(), memory, self.restart(before))
+
+    def plant(self, memory: IdentifierMemory) -> tuple[Lumped, Friction]:
+        """The identified plant with a positive definite mass matrix, at most a step towards θ from the nominal."""
+        theta = self.theta(memory)
+        return lumped(theta, self.known), friction_of(theta)
+
+    def theta(self, memory: IdentifierMemory) -> Float[Array, "9"]:
+        """Base parameters of a pendulum: those found, or as near to them as the mass matrix allows."""
+        nominal, found = jnp.asarray(self.mean[:BASE], memory.unknowns.dtype), memory.unknowns[:BASE]
+        share = share_allowed(found, nominal, self.known, self.settings.margin, jnp.minimum, jnp.sqrt)
+        return nominal + share * (found - nominal)
+
+    def deviation(self, memory: IdentifierMemory) -> Unknowns:
+        """Standard deviations of the unknowns, relative to the prior's: 1 is unknown, 0 is sure."""
+        least = jnp.diagonal(memory.covariance) / jnp.diagonal(jnp.asarray(self.covariance))
+        return jnp.sqrt(jnp.clip(least, 0.0, 1.0))
+
+    def _learn(self, memory: IdentifierMemory) -> IdentifierMemory:
+        """The low-passes, both rows, and the drift."""
+        weight, stages = self.settings.pole, [self._columns(memory)]
+        for stage in memory.filtered:
+            stages.append(stage + weight * (stages[-1] - stage))
+        memory = replace(memory, filtered=jnp.stack(stages[1:]))
+        for joint in (0, 1):
+            memory = self._update(memory, joint)
+        prior_variance = jnp.diagonal(jnp.asarray(self.covariance, memory.covariance.dtype))
+        drift = self.settings.walk**2 * self.settings.dt * prior_variance
+        # No surer than at the start: the drift must not exceed the prior.
+        drift = jnp.where(jnp.diagonal(memory.covariance) < prior_variance, drift, 0.0)
+        return replace(memory, covariance=memory.covariance + jnp.diag(drift))
+
+    def _columns(self, memory: IdentifierMemory) -> Float[Array, "2 11"]:
+        """The newest rows: Y, u̇ and u."""
+        span, step = self.settings.span, self.settings.step
+        newest, middle, oldest = memory.angles[0], memory.angles[span], memory.angles[2 * span]
+        pairs = ((oldest[0], oldest[1]), (middle[0], middle[1]), (newest[0], newest[1]))
+        shoulder, elbow = momentum_rows(*pairs, step, self.known, MATHS)
+        mean, slope = (jnp.asarray(weights, newest.dtype) for weights in hat_weights(span))
+        acting = jax.lax.dynamic_slice_in_dim(memory.torques, memory.delay_steps, 2 * span)
+        torque, rate = mean @ acting, slope @ acting / self.settings.dt
+        rows = jnp.stack([jnp.stack(shoulder), jnp.stack(elbow)])
+        return jnp.concatenate([rows, rate[:, None], torque[:, None]], axis=1)
+
+    def _update(self, memory: IdentifierMemory, joint: int) -> IdentifierMemory:
+        """One joint's row: the variance of its errors, and what it tells of the unknowns."""
+        s, driven = self.settings, self.robot.actuation[joint] > 0
+        row, target = memory.filtered[-1, joint, :UNKNOWNS], memory.filtered[-1, joint, UNKNOWNS]
+        known = memory.covariance @ row
+        unsure, error = row @ known, target - row @ memory.unknowns
+        size = jnp.abs(target) + jnp.abs(row[:4]) @ jnp.abs(memory.unknowns[:4])
+        floor = (s.driven_floor if driven else s.passive_floor) ** 2 + (s.relative_floor * size) ** 2
+        r = jnp.maximum(memory.variance[joint], floor)
+        distance = error**2 / (unsure + r)
+        held = jnp.where(distance > s.gate**2, s.hold, memory.held[joint] - s.dt)
+        heavy = r * s.alike * jnp.maximum(1.0, (STUDENT + distance) / (STUDENT + 1.0))
+        gain = jnp.where(held > 0, 0.0, known / (unsure + heavy))
+        seen = distance * r
+        time = jnp.where(seen > memory.variance[joint], s.rise, s.fall)
+        variance = memory.variance[joint] + (1.0 - jnp.exp(-s.dt / time)) * (seen - memory.variance[joint])
+        return replace(
+            memory,
+            unknowns=memory.unknowns + gain * error,
+            covariance=memory.covariance - gain[:, None] * known,
+            variance=memory.variance.at[joint].set(variance),
+            held=memory.held.at[joint].set(jnp.maximum(held, 0.0)),
+        )
+
+
+def make_identifier(
+    robot: Robot,
+    plant: Parameters,
+    settings: IdentifierSettings | None = None,
+    spread: Spread | None = None,
+) -> Identifier:
+    """An identifier about a nominal plant.
+
+    Args:
+        robot: which joint is driven.
+        plant: the nominal plant; its lengths, gear ratio and gravity are taken as known.
+        settings: what to expect of the measurement and the torques.
+        spread: how far plants lie from the nominal one.
+    """
+    settings = IdentifierSettings() if settings is None else settings
+    mean, covariance = prior(plant, settings, spread)
+    known = Known(float(plant.l1), float(plant.g), float(plant.gr))
+    return Identifier(mean, covariance, known, settings, robot)
+
+
+def _nearest(angle: Joints) -> Joints:
+    """An angle's change, less full turns: a measurement may be wrapped."""
+    return angle - 2 * jnp.pi * jnp.round(angle / (2 * jnp.pi))
+
+
+def _choose(condition: Flag, yes: IdentifierMemory, no: IdentifierMemory) -> IdentifierMemory:
+    return jax.tree.map(lambda one, other: jnp.where(condition, one, other), yes, no)

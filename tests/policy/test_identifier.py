@@ -1,0 +1,172 @@
+"""The identifier on open-loop motions of plants that it does not know."""
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from swingup.control.controller import AbstractController, check_interface
+from swingup.errors import SwingupError
+from swingup.physics.base_parameters import BASE, base_parameters
+from swingup.physics.equations import lump
+from swingup.physics.integrate import rk4_step
+from swingup.physics.parameters import get_robot, leaderboard_parameters
+from swingup.policy.identifier_settings import LAG, IdentifierSettings, hat_weights, prior
+from swingup.policy.jax_backend.estimator import with_estimator
+from swingup.policy.jax_backend.identifier import make_identifier
+
+DT, STEPS = 0.002, 800
+ROBOT = get_robot("acrobot")
+NOMINAL = leaderboard_parameters(ROBOT)
+OTHER = dataclasses.replace(
+    NOMINAL, I1=1.1 * NOMINAL.I1, I2=0.9 * NOMINAL.I2, r1=0.92 * NOMINAL.r1, r2=1.08 * NOMINAL.r2,
+    m2=1.07 * NOMINAL.m2, b1=0.02, b2=-0.01, cf1=0.03, cf2=0.05, Ir=4e-5,
+)  # fmt: skip
+GRID = np.array([0.1, 0.1, 0.2, 0.2, 1e-4])
+"""The benchmark's half ranges of friction and rotor."""
+
+
+class Rest(AbstractController):
+    """No torque."""
+
+    def init(self):
+        return None
+
+    def __call__(self, carry, t, x):
+        return None, jnp.zeros(2, x.dtype)
+
+
+@functools.cache
+def programs():
+    """A motion of a plant under swinging torques on the elbow, and what is found from angles and commands."""
+    identifier = make_identifier(ROBOT, NOMINAL)
+    t = jnp.arange(STEPS) * DT
+    command = jnp.stack([jnp.zeros(STEPS), 1.5 * jnp.sin(6.5 * t) + jnp.sin(15 * t + 1)], axis=1)
+
+    def move(parameters, u):
+        return jax.lax.scan(lambda x, now: (rk4_step(parameters, x, now, DT), x), jnp.zeros(4), u)[1]
+
+    def find(q, u, delay_steps, break_at):
+        def step(memory, row):
+            index, angles, torque = row
+            memory = jax.tree.map(
+                lambda new, old: jnp.where(index == break_at, new, old), identifier.restart(memory), memory
+            )
+            memory = identifier.observe(memory, angles, delay_steps)
+            return identifier.remember(memory, torque), memory.unknowns
+
+        return jax.lax.scan(step, identifier.init(), (jnp.arange(len(q)), q, u))
+
+    return identifier, command, jax.jit(move), jax.jit(find)
+
+
+def found(plant, change=lambda q: q, delay_steps=0, told=0, break_at=-1, push=None):
+    """The final memory and the unknowns of all steps, for angles changed on their way to the identifier."""
+    identifier, command, move, find = programs()
+    acting = command if push is None else command + push
+    q = np.asarray(move(jax.tree.map(float, plant), acting))[:, :2]
+    q = np.concatenate([np.zeros((delay_steps, 2)), q])[:STEPS]
+    memory, unknowns = find(jnp.asarray(change(q)), command, told, break_at)
+    return identifier, memory, np.asarray(unknowns)
+
+
+def errors(unknowns, plant):
+    """Relative errors of the inertial parameters, the others' relative to the benchmark's ranges."""
+    true = base_parameters(plant)
+    return np.abs(unknowns[:BASE] - true) / np.concatenate([true[:4], GRID])
+
+
+def check_found(unknowns, plant):
+    """1.6 s of a motion much slower than a swing-up: inertias first, small friction last."""
+    assert errors(unknowns, plant)[:4].max() < 0.025
+    assert errors(unknowns, plant).max() < 0.1
+
+
+@pytest.fixture(autouse=True)
+def _double():
+    with jax.enable_x64(True):
+        yield
+
+
+def test_it_finds_the_plant():
+    identifier, memory, unknowns = found(OTHER)
+    assert errors(unknowns[0], OTHER).max() > 0.1
+    check_found(unknowns[-1], OTHER)
+    plant, friction = identifier.plant(memory)
+    np.testing.assert_allclose(plant[:5], lump(OTHER)[:5], rtol=0.02)
+    assert float(friction.coulomb[0]) == pytest.approx(OTHER.cf1, abs=0.002)
+    deviation = np.asarray(identifier.deviation(memory))
+    assert (deviation >= 0).all()
+    assert deviation[:4].max() < 0.25
+
+
+def test_the_nominal_plant_stays():
+    _, _, unknowns = found(NOMINAL)
+    assert max(errors(row, NOMINAL)[:4].max() for row in unknowns) < 0.025
+    assert max(errors(row, NOMINAL).max() for row in unknowns) < 0.1
+
+
+def test_encoder_and_full_turns():
+    """Angles in steps of 3.81e-4 rad, and wrapped."""
+    _, _, unknowns = found(OTHER, lambda q: (np.round(q / 3.81e-4) * 3.81e-4 + np.pi) % (2 * np.pi) - np.pi)
+    assert errors(unknowns[-1], OTHER)[:4].max() < 0.05
+
+
+def test_delay():
+    _, _, told = found(OTHER, delay_steps=5, told=5)
+    check_found(told[-1], OTHER)
+    _, _, untold = found(OTHER, delay_steps=2)
+    # 4 ms that nobody told.
+    assert untold[-1, LAG] == pytest.approx(0.004, abs=0.0015)
+
+
+def test_a_pause_keeps_what_was_found():
+    _, memory, unknowns = found(OTHER, break_at=600)
+    assert np.abs(unknowns[601:608, :BASE] - unknowns[599, :BASE]).max() == 0
+    check_found(unknowns[-1], OTHER)
+    assert int(memory.calls) <= STEPS
+
+
+def test_a_push_on_the_driven_joint_is_no_mass():
+    t = np.arange(STEPS) * DT
+    push = np.stack([0 * t, 3.0 * np.exp(-0.5 * ((t - 1.2) / 0.06) ** 2)], axis=1)
+    _, _, unknowns = found(OTHER, push=push)
+    assert errors(unknowns[-1], OTHER)[:4].max() < 0.05
+
+
+def test_what_is_not_finite_changes_nothing():
+    def spoil(q):
+        q[600, 1] = np.nan
+        return q
+
+    _, _, unknowns = found(OTHER, spoil)
+    np.testing.assert_array_equal(unknowns[600], unknowns[599])
+    check_found(unknowns[-1], OTHER)
+
+
+def test_hat():
+    mean, slope = hat_weights(3)
+    assert mean.sum() == pytest.approx(1)
+    assert slope.sum() == pytest.approx(0)
+    # A ramp of 1 a step, newest first: its change is 1.
+    assert slope @ -np.arange(6.0) == pytest.approx(1)
+
+
+def test_settings():
+    with pytest.raises(SwingupError, match="identifier setting span"):
+        IdentifierSettings(span=0)
+    with pytest.raises(SwingupError, match="identifier setting bandwidth"):
+        IdentifierSettings(bandwidth=float("nan"))
+    mean, covariance = prior(NOMINAL, IdentifierSettings())
+    assert mean[LAG] == 0
+    assert np.linalg.eigvalsh(covariance).min() > -1e-12
+
+
+@pytest.mark.parametrize("double", [False, True])
+def test_it_belongs_into_the_estimator(double):
+    with jax.enable_x64(double):
+        identifier = make_identifier(ROBOT, NOMINAL)
+        check_interface(with_estimator(Rest(), ROBOT, NOMINAL, identifier=identifier))
