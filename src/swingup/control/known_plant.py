@@ -15,7 +15,7 @@ from .switch import LatchingSwitch
 from .tracking import RiccatiController
 
 TOP = LQRSettings(state_weights=(1.0, 1.0, 0.1, 0.1), torque_weight=1.0, max_cost_to_go=1000.0)
-"""With the friction of :func:`damped` this regulator did best of those that were tried."""
+"""The best of those that were tried, with the friction of :func:`damped` (``benchmarks/README.md``)."""
 
 HAND_OVER: StateFloats = (0.15, 0.15, 0.7, 0.7)
 """|errors| below which the LQR takes over (rad, rad/s): no accepted swing-up ends farther away. A third and two
