@@ -76,8 +76,12 @@ def test_help_has_every_hyperparameter_with_its_defaults(capsys):
     for name in hyperparameters():
         assert f"--{name.replace('_', '-')} " in text
     assert isinstance(Config().learning_rate, float)
-    assert "Adam's step size. (0.0005; small, fast: 0.001; mujoco: 0.0003)" in text
-    assert "(256x256; global, sim2real: 128x128; small, fast, mujoco: 64x64)" in text
+    assert (
+        "Adam's step size. (0.0005; small, fast: 0.001; apo --env, eapo --env, ppo --env, mujoco: 0.0003)" in text
+    )
+    assert (
+        "(256x256; global, sim2real: 128x128; small, fast, apo --env, eapo --env, ppo --env, mujoco: 64x64)" in text
+    )
 
 
 @pytest.mark.parametrize(
