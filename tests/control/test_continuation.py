@@ -11,13 +11,8 @@ from swingup.benchmark.rules import get_robustness_rules
 from swingup.benchmark.runner import run_one
 from swingup.control import continuation
 from swingup.control.baselines import shipped_reference
-from swingup.control.continuation import (
-    ContinuationSettings,
-    continue_swingups,
-    counts,
-    next_step,
-    nominal_swingups,
-)
+from swingup.control.continuation import continue_swingups, counts, nominal_swingups
+from swingup.control.continuation_settings import ContinuationSettings, next_step
 from swingup.control.known_plant import damped, known_plant_controller
 from swingup.errors import SwingupError
 from swingup.physics.angles import UPRIGHT
