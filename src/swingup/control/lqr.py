@@ -67,8 +67,12 @@ def linearised(
     """Continuous-time A = ∂ẋ/∂x and B = ∂ẋ/∂u of rows of states and the driven joint's torques."""
     with jax.enable_x64(True):
         u = jnp.asarray(torque)[:, None] * jnp.array(robot.actuation)
-        A, B = jax.jit(jax.vmap(linearise, in_axes=(None, 0, 0)))(parameters, jnp.asarray(states), u)
+        A, B = _linearise_rows(parameters, jnp.asarray(states), u)
         return np.asarray(A), np.asarray(B)[:, :, robot.joint]
+
+
+# One function for all plants, which JAX compiles once for each number of rows.
+_linearise_rows = jax.jit(jax.vmap(linearise, in_axes=(None, 0, 0)))
 
 
 def riccati_recursion(

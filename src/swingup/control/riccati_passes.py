@@ -110,7 +110,7 @@ def forward(
     cost: Cost,
     start: Vector,
     torque: Float[Array, "n"],
-    limit: float,
+    limit: Number,
     about: tuple[Vector, Vector] | None = None,
 ) -> CostedTrajectory:
     """Simulate torques, with the feedback of ``about`` = (states, gains) if given, clipped to the limit."""

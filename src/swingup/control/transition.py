@@ -43,14 +43,7 @@ class PendulumTransition(AbstractTransition):
 
     def step(self, x: Vector, u: Number) -> Vector:
         """The state [q1, q2, dq1, dq2] after dt under the driven joint's torque u (N m)."""
-        half = 0.5 * self.dt
-        # Not physics.integrate.rk4_step: tuples of scalars compile to fewer loops, see scalar_algebra.
-        k1 = self.derivative(x, u)
-        k2 = self.derivative(add_scaled(x, half, k1), u)
-        k3 = self.derivative(add_scaled(x, half, k2), u)
-        k4 = self.derivative(add_scaled(x, self.dt, k3), u)
-        total = tuple(a + 2.0 * (b + c) + d for a, b, c, d in zip(k1, k2, k3, k4, strict=True))
-        return add_scaled(x, self.dt / 6.0, total)
+        return runge_kutta(self.derivative, self.dt, x, u)
 
     def jacobian(self, x: Vector, u: Number) -> Matrix:
         """Columns by q1, q2, dq1, dq2 and u."""
@@ -69,13 +62,36 @@ class PendulumTransition(AbstractTransition):
 
     def derivative(self, x: Vector, u: Number) -> Vector:
         """[dq1, dq2, ddq1, ddq2] under the driven joint's torque u (N m)."""
-        p, (q1, q2, dq1, dq2) = self.parameters, x
-        (sin1, cos1), (sin2, cos2) = sine_cosine(q1), sine_cosine(q2)
-        # The addition theorem costs less than another sine.
-        sines = sin1, sin2, sin1 * cos2 + cos1 * sin2
-        torques = (u, 0.0) if self.joint == 0 else (0.0, u)
-        losses = _friction(p.b1, p.cf1, dq1), _friction(p.b2, p.cf2, dq2)
-        return (dq1, dq2, *acceleration(lump(p), sines, cos2, (dq1, dq2), torques, losses))
+        return driven_derivative(self.parameters, self.joint, _friction, x, u)
+
+
+def runge_kutta(derivative: Callable[[Vector, Number], Vector], dt: float, x: Vector, u: Number) -> Vector:
+    """The state after dt (s) by one step of the classical fourth-order method, with the torque held over it."""
+    half = 0.5 * dt
+    # Not physics.integrate.rk4_step: tuples of scalars compile to fewer loops, see scalar_algebra.
+    k1 = derivative(x, u)
+    k2 = derivative(add_scaled(x, half, k1), u)
+    k3 = derivative(add_scaled(x, half, k2), u)
+    k4 = derivative(add_scaled(x, dt, k3), u)
+    total = tuple(a + 2.0 * (b + c) + d for a, b, c, d in zip(k1, k2, k3, k4, strict=True))
+    return add_scaled(x, dt / 6.0, total)
+
+
+def driven_derivative(
+    parameters: Parameters,
+    joint: int,
+    friction: Callable[[Number, Number, Number], Number],
+    x: Vector,
+    u: Number,
+) -> Vector:
+    """[dq1, dq2, ddq1, ddq2] under the torque u (N m) of one joint; ``friction`` takes b, cf and the rate."""
+    p, (q1, q2, dq1, dq2) = parameters, x
+    (sin1, cos1), (sin2, cos2) = sine_cosine(q1), sine_cosine(q2)
+    # The addition theorem costs less than another sine.
+    sines = sin1, sin2, sin1 * cos2 + cos1 * sin2
+    torques = (u, 0.0) if joint == 0 else (0.0, u)
+    losses = friction(p.b1, p.cf1, dq1), friction(p.b2, p.cf2, dq2)
+    return (dq1, dq2, *acceleration(lump(p), sines, cos2, (dq1, dq2), torques, losses))
 
 
 def differentiate(function: Callable[[Vector, Number], Vector], x: Vector, u: Number) -> Matrix:

@@ -1,0 +1,89 @@
+"""How much of the robustness board's model errors a controller can hold that is told the plant.
+
+Usage: python benchmarks/upper_bound.py ROBOT
+
+Each plant of the grid gets its own optimal swing-up (``control/continuation.py``) and its own LQR at the top
+(``control/known_plant.py``), and is judged by the board's rules v2. A plant that the continuation does not reach
+gets the swing-up of the nearest plant on its way. Prints a table in Markdown, and the cells that fail. This is no
+bound in the strict sense: another swing-up or regulator may hold a cell that fails here.
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from swingup.benchmark.grid import Case, make_cases
+from swingup.benchmark.robustness import upright
+from swingup.benchmark.rollout import Scenario, simulate
+from swingup.benchmark.rules import RobustnessRules, get_robustness_rules
+from swingup.control.continuation import SwingUps, continue_swingups
+from swingup.control.controller import split
+from swingup.control.known_plant import known_plant_controller
+from swingup.control.switch import LatchingSwitch
+from swingup.physics.parameters import ROBOTS, Parameters
+
+
+def stack(trees: Sequence[Parameters]) -> Parameters:
+    """Plants side by side."""
+    stacked: Parameters = jax.tree.map(lambda *values: np.array(values, np.float64), *trees)
+    return stacked
+
+
+def held(controllers: list[LatchingSwitch], plants: list[Parameters], rules: RobustnessRules) -> np.ndarray:
+    """Whether each controller's own plant ends upright, from hanging at rest."""
+    static = split(controllers[0])[1]
+    arrays = jax.tree.map(lambda *leaves: np.stack(leaves), *(split(each)[0] for each in controllers))
+
+    @jax.jit
+    @jax.vmap
+    def final(arrays: LatchingSwitch, plant: Parameters) -> jax.Array:
+        controller = eqx.combine(arrays, static)
+        return jnp.asarray(simulate(Scenario(plant), controller, jnp.zeros(4), rules.dt, rules.steps)[0].final)
+
+    with jax.enable_x64(True):
+        return upright(np.asarray(final(arrays, stack(plants))), rules.tolerance)
+
+
+def table(cases: list[Case], found: SwingUps, successes: np.ndarray) -> str:
+    """Plants that were reached and held, by parameter, and the cells that fail."""
+    lines = ["| parameter | plants | reached | held |", "|---|---:|---:|---:|"]
+    names = np.array([case.settings["parameter"] for case in cases])
+    reached = np.asarray(found.reached) == 1.0
+    for name in dict.fromkeys(names):
+        one = names == name
+        lines.append(f"| {name} | {one.sum()} | {reached[one].sum()} | {successes[one].sum()} |")
+    lines.append(f"| **all** | {len(cases)} | {reached.sum()} | **{successes.sum()}** |")
+    cells = [
+        f"{case.settings['parameter']} = {case.settings['value']:.3g}" + ("" if end == 1.0 else f" (λ = {end:.2f})")
+        for case, end, success in zip(cases, found.reached, successes, strict=True)
+        if not success
+    ]
+    return "\n".join([*lines, "", f"Not held: {', '.join(cells) or 'none'}."])
+
+
+def main() -> None:
+    """Compute the swing-ups, judge them and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("robot", choices=list(ROBOTS))
+    robot, rules = ROBOTS[parser.parse_args().robot], get_robustness_rules("v2")
+    cases = make_cases(robot, rules, "model", 0)
+    plants = [case.scenario.parameters for case in cases]
+    began = time.process_time()
+
+    def progress(done: int, total: int) -> None:
+        print(f"{done} of {total} plants", file=sys.stderr, flush=True)
+
+    found = continue_swingups(robot, stack(plants), progress=progress)
+    controllers = [known_plant_controller(plant, found.reference(index)) for index, plant in enumerate(plants)]
+    print(table(cases, found, held(controllers, plants, rules)))
+    print(f"{time.process_time() - began:.0f} s of CPU time")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,47 @@
+"""A controller that is told its plant: the plant's own optimal swing-up, then the plant's own LQR.
+
+It follows the swing-up by time and does not recover from throws. It shows what can be had where the plant is known.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from ..physics.equations import StateFloats
+from ..physics.parameters import Parameters
+from .lqr import LQR, LQRSettings, upright_lqr
+from .reference import Reference
+from .switch import LatchingSwitch
+from .tracking import RiccatiController
+
+TOP = LQRSettings(state_weights=(1.0, 1.0, 0.1, 0.1), torque_weight=1.0, max_cost_to_go=1000.0)
+"""The best of those that were tried, with the friction of :func:`damped` (``benchmarks/README.md``)."""
+
+HAND_OVER: StateFloats = (0.15, 0.15, 0.7, 0.7)
+"""|errors| below which the LQR takes over (rad, rad/s): no accepted swing-up ends farther away. A third and two
+thirds of it held one or two plants fewer of 240 drawn ones, of both robots."""
+
+
+def known_plant_controller(plant: Parameters, reference: Reference) -> LatchingSwitch:
+    """Follow a swing-up of a plant and hand over to the plant's LQR.
+
+    Args:
+        plant: the pendulum, as Python floats.
+        reference: a swing-up for it, as ``continuation.SwingUps.reference`` gives it.
+    """
+    rows = reference.states, reference.torque, reference.unregularised_gains
+    following = RiccatiController(reference.dt, *rows, reference.robot)
+    return LatchingSwitch(following, plants_lqr(plant, reference), np.array(HAND_OVER), reference.robot)
+
+
+def plants_lqr(plant: Parameters, reference: Reference) -> LQR:
+    """The LQR at the top that is designed for a plant with its friction."""
+    return upright_lqr(damped(plant), reference.robot, TOP)
+
+
+def damped(plant: Parameters) -> Parameters:
+    """The plant with Coulomb friction as damping: cf arctan(100 q̇) becomes cf q̇ / (1 rad/s).
+
+    Its slope at rest is a hundred times as large, by which a regulator would take the joint for frozen.
+    """
+    return dataclasses.replace(plant, b1=plant.b1 + plant.cf1, b2=plant.b2 + plant.cf2, cf1=0.0, cf2=0.0)
