@@ -164,6 +164,16 @@ def test_a_search_that_was_cut_off_goes_on(tmp_path):
     assert third.trained == [12]
 
 
+def test_results_that_a_kill_left_out_are_written_by_the_next_call(tmp_path):
+    plan = plan_of(tmp_path / "s")
+    searched(plan, 2, StandIn())
+    for name in ("best.json", "search.json"):
+        (plan.out / name).unlink()
+    result = searched(plan, 2, StandIn())
+    assert json.loads((plan.out / "best.json").read_text())["trial"] == result.best.trial
+    assert len(json.loads((plan.out / "search.json").read_text())) == 2
+
+
 def test_a_kill_in_the_middle_of_a_write_loses_half_a_line_only(tmp_path):
     before = searched(plan_of(tmp_path), 2, StandIn())
     with (tmp_path / STUDY_FILE).open("a") as file:

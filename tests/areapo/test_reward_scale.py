@@ -10,7 +10,8 @@ import pytest
 
 from swingup.areapo import train
 from swingup.areapo.config import Config
-from swingup.areapo.reward_scale import RewardScale, init_reward_scale
+from swingup.areapo.networks import Critic, Linear
+from swingup.areapo.reward_scale import RewardScale, change, init_reward_scale, keep_values
 
 from .probes import Walk
 
@@ -32,9 +33,25 @@ def test_the_deviation_is_that_of_all_rewards_that_count():
     assert float(update(scale, rewards[0], 0 * weights[0]).deviation) == float(scale.deviation)
 
 
-def test_constant_rewards_are_not_scaled():
-    scale = update(init_reward_scale(), np.full((8, 2), 0.7, np.float32), np.ones((8, 2), np.float32))
+@pytest.mark.parametrize("reward", [0.0, 0.7, -987.65, 12345.678])
+def test_constant_rewards_are_not_scaled(reward):
+    scale = init_reward_scale()
+    for _ in range(3):
+        scale = update(scale, np.full((8, 2), reward, np.float32), np.ones((8, 2), np.float32))
     assert float(scale.deviation) == 1.0
+
+
+def test_a_new_scale_keeps_values_of_rewards_in_the_tasks_units_and_those_of_entropy_in_its_own():
+    heads = Linear(jnp.arange(1.0, 7.0).reshape(2, 3), jnp.array([0.5, -0.5]))
+    critic = eqx.tree_at(lambda c: c.heads, Critic((), heads), heads)
+    old = RewardScale(jnp.zeros(()), jnp.array(4.0), jnp.array(10.0))
+    new = RewardScale(jnp.zeros(()), jnp.array(0.25), jnp.array(20.0))
+    kept = keep_values(critic, old, new).heads
+    # σ falls from 2 to 0.5: the output for rewards is 4 times as large, in the task's units it is the same.
+    np.testing.assert_allclose(kept.weight, heads.weight * np.array([[4.0], [1.0]]))
+    np.testing.assert_allclose(kept.bias, heads.bias * np.array([4.0, 1.0]))
+    assert float(change(old, new)) == 0.25
+    assert float(change(init_reward_scale(), new)) == 1.0
 
 
 class Paid(Walk):

@@ -13,8 +13,9 @@ from ..types import Scalar
 from .average import Weights, mean
 from .networks import Critic
 
-LEAST_DEVIATION = 1e-4
-"""Rewards that vary less count as constant, and are not scaled."""
+LEAST_DEVIATION = 1e-5
+"""Rewards that vary by less than this share of their mean count as constant, and are not scaled: single precision
+leaves constant ones such a variance."""
 
 
 class RewardScale(eqx.Module):
@@ -27,7 +28,7 @@ class RewardScale(eqx.Module):
     @property
     def deviation(self) -> Scalar:
         """σ, by which rewards are divided; 1 before the first reward and for constant ones."""
-        varies = self.variance > LEAST_DEVIATION**2
+        varies = self.variance > (LEAST_DEVIATION * self.mean) ** 2
         # The inner choice keeps the root's argument away from 0.
         return jnp.where(varies, jnp.sqrt(jnp.where(varies, self.variance, 1.0)), 1.0)
 
@@ -52,8 +53,16 @@ def init_reward_scale() -> RewardScale:
 
 
 def keep_values(critic: Critic, old: RewardScale, new: RewardScale) -> Critic:
-    """The critic whose values (outputs times σ) under the new scale are those of the old critic under the old."""
-    # Before the first reward there is no unit: an untrained critic's values are in units of σ, whatever that is.
-    ratio = jnp.where(old.count > 0, old.deviation / new.deviation, 1.0)
-    heads = (critic.heads.weight * ratio, critic.heads.bias * ratio)
+    """The critic whose values under the new scale are those of the old critic under the old.
+
+    Those of the rewards stay in the task's units. Those of the entropy are in units of σ, as the temperature is.
+    """
+    ratio = jnp.stack([1.0 / change(old, new), jnp.ones(())])
+    heads = (critic.heads.weight * ratio[:, None], critic.heads.bias * ratio)
     return eqx.tree_at(lambda c: (c.heads.weight, c.heads.bias), critic, heads)
+
+
+def change(old: RewardScale, new: RewardScale) -> Scalar:
+    """The new σ over the old."""
+    # Before the first reward there is no unit: an untrained critic's values are in units of σ, whatever that is.
+    return jnp.where(old.count > 0, new.deviation / old.deviation, 1.0)

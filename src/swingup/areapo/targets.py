@@ -14,7 +14,7 @@ from .average import mean
 from .config import Config
 from .networks import values as network_values
 from .popart import rescale
-from .reward_scale import keep_values
+from .reward_scale import change, keep_values
 from .state import LearnerState, Rollout
 from .unroll import Memories, memories
 
@@ -76,12 +76,15 @@ def charged_rewards(rollout: Rollout, cost: Scalar, config: Config) -> Float[Arr
 
 
 def follow_rewards(state: LearnerState, rollout: Rollout, cost: Scalar, config: Config) -> LearnerState:
-    """The state whose reward scale has seen a rollout; no value changes. Without a scale it stays as it is."""
+    """The state whose reward scale has seen a rollout; values of rewards stay. Without a scale all stays."""
     if state.reward_scale is None:
         return state
     scale = state.reward_scale.update(charged_rewards(rollout, cost, config), rollout.counted)
     critic = keep_values(state.critic, state.reward_scale, scale)
-    return dataclasses.replace(state, critic=critic, reward_scale=scale)
+    # The reward of entropy grows with σ, and with it its gain.
+    entropy = state.gains.entropy * change(state.reward_scale, scale)
+    gains = dataclasses.replace(state.gains, entropy=entropy)
+    return dataclasses.replace(state, critic=critic, gains=gains, reward_scale=scale)
 
 
 def times_scale(state: LearnerState, values: Any) -> Any:

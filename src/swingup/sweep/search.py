@@ -20,7 +20,7 @@ from ..plants.plant import PlantLike, find_plant
 from ..text import quoted
 from .executors import workers_for
 from .found import SearchResult, found, write_found
-from .jobs import Job, JobOutcome, train_one
+from .jobs import PRUNED, Job, JobOutcome, train_one
 from .plan import MOST_RUNS
 from .search_plan import SearchPlan, plan_search
 from .study import PLACE, begin_again, chosen_values, latest_trials, next_trial, open_study
@@ -133,7 +133,10 @@ def run_search(
                 else:
                     _tell(plan, study, begun, progress)
             if not running:
-                return found(plan, study)
+                # Again, since a kill may have come between a trial's end and its row.
+                result = found(plan, study)
+                write_found(plan, result)
+                return result
             pending = [future for each in running for future in each.futures if not future.done()]
             wait(pending, poll, FIRST_COMPLETED)
             for each in running.copy():
@@ -168,7 +171,8 @@ def _begin(
         if Path(job.folder).exists():
             # Here, since a run that only finds its folder in use would be a failed trial.
             with RunFolder(job.folder).exclusive():
-                pass
+                # Of a trial that was killed while it was pruned: it is pruned again if that is due.
+                (Path(job.folder) / PRUNED).unlink(missing_ok=True)
     return RunningTrial(trial, jobs, [executor.submit(train, job) for job in jobs])
 
 

@@ -92,7 +92,10 @@ def check_space(space: Mapping[str, Any]) -> dict[str, Range | list[Any]]:
         if not isinstance(values, list | tuple) or not values:
             raise SwingupError(f"{name} = {quoted(values)}: give a Range, or a list of alternatives")
         for value in values:
-            preset_name(value) if name == "preset" else check_value(name, value)
+            if name == "preset":
+                preset_name(value)
+            else:
+                check_value(name, value)
         checked[name] = list(values)
     return checked
 

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...control.controller import AbstractController, check_robot
+from ...errors import SwingupError
 from ...physics import equations
 from ...physics.damped import Friction, Functions, damped_midpoint_step
 from ...physics.dynamics import acceleration
@@ -228,15 +229,30 @@ def with_estimator(
         identifier: finds the plant, whose model the estimator then has; None for the nominal model.
 
     Raises:
-        SwingupError: the controller is for the other robot, or the model has no units of its own.
+        SwingupError: the controller is for the other robot, the model has no units of its own, or the identifier
+            is for another loop.
     """
     check_robot(controller, robot)
     settings = default_estimator(parameters) if settings is None else settings
+    if identifier is not None:
+        _check_fits(identifier, robot, settings)
     gains, fading = kalman_gains(settings), math.exp(-settings.dt / settings.memory)
     p = parameters
     # Values of JAX may be traced: they count as friction.
     damped = any(isinstance(value, jax.Array) or value != 0 for value in (p.b1, p.b2, p.cf1, p.cf2))
     return EstimatingController(controller, parameters, gains, fading, settings, robot, damped, identifier)
+
+
+def _check_fits(identifier: Identifier, robot: Robot, settings: EstimatorSettings) -> None:
+    """Refuse an identifier that was made for another robot, another period or shorter delays."""
+    if identifier.robot.name != robot.name:
+        raise SwingupError(f"the identifier is for the {identifier.robot.name}: make one for the {robot.name}")
+    own = identifier.settings
+    if own.dt != settings.dt or own.max_delay_steps < settings.max_delay_steps:
+        raise SwingupError(
+            f"the identifier has dt = {own.dt:g} s and max_delay_steps = {own.max_delay_steps}, the estimator "
+            f"{settings.dt:g} s and {settings.max_delay_steps}: give the identifier the estimator's"
+        )
 
 
 def _nearest(angle: Float[Array, "n"]) -> Float[Array, "n"]:

@@ -9,10 +9,10 @@ At each measurement, with the rows Y of ``physics.momentum`` for the last angles
 
        e = y - φᵀ x,   s = φᵀ P φ,   d² = e² / (s + r),
        r ← r + w (e² r / (s + r) - r),   w fast if r grows, slow if it falls,
-       k = P φ / (s + n r (1 + d²⁺)),   x ← x + k e,   P ← P - k (P φ)ᵀ.
+       k = P φ / (s + n r w),   w = max(1, (ν + d²)/(ν + 1)),   x ← x + k e,   P ← P - k (P φ)ᵀ.
 
-   n counts the neighbouring rows whose errors are alike. (1 + d²⁺) is Student's weight. A row with d above the
-   gate, and rows for a while after it, change nothing but r: pushes.
+   n counts the neighbouring rows whose errors are alike. w is the inverse of Student's weight, ν = 4. A row with d
+   above the gate, and rows for a while after it, change nothing but r: pushes.
 3. P grows by a small drift. There is no forgetting: what is not excited stays as sure as it was.
 
 The motor's torque is no part of the undriven joint's row. That row alone gives its part of θ up to scale, and noise
@@ -42,6 +42,10 @@ from ..identifier_settings import LAG, POLES, UNKNOWNS, IdentifierSettings, hat_
 MATHS = Maths(sine_cosine, arctan, jnp.log1p, jnp.where)
 STUDENT = 4.0
 """Degrees of freedom of the errors' distribution."""
+MOST_DEVIATION = 10.0
+"""Largest deviation that the residuals of a row raise its own to, in first ones."""
+FRICTIONS = slice(4, 8)
+"""Places of b1, b2, cf1 and cf2 in θ."""
 
 Joints = Float[Array, "2"]
 Unknowns = Float[Array, "10"]
@@ -137,9 +141,13 @@ class Identifier(eqx.Module):
         return _choose(jnp.isfinite(q).all(), memory, self.restart(before))
 
     def plant(self, memory: IdentifierMemory) -> tuple[Lumped, Friction]:
-        """The identified plant with a positive definite mass matrix, at most a step towards θ from the nominal."""
+        """The identified plant to predict with: its mass matrix is positive definite, its friction brakes.
+
+        Negative friction would make the implicit step singular near rest (``physics.damped``).
+        """
         theta = self.theta(memory)
-        return lumped(theta, self.known), friction_of(theta)
+        braking = theta.at[FRICTIONS].set(jnp.maximum(theta[FRICTIONS], 0.0))
+        return lumped(theta, self.known), friction_of(braking)
 
     def theta(self, memory: IdentifierMemory) -> Float[Array, "9"]:
         """Base parameters of a pendulum: those found, or as near to them as the mass matrix allows."""
@@ -162,7 +170,7 @@ class Identifier(eqx.Module):
             memory = self._update(memory, joint)
         prior_variance = jnp.diagonal(jnp.asarray(self.covariance, memory.covariance.dtype))
         drift = self.settings.walk**2 * self.settings.dt * prior_variance
-        # No surer than at the start: the drift must not exceed the prior.
+        # No less sure than at the start: the drift must not exceed the prior.
         drift = jnp.where(jnp.diagonal(memory.covariance) < prior_variance, drift, 0.0)
         return replace(memory, covariance=memory.covariance + jnp.diag(drift))
 
@@ -191,7 +199,9 @@ class Identifier(eqx.Module):
         held = jnp.where(distance > s.gate**2, s.hold, memory.held[joint] - s.dt)
         heavy = r * s.alike * jnp.maximum(1.0, (STUDENT + distance) / (STUDENT + 1.0))
         gain = jnp.where(held > 0, 0.0, known / (unsure + heavy))
-        seen = distance * r
+        # A spoilt angle must not blind the identifier for seconds.
+        first = s.driven_deviation if driven else s.passive_deviation
+        seen = jnp.minimum(distance * r, (MOST_DEVIATION * first) ** 2)
         time = jnp.where(seen > memory.variance[joint], s.rise, s.fall)
         variance = memory.variance[joint] + (1.0 - jnp.exp(-s.dt / time)) * (seen - memory.variance[joint])
         return replace(
