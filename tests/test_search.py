@@ -117,6 +117,23 @@ def test_spaces_that_are_refused(tmp_path, space, message):
     assert not (tmp_path / "s").exists()
 
 
+def test_what_is_no_dictionary_and_no_seed_is_refused(tmp_path):
+    with pytest.raises(SwingupError, match="give a dictionary of ranges"):
+        plan_of(tmp_path / "s", ["learning_rate"])
+    with pytest.raises(SwingupError, match=r"seed = 1\.5"):
+        plan_of(tmp_path / "s", seed=1.5)
+
+
+@pytest.mark.parametrize("line", ["[]", "1", '{"op_code": 99}'])
+def test_a_damaged_journal_is_named(tmp_path, line):
+    plan = plan_of(tmp_path / "s")
+    searched(plan, 1, StandIn())
+    with (plan.out / STUDY_FILE).open("a") as file:
+        file.write(line + "\n")
+    with pytest.raises(SwingupError, match=r"cannot read .*: restore it"):
+        searched(plan, 2, StandIn())
+
+
 def test_the_best_trial_becomes_settings(tmp_path):
     told = []
     result = searched(plan_of(tmp_path, seed=5), 6, StandIn(), progress=told.append)

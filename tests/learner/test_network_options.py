@@ -85,6 +85,13 @@ def test_states_of_predict():
     np.testing.assert_array_equal(memory_before(policy, state[0], np.bool_(False), 1), state[:1])
     with pytest.raises(SwingupError, match=r"state has shape \(3, 2\): pass what predict returned, \(2, 3\)"):
         memory_before(policy, state.T, None, 2)
+    for words in ([[1.0], [2.0, 3.0]], [["a", "b", "c"]] * 2):
+        with pytest.raises(SwingupError, match="state has no numbers"):
+            memory_before(policy, words, None, 2)
+    with pytest.raises(SwingupError, match="state is not finite"):
+        memory_before(policy, state * np.nan, None, 2)
+    with pytest.raises(SwingupError, match="pass a truth value"):
+        memory_before(policy, None, [float("nan"), 1.0], 2)
     with pytest.raises(SwingupError, match=r"episode_start = \[True\]: pass a truth value for each of 2"):
         memory_before(policy, None, [True], 2)
     assert memory_before(plain, None, None, 2) is None

@@ -29,12 +29,24 @@ def memory_before(policy: Policy[Any], state: Any, episode_start: Any, count: in
         return None
     memory = np.zeros((count, size), np.float32)
     if state is not None:
-        if np.shape(state) not in ((count, size), *([(size,)] if count == 1 else [])):
-            raise SwingupError(f"state has shape {np.shape(state)}: pass what predict returned, {(count, size)}")
-        memory = np.asarray(state, np.float32).reshape(count, size)
+        given_state = _array(state, np.float32)
+        if given_state is None or given_state.shape not in ((count, size), *([(size,)] if count == 1 else [])):
+            shape = "no numbers" if given_state is None else f"shape {given_state.shape}"
+            raise SwingupError(f"state has {shape}: pass what predict returned, {(count, size)}")
+        if not np.isfinite(given_state).all():
+            raise SwingupError("state is not finite: pass what predict returned")
+        memory = given_state.reshape(count, size)
     if episode_start is None:
         return memory
-    starts = np.asarray(episode_start)
-    if starts.shape not in ((count,), *([()] if count == 1 else [])) or starts.dtype.kind not in "bif":
+    starts, shapes = _array(episode_start), ((count,), *([()] if count == 1 else []))
+    if starts is None or starts.shape not in shapes or starts.dtype.kind not in "bi":
         raise SwingupError(f"episode_start = {quoted(episode_start)}: pass a truth value for each of {count}")
     return np.where(starts.reshape(count, 1).astype(bool), np.float32(0.0), memory)
+
+
+def _array(values: Any, dtype: Any = None) -> np.ndarray | None:
+    """An array of the values; None if they make none."""
+    try:
+        return np.asarray(values, dtype)
+    except (TypeError, ValueError):
+        return None

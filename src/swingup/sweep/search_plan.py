@@ -59,7 +59,8 @@ def plan_search(
     checked = check_space(space)
     presets = checked.get("preset", [base["preset"]])
     length = common_length(base, presets if isinstance(presets, list) else [], frames)
-    whole_number("seeds", seeds, 1, MOST_RUNS)
+    seeds = whole_number("seeds", seeds, 1, MOST_RUNS)
+    seed = whole_number("seed", seed, 0, 2**32 - seeds)
     plan = SearchPlan(base, checked, Path(out).absolute(), length, seed, seeds)
     plan.as_dict()
     return plan

@@ -80,6 +80,8 @@ def check_space(space: Mapping[str, Any]) -> dict[str, Range | list[Any]]:
     Raises:
         SwingupError: nothing varies, a name is unknown, or a value cannot work.
     """
+    if not isinstance(space, Mapping):
+        raise SwingupError(f"space = {quoted(space)}: give a dictionary of ranges and alternatives by name")
     if not space:
         raise SwingupError("nothing varies: give a range, such as learning_rate=1e-4:1e-2:log, or alternatives")
     checked: dict[str, Range | list[Any]] = {}

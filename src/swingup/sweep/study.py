@@ -50,17 +50,18 @@ def open_study(folder: Path, settings: Mapping[str, Any], pruning: bool) -> "Stu
     except ImportError as error:
         raise SwingupError("a search needs Optuna: pip install 'swingup[optuna]'") from error
     path = folder.absolute() / STUDY_FILE
-    _clear_after_kill(path)
     pruner: BasePruner = optuna.pruners.NopPruner()
     if pruning:
         pruner = optuna.pruners.MedianPruner(UNPRUNED_TRIALS, UNPRUNED_RUNGS)
     try:
+        _clear_after_kill(path)
         with _quiet():
             storage = JournalStorage(JournalFileBackend(str(path)))
             study = optuna.create_study(
                 storage=storage, study_name=STUDY_NAME, direction="maximize", pruner=pruner, load_if_exists=True
             )
-    except (OSError, ValueError, KeyError) as error:
+    # Optuna replays the file, and does not check what a line holds.
+    except (OSError, ValueError, KeyError, TypeError, AssertionError, AttributeError) as error:
         raise SwingupError(f"cannot read {path}: restore it, or choose another --out") from error
     known = study.user_attrs.get(SETTINGS)
     if known is None:
