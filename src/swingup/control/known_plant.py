@@ -7,8 +7,8 @@ import dataclasses
 
 import numpy as np
 
-from ..physics.equations import StateFloats
 from ..physics.parameters import Parameters
+from .continuation_settings import ContinuationSettings
 from .lqr import LQR, LQRSettings, upright_lqr
 from .reference import Reference
 from .switch import LatchingSwitch
@@ -17,7 +17,7 @@ from .tracking import RiccatiController
 TOP = LQRSettings(state_weights=(1.0, 1.0, 0.1, 0.1), torque_weight=1.0, max_cost_to_go=1000.0)
 """The best of those that were tried, with the friction of :func:`damped` (``benchmarks/README.md``)."""
 
-HAND_OVER: StateFloats = (0.15, 0.15, 0.7, 0.7)
+HAND_OVER = ContinuationSettings().max_error
 """|errors| below which the LQR takes over (rad, rad/s): no accepted swing-up ends farther away. A third and two
 thirds of it held one or two plants fewer of 240 drawn ones, of both robots."""
 

@@ -22,3 +22,8 @@ def wrap(x: State) -> State:
 def wrap_difference(angle: Angle) -> Angle:
     """A difference of angles (rad) as the signed difference in [-π, π) of their directions; arrays of any shape."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def nearest(angle: Array) -> Array:
+    """A difference of angles (rad), less full turns; small ones keep all digits, unlike in `wrap_difference`."""
+    return angle - 2 * jnp.pi * jnp.round(angle / (2 * jnp.pi))

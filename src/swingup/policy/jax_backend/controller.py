@@ -17,8 +17,9 @@ from ..pendulum import PendulumPolicy, read_pendulum_policy, write_pendulum_poli
 from ..plant_facts import PLANT_NAMES, PolicyPlant, leaderboard_plant, modelled
 from ..settings import EstimatorSettings
 from ..shipped import REFINED, read_policy
+from .choose import choose
 from .estimator import EstimatingController, with_estimator
-from .front_end import FrontEnd, FrontEndMemory, choose
+from .front_end import FrontEnd, FrontEndMemory
 from .policy import Policy, make_policy, network_of
 
 

@@ -20,6 +20,7 @@ from jaxtyping import Array, Float
 from ...control.controller import AbstractController, check_robot
 from ...errors import SwingupError
 from ...physics import equations
+from ...physics.angles import nearest
 from ...physics.damped import Friction, Functions, damped_midpoint_step
 from ...physics.dynamics import acceleration
 from ...physics.equations import Lumped, lump
@@ -28,6 +29,7 @@ from ...physics.parameters import Parameters, Robot
 from ...physics.trigonometry import arctan, sine_cosine
 from ...types import Count, Flag, Scalar, State, Torque
 from ..settings import LOST, PIECES, EstimatorSettings, default_estimator, kalman_gains
+from .choose import choose
 from .identifier import Identifier, IdentifierMemory
 from .told import told_base
 
@@ -101,10 +103,10 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         # What is not finite fails the comparison, and is lost.
         kept = jnp.all(jnp.abs(x - followed.state)[2:] <= LOST * self.settings.velocity_noise)
         restarts = late | ~kept
-        memory = self._identify(_choose(restarts, self._restart(carry, x), followed), x, late)
+        memory = self._identify(choose(restarts, self._restart(carry, x), followed), x, late)
         # The filter's estimate is as old as the delay; the controller needs the present state.
         ahead = self._ahead(memory, dt, model)
-        seen = _choose(restarts | ~jnp.all(jnp.isfinite(ahead)), x, ahead)
+        seen = choose(restarts | ~jnp.all(jnp.isfinite(ahead)), x, ahead)
         inner, u = self._informed(memory)(carry.controller, t, seen)
         joint, limits = self.robot.joint, (self.parameters.tl1, self.parameters.tl2)
         # The model gets the torque that the motor can give.
@@ -133,7 +135,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         """Show the measured angles to the identifier, if there is one; rates are noisy and not needed."""
         if self.identifier is None or memory.identified is None:
             return memory
-        identified = _choose(late, self.identifier.restart(memory.identified), memory.identified)
+        identified = choose(late, self.identifier.restart(memory.identified), memory.identified)
         return replace(memory, identified=self.identifier.observe(identified, x[:2], memory.delay_steps))
 
     def _restart(self, memory: EstimatorMemory, x: State) -> EstimatorMemory:
@@ -151,7 +153,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         torque = memory.torques[memory.delay_steps]
         predicted = self._step(model, memory.state, torque * driven, dt)
         miss = x - predicted
-        miss = miss.at[:2].set(_nearest(miss[:2]))
+        miss = miss.at[:2].set(nearest(miss[:2]))
 
         extra = (memory.torques - torque)[:, None] * self._response(model, memory.state, driven)
         angles, rates = memory.deviations[:, :2], memory.deviations[:, 2:]
@@ -253,12 +255,3 @@ def _check_fits(identifier: Identifier, robot: Robot, settings: EstimatorSetting
             f"the identifier has dt = {own.dt:g} s and max_delay_steps = {own.max_delay_steps}, the estimator "
             f"{settings.dt:g} s and {settings.max_delay_steps}: give the identifier the estimator's"
         )
-
-
-def _nearest(angle: Float[Array, "n"]) -> Float[Array, "n"]:
-    """An angle's error, less full turns: a measurement may be wrapped."""
-    return angle - 2 * jnp.pi * jnp.round(angle / (2 * jnp.pi))
-
-
-def _choose(condition: Flag, yes: Any, no: Any) -> Any:
-    return jax.tree.map(lambda one, other: jnp.where(condition, one, other), yes, no)

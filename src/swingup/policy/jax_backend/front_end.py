@@ -1,7 +1,6 @@
 """The front end in JAX: a filter between measurement and policy, and friction compensation before the motors."""
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -48,8 +47,3 @@ class FrontEnd(eqx.Module):
 
     def _seen(self, q: Float[Array, "2"], rates: Float[Array, "2"]) -> State:
         return jnp.concatenate([q, jnp.where(jnp.abs(rates) < self.settings.dead_band, 0.0, rates)])
-
-
-def choose(condition: jax.Array, yes: FrontEndMemory, no: FrontEndMemory) -> FrontEndMemory:
-    """One memory or the other."""
-    return jax.tree.map(lambda one, other: jnp.where(condition, one, other), yes, no)

@@ -30,14 +30,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...physics.angles import nearest
 from ...physics.base_parameters import BASE, Known, Spread, friction_of, lumped, share_allowed
 from ...physics.damped import Friction
 from ...physics.equations import Lumped
 from ...physics.momentum import Maths, momentum_rows
 from ...physics.parameters import Parameters, Robot
 from ...physics.trigonometry import arctan, sine_cosine
-from ...types import Count, Flag, Torque
+from ...types import Count, Torque
 from ..identifier_settings import LAG, POLES, UNKNOWNS, IdentifierSettings, hat_weights, prior
+from .choose import choose
 
 MATHS = Maths(sine_cosine, arctan, jnp.log1p, jnp.where)
 STUDENT = 4.0
@@ -117,7 +119,7 @@ class Identifier(eqx.Module):
 
     def observe(self, memory: IdentifierMemory, q: Joints, delay_steps: Count) -> IdentifierMemory:
         """Learn from measured angles (rad), whole turns aside, that are ``delay_steps`` old."""
-        before, newest = memory, memory.angles[0] + _nearest(q - memory.angles[0])
+        before, newest = memory, memory.angles[0] + nearest(q - memory.angles[0])
         angles = jnp.concatenate([newest[None], memory.angles[:-1]])
         # The lag counts from the delay: their sum is what was found. The old columns belong to the old delay.
         change = delay_steps - memory.delay_steps
@@ -136,9 +138,9 @@ class Identifier(eqx.Module):
         # The torques before a restart are not known.
         full = calls >= len(memory.angles) + delay_steps
         finite = jnp.isfinite(learned.unknowns).all() & jnp.isfinite(learned.covariance).all()
-        memory = _choose(full & finite, learned, memory)
+        memory = choose(full & finite, learned, memory)
         # An angle that is not finite would stay in the differences.
-        return _choose(jnp.isfinite(q).all(), memory, self.restart(before))
+        return choose(jnp.isfinite(q).all(), memory, self.restart(before))
 
     def plant(self, memory: IdentifierMemory) -> tuple[Lumped, Friction]:
         """The identified plant to predict with: its mass matrix is positive definite, its friction brakes.
@@ -231,12 +233,3 @@ def make_identifier(
     mean, covariance = prior(plant, settings, spread)
     known = Known(float(plant.l1), float(plant.g), float(plant.gr))
     return Identifier(mean, covariance, known, settings, robot)
-
-
-def _nearest(angle: Joints) -> Joints:
-    """An angle's change, less full turns: a measurement may be wrapped."""
-    return angle - 2 * jnp.pi * jnp.round(angle / (2 * jnp.pi))
-
-
-def _choose(condition: Flag, yes: IdentifierMemory, no: IdentifierMemory) -> IdentifierMemory:
-    return jax.tree.map(lambda one, other: jnp.where(condition, one, other), yes, no)
