@@ -15,21 +15,24 @@ from .fold import fold
 from .guard import GUARD
 from .network import Network
 from .plant_facts import PLANT, PolicyPlant, modelled, read_plant, write_plant
+from .regulator_settings import RegulatorSettings, fixed_point
 from .settings import (
     FRONT_END,
+    REGULATOR,
     EstimatorSettings,
     FrontEndSettings,
     GuardSettings,
     estimator_settings,
     front_end_settings,
     guard_settings,
+    regulator_settings,
 )
 from .stages import PendulumStage
 
 
 @dataclass(frozen=True)
 class PendulumPolicy:
-    """One torque for a state, perhaps behind an estimator or a front end."""
+    """One torque for a state, perhaps behind an estimator or a front end, or with a regulator."""
 
     network: Network
     """As in the file; ``folded`` is what back ends run."""
@@ -44,8 +47,22 @@ class PendulumPolicy:
     """Settings of the filter and the friction compensation in the file."""
     guard: GuardSettings | None = None
     """Settings of the safety guard in the file; None for none."""
+    regulator: RegulatorSettings | None = None
+    """Settings of the regulator in the file, which takes over near the top; None for none."""
     metadata: Mapping[str, Any] = field(default_factory=dict)
     """The file's."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot go together.
+
+        Raises:
+            SwingupError: there are a regulator and a front end, or no regulator holds the plant.
+        """
+        if self.regulator is None:
+            return
+        if self.front_end is not None:
+            raise SwingupError("a regulator does not go with a front end: leave one of them out")
+        fixed_point(self.plant, self.robot.joint, self.regulator)
 
     @property
     def folded(self) -> Network:
@@ -104,9 +121,10 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
         limit = finite_number("torque_limit", metadata["torque_limit"], 1e-6, 1e6, "N m")
         estimator, front_end = estimator_settings(metadata), front_end_settings(metadata)
         guard, plant = guard_settings(metadata), read_plant(metadata, ROBOTS[name])
+        around = estimator, front_end, guard, regulator_settings(metadata)
+        return PendulumPolicy(network, ROBOTS[name], limit, plant, *around, metadata)
     except SwingupError as error:
         raise SwingupError(f"policy file {path}: {error}; see docs/policy-format.md") from error
-    return PendulumPolicy(network, ROBOTS[name], limit, plant, estimator, front_end, guard, metadata)
 
 
 def write_pendulum_policy(path: str | Path, policy: PendulumPolicy, provenance: Mapping[str, Any]) -> None:
@@ -127,4 +145,6 @@ def write_pendulum_policy(path: str | Path, policy: PendulumPolicy, provenance: 
         head[FRONT_END] = asdict(policy.front_end)
     if policy.guard is not None:
         head[GUARD] = asdict(policy.guard)
+    if policy.regulator is not None:
+        head[REGULATOR] = asdict(policy.regulator)
     write_network(path, policy.network, {**head, **provenance})

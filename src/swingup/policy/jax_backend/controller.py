@@ -21,6 +21,7 @@ from .choose import choose
 from .estimator import EstimatingController, with_estimator
 from .front_end import FrontEnd, FrontEndMemory
 from .policy import Policy, make_policy, network_of
+from .regulator import RegulatingController, with_regulator
 
 
 class PolicyMemory(eqx.Module):
@@ -72,30 +73,34 @@ class PolicyController(AbstractController[PolicyMemory | None]):
 
 def make_controller(
     policy: PendulumPolicy, estimator: bool | None = None
-) -> PolicyController | EstimatingController:
-    """Make a controller of a policy.
+) -> PolicyController | RegulatingController | EstimatingController:
+    """Make a controller of a policy, with its regulator if the file has one.
 
     Args:
         policy: what the file holds.
         estimator: where the file has one (None), never (False) or always (True). Settings that the file lacks have
             their defaults. Its model is the policy's plant.
     """
-    alone = _alone(policy)
+    alone, regulator = _alone(policy), policy.regulator
+    acting: PolicyController | RegulatingController = alone
+    if regulator is not None:
+        acting = with_regulator(alone, policy.robot, policy.plant, regulator, policy.torque_limit)
     wanted = policy.estimator is not None if estimator is None else estimator
-    return behind_estimator(alone, policy.estimator) if wanted else alone
+    return behind_estimator(acting, policy.estimator) if wanted else acting
 
 
 def behind_estimator(
-    controller: PolicyController, settings: EstimatorSettings | None = None
+    controller: PolicyController | RegulatingController, settings: EstimatorSettings | None = None
 ) -> EstimatingController:
     """A policy behind an estimator whose model is the policy's plant.
 
     Args:
-        controller: the policy alone.
+        controller: the policy alone, or with a regulator.
         settings: what to expect of measurement and loop.
     """
-    front_end = None if controller.front_end is None else controller.front_end.settings
-    model = modelled(plant_of(controller), controller.robot, front_end)
+    alone: PolicyController = controller.controller if isinstance(controller, RegulatingController) else controller
+    front_end = None if alone.front_end is None else alone.front_end.settings
+    model = modelled(plant_of(alone), controller.robot, front_end)
     parameters = Parameters(**{name: getattr(model, name) for name in PLANT_NAMES})
     return with_estimator(controller, controller.robot, parameters, settings)
 
