@@ -13,9 +13,11 @@ from ..text import quoted
 from .file import read_network, write_network
 from .fold import fold
 from .guard import GUARD
+from .identifier_settings import IDENTIFIER, IdentifierSettings, read_identifier, write_identifier
 from .network import Network
 from .plant_facts import PLANT, PolicyPlant, modelled, read_plant, write_plant
 from .settings import (
+    ESTIMATOR,
     FRONT_END,
     EstimatorSettings,
     FrontEndSettings,
@@ -44,6 +46,8 @@ class PendulumPolicy:
     """Settings of the filter and the friction compensation in the file."""
     guard: GuardSettings | None = None
     """Settings of the safety guard in the file; None for none."""
+    identifier: IdentifierSettings | None = None
+    """Settings of the identifier of the estimator's plant in the file; None for the plant of the file."""
     metadata: Mapping[str, Any] = field(default_factory=dict)
     """The file's."""
 
@@ -104,9 +108,10 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
         limit = finite_number("torque_limit", metadata["torque_limit"], 1e-6, 1e6, "N m")
         estimator, front_end = estimator_settings(metadata), front_end_settings(metadata)
         guard, plant = guard_settings(metadata), read_plant(metadata, ROBOTS[name])
+        identifier = read_identifier(metadata, estimator, front_end)
     except SwingupError as error:
         raise SwingupError(f"policy file {path}: {error}; see docs/policy-format.md") from error
-    return PendulumPolicy(network, ROBOTS[name], limit, plant, estimator, front_end, guard, metadata)
+    return PendulumPolicy(network, ROBOTS[name], limit, plant, estimator, front_end, guard, identifier, metadata)
 
 
 def write_pendulum_policy(path: str | Path, policy: PendulumPolicy, provenance: Mapping[str, Any]) -> None:
@@ -115,14 +120,19 @@ def write_pendulum_policy(path: str | Path, policy: PendulumPolicy, provenance: 
     Args:
         path: the file.
         policy: what to write; its own metadata is left out.
-        provenance: where the policy comes from, JSON values. An ``estimator`` in it puts one before the policy; a
-            plant in it is replaced.
+        provenance: where the policy comes from, JSON values. An ``estimator`` in it puts one before the policy, an
+            ``identifier`` in it lets that identify its plant; a plant in it is replaced, and so is an identifier
+            if the policy has one.
 
     Raises:
         SwingupError: the file cannot be written.
     """
     head: dict[str, Any] = {"robot": policy.robot.name, "torque_limit": float(policy.torque_limit)}
     provenance = {**provenance, PLANT: write_plant(policy.plant)}
+    if policy.identifier is not None:
+        # Beside an estimator, as a file must have it.
+        head |= {} if policy.estimator is None else {ESTIMATOR: asdict(policy.estimator)}
+        provenance[IDENTIFIER] = write_identifier(policy.identifier)
     if policy.front_end is not None:
         head[FRONT_END] = asdict(policy.front_end)
     if policy.guard is not None:

@@ -13,6 +13,7 @@ from ...physics.base_parameters import base_parameters
 from ...physics.parameters import Parameters
 from ...robots import Robot, get_robot
 from ...types import Scalar, State, Torque
+from ..identifier_settings import IdentifierSettings
 from ..pendulum import PendulumPolicy, read_pendulum_policy, write_pendulum_policy
 from ..plant_facts import PLANT_NAMES, PolicyPlant, leaderboard_plant, modelled
 from ..settings import EstimatorSettings
@@ -20,6 +21,7 @@ from ..shipped import REFINED, read_policy
 from .choose import choose
 from .estimator import EstimatingController, with_estimator
 from .front_end import FrontEnd, FrontEndMemory
+from .identifier import make_identifier
 from .policy import Policy, make_policy, network_of
 
 
@@ -78,26 +80,33 @@ def make_controller(
     Args:
         policy: what the file holds.
         estimator: where the file has one (None), never (False) or always (True). Settings that the file lacks have
-            their defaults. Its model is the policy's plant.
+            their defaults. Its model is the policy's plant, or what the identifier in the file finds.
     """
     alone = _alone(policy)
     wanted = policy.estimator is not None if estimator is None else estimator
-    return behind_estimator(alone, policy.estimator) if wanted else alone
+    return behind_estimator(alone, policy.estimator, policy.identifier) if wanted else alone
 
 
 def behind_estimator(
-    controller: PolicyController, settings: EstimatorSettings | None = None
+    controller: PolicyController,
+    settings: EstimatorSettings | None = None,
+    identifier: IdentifierSettings | None = None,
 ) -> EstimatingController:
     """A policy behind an estimator whose model is the policy's plant.
 
     Args:
         controller: the policy alone.
         settings: what to expect of measurement and loop.
+        identifier: settings of an identifier of that plant; None for the plant itself.
+
+    Raises:
+        SwingupError: the identifier does not fit the estimator, or the policy has a front end.
     """
     front_end = None if controller.front_end is None else controller.front_end.settings
     model = modelled(plant_of(controller), controller.robot, front_end)
     parameters = Parameters(**{name: getattr(model, name) for name in PLANT_NAMES})
-    return with_estimator(controller, controller.robot, parameters, settings)
+    found = None if identifier is None else make_identifier(controller.robot, parameters, identifier)
+    return with_estimator(controller, controller.robot, parameters, settings, found)
 
 
 def plant_of(controller: PolicyController) -> PolicyPlant:
@@ -115,7 +124,8 @@ def policy_of(controller: PolicyController) -> PendulumPolicy:
 def save_controller(path: str | Path, controller: PolicyController, provenance: Mapping[str, Any]) -> None:
     """Write a controller as a policy file, with the robot, the torque limit and where it comes from.
 
-    An ``estimator`` in the provenance holds the settings of an estimator before the policy.
+    An ``estimator`` in the provenance holds the settings of an estimator before the policy, an ``identifier`` those
+    of an identifier in it.
 
     Raises:
         SwingupError: the file cannot be written.

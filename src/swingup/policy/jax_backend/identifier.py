@@ -227,9 +227,10 @@ def make_identifier(
         robot: which joint is driven.
         plant: the nominal plant; its lengths, gear ratio and gravity are taken as known.
         settings: what to expect of the measurement and the torques.
-        spread: how far plants lie from the nominal one.
+        spread: how far plants lie from the nominal one; None for that of the settings.
     """
     settings = IdentifierSettings() if settings is None else settings
-    mean, covariance = prior(plant, settings, spread)
+    settings = settings if spread is None else replace(settings, spread=spread)
+    mean, covariance = prior(plant, settings)
     known = Known(float(plant.l1), float(plant.g), float(plant.gr))
     return Identifier(mean, covariance, known, settings, robot)
