@@ -105,6 +105,10 @@ class IdentifierSettings:
 
 POLES = 3
 """First-order low-passes in a row: second differences of an encoder's steps need three."""
+STUDENT = 4.0
+"""Degrees of freedom of the errors' distribution."""
+MOST_DEVIATION = 10.0
+"""Largest deviation that the residuals of a row raise its own to, in first ones."""
 
 
 def prior(plant: Any, settings: IdentifierSettings) -> tuple[np.ndarray, np.ndarray]:

@@ -38,14 +38,19 @@ from ...physics.momentum import Maths, momentum_rows
 from ...physics.parameters import Parameters, Robot
 from ...physics.trigonometry import arctan, sine_cosine
 from ...types import Count, Torque
-from ..identifier_settings import LAG, POLES, UNKNOWNS, IdentifierSettings, hat_weights, prior
+from ..identifier_settings import (
+    LAG,
+    MOST_DEVIATION,
+    POLES,
+    STUDENT,
+    UNKNOWNS,
+    IdentifierSettings,
+    hat_weights,
+    prior,
+)
 from .choose import choose
 
 MATHS = Maths(sine_cosine, arctan, jnp.log1p, jnp.where)
-STUDENT = 4.0
-"""Degrees of freedom of the errors' distribution."""
-MOST_DEVIATION = 10.0
-"""Largest deviation that the residuals of a row raise its own to, in first ones."""
 FRICTIONS = slice(4, 8)
 """Places of b1, b2, cf1 and cf2 in θ."""
 
