@@ -126,7 +126,8 @@ STAGES = [{"name": "pendulum"}, {"name": "normalise"}]
             {f"network.norm.{i}.{part}": np.ones(3, np.float32) for i in (0, 1) for part in ("weight", "bias")},
             r"a norm has shapes \(3,\) and \(3,\), its layer \(256,\)",
         ),
-        ({"format_version": 4}, {}, "format version 4, this program reads 1, 2 and 3"),
+        ({"format_version": 5}, {}, "format version 5, this program reads 1, 2, 3 and 4"),
+        ({"identifier": {}}, {}, "a file with an identifier must have format version 4"),
         ({"observation": [{"name": "kalman"}, *STAGES]}, {}, "unknown observation stage 'kalman'"),
         (
             {"observation": [{"name": "pendulum", "angles": "polar"}, STAGES[1]]},

@@ -112,7 +112,8 @@ def test_unknown_arrays_are_left_alone(tmp_path):
 
 @pytest.mark.parametrize("value", WRONG, ids=lambda value: repr(value)[:20])
 @pytest.mark.parametrize(
-    "place", ["robot", "torque_limit", "observation", "estimator", "front_end", "choices", "format_version"]
+    "place",
+    ["robot", "torque_limit", "observation", "estimator", "identifier", "front_end", "choices", "format_version"],
 )
 def test_metadata_of_wrong_kinds(tmp_path, place, value):
     write(tmp_path / "p.npz", METADATA | {place: value}, arrays())

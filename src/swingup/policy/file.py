@@ -25,7 +25,7 @@ READABLE = (1, 2, 3, FORMAT_VERSION)
 """Versions that are read."""
 ACTIVATION, LAYER_NORM, GRU = "activation", "layer_norm", "gru"
 """Keys of the metadata that say what follows hidden layers; all are left out for ReLU alone."""
-SINCE = {"plant": 2, "guard": 2, ACTIVATION: 3, LAYER_NORM: 3, GRU: 3, "regulator": 4}
+SINCE = {"plant": 2, "guard": 2, ACTIVATION: 3, LAYER_NORM: 3, GRU: 3, "identifier": 4, "regulator": 4}
 """Keys of the metadata that programs for older versions would ignore, and the version of a file with them."""
 
 MOST_STAGES = 10
@@ -46,8 +46,8 @@ def read_network(path: str | Path) -> tuple[Network, dict[str, Any]]:
     try:
         later = [key for key, version in SINCE.items() if key in metadata and metadata["format_version"] < version]
         if later:
-            named = f"an {ACTIVATION}" if later[0] == ACTIVATION else f"a {later[0]}"
-            raise SwingupError(f"a file with {named} must have format version {SINCE[later[0]]}")
+            article = "an" if later[0][0] in "aeiou" else "a"
+            raise SwingupError(f"a file with {article} {later[0]} must have format version {SINCE[later[0]]}")
         arrays = {name: _checked(name, array) for name, array in found.items()}
         return _network(metadata, arrays), metadata
     except SwingupError as error:

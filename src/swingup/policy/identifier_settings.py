@@ -1,18 +1,32 @@
-"""Settings of the identifier of the plant's base parameters; every value is chosen, not identified."""
+"""Settings of the identifier of the plant's base parameters; every value is chosen, not identified.
+
+In a policy file they are an object under the key ``identifier``, beside that of the estimator.
+"""
 
 import math
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
-from ..checks import finite_number, whole_number
+from ..checks import finite_number, suggestion, whole_number
+from ..errors import SwingupError
 from ..physics.base_parameters import BASE, Spread, base_covariance, base_parameters
+from ..text import quoted
+from .settings import EstimatorSettings, FrontEndSettings, read_settings
+
+IDENTIFIER = "identifier"
+"""Key of the identifier's settings in a policy file's metadata."""
+SPREAD = "spread"
+"""Their part that is an object itself."""
 
 UNKNOWNS = BASE + 1
 """The base parameters, and the torque's lag (s) behind the delay that the identifier is told."""
 LAG = BASE
 """Place of the lag."""
+BENCHMARK = Spread()
+"""The ranges of the robustness benchmark."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +65,8 @@ class IdentifierSettings:
     """The identified mass matrix is at least this share of the nominal one, in every configuration."""
     max_delay_steps: int = 25
     """Longest delay that the identifier is told (steps)."""
+    spread: Spread = BENCHMARK
+    """How far plants lie from the nominal one."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot work.
@@ -62,11 +78,14 @@ class IdentifierSettings:
         most = {"dt": 0.1, "margin": 0.99, "relative_floor": 1.0}
         for field in fields(self):
             name, value = f"identifier setting {field.name}", getattr(self, field.name)
+            if field.name == SPREAD:
+                continue
             if field.name in whole:
                 object.__setattr__(self, field.name, whole_number(name, value, *whole[field.name]))
             else:
                 number = finite_number(name, value, 1e-6, most.get(field.name, 1000.0))
                 object.__setattr__(self, field.name, number)
+        object.__setattr__(self, SPREAD, _checked_spread(self.spread))
 
     @property
     def step(self) -> float:
@@ -86,18 +105,21 @@ class IdentifierSettings:
 
 POLES = 3
 """First-order low-passes in a row: second differences of an encoder's steps need three."""
+STUDENT = 4.0
+"""Degrees of freedom of the errors' distribution."""
+MOST_DEVIATION = 10.0
+"""Largest deviation that the residuals of a row raise its own to, in first ones."""
 
 
-def prior(plant: Any, settings: IdentifierSettings, spread: Spread | None = None) -> tuple[np.ndarray, np.ndarray]:
+def prior(plant: Any, settings: IdentifierSettings) -> tuple[np.ndarray, np.ndarray]:
     """Mean (10,) and covariance (10, 10) of the unknowns before anything is measured, from a nominal plant.
 
     Args:
         plant: anything with the attributes of ``physics.parameters.Parameters``.
-        settings: with the deviation of the lag.
-        spread: how far plants lie from the nominal one; None for the ranges of the robustness benchmark.
+        settings: with the deviation of the lag, and how far plants lie from the nominal one.
     """
     covariance = np.zeros((UNKNOWNS, UNKNOWNS))
-    covariance[:BASE, :BASE] = base_covariance(plant, Spread() if spread is None else spread)
+    covariance[:BASE, :BASE] = base_covariance(plant, settings.spread)
     covariance[LAG, LAG] = settings.lag**2
     return np.append(base_parameters(plant), 0.0), covariance
 
@@ -110,3 +132,87 @@ def hat_weights(span: int) -> tuple[np.ndarray, np.ndarray]:
     up = (np.arange(span) + 0.5) / span**2
     newer = np.full(span, 1.0 / span**2)
     return np.concatenate([up, up[::-1]]), np.concatenate([newer, -newer])
+
+
+def read_identifier(
+    metadata: Mapping[str, Any], estimator: EstimatorSettings | None, front_end: FrontEndSettings | None
+) -> IdentifierSettings | None:
+    """The identifier's settings in a policy file's metadata; None if it has none.
+
+    ``dt`` and ``max_delay_steps`` are the estimator's where the file leaves them out.
+
+    Args:
+        metadata: the file's.
+        estimator: the file's, which the identifier belongs to.
+        front_end: the file's.
+
+    Raises:
+        SwingupError: they are not an object, one is unknown or out of range, or the identifier does not fit what is
+            around the policy.
+    """
+    given = metadata.get(IDENTIFIER)
+    if isinstance(given, Mapping):
+        if estimator is None:
+            raise SwingupError("identifier without an estimator: add estimator, {} for its defaults")
+        loop = {"dt": estimator.dt, "max_delay_steps": estimator.max_delay_steps}
+        spread = {SPREAD: _read_spread(given[SPREAD])} if SPREAD in given else {}
+        metadata = {IDENTIFIER: {**loop, **given, **spread}}
+    settings = read_settings(metadata, IDENTIFIER, IdentifierSettings)
+    if settings is not None and estimator is not None:
+        check_identifier(settings, estimator)
+        check_no_front_end(front_end)
+    return settings
+
+
+def write_identifier(settings: IdentifierSettings) -> dict[str, Any]:
+    """The settings as a policy file's metadata has them."""
+    return {**asdict(settings), SPREAD: settings.spread._asdict()}
+
+
+def default_identifier(estimator: EstimatorSettings) -> IdentifierSettings:
+    """The defaults, with the loop of an estimator."""
+    return replace(IdentifierSettings(), dt=estimator.dt, max_delay_steps=estimator.max_delay_steps)
+
+
+def check_identifier(settings: IdentifierSettings, estimator: EstimatorSettings) -> None:
+    """Refuse an identifier with another period or shorter delays than its estimator's.
+
+    Raises:
+        SwingupError: it has.
+    """
+    if settings.dt != estimator.dt or settings.max_delay_steps < estimator.max_delay_steps:
+        raise SwingupError(
+            f"the identifier has dt = {settings.dt:g} s and max_delay_steps = {settings.max_delay_steps}, the "
+            f"estimator {estimator.dt:g} s and {estimator.max_delay_steps}: give the identifier the estimator's"
+        )
+
+
+def check_no_front_end(front_end: Any) -> None:
+    """Refuse an identifier before a policy with a front end (None for a policy without one).
+
+    Raises:
+        SwingupError: there is a front end.
+    """
+    if front_end is not None:
+        raise SwingupError(
+            "an identifier finds the friction that a front end compensates, which would count twice: leave the "
+            "identifier or the front end out"
+        )
+
+
+def _read_spread(given: Any) -> Spread:
+    known = ", ".join(Spread._fields)
+    if not isinstance(given, Mapping):
+        raise SwingupError(f"identifier setting {SPREAD} = {quoted(given)}: use an object of {known}")
+    for name in given:
+        if name not in Spread._fields:
+            near = suggestion(name, Spread._fields)
+            raise SwingupError(f"unknown setting {quoted(name)} of the identifier's {SPREAD}: use {known}{near}")
+    return Spread(**given)
+
+
+def _checked_spread(spread: Spread) -> Spread:
+    """The spread as floats."""
+    named = {f"identifier setting {SPREAD}.{name}": value for name, value in spread._asdict().items()}
+    # Deviations are reported relative to these.
+    return Spread(*(finite_number(name, value, 1e-9, 1000.0) for name, value in named.items()))

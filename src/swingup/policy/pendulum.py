@@ -13,10 +13,12 @@ from ..text import quoted
 from .file import read_network, write_network
 from .fold import fold
 from .guard import GUARD
+from .identifier_settings import IDENTIFIER, IdentifierSettings, read_identifier, write_identifier
 from .network import Network
 from .plant_facts import PLANT, PolicyPlant, modelled, read_plant, write_plant
-from .regulator_settings import RegulatorSettings, fixed_point
+from .regulator_settings import RegulatorSettings, check_no_front_end, fixed_point
 from .settings import (
+    ESTIMATOR,
     FRONT_END,
     REGULATOR,
     EstimatorSettings,
@@ -47,6 +49,8 @@ class PendulumPolicy:
     """Settings of the filter and the friction compensation in the file."""
     guard: GuardSettings | None = None
     """Settings of the safety guard in the file; None for none."""
+    identifier: IdentifierSettings | None = None
+    """Settings of the identifier of the estimator's plant in the file; None for the plant of the file."""
     regulator: RegulatorSettings | None = None
     """Settings of the regulator in the file, which takes over near the top; None for none."""
     metadata: Mapping[str, Any] = field(default_factory=dict)
@@ -60,8 +64,7 @@ class PendulumPolicy:
         """
         if self.regulator is None:
             return
-        if self.front_end is not None:
-            raise SwingupError("a regulator does not go with a front end: leave one of them out")
+        check_no_front_end(self.front_end)
         fixed_point(self.plant, self.robot.joint, self.regulator)
 
     @property
@@ -121,8 +124,9 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
         limit = finite_number("torque_limit", metadata["torque_limit"], 1e-6, 1e6, "N m")
         estimator, front_end = estimator_settings(metadata), front_end_settings(metadata)
         guard, plant = guard_settings(metadata), read_plant(metadata, ROBOTS[name])
-        around = estimator, front_end, guard, regulator_settings(metadata)
-        return PendulumPolicy(network, ROBOTS[name], limit, plant, *around, metadata)
+        around = estimator, front_end, guard, read_identifier(metadata, estimator, front_end)
+        regulator = regulator_settings(metadata)
+        return PendulumPolicy(network, ROBOTS[name], limit, plant, *around, regulator, metadata)
     except SwingupError as error:
         raise SwingupError(f"policy file {path}: {error}; see docs/policy-format.md") from error
 
@@ -133,14 +137,19 @@ def write_pendulum_policy(path: str | Path, policy: PendulumPolicy, provenance: 
     Args:
         path: the file.
         policy: what to write; its own metadata is left out.
-        provenance: where the policy comes from, JSON values. An ``estimator`` in it puts one before the policy; a
-            plant in it is replaced.
+        provenance: where the policy comes from, JSON values. An ``estimator`` in it puts one before the policy, an
+            ``identifier`` in it lets that identify its plant; a plant in it is replaced, and so is an identifier
+            if the policy has one.
 
     Raises:
         SwingupError: the file cannot be written.
     """
     head: dict[str, Any] = {"robot": policy.robot.name, "torque_limit": float(policy.torque_limit)}
     provenance = {**provenance, PLANT: write_plant(policy.plant)}
+    if policy.identifier is not None:
+        # Beside an estimator, as a file must have it.
+        head |= {} if policy.estimator is None else {ESTIMATOR: asdict(policy.estimator)}
+        provenance[IDENTIFIER] = write_identifier(policy.identifier)
     if policy.front_end is not None:
         head[FRONT_END] = asdict(policy.front_end)
     if policy.guard is not None:

@@ -90,6 +90,19 @@ def fixed_point(plant: Any, driven: int, settings: RegulatorSettings) -> np.ndar
     return found
 
 
+def check_no_front_end(front_end: Any) -> None:
+    """Refuse a regulator with a front end (None for a policy without one).
+
+    Raises:
+        SwingupError: there is a front end.
+    """
+    if front_end is not None:
+        raise SwingupError(
+            "a regulator takes the friction into account that a front end compensates: leave the regulator or the "
+            "front end out"
+        )
+
+
 def _weights(given: Any) -> tuple[float, ...]:
     if not isinstance(given, list | tuple) or len(given) != 4:
         raise SwingupError(

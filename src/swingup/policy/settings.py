@@ -1,6 +1,7 @@
 """Settings in a policy file for the parts around its policy: estimator, regulator, front end, safety guard.
 
-The metadata is parsed only here; every back end takes the settings.
+The metadata is parsed only here, and for the identifier in ``identifier_settings.py``; every back end takes the
+settings.
 """
 
 from collections.abc import Mapping
@@ -149,7 +150,7 @@ def estimator_settings(metadata: Mapping[str, Any]) -> EstimatorSettings | None:
     Raises:
         SwingupError: they are not an object, one is unknown, or a value is out of range.
     """
-    return _settings(metadata, ESTIMATOR, EstimatorSettings)
+    return read_settings(metadata, ESTIMATOR, EstimatorSettings)
 
 
 def front_end_settings(metadata: Mapping[str, Any]) -> FrontEndSettings | None:
@@ -158,7 +159,7 @@ def front_end_settings(metadata: Mapping[str, Any]) -> FrontEndSettings | None:
     Raises:
         SwingupError: they are not an object, one is unknown, or a value is out of range.
     """
-    return _settings(metadata, FRONT_END, FrontEndSettings)
+    return read_settings(metadata, FRONT_END, FrontEndSettings)
 
 
 def regulator_settings(metadata: Mapping[str, Any]) -> RegulatorSettings | None:
@@ -167,7 +168,7 @@ def regulator_settings(metadata: Mapping[str, Any]) -> RegulatorSettings | None:
     Raises:
         SwingupError: they are not an object, one is unknown, or a value is out of range.
     """
-    return _settings(metadata, REGULATOR, RegulatorSettings)
+    return read_settings(metadata, REGULATOR, RegulatorSettings)
 
 
 def guard_settings(metadata: Mapping[str, Any]) -> GuardSettings | None:
@@ -176,7 +177,7 @@ def guard_settings(metadata: Mapping[str, Any]) -> GuardSettings | None:
     Raises:
         SwingupError: they are not an object, one is unknown, or a value is out of range.
     """
-    return _settings(metadata, GUARD, GuardSettings)
+    return read_settings(metadata, GUARD, GuardSettings)
 
 
 def default_guard(dt: float | None = None) -> GuardSettings:
@@ -201,10 +202,15 @@ def choose_guard(choice: GuardChoice, own: GuardSettings | None, dt: float | Non
         return own if choice is None else None
     if isinstance(choice, GuardSettings):
         return choice
-    return own or default_guard(dt) if choice is True else _settings({GUARD: choice}, GUARD, GuardSettings)
+    return own or default_guard(dt) if choice is True else read_settings({GUARD: choice}, GUARD, GuardSettings)
 
 
-def _settings(metadata: Mapping[str, Any], key: str, kind: type[SettingsT]) -> SettingsT | None:
+def read_settings(metadata: Mapping[str, Any], key: str, kind: type[SettingsT]) -> SettingsT | None:
+    """Settings under a key of a policy file's metadata; None if it has none.
+
+    Raises:
+        SwingupError: they are not an object, one is unknown, or a value is out of range.
+    """
     if key not in metadata:
         return None
     given, known = metadata[key], [field.name for field in fields(kind)]  # type: ignore[arg-type]  # a dataclass

@@ -13,13 +13,16 @@ from ...physics.base_parameters import base_parameters
 from ...physics.parameters import Parameters
 from ...robots import Robot, get_robot
 from ...types import Scalar, State, Torque
+from ..identifier_settings import IdentifierSettings
 from ..pendulum import PendulumPolicy, read_pendulum_policy, write_pendulum_policy
 from ..plant_facts import PLANT_NAMES, PolicyPlant, leaderboard_plant, modelled
+from ..regulator_settings import RegulatorSettings, check_no_front_end
 from ..settings import EstimatorSettings
 from ..shipped import REFINED, read_policy
 from .choose import choose
 from .estimator import EstimatingController, with_estimator
 from .front_end import FrontEnd, FrontEndMemory
+from .identifier import make_identifier
 from .policy import Policy, make_policy, network_of
 from .regulator import RegulatingController, with_regulator
 
@@ -79,30 +82,53 @@ def make_controller(
     Args:
         policy: what the file holds.
         estimator: where the file has one (None), never (False) or always (True). Settings that the file lacks have
-            their defaults. Its model is the policy's plant.
+            their defaults. Its model is the policy's plant, or what the identifier in the file finds.
     """
     alone, regulator = _alone(policy), policy.regulator
-    acting: PolicyController | RegulatingController = alone
-    if regulator is not None:
-        acting = with_regulator(alone, policy.robot, policy.plant, regulator, policy.torque_limit)
-    wanted = policy.estimator is not None if estimator is None else estimator
-    return behind_estimator(acting, policy.estimator) if wanted else acting
+    if policy.estimator is not None if estimator is None else estimator:
+        return behind_estimator(alone, policy.estimator, policy.identifier, regulator)
+    return alone if regulator is None else regulated(alone, regulator)
 
 
 def behind_estimator(
-    controller: PolicyController | RegulatingController, settings: EstimatorSettings | None = None
+    controller: PolicyController,
+    settings: EstimatorSettings | None = None,
+    identifier: IdentifierSettings | None = None,
+    regulator: RegulatorSettings | None = None,
 ) -> EstimatingController:
     """A policy behind an estimator whose model is the policy's plant.
 
     Args:
-        controller: the policy alone, or with a regulator.
+        controller: the policy alone.
         settings: what to expect of measurement and loop.
+        identifier: settings of an identifier of that plant; None for the plant itself.
+        regulator: settings of a regulator that takes over near the top, for the plant found; None for none.
+
+    Raises:
+        SwingupError: the identifier does not fit the estimator, the policy has a front end besides an identifier or
+            a regulator, or no regulator holds the plant.
     """
-    alone: PolicyController = controller.controller if isinstance(controller, RegulatingController) else controller
-    front_end = None if alone.front_end is None else alone.front_end.settings
-    model = modelled(plant_of(alone), controller.robot, front_end)
+    front_end = None if controller.front_end is None else controller.front_end.settings
+    model = modelled(plant_of(controller), controller.robot, front_end)
     parameters = Parameters(**{name: getattr(model, name) for name in PLANT_NAMES})
-    return with_estimator(controller, controller.robot, parameters, settings)
+    found = None if identifier is None else make_identifier(controller.robot, parameters, identifier)
+    acting = controller if regulator is None else regulated(controller, regulator)
+    return with_estimator(acting, controller.robot, parameters, settings, found)
+
+
+def regulated(controller: PolicyController, settings: RegulatorSettings) -> RegulatingController:
+    """A policy with a regulator, which holds the policy's plant until another one is told.
+
+    Args:
+        controller: the policy alone.
+        settings: weights, recursion and bounds.
+
+    Raises:
+        SwingupError: the policy has a front end, or no regulator holds the plant.
+    """
+    check_no_front_end(controller.front_end)
+    limit = float(controller.torque_limit)
+    return with_regulator(controller, controller.robot, plant_of(controller), settings, limit)
 
 
 def plant_of(controller: PolicyController) -> PolicyPlant:
@@ -120,7 +146,8 @@ def policy_of(controller: PolicyController) -> PendulumPolicy:
 def save_controller(path: str | Path, controller: PolicyController, provenance: Mapping[str, Any]) -> None:
     """Write a controller as a policy file, with the robot, the torque limit and where it comes from.
 
-    An ``estimator`` in the provenance holds the settings of an estimator before the policy.
+    An ``estimator`` in the provenance holds the settings of an estimator before the policy, an ``identifier`` those
+    of an identifier in it.
 
     Raises:
         SwingupError: the file cannot be written.

@@ -28,6 +28,7 @@ from ...physics.integrate import midpoint_step
 from ...physics.parameters import Parameters, Robot
 from ...physics.trigonometry import arctan, sine_cosine
 from ...types import Count, Flag, Scalar, State, Torque
+from ..identifier_settings import check_identifier, check_no_front_end
 from ..settings import LOST, PIECES, EstimatorSettings, default_estimator, kalman_gains
 from .choose import choose
 from .identifier import Identifier, IdentifierMemory
@@ -232,12 +233,13 @@ def with_estimator(
 
     Raises:
         SwingupError: the controller is for the other robot, the model has no units of its own, or the identifier
-            is for another loop.
+            is for another loop or before a front end.
     """
     check_robot(controller, robot)
     settings = default_estimator(parameters) if settings is None else settings
     if identifier is not None:
         _check_fits(identifier, robot, settings)
+        check_no_front_end(getattr(controller, "front_end", None))
     gains, fading = kalman_gains(settings), math.exp(-settings.dt / settings.memory)
     p = parameters
     # Values of JAX may be traced: they count as friction.
@@ -249,9 +251,4 @@ def _check_fits(identifier: Identifier, robot: Robot, settings: EstimatorSetting
     """Refuse an identifier that was made for another robot, another period or shorter delays."""
     if identifier.robot.name != robot.name:
         raise SwingupError(f"the identifier is for the {identifier.robot.name}: make one for the {robot.name}")
-    own = identifier.settings
-    if own.dt != settings.dt or own.max_delay_steps < settings.max_delay_steps:
-        raise SwingupError(
-            f"the identifier has dt = {own.dt:g} s and max_delay_steps = {own.max_delay_steps}, the estimator "
-            f"{settings.dt:g} s and {settings.max_delay_steps}: give the identifier the estimator's"
-        )
+    check_identifier(identifier.settings, settings)

@@ -38,14 +38,19 @@ from ...physics.momentum import Maths, momentum_rows
 from ...physics.parameters import Parameters, Robot
 from ...physics.trigonometry import arctan, sine_cosine
 from ...types import Count, Torque
-from ..identifier_settings import LAG, POLES, UNKNOWNS, IdentifierSettings, hat_weights, prior
+from ..identifier_settings import (
+    LAG,
+    MOST_DEVIATION,
+    POLES,
+    STUDENT,
+    UNKNOWNS,
+    IdentifierSettings,
+    hat_weights,
+    prior,
+)
 from .choose import choose
 
 MATHS = Maths(sine_cosine, arctan, jnp.log1p, jnp.where)
-STUDENT = 4.0
-"""Degrees of freedom of the errors' distribution."""
-MOST_DEVIATION = 10.0
-"""Largest deviation that the residuals of a row raise its own to, in first ones."""
 FRICTIONS = slice(4, 8)
 """Places of b1, b2, cf1 and cf2 in θ."""
 
@@ -227,9 +232,10 @@ def make_identifier(
         robot: which joint is driven.
         plant: the nominal plant; its lengths, gear ratio and gravity are taken as known.
         settings: what to expect of the measurement and the torques.
-        spread: how far plants lie from the nominal one.
+        spread: how far plants lie from the nominal one; None for that of the settings.
     """
     settings = IdentifierSettings() if settings is None else settings
-    mean, covariance = prior(plant, settings, spread)
+    settings = settings if spread is None else replace(settings, spread=spread)
+    mean, covariance = prior(plant, settings)
     known = Known(float(plant.l1), float(plant.g), float(plant.gr))
     return Identifier(mean, covariance, known, settings, robot)

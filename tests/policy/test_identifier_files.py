@@ -1,0 +1,100 @@
+"""Identifiers in policy files: what is read and written, and what is refused."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from swingup.errors import SwingupError
+from swingup.physics.base_parameters import Spread
+from swingup.policy.identifier_settings import IDENTIFIER, IdentifierSettings, default_identifier
+from swingup.policy.jax_backend.controller import load_policy, make_controller, policy_of, save_controller
+from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
+from swingup.policy.settings import EstimatorSettings, FrontEndSettings
+
+from .references import sighted_policy
+
+OTHER = IdentifierSettings(dt=0.0025, span=3, max_delay_steps=30, spread=Spread(inertial=0.1, rotor=2e-4))
+
+
+@pytest.fixture
+def file(tmp_path):
+    """A policy file with metadata of one's choice."""
+
+    def write(**metadata):
+        path = tmp_path / "p.npz"
+        write_pendulum_policy(path, policy_of(sighted_policy()), metadata)
+        return path
+
+    return write
+
+
+def test_the_loop_is_the_estimators(file):
+    found = read_pendulum_policy(file(estimator={}, identifier={}))
+    assert found.identifier == IdentifierSettings()
+    assert found.metadata["format_version"] == 4
+    found = read_pendulum_policy(file(estimator={"dt": 0.004, "max_delay_steps": 7}, identifier={"gate": 4}))
+    assert found.identifier == IdentifierSettings(dt=0.004, max_delay_steps=7, gate=4.0)
+    assert default_identifier(found.estimator) == dataclasses.replace(found.identifier, gate=3.0)
+    assert read_pendulum_policy(file(estimator={})).identifier is None
+
+
+def test_round_trip(file, tmp_path):
+    estimator = EstimatorSettings(dt=0.0025)
+    policy = dataclasses.replace(policy_of(sighted_policy()), estimator=estimator, identifier=OTHER)
+    write_pendulum_policy(tmp_path / "q.npz", policy, {"identifier": {"span": 7}})
+    found = read_pendulum_policy(tmp_path / "q.npz")
+    assert (found.estimator, found.identifier) == (estimator, OTHER)
+    # From JAX, with the old metadata as provenance, as refine writes.
+    save_controller(tmp_path / "again.npz", *load_policy(tmp_path / "q.npz"))
+    assert read_pendulum_policy(tmp_path / "again.npz").identifier == OTHER
+    made = make_controller(found)
+    assert made.identifier.settings == OTHER
+    # 10 % of m2 r2 from m2 and from r2.
+    assert made.identifier.covariance[2, 2] == pytest.approx(2 * (0.1 * found.plant.m2 * found.plant.r2) ** 2)
+    assert make_controller(found, estimator=False).policy is not None
+
+
+@pytest.mark.parametrize(
+    ("metadata", "message"),
+    [
+        ({}, "identifier without an estimator: add estimator, {} for its defaults"),
+        ({"estimator": {}, "identifier": None}, "identifier None is no object of settings"),
+        ({"estimator": {}, "identifier": {"spam": 1}}, "unknown identifier setting 'spam': use some of dt, span,"),
+        ({"estimator": {}, "identifier": {"span": 2.5}}, "identifier setting span = 2.5: use a whole number"),
+        ({"estimator": {}, "identifier": {"gate": "3"}}, "identifier setting gate = '3': use a number from"),
+        (
+            {"estimator": {}, "identifier": {"dt": 0.004}},
+            "has dt = 0.004 s and max_delay_steps = 25",
+        ),
+        ({"estimator": {}, "identifier": {"max_delay_steps": 3}}, "give the identifier the estimator's"),
+        ({"estimator": {}, "identifier": {"spread": 0.1}}, "identifier setting spread = 0.1: use an object of"),
+        (
+            {"estimator": {}, "identifier": {"spread": {"rotors": 1}}},
+            "unknown setting 'rotors' of the",
+        ),
+        ({"estimator": {}, "identifier": {"spread": {"rotor": 0}}}, "identifier setting spread.rotor = 0: use a"),
+        ({"estimator": {}, "front_end": {}}, "an identifier finds the friction that a front end compensates"),
+    ],
+)
+def test_what_cannot_work(file, metadata, message):
+    with pytest.raises(SwingupError, match=message) as caught:
+        read_pendulum_policy(file(**{IDENTIFIER: {}, **metadata}))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_front_end_is_refused_in_jax_too(file):
+    policy = read_pendulum_policy(file(estimator={}, identifier={}))
+    with pytest.raises(SwingupError, match="leave the identifier or the front end out"):
+        make_controller(dataclasses.replace(policy, front_end=FrontEndSettings()))
+
+
+def test_older_programs_must_refuse_it(file):
+    path = file(estimator={}, identifier={})
+    with np.load(path) as found:
+        arrays = dict(found)
+    metadata = json.loads(arrays.pop("metadata").tobytes()) | {"format_version": 3}
+    np.savez(path, metadata=np.frombuffer(json.dumps(metadata).encode(), np.uint8), **arrays)
+    with pytest.raises(SwingupError, match="a file with an identifier must have format version 4"):
+        read_pendulum_policy(path)
