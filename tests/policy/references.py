@@ -17,6 +17,7 @@ from swingup.policy.jax_backend.controller import PolicyController, make_control
 from swingup.policy.jax_backend.observation import Normalise, PendulumObservation, PlantObservation
 from swingup.policy.jax_backend.policy import Policy
 from swingup.policy.plant_facts import policy_plant
+from swingup.policy.regulator_settings import RegulatorSettings
 from swingup.policy.shipped import SHIPPED_POLICIES, read_policy
 
 DT = 0.002
@@ -71,6 +72,8 @@ SMALL = ["pendubot-wrapped", "pendubot-bare"]
 """Untrained ones with the paper's observation, which jumps at its wraps: with and without normalisation."""
 SIGHTED = "acrobot-sighted"
 """An untrained one that sees its plant, C.1 as it is."""
+REGULATED = "acrobot-regulated"
+"""The one that sees its plant, with a regulator near the top."""
 OTHER_PLANT = "acrobot-friction"
 """The policy for the robot, with an estimator that believes in C.1 as it is: with friction and motors' rotors."""
 
@@ -85,11 +88,13 @@ def random_states(number=10_000):
 
 @functools.cache
 def policy(name):
-    """A policy by a name of SHIPPED, SMALL, SIGHTED or OTHER_PLANT."""
+    """A policy by a name of SHIPPED, SMALL, SIGHTED, REGULATED or OTHER_PLANT."""
     robot, _, kind = name.partition("-")
     if name == OTHER_PLANT:
         found = read_policy("robot", robot)
         return dataclasses.replace(found, plant=policy_plant(identified_parameters(), found.robot, "C.1"))
+    if name == REGULATED:
+        return dataclasses.replace(policy(SIGHTED), regulator=RegulatorSettings())
     if name == SIGHTED:
         return policy_of(sighted_policy())
     return policy_of(small_policy(kind == "wrapped")) if name in SMALL else read_policy(kind, robot)

@@ -17,13 +17,21 @@ from swingup.physics.angles import UPRIGHT
 from swingup.physics.base_parameters import base_parameters
 from swingup.physics.integrate import rk4_step
 from swingup.physics.parameters import ROBOTS, leaderboard_parameters
+from swingup.policy.jax_backend.controller import make_controller, policy_of
+from swingup.policy.jax_backend.controller import regulated as regulate
 from swingup.policy.jax_backend.estimator import with_estimator
+from swingup.policy.jax_backend.front_end import FrontEnd
 from swingup.policy.jax_backend.identifier import make_identifier
 from swingup.policy.jax_backend.regulator import TRIANGLE, with_regulator
 from swingup.policy.jax_backend.told import sees_plant, told_base
+from swingup.policy.numpy_backend.regulator import NumpyRegulator
+from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
 from swingup.policy.plant_facts import policy_plant
 from swingup.policy.regulator_settings import RegulatorSettings, fixed_point, known_of
+from swingup.policy.settings import FrontEndSettings
 from swingup.policy.upright import upright_step
+
+from .references import sighted_policy
 
 DT, STEPS = 0.002, 1500
 SETTINGS = RegulatorSettings()
@@ -192,3 +200,61 @@ def test_it_belongs_behind_an_estimator(double):
 def test_settings_that_cannot_work_are_refused(values, message):
     with pytest.raises(SwingupError, match=message):
         RegulatorSettings(**values)
+
+
+@pytest.fixture
+def file(tmp_path):
+    """A policy file with metadata of one's choice."""
+
+    def write(**metadata):
+        write_pendulum_policy(tmp_path / "p.npz", policy_of(sighted_policy()), metadata)
+        return tmp_path / "p.npz"
+
+    return write
+
+
+def test_files(file, tmp_path):
+    assert read_pendulum_policy(file(regulator={})).regulator == SETTINGS
+    assert read_pendulum_policy(file()).regulator is None
+    found = read_pendulum_policy(file(regulator={"enter": 2, "state_weights": [1, 2, 3, 4]}))
+    assert found.metadata["format_version"] == 4
+    assert found.regulator == RegulatorSettings(enter=2.0, state_weights=(1.0, 2.0, 3.0, 4.0))
+    write_pendulum_policy(tmp_path / "again.npz", found, {})
+    assert read_pendulum_policy(tmp_path / "again.npz").regulator == found.regulator
+    assert make_controller(found).settings == found.regulator
+    assert make_controller(found, estimator=True).controller.settings == found.regulator
+
+
+@pytest.mark.parametrize(
+    ("metadata", "message"),
+    [
+        ({"regulator": None}, "regulator None is no object of settings"),
+        ({"regulator": {"entre": 1}}, "unknown regulator setting 'entre': use some of state_weights, .*enter"),
+        ({"regulator": {"torque_weight": "1"}}, "regulator setting torque_weight = '1': use a number"),
+        ({"regulator": {}, "front_end": {}}, "leave the regulator or the front end out"),
+    ],
+)
+def test_files_that_cannot_work_are_refused(file, metadata, message):
+    with pytest.raises(SwingupError, match=message):
+        read_pendulum_policy(file(**metadata))
+
+
+def test_a_regulator_behind_a_front_end_is_refused():
+    controller = dataclasses.replace(sighted_policy(), front_end=FrontEnd(FrontEndSettings()))
+    with pytest.raises(SwingupError, match="leave the regulator or the front end out"):
+        regulate(controller, SETTINGS)
+
+
+def test_numpys_is_told_a_plant_like_jaxs():
+    """Behind an identifier that finds the plant in two steps; the rows of the conformance table have one plant."""
+    robot = ROBOTS["pendubot"]
+    controller, own = regulated(robot), policy_plant(plants(robot)[0], robot)
+    other, memory = NumpyRegulator(SETTINGS, own, robot.joint, own.limit(robot.joint)), controller.init()
+    x = UPRIGHT + np.array([0.01, -0.02, 0.05, 0.05])
+    for base in (base_parameters(plants(robot)[1]), 1.05 * base_parameters(own)):
+        other.tell(base.tolist())
+        told = told_base(controller, jnp.asarray(base))
+        for _ in range(3):
+            memory, u = told(memory, 0.0, jnp.asarray(x))
+            assert other(x) == pytest.approx(float(u[robot.joint]), abs=1e-9)
+    assert abs(float(u[robot.joint])) > 0.1

@@ -16,7 +16,7 @@ from .guard import GUARD
 from .identifier_settings import IDENTIFIER, IdentifierSettings, read_identifier, write_identifier
 from .network import Network
 from .plant_facts import PLANT, PolicyPlant, modelled, read_plant, write_plant
-from .regulator_settings import RegulatorSettings, check_no_front_end, fixed_point
+from .regulator_settings import RegulatorSettings, check_no_compensation, fixed_point
 from .settings import (
     ESTIMATOR,
     FRONT_END,
@@ -64,7 +64,7 @@ class PendulumPolicy:
         """
         if self.regulator is None:
             return
-        check_no_front_end(self.front_end)
+        check_no_compensation(self.front_end)
         fixed_point(self.plant, self.robot.joint, self.regulator)
 
     @property

@@ -90,7 +90,7 @@ def fixed_point(plant: Any, driven: int, settings: RegulatorSettings) -> np.ndar
     return found
 
 
-def check_no_front_end(front_end: Any) -> None:
+def check_no_compensation(front_end: Any) -> None:
     """Refuse a regulator with a front end (None for a policy without one).
 
     Raises:
@@ -100,6 +100,23 @@ def check_no_front_end(front_end: Any) -> None:
         raise SwingupError(
             "a regulator takes the friction into account that a front end compensates: leave the regulator or the "
             "front end out"
+        )
+
+
+def check_no_regulator(settings: RegulatorSettings | None, program: str) -> None:
+    """Refuse a policy with a regulator in what runs the policy alone (None for a policy without one).
+
+    Args:
+        settings: the regulator's.
+        program: what runs the policy alone, as the start of a sentence.
+
+    Raises:
+        SwingupError: there is a regulator.
+    """
+    if settings is not None:
+        raise SwingupError(
+            f"{program} runs the policy alone, which would not hold the pendulum without its regulator: run it in "
+            f"Python or C, or leave the regulator out of the file"
         )
 
 

@@ -8,13 +8,10 @@ The slope of the smoothed Coulomb friction at rest is 100 cf: by it a regulator 
 c cf is the damping (N m s/rad) that stands for it. Python's floats and JAX's arrays serve alike.
 """
 
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 from ..physics.base_parameters import Known, friction_of, lumped
-from ..physics.equations import Number, Pair, mass_entries
-
-Rows: TypeAlias = tuple[Pair, Pair]
-"""A matrix (2, 2)."""
+from ..physics.equations import Number, mass_entries
 
 
 class Discrete(NamedTuple):
@@ -39,32 +36,31 @@ def upright_step(theta: Any, known: Known, driven: int, coulomb_damping: Number,
     plant, ((b1, b2), (cf1, cf2)) = lumped(theta, known), friction_of(theta)
     m11, m12, m22 = mass_entries(plant, 1.0)
     scale = 1.0 / (m11 * m22 - m12 * m12)
-    inverse = (m22 * scale, -m12 * scale), (-m12 * scale, m11 * scale)
+    i11, i12, i22 = m22 * scale, -m12 * scale, m11 * scale
+    # A_c = [[0, I], [X, Y]] with X = M⁻¹ G and Y = -M⁻¹ D; b_c = [0, w].
     second, first = plant.gravity2, plant.gravity1 + plant.gravity2
-    # A_c = [[0, I], [X, Y]] and b_c = [0, w].
-    x = _product(inverse, ((first, second), (second, second)))
-    y = _product(inverse, ((-b1 - coulomb_damping * cf1, 0.0), (0.0, -b2 - coulomb_damping * cf2)))
-    w = inverse[0][driven], inverse[1][driven]
-    return _discretised(x, y, w, h)
-
-
-def _discretised(x: Rows, y: Rows, w: Pair, h: float) -> Discrete:
-    s, yx, yy = 0.5 * h * h, _product(y, x), _product(y, y)
-    angles = [
-        (*(s * x[i][j] + (i == j) for j in (0, 1)), *(s * y[i][j] + h * (i == j) for j in (0, 1))) for i in (0, 1)
-    ]
-    rates = [
-        (
-            *(h * x[i][j] + s * yx[i][j] for j in (0, 1)),
-            *(h * y[i][j] + s * (x[i][j] + yy[i][j]) + (i == j) for j in (0, 1)),
-        )
-        for i in (0, 1)
-    ]
-    moved = [h * w[i] + s * (y[i][0] * w[0] + y[i][1] * w[1]) for i in (0, 1)]
-    return Discrete((*angles, *rates), (s * w[0], s * w[1], *moved))
-
-
-def _product(a: Rows, b: Rows) -> Rows:
-    (a11, a12), (a21, a22) = a
-    (b11, b12), (b21, b22) = b
-    return (a11 * b11 + a12 * b21, a11 * b12 + a12 * b22), (a21 * b11 + a22 * b21, a21 * b12 + a22 * b22)
+    damping1, damping2 = b1 + coulomb_damping * cf1, b2 + coulomb_damping * cf2
+    x11, x12 = i11 * first + i12 * second, (i11 + i12) * second
+    x21, x22 = i12 * first + i22 * second, (i12 + i22) * second
+    y11, y12, y21, y22 = -i11 * damping1, -i12 * damping2, -i12 * damping1, -i22 * damping2
+    w1, w2 = (i11, i12) if driven == 0 else (i12, i22)
+    s = 0.5 * h * h
+    # The lower rows are those of I + h A_c, and of h²/2 times A_c² = [[X, Y], [Y X, X + Y²]].
+    rates1 = (
+        h * x11 + s * (y11 * x11 + y12 * x21),
+        h * x12 + s * (y11 * x12 + y12 * x22),
+        1.0 + h * y11 + s * (x11 + y11 * y11 + y12 * y21),
+        h * y12 + s * (x12 + y11 * y12 + y12 * y22),
+    )
+    rates2 = (
+        h * x21 + s * (y21 * x11 + y22 * x21),
+        h * x22 + s * (y21 * x12 + y22 * x22),
+        h * y21 + s * (x21 + y21 * y11 + y22 * y21),
+        1.0 + h * y22 + s * (x22 + y21 * y12 + y22 * y22),
+    )
+    angles1, angles2 = (
+        (1.0 + s * x11, s * x12, h + s * y11, s * y12),
+        (s * x21, 1.0 + s * x22, s * y21, h + s * y22),
+    )
+    b = s * w1, s * w2, h * w1 + s * (y11 * w1 + y12 * w2), h * w2 + s * (y21 * w1 + y22 * w2)
+    return Discrete((angles1, angles2, rates1, rates2), b)

@@ -19,6 +19,8 @@ from ..plant_facts import PolicyPlant
 from ..settings import LOST, PIECES, EstimatorSettings, FrontEndSettings, kalman_gains
 from ..stages import NormaliseStage, PendulumStage, Stage
 from ..template import NAME, asset, check_export_name, fill
+from .numbers import braces
+from .regulator import regulator_values
 
 # The loop skips zeros, of which a ReLU makes many. Weights lie by input: the inner loop reads them in order.
 LAYER = """\
@@ -92,7 +94,8 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
     sizes = [len(layer.bias) for layer in layers]
     around = {"state estimator": policy.estimator, "front end": policy.front_end, "safety guard": policy.guard}
     parts = " and its ".join(name for name, part in around.items() if part is not None)
-    about = f"a policy{f' behind its {parts}' if parts else ''} for the {policy.robot.name}"
+    what = "a policy" if policy.regulator is None else "a policy with a regulator near the top"
+    about = f"{what}{f' behind its {parts}' if parts else ''} for the {policy.robot.name}"
     values = {
         "ABOUT": f"{about}, written by swingup {__version__}.".capitalize(),
         "RATE": f"every {policy.period:g} s" if policy.period else "at the loop's rate",
@@ -118,14 +121,21 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
 
 
 def _controller(policy: PendulumPolicy) -> str:
-    front_end, estimator, guard = policy.front_end, policy.estimator, policy.guard
+    estimator, guard = policy.estimator, policy.guard
     parts = [
-        _part("front_end.h", _front_end_values(front_end)) if front_end else _part("alone.h"),
+        _acting(policy),
         _part("estimator.h", _estimator_values(estimator, policy)) if estimator else _part("direct.h"),
         _part("guard.h", _guard_values(guard, policy)) if guard else _part("unguarded.h"),
         _part("controller.h", {"SENTENCES": ", ".join(f'"{text}"' for text in SENTENCES)}),
     ]
     return "\n".join(parts)
+
+
+def _acting(policy: PendulumPolicy) -> str:
+    """The policy, with its front end or its regulator."""
+    if policy.regulator is not None:
+        return _part("regulator.h", regulator_values(policy.regulator, policy))
+    return _part("front_end.h", _front_end_values(policy.front_end)) if policy.front_end else _part("alone.h")
 
 
 def _part(file: str, values: Mapping[str, str] | None = None) -> str:
@@ -148,7 +158,7 @@ def _guard_values(settings: GuardSettings, policy: PendulumPolicy) -> dict[str, 
     }
     texts = {name: repr(float(value)) for name, value in numbers.items()}
     reasons = "\n".join(f"#define SWINGUP_GUARD_{reason.name} {reason.value}" for reason in Reason)
-    return texts | {"LIMITS": _braces(np.array(limits)), "STANDSTILLS": str(STANDSTILLS), "REASONS": reasons}
+    return texts | {"LIMITS": braces(np.array(limits)), "STANDSTILLS": str(STANDSTILLS), "REASONS": reasons}
 
 
 def _front_end_values(settings: FrontEndSettings) -> dict[str, str]:
@@ -161,7 +171,7 @@ def _front_end_values(settings: FrontEndSettings) -> dict[str, str]:
     }
     pairs = {"DAMPING": settings.damping, "COULOMB": settings.coulomb}
     texts = {name: repr(float(value)) for name, value in numbers.items()}
-    return texts | {name: _braces(np.array(pair, np.float64)) for name, pair in pairs.items()}
+    return texts | {name: braces(np.array(pair, np.float64)) for name, pair in pairs.items()}
 
 
 def _model(plant: PolicyPlant) -> str:
@@ -181,7 +191,7 @@ def _model(plant: PolicyPlant) -> str:
     if plant.friction is None:
         return _part("model.h", values)
     pairs = {"DAMPING": plant.friction.damping, "COULOMB": plant.friction.coulomb}
-    return _part("damped_model.h", values | {name: _braces(np.array(pair)) for name, pair in pairs.items()})
+    return _part("damped_model.h", values | {name: braces(np.array(pair)) for name, pair in pairs.items()})
 
 
 def _estimator_values(settings: EstimatorSettings, policy: PendulumPolicy) -> dict[str, str]:
@@ -210,7 +220,7 @@ def _observe(stage: Stage) -> str:
     if isinstance(stage, PendulumStage):
         return _pendulum(stage)
     if isinstance(stage, NormaliseStage):
-        numbers = {"MEAN": _braces(stage.mean), "DEVIATION": _braces(stage.deviation)}
+        numbers = {"MEAN": braces(stage.mean), "DEVIATION": braces(stage.deviation)}
         return fill(NORMALISE, numbers | {"SIZE": str(len(stage.mean)), "CLIP": repr(float(stage.clip))})
     raise SwingupError(f"a header cannot have the observation stage {type(stage).__name__}: export to NumPy")
 
@@ -221,11 +231,11 @@ def _pendulum(stage: PendulumStage) -> str:
 
 def _arrays(index: int, weight: np.ndarray, bias: np.ndarray) -> str:
     outputs, inputs = weight.shape
-    rows = ",\n".join(_braces(column, "f") for column in weight.T)
+    rows = ",\n".join(braces(column, "f") for column in weight.T)
     # That of a folded layer has more digits.
     kind, suffix = ("double", "") if bias.dtype == np.float64 else ("float", "f")
     return (
-        f"static const {kind} swingup_bias_{index}[{outputs}] = {_braces(bias, suffix)};\n"
+        f"static const {kind} swingup_bias_{index}[{outputs}] = {braces(bias, suffix)};\n"
         f"static const float swingup_weight_{index}[{inputs}][{outputs}] = {{\n{rows}\n}};"
     )
 
@@ -234,8 +244,3 @@ def _layer(index: int, depth: int, weight: np.ndarray) -> str:
     outputs, inputs = weight.shape
     result = "sum[j] > 0 ? sum[j] : 0" if index < depth - 1 else "sum[j]"
     return LAYER.format(index=index, inputs=inputs, outputs=outputs, result=result)
-
-
-def _braces(values: np.ndarray, suffix: str = "") -> str:
-    """An initialiser; decimals that C reads back as the same numbers."""
-    return "{" + ", ".join(f"{np.format_float_scientific(value)}{suffix}" for value in values) + "}"

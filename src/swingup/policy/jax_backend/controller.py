@@ -16,7 +16,7 @@ from ...types import Scalar, State, Torque
 from ..identifier_settings import IdentifierSettings
 from ..pendulum import PendulumPolicy, read_pendulum_policy, write_pendulum_policy
 from ..plant_facts import PLANT_NAMES, PolicyPlant, leaderboard_plant, modelled
-from ..regulator_settings import RegulatorSettings, check_no_front_end
+from ..regulator_settings import RegulatorSettings, check_no_compensation
 from ..settings import EstimatorSettings
 from ..shipped import REFINED, read_policy
 from .choose import choose
@@ -126,7 +126,7 @@ def regulated(controller: PolicyController, settings: RegulatorSettings) -> Regu
     Raises:
         SwingupError: the policy has a front end, or no regulator holds the plant.
     """
-    check_no_front_end(controller.front_end)
+    check_no_compensation(controller.front_end)
     limit = float(controller.torque_limit)
     return with_regulator(controller, controller.robot, plant_of(controller), settings, limit)
 

@@ -14,10 +14,13 @@ from .estimator import NumpyEstimator
 from .front_end import NumpyFrontEnd
 from .guard import NumpyGuard
 from .network import NumpyNetwork
+from .regulator import NumpyRegulator
 
 
 class NumpyController:
-    """A policy, behind an estimator, a front end or a guard where its file has one; see ``policy/contract.py``.
+    """A policy, with an estimator, a regulator, a front end or a guard where its file has one.
+
+    It keeps to ``policy/contract.py``.
 
     Use one object for one pendulum, in one thread.
     """
@@ -41,6 +44,9 @@ class NumpyController:
         self._joint, self._network = joint, NumpyNetwork(policy)
         self._estimator = NumpyEstimator(settings, policy.model, joint) if wanted else None
         self._front_end = None if front_end is None else NumpyFrontEnd(front_end, joint)
+        self._regulator = None
+        if policy.regulator is not None:
+            self._regulator = NumpyRegulator(policy.regulator, policy.plant, joint, policy.torque_limit)
         chosen = choose_guard(guard, policy.guard, policy.period)
         self.guard = None if chosen is None else NumpyGuard(chosen, joint, policy.torque_limits)
         """What watches the loop; its ``fault`` says why it stopped the controller."""
@@ -52,7 +58,7 @@ class NumpyController:
 
     def reset(self) -> None:
         """Forget the run so far."""
-        for part in (self._estimator, self._front_end, self.guard):
+        for part in (self._estimator, self._regulator, self._front_end, self.guard):
             if part is not None:
                 part.reset()
 
@@ -71,7 +77,8 @@ class NumpyController:
             u = self._front_end.command(self._network(self._front_end.see(float(t), x)))
         else:
             u = np.zeros(2)
-            u[self._joint] = self._network(x)
+            regulated = None if self._regulator is None else self._regulator(x)
+            u[self._joint] = self._network(x) if regulated is None else regulated
         if self.guard is not None:
             u = self.guard.limited(u)
         if self._estimator is not None:
