@@ -4,21 +4,23 @@
 """
 
 import itertools
-import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from ...errors import SwingupError
-from ...physics.equations import COULOMB_STEEPNESS, lump
+from ...physics.equations import COULOMB_STEEPNESS
 from ...version import __version__
 from ..guard import BRAKED, PUSHING, SENTENCES, STANDSTILLS, GuardSettings, Reason
+from ..identifier_settings import check_no_front_end
 from ..network import check_plain
 from ..pendulum import PendulumPolicy
-from ..plant_facts import PolicyPlant
-from ..settings import LOST, PIECES, EstimatorSettings, FrontEndSettings, kalman_gains
-from ..stages import NormaliseStage, PendulumStage, Stage
+from ..settings import FrontEndSettings
+from ..stages import NormaliseStage, PendulumStage, PlantStage, Stage
 from ..template import NAME, asset, check_export_name, fill
+from .estimator import estimator_values
+from .identifier import calls, identifies, is_told, plant_inputs
+from .numbers import braces
 
 # The loop skips zeros, of which a ReLU makes many. Weights lie by input: the inner loop reads them in order.
 LAYER = """\
@@ -27,13 +29,13 @@ static inline void swingup_layer_{index}(const swingup_real x[{inputs}], swingup
     swingup_real sum[{outputs}];
     int k, j;
     for (j = 0; j < {outputs}; j++) {{
-        sum[j] = swingup_bias_{index}[j];
+        sum[j] = (swingup_real)swingup_bias_{index}[j];
     }}
     for (k = 0; k < {inputs}; k++) {{
         const swingup_real value = x[k];
         if (value != 0) {{
             for (j = 0; j < {outputs}; j++) {{
-                sum[j] += swingup_weight_{index}[k][j] * value;
+                sum[j] += (swingup_real)swingup_weight_{index}[k][j] * value;
             }}
         }}
     }}
@@ -82,15 +84,19 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
 
     Raises:
         SwingupError: the name is no identifier, or the policy has an observation or hidden layers that this program
-            does not write.
+            does not write, or an identifier beside a front end.
     """
     check_export_name(name)
     check_plain(policy.network, "a C header")
-    network = policy.folded
+    if identifies(policy):
+        check_no_front_end(policy.front_end)
+    # A network that is told the plant keeps the inputs that others fold.
+    network = policy.network if is_told(policy) else policy.folded
     layers = network.layers
     names = ["input", *(f"layer_{index}" for index in range(len(layers)))]
     sizes = [len(layer.bias) for layer in layers]
-    around = {"state estimator": policy.estimator, "front end": policy.front_end, "safety guard": policy.guard}
+    estimator = "state estimator with online identification" if identifies(policy) else "state estimator"
+    around = {estimator: policy.estimator, "front end": policy.front_end, "safety guard": policy.guard}
     parts = " and its ".join(name for name, part in around.items() if part is not None)
     about = f"a policy{f' behind its {parts}' if parts else ''} for the {policy.robot.name}"
     values = {
@@ -104,26 +110,26 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
         "ARRAYS": "\n\n".join(_arrays(index, layer.weight, layer.bias) for index, layer in enumerate(layers)),
         "LAYERS": "\n".join(_layer(index, len(layers), layer.weight) for index, layer in enumerate(layers)),
         "BUFFERS": "\n".join(f"    swingup_real {name}[{n}];" for name, n in zip(names[1:], sizes, strict=True)),
-        "OBSERVE": "".join(map(_observe, network.stages)).rstrip("\n"),
+        "OBSERVE": _observe(network.stages).rstrip("\n"),
         "CALLS": "\n".join(
             f"    swingup_layer_{index}({before}, {after});"
             for index, (before, after) in enumerate(itertools.pairwise(names))
         ),
         "RESULT": names[-1],
         "CONTROLLER": _controller(policy),
-    }
+    } | calls(policy)
     text = fill(asset(__package__, "policy.h"), values)
     # Two headers in one program must not share a name.
     return text.replace(f"{NAME}_", f"{name}_").replace(f"{NAME.upper()}_", f"{name.upper()}_")
 
 
 def _controller(policy: PendulumPolicy) -> str:
-    front_end, estimator, guard = policy.front_end, policy.estimator, policy.guard
+    front_end, estimator, guard, said = policy.front_end, policy.estimator, policy.guard, calls(policy)
     parts = [
-        _part("front_end.h", _front_end_values(front_end)) if front_end else _part("alone.h"),
-        _part("estimator.h", _estimator_values(estimator, policy)) if estimator else _part("direct.h"),
+        _part("front_end.h", _front_end_values(front_end)) if front_end else _part("alone.h", said),
+        _part("estimator.h", said | estimator_values(estimator, policy)) if estimator else _part("direct.h"),
         _part("guard.h", _guard_values(guard, policy)) if guard else _part("unguarded.h"),
-        _part("controller.h", {"SENTENCES": ", ".join(f'"{text}"' for text in SENTENCES)}),
+        _part("controller.h", said | {"SENTENCES": ", ".join(f'"{text}"' for text in SENTENCES)}),
     ]
     return "\n".join(parts)
 
@@ -148,7 +154,7 @@ def _guard_values(settings: GuardSettings, policy: PendulumPolicy) -> dict[str, 
     }
     texts = {name: repr(float(value)) for name, value in numbers.items()}
     reasons = "\n".join(f"#define SWINGUP_GUARD_{reason.name} {reason.value}" for reason in Reason)
-    return texts | {"LIMITS": _braces(np.array(limits)), "STANDSTILLS": str(STANDSTILLS), "REASONS": reasons}
+    return texts | {"LIMITS": braces(np.array(limits)), "STANDSTILLS": str(STANDSTILLS), "REASONS": reasons}
 
 
 def _front_end_values(settings: FrontEndSettings) -> dict[str, str]:
@@ -161,57 +167,25 @@ def _front_end_values(settings: FrontEndSettings) -> dict[str, str]:
     }
     pairs = {"DAMPING": settings.damping, "COULOMB": settings.coulomb}
     texts = {name: repr(float(value)) for name, value in numbers.items()}
-    return texts | {name: _braces(np.array(pair, np.float64)) for name, pair in pairs.items()}
+    return texts | {name: braces(np.array(pair, np.float64)) for name, pair in pairs.items()}
 
 
-def _model(plant: PolicyPlant) -> str:
-    lumped = lump(plant)
-    numbers = {
-        "COUPLING": lumped.coupling,
-        "M11": lumped.shoulder + lumped.reflected + lumped.rotor,
-        "M12": lumped.elbow - lumped.geared,
-        "M22": lumped.elbow + lumped.reflected,
-        "GRAVITY1": lumped.gravity1,
-        "GRAVITY2": lumped.gravity2,
-        "STEEPNESS": COULOMB_STEEPNESS,
-    }
-    values = {name: repr(float(value)) for name, value in numbers.items()}
-    # A name may be anything: no end of a comment may come from a file.
-    values["PLANT"] = re.sub(r"[^\w. -]", "_", plant.name)[:60] or "the plant of the policy"
-    if plant.friction is None:
-        return _part("model.h", values)
-    pairs = {"DAMPING": plant.friction.damping, "COULOMB": plant.friction.coulomb}
-    return _part("damped_model.h", values | {name: _braces(np.array(pair)) for name, pair in pairs.items()})
+def _observe(stages: Sequence[Stage]) -> str:
+    texts, size = [], 4
+    for stage in stages:
+        texts.append(_stage(stage, size))
+        size = stage.size(size)
+    return "".join(texts)
 
 
-def _estimator_values(settings: EstimatorSettings, policy: PendulumPolicy) -> dict[str, str]:
-    gains = kalman_gains(settings)
-    numbers = {
-        "DT": settings.dt,
-        "MOTOR_LIMIT": policy.model.limit(policy.robot.joint),
-        "GAIN_QQ": gains[0, 0],
-        "GAIN_QV": gains[0, 1],
-        "GAIN_VQ": gains[1, 0],
-        "GAIN_VV": gains[1, 1],
-        "FADING": np.exp(-settings.dt / settings.memory),
-        "SCALE2": settings.residual_scale**2,
-        "CAUTION": settings.caution,
-        "LOST": LOST * settings.velocity_noise,
-    }
-    texts = {name: repr(float(value)) for name, value in numbers.items()}
-    return texts | {
-        "MODEL": _model(policy.model),
-        "DEPTH": str(settings.max_delay_steps + 1),
-        "PIECES": str(PIECES),
-    }
-
-
-def _observe(stage: Stage) -> str:
+def _stage(stage: Stage, before: int) -> str:
     if isinstance(stage, PendulumStage):
         return _pendulum(stage)
     if isinstance(stage, NormaliseStage):
-        numbers = {"MEAN": _braces(stage.mean), "DEVIATION": _braces(stage.deviation)}
-        return fill(NORMALISE, numbers | {"SIZE": str(len(stage.mean)), "CLIP": repr(float(stage.clip))})
+        numbers = {"MEAN": braces(stage.mean), "DEVIATION": braces(stage.deviation)}
+        return fill(NORMALISE, numbers | {"SIZE": str(before), "CLIP": repr(float(stage.clip))})
+    if isinstance(stage, PlantStage):
+        return plant_inputs(stage, before)
     raise SwingupError(f"a header cannot have the observation stage {type(stage).__name__}: export to NumPy")
 
 
@@ -221,11 +195,11 @@ def _pendulum(stage: PendulumStage) -> str:
 
 def _arrays(index: int, weight: np.ndarray, bias: np.ndarray) -> str:
     outputs, inputs = weight.shape
-    rows = ",\n".join(_braces(column, "f") for column in weight.T)
+    rows = ",\n".join(braces(column, "f") for column in weight.T)
     # That of a folded layer has more digits.
     kind, suffix = ("double", "") if bias.dtype == np.float64 else ("float", "f")
     return (
-        f"static const {kind} swingup_bias_{index}[{outputs}] = {_braces(bias, suffix)};\n"
+        f"static const {kind} swingup_bias_{index}[{outputs}] = {braces(bias, suffix)};\n"
         f"static const float swingup_weight_{index}[{inputs}][{outputs}] = {{\n{rows}\n}};"
     )
 
@@ -234,8 +208,3 @@ def _layer(index: int, depth: int, weight: np.ndarray) -> str:
     outputs, inputs = weight.shape
     result = "sum[j] > 0 ? sum[j] : 0" if index < depth - 1 else "sum[j]"
     return LAYER.format(index=index, inputs=inputs, outputs=outputs, result=result)
-
-
-def _braces(values: np.ndarray, suffix: str = "") -> str:
-    """An initialiser; decimals that C reads back as the same numbers."""
-    return "{" + ", ".join(f"{np.format_float_scientific(value)}{suffix}" for value in values) + "}"
