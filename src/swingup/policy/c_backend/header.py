@@ -4,21 +4,22 @@
 """
 
 import itertools
-import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from ...errors import SwingupError
-from ...physics.equations import COULOMB_STEEPNESS, lump
+from ...physics.equations import COULOMB_STEEPNESS
 from ...version import __version__
 from ..guard import BRAKED, PUSHING, SENTENCES, STANDSTILLS, GuardSettings, Reason
+from ..identifier_settings import check_no_front_end
 from ..network import check_plain
 from ..pendulum import PendulumPolicy
-from ..plant_facts import PolicyPlant
-from ..settings import LOST, PIECES, EstimatorSettings, FrontEndSettings, kalman_gains
-from ..stages import NormaliseStage, PendulumStage, Stage
+from ..settings import FrontEndSettings
+from ..stages import NormaliseStage, PendulumStage, PlantStage, Stage
 from ..template import NAME, asset, check_export_name, fill
+from .estimator import estimator_values
+from .identifier import calls, identifies, is_told, plant_inputs
 from .numbers import braces
 from .regulator import regulator_values
 
@@ -29,13 +30,13 @@ static inline void swingup_layer_{index}(const swingup_real x[{inputs}], swingup
     swingup_real sum[{outputs}];
     int k, j;
     for (j = 0; j < {outputs}; j++) {{
-        sum[j] = swingup_bias_{index}[j];
+        sum[j] = (swingup_real)swingup_bias_{index}[j];
     }}
     for (k = 0; k < {inputs}; k++) {{
         const swingup_real value = x[k];
         if (value != 0) {{
             for (j = 0; j < {outputs}; j++) {{
-                sum[j] += swingup_weight_{index}[k][j] * value;
+                sum[j] += (swingup_real)swingup_weight_{index}[k][j] * value;
             }}
         }}
     }}
@@ -84,15 +85,19 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
 
     Raises:
         SwingupError: the name is no identifier, or the policy has an observation or hidden layers that this program
-            does not write.
+            does not write, or an identifier beside a front end.
     """
     check_export_name(name)
     check_plain(policy.network, "a C header")
-    network = policy.folded
+    if identifies(policy):
+        check_no_front_end(policy.front_end)
+    # A network that is told the plant keeps the inputs that others fold.
+    network = policy.network if is_told(policy) else policy.folded
     layers = network.layers
     names = ["input", *(f"layer_{index}" for index in range(len(layers)))]
     sizes = [len(layer.bias) for layer in layers]
-    around = {"state estimator": policy.estimator, "front end": policy.front_end, "safety guard": policy.guard}
+    estimator = "state estimator with online identification" if identifies(policy) else "state estimator"
+    around = {estimator: policy.estimator, "front end": policy.front_end, "safety guard": policy.guard}
     parts = " and its ".join(name for name, part in around.items() if part is not None)
     what = "a policy" if policy.regulator is None else "a policy with a regulator near the top"
     about = f"{what}{f' behind its {parts}' if parts else ''} for the {policy.robot.name}"
@@ -107,35 +112,37 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
         "ARRAYS": "\n\n".join(_arrays(index, layer.weight, layer.bias) for index, layer in enumerate(layers)),
         "LAYERS": "\n".join(_layer(index, len(layers), layer.weight) for index, layer in enumerate(layers)),
         "BUFFERS": "\n".join(f"    swingup_real {name}[{n}];" for name, n in zip(names[1:], sizes, strict=True)),
-        "OBSERVE": "".join(map(_observe, network.stages)).rstrip("\n"),
+        "OBSERVE": _observe(network.stages).rstrip("\n"),
         "CALLS": "\n".join(
             f"    swingup_layer_{index}({before}, {after});"
             for index, (before, after) in enumerate(itertools.pairwise(names))
         ),
         "RESULT": names[-1],
         "CONTROLLER": _controller(policy),
-    }
+    } | calls(policy)
     text = fill(asset(__package__, "policy.h"), values)
     # Two headers in one program must not share a name.
     return text.replace(f"{NAME}_", f"{name}_").replace(f"{NAME.upper()}_", f"{name.upper()}_")
 
 
 def _controller(policy: PendulumPolicy) -> str:
-    estimator, guard = policy.estimator, policy.guard
+    estimator, guard, said = policy.estimator, policy.guard, calls(policy)
     parts = [
-        _acting(policy),
-        _part("estimator.h", _estimator_values(estimator, policy)) if estimator else _part("direct.h"),
+        _acting(policy, said),
+        _part("estimator.h", said | estimator_values(estimator, policy)) if estimator else _part("direct.h"),
         _part("guard.h", _guard_values(guard, policy)) if guard else _part("unguarded.h"),
-        _part("controller.h", {"SENTENCES": ", ".join(f'"{text}"' for text in SENTENCES)}),
+        _part("controller.h", said | {"SENTENCES": ", ".join(f'"{text}"' for text in SENTENCES)}),
     ]
     return "\n".join(parts)
 
 
-def _acting(policy: PendulumPolicy) -> str:
+def _acting(policy: PendulumPolicy, said: dict[str, str]) -> str:
     """The policy, with its front end or its regulator."""
     if policy.regulator is not None:
-        return _part("regulator.h", regulator_values(policy.regulator, policy))
-    return _part("front_end.h", _front_end_values(policy.front_end)) if policy.front_end else _part("alone.h")
+        return _part("regulator.h", regulator_values(policy.regulator, policy) | said)
+    if policy.front_end is not None:
+        return _part("front_end.h", _front_end_values(policy.front_end))
+    return _part("alone.h", said)
 
 
 def _part(file: str, values: Mapping[str, str] | None = None) -> str:
@@ -174,54 +181,22 @@ def _front_end_values(settings: FrontEndSettings) -> dict[str, str]:
     return texts | {name: braces(np.array(pair, np.float64)) for name, pair in pairs.items()}
 
 
-def _model(plant: PolicyPlant) -> str:
-    lumped = lump(plant)
-    numbers = {
-        "COUPLING": lumped.coupling,
-        "M11": lumped.shoulder + lumped.reflected + lumped.rotor,
-        "M12": lumped.elbow - lumped.geared,
-        "M22": lumped.elbow + lumped.reflected,
-        "GRAVITY1": lumped.gravity1,
-        "GRAVITY2": lumped.gravity2,
-        "STEEPNESS": COULOMB_STEEPNESS,
-    }
-    values = {name: repr(float(value)) for name, value in numbers.items()}
-    # A name may be anything: no end of a comment may come from a file.
-    values["PLANT"] = re.sub(r"[^\w. -]", "_", plant.name)[:60] or "the plant of the policy"
-    if plant.friction is None:
-        return _part("model.h", values)
-    pairs = {"DAMPING": plant.friction.damping, "COULOMB": plant.friction.coulomb}
-    return _part("damped_model.h", values | {name: braces(np.array(pair)) for name, pair in pairs.items()})
+def _observe(stages: Sequence[Stage]) -> str:
+    texts, size = [], 4
+    for stage in stages:
+        texts.append(_stage(stage, size))
+        size = stage.size(size)
+    return "".join(texts)
 
 
-def _estimator_values(settings: EstimatorSettings, policy: PendulumPolicy) -> dict[str, str]:
-    gains = kalman_gains(settings)
-    numbers = {
-        "DT": settings.dt,
-        "MOTOR_LIMIT": policy.model.limit(policy.robot.joint),
-        "GAIN_QQ": gains[0, 0],
-        "GAIN_QV": gains[0, 1],
-        "GAIN_VQ": gains[1, 0],
-        "GAIN_VV": gains[1, 1],
-        "FADING": np.exp(-settings.dt / settings.memory),
-        "SCALE2": settings.residual_scale**2,
-        "CAUTION": settings.caution,
-        "LOST": LOST * settings.velocity_noise,
-    }
-    texts = {name: repr(float(value)) for name, value in numbers.items()}
-    return texts | {
-        "MODEL": _model(policy.model),
-        "DEPTH": str(settings.max_delay_steps + 1),
-        "PIECES": str(PIECES),
-    }
-
-
-def _observe(stage: Stage) -> str:
+def _stage(stage: Stage, before: int) -> str:
     if isinstance(stage, PendulumStage):
         return _pendulum(stage)
     if isinstance(stage, NormaliseStage):
         numbers = {"MEAN": braces(stage.mean), "DEVIATION": braces(stage.deviation)}
-        return fill(NORMALISE, numbers | {"SIZE": str(len(stage.mean)), "CLIP": repr(float(stage.clip))})
+        return fill(NORMALISE, numbers | {"SIZE": str(before), "CLIP": repr(float(stage.clip))})
+    if isinstance(stage, PlantStage):
+        return plant_inputs(stage, before)
     raise SwingupError(f"a header cannot have the observation stage {type(stage).__name__}: export to NumPy")
 
 

@@ -9,7 +9,7 @@ from .numbers import braces
 
 
 def regulator_values(settings: RegulatorSettings, policy: PendulumPolicy) -> dict[str, str]:
-    """The gaps of the regulator's program."""
+    """The gaps of the regulator's program, for the plant of the policy's file."""
     known, (weights, torque_weight) = known_of(policy.plant), settings.step_weights
     numbers = {
         "GRAVITY": known.g,
@@ -30,4 +30,4 @@ def regulator_values(settings: RegulatorSettings, policy: PendulumPolicy) -> dic
     texts |= {name: braces(values) for name, values in arrays.items()}
     texts["STEPS"] = str(settings.riccati_steps)
     texts["THETA"] = f"    static const double base[9] = {braces(base_parameters(policy.plant))};\n"
-    return texts | dict.fromkeys(("SHOWN", "TOLD", "BASE"), "")
+    return texts

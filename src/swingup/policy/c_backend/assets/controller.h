@@ -10,9 +10,9 @@ static inline void swingup_reset(swingup_controller *c)
 {
     static const swingup_controller fresh = {0};
     *c = fresh;
-}
+@BEGIN@}
 
-static inline void swingup_control(swingup_controller *c, double t, const double x[4], double u[2])
+@READER@static inline void swingup_control(swingup_controller *c, double t, const double x[4], double u[2])
 {
     double seen[4];
 
@@ -21,7 +21,7 @@ static inline void swingup_control(swingup_controller *c, double t, const double
         return;
     }
     swingup_observe(&c->estimator, t, x, seen);
-    swingup_act(&c->front_end, t, seen, u);
+    swingup_act(&c->front_end, t, seen@KNOWN@, u);
     swingup_limited(&c->guard, u);
     /* The estimator needs what the motor was given. */
     swingup_remember(&c->estimator, u[SWINGUP_DRIVEN]);

@@ -14,7 +14,7 @@ typedef struct {
     double torques[SWINGUP_DEPTH];      /* commanded, newest first (N m) */
     double deviations[SWINGUP_DEPTH][4]; /* what the filter with each delay estimates besides */
     double surprise[SWINGUP_DEPTH];     /* evidence against each delay */
-} swingup_estimator;
+@FIELDS@} swingup_estimator;
 
 /* What the steady-state Kalman gains make of a miss. */
 static inline void swingup_correction(const double miss[4], double correction[4])
@@ -37,14 +37,14 @@ static inline int swingup_follow(swingup_estimator *c, const double x[4], double
     for (i = 0; i < 4; i++) {
         predicted[i] = c->state[i];
     }
-    swingup_step(predicted, torque, h);
+    swingup_step(@BELIEVED@predicted, torque, h);
     for (i = 0; i < 4; i++) {
         miss[i] = x[i] - predicted[i];
     }
     for (i = 0; i < 2; i++) {
         miss[i] -= 2.0 * SWINGUP_PI * rint(miss[i] / (2.0 * SWINGUP_PI));
     }
-    swingup_response(c->state, response);
+    swingup_response(@BELIEVED@c->state, response);
 
     for (n = 0; n < SWINGUP_DEPTH; n++) {
         double far = 0.0, evidence;
@@ -111,7 +111,7 @@ static inline void swingup_ahead(const swingup_estimator *c, double x[4], double
     int piece;
     for (piece = SWINGUP_PIECES; piece > 0 && c->delay_steps > 0; piece--) {
         const double sum = swingup_commanded(c, piece * steps) - swingup_commanded(c, (piece - 1) * steps);
-        swingup_step(x, sum / steps, steps * h);
+        swingup_step(@BELIEVED@x, sum / steps, steps * h);
     }
 }
 
@@ -122,7 +122,7 @@ static inline void swingup_observe(swingup_estimator *c, double t, const double 
     const int late = !c->called || !(pause >= 0.0 && pause <= 1.5 * SWINGUP_DT);
     int i, n, finite = 1;
 
-    if (late || !swingup_follow(c, x, h)) {
+@BELIEVE@    if (late || !swingup_follow(c, x, h)) {
         for (i = 0; i < 4; i++) {
             c->state[i] = seen[i] = x[i];
         }
@@ -144,7 +144,7 @@ static inline void swingup_observe(swingup_estimator *c, double t, const double 
             seen[i] = x[i];
         }
     }
-    c->called = 1;
+@IDENTIFY@    c->called = 1;
     c->time = t;
 }
 
@@ -156,4 +156,4 @@ static inline void swingup_remember(swingup_estimator *c, double torque)
         c->torques[n] = c->torques[n - 1];
     }
     c->torques[0] = swingup_clip(torque, SWINGUP_MOTOR_LIMIT);
-}
+@NOTE@}

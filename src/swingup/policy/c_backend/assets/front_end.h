@@ -27,7 +27,7 @@ static inline void swingup_act(swingup_front_end *c, double t, const double x[4]
     }
     for (i = 0; i < 2; i++) {
         const double rate = c->seen[i + 2];
-        u[i] = isfinite(rate) ? damping[i] * rate + coulomb[i] * atan(@STEEPNESS@ * rate) : NAN;
+        u[i] = isfinite(rate) ? damping[i] * rate + coulomb[i] * atan(@STEEPNESS@ * rate) : (double)NAN;
     }
     u[1 - SWINGUP_DRIVEN] = swingup_clip(u[1 - SWINGUP_DRIVEN], @PASSIVE_LIMIT@);
     u[SWINGUP_DRIVEN] += swingup_policy(c->seen);

@@ -10,7 +10,7 @@
  * x = [q1, q2, dq1, dq2]: shoulder angle from hanging down, elbow angle relative to link 1 (rad), and their rates
  * (rad/s); t is the time (s); u = [u1, u2] are the torques of shoulder and elbow (N m), the passive joint's @PASSIVE@.
  * swingup_policy(x) is the policy alone: the torque of the driven joint, without memory.
- * @UNSOUND@ Not for -ffast-math, which cannot tell NaN.
+@FOUND@ * @UNSOUND@ Not for -ffast-math, which cannot tell NaN.
  */
 #ifndef SWINGUP_POLICY_H
 #define SWINGUP_POLICY_H
@@ -41,7 +41,7 @@ static inline double swingup_clip(double value, double limit)
 
 @LAYERS@
 
-static inline double swingup_policy(const double x[4])
+static inline double swingup_policy@TOLD@(const double x[4]@SIGHT@)
 {
     double observation[@INPUTS@];
     swingup_real input[@INPUTS@];
@@ -50,7 +50,7 @@ static inline double swingup_policy(const double x[4])
 
     for (i = 0; i < 4; i++) {
         if (!isfinite(x[i])) {
-            return NAN;
+            return (double)NAN;
         }
     }
 @OBSERVE@
@@ -61,5 +61,5 @@ static inline double swingup_policy(const double x[4])
     return SWINGUP_TORQUE_LIMIT * tanh(@RESULT@[0]);
 }
 
-@CONTROLLER@
+@FOLDED@@CONTROLLER@
 #endif

@@ -1,0 +1,141 @@
+"""What a C header has of the identifier: its numbers, and what other parts of the program say of it."""
+
+import math
+
+import numpy as np
+
+from ...physics.base_parameters import BASE, Known, base_parameters, lumped
+from ...physics.equations import COULOMB_STEEPNESS, mass_entries
+from ...physics.momentum import CLOSE
+from ..identifier_settings import MOST_DEVIATION, STUDENT, IdentifierSettings, hat_weights, prior
+from ..pendulum import PendulumPolicy
+from ..plant_facts import PolicyPlant
+from ..stages import PlantStage
+from ..template import asset, fill
+from .numbers import braces
+
+PROGRAM = {
+    "FIELDS": """\
+    swingup_identifier identifier;
+    swingup_plant plant; /* the model: what was found until the last call */
+""",
+    "BELIEVE": "    swingup_believe(&c->plant, c->identifier.base);\n",
+    "BELIEVED": "&c->plant, ",
+    "IDENTIFY": "    swingup_identify(&c->identifier, x, c->delay_steps, late);\n",
+    "NOTE": "    swingup_note(&c->identifier, c->torques[0]);\n",
+    "BEGIN": "    swingup_begin(&c->estimator.identifier);\n",
+    "READER": """\
+/* The nine base parameters found so far, ordered as docs/policy-format.md has them; at first the file's plant's. */
+static inline const double *swingup_base_parameters(const swingup_controller *c)
+{
+    return c->estimator.identifier.base;
+}
+
+""",
+    "FOUND": """\
+ * swingup_base_parameters(&controller) are those of the plant that the controller has found so far, nine numbers.
+""",
+}
+"""What other parts say of an identifier, by the gaps of their texts."""
+SIGHTED = {
+    "TOLD": "_for",
+    "SIGHT": ", const double base[9]",
+    "BASE": ", base",
+    "KNOWN": ", swingup_base_parameters(c)",
+    "FOLDED": """\
+/* The policy for the plant of its file. */
+static inline double swingup_policy(const double x[4])
+{
+    static const double base[9] = @THETA@;
+    return swingup_policy_for(x, base);
+}
+
+""",
+}
+"""What they say of a policy that is told the identified plant."""
+REGULATED = {"SHOWN": ", const double base[9]", "KNOWN": SIGHTED["KNOWN"], "THETA": ""}
+"""What they say of a regulator that is told it."""
+INPUTS = """\
+    for (i = 0; i < 9; i++) {
+        static const double centre[9] = @CENTRE@, scale[9] = @SCALE@;
+        observation[i + @SIZE@] = swingup_clip((base[i] - centre[i]) / scale[i], @CLIP@);
+    }
+"""
+
+
+def calls(policy: PendulumPolicy) -> dict[str, str]:
+    """What other parts of a header say of the identifier, by their gaps; nothing without one."""
+    said = dict.fromkeys([*PROGRAM, *SIGHTED, "SHOWN"], "")
+    if identifies(policy):
+        said |= PROGRAM
+    if identifies(policy) and policy.regulator is not None:
+        said |= REGULATED
+    if is_told(policy):
+        said |= SIGHTED | {"FOLDED": fill(SIGHTED["FOLDED"], {"THETA": braces(base_parameters(policy.plant))})}
+    return said
+
+
+def identifies(policy: PendulumPolicy) -> bool:
+    """Whether the estimator of a header has an identifier."""
+    return policy.estimator is not None and policy.identifier is not None
+
+
+def is_told(policy: PendulumPolicy) -> bool:
+    """Whether the network of a header sees the identified plant."""
+    return identifies(policy) and policy.network.plant_stage is not None
+
+
+def plant_inputs(stage: PlantStage, size: int) -> str:
+    """The inputs that a stage appends to ``size`` numbers."""
+    pair = {"CENTRE": braces(stage.centre), "SCALE": braces(stage.scale)}
+    return fill(INPUTS, pair | {"SIZE": str(size), "CLIP": repr(float(stage.clip))})
+
+
+def identified_model(settings: IdentifierSettings, plant: PolicyPlant, joint: int) -> str:
+    """The identifier about a nominal plant whose driven joint is ``joint``, and the model that it finds."""
+    known = {"L1": plant.l1, "GRAVITY": plant.g, "GEAR": plant.gr, "STEEPNESS": COULOMB_STEEPNESS, "CLOSE": CLOSE}
+    values = _numbers(settings) | _arrays(settings, plant, joint)
+    values |= {name: repr(float(value)) for name, value in known.items()}
+    return "\n".join(fill(asset(__package__, file), values) for file in ("identifier.h", "identified_model.h"))
+
+
+def _numbers(s: IdentifierSettings) -> dict[str, str]:
+    numbers = {
+        "STEP": s.step,
+        "DT": s.dt,
+        "WEIGHT": s.pole,
+        "RELATIVE": s.relative_floor,
+        "GATE2": s.gate**2,
+        "HOLD": s.hold,
+        "STUDENT": STUDENT,
+        "ALIKE": s.alike,
+        "RISE": 1.0 - math.exp(-s.dt / s.rise),
+        "FALL": 1.0 - math.exp(-s.dt / s.fall),
+        "MARGIN": s.margin,
+    }
+    counts = {"SPAN": s.span, "COMMANDS": 2 * s.span + s.max_delay_steps}
+    return {name: repr(float(value)) for name, value in numbers.items()} | {
+        name: str(count) for name, count in counts.items()
+    }
+
+
+def _arrays(s: IdentifierSettings, plant: PolicyPlant, joint: int) -> dict[str, str]:
+    mean, covariance = prior(plant, s)
+    average, slope = hat_weights(s.span)
+    driven = np.arange(2) == joint
+    deviation = np.where(driven, s.driven_deviation, s.passive_deviation)
+    nominal = lumped(mean[:BASE], Known(plant.l1, plant.g, plant.gr))
+    arrays = {
+        "MEAN": mean,
+        "HAT": average,
+        "SLOPE": slope,
+        "VARIANCE": deviation**2,
+        "MOST": (MOST_DEVIATION * deviation) ** 2,
+        "FLOOR": np.where(driven, s.driven_floor, s.passive_floor) ** 2,
+        "DRIFT": s.walk**2 * s.dt * np.diagonal(covariance),
+        "STRETCHED": np.array(mass_entries(nominal, 1.0)),
+        "FOLDED": np.array(mass_entries(nominal, -1.0)),
+    }
+    return {name: braces(values) for name, values in arrays.items()} | {
+        "PRIOR": ",\n".join(f"    {braces(row)}" for row in covariance)
+    }
