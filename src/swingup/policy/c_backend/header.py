@@ -13,6 +13,7 @@ from ...errors import SwingupError
 from ...physics.equations import COULOMB_STEEPNESS, lump
 from ...version import __version__
 from ..guard import BRAKED, PUSHING, SENTENCES, STANDSTILLS, GuardSettings, Reason
+from ..identifier_settings import check_no_identifier
 from ..network import check_plain
 from ..pendulum import PendulumPolicy
 from ..plant_facts import PolicyPlant
@@ -82,10 +83,11 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
 
     Raises:
         SwingupError: the name is no identifier, or the policy has an observation or hidden layers that this program
-            does not write.
+            does not write, or an identifier.
     """
     check_export_name(name)
     check_plain(policy.network, "a C header")
+    check_no_identifier(policy.identifier, "a C header")
     network = policy.folded
     layers = network.layers
     names = ["input", *(f"layer_{index}" for index in range(len(layers)))]
