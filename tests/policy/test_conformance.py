@@ -4,19 +4,25 @@ A cell compares with the judge's JAX in double precision. Back ends that hold es
 recorded loop as a whole; the others (see BACK_ENDS) compute the policy alone on the same measurements.
 """
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from swingup.errors import SwingupError
+from swingup.physics.angles import UPRIGHT
+from swingup.policy.numpy_backend.controller import NumpyController
 
 from .backends import BACK_ENDS
 from .references import (
     COLUMNS,
+    IDENTIFIED,
     OTHER_PLANT,
     REGULATED,
     SHIPPED,
     SIGHTED,
     SMALL,
+    TOLD,
     TOLERANCE,
     alone,
     controller,
@@ -31,11 +37,15 @@ LONG = 2500
 BRIEF = 600
 """Steps of the others: the swing-up."""
 
-SLOW = ("acrobot-global", "pendubot-refined", "pendubot-global", "pendubot-robot")
+SLOW = ("acrobot-global", "pendubot-refined", "pendubot-global", "pendubot-robot", IDENTIFIED)
 """Their loops take seconds to compile; their states are in the default suite.
 
 Its loops are those of the acrobot's ``refined`` (estimator) and ``robot`` (front end and estimator), and of both
 robots' ``ar-eapo`` (neither)."""
+
+
+IDENTIFYING = ("jax", "numpy")
+"""Back ends with an identifier; the others refuse it by name."""
 
 
 def a_cell(name, back_end, sensor):
@@ -54,6 +64,8 @@ TABLE = [
     for name in [*SMALL, SIGHTED]
     for back_end in BACK_ENDS
     for sensor in ["states", "not finite"]
+] + [
+    a_cell(IDENTIFIED, back_end, sensor) for back_end in IDENTIFYING for sensor in COLUMNS
 ]  # fmt: skip
 
 
@@ -129,6 +141,23 @@ def test_the_regulator_takes_over_alike(made, back_end, sensor):
     # With noise it leaves and enters again.
     if sensor != "not finite":
         assert (np.diff(policys.astype(int)) != 0).sum() >= (1 if sensor == "clean" else 3)
+
+
+@pytest.mark.slow  # JAX compiles the identifier for seconds
+@pytest.mark.parametrize("back_end", ["numpy", "c"])
+def test_the_regulator_is_told_what_is_found_alike(made, back_end):
+    """Near the top, swaying by hand: the plant found changes the regulator's torque by newton metres."""
+    times, frequency = 0.002 * np.arange(600), 7.0
+    size, phase = np.array([0.05, 0.12]), frequency * times[:, None] + [0.0, 1.0]
+    sway = np.concatenate([size * np.sin(phase), size * frequency * np.cos(phase)], axis=1)
+    states = UPRIGHT + sway
+    found = made(back_end, TOLD).run(times, states)
+    np.testing.assert_allclose(found, replay(controller(TOLD), times, states), rtol=0, atol=1e-8)
+    others = [dataclasses.replace(policy(TOLD), **{part: None}) for part in ("identifier", "regulator")]
+    for other in others:
+        untold = NumpyController(other)
+        torques = np.array([untold(x, t) for x, t in zip(states, times, strict=True)])
+        assert np.median(np.abs(found - torques)[:, 1]) > 1.0
 
 
 @pytest.mark.parametrize("back_end", ["onnx", "javascript"])

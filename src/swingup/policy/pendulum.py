@@ -13,7 +13,14 @@ from ..text import quoted
 from .file import read_network, write_network
 from .fold import fold
 from .guard import GUARD
-from .identifier_settings import IDENTIFIER, IdentifierSettings, read_identifier, write_identifier
+from .identifier_settings import (
+    IDENTIFIER,
+    IdentifierSettings,
+    check_identifier,
+    check_no_front_end,
+    read_identifier,
+    write_identifier,
+)
 from .network import Network
 from .plant_facts import PLANT, PolicyPlant, modelled, read_plant, write_plant
 from .regulator_settings import RegulatorSettings, check_no_compensation, fixed_point
@@ -60,12 +67,15 @@ class PendulumPolicy:
         """Refuse what cannot go together.
 
         Raises:
-            SwingupError: there are a regulator and a front end, or no regulator holds the plant.
+            SwingupError: an identifier stands without an estimator or is for another loop, there is a front end
+                beside an identifier or a regulator, or no regulator holds the plant.
         """
-        if self.regulator is None:
-            return
-        check_no_compensation(self.front_end)
-        fixed_point(self.plant, self.robot.joint, self.regulator)
+        if self.identifier is not None:
+            check_identifier(self.identifier, self.estimator)
+            check_no_front_end(self.front_end)
+        if self.regulator is not None:
+            check_no_compensation(self.front_end)
+            fixed_point(self.plant, self.robot.joint, self.regulator)
 
     @property
     def folded(self) -> Network:
@@ -124,9 +134,8 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
         limit = finite_number("torque_limit", metadata["torque_limit"], 1e-6, 1e6, "N m")
         estimator, front_end = estimator_settings(metadata), front_end_settings(metadata)
         guard, plant = guard_settings(metadata), read_plant(metadata, ROBOTS[name])
-        around = estimator, front_end, guard, read_identifier(metadata, estimator, front_end)
-        regulator = regulator_settings(metadata)
-        return PendulumPolicy(network, ROBOTS[name], limit, plant, *around, regulator, metadata)
+        around = estimator, front_end, guard, read_identifier(metadata, estimator), regulator_settings(metadata)
+        return PendulumPolicy(network, ROBOTS[name], limit, plant, *around, metadata)
     except SwingupError as error:
         raise SwingupError(f"policy file {path}: {error}; see docs/policy-format.md") from error
 
@@ -147,7 +156,7 @@ def write_pendulum_policy(path: str | Path, policy: PendulumPolicy, provenance: 
     head: dict[str, Any] = {"robot": policy.robot.name, "torque_limit": float(policy.torque_limit)}
     provenance = {**provenance, PLANT: write_plant(policy.plant)}
     if policy.identifier is not None:
-        # Beside an estimator, as a file must have it.
+        # A file has it beside its estimator alone.
         head |= {} if policy.estimator is None else {ESTIMATOR: asdict(policy.estimator)}
         provenance[IDENTIFIER] = write_identifier(policy.identifier)
     if policy.front_end is not None:

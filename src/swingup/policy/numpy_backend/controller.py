@@ -13,6 +13,7 @@ from ..shipped import read_policy
 from .estimator import NumpyEstimator
 from .front_end import NumpyFrontEnd
 from .guard import NumpyGuard
+from .identifier import NumpyIdentifier
 from .network import NumpyNetwork
 from .regulator import NumpyRegulator
 
@@ -42,7 +43,9 @@ class NumpyController:
         wanted = policy.estimator is not None if estimator is None else estimator
         joint, front_end = policy.robot.joint, policy.front_end
         self._joint, self._network = joint, NumpyNetwork(policy)
-        self._estimator = NumpyEstimator(settings, policy.model, joint) if wanted else None
+        found = policy.identifier if wanted else None
+        self._identifier = None if found is None else NumpyIdentifier(found, policy.plant, joint)
+        self._estimator = NumpyEstimator(settings, policy.model, joint, self._identifier) if wanted else None
         self._front_end = None if front_end is None else NumpyFrontEnd(front_end, joint)
         self._regulator = None
         if policy.regulator is not None:
@@ -73,17 +76,29 @@ class NumpyController:
             return self.guard.stopped()
         if self._estimator is not None:
             x = self._estimator.observe(float(t), x)
-        if self._front_end is not None:
-            u = self._front_end.command(self._network(self._front_end.see(float(t), x)))
-        else:
-            u = np.zeros(2)
-            regulated = None if self._regulator is None else self._regulator(x)
-            u[self._joint] = self._network(x) if regulated is None else regulated
+            if self._identifier is not None:
+                self._tell(self._identifier.theta)
+        u = self._command(float(t), x)
         if self.guard is not None:
             u = self.guard.limited(u)
         if self._estimator is not None:
             # The command with friction compensation: the estimator needs what the motor was given.
             self._estimator.remember(float(u[self._joint]))
+        return u
+
+    def _tell(self, base: list[float]) -> None:
+        """Hand the plant found, base parameters θ (9,), to what depends on it."""
+        self._network.tell(base)
+        if self._regulator is not None:
+            self._regulator.tell(base)
+
+    def _command(self, t: float, x: np.ndarray) -> np.ndarray:
+        """The torques (2,) of the policy, its front end or its regulator for what they are shown at time t (s)."""
+        if self._front_end is not None:
+            return self._front_end.command(self._network(self._front_end.see(t, x)))
+        u = np.zeros(2)
+        regulated = None if self._regulator is None else self._regulator(x)
+        u[self._joint] = self._network(x) if regulated is None else regulated
         return u
 
 
