@@ -7,7 +7,7 @@ import numpy as np
 from ...physics.base_parameters import BASE, Known, base_parameters, lumped
 from ...physics.equations import COULOMB_STEEPNESS, mass_entries
 from ...physics.momentum import CLOSE
-from ..identifier_settings import MOST_DEVIATION, STUDENT, IdentifierSettings, hat_weights, prior
+from ..identifier_settings import FARTHEST, MOST_DEVIATION, STUDENT, IdentifierSettings, hat_weights, prior
 from ..pendulum import PendulumPolicy
 from ..plant_facts import PolicyPlant
 from ..stages import PlantStage
@@ -108,6 +108,7 @@ def _numbers(s: IdentifierSettings) -> dict[str, str]:
         "RISE": 1.0 - math.exp(-s.dt / s.rise),
         "FALL": 1.0 - math.exp(-s.dt / s.fall),
         "MARGIN": s.margin,
+        "FARTHEST": FARTHEST,
     }
     counts = {"SPAN": s.span, "COMMANDS": 2 * s.span + s.max_delay_steps}
     return {name: repr(float(value)) for name, value in numbers.items()} | {
