@@ -13,11 +13,14 @@ from swingup.areapo.networks import init_actor
 from swingup.physics.base_parameters import base_parameters
 from swingup.physics.integrate import rk4_step
 from swingup.physics.parameters import get_robot, identified_parameters, leaderboard_parameters
+from swingup.policy.identifier_settings import default_identifier
 from swingup.policy.jax_backend.controller import PolicyController, make_controller, policy_of
 from swingup.policy.jax_backend.observation import Normalise, PendulumObservation, PlantObservation
 from swingup.policy.jax_backend.policy import Policy
+from swingup.policy.network import Layer
 from swingup.policy.plant_facts import policy_plant
 from swingup.policy.shipped import SHIPPED_POLICIES, read_policy
+from swingup.policy.stages import PlantStage
 
 DT = 0.002
 AWAY = 1e-3
@@ -71,6 +74,11 @@ SMALL = ["pendubot-wrapped", "pendubot-bare"]
 """Untrained ones with the paper's observation, which jumps at its wraps: with and without normalisation."""
 SIGHTED = "acrobot-sighted"
 """An untrained one that sees its plant, C.1 as it is."""
+IDENTIFIED = "acrobot-identified"
+"""The default policy, told what an identifier finds of its plant, C.1 as it is; it was not trained with that.
+
+A replayed motion does not follow the torques. There rounding grows without bound if torques change what is found
+much, and that the torques. This policy's change by 0.1 N m for twice the plant: rounding fades."""
 OTHER_PLANT = "acrobot-friction"
 """The policy for the robot, with an estimator that believes in C.1 as it is: with friction and motors' rotors."""
 
@@ -85,13 +93,15 @@ def random_states(number=10_000):
 
 @functools.cache
 def policy(name):
-    """A policy by a name of SHIPPED, SMALL, SIGHTED or OTHER_PLANT."""
+    """A policy by a name of SHIPPED, SMALL, SIGHTED, IDENTIFIED or OTHER_PLANT."""
     robot, _, kind = name.partition("-")
     if name == OTHER_PLANT:
         found = read_policy("robot", robot)
         return dataclasses.replace(found, plant=policy_plant(identified_parameters(), found.robot, "C.1"))
     if name == SIGHTED:
         return policy_of(sighted_policy())
+    if name == IDENTIFIED:
+        return identified_policy()
     return policy_of(small_policy(kind == "wrapped")) if name in SMALL else read_policy(kind, robot)
 
 
@@ -115,6 +125,18 @@ def sighted_policy(layers=(16, 12)):
     scale[8] = 0.01 * base[8]
     stages = (PendulumObservation(20.0, "sincos"), PlantObservation(centre, scale, base, clip=1.0))
     return PolicyController(Policy(stages, actor), 3.0, get_robot("acrobot"), plant=plant)
+
+
+def identified_policy():
+    """The acrobot's default policy with weights for the plant's inputs, behind an identifier."""
+    found = read_policy("refined", "acrobot")
+    plant = policy_plant(identified_parameters(), found.robot, "C.1")
+    base, first = base_parameters(plant), found.network.trunk[0]
+    sight = np.random.default_rng(2).normal(size=(len(first.bias), 9)).astype(np.float32) / 1000
+    trunk = (Layer(np.concatenate([first.weight, sight], axis=1), first.bias), *found.network.trunk[1:])
+    stages = (*found.network.stages, PlantStage(base, np.abs(base)))
+    network = dataclasses.replace(found.network, stages=stages, trunk=trunk)
+    return dataclasses.replace(found, network=network, plant=plant, identifier=default_identifier(found.estimator))
 
 
 def in_double(controller):

@@ -11,8 +11,9 @@ from swingup.policy.numpy_backend.network import NumpyNetwork
 from swingup.policy.settings import default_guard
 from swingup.policy.shipped import read_policy
 
+from . import references
 from .compiled import CAREFUL, compile_header, compile_program, needs_gcc, pointer, torques
-from .references import DT, IDENTIFIED, OTHER_PLANT, SIGHTED, alone, policy, random_states
+from .references import DT, IDENTIFIED, OTHER_PLANT, SIGHTED, alone, random_states
 
 pytestmark = needs_gcc
 
@@ -25,11 +26,17 @@ def test_in_single_precision(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "real"),
-    [(SIGHTED, "float"), (SIGHTED, "double"), (IDENTIFIED, "float"), (IDENTIFIED, "double"), (OTHER_PLANT, "double")],
+    [
+        (SIGHTED, "float"),
+        (SIGHTED, "double"),
+        (IDENTIFIED, "float"),
+        (IDENTIFIED, "double"),
+        (OTHER_PLANT, "double"),
+    ],
 )
 def test_conversions_are_written_out(tmp_path, name, real):
     """A folded bias and all constants are double, the network perhaps float."""
-    found = policy(name)
+    found = references.policy(name)
     compile_header(tmp_path, c_header(replace(found, guard=default_guard(DT))), *CAREFUL, f"-DSWINGUP_REAL={real}")
 
 

@@ -1,4 +1,4 @@
-"""The identifier in the C header beyond the conformance table: against NumPy's, in single precision, and its reset."""
+"""The identifier in the C header beyond the conformance table: beside NumPy's, in single precision, its reset."""
 
 import functools
 

@@ -10,6 +10,7 @@ import pytest
 from .backends import BACK_ENDS
 from .references import (
     COLUMNS,
+    IDENTIFIED,
     OTHER_PLANT,
     SHIPPED,
     SIGHTED,
@@ -28,11 +29,15 @@ LONG = 2500
 BRIEF = 600
 """Steps of the others: the swing-up."""
 
-SLOW = ("acrobot-global", "pendubot-refined", "pendubot-global", "pendubot-robot")
+SLOW = ("acrobot-global", "pendubot-refined", "pendubot-global", "pendubot-robot", IDENTIFIED)
 """Their loops take seconds to compile; their states are in the default suite.
 
 Its loops are those of the acrobot's ``refined`` (estimator) and ``robot`` (front end and estimator), and of both
 robots' ``ar-eapo`` (neither)."""
+
+
+IDENTIFYING = ("jax", "numpy", "c")
+"""Back ends with an identifier; the others refuse it by name."""
 
 
 def a_cell(name, back_end, sensor):
@@ -51,6 +56,8 @@ TABLE = [
     for name in [*SMALL, SIGHTED]
     for back_end in BACK_ENDS
     for sensor in ["states", "not finite"]
+] + [
+    a_cell(IDENTIFIED, back_end, sensor) for back_end in IDENTIFYING for sensor in COLUMNS
 ]  # fmt: skip
 
 

@@ -17,6 +17,8 @@ from swingup.physics.parameters import get_robot, leaderboard_parameters
 from swingup.policy.identifier_settings import LAG, IdentifierSettings, hat_weights, prior
 from swingup.policy.jax_backend.estimator import with_estimator
 from swingup.policy.jax_backend.identifier import make_identifier
+from swingup.policy.numpy_backend.identifier import NumpyIdentifier
+from swingup.policy.plant_facts import policy_plant
 
 DT, STEPS = 0.002, 800
 ROBOT = get_robot("acrobot")
@@ -63,12 +65,18 @@ def programs():
     return identifier, command, jax.jit(move), jax.jit(find)
 
 
-def found(plant, change=lambda q: q, delay_steps=0, told=0, break_at=-1, push=None):
-    """The final memory and the unknowns of all steps, for angles changed on their way to the identifier."""
-    identifier, command, move, find = programs()
+def measured(plant, delay_steps=0, push=None):
+    """Angles (n, 2), and the commands (n, 2) that moved the plant."""
+    _, command, move, _ = programs()
     acting = command if push is None else command + push
     q = np.asarray(move(jax.tree.map(float, plant), acting))[:, :2]
-    q = np.concatenate([np.zeros((delay_steps, 2)), q])[:STEPS]
+    return np.concatenate([np.zeros((delay_steps, 2)), q])[:STEPS], command
+
+
+def found(plant, change=lambda q: q, delay_steps=0, told=0, break_at=-1, push=None):
+    """The final memory and the unknowns of all steps, for angles changed on their way to the identifier."""
+    identifier, _, _, find = programs()
+    q, command = measured(plant, delay_steps, push)
     memory, unknowns = find(jnp.asarray(change(q)), command, told, break_at)
     return identifier, memory, np.asarray(unknowns)
 
@@ -205,3 +213,35 @@ def test_an_identifier_of_another_loop_is_refused(settings, robot, message):
     identifier = make_identifier(robot, NOMINAL, settings)
     with pytest.raises(SwingupError, match=message):
         with_estimator(Rest(), ROBOT, NOMINAL, identifier=identifier)
+
+
+def quantised(q):
+    return np.round(q / 3.81e-4) * 3.81e-4
+
+
+def spoilt(q):
+    q = quantised(q)
+    q[300, 0], q[600, 1] = 1e7, np.nan
+    return q
+
+
+@pytest.mark.parametrize(
+    ("change", "told", "break_at"), [(lambda q: q, 0, -1), (quantised, 3, 400), (spoilt, 1, -1)]
+)
+def test_numpy_finds_the_same(change, told, break_at):
+    expected, memory, unknowns = found(OTHER, change, 1, told, break_at)
+    q, command = measured(OTHER, 1)
+    identifier = NumpyIdentifier(expected.settings, policy_plant(NOMINAL, ROBOT), ROBOT.joint)
+    scale = np.sqrt(np.diagonal(expected.covariance))
+    rows = []
+    for index, (angles, torque) in enumerate(zip(change(q).tolist(), command[:, 1].tolist(), strict=True)):
+        if index == break_at:
+            identifier.restart()
+        identifier.observe(*angles, told)
+        identifier.remember(torque)
+        rows.append(identifier.unknowns)
+    np.testing.assert_allclose(np.array(rows) / scale, unknowns / scale, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(identifier.theta, expected.theta(memory), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(identifier.plant, expected.plant(memory)[0], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(identifier.friction, expected.plant(memory)[1], rtol=0, atol=1e-9)
+    assert errors(identifier.unknowns, OTHER)[:4].max() < 0.05

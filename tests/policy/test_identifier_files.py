@@ -9,7 +9,16 @@ import pytest
 from swingup.errors import SwingupError
 from swingup.physics.base_parameters import Spread
 from swingup.policy.identifier_settings import IDENTIFIER, IdentifierSettings, default_identifier
-from swingup.policy.jax_backend.controller import load_policy, make_controller, policy_of, save_controller
+from swingup.policy.javascript_backend.page import policy_data
+from swingup.policy.jax_backend.controller import (
+    behind_estimator,
+    load_policy,
+    make_controller,
+    policy_of,
+    save_controller,
+)
+from swingup.policy.jax_backend.front_end import FrontEnd
+from swingup.policy.onnx_backend.graph import onnx_model
 from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
 from swingup.policy.settings import EstimatorSettings, FrontEndSettings
 
@@ -84,10 +93,21 @@ def test_what_cannot_work(file, metadata, message):
     assert "\n" not in str(caught.value)
 
 
-def test_a_front_end_is_refused_in_jax_too(file):
+def test_a_front_end_is_refused_without_a_file_too(file):
     policy = read_pendulum_policy(file(estimator={}, identifier={}))
     with pytest.raises(SwingupError, match="leave the identifier or the front end out"):
-        make_controller(dataclasses.replace(policy, front_end=FrontEndSettings()))
+        dataclasses.replace(policy, front_end=FrontEndSettings())
+    controller = dataclasses.replace(sighted_policy(), front_end=FrontEnd(FrontEndSettings()))
+    with pytest.raises(SwingupError, match="leave the identifier or the front end out"):
+        behind_estimator(controller, identifier=IdentifierSettings())
+
+
+@pytest.mark.parametrize(("export", "program"), [(onnx_model, "an ONNX graph"), (policy_data, "a page")])
+def test_what_cannot_identify_refuses(file, export, program):
+    policy = read_pendulum_policy(file(estimator={}, identifier={}))
+    with pytest.raises(SwingupError, match=f"{program} cannot identify .* run the policy in C or Python") as caught:
+        export(policy)
+    assert "\n" not in str(caught.value)
 
 
 def test_older_programs_must_refuse_it(file):

@@ -5,7 +5,9 @@ torques u = [u1, u2] (N m) of shoulder and elbow.
 
 - Back ends differ by at most 3e-5 N m, and by 1e-11 where both compute in double precision throughout. Behind an
   estimator, rounding feeds back: 1e-9 over a whole run.
-- A policy that sees its plant runs as the ordinary policy that it is for the plant of its file.
+- A policy that sees its plant runs as the ordinary policy that it is for the plant of its file. Behind an
+  identifier it is told the plant found so far, which depends on its own torques: 1e-9 holds where it reacts little
+  to the plant. A strong reaction lets rounding grow in a replay, whose motion does not follow the torques.
 - The torque of the driven joint is NaN where the state is not finite, so that no clipping hides a broken sensor.
   The passive joint has 0, or the friction compensation of a front end.
 - Behind a safety guard no torque is ever NaN: the guard stops the controller instead (``policy/guard.py``).
@@ -13,9 +15,10 @@ torques u = [u1, u2] (N m) of shoulder and elbow.
 
 ``tests/policy/test_conformance.py`` holds every back end to it, ``tests/policy/test_guard.py`` the guards in NumPy
 and in C. ONNX graphs and the page's JavaScript run the policy alone: they have no estimator, no front end and no
-guard. Hidden layers of ReLU run everywhere, others in JAX and NumPy alone (``policy/network.py: check_plain``). JAX
-has the same contract without hidden state, ``init() -> memory`` and ``(memory, t, x) -> (memory, u)``;
-a C header has it as ``swingup_reset`` and ``swingup_control``. JAX has no guard: it judges.
+guard. Hidden layers of ReLU run everywhere, others in JAX and NumPy alone (``policy/network.py: check_plain``).
+Identifiers run in JAX, NumPy and C; graphs and pages refuse them. JAX has the same contract without hidden state,
+``init() -> memory`` and ``(memory, t, x) -> (memory, u)``; a C header has it as ``swingup_reset`` and
+``swingup_control``. JAX has no guard: it judges.
 """
 
 from typing import Protocol

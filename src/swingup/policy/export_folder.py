@@ -23,13 +23,13 @@ PACKAGE = "{name}_controller"
 SOURCES = (
     "errors.py", "text.py", "checks.py", "renamed.py", "files.py", "arrays.py", "robots.py", MODEL,
     "physics/__init__.py", "physics/base_parameters.py", "physics/damped.py", "physics/equations.py",
-    "physics/units.py", "physics/validity.py",
+    "physics/momentum.py", "physics/units.py", "physics/validity.py",
     *(f"policy/{name}.py" for name in (
-        "__init__", "contract", "file", "fold", "guard", "network", "pendulum", "plant", "plant_facts", "settings",
-        "shipped", "stages",
+        "__init__", "contract", "file", "fold", "guard", "identifier_settings", "network", "pendulum", "plant",
+        "plant_facts", "settings", "shipped", "stages",
     )),
     *(f"policy/numpy_backend/{name}.py" for name in (
-        "__init__", "controller", "estimator", "front_end", "guard", "network",
+        "__init__", "controller", "estimator", "front_end", "guard", "identifier", "network",
     )),
 )  # fmt: skip
 """What the controller needs of this package, besides its interface; a test runs it without the rest."""
@@ -149,8 +149,9 @@ def guard_entry(guard: GuardSettings | None) -> str:
 def readme_values(policy: PendulumPolicy, name: str) -> dict[str, str]:
     """What a folder's README says of its policy, for the gaps of a template."""
     command = policy.metadata.get("command")
+    base = " and the pendulum's base parameters" if policy.identifier else ""
     seen = (
-        "an estimate of the state by a Kalman filter, which also finds the loop's delay"
+        f"an estimate of the state by a Kalman filter, which also finds the loop's delay{base}"
         if policy.estimator
         else "the measured state"
     )

@@ -14,7 +14,7 @@ from ..checks import finite_number, suggestion, whole_number
 from ..errors import SwingupError
 from ..physics.base_parameters import BASE, Spread, base_covariance, base_parameters
 from ..text import quoted
-from .settings import EstimatorSettings, FrontEndSettings, read_settings
+from .settings import EstimatorSettings, read_settings
 
 IDENTIFIER = "identifier"
 """Key of the identifier's settings in a policy file's metadata."""
@@ -109,6 +109,8 @@ STUDENT = 4.0
 """Degrees of freedom of the errors' distribution."""
 MOST_DEVIATION = 10.0
 """Largest deviation that the residuals of a row raise its own to, in first ones."""
+FARTHEST = 1e6
+"""An angle beyond this is no measurement (rad): its digits do not tell the turn."""
 
 
 def prior(plant: Any, settings: IdentifierSettings) -> tuple[np.ndarray, np.ndarray]:
@@ -134,34 +136,24 @@ def hat_weights(span: int) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([up, up[::-1]]), np.concatenate([newer, -newer])
 
 
-def read_identifier(
-    metadata: Mapping[str, Any], estimator: EstimatorSettings | None, front_end: FrontEndSettings | None
-) -> IdentifierSettings | None:
+def read_identifier(metadata: Mapping[str, Any], estimator: EstimatorSettings | None) -> IdentifierSettings | None:
     """The identifier's settings in a policy file's metadata; None if it has none.
 
     ``dt`` and ``max_delay_steps`` are the estimator's where the file leaves them out.
 
     Args:
         metadata: the file's.
-        estimator: the file's, which the identifier belongs to.
-        front_end: the file's.
+        estimator: the file's.
 
     Raises:
-        SwingupError: they are not an object, one is unknown or out of range, or the identifier does not fit what is
-            around the policy.
+        SwingupError: they are not an object, or one is unknown or out of range.
     """
     given = metadata.get(IDENTIFIER)
     if isinstance(given, Mapping):
-        if estimator is None:
-            raise SwingupError("identifier without an estimator: add estimator, {} for its defaults")
-        loop = {"dt": estimator.dt, "max_delay_steps": estimator.max_delay_steps}
+        loop = {} if estimator is None else {"dt": estimator.dt, "max_delay_steps": estimator.max_delay_steps}
         spread = {SPREAD: _read_spread(given[SPREAD])} if SPREAD in given else {}
         metadata = {IDENTIFIER: {**loop, **given, **spread}}
-    settings = read_settings(metadata, IDENTIFIER, IdentifierSettings)
-    if settings is not None and estimator is not None:
-        check_identifier(settings, estimator)
-        check_no_front_end(front_end)
-    return settings
+    return read_settings(metadata, IDENTIFIER, IdentifierSettings)
 
 
 def write_identifier(settings: IdentifierSettings) -> dict[str, Any]:
@@ -174,12 +166,14 @@ def default_identifier(estimator: EstimatorSettings) -> IdentifierSettings:
     return replace(IdentifierSettings(), dt=estimator.dt, max_delay_steps=estimator.max_delay_steps)
 
 
-def check_identifier(settings: IdentifierSettings, estimator: EstimatorSettings) -> None:
-    """Refuse an identifier with another period or shorter delays than its estimator's.
+def check_identifier(settings: IdentifierSettings, estimator: EstimatorSettings | None) -> None:
+    """Refuse an identifier without an estimator, or with another period or shorter delays than its estimator's.
 
     Raises:
-        SwingupError: it has.
+        SwingupError: it is one.
     """
+    if estimator is None:
+        raise SwingupError("identifier without an estimator: add estimator, {} for its defaults")
     if settings.dt != estimator.dt or settings.max_delay_steps < estimator.max_delay_steps:
         raise SwingupError(
             f"the identifier has dt = {settings.dt:g} s and max_delay_steps = {settings.max_delay_steps}, the "
@@ -197,6 +191,23 @@ def check_no_front_end(front_end: Any) -> None:
         raise SwingupError(
             "an identifier finds the friction that a front end compensates, which would count twice: leave the "
             "identifier or the front end out"
+        )
+
+
+def check_no_identifier(settings: IdentifierSettings | None, program: str) -> None:
+    """Refuse an identifier.
+
+    Args:
+        settings: the policy's; None for none.
+        program: what cannot run one, as the start of a sentence.
+
+    Raises:
+        SwingupError: there is one.
+    """
+    if settings is not None:
+        raise SwingupError(
+            f"{program} cannot identify its plant, which the policy's file asks for: run the policy in C or "
+            "Python, as an export to c or realaigym does, or leave the identifier out of the file"
         )
 
 

@@ -13,7 +13,14 @@ from ..text import quoted
 from .file import read_network, write_network
 from .fold import fold
 from .guard import GUARD
-from .identifier_settings import IDENTIFIER, IdentifierSettings, read_identifier, write_identifier
+from .identifier_settings import (
+    IDENTIFIER,
+    IdentifierSettings,
+    check_identifier,
+    check_no_front_end,
+    read_identifier,
+    write_identifier,
+)
 from .network import Network
 from .plant_facts import PLANT, PolicyPlant, modelled, read_plant, write_plant
 from .settings import (
@@ -50,6 +57,16 @@ class PendulumPolicy:
     """Settings of the identifier of the estimator's plant in the file; None for the plant of the file."""
     metadata: Mapping[str, Any] = field(default_factory=dict)
     """The file's."""
+
+    def __post_init__(self) -> None:
+        """Refuse an identifier that does not fit what else is around the policy.
+
+        Raises:
+            SwingupError: it stands without an estimator, is for another loop, or there is a front end.
+        """
+        if self.identifier is not None:
+            check_identifier(self.identifier, self.estimator)
+            check_no_front_end(self.front_end)
 
     @property
     def folded(self) -> Network:
@@ -108,10 +125,12 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
         limit = finite_number("torque_limit", metadata["torque_limit"], 1e-6, 1e6, "N m")
         estimator, front_end = estimator_settings(metadata), front_end_settings(metadata)
         guard, plant = guard_settings(metadata), read_plant(metadata, ROBOTS[name])
-        identifier = read_identifier(metadata, estimator, front_end)
+        identifier = read_identifier(metadata, estimator)
+        return PendulumPolicy(
+            network, ROBOTS[name], limit, plant, estimator, front_end, guard, identifier, metadata
+        )
     except SwingupError as error:
         raise SwingupError(f"policy file {path}: {error}; see docs/policy-format.md") from error
-    return PendulumPolicy(network, ROBOTS[name], limit, plant, estimator, front_end, guard, identifier, metadata)
 
 
 def write_pendulum_policy(path: str | Path, policy: PendulumPolicy, provenance: Mapping[str, Any]) -> None:
@@ -130,7 +149,7 @@ def write_pendulum_policy(path: str | Path, policy: PendulumPolicy, provenance: 
     head: dict[str, Any] = {"robot": policy.robot.name, "torque_limit": float(policy.torque_limit)}
     provenance = {**provenance, PLANT: write_plant(policy.plant)}
     if policy.identifier is not None:
-        # Beside an estimator, as a file must have it.
+        # A file has it beside its estimator alone.
         head |= {} if policy.estimator is None else {ESTIMATOR: asdict(policy.estimator)}
         provenance[IDENTIFIER] = write_identifier(policy.identifier)
     if policy.front_end is not None:

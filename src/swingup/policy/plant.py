@@ -102,9 +102,9 @@ def model_step(
     return damped_midpoint_step(plant, friction, x, (u1, u2), dt, _FLOATS)
 
 
-def _sine_cosine(angle: float) -> tuple[float, float]:
-    # For what is not finite, math.sin raises an error.
+def sine_cosine(angle: float) -> tuple[float, float]:
+    """(sin, cos) of an angle (rad); NaN where it is not finite, for which math.sin raises an error."""
     return (math.sin(angle), math.cos(angle)) if math.isfinite(angle) else (math.nan, math.nan)
 
 
-_FLOATS = Functions(_sine_cosine, math.atan)
+_FLOATS = Functions(sine_cosine, math.atan)

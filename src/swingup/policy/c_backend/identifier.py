@@ -64,21 +64,16 @@ INPUTS = """\
 def calls(policy: PendulumPolicy) -> dict[str, str]:
     """What other parts of a header say of the identifier, by their gaps; nothing without one."""
     said = dict.fromkeys([*PROGRAM, *SIGHTED], "")
-    if identifies(policy):
+    if policy.identifier is not None:
         said |= PROGRAM
     if is_told(policy):
         said |= SIGHTED | {"FOLDED": fill(SIGHTED["FOLDED"], {"THETA": braces(base_parameters(policy.plant))})}
     return said
 
 
-def identifies(policy: PendulumPolicy) -> bool:
-    """Whether the estimator of a header has an identifier."""
-    return policy.estimator is not None and policy.identifier is not None
-
-
 def is_told(policy: PendulumPolicy) -> bool:
     """Whether the network of a header sees the identified plant."""
-    return identifies(policy) and policy.network.plant_stage is not None
+    return policy.identifier is not None and policy.network.plant_stage is not None
 
 
 def plant_inputs(stage: PlantStage, size: int) -> str:

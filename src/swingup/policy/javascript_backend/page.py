@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..identifier_settings import check_no_identifier
 from ..network import Layer, check_plain
 from ..pendulum import PendulumPolicy
 from ..stages import NormaliseStage, PendulumStage, Stage
@@ -22,9 +23,10 @@ def policy_data(policy: PendulumPolicy) -> dict[str, Any]:
     Neither an estimator nor a front end is in it, and no guard: the page simulates.
 
     Raises:
-        SwingupError: the script does not run such hidden layers.
+        SwingupError: the script does not run such hidden layers, or an identifier.
     """
     check_plain(policy.network, "a page")
+    check_no_identifier(policy.identifier, "a page")
     network = policy.folded
     return {
         "torque_limit": policy.torque_limit,

@@ -39,6 +39,7 @@ from ...physics.parameters import Parameters, Robot
 from ...physics.trigonometry import arctan, sine_cosine
 from ...types import Count, Torque
 from ..identifier_settings import (
+    FARTHEST,
     LAG,
     MOST_DEVIATION,
     POLES,
@@ -144,8 +145,8 @@ class Identifier(eqx.Module):
         full = calls >= len(memory.angles) + delay_steps
         finite = jnp.isfinite(learned.unknowns).all() & jnp.isfinite(learned.covariance).all()
         memory = choose(full & finite, learned, memory)
-        # An angle that is not finite would stay in the differences.
-        return choose(jnp.isfinite(q).all(), memory, self.restart(before))
+        # Such an angle would stay in the differences; NaN is none below.
+        return choose((jnp.abs(q) < FARTHEST).all(), memory, self.restart(before))
 
     def plant(self, memory: IdentifierMemory) -> tuple[Lumped, Friction]:
         """The identified plant to predict with: its mass matrix is positive definite, its friction brakes.

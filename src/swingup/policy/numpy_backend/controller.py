@@ -13,6 +13,7 @@ from ..shipped import read_policy
 from .estimator import NumpyEstimator
 from .front_end import NumpyFrontEnd
 from .guard import NumpyGuard
+from .identifier import NumpyIdentifier
 from .network import NumpyNetwork
 
 
@@ -39,7 +40,9 @@ class NumpyController:
         wanted = policy.estimator is not None if estimator is None else estimator
         joint, front_end = policy.robot.joint, policy.front_end
         self._joint, self._network = joint, NumpyNetwork(policy)
-        self._estimator = NumpyEstimator(settings, policy.model, joint) if wanted else None
+        found = policy.identifier if wanted else None
+        self._identifier = None if found is None else NumpyIdentifier(found, policy.plant, joint)
+        self._estimator = NumpyEstimator(settings, policy.model, joint, self._identifier) if wanted else None
         self._front_end = None if front_end is None else NumpyFrontEnd(front_end, joint)
         chosen = choose_guard(guard, policy.guard, policy.period)
         self.guard = None if chosen is None else NumpyGuard(chosen, joint, policy.torque_limits)
@@ -67,6 +70,8 @@ class NumpyController:
             return self.guard.stopped()
         if self._estimator is not None:
             x = self._estimator.observe(float(t), x)
+            if self._identifier is not None:
+                self._network.tell(self._identifier.theta)
         if self._front_end is not None:
             u = self._front_end.command(self._network(self._front_end.see(float(t), x)))
         else:

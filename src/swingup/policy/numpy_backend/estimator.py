@@ -9,6 +9,7 @@ from ...physics.equations import StateFloats, lump
 from ..plant import model_step, torque_response
 from ..plant_facts import PolicyPlant
 from ..settings import LOST, PIECES, EstimatorSettings, kalman_gains
+from .identifier import NumpyIdentifier
 from .network import TURN
 
 
@@ -18,14 +19,22 @@ class NumpyEstimator:
     Call ``observe`` with each measurement, then ``remember`` with the torque that was commanded.
     """
 
-    def __init__(self, settings: EstimatorSettings, model: PolicyPlant, joint: int) -> None:
+    def __init__(
+        self,
+        settings: EstimatorSettings,
+        model: PolicyPlant,
+        joint: int,
+        identifier: NumpyIdentifier | None = None,
+    ) -> None:
         """Prepare for a loop.
 
         Args:
             settings: what to expect of measurement and loop.
             model: the plant; commands are clipped to its torque limit.
             joint: index of the driven joint.
+            identifier: finds the plant, which is the model then; None for the plant above.
         """
+        self._identifier = identifier
         self._settings, self._plant, self._friction = settings, lump(model), model.friction
         self._driven = (1.0, 0.0) if joint == 0 else (0.0, 1.0)
         self._limit = model.limit(joint)
@@ -46,6 +55,9 @@ class NumpyEstimator:
         self._surprise = np.zeros(depth)
         self.delay_steps = 0
         """The delay found (steps)."""
+        if self._identifier is not None:
+            self._identifier.reset()
+            self._plant, self._friction = self._identifier.plant, self._identifier.friction
 
     def observe(self, t: float, x: np.ndarray) -> np.ndarray:
         """An estimate of the state now, for the state x (4,) (rad, rad/s) measured at time t (s)."""
@@ -53,18 +65,31 @@ class NumpyEstimator:
         # Negated, so that the first call (an infinite pause) and a clock of NaN are late as well.
         late = not 0 <= pause <= 1.5 * self._settings.dt
         step = pause or self._settings.dt
+        seen = x.copy()
         with np.errstate(all="ignore"):  # what is not finite fails a comparison below
             if not late and self._follow(x, step):
-                seen = self._ahead(step)
-                return seen if np.isfinite(seen).all() else x.copy()
-        # The evidence on the delay stays: the delay belongs to the loop, not to the motion.
-        self._state, self._torques[:], self._deviations[:] = x.copy(), 0.0, 0.0
-        return x.copy()
+                ahead = self._ahead(step)
+                seen = ahead if np.isfinite(ahead).all() else seen
+            else:
+                # The evidence on the delay stays: the delay belongs to the loop, not to the motion.
+                self._state, self._torques[:], self._deviations[:] = x.copy(), 0.0, 0.0
+            if self._identifier is not None:
+                self._identify(self._identifier, x, late)
+        return seen
 
     def remember(self, torque: float) -> None:
         """Note the torque that the driven joint was commanded (N m)."""
         self._torques[1:] = self._torques[:-1]
         self._torques[0] = np.clip(torque, -self._limit, self._limit)
+        if self._identifier is not None:
+            self._identifier.remember(float(self._torques[0]))
+
+    def _identify(self, identifier: NumpyIdentifier, x: np.ndarray, late: bool) -> None:
+        """Show it the measured angles; its plant is the model from the next call on."""
+        if late:
+            identifier.restart()
+        identifier.observe(float(x[0]), float(x[1]), self.delay_steps)
+        self._plant, self._friction = identifier.plant, identifier.friction
 
     def _follow(self, x: np.ndarray, dt: float) -> bool:
         """One step (s) of the filter in charge and of the bank; False, and no change, if the estimate is lost."""

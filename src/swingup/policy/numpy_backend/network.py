@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ...physics.base_parameters import BASE
 from ..network import NORM_EPSILON, Activation, Network, Norm
 from ..pendulum import PendulumPolicy
 from ..stages import NormaliseStage, PendulumStage, Stage
@@ -37,6 +38,20 @@ class NumpyNetwork:
         self._head = network.head.weight[0].astype(np.float64)
         self._offset = float(network.head.bias[0])
         self._torque_limit = policy.torque_limit
+        self._sight = Sight(policy.network) if policy.network.plant_stage is not None else None
+
+    def tell(self, base: list[float]) -> None:
+        """Show the policy a plant with base parameters θ (9,) from now on, if it sees its plant.
+
+        Before, it runs for the plant of its file.
+        """
+        if self._sight is None:
+            return
+        bias = self._sight.bias(base)
+        if self._layers:
+            self._layers[0][1][:] = bias
+        else:
+            self._offset = float(bias[0])
 
     def __call__(self, x: np.ndarray) -> float:
         """The torque (N m) for a state of shape (4,); NaN where that is not finite."""
@@ -48,6 +63,24 @@ class NumpyNetwork:
             np.add(result, bias, out=result)
             features = activate(result)
         return self._torque_limit * math.tanh(float(np.dot(self._head, features)) + self._offset)
+
+
+class Sight:
+    """What the first layer makes of the plant: its bias, as in ``policy/fold.py``, for one plant after another."""
+
+    def __init__(self, network: Network) -> None:
+        """Take the stage and the layer of a network that sees its plant."""
+        stage, first = network.plant_stage, network.layers[0]
+        assert stage is not None  # the caller has looked
+        self._centre, self._scale, self._clip = stage.centre.tolist(), stage.scale.tolist(), stage.clip
+        self._weight, self._bias = first.weight[:, -BASE:].astype(np.float64), first.bias.astype(np.float64)
+
+    def bias(self, base: list[float]) -> np.ndarray:
+        """The bias (outputs,) for base parameters θ (9,)."""
+        clip, seen = self._clip, zip(base, self._centre, self._scale, strict=True)
+        # For nine numbers Python's floats are faster than NumPy's arrays.
+        inputs = [max(-clip, min(clip, (value - centre) / scale)) for value, centre, scale in seen]
+        return self._bias + self._weight @ np.array(inputs)
 
 
 def _norms(network: Network) -> list[Norm | None]:

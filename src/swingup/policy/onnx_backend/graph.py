@@ -13,6 +13,7 @@ import numpy as np
 
 from ...errors import SwingupError
 from ...version import __version__
+from ..identifier_settings import check_no_identifier
 from ..network import STATE, SUM_GROUP, Layer, check_plain
 from ..pendulum import PendulumPolicy
 from ..stages import NormaliseStage, PendulumStage
@@ -28,10 +29,11 @@ def onnx_model(policy: PendulumPolicy) -> bytes:
     Neither an estimator nor a front end is in it: both have a memory.
 
     Raises:
-        SwingupError: the package onnx is not installed, the policy asks for a guard, which a graph cannot have, or
-            its hidden layers are not those of a graph.
+        SwingupError: the package onnx is not installed, the policy asks for a guard or an identifier, which a graph
+            cannot have, or its hidden layers are not those of a graph.
     """
     check_plain(policy.network, "an ONNX graph")
+    check_no_identifier(policy.identifier, "an ONNX graph")
     if policy.guard is not None:
         raise SwingupError(
             "the policy asks for a safety guard, which an ONNX graph cannot hold: run it in C or Python, or leave "

@@ -1,0 +1,184 @@
+"""The identifier in NumPy: the steps of ``docs/policy-format.md``, in JAX in ``jax_backend/identifier.py``.
+
+Rows of the equations of motion are computed in Python's floats, the rest in small arrays.
+"""
+
+import math
+
+import numpy as np
+
+from ...physics.base_parameters import BASE, Known, friction_of, lumped, share_allowed
+from ...physics.damped import Friction
+from ...physics.equations import Lumped
+from ...physics.momentum import Maths, momentum_rows
+from ..identifier_settings import (
+    FARTHEST,
+    LAG,
+    MOST_DEVIATION,
+    POLES,
+    STUDENT,
+    UNKNOWNS,
+    IdentifierSettings,
+    hat_weights,
+    prior,
+)
+from ..plant import sine_cosine
+from ..plant_facts import PolicyPlant
+
+TURN = 2 * math.pi
+COLUMNS = UNKNOWNS + 1
+"""Of a joint's row: one for each unknown, and the torque."""
+
+
+def _where(condition: bool, yes: float, no: float) -> float:
+    return yes if condition else no
+
+
+MATHS = Maths(sine_cosine, math.atan, math.log1p, _where)
+
+
+class NumpyIdentifier:
+    """Finds the plant of one loop from measured angles and commanded torques.
+
+    Call ``observe`` with each measurement, then ``remember`` with the torque that was commanded.
+    """
+
+    def __init__(self, settings: IdentifierSettings, plant: PolicyPlant, joint: int) -> None:
+        """Prepare for a loop.
+
+        Args:
+            settings: what to expect of the plant, the measurement and the torques.
+            plant: the nominal plant.
+            joint: index of the driven joint.
+        """
+        s = self._settings = settings
+        self._joint, self._known = joint, Known(plant.l1, plant.g, plant.gr)
+        self._mean, self._prior = prior(plant, settings)
+        self._nominal: list[float] = self._mean[:BASE].tolist()
+        self._most = self._prior.diagonal().copy()
+        self._drift = s.walk**2 * s.dt * self._most
+        passive, driven = (s.passive_deviation, s.passive_floor), (s.driven_deviation, s.driven_floor)
+        self._firsts, self._floors = zip(*((driven, passive) if joint == 0 else (passive, driven)), strict=True)
+        self._rise, self._fall = (1.0 - math.exp(-s.dt / time) for time in (s.rise, s.fall))
+        mean, slope = hat_weights(s.span)
+        self._cascade, self._hat = _cascade(s.pole), np.array([slope / s.dt, mean])
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing seen yet."""
+        self._angles = [(0.0, 0.0)] * (2 * self._settings.span + 1)
+        self._delay_steps = 0
+        self._unknowns, self._covariance = self._mean.copy(), self._prior.copy()
+        self._variance, self._held = [first**2 for first in self._firsts], [0.0, 0.0]
+        self.restart()
+        self._project()
+
+    def restart(self) -> None:
+        """After a pause: what was found stays, the motion before is forgotten."""
+        self._torques = np.zeros(2 * self._settings.span + self._settings.max_delay_steps)
+        self._calls = 0
+        # The newest columns in the last row, behind the low-passes that they enter one after the other.
+        self._stages = np.zeros((POLES + 1, 2 * COLUMNS))
+
+    def remember(self, torque: float) -> None:
+        """Note the torque that the driven joint was commanded, within its limit (N m)."""
+        self._torques[1:] = self._torques[:-1]
+        self._torques[0] = torque
+
+    def observe(self, q1: float, q2: float, delay_steps: int) -> None:
+        """Learn from measured angles (rad), whole turns aside, that are ``delay_steps`` old."""
+        # Negated, so that NaN is far as well: such an angle would stay in the differences.
+        if not (abs(q1) < FARTHEST and abs(q2) < FARTHEST):
+            self.restart()
+            return
+        last1, last2 = self._angles[0]
+        newest = last1 + _nearest(q1 - last1), last2 + _nearest(q2 - last2)
+        self._angles = [newest, *self._angles[:-1]] if self._calls else [(q1, q2)] * len(self._angles)
+        if delay_steps != self._delay_steps:
+            # The lag counts from the delay: their sum is what was found. The old columns belong to the old delay.
+            self._unknowns[LAG] -= (delay_steps - self._delay_steps) * self._settings.dt
+            self._delay_steps = delay_steps
+            self._stages[:] = 0.0
+        self._calls += 1
+        # The torques before a restart are not known.
+        if self._calls >= len(self._angles) + delay_steps:
+            self._learn()
+
+    @property
+    def unknowns(self) -> np.ndarray:
+        """θ as it was found, and the lag (s)."""
+        return self._unknowns.copy()
+
+    def _learn(self) -> None:
+        """The low-passes, both rows, and the drift."""
+        self._stages[POLES] = columns = self._columns()
+        # A torque that is not finite would stay in the low-passes.
+        if not math.isfinite(sum(columns)):
+            return
+        self._stages[:POLES] = stages = self._cascade @ self._stages
+        for joint in (0, 1):
+            start = joint * COLUMNS
+            self._update(joint, stages[-1, start : start + UNKNOWNS], float(stages[-1, start + UNKNOWNS]))
+        diagonal = self._covariance.reshape(-1)[:: UNKNOWNS + 1]
+        # No less sure than at the start: the drift must not exceed the prior.
+        diagonal += np.where(diagonal < self._most, self._drift, 0.0)
+        self._project()
+
+    def _columns(self) -> list[float]:
+        """The newest rows: Y, u̇ and u of the shoulder, then of the elbow."""
+        span = self._settings.span
+        oldest, middle, newest = self._angles[2 * span], self._angles[span], self._angles[0]
+        shoulder, elbow = momentum_rows(oldest, middle, newest, self._settings.step, self._known, MATHS)
+        acting = self._torques[self._delay_steps : self._delay_steps + 2 * span]
+        driven, passive = (self._hat @ acting).tolist(), (0.0, 0.0)
+        first, second = (driven, passive) if self._joint == 0 else (passive, driven)
+        return [*shoulder, *first, *elbow, *second]
+
+    def _update(self, joint: int, row: np.ndarray, target: float) -> None:
+        """One joint's row: the variance of its errors, and what it tells of the unknowns."""
+        s = self._settings
+        known = self._covariance @ row
+        unsure, error = float(row @ known), target - float(row @ self._unknowns)
+        size = abs(target) + float(np.abs(row[:4]) @ np.abs(self._unknowns[:4]))
+        r = max(self._variance[joint], self._floors[joint] ** 2 + (s.relative_floor * size) ** 2)
+        distance = error * error / (unsure + r)
+        held = s.hold if distance > s.gate**2 else self._held[joint] - s.dt
+        if not held > 0:
+            heavy = r * s.alike * max(1.0, (STUDENT + distance) / (STUDENT + 1.0))
+            gain = known / (unsure + heavy)
+            self._unknowns = self._unknowns + gain * error
+            self._covariance = self._covariance - gain[:, None] * known
+        # A spoilt angle must not blind the identifier for seconds.
+        seen = min(distance * r, (MOST_DEVIATION * self._firsts[joint]) ** 2)
+        weight = self._rise if seen > self._variance[joint] else self._fall
+        self._variance[joint] += weight * (seen - self._variance[joint])
+        self._held[joint] = max(held, 0.0)
+
+    def _project(self) -> None:
+        """θ and the plant to predict with, from the unknowns."""
+        found, nominal = self._unknowns[:BASE].tolist(), self._nominal
+        share = share_allowed(found, nominal, self._known, self._settings.margin, min, math.sqrt)
+        self.theta: list[float] = [n + share * (one - n) for one, n in zip(found, nominal, strict=True)]
+        """Base parameters of a pendulum: those found, or as near to them as the mass matrix allows."""
+        self.plant: Lumped = lumped(self.theta, self._known)
+        """The identified plant to predict with."""
+        # Negative friction would make the implicit step singular near rest.
+        damping, coulomb = ((max(one, 0.0), max(other, 0.0)) for one, other in friction_of(self.theta))
+        self.friction = Friction(damping, coulomb)
+        """Its friction, which brakes."""
+
+
+def _cascade(pole: float) -> np.ndarray:
+    """One step of the low-passes as a matrix (poles, poles + 1), from their states and the input to their states.
+
+    Each takes the new value of the one before: F_k ← F_k + w (F_{k-1} - F_k), and the first one the input.
+    """
+    rows = [np.eye(POLES + 1)[POLES]]
+    for state in np.eye(POLES + 1)[:POLES]:
+        rows.append(state + pole * (rows[-1] - state))
+    return np.array(rows[1:])
+
+
+def _nearest(angle: float) -> float:
+    """A difference of angles (rad) less full turns."""
+    return angle - TURN * round(angle / TURN)

@@ -1,0 +1,153 @@
+"""The identifier in NumPy inside a controller: what it finds, what it tells, and what a reset forgets."""
+
+import dataclasses
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from swingup.physics.base_parameters import base_parameters
+from swingup.physics.equations import lump
+from swingup.physics.parameters import get_robot, identified_parameters
+from swingup.policy.export_cloudpendulum import export_cloudpendulum
+from swingup.policy.export_folder import export_realaigym
+from swingup.policy.identifier_settings import IdentifierSettings
+from swingup.policy.network import Layer, Network
+from swingup.policy.numpy_backend.controller import NumpyController
+from swingup.policy.numpy_backend.network import NumpyNetwork
+from swingup.policy.pendulum import PendulumPolicy, read_pendulum_policy, write_pendulum_policy
+from swingup.policy.plant import model_step
+from swingup.policy.plant_facts import policy_plant
+from swingup.policy.settings import EstimatorSettings
+from swingup.policy.stages import PendulumStage, PlantStage
+
+from .references import DT, random_states
+
+STEPS, FINE = 900, 4
+
+
+def layer(outputs, inputs):
+    rng = np.random.default_rng(outputs)
+    return Layer(*(rng.normal(size=shape).astype(np.float32) for shape in ((outputs, inputs), outputs)))
+
+
+@pytest.fixture(scope="module")
+def policy():
+    """An untrained one that sees its plant, C.1 as it is."""
+    robot = get_robot("acrobot")
+    plant = policy_plant(identified_parameters(), robot)
+    stages = PendulumStage("sincos"), PlantStage(base_parameters(plant), 2 * np.abs(base_parameters(plant)))
+    network = Network(stages, (layer(16, 15),), layer(1, 16))
+    return PendulumPolicy(network, robot, 3.0, plant, EstimatorSettings(), identifier=IdentifierSettings())
+
+
+def changed(plant):
+    """Another second link, and other friction."""
+    return dataclasses.replace(plant, m2=1.1 * plant.m2, r2=0.93 * plant.r2, I2=1.1 * plant.I2, cf1=0.05, cf2=0.16)
+
+
+def run(controller, plant, steps=STEPS, spoilt=()):
+    """The controller's torques on a motion of a plant under a swinging torque, which the controller is told.
+
+    Measurements are replaced by others at some steps.
+    """
+    lumped, x, rows = lump(plant), (0.0, 0.0, 0.0, 0.0), []
+    for step in range(steps):
+        t = step * DT
+        rows.append(controller(np.array(dict(spoilt).get(step, x)), t))
+        torque = 1.5 * math.sin(6.5 * t) + math.sin(15 * t + 1)
+        # As if the policy had commanded it; what is not finite it has commanded itself.
+        if np.isfinite(rows[-1]).all():
+            controller._identifier._torques[0] = controller._estimator._torques[0] = torque
+        for _ in range(FINE):
+            x = model_step(lumped, plant.friction, x, 0.0, torque, DT / FINE)
+    return np.array(rows)
+
+
+def test_it_finds_a_changed_plant(policy):
+    plant, controller = changed(policy.plant), NumpyController(policy)
+    first = run(controller, plant)
+    true, nominal = base_parameters(plant), base_parameters(policy.plant)
+    theta = np.array(controller._identifier.theta)
+    assert (np.abs(nominal / true - 1)[:4] > 0.015).sum() >= 3
+    np.testing.assert_allclose(theta[:4], true[:4], rtol=0.015)
+    np.testing.assert_allclose(theta[6:8], true[6:8], atol=0.01)
+    # The estimator predicts with it.
+    assert controller._estimator._plant == controller._identifier.plant
+    # After a reset it answers the same, bit for bit.
+    controller.reset()
+    assert controller._identifier.theta == nominal.tolist()
+    np.testing.assert_array_equal(run(controller, plant, 200), first[:200])
+
+
+def test_the_policy_is_told(policy):
+    """As if the plant had been that of the file."""
+    told, plant = NumpyNetwork(policy), changed(policy.plant)
+    other = NumpyNetwork(dataclasses.replace(policy, plant=plant))
+    before = [told(x) for x in random_states()[:20]]
+    told.tell(base_parameters(plant).tolist())
+    after, expected = [told(x) for x in random_states()[:20]], [other(x) for x in random_states()[:20]]
+    np.testing.assert_allclose(after, expected, rtol=0, atol=1e-13)
+    assert np.abs(np.array(after) - before).max() > 1e-3
+    told.tell(base_parameters(policy.plant).tolist())
+    np.testing.assert_allclose([told(x) for x in random_states()[:20]], before, rtol=0, atol=1e-13)
+
+
+def test_without_hidden_layers_too(policy):
+    network = dataclasses.replace(policy.network, trunk=(), head=layer(1, 15))
+    policy = dataclasses.replace(policy, network=network)
+    plant, x = changed(policy.plant), random_states()[0]
+    network, other = NumpyNetwork(policy), NumpyNetwork(dataclasses.replace(policy, plant=plant))
+    network.tell(base_parameters(plant).tolist())
+    assert network(x) == pytest.approx(other(x), abs=1e-13)
+    assert network(x) != pytest.approx(NumpyNetwork(policy)(x), abs=1e-6)
+
+
+def test_without_an_estimator_nothing_is_identified(policy):
+    alone = NumpyController(policy, estimator=False)
+    x = np.array([0.3, -0.2, 1.0, 2.0])
+    assert alone(x, 0.0)[1] == NumpyNetwork(policy)(x)
+
+
+def test_what_is_not_finite_is_left_out(policy):
+    """An angle, a rate that the identifier does not use, and an angle that no encoder gives."""
+    plant, controller = changed(policy.plant), NumpyController(policy)
+    spoilt = {300: (np.nan,) * 4, 400: (0.1, 0.2, np.inf, 0.0), 401: (0.1, 0.2, 0.0, np.nan), 500: (1e200, 0, 0, 0)}
+    torques = run(controller, plant, spoilt=spoilt.items())
+    assert np.flatnonzero(np.isnan(torques[:, 1])).tolist() == [300, 400, 401]
+    np.testing.assert_allclose(controller._identifier.theta[:4], base_parameters(plant)[:4], rtol=0.03)
+
+
+IDENTIFY = """
+import sys
+sys.path.insert(0, {folder!r})
+import numpy as np
+from con_swingup import controller
+
+assert not [name for name in sys.modules if name.partition(".")[0] in ("jax", "equinox", "swingup", "yaml")]
+controller.init()
+measured = np.load({rows!r})
+np.save({rows!r}, [controller.get_control_output(x=x, t=0.002 * step) for step, x in enumerate(measured)])
+"""
+
+
+def test_exported_controllers_identify_their_plant(policy, tmp_path):
+    source, rows = tmp_path / "mine.npz", tmp_path / "rows.npy"
+    write_pendulum_policy(source, policy, {"command": "none"})
+    policy = read_pendulum_policy(source)
+    folder = export_realaigym(policy, source, tmp_path / "r", "Ada").parent
+    export_cloudpendulum(policy, source, tmp_path / "c")
+    for readme in ("r/readmes/swingup.md", "c/README.md"):
+        assert "the loop's delay and the pendulum's base parameters" in (tmp_path / readme).read_text()
+    t = DT * np.arange(100)
+    measured = np.stack([np.sin(6 * t), np.cos(7 * t), 6 * np.cos(6 * t), -7 * np.sin(7 * t)], axis=1)
+    np.save(rows, measured)
+    code = IDENTIFY.format(folder=str(folder), rows=str(rows))
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (result.returncode, result.stderr) == (0, "")
+    controller = NumpyController(policy)
+    expected = [controller(x, DT * step) for step, x in enumerate(measured)]
+    np.testing.assert_array_equal(np.load(rows), expected)
+    assert controller._identifier.theta != base_parameters(policy.plant).tolist()
