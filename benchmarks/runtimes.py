@@ -23,6 +23,7 @@ import onnxruntime
 
 from swingup.physics.parameters import identified_parameters
 from swingup.policy.c_backend.header import c_header
+from swingup.policy.identifier_settings import IdentifierSettings
 from swingup.policy.jax_backend.controller import shipped_policy
 from swingup.policy.numpy_backend.controller import NumpyController
 from swingup.policy.numpy_backend.network import NumpyNetwork
@@ -132,6 +133,8 @@ def main(robot: str) -> None:
             "JAX, compiled (peer)": measure(lambda k: np.asarray(compiled(states[k]))),
         }
     times["C"], times["C with estimator"] = measure_c(c_header(policy), states)
+    identified = dataclasses.replace(policy, identifier=IdentifierSettings())
+    times["C with estimator and identifier"] = measure_c(c_header(identified), states)[1]
     times["C with estimator, front end and guard"] = measure_c(c_header(everything), states)[1]
     print("| one call | median [µs] | p99 [µs] | p99 / median |\n|---|---:|---:|---:|")
     for name, each in times.items():

@@ -9,6 +9,9 @@ import pytest
 
 STRICT = ["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2"]
 
+CAREFUL = ["-Wfloat-conversion", "-Wdouble-promotion", "-Wconversion", "-Wsign-conversion", "-Wshadow", "-Wundef"]
+"""More warnings than STRICT has, of conversions above all."""
+
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 
 DRIVER = """

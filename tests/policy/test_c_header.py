@@ -1,16 +1,19 @@
 """The C header beyond the conformance table: single precision, the file's numbers, two in one program."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from swingup.policy.c_backend.header import c_header
 from swingup.policy.numpy_backend.network import NumpyNetwork
+from swingup.policy.settings import default_guard
 from swingup.policy.shipped import read_policy
 
-from .compiled import compile_header, compile_program, needs_gcc, pointer, torques
-from .references import alone, random_states
+from . import references
+from .compiled import CAREFUL, compile_header, compile_program, needs_gcc, pointer, torques
+from .references import DT, IDENTIFIED, OTHER_PLANT, SIGHTED, alone, random_states
 
 pytestmark = needs_gcc
 
@@ -19,6 +22,22 @@ def test_in_single_precision(tmp_path):
     library = compile_header(tmp_path, c_header(read_policy("refined", "acrobot")), "-DSWINGUP_REAL=float")
     error = np.abs(torques(library, random_states()) - alone("acrobot-refined", random_states())).max()
     assert 1e-6 < error < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("name", "real"),
+    [
+        (SIGHTED, "float"),
+        (SIGHTED, "double"),
+        (IDENTIFIED, "float"),
+        (IDENTIFIED, "double"),
+        (OTHER_PLANT, "double"),
+    ],
+)
+def test_conversions_are_written_out(tmp_path, name, real):
+    """A folded bias and all constants are double, the network perhaps float."""
+    found = references.policy(name)
+    compile_header(tmp_path, c_header(replace(found, guard=default_guard(DT))), *CAREFUL, f"-DSWINGUP_REAL={real}")
 
 
 @pytest.mark.parametrize("name", ["acrobot", "pendubot"])

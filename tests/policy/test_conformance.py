@@ -44,7 +44,7 @@ Its loops are those of the acrobot's ``refined`` (estimator) and ``robot`` (fron
 robots' ``ar-eapo`` (neither)."""
 
 
-IDENTIFYING = ("jax", "numpy")
+IDENTIFYING = ("jax", "numpy", "c")
 """Back ends with an identifier; the others refuse it by name."""
 
 

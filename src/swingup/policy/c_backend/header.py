@@ -12,14 +12,13 @@ from ...errors import SwingupError
 from ...physics.equations import COULOMB_STEEPNESS
 from ...version import __version__
 from ..guard import BRAKED, PUSHING, SENTENCES, STANDSTILLS, GuardSettings, Reason
-from ..identifier_settings import check_no_front_end
 from ..network import check_plain
 from ..pendulum import PendulumPolicy
 from ..settings import FrontEndSettings
 from ..stages import NormaliseStage, PendulumStage, PlantStage, Stage
 from ..template import NAME, asset, check_export_name, fill
 from .estimator import estimator_values
-from .identifier import calls, identifies, is_told, plant_inputs
+from .identifier import calls, is_told, plant_inputs
 from .numbers import braces
 from .regulator import regulator_values
 
@@ -85,18 +84,16 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
 
     Raises:
         SwingupError: the name is no identifier, or the policy has an observation or hidden layers that this program
-            does not write, or an identifier beside a front end.
+            does not write.
     """
     check_export_name(name)
     check_plain(policy.network, "a C header")
-    if identifies(policy):
-        check_no_front_end(policy.front_end)
     # A network that is told the plant keeps the inputs that others fold.
     network = policy.network if is_told(policy) else policy.folded
     layers = network.layers
     names = ["input", *(f"layer_{index}" for index in range(len(layers)))]
     sizes = [len(layer.bias) for layer in layers]
-    estimator = "state estimator with online identification" if identifies(policy) else "state estimator"
+    estimator = "state estimator with online identification" if policy.identifier else "state estimator"
     around = {estimator: policy.estimator, "front end": policy.front_end, "safety guard": policy.guard}
     parts = " and its ".join(name for name, part in around.items() if part is not None)
     what = "a policy" if policy.regulator is None else "a policy with a regulator near the top"

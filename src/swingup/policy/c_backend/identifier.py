@@ -7,7 +7,7 @@ import numpy as np
 from ...physics.base_parameters import BASE, Known, base_parameters, lumped
 from ...physics.equations import COULOMB_STEEPNESS, mass_entries
 from ...physics.momentum import CLOSE
-from ..identifier_settings import MOST_DEVIATION, STUDENT, IdentifierSettings, hat_weights, prior
+from ..identifier_settings import FARTHEST, MOST_DEVIATION, STUDENT, IdentifierSettings, hat_weights, prior
 from ..pendulum import PendulumPolicy
 from ..plant_facts import PolicyPlant
 from ..stages import PlantStage
@@ -66,23 +66,16 @@ INPUTS = """\
 def calls(policy: PendulumPolicy) -> dict[str, str]:
     """What other parts of a header say of the identifier, by their gaps; nothing without one."""
     said = dict.fromkeys([*PROGRAM, *SIGHTED, "SHOWN"], "")
-    if identifies(policy):
-        said |= PROGRAM
-    if identifies(policy) and policy.regulator is not None:
-        said |= REGULATED
+    if policy.identifier is not None:
+        said |= PROGRAM if policy.regulator is None else PROGRAM | REGULATED
     if is_told(policy):
         said |= SIGHTED | {"FOLDED": fill(SIGHTED["FOLDED"], {"THETA": braces(base_parameters(policy.plant))})}
     return said
 
 
-def identifies(policy: PendulumPolicy) -> bool:
-    """Whether the estimator of a header has an identifier."""
-    return policy.estimator is not None and policy.identifier is not None
-
-
 def is_told(policy: PendulumPolicy) -> bool:
     """Whether the network of a header sees the identified plant."""
-    return identifies(policy) and policy.network.plant_stage is not None
+    return policy.identifier is not None and policy.network.plant_stage is not None
 
 
 def plant_inputs(stage: PlantStage, size: int) -> str:
@@ -112,6 +105,7 @@ def _numbers(s: IdentifierSettings) -> dict[str, str]:
         "RISE": 1.0 - math.exp(-s.dt / s.rise),
         "FALL": 1.0 - math.exp(-s.dt / s.fall),
         "MARGIN": s.margin,
+        "FARTHEST": FARTHEST,
     }
     counts = {"SPAN": s.span, "COMMANDS": 2 * s.span + s.max_delay_steps}
     return {name: repr(float(value)) for name, value in numbers.items()} | {

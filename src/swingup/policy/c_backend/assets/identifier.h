@@ -236,14 +236,16 @@ static inline void swingup_identify(swingup_identifier *c, const double x[4], in
 {
     static const swingup_filter empty = {{{{0.0}}}};
     const int angles = 2 * SWINGUP_SPAN + 1, change = delay_steps - c->delay_steps;
+    /* Not what is NaN either. */
+    const int near = fabs(x[0]) < @FARTHEST@ && fabs(x[1]) < @FARTHEST@;
     swingup_identifier learned;
     int i, k;
 
-    /* An angle that is not finite would stay in the differences. */
-    if (late || !(isfinite(x[0]) && isfinite(x[1]))) {
+    /* Such an angle would stay in the differences. */
+    if (late || !near) {
         swingup_interrupt(c);
     }
-    if (!(isfinite(x[0]) && isfinite(x[1]))) {
+    if (!near) {
         return;
     }
     for (i = 0; i < 2; i++) {
@@ -265,10 +267,10 @@ static inline void swingup_identify(swingup_identifier *c, const double x[4], in
     if (c->calls >= angles + delay_steps) {
         learned = *c;
         if (swingup_learn(&learned)) {
+            swingup_project(&learned);
             *c = learned;
         }
     }
-    swingup_project(c);
 }
 
 /* Note the torque that the driven joint was commanded (N m). */

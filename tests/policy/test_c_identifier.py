@@ -1,0 +1,118 @@
+"""The identifier in the C header beyond the conformance table: beside NumPy's, in single precision, its reset."""
+
+import functools
+
+import numpy as np
+import pytest
+
+from swingup.physics.base_parameters import base_parameters
+from swingup.physics.equations import lump
+from swingup.policy.c_backend.header import c_header
+from swingup.policy.numpy_backend.controller import NumpyController
+from swingup.policy.plant import model_step
+from swingup.policy.plant_facts import leaderboard_plant
+
+from .compiled import compile_program, needs_gcc, pointer
+from .references import DT, IDENTIFIED, faults, policy
+
+pytestmark = needs_gcc
+
+DRIVER = """
+#include "policy.h"
+
+void run(int n, const double *t, const double *x, double *u, double *base);
+
+void run(int n, const double *t, const double *x, double *u, double *base)
+{
+    swingup_controller controller;
+    int k, i;
+    swingup_reset(&controller);
+    for (k = 0; k <= n; k++) {
+        for (i = 0; i < 9; i++) {
+            base[9 * k + i] = swingup_base_parameters(&controller)[i];
+        }
+        if (k < n) {
+            swingup_control(&controller, t[k], x + 4 * k, u + 2 * k);
+        }
+    }
+}
+"""
+OTHER = leaderboard_plant(policy(IDENTIFIED).robot)
+"""The plant that is found; the file's has friction and rotors."""
+
+
+@functools.cache
+def motion(steps=900):
+    """Times (n,) and measurements (n, 4) of a loop with that plant; NumPy's torques (n, 2) and θ (n, 9)."""
+    controller, random, x = NumpyController(policy(IDENTIFIED)), np.random.default_rng(0), (0.0,) * 4
+    rows = []
+    for k in range(steps):
+        measured = np.array(x) + random.normal(size=4) * [0, 0, 0.2, 0.2]
+        rows.append((k * DT, measured, *answer(controller, measured, k * DT)))
+        x = model_step(lump(OTHER), OTHER.friction, x, *rows[-1][2].tolist(), DT)
+    return [np.array(column) for column in zip(*rows, strict=True)]
+
+
+def answer(controller, x, t):
+    """Torques, and θ after the call."""
+    return controller(x, t), np.array(controller._identifier.theta)
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    return made(tmp_path_factory.mktemp("c"))
+
+
+def made(folder, *flags):
+    (folder / "policy.h").write_text(c_header(policy(IDENTIFIED)), encoding="utf-8")
+    return compile_program(folder, DRIVER, *flags)
+
+
+def run(library, times, states):
+    """Torques (n, 2) from a reset on, and θ (n + 1, 9) before the first and after each call."""
+    u, base = np.empty((len(states), 2)), np.empty((len(states) + 1, 9))
+    library.run(len(states), *map(pointer, (times, np.ascontiguousarray(states), u, base)))
+    return u, base
+
+
+def test_it_finds_what_numpy_finds(library):
+    times, states, expected, theta = motion()
+    u, base = run(library, times, states)
+    np.testing.assert_allclose(u, expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(base[1:], theta, rtol=0, atol=1e-10)
+    start, true = base_parameters(policy(IDENTIFIED).plant), base_parameters(OTHER)
+    np.testing.assert_array_equal(base[0], start)
+    np.testing.assert_allclose(base[-1, :4], true[:4], rtol=0.01)
+    assert np.abs(start - true)[4:8].max() > 0.1
+    np.testing.assert_allclose(base[-1, 4:8], true[4:8], atol=0.01)
+
+
+def test_faults_do_as_in_numpy(library):
+    """A pause, a clock set back, a jump, and what is not finite, after a motion; then the motion goes on."""
+    (times, states, *_), (later, broken) = motion(), faults()
+    times = np.concatenate([times, times[-1] + DT + later, times[-1] + 1 + times[:200]])
+    states = np.concatenate([states, broken, states[-200:]])
+    states[300, 0] = 1e7
+    controller = NumpyController(policy(IDENTIFIED))
+    expected, theta = map(np.array, zip(*map(functools.partial(answer, controller), states, times), strict=True))
+    u, base = run(library, times, states)
+    driven = policy(IDENTIFIED).robot.joint
+    np.testing.assert_allclose(u[:, driven], expected[:, driven], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(base[1:], theta, rtol=0, atol=1e-9)
+    assert np.isfinite(base).all()
+    assert np.isnan(u).any()
+
+
+def test_in_single_precision_it_finds_the_same(library, tmp_path):
+    """The network alone is in single precision: what it commands differs a little."""
+    times, states, expected, theta = motion()
+    u, base = run(made(tmp_path, "-DSWINGUP_REAL=float"), times, states)
+    assert 1e-7 < np.abs(u - expected).max() < 1e-3
+    np.testing.assert_allclose(base[1:], theta, rtol=0, atol=1e-4)
+
+
+def test_a_reset_forgets_what_was_found(library):
+    times, states, *_ = motion()
+    first, again = run(library, times, states), run(library, times, states)
+    for one, other in zip(first, again, strict=True):
+        np.testing.assert_array_equal(one, other)
