@@ -109,6 +109,8 @@ def test_words_become_a_space():
         ({"num_epochs": 3}, "num_epochs = 3: give a Range, or a list of alternatives"),
         ({"num_epochs": [0]}, "num_epochs = 0: use a whole number"),
         ({"temperature": [0.1, "warm"]}, "temperature = 'warm': use a number"),
+        ({"activation": "relu,tahn"}, "unknown activation 'tahn': use one of relu, .*; did you mean tanh?"),
+        ({"terminations": ["end", 3]}, "unknown terminations 3: use one of auto, end, reset_cost, bootstrap"),
     ],
 )
 def test_spaces_that_are_refused(tmp_path, space, message):
@@ -294,6 +296,8 @@ def test_without_optuna_the_remedy_is_named(tmp_path, monkeypatch):
             "sweep acrobot --trials 3 --set num_epochs=1:3 num_epochs=4",
             "give num_epochs one range, or alternatives",
         ),
+        ("sweep acrobot --trials 3 --set gru_width=0:8 shared_trunk=true", "gru_width = 8 does not go with the acrobot"),
+        ("sweep acrobot --trials 3 --set gru_width=0,4", "gru_width = 4 does not go with the acrobot"),
         ("sweep --env CartPole-v1 --trials 3 --set n_epochs=1:3", "here it is num_epochs"),
         ("sweep --env CartPole-v1 --trials 3 --set preset=mujoco,paper", "different lengths .*: give --frames"),
     ],

@@ -341,6 +341,7 @@ def test_the_command_on_local_processes(tmp_path, capsys, monkeypatch):
         ("sweep acrobot --seeds 2147483648", "this sweep has 2,147,483,648 runs"),
         ("sweep acrobot --seeds 0", "seeds = 0: use a whole number from 1"),
         ("sweep acrobot --set batch_size=1000", "batch_size = 1000 does not divide"),
+        ("sweep acrobot --set gru_width=8 shared_trunk=true", "gru_width = 8 does not go with the acrobot, whose"),
         ("sweep acrobot --workers 0", "workers = 0: use a whole number from 1"),
     ],
 )

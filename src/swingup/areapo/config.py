@@ -44,6 +44,11 @@ def _schedule() -> Any:
     return eqx.field(static=True, default=NO_SCHEDULE, metadata={"schedule": True})
 
 
+def _word(default: str, words: tuple[str, ...]) -> Any:
+    """One of some words, which is compiled in."""
+    return eqx.field(static=True, default=default, metadata={"words": words})
+
+
 def _count(default: int) -> Any:
     """A whole number of at least 1 that is compiled in."""
     return eqx.field(static=True, default=default, metadata={"range": (1, LARGEST_COUNT)})
@@ -64,7 +69,7 @@ class Config(eqx.Module):
     """Widths of the policy's hidden layers."""
     value_layers: tuple[int, ...] = _static((512, 512))
     """Widths of the hidden layers that both value heads share."""
-    activation: Activation = _static("relu")
+    activation: Activation = _word("relu", get_args(Activation))
     """Activation of all hidden layers: relu, tanh, elu, silu or gelu. C, ONNX and pages run relu alone."""
     layer_norm: bool = _static(False)
     """Whether each hidden layer normalises its features before the activation (arXiv 1607.06450)."""
@@ -85,7 +90,7 @@ class Config(eqx.Module):
     units of it; metrics and gains stay in the task's."""
     normalise_advantages: bool = _static(True)
     """Normalise the soft advantages in each minibatch."""
-    terminations: Terminations = _static("auto")
+    terminations: Terminations = _word("auto", get_args(Terminations))
     """The meaning of a termination. end: nothing follows, the value beyond is 0; reset_cost: a new start, at a cost
     (ATRPO, arXiv 2106.07329); bootstrap: the value of the last state, as at a time limit; auto: reset_cost with
     average reward, end without."""
@@ -151,8 +156,6 @@ class Config(eqx.Module):
                 f"batch_size = {self.batch_size} does not divide a rollout of num_envs x num_steps = "
                 f"{self.num_envs} x {self.num_steps} = {self.rollout_size} frames: choose a divisor"
             )
-        one_of("terminations", self.terminations, get_args(Terminations))
-        one_of("activation", self.activation, get_args(Activation))
         if self.average_reward and self.terminations == "end":
             raise SwingupError(
                 "terminations = 'end' does not go with average_reward, whose task goes on: "
@@ -268,14 +271,16 @@ def _to_python(value: Any) -> Any:
 
 
 def _check_field(field: Any, value: Any) -> None:
-    """Refuse a value of another kind than the default's or outside the field's range; numbers may be traced."""
+    """Refuse a value of another kind than the default's, or one that the field cannot have; numbers may be traced."""
     name, default = field.name, field.default
     if not _is_of_kind(value, default):
         # Elsewhere a schedule is a function in the number's place.
         schedule = f"{name}_schedule"
         changing = f", and {schedule} to change it" if callable(value) and schedule in hyperparameters() else ""
         raise SwingupError(f"{name} = {quoted(value)}: use {kind_of(default)}{changing}")
-    if "schedule" in field.metadata:
+    if "words" in field.metadata:
+        one_of(name, value, field.metadata["words"])
+    elif "schedule" in field.metadata:
         _check_schedule(name, value)
     elif isinstance(default, tuple):
         if not value:
