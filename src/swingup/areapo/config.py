@@ -271,7 +271,7 @@ def _to_python(value: Any) -> Any:
 
 
 def _check_field(field: Any, value: Any) -> None:
-    """Refuse a value of another kind than the default's, or one that the field cannot have; numbers may be traced."""
+    """Refuse a value of another kind than the default's, or that the field cannot have; numbers may be traced."""
     name, default = field.name, field.default
     if not _is_of_kind(value, default):
         # Elsewhere a schedule is a function in the number's place.
