@@ -84,10 +84,11 @@ def test_plans_that_are_refused(tmp_path, grid, frames, message):
 
 def test_words_become_values():
     words = ["learning_rate=3e-4", "policy-layers=64x64,8", "popart=true", "num_envs=4", "preset=ppo"]
+    words += ["adaptive-reset-cost=auto,false"]
     grid = parse_grid([*words, "learning_rate=5e-4"])
     assert grid == {
         "learning_rate": [3e-4, 5e-4], "policy_layers": [(64, 64), (8,)], "popart": [True], "num_envs": [4],
-        "preset": ["ppo"],
+        "preset": ["ppo"], "adaptive_reset_cost": ["auto", False],
     }  # fmt: skip
 
 

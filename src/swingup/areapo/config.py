@@ -27,6 +27,7 @@ NO_SCHEDULE: tuple[float, ...] = ()
 """The default of all schedules, which tells them from layers."""
 
 Terminations = Literal["auto", "end", "reset_cost", "bootstrap"]
+AUTO = "auto"
 
 
 def _number(default: float, least: float, most: float) -> Any:
@@ -44,8 +45,8 @@ def _schedule() -> Any:
     return eqx.field(static=True, default=NO_SCHEDULE, metadata={"schedule": True})
 
 
-def _word(default: str, words: tuple[str, ...]) -> Any:
-    """One of some words, which is compiled in."""
+def _word(default: str | bool, words: tuple[str, ...]) -> Any:
+    """One of some words, which is compiled in; also True or False if the default is."""
     return eqx.field(static=True, default=default, metadata={"words": words})
 
 
@@ -136,9 +137,10 @@ class Config(eqx.Module):
     """Normalised observations are clipped to ± this."""
     reset_cost: float = _number(10.0, 0.0, HUGE)
     """Subtracted from the reward where a task terminates, with terminations = reset_cost (10 in arXiv 2501.06937's
-    continuing MuJoCo tasks). The first value with adaptive_reset_cost."""
-    adaptive_reset_cost: bool = _static(False)
-    """Whether the reset cost rises while terminations exceed their target, and falls otherwise (after RVI-SAC)."""
+    continuing MuJoCo tasks). The first value where it adapts."""
+    adaptive_reset_cost: bool | Literal["auto"] = _word(False, (AUTO,))
+    """Whether the reset cost rises while terminations exceed their target, and falls otherwise (after RVI-SAC).
+    auto: wherever a termination costs something, and nowhere else."""
     termination_target: float = _number(1e-3, TINY, 1.0)
     """Terminations a step that the adaptive reset cost permits (1e-3 in RVI-SAC, arXiv 2408.01972)."""
     reset_cost_step: float = _number(0.1, 0.0, HUGE)
@@ -161,7 +163,7 @@ class Config(eqx.Module):
                 "terminations = 'end' does not go with average_reward, whose task goes on: "
                 "use reset_cost or bootstrap"
             )
-        if self.adaptive_reset_cost and self.ending != "reset_cost":
+        if self.adapts_reset_cost and self.ending != "reset_cost":
             raise SwingupError(
                 f"adaptive_reset_cost has no effect with terminations = {self.terminations!r}"
                 f"{'' if self.average_reward else ' and without average_reward'}: use terminations = 'reset_cost'"
@@ -199,6 +201,11 @@ class Config(eqx.Module):
         if self.terminations == "auto":
             return "reset_cost" if self.average_reward else "end"
         return self.terminations
+
+    @property
+    def adapts_reset_cost(self) -> bool:
+        """Whether the reset cost adapts, with ``auto`` resolved."""
+        return self.ending == "reset_cost" if self.adaptive_reset_cost == AUTO else bool(self.adaptive_reset_cost)
 
     @property
     def rollout_size(self) -> int:
@@ -254,11 +261,18 @@ def hyperparameters() -> list[str]:
     return [field.name for field in dataclasses.fields(Config)]
 
 
-def kind_of(default: Any) -> str:
-    """What values of a hyperparameter with this default are, in words."""
+def words_of(name: str) -> tuple[str, ...]:
+    """The words that a hyperparameter may be; none for numbers."""
+    return next(field.metadata.get("words", ()) for field in dataclasses.fields(Config) if field.name == name)
+
+
+def kind_of(name: str) -> str:
+    """What values of a hyperparameter are, in words."""
+    default, words = getattr(Config, name), words_of(name)
     if default == NO_SCHEDULE:
         return "pairs of numbers such as 0.5 1 1 0.1"
-    kinds = {bool: "True or False", int: "an integer", float: "a number", tuple: "integers such as (64, 64)"}
+    flags = f"True, False or {' or '.join(words)}" if words else "True or False"
+    kinds = {bool: flags, int: "an integer", float: "a number", tuple: "integers such as (64, 64)"}
     return kinds.get(type(default), "a word")
 
 
@@ -272,14 +286,16 @@ def _to_python(value: Any) -> Any:
 
 def _check_field(field: Any, value: Any) -> None:
     """Refuse a value of another kind than the default's, or that the field cannot have; numbers may be traced."""
-    name, default = field.name, field.default
+    name, default, words = field.name, field.default, field.metadata.get("words", ())
+    if isinstance(default, bool) and isinstance(value, str) and value in words:
+        return
     if not _is_of_kind(value, default):
         # Elsewhere a schedule is a function in the number's place.
         schedule = f"{name}_schedule"
         changing = f", and {schedule} to change it" if callable(value) and schedule in hyperparameters() else ""
-        raise SwingupError(f"{name} = {quoted(value)}: use {kind_of(default)}{changing}")
-    if "words" in field.metadata:
-        one_of(name, value, field.metadata["words"])
+        raise SwingupError(f"{name} = {quoted(value)}: use {kind_of(name)}{changing}")
+    if isinstance(default, str):
+        one_of(name, value, words)
     elif "schedule" in field.metadata:
         _check_schedule(name, value)
     elif isinstance(default, tuple):
