@@ -27,15 +27,6 @@ def test_ppo_has_the_sizes_that_its_users_expect():
     assert (config.average_reward, config.ending) == (False, "end")
 
 
-def test_the_reset_cost_adapts_where_the_preset_is_for_any_task():
-    for name in ("mujoco", "apo"):
-        config = get_preset(name, pendulum=False).config
-        assert (config.adapts_reset_cost, config.reset_cost) == (True, 10.0)
-        # What charges nothing needs no second option.
-        assert not dataclasses.replace(config, terminations="bootstrap").adapts_reset_cost
-    assert not any(get_preset(name).config.adaptive_reset_cost for name in PRESETS if name != "mujoco")
-
-
 def test_on_the_pendulum_the_family_keeps_the_sizes_of_the_paper():
     """The recorded comparisons have them: only the objective differs from Table I."""
     discounted = {"average_reward": False, "discount": 0.99, "entropy_discount": 0.99, "gae_lambda": 0.95}

@@ -34,9 +34,9 @@ MUJOCO = Preset(
     "AR-EAPO with sizes for Gymnasium's control tasks and a million frames",
     Config(
         num_envs=8, num_steps=256, num_epochs=10, batch_size=128, policy_layers=(64, 64), value_layers=(64, 64),
-        # With λ = 0.95 the trace's first steps, of size 1, make the gain diverge.
+        # With λ = 0.95 the trace's first steps, of size 1, make the gain diverge. The reset cost is ATRPO's.
         temperature=0.02, gae_lambda=0.95, entropy_gae_lambda=0.95, clip_range=0.2, learning_rate=3e-4,
-        max_grad_norm=0.5, centre_values=True, gain_trace=False, adaptive_reset_cost="auto",
+        max_grad_norm=0.5, centre_values=True, gain_trace=False, reset_cost=100.0,
     ),
     1_000_000,
 )  # fmt: skip
