@@ -96,7 +96,7 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
     estimator = "state estimator with online identification" if policy.identifier else "state estimator"
     around = {estimator: policy.estimator, "front end": policy.front_end, "safety guard": policy.guard}
     parts = " and its ".join(name for name, part in around.items() if part is not None)
-    what = "a policy" if policy.regulator is None else "a policy with a regulator near the top"
+    what = "a policy" if policy.regulator is None else "a policy with its regulator"
     about = f"{what}{f' behind its {parts}' if parts else ''} for the {policy.robot.name}"
     values = {
         "ABOUT": f"{about}, written by swingup {__version__}.".capitalize(),
