@@ -92,8 +92,12 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
     layers = network.layers
     names = ["input", *(f"layer_{index}" for index in range(len(layers)))]
     sizes = [len(layer.bias) for layer in layers]
-    estimator = "state estimator with online identification" if policy.identifier else "state estimator"
-    around = {estimator: policy.estimator, "front end": policy.front_end, "safety guard": policy.guard}
+    around = {
+        "state estimator": policy.estimator,
+        "identifier": policy.identifier,
+        "front end": policy.front_end,
+        "safety guard": policy.guard,
+    }
     parts = " and its ".join(name for name, part in around.items() if part is not None)
     about = f"a policy{f' behind its {parts}' if parts else ''} for the {policy.robot.name}"
     values = {
