@@ -109,6 +109,8 @@ def test_words_become_a_space():
         ({"num_epochs": 3}, "num_epochs = 3: give a Range, or a list of alternatives"),
         ({"num_epochs": [0]}, "num_epochs = 0: use a whole number"),
         ({"temperature": [0.1, "warm"]}, "temperature = 'warm': use a number"),
+        ({"activation": "relu,tahn"}, "unknown activation 'tahn': use one of relu, .*; did you mean tanh?"),
+        ({"terminations": ["end", 3]}, "unknown terminations 3: use one of auto, end, reset_cost, bootstrap"),
     ],
 )
 def test_spaces_that_are_refused(tmp_path, space, message):
@@ -268,8 +270,16 @@ def test_runs_without_a_score_are_failed_trials(tmp_path):
 
 def test_a_folder_of_another_search_is_left_alone(tmp_path):
     searched(plan_of(tmp_path), 1, StandIn())
-    with pytest.raises(SwingupError, match=r"holds a search with other settings \(frames, set\): choose another"):
-        searched(plan_of(tmp_path, {"num_epochs": "1:9"}, 999), 1, StandIn())
+    changed = "frames 1000 there, 999 here; set num_epochs '1:9' there, '1:8' here"
+    with pytest.raises(SwingupError, match=rf"a search with other settings \({changed}\): choose another --out"):
+        searched(plan_of(tmp_path, SPACE | {"num_epochs": "1:8"}, 999), 1, StandIn())
+    # Another preset changes many hyperparameters.
+    other = plan_search(BASE | {"preset": "ppo"}, {"clip_range": "0.1:0.2"}, tmp_path, 1000)
+    changed = (
+        r"set clip_range None there, '0.1:0.2' here; preset 'mujoco' there, 'ppo' here; num_envs 8 there, 1 here"
+    )
+    with pytest.raises(SwingupError, match=rf"\({changed}; and \d+ more\)"):
+        searched(other, 1, StandIn())
     with RunFolder(tmp_path).exclusive(), pytest.raises(SwingupError, match="another process trains in"):
         searched(plan_of(tmp_path), 2, StandIn())
     (tmp_path / STUDY_FILE).write_text("no journal\n{}\n")
@@ -294,6 +304,11 @@ def test_without_optuna_the_remedy_is_named(tmp_path, monkeypatch):
             "sweep acrobot --trials 3 --set num_epochs=1:3 num_epochs=4",
             "give num_epochs one range, or alternatives",
         ),
+        (
+            "sweep acrobot --trials 3 --set gru_width=0:8 shared_trunk=true",
+            "gru_width = 8 does not go with the acrobot",
+        ),
+        ("sweep acrobot --trials 3 --set gru_width=0,4", "gru_width = 4 does not go with the acrobot"),
         ("sweep --env CartPole-v1 --trials 3 --set n_epochs=1:3", "here it is num_epochs"),
         ("sweep --env CartPole-v1 --trials 3 --set preset=mujoco,paper", "different lengths .*: give --frames"),
     ],

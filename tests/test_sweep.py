@@ -84,10 +84,11 @@ def test_plans_that_are_refused(tmp_path, grid, frames, message):
 
 def test_words_become_values():
     words = ["learning_rate=3e-4", "policy-layers=64x64,8", "popart=true", "num_envs=4", "preset=ppo"]
+    words += ["adaptive-reset-cost=auto,false"]
     grid = parse_grid([*words, "learning_rate=5e-4"])
     assert grid == {
         "learning_rate": [3e-4, 5e-4], "policy_layers": [(64, 64), (8,)], "popart": [True], "num_envs": [4],
-        "preset": ["ppo"],
+        "preset": ["ppo"], "adaptive_reset_cost": ["auto", False],
     }  # fmt: skip
 
 
@@ -341,6 +342,7 @@ def test_the_command_on_local_processes(tmp_path, capsys, monkeypatch):
         ("sweep acrobot --seeds 2147483648", "this sweep has 2,147,483,648 runs"),
         ("sweep acrobot --seeds 0", "seeds = 0: use a whole number from 1"),
         ("sweep acrobot --set batch_size=1000", "batch_size = 1000 does not divide"),
+        ("sweep acrobot --set gru_width=8 shared_trunk=true", "gru_width = 8 does not go with the acrobot, whose"),
         ("sweep acrobot --workers 0", "workers = 0: use a whole number from 1"),
     ],
 )

@@ -1,11 +1,12 @@
 import dataclasses
+import json
 
 import jax
 import jax.numpy as jnp
 import pytest
 
 from swingup.areapo import train
-from swingup.areapo.config import Config
+from swingup.areapo.config import Config, config_from_dict
 from swingup.areapo.reset_cost import adapt_reset_cost
 from swingup.areapo.state import Rollout
 from swingup.errors import SwingupError
@@ -59,6 +60,52 @@ def test_the_cost_of_a_run_is_in_its_state_and_in_its_rewards():
     assert jax.tree.all(jax.tree.map(jnp.array_equal, same.actor, after.actor))
 
 
+DISCOUNTED = {"average_reward": False, "discount": 0.9, "entropy_discount": 0.9}
+
+
+@pytest.mark.parametrize(
+    ("changes", "adapts"),
+    [
+        ({}, True),
+        ({"terminations": "reset_cost"}, True),
+        ({"terminations": "bootstrap"}, False),
+        (DISCOUNTED, False),
+        (DISCOUNTED | {"terminations": "end"}, False),
+        (DISCOUNTED | {"terminations": "reset_cost"}, True),
+    ],
+)
+def test_auto_adapts_where_a_termination_costs_something(changes, adapts):
+    auto = dataclasses.replace(CONFIG, adaptive_reset_cost="auto", **changes)
+    assert auto.adapts_reset_cost == adapts
+    state = jax.eval_shape(lambda key: train.init(key, Trap(), auto), jax.random.key(0))
+    assert (state.reset_cost is not None) == adapts
+
+
+def test_auto_is_the_same_program_as_on():
+    """Where it adapts; where it does not, the same as off."""
+
+    def program(**changes):
+        config = dataclasses.replace(CONFIG, **changes)
+        state = jax.eval_shape(lambda key: train.init(key, Trap(), config), jax.random.key(0))
+        return str(jax.make_jaxpr(lambda state: train.iteration(state, Trap(), config))(state))
+
+    assert program(adaptive_reset_cost="auto") == program()
+    assert program(adaptive_reset_cost="auto", terminations="bootstrap") == program(
+        adaptive_reset_cost=False, terminations="bootstrap"
+    )
+    assert program(adaptive_reset_cost=False) != program()
+
+
+@pytest.mark.parametrize("stored", [True, False, "auto", None])
+def test_files_of_every_version_load(stored):
+    """None: of a version that had no such setting, when the cost was fixed."""
+    values = json.loads(json.dumps(dataclasses.asdict(CONFIG)))
+    values |= {"adaptive_reset_cost": stored}
+    if stored is None:
+        del values["adaptive_reset_cost"]
+    assert config_from_dict(values) == dataclasses.replace(CONFIG, adaptive_reset_cost=stored or False)
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -66,7 +113,9 @@ def test_the_cost_of_a_run_is_in_its_state_and_in_its_rewards():
             {"terminations": "bootstrap"},
             "no effect with terminations = 'bootstrap': use terminations = 'reset_cost'",
         ),
-        ({"average_reward": False, "discount": 0.9, "entropy_discount": 0.9}, "'auto' and without average_reward"),
+        (DISCOUNTED, "'auto' and without average_reward"),
+        ({"adaptive_reset_cost": "on"}, "adaptive_reset_cost = 'on': use True, False or auto"),
+        ({"adaptive_reset_cost": 1}, "adaptive_reset_cost = 1: use True, False or auto"),
         ({"termination_target": 0.0}, "termination_target"),
         ({"reset_cost_step": -1.0}, "reset_cost_step"),
     ],

@@ -3,6 +3,7 @@
 import math
 
 import pytest
+import tyro
 
 from swingup.areapo.config import Config, hyperparameters
 from swingup.cli import main
@@ -69,6 +70,26 @@ def test_only_what_was_given():
         given_hyperparameters(HyperparameterOptions(popart=True, no_popart=True))
 
 
+@pytest.mark.parametrize(
+    ("words", "value"),
+    [
+        ("--adaptive-reset-cost", True),
+        ("--adaptive-reset-cost auto", "auto"),
+        ("--adaptive-reset-cost false", False),
+        ("--no-adaptive-reset-cost", False),
+    ],
+)
+def test_a_word_may_follow_a_flag(words, value):
+    options = tyro.cli(HyperparameterOptions, args=words.split())
+    assert given_hyperparameters(options) == {"adaptive_reset_cost": value}
+
+
+def test_a_flag_with_a_word_excludes_its_opposite():
+    options = HyperparameterOptions(adaptive_reset_cost=("auto",), no_adaptive_reset_cost=True)
+    with pytest.raises(SwingupError, match="--adaptive-reset-cost and --no-adaptive-reset-cost exclude each other"):
+        given_hyperparameters(options)
+
+
 def test_help_has_every_hyperparameter_with_its_defaults(capsys):
     with pytest.raises(SystemExit):
         main(["train", "--help"])
@@ -92,6 +113,7 @@ def test_help_has_every_hyperparameter_with_its_defaults(capsys):
         ("--policy-layers 64 wide", "policy_layers = '64 wide': use integers"),
         ("--preset sim2reel", "did you mean sim2real?"),
         ("--terminations ends", "did you mean end?"),
+        ("--adaptive-reset-cost often", "adaptive_reset_cost = 'often': use True, False or auto"),
     ],
 )
 def test_bad_options_get_a_line(words, message, capsys, tmp_path, monkeypatch):

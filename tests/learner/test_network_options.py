@@ -1,4 +1,4 @@
-"""Options of networks, rewards and schedules on both back ends: bits after a resume, policies, schedules."""
+"""Options of networks, rewards, reset costs and schedules on both back ends: bits after a resume, policies."""
 
 import dataclasses
 
@@ -33,6 +33,7 @@ OPTIONS = {
     "shared_trunk": {"shared_trunk": True},
     "normalise_rewards": {"normalise_rewards": True},
     "gru": {"gru_width": 4, "shared_trunk": True},
+    "adaptive": {"adaptive_reset_cost": "auto", "reset_cost": 2.0},
     "all": {"activation": "silu", "layer_norm": True, "shared_trunk": True, "normalise_rewards": True},
 }
 ON = {
@@ -57,6 +58,8 @@ def test_killed_and_resumed_equals_uninterrupted(tmp_path, option, back_end):
     list(run.advance())
     assert_same_files(tmp_path / "whole", tmp_path / "part")
     assert measured(tmp_path / "whole") == measured(tmp_path / "part")
+    costs = {row["reset_cost"] for row in measured(tmp_path / "part")}
+    assert (len(costs) > 1) == (option == "adaptive")
     loaded, _ = load_any_policy(tmp_path / "whole" / "last.npz")
     kept = run.policy().actor
     assert (loaded.actor.activation, len(loaded.actor.norms)) == (kept.activation, 2 * ("layer_norm" in changes))

@@ -162,6 +162,9 @@ def test_the_command_makes_the_same_settings():
         "swingup train --env a.b:C-v0 --preset mujoco --frames 64 --seed 0 --evaluate-every 64 "
         "--checkpoint-every 1048576 --evaluation-episodes 2"
     )
+    for value, option in ((True, "--adaptive-reset-cost"), ("auto", "--adaptive-reset-cost auto")):
+        adapting = dataclasses.replace(usual, config=dataclasses.replace(usual.config, adaptive_reset_cost=value))
+        assert adapting.command(64).endswith(f" --seed 0 {option}")
     passed_in = dataclasses.replace(changed, env="<a.C>", checkpoint_every=262_144, evaluation_episodes=5)
     assert passed_in.command(64) == (
         "swingup.AREAPO(env, preset='mujoco', seed=0, evaluate_every=64).learn(64)  # env: <a.C>"

@@ -27,6 +27,7 @@ NO_SCHEDULE: tuple[float, ...] = ()
 """The default of all schedules, which tells them from layers."""
 
 Terminations = Literal["auto", "end", "reset_cost", "bootstrap"]
+AUTO = "auto"
 
 
 def _number(default: float, least: float, most: float) -> Any:
@@ -42,6 +43,11 @@ def _static(default: Any) -> Any:
 def _schedule() -> Any:
     """Pairs of numbers that are compiled in, without any by default."""
     return eqx.field(static=True, default=NO_SCHEDULE, metadata={"schedule": True})
+
+
+def _word(default: str | bool, words: tuple[str, ...]) -> Any:
+    """One of some words, which is compiled in; also True or False if the default is."""
+    return eqx.field(static=True, default=default, metadata={"words": words})
 
 
 def _count(default: int) -> Any:
@@ -64,7 +70,7 @@ class Config(eqx.Module):
     """Widths of the policy's hidden layers."""
     value_layers: tuple[int, ...] = _static((512, 512))
     """Widths of the hidden layers that both value heads share."""
-    activation: Activation = _static("relu")
+    activation: Activation = _word("relu", get_args(Activation))
     """Activation of all hidden layers: relu, tanh, elu, silu or gelu. C, ONNX and pages run relu alone."""
     layer_norm: bool = _static(False)
     """Whether each hidden layer normalises its features before the activation (arXiv 1607.06450)."""
@@ -85,7 +91,7 @@ class Config(eqx.Module):
     units of it; metrics and gains stay in the task's."""
     normalise_advantages: bool = _static(True)
     """Normalise the soft advantages in each minibatch."""
-    terminations: Terminations = _static("auto")
+    terminations: Terminations = _word("auto", get_args(Terminations))
     """The meaning of a termination. end: nothing follows, the value beyond is 0; reset_cost: a new start, at a cost
     (ATRPO, arXiv 2106.07329); bootstrap: the value of the last state, as at a time limit; auto: reset_cost with
     average reward, end without."""
@@ -131,9 +137,10 @@ class Config(eqx.Module):
     """Normalised observations are clipped to ± this."""
     reset_cost: float = _number(10.0, 0.0, HUGE)
     """Subtracted from the reward where a task terminates, with terminations = reset_cost (10 in arXiv 2501.06937's
-    continuing MuJoCo tasks). The first value with adaptive_reset_cost."""
-    adaptive_reset_cost: bool = _static(False)
-    """Whether the reset cost rises while terminations exceed their target, and falls otherwise (after RVI-SAC)."""
+    continuing MuJoCo tasks). The first value where it adapts."""
+    adaptive_reset_cost: bool | Literal["auto"] = _word(False, (AUTO,))
+    """Whether the reset cost rises while terminations exceed their target, and falls otherwise (after RVI-SAC).
+    auto: wherever a termination costs something, and nowhere else."""
     termination_target: float = _number(1e-3, TINY, 1.0)
     """Terminations a step that the adaptive reset cost permits (1e-3 in RVI-SAC, arXiv 2408.01972)."""
     reset_cost_step: float = _number(0.1, 0.0, HUGE)
@@ -151,14 +158,12 @@ class Config(eqx.Module):
                 f"batch_size = {self.batch_size} does not divide a rollout of num_envs x num_steps = "
                 f"{self.num_envs} x {self.num_steps} = {self.rollout_size} frames: choose a divisor"
             )
-        one_of("terminations", self.terminations, get_args(Terminations))
-        one_of("activation", self.activation, get_args(Activation))
         if self.average_reward and self.terminations == "end":
             raise SwingupError(
                 "terminations = 'end' does not go with average_reward, whose task goes on: "
                 "use reset_cost or bootstrap"
             )
-        if self.adaptive_reset_cost and self.ending != "reset_cost":
+        if self.adapts_reset_cost and self.ending != "reset_cost":
             raise SwingupError(
                 f"adaptive_reset_cost has no effect with terminations = {self.terminations!r}"
                 f"{'' if self.average_reward else ' and without average_reward'}: use terminations = 'reset_cost'"
@@ -196,6 +201,11 @@ class Config(eqx.Module):
         if self.terminations == "auto":
             return "reset_cost" if self.average_reward else "end"
         return self.terminations
+
+    @property
+    def adapts_reset_cost(self) -> bool:
+        """Whether the reset cost adapts, with ``auto`` resolved."""
+        return self.ending == "reset_cost" if self.adaptive_reset_cost == AUTO else bool(self.adaptive_reset_cost)
 
     @property
     def rollout_size(self) -> int:
@@ -251,11 +261,18 @@ def hyperparameters() -> list[str]:
     return [field.name for field in dataclasses.fields(Config)]
 
 
-def kind_of(default: Any) -> str:
-    """What values of a hyperparameter with this default are, in words."""
+def words_of(name: str) -> tuple[str, ...]:
+    """The words that a hyperparameter may be; none for numbers."""
+    return next(field.metadata.get("words", ()) for field in dataclasses.fields(Config) if field.name == name)
+
+
+def kind_of(name: str) -> str:
+    """What values of a hyperparameter are, in words."""
+    default, words = getattr(Config, name), words_of(name)
     if default == NO_SCHEDULE:
         return "pairs of numbers such as 0.5 1 1 0.1"
-    kinds = {bool: "True or False", int: "an integer", float: "a number", tuple: "integers such as (64, 64)"}
+    flags = f"True, False or {' or '.join(words)}" if words else "True or False"
+    kinds = {bool: flags, int: "an integer", float: "a number", tuple: "integers such as (64, 64)"}
     return kinds.get(type(default), "a word")
 
 
@@ -268,14 +285,18 @@ def _to_python(value: Any) -> Any:
 
 
 def _check_field(field: Any, value: Any) -> None:
-    """Refuse a value of another kind than the default's or outside the field's range; numbers may be traced."""
-    name, default = field.name, field.default
+    """Refuse a value of another kind than the default's, or that the field cannot have; numbers may be traced."""
+    name, default, words = field.name, field.default, field.metadata.get("words", ())
+    if isinstance(default, bool) and isinstance(value, str) and value in words:
+        return
     if not _is_of_kind(value, default):
         # Elsewhere a schedule is a function in the number's place.
         schedule = f"{name}_schedule"
         changing = f", and {schedule} to change it" if callable(value) and schedule in hyperparameters() else ""
-        raise SwingupError(f"{name} = {quoted(value)}: use {kind_of(default)}{changing}")
-    if "schedule" in field.metadata:
+        raise SwingupError(f"{name} = {quoted(value)}: use {kind_of(name)}{changing}")
+    if isinstance(default, str):
+        one_of(name, value, words)
+    elif "schedule" in field.metadata:
         _check_schedule(name, value)
     elif isinstance(default, tuple):
         if not value:

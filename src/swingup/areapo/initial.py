@@ -39,7 +39,7 @@ def init_learner(keys: InitialKeys, spaces: Spaces, config: Config) -> LearnerSt
         key=keys.state,
         iterations=jnp.array(0),
         value_scale=init_value_scale() if config.popart else None,
-        reset_cost=jnp.asarray(config.reset_cost, jnp.float32) if config.adaptive_reset_cost else None,
+        reset_cost=jnp.asarray(config.reset_cost, jnp.float32) if config.adapts_reset_cost else None,
         reward_scale=init_reward_scale() if config.normalise_rewards else None,
         memory=_no_memories(config),
     )

@@ -4,7 +4,7 @@ from typing import Any
 
 from ..errors import SwingupError
 from ..text import quoted
-from .config import NO_SCHEDULE, Config, check_hyperparameter, kind_of
+from .config import NO_SCHEDULE, Config, check_hyperparameter, kind_of, words_of
 
 
 def parse_value(name: str, text: str) -> Any:
@@ -16,13 +16,14 @@ def parse_value(name: str, text: str) -> Any:
     default = getattr(Config(), check_hyperparameter(name))
     try:
         if isinstance(default, bool):
-            return {"true": True, "false": False}[text.lower()]
+            flags = {"true": True, "false": False} | {word: word for word in words_of(name)}
+            return flags[text.lower()]
         if isinstance(default, tuple):
             number = float if default == NO_SCHEDULE else int
             return tuple(number(part) for part in text.replace("x", " ").replace(",", " ").split())
         return type(default)(text)
     except (KeyError, ValueError) as error:
-        raise SwingupError(f"{name} = {quoted(text)}: use {kind_of(default)}") from error
+        raise SwingupError(f"{name} = {quoted(text)}: use {kind_of(name)}") from error
 
 
 def format_value(value: Any) -> str:

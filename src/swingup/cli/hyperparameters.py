@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import FlagCreatePairsOff, arg
 
-from ..areapo.config import NO_SCHEDULE, Config
+from ..areapo.config import NO_SCHEDULE, Config, words_of
 from ..areapo.words import format_value, parse_value
 from ..errors import SwingupError
 from ..learner.presets import PENDULUM_PRESET, PRESETS
@@ -49,9 +49,8 @@ def _options() -> list[tuple[str, Any, Any]]:
         name, help_, note = field.name, _field_help()[field.name], f"({_defaults(field.name)})"
         if isinstance(field.default, bool):
             # Two flags, so that neither of them means the preset's value.
-            on = arg(help=help_, help_behavior_hint=note)
             off = arg(help=f"Without {name.replace('_', ' ')}.", help_behavior_hint="")
-            fields.append((name, Annotated[FlagCreatePairsOff[bool], on], False))
+            fields.append(_on(name, help_, note))
             fields.append((f"no_{name}", Annotated[FlagCreatePairsOff[bool], off], False))
             continue
         metavar = {int: "INT", float: "FLOAT", tuple: "INT..."}.get(type(field.default), "WORD")
@@ -60,6 +59,15 @@ def _options() -> list[tuple[str, Any, Any]]:
         option = arg(metavar=metavar, help=help_, help_behavior_hint=note)
         fields.append((name, Annotated[kind | None, option], None))
     return fields
+
+
+def _on(name: str, help_: str, note: str) -> tuple[str, Any, Any]:
+    """The option that turns something on: a flag, which a word may follow where it has more values than two."""
+    words = words_of(name)
+    if not words:
+        return name, Annotated[FlagCreatePairsOff[bool], arg(help=help_, help_behavior_hint=note)], False
+    option = arg(metavar=f"[{'|'.join(words)}]", help=help_, help_behavior_hint=note)
+    return name, Annotated[tuple[str, ...] | None, option], None
 
 
 # Type checkers cannot follow fields that are computed.
@@ -79,7 +87,8 @@ def given_hyperparameters(options: HyperparameterOptions) -> dict[str, Any]:
     for name, value in vars(options).items():
         if value is None or value is False:
             continue
-        if value is not True:
+        alone = value == () and words_of(name)  # a flag that no word follows
+        if value is not True and not alone:
             given[name] = parse_value(name, value if isinstance(value, str) else " ".join(value))
             continue
         flag = name.removeprefix("no_")

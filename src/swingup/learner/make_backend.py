@@ -29,11 +29,6 @@ def make_backend(settings: RunSettings, env: Any = None) -> AbstractBackend:
     config, seed, seeds = settings.config, settings.seed, settings.seeds
     env = as_task(env)
     if settings.robot is not None:
-        if config.gru_width:
-            raise SwingupError(
-                f"gru_width = {config.gru_width} does not go with the {settings.robot}, whose controllers have no "
-                f"such memory: leave it out"
-            )
         pendulum = env if isinstance(env, AbstractPendulumTask) else settings.task()
         check_memory(config, pendulum.spaces, seeds)
         by_scores: AbstractEvaluator

@@ -48,6 +48,7 @@ PPO_ELSEWHERE = Preset(
         average_reward=False, temperature=0.0, discount=0.99, entropy_discount=0.99, gae_lambda=0.95,
         clip_range=0.2, learning_rate=3e-4, max_grad_norm=0.5, value_coefficient=0.5, log_std_init=0.0,
         entropy_value_coefficient=0.0,  # at τ = 0 nothing reads the entropy's values
+        activation="tanh",
     ),
     1_000_000,
 )  # fmt: skip

@@ -85,6 +85,7 @@ class RunSettings:
                 number = whole_number(each.name, getattr(self, each.name), each.metadata["least"])
                 object.__setattr__(self, each.name, number)
         object.__setattr__(self, "config", config_from_dict(vars(self.config)))  # NumPy's numbers become Python's
+        check_gru(self.robot, self.config.gru_width)
         # JAX's keys take seeds of 32 bits; the last seed is seed + seeds - 1.
         whole_number("seed", self.seed, 0, 2**32 - self.seeds)
 
@@ -213,6 +214,18 @@ def read_run_settings(folder: Path) -> tuple[RunSettings, int]:
     except (*MALFORMED, SwingupError) as error:
         reason = one_line(error, 200)
         raise SwingupError(f"{path} is malformed ({reason}): restore it or train again") from error
+
+
+def check_gru(robot: str | None, width: int) -> None:
+    """Refuse a recurrent policy on the pendulum.
+
+    Raises:
+        SwingupError: there is a robot, and the policy would have a memory.
+    """
+    if robot is not None and width:
+        raise SwingupError(
+            f"gru_width = {width} does not go with the {robot}, whose controllers have no such memory: leave it out"
+        )
 
 
 def default_intervals(robot: str | None) -> dict[str, int]:

@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from ..checks import whole_number
+from ..learner.run_settings import check_gru
 from .jobs import Job
 from .plan import MOST_RUNS, common_length, plan_variant
-from .space import Space, as_words, check_space
+from .space import Range, Space, as_words, check_space
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,10 @@ def plan_search(
     """
     checked = check_space(space)
     presets = checked.get("preset", [base["preset"]])
+    widths = checked.get("gru_width", [])
+    # What goes with no other setting fails here, not trial by trial.
+    for width in [int(widths.high)] if isinstance(widths, Range) else widths:
+        check_gru(base.get("robot"), width)
     length = common_length(base, presets if isinstance(presets, list) else [], frames)
     seeds = whole_number("seeds", seeds, 1, MOST_RUNS)
     seed = whole_number("seed", seed, 0, 2**32 - seeds)

@@ -13,6 +13,7 @@ import numpy as np
 from ..areapo.config import Config
 from ..areapo.words import format_value, parse_value
 from ..errors import SwingupError
+from ..text import quoted
 from .space import Range, Space
 
 if TYPE_CHECKING:
@@ -25,6 +26,9 @@ STUDY_FILE, STUDY_NAME = "study.journal", "search"
 """Optuna's journal and the name of the study in it, for Optuna's own tools."""
 PLACE, SETTINGS = "place", "settings"
 """User attributes: the number of a trial's folder, and what the search was begun with."""
+
+SHOWN = 3
+"""Settings of another search that a message names."""
 
 RUNGS = 10
 """Intermediate scores of a run: one a tenth."""
@@ -67,8 +71,9 @@ def open_study(folder: Path, settings: Mapping[str, Any], pruning: bool) -> "Stu
     if known is None:
         study.set_user_attr(SETTINGS, dict(settings))
     elif known != settings:
-        other = ", ".join(name for name in settings if known.get(name) != settings[name])
-        raise SwingupError(f"{folder} holds a search with other settings ({other}): choose another --out")
+        raise SwingupError(
+            f"{folder} holds a search with other settings ({_differences(known, settings)}): choose another --out"
+        )
     return study
 
 
@@ -126,6 +131,28 @@ def chosen_values(params: Mapping[str, Any]) -> dict[str, Any]:
         name: parse_value(name, value) if isinstance(value, str) and name != "preset" else value
         for name, value in params.items()
     }
+
+
+def _differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> str:
+    """What differs between two searches, with both values."""
+    one, other = _flat(there), _flat(here)
+    names = [name for name in dict.fromkeys([*other, *one]) if one.get(name) != other.get(name)]
+    words = [f"{name} {quoted(one.get(name))} there, {quoted(other.get(name))} here" for name in names[:SHOWN]]
+    more = [f"and {len(names) - SHOWN} more"] if len(names) > SHOWN else []
+    return "; ".join(words + more)
+
+
+def _flat(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Nested values by name; those that vary as ``set NAME``."""
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        if not isinstance(value, Mapping):
+            flat[name] = value
+            continue
+        # Hyperparameters are known by their names alone.
+        prefix = "" if name in (SETTINGS, "config") else f"{name} "
+        flat |= {prefix + each: one for each, one in _flat(value).items()}
+    return flat
 
 
 @contextlib.contextmanager
