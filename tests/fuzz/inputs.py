@@ -140,6 +140,10 @@ def policy(random):
             "format_version": 2,
             "plant": PLANT | {random.choice([*PLANT, "name", "x"]): random.choice(EXTREMES)},
         }
+    if random.random() < 0.3:
+        names, value = ["dt", "span", "bandwidth", "gate", "spread", "x"], random.choice([*EXTREMES, {"rotor": 1}])
+        metadata |= {"format_version": 4, "identifier": {random.choice(names): value}}
+        metadata.setdefault("estimator", {})
     return _archive(random, metadata, arrays)
 
 

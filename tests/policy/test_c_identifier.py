@@ -9,18 +9,28 @@ from swingup.physics.base_parameters import base_parameters
 from swingup.physics.equations import lump
 from swingup.policy.c_backend.header import c_header
 from swingup.policy.numpy_backend.controller import NumpyController
+from swingup.policy.numpy_backend.network import NumpyNetwork
 from swingup.policy.plant import model_step
 from swingup.policy.plant_facts import leaderboard_plant
 
-from .compiled import compile_program, needs_gcc, pointer
-from .references import DT, IDENTIFIED, faults, policy
+from .compiled import compile_program, needs_gcc, pointer, torques
+from .references import DT, IDENTIFIED, faults, policy, random_states
 
 pytestmark = needs_gcc
 
 DRIVER = """
 #include "policy.h"
 
+void torques(int n, const double *x, double *u);
 void run(int n, const double *t, const double *x, double *u, double *base);
+
+void torques(int n, const double *x, double *u)
+{
+    int k;
+    for (k = 0; k < n; k++) {
+        u[k] = swingup_policy(x + 4 * k);
+    }
+}
 
 void run(int n, const double *t, const double *x, double *u, double *base)
 {
@@ -109,6 +119,12 @@ def test_in_single_precision_it_finds_the_same(library, tmp_path):
     u, base = run(made(tmp_path, "-DSWINGUP_REAL=float"), times, states)
     assert 1e-7 < np.abs(u - expected).max() < 1e-3
     np.testing.assert_allclose(base[1:], theta, rtol=0, atol=1e-4)
+
+
+def test_the_policy_alone_is_for_the_plant_of_its_file(library):
+    states = np.ascontiguousarray(random_states()[:200])
+    expected = list(map(NumpyNetwork(policy(IDENTIFIED)), states))
+    np.testing.assert_allclose(torques(library, states), expected, rtol=0, atol=1e-11)
 
 
 def test_a_reset_forgets_what_was_found(library):

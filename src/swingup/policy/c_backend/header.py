@@ -93,8 +93,12 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
     layers = network.layers
     names = ["input", *(f"layer_{index}" for index in range(len(layers)))]
     sizes = [len(layer.bias) for layer in layers]
-    estimator = "state estimator with online identification" if policy.identifier else "state estimator"
-    around = {estimator: policy.estimator, "front end": policy.front_end, "safety guard": policy.guard}
+    around = {
+        "state estimator": policy.estimator,
+        "identifier": policy.identifier,
+        "front end": policy.front_end,
+        "safety guard": policy.guard,
+    }
     parts = " and its ".join(name for name, part in around.items() if part is not None)
     what = "a policy" if policy.regulator is None else "a policy with its regulator"
     about = f"{what}{f' behind its {parts}' if parts else ''} for the {policy.robot.name}"

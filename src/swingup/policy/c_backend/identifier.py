@@ -33,7 +33,7 @@ static inline const double *swingup_base_parameters(const swingup_controller *c)
 
 """,
     "FOUND": """\
- * swingup_base_parameters(&controller) are those of the plant that the controller has found so far, nine numbers.
+ * swingup_base_parameters(&controller) are nine numbers: what the identifier has found of the plant so far.
 """,
 }
 """What other parts say of an identifier, by the gaps of their texts."""
