@@ -19,6 +19,8 @@ from swingup.policy.jax_backend.observation import Normalise, PendulumObservatio
 from swingup.policy.jax_backend.policy import Policy
 from swingup.policy.network import Layer
 from swingup.policy.plant_facts import policy_plant
+from swingup.policy.regulator_settings import RegulatorSettings
+from swingup.policy.settings import EstimatorSettings
 from swingup.policy.shipped import SHIPPED_POLICIES, read_policy
 from swingup.policy.stages import PlantStage
 
@@ -74,6 +76,10 @@ SMALL = ["pendubot-wrapped", "pendubot-bare"]
 """Untrained ones with the paper's observation, which jumps at its wraps: with and without normalisation."""
 SIGHTED = "acrobot-sighted"
 """An untrained one that sees its plant, C.1 as it is."""
+REGULATED = "acrobot-regulated"
+"""The one that sees its plant, with a regulator near the top."""
+TOLD = "acrobot-told"
+"""The same, behind an estimator with an identifier that tells policy and regulator what it finds."""
 IDENTIFIED = "acrobot-identified"
 """The default policy, told what an identifier finds of its plant, C.1 as it is; it was not trained with that.
 
@@ -93,11 +99,17 @@ def random_states(number=10_000):
 
 @functools.cache
 def policy(name):
-    """A policy by a name of SHIPPED, SMALL, SIGHTED, IDENTIFIED or OTHER_PLANT."""
+    """A policy by a name of SHIPPED, SMALL, SIGHTED, REGULATED, TOLD, IDENTIFIED or OTHER_PLANT."""
     robot, _, kind = name.partition("-")
     if name == OTHER_PLANT:
         found = read_policy("robot", robot)
         return dataclasses.replace(found, plant=policy_plant(identified_parameters(), found.robot, "C.1"))
+    if name == REGULATED:
+        return dataclasses.replace(policy(SIGHTED), regulator=RegulatorSettings())
+    if name == TOLD:
+        estimator, near = EstimatorSettings(), RegulatorSettings(enter=5.0, leave=50.0)
+        identifier = default_identifier(estimator)
+        return dataclasses.replace(policy(SIGHTED), estimator=estimator, identifier=identifier, regulator=near)
     if name == SIGHTED:
         return policy_of(sighted_policy())
     if name == IDENTIFIED:

@@ -4,17 +4,25 @@ A cell compares with the judge's JAX in double precision. Back ends that hold es
 recorded loop as a whole; the others (see BACK_ENDS) compute the policy alone on the same measurements.
 """
 
+import dataclasses
+
 import numpy as np
 import pytest
+
+from swingup.errors import SwingupError
+from swingup.physics.angles import UPRIGHT
+from swingup.policy.numpy_backend.controller import NumpyController
 
 from .backends import BACK_ENDS
 from .references import (
     COLUMNS,
     IDENTIFIED,
     OTHER_PLANT,
+    REGULATED,
     SHIPPED,
     SIGHTED,
     SMALL,
+    TOLD,
     TOLERANCE,
     alone,
     controller,
@@ -116,6 +124,46 @@ def test_the_estimators_plant_is_the_policys(made, back_end, sensor):
     assert np.isnan(found[~finite, policy(OTHER_PLANT).robot.joint]).all()
     if sensor == "late and noisy":
         assert np.abs(found - before).max() > 0.1
+
+
+@pytest.mark.parametrize("sensor", ["clean", "noisy", "not finite"])
+@pytest.mark.parametrize("back_end", ["numpy", "c"])
+def test_the_regulator_takes_over_alike(made, back_end, sensor):
+    """On recordings of another policy, which swings up and holds."""
+    times, states, _ = recorded("acrobot-refined", LONG)[sensor]
+    found, finite = made(back_end, REGULATED), np.isfinite(states).all(axis=1)
+    both, expected = found.run(times, states), replay(controller(REGULATED), times, states)
+    np.testing.assert_allclose(both[finite], expected[finite], rtol=0, atol=BACK_ENDS[back_end].whole_within)
+    np.testing.assert_array_equal(np.isnan(both[:, 1]), ~finite)
+    np.testing.assert_array_equal(found.run(times[:100], states[:100]), both[:100])
+    alone = made("numpy", SIGHTED).run(times, states)
+    policys = (both == alone)[finite, 1]
+    # With noise it leaves and enters again.
+    if sensor != "not finite":
+        assert (np.diff(policys.astype(int)) != 0).sum() >= (1 if sensor == "clean" else 3)
+
+
+@pytest.mark.slow  # JAX compiles the identifier for seconds
+@pytest.mark.parametrize("back_end", ["numpy", "c"])
+def test_the_regulator_is_told_what_is_found_alike(made, back_end):
+    """Near the top, swaying by hand: the plant found changes the regulator's torque by newton metres."""
+    times, frequency = 0.002 * np.arange(600), 7.0
+    size, phase = np.array([0.05, 0.12]), frequency * times[:, None] + [0.0, 1.0]
+    sway = np.concatenate([size * np.sin(phase), size * frequency * np.cos(phase)], axis=1)
+    states = UPRIGHT + sway
+    found = made(back_end, TOLD).run(times, states)
+    np.testing.assert_allclose(found, replay(controller(TOLD), times, states), rtol=0, atol=1e-8)
+    others = [dataclasses.replace(policy(TOLD), **{part: None}) for part in ("identifier", "regulator")]
+    for other in others:
+        untold = NumpyController(other)
+        torques = np.array([untold(x, t) for x, t in zip(states, times, strict=True)])
+        assert np.median(np.abs(found - torques)[:, 1]) > 1.0
+
+
+@pytest.mark.parametrize("back_end", ["onnx", "javascript"])
+def test_what_runs_the_policy_alone_refuses_a_regulator(made, back_end):
+    with pytest.raises(SwingupError, match="runs the policy alone, which would not hold the pendulum"):
+        made(back_end, REGULATED)
 
 
 @pytest.mark.slow  # the tables compare torques at these rates

@@ -22,6 +22,7 @@ from ..foreign import blaming
 from ..physics.parameters import Parameters, Robot
 from ..policy.jax_backend.controller import PolicyController, plant_of
 from ..policy.jax_backend.estimator import EstimatingController
+from ..policy.jax_backend.regulator import RegulatingController
 from ..policy.plant_facts import plant_difference
 from .host import HostRun, simulate_on_host
 from .rollout import Scenario, SimulationEnd, Trajectory, simulate
@@ -89,6 +90,7 @@ def prepare(source: Any, robot: Robot, name: str, plant: Parameters | None = Non
     except SwingupError as error:
         raise SwingupError(f"controller {name!r}: {error}") from error
     policy = controller.controller if isinstance(controller, EstimatingController) else controller
+    policy = policy.controller if isinstance(policy, RegulatingController) else policy
     if plant is not None and isinstance(policy, PolicyController):
         difference = plant_difference(plant_of(policy), plant, robot)
         if difference is not None:

@@ -15,6 +15,7 @@ from ..physics.parameters import ROBOTS, Robot, get_robot
 from ..physics.units import torque_over_gravity
 from ..plants.plant import SHIPPED_PLANTS, Plant, load_plant
 from ..policy.jax_backend.controller import PolicyController
+from ..policy.jax_backend.regulator import RegulatingController
 from ..tasks.disturbance import Disturbance
 
 RobotName = Positional[Annotated[str, arg(metavar="ROBOT", help="acrobot or pendubot.")]]
@@ -136,7 +137,9 @@ def plant_note(plant: Plant | None, robot: str) -> str:
 
 
 def judged_name(name: str, controller: object) -> str:
-    """A controller's name, with a note on what was judged: with an estimator, or a policy alone."""
+    """A controller's name, with a note on what was judged: with an estimator or without, or a policy alone."""
+    if isinstance(controller, RegulatingController):
+        return f"{name}, without estimator"
     alone = ", policy alone" if isinstance(controller, PolicyController) else ""
     return name + (", with estimator" if has_estimator(controller) else alone)
 

@@ -26,10 +26,10 @@ SOURCES = (
     "physics/momentum.py", "physics/units.py", "physics/validity.py",
     *(f"policy/{name}.py" for name in (
         "__init__", "contract", "file", "fold", "guard", "identifier_settings", "network", "pendulum", "plant",
-        "plant_facts", "settings", "shipped", "stages",
+        "plant_facts", "regulator_settings", "riccati", "settings", "shipped", "stages", "upright",
     )),
     *(f"policy/numpy_backend/{name}.py" for name in (
-        "__init__", "controller", "estimator", "front_end", "guard", "identifier", "network",
+        "__init__", "controller", "estimator", "front_end", "guard", "identifier", "network", "regulator",
     )),
 )  # fmt: skip
 """What the controller needs of this package, besides its interface; a test runs it without the rest."""

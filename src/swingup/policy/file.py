@@ -25,7 +25,7 @@ READABLE = (1, 2, 3, FORMAT_VERSION)
 """Versions that are read."""
 ACTIVATION, LAYER_NORM, GRU = "activation", "layer_norm", "gru"
 """Keys of the metadata that say what follows hidden layers; all are left out for ReLU alone."""
-SINCE = {"plant": 2, "guard": 2, ACTIVATION: 3, LAYER_NORM: 3, GRU: 3, "identifier": 4}
+SINCE = {"plant": 2, "guard": 2, ACTIVATION: 3, LAYER_NORM: 3, GRU: 3, "identifier": 4, "regulator": 4}
 """Keys of the metadata that programs for older versions would ignore, and the version of a file with them."""
 
 MOST_STAGES = 10

@@ -23,22 +23,25 @@ from .identifier_settings import (
 )
 from .network import Network
 from .plant_facts import PLANT, PolicyPlant, modelled, read_plant, write_plant
+from .regulator_settings import RegulatorSettings, check_no_compensation, fixed_point
 from .settings import (
     ESTIMATOR,
     FRONT_END,
+    REGULATOR,
     EstimatorSettings,
     FrontEndSettings,
     GuardSettings,
     estimator_settings,
     front_end_settings,
     guard_settings,
+    regulator_settings,
 )
 from .stages import PendulumStage
 
 
 @dataclass(frozen=True)
 class PendulumPolicy:
-    """One torque for a state, perhaps behind an estimator or a front end."""
+    """One torque for a state, perhaps behind an estimator or a front end, or with a regulator."""
 
     network: Network
     """As in the file; ``folded`` is what back ends run."""
@@ -55,18 +58,24 @@ class PendulumPolicy:
     """Settings of the safety guard in the file; None for none."""
     identifier: IdentifierSettings | None = None
     """Settings of the identifier of the estimator's plant in the file; None for the plant of the file."""
+    regulator: RegulatorSettings | None = None
+    """Settings of the regulator in the file, which takes over near the top; None for none."""
     metadata: Mapping[str, Any] = field(default_factory=dict)
     """The file's."""
 
     def __post_init__(self) -> None:
-        """Refuse an identifier that does not fit what else is around the policy.
+        """Refuse what cannot go together.
 
         Raises:
-            SwingupError: it stands without an estimator, is for another loop, or there is a front end.
+            SwingupError: an identifier stands without an estimator or is for another loop, there is a front end
+                beside an identifier or a regulator, or no regulator holds the plant.
         """
         if self.identifier is not None:
             check_identifier(self.identifier, self.estimator)
             check_no_front_end(self.front_end)
+        if self.regulator is not None:
+            check_no_compensation(self.front_end)
+            fixed_point(self.plant, self.robot.joint, self.regulator)
 
     @property
     def folded(self) -> Network:
@@ -125,10 +134,8 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
         limit = finite_number("torque_limit", metadata["torque_limit"], 1e-6, 1e6, "N m")
         estimator, front_end = estimator_settings(metadata), front_end_settings(metadata)
         guard, plant = guard_settings(metadata), read_plant(metadata, ROBOTS[name])
-        identifier = read_identifier(metadata, estimator)
-        return PendulumPolicy(
-            network, ROBOTS[name], limit, plant, estimator, front_end, guard, identifier, metadata
-        )
+        around = estimator, front_end, guard, read_identifier(metadata, estimator), regulator_settings(metadata)
+        return PendulumPolicy(network, ROBOTS[name], limit, plant, *around, metadata)
     except SwingupError as error:
         raise SwingupError(f"policy file {path}: {error}; see docs/policy-format.md") from error
 
@@ -156,4 +163,6 @@ def write_pendulum_policy(path: str | Path, policy: PendulumPolicy, provenance: 
         head[FRONT_END] = asdict(policy.front_end)
     if policy.guard is not None:
         head[GUARD] = asdict(policy.guard)
+    if policy.regulator is not None:
+        head[REGULATOR] = asdict(policy.regulator)
     write_network(path, policy.network, {**head, **provenance})

@@ -1,4 +1,4 @@
-"""Settings in a policy file for the parts around its policy: state estimator, front end, safety guard.
+"""Settings in a policy file for the parts around its policy: estimator, regulator, front end, safety guard.
 
 The metadata is parsed only here, and for the identifier in ``identifier_settings.py``; every back end takes the
 settings.
@@ -16,6 +16,8 @@ from ..physics.units import scales_of
 from ..text import quoted
 from .guard import GUARD, GuardChoice
 from .guard import GuardSettings as GuardSettings
+from .regulator_settings import RegulatorSettings
+from .riccati import solve_riccati
 
 SettingsT = TypeVar("SettingsT")
 
@@ -23,13 +25,13 @@ ESTIMATOR = "estimator"
 """Key of the estimator's settings in a policy file's metadata."""
 FRONT_END = "front_end"
 """Key of the front end's."""
+REGULATOR = "regulator"
+"""Key of the regulator's."""
 FORMER_NAMES = {"longest_dead_time": "max_delay_steps"}
 """Older names of settings in files, and the present ones."""
 FORMER_SETTINGS = ("spacing",)
 """Settings of older files that no longer have a meaning; they are ignored."""
 
-DOUBLINGS = 50
-"""2^50 measurements: far more than any filter needs to become steady."""
 LOST = 100
 """An estimated rate this many standard deviations off the measured one is lost: the measurement has jumped."""
 PIECES = 4
@@ -138,12 +140,7 @@ def kalman_gains(settings: EstimatorSettings) -> np.ndarray:
     scale = np.array([settings.position_noise, settings.velocity_noise])
     A = (np.array([[1.0, dt], [0.0, 1.0]]) * scale / scale[:, None]).T
     into = settings.acceleration_noise * np.array([0.5 * dt**2, dt]) / scale
-    G, P = np.eye(2), np.outer(into, into)
-    for _ in range(DOUBLINGS):
-        W = np.linalg.inv(np.eye(2) + G @ P)
-        A, G, P = A @ W @ A, G + A @ W @ G @ A.T, P + A.T @ P @ W @ A
-        # Symmetric again after rounding: the next doubling builds on both.
-        G, P = 0.5 * (G + G.T), 0.5 * (P + P.T)
+    P = solve_riccati(A, np.eye(2), np.outer(into, into))
     return scale[:, None] * (P @ np.linalg.inv(P + np.eye(2))) / scale
 
 
@@ -163,6 +160,15 @@ def front_end_settings(metadata: Mapping[str, Any]) -> FrontEndSettings | None:
         SwingupError: they are not an object, one is unknown, or a value is out of range.
     """
     return read_settings(metadata, FRONT_END, FrontEndSettings)
+
+
+def regulator_settings(metadata: Mapping[str, Any]) -> RegulatorSettings | None:
+    """The regulator's settings in a policy file's metadata; None if it has none.
+
+    Raises:
+        SwingupError: they are not an object, one is unknown, or a value is out of range.
+    """
+    return read_settings(metadata, REGULATOR, RegulatorSettings)
 
 
 def guard_settings(metadata: Mapping[str, Any]) -> GuardSettings | None:

@@ -20,6 +20,7 @@ from ..template import NAME, asset, check_export_name, fill
 from .estimator import estimator_values
 from .identifier import calls, is_told, plant_inputs
 from .numbers import braces
+from .regulator import regulator_values
 
 # The loop skips zeros, of which a ReLU makes many. Weights lie by input: the inner loop reads them in order.
 LAYER = """\
@@ -99,7 +100,8 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
         "safety guard": policy.guard,
     }
     parts = " and its ".join(name for name, part in around.items() if part is not None)
-    about = f"a policy{f' behind its {parts}' if parts else ''} for the {policy.robot.name}"
+    what = "a policy" if policy.regulator is None else "a policy with its regulator"
+    about = f"{what}{f' behind its {parts}' if parts else ''} for the {policy.robot.name}"
     values = {
         "ABOUT": f"{about}, written by swingup {__version__}.".capitalize(),
         "RATE": f"every {policy.period:g} s" if policy.period else "at the loop's rate",
@@ -125,14 +127,23 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
 
 
 def _controller(policy: PendulumPolicy) -> str:
-    front_end, estimator, guard, said = policy.front_end, policy.estimator, policy.guard, calls(policy)
+    estimator, guard, said = policy.estimator, policy.guard, calls(policy)
     parts = [
-        _part("front_end.h", _front_end_values(front_end)) if front_end else _part("alone.h", said),
+        _acting(policy, said),
         _part("estimator.h", said | estimator_values(estimator, policy)) if estimator else _part("direct.h"),
         _part("guard.h", _guard_values(guard, policy)) if guard else _part("unguarded.h"),
         _part("controller.h", said | {"SENTENCES": ", ".join(f'"{text}"' for text in SENTENCES)}),
     ]
     return "\n".join(parts)
+
+
+def _acting(policy: PendulumPolicy, said: dict[str, str]) -> str:
+    """The policy, with its front end or its regulator."""
+    if policy.regulator is not None:
+        return _part("regulator.h", regulator_values(policy.regulator, policy) | said)
+    if policy.front_end is not None:
+        return _part("front_end.h", _front_end_values(policy.front_end))
+    return _part("alone.h", said)
 
 
 def _part(file: str, values: Mapping[str, str] | None = None) -> str:

@@ -53,6 +53,8 @@ static inline double swingup_policy(const double x[4])
 """,
 }
 """What they say of a policy that is told the identified plant."""
+REGULATED = {"SHOWN": ", const double base[9]", "KNOWN": SIGHTED["KNOWN"], "THETA": ""}
+"""What they say of a regulator that is told it."""
 INPUTS = """\
     for (i = 0; i < 9; i++) {
         static const double centre[9] = @CENTRE@, scale[9] = @SCALE@;
@@ -63,9 +65,9 @@ INPUTS = """\
 
 def calls(policy: PendulumPolicy) -> dict[str, str]:
     """What other parts of a header say of the identifier, by their gaps; nothing without one."""
-    said = dict.fromkeys([*PROGRAM, *SIGHTED], "")
+    said = dict.fromkeys([*PROGRAM, *SIGHTED, "SHOWN"], "")
     if policy.identifier is not None:
-        said |= PROGRAM
+        said |= PROGRAM if policy.regulator is None else PROGRAM | REGULATED
     if is_told(policy):
         said |= SIGHTED | {"FOLDED": fill(SIGHTED["FOLDED"], {"THETA": braces(base_parameters(policy.plant))})}
     return said

@@ -9,6 +9,7 @@ import numpy as np
 from ..identifier_settings import check_no_identifier
 from ..network import Layer, check_plain
 from ..pendulum import PendulumPolicy
+from ..regulator_settings import check_no_regulator
 from ..stages import NormaliseStage, PendulumStage, Stage
 
 
@@ -23,10 +24,11 @@ def policy_data(policy: PendulumPolicy) -> dict[str, Any]:
     Neither an estimator nor a front end is in it, and no guard: the page simulates.
 
     Raises:
-        SwingupError: the script does not run such hidden layers, or an identifier.
+        SwingupError: the script does not run such hidden layers, an identifier or a regulator.
     """
     check_plain(policy.network, "a page")
     check_no_identifier(policy.identifier, "a page")
+    check_no_regulator(policy.regulator, "a page")
     network = policy.folded
     return {
         "torque_limit": policy.torque_limit,

@@ -16,6 +16,7 @@ from ...types import Scalar, State, Torque
 from ..identifier_settings import IdentifierSettings
 from ..pendulum import PendulumPolicy, read_pendulum_policy, write_pendulum_policy
 from ..plant_facts import PLANT_NAMES, PolicyPlant, leaderboard_plant, modelled
+from ..regulator_settings import RegulatorSettings, check_no_compensation
 from ..settings import EstimatorSettings
 from ..shipped import REFINED, read_policy
 from .choose import choose
@@ -23,6 +24,7 @@ from .estimator import EstimatingController, with_estimator
 from .front_end import FrontEnd, FrontEndMemory
 from .identifier import make_identifier
 from .policy import Policy, make_policy, network_of
+from .regulator import RegulatingController, with_regulator
 
 
 class PolicyMemory(eqx.Module):
@@ -74,23 +76,25 @@ class PolicyController(AbstractController[PolicyMemory | None]):
 
 def make_controller(
     policy: PendulumPolicy, estimator: bool | None = None
-) -> PolicyController | EstimatingController:
-    """Make a controller of a policy.
+) -> PolicyController | RegulatingController | EstimatingController:
+    """Make a controller of a policy, with its regulator if the file has one.
 
     Args:
         policy: what the file holds.
         estimator: where the file has one (None), never (False) or always (True). Settings that the file lacks have
             their defaults. Its model is the policy's plant, or what the identifier in the file finds.
     """
-    alone = _alone(policy)
-    wanted = policy.estimator is not None if estimator is None else estimator
-    return behind_estimator(alone, policy.estimator, policy.identifier) if wanted else alone
+    alone, regulator = _alone(policy), policy.regulator
+    if policy.estimator is not None if estimator is None else estimator:
+        return behind_estimator(alone, policy.estimator, policy.identifier, regulator)
+    return alone if regulator is None else regulated(alone, regulator)
 
 
 def behind_estimator(
     controller: PolicyController,
     settings: EstimatorSettings | None = None,
     identifier: IdentifierSettings | None = None,
+    regulator: RegulatorSettings | None = None,
 ) -> EstimatingController:
     """A policy behind an estimator whose model is the policy's plant.
 
@@ -98,15 +102,33 @@ def behind_estimator(
         controller: the policy alone.
         settings: what to expect of measurement and loop.
         identifier: settings of an identifier of that plant; None for the plant itself.
+        regulator: settings of a regulator that takes over near the top, for the plant found; None for none.
 
     Raises:
-        SwingupError: the identifier does not fit the estimator, or the policy has a front end.
+        SwingupError: the identifier does not fit the estimator, the policy has a front end besides an identifier or
+            a regulator, or no regulator holds the plant.
     """
     front_end = None if controller.front_end is None else controller.front_end.settings
     model = modelled(plant_of(controller), controller.robot, front_end)
     parameters = Parameters(**{name: getattr(model, name) for name in PLANT_NAMES})
     found = None if identifier is None else make_identifier(controller.robot, parameters, identifier)
-    return with_estimator(controller, controller.robot, parameters, settings, found)
+    acting = controller if regulator is None else regulated(controller, regulator)
+    return with_estimator(acting, controller.robot, parameters, settings, found)
+
+
+def regulated(controller: PolicyController, settings: RegulatorSettings) -> RegulatingController:
+    """A policy with a regulator, which holds the policy's plant until another one is told.
+
+    Args:
+        controller: the policy alone.
+        settings: weights, recursion and bounds.
+
+    Raises:
+        SwingupError: the policy has a front end, or no regulator holds the plant.
+    """
+    check_no_compensation(controller.front_end)
+    limit = float(controller.torque_limit)
+    return with_regulator(controller, controller.robot, plant_of(controller), settings, limit)
 
 
 def plant_of(controller: PolicyController) -> PolicyPlant:

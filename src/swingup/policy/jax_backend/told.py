@@ -1,9 +1,10 @@
-"""A policy that sees its plant, told which plant that is.
+"""A policy that sees its plant, and a regulator for its plant, told which plant that is.
 
-Its controller is made for the plant of its file. The functions here return the same controller for another one: a
+Their controller is made for the plant of its file. The functions here return the same controller for another one: a
 plant whose parameters are known, or an estimate of the base parameters at each call. All of it may be traced or
-batched, a plant for each pendulum. Only what the policy sees changes: the model of an estimator before it, and the
-plant that a file would hold, stay its own. A policy that sees the state alone is the same for all plants.
+batched, a plant for each pendulum. Only what the policy sees and what the regulator holds changes: the model of an
+estimator before them, and the plant that a file would hold, stay its own. A policy that sees the state alone,
+with no regulator, is the same for all plants.
 """
 
 from dataclasses import replace
@@ -17,12 +18,13 @@ from ...control.controller import AbstractController
 from ...physics.equations import lump
 from ...physics.parameters import Parameters
 from .observation import PlantObservation
+from .regulator import RegulatingController
 
 ControllerT = TypeVar("ControllerT", bound=AbstractController[Any])
 
 
 def told(controller: ControllerT, parameters: Parameters) -> ControllerT:
-    """The controller whose policy sees this plant.
+    """The controller whose policy sees this plant, and whose regulator holds it.
 
     Args:
         controller: a policy, or what runs one.
@@ -32,7 +34,7 @@ def told(controller: ControllerT, parameters: Parameters) -> ControllerT:
 
 
 def told_base(controller: ControllerT, base: Float[Array, "9"]) -> ControllerT:
-    """The controller whose policy sees a plant with base parameters θ.
+    """The controller whose policy sees a plant with base parameters θ, and whose regulator holds it.
 
     Args:
         controller: a policy, or what runs one.
@@ -40,15 +42,18 @@ def told_base(controller: ControllerT, base: Float[Array, "9"]) -> ControllerT:
     """
 
     def changed(node: Any) -> Any:
-        return replace(node, base=base) if _is_sight(node) else node
+        if isinstance(node, RegulatingController):
+            # Its policy may see the plant, too.
+            return replace(node, base=base, controller=told_base(node.controller, base))
+        return replace(node, base=base) if isinstance(node, PlantObservation) else node
 
-    told_one: ControllerT = jax.tree.map(changed, controller, is_leaf=_is_sight)
+    told_one: ControllerT = jax.tree.map(changed, controller, is_leaf=_knows_plant)
     return told_one
 
 
 def sees_plant(controller: AbstractController[Any]) -> bool:
-    """Whether a controller's policy sees its plant."""
-    return any(map(_is_sight, jax.tree.leaves(controller, is_leaf=_is_sight)))
+    """Whether a controller depends on its plant: its policy sees it, or a regulator holds it."""
+    return any(map(_knows_plant, jax.tree.leaves(controller, is_leaf=_knows_plant)))
 
 
 def traced_base_parameters(p: Parameters) -> Float[Array, "9"]:
@@ -58,5 +63,5 @@ def traced_base_parameters(p: Parameters) -> Float[Array, "9"]:
     return jnp.array([*inertial, p.b1, p.b2, p.cf1, p.cf2, p.Ir])
 
 
-def _is_sight(node: Any) -> bool:
-    return isinstance(node, PlantObservation)
+def _knows_plant(node: Any) -> bool:
+    return isinstance(node, PlantObservation | RegulatingController)

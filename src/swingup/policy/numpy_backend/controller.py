@@ -15,10 +15,13 @@ from .front_end import NumpyFrontEnd
 from .guard import NumpyGuard
 from .identifier import NumpyIdentifier
 from .network import NumpyNetwork
+from .regulator import NumpyRegulator
 
 
 class NumpyController:
-    """A policy, behind an estimator, a front end or a guard where its file has one; see ``policy/contract.py``.
+    """A policy, with an estimator, a regulator, a front end or a guard where its file has one.
+
+    It keeps to ``policy/contract.py``.
 
     Use one object for one pendulum, in one thread.
     """
@@ -44,6 +47,9 @@ class NumpyController:
         self._identifier = None if found is None else NumpyIdentifier(found, policy.plant, joint)
         self._estimator = NumpyEstimator(settings, policy.model, joint, self._identifier) if wanted else None
         self._front_end = None if front_end is None else NumpyFrontEnd(front_end, joint)
+        self._regulator = None
+        if policy.regulator is not None:
+            self._regulator = NumpyRegulator(policy.regulator, policy.plant, joint, policy.torque_limit)
         chosen = choose_guard(guard, policy.guard, policy.period)
         self.guard = None if chosen is None else NumpyGuard(chosen, joint, policy.torque_limits)
         """What watches the loop; its ``fault`` says why it stopped the controller."""
@@ -55,7 +61,7 @@ class NumpyController:
 
     def reset(self) -> None:
         """Forget the run so far."""
-        for part in (self._estimator, self._front_end, self.guard):
+        for part in (self._estimator, self._regulator, self._front_end, self.guard):
             if part is not None:
                 part.reset()
 
@@ -71,17 +77,28 @@ class NumpyController:
         if self._estimator is not None:
             x = self._estimator.observe(float(t), x)
             if self._identifier is not None:
-                self._network.tell(self._identifier.theta)
-        if self._front_end is not None:
-            u = self._front_end.command(self._network(self._front_end.see(float(t), x)))
-        else:
-            u = np.zeros(2)
-            u[self._joint] = self._network(x)
+                self._tell(self._identifier.theta)
+        u = self._command(float(t), x)
         if self.guard is not None:
             u = self.guard.limited(u)
         if self._estimator is not None:
             # The command with friction compensation: the estimator needs what the motor was given.
             self._estimator.remember(float(u[self._joint]))
+        return u
+
+    def _tell(self, base: list[float]) -> None:
+        """Hand the plant found, base parameters θ (9,), to what depends on it."""
+        self._network.tell(base)
+        if self._regulator is not None:
+            self._regulator.tell(base)
+
+    def _command(self, t: float, x: np.ndarray) -> np.ndarray:
+        """The torques (2,) of the policy, its front end or its regulator for what they are shown at time t (s)."""
+        if self._front_end is not None:
+            return self._front_end.command(self._network(self._front_end.see(t, x)))
+        u = np.zeros(2)
+        regulated = None if self._regulator is None else self._regulator(x)
+        u[self._joint] = self._network(x) if regulated is None else regulated
         return u
 
 

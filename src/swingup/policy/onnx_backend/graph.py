@@ -16,6 +16,7 @@ from ...version import __version__
 from ..identifier_settings import check_no_identifier
 from ..network import STATE, SUM_GROUP, Layer, check_plain
 from ..pendulum import PendulumPolicy
+from ..regulator_settings import check_no_regulator
 from ..stages import NormaliseStage, PendulumStage
 
 OPSET = 17
@@ -29,8 +30,8 @@ def onnx_model(policy: PendulumPolicy) -> bytes:
     Neither an estimator nor a front end is in it: both have a memory.
 
     Raises:
-        SwingupError: the package onnx is not installed, the policy asks for a guard or an identifier, which a graph
-            cannot have, or its hidden layers are not those of a graph.
+        SwingupError: the package onnx is not installed, the policy asks for a guard, an identifier or a regulator,
+            which a graph cannot have, or its hidden layers are not those of a graph.
     """
     check_plain(policy.network, "an ONNX graph")
     check_no_identifier(policy.identifier, "an ONNX graph")
@@ -39,6 +40,7 @@ def onnx_model(policy: PendulumPolicy) -> bytes:
             "the policy asks for a safety guard, which an ONNX graph cannot hold: run it in C or Python, or leave "
             "the guard out (--no-guard) and watch the loop yourself"
         )
+    check_no_regulator(policy.regulator, "an ONNX graph")
     try:
         import onnx
     except ImportError as error:

@@ -1,0 +1,128 @@
+"""Settings of the regulator near the top; every value is chosen, not identified."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..checks import finite_number, whole_number
+from ..errors import SwingupError
+from ..physics.base_parameters import Known, base_parameters
+from ..text import quoted
+from .riccati import solve_riccati
+from .upright import upright_step
+
+RANGES = {
+    "torque_weight": (1e-6, 1e6), "coulomb_damping": (0.0, 100.0), "riccati_step": (1e-4, 0.05),
+    "enter": (1e-6, 1e6), "leave": (1e-6, 1e6),
+}  # fmt: skip
+"""Least and greatest values of the numbers."""
+
+
+@dataclass(frozen=True)
+class RegulatorSettings:
+    """Costs ∫ eᵀ diag(q) e + r u² dt of the regulator, its recursion, and where it acts."""
+
+    state_weights: tuple[float, float, float, float] = (1.0, 1.0, 0.1, 0.1)
+    """q, of the errors of q1, q2 (1/rad²), dq1 and dq2 (s²/rad²)."""
+    torque_weight: float = 1.0
+    """r (1/N²m²)."""
+    coulomb_damping: float = 1.0
+    """Coulomb friction cf counts as damping of this times cf (s/rad)."""
+    riccati_step: float = 0.005
+    """Step h of the recursion (s)."""
+    riccati_steps: int = 4
+    """Steps of the recursion at each call."""
+    enter: float = 1.0
+    """The regulator takes over where its cost-to-go eᵀPe is below this."""
+    leave: float = 10.0
+    """The policy takes over where the cost-to-go is above this."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot work, and make a tuple of a list.
+
+        Raises:
+            SwingupError: a value is no number of its range, or ``leave`` is below ``enter``.
+        """
+        for name, (least, most) in RANGES.items():
+            value = finite_number(f"regulator setting {name}", getattr(self, name), least, most)
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "state_weights", _weights(self.state_weights))
+        whole_number("regulator setting riccati_steps", self.riccati_steps, 1, 100)
+        object.__setattr__(self, "riccati_steps", int(self.riccati_steps))
+        if self.leave < self.enter:
+            raise SwingupError(
+                f"regulator setting leave = {self.leave:g} is below enter = {self.enter:g}: use one from there on"
+            )
+
+    @property
+    def step_weights(self) -> tuple[tuple[float, ...], float]:
+        """Q's diagonal and R of one step: h q and h r."""
+        h = self.riccati_step
+        return tuple(h * weight for weight in self.state_weights), h * self.torque_weight
+
+
+def known_of(plant: Any) -> Known:
+    """What is taken as known of a plant with attributes of ``physics.parameters.Parameters``."""
+    return Known(float(plant.l1), float(plant.g), float(plant.gr))
+
+
+def fixed_point(plant: Any, driven: int, settings: RegulatorSettings) -> np.ndarray:
+    """The cost-to-go P (4, 4) at which the recursion for a plant stays.
+
+    Args:
+        plant: anything with the attributes of ``physics.parameters.Parameters``.
+        driven: place of the driven joint.
+        settings: the regulator's.
+
+    Raises:
+        SwingupError: there is none.
+    """
+    h, (weights, torque_weight) = settings.riccati_step, settings.step_weights
+    a, b = map(np.array, upright_step(base_parameters(plant), known_of(plant), driven, settings.coulomb_damping, h))
+    with np.errstate(all="ignore"):
+        try:
+            found = solve_riccati(a, np.outer(b, b) / torque_weight, np.diag(weights))
+        except np.linalg.LinAlgError:
+            found = np.full((4, 4), np.nan)
+    if not np.isfinite(found).all():
+        raise SwingupError("the regulator cannot hold its plant upright: correct the plant, or leave it out")
+    return found
+
+
+def check_no_compensation(front_end: Any) -> None:
+    """Refuse a regulator with a front end (None for a policy without one).
+
+    Raises:
+        SwingupError: there is a front end.
+    """
+    if front_end is not None:
+        raise SwingupError(
+            "a regulator takes the friction into account that a front end compensates: leave the regulator or the "
+            "front end out"
+        )
+
+
+def check_no_regulator(settings: RegulatorSettings | None, program: str) -> None:
+    """Refuse a policy with a regulator in what runs the policy alone (None for a policy without one).
+
+    Args:
+        settings: the regulator's.
+        program: what runs the policy alone, as the start of a sentence.
+
+    Raises:
+        SwingupError: there is a regulator.
+    """
+    if settings is not None:
+        raise SwingupError(
+            f"{program} runs the policy alone, which would not hold the pendulum without its regulator: run it in "
+            f"Python or C, or leave the regulator out of the file"
+        )
+
+
+def _weights(given: Any) -> tuple[float, ...]:
+    if not isinstance(given, list | tuple) or len(given) != 4:
+        raise SwingupError(
+            f"regulator setting state_weights = {quoted(given)}: use four numbers, for q1, q2, dq1, dq2"
+        )
+    return tuple(finite_number("regulator setting state_weights", value, 1e-6, 1e6) for value in given)

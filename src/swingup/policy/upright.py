@@ -1,0 +1,66 @@
+"""The pendulum linearised upright at rest, for base parameters θ, in arithmetic of any numbers.
+
+With the errors e = (q1 - π, q2, q̇1, q̇2):
+
+    M ë_q = G e_q - D ė_q + B u,   M = M(q2 = 0),   D = diag(b1 + c cf1, b2 + c cf2).
+
+The slope of the smoothed Coulomb friction at rest is 100 cf: by it a regulator would take the joint for frozen.
+c cf is the damping (N m s/rad) that stands for it. Python's floats and JAX's arrays serve alike.
+"""
+
+from typing import Any, NamedTuple
+
+from ..physics.base_parameters import Known, friction_of, lumped
+from ..physics.equations import Number, mass_entries
+
+
+class Discrete(NamedTuple):
+    """e ← A e + b u over one step."""
+
+    a: tuple[tuple[Number, ...], ...]
+    """Rows of A (4, 4)."""
+    b: tuple[Number, ...]
+    """(4,)"""
+
+
+def upright_step(theta: Any, known: Known, driven: int, coulomb_damping: Number, h: float) -> Discrete:
+    """A = I + h A_c + h² A_c² / 2 and b = h b_c + h² A_c b_c / 2 of the linear equations.
+
+    Args:
+        theta: θ in the order of ``physics.base_parameters.BASE_NAMES``; its mass matrix is positive definite.
+        known: what else is known of the plant.
+        driven: place of the driven joint.
+        coulomb_damping: c (s/rad).
+        h: length of the step (s).
+    """
+    plant, ((b1, b2), (cf1, cf2)) = lumped(theta, known), friction_of(theta)
+    m11, m12, m22 = mass_entries(plant, 1.0)
+    scale = 1.0 / (m11 * m22 - m12 * m12)
+    i11, i12, i22 = m22 * scale, -m12 * scale, m11 * scale
+    # A_c = [[0, I], [X, Y]] with X = M⁻¹ G and Y = -M⁻¹ D; b_c = [0, w].
+    second, first = plant.gravity2, plant.gravity1 + plant.gravity2
+    damping1, damping2 = b1 + coulomb_damping * cf1, b2 + coulomb_damping * cf2
+    x11, x12 = i11 * first + i12 * second, (i11 + i12) * second
+    x21, x22 = i12 * first + i22 * second, (i12 + i22) * second
+    y11, y12, y21, y22 = -i11 * damping1, -i12 * damping2, -i12 * damping1, -i22 * damping2
+    w1, w2 = (i11, i12) if driven == 0 else (i12, i22)
+    s = 0.5 * h * h
+    # The lower rows are those of I + h A_c, and of h²/2 times A_c² = [[X, Y], [Y X, X + Y²]].
+    rates1 = (
+        h * x11 + s * (y11 * x11 + y12 * x21),
+        h * x12 + s * (y11 * x12 + y12 * x22),
+        1.0 + h * y11 + s * (x11 + y11 * y11 + y12 * y21),
+        h * y12 + s * (x12 + y11 * y12 + y12 * y22),
+    )
+    rates2 = (
+        h * x21 + s * (y21 * x11 + y22 * x21),
+        h * x22 + s * (y21 * x12 + y22 * x22),
+        h * y21 + s * (x21 + y21 * y11 + y22 * y21),
+        1.0 + h * y22 + s * (x22 + y21 * y12 + y22 * y22),
+    )
+    angles1, angles2 = (
+        (1.0 + s * x11, s * x12, h + s * y11, s * y12),
+        (s * x21, 1.0 + s * x22, s * y21, h + s * y22),
+    )
+    b = s * w1, s * w2, h * w1 + s * (y11 * w1 + y12 * w2), h * w2 + s * (y21 * w1 + y22 * w2)
+    return Discrete((angles1, angles2, rates1, rates2), b)

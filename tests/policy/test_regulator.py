@@ -1,0 +1,260 @@
+"""The regulator, against SciPy's Riccati equations, on plants that are not its file's, and between its bounds."""
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.linalg import solve_continuous_are, solve_discrete_are
+
+from swingup.control.controller import AbstractController, check_interface
+from swingup.control.known_plant import damped
+from swingup.control.lqr import linearised
+from swingup.errors import SwingupError
+from swingup.physics.angles import UPRIGHT
+from swingup.physics.base_parameters import base_parameters
+from swingup.physics.integrate import rk4_step
+from swingup.physics.parameters import ROBOTS, leaderboard_parameters
+from swingup.policy.jax_backend.controller import make_controller, policy_of
+from swingup.policy.jax_backend.controller import regulated as regulate
+from swingup.policy.jax_backend.estimator import with_estimator
+from swingup.policy.jax_backend.front_end import FrontEnd
+from swingup.policy.jax_backend.identifier import make_identifier
+from swingup.policy.jax_backend.regulator import TRIANGLE, with_regulator
+from swingup.policy.jax_backend.told import sees_plant, told_base
+from swingup.policy.numpy_backend.regulator import NumpyRegulator
+from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
+from swingup.policy.plant_facts import policy_plant
+from swingup.policy.regulator_settings import RegulatorSettings, fixed_point, known_of
+from swingup.policy.settings import FrontEndSettings
+from swingup.policy.upright import upright_step
+
+from .references import sighted_policy
+
+DT, STEPS = 0.002, 1500
+SETTINGS = RegulatorSettings()
+CHANGED = {"m2": 1.1, "r1": 0.95, "I2": 1.15}
+"""Parameters of another plant, relative to the leaderboards'."""
+
+
+class Marked(AbstractController):
+    """Commands the same torque always, and counts its calls."""
+
+    torque: float
+
+    def init(self):
+        return jnp.array(0)
+
+    def __call__(self, carry, t, x):
+        return carry + 1, jnp.full(2, self.torque, x.dtype)
+
+
+@functools.cache
+def plants(robot):
+    """The leaderboards' plant, and another one that has negative friction, too."""
+    own = leaderboard_parameters(robot)
+    changed = {name: factor * getattr(own, name) for name, factor in CHANGED.items()}
+    return own, dataclasses.replace(own, **changed, b1=0.05, b2=-0.02, cf1=0.1, cf2=-0.05, Ir=5e-5)
+
+
+def regulated(robot, settings=SETTINGS, torque=7.0):
+    own = policy_plant(plants(robot)[0], robot)
+    return with_regulator(Marked(torque), robot, own, settings, own.limit(robot.joint))
+
+
+def gains(plant, robot, settings):
+    """K of the recursion's fixed point."""
+    driven, h = robot.joint, settings.riccati_step
+    a, b = map(np.array, upright_step(base_parameters(plant), known_of(plant), driven, settings.coulomb_damping, h))
+    P = fixed_point(plant, driven, settings)
+    return b @ P @ a / (settings.step_weights[1] + b @ P @ b)
+
+
+@pytest.fixture(autouse=True)
+def _double():
+    with jax.enable_x64(True):
+        yield
+
+
+@pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda robot: robot.name)
+def test_the_fixed_point_is_scipys(robot):
+    for plant in plants(robot):
+        h, (weights, torque_weight) = SETTINGS.riccati_step, SETTINGS.step_weights
+        A, B = linearised(damped(plant), robot, UPRIGHT[None], np.zeros(1))
+        a = np.eye(4) + h * A[0] + 0.5 * h**2 * A[0] @ A[0]
+        b = h * B[0] + 0.5 * h**2 * A[0] @ B[0]
+        expected = solve_discrete_are(a, b[:, None], np.diag(weights), [[torque_weight]])
+        np.testing.assert_allclose(fixed_point(plant, robot.joint, SETTINGS), expected, rtol=1e-7)
+
+
+@pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda robot: robot.name)
+def test_gains_converge_to_those_in_continuous_time(robot):
+    """The difference is that of a torque which is held for a step: it halves with the step."""
+    for plant in plants(robot):
+        A, B = linearised(damped(plant), robot, UPRIGHT[None], np.zeros(1))
+        S = solve_continuous_are(A[0], B[0][:, None], np.diag(SETTINGS.state_weights), [[SETTINGS.torque_weight]])
+        expected, errors = B[0] @ S / SETTINGS.torque_weight, []
+        for h in (0.005, 0.0025, 0.00125):
+            found = gains(plant, robot, dataclasses.replace(SETTINGS, riccati_step=h))
+            errors.append(np.abs(found / expected - 1).max())
+        assert errors[0] < 0.12
+        assert errors[2] < 0.55 * errors[1] < 0.55**2 * errors[0]
+
+
+@pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda robot: robot.name)
+def test_the_cost_to_go_follows_the_plant(robot):
+    """Within a tenth of a second, from the file's plant to the one that is told."""
+    controller = regulated(robot)
+    memory, told = controller.init(), told_base(controller, jnp.asarray(base_parameters(plants(robot)[1])))
+    expected = fixed_point(plants(robot)[1], robot.joint, SETTINGS)[TRIANGLE]
+    assert np.abs(memory.cost_to_go / expected - 1).max() > 0.5
+
+    def call(carry, _):
+        after = told(carry, 0.0, jnp.zeros(4))[0]
+        return after, after.cost_to_go
+
+    found = np.asarray(jax.lax.scan(call, memory, length=100)[1])
+    errors = np.abs(found / expected - 1).max(axis=1)
+    assert errors[50] < 0.05
+    assert errors[-1] < 1e-3
+    # The file's plant stays where it is.
+    stayed = controller(memory, 0.0, jnp.zeros(4))[0].cost_to_go
+    np.testing.assert_allclose(stayed, memory.cost_to_go, rtol=1e-9)
+
+
+@pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda robot: robot.name)
+def test_it_holds_another_plant_that_it_is_told(robot):
+    # Coulomb friction would leave it standing a little off.
+    controller, plant = regulated(robot, torque=0.0), dataclasses.replace(plants(robot)[1], cf1=0.0, cf2=0.0)
+    told, limits = told_base(controller, jnp.asarray(base_parameters(plant))), jnp.array([plant.tl1, plant.tl2])
+
+    def step(carry, _):
+        x, memory = carry
+        memory, u = told(memory, 0.0, x)
+        return (rk4_step(plant, x, jnp.clip(u, -limits, limits), DT), memory), (x, memory.acting, u)
+
+    start = jnp.array([np.pi + 0.015 + 2 * np.pi, -0.01 - 2 * np.pi, 0.0, 0.0])
+    x, acting, u = map(np.asarray, jax.lax.scan(step, (start, told.init()), length=STEPS)[1])
+    assert acting.all()
+    assert np.abs(x[-1] - [3 * np.pi, -2 * np.pi, 0, 0]).max() < 1e-3
+    assert not u[:, 1 - robot.joint].any()
+
+
+def test_bounds():
+    """It takes over below ``enter`` and gives up above ``leave``, with P of the file's plant."""
+    robot = ROBOTS["acrobot"]
+    controller = regulated(robot)
+    e = np.array([0.01, 0.02, -0.1, 0.05])
+    e /= np.sqrt(e @ fixed_point(plants(robot)[0], robot.joint, SETTINGS) @ e)
+    sizes = np.sqrt([1.1, 0.9, 9.0, np.nan, 9.9, 10.1, 9.9, 0.9, np.inf, 0.9])
+    memory, acting, torques = controller.init(), [], []
+    for size in sizes:
+        memory, u = controller(memory, 0.0, jnp.asarray(UPRIGHT + size * e))
+        acting.append(bool(memory.acting))
+        torques.append(np.asarray(u))
+    assert acting == [False, True, True, True, True, False, False, True, True, True]
+    # The policy's torques while it acts, its number of calls always.
+    assert [torque.tolist() == [7.0, 7.0] for torque in torques] == [not one for one in acting]
+    assert int(memory.controller) == len(sizes)
+    K = gains(plants(robot)[0], robot, SETTINGS)
+    assert torques[1] == pytest.approx([0, -K @ e * sizes[1]], rel=1e-6)
+    assert np.isnan([torques[3][1], torques[8][1]]).all()
+    assert np.abs(torques[2]).max() == 6.0
+
+
+def test_a_spoilt_cost_to_go_starts_again():
+    controller = regulated(ROBOTS["pendubot"])
+    memory = dataclasses.replace(controller.init(), cost_to_go=jnp.full(10, jnp.inf))
+    np.testing.assert_array_equal(controller(memory, 0.0, jnp.zeros(4))[0].cost_to_go, controller.start)
+
+
+@pytest.mark.parametrize("double", [False, True])
+def test_it_belongs_behind_an_estimator(double):
+    """Which tells it the plant that an identifier found."""
+    robot = ROBOTS["acrobot"]
+    with jax.enable_x64(double):
+        controller, plant = regulated(robot), plants(robot)[0]
+        assert sees_plant(controller)
+        check_interface(controller)
+        whole = with_estimator(controller, robot, plant, identifier=make_identifier(robot, plant))
+        memory = whole.init()
+        unknowns = memory.identified.unknowns.at[:9].multiply(1.1)
+        identified = dataclasses.replace(memory.identified, unknowns=unknowns)
+        told = whole._informed(dataclasses.replace(memory, identified=identified))
+        np.testing.assert_allclose(told.base, unknowns[:9], rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"enter": 2.0, "leave": 1.0}, "leave = 1 is below enter = 2"),
+        ({"state_weights": [1.0, 1.0]}, "use four numbers"),
+        ({"state_weights": (1.0, 1.0, 0.0, 1.0)}, "state_weights"),
+        ({"riccati_steps": 0}, "riccati_steps"),
+        ({"riccati_step": 1.0}, "riccati_step"),
+        ({"torque_weight": float("nan")}, "torque_weight"),
+    ],
+)
+def test_settings_that_cannot_work_are_refused(values, message):
+    with pytest.raises(SwingupError, match=message):
+        RegulatorSettings(**values)
+
+
+@pytest.fixture
+def file(tmp_path):
+    """A policy file with metadata of one's choice."""
+
+    def write(**metadata):
+        write_pendulum_policy(tmp_path / "p.npz", policy_of(sighted_policy()), metadata)
+        return tmp_path / "p.npz"
+
+    return write
+
+
+def test_files(file, tmp_path):
+    assert read_pendulum_policy(file(regulator={})).regulator == SETTINGS
+    assert read_pendulum_policy(file()).regulator is None
+    found = read_pendulum_policy(file(regulator={"enter": 2, "state_weights": [1, 2, 3, 4]}))
+    assert found.metadata["format_version"] == 4
+    assert found.regulator == RegulatorSettings(enter=2.0, state_weights=(1.0, 2.0, 3.0, 4.0))
+    write_pendulum_policy(tmp_path / "again.npz", found, {})
+    assert read_pendulum_policy(tmp_path / "again.npz").regulator == found.regulator
+    assert make_controller(found).settings == found.regulator
+    assert make_controller(found, estimator=True).controller.settings == found.regulator
+
+
+@pytest.mark.parametrize(
+    ("metadata", "message"),
+    [
+        ({"regulator": None}, "regulator None is no object of settings"),
+        ({"regulator": {"entre": 1}}, "unknown regulator setting 'entre': use some of state_weights, .*enter"),
+        ({"regulator": {"torque_weight": "1"}}, "regulator setting torque_weight = '1': use a number"),
+        ({"regulator": {}, "front_end": {}}, "leave the regulator or the front end out"),
+    ],
+)
+def test_files_that_cannot_work_are_refused(file, metadata, message):
+    with pytest.raises(SwingupError, match=message):
+        read_pendulum_policy(file(**metadata))
+
+
+def test_a_regulator_behind_a_front_end_is_refused():
+    controller = dataclasses.replace(sighted_policy(), front_end=FrontEnd(FrontEndSettings()))
+    with pytest.raises(SwingupError, match="leave the regulator or the front end out"):
+        regulate(controller, SETTINGS)
+
+
+def test_numpys_is_told_a_plant_like_jaxs():
+    """Behind an identifier that finds the plant in two steps; the rows of the conformance table have one plant."""
+    robot = ROBOTS["pendubot"]
+    controller, own = regulated(robot), policy_plant(plants(robot)[0], robot)
+    other, memory = NumpyRegulator(SETTINGS, own, robot.joint, own.limit(robot.joint)), controller.init()
+    x = UPRIGHT + np.array([0.01, -0.02, 0.05, 0.05])
+    for base in (base_parameters(plants(robot)[1]), 1.05 * base_parameters(own)):
+        other.tell(base.tolist())
+        told = told_base(controller, jnp.asarray(base))
+        for _ in range(3):
+            memory, u = told(memory, 0.0, jnp.asarray(x))
+            assert other(x) == pytest.approx(float(u[robot.joint]), abs=1e-9)
+    assert abs(float(u[robot.joint])) > 0.1
