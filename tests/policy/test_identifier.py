@@ -57,7 +57,7 @@ def programs():
             memory = jax.tree.map(
                 lambda new, old: jnp.where(index == break_at, new, old), identifier.restart(memory), memory
             )
-            memory = identifier.observe(memory, angles, delay_steps)
+            memory = identifier.observe(memory, angles, delay_steps, DT)
             return identifier.remember(memory, torque), memory.unknowns
 
         return jax.lax.scan(step, identifier.init(), (jnp.arange(len(q)), q, u))
@@ -157,11 +157,17 @@ def test_what_is_not_finite_changes_nothing():
 
 
 def test_hat():
-    mean, slope = hat_weights(3)
+    # Newest first: the hat's peak is 3 s ago, its area 1, its height 2/8.
+    steps = np.array([1.0, 2.0, 4.0, 1.0])
+    mean, slope = hat_weights(steps, np.array([0.0, 1.0, 3.0, 7.0, 8.0]), np.minimum)
     assert mean.sum() == pytest.approx(1)
+    assert mean[0] == pytest.approx(0.5 * 1 * 0.25 / 3)
     assert slope.sum() == pytest.approx(0)
-    # A ramp of 1 a step, newest first: its change is 1.
-    assert slope @ -np.arange(6.0) == pytest.approx(1)
+    # A ramp of 1 N m/s, which the torque follows in the middle of each step.
+    assert slope @ -np.array([0.5, 2.0, 5.0, 7.5]) == pytest.approx(1)
+    even = hat_weights(np.full(6, 0.002), 0.002 * np.arange(7), np.minimum)
+    np.testing.assert_allclose(even[0], np.array([0.5, 1.5, 2.5, 2.5, 1.5, 0.5]) / 9, rtol=1e-12)
+    np.testing.assert_allclose(even[1], np.array([1, 1, 1, -1, -1, -1]) / (9 * 0.002), rtol=1e-12)
 
 
 def test_settings():
@@ -237,7 +243,7 @@ def test_numpy_finds_the_same(change, told, break_at):
     for index, (angles, torque) in enumerate(zip(change(q).tolist(), command[:, 1].tolist(), strict=True)):
         if index == break_at:
             identifier.restart()
-        identifier.observe(*angles, told)
+        identifier.observe(*angles, told, DT)
         identifier.remember(torque)
         rows.append(identifier.unknowns)
     np.testing.assert_allclose(np.array(rows) / scale, unknowns / scale, rtol=0, atol=1e-9)

@@ -22,6 +22,7 @@ from swingup.policy.plant import model_step
 from swingup.policy.plant_facts import policy_plant
 from swingup.policy.settings import EstimatorSettings
 from swingup.policy.stages import PendulumStage, PlantStage
+from swingup.tasks.clock import Clock
 
 from .references import DT, random_states
 
@@ -48,21 +49,21 @@ def changed(plant):
     return dataclasses.replace(plant, m2=1.1 * plant.m2, r2=0.93 * plant.r2, I2=1.1 * plant.I2, cf1=0.05, cf2=0.16)
 
 
-def run(controller, plant, steps=STEPS, spoilt=()):
+def run(controller, plant, steps=STEPS, spoilt=(), periods=None):
     """The controller's torques on a motion of a plant under a swinging torque, which the controller is told.
 
-    Measurements are replaced by others at some steps.
+    Measurements are replaced by others at some steps. Periods (s) are DT if none are given.
     """
     lumped, x, rows = lump(plant), (0.0, 0.0, 0.0, 0.0), []
-    for step in range(steps):
-        t = step * DT
+    periods = np.full(steps, DT) if periods is None else periods
+    for step, (t, period) in enumerate(zip(np.cumsum(periods) - periods, periods, strict=True)):
         rows.append(controller(np.array(dict(spoilt).get(step, x)), t))
         torque = 1.5 * math.sin(6.5 * t) + math.sin(15 * t + 1)
         # As if the policy had commanded it; what is not finite it has commanded itself.
         if np.isfinite(rows[-1]).all():
             controller._identifier._torques[0] = controller._estimator._torques[0] = torque
         for _ in range(FINE):
-            x = model_step(lumped, plant.friction, x, 0.0, torque, DT / FINE)
+            x = model_step(lumped, plant.friction, x, 0.0, torque, period / FINE)
     return np.array(rows)
 
 
@@ -80,6 +81,32 @@ def test_it_finds_a_changed_plant(policy):
     controller.reset()
     assert controller._identifier.theta == nominal.tolist()
     np.testing.assert_array_equal(run(controller, plant, 200), first[:200])
+
+
+def uneven_periods():
+    """The most uneven ones of the domain ``recorded``: up to 3 DT, 5 in 100 longer than the estimator follows."""
+    uniform = np.random.default_rng(1).uniform(size=STEPS).astype(np.float32)
+    return np.asarray(Clock(late=0.12, lateness=0.0012).period(uniform, DT), float)
+
+
+@pytest.mark.parametrize("clock", ["recorded", "400 Hz"])
+def test_it_finds_the_plant_at_other_periods(policy, clock):
+    periods = uneven_periods() if clock == "recorded" else np.full(STEPS, 0.0025)
+    plant, controller = changed(policy.plant), NumpyController(policy)
+    run(controller, plant, periods=periods)
+    true, theta = base_parameters(plant), np.array(controller._identifier.theta)
+    np.testing.assert_allclose(theta[:4], true[:4], rtol=0.02)
+    np.testing.assert_allclose(theta[6:8], true[6:8], atol=0.01)
+
+
+def test_a_pause_interrupts(policy):
+    """After a longer one the motion before is forgotten; a period that is too short is none."""
+    for pause, calls in ((3.9 * DT, 31), (4.1 * DT, 1), (-DT, 1), (1e-9, 31)):
+        controller = NumpyController(policy)
+        run(controller, policy.plant, 30)
+        controller(np.zeros(4), 29 * DT + pause)
+        assert controller._identifier._calls == calls
+        assert 0.5 * DT <= controller._identifier._steps.min() <= controller._identifier._steps.max() < 4 * DT
 
 
 def test_the_policy_is_told(policy):

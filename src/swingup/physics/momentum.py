@@ -4,11 +4,14 @@ With the momenta p = M(q) q̇ the equations of motion are
 
     dp1/dt = G1 + u1 - F1,    dp2/dt = -h sin(q2) q̇1 (q̇1 + q̇2) + G2 + u2 - F2,    h = l1 m2 r2.
 
-Three angles qa, qb, qc, a step h apart, give the rates v0 = (qb - qa)/h, v1 = (qc - qb)/h at the midpoints. The
-change of p from one midpoint to the other, with the mean of the other terms, is the discrete Euler-Lagrange
-equation of Marsden and West (Acta Numerica 10, 2001), second order in h:
+Three angles qa, qb, qc, the times h0 and h1 apart, give the rates v0 = (qb - qa)/h0, v1 = (qc - qb)/h1 at the
+midpoints. The change of p from one midpoint to the other over (h0 + h1)/2, with the mean of the other terms, is the
+discrete Euler-Lagrange equation of Marsden and West (Acta Numerica 10, 2001), second order in h for equal times:
 
-    Y(qa, qb, qc) θ = ∫ w(t) u dt,    w the hat of area 1 over both steps.
+    Y(qa, qb, qc) θ = ∫ w(t) u dt,    w the hat of area 1 over both times, with its peak at qb.
+
+For unequal times the mean of the other terms belongs to (h1 - h0)/4 after qb, the hat to (h1 - h0)/3 after it: the
+difference is of either sign and fades in a low-pass.
 
 Y is linear in the second difference of the angles. A low-pass on both sides keeps the equation and removes what
 encoders and noise add there. Like ``equations`` this is arithmetic for any kind of number.
@@ -34,19 +37,20 @@ class Maths(NamedTuple):
 
 
 def momentum_rows(
-    before: Pair, middle: Pair, after: Pair, step: Number, known: Known, maths: Maths
+    before: Pair, middle: Pair, after: Pair, steps: Pair, known: Known, maths: Maths
 ) -> tuple[Any, Any]:
     """Y (2, 9): the row of the shoulder and that of the elbow, each with one number a base parameter.
 
     Args:
         before: qa = (q1, q2) (rad).
-        middle: qb, a step later.
-        after: qc, two steps later.
-        step: h (s).
+        middle: qb, later.
+        after: qc, later still.
+        steps: h0 from qa to qb, h1 from qb to qc (s).
         known: what is known of the plant.
         maths: for this kind of number.
     """
-    first, second = _half(before, middle, step, known, maths), _half(middle, after, step, known, maths)
+    first, second = _half(before, middle, steps[0], known, maths), _half(middle, after, steps[1], known, maths)
+    step = 0.5 * (steps[0] + steps[1])  # from midpoint to midpoint
     (v1, v2), (w1, w2) = first.rates, second.rates
     a1, a2 = (w1 - v1) / step, (w2 - v2) / step
     pull1, pull2 = 0.5 * (first.pull1 + second.pull1), 0.5 * (first.pull2 + second.pull2)

@@ -4,7 +4,7 @@ In a policy file they are an object under the key ``identifier``, beside that of
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
@@ -88,11 +88,6 @@ class IdentifierSettings:
         object.__setattr__(self, SPREAD, _checked_spread(self.spread))
 
     @property
-    def step(self) -> float:
-        """Time between the three angles of a row (s)."""
-        return self.span * self.dt
-
-    @property
     def pole(self) -> float:
         """Weight of the newest value in each of the three first-order low-passes."""
         return 1.0 - math.exp(-self.bandwidth * self.dt)
@@ -109,6 +104,10 @@ STUDENT = 4.0
 """Degrees of freedom of the errors' distribution."""
 MOST_DEVIATION = 10.0
 """Largest deviation that the residuals of a row raise its own to, in first ones."""
+LONGEST_STEP = 4.0
+"""A call that comes more than this many periods after the last one restarts the identifier."""
+SHORTEST_STEP = 0.5
+"""A shorter step counts as this many periods: rates would have nothing but the encoder's step."""
 FARTHEST = 1e6
 """An angle beyond this is no measurement (rad): its digits do not tell the turn."""
 
@@ -126,14 +125,19 @@ def prior(plant: Any, settings: IdentifierSettings) -> tuple[np.ndarray, np.ndar
     return np.append(base_parameters(plant), 0.0), covariance
 
 
-def hat_weights(span: int) -> tuple[np.ndarray, np.ndarray]:
-    """Weights (2 span,) of the last torques, newest first: the hat's mean, and its change a step (1/step).
+def hat_weights(steps: Any, ages: Any, minimum: Callable[[Any, Any], Any]) -> tuple[Any, Any]:
+    """Weights (2 span,) of the last torques, newest first: for the hat's mean, and for its mean rate (1/s).
 
-    The torque is held over each step, and the hat is integrated over it.
+    The torque is held over each step, and the hat is integrated over it. Arithmetic for any kind of array.
+
+    Args:
+        steps: durations (2 span,) of the steps (s), newest first.
+        ages: time (2 span + 1,) from each end of a step to the newest (s); the hat's peak is the middle one.
+        minimum: the smaller one, number by number.
     """
-    up = (np.arange(span) + 0.5) / span**2
-    newer = np.full(span, 1.0 / span**2)
-    return np.concatenate([up, up[::-1]]), np.concatenate([newer, -newer])
+    whole, newer = ages[-1], ages[len(steps) // 2]
+    hat = minimum(ages / newer, (whole - ages) / (whole - newer)) / (0.5 * whole)
+    return 0.5 * (hat[1:] + hat[:-1]) * steps, hat[1:] - hat[:-1]
 
 
 def read_identifier(metadata: Mapping[str, Any], estimator: EstimatorSettings | None) -> IdentifierSettings | None:

@@ -7,7 +7,15 @@ import numpy as np
 from ...physics.base_parameters import BASE, Known, base_parameters, lumped
 from ...physics.equations import COULOMB_STEEPNESS, mass_entries
 from ...physics.momentum import CLOSE
-from ..identifier_settings import FARTHEST, MOST_DEVIATION, STUDENT, IdentifierSettings, hat_weights, prior
+from ..identifier_settings import (
+    FARTHEST,
+    LONGEST_STEP,
+    MOST_DEVIATION,
+    SHORTEST_STEP,
+    STUDENT,
+    IdentifierSettings,
+    prior,
+)
 from ..pendulum import PendulumPolicy
 from ..plant_facts import PolicyPlant
 from ..stages import PlantStage
@@ -21,7 +29,7 @@ PROGRAM = {
 """,
     "BELIEVE": "    swingup_believe(&c->plant, c->identifier.base);\n",
     "BELIEVED": "&c->plant, ",
-    "IDENTIFY": "    swingup_identify(&c->identifier, x, c->delay_steps, late);\n",
+    "IDENTIFY": "    swingup_identify(&c->identifier, x, c->delay_steps, c->called ? pause : -1.0);\n",
     "NOTE": "    swingup_note(&c->identifier, c->torques[0]);\n",
     "BEGIN": "    swingup_begin(&c->estimator.identifier);\n",
     "READER": """\
@@ -94,7 +102,6 @@ def identified_model(settings: IdentifierSettings, plant: PolicyPlant, joint: in
 
 def _numbers(s: IdentifierSettings) -> dict[str, str]:
     numbers = {
-        "STEP": s.step,
         "DT": s.dt,
         "WEIGHT": s.pole,
         "RELATIVE": s.relative_floor,
@@ -106,6 +113,8 @@ def _numbers(s: IdentifierSettings) -> dict[str, str]:
         "FALL": 1.0 - math.exp(-s.dt / s.fall),
         "MARGIN": s.margin,
         "FARTHEST": FARTHEST,
+        "LONGEST": LONGEST_STEP * s.dt,
+        "SHORTEST": SHORTEST_STEP * s.dt,
     }
     counts = {"SPAN": s.span, "COMMANDS": 2 * s.span + s.max_delay_steps}
     return {name: repr(float(value)) for name, value in numbers.items()} | {
@@ -115,14 +124,11 @@ def _numbers(s: IdentifierSettings) -> dict[str, str]:
 
 def _arrays(s: IdentifierSettings, plant: PolicyPlant, joint: int) -> dict[str, str]:
     mean, covariance = prior(plant, s)
-    average, slope = hat_weights(s.span)
     driven = np.arange(2) == joint
     deviation = np.where(driven, s.driven_deviation, s.passive_deviation)
     nominal = lumped(mean[:BASE], Known(plant.l1, plant.g, plant.gr))
     arrays = {
         "MEAN": mean,
-        "HAT": average,
-        "SLOPE": slope,
         "VARIANCE": deviation**2,
         "MOST": (MOST_DEVIATION * deviation) ** 2,
         "FLOOR": np.where(driven, s.driven_floor, s.passive_floor) ** 2,

@@ -27,8 +27,8 @@ from ...physics.equations import Lumped, lump
 from ...physics.integrate import midpoint_step
 from ...physics.parameters import Parameters, Robot
 from ...physics.trigonometry import arctan, sine_cosine
-from ...types import Count, Flag, Scalar, State, Torque
-from ..identifier_settings import check_identifier, check_no_front_end
+from ...types import Count, Scalar, State, Torque
+from ..identifier_settings import LONGEST_STEP, check_identifier, check_no_front_end
 from ..settings import LOST, PIECES, EstimatorSettings, default_estimator, kalman_gains
 from .choose import choose
 from .identifier import Identifier, IdentifierMemory
@@ -104,7 +104,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         # What is not finite fails the comparison, and is lost.
         kept = jnp.all(jnp.abs(x - followed.state)[2:] <= LOST * self.settings.velocity_noise)
         restarts = late | ~kept
-        memory = self._identify(choose(restarts, self._restart(carry, x), followed), x, late)
+        memory = self._identify(choose(restarts, self._restart(carry, x), followed), x, pause)
         # The filter's estimate is as old as the delay; the controller needs the present state.
         ahead = self._ahead(memory, dt, model)
         seen = choose(restarts | ~jnp.all(jnp.isfinite(ahead)), x, ahead)
@@ -132,12 +132,18 @@ class EstimatingController(AbstractController[EstimatorMemory]):
             return self.controller
         return told_base(self.controller, self.identifier.theta(memory.identified))
 
-    def _identify(self, memory: EstimatorMemory, x: State, late: Flag) -> EstimatorMemory:
-        """Show the measured angles to the identifier, if there is one; rates are noisy and not needed."""
+    def _identify(self, memory: EstimatorMemory, x: State, pause: Scalar) -> EstimatorMemory:
+        """Show the identifier, if there is one, the angles measured a pause (s) after the last ones.
+
+        Rates are noisy and not needed.
+        """
         if self.identifier is None or memory.identified is None:
             return memory
+        # It knows each step's time: the late calls of an uneven loop do not interrupt it. Negated, as above.
+        late = ~((pause >= 0) & (pause <= LONGEST_STEP * self.settings.dt))
         identified = choose(late, self.identifier.restart(memory.identified), memory.identified)
-        return replace(memory, identified=self.identifier.observe(identified, x[:2], memory.delay_steps))
+        step = jnp.where(pause == 0, self.settings.dt, pause)
+        return replace(memory, identified=self.identifier.observe(identified, x[:2], memory.delay_steps, step))
 
     def _restart(self, memory: EstimatorMemory, x: State) -> EstimatorMemory:
         """Believe the measurement; only the evidence on the delay is kept."""

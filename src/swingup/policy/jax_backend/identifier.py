@@ -37,12 +37,13 @@ from ...physics.equations import Lumped
 from ...physics.momentum import Maths, momentum_rows
 from ...physics.parameters import Parameters, Robot
 from ...physics.trigonometry import arctan, sine_cosine
-from ...types import Count, Torque
+from ...types import Count, Scalar, Torque
 from ..identifier_settings import (
     FARTHEST,
     LAG,
     MOST_DEVIATION,
     POLES,
+    SHORTEST_STEP,
     STUDENT,
     UNKNOWNS,
     IdentifierSettings,
@@ -67,6 +68,8 @@ class IdentifierMemory(eqx.Module):
     """Measured angles without jumps of full turns, newest first (rad)."""
     torques: Float[Array, "past 2"]
     """Commanded torques, newest first (N m)."""
+    steps: Float[Array, "past"]
+    """Time for which each torque was held (s)."""
     calls: Count
     """Measurements since the last restart."""
     delay_steps: Count
@@ -98,9 +101,11 @@ class Identifier(eqx.Module):
         """Nothing seen yet."""
         span, driven = self.settings.span, jnp.array(self.robot.actuation, float)
         first, most = self.settings.passive_deviation, self.settings.driven_deviation
+        past = 2 * span + self.settings.max_delay_steps
         return IdentifierMemory(
             angles=jnp.zeros((2 * span + 1, 2)),
-            torques=jnp.zeros((2 * span + self.settings.max_delay_steps, 2)),
+            torques=jnp.zeros((past, 2)),
+            steps=jnp.full(past, self.settings.dt),
             calls=jnp.array(0),
             delay_steps=jnp.array(0),
             filtered=jnp.zeros((POLES, 2, UNKNOWNS + 1)),
@@ -115,6 +120,7 @@ class Identifier(eqx.Module):
         return replace(
             memory,
             torques=jnp.zeros_like(memory.torques),
+            steps=jnp.full_like(memory.steps, self.settings.dt),
             calls=jnp.zeros_like(memory.calls),
             filtered=jnp.zeros_like(memory.filtered),
         )
@@ -123,18 +129,29 @@ class Identifier(eqx.Module):
         """Note the torques that were commanded, within the motors' limits (N m)."""
         return replace(memory, torques=jnp.concatenate([u[None], memory.torques[:-1]]))
 
-    def observe(self, memory: IdentifierMemory, q: Joints, delay_steps: Count) -> IdentifierMemory:
-        """Learn from measured angles (rad), whole turns aside, that are ``delay_steps`` old."""
+    def observe(self, memory: IdentifierMemory, q: Joints, delay_steps: Count, step: Scalar) -> IdentifierMemory:
+        """Learn from measured angles.
+
+        Args:
+            memory: of the calls before.
+            q: angles (rad), whole turns aside.
+            delay_steps: how old they are (steps).
+            step: time since the last call (s); of no meaning after a restart.
+        """
         before, newest = memory, memory.angles[0] + nearest(q - memory.angles[0])
         angles = jnp.concatenate([newest[None], memory.angles[:-1]])
+        dt = self.settings.dt
+        step = jnp.where(memory.calls == 0, dt, jnp.maximum(step, SHORTEST_STEP * dt)).astype(memory.steps.dtype)
+        steps = jnp.concatenate([step[None], memory.steps[:-1]])
         # The lag counts from the delay: their sum is what was found. The old columns belong to the old delay.
-        change = delay_steps - memory.delay_steps
-        unknowns = memory.unknowns.at[LAG].add(-change * self.settings.dt)
-        filtered = jnp.where(change == 0, memory.filtered, 0.0)
+        ages, changed = _ages(steps), delay_steps != memory.delay_steps
+        unknowns = memory.unknowns.at[LAG].add(ages[memory.delay_steps] - ages[delay_steps])
+        filtered = jnp.where(changed, 0.0, memory.filtered)
         calls = memory.calls + 1
         memory = replace(
             memory,
             angles=jnp.where(memory.calls == 0, q, angles),
+            steps=steps,
             calls=jnp.minimum(calls, len(memory.angles) + len(memory.torques)),
             delay_steps=delay_steps.astype(memory.delay_steps.dtype),
             unknowns=unknowns,
@@ -184,13 +201,17 @@ class Identifier(eqx.Module):
 
     def _columns(self, memory: IdentifierMemory) -> Float[Array, "2 11"]:
         """The newest rows: Y, u̇ and u."""
-        span, step = self.settings.span, self.settings.step
+        span = self.settings.span
         newest, middle, oldest = memory.angles[0], memory.angles[span], memory.angles[2 * span]
         pairs = ((oldest[0], oldest[1]), (middle[0], middle[1]), (newest[0], newest[1]))
-        shoulder, elbow = momentum_rows(*pairs, step, self.known, MATHS)
-        mean, slope = (jnp.asarray(weights, newest.dtype) for weights in hat_weights(span))
-        acting = jax.lax.dynamic_slice_in_dim(memory.torques, memory.delay_steps, 2 * span)
-        torque, rate = mean @ acting, slope @ acting / self.settings.dt
+        acting, steps = (
+            jax.lax.dynamic_slice_in_dim(past, memory.delay_steps, 2 * span) for past in (memory.torques, memory.steps)
+        )
+        ages = _ages(steps)
+        halves = ages[-1] - ages[span], ages[span]
+        shoulder, elbow = momentum_rows(*pairs, halves, self.known, MATHS)
+        mean, slope = hat_weights(steps, ages, jnp.minimum)
+        torque, rate = mean @ acting, slope @ acting
         rows = jnp.stack([jnp.stack(shoulder), jnp.stack(elbow)])
         return jnp.concatenate([rows, rate[:, None], torque[:, None]], axis=1)
 
@@ -219,6 +240,11 @@ class Identifier(eqx.Module):
             variance=memory.variance.at[joint].set(variance),
             held=memory.held.at[joint].set(jnp.maximum(held, 0.0)),
         )
+
+
+def _ages(steps: Float[Array, "n"]) -> Float[Array, "n+1"]:
+    """Time from the ends of steps (s), newest first, to the newest end."""
+    return jnp.concatenate([jnp.zeros(1, steps.dtype), jnp.cumsum(steps)])
 
 
 def make_identifier(

@@ -9,6 +9,7 @@ from ...physics.equations import StateFloats, lump
 from ..plant import model_step, torque_response
 from ..plant_facts import PolicyPlant
 from ..settings import LOST, PIECES, EstimatorSettings, kalman_gains
+from ..identifier_settings import LONGEST_STEP
 from .identifier import NumpyIdentifier
 from .network import TURN
 
@@ -74,7 +75,7 @@ class NumpyEstimator:
                 # The evidence on the delay stays: the delay belongs to the loop, not to the motion.
                 self._state, self._torques[:], self._deviations[:] = x.copy(), 0.0, 0.0
             if self._identifier is not None:
-                self._identify(self._identifier, x, late)
+                self._identify(self._identifier, x, pause)
         return seen
 
     def remember(self, torque: float) -> None:
@@ -84,11 +85,12 @@ class NumpyEstimator:
         if self._identifier is not None:
             self._identifier.remember(float(self._torques[0]))
 
-    def _identify(self, identifier: NumpyIdentifier, x: np.ndarray, late: bool) -> None:
-        """Show it the measured angles; its plant is the model from the next call on."""
-        if late:
+    def _identify(self, identifier: NumpyIdentifier, x: np.ndarray, pause: float) -> None:
+        """Show it the angles measured a pause (s) after the last ones; its plant is the model from the next call on."""
+        # Negated, as above. It knows each step's time: late calls of an uneven loop do not interrupt it.
+        if not 0 <= pause <= LONGEST_STEP * self._settings.dt:
             identifier.restart()
-        identifier.observe(float(x[0]), float(x[1]), self.delay_steps)
+        identifier.observe(float(x[0]), float(x[1]), self.delay_steps, pause or self._settings.dt)
         self._plant, self._friction = identifier.plant, identifier.friction
 
     def _follow(self, x: np.ndarray, dt: float) -> bool:

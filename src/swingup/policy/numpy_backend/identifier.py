@@ -16,6 +16,7 @@ from ..identifier_settings import (
     LAG,
     MOST_DEVIATION,
     POLES,
+    SHORTEST_STEP,
     STUDENT,
     UNKNOWNS,
     IdentifierSettings,
@@ -60,8 +61,7 @@ class NumpyIdentifier:
         passive, driven = (s.passive_deviation, s.passive_floor), (s.driven_deviation, s.driven_floor)
         self._firsts, self._floors = zip(*((driven, passive) if joint == 0 else (passive, driven)), strict=True)
         self._rise, self._fall = (1.0 - math.exp(-s.dt / time) for time in (s.rise, s.fall))
-        mean, slope = hat_weights(s.span)
-        self._cascade, self._hat = _cascade(s.pole), np.array([slope / s.dt, mean])
+        self._cascade, self._ages = _cascade(s.pole), np.zeros(2 * s.span + 1)
         self.reset()
 
     def reset(self) -> None:
@@ -76,6 +76,8 @@ class NumpyIdentifier:
     def restart(self) -> None:
         """After a pause: what was found stays, the motion before is forgotten."""
         self._torques = np.zeros(2 * self._settings.span + self._settings.max_delay_steps)
+        # Time for which each torque was held (s).
+        self._steps = np.full(len(self._torques), self._settings.dt)
         self._calls = 0
         # The newest columns in the last row, behind the low-passes that they enter one after the other.
         self._stages = np.zeros((POLES + 1, 2 * COLUMNS))
@@ -85,8 +87,15 @@ class NumpyIdentifier:
         self._torques[1:] = self._torques[:-1]
         self._torques[0] = torque
 
-    def observe(self, q1: float, q2: float, delay_steps: int) -> None:
-        """Learn from measured angles (rad), whole turns aside, that are ``delay_steps`` old."""
+    def observe(self, q1: float, q2: float, delay_steps: int, step: float) -> None:
+        """Learn from measured angles.
+
+        Args:
+            q1: angle of the shoulder (rad), whole turns aside.
+            q2: angle of the elbow.
+            delay_steps: how old they are (steps).
+            step: time since the last call (s); of no meaning after a restart.
+        """
         # Negated, so that NaN is far as well: such an angle would stay in the differences.
         if not (abs(q1) < FARTHEST and abs(q2) < FARTHEST):
             self.restart()
@@ -94,9 +103,12 @@ class NumpyIdentifier:
         last1, last2 = self._angles[0]
         newest = last1 + _nearest(q1 - last1), last2 + _nearest(q2 - last2)
         self._angles = [newest, *self._angles[:-1]] if self._calls else [(q1, q2)] * len(self._angles)
+        dt = self._settings.dt
+        self._steps[1:] = self._steps[:-1]
+        self._steps[0] = max(step, SHORTEST_STEP * dt) if self._calls else dt
         if delay_steps != self._delay_steps:
             # The lag counts from the delay: their sum is what was found. The old columns belong to the old delay.
-            self._unknowns[LAG] -= (delay_steps - self._delay_steps) * self._settings.dt
+            self._unknowns[LAG] += self._steps[: self._delay_steps].sum() - self._steps[:delay_steps].sum()
             self._delay_steps = delay_steps
             self._stages[:] = 0.0
         self._calls += 1
@@ -128,9 +140,13 @@ class NumpyIdentifier:
         """The newest rows: Y, u̇ and u of the shoulder, then of the elbow."""
         span = self._settings.span
         oldest, middle, newest = self._angles[2 * span], self._angles[span], self._angles[0]
-        shoulder, elbow = momentum_rows(oldest, middle, newest, self._settings.step, self._known, MATHS)
-        acting = self._torques[self._delay_steps : self._delay_steps + 2 * span]
-        driven, passive = (self._hat @ acting).tolist(), (0.0, 0.0)
+        window = slice(self._delay_steps, self._delay_steps + 2 * span)
+        acting, steps = self._torques[window], self._steps[window]
+        self._ages[1:] = steps.cumsum()
+        newer, whole = float(self._ages[span]), float(self._ages[-1])
+        shoulder, elbow = momentum_rows(oldest, middle, newest, (whole - newer, newer), self._known, MATHS)
+        mean, slope = hat_weights(steps, self._ages, np.minimum)
+        driven, passive = (float(slope @ acting), float(mean @ acting)), (0.0, 0.0)
         first, second = (driven, passive) if self._joint == 0 else (passive, driven)
         return [*shoulder, *first, *elbow, *second]
 

@@ -1,7 +1,6 @@
 /* ---- online identification of the plant, as docs/policy-format.md of swingup describes it ---- */
 
 #define SWINGUP_SPAN @SPAN@ /* steps between the three angles of a row */
-#define SWINGUP_STEP @STEP@ /* time between these angles (s) */
 #define SWINGUP_COMMANDS @COMMANDS@ /* torques that are remembered */
 
 /* Nine base parameters of the nominal plant, and no lag (s); the covariance of these ten unknowns. */
@@ -20,6 +19,7 @@ typedef struct {
     int delay_steps;                        /* the delay told last (steps) */
     double angles[2 * SWINGUP_SPAN + 1][2]; /* measured, without jumps of full turns, newest first (rad) */
     double torques[SWINGUP_COMMANDS];       /* commanded to the driven joint, newest first (N m) */
+    double steps[SWINGUP_COMMANDS];         /* time for which each was held (s) */
     swingup_filter filter;
     double unknowns[10]; /* the base parameters, and the torque's lag (s) behind the delay */
     double covariance[10][10];
@@ -47,16 +47,20 @@ static inline void swingup_begin(swingup_identifier *c)
     for (i = 0; i < 9; i++) {
         c->base[i] = swingup_mean[i];
     }
+    for (i = 0; i < SWINGUP_COMMANDS; i++) {
+        c->steps[i] = @DT@;
+    }
 }
 
-/* Half of both joints' equations, at the midpoint of one step between angles (rad). */
+/* Half of both joints' equations, at the midpoint between angles (rad). */
 typedef struct {
     double rates[2], momentum[2], turning, pull[2];
 } swingup_half;
 
-static inline void swingup_halve(const double start[2], const double end[2], swingup_half *half)
+/* For angles that are a time (s) apart. */
+static inline void swingup_halve(const double start[2], const double end[2], double time, swingup_half *half)
 {
-    const double rate1 = (end[0] - start[0]) / SWINGUP_STEP, rate2 = (end[1] - start[1]) / SWINGUP_STEP;
+    const double rate1 = (end[0] - start[0]) / time, rate2 = (end[1] - start[1]) / time;
     const double q1 = 0.5 * (start[0] + end[0]), q2 = 0.5 * (start[1] + end[1]);
     const double sine1 = sin(q1), cosine1 = cos(q1), sine2 = sin(q2), cosine2 = cos(q2), along = @L1@ * cosine2;
     half->rates[0] = rate1;
@@ -84,20 +88,34 @@ static inline double swingup_mean_arctan(double start, double end)
     return atan(0.5 * @STEEPNESS@ * (start + end));
 }
 
+/* Time from the end of the step before the last n ones to now (s). */
+static inline double swingup_age(const swingup_identifier *c, int n)
+{
+    double age = 0.0;
+    int k;
+    for (k = 0; k < n; k++) {
+        age += c->steps[k];
+    }
+    return age;
+}
+
 /* The newest rows of shoulder and elbow: a number for each base parameter, the torque's rate, the torque. */
 static inline void swingup_rows(const swingup_identifier *c, double rows[2][11])
 {
-    static const double mean[2 * SWINGUP_SPAN] = @HAT@;
-    static const double slope[2 * SWINGUP_SPAN] = @SLOPE@;
-    const double gr = @GEAR@;
-    double a[2], pull[2], turning, torque = 0.0, rate = 0.0;
+    const double gr = @GEAR@, *steps = c->steps + c->delay_steps, *torques = c->torques + c->delay_steps;
+    double a[2], pull[2], turning, torque = 0.0, rate = 0.0, newer = 0.0, older = 0.0, mean, now = 0.0;
     swingup_half one, two;
     int i, k;
 
-    swingup_halve(c->angles[2 * SWINGUP_SPAN], c->angles[SWINGUP_SPAN], &one);
-    swingup_halve(c->angles[SWINGUP_SPAN], c->angles[0], &two);
+    for (k = 0; k < SWINGUP_SPAN; k++) {
+        newer += steps[k];
+        older += steps[SWINGUP_SPAN + k];
+    }
+    mean = 0.5 * (newer + older);
+    swingup_halve(c->angles[2 * SWINGUP_SPAN], c->angles[SWINGUP_SPAN], older, &one);
+    swingup_halve(c->angles[SWINGUP_SPAN], c->angles[0], newer, &two);
     for (i = 0; i < 2; i++) {
-        a[i] = (two.rates[i] - one.rates[i]) / SWINGUP_STEP;
+        a[i] = (two.rates[i] - one.rates[i]) / mean;
         pull[i] = 0.5 * (one.pull[i] + two.pull[i]);
         for (k = 0; k < 11; k++) {
             rows[i][k] = 0.0;
@@ -106,21 +124,24 @@ static inline void swingup_rows(const swingup_identifier *c, double rows[2][11])
     turning = 0.5 * (one.turning + two.turning);
     rows[0][0] = a[0];
     rows[0][1] = a[1];
-    rows[0][2] = (two.momentum[0] - one.momentum[0]) / SWINGUP_STEP + pull[1];
+    rows[0][2] = (two.momentum[0] - one.momentum[0]) / mean + pull[1];
     rows[0][3] = pull[0];
     rows[0][8] = (gr * gr + 1.0) * a[0] - gr * a[1];
     rows[1][1] = a[0] + a[1];
-    rows[1][2] = (two.momentum[1] - one.momentum[1]) / SWINGUP_STEP + turning + pull[1];
+    rows[1][2] = (two.momentum[1] - one.momentum[1]) / mean + turning + pull[1];
     rows[1][8] = gr * gr * a[1] - gr * a[0];
     for (i = 0; i < 2; i++) {
         rows[i][4 + i] = 0.5 * (one.rates[i] + two.rates[i]);
         rows[i][6 + i] = swingup_mean_arctan(one.rates[i], two.rates[i]);
     }
+    /* The hat rises to the middle angle and falls to the others; each torque is held over its step. */
     for (k = 0; k < 2 * SWINGUP_SPAN; k++) {
-        torque += mean[k] * c->torques[c->delay_steps + k];
-        rate += slope[k] * c->torques[c->delay_steps + k];
+        const double change = k < SWINGUP_SPAN ? steps[k] / newer : -steps[k] / older;
+        torque += (now + 0.5 * change) * steps[k] * torques[k] / mean;
+        rate += change * torques[k] / mean;
+        now += change;
     }
-    rows[SWINGUP_DRIVEN][9] = rate / @DT@;
+    rows[SWINGUP_DRIVEN][9] = rate;
     rows[SWINGUP_DRIVEN][10] = torque;
 }
 
@@ -228,16 +249,19 @@ static inline void swingup_interrupt(swingup_identifier *c)
     c->filter = empty;
     for (k = 0; k < SWINGUP_COMMANDS; k++) {
         c->torques[k] = 0.0;
+        c->steps[k] = @DT@;
     }
 }
 
-/* Learn from the angles of x, which are delay_steps old; late says that the call before is too long ago. */
-static inline void swingup_identify(swingup_identifier *c, const double x[4], int delay_steps, int late)
+/* Learn from the angles of x, which are delay_steps old, a pause (s) after the call before. */
+static inline void swingup_identify(swingup_identifier *c, const double x[4], int delay_steps, double pause)
 {
     static const swingup_filter empty = {{{{0.0}}}};
-    const int angles = 2 * SWINGUP_SPAN + 1, change = delay_steps - c->delay_steps;
+    const int angles = 2 * SWINGUP_SPAN + 1;
     /* Not what is NaN either. */
     const int near = fabs(x[0]) < @FARTHEST@ && fabs(x[1]) < @FARTHEST@;
+    const int late = !(pause >= 0.0 && pause <= @LONGEST@);
+    double step = pause > 0.0 ? pause : @DT@;
     swingup_identifier learned;
     int i, k;
 
@@ -256,9 +280,14 @@ static inline void swingup_identify(swingup_identifier *c, const double x[4], in
         }
         c->angles[0][i] = c->calls == 0 ? x[i] : newest;
     }
+    step = c->calls == 0 ? @DT@ : step > @SHORTEST@ ? step : @SHORTEST@;
+    for (k = SWINGUP_COMMANDS - 1; k > 0; k--) {
+        c->steps[k] = c->steps[k - 1];
+    }
+    c->steps[0] = step;
     /* The lag counts from the delay: their sum is what was found. The old rows belong to the old delay. */
-    if (change != 0) {
-        c->unknowns[9] -= change * @DT@;
+    if (delay_steps != c->delay_steps) {
+        c->unknowns[9] += swingup_age(c, c->delay_steps) - swingup_age(c, delay_steps);
         c->filter = empty;
         c->delay_steps = delay_steps;
     }
