@@ -47,6 +47,7 @@ void run(int n, const double *t, const double *x, double *u, double *base)
     }
 }
 """
+PROBABILITIES = [0.01, 0.1, 0.7, 0.15, 0.02, 0.01, 0.01]
 OTHER = leaderboard_plant(policy(IDENTIFIED).robot)
 """The plant that is found; the file's has friction and rotors."""
 
@@ -111,6 +112,18 @@ def test_faults_do_as_in_numpy(library):
     np.testing.assert_allclose(base[1:], theta, rtol=0, atol=1e-9)
     assert np.isfinite(base).all()
     assert np.isnan(u).any()
+
+
+def test_with_an_uneven_clock_as_in_numpy(library):
+    """Periods from almost none to more than the estimator, and than the identifier, follow."""
+    _, states, *_ = motion()
+    ratios = np.random.default_rng(0).choice([1e-6, 0.7, 1.0, 1.2, 1.7, 3.5, 4.5], len(states), p=PROBABILITIES)
+    times, controller = np.cumsum(ratios) * DT, NumpyController(policy(IDENTIFIED))
+    expected, theta = map(np.array, zip(*map(functools.partial(answer, controller), states, times), strict=True))
+    u, base = run(library, times, states)
+    np.testing.assert_allclose(u, expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(base[1:], theta, rtol=0, atol=1e-9)
+    assert np.abs(base[-1] - base[0]).max() > 0.01
 
 
 def test_in_single_precision_it_finds_the_same(library, tmp_path):

@@ -31,6 +31,10 @@ GRID = np.array([0.1, 0.1, 0.2, 0.2, 1e-4])
 """The benchmark's half ranges of friction and rotor."""
 
 
+EVEN = np.full(STEPS, DT)
+UNEVEN = np.random.default_rng(0).choice([1e-9, 0.5, 1.0, 1.2, 3.5], STEPS, p=[0.02, 0.1, 0.7, 0.15, 0.03]) * DT
+
+
 class Rest(AbstractController):
     """No torque."""
 
@@ -51,16 +55,16 @@ def programs():
     def move(parameters, u):
         return jax.lax.scan(lambda x, now: (rk4_step(parameters, x, now, DT), x), jnp.zeros(4), u)[1]
 
-    def find(q, u, delay_steps, break_at):
+    def find(q, u, delay_steps, break_at, periods):
         def step(memory, row):
-            index, angles, torque = row
+            index, angles, torque, period = row
             memory = jax.tree.map(
                 lambda new, old: jnp.where(index == break_at, new, old), identifier.restart(memory), memory
             )
-            memory = identifier.observe(memory, angles, delay_steps, DT)
+            memory = identifier.observe(memory, angles, delay_steps[index], period)
             return identifier.remember(memory, torque), memory.unknowns
 
-        return jax.lax.scan(step, identifier.init(), (jnp.arange(len(q)), q, u))
+        return jax.lax.scan(step, identifier.init(), (jnp.arange(len(q)), q, u, periods))
 
     return identifier, command, jax.jit(move), jax.jit(find)
 
@@ -73,11 +77,11 @@ def measured(plant, delay_steps=0, push=None):
     return np.concatenate([np.zeros((delay_steps, 2)), q])[:STEPS], command
 
 
-def found(plant, change=lambda q: q, delay_steps=0, told=0, break_at=-1, push=None):
+def found(plant, change=lambda q: q, delay_steps=0, told=0, break_at=-1, push=None, periods=EVEN):
     """The final memory and the unknowns of all steps, for angles changed on their way to the identifier."""
     identifier, _, _, find = programs()
     q, command = measured(plant, delay_steps, push)
-    memory, unknowns = find(jnp.asarray(change(q)), command, told, break_at)
+    memory, unknowns = find(jnp.asarray(change(q)), command, jnp.broadcast_to(told, STEPS), break_at, periods)
     return identifier, memory, np.asarray(unknowns)
 
 
@@ -232,22 +236,31 @@ def spoilt(q):
 
 
 @pytest.mark.parametrize(
-    ("change", "told", "break_at"), [(lambda q: q, 0, -1), (quantised, 3, 400), (spoilt, 1, -1)]
+    ("change", "told", "break_at", "periods"),
+    [
+        (lambda q: q, 0, -1, EVEN),
+        (quantised, 3, 400, EVEN),
+        (spoilt, 1, -1, EVEN),
+        (spoilt, np.arange(STEPS) // 150 % 4, 400, UNEVEN),
+    ],
 )
-def test_numpy_finds_the_same(change, told, break_at):
-    expected, memory, unknowns = found(OTHER, change, 1, told, break_at)
+def test_numpy_finds_the_same(change, told, break_at, periods):
+    """Also with the clock of another loop and changing delays."""
+    expected, memory, unknowns = found(OTHER, change, 1, told, break_at, periods=periods)
     q, command = measured(OTHER, 1)
     identifier = NumpyIdentifier(expected.settings, policy_plant(NOMINAL, ROBOT), ROBOT.joint)
     scale = np.sqrt(np.diagonal(expected.covariance))
     rows = []
+    told = np.broadcast_to(told, STEPS).tolist()
     for index, (angles, torque) in enumerate(zip(change(q).tolist(), command[:, 1].tolist(), strict=True)):
         if index == break_at:
             identifier.restart()
-        identifier.observe(*angles, told, DT)
+        identifier.observe(*angles, told[index], periods[index])
         identifier.remember(torque)
         rows.append(identifier.unknowns)
     np.testing.assert_allclose(np.array(rows) / scale, unknowns / scale, rtol=0, atol=1e-9)
     np.testing.assert_allclose(identifier.theta, expected.theta(memory), rtol=0, atol=1e-9)
     np.testing.assert_allclose(identifier.plant, expected.plant(memory)[0], rtol=0, atol=1e-9)
     np.testing.assert_allclose(identifier.friction, expected.plant(memory)[1], rtol=0, atol=1e-9)
-    assert errors(identifier.unknowns, OTHER)[:4].max() < 0.05
+    if periods is EVEN:
+        assert errors(identifier.unknowns, OTHER)[:4].max() < 0.05

@@ -144,8 +144,9 @@ class Identifier(eqx.Module):
         step = jnp.where(memory.calls == 0, dt, jnp.maximum(step, SHORTEST_STEP * dt)).astype(memory.steps.dtype)
         steps = jnp.concatenate([step[None], memory.steps[:-1]])
         # The lag counts from the delay: their sum is what was found. The old columns belong to the old delay.
-        ages, changed = _ages(steps), delay_steps != memory.delay_steps
-        unknowns = memory.unknowns.at[LAG].add(ages[memory.delay_steps] - ages[delay_steps])
+        k, changed = jnp.arange(len(steps)), delay_steps != memory.delay_steps
+        earlier, later = (k < memory.delay_steps).astype(steps.dtype), (k < delay_steps).astype(steps.dtype)
+        unknowns = memory.unknowns.at[LAG].add((earlier - later) @ steps)
         filtered = jnp.where(changed, 0.0, memory.filtered)
         calls = memory.calls + 1
         memory = replace(
@@ -204,9 +205,8 @@ class Identifier(eqx.Module):
         span = self.settings.span
         newest, middle, oldest = memory.angles[0], memory.angles[span], memory.angles[2 * span]
         pairs = ((oldest[0], oldest[1]), (middle[0], middle[1]), (newest[0], newest[1]))
-        acting, steps = (
-            jax.lax.dynamic_slice_in_dim(past, memory.delay_steps, 2 * span) for past in (memory.torques, memory.steps)
-        )
+        pasts = memory.torques, memory.steps
+        acting, steps = (jax.lax.dynamic_slice_in_dim(past, memory.delay_steps, 2 * span) for past in pasts)
         ages = _ages(steps)
         halves = ages[-1] - ages[span], ages[span]
         shoulder, elbow = momentum_rows(*pairs, halves, self.known, MATHS)

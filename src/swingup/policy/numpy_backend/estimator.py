@@ -6,10 +6,10 @@ import math
 import numpy as np
 
 from ...physics.equations import StateFloats, lump
+from ..identifier_settings import LONGEST_STEP
 from ..plant import model_step, torque_response
 from ..plant_facts import PolicyPlant
 from ..settings import LOST, PIECES, EstimatorSettings, kalman_gains
-from ..identifier_settings import LONGEST_STEP
 from .identifier import NumpyIdentifier
 from .network import TURN
 
@@ -86,7 +86,7 @@ class NumpyEstimator:
             self._identifier.remember(float(self._torques[0]))
 
     def _identify(self, identifier: NumpyIdentifier, x: np.ndarray, pause: float) -> None:
-        """Show it the angles measured a pause (s) after the last ones; its plant is the model from the next call on."""
+        """Show it the angles measured a pause (s) after the last; its plant is the model from the next call on."""
         # Negated, as above. It knows each step's time: late calls of an uneven loop do not interrupt it.
         if not 0 <= pause <= LONGEST_STEP * self._settings.dt:
             identifier.restart()
