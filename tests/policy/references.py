@@ -84,7 +84,7 @@ IDENTIFIED = "acrobot-identified"
 """The default policy, told what an identifier finds of its plant, C.1 as it is; it was not trained with that.
 
 A replayed motion does not follow the torques. There rounding grows without bound if torques change what is found
-much, and that the torques. This policy's change by 0.1 N m for twice the plant: rounding fades."""
+much, and that the torques. This policy's change by 0.05 N m for twice the plant: rounding fades."""
 OTHER_PLANT = "acrobot-friction"
 """The policy for the robot, with an estimator that believes in C.1 as it is: with friction and motors' rotors."""
 
@@ -144,7 +144,7 @@ def identified_policy():
     found = read_policy("refined", "acrobot")
     plant = policy_plant(identified_parameters(), found.robot, "C.1")
     base, first = base_parameters(plant), found.network.trunk[0]
-    sight = np.random.default_rng(2).normal(size=(len(first.bias), 9)).astype(np.float32) / 1000
+    sight = np.random.default_rng(2).normal(size=(len(first.bias), 9)).astype(np.float32) / 2000
     trunk = (Layer(np.concatenate([first.weight, sight], axis=1), first.bias), *found.network.trunk[1:])
     stages = (*found.network.stages, PlantStage(base, np.abs(base)))
     network = dataclasses.replace(found.network, stages=stages, trunk=trunk)
