@@ -1,5 +1,6 @@
 """Every board of one controller beside others, by the boards' own functions, for `adaptive.py`."""
 
+import sys
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
@@ -55,12 +56,13 @@ BOARDS: dict[str, Measure] = {
 
 
 def board_rows(controllers: Mapping[str, Any], robot: str) -> list[dict[str, Any]]:
-    """A row for each board and controller."""
+    """A row for each board and controller; each is also told on the error stream, since all take minutes."""
     rows = []
     for board, measure in BOARDS.items():
         for name, controller in controllers.items():
             mean, interval = measure(controller, robot, name)
             rows.append({"board": board, "controller": name, "mean": mean, "interval": interval})
+            print(f"{board}, {name}: {_cell(rows[-1])}", file=sys.stderr, flush=True)
     return rows
 
 
