@@ -167,35 +167,3 @@ def test_boards_have_a_line_each(scripts):
         ["score", "0.700", "0.699"],
         ["uptime", "0.800 (0.750 to 0.850)", "0.500 (0.400 to 0.600)"],
     ]
-
-
-@pytest.mark.slow
-def test_sections_run_on_a_short_grid(scripts, tmp_path, monkeypatch):
-    """Every part that simulates, for a few steps of a few plants."""
-    plants, adaptive = scripts["plants"], scripts["adaptive"]
-    monkeypatch.setattr(plants, "JOINT_DRAWS", 3)
-    monkeypatch.setattr(scripts["errors"], "SECONDS", 2.002)
-    few = {
-        name: dataclasses.replace(model, sweep=dataclasses.replace(model.sweep, count=2))
-        for name, model in SWEEPS.items()
-    }
-    once = {
-        name: dataclasses.replace(getattr(RULES, name), count=2, repetitions=1)
-        for name in ("velocity_noise", "torque_noise", "torque_response", "delay")
-    }
-    rules = dataclasses.replace(
-        RULES, duration=7.01, model={"b1": few["b1"], "m2": few["m2"]}, **once,
-        perturbations=dataclasses.replace(RULES.perturbations, profiles=2),
-    )  # fmt: skip
-    judge = plants.Judge(full_policy(), rules, 10, 2)
-    judge.variants = {name: judge.variants[name] for name in (plants.FULL, plants.OFF, plants.TOLD)}
-    rows, _ = adaptive.models(judge)
-    assert len(rows) == 4 + 2 + 3
-    rows, text = adaptive.ablations(judge)
-    assert [row["variant"] for row in rows] == list(judge.variants)
-    assert len(text.splitlines()) == 2 + 3
-    rows, _ = adaptive.nominal(judge)
-    assert len(rows) == 5 * 2
-    rows, _ = adaptive.errors(judge, tmp_path / "errors.png")
-    assert rows[0]["time"] == 0.0
-    assert (tmp_path / "errors.png").stat().st_size > 10_000
