@@ -1,4 +1,4 @@
-"""The shipped adaptive controllers: what their files hold, their scores, and what an exported folder says of them."""
+"""The shipped adaptive controllers: what their files hold, their scores, and what an exported folder says."""
 
 import dataclasses
 
