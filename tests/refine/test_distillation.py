@@ -61,13 +61,14 @@ def test_plants_are_drawn_about_the_leaderboards(robot):
     draws = PlantDraws(single=40, joint=10, friction=20)
     drawn = plants_of(draw_plants(np.random.default_rng(0), robot, draws))
     assert len(drawn) == draws.plants
-    passive = {"acrobot": "cf1", "pendubot": "cf2"}[robot.name]
+    passive = {"acrobot": "1", "pendubot": "2"}[robot.name]
     assert all(len(changes(plant, robot)) == 1 for plant in drawn[:40])
     assert len(set.union(*(changes(plant, robot) for plant in drawn[:40]))) == len(
         {s.parameter for s in SWEEPS.values()}
     )
     assert all(len(changes(plant, robot)) == 10 for plant in drawn[40:50])
-    assert all(getattr(plant, passive) > 0 for plant in drawn[50:])
+    assert all(getattr(plant, f"cf{passive}") > 0 for index, plant in enumerate(drawn[50:]) if index % 3 < 2)
+    assert all(getattr(plant, f"b{passive}") > 0 for plant in drawn[52::3])
     assert [len(changes(plant, robot)) for plant in drawn[50:52]] == [10, 1]
     half = [abs(plant.I1 / leaderboard_parameters(robot).I1 - 1) for plant in drawn[40:50]]
     assert 0 < max(half) <= 0.125

@@ -22,7 +22,7 @@ from ..policy.onnx_backend.graph import onnx_model
 from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
 from ..policy.plant_facts import PLANT, policy_plant
 from ..policy.settings import GuardSettings, choose_guard
-from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, read_policy, shipped_file
+from ..policy.shipped import DEFAULT_ALONE, SHIPPED_POLICIES, read_policy, shipped_file
 from ..policy.template import NAME
 from ..renamed import current_name
 from ..text import quoted
@@ -38,7 +38,7 @@ Policy = Positional[
 
 
 def export(
-    policy: Policy = DEFAULT,
+    policy: Policy = DEFAULT_ALONE,
     /,
     *,
     to: Annotated[str, arg(metavar="{realaigym,cloudpendulum,onnx,c}")],

@@ -20,7 +20,7 @@ from ..control.registry import Controller
 from ..physics.parameters import Robot
 from ..plants.domain import load_domain
 from ..plants.on_plant import on_plant
-from ..policy.shipped import DEFAULT, REFINED, ROBOT
+from ..policy.shipped import DEFAULT, ROBOT
 from .arguments import (
     NO_PLANT,
     ControllerName,
@@ -208,7 +208,7 @@ class JudgingCommands:
         drawn, number = load_domain("identified" if domain is None else domain), 100 if seeds is None else seeds
         drawn = drawn if on is None else on_plant(drawn, on)
         status = judge_sim2real(drawn, robot, controller, estimator, seed, number, output)
-        if controller == REFINED and not json and drawn.plant is None:
+        if controller == DEFAULT and not json and drawn.plant is None:
             tell(f"  The policy trained for this plant is --controller {ROBOT}.")
         return status
 

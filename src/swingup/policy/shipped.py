@@ -22,10 +22,10 @@ ROBOT = "robot"
 
 SHIPPED_POLICIES = (ADAPTIVE, REFINED, AR_EAPO, GLOBAL, ROBOT)
 """Names of the shipped policies, which are those of their controllers and of their files."""
-DEFAULT = REFINED
+DEFAULT = ADAPTIVE
 """The controller of commands and pages that name none."""
 DEFAULT_ALONE = REFINED
-"""The policy where none is named and it runs alone, without an identifier or a regulator."""
+"""The policy where none is named and it runs alone, without an identifier or a regulator, or goes to a robot."""
 
 # Not by the package's name: the copy in an exported folder has another one.
 ZOO = resources.files(__package__.rpartition(".")[0]) / "zoo"

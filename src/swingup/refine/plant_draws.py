@@ -22,9 +22,12 @@ class PlantDraws:
     joint: int = 160
     """All are off, each within ``share`` of its range."""
     friction: int = 120
-    """The passive joint has Coulomb friction, up to the end of its range; in half of them all are off as well."""
+    """The passive joint has friction, up to the end of its range: Coulomb friction in two of three, damping in the
+    third. In half of them all parameters are off as well, each within ``friction_share`` of its range."""
     share: float = 0.5
     """Of the range about the nominal value."""
+    friction_share: float = 0.35
+    """The same where the passive joint has friction."""
     margin: float = 0.03
     """Part of a range by which a single parameter, and the friction, may lie beyond it."""
 
@@ -51,9 +54,9 @@ def draw_plants(random: np.random.Generator, robot: Robot, draws: PlantDraws) ->
         plants.append(_all_off(random, nominal, draws.share))
     for index in range(draws.friction):
         # Friction where no motor acts is what fails most.
-        name = f"cf{2 - robot.joint}"
+        name = f"{'b' if index % 3 == 2 else 'cf'}{2 - robot.joint}"
         sweep = SWEEPS[name]
-        plant = nominal if index % 2 else _all_off(random, nominal, draws.share)
+        plant = nominal if index % 2 else _all_off(random, nominal, draws.friction_share)
         most = sweep.sweep.high * (1 + draws.margin)
         plants.append(vary(plant, sweep, random.uniform(0.0, most) - getattr(plant, name)))
     stacked: Parameters = jax.tree.map(lambda *values: np.array(values, np.float64), *plants)
