@@ -112,7 +112,7 @@ def test_names_of_our_further_controllers_are_taken(either_robot):
 
 
 def test_who_enters_which_boards():
-    papers, ours = ("ar-eapo", "tvlqr", "ilqr-riccati", "ilqr-mpc"), ("refined", "tvlqr-score")
+    papers, ours = ("ar-eapo", "tvlqr", "ilqr-riccati", "ilqr-mpc"), ("adaptive", "refined", "tvlqr-score")
     assert (papers, ours) == (ENTRANTS, FURTHER)
     for rules in ("v2", "hardware"):
         assert default_entrants(get_board_rules(rules)) == papers + ours
@@ -182,6 +182,6 @@ def test_the_shipped_row_says_how_it_was_made(robot):
 @pytest.mark.slow
 def test_the_papers_boards(robot):
     performance, robustness = leaderboard(robot)
-    entered = {*ENTRANTS, *FURTHER, "refined --no-estimator"}
+    entered = {*ENTRANTS, *FURTHER, "adaptive --no-estimator", "refined --no-estimator"}
     assert set(ours(performance)) == set(ours(robustness)) == entered
     assert all(row.values["score"] > 0.33 for row in ours(performance).values())

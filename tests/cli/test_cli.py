@@ -17,7 +17,7 @@ from swingup.cli import main, training
 from swingup.learner import evaluators
 from swingup.learner.metrics import read_metrics
 from swingup.policy.jax_backend.controller import shipped_policy
-from swingup.policy.shipped import read_policy
+from swingup.policy.shipped import DEFAULT, read_policy
 
 KEYS = [
     "robot", "controller", "estimator", "success", "swingup_time", "energy", "torque_cost", "torque_smoothness",
@@ -77,7 +77,7 @@ def test_a_failed_swingup_has_no_time(capsys):
 def test_text_output(capsys):
     assert main(["evaluate", "pendubot"]) == 0
     out = capsys.readouterr().out
-    assert "pendubot, refined, with estimator (rules v2)" in out
+    assert f"pendubot, {DEFAULT}, with estimator (rules v2)" in out
     assert "RealAI score" in out
 
 

@@ -20,6 +20,7 @@ from swingup.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.report import TrainingReport
 from swingup.physics.parameters import ROBOTS
+from swingup.policy.shipped import DEFAULT
 from swingup.report import trained
 
 ACROBOT = ROBOTS["acrobot"]
@@ -239,7 +240,7 @@ def test_a_short_demonstration_and_its_next_commands(capsys, monkeypatch, small_
     assert [show["name"] for show in shown["shows"]] == [
         "your policy",
         "your policy at first",
-        "refined",
+        DEFAULT,
         "ar-eapo",
     ]
     assert shown["policy"] is not None

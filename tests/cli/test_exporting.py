@@ -123,7 +123,7 @@ def test_graphs_and_headers(tmp_path, capsys):
         (["ilqr-mpc", "--to", "onnx", "--robot", "pendubot"], "swingup trajectory pendubot --out x.csv writes"),
         (
             ["refind", "--to", "c"],
-            "unknown policy 'refind': use one of refined, ar-eapo, global, robot or a policy",
+            "unknown policy 'refind': use one of adaptive, refined, ar-eapo, global, robot or a policy",
         ),
         (["refind", "--to", "c"], "did you mean refined?"),
         (
@@ -136,6 +136,11 @@ def test_graphs_and_headers(tmp_path, capsys):
         (
             ["refined", "--robot", "acrobot", "--to", "realaigym", "--username", "a,b"],
             "username 'a,b' does not fit",
+        ),
+        (
+            ["adaptive", "--robot", "acrobot", "--to", "onnx"],
+            "run the policy in C or Python, as an export to c or realaigym does, or take one without an "
+            "identifier, such as refined",
         ),
         (["none.npz", "--to", "realaigym"], "no such file: none.npz"),
         (["refined", "--robot", "acrobot", "--to", "realaigym", "--name", "../x"], "name '../x': use up to 40"),

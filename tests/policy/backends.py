@@ -17,7 +17,7 @@ from swingup.policy.numpy_backend.controller import NumpyController
 from swingup.policy.onnx_backend.graph import onnx_model
 
 from . import compiled
-from .references import TOLERANCE, replay
+from .references import TOLERANCE, replay, without_regulator
 
 
 class Jax:
@@ -25,7 +25,7 @@ class Jax:
 
     def __init__(self, policy, folder):
         self._whole = make_controller(policy)
-        self._policy = make_controller(policy, estimator=False).policy
+        self._policy = make_controller(without_regulator(policy), estimator=False).policy
         self._limit = policy.torque_limit
 
     def alone(self, states):

@@ -11,6 +11,7 @@ import numpy as np
 
 from swingup.areapo.networks import init_actor
 from swingup.physics.base_parameters import base_parameters
+from swingup.physics.equations import lump
 from swingup.physics.integrate import rk4_step
 from swingup.physics.parameters import get_robot, identified_parameters, leaderboard_parameters
 from swingup.policy.identifier_settings import default_identifier
@@ -18,10 +19,12 @@ from swingup.policy.jax_backend.controller import PolicyController, make_control
 from swingup.policy.jax_backend.observation import Normalise, PendulumObservation, PlantObservation
 from swingup.policy.jax_backend.policy import Policy
 from swingup.policy.network import Layer
+from swingup.policy.numpy_backend.controller import NumpyController
+from swingup.policy.plant import model_step
 from swingup.policy.plant_facts import policy_plant
 from swingup.policy.regulator_settings import RegulatorSettings
 from swingup.policy.settings import EstimatorSettings
-from swingup.policy.shipped import SHIPPED_POLICIES, read_policy
+from swingup.policy.shipped import ADAPTIVE, SHIPPED_POLICIES, read_policy
 from swingup.policy.stages import PlantStage
 
 DT = 0.002
@@ -71,7 +74,10 @@ DEPTH = 22
 UNSOUND = np.where(np.eye(4), np.array([np.nan, np.inf, -np.inf])[:, None, None], 0.1).reshape(-1, 4)
 """States (12, 4) with one number that is not finite, for which every torque must be NaN."""
 
-SHIPPED = [f"{robot}-{name}" for robot in ("acrobot", "pendubot") for name in SHIPPED_POLICIES]
+SHIPPED = [f"{robot}-{name}" for robot in ("acrobot", "pendubot") for name in SHIPPED_POLICIES if name != ADAPTIVE]
+"""Those that every back end runs."""
+ADAPTIVES = [f"{robot}-{ADAPTIVE}" for robot in ("acrobot", "pendubot")]
+"""The shipped ones with an identifier and a regulator."""
 SMALL = ["pendubot-wrapped", "pendubot-bare"]
 """Untrained ones with the paper's observation, which jumps at its wraps: with and without normalisation."""
 SIGHTED = "acrobot-sighted"
@@ -99,7 +105,7 @@ def random_states(number=10_000):
 
 @functools.cache
 def policy(name):
-    """A policy by a name of SHIPPED, SMALL, SIGHTED, REGULATED, TOLD, IDENTIFIED or OTHER_PLANT."""
+    """A policy by a name of SHIPPED, ADAPTIVES, SMALL, SIGHTED, REGULATED, TOLD, IDENTIFIED or OTHER_PLANT."""
     robot, _, kind = name.partition("-")
     if name == OTHER_PLANT:
         found = read_policy("robot", robot)
@@ -115,6 +121,11 @@ def policy(name):
     if name == IDENTIFIED:
         return identified_policy()
     return policy_of(small_policy(kind == "wrapped")) if name in SMALL else read_policy(kind, robot)
+
+
+def without_regulator(found):
+    """A policy without its regulator: what a back end runs alone."""
+    return dataclasses.replace(found, regulator=None)
 
 
 def small_policy(normalised=True):
@@ -213,6 +224,23 @@ def _loops(found, *columns):
     return jax.vmap(loop)(*columns)
 
 
+@functools.cache
+def numpy_run(name, period=DT, shift=0.0):
+    """A closed loop in NumPy alone, without a compiler: times (n,), measurements (n, 4) and torques (n, 2)."""
+    return numpy_loop(NumpyController(policy(name)), period, shift)
+
+
+def numpy_loop(found, period=DT, shift=0.0, start=(0.0, 0.0, 0.0, 0.0), steps=1000):
+    """The same with a controller, whose clock may be ahead (s), from another state or for fewer calls."""
+    plant, noise, x = found.policy.plant, np.random.default_rng(0).normal(size=(steps, 2)), start
+    lumped, rows = lump(plant), []
+    for k in range(steps):
+        t, measured = k * period, np.add(x, [0.0, 0.0, *(0.02 * noise[k])])
+        rows.append((t, measured, found(measured, t + shift)))
+        x = model_step(lumped, plant.friction, x, *rows[-1][2].tolist(), period)
+    return [np.array(column) for column in zip(*rows, strict=True)]
+
+
 def faults():
     """Times (n,) and measurements (n, 4) with a pause, a clock set back, a jump, and some that are not finite."""
     random, steps = np.random.default_rng(0), 60
@@ -249,7 +277,8 @@ def _chunk(found, memory, times, states):
 
 def alone(name, states, exact=True):
     """The torques (n,) of the driven joint that the policy alone must give."""
-    found = controller(name, estimator=False, exact=exact)
+    made = make_controller(without_regulator(policy(name)), estimator=False)
+    found = in_double(made) if exact else made
     bare = PolicyController(found.policy, found.torque_limit, found.robot)
     with jax.enable_x64(True):
         return np.asarray(_alone(bare, jnp.asarray(states)))[:, found.robot.joint]

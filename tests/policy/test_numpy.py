@@ -92,7 +92,7 @@ def test_flat_yaml():
         (
             "tvlqr",
             "acrobot",
-            "unknown policy 'tvlqr': use one of refined, ar-eapo, global, robot or a policy file",
+            "unknown policy 'tvlqr': use one of adaptive, refined, ar-eapo, global, robot or a policy file",
         ),
         ("globel", "acrobot", "did you mean global?"),
         ("nothing.npz", "acrobot", "no such file: nothing.npz"),

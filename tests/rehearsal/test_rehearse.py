@@ -54,6 +54,16 @@ def test_a_folder_scores_as_its_policy_does_in_the_judge(form, judged, tmp_path)
     assert result.difference is None
 
 
+@pytest.mark.slow
+def test_the_adaptive_folder_scores_as_in_the_judge(tmp_path):
+    rules = dataclasses.replace(BRIEF, duration=2.5)
+    judged = swingup.evaluate(load_controller("adaptive", "acrobot"), "acrobot", rules=rules)
+    result = rehearse(export(tmp_path / "entry", "realaigym", name="adaptive"), BOARD, None, rules=rules)
+    assert result.success
+    assert result.criteria.score == pytest.approx(judged.criteria.score, abs=1e-6)
+    assert result.facts["packages"] == ["numpy"]
+
+
 def test_a_guard_that_stops_the_folder_is_reported(tmp_path):
     folder = export(tmp_path / "entry", "realaigym", GuardSettings(velocity_limit=2.0))
     result = rehearse(folder, BOARD, None, rules=BRIEF, duration=0.6)

@@ -11,7 +11,7 @@ from swingup.benchmark.rollout import Trajectory
 from swingup.physics.parameters import ROBOTS, Robot, leaderboard_parameters
 from swingup.policy.jax_backend.controller import shipped_policy
 from swingup.report.content import Section, Show
-from swingup.report.make import describe_disturbance, make_show
+from swingup.report.make import LIVE_NOTE, describe_disturbance, make_show
 
 NASTY = "</script><img src=x onerror=alert(1)> $$x^2$$"
 """A controller's name that must be shown as it is."""
@@ -62,6 +62,7 @@ def make_section(robot: Robot) -> Section:
         shows=shows,
         disturbance=describe_disturbance(0),
         policy=policy,
+        policy_note=LIVE_NOTE,
     )
 
 

@@ -76,6 +76,10 @@ def test_names_and_remarks_are_text(html):
     assert [show["name"] for show in data_of(html)["sections"][0]["shows"]] == ["refined", NASTY]
 
 
+def test_the_page_says_which_policy_drives_the_live_pendulum(html):
+    assert html.count("This policy is refined, without its estimator; adaptive is not in this page") == 1
+
+
 def test_foreign_names_are_escaped_everywhere():
     html = render_page([make_evil_section()], title=EVIL[0])
     assert len(re.findall("</script>", html)) == 3

@@ -10,7 +10,7 @@ from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot
 from ..plants.domain import load_domain
 from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict
-from ..policy.shipped import AR_EAPO, GLOBAL, REFINED, ROBOT
+from ..policy.shipped import ADAPTIVE, AR_EAPO, GLOBAL, REFINED, ROBOT
 from .board_rows import OURS, Row, published_rows, shipped_robustness
 from .board_rules import BoardRules, get_board_rules
 from .columns import BOARDS, PERFORMANCE
@@ -24,7 +24,7 @@ from .uptime import uptime
 
 ENTRANTS = (AR_EAPO, "tvlqr", "ilqr-riccati", "ilqr-mpc")
 """The paper's controllers, by our names."""
-FURTHER = (REFINED, "tvlqr-score")
+FURTHER = (ADAPTIVE, REFINED, "tvlqr-score")
 """Further controllers of ours that enter every board beside the paper's."""
 FOR_THROWS = (GLOBAL,)
 """Those that enter only the boards with throws."""

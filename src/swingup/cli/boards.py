@@ -19,7 +19,7 @@ from ..control.check import check_controller
 from ..control.registry import get_controller
 from ..errors import SwingupError
 from ..physics.parameters import get_robot
-from ..policy.shipped import REFINED
+from ..policy.shipped import DEFAULT
 from . import tables
 from .arguments import (
     NO_PLANT,
@@ -84,7 +84,7 @@ def score_command(
 def check_command(
     robot: RobotName,
     /,
-    controller: ControllerName = REFINED,
+    controller: ControllerName = DEFAULT,
     estimator: EstimatorFlags = AS_IT_COMES,
     plant: PlantFlags = NO_PLANT,
 ) -> int:

@@ -22,7 +22,7 @@ from ..policy.onnx_backend.graph import onnx_model
 from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
 from ..policy.plant_facts import PLANT, policy_plant
 from ..policy.settings import GuardSettings, choose_guard
-from ..policy.shipped import REFINED, SHIPPED_POLICIES, read_policy, shipped_file
+from ..policy.shipped import DEFAULT_ALONE, SHIPPED_POLICIES, read_policy, shipped_file
 from ..policy.template import NAME
 from ..renamed import current_name
 from ..text import quoted
@@ -32,9 +32,13 @@ from .output import tell
 FOLDERS = ("realaigym", "cloudpendulum")
 FORMS = (*FOLDERS, "onnx", "c")
 
+Policy = Positional[
+    Annotated[str, arg(metavar="[POLICY]", help=f"{', '.join(SHIPPED_POLICIES)}, or a policy file (.npz).")]
+]
+
 
 def export(
-    policy: Positional[Annotated[str, arg(metavar="[POLICY]")]] = REFINED,
+    policy: Policy = DEFAULT_ALONE,
     /,
     *,
     to: Annotated[str, arg(metavar="{realaigym,cloudpendulum,onnx,c}")],
@@ -52,7 +56,7 @@ def export(
     Baselines have no policy file: see swingup.realaigym.load_controller and swingup trajectory.
 
     Args:
-        policy: a policy file, or refined (the default), ar-eapo, global or robot.
+        policy: the policy.
         to: realaigym or cloudpendulum, a folder that needs NumPy alone; onnx, a graph of the policy without its
             estimator; or c, a C99 header.
         out: the folder, new or empty; or the file.

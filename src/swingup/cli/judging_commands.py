@@ -20,7 +20,7 @@ from ..control.registry import Controller
 from ..physics.parameters import Robot
 from ..plants.domain import load_domain
 from ..plants.on_plant import on_plant
-from ..policy.shipped import REFINED, ROBOT
+from ..policy.shipped import DEFAULT, ROBOT
 from .arguments import (
     NO_PLANT,
     ControllerName,
@@ -57,7 +57,7 @@ class JudgingCommands:
         self,
         robot: RobotName,
         /,
-        controller: ControllerName = REFINED,
+        controller: ControllerName = DEFAULT,
         estimator: EstimatorFlags = AS_IT_COMES,
         plant: PlantFlags = NO_PLANT,
         rules: str = "v2",
@@ -84,7 +84,7 @@ class JudgingCommands:
         self,
         robot: RobotName,
         /,
-        controller: ControllerName = REFINED,
+        controller: ControllerName = DEFAULT,
         estimator: EstimatorFlags = AS_IT_COMES,
         plant: PlantFlags = NO_PLANT,
         rules: str = "v2",
@@ -130,7 +130,7 @@ class JudgingCommands:
         self,
         robot: RobotName,
         /,
-        controller: ControllerName = REFINED,
+        controller: ControllerName = DEFAULT,
         estimator: EstimatorFlags = AS_IT_COMES,
         plant: PlantFlags = NO_PLANT,
         rules: str = "v3",
@@ -169,7 +169,7 @@ class JudgingCommands:
         self,
         robot: RobotName,
         /,
-        controller: ControllerName = REFINED,
+        controller: ControllerName = DEFAULT,
         estimator: EstimatorFlags = AS_IT_COMES,
         rules: str = SUCCESS,
         domain: DomainOrNone = None,
@@ -208,7 +208,7 @@ class JudgingCommands:
         drawn, number = load_domain("identified" if domain is None else domain), 100 if seeds is None else seeds
         drawn = drawn if on is None else on_plant(drawn, on)
         status = judge_sim2real(drawn, robot, controller, estimator, seed, number, output)
-        if controller == REFINED and not json and drawn.plant is None:
+        if controller == DEFAULT and not json and drawn.plant is None:
             tell(f"  The policy trained for this plant is --controller {ROBOT}.")
         return status
 

@@ -14,9 +14,9 @@ from ..benchmark.seeds import check_seeds
 from ..checks import one_of
 from ..files import check_writable
 from ..physics.parameters import Robot, get_robot
-from ..policy.jax_backend.controller import PolicyController, load_policy, plant_of, save_controller, shipped_policy
-from ..policy.settings import default_estimator
+from ..policy.jax_backend.controller import PolicyController, load_policy, save_controller, shipped_policy
 from ..policy.shipped import AR_EAPO, SHIPPED_POLICIES
+from ..refine.around import parts_around
 from ..refine.recipe import RECIPES, RefinementReport, run_recipe
 from ..renamed import current_name
 from ..version import __version__
@@ -41,7 +41,8 @@ def refine_command(
         robot: the robot.
         out: the refined policy's file.
         policy: the policy to start from: a file, or the name of a shipped one; default ar-eapo.
-        recipe: score (learn a teacher's swing-up) or recover (be up again soon after throws).
+        recipe: score (learn a teacher's swing-up), recover (be up again soon after throws) or adapt (from a policy
+            that recovers: see the plant, and swing up any of many).
         plant: what the policy is refined on, and its teacher designed for.
         seed: seed of all random numbers.
     """
@@ -77,7 +78,6 @@ def _provenance(
     base: dict[str, Any], command: str, seed: int, stages: tuple[Any, ...], now: RefinementReport
 ) -> dict[str, Any]:
     """Where the refined policy comes from, and the base's own origin; it goes with the estimator."""
-    estimator = default_estimator(plant_of(now.controller))
     origin = {
         name: base[name]
         for name in ("version", "preset", "command", "seed", "frames", "seconds", "scores")
@@ -91,8 +91,7 @@ def _provenance(
         "stages": [{"kind": type(stage).__name__} | dataclasses.asdict(stage) for stage in stages],
         "scores": {"v2": dataclasses.asdict(now.criteria)},
         "base": origin,
-        # A front end has a filter of its own.
-        **({} if now.controller.front_end else {"estimator": dataclasses.asdict(estimator)}),
+        **parts_around(now.controller).metadata(),
     }
 
 

@@ -126,8 +126,9 @@ def _write(path: Path, content: bytes) -> None:
 
 def _entry(policy: PendulumPolicy, username: str, name: str) -> str:
     behind = " behind a state estimator" if policy.estimator else ""
+    with_it = " with a regulator" if policy.regulator else ""
     values = {
-        "DESCRIPTION": f"Average-reward maximum-entropy RL (AR-EAPO): one network{behind}",
+        "DESCRIPTION": f"Average-reward maximum-entropy RL (AR-EAPO): one network{with_it}{behind}",
         "NAME": name,
         "PACKAGE": PACKAGE.format(name=name),
         "ROBOT": policy.robot.name,
@@ -167,6 +168,11 @@ def readme_values(policy: PendulumPolicy, name: str) -> dict[str, str]:
         "PACKAGE": PACKAGE.format(name=name),
         "RATE": f"one call every {policy.period:g} s" if policy.period else "any; 500 Hz on the leaderboards",
         "ROBOT": policy.robot.name,
+        "SWITCHED": (
+            "near upright a linear-quadratic regulator takes over"
+            if policy.regulator
+            else "nothing is switched, tracked or planned"
+        ),
         "VERSION": __version__,
     }
 

@@ -211,7 +211,7 @@ def check_no_identifier(settings: IdentifierSettings | None, program: str) -> No
     if settings is not None:
         raise SwingupError(
             f"{program} cannot identify its plant, which the policy's file asks for: run the policy in C or "
-            "Python, as an export to c or realaigym does, or leave the identifier out of the file"
+            "Python, as an export to c or realaigym does, or take one without an identifier, such as refined"
         )
 
 

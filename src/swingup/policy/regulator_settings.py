@@ -116,7 +116,7 @@ def check_no_regulator(settings: RegulatorSettings | None, program: str) -> None
     if settings is not None:
         raise SwingupError(
             f"{program} runs the policy alone, which would not hold the pendulum without its regulator: run it in "
-            f"Python or C, or leave the regulator out of the file"
+            "Python or C, or take one without a regulator, such as refined"
         )
 
 

@@ -9,8 +9,10 @@ from ..errors import SwingupError
 from ..robots import Robot, get_robot
 from .pendulum import PendulumPolicy, read_pendulum_policy
 
+ADAPTIVE = "adaptive"
+"""Sees the plant that an identifier finds while it swings up; a regulator for that plant holds it."""
 REFINED = "refined"
-"""The default: trained by AR-EAPO, then taught by a teacher's swing-up; it runs behind a state estimator."""
+"""Trained by AR-EAPO, then taught by a teacher's swing-up; it runs behind a state estimator."""
 AR_EAPO = "ar-eapo"
 """Trained by the paper's learner alone."""
 GLOBAL = "global"
@@ -18,15 +20,19 @@ GLOBAL = "global"
 ROBOT = "robot"
 """Trained on the simulated robot."""
 
-SHIPPED_POLICIES = (REFINED, AR_EAPO, GLOBAL, ROBOT)
+SHIPPED_POLICIES = (ADAPTIVE, REFINED, AR_EAPO, GLOBAL, ROBOT)
 """Names of the shipped policies, which are those of their controllers and of their files."""
+DEFAULT = ADAPTIVE
+"""The controller of commands and pages that name none."""
+DEFAULT_ALONE = REFINED
+"""The policy where none is named and it runs alone, without an identifier or a regulator, or goes to a robot."""
 
 # Not by the package's name: the copy in an exported folder has another one.
 ZOO = resources.files(__package__.rpartition(".")[0]) / "zoo"
 """The folder of the files."""
 
 
-def shipped_file(robot: Robot | str, name: str = REFINED) -> Traversable:
+def shipped_file(robot: Robot | str, name: str = DEFAULT_ALONE) -> Traversable:
     """The file of a policy that the package ships for a robot.
 
     Args:
@@ -40,7 +46,7 @@ def shipped_file(robot: Robot | str, name: str = REFINED) -> Traversable:
     one_of("policy", name, SHIPPED_POLICIES)
     file = ZOO / f"{robot.name}-{name}.npz"
     if not file.is_file():
-        raise SwingupError(f"this package lacks the policy {file.name}: use {REFINED} or train one")
+        raise SwingupError(f"this package lacks the policy {file.name}: use {DEFAULT_ALONE} or train one")
     return file
 
 
@@ -53,7 +59,7 @@ def read_policy(source: str | Path, robot: Robot | str | None = None) -> Pendulu
     """Read a policy file, or a policy that the package ships.
 
     Args:
-        source: a policy file, or ``refined``, ``ar-eapo``, ``global`` or ``robot``.
+        source: a policy file, or ``adaptive``, ``refined``, ``ar-eapo``, ``global`` or ``robot``.
         robot: the robot that it must be for; needed with a name.
 
     Raises:

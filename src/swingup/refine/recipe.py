@@ -21,7 +21,10 @@ from ..plants.plant import Plant, PlantLike, find_plant
 from ..policy.jax_backend.controller import PolicyController, plant_of
 from ..policy.plant_facts import plant_difference, policy_plant
 from .analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings
+from .around import judged
 from .behaviour_cloning import CloningSettings, clone_behaviour
+from .distillation import distil
+from .distillation_settings import DistillationSettings
 from .episodes import EpisodeSettings, sample_episodes
 
 _LOGGER = logging.getLogger(__name__)
@@ -35,10 +38,15 @@ class GradientStage:
     episodes: EpisodeSettings = EpisodeSettings()  # noqa: RUF009 - frozen
 
 
-RecipeStage = CloningSettings | GradientStage
+RecipeStage = CloningSettings | GradientStage | DistillationSettings
 
-RECIPES: dict[str, tuple[RecipeStage, ...]] = {"score": (CloningSettings(),), "recover": (GradientStage(),)}
-"""``score``: learn a teacher's swing-up. ``recover``: be up again soon after throws."""
+RECIPES: dict[str, tuple[RecipeStage, ...]] = {
+    "score": (CloningSettings(),),
+    "recover": (GradientStage(),),
+    "adapt": (DistillationSettings(),),
+}
+"""``score``: learn a teacher's swing-up. ``recover``: be up again soon after throws. ``adapt``: see the plant, and
+swing up any of many."""
 
 
 @dataclass(frozen=True)
@@ -102,10 +110,12 @@ def run_recipe(
         def tell(
             now: PolicyController, iteration: int, of: int, measures: dict[str, float], number: int = number
         ) -> None:
-            criteria = evaluate(now, robot, plant=found).criteria
+            criteria = evaluate(judged(now), robot, plant=found).criteria
             report(RefinementReport(number, iteration, of, time.perf_counter() - start, now, criteria, measures))
 
-        if isinstance(stage, CloningSettings):
+        if isinstance(stage, DistillationSettings):
+            controller = _distilled(controller, stage, random, tell, found)
+        elif isinstance(stage, CloningSettings):
             teacher = get_controller(stage.teacher, robot, plant=found)
             if not isinstance(teacher, AbstractController):
                 raise SwingupError(f"teacher {stage.teacher!r} is plain Python: use a controller in JAX")
@@ -114,6 +124,20 @@ def run_recipe(
         else:
             controller = _gradient_steps(controller, robot, stage, random, tell, every, found)
     return controller
+
+
+def _distilled(
+    controller: PolicyController,
+    settings: DistillationSettings,
+    random: np.random.Generator,
+    tell: Callable[[PolicyController, int, int, dict[str, float]], None],
+    plant: Plant | None,
+) -> PolicyController:
+    difference = plant_difference(plant_of(controller), leaderboard_parameters(controller.robot), controller.robot)
+    if plant is not None or difference is not None:
+        raise SwingupError("the recipe adapt is for the leaderboards' plant: give no other, and a policy for it")
+    rounds = settings.rounds + bool(settings.score_steps)
+    return distil(controller, settings, random, lambda now, number: tell(now, number, rounds, {}))
 
 
 def _gradient_steps(

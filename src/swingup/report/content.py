@@ -47,6 +47,8 @@ class Section:
     """What disturbs the disturbed trajectories, in one sentence."""
     policy: PolicyController | None = None
     """Drives the live pendulum; without a policy the page has no live pendulum."""
+    policy_note: str | None = None
+    """Which policy that is, in one sentence; None for nothing to say."""
 
 
 def encode_section(section: Section) -> dict[str, Any]:

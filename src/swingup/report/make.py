@@ -14,13 +14,19 @@ from ..physics.parameters import Parameters, Robot, get_robot
 from ..physics.units import scales_of
 from ..plants.plant import Plant, PlantLike, find_plant, robot_parameters
 from ..policy.jax_backend.controller import shipped_policy
-from ..policy.shipped import REFINED
+from ..policy.shipped import ADAPTIVE, DEFAULT, DEFAULT_ALONE
 from ..tasks.disturbance import Disturbance
 from ..text import one_line
 from .content import Section, Show
 
-SHOWN_CONTROLLERS = (REFINED, *ENTRANTS)
+SHOWN_CONTROLLERS = (DEFAULT, *ENTRANTS)
 """Controllers whose swing-ups the page shows: the default one and the paper's."""
+
+LIVE_NOTE = (
+    f"This policy is {DEFAULT_ALONE}, without its estimator; {ADAPTIVE} is not in this page, since it needs an "
+    "identifier and a regulator, which run in Python and C only."
+)
+"""What the page says of the policy that drives the live pendulum."""
 
 THINNING = 5
 """Every fifth of the benchmark's 500 rows a second: a film of 100 rows a second still looks smooth."""
@@ -76,7 +82,8 @@ def make_section(
         boards=boards,
         shows=shows,
         disturbance=describe_disturbance(seed, parameters),
-        policy=shipped_policy(robot)[0],
+        policy=shipped_policy(robot, DEFAULT_ALONE)[0],
+        policy_note=LIVE_NOTE,
     )
 
 

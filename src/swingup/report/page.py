@@ -119,6 +119,7 @@ def _describe(section: Section, encoded: dict[str, Any]) -> dict[str, Any]:
         "driven": JOINT_NAMES[get_robot(section.robot).joint],
         "disturbance": one_line(section.disturbance),
         "live": section.policy is not None,
+        "policy_note": None if section.policy_note is None else one_line(section.policy_note),
         "shows": [show["name"] for show in encoded["shows"]],
         "notes": [(one_line(show.name), one_line(show.note)) for show in section.shows if show.note],
         "boards": [_table(board) for board in section.boards],

@@ -18,7 +18,7 @@ from ..pendulum import PendulumPolicy, read_pendulum_policy, write_pendulum_poli
 from ..plant_facts import PLANT_NAMES, PolicyPlant, leaderboard_plant, modelled
 from ..regulator_settings import RegulatorSettings, check_no_compensation
 from ..settings import EstimatorSettings
-from ..shipped import REFINED, read_policy
+from ..shipped import DEFAULT_ALONE, read_policy
 from .choose import choose
 from .estimator import EstimatingController, with_estimator
 from .front_end import FrontEnd, FrontEndMemory
@@ -172,12 +172,14 @@ def load_policy(path: str | Path, robot: Robot | str | None = None) -> tuple[Pol
     return _alone(policy), dict(policy.metadata)
 
 
-def shipped_policy(robot: Robot | str, name: str = REFINED) -> tuple[PolicyController, dict[str, Any]]:
-    """A policy that the package ships for a robot, without an estimator, and its metadata.
+def shipped_policy(robot: Robot | str, name: str = DEFAULT_ALONE) -> tuple[PolicyController, dict[str, Any]]:
+    """A policy that the package ships for a robot, without what is around it, and its metadata.
+
+    Estimator, identifier and regulator are left out: ``adaptive`` is then for the plant of its file.
 
     Args:
         robot: which joint is driven.
-        name: ``refined``, ``ar-eapo``, ``global`` or ``robot``.
+        name: ``adaptive``, ``refined``, ``ar-eapo``, ``global`` or ``robot``.
 
     Raises:
         SwingupError: there is no such robot or policy, or the package lacks the file.

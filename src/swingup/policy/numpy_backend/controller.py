@@ -111,7 +111,7 @@ def load_controller(
     """Load a controller from a policy file, or one that the package ships.
 
     Args:
-        source: a policy file, or ``refined``, ``ar-eapo``, ``global`` or ``robot``.
+        source: a policy file, or ``adaptive``, ``refined``, ``ar-eapo``, ``global`` or ``robot``.
         robot: the robot that it must be for; needed with a name.
         estimator: where the file has one (None), never (False) or always (True).
         guard: behind a safety guard where the file has one (None), never (False), always (True), or with these

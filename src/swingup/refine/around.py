@@ -1,0 +1,50 @@
+"""What the file of a refined policy puts around it."""
+
+from dataclasses import asdict
+from typing import Any, NamedTuple
+
+from ..control.controller import AbstractController
+from ..policy.identifier_settings import IDENTIFIER, IdentifierSettings, default_identifier, write_identifier
+from ..policy.jax_backend.controller import PolicyController, behind_estimator, plant_of
+from ..policy.jax_backend.told import sees_plant
+from ..policy.regulator_settings import RegulatorSettings
+from ..policy.settings import ESTIMATOR, REGULATOR, EstimatorSettings, default_estimator
+
+HAND_OVER = {"acrobot": RegulatorSettings(torque_weight=3.0), "pendubot": RegulatorSettings(enter=0.1)}
+"""Chosen on plants that no board has (``docs/refining.md``)."""
+
+
+class Around(NamedTuple):
+    """Settings of the parts around a policy; None for those that it has not."""
+
+    estimator: EstimatorSettings | None = None
+    identifier: IdentifierSettings | None = None
+    regulator: RegulatorSettings | None = None
+
+    def metadata(self) -> dict[str, Any]:
+        """The same in a policy file."""
+        parts = {} if self.estimator is None else {ESTIMATOR: asdict(self.estimator)}
+        if self.identifier is not None:
+            parts[IDENTIFIER] = write_identifier(self.identifier)
+        if self.regulator is not None:
+            parts[REGULATOR] = asdict(self.regulator)
+        return parts
+
+
+def parts_around(controller: PolicyController) -> Around:
+    """The parts in a refined policy's file: an estimator, and for a policy that sees its plant what finds that.
+
+    A front end has a filter of its own.
+    """
+    if controller.front_end is not None:
+        return Around()
+    estimator = default_estimator(plant_of(controller))
+    if not sees_plant(controller):
+        return Around(estimator)
+    return Around(estimator, default_identifier(estimator), HAND_OVER[controller.robot.name])
+
+
+def judged(controller: PolicyController) -> AbstractController[Any]:
+    """What progress is judged by: the policy alone, or with all of its parts if it sees its plant."""
+    parts = parts_around(controller)
+    return controller if parts.identifier is None else behind_estimator(controller, *parts)

@@ -1,0 +1,186 @@
+"""Distillation: one network that sees its plant learns from a teacher for each of many plants.
+
+The rounds are those of DAgger (Ross, Gordon and Bagnell, AISTATS 2011): in the first the teachers act, in the
+others mostly the student, and in the states that are visited the teachers say what they would do. Runs begin near a
+plant's swing-up or where a throw leaves the pendulum, under noise of the torques. In many of them the student sees
+the nominal plant at first and its own only later, as behind an identifier. At the end the gradient of the score
+through whole swing-ups of the nominal plant is added.
+"""
+
+import functools
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from jaxtyping import Array, Float
+
+from ..areapo.networks import Actor, init_actor
+from ..control.continuation import SwingUps, continue_swingups, nominal_swingups
+from ..control.continuation_settings import ContinuationSettings
+from ..physics.base_parameters import BASE, base_parameters
+from ..physics.parameters import Parameters, Robot, leaderboard_parameters
+from ..policy.jax_backend.controller import PolicyController
+from ..policy.jax_backend.observation import PendulumObservation, PlantObservation
+from ..policy.jax_backend.policy import Policy
+from ..policy.jax_backend.told import told_base
+from ..types import Key, Scalar, State
+from .analytic_policy_gradient import PolicyGradientSettings, batch_cost, single_precision
+from .distillation_settings import DistillationSettings, plant_scale
+from .lessons import Lessons, lessons_anywhere, lessons_of_runs
+from .plant_draws import draw_plants
+from .teacher import make_teachers
+
+UP_SHARE = 0.1
+"""Share of an episode in which the tip is up, from about which on its score counts."""
+SPREAD = 0.01
+"""Largest standard deviation of the first states of the scored swing-ups (rad, rad/s)."""
+
+
+def distil(
+    recovery: PolicyController,
+    settings: DistillationSettings,
+    random: np.random.Generator,
+    tell: Callable[[PolicyController, int], None] = lambda _, __: None,
+) -> PolicyController:
+    """A policy that sees its plant, from nothing but teachers.
+
+    Args:
+        recovery: a policy that recovers from anywhere on the leaderboards' plant.
+        settings: plants, runs and learning.
+        random: source of the numbers.
+        tell: called after each round with the student and the number of rounds so far, and once more at the end.
+    """
+    robot = recovery.robot
+    swingups = _swingups(robot, draw_plants(random, robot, settings.draws), settings.nominal)
+    teachers, recovery = make_teachers(swingups), single_precision(recovery)
+    student = new_student(recovery, settings, random)
+    lessons = lessons_anywhere(teachers, recovery, settings, random)
+    for number in range(1, settings.rounds + 1):
+        own = settings.own if number > 1 else 0.0
+        lessons += lessons_of_runs(teachers, recovery, student, settings, random, own)
+        longest = number in (1, settings.rounds)
+        steps = settings.steps if longest else settings.steps // 2
+        rate = settings.learning_rate * (1.0 if number == 1 else 0.6)
+        student = _learn(student, teachers.base, lessons, settings, random, steps, rate)
+        tell(student, number)
+    if settings.score_steps:
+        student = _learn_score(student, teachers.base, lessons, settings, random)
+        tell(student, settings.rounds + 1)
+    return eqx.tree_at(lambda c: c.policy, student, jax.tree.map(np.asarray, student.policy))
+
+
+def new_student(
+    recovery: PolicyController, settings: DistillationSettings, random: np.random.Generator
+) -> PolicyController:
+    """A policy with random weights that sees the state and the plant."""
+    nominal = base_parameters(leaderboard_parameters(recovery.robot))
+    centre, scale = (jnp.asarray(each, jnp.float32) for each in (nominal, plant_scale(nominal)))
+    stages = PendulumObservation(angles="sincos"), PlantObservation(centre, scale, centre, clip=3.0)
+    actor = init_actor(_key(random), stages[0].size + BASE, 1, settings.layers, 0.0)
+    policy = Policy(stages, replace(actor, std_head=None))
+    return PolicyController(policy, recovery.torque_limit, recovery.robot, None, recovery.plant)
+
+
+def _learn(
+    student: PolicyController,
+    bases: Float[Array, "plants 9"],
+    lessons: Lessons,
+    settings: DistillationSettings,
+    random: np.random.Generator,
+    steps: int,
+    rate: float,
+) -> PolicyController:
+    """Adam on the squared errors of the torque; the step size falls to 0 on a cosine."""
+    optimiser = optax.adam(optax.cosine_decay_schedule(rate, steps))
+    return _trained(student, bases, lessons, settings, _key(random), steps, optimiser, None)
+
+
+def _learn_score(
+    student: PolicyController,
+    bases: Float[Array, "plants 9"],
+    lessons: Lessons,
+    settings: DistillationSettings,
+    random: np.random.Generator,
+) -> PolicyController:
+    """The same with the score of the nominal plant's swing-ups, whose gradients are bounded as in refining."""
+    s = settings
+    schedule = optax.warmup_cosine_decay_schedule(0.0, s.score_rate, s.score_steps // 8, s.score_steps)
+    optimiser = optax.chain(optax.clip_by_global_norm(2.0), optax.adam(schedule))
+    episodes = PolicyGradientSettings(duration=s.score_duration)
+    return _trained(student, bases, lessons, s, _key(random), s.score_steps, optimiser, episodes)
+
+
+def _trained(
+    student: PolicyController,
+    bases: Float[Array, "plants 9"],
+    lessons: Lessons,
+    settings: DistillationSettings,
+    key: Key,
+    steps: int,
+    optimiser: optax.GradientTransformation,
+    episodes: PolicyGradientSettings | None,
+) -> PolicyController:
+    on_device = jax.tree.map(jnp.asarray, lessons)
+    actor = _descend(student, bases, on_device, settings, key, steps, optimiser, episodes)
+    return eqx.tree_at(lambda c: c.policy.actor, student, actor)
+
+
+@functools.partial(jax.jit, static_argnames=("settings", "steps", "optimiser", "episodes"))
+def _descend(
+    student: PolicyController,
+    bases: Float[Array, "plants 9"],
+    lessons: Any,
+    settings: DistillationSettings,
+    key: Key,
+    steps: int,
+    optimiser: optax.GradientTransformation,
+    episodes: PolicyGradientSettings | None,
+) -> Actor:
+    """The student's network after these steps on minibatches of the lessons; those from anywhere come first."""
+    s, limit = settings, student.torque_limit
+    sizes = s.anywhere_batch, s.batch
+    first = jnp.array(np.repeat([0, s.anywhere], sizes))
+    count = jnp.array(np.repeat([s.anywhere, len(lessons.u) - s.anywhere], sizes))
+    plant, others = leaderboard_parameters(student.robot), eqx.tree_at(lambda c: c.policy.actor, student, None)
+
+    def observe(x: State, base: Array) -> Array:
+        return told_base(student, base).policy.observe(x)
+
+    def loss(actor: Actor, key: Key) -> Scalar:
+        rows_key, size_key, start_key = jax.random.split(key, 3)
+        chosen = first + jax.random.randint(rows_key, first.shape, 0, count)
+        seen = jax.vmap(observe)(lessons.x[chosen], bases[lessons.plant[chosen]])
+        errors = limit * actor.mode(seen.T)[0] - lessons.u[chosen]
+        total = jnp.mean(lessons.weight[chosen] * errors**2)
+        if episodes is None:
+            return total
+        shape = s.score_episodes, 4
+        x0 = SPREAD * jax.random.uniform(size_key, (shape[0], 1)) * jax.random.normal(start_key, shape)
+        measures = batch_cost(actor, others, x0, episodes, plant)[1]
+        # As on the board: without a swing-up there is no score. Hanging still would have the best one.
+        return total - s.score_weight * jnp.mean(measures.score * jnp.tanh((1 - measures.down) / UP_SHARE))
+
+    def step(carry: Any, key: Key) -> tuple[Any, None]:
+        actor, state = carry
+        updates, state = optimiser.update(jax.grad(loss)(actor, key), state)
+        return (optax.apply_updates(actor, updates), state), None
+
+    start = student.policy.actor
+    (actor, _), _ = jax.lax.scan(step, (start, optimiser.init(start)), jax.random.split(key, steps))
+    return actor
+
+
+def _key(random: np.random.Generator) -> Key:
+    return jax.random.key(int(random.integers(2**31)))
+
+
+def _swingups(robot: Robot, plants: Parameters, nominal: int) -> SwingUps:
+    """Optimal swing-ups of plants, as far as they are reached, and then those of the nominal one."""
+    found, more = continue_swingups(robot, plants), nominal_swingups(robot, nominal, ContinuationSettings())
+    joined: SwingUps = jax.tree.map(lambda *parts: np.concatenate(parts), found, more)
+    return joined

@@ -1,0 +1,63 @@
+"""What a distillation is made of: plants, runs on them, and learning; every value is chosen."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..physics.base_parameters import BASE
+from .plant_draws import PlantDraws
+
+
+@dataclass(frozen=True)
+class DistillationSettings:
+    """The plants, the runs on them, and the supervised learning."""
+
+    draws: PlantDraws = PlantDraws()  # noqa: RUF009 - frozen
+    nominal: int = 80
+    """Copies of the nominal plant beside them."""
+    layers: tuple[int, ...] = (128, 128)
+    """Widths of the student's hidden layers."""
+    tube: float = 0.5
+    """Distance (``teacher.WEIGHTS``) from a plant's swing-up within which the swing-up teaches."""
+    rounds: int = 4
+    """The first is the teachers'."""
+    runs: int = 8
+    """On each plant in a round."""
+    duration: float = 2.5
+    """Of a run (s)."""
+    thrown: float = 0.5
+    """Share of the runs that begin after a throw."""
+    own: float = 0.8
+    """Share of the runs in which the student acts, after the first round."""
+    noise: float = 0.6
+    """Standard deviation of the torques' noise in the roughest runs (N m)."""
+    slowest: float = 0.4
+    """Longest time in which the student's plant goes from the nominal one to the run's (s)."""
+    steps: int = 30_000
+    """Of Adam in the first and the last round; half as many in the others."""
+    learning_rate: float = 1.5e-3
+    """In the first round, 0.6 of it in the others; it falls to 0 on a cosine."""
+    batch: int = 2048
+    outside_weight: float = 0.15
+    """Weight of a state outside the tube, beside 1 within."""
+    anywhere: int = 60_000
+    """States from anywhere, with random velocities."""
+    anywhere_batch: int = 256
+    anywhere_weight: float = 0.02
+    """Weight of one of those."""
+    score_steps: int = 1500
+    """Steps after the last round in which the score's own gradient is added; 0 for none."""
+    score_rate: float = 3e-4
+    """Adam's largest step size in them."""
+    score_weight: float = 3.0
+    """Of the score, beside the squared errors of the torque (N² m²)."""
+    score_episodes: int = 6
+    """Swing-ups of the nominal plant in each of these steps."""
+    score_duration: float = 1.8
+    """Of one of them (s)."""
+
+
+def plant_scale(nominal: np.ndarray) -> np.ndarray:
+    """Units of the base parameters (9,) for a network: of the inertial ones shares of the nominal value."""
+    shares = np.append(nominal[:4], np.ones(BASE - 4))
+    return shares * np.array([0.15, 0.15, 0.15, 0.15, 0.06, 0.06, 0.12, 0.12, 6e-5])

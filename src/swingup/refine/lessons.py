@@ -1,0 +1,152 @@
+"""Lessons: states that runs visit, and what a teacher of the run's plant would do in them."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ..physics.integrate import rk4_steps
+from ..physics.parameters import leaderboard_parameters
+from ..policy.jax_backend.controller import PolicyController
+from ..policy.jax_backend.told import told_base
+from ..tasks.throws import thrown_states
+from ..types import Flag, Key, Scalar, State
+from .behaviour_cloning import RETAINED_SPEED
+from .distillation_settings import DistillationSettings
+from .teacher import Teachers, taught
+
+DT = 0.002
+"""Step of the runs (s)."""
+KEPT = 5
+"""One of so many steps is a lesson: neighbours are alike."""
+SPOILT = 40.0
+"""A run that is ever faster than this (rad/s) is left out."""
+ROUGH = (0.1, 0.1, 0.6, 0.6)
+"""Deviations of the first states of the roughest runs from a swing-up (rad, rad/s)."""
+
+
+class Lessons(NamedTuple):
+    """States, the teachers' torques there (N m), whose plants they are, and how much they count."""
+
+    x: Float[np.ndarray, "n 4"]
+    u: Float[np.ndarray, "n"]
+    plant: Int[np.ndarray, "n"]
+    weight: Float[np.ndarray, "n"]
+
+    def __add__(self, more: "Lessons") -> "Lessons":  # type: ignore[override]  # of tuples
+        """Both, these first."""
+        return Lessons(*(np.concatenate(pair) for pair in zip(self, more, strict=True)))
+
+
+def lessons_anywhere(
+    teachers: Teachers, recovery: PolicyController, settings: DistillationSettings, random: np.random.Generator
+) -> Lessons:
+    """States from anywhere on all plants."""
+    number, size = settings.anywhere, (settings.anywhere, 2)
+    rates = random.uniform(0, RETAINED_SPEED, (number, 1)) * random.normal(size=size)
+    x = np.concatenate([random.uniform(-np.pi, np.pi, size), rates], axis=1).astype(np.float32)
+    plant = random.integers(0, teachers.number, number).astype(np.int32)
+    weight = np.full(number, settings.anywhere_weight, np.float32)
+    return Lessons(x, np.asarray(_answers(teachers, recovery, settings.tube, x, plant)), plant, weight)
+
+
+def lessons_of_runs(
+    teachers: Teachers,
+    recovery: PolicyController,
+    student: PolicyController,
+    settings: DistillationSettings,
+    random: np.random.Generator,
+    own: float,
+) -> Lessons:
+    """The states of runs on all plants; in a share ``own`` of them the student acts, in the others the teacher."""
+    shape = teachers.number, settings.runs
+    nominal = leaderboard_parameters(recovery.robot)
+    starts = thrown_states(random, nominal, teachers.number * settings.runs).reshape(*shape, 4)
+    thrown, acts = random.uniform(size=shape) < settings.thrown, random.uniform(size=shape) < own
+    keys = jax.random.split(jax.random.key(int(random.integers(2**31))), shape)
+    run = _RunSettings(round(settings.duration / DT), settings.tube, settings.noise, settings.slowest)
+    rows = _runs(teachers, recovery, student, run, jnp.float32(starts), thrown, acts, keys)
+    x, u, distance = map(np.asarray, rows)
+    good = np.isfinite(x).all((2, 3)) & (np.abs(x[..., 2:]).max((2, 3)) < SPOILT)
+    plant = np.broadcast_to(np.arange(teachers.number, dtype=np.int32)[:, None, None], u.shape)
+    weight = np.where(distance < settings.tube, 1.0, settings.outside_weight).astype(np.float32)
+    return Lessons(x[good].reshape(-1, 4), *(each[good].reshape(-1) for each in (u, plant, weight)))
+
+
+@jax.jit
+def _answers(
+    teachers: Teachers, recovery: PolicyController, tube: Scalar, x: Float[Array, "n 4"], plant: Int[Array, "n"]
+) -> Float[Array, "n"]:
+    """The teachers' torques in states outside of any run."""
+
+    def one(chosen: tuple[State, Int[Array, ""]]) -> Scalar:
+        x, index = chosen
+        return taught(jax.tree.map(lambda leaf: leaf[index], teachers), recovery, tube, x)[0]
+
+    return jax.lax.map(one, (x, plant), batch_size=256)
+
+
+class _RunSettings(NamedTuple):
+    """Static in a compiled program."""
+
+    steps: int
+    tube: float
+    noise: float
+    slowest: float
+
+
+@jax.jit(static_argnames="settings")
+def _runs(
+    teachers: Teachers,
+    recovery: PolicyController,
+    student: PolicyController,
+    settings: _RunSettings,
+    thrown_at: Float[Array, "plants runs 4"],
+    thrown: Float[Array, "plants runs"],
+    acts: Float[Array, "plants runs"],
+    keys: Any,
+) -> tuple[Array, Array, Array]:
+    """States, the teachers' torques and the distances from the swing-ups, of every ``KEPT``-th step."""
+    joint = recovery.robot.joint
+    driven = jnp.array(recovery.robot.actuation, jnp.float32)
+
+    def run(teacher: Teachers, thrown_at: State, thrown: Flag, acts: Flag, key: Key) -> Any:
+        rough_key, start_key, slow_key, noise_key = jax.random.split(key, 4)
+        rough = jax.random.uniform(rough_key) ** 1.5
+        x0 = jnp.where(thrown, thrown_at, _near_swingup(teacher, rough, start_key))
+        # In two of five runs the plant is known at once.
+        known_after = settings.slowest * jnp.clip(jax.random.uniform(slow_key, minval=-0.7), 0.0)
+
+        def step(carry: tuple[State, Array], each: tuple[Scalar, Array]) -> Any:
+            (x, drift), (time, kick) = carry, each
+            drift = 0.98 * drift + 0.1 * rough * kick
+            u, distance = taught(teacher, recovery, settings.tube, x)
+            known = jnp.clip(time / jnp.maximum(known_after, DT), 0, 1)
+            base = teacher.nominal + known * (teacher.base - teacher.nominal)
+            own = told_base(student, base)(None, time, x)[1][joint]
+            # The noise ends before the run does: it should come to rest.
+            noise = settings.noise * drift * (time < 0.6 * settings.steps * DT)
+            torque = jnp.where(acts, own, u) * driven + noise
+            return (rk4_steps(teacher.plant, x, torque, DT, 1), drift), (x, u, distance)
+
+        times, kicks = (
+            jnp.arange(settings.steps) * jnp.float32(DT),
+            jax.random.normal(noise_key, (settings.steps, 2)),
+        )
+        rows = jax.lax.scan(step, (x0, jnp.zeros(2)), (times, kicks))[1]
+        return jax.tree.map(lambda row: row[::KEPT], rows)
+
+    on_a_plant = jax.vmap(run, in_axes=(None, 0, 0, 0, 0))
+    found: tuple[Array, Array, Array] = jax.vmap(on_a_plant)(teachers, thrown_at, thrown, acts, keys)
+    return found
+
+
+def _near_swingup(teacher: Teachers, rough: Scalar, key: Key) -> State:
+    """A first state: mostly hanging, else on the way, and off it by as much as the run is rough."""
+    which_key, row_key, off_key = jax.random.split(key, 3)
+    row = jax.random.randint(row_key, (), 0, len(teacher.torque))
+    row = jnp.where(jax.random.uniform(which_key) < 0.6, 0, row)
+    off = rough * jnp.array(ROUGH, jnp.float32) * jax.random.normal(off_key, (4,))
+    return teacher.states[row] + jnp.where(row == 0, 0.3, 1.0) * off

@@ -1,0 +1,116 @@
+"""What a plant's teacher does: the best torque known for a plant that is known, in any state.
+
+Near the plant's own optimal swing-up it is that swing-up with its feedback gains, about the nearest of its rows: no
+time enters. At the top it is the plant's LQR. Elsewhere it is a policy that recovers from anywhere on the nominal
+plant, with its torque changed so that the plant moves as the nominal one would.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..control.continuation import SwingUps
+from ..control.known_plant import plants_lqr
+from ..physics.angles import UPRIGHT, nearest, wrap_difference
+from ..physics.base_parameters import base_parameters
+from ..physics.dynamics import acceleration
+from ..physics.parameters import NAMES, Parameters, leaderboard_parameters
+from ..policy.jax_backend.controller import PolicyController
+from ..types import Scalar, State
+from .analytic_policy_gradient import single_precision
+
+APART = 4
+"""Rows of a swing-up among which the nearest is sought, to one of these: 8 ms."""
+WEIGHTS = (1.0, 1.0, 0.12, 0.12)
+"""Of errors in a distance (1, s): a velocity of 1 rad/s is as far as an angle of 0.12 rad."""
+TOP = 0.1
+"""Cost-to-go of the LQR below which it teaches, and where swing-ups end. Farther off their rows at rest would teach
+badly."""
+FAR = 1e6
+"""Added to the squared distances from rows that do not teach."""
+EDGE = 0.2
+"""The teachers change over between this share below and above the tube's radius."""
+
+
+class Teachers(eqx.Module):
+    """A teacher for each of n plants, in single precision."""
+
+    plant: Parameters
+    """Leaves of shape (n,)."""
+    base: Float[Array, "n 9"]
+    """Base parameters of the plants."""
+    nominal: Float[Array, "n 9"]
+    """Those of the nominal plant."""
+    states: Float[Array, "n rows 4"]
+    """Swing-ups (rad, rad/s)."""
+    at_rest: Float[Array, "n rows"]
+    """``FAR`` where a swing-up is over, else 0."""
+    torque: Float[Array, "n rows"]
+    """N m"""
+    gains: Float[Array, "n rows 4"]
+    """K of u + K (x - x_i) (N m/rad, N m s/rad)."""
+    top_gains: Float[Array, "n 4"]
+    """K of u = -K e."""
+    cost_to_go: Float[Array, "n 4 4"]
+    """S of eᵀ S e."""
+
+    @property
+    def number(self) -> int:
+        """Of plants."""
+        return len(self.torque)
+
+
+def make_teachers(swingups: SwingUps) -> Teachers:
+    """Teachers for the plants that the swing-ups are of."""
+    columns = [getattr(swingups.plants, name) for name in NAMES]
+    plants = [Parameters(*map(float, values)) for values in zip(*columns, strict=True)]
+    regulators = [plants_lqr(plant, swingups.reference(index)) for index, plant in enumerate(plants)]
+    nominal = base_parameters(leaderboard_parameters(swingups.robot))
+    bases = np.stack([base_parameters(plant) for plant in plants])
+    gains, cost_to_go = (np.stack([getattr(each, name) for each in regulators]) for name in ("gains", "cost_to_go"))
+    states = swingups.states[:, :-1:APART]
+    errors = states - UPRIGHT
+    errors[..., :2] = wrap_difference(errors[..., :2])
+    costs = np.einsum("nri,nij,nrj->nr", errors, cost_to_go, errors)
+    rows = states, np.where(costs < TOP, FAR, 0.0), swingups.torque[:, ::APART], swingups.gains[:, ::APART]
+    arrays = bases, np.tile(nominal, (len(bases), 1)), *rows, gains, cost_to_go
+    teachers: Teachers = single_precision(Teachers(swingups.plants, *arrays))  # type: ignore[arg-type]  # NumPy's
+    return teachers
+
+
+def taught(one: Teachers, recovery: PolicyController, tube: float | Scalar, x: State) -> tuple[Scalar, Scalar]:
+    """A teacher's torque (N m) in a state, and the distance from its plant's swing-up.
+
+    Args:
+        one: one plant's teacher, leaves without the leading axis.
+        recovery: the policy that recovers, in single precision.
+        tube: distance from the swing-up within which it teaches.
+        x: the state (rad, rad/s).
+    """
+    limit = recovery.torque_limit
+    off = x - one.states
+    off = off.at[:, :2].set(nearest(off[:, :2]))
+    squares = jnp.sum((off * jnp.array(WEIGHTS, x.dtype)) ** 2, axis=1) + one.at_rest
+    row = jnp.argmin(squares)
+    distance = jnp.sqrt(squares[row])
+    along = one.torque[row] + one.gains[row] @ off[row]
+    outside = jnp.clip((distance / tube - 1 + EDGE) / (2 * EDGE), 0, 1)
+    u = (1 - outside) * along + outside * matched_torque(recovery, one.plant, x)
+    error = x - jnp.asarray(UPRIGHT, x.dtype)
+    error = error.at[:2].set(nearest(error[:2]))
+    u = jnp.where(error @ one.cost_to_go @ error < TOP, -one.top_gains @ error, u)
+    return jnp.clip(u, -limit, limit), distance
+
+
+def matched_torque(policy: PolicyController, plant: Parameters, x: State) -> Scalar:
+    """The torque (N m) with which a plant moves as nearly as it can as the nominal plant does under a policy.
+
+    One torque has two accelerations to match: least squares.
+    """
+    driven, limit = jnp.array(policy.robot.actuation, x.dtype), policy.torque_limit
+    nominal = single_precision(leaderboard_parameters(policy.robot))
+    wanted = acceleration(nominal, x, policy(None, jnp.zeros(()), x)[1])
+    without = acceleration(plant, x, jnp.zeros_like(driven))
+    effect = acceleration(plant, x, driven) - without
+    return jnp.clip(effect @ (wanted - without) / (effect @ effect), -limit, limit)

@@ -1,0 +1,58 @@
+"""The shipped adaptive controllers: what their files hold, their scores, and what an exported folder says."""
+
+import dataclasses
+
+import pytest
+
+import swingup
+from swingup.benchmark.rules import PERFORMANCE_RULES
+from swingup.control.registry import get_controller
+from swingup.policy.export_folder import readme_values
+from swingup.policy.shipped import ADAPTIVE, DEFAULT, SHIPPED_POLICIES, read_policy
+from swingup.policy.stages import PlantStage
+from swingup.runtime import load_controller
+
+SCORES = {"acrobot": 0.699, "pendubot": 0.69}
+"""The performance board's (rules v2), at least."""
+
+
+def test_names():
+    assert SHIPPED_POLICIES[0] == ADAPTIVE
+    assert DEFAULT in SHIPPED_POLICIES
+
+
+def test_files_ask_for_all_that_makes_them_adapt(robot):
+    policy = read_policy(ADAPTIVE, robot)
+    assert policy.metadata["format_version"] == 4
+    assert isinstance(policy.network.stages[-1], PlantStage)
+    assert policy.plant.name == "leaderboard"
+    for part in (policy.estimator, policy.identifier, policy.regulator):
+        assert part is not None
+    assert policy.front_end is None
+
+
+def test_the_folders_readme_names_the_regulator():
+    values = {name: readme_values(read_policy(name, "acrobot"), "entry") for name in (ADAPTIVE, "refined")}
+    assert "regulator takes over" in values[ADAPTIVE]["SWITCHED"]
+    assert "base parameters" in values[ADAPTIVE]["ESTIMATOR"]
+    assert values["refined"]["SWITCHED"] == "nothing is switched, tracked or planned"
+
+
+@pytest.mark.slow  # JAX compiles identifier and regulator for seconds
+def test_scores(either_robot):
+    name = either_robot.name
+    score = swingup.evaluate(get_controller(ADAPTIVE, name), name).criteria.score
+    assert score > SCORES[name]
+    in_numpy = swingup.evaluate(load_controller(ADAPTIVE, name), name).criteria.score
+    assert in_numpy == pytest.approx(score, abs=1e-2)
+
+
+@pytest.mark.slow
+def test_a_brief_run_without_the_estimator_is_for_the_plant_of_the_file(either_robot):
+    """On that plant the identifier changes little."""
+    name, rules = either_robot.name, dataclasses.replace(PERFORMANCE_RULES["v2"], duration=4.0)
+    both = [
+        swingup.evaluate(load_controller(ADAPTIVE, name, estimator=wanted), name, rules=rules).criteria
+        for wanted in (None, False)
+    ]
+    assert both[0].score == pytest.approx(both[1].score, abs=0.05)

@@ -1,0 +1,169 @@
+"""The evidence for a controller that identifies its plant: plants, variants, and tables with known answers."""
+
+import dataclasses
+import itertools
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import swingup
+from swingup.benchmark.rules import get_robustness_rules
+from swingup.physics.base_parameters import BASE, BASE_NAMES
+from swingup.physics.parameters import get_robot, leaderboard_parameters
+from swingup.policy.identifier_settings import IdentifierSettings
+from swingup.policy.jax_backend.controller import PolicyController, policy_of
+from swingup.policy.jax_backend.estimator import EstimatingController
+from swingup.policy.jax_backend.regulator import RegulatingController
+from swingup.policy.regulator_settings import RegulatorSettings
+from swingup.policy.settings import EstimatorSettings
+
+from .references import sighted_policy
+
+BENCHMARKS = Path(swingup.__file__).parents[2] / "benchmarks"
+RULES = get_robustness_rules("v2")
+SWEEPS = RULES.model
+
+pytestmark = pytest.mark.skipif(not BENCHMARKS.is_dir(), reason="the scripts are only in a checkout")
+
+
+@pytest.fixture
+def scripts(monkeypatch):
+    """The scripts' modules by what follows `adaptive` in their names."""
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    names = ("adaptive", "adaptive_plants", "adaptive_errors", "adaptive_boards")
+    yield {name.removeprefix("adaptive_"): __import__(name) for name in names}
+    for name in names:
+        sys.modules.pop(name, None)
+
+
+def full_policy():
+    """Estimator, identifier and regulator around a policy that sees its plant."""
+    around = {
+        "estimator": EstimatorSettings(),
+        "identifier": IdentifierSettings(),
+        "regulator": RegulatorSettings(),
+    }
+    return dataclasses.replace(policy_of(sighted_policy()), **around)
+
+
+def test_midpoints_lie_between_neighbours_of_the_grid(scripts):
+    between = scripts["plants"].midpoint_rules(RULES)
+    assert sum(model.sweep.count for model in between.model.values()) == 200
+    for name, model in SWEEPS.items():
+        grid = model.sweep.values()
+        middles = [(low + high) / 2 for low, high in itertools.pairwise(grid)]
+        assert between.model[name].sweep.values() == pytest.approx(middles, rel=1e-9, abs=1e-12)
+
+
+def test_joint_draws_are_off_in_all_parameters_within_half_the_ranges(scripts):
+    cases = scripts["plants"].joint_cases(get_robot("acrobot"), RULES)
+    nominal = leaderboard_parameters(get_robot("acrobot"))
+    assert len(cases) == 200
+    plants = [case.scenario.parameters for case in cases]
+    for names, least, most in (
+        (("I1", "I2", "m2", "r1", "r2"), 0.875, 1.125),
+        (("b1", "b2"), -0.05, 0.05),
+        (("cf1", "cf2"), -0.1, 0.1),
+        (("Ir",), 0.0, 5e-5),
+    ):
+        for name in names:
+            drawn = np.array([getattr(plant, name) for plant in plants]) / (getattr(nominal, name) or 1.0)
+            assert least <= drawn.min() < drawn.max() <= most
+            assert len(set(drawn)) == 200
+            assert drawn.max() - drawn.min() > 0.9 * (most - least)
+    again = scripts["plants"].joint_cases(get_robot("acrobot"), RULES)
+    assert [case.settings for case in again] == [case.settings for case in cases]
+
+
+def test_each_variant_lacks_one_part(scripts):
+    plants = scripts["plants"]
+    variants = plants.make_variants(full_policy())
+    behind = {name: made.controller for name, made in variants.items() if isinstance(made, EstimatingController)}
+    assert set(variants) - set(behind) == {plants.NO_MEMORY}
+    assert isinstance(variants[plants.NO_MEMORY], RegulatingController)
+    assert {name for name in behind if variants[name].identifier} == {plants.FULL, plants.NO_REGULATOR}
+    assert {name for name in behind if isinstance(behind[name], PolicyController)} == {plants.NO_REGULATOR}
+
+
+def test_a_controller_is_told_the_whole_plant(scripts):
+    plants = scripts["plants"]
+    robot = full_policy().robot
+    plant = dataclasses.replace(leaderboard_parameters(robot), b1=-0.05, cf2=0.1, I2=0.06)
+    knowing = plants.tell_everything(plants.make_variants(full_policy())[plants.TOLD], plant)
+    # Negative friction is seen, but not predicted with.
+    assert (float(knowing.parameters.b1), float(knowing.parameters.cf2), knowing.parameters.I2) == (
+        0.0, pytest.approx(0.1), 0.06,
+    )  # fmt: skip
+    assert knowing.damped
+    for base in (knowing.controller.base, knowing.controller.controller.policy.stages[-1].base):
+        assert np.asarray(base)[[1, 4, 7]] == pytest.approx([0.06, -0.05, 0.1], rel=1e-6)
+
+
+def test_a_policy_without_identifier_is_refused(scripts):
+    with pytest.raises(swingup.SwingupError, match="has no identifier"):
+        scripts["plants"].make_variants(dataclasses.replace(full_policy(), identifier=None))
+
+
+def test_model_errors_are_counted_by_parameter(scripts):
+    def row(plants, parameter, value, success):
+        return {"plants": plants, "parameter": parameter, "value": value, "success": success}
+
+    rows = [row("grid", "b1", -0.1, True), row("grid", "b1", 0.1, False), row("grid", "m2", 1.25, True)]
+    rows += [row("midpoints", "b1", 0.0, False), row("midpoints", "m2", 1.0, True)]
+    rows += [row("joint draws", "all", 0.0, success) for success in [True] * 3 + [False]]
+    lines = scripts["adaptive"].models_text(rows).splitlines()
+    assert lines[2:5] == ["| b1 | 50.0 | 0.0 |", "| m2 | 100.0 | 100.0 |", "| **all** | **66.7** | **50.0** |"]
+    assert lines[6] == "Grid minus midpoints: +16.7 points."
+    # Wilson: (3/4 + z²/8 ± z sqrt(3/64 + z²/256)) / (1 + z²/4) with z = 1.96.
+    assert lines[8] == "Joint draws: 75.0 % of 4 (30.1 to 95.4)."
+    assert lines[10] == "Not held on the grid (1): b1 = 0.1."
+
+
+def test_adaptation_is_compared_seed_by_seed(scripts):
+    rows = [
+        {"criterion": criterion, "seed": seed, "on": on, "off": off}
+        for criterion, pairs in (("delay", [(95.0, 90.0)] * 2), ("velocity_noise", [(90.0, 91.0), (92.0, 95.0)]))
+        for seed, (on, off) in enumerate(pairs)
+    ]
+    lines = scripts["adaptive"].nominal_table(rows).splitlines()[2:]
+    # Differences -1 and -3: mean -2, standard error 1, Student's 12.7 with one degree of freedom.
+    assert lines == [
+        "| delay | 95.0 | 90.0 | +5.0 |",
+        "| velocity noise | 91.0 | 93.0 | -2.0 (-14.7 to +10.7) |",
+    ]
+
+
+def test_errors_are_relative_to_the_value_or_the_range(scripts, tmp_path):
+    errors = scripts["errors"]
+    true = np.tile([0.1, 0.05, 0.2, 0.2, 0.0, 0.05, 0.0, -0.1, 0.0], (3, 1))
+    found = np.repeat(true[:, None], 1501, axis=1)
+    found[:, 500, 0] += [0.001, 0.002, -0.003]  # of 0.1
+    found[:, 500, 5] += [0.001, 0.001, 0.001]  # of the range 0.1
+    time, bands = 0.002 * np.arange(1501), errors.error_bands(found, true)
+    assert bands.shape == (3, 1501, BASE)
+    lines = {line[0].split(",")[0]: line for line in errors.error_lines(time, bands)}
+    # Percentiles interpolate: 5 % lies a tenth of the way from the least to the middle one.
+    assert lines["A"] == ["A, % of its value", "0.0 (0.0 to 0.0)", "2.0 (1.1 to 2.9)", "0.0 (0.0 to 0.0)"]
+    assert lines["b2"][0] == "b2, % of 0.1 N m s/rad"
+    assert lines["b2"][2] == "1.0 (1.0 to 1.0)"
+    at_1_s = [row for row in errors.error_rows(time, bands) if row["time"] == 1.0]
+    assert [row["parameter"] for row in at_1_s] == list(BASE_NAMES)
+    assert at_1_s[0]["median"] == pytest.approx(2.0)
+
+
+def test_boards_have_a_line_each(scripts):
+    rows = [
+        {"board": board, "controller": name, "mean": mean, "interval": interval}
+        for board, name, mean, interval in (
+            ("score", "adaptive", 0.7, None),
+            ("score", "refined", 0.6994, None),
+            ("uptime", "adaptive", 0.8, (0.75, 0.85)),
+            ("uptime", "refined", 0.5, (0.4, 0.6)),
+        )
+    ]
+    assert scripts["boards"].board_lines(rows) == [
+        ["score", "0.700", "0.699"],
+        ["uptime", "0.800 (0.750 to 0.850)", "0.500 (0.400 to 0.600)"],
+    ]

@@ -1,0 +1,96 @@
+"""The shipped adaptive controllers have one clock, whose zero means nothing, and no count of their calls.
+
+What they command follows from the state estimate, the plant found and their own memory alone: no time, no number of
+calls, no exact zeros and no periods or limits of a board decide.
+"""
+
+import numpy as np
+import pytest
+
+from swingup.policy.numpy_backend.controller import NumpyController
+from swingup.policy.numpy_backend.network import NumpyNetwork
+from swingup.policy.numpy_backend.regulator import NumpyRegulator
+
+from .references import ADAPTIVES, controller, numpy_loop, numpy_run, policy, replay
+
+SHIFT = 1000.0
+"""By which a clock is ahead (s)."""
+BINARY = 2.0**-9
+"""A period near 2 ms (s). It has few digits: times with and without the shift differ by it to the last bit."""
+FEW = 200
+"""Calls of the start of one."""
+
+
+@pytest.mark.parametrize("name", ADAPTIVES)
+def test_a_shifted_clock_changes_no_bit(name):
+    """Where the shifted times lose no digits; the loop is closed, so that any difference would grow."""
+    _, states, expected = numpy_run(name, BINARY)
+    _, shifted_states, torques = numpy_run(name, BINARY, SHIFT)
+    np.testing.assert_array_equal(torques, expected)
+    np.testing.assert_array_equal(shifted_states, states)
+    assert np.ptp(expected) > 3
+
+
+@pytest.mark.parametrize("name", ADAPTIVES)
+def test_a_shifted_clock_of_500_hz_changes_the_rounding_alone(name):
+    times, states, expected = numpy_run(name)
+    found = NumpyController(policy(name))
+    torques = np.array([found(x, t + SHIFT) for x, t in zip(states, times, strict=True)])
+    np.testing.assert_allclose(torques, expected, rtol=0, atol=1e-3)
+
+
+@pytest.mark.slow  # it compiles for seconds
+@pytest.mark.parametrize("name", ADAPTIVES)
+def test_a_shifted_clock_changes_no_bit_in_jax(name):
+    (times, states, expected), found = numpy_run(name, BINARY), controller(name)
+    torques = replay(found, times, states)
+    np.testing.assert_array_equal(replay(found, times + SHIFT, states), torques)
+    np.testing.assert_allclose(torques, expected, rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", ADAPTIVES)
+def test_calls_before_a_reset_count_for_nothing(name):
+    found = NumpyController(policy(name))
+    numpy_loop(found, start=(np.pi, 0.05, 0.1, 0.0), steps=FEW // 2 + 1)
+    found.reset()
+    np.testing.assert_array_equal(numpy_loop(found, BINARY, SHIFT, steps=FEW)[2], numpy_run(name, BINARY)[2][:FEW])
+
+
+@pytest.mark.parametrize("name", ADAPTIVES)
+def test_torques_follow_from_estimate_plant_and_memory(name):
+    """A network and a regulator that know no time give the same, from the estimates and the plants found."""
+    p = policy(name)
+    found, joint, network = NumpyController(p), p.robot.joint, NumpyNetwork(p)
+    regulator = NumpyRegulator(p.regulator, p.plant, joint, p.torque_limit)
+    shown, acted = watched(found), []
+    _, _, torques = numpy_loop(found)
+    for (estimate, base), u in zip(shown, torques, strict=True):
+        network.tell(base)
+        regulator.tell(base)
+        regulated = regulator(estimate)
+        acted.append(regulated is not None)
+        assert u[joint] == (network(estimate) if regulated is None else regulated)
+        assert u[1 - joint] == 0.0
+    assert 0 < sum(acted) < len(torques)
+
+
+def watched(found):
+    """The list to which the controller's estimates and plants θ go from now on."""
+    shown, observe = [], found._estimator.observe
+
+    def observed(t, x):
+        estimate = observe(t, x)
+        shown.append((estimate.copy(), list(found._identifier.theta)))
+        return estimate
+
+    found._estimator.observe = observed
+    return shown
+
+
+@pytest.mark.parametrize("name", ADAPTIVES)
+def test_exact_zeros_mean_nothing(name):
+    """A start at rest differs from one beside it by what the motion differs."""
+    _, others, beside = numpy_loop(NumpyController(policy(name)), start=(1e-9, 0, 0, 0), steps=FEW)
+    _, states, at = numpy_run(name)
+    np.testing.assert_allclose(others, states[:FEW], rtol=0, atol=1e-5)
+    np.testing.assert_allclose(beside, at[:FEW], rtol=0, atol=1e-4)

@@ -1,0 +1,164 @@
+"""Distillation: the plants, the teachers, the lessons and the student."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from swingup.areapo.networks import init_actor
+from swingup.benchmark.grid import make_cases
+from swingup.benchmark.rules import ROBUSTNESS_RULES
+from swingup.control.continuation import nominal_swingups
+from swingup.control.continuation_settings import ContinuationSettings
+from swingup.errors import SwingupError
+from swingup.physics.base_parameters import base_parameters
+from swingup.physics.dynamics import acceleration
+from swingup.physics.parameters import NAMES, Parameters, get_robot, leaderboard_parameters
+from swingup.policy.jax_backend.controller import PolicyController, shipped_policy
+from swingup.policy.jax_backend.observation import PendulumObservation
+from swingup.policy.jax_backend.policy import Policy
+from swingup.policy.jax_backend.told import sees_plant
+from swingup.refine.analytic_policy_gradient import single_precision
+from swingup.refine.around import parts_around
+from swingup.refine.distillation import distil, new_student
+from swingup.refine.distillation_settings import DistillationSettings, plant_scale
+from swingup.refine.lessons import Lessons
+from swingup.refine.plant_draws import SWEEPS, PlantDraws, draw_plants
+from swingup.refine.recipe import RECIPES, run_recipe
+from swingup.refine.teacher import APART, TOP, make_teachers, matched_torque, taught
+
+ACROBOT, PENDUBOT = get_robot("acrobot"), get_robot("pendubot")
+FEW = DistillationSettings(
+    draws=PlantDraws(2, 2, 2), nominal=2, rounds=2, runs=2, duration=0.4, steps=200, anywhere=300, score_steps=4,
+    score_duration=0.1,
+)  # fmt: skip
+
+
+def plants_of(drawn):
+    return [Parameters(*values) for values in zip(*(getattr(drawn, name).tolist() for name in NAMES), strict=True)]
+
+
+def changes(plant, robot):
+    nominal = leaderboard_parameters(robot)
+    return {name for name in NAMES if getattr(plant, name) != getattr(nominal, name)}
+
+
+def small(robot=ACROBOT):
+    """A policy that gives strong torques at once; it recovers from nothing."""
+    actor = init_actor(jax.random.key(0), 6, 1, (8, 8), -1.0)
+    return single_precision(PolicyController(Policy((PendulumObservation(angles="sincos"),), actor), 6.0, robot))
+
+
+def a_teacher(robot):
+    teachers = make_teachers(nominal_swingups(robot, 1, ContinuationSettings()))
+    return teachers, jax.tree.map(lambda leaf: leaf[0], teachers)
+
+
+@pytest.mark.parametrize("robot", [ACROBOT, PENDUBOT], ids=lambda robot: robot.name)
+def test_plants_are_drawn_about_the_leaderboards(robot):
+    draws = PlantDraws(single=40, joint=10, friction=20)
+    drawn = plants_of(draw_plants(np.random.default_rng(0), robot, draws))
+    assert len(drawn) == draws.plants
+    passive = {"acrobot": "1", "pendubot": "2"}[robot.name]
+    assert all(len(changes(plant, robot)) == 1 for plant in drawn[:40])
+    assert len(set.union(*(changes(plant, robot) for plant in drawn[:40]))) == len(
+        {s.parameter for s in SWEEPS.values()}
+    )
+    assert all(len(changes(plant, robot)) == 10 for plant in drawn[40:50])
+    assert all(getattr(plant, f"cf{passive}") > 0 for index, plant in enumerate(drawn[50:]) if index % 3 < 2)
+    assert all(getattr(plant, f"b{passive}") > 0 for plant in drawn[52::3])
+    assert [len(changes(plant, robot)) for plant in drawn[50:52]] == [10, 1]
+    half = [abs(plant.I1 / leaderboard_parameters(robot).I1 - 1) for plant in drawn[40:50]]
+    assert 0 < max(half) <= 0.125
+
+
+def test_no_plant_is_on_the_grid_that_judges():
+    drawn = {tuple(map(float, jax.tree.leaves(plant))) for plant in plants_of(
+        draw_plants(np.random.default_rng(1), ACROBOT, PlantDraws(50, 5, 20)))}  # fmt: skip
+    cases = make_cases(ACROBOT, ROBUSTNESS_RULES["v2"], "model", 0)
+    assert not drawn & {tuple(map(float, jax.tree.leaves(case.scenario.parameters))) for case in cases}
+
+
+@pytest.mark.parametrize("robot", [ACROBOT, PENDUBOT], ids=lambda robot: robot.name)
+def test_the_swingup_teaches_near_it_and_the_regulator_at_the_top(robot):
+    teachers, teacher = a_teacher(robot)
+    assert teachers.number == 1
+    recovery, row = small(robot), 60
+    torque, distance = taught(teacher, recovery, 0.5, teacher.states[row])
+    assert (float(torque), float(distance)) == (float(teacher.torque[row]), 0.0)
+    # A whole turn is no distance, and the gains answer a small error.
+    error = jnp.array([2 * jnp.pi + 0.002, -0.001, 0.0, 0.01], jnp.float32)
+    torque, distance = taught(teacher, recovery, 0.5, teacher.states[row] + error)
+    off = np.array([0.002, -0.001, 0.0, 0.01])
+    assert float(torque) == pytest.approx(float(teacher.torque[row] + teacher.gains[row] @ off), abs=2e-3)
+    assert 0 < float(distance) < 0.003
+    error = np.array([0.001, 0.002, 0.0, 0.0], np.float32)
+    assert error @ teacher.cost_to_go @ error < TOP
+    torque, _ = taught(teacher, recovery, 0.5, jnp.float32([np.pi, 0, 0, 0]) + error)
+    assert float(torque) == pytest.approx(float(-teacher.top_gains @ error), abs=1e-4)
+    # Rows at rest at the top do not teach.
+    assert np.asarray(teacher.at_rest).nonzero()[0].min() * APART * 0.002 > 1.0
+
+
+def test_elsewhere_the_recovering_policy_teaches():
+    _, teacher = a_teacher(PENDUBOT)
+    recovery, x = small(PENDUBOT), jnp.array([1.5, 2.5, 9.0, -9.0])
+    torque, distance = taught(teacher, recovery, 0.5, x)
+    assert distance > 1.0
+    assert float(torque) == pytest.approx(float(recovery(None, jnp.zeros(()), x)[1][0]), abs=1e-4)
+
+
+def test_a_matched_torque_moves_another_plant_as_nearly_as_it_can_as_the_nominal_one():
+    nominal = leaderboard_parameters(ACROBOT)
+    plant = dataclasses.replace(nominal, m2=1.2 * nominal.m2, b1=0.05)
+    policy, x = small(), jnp.array([1.0, 0.5, 2.0, -1.0])
+    u = policy(None, jnp.zeros(()), x)[1]
+    assert float(matched_torque(policy, nominal, x)) == pytest.approx(float(u[1]), abs=1e-4)
+    matched = matched_torque(policy, plant, x)
+    miss = [
+        float(jnp.sum((acceleration(plant, x, jnp.array([0.0, matched + off])) - acceleration(nominal, x, u)) ** 2))
+        for off in (-0.01, 0.0, 0.01)
+    ]
+    assert miss[1] < min(miss[0], miss[2])
+
+
+def test_lessons_are_joined_in_order():
+    one, two = (Lessons(np.full((n, 4), n), np.full(n, n), np.full(n, n), np.full(n, n)) for n in (2, 3))
+    assert (one + two).u.tolist() == [2, 2, 3, 3, 3]
+    assert (one + two).x.shape == (5, 4)
+
+
+def test_a_new_student_sees_the_plant_in_units_of_its_ranges():
+    student = new_student(small(), FEW, np.random.default_rng(0))
+    assert sees_plant(student)
+    nominal = leaderboard_parameters(ACROBOT)
+    for sweep in SWEEPS.values():
+        value = sweep.sweep.high * (getattr(nominal, sweep.parameter) if sweep.relative else 1.0)
+        moved = base_parameters(dataclasses.replace(nominal, **{sweep.parameter: value}))
+        assert 0.1 < np.abs((moved - base_parameters(nominal)) / plant_scale(base_parameters(nominal))).max() < 3.0
+    assert [part is None for part in parts_around(student)] == [False, False, False]
+    assert parts_around(small()).metadata().keys() == {"estimator"}
+    assert parts_around(student).metadata().keys() == {"estimator", "identifier", "regulator"}
+
+
+def test_the_recipe_is_for_the_leaderboards_plant():
+    with pytest.raises(SwingupError, match="the recipe adapt is for the leaderboards' plant: give no other"):
+        run_recipe(shipped_policy("acrobot")[0], ACROBOT, RECIPES["adapt"], plant="cloudpendulum")
+
+
+@pytest.mark.slow
+def test_a_student_learns_and_sees_its_plant():
+    recovery, rounds = shipped_policy("acrobot", "global")[0], []
+    student = distil(recovery, FEW, np.random.default_rng(0), lambda now, number: rounds.append((now, number)))
+    assert [number for _, number in rounds] == [1, 2, 3]
+    assert sees_plant(student)
+    _, teacher = a_teacher(ACROBOT)
+    x = jax.vmap(lambda x: student(None, jnp.zeros(()), x)[1][1])(jnp.float32(teacher.states[:250]))
+    untrained = new_student(single_precision(recovery), FEW, np.random.default_rng(0))
+    before = jax.vmap(lambda x: untrained(None, jnp.zeros(()), x)[1][1])(jnp.float32(teacher.states[:250]))
+    wanted = np.asarray(teacher.torque[:250])
+    assert np.abs(x - wanted).mean() < 0.6 * np.abs(before - wanted).mean()
+    again = distil(recovery, FEW, np.random.default_rng(0))
+    assert all(map(np.array_equal, jax.tree.leaves(student.policy), jax.tree.leaves(again.policy)))
