@@ -57,6 +57,16 @@ def test_calls_before_a_reset_count_for_nothing(name):
 
 
 @pytest.mark.parametrize("name", ADAPTIVES)
+def test_the_number_of_calls_means_nothing_once_the_window_is_full(name):
+    found = NumpyController(policy(name))
+    found._estimator._identifier._calls = 10**9
+    found._estimator._identifier._angles = [(0.0, 0.0)] * len(found._estimator._identifier._angles)
+    torques = numpy_loop(found, steps=FEW)[2]
+    # Learning begins some calls earlier: at rest there is nothing to learn yet.
+    np.testing.assert_allclose(torques, numpy_loop(NumpyController(policy(name)), steps=FEW)[2], rtol=0, atol=0.05)
+
+
+@pytest.mark.parametrize("name", ADAPTIVES)
 def test_torques_follow_from_estimate_plant_and_memory(name):
     """A network and a regulator that know no time give the same, from the estimates and the plants found."""
     p = policy(name)

@@ -143,6 +143,16 @@ def test_a_new_student_sees_the_plant_in_units_of_its_ranges():
     assert parts_around(student).metadata().keys() == {"estimator", "identifier", "regulator"}
 
 
+def test_a_policy_that_sees_its_plant_is_not_refined_further():
+    with pytest.raises(SwingupError, match="the policy sees its plant, which only the recipe adapt trains"):
+        run_recipe(shipped_policy("acrobot", "adaptive")[0], ACROBOT, RECIPES["score"])
+
+
+def test_the_recipe_takes_no_front_end():
+    with pytest.raises(SwingupError, match="takes no policy with a front end: give one without, such as global"):
+        run_recipe(shipped_policy("acrobot", "robot")[0], ACROBOT, RECIPES["adapt"])
+
+
 def test_the_recipe_is_for_the_leaderboards_plant():
     with pytest.raises(SwingupError, match="the recipe adapt is for the leaderboards' plant: give no other"):
         run_recipe(shipped_policy("acrobot")[0], ACROBOT, RECIPES["adapt"], plant="cloudpendulum")

@@ -15,9 +15,9 @@ from ..checks import one_of
 from ..files import check_writable
 from ..physics.parameters import Robot, get_robot
 from ..policy.jax_backend.controller import PolicyController, load_policy, save_controller, shipped_policy
-from ..policy.shipped import AR_EAPO, SHIPPED_POLICIES
+from ..policy.shipped import AR_EAPO, GLOBAL, SHIPPED_POLICIES
 from ..refine.around import parts_around
-from ..refine.recipe import RECIPES, RefinementReport, run_recipe
+from ..refine.recipe import ADAPT, RECIPES, RefinementReport, run_recipe
 from ..renamed import current_name
 from ..version import __version__
 from .arguments import NO_PLANT, PlantFlags, RobotName
@@ -35,12 +35,14 @@ def refine_command(
 ) -> int:
     """Refine a trained policy by a teacher or by gradients through the simulation; takes seconds to minutes.
 
-    The file is rewritten at each line of progress: an interrupted run leaves its latest policy.
+    The file is rewritten at each line of progress: an interrupted run leaves its latest policy. The first line of
+    adapt comes after some minutes, in which swing-ups of many plants are computed.
 
     Args:
         robot: the robot.
         out: the refined policy's file.
-        policy: the policy to start from: a file, or the name of a shipped one; default ar-eapo.
+        policy: the policy to start from: a file, or the name of a shipped one; default ar-eapo,
+            for adapt global.
         recipe: score (learn a teacher's swing-up), recover (be up again soon after throws) or adapt (from a policy
             that recovers: see the plant, and swing up any of many).
         plant: what the policy is refined on, and its teacher designed for.
@@ -50,7 +52,8 @@ def refine_command(
     one_of("recipe", recipe, RECIPES)
     check_seeds(seed, 1)
     check_writable(out)
-    policy = AR_EAPO if policy is None else current_name("controller", policy)
+    usual = GLOBAL if recipe == ADAPT else AR_EAPO
+    policy = usual if policy is None else current_name("controller", policy)
     start, metadata = (shipped_policy if policy in SHIPPED_POLICIES else _load)(chosen, policy)
     stages, console = RECIPES[recipe], Console(stderr=True)
     options = {"policy": policy, "recipe": recipe, "seed": seed, "out": Path(out).name}

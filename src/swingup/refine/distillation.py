@@ -107,7 +107,7 @@ def _learn_score(
     settings: DistillationSettings,
     random: np.random.Generator,
 ) -> PolicyController:
-    """The same with the score of the nominal plant's swing-ups, whose gradients are bounded as in refining."""
+    """The same with the score of the nominal plant's swing-ups; gradients through the pendulum are bounded."""
     s = settings
     schedule = optax.warmup_cosine_decay_schedule(0.0, s.score_rate, s.score_steps // 8, s.score_steps)
     optimiser = optax.chain(optax.clip_by_global_norm(2.0), optax.adam(schedule))

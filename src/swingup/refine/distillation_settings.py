@@ -30,7 +30,7 @@ class DistillationSettings:
     own: float = 0.8
     """Share of the runs in which the student acts, after the first round."""
     noise: float = 0.6
-    """Standard deviation of the torques' noise in the roughest runs (N m)."""
+    """Twice the standard deviation of the torques' noise on each joint in the roughest runs (N m)."""
     slowest: float = 0.4
     """Longest time in which the student's plant goes from the nominal one to the run's (s)."""
     steps: int = 30_000
@@ -38,11 +38,13 @@ class DistillationSettings:
     learning_rate: float = 1.5e-3
     """In the first round, 0.6 of it in the others; it falls to 0 on a cosine."""
     batch: int = 2048
+    """States of runs in a minibatch."""
     outside_weight: float = 0.15
     """Weight of a state outside the tube, beside 1 within."""
     anywhere: int = 60_000
     """States from anywhere, with random velocities."""
     anywhere_batch: int = 256
+    """Those in a minibatch."""
     anywhere_weight: float = 0.02
     """Weight of one of those."""
     score_steps: int = 1500

@@ -16,9 +16,11 @@ from ..benchmark.evaluate import evaluate
 from ..control.controller import AbstractController
 from ..control.registry import get_controller
 from ..errors import SwingupError
+from ..physics.base_parameters import base_parameters
 from ..physics.parameters import Robot, leaderboard_parameters
 from ..plants.plant import Plant, PlantLike, find_plant
 from ..policy.jax_backend.controller import PolicyController, plant_of
+from ..policy.jax_backend.told import sees_plant
 from ..policy.plant_facts import plant_difference, policy_plant
 from .analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings
 from .around import judged
@@ -40,10 +42,12 @@ class GradientStage:
 
 RecipeStage = CloningSettings | GradientStage | DistillationSettings
 
+ADAPT = "adapt"
+"""The recipe that makes a policy which sees its plant."""
 RECIPES: dict[str, tuple[RecipeStage, ...]] = {
     "score": (CloningSettings(),),
     "recover": (GradientStage(),),
-    "adapt": (DistillationSettings(),),
+    ADAPT: (DistillationSettings(),),
 }
 """``score``: learn a teacher's swing-up. ``recover``: be up again soon after throws. ``adapt``: see the plant, and
 swing up any of many."""
@@ -56,9 +60,9 @@ class RefinementReport:
     stage: int
     """Counted from 1."""
     iteration: int
-    """Gradient steps of this stage so far."""
+    """Gradient steps of this stage so far; rounds of a distillation."""
     of: int
-    """Gradient steps of this stage in all."""
+    """The same in all."""
     seconds: float
     """Since the recipe began."""
     controller: PolicyController
@@ -85,15 +89,17 @@ def run_recipe(
         robot: its robot.
         stages: the recipe's stages, in order.
         seed: seed of all random numbers.
-        report: called after every ``every`` gradient steps and after each stage.
+        report: called after every ``every`` gradient steps, each round of a distillation, and each stage.
         every: gradient steps between reports.
         plant: what the policy is refined on, and the teacher designed for: a plant, its parameters, its name or its
             file; None for the leaderboards'.
 
     Raises:
-        SwingupError: there is no such plant, the weights are no longer finite, or the teacher fails or is plain
-            Python.
+        SwingupError: there is no such plant, the weights are no longer finite, the teacher fails or is plain
+            Python, or a stage does not take such a policy or plant.
     """
+    if sees_plant(controller) and any(not isinstance(stage, DistillationSettings) for stage in stages):
+        raise SwingupError("the policy sees its plant, which only the recipe adapt trains: give the one before it")
     start, found = time.perf_counter(), find_plant(plant)
     if found is None:
         difference = plant_difference(plant_of(controller), leaderboard_parameters(robot), robot)
@@ -114,7 +120,7 @@ def run_recipe(
             report(RefinementReport(number, iteration, of, time.perf_counter() - start, now, criteria, measures))
 
         if isinstance(stage, DistillationSettings):
-            controller = _distilled(controller, stage, random, tell, found)
+            controller = _distilled(controller, stage, random, tell)
         elif isinstance(stage, CloningSettings):
             teacher = get_controller(stage.teacher, robot, plant=found)
             if not isinstance(teacher, AbstractController):
@@ -131,13 +137,16 @@ def _distilled(
     settings: DistillationSettings,
     random: np.random.Generator,
     tell: Callable[[PolicyController, int, int, dict[str, float]], None],
-    plant: Plant | None,
 ) -> PolicyController:
-    difference = plant_difference(plant_of(controller), leaderboard_parameters(controller.robot), controller.robot)
-    if plant is not None or difference is not None:
+    own, nominal = (
+        base_parameters(each) for each in (plant_of(controller), leaderboard_parameters(controller.robot))
+    )
+    if not np.allclose(own, nominal, rtol=1e-6, atol=1e-9):
         raise SwingupError("the recipe adapt is for the leaderboards' plant: give no other, and a policy for it")
+    if controller.front_end is not None:
+        raise SwingupError("the recipe adapt takes no policy with a front end: give one without, such as global")
     rounds = settings.rounds + bool(settings.score_steps)
-    return distil(controller, settings, random, lambda now, number: tell(now, number, rounds, {}))
+    return distil(controller, settings, random, lambda now, number: tell(_checked(now), number, rounds, {}))
 
 
 def _gradient_steps(
@@ -170,6 +179,10 @@ def _means(nominal: np.ndarray, measures: Any) -> dict[str, float]:
 
 def _with_actor(controller: PolicyController, learner: AnalyticPolicyGradient) -> PolicyController:
     actor = jax.tree.map(np.asarray, learner.state.actor)
-    if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(actor)):
+    return _checked(eqx.tree_at(lambda c: c.policy.actor, controller, actor))
+
+
+def _checked(controller: PolicyController) -> PolicyController:
+    if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(controller.policy.actor)):
         raise SwingupError("refining diverged: weights are not finite; start from another policy or seed")
-    return eqx.tree_at(lambda c: c.policy.actor, controller, actor)
+    return controller
