@@ -31,7 +31,7 @@ from swingup.policy.regulator_settings import RegulatorSettings, fixed_point, kn
 from swingup.policy.settings import FrontEndSettings
 from swingup.policy.upright import upright_step
 
-from .references import sighted_policy
+from .references import UNSOUND, sighted_policy
 
 DT, STEPS = 0.002, 1500
 SETTINGS = RegulatorSettings()
@@ -162,6 +162,17 @@ def test_bounds():
     assert torques[1] == pytest.approx([0, -K @ e * sizes[1]], rel=1e-6)
     assert np.isnan([torques[3][1], torques[8][1]]).all()
     assert np.abs(torques[2]).max() == 6.0
+
+
+@pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda robot: robot.name)
+def test_a_broken_measurement_is_not_hidden_while_it_acts(robot):
+    """An infinite rate must not become the largest torque."""
+    controller = regulated(robot)
+    memory = dataclasses.replace(controller.init(), acting=jnp.array(True))
+    broken = jnp.where(jnp.isfinite(UNSOUND), UPRIGHT, UNSOUND)
+    after, torques = jax.vmap(lambda x: controller(memory, 0.0, x))(broken)
+    assert np.asarray(after.acting).all()
+    assert np.isnan(np.asarray(torques)[:, robot.joint]).all()
 
 
 def test_a_spoilt_cost_to_go_starts_again():
