@@ -18,8 +18,8 @@ At each measurement, with the rows Y of ``physics.momentum`` for the last angles
 The motor's torque is no part of the undriven joint's row. That row alone gives its part of θ up to scale, and noise
 of the motor and pushes on the driven joint do not enter it; the driven joint's row adds the scale. Rates are not
 used at all: their noise costs nothing. ``docs/policy-format.md`` has all steps. Sources: filtered regression,
-Slotine and Li (Applied Nonlinear Control, 9.2); recursive least squares with a variance that adapts to innovations, Mehra
-(IEEE Transactions on Automatic Control 15, 1970).
+Slotine and Li (Applied Nonlinear Control, 9.2); recursive least squares with a variance that adapts to innovations,
+Mehra (IEEE Transactions on Automatic Control 15, 1970).
 """
 
 from dataclasses import replace
