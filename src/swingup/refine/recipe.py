@@ -138,10 +138,8 @@ def _distilled(
     random: np.random.Generator,
     tell: Callable[[PolicyController, int, int, dict[str, float]], None],
 ) -> PolicyController:
-    own, nominal = (
-        base_parameters(each) for each in (plant_of(controller), leaderboard_parameters(controller.robot))
-    )
-    if not np.allclose(own, nominal, rtol=1e-6, atol=1e-9):
+    nominal = base_parameters(leaderboard_parameters(controller.robot))
+    if not np.allclose(base_parameters(plant_of(controller)), nominal, rtol=1e-6, atol=1e-9):
         raise SwingupError("the recipe adapt is for the leaderboards' plant: give no other, and a policy for it")
     if controller.front_end is not None:
         raise SwingupError("the recipe adapt takes no policy with a front end: give one without, such as global")
