@@ -144,6 +144,10 @@ def policy(random):
         names, value = ["dt", "span", "bandwidth", "gate", "spread", "x"], random.choice([*EXTREMES, {"rotor": 1}])
         metadata |= {"format_version": 4, "identifier": {random.choice(names): value}}
         metadata.setdefault("estimator", {})
+    if random.random() < 0.3:
+        names = ["state_weights", "torque_weight", "riccati_step", "riccati_steps", "enter", "leave", "x"]
+        value = random.choice([*EXTREMES, [1.0, 1.0, 0.1, 0.1], [1e9, 1, 1, 1], 100])
+        metadata |= {"format_version": 4, "regulator": {random.choice(names): value}}
     return _archive(random, metadata, arrays)
 
 

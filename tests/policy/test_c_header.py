@@ -13,7 +13,7 @@ from swingup.policy.shipped import read_policy
 
 from . import references
 from .compiled import CAREFUL, compile_header, compile_program, needs_gcc, pointer, torques
-from .references import DT, IDENTIFIED, OTHER_PLANT, SIGHTED, alone, random_states
+from .references import DT, IDENTIFIED, OTHER_PLANT, REGULATED, SIGHTED, TOLD, alone, random_states
 
 pytestmark = needs_gcc
 
@@ -32,6 +32,8 @@ def test_in_single_precision(tmp_path):
         (IDENTIFIED, "float"),
         (IDENTIFIED, "double"),
         (OTHER_PLANT, "double"),
+        (REGULATED, "float"),
+        (TOLD, "double"),
     ],
 )
 def test_conversions_are_written_out(tmp_path, name, real):

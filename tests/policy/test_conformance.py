@@ -17,6 +17,7 @@ from .backends import BACK_ENDS
 from .references import (
     ADAPTIVES,
     COLUMNS,
+    DT,
     IDENTIFIED,
     OTHER_PLANT,
     REGULATED,
@@ -25,6 +26,7 @@ from .references import (
     SMALL,
     TOLD,
     TOLERANCE,
+    UNSOUND,
     alone,
     controller,
     numpy_run,
@@ -189,6 +191,18 @@ def test_the_regulator_takes_over_alike(made, back_end, sensor):
     # With noise it leaves and enters again.
     if sensor != "not finite":
         assert (np.diff(policys.astype(int)) != 0).sum() >= (1 if sensor == "clean" else 3)
+
+
+@pytest.mark.parametrize("back_end", ["numpy", "c"])
+def test_a_regulator_that_acts_hides_no_broken_measurement(made, back_end):
+    """An infinite rate must not become the largest torque; ``test_regulator.py`` has JAX's."""
+    broken = np.where(np.isfinite(UNSOUND), UPRIGHT, UNSOUND)
+    states = np.stack([np.broadcast_to(UPRIGHT, broken.shape), broken], axis=1).reshape(-1, 4)
+    torques = made(back_end, REGULATED).run(DT * np.arange(len(states)), states)[:, 1]
+    # It acts at each good state: the policy would command a torque there.
+    assert abs(alone(SIGHTED, states[:1])[0]) > 0.1
+    np.testing.assert_allclose(torques[::2], 0.0, atol=1e-9)
+    assert np.isnan(torques[1::2]).all()
 
 
 @pytest.mark.slow  # JAX compiles the identifier for seconds

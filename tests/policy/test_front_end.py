@@ -14,7 +14,8 @@ from swingup.control.registry import get_controller, has_estimator
 from swingup.errors import SwingupError
 from swingup.physics.parameters import get_robot
 from swingup.policy.c_backend.header import c_header
-from swingup.policy.jax_backend.controller import PolicyController, load_policy, save_controller
+from swingup.policy.file import write_network
+from swingup.policy.jax_backend.controller import PolicyController, load_policy, policy_of, save_controller
 from swingup.policy.jax_backend.front_end import FrontEnd
 from swingup.policy.jax_backend.observation import Normalise, PendulumObservation
 from swingup.policy.jax_backend.policy import Policy
@@ -138,7 +139,8 @@ def test_bad_settings_in_a_file(tmp_path, front_end, message):
 
 @pytest.mark.parametrize("robot", [["acrobot"], "cart", None])
 def test_a_file_for_no_robot(tmp_path, robot):
-    save_controller(tmp_path / "p.npz", small_policy("plain"), {"robot": robot})
+    network = policy_of(small_policy("plain")).network
+    write_network(tmp_path / "p.npz", network, {"robot": robot, "torque_limit": 6.0})
     with pytest.raises(SwingupError, match=r"policy file .*p\.npz is for robot .*: acrobot or pendubot is needed"):
         load_policy(tmp_path / "p.npz")
 

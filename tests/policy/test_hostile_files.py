@@ -44,6 +44,12 @@ def write(path, metadata, values):
     np.savez(path, metadata=np.frombuffer(text, np.uint8), **values)
 
 
+def beside(part):
+    """The metadata beside some part: without the front end where that would be refused beside it."""
+    alone = part in ("identifier", "regulator")
+    return {name: value for name, value in METADATA.items() if not (alone and name == "front_end")}
+
+
 def try_it(path):
     """Whether the file was accepted; one that is must run and have a header."""
     try:
@@ -113,14 +119,19 @@ def test_unknown_arrays_are_left_alone(tmp_path):
 @pytest.mark.parametrize("value", WRONG, ids=lambda value: repr(value)[:20])
 @pytest.mark.parametrize(
     "place",
-    ["robot", "torque_limit", "observation", "estimator", "identifier", "front_end", "choices", "format_version"],
-)
+    [
+        "robot", "torque_limit", "observation", "estimator", "identifier", "regulator", "front_end", "choices",
+        "format_version",
+    ],
+)  # fmt: skip
 def test_metadata_of_wrong_kinds(tmp_path, place, value):
-    write(tmp_path / "p.npz", METADATA | {place: value}, arrays())
+    write(tmp_path / "p.npz", beside(place) | {place: value}, arrays())
     accepted = try_it(tmp_path / "p.npz")
     # {} are default settings, and an array that is given is only needed by its stage.
-    allowed = {"estimator": [{}], "front_end": [{}], "torque_limit": [2**63], "format_version": [True]}
+    settings = {part: [{}] for part in ("estimator", "identifier", "regulator", "front_end")}
+    allowed = settings | {"torque_limit": [2**63], "format_version": [True]}
     assert not accepted or value in allowed.get(place, [])
+    assert accepted or place not in settings or value != {}
 
 
 @pytest.mark.parametrize("value", WRONG, ids=lambda value: repr(value)[:20])
@@ -128,9 +139,11 @@ def test_settings_of_wrong_kinds(tmp_path, value):
     for part, names in (
         ("estimator", ("dt", "position_noise", "max_delay_steps", "longest_dead_time", "memory")),
         ("front_end", ("dt", "velocity_weight", "damping", "passive_limit")),
+        ("identifier", ("dt", "span", "gate", "spread")),
+        ("regulator", ("state_weights", "torque_weight", "riccati_step", "riccati_steps", "leave")),
     ):
         for name in names:
-            write(tmp_path / "p.npz", METADATA | {part: {name: value}}, arrays())
+            write(tmp_path / "p.npz", beside(part) | {part: {name: value}}, arrays())
             try_it(tmp_path / "p.npz")
     for name in ("name", "angles", "velocity_scale", "clip", "epsilon", "torques", "x"):
         stages = copy.deepcopy(METADATA["observation"])

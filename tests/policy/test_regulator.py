@@ -25,13 +25,13 @@ from swingup.policy.jax_backend.identifier import make_identifier
 from swingup.policy.jax_backend.regulator import TRIANGLE, with_regulator
 from swingup.policy.jax_backend.told import sees_plant, told_base
 from swingup.policy.numpy_backend.regulator import NumpyRegulator
-from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
+from swingup.policy.pendulum import PARTS, read_pendulum_policy, write_pendulum_policy
 from swingup.policy.plant_facts import policy_plant
 from swingup.policy.regulator_settings import RegulatorSettings, fixed_point, known_of
 from swingup.policy.settings import FrontEndSettings
 from swingup.policy.upright import upright_step
 
-from .references import sighted_policy
+from .references import UNSOUND, sighted_policy
 
 DT, STEPS = 0.002, 1500
 SETTINGS = RegulatorSettings()
@@ -164,6 +164,17 @@ def test_bounds():
     assert np.abs(torques[2]).max() == 6.0
 
 
+@pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda robot: robot.name)
+def test_a_broken_measurement_is_not_hidden_while_it_acts(robot):
+    """An infinite rate must not become the largest torque."""
+    controller = regulated(robot)
+    memory = dataclasses.replace(controller.init(), acting=jnp.array(True))
+    broken = jnp.where(jnp.isfinite(UNSOUND), UPRIGHT, UNSOUND)
+    after, torques = jax.vmap(lambda x: controller(memory, 0.0, x))(broken)
+    assert np.asarray(after.acting).all()
+    assert np.isnan(np.asarray(torques)[:, robot.joint]).all()
+
+
 def test_a_spoilt_cost_to_go_starts_again():
     controller = regulated(ROBOTS["pendubot"])
     memory = dataclasses.replace(controller.init(), cost_to_go=jnp.full(10, jnp.inf))
@@ -223,6 +234,39 @@ def test_files(file, tmp_path):
     assert read_pendulum_policy(tmp_path / "again.npz").regulator == found.regulator
     assert make_controller(found).settings == found.regulator
     assert make_controller(found, estimator=True).controller.settings == found.regulator
+
+
+def changed(policy, tmp_path, **fields):
+    """A policy with other fields, written with its file's metadata, and read again."""
+    write_pendulum_policy(tmp_path / "changed.npz", dataclasses.replace(policy, **fields), policy.metadata)
+    return read_pendulum_policy(tmp_path / "changed.npz")
+
+
+def test_what_a_policy_has_wins_over_the_old_metadata(file, tmp_path):
+    old = read_pendulum_policy(file(estimator={"caution": 7}, identifier={"gate": 4}, regulator={"enter": 2}))
+    assert changed(old, tmp_path).regulator == RegulatorSettings(enter=2.0)
+    assert changed(old, tmp_path, regulator=RegulatorSettings(enter=3.0)).regulator.enter == 3.0
+    assert changed(old, tmp_path, torque_limit=2.0).torque_limit == 2.0
+    # With and without an identifier beside it.
+    for kept in (old, changed(old, tmp_path, identifier=None)):
+        estimator = dataclasses.replace(old.estimator, caution=8.0)
+        found = changed(kept, tmp_path, estimator=estimator)
+        assert (found.estimator, found.identifier) == (estimator, kept.identifier)
+    bare = dataclasses.replace(policy_of(sighted_policy()), estimator=estimator)
+    assert changed(bare, tmp_path).estimator == estimator
+
+
+def test_what_a_policy_has_no_more_is_not_written(file, tmp_path):
+    old = read_pendulum_policy(file(estimator={}, identifier={}, regulator={}, guard={}, command="none"))
+    for part in ("identifier", "regulator", "guard"):
+        found = changed(old, tmp_path, **{part: None})
+        others = {"estimator", "identifier", "regulator", "guard"} - {part}
+        assert getattr(found, part) is None
+        assert others == {name for name in PARTS if getattr(found, name) is not None}
+        assert others == found.metadata.keys() & set(PARTS)
+    assert found.metadata["command"] == "none"
+    alone = changed(old, tmp_path, estimator=None, identifier=None)
+    assert (alone.estimator, alone.identifier, alone.regulator) == (None, None, SETTINGS)
 
 
 @pytest.mark.parametrize(

@@ -40,6 +40,8 @@ GUARDED = (
 )
 UNGUARDED = "It has no safety guard: check every torque that goes to a motor."
 
+BY_AREAPO = "policy by AR-EAPO (average-reward entropy advantage policy optimisation)"
+
 ABOUT = f'"""What a policy needs to run, copied from swingup {__version__} (Apache-2.0)."""\n'
 
 
@@ -126,9 +128,11 @@ def _write(path: Path, content: bytes) -> None:
 
 def _entry(policy: PendulumPolicy, username: str, name: str) -> str:
     behind = " behind a state estimator" if policy.estimator else ""
-    with_it = " with a regulator" if policy.regulator else ""
+    made = "Average-reward maximum-entropy RL (AR-EAPO): one network"
+    if policy.regulator:
+        made = "One network distilled from teachers (one by AR-EAPO) with a regulator"
     values = {
-        "DESCRIPTION": f"Average-reward maximum-entropy RL (AR-EAPO): one network{with_it}{behind}",
+        "DESCRIPTION": f"{made}{behind}",
         "NAME": name,
         "PACKAGE": PACKAGE.format(name=name),
         "ROBOT": policy.robot.name,
@@ -161,6 +165,9 @@ def readme_values(policy: PendulumPolicy, name: str) -> dict[str, str]:
         "ESTIMATOR": f"It is shown {seen}{front}.",
         "GUARD": GUARDED if policy.guard else UNGUARDED,
         "JOINT": ("shoulder", "elbow")[policy.robot.joint],
+        "KIND": f"A network distilled from teachers, one of which is a {BY_AREAPO}"
+        if policy.regulator
+        else f"A {BY_AREAPO}",
         "LAYERS": " and ".join(str(len(layer.bias)) for layer in policy.network.trunk),
         "TORQUE": _torque(policy),
         "NAME": name,

@@ -1,7 +1,7 @@
 """A network that sees its plant as an ordinary one, for one plant.
 
-The plant's inputs are constants then: the first layer's bias takes up what they add. All back ends but JAX's run
-this network, and know nothing of the stage ``plant``.
+The plant's inputs are constants then: the first layer's bias takes up what they add. Without an identifier, all
+back ends but JAX's run this network, and know nothing of the stage ``plant``.
 """
 
 from dataclasses import replace

@@ -38,6 +38,9 @@ from .settings import (
 )
 from .stages import PendulumStage
 
+PARTS = (ESTIMATOR, FRONT_END, GUARD, IDENTIFIER, REGULATOR)
+"""What may stand around a network: keys of the metadata, and fields of a policy."""
+
 
 @dataclass(frozen=True)
 class PendulumPolicy:
@@ -146,23 +149,22 @@ def write_pendulum_policy(path: str | Path, policy: PendulumPolicy, provenance: 
     Args:
         path: the file.
         policy: what to write; its own metadata is left out.
-        provenance: where the policy comes from, JSON values. An ``estimator`` in it puts one before the policy, an
-            ``identifier`` in it lets that identify its plant; a plant in it is replaced, and so is an identifier
-            if the policy has one.
+        provenance: where the policy comes from, JSON values. The policy's own robot, torque limit, plant and
+            ``PARTS`` replace those in it. A part that the policy has not is taken from it, unless the policy's own
+            metadata has that part: then it was removed, and is not written.
 
     Raises:
         SwingupError: the file cannot be written.
     """
-    head: dict[str, Any] = {"robot": policy.robot.name, "torque_limit": float(policy.torque_limit)}
-    provenance = {**provenance, PLANT: write_plant(policy.plant)}
-    if policy.identifier is not None:
-        # A file has it beside its estimator alone.
-        head |= {} if policy.estimator is None else {ESTIMATOR: asdict(policy.estimator)}
-        provenance[IDENTIFIER] = write_identifier(policy.identifier)
-    if policy.front_end is not None:
-        head[FRONT_END] = asdict(policy.front_end)
-    if policy.guard is not None:
-        head[GUARD] = asdict(policy.guard)
-    if policy.regulator is not None:
-        head[REGULATOR] = asdict(policy.regulator)
-    write_network(path, policy.network, {**head, **provenance})
+    parts = {name: getattr(policy, name) for name in PARTS}
+    own: dict[str, Any] = {"robot": policy.robot.name, "torque_limit": float(policy.torque_limit)}
+    own |= {PLANT: write_plant(policy.plant)}
+    own |= {name: _settings(part) for name, part in parts.items() if part is not None}
+    removed = {name for name in PARTS if name in policy.metadata}
+    kept = {name: value for name, value in provenance.items() if name not in removed | own.keys()}
+    write_network(path, policy.network, {**own, **kept})
+
+
+def _settings(part: Any) -> dict[str, Any]:
+    """Settings of a part as metadata has them."""
+    return write_identifier(part) if isinstance(part, IdentifierSettings) else asdict(part)

@@ -147,7 +147,7 @@ def save_controller(path: str | Path, controller: PolicyController, provenance: 
     """Write a controller as a policy file, with the robot, the torque limit and where it comes from.
 
     An ``estimator`` in the provenance holds the settings of an estimator before the policy, an ``identifier`` those
-    of an identifier in it.
+    of an identifier in it, a ``regulator`` those of a regulator that takes over near the top.
 
     Raises:
         SwingupError: the file cannot be written.

@@ -5,11 +5,11 @@ At each measurement, with the rows Y of ``physics.momentum`` for the last angles
 1. z ← (Y, u̇, u) through three first-order low-passes of equal pole, all columns alike. Now Y θ + u̇ λ = u holds
    for the low-passed columns: λ (s) is a lag of the torque beside the delay that is known.
 2. For each joint's row φ, y, with the unknowns x = (θ, λ), their covariance P, and the variance r of what the
-   row leaves unexplained (at least a floor f):
+   row leaves unexplained, with a floor f and a bound b:
 
-       e = y - φᵀ x,   s = φᵀ P φ,   d² = e² / (s + r),
-       r ← r + w (e² r / (s + r) - r),   w fast if r grows, slow if it falls,
-       k = P φ / (s + n r w),   w = max(1, (ν + d²)/(ν + 1)),   x ← x + k e,   P ← P - k (P φ)ᵀ.
+       e = y - φᵀ x,   s = φᵀ P φ,   r' = max(r, f),   d² = e² / (s + r'),
+       k = P φ / (s + n r' w),   w = max(1, (ν + d²)/(ν + 1)),   x ← x + k e,   P ← P - k (P φ)ᵀ,
+       r ← r + a (min(d² r', b) - r),   a fast if r grows, slow if it falls.
 
    n counts the neighbouring rows whose errors are alike. w is the inverse of Student's weight, ν = 4. A row with d
    above the gate, and rows for a while after it, change nothing but r: pushes.
@@ -17,9 +17,9 @@ At each measurement, with the rows Y of ``physics.momentum`` for the last angles
 
 The motor's torque is no part of the undriven joint's row. That row alone gives its part of θ up to scale, and noise
 of the motor and pushes on the driven joint do not enter it; the driven joint's row adds the scale. Rates are not
-used at all: their noise costs nothing. Sources: filtered regression, Slotine and Li (Applied Nonlinear Control,
-9.2); recursive least squares with a variance that adapts to innovations, Mehra (IEEE Transactions on Automatic
-Control 15, 1970).
+used at all: their noise costs nothing. ``docs/policy-format.md`` has all steps. Sources: filtered regression,
+Slotine and Li (Applied Nonlinear Control, 9.2); recursive least squares with a variance that adapts to innovations,
+Mehra (IEEE Transactions on Automatic Control 15, 1970).
 """
 
 from dataclasses import replace

@@ -68,9 +68,11 @@ class RegulatingController(AbstractController[RegulatorMemory]):
         error = x - jnp.asarray(UPRIGHT, x.dtype)
         e = unpack(error.at[:2].set(nearest(error[:2])))
         rows, limit = _symmetric(P), self.torque_limit
-        acting = self._acts(carry.acting, dot(e, symmetric_times(rows, e)), jnp.isfinite(x).all())
-        # A clip keeps NaN.
+        finite = jnp.isfinite(x).all()
+        acting = self._acts(carry.acting, dot(e, symmetric_times(rows, e)), finite)
         torque = jnp.clip(-dot(_gains(rows, step, self.settings.step_weights[1]), e), -limit, limit)
+        # The clip would make an infinite rate the largest torque.
+        torque = jnp.where(finite, torque, jnp.nan)
         regulated = torque.astype(u.dtype) * jnp.array(self.robot.actuation, u.dtype)
         return RegulatorMemory(P, acting, inner), jnp.where(acting, regulated, u)
 

@@ -119,7 +119,8 @@ static inline int swingup_regulate(swingup_regulator *c, const double theta[9], 
             *torque -= pushed * step[i][j] * error[j];
         }
     }
-    *torque = swingup_clip(*torque / share, SWINGUP_TORQUE_LIMIT);
+    /* The clip would make an infinite rate the largest torque. */
+    *torque = finite ? swingup_clip(*torque / share, SWINGUP_TORQUE_LIMIT) : (double)NAN;
     if (finite) {
         c->acting = c->acting ? cost <= @LEAVE@ : cost < @ENTER@;
     }
