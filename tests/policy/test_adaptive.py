@@ -12,7 +12,7 @@ from swingup.policy.shipped import ADAPTIVE, DEFAULT, SHIPPED_POLICIES, read_pol
 from swingup.policy.stages import PlantStage
 from swingup.runtime import load_controller
 
-SCORES = {"acrobot": 0.699, "pendubot": 0.69}
+SCORES = {"acrobot": 0.699, "pendubot": 0.694}
 """The performance board's (rules v2), at least."""
 
 
