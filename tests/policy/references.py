@@ -30,7 +30,7 @@ from swingup.policy.stages import PlantStage
 DT = 0.002
 AWAY = 1e-3
 """Distance from a wrap of the angles (rad) from which back ends must agree."""
-TOLERANCE = 3e-5
+TOLERANCE = 5e-5
 """How far torques of different back ends may lie apart (N m)."""
 
 ENCODER = 2 * np.pi / 2**14

@@ -3,7 +3,7 @@
 A controller is called with the measured state x = [q1, q2, dq1, dq2] (rad, rad/s) at the time t (s) and gives the
 torques u = [u1, u2] (N m) of shoulder and elbow.
 
-- Back ends differ by at most 3e-5 N m, and by 1e-11 where both compute in double precision throughout. Behind an
+- Back ends differ by at most 5e-5 N m, and by 1e-11 where both compute in double precision throughout. Behind an
   estimator, rounding feeds back: 1e-9 over a whole run.
 - A policy that sees its plant runs as the ordinary policy that it is for the plant of its file. Behind an
   identifier it is told the plant found so far, which depends on its own torques: 1e-9 holds where it reacts little
