@@ -101,6 +101,6 @@ def _provenance(
 def _line(now: RefinementReport, stages: int) -> str:
     means = "  ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in now.measures.items())
     return (
-        f"stage {now.stage}/{stages}  {now.iteration}/{now.of} steps  {now.seconds:.0f} s  "
+        f"stage {now.stage}/{stages}  {now.iteration}/{now.of}  {now.seconds:.0f} s  "
         f"score {now.criteria.score:.3f}  {means}"
     )
