@@ -10,6 +10,10 @@ discrete Euler-Lagrange equation of Marsden and West (Acta Numerica 10, 2001), s
 
     Y(qa, qb, qc) θ = ∫ w(t) u dt,    w the hat of area 1 over both times, with its peak at qb.
 
+If the measured angles are the true ones plus small offsets o1 and o2, gravity's part of Y θ is too large by
+g cos(q1) κ1 in the shoulder's row and by g cos(q1 + q2) κ2 in both, with κ1 = k o1 and κ2 = m2 r2 (o1 + o2): two
+more unknowns in which the rows are linear. What o2 changes of the mass matrix is left out.
+
 For unequal times the mean of the other terms belongs to (h1 - h0)/4 after qb, the hat to (h1 - h0)/3 after it: the
 difference is of either sign and fades in a low-pass.
 
@@ -39,7 +43,7 @@ class Maths(NamedTuple):
 def momentum_rows(
     before: Pair, middle: Pair, after: Pair, steps: Pair, known: Known, maths: Maths
 ) -> tuple[Any, Any]:
-    """Y (2, 9): the row of the shoulder and that of the elbow, each with one number a base parameter.
+    """Y (2, 11): the rows of shoulder and elbow: a number for each base parameter, and for κ1 and κ2.
 
     Args:
         before: qa = (q1, q2) (rad).
@@ -60,8 +64,9 @@ def momentum_rows(
     f1, f2 = mean_arctan(v1, w1, maths), mean_arctan(v2, w2, maths)
     none, gr = 0.0 * v1, known.gr
     rotor1, rotor2 = (gr * gr + 1) * a1 - gr * a2, gr * gr * a2 - gr * a1
-    shoulder = a1, a2, coupling1, pull1, 0.5 * (v1 + w1), none, f1, none, rotor1
-    elbow = none, a1 + a2, coupling2, none, none, 0.5 * (v2 + w2), none, f2, rotor2
+    tilt1, tilt2 = -0.5 * (first.slope1 + second.slope1), -0.5 * (first.slope2 + second.slope2)
+    shoulder = a1, a2, coupling1, pull1, 0.5 * (v1 + w1), none, f1, none, rotor1, tilt1, tilt2
+    elbow = none, a1 + a2, coupling2, none, none, 0.5 * (v2 + w2), none, f2, rotor2, none, tilt2
     return shoulder, elbow
 
 
@@ -91,6 +96,9 @@ class _Half(NamedTuple):
     pull1: Number
     """g sin(q1); ``pull2``: g sin(q1 + q2)."""
     pull2: Number
+    slope1: Number
+    """g cos(q1); ``slope2``: g cos(q1 + q2)."""
+    slope2: Number
 
 
 def _half(start: Pair, end: Pair, step: Number, known: Known, maths: Maths) -> _Half:
@@ -105,4 +113,6 @@ def _half(start: Pair, end: Pair, step: Number, known: Known, maths: Maths) -> _
         turning=known.l1 * sin2 * rate1 * (rate1 + rate2),
         pull1=known.g * sin1,
         pull2=known.g * (sin1 * cos2 + cos1 * sin2),
+        slope1=known.g * cos1,
+        slope2=known.g * (cos1 * cos2 - sin1 * sin2),
     )

@@ -21,10 +21,14 @@ IDENTIFIER = "identifier"
 SPREAD = "spread"
 """Their part that is an object itself."""
 
-UNKNOWNS = BASE + 1
-"""The base parameters, and the torque's lag (s) behind the delay that the identifier is told."""
-LAG = BASE
-"""Place of the lag."""
+UNKNOWNS = BASE + 4
+"""The base parameters, and behind them what the constants below are the places of."""
+TILT1, TILT2 = BASE, BASE + 1
+"""κ1 = k o1 and κ2 = m2 r2 (o1 + o2) (kg m), for measured angles that are o1 and o2 (rad) too large."""
+LAG = BASE + 2
+"""The torque's lag (s) behind the delay that the identifier is told."""
+GAIN = BASE + 3
+"""Part of its command that the undriven joint's motor delivers."""
 BENCHMARK = Spread()
 """The ranges of the robustness benchmark."""
 
@@ -59,6 +63,12 @@ class IdentifierSettings:
     """Time after a push in which its row is not used (s)."""
     lag: float = 0.01
     """Standard deviation of the torque's lag (s)."""
+    offset: float = 0.03
+    """Standard deviation of the angles' offsets (rad)."""
+    passive_gain: float = 0.5
+    """Standard deviation of the part of its command that the undriven joint's motor delivers; its mean is 1."""
+    passive_limit: float = 0.5
+    """Largest torque that compensates the undriven joint's friction (N m); 0 for none."""
     walk: float = 0.01
     """Drift of the unknowns, in prior standard deviations after 1 s."""
     margin: float = 0.2
@@ -83,7 +93,8 @@ class IdentifierSettings:
             if field.name in whole:
                 object.__setattr__(self, field.name, whole_number(name, value, *whole[field.name]))
             else:
-                number = finite_number(name, value, 1e-6, most.get(field.name, 1000.0))
+                least = 0.0 if field.name == "passive_limit" else 1e-6
+                number = finite_number(name, value, least, most.get(field.name, 1000.0))
                 object.__setattr__(self, field.name, number)
         object.__setattr__(self, SPREAD, _checked_spread(self.spread))
 
@@ -108,21 +119,41 @@ LONGEST_STEP = 4.0
 """A call that comes more than this many periods after the last one restarts the identifier."""
 SHORTEST_STEP = 0.5
 """A shorter step counts as this many periods: rates would have nothing but the encoder's step."""
+MOST_OFFSET = 0.1
+"""Largest offset of an angle that is believed (rad)."""
 FARTHEST = 1e6
 """An angle beyond this is no measurement (rad): its digits do not tell the turn."""
 
 
 def prior(plant: Any, settings: IdentifierSettings) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (10,) and covariance (10, 10) of the unknowns before anything is measured, from a nominal plant.
+    """Mean (13,) and covariance (13, 13) of the unknowns before anything is measured, from a nominal plant.
 
     Args:
         plant: anything with the attributes of ``physics.parameters.Parameters``.
-        settings: with the deviation of the lag, and how far plants lie from the nominal one.
+        settings: with deviations, and how far plants lie from the nominal one.
     """
-    covariance = np.zeros((UNKNOWNS, UNKNOWNS))
+    mean, covariance = np.zeros(UNKNOWNS), np.zeros((UNKNOWNS, UNKNOWNS))
+    mean[:BASE] = base = base_parameters(plant)
+    mean[GAIN] = 1.0
     covariance[:BASE, :BASE] = base_covariance(plant, settings.spread)
-    covariance[LAG, LAG] = settings.lag**2
-    return np.append(base_parameters(plant), 0.0), covariance
+    second, first = base[2:4]
+    others = settings.offset * first, settings.offset * second, settings.lag, settings.passive_gain
+    covariance[range(BASE, UNKNOWNS), range(BASE, UNKNOWNS)] = np.square(others)
+    return mean, covariance
+
+
+def offsets(tilt1: Any, tilt2: Any, theta: Any, clip: Callable[[Any, float, float], Any]) -> tuple[Any, Any]:
+    """How much the measured angles are too large (rad). Arithmetic for any kind of number.
+
+    Args:
+        tilt1: κ1 (kg m).
+        tilt2: κ2.
+        theta: the base parameters.
+        clip: a number within bounds.
+    """
+    both = clip(tilt2 / theta[2], -MOST_OFFSET, MOST_OFFSET)
+    first = clip(tilt1 / theta[3], -MOST_OFFSET, MOST_OFFSET)
+    return first, both - first
 
 
 def hat_weights(steps: Any, ages: Any, minimum: Callable[[Any, Any], Any]) -> tuple[Any, Any]:

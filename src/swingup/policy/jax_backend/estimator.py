@@ -23,7 +23,7 @@ from ...physics import equations
 from ...physics.angles import nearest
 from ...physics.damped import Friction, Functions, damped_midpoint_step
 from ...physics.dynamics import acceleration
-from ...physics.equations import Lumped, lump
+from ...physics.equations import Lumped, friction, lump
 from ...physics.integrate import midpoint_step
 from ...physics.parameters import Parameters, Robot
 from ...physics.trigonometry import arctan, sine_cosine
@@ -93,7 +93,8 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         )
 
     def __call__(self, carry: EstimatorMemory, t: Scalar, x: State) -> tuple[EstimatorMemory, Torque]:
-        """The controller's torques for the estimated state (N m); x is the measurement."""
+        """The controller's torques for the estimated state (N m), with compensation; x is the measurement."""
+        measured, x = x, self._without_offsets(carry, x)
         pause, period = jnp.asarray(t, carry.time.dtype) - carry.time, self.settings.dt
         # Negated, so that the first call (an infinite pause) and a clock of NaN are late as well.
         late = ~((pause >= 0) & (pause <= 1.5 * period))
@@ -104,19 +105,20 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         # What is not finite fails the comparison, and is lost.
         kept = jnp.all(jnp.abs(x - followed.state)[2:] <= LOST * self.settings.velocity_noise)
         restarts = late | ~kept
-        memory = self._identify(choose(restarts, self._restart(carry, x), followed), x, pause)
+        memory = self._identify(choose(restarts, self._restart(carry, x), followed), measured, pause)
         # The filter's estimate is as old as the delay; the controller needs the present state.
         ahead = self._ahead(memory, dt, model)
         seen = choose(restarts | ~jnp.all(jnp.isfinite(ahead)), x, ahead)
         inner, u = self._informed(memory)(carry.controller, t, seen)
-        joint, limits = self.robot.joint, (self.parameters.tl1, self.parameters.tl2)
+        u = u + self._compensation(memory, seen).astype(u.dtype)
+        joint = self.robot.joint
+        limit = (self.parameters.tl1, self.parameters.tl2)[joint]
         # The model gets the torque that the motor can give.
-        newest = jnp.clip(u[joint], -limits[joint], limits[joint])
+        newest = jnp.clip(u[joint], -limit, limit)
         torques = jnp.concatenate([newest[None], memory.torques[:-1]])
         identified = memory.identified
         if self.identifier is not None and identified is not None:
-            most = jnp.asarray(limits, u.dtype)
-            identified = self.identifier.remember(identified, jnp.clip(u, -most, most))
+            identified = self.identifier.remember(identified, u.at[joint].set(newest))
         # In the memory's own type: a compiled loop keeps the types of its carry.
         now = jnp.asarray(t, carry.time.dtype)
         return replace(memory, time=now, torques=torques, controller=inner, identified=identified), u
@@ -130,7 +132,23 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         """The controller behind; a policy that sees its plant is told the identified one."""
         if self.identifier is None or memory.identified is None:
             return self.controller
-        return told_base(self.controller, self.identifier.theta(memory.identified))
+        return told_base(self.controller, self.identifier.shown(memory.identified))
+
+    def _without_offsets(self, memory: EstimatorMemory, x: State) -> State:
+        """The measurement less the offsets of its angles, as far as they are known."""
+        if self.identifier is None or memory.identified is None:
+            return x
+        return x.at[:2].add(-self.identifier.offsets(memory.identified).astype(x.dtype))
+
+    def _compensation(self, memory: EstimatorMemory, seen: State) -> Torque:
+        """Torques against the friction found (N m); NaN if the state seen is not finite."""
+        if self.identifier is None or memory.identified is None:
+            return jnp.zeros(2)
+        damping, coulomb = map(jnp.stack, self.identifier.compensation(memory.identified).asked)
+        # The arctangent and the clip would make a finite torque of an infinite velocity.
+        rates = jnp.where(jnp.isfinite(seen).all(), seen[2:], jnp.nan)
+        torques, most = friction(damping, coulomb, rates, arctan), self.identifier.settings.passive_limit
+        return jnp.where(jnp.array(self.robot.actuation) > 0, torques, jnp.clip(torques, -most, most))
 
     def _identify(self, memory: EstimatorMemory, x: State, pause: Scalar) -> EstimatorMemory:
         """Show the identifier, if there is one, the angles measured a pause (s) after the last ones.

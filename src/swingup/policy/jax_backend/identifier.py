@@ -2,9 +2,12 @@
 
 At each measurement, with the rows Y of ``physics.momentum`` for the last angles and the torques of that time:
 
-1. z ← (Y, u̇, u) through three first-order low-passes of equal pole, all columns alike. Now Y θ + u̇ λ = u holds
-   for the low-passed columns: λ (s) is a lag of the torque beside the delay that is known.
-2. For each joint's row φ, y, with the unknowns x = (θ, λ), their covariance P, and the variance r of what the
+1. z ← (Y, u̇, -v, u) through three first-order low-passes of equal pole, all columns alike. Now
+   Y (θ, κ) + u̇ λ - v γ = u holds for the low-passed columns: κ stands for the offsets of the angles, λ (s) is a lag
+   of the torque beside the delay that is known. v is the torque asked of the undriven joint's motor against its
+   friction, and γ the part of it that this motor delivers. u and u̇ are 0 in the undriven joint's row, v is in the
+   driven one's.
+2. For each joint's row φ, y, with the unknowns x = (θ, κ, λ, γ), their covariance P, and the variance r of what the
    row leaves unexplained, with a floor f and a bound b:
 
        e = y - φᵀ x,   s = φᵀ P φ,   r' = max(r, f),   d² = e² / (s + r'),
@@ -33,21 +36,26 @@ from jaxtyping import Array, Float
 from ...physics.angles import nearest
 from ...physics.base_parameters import BASE, Known, Spread, friction_of, lumped, share_allowed
 from ...physics.damped import Friction
-from ...physics.equations import Lumped
+from ...physics.equations import Lumped, Pair
 from ...physics.momentum import Maths, momentum_rows
 from ...physics.parameters import Parameters, Robot
 from ...physics.trigonometry import arctan, sine_cosine
 from ...types import Count, Scalar, Torque
+from ..compensation import Compensation, braking, compensation
 from ..identifier_settings import (
     FARTHEST,
+    GAIN,
     LAG,
     MOST_DEVIATION,
     POLES,
     SHORTEST_STEP,
     STUDENT,
+    TILT1,
+    TILT2,
     UNKNOWNS,
     IdentifierSettings,
     hat_weights,
+    offsets,
     prior,
 )
 from .choose import choose
@@ -57,8 +65,8 @@ FRICTIONS = slice(4, 8)
 """Places of b1, b2, cf1 and cf2 in θ."""
 
 Joints = Float[Array, "2"]
-Unknowns = Float[Array, "10"]
-Covariance = Float[Array, "10 10"]
+Unknowns = Float[Array, "13"]
+Covariance = Float[Array, "13 13"]
 
 
 class IdentifierMemory(eqx.Module):
@@ -74,10 +82,10 @@ class IdentifierMemory(eqx.Module):
     """Measurements since the last restart."""
     delay_steps: Count
     """The delay told last (steps)."""
-    filtered: Float[Array, "3 2 11"]
-    """States of the low-passes: rows of both joints, with u̇ and u in the last columns."""
+    filtered: Float[Array, "3 2 14"]
+    """States of the low-passes: rows of both joints, with u̇, -v and u in the last columns."""
     unknowns: Unknowns
-    """θ, and the lag (s)."""
+    """θ, κ1 and κ2 (kg m), the lag (s), and the gain of the undriven joint's motor."""
     covariance: Covariance
     variance: Joints
     """Of what each joint's row leaves unexplained (N² m²)."""
@@ -88,9 +96,9 @@ class IdentifierMemory(eqx.Module):
 class Identifier(eqx.Module):
     """Identifies the plant of one loop: ``init``, ``observe`` at each measurement, ``remember`` each command."""
 
-    mean: Float[np.ndarray, "10"]
-    """θ of the nominal plant, and no lag."""
-    covariance: Float[np.ndarray, "10 10"]
+    mean: Float[np.ndarray, "13"]
+    """θ of the nominal plant, no offsets, no lag, and a gain of 1."""
+    covariance: Float[np.ndarray, "13 13"]
     """Prior covariance."""
     known: Known = eqx.field(static=True)
     settings: IdentifierSettings = eqx.field(static=True)
@@ -126,7 +134,7 @@ class Identifier(eqx.Module):
         )
 
     def remember(self, memory: IdentifierMemory, u: Torque) -> IdentifierMemory:
-        """Note the torques that were commanded, within the motors' limits (N m)."""
+        """Note the torques that both motors were asked for, the driven one within its limit (N m)."""
         return replace(memory, torques=jnp.concatenate([u[None], memory.torques[:-1]]))
 
     def observe(self, memory: IdentifierMemory, q: Joints, delay_steps: Count, step: Scalar) -> IdentifierMemory:
@@ -169,11 +177,28 @@ class Identifier(eqx.Module):
     def plant(self, memory: IdentifierMemory) -> tuple[Lumped, Friction]:
         """The identified plant to predict with: its mass matrix is positive definite, its friction brakes.
 
-        Negative friction would make the implicit step singular near rest (``physics.damped``).
+        The undriven joint has the friction that its compensation leaves: that motor's torque is not counted.
         """
         theta = self.theta(memory)
-        braking = theta.at[FRICTIONS].set(jnp.maximum(theta[FRICTIONS], 0.0))
-        return lumped(theta, self.known), friction_of(braking)
+        found, left = friction_of(theta), self.compensation(memory).left
+        joint = self.robot.joint
+        acting = Friction(*(_with(rest, joint, pair[joint]) for pair, rest in zip(found, left, strict=True)))
+        return lumped(theta, self.known), braking(acting, jnp.maximum)
+
+    def compensation(self, memory: IdentifierMemory) -> Compensation:
+        """What the motors are asked for against the friction found, and what is left of it."""
+        s, found = self.settings, friction_of(self.theta(memory))
+        return compensation(found, memory.unknowns[GAIN], self.robot.joint, s.passive_limit, jnp.maximum)
+
+    def shown(self, memory: IdentifierMemory) -> Float[Array, "9"]:
+        """θ as a policy and a regulator are told it: with the friction that the compensation leaves."""
+        left = self.compensation(memory).left
+        return self.theta(memory).at[FRICTIONS].set(jnp.stack([*left[0], *left[1]]))
+
+    def offsets(self, memory: IdentifierMemory) -> Joints:
+        """How much the measured angles are too large (rad)."""
+        x = memory.unknowns
+        return jnp.stack(offsets(x[TILT1], x[TILT2], self.theta(memory), jnp.clip))
 
     def theta(self, memory: IdentifierMemory) -> Float[Array, "9"]:
         """Base parameters of a pendulum: those found, or as near to them as the mass matrix allows."""
@@ -201,7 +226,7 @@ class Identifier(eqx.Module):
         return replace(memory, covariance=memory.covariance + jnp.diag(drift))
 
     def _columns(self, memory: IdentifierMemory) -> Float[Array, "2 11"]:
-        """The newest rows: Y, u̇ and u."""
+        """The newest rows: Y, u̇, -v and u."""
         span = self.settings.span
         newest, middle, oldest = memory.angles[0], memory.angles[span], memory.angles[2 * span]
         pairs = ((oldest[0], oldest[1]), (middle[0], middle[1]), (newest[0], newest[1]))
@@ -213,7 +238,9 @@ class Identifier(eqx.Module):
         mean, slope = hat_weights(steps, ages, jnp.minimum)
         torque, rate = mean @ acting, slope @ acting
         rows = jnp.stack([jnp.stack(shoulder), jnp.stack(elbow)])
-        return jnp.concatenate([rows, rate[:, None], torque[:, None]], axis=1)
+        driven = jnp.array(self.robot.actuation, rows.dtype)
+        others = jnp.stack([driven * rate, (driven - 1.0) * torque, driven * torque], axis=1)
+        return jnp.concatenate([rows, others], axis=1)
 
     def _update(self, memory: IdentifierMemory, joint: int) -> IdentifierMemory:
         """One joint's row: the variance of its errors, and what it tells of the unknowns."""
@@ -240,6 +267,10 @@ class Identifier(eqx.Module):
             variance=memory.variance.at[joint].set(variance),
             held=memory.held.at[joint].set(jnp.maximum(held, 0.0)),
         )
+
+
+def _with(pair: Pair, place: int, value: Scalar) -> Pair:
+    return (value, pair[1]) if place == 0 else (pair[0], value)
 
 
 def _ages(steps: Float[Array, "n"]) -> Float[Array, "n+1"]:

@@ -1,0 +1,54 @@
+"""Compensation of the friction that an identifier finds: what the motors are asked for, and what is left.
+
+The driven motor delivers what it is asked for: the estimator counts its torque, and the policy is told the rest.
+How much the undriven joint's motor delivers is found: in a simulation where it is dead, nothing. Its compensation
+is therefore a part of the plant.
+"""
+
+from typing import Any, NamedTuple
+
+from ..physics.damped import Friction
+from ..physics.equations import Pair
+
+LEAST_GAIN = 0.6
+"""The undriven joint's motor is asked for as much as if it delivered at least this share."""
+
+
+class Compensation(NamedTuple):
+    """Friction of both joints, as pairs (N m s/rad; N m) for ``physics.equations.friction``."""
+
+    asked: Friction
+    """Of which the motors are asked for the counterpart: never negative."""
+    left: Friction
+    """What remains; negative friction is not compensated."""
+
+
+def compensation(found: Friction, gain: Any, joint: int, passive_limit: float, maximum: Any) -> Compensation:
+    """Share the friction found out. Arithmetic for any kind of number.
+
+    Args:
+        found: friction of both joints.
+        gain: part of its command that the undriven joint's motor delivers.
+        joint: index of the driven joint.
+        passive_limit: largest compensation of the undriven joint (N m); 0 for none.
+        maximum: the larger one of two numbers.
+    """
+    delivered = 1.0 - maximum(1.0 - maximum(gain, 0.0), 0.0)
+    asks = 1.0 / maximum(delivered, LEAST_GAIN) if passive_limit else 0.0
+    driven, passive = (1.0, 1.0), (asks, delivered)
+    shares = (driven, passive) if joint == 0 else (passive, driven)
+    asked = Friction(*(_pair(pair, shares, maximum) for pair in found))
+    kept = tuple(
+        tuple(one - share[1] * part for one, part, share in zip(pair, parts, shares, strict=True))
+        for pair, parts in zip(found, asked, strict=True)
+    )
+    return Compensation(asked, Friction(*kept))
+
+
+def _pair(found: Pair, shares: tuple[Pair, Pair], maximum: Any) -> Pair:
+    return maximum(found[0], 0.0) * shares[0][0], maximum(found[1], 0.0) * shares[1][0]
+
+
+def braking(friction: Friction, maximum: Any) -> Friction:
+    """The same without negative parts, with which the implicit step near rest would be singular."""
+    return Friction(*((maximum(pair[0], 0.0), maximum(pair[1], 0.0)) for pair in friction))
