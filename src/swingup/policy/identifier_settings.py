@@ -115,6 +115,12 @@ STUDENT = 4.0
 """Degrees of freedom of the errors' distribution."""
 MOST_DEVIATION = 10.0
 """Largest deviation that the residuals of a row raise its own to, in first ones."""
+UNEVEN_STEP = 1e-3
+"""Angle (rad) by which a call's motion may miss what the time since the last call explains."""
+UNEVEN_FADING = 0.9995
+"""Factor on what was missed, at each call."""
+AGE_CAUTION = 4.0
+"""Evidence that it takes to believe that angles are a call old, or that they are not."""
 LONGEST_STEP = 4.0
 """A call that comes more than this many periods after the last one restarts the identifier."""
 SHORTEST_STEP = 0.5
