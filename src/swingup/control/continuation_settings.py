@@ -35,19 +35,20 @@ class ContinuationSettings:
     """Added to the state's weights for the gains: the cost has no weight on q2, so that its own gains are weak."""
     gain_final: StateFloats = (10.0, 10.0, 1.0, 1.0)
     """Final weights for the gains. Larger ones make the gains near the end so large that steps fail."""
-    first_step: float = 0.2
+    first_step: float = 0.1
     """Of λ."""
-    largest_step: float = 0.4
+    largest_step: float = 0.1
+    """Longer steps leap to other motions, of twice the cost."""
     smallest_step: float = 0.01
     """A plant whose step falls below this is given up."""
     growth: float = 1.5
     """A step is multiplied by this after a swing-up that counts."""
     shrinkage: float = 0.4
     """A step is multiplied by this after one that does not."""
-    rounds: int = 24
+    rounds: int = 40
     """Most steps of a plant, failed ones included."""
-    max_cost: float = 3.0
-    """A swing-up of larger cost does not count: it is another motion than the nominal one."""
+    max_cost: float = 0.32
+    """A swing-up of larger cost does not count: it is another motion than the nominal one, whose cost is half."""
     max_speed: float = 14.0
     """Nor does a faster one of a joint (rad/s): it spins where the nominal one swings."""
     max_error: StateFloats = (0.15, 0.15, 0.7, 0.7)

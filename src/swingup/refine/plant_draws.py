@@ -29,7 +29,7 @@ class PlantDraws:
     friction: int = 120
     """The passive joint has friction, up to the end of its range: Coulomb friction in two of three, damping in the
     third. In half of them all parameters are off as well, each within ``friction_share`` of its range."""
-    robot: int = 360
+    robot: int = 240
     """As recordings show the robot, with what the compensation leaves of its friction. All of the plant is larger
     by what the motor does not deliver."""
     share: float = 0.5
