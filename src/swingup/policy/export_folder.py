@@ -25,8 +25,9 @@ SOURCES = (
     "physics/__init__.py", "physics/base_parameters.py", "physics/damped.py", "physics/equations.py",
     "physics/momentum.py", "physics/units.py", "physics/validity.py",
     *(f"policy/{name}.py" for name in (
-        "__init__", "contract", "file", "fold", "guard", "identifier_settings", "network", "pendulum", "plant",
-        "plant_facts", "regulator_settings", "riccati", "settings", "shipped", "stages", "upright",
+        "__init__", "compensation", "contract", "file", "fold", "guard", "identifier_settings", "network",
+        "pendulum", "plant", "plant_facts", "regulator_settings", "riccati", "settings", "shipped", "stages",
+        "upright",
     )),
     *(f"policy/numpy_backend/{name}.py" for name in (
         "__init__", "controller", "estimator", "front_end", "guard", "identifier", "network", "regulator",

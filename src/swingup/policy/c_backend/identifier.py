@@ -7,10 +7,12 @@ import numpy as np
 from ...physics.base_parameters import BASE, Known, base_parameters, lumped
 from ...physics.equations import COULOMB_STEEPNESS, mass_entries
 from ...physics.momentum import CLOSE
+from ..compensation import LEAST_GAIN
 from ..identifier_settings import (
     FARTHEST,
     LONGEST_STEP,
     MOST_DEVIATION,
+    MOST_OFFSET,
     SHORTEST_STEP,
     STUDENT,
     IdentifierSettings,
@@ -27,10 +29,13 @@ PROGRAM = {
     swingup_identifier identifier;
     swingup_plant plant; /* the model: what was found until the last call */
 """,
-    "BELIEVE": "    swingup_believe(&c->plant, c->identifier.base);\n",
+    "ANGLE1": "measured[0] - c->identifier.offsets[0]",
+    "ANGLE2": "measured[1] - c->identifier.offsets[1]",
+    "BELIEVE": "    swingup_believe(&c->plant, &c->identifier);\n",
     "BELIEVED": "&c->plant, ",
-    "IDENTIFY": "    swingup_identify(&c->identifier, x, c->delay_steps, c->called ? pause : -1.0);\n",
-    "NOTE": "    swingup_note(&c->identifier, c->torques[0]);\n",
+    "IDENTIFY": "    swingup_identify(&c->identifier, measured, c->delay_steps, c->called ? pause : -1.0);\n",
+    "NOTE": "    swingup_note(&c->identifier, c->torques[0], u[1 - SWINGUP_DRIVEN]);\n",
+    "COMPENSATE": "    swingup_compensate(&c->estimator.identifier, seen, u);\n",
     "BEGIN": "    swingup_begin(&c->estimator.identifier);\n",
     "READER": """\
 /* The nine base parameters found so far, ordered as docs/policy-format.md has them; at first the file's plant's. */
@@ -45,11 +50,13 @@ static inline const double *swingup_base_parameters(const swingup_controller *c)
 """,
 }
 """What other parts say of an identifier, by the gaps of their texts."""
+MEASURED = {"ANGLE1": "measured[0]", "ANGLE2": "measured[1]"}
+"""Angles of the estimator's measurement without an identifier."""
 SIGHTED = {
     "TOLD": "_for",
     "SIGHT": ", const double base[9]",
     "BASE": ", base",
-    "KNOWN": ", swingup_base_parameters(c)",
+    "KNOWN": ", c->estimator.identifier.told",
     "FOLDED": """\
 /* The policy for the plant of its file. */
 static inline double swingup_policy(const double x[4])
@@ -73,7 +80,7 @@ INPUTS = """\
 
 def calls(policy: PendulumPolicy) -> dict[str, str]:
     """What other parts of a header say of the identifier, by their gaps; nothing without one."""
-    said = dict.fromkeys([*PROGRAM, *SIGHTED, "SHOWN"], "")
+    said = dict.fromkeys([*PROGRAM, *SIGHTED, "SHOWN"], "") | MEASURED
     if policy.identifier is not None:
         said |= PROGRAM if policy.regulator is None else PROGRAM | REGULATED
     if is_told(policy):
@@ -115,6 +122,9 @@ def _numbers(s: IdentifierSettings) -> dict[str, str]:
         "FARTHEST": FARTHEST,
         "LONGEST": LONGEST_STEP * s.dt,
         "SHORTEST": SHORTEST_STEP * s.dt,
+        "PASSIVE_LIMIT": s.passive_limit,
+        "LEAST_GAIN": LEAST_GAIN,
+        "MOST_OFFSET": MOST_OFFSET,
     }
     counts = {"SPAN": s.span, "COMMANDS": 2 * s.span + s.max_delay_steps}
     return {name: repr(float(value)) for name, value in numbers.items()} | {

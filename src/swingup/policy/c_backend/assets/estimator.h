@@ -115,9 +115,10 @@ static inline void swingup_ahead(const swingup_estimator *c, double x[4], double
     }
 }
 
-/* An estimate of the state now, for the state x measured at time t (s). */
-static inline void swingup_observe(swingup_estimator *c, double t, const double x[4], double seen[4])
+/* An estimate of the state now, for the state measured at time t (s). */
+static inline void swingup_observe(swingup_estimator *c, double t, const double measured[4], double seen[4])
 {
+    const double x[4] = {@ANGLE1@, @ANGLE2@, measured[2], measured[3]};
     const double pause = t - c->time, h = pause > 0.0 ? pause : SWINGUP_DT;
     const int late = !c->called || !(pause >= 0.0 && pause <= 1.5 * SWINGUP_DT);
     int i, n, finite = 1;
@@ -148,12 +149,12 @@ static inline void swingup_observe(swingup_estimator *c, double t, const double 
     c->time = t;
 }
 
-/* Note the torque that the driven joint was commanded (N m). */
-static inline void swingup_remember(swingup_estimator *c, double torque)
+/* Note the torques that the motors were asked for (N m). */
+static inline void swingup_remember(swingup_estimator *c, const double u[2])
 {
     int n;
     for (n = SWINGUP_DEPTH - 1; n > 0; n--) {
         c->torques[n] = c->torques[n - 1];
     }
-    c->torques[0] = swingup_clip(torque, SWINGUP_MOTOR_LIMIT);
+    c->torques[0] = swingup_clip(u[SWINGUP_DRIVEN], SWINGUP_MOTOR_LIMIT);
 @NOTE@}
