@@ -29,6 +29,7 @@ from .references import (
     UNSOUND,
     alone,
     controller,
+    numpy_loop,
     numpy_run,
     policy,
     random_states,
@@ -163,6 +164,19 @@ def test_adaptive_loops_in_c_are_numpys(made, name):
     assert np.ptp(expected[:, policy(name).robot.joint]) > 3
     off = np.abs((states[-1, :2] - [np.pi, 0] + np.pi) % (2 * np.pi) - np.pi)
     assert off.max() < 0.2
+
+
+@pytest.mark.parametrize("name", ONE_ADAPTIVE)
+def test_compensation_in_c_is_numpys(made, name):
+    """With friction of both joints and offsets of both angles: both motors act."""
+    found, joint = made("numpy", name).controller, policy(name).robot.joint
+    found.reset()
+    plant = dataclasses.replace(policy(name).plant, cf1=0.1, cf2=0.1)
+    times, states, expected = numpy_loop(found, steps=BRIEF, plant=plant, wrong=(0.03, -0.02))
+    both = made("c", name).follow(times, states, within(name, expected))
+    np.testing.assert_allclose(both, expected, rtol=0, atol=FOLLOWED)
+    assert np.abs(expected[:, 1 - joint]).max() > 0.1
+    assert np.abs(found._identifier.offsets).min() > 0.002
 
 
 @pytest.mark.parametrize("name", ADAPTIVES)
