@@ -37,6 +37,9 @@ class Jax:
     def run(self, times, states):
         return replay(self._whole, times, states)
 
+    def follow(self, times, states, given):
+        return replay(self._whole, times, states, given)
+
 
 class Numpy:
     def __init__(self, policy, folder):
@@ -152,9 +155,9 @@ class BackEnd:
     make: Callable
     """From a policy and a folder to what has ``alone(states)`` and, if it is whole, ``run(times, states)``.
 
-    What has an identifier in double precision also has ``follow(times, states, given)``, a run whose motors were
-    given these torques. In a replay, which does not follow the torques, a compensation too strong would look like
-    friction of that strength: rounding would grow.
+    What has an identifier also has ``follow(times, states, given)``, a run whose motors were given these torques.
+    In a replay, which does not follow the torques, a compensation too strong would look like friction of that
+    strength: rounding would grow.
     """
     whole: bool
     """Whether estimator and front end are inside; else the table compares the policy alone, on the same states."""

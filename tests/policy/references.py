@@ -269,10 +269,11 @@ CHUNK = 100
 """Calls that are compiled together, so that one program serves recordings of any length."""
 
 
-def replay(found, times, states):
-    """A JAX controller's torques (n, 2) from its start on."""
+def replay(found, times, states, given=None):
+    """A JAX controller's torques (n, 2) from its start on; its motors may be given others (n, 2)."""
     torques, rows = [], -(-len(times) // CHUNK) * CHUNK
-    padded = [np.resize(column, (rows, *column.shape[1:])) for column in (times, states)]
+    columns = (times, states) if given is None else (times, states, given)
+    padded = [np.resize(column, (rows, *column.shape[1:])) for column in columns]
     with jax.enable_x64(True):
         memory = found.init()
         for start in range(0, rows, CHUNK):
@@ -283,8 +284,18 @@ def replay(found, times, states):
 
 
 @eqx.filter_jit
-def _chunk(found, memory, times, states):
-    return jax.lax.scan(lambda memory, now: found(memory, *now), memory, (times, states))
+def _chunk(found, memory, *columns):
+    def step(memory, now):
+        memory, u = found(memory, *now[:2])
+        return memory if len(now) == 2 else _given(memory, now[2], found.robot.joint), u
+
+    return jax.lax.scan(step, memory, columns)
+
+
+def _given(memory, u, joint):
+    """The memory of an estimator and its identifier once the motors were given other torques."""
+    identified = dataclasses.replace(memory.identified, torques=memory.identified.torques.at[0].set(u))
+    return dataclasses.replace(memory, torques=memory.torques.at[0].set(u[joint]), identified=identified)
 
 
 def alone(name, states, exact=True):

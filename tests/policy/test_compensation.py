@@ -106,7 +106,7 @@ def changed(robot, passive):
 
 
 def test_it_finds_the_offsets(either_robot):
-    plant, wrong = changed(either_robot, 0.15), (0.03, 0.0)
+    plant, wrong = changed(either_robot, 0.15), (0.03, -0.02)
     identifier = moved(either_robot, plant, wrong=wrong)
     np.testing.assert_allclose(identifier.offsets, wrong, rtol=0, atol=0.002)
     np.testing.assert_allclose(identifier.theta[:4], base_parameters(plant)[:4], rtol=0.01)

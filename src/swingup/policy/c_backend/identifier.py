@@ -101,7 +101,9 @@ def plant_inputs(stage: PlantStage, size: int) -> str:
 
 def identified_model(settings: IdentifierSettings, plant: PolicyPlant, joint: int) -> str:
     """The identifier about a nominal plant whose driven joint is ``joint``, and the model that it finds."""
-    known = {"L1": plant.l1, "GRAVITY": plant.g, "GEAR": plant.gr, "STEEPNESS": COULOMB_STEEPNESS, "CLOSE": CLOSE}
+    base = base_parameters(plant)
+    known = {"L1": plant.l1, "GRAVITY": plant.g, "GEAR": plant.gr, "RATIO": base[2] / base[3]}
+    known |= {"STEEPNESS": COULOMB_STEEPNESS, "CLOSE": CLOSE}
     values = _numbers(settings) | _arrays(settings, plant, joint)
     values |= {name: repr(float(value)) for name, value in known.items()}
     return "\n".join(fill(asset(__package__, file), values) for file in ("identifier.h", "identified_model.h"))

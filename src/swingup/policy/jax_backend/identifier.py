@@ -234,7 +234,8 @@ class Identifier(eqx.Module):
         acting, steps = (jax.lax.dynamic_slice_in_dim(past, memory.delay_steps, 2 * span) for past in pasts)
         ages = _ages(steps)
         halves = ages[-1] - ages[span], ages[span]
-        shoulder, elbow = momentum_rows(*pairs, halves, self.known, MATHS)
+        ratio = jnp.asarray(self.mean[2] / self.mean[3], newest.dtype)
+        shoulder, elbow = momentum_rows(*pairs, halves, self.known, ratio, MATHS)
         mean, slope = hat_weights(steps, ages, jnp.minimum)
         torque, rate = mean @ acting, slope @ acting
         rows = jnp.stack([jnp.stack(shoulder), jnp.stack(elbow)])

@@ -151,7 +151,8 @@ class NumpyIdentifier:
         acting, steps = self._torques[window], self._steps[window]
         self._ages[1:] = steps.cumsum()
         newer, whole = float(self._ages[span]), float(self._ages[-1])
-        shoulder, elbow = momentum_rows(oldest, middle, newest, (whole - newer, newer), self._known, MATHS)
+        ratio, halves = self._nominal[2] / self._nominal[3], (whole - newer, newer)
+        shoulder, elbow = momentum_rows(oldest, middle, newest, halves, self._known, ratio, MATHS)
         mean, slope = hat_weights(steps, self._ages, np.minimum)
         torques, rates = (mean @ acting).tolist(), (slope @ acting).tolist()
         driven, passive = (rates[self._joint], 0.0, torques[self._joint]), (0.0, -torques[1 - self._joint], 0.0)

@@ -105,7 +105,7 @@ static inline void swingup_begin(swingup_identifier *c)
 
 /* Half of both joints' equations, at the midpoint between angles (rad). */
 typedef struct {
-    double rates[2], momentum[2], turning, pull[2], slope[2];
+    double rates[2], momentum[2], turning, pull[2], slope[2], bend[2], bending;
 } swingup_half;
 
 /* For angles that are a time (s) apart. */
@@ -113,16 +113,21 @@ static inline void swingup_halve(const double start[2], const double end[2], dou
 {
     const double rate1 = (end[0] - start[0]) / time, rate2 = (end[1] - start[1]) / time;
     const double q1 = 0.5 * (start[0] + end[0]), q2 = 0.5 * (start[1] + end[1]);
-    const double sine1 = sin(q1), cosine1 = cos(q1), sine2 = sin(q2), cosine2 = cos(q2), along = @L1@ * cosine2;
+    const double sine1 = sin(q1), cosine1 = cos(q1), sine2 = sin(q2), cosine2 = cos(q2);
+    const double along = @L1@ * cosine2, across = @L1@ * sine2;
     half->rates[0] = rate1;
     half->rates[1] = rate2;
     half->momentum[0] = along * (2.0 * rate1 + rate2);
     half->momentum[1] = along * rate1;
-    half->turning = @L1@ * sine2 * rate1 * (rate1 + rate2);
+    half->turning = across * rate1 * (rate1 + rate2);
     half->pull[0] = @GRAVITY@ * sine1;
     half->pull[1] = @GRAVITY@ * (sine1 * cosine2 + cosine1 * sine2);
     half->slope[0] = @GRAVITY@ * cosine1;
     half->slope[1] = @GRAVITY@ * (cosine1 * cosine2 - sine1 * sine2);
+    /* Derivatives of the momenta and of turning by q2. */
+    half->bend[0] = -across * (2.0 * rate1 + rate2);
+    half->bend[1] = -across * rate1;
+    half->bending = along * rate1 * (rate1 + rate2);
 }
 
 /* Integral of arctan(steep v) over a rate v from 0 (rad/s). */
@@ -156,7 +161,7 @@ static inline double swingup_age(const swingup_identifier *c, int n)
 static inline void swingup_rows(const swingup_identifier *c, double rows[2][SWINGUP_UNKNOWNS + 1])
 {
     const double gr = @GEAR@, *steps = c->steps + c->delay_steps, (*torques)[2] = c->torques + c->delay_steps;
-    double a[2], pull[2], tilt[2], turning, torque[2] = {0.0, 0.0}, rate = 0.0, newer = 0.0, older = 0.0, mean, now = 0.0;
+    double a[2], pull[2], slope[2], bend[2], turning, torque[2] = {0.0, 0.0}, rate = 0.0, newer = 0.0, older = 0.0, mean, now = 0.0;
     swingup_half one, two;
     int i, k;
 
@@ -170,7 +175,8 @@ static inline void swingup_rows(const swingup_identifier *c, double rows[2][SWIN
     for (i = 0; i < 2; i++) {
         a[i] = (two.rates[i] - one.rates[i]) / mean;
         pull[i] = 0.5 * (one.pull[i] + two.pull[i]);
-        tilt[i] = -0.5 * (one.slope[i] + two.slope[i]);
+        slope[i] = 0.5 * (one.slope[i] + two.slope[i]);
+        bend[i] = (two.bend[i] - one.bend[i]) / mean;
         for (k = 0; k <= SWINGUP_UNKNOWNS; k++) {
             rows[i][k] = 0.0;
         }
@@ -184,8 +190,11 @@ static inline void swingup_rows(const swingup_identifier *c, double rows[2][SWIN
     rows[1][1] = a[0] + a[1];
     rows[1][2] = (two.momentum[1] - one.momentum[1]) / mean + turning + pull[1];
     rows[1][8] = gr * gr * a[1] - gr * a[0];
-    rows[0][SWINGUP_TILT] = tilt[0];
-    rows[0][SWINGUP_TILT + 1] = rows[1][SWINGUP_TILT + 1] = tilt[1];
+    bend[1] += 0.5 * (one.bending + two.bending);
+    for (i = 0; i < 2; i++) {
+        rows[i][SWINGUP_TILT] = @RATIO@ * bend[i] - (i == 0 ? slope[0] : 0.0);
+        rows[i][SWINGUP_TILT + 1] = -bend[i] - slope[1];
+    }
     for (i = 0; i < 2; i++) {
         rows[i][4 + i] = 0.5 * (one.rates[i] + two.rates[i]);
         rows[i][6 + i] = swingup_mean_arctan(one.rates[i], two.rates[i]);
