@@ -188,9 +188,10 @@ def readme_values(policy: PendulumPolicy, name: str) -> dict[str, str]:
 def _torque(policy: PendulumPolicy) -> str:
     most, joints = f"at most {policy.torque_limit:g} N m", ("shoulder", "elbow")
     joint, passive = joints[policy.robot.joint], joints[1 - policy.robot.joint]
-    if policy.front_end is None:
+    compensating = policy.front_end or policy.identifier
+    if compensating is None:
         return f"{most}, on the {joint} alone"
     return (
         f"{most} on the {joint}, and compensation of friction: there, and within "
-        f"{policy.front_end.passive_limit:g} N m on the {passive}"
+        f"{compensating.passive_limit:g} N m on the {passive}"
     )

@@ -232,8 +232,8 @@ def check_no_front_end(front_end: Any) -> None:
     """
     if front_end is not None:
         raise SwingupError(
-            "an identifier finds the friction that a front end compensates, which would count twice: leave the "
-            "identifier or the front end out"
+            "an identifier compensates the friction that it finds, as a front end does: leave the identifier or "
+            "the front end out"
         )
 
 
