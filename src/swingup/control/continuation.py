@@ -97,12 +97,13 @@ def continue_swingups(
 
 
 def counts(tried: SwingUps, settings: ContinuationSettings) -> np.ndarray:
-    """Which swing-ups count: finite, cheap, upright in the end, and with torques that the motor has."""
+    """Which swing-ups count: finite, cheap, slow, upright in the end, and with torques that the motor has."""
     error = np.abs(tried.states[:, -1] - UPRIGHT)
     upright = np.all(error < np.array(settings.max_error), axis=1)
     able = np.all(np.abs(tried.torque) <= _torque_limit(tried)[:, None], axis=1)
+    slow = np.abs(tried.states[..., 2:]).max(axis=(1, 2)) <= settings.max_speed
     # A comparison with NaN is false: a motion that diverged does not count.
-    return (tried.cost < settings.max_cost) & upright & able & np.isfinite(tried.gains).all(axis=(1, 2))
+    return (tried.cost < settings.max_cost) & slow & upright & able & np.isfinite(tried.gains).all(axis=(1, 2))
 
 
 def nominal_swingups(robot: Robot, number: int, settings: ContinuationSettings) -> SwingUps:

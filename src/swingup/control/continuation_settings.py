@@ -48,6 +48,8 @@ class ContinuationSettings:
     """Most steps of a plant, failed ones included."""
     max_cost: float = 3.0
     """A swing-up of larger cost does not count: it is another motion than the nominal one."""
+    max_speed: float = 14.0
+    """Nor does a faster one of a joint (rad/s): it spins where the nominal one swings."""
     max_error: StateFloats = (0.15, 0.15, 0.7, 0.7)
     """Nor does one that ends farther from upright at rest (rad, rad/s), beyond a regulator's reach."""
     batch: int = 64

@@ -28,12 +28,12 @@ def compensation(found: Friction, gain: Any, joint: int, passive_limit: float, m
 
     Args:
         found: friction of both joints.
-        gain: part of its command that the undriven joint's motor delivers.
+        gain: part of its command that the undriven joint's motor delivers, in units of what the driven one does.
         joint: index of the driven joint.
         passive_limit: largest compensation of the undriven joint (N m); 0 for none.
         maximum: the larger one of two numbers.
     """
-    delivered = 1.0 - maximum(1.0 - maximum(gain, 0.0), 0.0)
+    delivered = maximum(gain, 0.0)
     asks = 1.0 / maximum(delivered, LEAST_GAIN) if passive_limit else 0.0
     driven, passive = (1.0, 1.0), (asks, delivered)
     shares = (driven, passive) if joint == 0 else (passive, driven)

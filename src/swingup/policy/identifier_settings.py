@@ -43,19 +43,19 @@ class IdentifierSettings:
     """Steps between the three angles of a row: rates resolve the encoder's step over this time."""
     bandwidth: float = 60.0
     """Of each pole of the low-pass on both sides of the equation (rad/s)."""
-    passive_deviation: float = 0.03
+    passive_deviation: float = 0.012
     """First standard deviation of what an undriven joint's low-passed row leaves unexplained (N m)."""
-    passive_floor: float = 0.02
+    passive_floor: float = 0.005
     """Its least value (N m)."""
-    driven_deviation: float = 0.12
+    driven_deviation: float = 0.04
     """As ``passive_deviation``, for the driven joint, whose motor is noisy and is pushed."""
-    driven_floor: float = 0.03
+    driven_floor: float = 0.01
     """Its least value (N m)."""
     relative_floor: float = 0.002
     """Part of a floor that grows with the size of a row's terms: errors of the discretisation."""
     rise: float = 0.02
     """Time in which the deviation follows larger residuals (s)."""
-    fall: float = 0.5
+    fall: float = 0.1
     """Time in which it follows smaller ones (s)."""
     gate: float = 3.0
     """Residuals of more than this many of their standard deviations are pushes."""
@@ -115,6 +115,12 @@ STUDENT = 4.0
 """Degrees of freedom of the errors' distribution."""
 MOST_DEVIATION = 10.0
 """Largest deviation that the residuals of a row raise its own to, in first ones."""
+UNEVEN_STEP = 1e-3
+"""Angle (rad) by which a call's motion may miss what the time since the last call explains."""
+UNEVEN_FADING = 0.9995
+"""Factor on what was missed, at each call."""
+AGE_CAUTION = 4.0
+"""Evidence that it takes to believe that angles are a call old, or that they are not."""
 LONGEST_STEP = 4.0
 """A call that comes more than this many periods after the last one restarts the identifier."""
 SHORTEST_STEP = 0.5

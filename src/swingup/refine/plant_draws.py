@@ -1,6 +1,6 @@
-"""Plants to learn on, drawn about the leaderboards': none of them is on the grid of model errors, which judges."""
+"""Plants to learn on, drawn about the leaderboards' and the robot's: none of them is on the board's grid."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
@@ -8,9 +8,14 @@ import numpy as np
 from ..benchmark.grid import vary
 from ..benchmark.rules import ROBUSTNESS_RULES, ModelSweep
 from ..physics.parameters import Parameters, Robot, leaderboard_parameters
+from ..plants.domain import load_domain
 
 SWEEPS = ROBUSTNESS_RULES["v2"].model
 """The parameters that change, and their ranges."""
+ROBOT = "recorded"
+"""The domain of the robot's plants."""
+LEFT = {"b1": 0.004, "b2": 0.004, "cf1": 0.04, "cf2": 0.04}
+"""Most friction that its compensation leaves (N m s/rad, N m); it overdoes it by up to half of that."""
 
 
 @dataclass(frozen=True)
@@ -24,21 +29,24 @@ class PlantDraws:
     friction: int = 120
     """The passive joint has friction, up to the end of its range: Coulomb friction in two of three, damping in the
     third. In half of them all parameters are off as well, each within ``friction_share`` of its range."""
+    robot: int = 360
+    """As recordings show the robot, with what the compensation leaves of its friction. All of the plant is larger
+    by what the motor does not deliver."""
     share: float = 0.5
     """Of the range about the nominal value."""
     friction_share: float = 0.35
     """The same where the passive joint has friction."""
     margin: float = 0.03
-    """Part of a range by which a single parameter, and the friction, may lie beyond it."""
+    """Part of a range by which a single parameter, the friction and the robot's plant may lie beyond it."""
 
     @property
     def plants(self) -> int:
         """Of all kinds."""
-        return self.single + self.joint + self.friction
+        return self.single + self.joint + self.friction + self.robot
 
 
 def draw_plants(random: np.random.Generator, robot: Robot, draws: PlantDraws) -> Parameters:
-    """Plants with leaves of shape (n,): single ones first, then joint ones, then those with friction.
+    """Plants with leaves of shape (n,): single ones, joint ones, those with friction, the robot's, in this order.
 
     Args:
         random: source of the numbers.
@@ -59,6 +67,7 @@ def draw_plants(random: np.random.Generator, robot: Robot, draws: PlantDraws) ->
         plant = nominal if index % 2 else _all_off(random, nominal, draws.friction_share)
         most = sweep.sweep.high * (1 + draws.margin)
         plants.append(vary(plant, sweep, random.uniform(0.0, most) - getattr(plant, name)))
+    plants += [_robots(random, robot, nominal, draws.margin) for _ in range(draws.robot)]
     stacked: Parameters = jax.tree.map(lambda *values: np.array(values, np.float64), *plants)
     return stacked
 
@@ -70,6 +79,18 @@ def _all_off(random: np.random.Generator, nominal: Parameters, share: float) -> 
         drawn = middle + share * (random.uniform(sweep.sweep.low, sweep.sweep.high) - middle)
         plant = vary(plant, sweep, drawn)
     return plant
+
+
+def _robots(random: np.random.Generator, robot: Robot, nominal: Parameters, margin: float) -> Parameters:
+    drawn = {}
+    for name, low, high in load_domain(ROBOT).ranges:
+        beyond = margin * (high - low)
+        drawn[name] = random.uniform(low - beyond, high + beyond)
+    drawn |= {name: random.uniform(-0.5 * most, most) for name, most in LEFT.items()}
+    plant = replace(nominal, **{name: value for name, value in drawn.items() if hasattr(nominal, name)})
+    # What a weaker motor moves is like a heavier plant.
+    scale = 1.0 / drawn[f"gain{robot.joint + 1}"]
+    return replace(plant, **{name: scale * getattr(plant, name) for name in ("m1", "m2", "I1", "I2", "Ir")})
 
 
 def _anywhere(random: np.random.Generator, sweep: ModelSweep, margin: float) -> float:

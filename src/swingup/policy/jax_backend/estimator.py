@@ -101,7 +101,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         # Both branches below are computed: a late call needs a finite step, too.
         dt = jnp.where(late | (pause == 0), period, pause)
         model = self._model(carry)
-        followed = self._follow(carry, x, dt, model)
+        followed = self._follow(carry, x, self._interval(carry, dt), model)
         # What is not finite fails the comparison, and is lost.
         kept = jnp.all(jnp.abs(x - followed.state)[2:] <= LOST * self.settings.velocity_noise)
         restarts = late | ~kept
@@ -139,6 +139,16 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         if self.identifier is None or memory.identified is None:
             return x
         return x.at[:2].add(-self.identifier.offsets(memory.identified).astype(x.dtype))
+
+    def _interval(self, memory: EstimatorMemory, dt: Scalar) -> Scalar:
+        """Time between the last measurement and this one (s), for calls that are dt apart."""
+        if self.identifier is None or memory.identified is None:
+            return dt
+        return self.identifier.interval(memory.identified, dt)
+
+    def _age(self, memory: EstimatorMemory) -> Count | int:
+        """How old the angles are, as far as uneven calls tell (calls)."""
+        return 0 if memory.identified is None else memory.identified.age
 
     def _compensation(self, memory: EstimatorMemory, seen: State) -> Torque:
         """Torques against the friction found (N m); NaN if the state seen is not finite."""
@@ -187,7 +197,10 @@ class EstimatingController(AbstractController[EstimatorMemory]):
 
         scaled = jnp.sum(misses[:, :2] ** 2, axis=1) / self.settings.residual_scale**2
         surprise = self.fading * memory.surprise + jnp.log1p(scaled)
-        delay_steps = jnp.argmin(surprise + self.settings.caution * jnp.arange(len(surprise)))
+        # A delay below the angles' own age cannot be.
+        beyond = jnp.arange(len(surprise)) - self._age(memory)
+        evidence = surprise + self.settings.caution * beyond
+        delay_steps = jnp.argmin(jnp.where(beyond < 0, jnp.inf, evidence))
 
         deviations = drifted - self._correction(drifted)
         in_charge = deviations[delay_steps]

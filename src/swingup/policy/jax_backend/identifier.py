@@ -18,6 +18,9 @@ At each measurement, with the rows Y of ``physics.momentum`` for the last angles
    above the gate, and rows for a while after it, change nothing but r: pushes.
 3. P grows by a small drift. There is no forgetting: what is not excited stays as sure as it was.
 
+A robot's loop may hand over the angles of the call before. Where the times between calls are uneven, the motion
+from angle to angle tells whose times they are; where they are even, it does not matter.
+
 The motor's torque is no part of the undriven joint's row. That row alone gives its part of θ up to scale, and noise
 of the motor and pushes on the driven joint do not enter it; the driven joint's row adds the scale. Rates are not
 used at all: their noise costs nothing. ``docs/policy-format.md`` has all steps. Sources: filtered regression,
@@ -43,6 +46,7 @@ from ...physics.trigonometry import arctan, sine_cosine
 from ...types import Count, Scalar, Torque
 from ..compensation import Compensation, braking, compensation
 from ..identifier_settings import (
+    AGE_CAUTION,
     FARTHEST,
     GAIN,
     LAG,
@@ -52,6 +56,8 @@ from ..identifier_settings import (
     STUDENT,
     TILT1,
     TILT2,
+    UNEVEN_FADING,
+    UNEVEN_STEP,
     UNKNOWNS,
     IdentifierSettings,
     hat_weights,
@@ -81,7 +87,11 @@ class IdentifierMemory(eqx.Module):
     calls: Count
     """Measurements since the last restart."""
     delay_steps: Count
-    """The delay told last (steps)."""
+    """The delay told last (steps), or ``age`` where that is more."""
+    missed: Float[Array, "2"]
+    """What the motion misses if angles are those of this call, and if they are those of the one before."""
+    age: Count
+    """1 if the angles are those of the call before, else 0."""
     filtered: Float[Array, "3 2 14"]
     """States of the low-passes: rows of both joints, with u̇, -v and u in the last columns."""
     unknowns: Unknowns
@@ -116,6 +126,8 @@ class Identifier(eqx.Module):
             steps=jnp.full(past, self.settings.dt),
             calls=jnp.array(0),
             delay_steps=jnp.array(0),
+            missed=jnp.zeros(2),
+            age=jnp.array(0),
             filtered=jnp.zeros((POLES, 2, UNKNOWNS + 1)),
             unknowns=jnp.asarray(self.mean),
             covariance=jnp.asarray(self.covariance),
@@ -151,8 +163,10 @@ class Identifier(eqx.Module):
         dt = self.settings.dt
         step = jnp.where(memory.calls == 0, dt, jnp.maximum(step, SHORTEST_STEP * dt)).astype(memory.steps.dtype)
         steps = jnp.concatenate([step[None], memory.steps[:-1]])
+        missed, age = self._age(memory, angles, steps)
+        delay_steps = jnp.maximum(delay_steps, age)
         # The lag counts from the delay: their sum is what was found. The old columns belong to the old delay.
-        k, changed = jnp.arange(len(steps)), delay_steps != memory.delay_steps
+        k, changed = jnp.arange(len(steps)), (delay_steps != memory.delay_steps) | (age != memory.age)
         earlier, later = (k < memory.delay_steps).astype(steps.dtype), (k < delay_steps).astype(steps.dtype)
         unknowns = memory.unknowns.at[LAG].add((earlier - later) @ steps)
         filtered = jnp.where(changed, 0.0, memory.filtered)
@@ -163,6 +177,8 @@ class Identifier(eqx.Module):
             steps=steps,
             calls=jnp.minimum(calls, len(memory.angles) + len(memory.torques)),
             delay_steps=delay_steps.astype(memory.delay_steps.dtype),
+            missed=missed,
+            age=age,
             unknowns=unknowns,
             filtered=filtered,
         )
@@ -211,6 +227,29 @@ class Identifier(eqx.Module):
         least = jnp.diagonal(memory.covariance) / jnp.diagonal(jnp.asarray(self.covariance))
         return jnp.sqrt(jnp.clip(least, 0.0, 1.0))
 
+    def interval(self, memory: IdentifierMemory, step: Scalar) -> Scalar:
+        """Time between the measured angles before the last ones are observed and these (s).
+
+        Args:
+            memory: of the calls before.
+            step: time since the last call (s).
+        """
+        return jnp.where(memory.age > 0, memory.steps[0], step)
+
+    def _age(
+        self, memory: IdentifierMemory, angles: Float[Array, "depth 2"], steps: Float[Array, "past"]
+    ) -> tuple[Float[Array, "2"], Count]:
+        """Weigh both ages of the angles: a longer step shows as a longer way in the same call, or in the next."""
+        whole = 2 * self.settings.span
+        rate = (angles[0] - angles[whole]) / jnp.sum(steps[:whole])
+        expected = rate * jnp.stack([steps[0] - steps[1], steps[1] - steps[2]])[:, None]
+        misses = jnp.sum((angles[0] - 2 * angles[1] + angles[2] - expected) ** 2, axis=1)
+        now = jnp.where(memory.calls > whole, jnp.log1p(misses / UNEVEN_STEP**2), 0.0)
+        missed = UNEVEN_FADING * memory.missed + now
+        more = missed[0] - missed[1]
+        age = jnp.where(more > AGE_CAUTION, 1, jnp.where(more < -AGE_CAUTION, 0, memory.age))
+        return missed, age.astype(memory.age.dtype)
+
     def _learn(self, memory: IdentifierMemory) -> IdentifierMemory:
         """The low-passes, both rows, and the drift."""
         weight, stages = self.settings.pole, [self._columns(memory)]
@@ -230,8 +269,8 @@ class Identifier(eqx.Module):
         span = self.settings.span
         newest, middle, oldest = memory.angles[0], memory.angles[span], memory.angles[2 * span]
         pairs = ((oldest[0], oldest[1]), (middle[0], middle[1]), (newest[0], newest[1]))
-        pasts = memory.torques, memory.steps
-        acting, steps = (jax.lax.dynamic_slice_in_dim(past, memory.delay_steps, 2 * span) for past in pasts)
+        acting = jax.lax.dynamic_slice_in_dim(memory.torques, memory.delay_steps, 2 * span)
+        steps = jax.lax.dynamic_slice_in_dim(memory.steps, memory.age, 2 * span)
         ages = _ages(steps)
         halves = ages[-1] - ages[span], ages[span]
         ratio = jnp.asarray(self.mean[2] / self.mean[3], newest.dtype)
