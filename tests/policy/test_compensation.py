@@ -27,8 +27,8 @@ FOUND = Friction((0.02, 0.1), (0.3, -0.06))
     ("gain", "limit", "asks", "delivered"),
     [
         (1.0, 0.5, 1.0, 1.0),
-        # A motor that delivers more than its command counts as a true one.
-        (2.0, 0.5, 1.0, 1.0),
+        # In units of the driven joint's motor, which may deliver less.
+        (2.0, 0.5, 0.5, 2.0),
         (0.8, 0.5, 1.25, 0.8),
         # Of a weak one 1/0.6 of the friction is asked, and half of the friction remains.
         (0.3, 0.5, 1 / 0.6, 0.3),

@@ -9,12 +9,15 @@ from ...physics.equations import COULOMB_STEEPNESS, mass_entries
 from ...physics.momentum import CLOSE
 from ..compensation import LEAST_GAIN
 from ..identifier_settings import (
+    AGE_CAUTION,
     FARTHEST,
     LONGEST_STEP,
     MOST_DEVIATION,
     MOST_OFFSET,
     SHORTEST_STEP,
     STUDENT,
+    UNEVEN_FADING,
+    UNEVEN_STEP,
     IdentifierSettings,
     prior,
 )
@@ -31,6 +34,8 @@ PROGRAM = {
 """,
     "ANGLE1": "measured[0] - c->identifier.offsets[0]",
     "ANGLE2": "measured[1] - c->identifier.offsets[1]",
+    "INTERVAL": "swingup_interval(&c->identifier, h)",
+    "AGE": "c->identifier.age",
     "BELIEVE": "    swingup_believe(&c->plant, &c->identifier);\n",
     "BELIEVED": "&c->plant, ",
     "IDENTIFY": "    swingup_identify(&c->identifier, measured, c->delay_steps, c->called ? pause : -1.0);\n",
@@ -50,8 +55,8 @@ static inline const double *swingup_base_parameters(const swingup_controller *c)
 """,
 }
 """What other parts say of an identifier, by the gaps of their texts."""
-MEASURED = {"ANGLE1": "measured[0]", "ANGLE2": "measured[1]"}
-"""Angles of the estimator's measurement without an identifier."""
+PLAIN = {"ANGLE1": "measured[0]", "ANGLE2": "measured[1]", "INTERVAL": "h", "AGE": "0"}
+"""What the estimator says without an identifier of its angles, of the time between them, and of their age."""
 SIGHTED = {
     "TOLD": "_for",
     "SIGHT": ", const double base[9]",
@@ -80,7 +85,7 @@ INPUTS = """\
 
 def calls(policy: PendulumPolicy) -> dict[str, str]:
     """What other parts of a header say of the identifier, by their gaps; nothing without one."""
-    said = dict.fromkeys([*PROGRAM, *SIGHTED, "SHOWN"], "") | MEASURED
+    said = dict.fromkeys([*PROGRAM, *SIGHTED, "SHOWN"], "") | PLAIN
     if policy.identifier is not None:
         said |= PROGRAM if policy.regulator is None else PROGRAM | REGULATED
     if is_told(policy):
@@ -127,8 +132,11 @@ def _numbers(s: IdentifierSettings) -> dict[str, str]:
         "PASSIVE_LIMIT": s.passive_limit,
         "LEAST_GAIN": LEAST_GAIN,
         "MOST_OFFSET": MOST_OFFSET,
+        "AGE_CAUTION": AGE_CAUTION,
+        "UNEVEN_FADING": UNEVEN_FADING,
+        "UNEVEN2": UNEVEN_STEP**2,
     }
-    counts = {"SPAN": s.span, "COMMANDS": 2 * s.span + s.max_delay_steps}
+    counts = {"SPAN": s.span, "COMMANDS": 2 * s.span + max(s.max_delay_steps, 1)}
     return {name: repr(float(value)) for name, value in numbers.items()} | {
         name: str(count) for name, count in counts.items()
     }

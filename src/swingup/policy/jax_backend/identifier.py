@@ -119,7 +119,8 @@ class Identifier(eqx.Module):
         """Nothing seen yet."""
         span, driven = self.settings.span, jnp.array(self.robot.actuation, float)
         first, most = self.settings.passive_deviation, self.settings.driven_deviation
-        past = 2 * span + self.settings.max_delay_steps
+        # Angles may be a call old whatever the longest delay is.
+        past = 2 * span + max(self.settings.max_delay_steps, 1)
         return IdentifierMemory(
             angles=jnp.zeros((2 * span + 1, 2)),
             torques=jnp.zeros((past, 2)),

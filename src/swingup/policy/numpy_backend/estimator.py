@@ -69,7 +69,7 @@ class NumpyEstimator:
         measured, x = x, self._without_offsets(x)
         seen = x.copy()
         with np.errstate(all="ignore"):  # what is not finite fails a comparison below
-            if not late and self._follow(x, step):
+            if not late and self._follow(x, step if self._identifier is None else self._identifier.interval(step)):
                 ahead = self._ahead(step)
                 seen = ahead if np.isfinite(ahead).all() else seen
             else:
@@ -131,7 +131,9 @@ class NumpyEstimator:
 
         scaled = np.sum((miss - drifted)[:, :2] ** 2, axis=1) / self._settings.residual_scale**2
         surprise = self._fading * self._surprise + np.log1p(scaled)
-        delay_steps = int(np.argmin(surprise + self._caution))
+        # A delay below the angles' own age cannot be.
+        least = 0 if self._identifier is None else min(self._identifier.age, len(surprise) - 1)
+        delay_steps = least + int(np.argmin((surprise + self._caution)[least:]))
         deviations = drifted - drifted @ self._gains
         estimate = predicted + miss @ self._gains + deviations[delay_steps]
         # What is not finite fails the comparison.

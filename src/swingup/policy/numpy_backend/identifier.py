@@ -13,6 +13,7 @@ from ...physics.equations import Lumped, Pair
 from ...physics.momentum import Maths, momentum_rows
 from ..compensation import braking, compensation
 from ..identifier_settings import (
+    AGE_CAUTION,
     FARTHEST,
     GAIN,
     LAG,
@@ -22,6 +23,8 @@ from ..identifier_settings import (
     STUDENT,
     TILT1,
     TILT2,
+    UNEVEN_FADING,
+    UNEVEN_STEP,
     UNKNOWNS,
     IdentifierSettings,
     hat_weights,
@@ -74,7 +77,9 @@ class NumpyIdentifier:
     def reset(self) -> None:
         """Nothing seen yet."""
         self._angles = [(0.0, 0.0)] * (2 * self._settings.span + 1)
-        self._delay_steps = 0
+        self._delay_steps, self._missed = 0, [0.0, 0.0]
+        self.age = 0
+        """1 if the angles are those of the call before, else 0."""
         self._unknowns, self._covariance = self._mean.copy(), self._prior.copy()
         self._variance, self._held = [first**2 for first in self._firsts], [0.0, 0.0]
         self.restart()
@@ -82,7 +87,7 @@ class NumpyIdentifier:
 
     def restart(self) -> None:
         """After a pause: what was found stays, the motion before is forgotten."""
-        self._torques = np.zeros((2 * self._settings.span + self._settings.max_delay_steps, 2))
+        self._torques = np.zeros((2 * self._settings.span + max(self._settings.max_delay_steps, 1), 2))
         # Time for which each pair was held (s).
         self._steps = np.full(len(self._torques), self._settings.dt)
         self._calls = 0
@@ -113,20 +118,40 @@ class NumpyIdentifier:
         dt = self._settings.dt
         self._steps[1:] = self._steps[:-1]
         self._steps[0] = max(step, SHORTEST_STEP * dt) if self._calls else dt
-        if delay_steps != self._delay_steps:
+        age = self._weigh_ages()
+        delay_steps = max(delay_steps, age)
+        if (age, delay_steps) != (self.age, self._delay_steps):
             # The lag counts from the delay: their sum is what was found. The old columns belong to the old delay.
             self._unknowns[LAG] += self._steps[: self._delay_steps].sum() - self._steps[:delay_steps].sum()
-            self._delay_steps = delay_steps
+            self.age, self._delay_steps = age, delay_steps
             self._stages[:] = 0.0
         self._calls += 1
         # The torques before a restart are not known.
         if self._calls >= len(self._angles) + delay_steps:
             self._learn()
 
+    def interval(self, step: float) -> float:
+        """Time between the angles observed last and the next ones (s), for a call a step (s) after the last one."""
+        return float(self._steps[0]) if self.age else step
+
     @property
     def unknowns(self) -> np.ndarray:
         """θ as it was found, κ1 and κ2 (kg m), the lag (s), and the gain of the undriven joint's motor."""
         return self._unknowns.copy()
+
+    def _weigh_ages(self) -> int:
+        """The angles' age (calls): a longer step shows as a longer way in the same call, or in the next."""
+        whole = 2 * self._settings.span
+        (a1, a2), (b1, b2), (c1, c2) = self._angles[:3]
+        (z1, z2), time = self._angles[whole], float(self._steps[:whole].sum())
+        rate1, rate2 = (a1 - z1) / time, (a2 - z2) / time
+        first, second, third = self._steps[:3].tolist()
+        for age, longer in enumerate((first - second, second - third)):
+            miss = (a1 - 2 * b1 + c1 - rate1 * longer) ** 2 + (a2 - 2 * b2 + c2 - rate2 * longer) ** 2
+            now = math.log1p(miss / UNEVEN_STEP**2) if self._calls > whole else 0.0
+            self._missed[age] = UNEVEN_FADING * self._missed[age] + now
+        more = self._missed[0] - self._missed[1]
+        return 1 if more > AGE_CAUTION else 0 if more < -AGE_CAUTION else self.age
 
     def _learn(self) -> None:
         """The low-passes, both rows, and the drift."""
@@ -147,8 +172,8 @@ class NumpyIdentifier:
         """The newest rows: Y, u̇, -v and u of the shoulder, then of the elbow."""
         span = self._settings.span
         oldest, middle, newest = self._angles[2 * span], self._angles[span], self._angles[0]
-        window = slice(self._delay_steps, self._delay_steps + 2 * span)
-        acting, steps = self._torques[window], self._steps[window]
+        acting = self._torques[self._delay_steps : self._delay_steps + 2 * span]
+        steps = self._steps[self.age : self.age + 2 * span]
         self._ages[1:] = steps.cumsum()
         newer, whole = float(self._ages[span]), float(self._ages[-1])
         ratio, halves = self._nominal[2] / self._nominal[3], (whole - newer, newer)

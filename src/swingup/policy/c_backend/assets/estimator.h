@@ -60,7 +60,8 @@ static inline int swingup_follow(swingup_estimator *c, const double x[4], double
         if (isnan(evidence)) {
             return 0;
         }
-        if (n == 0 || evidence < least) {
+        /* A delay below the angles' own age cannot be. */
+        if (n <= @AGE@ || evidence < least) {
             least = evidence;
             best = n;
         }
@@ -123,7 +124,7 @@ static inline void swingup_observe(swingup_estimator *c, double t, const double 
     const int late = !c->called || !(pause >= 0.0 && pause <= 1.5 * SWINGUP_DT);
     int i, n, finite = 1;
 
-@BELIEVE@    if (late || !swingup_follow(c, x, h)) {
+@BELIEVE@    if (late || !swingup_follow(c, x, @INTERVAL@)) {
         for (i = 0; i < 4; i++) {
             c->state[i] = seen[i] = x[i];
         }

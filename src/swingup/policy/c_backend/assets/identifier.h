@@ -25,7 +25,9 @@ typedef struct {
 /* In double precision whatever SWINGUP_REAL is, as all around the network is. */
 typedef struct {
     int calls;                              /* measurements since the last restart */
-    int delay_steps;                        /* the delay told last (steps) */
+    int delay_steps;                        /* the delay told last (steps), or age where that is more */
+    int age;                                /* 1 if the angles are those of the call before, else 0 */
+    double missed[2];                       /* what the motion misses with age 0, and with age 1 */
     double angles[2 * SWINGUP_SPAN + 1][2]; /* measured, without jumps of full turns, newest first (rad) */
     double torques[SWINGUP_COMMANDS][2];    /* asked of both motors, newest first (N m) */
     double steps[SWINGUP_COMMANDS];         /* time for which each was held (s) */
@@ -49,7 +51,7 @@ static inline double swingup_more(double value, double other)
 static inline void swingup_share(swingup_identifier *c)
 {
     const double *tilt = c->unknowns + SWINGUP_TILT;
-    const double delivered = 1.0 - swingup_more(1.0 - swingup_more(c->unknowns[SWINGUP_GAIN], 0.0), 0.0);
+    const double delivered = swingup_more(c->unknowns[SWINGUP_GAIN], 0.0);
     const double asks = @PASSIVE_LIMIT@ > 0.0 ? 1.0 / swingup_more(delivered, @LEAST_GAIN@) : 0.0;
     int i;
     for (i = 0; i < 9; i++) {
@@ -160,7 +162,7 @@ static inline double swingup_age(const swingup_identifier *c, int n)
 /* The newest rows of shoulder and elbow: a number for each unknown, and the driven joint's torque. */
 static inline void swingup_rows(const swingup_identifier *c, double rows[2][SWINGUP_UNKNOWNS + 1])
 {
-    const double gr = @GEAR@, *steps = c->steps + c->delay_steps, (*torques)[2] = c->torques + c->delay_steps;
+    const double gr = @GEAR@, *steps = c->steps + c->age, (*torques)[2] = c->torques + c->delay_steps;
     double a[2], pull[2], slope[2], bend[2], turning, torque[2] = {0.0, 0.0}, rate = 0.0, newer = 0.0, older = 0.0, mean, now = 0.0;
     swingup_half one, two;
     int i, k;
@@ -323,6 +325,33 @@ static inline void swingup_interrupt(swingup_identifier *c)
     }
 }
 
+/* Time between the angles of the call before and those of this one, h (s) after it. */
+static inline double swingup_interval(const swingup_identifier *c, double h)
+{
+    return c->age > 0 ? c->steps[0] : h;
+}
+
+/* The angles' age (calls): a longer step shows as a longer way in the same call, or in the next. */
+static inline int swingup_weigh_ages(swingup_identifier *c)
+{
+    const double time = swingup_age(c, 2 * SWINGUP_SPAN);
+    double more;
+    int i, k;
+    for (k = 0; k < 2; k++) {
+        double misses = 0.0;
+        for (i = 0; i < 2; i++) {
+            const double rate = (c->angles[0][i] - c->angles[2 * SWINGUP_SPAN][i]) / time;
+            const double miss = c->angles[0][i] - 2.0 * c->angles[1][i] + c->angles[2][i] -
+                                rate * (c->steps[k] - c->steps[k + 1]);
+            misses += miss * miss;
+        }
+        c->missed[k] *= @UNEVEN_FADING@;
+        c->missed[k] += c->calls > 2 * SWINGUP_SPAN ? log1p(misses / @UNEVEN2@) : 0.0;
+    }
+    more = c->missed[0] - c->missed[1];
+    return more > @AGE_CAUTION@ ? 1 : more < -@AGE_CAUTION@ ? 0 : c->age;
+}
+
 /* Learn from the angles of x, which are delay_steps old, a pause (s) after the call before. */
 static inline void swingup_identify(swingup_identifier *c, const double x[4], int delay_steps, double pause)
 {
@@ -333,7 +362,7 @@ static inline void swingup_identify(swingup_identifier *c, const double x[4], in
     const int late = !(pause >= 0.0 && pause <= @LONGEST@);
     double step = pause > 0.0 ? pause : @DT@;
     swingup_identifier learned;
-    int i, k;
+    int i, k, age;
 
     /* Such an angle would stay in the differences. */
     if (late || !near) {
@@ -355,11 +384,14 @@ static inline void swingup_identify(swingup_identifier *c, const double x[4], in
         c->steps[k] = c->steps[k - 1];
     }
     c->steps[0] = step;
+    age = swingup_weigh_ages(c);
+    delay_steps = delay_steps > age ? delay_steps : age;
     /* The lag counts from the delay: their sum is what was found. The old rows belong to the old delay. */
-    if (delay_steps != c->delay_steps) {
+    if (delay_steps != c->delay_steps || age != c->age) {
         c->unknowns[SWINGUP_LAG] += swingup_age(c, c->delay_steps) - swingup_age(c, delay_steps);
         c->filter = empty;
         c->delay_steps = delay_steps;
+        c->age = age;
     }
     c->calls += c->calls < angles + SWINGUP_COMMANDS;
     /* The torques before a restart are not known. */
