@@ -23,6 +23,7 @@ from swingup.physics.parameters import identified_parameters
 
 PLANT = dataclasses.replace(identified_parameters(), b1=0.02, b2=-0.03, cf1=0.1, cf2=-0.05)
 KNOWN = Known(PLANT.l1, PLANT.g, PLANT.gr)
+RATIO = PLANT.m2 * PLANT.r2 / (PLANT.m1 * PLANT.r1 + PLANT.m2 * PLANT.l1)
 MATHS = Maths(lambda angle: (np.sin(angle), np.cos(angle)), np.arctan, np.log1p, np.where)
 
 
@@ -53,20 +54,32 @@ def motion(times, u):
 def test_rows_give_the_torque(step):
     torque = (1.3, -0.4)
     angles = motion((0.02 - step, 0.02, 0.02 + step), torque)
-    rows = np.array(momentum_rows(*angles, (step, step), KNOWN, MATHS))
-    assert rows.shape == (2, BASE)
+    rows = np.array(momentum_rows(*angles, (step, step), KNOWN, RATIO, MATHS))
+    assert rows.shape == (2, BASE + 2)
     # Second order: the error grows with the square of the step, from 3e-3 N m at 8 ms.
-    assert rows @ base_parameters(PLANT) == pytest.approx(torque, abs=4e-3 * (step / 0.008) ** 2)
+    assert rows[:, :BASE] @ base_parameters(PLANT) == pytest.approx(torque, abs=4e-3 * (step / 0.008) ** 2)
 
 
 @pytest.mark.parametrize("times", [(0.008, 0.011), (0.011, 0.008)])
 def test_rows_give_the_torque_over_unequal_times(times):
     torque = (1.3, -0.4)
     angles = motion((0.02 - times[0], 0.02, 0.02 + times[1]), torque)
-    base = base_parameters(PLANT)
+    base = np.append(base_parameters(PLANT), [0.0, 0.0])  # no offsets
     # As if both times were alike, the error is 3 N m.
-    assert np.array(momentum_rows(*angles, times, KNOWN, MATHS)) @ base == pytest.approx(torque, abs=4e-3)
-    assert np.abs(np.array(momentum_rows(*angles, (0.0095, 0.0095), KNOWN, MATHS)) @ base - torque).max() > 1
+    assert np.array(momentum_rows(*angles, times, KNOWN, RATIO, MATHS)) @ base == pytest.approx(torque, abs=4e-3)
+    assert np.abs(np.array(momentum_rows(*angles, (0.0095, 0.0095), KNOWN, RATIO, MATHS)) @ base - torque).max() > 1
+
+
+@pytest.mark.parametrize("wrong", [(0.002, 0.0), (0.0, 0.002), (0.002, -0.003)])
+def test_rows_take_offsets_into_account(wrong):
+    """Offsets (rad) that are too small for their squares; without κ1 and κ2 the torque is wrong by more."""
+    torque, times, base = (1.3, -0.4), (0.002, 0.002), base_parameters(PLANT)
+    angles = np.array(motion((0.018, 0.02, 0.022), torque))
+    tilts = base[3] * wrong[0], base[2] * sum(wrong)
+    rows = np.array(momentum_rows(*(angles + wrong), times, KNOWN, RATIO, MATHS))
+    true = np.array(momentum_rows(*angles, times, KNOWN, RATIO, MATHS))[:, :BASE] @ base
+    assert rows @ np.append(base, tilts) == pytest.approx(true, abs=1e-4)
+    assert np.abs(rows[:, :BASE] @ base - true).max() > 2e-3
 
 
 @pytest.mark.parametrize(("start", "end"), [(-0.3, 0.2), (0.01, 0.02), (5.0, 5.0002), (0.004, 0.004), (-2.0, 2.0)])

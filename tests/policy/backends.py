@@ -37,6 +37,9 @@ class Jax:
     def run(self, times, states):
         return replay(self._whole, times, states)
 
+    def follow(self, times, states, given):
+        return replay(self._whole, times, states, given)
+
 
 class Numpy:
     def __init__(self, policy, folder):
@@ -50,6 +53,14 @@ class Numpy:
         self.controller.reset()
         return np.array([self.controller(x, t) for x, t in zip(states, times, strict=True)])
 
+    def follow(self, times, states, given):
+        self.controller.reset()
+        estimator, joint, torques = self.controller._estimator, self.controller.robot.joint, []
+        for x, t, u in zip(states, times, given, strict=True):
+            torques.append(self.controller(x, t))
+            estimator._torques[0], estimator._identifier._torques[0] = u[joint], u
+        return np.array(torques)
+
 
 class C:
     def __init__(self, policy, folder):
@@ -62,6 +73,9 @@ class C:
 
     def run(self, times, states):
         return compiled.run(self._library, np.ascontiguousarray(times), np.ascontiguousarray(states))
+
+    def follow(self, times, states, given):
+        return compiled.follow(self._library, *map(np.ascontiguousarray, (times, states, given)))
 
 
 class Onnx:
@@ -139,7 +153,12 @@ class BackEnd:
     """A row of the table."""
 
     make: Callable
-    """From a policy and a folder to what has ``alone(states)`` and, if it is whole, ``run(times, states)``."""
+    """From a policy and a folder to what has ``alone(states)`` and, if it is whole, ``run(times, states)``.
+
+    What has an identifier also has ``follow(times, states, given)``, a run whose motors were given these torques.
+    In a replay, which does not follow the torques, a compensation too strong would look like friction of that
+    strength: rounding would grow.
+    """
     whole: bool
     """Whether estimator and front end are inside; else the table compares the policy alone, on the same states."""
     alone_within: float

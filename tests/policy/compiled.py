@@ -39,6 +39,27 @@ void run(int n, const double *t, const double *x, double *u)
 }
 """
 
+FOLLOW = (
+    DRIVER
+    + """
+void follow(int n, const double *t, const double *x, const double *given, double *u);
+
+void follow(int n, const double *t, const double *x, const double *given, double *u)
+{
+    swingup_controller controller;
+    int k;
+    swingup_reset(&controller);
+    for (k = 0; k < n; k++) {
+        swingup_control(&controller, t[k], x + 4 * k, u + 2 * k);
+        controller.estimator.torques[0] = given[2 * k + SWINGUP_DRIVEN];
+        controller.estimator.identifier.torques[0][0] = given[2 * k];
+        controller.estimator.identifier.torques[0][1] = given[2 * k + 1];
+    }
+}
+"""
+)
+"""For a header with an identifier: the motors were given other torques than the controller's."""
+
 WATCH = """
 #include "policy.h"
 
@@ -64,7 +85,7 @@ const char *watch(int n, const double *t, const double *x, double *u, int *reaso
 def compile_header(folder, text, *flags):
     """The shared library of a header's text."""
     (folder / "policy.h").write_text(text, encoding="utf-8")
-    return compile_program(folder, DRIVER, *flags)
+    return compile_program(folder, FOLLOW if "swingup_identifier" in text else DRIVER, *flags)
 
 
 def compile_program(folder, text, *flags):
@@ -88,6 +109,13 @@ def run(library, times, states):
     """The controller's torques (n, 2) from its reset on."""
     u = np.empty((len(states), 2))
     library.run(len(states), pointer(times), pointer(states), pointer(u))
+    return u
+
+
+def follow(library, times, states, given):
+    """The same while the motors are given other torques (n, 2), within their limits."""
+    u = np.empty((len(states), 2))
+    library.follow(len(states), *map(pointer, (times, states, given, u)))
     return u
 
 

@@ -39,8 +39,12 @@ QUANTUM = 3.81e-4
 """That of RealAIGym's motors."""
 
 
+PASSIVE = 0.5
+"""Torque limit of a live motor of the passive joint (N m)."""
+
+
 class Sensor(NamedTuple):
-    """What measures the state, and when."""
+    """What measures the state, and when; and what friction the plant has."""
 
     noise: float = 0.0
     """Standard deviation of the velocities' noise (rad/s)."""
@@ -54,6 +58,8 @@ class Sensor(NamedTuple):
     """Whether velocities are backward differences of the measured angles; the loop's periods must be equal."""
     offset: float = 0.0
     """Error of the zeros, + for the shoulder, - for the elbow (rad)."""
+    coulomb: float = 0.0
+    """Coulomb friction of both joints; with any, the passive joint's motor is live (N m)."""
 
 
 SENSORS = {
@@ -64,7 +70,7 @@ SENSORS = {
     "400 Hz": Sensor(0.1, 4, ENCODER, (0.0025,)),
     "uneven": Sensor(0.1, 4, ENCODER, (DT, 0.0025)),
     "quantum": Sensor(0.0, 1, QUANTUM, differences=True),
-    "zero offsets": Sensor(0.1, 1, ENCODER, offset=0.02),
+    "offsets and friction": Sensor(0.1, 1, ENCODER, offset=0.02, coulomb=0.1),
 }
 COLUMNS = [*SENSORS, "not finite"]
 """All sensors."""
@@ -185,16 +191,17 @@ def recorded(name, steps):
     for sensor in SENSORS.values():
         random = np.random.default_rng(3)
         noise, pauses = sensor.noise * random.normal(size=(steps, 2)), random.choice(sensor.periods, steps)
-        how = sensor.age, sensor.quantum, sensor.differences, sensor.offset * np.array([1.0, -1.0])
+        wrong = sensor.offset * np.array([1.0, -1.0])
+        how = sensor.age, sensor.quantum, sensor.differences, wrong, sensor.coulomb
         columns.append((*how, np.cumsum(pauses) - pauses, pauses, noise, False, np.zeros((steps, 4))))
     times, played = (np.resize(rows, (steps, *rows.shape[1:])) for rows in faults())
-    columns.append((0, 0.0, False, np.zeros(2), times, np.ones(steps), np.zeros((steps, 2)), True, played))
+    columns.append((0, 0.0, False, np.zeros(2), 0.0, times, np.ones(steps), np.zeros((steps, 2)), True, played))
     with jax.enable_x64(True):
         stacked = tuple(jnp.asarray(np.array(column)) for column in zip(*columns, strict=True))
         measured, torques = (np.asarray(rows) for rows in _loops(controller(name), *stacked))
     lengths = [steps] * len(SENSORS) + [len(faults()[0])]
     return {
-        sensor: (column[4][:length], x[:length], u[:length])
+        sensor: (column[5][:length], x[:length], u[:length])
         for sensor, length, column, x, u in zip(COLUMNS, lengths, columns, measured, torques, strict=True)
     }
 
@@ -202,9 +209,11 @@ def recorded(name, steps):
 @eqx.filter_jit
 def _loops(found, *columns):
     p = leaderboard_parameters(found.robot)
-    limits = jnp.array([p.tl1, p.tl2])
 
-    def loop(age, quantum, differences, offset, times, pauses, noise, played, recording):
+    def loop(age, quantum, differences, offset, coulomb, times, pauses, noise, played, recording):
+        plant = dataclasses.replace(p, cf1=coulomb, cf2=coulomb)
+        limits = jnp.maximum(jnp.array([p.tl1, p.tl2]), jnp.where(coulomb > 0, PASSIVE, 0.0))
+
         def angles(x):
             return jnp.where(quantum > 0, jnp.round(x[:2] / (quantum + 1e-30)) * quantum, x[:2]) + offset
 
@@ -215,7 +224,7 @@ def _loops(found, *columns):
             rates = jnp.where(differences, (seen - before) / pause, past[age, 2:] + normal)
             measured = jnp.where(played, given, jnp.concatenate([seen, rates]))
             memory, u = found(memory, t, measured)
-            x = rk4_step(p, past[0], jnp.clip(u, -limits, limits), pause)
+            x = rk4_step(plant, past[0], jnp.clip(u, -limits, limits), pause)
             return (jnp.concatenate([x[None], past[:-1]]), memory), (measured, u)
 
         rows = (times, pauses, noise, recording)
@@ -230,12 +239,15 @@ def numpy_run(name, period=DT, shift=0.0):
     return numpy_loop(NumpyController(policy(name)), period, shift)
 
 
-def numpy_loop(found, period=DT, shift=0.0, start=(0.0, 0.0, 0.0, 0.0), steps=1000):
-    """The same with a controller, whose clock may be ahead (s), from another state or for fewer calls."""
-    plant, noise, x = found.policy.plant, np.random.default_rng(0).normal(size=(steps, 2)), start
+def numpy_loop(found, period=DT, shift=0.0, start=(0.0, 0.0, 0.0, 0.0), steps=1000, plant=None, wrong=(0.0, 0.0)):
+    """The same with a controller, whose clock may be ahead (s), from another state or for fewer calls.
+
+    Another plant may move, and measured angles may be wrong by offsets (rad).
+    """
+    plant, noise, x = plant or found.policy.plant, np.random.default_rng(0).normal(size=(steps, 2)), start
     lumped, rows = lump(plant), []
     for k in range(steps):
-        t, measured = k * period, np.add(x, [0.0, 0.0, *(0.02 * noise[k])])
+        t, measured = k * period, np.add(x, [*wrong, *(0.02 * noise[k])])
         rows.append((t, measured, found(measured, t + shift)))
         x = model_step(lumped, plant.friction, x, *rows[-1][2].tolist(), period)
     return [np.array(column) for column in zip(*rows, strict=True)]
@@ -257,10 +269,11 @@ CHUNK = 100
 """Calls that are compiled together, so that one program serves recordings of any length."""
 
 
-def replay(found, times, states):
-    """A JAX controller's torques (n, 2) from its start on."""
+def replay(found, times, states, given=None):
+    """A JAX controller's torques (n, 2) from its start on; its motors may be given others (n, 2)."""
     torques, rows = [], -(-len(times) // CHUNK) * CHUNK
-    padded = [np.resize(column, (rows, *column.shape[1:])) for column in (times, states)]
+    columns = (times, states) if given is None else (times, states, given)
+    padded = [np.resize(column, (rows, *column.shape[1:])) for column in columns]
     with jax.enable_x64(True):
         memory = found.init()
         for start in range(0, rows, CHUNK):
@@ -271,8 +284,18 @@ def replay(found, times, states):
 
 
 @eqx.filter_jit
-def _chunk(found, memory, times, states):
-    return jax.lax.scan(lambda memory, now: found(memory, *now), memory, (times, states))
+def _chunk(found, memory, *columns):
+    def step(memory, now):
+        memory, u = found(memory, *now[:2])
+        return memory if len(now) == 2 else _given(memory, now[2], found.robot.joint), u
+
+    return jax.lax.scan(step, memory, columns)
+
+
+def _given(memory, u, joint):
+    """The memory of an estimator and its identifier once the motors were given other torques."""
+    identified = dataclasses.replace(memory.identified, torques=memory.identified.torques.at[0].set(u))
+    return dataclasses.replace(memory, torques=memory.torques.at[0].set(u[joint]), identified=identified)
 
 
 def alone(name, states, exact=True):

@@ -22,7 +22,7 @@ DRIVER = """
 #include "policy.h"
 
 void torques(int n, const double *x, double *u);
-void run(int n, const double *t, const double *x, double *u, double *base);
+void run(int n, const double *t, const double *x, const double *given, double *u, double *base);
 
 void torques(int n, const double *x, double *u)
 {
@@ -32,7 +32,7 @@ void torques(int n, const double *x, double *u)
     }
 }
 
-void run(int n, const double *t, const double *x, double *u, double *base)
+void run(int n, const double *t, const double *x, const double *given, double *u, double *base)
 {
     static swingup_controller controller;
     int k, i;
@@ -43,6 +43,10 @@ void run(int n, const double *t, const double *x, double *u, double *base)
         }
         if (k < n) {
             swingup_control(&controller, t[k], x + 4 * k, u + 2 * k);
+            for (i = 0; i < 2; i++) {
+                controller.estimator.identifier.torques[0][i] = given[2 * k + i];
+            }
+            controller.estimator.torques[0] = given[2 * k + SWINGUP_DRIVEN];
         }
     }
 }
@@ -79,16 +83,21 @@ def made(folder, *flags):
     return compile_program(folder, DRIVER, *flags)
 
 
-def run(library, times, states):
-    """Torques (n, 2) from a reset on, and θ (n + 1, 9) before the first and after each call."""
+def run(library, times, states, given):
+    """Torques (n, 2) from a reset on, and θ (n + 1, 9) before the first and after each call.
+
+    The motors are given NumPy's torques: see ``follow`` in ``backends.py``.
+    """
+    limit, driven = policy(IDENTIFIED).torque_limits, policy(IDENTIFIED).robot.joint
+    given = np.clip(given, *(side * np.where(np.arange(2) == driven, limit[driven], np.inf) for side in (-1, 1)))
     u, base = np.empty((len(states), 2)), np.empty((len(states) + 1, 9))
-    library.run(len(states), *map(pointer, (times, np.ascontiguousarray(states), u, base)))
+    library.run(len(states), *map(pointer, (times, np.ascontiguousarray(states), given, u, base)))
     return u, base
 
 
 def test_it_finds_what_numpy_finds(library):
     times, states, expected, theta = motion()
-    u, base = run(library, times, states)
+    u, base = run(library, times, states, expected)
     np.testing.assert_allclose(u, expected, rtol=0, atol=1e-9)
     np.testing.assert_allclose(base[1:], theta, rtol=0, atol=1e-10)
     start, true = base_parameters(policy(IDENTIFIED).plant), base_parameters(OTHER)
@@ -106,7 +115,7 @@ def test_faults_do_as_in_numpy(library):
     states[300, 0] = 1e7
     controller = NumpyController(policy(IDENTIFIED))
     expected, theta = map(np.array, zip(*map(functools.partial(answer, controller), states, times), strict=True))
-    u, base = run(library, times, states)
+    u, base = run(library, times, states, expected)
     driven = policy(IDENTIFIED).robot.joint
     np.testing.assert_allclose(u[:, driven], expected[:, driven], rtol=0, atol=1e-9)
     np.testing.assert_allclose(base[1:], theta, rtol=0, atol=1e-9)
@@ -120,7 +129,7 @@ def test_with_an_uneven_clock_as_in_numpy(library):
     ratios = np.random.default_rng(0).choice([1e-6, 0.7, 1.0, 1.2, 1.7, 3.5, 4.5], len(states), p=PROBABILITIES)
     times, controller = np.cumsum(ratios) * DT, NumpyController(policy(IDENTIFIED))
     expected, theta = map(np.array, zip(*map(functools.partial(answer, controller), states, times), strict=True))
-    u, base = run(library, times, states)
+    u, base = run(library, times, states, expected)
     np.testing.assert_allclose(u, expected, rtol=0, atol=1e-9)
     np.testing.assert_allclose(base[1:], theta, rtol=0, atol=1e-9)
     assert np.abs(base[-1] - base[0]).max() > 0.01
@@ -129,7 +138,7 @@ def test_with_an_uneven_clock_as_in_numpy(library):
 def test_in_single_precision_it_finds_the_same(library, tmp_path):
     """The network alone is in single precision: what it commands differs a little."""
     times, states, expected, theta = motion()
-    u, base = run(made(tmp_path, "-DSWINGUP_REAL=float"), times, states)
+    u, base = run(made(tmp_path, "-DSWINGUP_REAL=float"), times, states, expected)
     assert 1e-7 < np.abs(u - expected).max() < 1e-3
     np.testing.assert_allclose(base[1:], theta, rtol=0, atol=1e-4)
 
@@ -142,8 +151,8 @@ def test_the_policy_alone_is_for_the_plant_of_its_file(library):
 
 def test_a_reset_forgets_what_was_found(library):
     """The driver keeps one controller: the second run begins with what the first one left."""
-    times, states, *_ = motion()
-    first, again = run(library, times, states), run(library, times, states)
+    times, states, expected, _ = motion()
+    first, again = run(library, times, states, expected), run(library, times, states, expected)
     assert np.abs(first[1][-1] - first[1][0]).max() > 0.01
     for one, other in zip(first, again, strict=True):
         np.testing.assert_array_equal(one, other)

@@ -29,6 +29,7 @@ from .references import (
     UNSOUND,
     alone,
     controller,
+    numpy_loop,
     numpy_run,
     policy,
     random_states,
@@ -52,7 +53,7 @@ robots' ``ar-eapo`` (neither)."""
 
 IDENTIFYING = ("jax", "numpy", "c")
 """Back ends with an identifier; the others refuse it by name."""
-REPLAYED = 1e-6
+FOLLOWED = 1e-6
 """How far torques in double precision may lie apart (N m) over a loop of the adaptive policies."""
 
 
@@ -98,16 +99,32 @@ def steps(name):
     return LONG if "refined" in name else BRIEF
 
 
+def looped(found, name, times, states, given):
+    """A run; with an identifier, one whose motors were given the recording's torques."""
+    if policy(name).identifier is None:
+        return found.run(times, states)
+    return found.follow(times, states, within(name, given))
+
+
+def within(name, torques):
+    """The same with the driven joint's within its limit."""
+    cut, joint = torques.copy(), policy(name).robot.joint
+    limit = policy(name).plant.limit(joint)
+    cut[:, joint] = np.clip(cut[:, joint], -limit, limit)
+    return cut
+
+
 @pytest.mark.parametrize(("name", "back_end", "sensor"), TABLE)
 def test_torques(made, name, back_end, sensor):
     row, found, joint = BACK_ENDS[back_end], made(back_end, name), policy(name).robot.joint
     if row.whole and sensor != "states":
         times, states, expected = recorded(name, steps(name))[sensor]
-        both = found.run(times, states)
+        both = looped(found, name, times, states, expected)
         torques, finite = both[:, joint], np.isfinite(states).all(axis=1)
         np.testing.assert_allclose(both[finite], expected[finite], rtol=0, atol=row.whole_within)
         # After a reset it answers the same, bit for bit.
-        np.testing.assert_array_equal(found.run(times[:100], states[:100]), both[:100])
+        again = looped(found, name, times[:100], states[:100], expected[:100])
+        np.testing.assert_array_equal(again, both[:100])
     else:
         states = random_states() if sensor == "states" else recorded(name, steps(name))[sensor][1]
         states = states if sensor == "not finite" else states[:: row.stride]
@@ -131,12 +148,12 @@ ONE_ADAPTIVE = [ADAPTIVES[0], pytest.param(ADAPTIVES[1], marks=pytest.mark.slow)
 def test_adaptive_loops(made, name, back_end, sensor):
     """In the judge's single precision rounding grows where the torque reacts to the plant found."""
     times, states, expected = recorded(name, ADAPTING)[sensor]
-    both, finite = made(back_end, name).run(times, states), np.isfinite(states).all(axis=1)
-    distances = np.abs(both - expected)[finite].max(axis=1)
+    both, finite = looped(made(back_end, name), name, times, states, expected), np.isfinite(states).all(axis=1)
+    distances = np.abs(within(name, both) - within(name, expected))[finite].max(axis=1)
     if back_end == "jax":
         assert np.median(distances[:BRIEF]) < 1e-4
     else:
-        assert distances.max() < REPLAYED
+        assert distances.max() < FOLLOWED
     np.testing.assert_array_equal(np.isnan(both[:, policy(name).robot.joint]), ~finite)
 
 
@@ -145,12 +162,25 @@ def test_adaptive_loops_in_c_are_numpys(made, name):
     """With a noisy sensor: the swing-up, and the regulator near the top."""
     times, states, expected = numpy_run(name)
     found = made("c", name)
-    both = found.run(times, states)
-    np.testing.assert_allclose(both, expected, rtol=0, atol=REPLAYED)
-    np.testing.assert_array_equal(found.run(times[:100], states[:100]), both[:100])
+    both = looped(found, name, times, states, expected)
+    np.testing.assert_allclose(both, expected, rtol=0, atol=FOLLOWED)
+    np.testing.assert_array_equal(looped(found, name, times[:100], states[:100], expected[:100]), both[:100])
     assert np.ptp(expected[:, policy(name).robot.joint]) > 3
     off = np.abs((states[-1, :2] - [np.pi, 0] + np.pi) % (2 * np.pi) - np.pi)
     assert off.max() < 0.2
+
+
+@pytest.mark.parametrize("name", ONE_ADAPTIVE)
+def test_compensation_in_c_is_numpys(made, name):
+    """With friction of both joints and offsets of both angles: both motors act."""
+    found, joint = made("numpy", name).controller, policy(name).robot.joint
+    found.reset()
+    plant = dataclasses.replace(policy(name).plant, cf1=0.1, cf2=0.1)
+    times, states, expected = numpy_loop(found, steps=BRIEF, plant=plant, wrong=(0.03, -0.02))
+    both = looped(made("c", name), name, times, states, expected)
+    np.testing.assert_allclose(both, expected, rtol=0, atol=FOLLOWED)
+    assert np.abs(expected[:, 1 - joint]).max() > 0.1
+    assert np.abs(found._identifier.offsets).min() > 0.002
 
 
 @pytest.mark.parametrize("name", ADAPTIVES)
@@ -238,7 +268,7 @@ def test_a_loop_at_another_rate_swings_up_and_holds(name, sensor):
 
 
 @pytest.mark.parametrize("name", REFINED)
-def test_the_passive_joint_has_no_torque_without_a_front_end(made, name):
+def test_the_passive_joint_has_no_torque_without_a_front_end_or_identifier(made, name):
     times, states, _ = recorded(name, LONG)["noisy"]
     for back_end in ("numpy", "c"):
         torques = made(back_end, name).run(times[:200], states[:200])

@@ -29,6 +29,8 @@ OTHER = dataclasses.replace(
 )  # fmt: skip
 GRID = np.array([0.1, 0.1, 0.2, 0.2, 1e-4])
 """The benchmark's half ranges of friction and rotor."""
+UNCOMPENSATED = IdentifierSettings(passive_limit=0)
+"""For commands of 0 to the undriven joint's motor, whatever friction is found there."""
 
 
 EVEN = np.full(STEPS, DT)
@@ -48,7 +50,7 @@ class Rest(AbstractController):
 @functools.cache
 def programs():
     """A motion of a plant under swinging torques on the elbow, and what is found from angles and commands."""
-    identifier = make_identifier(ROBOT, NOMINAL)
+    identifier = make_identifier(ROBOT, NOMINAL, UNCOMPENSATED)
     t = jnp.arange(STEPS) * DT
     command = jnp.stack([jnp.zeros(STEPS), 1.5 * jnp.sin(6.5 * t) + jnp.sin(15 * t + 1)], axis=1)
 
@@ -203,7 +205,7 @@ def test_one_spoilt_angle_is_soon_forgotten():
 
 
 def test_negative_friction_is_found_and_not_predicted_with():
-    identifier = make_identifier(ROBOT, NOMINAL)
+    identifier = make_identifier(ROBOT, NOMINAL, UNCOMPENSATED)
     memory = identifier.init()
     memory = dataclasses.replace(memory, unknowns=memory.unknowns.at[4:8].set(jnp.array([-0.1, 0.1, 0.2, -0.2])))
     assert np.asarray(identifier.theta(memory))[4:8].tolist() == pytest.approx([-0.1, 0.1, 0.2, -0.2])
@@ -252,7 +254,7 @@ def test_numpy_finds_the_same(change, told, break_at, periods):
     scale = np.sqrt(np.diagonal(expected.covariance))
     rows = []
     told = np.broadcast_to(told, STEPS).tolist()
-    for index, (angles, torque) in enumerate(zip(change(q).tolist(), command[:, 1].tolist(), strict=True)):
+    for index, (angles, torque) in enumerate(zip(change(q).tolist(), command.tolist(), strict=True)):
         if index == break_at:
             identifier.restart()
         identifier.observe(*angles, told[index], periods[index])

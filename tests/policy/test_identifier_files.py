@@ -49,6 +49,20 @@ def test_the_loop_is_the_estimators(file):
     assert read_pendulum_policy(file(estimator={})).identifier is None
 
 
+@pytest.mark.parametrize("limit", [0, 0.3])
+def test_the_passive_joints_motor_may_be_left_alone(file, limit):
+    found = read_pendulum_policy(file(estimator={}, identifier={"passive_limit": limit}))
+    assert found.identifier.passive_limit == limit
+    # The guard leaves that joint as much.
+    assert found.torque_limits == (limit, found.plant.limit(1))
+
+
+def test_a_plant_without_gravity_on_a_link_is_refused(file):
+    policy = read_pendulum_policy(file(estimator={}, identifier={}))
+    with pytest.raises(SwingupError, match="nothing to find the offsets by"):
+        dataclasses.replace(policy, plant=dataclasses.replace(policy.plant, r2=0.0))
+
+
 def test_round_trip(file, tmp_path):
     estimator = EstimatorSettings(dt=0.0025)
     policy = dataclasses.replace(policy_of(sighted_policy()), estimator=estimator, identifier=OTHER)
@@ -72,6 +86,8 @@ def test_round_trip(file, tmp_path):
         ({"estimator": {}, "identifier": None}, "identifier None is no object of settings"),
         ({"estimator": {}, "identifier": {"spam": 1}}, "unknown identifier setting 'spam': use some of dt, span,"),
         ({"estimator": {}, "identifier": {"span": 2.5}}, "identifier setting span = 2.5: use a whole number"),
+        ({"estimator": {}, "identifier": {"passive_limit": -1}}, "setting passive_limit = -1: use a number from 0"),
+        ({"estimator": {}, "identifier": {"offset": 0}}, "identifier setting offset = 0: use a number from 1e-06"),
         ({"estimator": {}, "identifier": {"gate": "3"}}, "identifier setting gate = '3': use a number from"),
         (
             {"estimator": {}, "identifier": {"dt": 0.004}},
@@ -84,7 +100,7 @@ def test_round_trip(file, tmp_path):
             "unknown setting 'rotors' of the",
         ),
         ({"estimator": {}, "identifier": {"spread": {"rotor": 0}}}, "identifier setting spread.rotor = 0: use a"),
-        ({"estimator": {}, "front_end": {}}, "an identifier finds the friction that a front end compensates"),
+        ({"estimator": {}, "front_end": {}}, "an identifier compensates the friction that it finds"),
     ],
 )
 def test_what_cannot_work(file, metadata, message):

@@ -61,7 +61,8 @@ def run(controller, plant, steps=STEPS, spoilt=(), periods=None):
         torque = 1.5 * math.sin(6.5 * t) + math.sin(15 * t + 1)
         # As if the policy had commanded it; what is not finite it has commanded itself.
         if np.isfinite(rows[-1]).all():
-            controller._identifier._torques[0] = controller._estimator._torques[0] = torque
+            controller._identifier._torques[0] = 0.0, torque
+            controller._estimator._torques[0] = torque
         for _ in range(FINE):
             x = model_step(lumped, plant.friction, x, 0.0, torque, period / FINE)
     return np.array(rows)

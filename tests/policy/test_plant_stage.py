@@ -128,7 +128,8 @@ def test_an_identifier_tells_what_it_found(file):
     found = jnp.linspace(0.9, 1.1, 9) * base_parameters(p)
     identified = dataclasses.replace(memory.identified, unknowns=memory.identified.unknowns.at[:9].set(found))
     told_one = whole._informed(dataclasses.replace(memory, identified=identified))
-    np.testing.assert_allclose(told_one.policy.stages[-1].base, found, rtol=1e-5)
+    # Without the friction, which is compensated.
+    np.testing.assert_allclose(told_one.policy.stages[-1].base, found.at[4:8].set(0.0), rtol=1e-5)
 
 
 def test_a_policy_needs_its_plant(file):

@@ -12,7 +12,8 @@ discrete Euler-Lagrange equation of Marsden and West (Acta Numerica 10, 2001), s
 
 If the measured angles are the true ones plus small offsets o1 and o2, gravity's part of Y θ is too large by
 g cos(q1) κ1 in the shoulder's row and by g cos(q1 + q2) κ2 in both, with κ1 = k o1 and κ2 = m2 r2 (o1 + o2): two
-more unknowns in which the rows are linear. What o2 changes of the mass matrix is left out.
+more unknowns in which the rows are linear. The elbow's offset also bends the links' coupling, which is too large by
+its derivative by q2 times m2 r2 o2 = κ2 - ρ κ1, ρ = m2 r2 / k. The rows take ρ from the nominal plant.
 
 For unequal times the mean of the other terms belongs to (h1 - h0)/4 after qb, the hat to (h1 - h0)/3 after it: the
 difference is of either sign and fades in a low-pass.
@@ -41,7 +42,7 @@ class Maths(NamedTuple):
 
 
 def momentum_rows(
-    before: Pair, middle: Pair, after: Pair, steps: Pair, known: Known, maths: Maths
+    before: Pair, middle: Pair, after: Pair, steps: Pair, known: Known, ratio: Number, maths: Maths
 ) -> tuple[Any, Any]:
     """Y (2, 11): the rows of shoulder and elbow: a number for each base parameter, and for κ1 and κ2.
 
@@ -51,6 +52,7 @@ def momentum_rows(
         after: qc, later still.
         steps: h0 from qa to qb, h1 from qb to qc (s).
         known: what is known of the plant.
+        ratio: ρ = m2 r2 / k of the nominal plant.
         maths: for this kind of number.
     """
     first, second = _half(before, middle, steps[0], known, maths), _half(middle, after, steps[1], known, maths)
@@ -64,9 +66,12 @@ def momentum_rows(
     f1, f2 = mean_arctan(v1, w1, maths), mean_arctan(v2, w2, maths)
     none, gr = 0.0 * v1, known.gr
     rotor1, rotor2 = (gr * gr + 1) * a1 - gr * a2, gr * gr * a2 - gr * a1
-    tilt1, tilt2 = -0.5 * (first.slope1 + second.slope1), -0.5 * (first.slope2 + second.slope2)
-    shoulder = a1, a2, coupling1, pull1, 0.5 * (v1 + w1), none, f1, none, rotor1, tilt1, tilt2
-    elbow = none, a1 + a2, coupling2, none, none, 0.5 * (v2 + w2), none, f2, rotor2, none, tilt2
+    slope1, slope2 = 0.5 * (first.slope1 + second.slope1), 0.5 * (first.slope2 + second.slope2)
+    bend1 = (second.bend1 - first.bend1) / step
+    bend2 = (second.bend2 - first.bend2) / step + 0.5 * (first.bending + second.bending)
+    tilts1, tilts2 = (ratio * bend1 - slope1, -bend1 - slope2), (ratio * bend2, -bend2 - slope2)
+    shoulder = a1, a2, coupling1, pull1, 0.5 * (v1 + w1), none, f1, none, rotor1, *tilts1
+    elbow = none, a1 + a2, coupling2, none, none, 0.5 * (v2 + w2), none, f2, rotor2, *tilts2
     return shoulder, elbow
 
 
@@ -99,20 +104,27 @@ class _Half(NamedTuple):
     slope1: Number
     """g cos(q1); ``slope2``: g cos(q1 + q2)."""
     slope2: Number
+    bend1: Number
+    """Derivative of ``momentum1`` by q2; ``bend2`` and ``bending`` likewise."""
+    bend2: Number
+    bending: Number
 
 
 def _half(start: Pair, end: Pair, step: Number, known: Known, maths: Maths) -> _Half:
     rate1, rate2 = (end[0] - start[0]) / step, (end[1] - start[1]) / step
     q1, q2 = 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1])
     (sin1, cos1), (sin2, cos2) = maths.sine_cosine(q1), maths.sine_cosine(q2)
-    along = known.l1 * cos2
+    along, across = known.l1 * cos2, known.l1 * sin2
     return _Half(
         rates=(rate1, rate2),
         momentum1=along * (2 * rate1 + rate2),
         momentum2=along * rate1,
-        turning=known.l1 * sin2 * rate1 * (rate1 + rate2),
+        turning=across * rate1 * (rate1 + rate2),
         pull1=known.g * sin1,
         pull2=known.g * (sin1 * cos2 + cos1 * sin2),
         slope1=known.g * cos1,
         slope2=known.g * (cos1 * cos2 - sin1 * sin2),
+        bend1=-across * (2 * rate1 + rate2),
+        bend2=-across * rate1,
+        bending=along * rate1 * (rate1 + rate2),
     )

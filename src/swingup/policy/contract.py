@@ -7,10 +7,10 @@ torques u = [u1, u2] (N m) of shoulder and elbow.
   estimator, rounding feeds back: 1e-9 over a whole run.
 - A policy that sees its plant runs as the ordinary policy that it is for the plant of its file. Behind an
   identifier it is told the plant found so far, which depends on its own torques: 1e-9 holds where it reacts little
-  to the plant. A strong reaction lets rounding grow in a replay, whose motion does not follow the torques: 1e-6
-  for the shipped ``adaptive`` in double precision.
+  to the plant. A strong reaction lets rounding grow in a replay, whose motion does not follow the torques. The
+  shipped ``adaptive`` keeps to 1e-6 in double precision where the motors are given the same torques.
 - The torque of the driven joint is NaN where the state is not finite, so that no clipping hides a broken sensor.
-  The passive joint has 0, or the friction compensation of a front end.
+  The passive joint has 0, or the friction compensation of a front end or of an identifier.
 - Behind a safety guard no torque is ever NaN: the guard stops the controller instead (``policy/guard.py``).
 - ``reset()`` forgets the run: what follows repeats the first run bit for bit.
 

@@ -25,8 +25,9 @@ SOURCES = (
     "physics/__init__.py", "physics/base_parameters.py", "physics/damped.py", "physics/equations.py",
     "physics/momentum.py", "physics/units.py", "physics/validity.py",
     *(f"policy/{name}.py" for name in (
-        "__init__", "contract", "file", "fold", "guard", "identifier_settings", "network", "pendulum", "plant",
-        "plant_facts", "regulator_settings", "riccati", "settings", "shipped", "stages", "upright",
+        "__init__", "compensation", "contract", "file", "fold", "guard", "identifier_settings", "network",
+        "pendulum", "plant", "plant_facts", "regulator_settings", "riccati", "settings", "shipped", "stages",
+        "upright",
     )),
     *(f"policy/numpy_backend/{name}.py" for name in (
         "__init__", "controller", "estimator", "front_end", "guard", "identifier", "network", "regulator",
@@ -187,9 +188,10 @@ def readme_values(policy: PendulumPolicy, name: str) -> dict[str, str]:
 def _torque(policy: PendulumPolicy) -> str:
     most, joints = f"at most {policy.torque_limit:g} N m", ("shoulder", "elbow")
     joint, passive = joints[policy.robot.joint], joints[1 - policy.robot.joint]
-    if policy.front_end is None:
+    compensating = policy.front_end or policy.identifier
+    if compensating is None:
         return f"{most}, on the {joint} alone"
     return (
         f"{most} on the {joint}, and compensation of friction: there, and within "
-        f"{policy.front_end.passive_limit:g} N m on the {passive}"
+        f"{compensating.passive_limit:g} N m on the {passive}"
     )

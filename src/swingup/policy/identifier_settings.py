@@ -137,12 +137,20 @@ def prior(plant: Any, settings: IdentifierSettings) -> tuple[np.ndarray, np.ndar
     Args:
         plant: anything with the attributes of ``physics.parameters.Parameters``.
         settings: with deviations, and how far plants lie from the nominal one.
+
+    Raises:
+        SwingupError: gravity acts on one joint alone, so that an offset would be a quotient of zeros.
     """
     mean, covariance = np.zeros(UNKNOWNS), np.zeros((UNKNOWNS, UNKNOWNS))
     mean[:BASE] = base = base_parameters(plant)
     mean[GAIN] = 1.0
     covariance[:BASE, :BASE] = base_covariance(plant, settings.spread)
     second, first = base[2:4]
+    if first == 0 or second == 0:
+        raise SwingupError(
+            f"a plant with m1 r1 + m2 l1 = {first:g} and m2 r2 = {second:g} kg m gives an identifier nothing to "
+            "find the offsets by: give both links a centre of mass off their joint, or leave the identifier out"
+        )
     others = settings.offset * first, settings.offset * second, settings.lag, settings.passive_gain
     covariance[range(BASE, UNKNOWNS), range(BASE, UNKNOWNS)] = np.square(others)
     return mean, covariance
@@ -230,8 +238,8 @@ def check_no_front_end(front_end: Any) -> None:
     """
     if front_end is not None:
         raise SwingupError(
-            "an identifier finds the friction that a front end compensates, which would count twice: leave the "
-            "identifier or the front end out"
+            "an identifier compensates the friction that it finds, as a front end does: leave the identifier or "
+            "the front end out"
         )
 
 

@@ -18,6 +18,7 @@ from .identifier_settings import (
     IdentifierSettings,
     check_identifier,
     check_no_front_end,
+    prior,
     read_identifier,
     write_identifier,
 )
@@ -70,12 +71,14 @@ class PendulumPolicy:
         """Refuse what cannot go together.
 
         Raises:
-            SwingupError: an identifier stands without an estimator or is for another loop, there is a front end
-                beside an identifier or a regulator, or no regulator holds the plant.
+            SwingupError: an identifier stands without an estimator or is for another loop or has a plant without
+                gravity on a joint, there is a front end beside an identifier or a regulator, or no regulator holds
+                the plant.
         """
         if self.identifier is not None:
             check_identifier(self.identifier, self.estimator)
             check_no_front_end(self.front_end)
+            prior(self.plant, self.identifier)
         if self.regulator is not None:
             check_no_compensation(self.front_end)
             fixed_point(self.plant, self.robot.joint, self.regulator)
@@ -92,8 +95,9 @@ class PendulumPolicy:
 
     @property
     def torque_limits(self) -> tuple[float, float]:
-        """Largest torques of shoulder and elbow (N m): the motor's, and the front end's on the passive joint."""
-        passive = 0.0 if self.front_end is None else self.front_end.passive_limit
+        """Largest torques of shoulder and elbow (N m): the motor's, and the compensation's on the passive joint."""
+        compensating = self.front_end or self.identifier
+        passive = 0.0 if compensating is None else compensating.passive_limit
         driven = self.plant.limit(self.robot.joint)
         return (driven, passive) if self.robot.joint == 0 else (passive, driven)
 

@@ -106,7 +106,7 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
         "ABOUT": f"{about}, written by swingup {__version__}.".capitalize(),
         "RATE": f"every {policy.period:g} s" if policy.period else "at the loop's rate",
         "UNSOUND": GUARDED if policy.guard else UNGUARDED,
-        "PASSIVE": "for its friction" if policy.front_end else "0",
+        "PASSIVE": "for its friction" if policy.torque_limits[1 - policy.robot.joint] else "0",
         "DRIVEN": str(policy.robot.joint),
         "TORQUE_LIMIT": repr(policy.torque_limit),
         "INPUTS": str(layers[0].weight.shape[1]),

@@ -7,12 +7,17 @@ import numpy as np
 from ...physics.base_parameters import BASE, Known, base_parameters, lumped
 from ...physics.equations import COULOMB_STEEPNESS, mass_entries
 from ...physics.momentum import CLOSE
+from ..compensation import LEAST_GAIN
 from ..identifier_settings import (
+    AGE_CAUTION,
     FARTHEST,
     LONGEST_STEP,
     MOST_DEVIATION,
+    MOST_OFFSET,
     SHORTEST_STEP,
     STUDENT,
+    UNEVEN_FADING,
+    UNEVEN_STEP,
     IdentifierSettings,
     prior,
 )
@@ -27,10 +32,15 @@ PROGRAM = {
     swingup_identifier identifier;
     swingup_plant plant; /* the model: what was found until the last call */
 """,
-    "BELIEVE": "    swingup_believe(&c->plant, c->identifier.base);\n",
+    "ANGLE1": "measured[0] - c->identifier.offsets[0]",
+    "ANGLE2": "measured[1] - c->identifier.offsets[1]",
+    "INTERVAL": "swingup_interval(&c->identifier, h)",
+    "AGE": "c->identifier.age",
+    "BELIEVE": "    swingup_believe(&c->plant, &c->identifier);\n",
     "BELIEVED": "&c->plant, ",
-    "IDENTIFY": "    swingup_identify(&c->identifier, x, c->delay_steps, c->called ? pause : -1.0);\n",
-    "NOTE": "    swingup_note(&c->identifier, c->torques[0]);\n",
+    "IDENTIFY": "    swingup_identify(&c->identifier, measured, c->delay_steps, c->called ? pause : -1.0);\n",
+    "NOTE": "    swingup_note(&c->identifier, c->torques[0], u[1 - SWINGUP_DRIVEN]);\n",
+    "COMPENSATE": "    swingup_compensate(&c->estimator.identifier, seen, u);\n",
     "BEGIN": "    swingup_begin(&c->estimator.identifier);\n",
     "READER": """\
 /* The nine base parameters found so far, ordered as docs/policy-format.md has them; at first the file's plant's. */
@@ -45,11 +55,13 @@ static inline const double *swingup_base_parameters(const swingup_controller *c)
 """,
 }
 """What other parts say of an identifier, by the gaps of their texts."""
+PLAIN = {"ANGLE1": "measured[0]", "ANGLE2": "measured[1]", "INTERVAL": "h", "AGE": "0"}
+"""What the estimator says without an identifier of its angles, of the time between them, and of their age."""
 SIGHTED = {
     "TOLD": "_for",
     "SIGHT": ", const double base[9]",
     "BASE": ", base",
-    "KNOWN": ", swingup_base_parameters(c)",
+    "KNOWN": ", c->estimator.identifier.told",
     "FOLDED": """\
 /* The policy for the plant of its file. */
 static inline double swingup_policy(const double x[4])
@@ -73,7 +85,7 @@ INPUTS = """\
 
 def calls(policy: PendulumPolicy) -> dict[str, str]:
     """What other parts of a header say of the identifier, by their gaps; nothing without one."""
-    said = dict.fromkeys([*PROGRAM, *SIGHTED, "SHOWN"], "")
+    said = dict.fromkeys([*PROGRAM, *SIGHTED, "SHOWN"], "") | PLAIN
     if policy.identifier is not None:
         said |= PROGRAM if policy.regulator is None else PROGRAM | REGULATED
     if is_told(policy):
@@ -94,7 +106,9 @@ def plant_inputs(stage: PlantStage, size: int) -> str:
 
 def identified_model(settings: IdentifierSettings, plant: PolicyPlant, joint: int) -> str:
     """The identifier about a nominal plant whose driven joint is ``joint``, and the model that it finds."""
-    known = {"L1": plant.l1, "GRAVITY": plant.g, "GEAR": plant.gr, "STEEPNESS": COULOMB_STEEPNESS, "CLOSE": CLOSE}
+    base = base_parameters(plant)
+    known = {"L1": plant.l1, "GRAVITY": plant.g, "GEAR": plant.gr, "RATIO": base[2] / base[3]}
+    known |= {"STEEPNESS": COULOMB_STEEPNESS, "CLOSE": CLOSE}
     values = _numbers(settings) | _arrays(settings, plant, joint)
     values |= {name: repr(float(value)) for name, value in known.items()}
     return "\n".join(fill(asset(__package__, file), values) for file in ("identifier.h", "identified_model.h"))
@@ -115,8 +129,14 @@ def _numbers(s: IdentifierSettings) -> dict[str, str]:
         "FARTHEST": FARTHEST,
         "LONGEST": LONGEST_STEP * s.dt,
         "SHORTEST": SHORTEST_STEP * s.dt,
+        "PASSIVE_LIMIT": s.passive_limit,
+        "LEAST_GAIN": LEAST_GAIN,
+        "MOST_OFFSET": MOST_OFFSET,
+        "AGE_CAUTION": AGE_CAUTION,
+        "UNEVEN_FADING": UNEVEN_FADING,
+        "UNEVEN2": UNEVEN_STEP**2,
     }
-    counts = {"SPAN": s.span, "COMMANDS": 2 * s.span + s.max_delay_steps}
+    counts = {"SPAN": s.span, "COMMANDS": 2 * s.span + max(s.max_delay_steps, 1)}
     return {name: repr(float(value)) for name, value in numbers.items()} | {
         name: str(count) for name, count in counts.items()
     }

@@ -119,7 +119,8 @@ class Identifier(eqx.Module):
         """Nothing seen yet."""
         span, driven = self.settings.span, jnp.array(self.robot.actuation, float)
         first, most = self.settings.passive_deviation, self.settings.driven_deviation
-        past = 2 * span + self.settings.max_delay_steps
+        # Angles may be a call old whatever the longest delay is.
+        past = 2 * span + max(self.settings.max_delay_steps, 1)
         return IdentifierMemory(
             angles=jnp.zeros((2 * span + 1, 2)),
             torques=jnp.zeros((past, 2)),
@@ -273,7 +274,8 @@ class Identifier(eqx.Module):
         steps = jax.lax.dynamic_slice_in_dim(memory.steps, memory.age, 2 * span)
         ages = _ages(steps)
         halves = ages[-1] - ages[span], ages[span]
-        shoulder, elbow = momentum_rows(*pairs, halves, self.known, MATHS)
+        ratio = jnp.asarray(self.mean[2] / self.mean[3], newest.dtype)
+        shoulder, elbow = momentum_rows(*pairs, halves, self.known, ratio, MATHS)
         mean, slope = hat_weights(steps, ages, jnp.minimum)
         torque, rate = mean @ acting, slope @ acting
         rows = jnp.stack([jnp.stack(shoulder), jnp.stack(elbow)])

@@ -77,13 +77,15 @@ class NumpyController:
         if self._estimator is not None:
             x = self._estimator.observe(float(t), x)
             if self._identifier is not None:
-                self._tell(self._identifier.theta)
+                self._tell(self._identifier.told)
         u = self._command(float(t), x)
+        if self._estimator is not None:
+            u = u + self._estimator.compensation(x)
         if self.guard is not None:
             u = self.guard.limited(u)
         if self._estimator is not None:
-            # The command with friction compensation: the estimator needs what the motor was given.
-            self._estimator.remember(float(u[self._joint]))
+            # The command with friction compensation: the estimator needs what the motors were given.
+            self._estimator.remember(u)
         return u
 
     def _tell(self, base: list[float]) -> None:

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from ...physics.equations import StateFloats, lump
+from ...physics.equations import StateFloats, friction, lump
 from ..identifier_settings import LONGEST_STEP
 from ..plant import model_step, torque_response
 from ..plant_facts import PolicyPlant
@@ -17,7 +17,7 @@ from .network import TURN
 class NumpyEstimator:
     """An estimate of the state from measurements and commanded torques.
 
-    Call ``observe`` with each measurement, then ``remember`` with the torque that was commanded.
+    Call ``observe`` with each measurement, then ``remember`` with the torques that were commanded.
     """
 
     def __init__(
@@ -38,7 +38,7 @@ class NumpyEstimator:
         self._identifier = identifier
         self._settings, self._plant, self._friction = settings, lump(model), model.friction
         self._driven = (1.0, 0.0) if joint == 0 else (0.0, 1.0)
-        self._limit = model.limit(joint)
+        self._joint, self._limit = joint, model.limit(joint)
         # From the misses [e_q1, e_q2, e_v1, e_v2] to corrections: the gains of one joint, for both.
         self._gains = np.kron(kalman_gains(settings), np.eye(2)).T
         self._fading = math.exp(-settings.dt / settings.memory)
@@ -66,24 +66,44 @@ class NumpyEstimator:
         # Negated, so that the first call (an infinite pause) and a clock of NaN are late as well.
         late = not 0 <= pause <= 1.5 * self._settings.dt
         step = pause or self._settings.dt
+        measured, x = x, self._without_offsets(x)
         seen = x.copy()
         with np.errstate(all="ignore"):  # what is not finite fails a comparison below
-            if not late and self._follow(x, step):
+            if not late and self._follow(x, step if self._identifier is None else self._identifier.interval(step)):
                 ahead = self._ahead(step)
                 seen = ahead if np.isfinite(ahead).all() else seen
             else:
                 # The evidence on the delay stays: the delay belongs to the loop, not to the motion.
                 self._state, self._torques[:], self._deviations[:] = x.copy(), 0.0, 0.0
             if self._identifier is not None:
-                self._identify(self._identifier, x, pause)
+                self._identify(self._identifier, measured, pause)
         return seen
 
-    def remember(self, torque: float) -> None:
-        """Note the torque that the driven joint was commanded (N m)."""
+    def compensation(self, seen: np.ndarray) -> np.ndarray:
+        """Torques (2,) against the friction found (N m), for the state seen (4,); NaN if that is not finite."""
+        if self._identifier is None:
+            return np.zeros(2)
+        if not np.isfinite(seen).all():
+            return np.full(2, math.nan)
+        pairs, most = zip(*self._identifier.asked, seen[2:].tolist(), strict=True), self._identifier.passive_limit
+        u = [friction(*one, math.atan) for one in pairs]
+        passive = 1 - self._joint
+        u[passive] = min(max(u[passive], -most), most)
+        return np.array(u)
+
+    def remember(self, u: np.ndarray) -> None:
+        """Note the torques (2,) that both motors were asked for (N m)."""
         self._torques[1:] = self._torques[:-1]
-        self._torques[0] = np.clip(torque, -self._limit, self._limit)
+        self._torques[0] = np.clip(u[self._joint], -self._limit, self._limit)
         if self._identifier is not None:
-            self._identifier.remember(float(self._torques[0]))
+            driven, passive = float(self._torques[0]), float(u[1 - self._joint])
+            self._identifier.remember((driven, passive) if self._joint == 0 else (passive, driven))
+
+    def _without_offsets(self, x: np.ndarray) -> np.ndarray:
+        """The measurement less the offsets of its angles, as far as they are known."""
+        if self._identifier is None:
+            return x
+        return x - np.array([*self._identifier.offsets, 0.0, 0.0])
 
     def _identify(self, identifier: NumpyIdentifier, x: np.ndarray, pause: float) -> None:
         """Show it the angles measured a pause (s) after the last; its plant is the model from the next call on."""
@@ -111,7 +131,9 @@ class NumpyEstimator:
 
         scaled = np.sum((miss - drifted)[:, :2] ** 2, axis=1) / self._settings.residual_scale**2
         surprise = self._fading * self._surprise + np.log1p(scaled)
-        delay_steps = int(np.argmin(surprise + self._caution))
+        # A delay below the angles' own age cannot be.
+        least = 0 if self._identifier is None else min(self._identifier.age, len(surprise) - 1)
+        delay_steps = least + int(np.argmin((surprise + self._caution)[least:]))
         deviations = drifted - drifted @ self._gains
         estimate = predicted + miss @ self._gains + deviations[delay_steps]
         # What is not finite fails the comparison.

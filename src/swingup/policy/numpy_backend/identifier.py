@@ -9,18 +9,26 @@ import numpy as np
 
 from ...physics.base_parameters import BASE, Known, friction_of, lumped, share_allowed
 from ...physics.damped import Friction
-from ...physics.equations import Lumped
+from ...physics.equations import Lumped, Pair
 from ...physics.momentum import Maths, momentum_rows
+from ..compensation import braking, compensation
 from ..identifier_settings import (
+    AGE_CAUTION,
     FARTHEST,
+    GAIN,
     LAG,
     MOST_DEVIATION,
     POLES,
     SHORTEST_STEP,
     STUDENT,
+    TILT1,
+    TILT2,
+    UNEVEN_FADING,
+    UNEVEN_STEP,
     UNKNOWNS,
     IdentifierSettings,
     hat_weights,
+    offsets,
     prior,
 )
 from ..plant import sine_cosine
@@ -41,7 +49,7 @@ MATHS = Maths(sine_cosine, math.atan, math.log1p, _where)
 class NumpyIdentifier:
     """Finds the plant of one loop from measured angles and commanded torques.
 
-    Call ``observe`` with each measurement, then ``remember`` with the torque that was commanded.
+    Call ``observe`` with each measurement, then ``remember`` with the torques that were commanded.
     """
 
     def __init__(self, settings: IdentifierSettings, plant: PolicyPlant, joint: int) -> None:
@@ -54,6 +62,8 @@ class NumpyIdentifier:
         """
         s = self._settings = settings
         self._joint, self._known = joint, Known(plant.l1, plant.g, plant.gr)
+        self.passive_limit = s.passive_limit
+        """Largest torque that compensates the undriven joint's friction (N m)."""
         self._mean, self._prior = prior(plant, settings)
         self._nominal: list[float] = self._mean[:BASE].tolist()
         self._most = self._prior.diagonal().copy()
@@ -67,7 +77,9 @@ class NumpyIdentifier:
     def reset(self) -> None:
         """Nothing seen yet."""
         self._angles = [(0.0, 0.0)] * (2 * self._settings.span + 1)
-        self._delay_steps = 0
+        self._delay_steps, self._missed = 0, [0.0, 0.0]
+        self.age = 0
+        """1 if the angles are those of the call before, else 0."""
         self._unknowns, self._covariance = self._mean.copy(), self._prior.copy()
         self._variance, self._held = [first**2 for first in self._firsts], [0.0, 0.0]
         self.restart()
@@ -75,17 +87,17 @@ class NumpyIdentifier:
 
     def restart(self) -> None:
         """After a pause: what was found stays, the motion before is forgotten."""
-        self._torques = np.zeros(2 * self._settings.span + self._settings.max_delay_steps)
-        # Time for which each torque was held (s).
+        self._torques = np.zeros((2 * self._settings.span + max(self._settings.max_delay_steps, 1), 2))
+        # Time for which each pair was held (s).
         self._steps = np.full(len(self._torques), self._settings.dt)
         self._calls = 0
         # The newest columns in the last row, behind the low-passes that they enter one after the other.
         self._stages = np.zeros((POLES + 1, 2 * COLUMNS))
 
-    def remember(self, torque: float) -> None:
-        """Note the torque that the driven joint was commanded, within its limit (N m)."""
+    def remember(self, u: Pair) -> None:
+        """Note the torques that both motors were asked for, the driven one within its limit (N m)."""
         self._torques[1:] = self._torques[:-1]
-        self._torques[0] = torque
+        self._torques[0] = u
 
     def observe(self, q1: float, q2: float, delay_steps: int, step: float) -> None:
         """Learn from measured angles.
@@ -106,20 +118,40 @@ class NumpyIdentifier:
         dt = self._settings.dt
         self._steps[1:] = self._steps[:-1]
         self._steps[0] = max(step, SHORTEST_STEP * dt) if self._calls else dt
-        if delay_steps != self._delay_steps:
+        age = self._weigh_ages()
+        delay_steps = max(delay_steps, age)
+        if (age, delay_steps) != (self.age, self._delay_steps):
             # The lag counts from the delay: their sum is what was found. The old columns belong to the old delay.
             self._unknowns[LAG] += self._steps[: self._delay_steps].sum() - self._steps[:delay_steps].sum()
-            self._delay_steps = delay_steps
+            self.age, self._delay_steps = age, delay_steps
             self._stages[:] = 0.0
         self._calls += 1
         # The torques before a restart are not known.
         if self._calls >= len(self._angles) + delay_steps:
             self._learn()
 
+    def interval(self, step: float) -> float:
+        """Time between the angles observed last and the next ones (s), for a call a step (s) after the last one."""
+        return float(self._steps[0]) if self.age else step
+
     @property
     def unknowns(self) -> np.ndarray:
-        """θ as it was found, and the lag (s)."""
+        """θ as it was found, κ1 and κ2 (kg m), the lag (s), and the gain of the undriven joint's motor."""
         return self._unknowns.copy()
+
+    def _weigh_ages(self) -> int:
+        """The angles' age (calls): a longer step shows as a longer way in the same call, or in the next."""
+        whole = 2 * self._settings.span
+        (a1, a2), (b1, b2), (c1, c2) = self._angles[:3]
+        (z1, z2), time = self._angles[whole], float(self._steps[:whole].sum())
+        rate1, rate2 = (a1 - z1) / time, (a2 - z2) / time
+        first, second, third = self._steps[:3].tolist()
+        for age, longer in enumerate((first - second, second - third)):
+            miss = (a1 - 2 * b1 + c1 - rate1 * longer) ** 2 + (a2 - 2 * b2 + c2 - rate2 * longer) ** 2
+            now = math.log1p(miss / UNEVEN_STEP**2) if self._calls > whole else 0.0
+            self._missed[age] = UNEVEN_FADING * self._missed[age] + now
+        more = self._missed[0] - self._missed[1]
+        return 1 if more > AGE_CAUTION else 0 if more < -AGE_CAUTION else self.age
 
     def _learn(self) -> None:
         """The low-passes, both rows, and the drift."""
@@ -137,16 +169,18 @@ class NumpyIdentifier:
         self._project()
 
     def _columns(self) -> list[float]:
-        """The newest rows: Y, u̇ and u of the shoulder, then of the elbow."""
+        """The newest rows: Y, u̇, -v and u of the shoulder, then of the elbow."""
         span = self._settings.span
         oldest, middle, newest = self._angles[2 * span], self._angles[span], self._angles[0]
-        window = slice(self._delay_steps, self._delay_steps + 2 * span)
-        acting, steps = self._torques[window], self._steps[window]
+        acting = self._torques[self._delay_steps : self._delay_steps + 2 * span]
+        steps = self._steps[self.age : self.age + 2 * span]
         self._ages[1:] = steps.cumsum()
         newer, whole = float(self._ages[span]), float(self._ages[-1])
-        shoulder, elbow = momentum_rows(oldest, middle, newest, (whole - newer, newer), self._known, MATHS)
+        ratio, halves = self._nominal[2] / self._nominal[3], (whole - newer, newer)
+        shoulder, elbow = momentum_rows(oldest, middle, newest, halves, self._known, ratio, MATHS)
         mean, slope = hat_weights(steps, self._ages, np.minimum)
-        driven, passive = (float(slope @ acting), float(mean @ acting)), (0.0, 0.0)
+        torques, rates = (mean @ acting).tolist(), (slope @ acting).tolist()
+        driven, passive = (rates[self._joint], 0.0, torques[self._joint]), (0.0, -torques[1 - self._joint], 0.0)
         first, second = (driven, passive) if self._joint == 0 else (passive, driven)
         return [*shoulder, *first, *elbow, *second]
 
@@ -171,17 +205,25 @@ class NumpyIdentifier:
         self._held[joint] = max(held, 0.0)
 
     def _project(self) -> None:
-        """θ and the plant to predict with, from the unknowns."""
-        found, nominal = self._unknowns[:BASE].tolist(), self._nominal
+        """What other parts need of the unknowns."""
+        x, nominal, joint = self._unknowns.tolist(), self._nominal, self._joint
+        found = x[:BASE]
         share = share_allowed(found, nominal, self._known, self._settings.margin, min, math.sqrt)
         self.theta: list[float] = [n + share * (one - n) for one, n in zip(found, nominal, strict=True)]
         """Base parameters of a pendulum: those found, or as near to them as the mass matrix allows."""
         self.plant: Lumped = lumped(self.theta, self._known)
         """The identified plant to predict with."""
-        # Negative friction would make the implicit step singular near rest.
-        damping, coulomb = ((max(one, 0.0), max(other, 0.0)) for one, other in friction_of(self.theta))
-        self.friction = Friction(damping, coulomb)
-        """Its friction, which brakes."""
+        self.offsets: Pair = offsets(x[TILT1], x[TILT2], self.theta, _clip)
+        """How much the measured angles are too large (rad)."""
+        friction = friction_of(self.theta)
+        self.asked, left = compensation(friction, x[GAIN], joint, self.passive_limit, max)
+        """Friction whose counterpart the motors are asked for."""
+        self.told = [*self.theta[:4], *left.damping, *left.coulomb, self.theta[8]]
+        """θ as a policy and a regulator are told it: with the friction that the compensation leaves."""
+        pairs = zip(friction, left, strict=True)
+        acting = ((one[0], rest[1]) if joint == 0 else (rest[0], one[1]) for one, rest in pairs)
+        self.friction = braking(Friction(*acting), max)
+        """The plant's friction, of the undriven joint what its compensation leaves: that torque is not counted."""
 
 
 def _cascade(pole: float) -> np.ndarray:
@@ -193,6 +235,10 @@ def _cascade(pole: float) -> np.ndarray:
     for state in np.eye(POLES + 1)[:POLES]:
         rows.append(state + pole * (rows[-1] - state))
     return np.array(rows[1:])
+
+
+def _clip(value: float, least: float, most: float) -> float:
+    return min(max(value, least), most)
 
 
 def _nearest(angle: float) -> float:

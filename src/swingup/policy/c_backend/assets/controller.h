@@ -22,9 +22,9 @@ static inline void swingup_reset(swingup_controller *c)
     }
     swingup_observe(&c->estimator, t, x, seen);
     swingup_act(&c->front_end, t, seen@KNOWN@, u);
-    swingup_limited(&c->guard, u);
-    /* The estimator needs what the motor was given. */
-    swingup_remember(&c->estimator, u[SWINGUP_DRIVEN]);
+@COMPENSATE@    swingup_limited(&c->guard, u);
+    /* The estimator needs what the motors were given. */
+    swingup_remember(&c->estimator, u);
 }
 
 /* Why the safety guard stopped the controller, a number; 0 while it acts, or without a guard. */

@@ -14,8 +14,8 @@ static inline void swingup_observe(swingup_estimator *c, double t, const double 
     }
 }
 
-static inline void swingup_remember(swingup_estimator *c, double torque)
+static inline void swingup_remember(swingup_estimator *c, const double u[2])
 {
     (void)c;
-    (void)torque;
+    (void)u;
 }

@@ -60,7 +60,8 @@ static inline int swingup_follow(swingup_estimator *c, const double x[4], double
         if (isnan(evidence)) {
             return 0;
         }
-        if (n == 0 || evidence < least) {
+        /* A delay below the angles' own age cannot be. */
+        if (n <= @AGE@ || evidence < least) {
             least = evidence;
             best = n;
         }
@@ -115,14 +116,15 @@ static inline void swingup_ahead(const swingup_estimator *c, double x[4], double
     }
 }
 
-/* An estimate of the state now, for the state x measured at time t (s). */
-static inline void swingup_observe(swingup_estimator *c, double t, const double x[4], double seen[4])
+/* An estimate of the state now, for the state measured at time t (s). */
+static inline void swingup_observe(swingup_estimator *c, double t, const double measured[4], double seen[4])
 {
+    const double x[4] = {@ANGLE1@, @ANGLE2@, measured[2], measured[3]};
     const double pause = t - c->time, h = pause > 0.0 ? pause : SWINGUP_DT;
     const int late = !c->called || !(pause >= 0.0 && pause <= 1.5 * SWINGUP_DT);
     int i, n, finite = 1;
 
-@BELIEVE@    if (late || !swingup_follow(c, x, h)) {
+@BELIEVE@    if (late || !swingup_follow(c, x, @INTERVAL@)) {
         for (i = 0; i < 4; i++) {
             c->state[i] = seen[i] = x[i];
         }
@@ -148,12 +150,12 @@ static inline void swingup_observe(swingup_estimator *c, double t, const double 
     c->time = t;
 }
 
-/* Note the torque that the driven joint was commanded (N m). */
-static inline void swingup_remember(swingup_estimator *c, double torque)
+/* Note the torques that the motors were asked for (N m). */
+static inline void swingup_remember(swingup_estimator *c, const double u[2])
 {
     int n;
     for (n = SWINGUP_DEPTH - 1; n > 0; n--) {
         c->torques[n] = c->torques[n - 1];
     }
-    c->torques[0] = swingup_clip(torque, SWINGUP_MOTOR_LIMIT);
+    c->torques[0] = swingup_clip(u[SWINGUP_DRIVEN], SWINGUP_MOTOR_LIMIT);
 @NOTE@}

@@ -5,9 +5,13 @@ typedef struct {
     double damping[2], coulomb[2];                      /* friction (N m s/rad, N m) */
 } swingup_plant;
 
-/* The plant with base parameters base[9]; its friction brakes, or the implicit step would be singular near rest. */
-static inline void swingup_believe(swingup_plant *p, const double base[9])
+/*
+ * The plant that was found. Its friction brakes, or the implicit step would be singular near rest. The undriven joint
+ * has what its compensation leaves, since that motor's torque is not counted.
+ */
+static inline void swingup_believe(swingup_plant *p, const swingup_identifier *found)
 {
+    const double *base = found->base;
     const double geared = @GEAR@ * base[8], reflected = @GEAR@ * geared;
     int i;
     p->m11 = base[0] + reflected + base[8];
@@ -17,8 +21,9 @@ static inline void swingup_believe(swingup_plant *p, const double base[9])
     p->gravity1 = @GRAVITY@ * base[3];
     p->gravity2 = @GRAVITY@ * base[2];
     for (i = 0; i < 2; i++) {
-        p->damping[i] = base[4 + i] > 0.0 ? base[4 + i] : 0.0;
-        p->coulomb[i] = base[6 + i] > 0.0 ? base[6 + i] : 0.0;
+        const double *acting = i == SWINGUP_DRIVEN ? base : found->told;
+        p->damping[i] = swingup_more(acting[4 + i], 0.0);
+        p->coulomb[i] = swingup_more(acting[6 + i], 0.0);
     }
 }
 

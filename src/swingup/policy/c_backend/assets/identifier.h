@@ -2,31 +2,83 @@
 
 #define SWINGUP_SPAN @SPAN@ /* steps between the three angles of a row */
 #define SWINGUP_COMMANDS @COMMANDS@ /* torques that are remembered */
+/*
+ * What is found: nine base parameters, what the offsets of both angles add to gravity's torques (kg m), the torque's
+ * lag (s) behind the delay, and the part of its command that the undriven joint's motor delivers.
+ */
+#define SWINGUP_UNKNOWNS 13
+#define SWINGUP_TILT 9
+#define SWINGUP_LAG 11
+#define SWINGUP_GAIN 12
 
-/* Nine base parameters of the nominal plant, and no lag (s); the covariance of these ten unknowns. */
-static const double swingup_mean[10] = @MEAN@;
-static const double swingup_prior[10][10] = {
+/* Those of the nominal plant, and their covariance. */
+static const double swingup_mean[SWINGUP_UNKNOWNS] = @MEAN@;
+static const double swingup_prior[SWINGUP_UNKNOWNS][SWINGUP_UNKNOWNS] = {
 @PRIOR@
 };
 
 typedef struct {
-    double rows[3][2][11]; /* after each low-pass, of both joints; the torque's rate and the torque come last */
+    /* After each low-pass, of both joints: a number for each unknown, and the torque. */
+    double rows[3][2][SWINGUP_UNKNOWNS + 1];
 } swingup_filter;
 
 /* In double precision whatever SWINGUP_REAL is, as all around the network is. */
 typedef struct {
     int calls;                              /* measurements since the last restart */
-    int delay_steps;                        /* the delay told last (steps) */
+    int delay_steps;                        /* the delay told last (steps), or age where that is more */
+    int age;                                /* 1 if the angles are those of the call before, else 0 */
+    double missed[2];                       /* what the motion misses with age 0, and with age 1 */
     double angles[2 * SWINGUP_SPAN + 1][2]; /* measured, without jumps of full turns, newest first (rad) */
-    double torques[SWINGUP_COMMANDS];       /* commanded to the driven joint, newest first (N m) */
+    double torques[SWINGUP_COMMANDS][2];    /* asked of both motors, newest first (N m) */
     double steps[SWINGUP_COMMANDS];         /* time for which each was held (s) */
     swingup_filter filter;
-    double unknowns[10]; /* the base parameters, and the torque's lag (s) behind the delay */
-    double covariance[10][10];
+    double unknowns[SWINGUP_UNKNOWNS];
+    double covariance[SWINGUP_UNKNOWNS][SWINGUP_UNKNOWNS];
     double variance[2]; /* of what each joint's row leaves unexplained (N^2 m^2) */
     double held[2];     /* time for which each joint's row is still not used (s) */
     double base[9];     /* base parameters of a pendulum: those found, or as near to them as can be */
+    double told[9];     /* the same with the friction that the compensation leaves */
+    double asked[4];    /* friction whose counterpart the motors are asked for: damping, then Coulomb friction */
+    double offsets[2];  /* how much the measured angles are too large (rad) */
 } swingup_identifier;
+
+static inline double swingup_more(double value, double other)
+{
+    return value > other ? value : other;
+}
+
+/* The compensation of the friction found, and the offsets of the angles. */
+static inline void swingup_share(swingup_identifier *c)
+{
+    const double *tilt = c->unknowns + SWINGUP_TILT;
+    const double delivered = swingup_more(c->unknowns[SWINGUP_GAIN], 0.0);
+    const double asks = @PASSIVE_LIMIT@ > 0.0 ? 1.0 / swingup_more(delivered, @LEAST_GAIN@) : 0.0;
+    int i;
+    for (i = 0; i < 9; i++) {
+        c->told[i] = c->base[i];
+    }
+    for (i = 0; i < 4; i++) {
+        const int driven = i % 2 == SWINGUP_DRIVEN;
+        c->asked[i] = swingup_more(c->base[4 + i], 0.0) * (driven ? 1.0 : asks);
+        c->told[4 + i] -= (driven ? 1.0 : delivered) * c->asked[i];
+    }
+    c->offsets[0] = swingup_clip(tilt[0] / c->base[3], @MOST_OFFSET@);
+    c->offsets[1] = swingup_clip(tilt[1] / c->base[2], @MOST_OFFSET@) - c->offsets[0];
+}
+
+/* Add the torques (N m) against the friction found, for the state seen; NaN if that is not finite. */
+static inline void swingup_compensate(const swingup_identifier *c, const double seen[4], double u[2])
+{
+    int i, finite = 1;
+    for (i = 0; i < 4; i++) {
+        finite = finite && isfinite(seen[i]);
+    }
+    for (i = 0; i < 2; i++) {
+        const double rate = seen[i + 2], torque = c->asked[i] * rate + c->asked[i + 2] * atan(@STEEPNESS@ * rate);
+        /* The arctangent and the clip would make a finite torque of an infinite velocity. */
+        u[i] += !finite ? (double)NAN : i == SWINGUP_DRIVEN ? torque : swingup_clip(torque, @PASSIVE_LIMIT@);
+    }
+}
 
 /* Nothing seen yet. */
 static inline void swingup_begin(swingup_identifier *c)
@@ -35,9 +87,9 @@ static inline void swingup_begin(swingup_identifier *c)
     static const double variance[2] = @VARIANCE@;
     int i, j;
     *c = fresh;
-    for (i = 0; i < 10; i++) {
+    for (i = 0; i < SWINGUP_UNKNOWNS; i++) {
         c->unknowns[i] = swingup_mean[i];
-        for (j = 0; j < 10; j++) {
+        for (j = 0; j < SWINGUP_UNKNOWNS; j++) {
             c->covariance[i][j] = swingup_prior[i][j];
         }
     }
@@ -50,11 +102,12 @@ static inline void swingup_begin(swingup_identifier *c)
     for (i = 0; i < SWINGUP_COMMANDS; i++) {
         c->steps[i] = @DT@;
     }
+    swingup_share(c);
 }
 
 /* Half of both joints' equations, at the midpoint between angles (rad). */
 typedef struct {
-    double rates[2], momentum[2], turning, pull[2];
+    double rates[2], momentum[2], turning, pull[2], slope[2], bend[2], bending;
 } swingup_half;
 
 /* For angles that are a time (s) apart. */
@@ -62,14 +115,21 @@ static inline void swingup_halve(const double start[2], const double end[2], dou
 {
     const double rate1 = (end[0] - start[0]) / time, rate2 = (end[1] - start[1]) / time;
     const double q1 = 0.5 * (start[0] + end[0]), q2 = 0.5 * (start[1] + end[1]);
-    const double sine1 = sin(q1), cosine1 = cos(q1), sine2 = sin(q2), cosine2 = cos(q2), along = @L1@ * cosine2;
+    const double sine1 = sin(q1), cosine1 = cos(q1), sine2 = sin(q2), cosine2 = cos(q2);
+    const double along = @L1@ * cosine2, across = @L1@ * sine2;
     half->rates[0] = rate1;
     half->rates[1] = rate2;
     half->momentum[0] = along * (2.0 * rate1 + rate2);
     half->momentum[1] = along * rate1;
-    half->turning = @L1@ * sine2 * rate1 * (rate1 + rate2);
+    half->turning = across * rate1 * (rate1 + rate2);
     half->pull[0] = @GRAVITY@ * sine1;
     half->pull[1] = @GRAVITY@ * (sine1 * cosine2 + cosine1 * sine2);
+    half->slope[0] = @GRAVITY@ * cosine1;
+    half->slope[1] = @GRAVITY@ * (cosine1 * cosine2 - sine1 * sine2);
+    /* Derivatives of the momenta and of turning by q2. */
+    half->bend[0] = -across * (2.0 * rate1 + rate2);
+    half->bend[1] = -across * rate1;
+    half->bending = along * rate1 * (rate1 + rate2);
 }
 
 /* Integral of arctan(steep v) over a rate v from 0 (rad/s). */
@@ -99,11 +159,11 @@ static inline double swingup_age(const swingup_identifier *c, int n)
     return age;
 }
 
-/* The newest rows of shoulder and elbow: a number for each base parameter, the torque's rate, the torque. */
-static inline void swingup_rows(const swingup_identifier *c, double rows[2][11])
+/* The newest rows of shoulder and elbow: a number for each unknown, and the driven joint's torque. */
+static inline void swingup_rows(const swingup_identifier *c, double rows[2][SWINGUP_UNKNOWNS + 1])
 {
-    const double gr = @GEAR@, *steps = c->steps + c->delay_steps, *torques = c->torques + c->delay_steps;
-    double a[2], pull[2], turning, torque = 0.0, rate = 0.0, newer = 0.0, older = 0.0, mean, now = 0.0;
+    const double gr = @GEAR@, *steps = c->steps + c->age, (*torques)[2] = c->torques + c->delay_steps;
+    double a[2], pull[2], slope[2], bend[2], turning, torque[2] = {0.0, 0.0}, rate = 0.0, newer = 0.0, older = 0.0, mean, now = 0.0;
     swingup_half one, two;
     int i, k;
 
@@ -117,7 +177,9 @@ static inline void swingup_rows(const swingup_identifier *c, double rows[2][11])
     for (i = 0; i < 2; i++) {
         a[i] = (two.rates[i] - one.rates[i]) / mean;
         pull[i] = 0.5 * (one.pull[i] + two.pull[i]);
-        for (k = 0; k < 11; k++) {
+        slope[i] = 0.5 * (one.slope[i] + two.slope[i]);
+        bend[i] = (two.bend[i] - one.bend[i]) / mean;
+        for (k = 0; k <= SWINGUP_UNKNOWNS; k++) {
             rows[i][k] = 0.0;
         }
     }
@@ -130,6 +192,11 @@ static inline void swingup_rows(const swingup_identifier *c, double rows[2][11])
     rows[1][1] = a[0] + a[1];
     rows[1][2] = (two.momentum[1] - one.momentum[1]) / mean + turning + pull[1];
     rows[1][8] = gr * gr * a[1] - gr * a[0];
+    bend[1] += 0.5 * (one.bending + two.bending);
+    for (i = 0; i < 2; i++) {
+        rows[i][SWINGUP_TILT] = @RATIO@ * bend[i] - (i == 0 ? slope[0] : 0.0);
+        rows[i][SWINGUP_TILT + 1] = -bend[i] - slope[1];
+    }
     for (i = 0; i < 2; i++) {
         rows[i][4 + i] = 0.5 * (one.rates[i] + two.rates[i]);
         rows[i][6 + i] = swingup_mean_arctan(one.rates[i], two.rates[i]);
@@ -137,12 +204,15 @@ static inline void swingup_rows(const swingup_identifier *c, double rows[2][11])
     /* The hat rises to the middle angle and falls to the others; each torque is held over its step. */
     for (k = 0; k < 2 * SWINGUP_SPAN; k++) {
         const double change = k < SWINGUP_SPAN ? steps[k] / newer : -steps[k] / older;
-        torque += (now + 0.5 * change) * steps[k] * torques[k] / mean;
-        rate += change * torques[k] / mean;
+        for (i = 0; i < 2; i++) {
+            torque[i] += (now + 0.5 * change) * steps[k] * torques[k][i] / mean;
+        }
+        rate += change * torques[k][SWINGUP_DRIVEN] / mean;
         now += change;
     }
-    rows[SWINGUP_DRIVEN][9] = rate;
-    rows[SWINGUP_DRIVEN][10] = torque;
+    rows[SWINGUP_DRIVEN][SWINGUP_LAG] = rate;
+    rows[1 - SWINGUP_DRIVEN][SWINGUP_GAIN] = -torque[1 - SWINGUP_DRIVEN];
+    rows[SWINGUP_DRIVEN][SWINGUP_UNKNOWNS] = torque[SWINGUP_DRIVEN];
 }
 
 /* One joint's low-passed row: the variance of its errors, and what it tells of the unknowns. */
@@ -150,12 +220,13 @@ static inline void swingup_update(swingup_identifier *c, int joint)
 {
     static const double least[2] = @FLOOR@, most[2] = @MOST@;
     const double *row = c->filter.rows[2][joint];
-    double known[10], unsure = 0.0, error = row[10], size = fabs(row[10]), lowest, r, distance, held, w, heavy, seen;
+    double known[SWINGUP_UNKNOWNS], unsure = 0.0, error = row[SWINGUP_UNKNOWNS], size = fabs(error);
+    double lowest, r, distance, held, w, heavy, seen;
     int i, j;
 
-    for (i = 0; i < 10; i++) {
+    for (i = 0; i < SWINGUP_UNKNOWNS; i++) {
         known[i] = 0.0;
-        for (j = 0; j < 10; j++) {
+        for (j = 0; j < SWINGUP_UNKNOWNS; j++) {
             known[i] += c->covariance[i][j] * row[j];
         }
         unsure += row[i] * known[i];
@@ -174,10 +245,10 @@ static inline void swingup_update(swingup_identifier *c, int joint)
     seen = distance * r < most[joint] ? distance * r : most[joint];
     c->variance[joint] += (seen > c->variance[joint] ? @RISE@ : @FALL@) * (seen - c->variance[joint]);
     c->held[joint] = held > 0.0 ? held : 0.0;
-    for (i = 0; i < 10; i++) {
+    for (i = 0; i < SWINGUP_UNKNOWNS; i++) {
         const double gain = held > 0.0 ? 0.0 : known[i] / (unsure + heavy);
         c->unknowns[i] += gain * error;
-        for (j = 0; j < 10; j++) {
+        for (j = 0; j < SWINGUP_UNKNOWNS; j++) {
             c->covariance[i][j] -= gain * known[j];
         }
     }
@@ -186,13 +257,13 @@ static inline void swingup_update(swingup_identifier *c, int joint)
 /* The low-passes, both rows, and the drift; 0 if what was found is not finite. */
 static inline int swingup_learn(swingup_identifier *c)
 {
-    static const double drift[10] = @DRIFT@;
-    double rows[2][11];
+    static const double drift[SWINGUP_UNKNOWNS] = @DRIFT@;
+    double rows[2][SWINGUP_UNKNOWNS + 1];
     int i, j, k, finite = 1;
 
     swingup_rows(c, rows);
     for (i = 0; i < 2; i++) {
-        for (k = 0; k < 11; k++) {
+        for (k = 0; k <= SWINGUP_UNKNOWNS; k++) {
             double value = rows[i][k];
             for (j = 0; j < 3; j++) {
                 c->filter.rows[j][i][k] += @WEIGHT@ * (value - c->filter.rows[j][i][k]);
@@ -202,11 +273,11 @@ static inline int swingup_learn(swingup_identifier *c)
     }
     swingup_update(c, 0);
     swingup_update(c, 1);
-    for (i = 0; i < 10; i++) {
+    for (i = 0; i < SWINGUP_UNKNOWNS; i++) {
         /* No less sure than at the start. */
         c->covariance[i][i] += c->covariance[i][i] < swingup_prior[i][i] ? drift[i] : 0.0;
         finite = finite && isfinite(c->unknowns[i]);
-        for (j = 0; j < 10; j++) {
+        for (j = 0; j < SWINGUP_UNKNOWNS; j++) {
             finite = finite && isfinite(c->covariance[i][j]);
         }
     }
@@ -238,6 +309,7 @@ static inline void swingup_project(swingup_identifier *c)
     for (i = 0; i < 9; i++) {
         c->base[i] = swingup_mean[i] + share * (found[i] - swingup_mean[i]);
     }
+    swingup_share(c);
 }
 
 /* After a pause: what was found stays, the motion before is forgotten. */
@@ -248,9 +320,36 @@ static inline void swingup_interrupt(swingup_identifier *c)
     c->calls = 0;
     c->filter = empty;
     for (k = 0; k < SWINGUP_COMMANDS; k++) {
-        c->torques[k] = 0.0;
+        c->torques[k][0] = c->torques[k][1] = 0.0;
         c->steps[k] = @DT@;
     }
+}
+
+/* Time between the angles of the call before and those of this one, h (s) after it. */
+static inline double swingup_interval(const swingup_identifier *c, double h)
+{
+    return c->age > 0 ? c->steps[0] : h;
+}
+
+/* The angles' age (calls): a longer step shows as a longer way in the same call, or in the next. */
+static inline int swingup_weigh_ages(swingup_identifier *c)
+{
+    const double time = swingup_age(c, 2 * SWINGUP_SPAN);
+    double more;
+    int i, k;
+    for (k = 0; k < 2; k++) {
+        double misses = 0.0;
+        for (i = 0; i < 2; i++) {
+            const double rate = (c->angles[0][i] - c->angles[2 * SWINGUP_SPAN][i]) / time;
+            const double miss = c->angles[0][i] - 2.0 * c->angles[1][i] + c->angles[2][i] -
+                                rate * (c->steps[k] - c->steps[k + 1]);
+            misses += miss * miss;
+        }
+        c->missed[k] *= @UNEVEN_FADING@;
+        c->missed[k] += c->calls > 2 * SWINGUP_SPAN ? log1p(misses / @UNEVEN2@) : 0.0;
+    }
+    more = c->missed[0] - c->missed[1];
+    return more > @AGE_CAUTION@ ? 1 : more < -@AGE_CAUTION@ ? 0 : c->age;
 }
 
 /* Learn from the angles of x, which are delay_steps old, a pause (s) after the call before. */
@@ -263,7 +362,7 @@ static inline void swingup_identify(swingup_identifier *c, const double x[4], in
     const int late = !(pause >= 0.0 && pause <= @LONGEST@);
     double step = pause > 0.0 ? pause : @DT@;
     swingup_identifier learned;
-    int i, k;
+    int i, k, age;
 
     /* Such an angle would stay in the differences. */
     if (late || !near) {
@@ -285,11 +384,14 @@ static inline void swingup_identify(swingup_identifier *c, const double x[4], in
         c->steps[k] = c->steps[k - 1];
     }
     c->steps[0] = step;
+    age = swingup_weigh_ages(c);
+    delay_steps = delay_steps > age ? delay_steps : age;
     /* The lag counts from the delay: their sum is what was found. The old rows belong to the old delay. */
-    if (delay_steps != c->delay_steps) {
-        c->unknowns[9] += swingup_age(c, c->delay_steps) - swingup_age(c, delay_steps);
+    if (delay_steps != c->delay_steps || age != c->age) {
+        c->unknowns[SWINGUP_LAG] += swingup_age(c, c->delay_steps) - swingup_age(c, delay_steps);
         c->filter = empty;
         c->delay_steps = delay_steps;
+        c->age = age;
     }
     c->calls += c->calls < angles + SWINGUP_COMMANDS;
     /* The torques before a restart are not known. */
@@ -302,12 +404,14 @@ static inline void swingup_identify(swingup_identifier *c, const double x[4], in
     }
 }
 
-/* Note the torque that the driven joint was commanded (N m). */
-static inline void swingup_note(swingup_identifier *c, double torque)
+/* Note the torques that both motors were asked for, the driven one within its limit (N m). */
+static inline void swingup_note(swingup_identifier *c, double driven, double passive)
 {
     int k;
     for (k = SWINGUP_COMMANDS - 1; k > 0; k--) {
-        c->torques[k] = c->torques[k - 1];
+        c->torques[k][0] = c->torques[k - 1][0];
+        c->torques[k][1] = c->torques[k - 1][1];
     }
-    c->torques[0] = torque;
+    c->torques[0][SWINGUP_DRIVEN] = driven;
+    c->torques[0][1 - SWINGUP_DRIVEN] = passive;
 }

@@ -1,0 +1,125 @@
+"""Compensation of the friction found: by hand, and with the offsets and the gain found on moving plants."""
+
+import dataclasses
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from swingup.errors import SwingupError
+from swingup.physics.base_parameters import base_parameters
+from swingup.physics.damped import Friction
+from swingup.physics.equations import friction, lump
+from swingup.physics.parameters import identified_parameters
+from swingup.policy.compensation import LEAST_GAIN, braking, compensation
+from swingup.policy.identifier_settings import GAIN, IdentifierSettings, offsets, prior
+from swingup.policy.numpy_backend.identifier import NumpyIdentifier
+from swingup.policy.plant import model_step
+from swingup.policy.plant_facts import policy_plant
+
+DT, FINE = 0.002, 4
+FOUND = Friction((0.02, 0.1), (0.3, -0.06))
+"""The elbow's Coulomb friction is negative."""
+
+
+@pytest.mark.parametrize(
+    ("gain", "limit", "asks", "delivered"),
+    [
+        (1.0, 0.5, 1.0, 1.0),
+        # In units of the driven joint's motor, which may deliver less.
+        (2.0, 0.5, 0.5, 2.0),
+        (0.8, 0.5, 1.25, 0.8),
+        # Of a weak one 1/0.6 of the friction is asked, and half of the friction remains.
+        (0.3, 0.5, 1 / 0.6, 0.3),
+        (0.0, 0.5, 1 / 0.6, 0.0),
+        (-0.2, 0.5, 1 / 0.6, 0.0),
+        (1.0, 0.0, 0.0, 1.0),
+    ],
+)
+def test_the_undriven_joints_compensation(gain, limit, asks, delivered):
+    """The acrobot's shoulder: b = 0.02 and cf = 0.3."""
+    asked, left = compensation(FOUND, gain, 1, limit, max)
+    assert (asked.damping[0], asked.coulomb[0]) == pytest.approx((0.02 * asks, 0.3 * asks))
+    rest = 1 - asks * delivered
+    assert (left.damping[0], left.coulomb[0]) == pytest.approx((0.02 * rest, 0.3 * rest))
+    # The elbow's motor delivers what it is asked for; negative friction is not compensated.
+    assert (asked.damping[1], asked.coulomb[1]) == (0.1, 0.0)
+    assert (left.damping[1], left.coulomb[1]) == (0.0, -0.06)
+
+
+def test_the_pendubots_elbow_is_undriven():
+    asked, left = compensation(FOUND, 0.75, 0, 0.5, max)
+    assert asked.damping == pytest.approx((0.02, 0.1 / 0.75))
+    assert asked.coulomb == (0.3, 0.0)
+    assert left.damping == pytest.approx((0.0, 0.0))
+    assert left.coulomb == (0.0, -0.06)
+    assert LEAST_GAIN < 0.75
+
+
+def test_braking_friction_is_never_negative():
+    assert braking(FOUND, max) == Friction((0.02, 0.1), (0.3, 0.0))
+
+
+def test_offsets_are_bounded():
+    """κ1 = k o1 and κ2 = m2 r2 (o1 + o2), with k = 0.5 and m2 r2 = 0.2."""
+    theta = [0.0, 0.0, 0.2, 0.5]
+    assert offsets(0.015, 0.002, theta, np.clip) == pytest.approx((0.03, -0.02))
+    # Neither o1 nor o1 + o2 is believed beyond 0.1 rad.
+    assert offsets(1.0, -1.0, theta, np.clip) == pytest.approx((0.1, -0.2))
+
+
+def test_gravity_on_no_link_tells_no_offset():
+    plant = dataclasses.asdict(identified_parameters())
+    for name, value in (("r2", 0.0), ("r1", -plant["m2"] * plant["l1"] / plant["m1"])):
+        with pytest.raises(SwingupError, match="gives an identifier nothing to find the offsets by"):
+            prior(SimpleNamespace(**{**plant, name: value}), IdentifierSettings())
+
+
+def moved(robot, plant, gain=1.0, wrong=(0.0, 0.0), steps=1200):
+    """What an identifier finds on a plant that swings under torques.
+
+    The undriven joint's motor has the compensation's commands and some gain. Measured angles are wrong by offsets
+    (rad).
+    """
+    nominal = policy_plant(identified_parameters(), robot)
+    identifier = NumpyIdentifier(IdentifierSettings(), nominal, robot.joint)
+    lumped, x, passive, limit = lump(plant), (0.0,) * 4, 1 - robot.joint, identifier.passive_limit
+    for step in range(steps):
+        t, u = step * DT, np.zeros(2)
+        identifier.observe(x[0] + wrong[0], x[1] + wrong[1], 0, DT)
+        u[robot.joint] = 1.5 * math.sin(6.5 * t) + math.sin(15 * t + 1)
+        b, cf = (pair[passive] for pair in identifier.asked)
+        u[passive] = np.clip(friction(b, cf, x[2 + passive], math.atan), -limit, limit)
+        identifier.remember(u.tolist())
+        u[passive] *= gain
+        for _ in range(FINE):
+            x = model_step(lumped, plant.friction, x, *u.tolist(), DT / FINE)
+    return identifier
+
+
+def changed(robot, passive):
+    """C.1 with a heavier second link, and Coulomb friction of the passive joint (N m)."""
+    plant = policy_plant(identified_parameters(), robot)
+    cf1, cf2 = (0.1, passive) if robot.joint == 0 else (passive, 0.1)
+    return dataclasses.replace(plant, m2=1.1 * plant.m2, cf1=cf1, cf2=cf2, b1=0.02, b2=0.01)
+
+
+def test_it_finds_the_offsets(either_robot):
+    plant, wrong = changed(either_robot, 0.15), (0.03, -0.02)
+    identifier = moved(either_robot, plant, wrong=wrong)
+    np.testing.assert_allclose(identifier.offsets, wrong, rtol=0, atol=0.002)
+    np.testing.assert_allclose(identifier.theta[:4], base_parameters(plant)[:4], rtol=0.01)
+
+
+@pytest.mark.parametrize("gain", [0.85, 0.0])
+def test_it_finds_the_gain_of_the_undriven_joints_motor(either_robot, gain):
+    """A dead motor leaves all friction, a live one none: policy and regulator are told so."""
+    plant, passive = changed(either_robot, 0.3), 1 - either_robot.joint
+    identifier = moved(either_robot, plant, gain)
+    assert identifier.unknowns[GAIN] == pytest.approx(gain, abs=0.05)
+    assert identifier.theta[6 + passive] == pytest.approx(0.3, abs=0.015)
+    assert identifier.told[6 + passive] == pytest.approx(0.0 if gain else 0.3, abs=0.02)
+    assert identifier.told[7 - passive] == pytest.approx(0.0, abs=1e-12)
+    assert identifier.friction.coulomb[passive] == pytest.approx(identifier.told[6 + passive], abs=1e-12)
+    assert identifier.friction.coulomb[1 - passive] == pytest.approx(0.1, abs=0.01)
