@@ -58,7 +58,7 @@ def a_teacher(robot):
 
 @pytest.mark.parametrize("robot", [ACROBOT, PENDUBOT], ids=lambda robot: robot.name)
 def test_plants_are_drawn_about_the_leaderboards(robot):
-    draws = PlantDraws(single=40, joint=10, friction=20)
+    draws = PlantDraws(single=40, joint=10, friction=20, robot=30)
     drawn = plants_of(draw_plants(np.random.default_rng(0), robot, draws))
     assert len(drawn) == draws.plants
     passive = {"acrobot": "1", "pendubot": "2"}[robot.name]
@@ -67,11 +67,26 @@ def test_plants_are_drawn_about_the_leaderboards(robot):
         {s.parameter for s in SWEEPS.values()}
     )
     assert all(len(changes(plant, robot)) == 10 for plant in drawn[40:50])
-    assert all(getattr(plant, f"cf{passive}") > 0 for index, plant in enumerate(drawn[50:]) if index % 3 < 2)
-    assert all(getattr(plant, f"b{passive}") > 0 for plant in drawn[52::3])
+    assert all(getattr(plant, f"cf{passive}") > 0 for index, plant in enumerate(drawn[50:70]) if index % 3 < 2)
+    assert all(getattr(plant, f"b{passive}") > 0 for plant in drawn[52:70:3])
     assert [len(changes(plant, robot)) for plant in drawn[50:52]] == [10, 1]
     half = [abs(plant.I1 / leaderboard_parameters(robot).I1 - 1) for plant in drawn[40:50]]
     assert 0 < max(half) <= 0.125
+
+
+@pytest.mark.parametrize("robot", [ACROBOT, PENDUBOT], ids=lambda robot: robot.name)
+def test_the_robots_plants_are_as_heavy_as_its_motor_is_weak(robot):
+    drawn = plants_of(draw_plants(np.random.default_rng(0), robot, PlantDraws(0, 0, 0, robot=30)))
+    nominal, heavier = leaderboard_parameters(robot), np.array([plant.m2 for plant in drawn])
+    # The domain ``recorded`` has gains from 0.75 to 1, r2 from 0.2429 to 0.2685 m and I2 from 0.0449 to 0.0535 kg m²,
+    # each with 3 % of its range more.
+    gains = nominal.m2 / heavier
+    assert 0.7425 <= gains.min() < 0.8 < 0.95 < gains.max() <= 1.0075
+    assert all(0.2421 <= plant.r2 <= 0.2693 for plant in drawn)
+    assert all(0.0446 < gain * plant.I2 < 0.0538 for gain, plant in zip(gains, drawn, strict=True))
+    # What the compensation leaves, or up to half of that too much.
+    left = np.array([[plant.cf1, plant.cf2, 10 * plant.b1, 10 * plant.b2] for plant in drawn])
+    assert -0.02 <= left.min() < 0 < 0.03 < left.max() <= 0.04
 
 
 def test_no_plant_is_on_the_grid_that_judges():
