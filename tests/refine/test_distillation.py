@@ -78,8 +78,8 @@ def test_plants_are_drawn_about_the_leaderboards(robot):
 def test_the_robots_plants_are_as_heavy_as_its_motor_is_weak(robot):
     drawn = plants_of(draw_plants(np.random.default_rng(0), robot, PlantDraws(0, 0, 0, robot=30)))
     nominal, heavier = leaderboard_parameters(robot), np.array([plant.m2 for plant in drawn])
-    # The domain ``recorded`` has gains from 0.75 to 1, r2 from 0.2429 to 0.2685 m and I2 from 0.0449 to 0.0535 kg m²,
-    # each with 3 % of its range more.
+    # The domain ``recorded`` has gains from 0.75 to 1, r2 from 0.2429 to 0.2685 m, I2 from 0.0449 to 0.0535 kg m².
+    # Each range has 3 % more at both ends.
     gains = nominal.m2 / heavier
     assert 0.7425 <= gains.min() < 0.8 < 0.95 < gains.max() <= 1.0075
     assert all(0.2421 <= plant.r2 <= 0.2693 for plant in drawn)
