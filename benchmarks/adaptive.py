@@ -18,6 +18,7 @@ are those of noise and pushes, but for the boards, which have their own.
 
 import argparse
 import json
+import sys
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -33,6 +34,7 @@ from swingup.benchmark.interval import mean_interval, share_interval
 from swingup.benchmark.robustness import summarise
 from swingup.benchmark.rules import RANDOM, get_robustness_rules
 from swingup.control.registry import get_controller
+from swingup.errors import SwingupError
 from swingup.files import write_atomically
 from swingup.physics.parameters import ROBOTS
 from swingup.policy.pendulum import read_pendulum_policy
@@ -148,8 +150,18 @@ def boards(judge: Judge) -> Section:
     return rows, table(["mean (95 % interval)", *controllers], board_lines(rows))
 
 
-def main() -> None:
-    """Run the sections, print their tables and write their rows."""
+def main() -> int:
+    """Run the sections, print their tables and write their rows; bad input ends in one line and status 2."""
+    try:
+        run_sections(read_options())
+    except SwingupError as error:
+        print(f"adaptive.py: error: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def read_options() -> argparse.Namespace:
+    """What the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("robot", choices=list(ROBOTS))
     parser.add_argument("controller", help="a policy file with an identifier")
@@ -157,7 +169,15 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("runs/adaptive"))
     parser.add_argument("--seed", type=int, default=10, help="first seed of noise and pushes, but for the boards")
     parser.add_argument("--seeds", type=int, default=5)
-    options = parser.parse_args()
+    return parser.parse_args()
+
+
+def run_sections(options: argparse.Namespace) -> None:
+    """Run what was asked for.
+
+    Raises:
+        SwingupError: the controller's file cannot be used.
+    """
     policy = read_pendulum_policy(options.controller, options.robot)
     judge = Judge(policy, get_robustness_rules("v2"), options.seed, options.seeds)
     options.out.mkdir(parents=True, exist_ok=True)
@@ -175,4 +195,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -64,10 +64,19 @@ def test_a_folder_for_realaigym_needs_numpy_alone(tmp_path, robot, capsys):
     config = ast.literal_eval(result.stdout)
     assert set(config) == {"csv_path", "name", "simple_name", "short_description", "readme_path", "username"}
     assert config["csv_path"] == "swingup/sim_swingup.csv"
+    assert config["simple_name"] == "swingup AR-EAPO"
     assert len(config["short_description"]) <= 100
     assert "," not in config["short_description"]
     assert (folder / config["readme_path"]).read_text().startswith(f"# swingup, {robot.name}")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["entry", "rows.npy"]
+
+
+def test_an_entry_names_the_kind_of_its_policy(tmp_path):
+    folder = tmp_path / "entry"
+    assert main(["export", "adaptive", "--robot", "acrobot", "--to", "realaigym", "--out", str(folder)]) == 0
+    entry = (folder / "con_swingup.py").read_text()
+    assert '"simple_name": "swingup distilled"' in entry
+    assert '"One network distilled from teachers' in entry
 
 
 def test_a_policy_file_and_its_username(tmp_path):

@@ -19,6 +19,8 @@ from swingup.physics.angles import UPRIGHT
 from swingup.physics.parameters import NAMES, ROBOTS, leaderboard_parameters
 
 SETTINGS = ContinuationSettings()
+LONG_STEPS = dataclasses.replace(SETTINGS, first_step=0.2, largest_step=0.4)
+"""Longer than the default ones, for which all steps are of one length."""
 
 
 def stacked(*plants):
@@ -26,7 +28,7 @@ def stacked(*plants):
 
 
 def test_a_step_grows_after_a_swing_up_that_counts_and_falls_after_one_that_does_not():
-    steps = next_step(np.array([0.2, 0.3, 0.2]), np.array([True, True, False]), SETTINGS)
+    steps = next_step(np.array([0.2, 0.3, 0.2]), np.array([True, True, False]), LONG_STEPS)
     # 0.2 * 1.5; 0.3 * 1.5 = 0.45 is above the largest step of 0.4; 0.2 * 0.4.
     np.testing.assert_allclose(steps, [0.3, 0.4, 0.08])
 
@@ -47,16 +49,17 @@ def test_nominal_swing_ups_are_the_shipped_one_and_then_rest(robot):
     assert (follow.states.shape, follow.gains.shape, follow.dt) == ((rows, 4), (rows, 4), shipped.dt)
 
 
-def test_a_swing_up_counts_if_it_is_cheap_upright_finite_and_within_the_motors_torque():
-    nominal = nominal_swingups(ROBOTS["acrobot"], 6, SETTINGS)
+def test_a_swing_up_counts_if_it_is_cheap_slow_upright_finite_and_within_the_motors_torque():
+    nominal = nominal_swingups(ROBOTS["acrobot"], 7, SETTINGS)
     states, torque, gains = nominal.states.copy(), nominal.torque.copy(), nominal.gains.copy()
     states[1, -1, 0] += 0.16
     states[2, -1, 3] = np.nan
     torque[3, 100] = -6.1
     gains[4, 0, 0] = np.inf
-    cost = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 3.1])
+    states[6, 100, 3] = 14.1
+    cost = np.array([0.31, 0.31, 0.31, 0.31, 0.31, 0.33, 0.31])
     tried = dataclasses.replace(nominal, states=states, torque=torque, gains=gains, cost=cost)
-    np.testing.assert_array_equal(counts(tried, SETTINGS), [True, False, False, False, False, False])
+    np.testing.assert_array_equal(counts(tried, SETTINGS), [True, *[False] * 6])
 
 
 @pytest.mark.parametrize("shape", [(), (0,), (3,), (2, 1)])
@@ -80,12 +83,12 @@ def test_plants_move_by_steps_of_their_own(monkeypatch):
     def optimised(swingups, settings):
         called.append(len(swingups.reached))
         failed = swingups.plants.m2 > nominal.m2 + 0.05
-        return dataclasses.replace(swingups, cost=np.where(failed, np.nan, 1.0))
+        return dataclasses.replace(swingups, cost=np.where(failed, np.nan, 0.16))
 
     monkeypatch.setattr(continuation, "_optimised", optimised)
     targets = stacked(*(dataclasses.replace(nominal, m2=nominal.m2 + more) for more in (-0.1, 0.1)))
     told = []
-    settings = dataclasses.replace(SETTINGS, batch=3)
+    settings = dataclasses.replace(LONG_STEPS, batch=3)
     found = continue_swingups("acrobot", targets, settings, lambda done, total: told.append((done, total)))
     assert found.reached[0] == 1.0
     # All parameters are the target's to the last bit.

@@ -28,6 +28,17 @@ SWEEPS = RULES.model
 pytestmark = pytest.mark.skipif(not BENCHMARKS.is_dir(), reason="the scripts are only in a checkout")
 
 
+@pytest.mark.parametrize("arguments", [["acrobot", "missing.npz"], ["acrobot", "refined"]])
+def test_a_controller_that_cannot_be_used_ends_in_one_line(scripts, arguments, monkeypatch, tmp_path, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["adaptive.py", *arguments])
+    assert scripts["adaptive"].main() == 2
+    error = capsys.readouterr().err
+    assert error.startswith("adaptive.py: error: ")
+    assert arguments[1] in error
+    assert error.count("\n") == 1
+
+
 @pytest.fixture
 def scripts(monkeypatch):
     """The scripts' modules by what follows `adaptive` in their names."""

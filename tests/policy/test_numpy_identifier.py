@@ -15,6 +15,7 @@ from swingup.policy.export_cloudpendulum import export_cloudpendulum
 from swingup.policy.export_folder import export_realaigym
 from swingup.policy.identifier_settings import IdentifierSettings
 from swingup.policy.network import Layer, Network
+from swingup.policy.numpy_backend import identifier
 from swingup.policy.numpy_backend.controller import NumpyController
 from swingup.policy.numpy_backend.network import NumpyNetwork
 from swingup.policy.pendulum import PendulumPolicy, read_pendulum_policy, write_pendulum_policy
@@ -49,15 +50,18 @@ def changed(plant):
     return dataclasses.replace(plant, m2=1.1 * plant.m2, r2=0.93 * plant.r2, I2=1.1 * plant.I2, cf1=0.05, cf2=0.16)
 
 
-def run(controller, plant, steps=STEPS, spoilt=(), periods=None):
+def run(controller, plant, steps=STEPS, spoilt=(), periods=None, late=False):
     """The controller's torques on a motion of a plant under a swinging torque, which the controller is told.
 
-    Measurements are replaced by others at some steps. Periods (s) are DT if none are given.
+    Measurements are replaced by others at some steps. Periods (s) are DT if none are given. Late measurements are
+    those of the call before.
     """
     lumped, x, rows = lump(plant), (0.0, 0.0, 0.0, 0.0), []
+    before = x
     periods = np.full(steps, DT) if periods is None else periods
     for step, (t, period) in enumerate(zip(np.cumsum(periods) - periods, periods, strict=True)):
-        rows.append(controller(np.array(dict(spoilt).get(step, x)), t))
+        rows.append(controller(np.array(dict(spoilt).get(step, before if late else x)), t))
+        before = x
         torque = 1.5 * math.sin(6.5 * t) + math.sin(15 * t + 1)
         # As if the policy had commanded it; what is not finite it has commanded itself.
         if np.isfinite(rows[-1]).all():
@@ -98,6 +102,25 @@ def test_it_finds_the_plant_at_other_periods(policy, clock):
     true, theta = base_parameters(plant), np.array(controller._identifier.theta)
     np.testing.assert_allclose(theta[:4], true[:4], rtol=0.02)
     np.testing.assert_allclose(theta[6:8], true[6:8], atol=0.01)
+
+
+@pytest.mark.parametrize(("late", "even"), [(True, False), (False, False), (True, True), (False, True)])
+def test_uneven_calls_tell_the_age_of_the_angles(policy, late, even):
+    """Even calls tell nothing: a call's age is then a delay like any other."""
+    controller = NumpyController(policy)
+    run(controller, changed(policy.plant), periods=None if even else uneven_periods(), late=late)
+    assert controller._identifier.age == (late and not even)
+
+
+def test_the_age_makes_late_angles_as_good_as_present_ones(policy, monkeypatch):
+    plant, errors = changed(policy.plant), []
+    for caution in (identifier.AGE_CAUTION, math.inf):  # with the second, the age stays 0
+        monkeypatch.setattr(identifier, "AGE_CAUTION", caution)
+        controller = NumpyController(policy)
+        run(controller, plant, periods=uneven_periods(), late=True)
+        errors.append(np.abs(np.array(controller._identifier.theta) / base_parameters(plant) - 1)[:4].max())
+    assert errors[0] < 0.005
+    assert errors[1] > 5 * errors[0]
 
 
 def test_a_pause_interrupts(policy):

@@ -24,7 +24,7 @@ _SOLVER = ILQRSettings(
 
 @dataclass(frozen=True)
 class ContinuationSettings:
-    """How plants move, and which swing-ups count. They reach all 420 plants of both robots' model-error grids."""
+    """How plants move, and which swing-ups count."""
 
     extra: float = 0.2
     """Time after the nominal swing-up (s): other plants need longer to come to rest."""

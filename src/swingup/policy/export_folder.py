@@ -129,15 +129,16 @@ def _write(path: Path, content: bytes) -> None:
 
 def _entry(policy: PendulumPolicy, username: str, name: str) -> str:
     behind = " behind a state estimator" if policy.estimator else ""
-    made = "Average-reward maximum-entropy RL (AR-EAPO): one network"
+    made, method = "Average-reward maximum-entropy RL (AR-EAPO): one network", "AR-EAPO"
     if policy.regulator:
-        made = "One network distilled from teachers (one by AR-EAPO) with a regulator"
+        made, method = "One network distilled from teachers (one by AR-EAPO) with a regulator", "distilled"
     values = {
         "DESCRIPTION": f"{made}{behind}",
         "NAME": name,
         "PACKAGE": PACKAGE.format(name=name),
         "ROBOT": policy.robot.name,
         "GUARD": guard_entry(policy.guard),
+        "METHOD": method,
         "USERNAME": username,
         "VERSION": __version__,
     }
