@@ -1,6 +1,6 @@
 """What the file of a refined policy puts around it."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any, NamedTuple
 
 from ..control.controller import AbstractController
@@ -10,8 +10,10 @@ from ..policy.jax_backend.told import sees_plant
 from ..policy.regulator_settings import RegulatorSettings
 from ..policy.settings import ESTIMATOR, REGULATOR, EstimatorSettings, default_estimator
 
-HAND_OVER = {"acrobot": RegulatorSettings(torque_weight=3.0), "pendubot": RegulatorSettings(enter=0.1)}
+HAND_OVER = {"acrobot": RegulatorSettings(), "pendubot": RegulatorSettings(enter=0.1)}
 """Chosen on plants that no board has (``docs/refining.md``)."""
+ACCELERATION_NOISE = 10.0
+"""The estimator's where the model is the plant found (rad/s²): such a model errs less. Chosen likewise."""
 
 
 class Around(NamedTuple):
@@ -41,6 +43,7 @@ def parts_around(controller: PolicyController) -> Around:
     estimator = default_estimator(plant_of(controller))
     if not sees_plant(controller):
         return Around(estimator)
+    estimator = replace(estimator, acceleration_noise=ACCELERATION_NOISE)
     return Around(estimator, default_identifier(estimator), HAND_OVER[controller.robot.name])
 
 
