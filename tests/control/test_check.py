@@ -1,5 +1,7 @@
 """The checker finds what is wrong with controllers that others plug in, and nothing wrong with good ones."""
 
+import re
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -10,8 +12,12 @@ import swingup
 from swingup.control.check import check_controller
 from swingup.control.controller import AbstractController
 from swingup.control.python_controller import PythonController, answer
+from swingup.control.registry import get_controller
 from swingup.errors import SwingupError
 from swingup.physics.parameters import get_robot
+from swingup.policy.numpy_backend.controller import NumpyController
+from swingup.policy.realaigym import load_policy_controller
+from swingup.policy.shipped import read_policy
 
 
 def good(x, t):
@@ -105,6 +111,34 @@ def test_plain_python_with_a_fault(name):
         raise AssertionError(findings[0])
 
 
+class Compensating(Remembering):
+    """A torque on the acrobot's passive joint, and what it declares there."""
+
+    def __init__(self, declared):
+        self.passive_limit = declared
+
+    def get_control_output(self, x, t):
+        return [0.5, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("declared", "message"),
+    [
+        (0.5, None),
+        (0.4, r"up to 0\.5 N m on the passive joint 1, and its passive_limit is 0\.4: clip the torque"),
+        (0, "passive joint 1: return 0 there, or declare"),
+        ("much", "its attribute passive_limit = 'much': use a number"),
+        (-1.0, r"its attribute passive_limit = -1\.0: use a number"),
+        (np.nan, "its attribute passive_limit = nan: use a number"),
+    ],
+)
+def test_torque_on_the_passive_joint_is_declared(declared, message):
+    findings = check_controller(Compensating(declared), "acrobot")
+    assert len(findings) == (message is not None)
+    if message:
+        assert re.search(message, findings[0])
+
+
 @pytest.mark.parametrize("source", [good, Remembering()], ids=["function", "object"])
 def test_good_plain_python(source):
     assert check_controller(source, "acrobot") == []
@@ -160,6 +194,20 @@ def test_jax_with_a_fault(fault, message):
 def test_good_controllers_in_jax(robot):
     assert check_controller(Jax(), "acrobot") == []
     assert check_controller(swingup.shipped_policy(robot)[0], robot) == []
+
+
+def test_a_policy_that_compensates_friction_declares_it(robot):
+    found = NumpyController(read_policy("adaptive", robot))
+    assert check_controller(found, robot) == []
+    assert found.passive_limit == get_controller("adaptive", robot).passive_limit == 0.5
+    assert load_policy_controller("adaptive", robot).passive_limit == 0.5
+    assert get_controller("refined", robot).passive_limit == 0
+    assert NumpyController(read_policy("refined", robot)).passive_limit == 0
+
+
+@pytest.mark.slow  # JAX compiles identifier and regulator for seconds
+def test_in_jax_too(robot):
+    assert check_controller(get_controller("adaptive", robot), robot) == []
 
 
 def test_a_policy_of_the_other_robot():
@@ -246,6 +294,7 @@ HOSTILE = {
     "large": (lambda x, t: np.ones(10**6), r"of shape \(1000000,\)"),
     "digits": (lambda x, t: [0, 10**5000], "<list whose repr raises ValueError>|instance|return two real numbers"),
     "text of lines": (lambda x, t: "a\n\x1b[31m" * 1000, r"'a\\n\\x1b\[31m"),
+    "limit": (Hostile(passive_limit=BadTextError()), "its attribute passive_limit raised BadTextError"),
     "reset": (Hostile(reset=BadTextError()), "its attribute reset raised BadTextError"),
     "init": (Hostile(init=SystemExit(3)), r"its attribute init raised SystemExit \(3\)"),
 }

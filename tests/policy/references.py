@@ -283,6 +283,14 @@ def replay(found, times, states, given=None):
     return np.concatenate(torques)[: len(times)]
 
 
+def within(name, torques):
+    """Torques (n, 2) with the driven joint's within its limit."""
+    cut, joint = torques.copy(), policy(name).robot.joint
+    limit = policy(name).plant.limit(joint)
+    cut[:, joint] = np.clip(cut[:, joint], -limit, limit)
+    return cut
+
+
 @eqx.filter_jit
 def _chunk(found, memory, *columns):
     def step(memory, now):

@@ -35,6 +35,7 @@ from .references import (
     random_states,
     recorded,
     replay,
+    within,
 )
 
 ADAPTING = 900
@@ -104,14 +105,6 @@ def looped(found, name, times, states, given):
     if policy(name).identifier is None:
         return found.run(times, states)
     return found.follow(times, states, within(name, given))
-
-
-def within(name, torques):
-    """The same with the driven joint's within its limit."""
-    cut, joint = torques.copy(), policy(name).robot.joint
-    limit = policy(name).plant.limit(joint)
-    cut[:, joint] = np.clip(cut[:, joint], -limit, limit)
-    return cut
 
 
 @pytest.mark.parametrize(("name", "back_end", "sensor"), TABLE)

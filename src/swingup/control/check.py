@@ -7,8 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..checks import finite_number
 from ..errors import SwingupError
-from ..foreign import blaming
+from ..foreign import attribute, blaming
 from ..physics.parameters import Robot, get_robot
 from .controller import AbstractController, check_interface, check_robot, split
 from .python_controller import DT, PythonController, call_in_turn, trial_states
@@ -18,8 +19,9 @@ def check_controller(source: Any, robot: Robot | str) -> list[str]:
     """Try a controller on a few dozen states and name its faults.
 
     It looks for errors, wrong shapes, fields that cannot be compiled, torques that are not finite, torque on the
-    passive joint, a memory that changes its structure, that ``reset()`` and ``init()`` do not clear or that copies
-    share, and measurements that are altered in place.
+    passive joint above the controller's attribute ``passive_limit`` (N m; 0 where it has none), a memory that changes
+    its structure, that ``reset()`` and ``init()`` do not clear or that copies share, and measurements that are
+    altered in place.
 
     Args:
         source: a controller in JAX, an object with ``get_control_output(x, t)``, or a function of (x, t).
@@ -41,13 +43,27 @@ def check_controller(source: Any, robot: Robot | str) -> list[str]:
             torques = _try_compiled(source)
         else:
             findings, torques = _try_plain(source)
+        passive = _try_passive(source, torques[:, 1 - robot.joint], 2 - robot.joint)
     except SwingupError as error:
         return [str(error)]
-    passive = 1 - robot.joint
-    largest = float(np.abs(torques[:, passive]).max())
-    if largest > 0:
-        findings.append(f"it commands up to {largest:g} N m on the passive joint {passive + 1}: return 0 there")
-    return findings
+    return findings + passive
+
+
+def _try_passive(source: Any, torques: np.ndarray, joint: int) -> list[str]:
+    """Whether the torques (n,) of the passive joint, 1 or 2, are as the controller declares them.
+
+    Raises:
+        SwingupError: its declaration raised an error, or is no torque.
+    """
+    controller = source.source if isinstance(source, PythonController) else source
+    declared = finite_number("its attribute passive_limit", attribute(controller, "passive_limit", 0.0), 0.0)
+    largest = float(np.abs(torques).max())
+    if largest <= declared:
+        return []
+    finding = f"it commands up to {largest:g} N m on the passive joint {joint}"
+    if declared:
+        return [f"{finding}, and its passive_limit is {declared:g}: clip the torque, or declare more"]
+    return [f"{finding}: return 0 there, or declare what compensates its friction as passive_limit"]
 
 
 def _try_compiled(controller: AbstractController[Any]) -> np.ndarray:

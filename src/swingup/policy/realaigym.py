@@ -87,6 +87,11 @@ class RealAIGymController:
         self.reset()
         self.init()
 
+    @property
+    def passive_limit(self) -> float:
+        """Largest torque that the controller itself has for the passive joint (N m)."""
+        return float(getattr(self._controller, "passive_limit", 0.0))
+
     def init(self) -> None:
         """Begin a run."""
         self.filter.init()

@@ -49,6 +49,11 @@ class PolicyController(AbstractController[PolicyMemory | None]):
     plant: PolicyPlant | None = eqx.field(static=True, default=None)
     """The plant that the policy was made for; None for the leaderboards'."""
 
+    @property
+    def passive_limit(self) -> float:
+        """Largest torque on the passive joint (N m): the front end's compensation."""
+        return 0.0 if self.front_end is None else self.front_end.settings.passive_limit
+
     def init(self) -> PolicyMemory | None:
         """Nothing measured yet."""
         if self.front_end is None:

@@ -78,6 +78,12 @@ class EstimatingController(AbstractController[EstimatorMemory]):
     identifier: Identifier | None = None
     """Identifies the plant; None for the nominal model."""
 
+    @property
+    def passive_limit(self) -> float:
+        """Largest torque on the passive joint (N m): the identifier's compensation, and what the controller has."""
+        behind = float(getattr(self.controller, "passive_limit", 0.0))
+        return behind if self.identifier is None else behind + self.identifier.settings.passive_limit
+
     def init(self) -> EstimatorMemory:
         """Nothing seen yet."""
         depth = self.settings.max_delay_steps + 1

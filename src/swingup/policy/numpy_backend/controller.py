@@ -59,6 +59,11 @@ class NumpyController:
         """Which joint is driven."""
         return self.policy.robot
 
+    @property
+    def passive_limit(self) -> float:
+        """Largest torque on the passive joint (N m), which compensates friction."""
+        return self.policy.torque_limits[1 - self._joint]
+
     def reset(self) -> None:
         """Forget the run so far."""
         for part in (self._estimator, self._regulator, self._front_end, self.guard):
