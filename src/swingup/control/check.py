@@ -19,9 +19,9 @@ def check_controller(source: Any, robot: Robot | str) -> list[str]:
     """Try a controller on a few dozen states and name its faults.
 
     It looks for errors, wrong shapes, fields that cannot be compiled, torques that are not finite, torque on the
-    passive joint above the controller's attribute ``passive_limit`` (N m; 0 where it has none), a memory that changes
-    its structure, that ``reset()`` and ``init()`` do not clear or that copies share, and measurements that are
-    altered in place.
+    passive joint above the controller's attribute ``passive_limit`` (N m; 0 where it has none), a memory that
+    changes its structure, that ``reset()`` and ``init()`` do not clear or that copies share, and measurements that
+    are altered in place.
 
     Args:
         source: a controller in JAX, an object with ``get_control_output(x, t)``, or a function of (x, t).

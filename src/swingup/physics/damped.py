@@ -65,15 +65,20 @@ def _acceleration(
     functions: Functions,
 ) -> Pair:
     """q̈ (rad/s²) with friction linear about the rates, for a step (s) that starts from the first ones (rad/s)."""
-    slopes, losses = [], []
-    for b, cf, rate, start in zip(*friction, rates, first, strict=True):
-        steep = COULOMB_STEEPNESS * rate
-        slopes.append(b + COULOMB_STEEPNESS * cf / (1.0 + steep * steep))
-        losses.append(equations.friction(b, cf, rate, functions.arctan) - slopes[-1] * (rate - start))
+    (b1, b2), (cf1, cf2) = friction
+    slope1, loss1 = _linear(b1, cf1, rates[0], first[0], functions.arctan)
+    slope2, loss2 = _linear(b2, cf2, rates[1], first[1], functions.arctan)
     # h D adds to the diagonal of M, where rotor inertia stands: `reflected` in M11 and M22, `rotor` in M11 alone.
-    drag1, drag2 = step * slopes[0], step * slopes[1]
-    dragged = plant._replace(reflected=plant.reflected + drag2, rotor=plant.rotor + (drag1 - drag2))
+    drag1, drag2 = step * slope1, step * slope2
+    dragged = Lumped(*plant[:5], plant.reflected + drag2, plant.geared, plant.rotor + (drag1 - drag2))
     (sin1, _), (sin2, cos2) = functions.sine_cosine(angles[0]), functions.sine_cosine(angles[1])
     sines = sin1, sin2, functions.sine_cosine(angles[0] + angles[1])[0]
-    found: Pair = equations.acceleration(dragged, sines, cos2, rates, torques, losses)
+    found: Pair = equations.acceleration(dragged, sines, cos2, rates, torques, (loss1, loss2))
     return found
+
+
+def _linear(b: Number, cf: Number, rate: Number, start: Number, arctan: Callable[[Any], Any]) -> Pair:
+    """The slope of a joint's friction at a rate, and what the straight line there has at the first rate (N m)."""
+    steep = COULOMB_STEEPNESS * rate
+    slope = b + COULOMB_STEEPNESS * cf / (1.0 + steep * steep)
+    return slope, equations.friction(b, cf, rate, arctan) - slope * (rate - start)

@@ -35,18 +35,18 @@ def compensation(found: Friction, gain: Any, joint: int, passive_limit: float, m
     """
     delivered = maximum(gain, 0.0)
     asks = 1.0 / maximum(delivered, LEAST_GAIN) if passive_limit else 0.0
-    driven, passive = (1.0, 1.0), (asks, delivered)
-    shares = (driven, passive) if joint == 0 else (passive, driven)
-    asked = Friction(*(_pair(pair, shares, maximum) for pair in found))
-    kept = tuple(
-        tuple(one - share[1] * part for one, part, share in zip(pair, parts, shares, strict=True))
-        for pair, parts in zip(found, asked, strict=True)
-    )
-    return Compensation(asked, Friction(*kept))
+    shares, parts = ((1.0, asks), (1.0, delivered)) if joint == 0 else ((asks, 1.0), (delivered, 1.0))
+    asked = Friction(_asked(found.damping, shares, maximum), _asked(found.coulomb, shares, maximum))
+    damping, coulomb = _left(found.damping, asked.damping, parts), _left(found.coulomb, asked.coulomb, parts)
+    return Compensation(asked, Friction(damping, coulomb))
 
 
-def _pair(found: Pair, shares: tuple[Pair, Pair], maximum: Any) -> Pair:
-    return maximum(found[0], 0.0) * shares[0][0], maximum(found[1], 0.0) * shares[1][0]
+def _asked(found: Pair, shares: Pair, maximum: Any) -> Pair:
+    return maximum(found[0], 0.0) * shares[0], maximum(found[1], 0.0) * shares[1]
+
+
+def _left(found: Pair, asked: Pair, delivered: Pair) -> Pair:
+    return found[0] - delivered[0] * asked[0], found[1] - delivered[1] * asked[1]
 
 
 def braking(friction: Friction, maximum: Any) -> Friction:

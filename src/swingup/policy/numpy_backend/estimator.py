@@ -41,6 +41,8 @@ class NumpyEstimator:
         self._joint, self._limit = joint, model.limit(joint)
         # From the misses [e_q1, e_q2, e_v1, e_v2] to corrections: the gains of one joint, for both.
         self._gains = np.kron(kalman_gains(settings), np.eye(2)).T
+        # What a correction leaves of a deviation, and how deviations move in a step, but for their torques.
+        self._kept, self._drift = np.eye(4) - self._gains, np.eye(4)
         self._fading = math.exp(-settings.dt / settings.memory)
         self._lost = LOST * settings.velocity_noise
         self._caution = settings.caution * np.arange(settings.max_delay_steps + 1)
@@ -83,20 +85,22 @@ class NumpyEstimator:
         """Torques (2,) against the friction found (N m), for the state seen (4,); NaN if that is not finite."""
         if self._identifier is None:
             return np.zeros(2)
-        if not np.isfinite(seen).all():
+        if not all(map(math.isfinite, values := seen.tolist())):
             return np.full(2, math.nan)
-        pairs, most = zip(*self._identifier.asked, seen[2:].tolist(), strict=True), self._identifier.passive_limit
-        u = [friction(*one, math.atan) for one in pairs]
-        passive = 1 - self._joint
+        (b1, b2), (cf1, cf2) = self._identifier.asked
+        u = [friction(b1, cf1, values[2], math.atan), friction(b2, cf2, values[3], math.atan)]
+        passive, most = 1 - self._joint, self._identifier.passive_limit
         u[passive] = min(max(u[passive], -most), most)
         return np.array(u)
 
     def remember(self, u: np.ndarray) -> None:
         """Note the torques (2,) that both motors were asked for (N m)."""
         self._torques[1:] = self._torques[:-1]
-        self._torques[0] = np.clip(u[self._joint], -self._limit, self._limit)
+        asked: list[float] = u.tolist()
+        # In this order NaN stays.
+        self._torques[0] = driven = min(max(asked[self._joint], -self._limit), self._limit)
         if self._identifier is not None:
-            driven, passive = float(self._torques[0]), float(u[1 - self._joint])
+            passive = asked[1 - self._joint]
             self._identifier.remember((driven, passive) if self._joint == 0 else (passive, driven))
 
     def _without_offsets(self, x: np.ndarray) -> np.ndarray:
@@ -123,21 +127,23 @@ class NumpyEstimator:
         miss[:2] -= TURN * np.round(miss[:2] / TURN)
 
         # Filters differ only in their torque. Accelerations are linear in it: a double integrator carries the rest.
-        response = np.array(torque_response(self._plant, state, b1, b2))
-        extra = (self._torques - torque)[:, None] * response
-        drifted = self._deviations.copy()
-        drifted[:, :2] += dt * drifted[:, 2:] + 0.5 * dt * dt * extra
-        drifted[:, 2:] += dt * extra
+        a1, a2 = torque_response(self._plant, state, b1, b2)
+        half = 0.5 * dt * dt
+        self._drift[2, 0] = self._drift[3, 1] = dt
+        drifted = self._deviations.dot(self._drift)
+        drifted += (self._torques - torque)[:, None] * np.array([half * a1, half * a2, dt * a1, dt * a2])
 
-        scaled = np.sum((miss - drifted)[:, :2] ** 2, axis=1) / self._settings.residual_scale**2
-        surprise = self._fading * self._surprise + np.log1p(scaled)
+        misses = miss[:2] - drifted[:, :2]
+        misses *= misses
+        surprise = np.log1p((misses[:, 0] + misses[:, 1]) / self._settings.residual_scale**2)
+        surprise += self._fading * self._surprise
         # A delay below the angles' own age cannot be.
         least = 0 if self._identifier is None else min(self._identifier.age, len(surprise) - 1)
-        delay_steps = least + int(np.argmin((surprise + self._caution)[least:]))
-        deviations = drifted - drifted @ self._gains
-        estimate = predicted + miss @ self._gains + deviations[delay_steps]
+        delay_steps = least + int((surprise + self._caution)[least:].argmin())
+        deviations = drifted.dot(self._kept)
+        estimate = predicted + miss.dot(self._gains) + deviations[delay_steps]
         # What is not finite fails the comparison.
-        if not np.all(np.abs(x - estimate)[2:] <= self._lost):
+        if not all(abs(off) <= self._lost for off in (x - estimate).tolist()[2:]):
             return False
         # Deviations count from the filter in charge, which may be another one now.
         self._state, self._deviations = estimate, deviations - deviations[delay_steps]

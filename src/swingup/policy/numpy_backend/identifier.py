@@ -27,7 +27,6 @@ from ..identifier_settings import (
     UNEVEN_STEP,
     UNKNOWNS,
     IdentifierSettings,
-    hat_weights,
     offsets,
     prior,
 )
@@ -71,7 +70,7 @@ class NumpyIdentifier:
         passive, driven = (s.passive_deviation, s.passive_floor), (s.driven_deviation, s.driven_floor)
         self._firsts, self._floors = zip(*((driven, passive) if joint == 0 else (passive, driven)), strict=True)
         self._rise, self._fall = (1.0 - math.exp(-s.dt / time) for time in (s.rise, s.fall))
-        self._cascade, self._ages = _cascade(s.pole), np.zeros(2 * s.span + 1)
+        self._cascade = _cascade(s.pole)
         self.reset()
 
     def reset(self) -> None:
@@ -87,17 +86,18 @@ class NumpyIdentifier:
 
     def restart(self) -> None:
         """After a pause: what was found stays, the motion before is forgotten."""
-        self._torques = np.zeros((2 * self._settings.span + max(self._settings.max_delay_steps, 1), 2))
+        past = 2 * self._settings.span + max(self._settings.max_delay_steps, 1)
+        self._torques: list[Pair] = [(0.0, 0.0)] * past
         # Time for which each pair was held (s).
-        self._steps = np.full(len(self._torques), self._settings.dt)
+        self._steps = [self._settings.dt] * past
         self._calls = 0
         # The newest columns in the last row, behind the low-passes that they enter one after the other.
         self._stages = np.zeros((POLES + 1, 2 * COLUMNS))
 
     def remember(self, u: Pair) -> None:
         """Note the torques that both motors were asked for, the driven one within its limit (N m)."""
-        self._torques[1:] = self._torques[:-1]
-        self._torques[0] = u
+        self._torques.insert(0, u)
+        self._torques.pop()
 
     def observe(self, q1: float, q2: float, delay_steps: int, step: float) -> None:
         """Learn from measured angles.
@@ -116,13 +116,13 @@ class NumpyIdentifier:
         newest = last1 + _nearest(q1 - last1), last2 + _nearest(q2 - last2)
         self._angles = [newest, *self._angles[:-1]] if self._calls else [(q1, q2)] * len(self._angles)
         dt = self._settings.dt
-        self._steps[1:] = self._steps[:-1]
-        self._steps[0] = max(step, SHORTEST_STEP * dt) if self._calls else dt
+        self._steps.insert(0, max(step, SHORTEST_STEP * dt) if self._calls else dt)
+        self._steps.pop()
         age = self._weigh_ages()
         delay_steps = max(delay_steps, age)
         if (age, delay_steps) != (self.age, self._delay_steps):
             # The lag counts from the delay: their sum is what was found. The old columns belong to the old delay.
-            self._unknowns[LAG] += self._steps[: self._delay_steps].sum() - self._steps[:delay_steps].sum()
+            self._unknowns[LAG] += sum(self._steps[: self._delay_steps]) - sum(self._steps[:delay_steps])
             self.age, self._delay_steps = age, delay_steps
             self._stages[:] = 0.0
         self._calls += 1
@@ -132,7 +132,7 @@ class NumpyIdentifier:
 
     def interval(self, step: float) -> float:
         """Time between the angles observed last and the next ones (s), for a call a step (s) after the last one."""
-        return float(self._steps[0]) if self.age else step
+        return self._steps[0] if self.age else step
 
     @property
     def unknowns(self) -> np.ndarray:
@@ -143,9 +143,9 @@ class NumpyIdentifier:
         """The angles' age (calls): a longer step shows as a longer way in the same call, or in the next."""
         whole = 2 * self._settings.span
         (a1, a2), (b1, b2), (c1, c2) = self._angles[:3]
-        (z1, z2), time = self._angles[whole], float(self._steps[:whole].sum())
+        (z1, z2), time = self._angles[whole], sum(self._steps[:whole])
         rate1, rate2 = (a1 - z1) / time, (a2 - z2) / time
-        first, second, third = self._steps[:3].tolist()
+        first, second, third = self._steps[:3]
         for age, longer in enumerate((first - second, second - third)):
             miss = (a1 - 2 * b1 + c1 - rate1 * longer) ** 2 + (a2 - 2 * b2 + c2 - rate2 * longer) ** 2
             now = math.log1p(miss / UNEVEN_STEP**2) if self._calls > whole else 0.0
@@ -159,13 +159,13 @@ class NumpyIdentifier:
         # A torque that is not finite would stay in the low-passes.
         if not math.isfinite(sum(columns)):
             return
-        self._stages[:POLES] = stages = self._cascade @ self._stages
-        for joint in (0, 1):
-            start = joint * COLUMNS
-            self._update(joint, stages[-1, start : start + UNKNOWNS], float(stages[-1, start + UNKNOWNS]))
+        self._stages[:POLES] = stages = self._cascade.dot(self._stages)
+        last = stages[-1]
+        self._update(0, last[:UNKNOWNS], last.item(UNKNOWNS))
+        self._update(1, last[COLUMNS:-1], last.item(-1))
         diagonal = self._covariance.reshape(-1)[:: UNKNOWNS + 1]
         # No less sure than at the start: the drift must not exceed the prior.
-        diagonal += np.where(diagonal < self._most, self._drift, 0.0)
+        diagonal += (diagonal < self._most) * self._drift
         self._project()
 
     def _columns(self) -> list[float]:
@@ -174,12 +174,9 @@ class NumpyIdentifier:
         oldest, middle, newest = self._angles[2 * span], self._angles[span], self._angles[0]
         acting = self._torques[self._delay_steps : self._delay_steps + 2 * span]
         steps = self._steps[self.age : self.age + 2 * span]
-        self._ages[1:] = steps.cumsum()
-        newer, whole = float(self._ages[span]), float(self._ages[-1])
-        ratio, halves = self._nominal[2] / self._nominal[3], (whole - newer, newer)
+        ratio, halves = self._nominal[2] / self._nominal[3], (sum(steps[span:]), sum(steps[:span]))
         shoulder, elbow = momentum_rows(oldest, middle, newest, halves, self._known, ratio, MATHS)
-        mean, slope = hat_weights(steps, self._ages, np.minimum)
-        torques, rates = (mean @ acting).tolist(), (slope @ acting).tolist()
+        torques, rates = _hat_means(steps, acting, halves)
         driven, passive = (rates[self._joint], 0.0, torques[self._joint]), (0.0, -torques[1 - self._joint], 0.0)
         first, second = (driven, passive) if self._joint == 0 else (passive, driven)
         return [*shoulder, *first, *elbow, *second]
@@ -187,17 +184,18 @@ class NumpyIdentifier:
     def _update(self, joint: int, row: np.ndarray, target: float) -> None:
         """One joint's row: the variance of its errors, and what it tells of the unknowns."""
         s = self._settings
-        known = self._covariance @ row
-        unsure, error = float(row @ known), target - float(row @ self._unknowns)
-        size = abs(target) + float(np.abs(row[:4]) @ np.abs(self._unknowns[:4]))
+        known = self._covariance.dot(row)
+        unsure, error = float(row.dot(known)), target - float(row.dot(self._unknowns))
+        terms = zip(row[:4].tolist(), self._unknowns[:4].tolist(), strict=True)
+        size = abs(target) + sum(abs(entry * value) for entry, value in terms)
         r = max(self._variance[joint], self._floors[joint] ** 2 + (s.relative_floor * size) ** 2)
         distance = error * error / (unsure + r)
         held = s.hold if distance > s.gate**2 else self._held[joint] - s.dt
         if not held > 0:
             heavy = r * s.alike * max(1.0, (STUDENT + distance) / (STUDENT + 1.0))
             gain = known / (unsure + heavy)
-            self._unknowns = self._unknowns + gain * error
-            self._covariance = self._covariance - gain[:, None] * known
+            self._unknowns += gain * error
+            self._covariance -= gain[:, None] * known
         # A spoilt angle must not blind the identifier for seconds.
         seen = min(distance * r, (MOST_DEVIATION * self._firsts[joint]) ** 2)
         weight = self._rise if seen > self._variance[joint] else self._fall
@@ -235,6 +233,27 @@ def _cascade(pole: float) -> np.ndarray:
     for state in np.eye(POLES + 1)[:POLES]:
         rows.append(state + pole * (rows[-1] - state))
     return np.array(rows[1:])
+
+
+def _hat_means(steps: list[float], torques: list[Pair], halves: Pair) -> tuple[Pair, Pair]:
+    """The last torques' means under the hat, and the means' rates (1/s), both as pairs (N m, N m/s).
+
+    Args:
+        steps: times for which they were held (s), newest first.
+        torques: shoulder's and elbow's (N m).
+        halves: sums (s) of the earlier half of the steps, and of the later one.
+    """
+    start = mean1 = mean2 = rate1 = rate2 = 0.0
+    # Up to the hat's peak on the way back in time, then down.
+    slopes = [1.0 / halves[1]] * (len(steps) // 2) + [-1.0 / halves[0]] * (len(steps) // 2)
+    for step, slope, (u1, u2) in zip(steps, slopes, torques, strict=True):
+        change = slope * step
+        weight = (start + 0.5 * change) * step
+        start += change
+        mean1, mean2 = mean1 + weight * u1, mean2 + weight * u2
+        rate1, rate2 = rate1 + change * u1, rate2 + change * u2
+    share = 2.0 / (halves[0] + halves[1])
+    return (share * mean1, share * mean2), (share * rate1, share * rate2)
 
 
 def _clip(value: float, least: float, most: float) -> float:
