@@ -138,7 +138,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         """The controller behind; a policy that sees its plant is told the identified one."""
         if self.identifier is None or memory.identified is None:
             return self.controller
-        return told_base(self.controller, self.identifier.shown(memory.identified))
+        return told_base(self.controller, self.identifier.told(memory.identified))
 
     def _without_offsets(self, memory: EstimatorMemory, x: State) -> State:
         """The measurement less the offsets of its angles, as far as they are known."""

@@ -207,7 +207,7 @@ class Identifier(eqx.Module):
         s, found = self.settings, friction_of(self.theta(memory))
         return compensation(found, memory.unknowns[GAIN], self.robot.joint, s.passive_limit, jnp.maximum)
 
-    def shown(self, memory: IdentifierMemory) -> Float[Array, "9"]:
+    def told(self, memory: IdentifierMemory) -> Float[Array, "9"]:
         """θ as a policy and a regulator are told it: with the friction that the compensation leaves."""
         left = self.compensation(memory).left
         return self.theta(memory).at[FRICTIONS].set(jnp.stack([*left[0], *left[1]]))
@@ -265,7 +265,7 @@ class Identifier(eqx.Module):
         drift = jnp.where(jnp.diagonal(memory.covariance) < prior_variance, drift, 0.0)
         return replace(memory, covariance=memory.covariance + jnp.diag(drift))
 
-    def _columns(self, memory: IdentifierMemory) -> Float[Array, "2 11"]:
+    def _columns(self, memory: IdentifierMemory) -> Float[Array, "2 14"]:
         """The newest rows: Y, u̇, -v and u."""
         span = self.settings.span
         newest, middle, oldest = memory.angles[0], memory.angles[span], memory.angles[2 * span]
