@@ -48,6 +48,7 @@ def test_a_fixed_cost_stays():
     assert adapt_reset_cost(None, rollout(jnp.zeros((4, 2))), CONFIG) is None
 
 
+@pytest.mark.slow  # compiles for seconds
 def test_the_cost_of_a_run_is_in_its_state_and_in_its_rewards():
     state = train.init(jax.random.key(0), Trap(), CONFIG)
     assert float(state.reset_cost) == 3.0

@@ -43,6 +43,7 @@ def test_an_iteration_keeps_every_type():
     assert kinds[0] == kinds[1]
 
 
+@pytest.mark.slow  # compiles for seconds
 def test_chunks_add_up():
     """Two iterations in one call are those of two calls, bit for bit."""
     start = init(jax.random.key(0), CYCLE, CONFIG)
@@ -53,6 +54,7 @@ def test_chunks_add_up():
             np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.slow  # compiles for seconds
 def test_seeds_and_hyperparameters_batch():
     """Seeds and learning rates under vmap give what each gives alone."""
     rates = jnp.array([1e-3, 1e-5])

@@ -15,6 +15,7 @@ TINY = {
 }  # fmt: skip
 
 
+@pytest.mark.slow  # compiles for seconds
 def test_an_environment_trains_saves_and_goes_on(tmp_path):
     env = Corridor()
     model = AREAPO((env, Params(max_steps_in_episode=5)), seed=3, **TINY).learn(64)

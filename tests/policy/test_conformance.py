@@ -186,6 +186,7 @@ def test_what_runs_the_policy_alone_refuses_adaptive_ones(made, back_end, name):
 REFINED = ["acrobot-refined", pytest.param("pendubot-refined", marks=pytest.mark.slow)]
 
 
+@pytest.mark.slow  # compiles for seconds
 @pytest.mark.parametrize("sensor", ["late and noisy", "quantum", "not finite"])
 @pytest.mark.parametrize("back_end", ["numpy", "c"])
 def test_the_estimators_plant_is_the_policys(made, back_end, sensor):
@@ -199,6 +200,7 @@ def test_the_estimators_plant_is_the_policys(made, back_end, sensor):
         assert np.abs(found - before).max() > 0.1
 
 
+@pytest.mark.slow  # compiles for seconds
 @pytest.mark.parametrize("sensor", ["clean", "noisy", "not finite"])
 @pytest.mark.parametrize("back_end", ["numpy", "c"])
 def test_the_regulator_takes_over_alike(made, back_end, sensor):

@@ -282,6 +282,7 @@ HERE, THERE = np.array([0.1, 0.2, 0.3, 0.4]), np.array([1.0, -1.0, 2.0, -2.0])
 NEAR = HERE + 0.01
 
 
+@pytest.mark.slow  # compiles for seconds
 @pytest.mark.parametrize("t", [2.6 * DT, 60.0, 0.0])
 def test_a_pause_or_a_clock_set_back_restarts_from_the_measurement(x64, controller, call, t):
     memory = dataclasses.replace(feed(controller, call, HERE, HERE), delay_steps=jnp.array([3, 3]))

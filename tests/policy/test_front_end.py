@@ -95,6 +95,7 @@ def test_c_is_numpy(name, tmp_path):
     np.testing.assert_allclose(run(library, times, x), expected, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow  # compiles for seconds
 def test_behind_an_estimator(tmp_path, x64):
     """Both may be asked for together: the front end then sees the estimate."""
     save_controller(tmp_path / "p.npz", small_policy("all"), {"estimator": {}})
