@@ -12,7 +12,7 @@ from swingup.physics.base_parameters import base_parameters
 from swingup.physics.damped import Friction
 from swingup.physics.equations import friction, lump
 from swingup.physics.parameters import identified_parameters
-from swingup.policy.compensation import LEAST_GAIN, braking, compensation
+from swingup.policy.compensation import LEAST_GAIN, compensation, predicted
 from swingup.policy.identifier_settings import GAIN, IdentifierSettings, offsets, prior
 from swingup.policy.numpy_backend.identifier import NumpyIdentifier
 from swingup.policy.plant import model_step
@@ -57,8 +57,11 @@ def test_the_pendubots_elbow_is_undriven():
     assert LEAST_GAIN < 0.75
 
 
-def test_braking_friction_is_never_negative():
-    assert braking(FOUND, max) == Friction((0.02, 0.1), (0.3, 0.0))
+def test_predicted_friction_is_never_negative_and_leaves_the_compensated_part_out():
+    left = Friction((0.01, 0.04), (0.2, -0.01))
+    assert predicted(FOUND, FOUND, 0, max) == Friction((0.02, 0.1), (0.3, 0.0))
+    assert predicted(FOUND, left, 0, max) == Friction((0.02, 0.04), (0.3, 0.0))
+    assert predicted(FOUND, left, 1, max) == Friction((0.01, 0.1), (0.2, 0.0))
 
 
 def test_offsets_are_bounded():

@@ -49,6 +49,17 @@ def _left(found: Pair, asked: Pair, delivered: Pair) -> Pair:
     return found[0] - delivered[0] * asked[0], found[1] - delivered[1] * asked[1]
 
 
-def braking(friction: Friction, maximum: Any) -> Friction:
-    """The same without negative parts, with which the implicit step near rest would be singular."""
-    return Friction(*((maximum(pair[0], 0.0), maximum(pair[1], 0.0)) for pair in friction))
+def predicted(found: Friction, left: Friction, joint: int, maximum: Any) -> Friction:
+    """Friction to predict with: the driven joint's, whose torque is counted, and what is left of the other one's.
+
+    Negative parts are none, since the implicit step near rest would be singular with them.
+
+    Args:
+        found: friction of both joints.
+        left: what the compensation leaves of it.
+        joint: index of the driven joint.
+        maximum: the larger one of two numbers.
+    """
+    (b1, _), (cf1, _) = found if joint == 0 else left
+    (_, b2), (_, cf2) = left if joint == 0 else found
+    return Friction((maximum(b1, 0.0), maximum(b2, 0.0)), (maximum(cf1, 0.0), maximum(cf2, 0.0)))

@@ -39,12 +39,12 @@ from jaxtyping import Array, Float
 from ...physics.angles import nearest
 from ...physics.base_parameters import BASE, Known, Spread, friction_of, lumped, share_allowed
 from ...physics.damped import Friction
-from ...physics.equations import Lumped, Pair
+from ...physics.equations import Lumped
 from ...physics.momentum import Maths, momentum_rows
 from ...physics.parameters import Parameters, Robot
 from ...physics.trigonometry import arctan, sine_cosine
 from ...types import Count, Scalar, Torque
-from ..compensation import Compensation, braking, compensation
+from ..compensation import Compensation, compensation, predicted
 from ..identifier_settings import (
     AGE_CAUTION,
     FARTHEST,
@@ -198,9 +198,7 @@ class Identifier(eqx.Module):
         """
         theta = self.theta(memory)
         found, left = friction_of(theta), self.compensation(memory).left
-        joint = self.robot.joint
-        acting = Friction(*(_with(rest, joint, pair[joint]) for pair, rest in zip(found, left, strict=True)))
-        return lumped(theta, self.known), braking(acting, jnp.maximum)
+        return lumped(theta, self.known), predicted(found, left, self.robot.joint, jnp.maximum)
 
     def compensation(self, memory: IdentifierMemory) -> Compensation:
         """What the motors are asked for against the friction found, and what is left of it."""
@@ -308,10 +306,6 @@ class Identifier(eqx.Module):
             variance=memory.variance.at[joint].set(variance),
             held=memory.held.at[joint].set(jnp.maximum(held, 0.0)),
         )
-
-
-def _with(pair: Pair, place: int, value: Scalar) -> Pair:
-    return (value, pair[1]) if place == 0 else (pair[0], value)
 
 
 def _ages(steps: Float[Array, "n"]) -> Float[Array, "n+1"]:

@@ -8,10 +8,9 @@ import math
 import numpy as np
 
 from ...physics.base_parameters import BASE, Known, friction_of, lumped, share_allowed
-from ...physics.damped import Friction
 from ...physics.equations import Lumped, Pair
 from ...physics.momentum import Maths, momentum_rows
-from ..compensation import braking, compensation
+from ..compensation import compensation, predicted
 from ..identifier_settings import (
     AGE_CAUTION,
     FARTHEST,
@@ -218,9 +217,7 @@ class NumpyIdentifier:
         """Friction whose counterpart the motors are asked for."""
         self.told = [*self.theta[:4], *left.damping, *left.coulomb, self.theta[8]]
         """θ as a policy and a regulator are told it: with the friction that the compensation leaves."""
-        pairs = zip(friction, left, strict=True)
-        acting = ((one[0], rest[1]) if joint == 0 else (rest[0], one[1]) for one, rest in pairs)
-        self.friction = braking(Friction(*acting), max)
+        self.friction = predicted(friction, left, joint, max)
         """The plant's friction, of the undriven joint what its compensation leaves: that torque is not counted."""
 
 
