@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from swingup.errors import SwingupError
+from swingup.physics.base_parameters import base_parameters
 from swingup.physics.damped import Friction, Functions, damped_midpoint_step
 from swingup.physics.equations import lump
 from swingup.physics.parameters import NAMES, get_robot, identified_parameters, leaderboard_parameters
@@ -23,6 +24,7 @@ from swingup.policy.plant_facts import (
 )
 from swingup.policy.settings import FrontEndSettings
 from swingup.policy.shipped import read_policy
+from swingup.policy.stages import PlantStage
 
 from .references import policy
 
@@ -191,3 +193,20 @@ def test_the_leaderboards_policies_on_the_identified_plant():
     made_for = leaderboard_plant(ACROBOT)
     assert "the torque limit = 6, here it is 10" in plant_difference(made_for, identified_parameters(), ACROBOT)
     assert plant_difference(made_for, dataclasses.replace(identified_parameters(), tl2=6.0), ACROBOT) is None
+
+
+@pytest.mark.parametrize(
+    ("plant", "said"),
+    [
+        (scaled(r2=1.3, cf1=20.0), None),
+        # Bounds: 10 times 0.15 of the own value away.
+        (scaled(I2=2.6), "a base parameter B from 0 to 0.127, here it is 0.132: refine it on draws of"),
+        (scaled(tl2=0.5), "with the torque limit = 10, here it is 5 (-50 % of it): train or refine"),
+        (scaled(l1=0.5), "with l1 = 0.2, here it is 0.1 (-50 % of it): train or refine"),
+    ],
+)
+def test_a_policy_that_is_told_its_plant_is_for_many(plant, said):
+    base = base_parameters(MINE)
+    stage = PlantStage(base, np.where(base > 0, 0.15 * base, 1.0))
+    found = plant_difference(MINE, plant, ACROBOT, stage)
+    assert found is None if said is None else said in found

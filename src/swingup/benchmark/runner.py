@@ -20,7 +20,7 @@ from ..control.switch import AbstractExpensiveController
 from ..errors import SwingupError
 from ..foreign import blaming
 from ..physics.parameters import Parameters, Robot
-from ..policy.jax_backend.controller import PolicyController, plant_of
+from ..policy.jax_backend.controller import PolicyController, plant_of, policy_of
 from ..policy.jax_backend.estimator import EstimatingController
 from ..policy.jax_backend.regulator import RegulatingController
 from ..policy.plant_facts import plant_difference
@@ -92,7 +92,10 @@ def prepare(source: Any, robot: Robot, name: str, plant: Parameters | None = Non
     policy = controller.controller if isinstance(controller, EstimatingController) else controller
     policy = policy.controller if isinstance(policy, RegulatingController) else policy
     if plant is not None and isinstance(policy, PolicyController):
-        difference = plant_difference(plant_of(policy), plant, robot)
+        # Behind an identifier a policy that sees its plant is for all that it can be told of.
+        finds = isinstance(controller, EstimatingController) and controller.identifier is not None
+        seen = policy_of(policy).network.plant_stage if finds else None
+        difference = plant_difference(plant_of(policy), plant, robot, seen)
         if difference is not None:
             _warn_once(f"controller {name!r}: {difference}")
     return controller

@@ -18,6 +18,8 @@ from .equations import Lumped, Number, mass_entries
 BASE_NAMES = ("A", "B", "m2r2", "k", "b1", "b2", "cf1", "cf2", "Ir")
 """Entries of θ: kg m², kg m², kg m, kg m, N m s/rad (two), N m (two), kg m²."""
 BASE = len(BASE_NAMES)
+FRICTIONS = slice(4, 8)
+"""Places of b1 to cf2 in θ."""
 
 
 class Spread(NamedTuple):

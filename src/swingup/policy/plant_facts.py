@@ -6,14 +6,18 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+import numpy as np
+
 from ..checks import LARGEST, finite_number, suggestion
 from ..errors import SwingupError
+from ..physics.base_parameters import BASE_NAMES, FRICTIONS, base_parameters
 from ..physics.damped import Friction
 from ..physics.validity import check_pendulum
 from ..robots import TORQUE_LIMIT, Robot
 from ..text import quoted
 from .plant import identified_values
 from .settings import FrontEndSettings
+from .stages import PlantStage
 
 PLANT = "plant"
 """Key of the plant in a policy file's metadata."""
@@ -147,18 +151,25 @@ DIFFERENT = 0.1
 """From this relative difference of a base parameter on, two plants differ much."""
 
 
-def plant_difference(made_for: PolicyPlant, plant: Any, robot: Robot) -> str | None:
+def plant_difference(
+    made_for: PolicyPlant, plant: Any, robot: Robot, identified: PlantStage | None = None
+) -> str | None:
     """One sentence on how a plant differs from the one that a policy was made for; None if it differs little.
 
     Compared are the base parameters, which alone act in the equations of motion, gravity, the driven joint's torque
-    limit, and both joints' friction at 1 rad/s as a part of that limit.
+    limit, and both joints' friction at 1 rad/s as a part of that limit. A policy that sees the plant that an
+    identifier finds is made for more than one: there the inertial parameters and the rotor's are compared with what
+    the policy can be told, and friction is left out, since it is compensated.
 
     Args:
         made_for: the policy's plant.
         plant: another one: anything with attributes of these names.
         robot: which joint is driven.
+        identified: how the policy sees what an identifier finds; None for a policy of one plant.
     """
-    one, other = _bases(made_for, robot), _bases(plant, robot)
+    one, other = _facts(made_for, robot), _facts(plant, robot)
+    if identified is None:
+        one, other = one | _bases(made_for), other | _bases(plant)
     limit = made_for.limit(robot.joint)
     changes = {
         name: (other[name] - value) / (limit if name.startswith("friction") else abs(value) or 1.0)
@@ -166,7 +177,7 @@ def plant_difference(made_for: PolicyPlant, plant: Any, robot: Robot) -> str | N
     }
     name = max(changes, key=lambda each: abs(changes[each]))
     if not abs(changes[name]) > DIFFERENT:
-        return None
+        return None if identified is None else _beyond(identified, base_parameters(plant))
     own = f"{quoted(made_for.name)} " if made_for.name else ""
     more = "the torque limit" if name.startswith("friction") else "it"
     many = sum(abs(change) > DIFFERENT for change in changes.values()) - 1
@@ -177,7 +188,28 @@ def plant_difference(made_for: PolicyPlant, plant: Any, robot: Robot) -> str | N
     )
 
 
-def _bases(plant: Any, robot: Robot) -> dict[str, float]:
+def _beyond(stage: PlantStage, base: np.ndarray) -> str | None:
+    """One sentence on the base parameter (9,) that a policy can be told least of; None if it can be told all."""
+    far = np.abs(base - stage.centre) / stage.scale
+    far[FRICTIONS] = 0.0
+    worst = int(np.argmax(far))
+    if not far[worst] > stage.clip:
+        return None
+    least, most = stage.centre[worst] + np.array([-1, 1]) * stage.clip * stage.scale[worst]
+    return (
+        f"the policy can be told a base parameter {BASE_NAMES[worst]} from {max(least, 0.0):.3g} to {most:.3g}, "
+        f"here it is {base[worst]:.3g}: refine it on draws of such plants"
+    )
+
+
+def _facts(plant: Any, robot: Robot) -> dict[str, float]:
+    """What nothing identifies."""
+    names = {"l1": "l1", "l2": "l2", "g": "g", "the torque limit": ("tl1", "tl2")[robot.joint]}
+    return {name: float(getattr(plant, attribute)) for name, attribute in names.items()}
+
+
+def _bases(plant: Any) -> dict[str, float]:
+    """What an identifier can find, with friction at 1 rad/s (N m)."""
     p = {name: float(getattr(plant, name)) for name in PLANT_NAMES}
     rotor, at_rate = p["gr"] ** 2 * p["Ir"], math.atan(100.0)
     return {
@@ -185,10 +217,6 @@ def _bases(plant: Any, robot: Robot) -> dict[str, float]:
         "m2 r2": p["m2"] * p["r2"],
         "I1 + m2 l1² + gr² Ir": p["I1"] + p["m2"] * p["l1"] ** 2 + rotor,
         "I2 + gr² Ir": p["I2"] + rotor,
-        "l1": p["l1"],
-        "l2": p["l2"],
-        "g": p["g"],
-        "the torque limit": p[("tl1", "tl2")[robot.joint]],
         "friction of the shoulder": p["b1"] + p["cf1"] * at_rate,
         "friction of the elbow": p["b2"] + p["cf2"] * at_rate,
     }

@@ -105,7 +105,9 @@ def _difference(folder: Folder, domain: Domain, robot: Robot) -> str | None:
     """How the middle of the domain's plants differs from the policy's plant."""
     if folder.policy is None:
         return None
-    return plant_difference(read_pendulum_policy(folder.policy).plant, domain.middle_parameters, robot)
+    policy = read_pendulum_policy(folder.policy)
+    seen = None if policy.identifier is None else policy.network.plant_stage
+    return plant_difference(policy.plant, domain.middle_parameters, robot, seen)
 
 
 def _limits(facts: dict[str, Any]) -> tuple[float, float]:

@@ -37,7 +37,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...physics.angles import nearest
-from ...physics.base_parameters import BASE, Known, Spread, friction_of, lumped, share_allowed
+from ...physics.base_parameters import BASE, FRICTIONS, Known, Spread, friction_of, lumped, share_allowed
 from ...physics.damped import Friction
 from ...physics.equations import Lumped
 from ...physics.momentum import Maths, momentum_rows
@@ -67,8 +67,6 @@ from ..identifier_settings import (
 from .choose import choose
 
 MATHS = Maths(sine_cosine, arctan, jnp.log1p, jnp.where)
-FRICTIONS = slice(4, 8)
-"""Places of b1, b2, cf1 and cf2 in θ."""
 
 Joints = Float[Array, "2"]
 Unknowns = Float[Array, "13"]
