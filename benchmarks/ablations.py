@@ -1,4 +1,4 @@
-"""Ablations on the acrobot: one change at a time from the default preset, several seeds each.
+"""Ablations on the acrobot: one change at a time from the default preset with even steps, several seeds each.
 
 Usage: python benchmarks/ablations.py [NAME ...] [--frames 8000000] [--seeds 3] [--study FILE] [--runs FOLDER]
 [--plot FILE]
@@ -63,7 +63,8 @@ SMOOTHED = 9
 
 def train(name: str, seed: int, frames: int, folder: Path) -> list[tuple[int, float, float]]:
     """Train one run, or the rest of it; frames, score and seconds of its evaluations."""
-    config, task = CHANGES[name](get_preset("default").config, smooth_task(ROBOTS["acrobot"]))
+    base = dataclasses.replace(get_preset("default").config, schedule_frames=0)
+    config, task = CHANGES[name](base, smooth_task(ROBOTS["acrobot"]))
     if (folder / "config.json").exists():
         run = resume_run(folder, env=task)
     else:
