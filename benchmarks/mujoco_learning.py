@@ -1,13 +1,14 @@
 """Learning on Gymnasium's MuJoCo tasks beside Stable-Baselines3's PPO: same budget, same machine, same evaluation.
 
-Usage: python benchmarks/mujoco_learning.py [ID ...] [--frames 1000000] [--seeds 3] [--learners areapo sb3-ppo]
-[--study FILE] [--plot FILE]
+Usage: python benchmarks/mujoco_learning.py [ID ...] [--frames 1000000] [--seeds 3]
+[--learners areapo sb3-ppo sb3-zoo] [--study FILE] [--plot FILE]
 
-Needs swingup[mujoco], and stable-baselines3 for the peer. The peer has its own defaults, but its 2,048 frames of a
-rollout come from 8 environments of 256 steps, as ours do. It has its VecNormalize, since ours normalises
-observations as well. Finished runs are lines of the study's file and are not repeated: frames, seconds, and of ten
-deterministic episodes of the plain environment the mean return, the reward rate and the resets per 1,000 steps. A
-reset is a termination of the task, such as a fall; the time limit is none.
+Needs swingup[mujoco], and stable-baselines3 for the peers. sb3-ppo has the peer's own defaults, but its 2,048 frames
+of a rollout come from 8 environments of 256 steps, as ours do. sb3-zoo has RL Baselines3 Zoo's settings
+(`peer_settings.py`). Both have VecNormalize, since ours normalises observations as well. Finished runs are lines of
+the study's file and are not repeated: frames, seconds, and of ten deterministic episodes of the plain environment the
+mean return, the reward rate and the resets per 1,000 steps. A reset is a termination of the task, such as a fall; the
+time limit is none.
 
 Prints a table in Markdown: for each task the interquartile mean over the seeds of the last of these, with 95 %
 bootstrap intervals, and a dash where runs of an older version did not record it. Then, for each other learner, the
@@ -16,10 +17,11 @@ probability that a run of the first learner returns more.
 
 import argparse
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from peer_settings import WIDE, ZOO
 from study import MISSING, Study, cell, draw, improvement, measured
 
 from swingup import AREAPO
@@ -64,15 +66,29 @@ def areapo(task: str, seed: int, frames: int) -> Iterator[Point]:
 
 def sb3_ppo(task: str, seed: int, frames: int) -> Iterator[Point]:
     """Stable-Baselines3's PPO with its defaults, on normalised observations and rewards."""
+    yield from trained_sb3(task, seed, frames, ENVS, {"n_steps": STEPS})
+
+
+def sb3_zoo(task: str, seed: int, frames: int) -> Iterator[Point]:
+    """The same with RL Baselines3 Zoo's settings for the task."""
+    from torch.nn import ReLU
+
+    name = task.partition("-")[0]
+    wide = {"log_std_init": -2.0, "ortho_init": False, "activation_fn": ReLU, "net_arch": [256, 256]}
+    yield from trained_sb3(task, seed, frames, 1, {"policy_kwargs": wide if name in WIDE else {}} | ZOO[name])
+
+
+def trained_sb3(task: str, seed: int, frames: int, envs: int, settings: Mapping[str, Any]) -> Iterator[Point]:
+    """Stable-Baselines3's PPO with some settings, on normalised observations and rewards."""
     from stable_baselines3 import PPO
     from stable_baselines3.common.env_util import make_vec_env
     from stable_baselines3.common.evaluation import evaluate_policy
     from stable_baselines3.common.vec_env import VecNormalize
 
-    env = VecNormalize(make_vec_env(task, ENVS, seed=seed))
+    env = VecNormalize(make_vec_env(task, envs, seed=seed), gamma=settings.get("gamma", 0.99))
     judge = VecNormalize(make_vec_env(task, 1, seed=seed + 1000), training=False, norm_reward=False)
     judge.obs_rms = env.obs_rms
-    model = PPO("MlpPolicy", env, n_steps=STEPS, seed=seed, device="cpu")
+    model = PPO("MlpPolicy", env, **settings, seed=seed, device="cpu")
     start = time.perf_counter()
     for _ in range(POINTS):
         model.learn(frames // POINTS, reset_num_timesteps=False)
@@ -95,8 +111,9 @@ def watching(falls: list[bool]) -> Callable[[dict[str, Any], dict[str, Any]], No
     return note
 
 
-LEARNERS = {"areapo": areapo, "sb3-ppo": sb3_ppo}
-LABELS = {"areapo": "AR-EAPO (swingup)", "sb3-ppo": "PPO (Stable-Baselines3)"}
+LEARNERS = {"areapo": areapo, "sb3-ppo": sb3_ppo, "sb3-zoo": sb3_zoo}
+USUAL = ("areapo", "sb3-ppo")
+LABELS = {"areapo": "AR-EAPO (swingup)", "sb3-ppo": "PPO (Stable-Baselines3)", "sb3-zoo": "PPO (RL Baselines3 Zoo)"}
 """Labels of the picture's lines, by learner."""
 
 
@@ -144,7 +161,7 @@ def main() -> None:
     parser.add_argument("tasks", nargs="*", default=TASKS, metavar="ID")
     parser.add_argument("--frames", type=int, default=1_000_000)
     parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--learners", nargs="+", choices=list(LEARNERS), default=list(LEARNERS))
+    parser.add_argument("--learners", nargs="+", choices=list(LEARNERS), default=USUAL)
     parser.add_argument("--study", type=Path, default=Path("benchmarks/runs/mujoco.jsonl"))
     parser.add_argument("--plot", type=Path)
     options = parser.parse_args()
