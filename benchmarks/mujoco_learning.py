@@ -3,12 +3,12 @@
 Usage: python benchmarks/mujoco_learning.py [ID ...] [--frames 1000000] [--seeds 3]
 [--learners areapo sb3-ppo sb3-zoo] [--study FILE] [--plot FILE]
 
-Needs swingup[mujoco], and stable-baselines3 for the peers. sb3-ppo has the peer's own defaults, but its 2,048 frames
-of a rollout come from 8 environments of 256 steps, as ours do. sb3-zoo has RL Baselines3 Zoo's settings
+Needs swingup[mujoco], and stable-baselines3 for the peers. sb3-ppo has the peer's own defaults, but its 2,048
+frames of a rollout come from 8 environments of 256 steps, as ours do. sb3-zoo has RL Baselines3 Zoo's settings
 (`peer_settings.py`). Both have VecNormalize, since ours normalises observations as well. Finished runs are lines of
-the study's file and are not repeated: frames, seconds, and of ten deterministic episodes of the plain environment the
-mean return, the reward rate and the resets per 1,000 steps. A reset is a termination of the task, such as a fall; the
-time limit is none.
+the study's file and are not repeated: frames, seconds, and of ten deterministic episodes of the plain environment
+the mean return, the reward rate and the resets per 1,000 steps. A reset is a termination of the task, such as a
+fall; the time limit is none.
 
 Prints a table in Markdown: for each task the interquartile mean over the seeds of the last of these, with 95 %
 bootstrap intervals, and a dash where runs of an older version did not record it. Then, for each other learner, the
