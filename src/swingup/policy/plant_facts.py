@@ -198,7 +198,7 @@ def _beyond(stage: PlantStage, base: np.ndarray) -> str | None:
     least, most = stage.centre[worst] + np.array([-1, 1]) * stage.clip * stage.scale[worst]
     return (
         f"the policy can be told a base parameter {BASE_NAMES[worst]} from {max(least, 0.0):.3g} to {most:.3g}, "
-        f"here it is {base[worst]:.3g}: refine it on draws of such plants"
+        f"here it is {base[worst]:.3g}: train or refine another on this plant"
     )
 
 
