@@ -103,6 +103,7 @@ def test_policies_that_ship_with_an_estimator_enter_without_it_too(robot):
         leaderboard(robot, {"refined --no-estimator": Hanging()}, entrants=(REFINED,))
 
 
+@pytest.mark.slow
 def test_names_of_our_further_controllers_are_taken(either_robot):
     for name in FURTHER:
         with pytest.raises(SwingupError, match=f"'{name}' is on the board already"):

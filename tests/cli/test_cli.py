@@ -53,6 +53,7 @@ def test_evaluate_then_score_the_same_trajectory(robot, capsys, tmp_path):
     assert hardware["score"] > result["score"]
 
 
+@pytest.mark.slow
 def test_the_cards_score_is_the_score(either_robot, capsys):
     """The cards' scores are the policies' alone; without noise an estimator hardly changes them."""
     robot = either_robot.name
@@ -74,6 +75,7 @@ def test_a_failed_swingup_has_no_time(capsys):
     assert (result["success"], result["swingup_time"], result["score"]) == (False, None, 0.0)
 
 
+@pytest.mark.slow
 def test_text_output(capsys):
     assert main(["evaluate", "pendubot"]) == 0
     out = capsys.readouterr().out
@@ -129,6 +131,7 @@ def test_train_on_the_simulated_robot_and_resume(capsys, tmp_path, monkeypatch):
     assert policy.estimator is not None
 
 
+@pytest.mark.slow
 def test_train_another_task_and_resume(capsys):
     options = [*TINY, "--evaluation-episodes", "1"]
     assert main(["train", "--env", "CartPole-v1", "--frames", "128", *options]) == 0
@@ -202,6 +205,7 @@ def test_a_policy_of_the_other_robot(capsys, tmp_path):
     assert "is for 'pendubot', not the acrobot" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_resuming_with_other_settings(capsys):
     assert main(["train", "acrobot", "--frames", "64", "--out", "r", *TINY]) == 0
     for arguments, message in (

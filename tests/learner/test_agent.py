@@ -208,6 +208,7 @@ def test_evaluate_is_the_mean_return():
     assert model.evaluate(3, env=Timed)["reward_per_second"] == 4.0
 
 
+@pytest.mark.slow
 def test_a_vector_environment_evaluates_elsewhere():
     model = AREAPO(Chain(2, "cycle", AutoresetMode.NEXT_STEP), **TINY).learn(64)
     with pytest.raises(SwingupError, match="pass evaluate another"):

@@ -116,6 +116,7 @@ def test_killed_processes_resume_to_the_same_bits(tmp_path, task):
 
 
 @pytest.mark.usefixtures("brief")
+@pytest.mark.slow
 def test_two_processes_do_not_train_in_one_folder(tmp_path):
     run(tmp_path / "r", 2)
     with (tmp_path / "r" / ".lock").open("ab") as file:

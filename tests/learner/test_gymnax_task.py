@@ -49,6 +49,7 @@ def test_adapter_keeps_the_contract(env, params, endings):
     check_contract(GymnaxTask(env, params), endings)
 
 
+@pytest.mark.slow
 def test_pendulum_and_adapter_together_keep_the_contract():
     """A time limit of one step, and the last observation is that of the task itself."""
     params = ACROBOT.default_params.replace(max_steps_in_episode=1)

@@ -279,6 +279,7 @@ def test_what_cannot_be_resumed(tmp_path):
         resume_run(tmp_path / "r")
 
 
+@pytest.mark.slow
 def test_a_run_killed_before_its_first_report_resumes(finished, tmp_path):
     folder, _, _ = finished
     start_run(SETTINGS, tmp_path / "r", 10 * FRAMES)

@@ -295,6 +295,7 @@ def test_a_pause_or_a_clock_set_back_restarts_from_the_measurement(x64, controll
     assert not again.torques[:, 1:].any()
 
 
+@pytest.mark.slow
 def test_a_late_call_is_no_pause(x64, controller, call):
     memory = call(feed(controller, call, HERE), 1.4 * DT, NEAR)
     assert np.abs(memory.controller - NEAR).max() > 0.001

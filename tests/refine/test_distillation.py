@@ -91,7 +91,7 @@ def test_the_robots_plants_are_as_heavy_as_its_motor_is_weak(robot):
 
 def test_no_plant_is_on_the_grid_that_judges():
     drawn = {tuple(map(float, jax.tree.leaves(plant))) for plant in plants_of(
-        draw_plants(np.random.default_rng(1), ACROBOT, PlantDraws(50, 5, 20)))}  # fmt: skip
+        draw_plants(np.random.default_rng(1), ACROBOT, PlantDraws(50, 5, 20, 5)))}  # fmt: skip
     cases = make_cases(ACROBOT, ROBUSTNESS_RULES["v2"], "model", 0)
     assert not drawn & {tuple(map(float, jax.tree.leaves(case.scenario.parameters))) for case in cases}
 

@@ -168,6 +168,7 @@ def test_gradient_steps_lower_the_cost_and_do_not_depend_on_how_the_batch_is_spl
     assert np.mean(last.away) < np.mean(first.away)
 
 
+@pytest.mark.slow
 def test_a_policy_learns_what_a_teacher_shows():
     settings = CloningSettings("tvlqr", steps=300, batch=256, demonstrations=8, duration=5.0, push=0.1)
     teacher = baseline("tvlqr", ACROBOT)

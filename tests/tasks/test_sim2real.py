@@ -97,6 +97,7 @@ def test_each_motor_has_its_own_noise():
 
 
 @pytest.mark.parametrize("domain", [pytest.param(QUIET, marks=pytest.mark.slow), ROBOT], ids=["typical", "robot"])
+@pytest.mark.slow
 def test_steps_are_the_judges(either_robot, domain):
     """Actions held for 10 ms on a plant without noise, beside the judge's loop and NumPy's front end."""
     task = dataclasses.replace(measuring(either_robot, domain), reset_noise=0.3)
