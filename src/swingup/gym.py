@@ -20,6 +20,7 @@ from jaxtyping import Bool, Float, Float32, UInt8
 from .checks import whole_number
 from .drawing import draw_frame
 from .errors import SwingupError
+from .fetch import fetch
 from .physics.parameters import ROBOTS
 from .plants.plant import PlantLike
 from .tasks.pendulum import DIVERGED, AbstractPendulumTask, PendulumState
@@ -114,8 +115,7 @@ class PendulumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         action = _checked_actions(action, (1,))
         self._episode, step = _advance(self.task, _running(self._episode), action)
-        # One transfer for all parts; each conversion alone would wait for the device.
-        step = jax.device_get(step)
+        step = fetch(step)
         observation = np.array(step.observation, np.float32)
         info = {"state": np.array(step.state.x)}
         return observation, float(step.reward), bool(step.terminated), bool(step.truncated), info
@@ -207,7 +207,7 @@ class PendulumVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """
         actions = _checked_actions(actions, (self.num_envs, 1))
         self._episodes, observations, step = _advance_all(self.task, _running(self._episodes), actions)
-        step = jax.device_get(step)
+        step = fetch(step)
         infos: dict[str, Any] = {}
         for index in np.flatnonzero(step.terminated | step.truncated).tolist():
             final_info = {"state": np.array(step.state.x[index])}

@@ -27,7 +27,8 @@ def rollout(terminated, counted=None):
 @pytest.mark.parametrize(
     ("cost", "ended", "expected"),
     [
-        (3.0, 2, 3.0 + 0.2 * (0.25 / 0.1 - 1)),
+        (3.0, 1, 3.0 + 0.2 * (0.125 / 0.1 - 1)),
+        (3.0, 2, 3.2),  # never by more than the step, whatever the excess
         (3.0, 0, 2.8),
         (0.1, 0, 0.0),  # never below zero
     ],
@@ -40,8 +41,8 @@ def test_the_cost_follows_the_rate_of_a_rollout(cost, ended, expected):
 
 def test_rows_that_do_not_count_are_no_steps():
     counted = jnp.ones((4, 2)).at[3].set(0.0)
-    found = adapt_reset_cost(jnp.array(3.0), rollout((jnp.arange(8) < 3).reshape(4, 2), counted), CONFIG)
-    assert float(found) == pytest.approx(3.0 + 0.2 * (0.5 / 0.1 - 1), rel=1e-5)
+    found = adapt_reset_cost(jnp.array(3.0), rollout((jnp.arange(8) < 1).reshape(4, 2), counted), CONFIG)
+    assert float(found) == pytest.approx(3.0 + 0.2 * (1 / 6 / 0.1 - 1), rel=1e-5)
 
 
 def test_a_fixed_cost_stays():

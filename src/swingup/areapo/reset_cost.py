@@ -13,12 +13,13 @@ def reset_cost(state: LearnerState, config: Config) -> Scalar:
 
 
 def adapt_reset_cost(cost: Scalar | None, rollout: Rollout, config: Config) -> Scalar | None:
-    """The cost after a rollout, c ← max(0, c + η_c (f / f* - 1)); None, a fixed cost, stays None.
+    """The cost after a rollout, c ← max(0, c + η_c min(f / f* - 1, 1)); None, a fixed cost, stays None.
 
-    The rollout has f terminations a step, and their target is f*. One without terminations lowers the cost by η_c.
+    The rollout has f terminations a step, and their target is f*. The cost never changes by more than η_c: a policy
+    that has learnt nothing yet falls a hundred times too often, and would make it so high that it stands still.
     The idea is that of RVI-SAC (arXiv 2408.01972): the cost is the multiplier of the constraint f ≤ f*.
     """
     if cost is None:
         return None
     excess = termination_rate(rollout) / config.termination_target - 1.0
-    return jnp.maximum(0.0, cost + config.reset_cost_step * excess)
+    return jnp.maximum(0.0, cost + config.reset_cost_step * jnp.minimum(excess, 1.0))

@@ -16,6 +16,7 @@ from ..areapo.keys import iteration_keys
 from ..areapo.networks import AbstractActor
 from ..areapo.normalise import RunningStatistics
 from ..areapo.state import LearnerState, Metrics, Rollout
+from ..fetch import fetch
 from ..types import Count, Key
 from .environments import Environments, HostStep
 
@@ -80,11 +81,10 @@ def collect_on_host(
     state: LearnerState, environments: Environments, tally: EpisodeTally, key: Key, config: Config
 ) -> tuple[LearnerState, Rollout]:
     """Act for ``num_steps`` in every environment, as :func:`swingup.areapo.train.collect` does."""
-    seen = np.asarray(state.observations)
-    statistics = state.statistics
+    actor, statistics, seen = state.actor, state.statistics, np.asarray(state.observations)
     start: Any = None if state.memory is None else np.asarray(state.memory)
     memory = start
-    chosen = jax.device_get(_decide(state.actor, seen, key, np.uint32(0), memory))
+    chosen = fetch(_decide(actor, seen, key, np.uint32(0), memory))
     # NumPy's types, as in compile_iteration: Python's numbers have other types for JAX and compile again.
     clip = np.float32(config.observation_clip)
     rows = []
@@ -92,10 +92,10 @@ def collect_on_host(
         step = environments.step(chosen.actions)
         tally.add(step)
         statistics, *answer = _advance(
-            state.actor, statistics, step.following, step.true_next, key, np.uint32(index), clip,
-            chosen.memory, step.ended | ~step.counted,
+            actor, statistics, step.following, step.true_next, key, np.uint32(index), clip, chosen.memory,
+            step.ended | ~step.counted,
         )  # fmt: skip
-        following, true_next, memory, following_chosen = jax.device_get(answer)
+        following, true_next, memory, following_chosen = fetch(answer)
         rows.append((seen, chosen.latents, chosen.log_probs, true_next, step))
         seen, chosen = following, following_chosen
     # The last decision is dropped: the next rollout decides with its own key and the improved actor.
