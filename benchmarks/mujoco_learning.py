@@ -4,11 +4,13 @@ Usage: python benchmarks/mujoco_learning.py [ID ...] [--frames 1000000] [--seeds
 [--learners areapo sb3-ppo sb3-zoo] [--study FILE] [--plot FILE]
 
 Needs swingup[mujoco], and stable-baselines3 for the peers. sb3-ppo has the peer's own defaults, but its 2,048
-frames of a rollout come from 8 environments of 256 steps, as ours do. sb3-zoo has RL Baselines3 Zoo's settings
-(`peer_settings.py`). Both have VecNormalize, since ours normalises observations as well. Finished runs are lines of
-the study's file and are not repeated: frames, seconds, and of ten deterministic episodes of the plain environment
-the mean return, the reward rate and the resets per 1,000 steps. A reset is a termination of the task, such as a
-fall; the time limit is none.
+frames of a rollout come from 8 environments of 256 steps. sb3-zoo has RL Baselines3 Zoo's settings
+(`peer_settings.py`). Both have VecNormalize, since ours normalises observations as well. areapo-cost-10 and its
+like are ours with a reset cost that does not adapt.
+
+Finished runs are lines of the study's file and are not repeated: frames, seconds, and of ten deterministic episodes
+of the plain environment the mean return, the reward rate and the resets per 1,000 steps. A reset is a termination
+of the task, such as a fall; the time limit is none.
 
 Prints a table in Markdown: for each task the interquartile mean over the seeds of the last of these, with 95 %
 bootstrap intervals, and a dash where runs of an older version did not record it. Then, for each other learner, the
@@ -32,7 +34,7 @@ EPISODES = 10
 POINTS = 20
 """Evaluations of a run."""
 ENVS, STEPS = 8, 256
-"""Environments and steps of a rollout, for both learners."""
+"""Environments and steps of a rollout, for the peer with its defaults."""
 
 Point = tuple[int, float, float, float, float]
 """Frames, mean return, seconds so far, reward of a step, resets per 1,000 steps."""
@@ -47,6 +49,11 @@ MEASURES = {
 
 def areapo(task: str, seed: int, frames: int) -> Iterator[Point]:
     """Ours, with the preset for such tasks."""
+    yield from trained_areapo(task, seed, frames, "mujoco")
+
+
+def trained_areapo(task: str, seed: int, frames: int, preset: str, **settings: Any) -> Iterator[Point]:
+    """Ours, with some preset and settings."""
     points: list[Point] = []
     start = time.perf_counter()
 
@@ -56,8 +63,8 @@ def areapo(task: str, seed: int, frames: int) -> Iterator[Point]:
 
     every = frames // POINTS
     model = AREAPO(
-        task, "mujoco", seed, evaluate_every=every, checkpoint_every=5 * every, evaluation_episodes=EPISODES,
-        num_envs=ENVS, num_steps=STEPS,
+        task, preset, seed, evaluate_every=every, checkpoint_every=5 * every, evaluation_episodes=EPISODES,
+        **settings,
     )  # fmt: skip
     model.learn(frames, note)
     model.close()
@@ -78,14 +85,17 @@ def sb3_zoo(task: str, seed: int, frames: int) -> Iterator[Point]:
     yield from trained_sb3(task, seed, frames, 1, {"policy_kwargs": wide if name in WIDE else {}} | ZOO[name])
 
 
-def trained_sb3(task: str, seed: int, frames: int, envs: int, settings: Mapping[str, Any]) -> Iterator[Point]:
-    """Stable-Baselines3's PPO with some settings, on normalised observations and rewards."""
+def trained_sb3(
+    task: str, seed: int, frames: int, envs: int, settings: Mapping[str, Any], scale_rewards: bool = True
+) -> Iterator[Point]:
+    """Stable-Baselines3's PPO with some settings, on normalised observations and, unless told, rewards."""
     from stable_baselines3 import PPO
     from stable_baselines3.common.env_util import make_vec_env
     from stable_baselines3.common.evaluation import evaluate_policy
     from stable_baselines3.common.vec_env import VecNormalize
 
-    env = VecNormalize(make_vec_env(task, envs, seed=seed), gamma=settings.get("gamma", 0.99))
+    env = make_vec_env(task, envs, seed=seed)
+    env = VecNormalize(env, norm_reward=scale_rewards, gamma=settings.get("gamma", 0.99))
     judge = VecNormalize(make_vec_env(task, 1, seed=seed + 1000), training=False, norm_reward=False)
     judge.obs_rms = env.obs_rms
     model = PPO("MlpPolicy", env, **settings, seed=seed, device="cpu")
@@ -111,10 +121,21 @@ def watching(falls: list[bool]) -> Callable[[dict[str, Any], dict[str, Any]], No
     return note
 
 
-LEARNERS = {"areapo": areapo, "sb3-ppo": sb3_ppo, "sb3-zoo": sb3_zoo}
+def with_fixed_cost(cost: float) -> Callable[[str, int, int], Iterator[Point]]:
+    """Ours, with a reset cost that does not adapt."""
+
+    def learner(task: str, seed: int, frames: int) -> Iterator[Point]:
+        yield from trained_areapo(task, seed, frames, "mujoco", adaptive_reset_cost=False, reset_cost=cost)
+
+    return learner
+
+
+LEARNERS = {"areapo": areapo, "sb3-ppo": sb3_ppo, "sb3-zoo": sb3_zoo} | {
+    f"areapo-cost-{cost:.0f}": with_fixed_cost(cost) for cost in (1.0, 10.0, 100.0)
+}
 USUAL = ("areapo", "sb3-ppo")
 LABELS = {"areapo": "AR-EAPO (swingup)", "sb3-ppo": "PPO (Stable-Baselines3)", "sb3-zoo": "PPO (RL Baselines3 Zoo)"}
-"""Labels of the picture's lines, by learner."""
+"""Labels of the picture's lines, by learner; the others have their names."""
 
 
 def run(learner: str, task: str, seed: int, frames: int) -> list[Point]:
@@ -147,7 +168,7 @@ def plot(path: Path, study: Study, tasks: Sequence[str], learners: Sequence[str]
     panels, labels = {}, []
     for name, (label, _) in MEASURES.items():
         for task in tasks:
-            lines = {LABELS[each]: measured(study.of(task, each), name) for each in learners}
+            lines = {LABELS.get(each, each): measured(study.of(task, each), name) for each in learners}
             if name == "scores" or any(any(curve["scores"]) for curves in lines.values() for curve in curves):
                 # Short: a panel is narrow, and its axis has the whole label.
                 panels[task if name == "scores" else f"{task}: {name.replace('_', ' ')}"] = lines

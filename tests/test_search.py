@@ -276,7 +276,7 @@ def test_a_folder_of_another_search_is_left_alone(tmp_path):
     # Another preset changes many hyperparameters.
     other = plan_search(BASE | {"preset": "ppo"}, {"clip_range": "0.1:0.2"}, tmp_path, 1000)
     changed = (
-        r"set clip_range None there, '0.1:0.2' here; preset 'mujoco' there, 'ppo' here; num_envs 8 there, 1 here"
+        r"set clip_range None there, '0.1:0.2' here; preset 'mujoco' there, 'ppo' here; num_envs 4 there, 1 here"
     )
     with pytest.raises(SwingupError, match=rf"\({changed}; and \d+ more\)"):
         searched(other, 1, StandIn())

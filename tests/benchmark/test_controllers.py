@@ -120,6 +120,7 @@ class Network(AbstractController):
         return None, self.network(x.astype(jnp.float32)).astype(x.dtype)
 
 
+@pytest.mark.slow
 def test_controllers_may_hold_what_is_no_array():
     controller = Network(eqx.nn.MLP(4, 2, 8, 1, key=jax.random.key(0)), "mine")
     assert swingup.check_controller(controller, "acrobot")[0].startswith("it commands up to")
@@ -182,6 +183,7 @@ def test_plain_controllers_that_cannot_be_started():
     assert len(result.faults) == 21
 
 
+@pytest.mark.slow
 def test_copies_that_share_a_memory_run_one_by_one():
     class Shared:
         calls = 0

@@ -154,6 +154,7 @@ def test_rates(stride, warns):
     assert found.rate == pytest.approx(500 / stride)
 
 
+@pytest.mark.slow
 def test_periods():
     rows = np.arange(5000)
     assert names(with_rows(pose(), rows[(rows < 2000) | (rows > 2008)])) == []  # one gap of 9 periods: a hiccup

@@ -89,6 +89,7 @@ def test_scores_of_several_seeds():
     assert set(intervals) == {*RANDOM, "overall"}
 
 
+@pytest.mark.slow
 def test_a_whole_grid_as_json():
     result = robustness(Swinging(), "pendubot", "mine", LOOSE, seed=4)
     row = json.loads(json.dumps(result.as_dict()))

@@ -187,6 +187,7 @@ def test_result_as_json():
     assert row["interval"][0] <= row["uptime"] <= row["interval"][1]
 
 
+@pytest.mark.slow
 def test_the_shipped_policy_is_up_longer_than_it_is_thrown_down(either_robot):
     result = uptime(swingup.shipped_policy(either_robot)[0], either_robot)
     # It swings up within 2 s of the start: at least until the first throw at 2.75 s or later it is up.

@@ -221,6 +221,7 @@ def test_resuming_with_other_settings(capsys):
 ENDLESS = ["train", "acrobot", "--frames", "100000000", "--out", "r", *TINY]
 
 
+@pytest.mark.slow
 def test_a_signal_ends_the_process(tmp_path):
     environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path / "cache")}
     command = [sys.executable, "-m", "swingup", *ENDLESS]

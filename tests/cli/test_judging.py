@@ -72,6 +72,7 @@ def run(capsys, *arguments, status=0, boards=None):
     return capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_robustness_as_json(capsys, small_grid):
     boards = Boards({"v2": small_grid})
     options = ("--controller", "ar-eapo", "--seed", "3", "--criteria", "delay,perturbations")
@@ -103,7 +104,7 @@ def test_robustness_as_text_with_intervals(capsys, brief_runs):
     assert "20" in out  # 3 values, 3 repetitions, 2 seeds; 2 delays
 
 
-@pytest.mark.parametrize("name", ["jax_damping", "plain"])
+@pytest.mark.parametrize("name", [pytest.param("jax_damping", marks=pytest.mark.slow), "plain"])
 def test_others_controllers(capsys, name, brief_runs):
     name = f"others_controllers:{name}"
     result = json.loads(run(capsys, "evaluate", "acrobot", "--controller", name, "--json", boards=brief_runs))
@@ -177,6 +178,7 @@ def test_check_names_the_fault(capsys):
     assert "gave a torque that is not finite at t = 0 s" in out
 
 
+@pytest.mark.slow
 def test_uptime(capsys, tmp_path, brief_minute):
     boards = Boards({"v3": brief_minute})
     options = ("uptime", "pendubot", "--controller", "ar-eapo", "--seeds", "2")
@@ -189,6 +191,7 @@ def test_uptime(capsys, tmp_path, brief_minute):
     assert result["seed"] == 0
 
 
+@pytest.mark.slow
 def test_sim2real(capsys, tmp_path):
     out = run(capsys, "sim2real", "pendubot", "--controller", "lqr", "--seeds", "2", "--save", "run.csv")
     assert "pendubot, lqr (domain identified, seed 0 to 1)" in out
@@ -200,6 +203,7 @@ def test_sim2real(capsys, tmp_path):
     assert [row["seed"] for row in result["details"]] == [0, 1]
 
 
+@pytest.mark.slow
 def test_disturbed_runs_differ_and_repeat(capsys):
     policy = ("evaluate", "pendubot", "--controller", "ar-eapo", "--json")
     options = shlex.split("--velocity-noise 0.1 --torque-noise 0.2 --torque-response 0.8 --delay 0.004 --pushes")

@@ -16,6 +16,7 @@ TINY = GradientStage(
 )
 
 
+@pytest.mark.slow
 def test_refine_writes_a_policy_with_its_origin(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(refining.RECIPES, "score", (TINY,))
     out = tmp_path / "refined.npz"

@@ -110,6 +110,7 @@ def test_information_grows_with_motion_and_falls_with_noise(models, trial):
     assert spread[unknowns.names.index("first")] < spread[unknowns.names.index("rotor")]
 
 
+@pytest.mark.slow
 def test_without_motion_nothing_is_learnt(models):
     still = try_out(SETTING, models, alone(np.zeros((1, 1500, 2))), keep=True)
     unknowns = unknowns_of(SETTING, models[0])

@@ -148,6 +148,7 @@ def test_what_a_file_system_says_of_locks(tmp_path, monkeypatch, number, message
         pass
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("brief")
 def test_a_full_disk_leaves_the_last_good_checkpoint(tmp_path):
     run(tmp_path / "r", 2)

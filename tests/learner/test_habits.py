@@ -49,7 +49,7 @@ def test_a_made_environment_is_made_again_as_it_was():
     assert env not in copies
     assert copies[0] is not copies[1]
     assert [copy.unwrapped.g for copy in copies] == [5.0, 5.0]
-    assert str(copies[0]) == str(env)
+    assert str(copies[0].env) == str(env)
     np.testing.assert_array_equal(environments.actions(np.ones((2, 1))), np.full((2, 1), 0.5))
     environments.reset(0)
     ended = [environments.step(np.zeros((2, 1))).truncated.all() for _ in range(7)]

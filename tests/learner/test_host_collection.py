@@ -43,6 +43,7 @@ def values(state, observations):
     return np.asarray(jax.vmap(lambda o: state.critic(stage(o)))(jnp.asarray(observations)[:, None]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "mode", [AutoresetMode.SAME_STEP, pytest.param(AutoresetMode.NEXT_STEP, marks=pytest.mark.slow)]
 )

@@ -126,6 +126,7 @@ def test_jit_and_vmap_change_nothing():
     np.testing.assert_allclose(one_step(identified_parameters(), x, u, 0.01), jnp.stack(one_by_one), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_gradient_through_many_steps_agrees_with_differences():
     # Back-propagation through 100 steps, of the last shoulder angle by the elbow torque held all the while.
     @jax.jit

@@ -229,6 +229,7 @@ def test_noise_of_the_velocities_is_filtered():
     assert seen < 0.1 * measured
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("age", [1, 7, 20])
 def test_the_delay_is_found_and_compensated(age):
     rows = closed_loops()[f"old by {age}"]

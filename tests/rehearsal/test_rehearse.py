@@ -78,6 +78,7 @@ def test_a_guard_that_stops_the_folder_is_reported(tmp_path):
     assert not np.any(after)
 
 
+@pytest.mark.slow
 def test_the_command_in_real_time(tmp_path, capsys):
     folder, rows = export(tmp_path / "entry", "realaigym", name="robot"), tmp_path / "run.csv"
     begin = time.monotonic()

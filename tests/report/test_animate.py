@@ -241,6 +241,7 @@ def test_missing_pillow_names_the_remedy(tmp_path, monkeypatch):
         animate(swing(0.2), "acrobot", tmp_path / "film.gif")
 
 
+@pytest.mark.slow
 def test_pillow_is_loaded_only_when_something_is_drawn():
     code = "import sys, swingup.report.animate, swingup.report.save; print('PIL' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -380,6 +380,7 @@ def test_global_settings_are_neither_read_nor_changed():
         assert dict(matplotlib.rcParams) == before
 
 
+@pytest.mark.slow
 def test_pyplot_is_not_needed():
     code = (
         "import sys; from swingup.report.plot import plot_robustness; from swingup.report.style import render;"

@@ -133,6 +133,7 @@ def fifty(task):
     return states, jax.vmap(task.observe)(states)
 
 
+@pytest.mark.slow
 def test_ends():
     """Never terminated; truncated by the limit of steps, and where the integrator diverges."""
     task = dataclasses.replace(measuring(get_robot("acrobot")), truncation_probability=0.0)

@@ -144,7 +144,7 @@ class Config(eqx.Module):
     termination_target: float = _number(1e-3, TINY, 1.0)
     """Terminations a step that the adaptive reset cost permits (1e-3 in RVI-SAC, arXiv 2408.01972)."""
     reset_cost_step: float = _number(0.1, 0.0, HUGE)
-    """What a rollout without terminations takes from the adaptive reset cost, in units of the reward."""
+    """The most by which a rollout changes the adaptive reset cost, in units of the reward."""
     popart_step_size: float = _number(0.1, TINY, 1.0)
     """Weight of a rollout's returns in PopArt's running moments."""
 

@@ -39,10 +39,14 @@ SMALLER_STEPS: dict[str, Any] = {
 MUJOCO = Preset(
     "AR-EAPO with sizes for Gymnasium's control tasks and a million frames",
     Config(
-        num_envs=8, num_steps=256, num_epochs=10, batch_size=128, policy_layers=(64, 64), value_layers=(64, 64),
-        # With λ = 0.95 the trace's first steps, of size 1, make the gain diverge. The reset cost is ATRPO's.
-        temperature=0.02, gae_lambda=0.95, entropy_gae_lambda=0.95, clip_range=0.2, learning_rate=3e-4,
-        max_grad_norm=0.5, centre_values=True, gain_trace=False, reset_cost=100.0,
+        num_envs=4, num_steps=1024, num_epochs=10, batch_size=128, policy_layers=(64, 64), value_layers=(64, 64),
+        # λ = 0.98 with long rollouts sees a swimmer's slow rewards; 0.995 is too noisy for a walker. With λ near 1
+        # the trace's first steps, of size 1, make the gain diverge.
+        gae_lambda=0.98, entropy_gae_lambda=0.95, gain_trace=False, centre_values=True, normalise_rewards=True,
+        # In units of the rewards' deviation, which the cost of a reset enters.
+        temperature=0.002, log_std_init=0.0, clip_range=0.2, learning_rate=3e-4, max_grad_norm=0.5,
+        # ATRPO's cost at first.
+        reset_cost=100.0, adaptive_reset_cost="auto", reset_cost_step=2.0,
     ),
     1_000_000,
 )  # fmt: skip
@@ -60,7 +64,7 @@ PPO_ELSEWHERE = Preset(
 )  # fmt: skip
 
 EAPO_ELSEWHERE = Preset(
-    "EAPO with PPO's sizes, and the entropy's weight and trace of the preset mujoco",
+    "EAPO with PPO's sizes, and the temperature of its own MuJoCo settings",
     dataclasses.replace(
         PPO_ELSEWHERE.config, temperature=0.02, entropy_gae_lambda=0.95, popart=True, value_coefficient=0.25,
         entropy_value_coefficient=1.0,

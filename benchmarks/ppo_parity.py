@@ -1,0 +1,79 @@
+"""Our preset ppo beside Stable-Baselines3's PPO with the same hyperparameters, on two cheap tasks.
+
+Usage: python benchmarks/ppo_parity.py [--frames 100000] [--seeds 10] [--study FILE]
+
+Needs swingup[mujoco] and stable-baselines3. Both have the peer's defaults with 8 environments of 256 steps,
+normalised observations and plain rewards. Ours differs in its distribution: actions are squashed by tanh, and their
+standard deviation depends on the state. Finished runs are lines of the study's file and are not repeated.
+
+Prints, for each task, the mean returns of the last of 20 evaluations and of all of them: the interquartile means
+over the seeds, and the ratio of ours to the peer's with a 95 % bootstrap interval.
+"""
+
+import argparse
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from statistics import fmean
+
+import numpy as np
+from mujoco_learning import ENVS, STEPS, Point, trained_areapo, trained_sb3
+from study import Study, cell
+
+from swingup.benchmark.interval import interquartile_mean, stratified_bootstrap
+
+TASKS = ("CartPole-v1", "InvertedDoublePendulum-v5")
+
+
+def ours(task: str, seed: int, frames: int) -> Iterator[Point]:
+    """Our preset, in rollouts of the peer's form."""
+    yield from trained_areapo(task, seed, frames, "ppo", num_envs=ENVS, num_steps=STEPS)
+
+
+def peers(task: str, seed: int, frames: int) -> Iterator[Point]:
+    """The peer's defaults."""
+    yield from trained_sb3(task, seed, frames, ENVS, {"n_steps": STEPS}, scale_rewards=False)
+
+
+LEARNERS: dict[str, Callable[[str, int, int], Iterator[Point]]] = {"swingup-ppo": ours, "sb3-ppo": peers}
+RETURNS = {"last evaluation": lambda scores: scores[-1], "all evaluations": fmean}
+"""What stands for a run, of the returns of its evaluations."""
+
+
+def ratio(mine: Sequence[float], theirs: Sequence[float]) -> str:
+    """The ratio of the interquartile means and its interval."""
+
+    def ratios(*drawn: np.ndarray) -> np.ndarray:
+        first, second = (np.array([interquartile_mean(each) for each in table]) for table in drawn)
+        return np.asarray(first / second)
+
+    low, high = stratified_bootstrap(ratios, mine, theirs, resamples=2_000)
+    return f"{interquartile_mean(mine) / interquartile_mean(theirs):.2f} ({low:.2f} to {high:.2f})"
+
+
+def main() -> None:
+    """Train the missing runs and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--frames", type=int, default=100_000)
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--study", type=Path, default=Path("benchmarks/runs/ppo-parity.jsonl"))
+    options = parser.parse_args()
+    for seed in range(options.seeds):
+        for task in TASKS:
+            for name, learn in LEARNERS.items():
+                if not Study(options.study).has([task, name], seed):
+                    points = list(learn(task, seed, options.frames))
+                    Study(options.study).add([task, name], seed, points)
+                    print(
+                        f"{name} {task} seed {seed}: return {points[-1][1]:.1f}, {points[-1][2]:.0f} s", flush=True
+                    )
+    study = Study(options.study)
+    print(f"\n| {options.frames:,} frames, {options.seeds} seeds | {' | '.join(LEARNERS)} | ratio |")
+    print("|---" * (2 + len(LEARNERS)) + "|")
+    for task in TASKS:
+        for what, summary in RETURNS.items():
+            mine, theirs = ([summary(curve["scores"]) for curve in study.of(task, name)] for name in LEARNERS)
+            print(f"| {task}, {what} | {cell(mine, 0)} | {cell(theirs, 0)} | {ratio(mine, theirs)} |")
+
+
+if __name__ == "__main__":
+    main()
