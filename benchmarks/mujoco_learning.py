@@ -32,7 +32,7 @@ from swingup.learner.report import TrainingReport
 TASKS = ["HalfCheetah-v5", "Hopper-v5", "Swimmer-v5"]
 EPISODES = 10
 POINTS = 20
-"""Evaluations of a run."""
+"""Evaluations of a run; ours may have one more, at its end."""
 ENVS, STEPS = 8, 256
 """Environments and steps of a rollout, for the peer with its defaults."""
 
@@ -63,7 +63,7 @@ def trained_areapo(task: str, seed: int, frames: int, preset: str, **settings: A
 
     every = frames // POINTS
     model = AREAPO(
-        task, preset, seed, evaluate_every=every, checkpoint_every=5 * every, evaluation_episodes=EPISODES,
+        task, preset, seed, evaluate_every=every, checkpoint_every=frames, evaluation_episodes=EPISODES,
         **settings,
     )  # fmt: skip
     model.learn(frames, note)
@@ -100,8 +100,9 @@ def trained_sb3(
     judge.obs_rms = env.obs_rms
     model = PPO("MlpPolicy", env, **settings, seed=seed, device="cpu")
     start = time.perf_counter()
-    for _ in range(POINTS):
-        model.learn(frames // POINTS, reset_num_timesteps=False)
+    for point in range(1, POINTS + 1):
+        # A call rounds up to whole rollouts: it gets what is left, so that the total is rounded once.
+        model.learn(max(1, point * frames // POINTS - model.num_timesteps), reset_num_timesteps=False)
         falls: list[bool] = []
         returns, lengths = evaluate_policy(
             model, judge, EPISODES, deterministic=True, return_episode_rewards=True, callback=watching(falls)

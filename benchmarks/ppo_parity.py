@@ -1,6 +1,6 @@
 """Our preset ppo beside Stable-Baselines3's PPO with the same hyperparameters, on two cheap tasks.
 
-Usage: python benchmarks/ppo_parity.py [--frames 100000] [--seeds 10] [--study FILE]
+Usage: python benchmarks/ppo_parity.py [--frames 122880] [--seeds 10] [--study FILE]
 
 Needs swingup[mujoco] and stable-baselines3. Both have the peer's defaults with 8 environments of 256 steps,
 normalised observations and plain rewards. Ours differs in its distribution: actions are squashed by tanh, and their
@@ -53,7 +53,7 @@ def ratio(mine: Sequence[float], theirs: Sequence[float]) -> str:
 def main() -> None:
     """Train the missing runs and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--frames", type=int, default=100_000)
+    parser.add_argument("--frames", type=int, default=122_880)
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--study", type=Path, default=Path("benchmarks/runs/ppo-parity.jsonl"))
     options = parser.parse_args()

@@ -43,7 +43,6 @@ OTHER_NAMES: dict[str, tuple[Ours, str]] = {
     "norm_reward": (("normalise_rewards",), "it divides by the deviation of a step's reward, not of returns"),
     "activation_fn": (("activation",), "a word, such as tanh"),
     "share_features_extractor": (("shared_trunk",), ""),
-    "target_kl": ((), "each update takes all its epochs: leave it out"),
     "net_arch": (("policy_layers", "value_layers"), NETWORKS),
     "policy_kwargs": (("policy_layers", "value_layers"), NETWORKS),
     "agent_kwargs": (("policy_layers", "value_layers"), NETWORKS),

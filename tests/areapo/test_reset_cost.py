@@ -7,7 +7,7 @@ import pytest
 
 from swingup.areapo import train
 from swingup.areapo.config import Config, config_from_dict
-from swingup.areapo.reset_cost import adapt_reset_cost
+from swingup.areapo.reset_cost import adapt_reset_cost, reset_cost
 from swingup.areapo.state import Rollout
 from swingup.errors import SwingupError
 
@@ -43,6 +43,22 @@ def test_rows_that_do_not_count_are_no_steps():
     counted = jnp.ones((4, 2)).at[3].set(0.0)
     found = adapt_reset_cost(jnp.array(3.0), rollout((jnp.arange(8) < 1).reshape(4, 2), counted), CONFIG)
     assert float(found) == pytest.approx(3.0 + 0.2 * (1 / 6 / 0.1 - 1), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("changes", "rewards", "expected"),
+    [
+        ({}, 0.5, 3.0),
+        ({"relative_reset_cost": True}, 0.5, 1.5),
+        ({"relative_reset_cost": True}, -0.5, 0.0),
+        ({"terminations": "bootstrap"}, 0.5, 0.0),
+    ],
+)
+def test_what_a_reset_costs(changes, rewards, expected):
+    config = dataclasses.replace(CONFIG, adaptive_reset_cost=False, **changes)
+    state = train.init(jax.random.key(0), Trap(), config)
+    one = dataclasses.replace(rollout(jnp.zeros((4, 2))), rewards=jnp.full((4, 2), rewards))
+    assert float(reset_cost(state, one, config)) == pytest.approx(expected)
 
 
 def test_a_fixed_cost_stays():

@@ -229,9 +229,26 @@ def test_every_epoch_has_all_its_minibatches(collected):
     state, rollout = collected
     _, batch, _ = estimate(state, rollout, CONFIG)
     after, _, _ = improve(state, batch, jax.random.key(5), CONFIG)
-    # 2 epochs of 32 frames in minibatches of 16: four steps of Adam.
-    counts = [leaf for leaf in jax.tree.leaves(after.optimiser) if leaf.ndim == 0]
-    assert [int(count) for count in counts] == [4]
+    # 2 epochs of 32 frames in minibatches of 16.
+    assert adam_steps(after) == 4
+
+
+def adam_steps(state):
+    (count,) = (leaf for leaf in jax.tree.leaves(state.optimiser) if leaf.ndim == 0)
+    return int(count)
+
+
+def test_the_steps_end_at_the_target_of_the_kl_divergence(collected):
+    state, rollout = collected
+    _, batch, _ = estimate(state, rollout, CONFIG)
+    fast = dataclasses.replace(CONFIG, learning_rate=0.01)
+    far, _, _ = improve(state, batch, jax.random.key(5), dataclasses.replace(fast, target_kl=1e6))
+    free, _, _ = improve(state, batch, jax.random.key(5), fast)
+    assert jax.tree.all(jax.tree.map(np.array_equal, far.actor, free.actor))
+    # The first minibatch is seen by the policy that collected it; after one step any divergence is too much.
+    near, _, _ = improve(state, batch, jax.random.key(5), dataclasses.replace(fast, target_kl=1e-6))
+    assert adam_steps(near) == 1
+    assert not np.array_equal(near.actor.mean_head.weight, state.actor.mean_head.weight)
 
 
 def test_table_one():

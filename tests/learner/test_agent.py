@@ -206,6 +206,8 @@ def test_evaluate_is_the_mean_return():
     rates["resets_per_1000_steps"] = pytest.approx(1000 / 3)
     assert model.evaluate(3, env=ending) == {"score": 6.0, "mean_length": 3.0, **rates}
     assert model.evaluate(3, env=Timed)["reward_per_second"] == 4.0
+    with pytest.raises(SwingupError, match="episodes = 5, but the vector environment plays one in each of its 3"):
+        model.evaluate(5, env=Chain(3, "cycle", AutoresetMode.SAME_STEP))
 
 
 @pytest.mark.slow

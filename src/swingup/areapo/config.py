@@ -117,6 +117,9 @@ class Config(eqx.Module):
     """Adam's ε."""
     max_grad_norm: float = _number(10.0, TINY, HUGE)
     """Joint norm to which the gradients are clipped."""
+    target_kl: float = eqx.field(static=True, default=0.0, metadata={"range": (0.0, HUGE)})
+    """The steps on a rollout end before a minibatch whose KL divergence from the policy that collected it is above
+    this; 0: they never end early."""
     value_coefficient: float = _number(0.25, 0.0, HUGE)
     """Weight of the value loss."""
     entropy_value_coefficient: float = _number(0.5, 0.0, HUGE)
@@ -138,6 +141,9 @@ class Config(eqx.Module):
     reset_cost: float = _number(10.0, 0.0, HUGE)
     """Subtracted from the reward where a task terminates, with terminations = reset_cost (10 in arXiv 2501.06937's
     continuing MuJoCo tasks). The first value where it adapts."""
+    relative_reset_cost: bool = _static(False)
+    """Whether the reset cost and its step are numbers of steps: a reset then costs what so many earn at present,
+    and nothing where rewards are negative. A discount γ has such a cost, of 1 / (1 - γ) steps."""
     adaptive_reset_cost: bool | Literal["auto"] = _word(False, (AUTO,))
     """Whether the reset cost rises while terminations exceed their target, and falls otherwise (after RVI-SAC).
     auto: wherever a termination costs something, and nowhere else."""

@@ -3,13 +3,22 @@
 import jax.numpy as jnp
 
 from ..types import Scalar
+from .average import mean
 from .config import Config
 from .state import LearnerState, Rollout, termination_rate
 
 
-def reset_cost(state: LearnerState, config: Config) -> Scalar:
-    """What a termination costs at present, in units of the reward."""
-    return jnp.asarray(config.reset_cost if state.reset_cost is None else state.reset_cost, jnp.float32)
+def reset_cost(state: LearnerState, rollout: Rollout, config: Config) -> Scalar:
+    """What a termination in a rollout costs, in units of the reward; 0 where it means something else.
+
+    A relative cost is what a number of steps earns in this rollout, and 0 where they earn less than nothing.
+    """
+    if config.ending != "reset_cost":
+        return jnp.zeros(())
+    cost = jnp.asarray(config.reset_cost if state.reset_cost is None else state.reset_cost, jnp.float32)
+    if config.relative_reset_cost:
+        return cost * jnp.maximum(0.0, mean(rollout.rewards, rollout.counted))
+    return cost
 
 
 def adapt_reset_cost(cost: Scalar | None, rollout: Rollout, config: Config) -> Scalar | None:

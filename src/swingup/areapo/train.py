@@ -76,7 +76,7 @@ def update(
     estimated, frames, value_means = estimate(state, rollout, config)
     improved, losses, gradient_norm = improve(estimated, frames, keys.improve, config)
     metrics = iteration_metrics(
-        rollout, improved.gains, reset_cost(improved, config), value_means, losses, gradient_norm
+        rollout, improved.gains, reset_cost(improved, rollout, config), value_means, losses, gradient_norm
     )
     return replace(improved, key=keys.following, iterations=state.iterations + 1), metrics
 
@@ -118,7 +118,7 @@ def estimate(
     decides: the value beyond is 0, or that of the state before the reset, or the step pays a cost and the value of
     the state after the reset follows. All of them cut the recursion. The entropy reward is -τ log π(a|s).
     """
-    paid = reset_cost(state, config)
+    paid = reset_cost(state, rollout, config)
     state = follow_rewards(state, rollout, paid, config)
     state, (values, next_values, value_means) = estimate_values(state, rollout, config)
     rewards, next_values = apply_endings(rollout, next_values, paid, config)
@@ -151,17 +151,21 @@ def estimate(
 def improve(
     state: LearnerState, frames: Frames, key: Key, config: Config
 ) -> tuple[LearnerState, LossMetrics, Scalar]:
-    """Several epochs of minibatch gradient steps on actor and critic with one Adam."""
+    """Several epochs of minibatch gradient steps on actor and critic with one Adam; ``target_kl`` may end them."""
     optimiser = make_optimiser(config)
     orders, pick = minibatches(key, frames, config)
 
     def step(carry: tuple[Any, ...], indices: Array) -> tuple[tuple[Any, ...], tuple[LossMetrics, Scalar]]:
-        networks, optimiser_state = carry
+        networks, optimiser_state, ended = carry
         gradients, metrics = jax.grad(loss, has_aux=True)(networks, pick(indices), config)
-        updates, optimiser_state = optimiser.update(gradients, optimiser_state)
-        return (optax.apply_updates(networks, updates), optimiser_state), (metrics, optax.tree.norm(gradients))
+        updates, following = optimiser.update(gradients, optimiser_state)
+        after = (optax.apply_updates(networks, updates), following)
+        if config.target_kl:
+            ended |= metrics.approximate_kl > config.target_kl
+            after = jax.tree.map(lambda old, new: jnp.where(ended, old, new), (networks, optimiser_state), after)
+        return (*after, ended), (metrics, optax.tree.norm(gradients))
 
-    carry = ((state.actor, state.critic), state.optimiser)
-    ((actor, critic), optimiser_state), (losses, norms) = jax.lax.scan(step, carry, orders)
+    carry = ((state.actor, state.critic), state.optimiser, jnp.array(False))
+    ((actor, critic), optimiser_state, _), (losses, norms) = jax.lax.scan(step, carry, orders)
     improved = replace(state, actor=actor, critic=critic, optimiser=optimiser_state)
     return improved, jax.tree.map(jnp.mean, losses), jnp.mean(norms)

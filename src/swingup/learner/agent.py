@@ -214,19 +214,21 @@ class AREAPO:
             self._cached = (self.frames, jax.tree.map(jnp.asarray, self._run.policy()))
         return self._cached[1]
 
-    def evaluate(self, episodes: int = 10, env: Any = None) -> dict[str, Any]:
+    def evaluate(self, episodes: int | None = None, env: Any = None) -> dict[str, Any]:
         """Evaluate the deterministic policy: ``score`` is the mean return, or for a robot the RealAI score.
 
         Episodes are cut after 10,000 steps of a host environment, or 1,000 of a task in JAX.
 
         Args:
-            episodes: number of episodes.
+            episodes: number of episodes; 10 by default, or one in each environment of a vector environment.
             env: another environment than the training one; needed if that is a vector environment.
 
         Raises:
-            SwingupError: there is no environment to evaluate on, or it has other spaces.
+            SwingupError: there is no environment to evaluate on, or it has other spaces, or it is a vector
+                environment that plays another number of episodes.
         """
-        episodes = whole_number("episodes", episodes, 1)
+        number = getattr(env, "num_envs", 10) if episodes is None else episodes
+        episodes = whole_number("episodes", number, 1)
         if env is None:
             return self._run.backend.evaluator.evaluate(self._run.policy(), episodes)
         # Imported here: Gymnasium is slow to load.

@@ -271,7 +271,14 @@ def _maker(env: Any) -> Callable[[], gymnasium.Env[Any, Any]]:
         raise SwingupError(f"{_short(env)} made a {type(first).__name__}: it must make a gymnasium.Env")
     with _blaming(f"cannot close {_short(env)}"):
         first.close()
-    return make
+
+    def another() -> gymnasium.Env[Any, Any]:
+        made = make()
+        if isinstance(made, gymnasium.Env) and made.unwrapped is first.unwrapped:
+            raise SwingupError(f"{_short(env)} returns the same environment again: make a new one in each call")
+        return made
+
+    return another
 
 
 @contextlib.contextmanager

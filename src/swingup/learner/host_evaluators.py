@@ -125,7 +125,12 @@ def play_once(policy: Policy[Any], env: Any, episodes: int, seed: int) -> dict[s
     if isinstance(task, AbstractTask):
         _check_spaces(policy, task.spaces)
         return ReturnEvaluator(task, seed, episodes).evaluate(policy)
-    environments = make_environments(env, env.num_envs if isinstance(env, VectorEnv) else episodes)
+    if isinstance(env, VectorEnv) and env.num_envs != episodes:
+        raise SwingupError(
+            f"episodes = {episodes}, but the vector environment plays one in each of its {env.num_envs}: "
+            f"leave episodes out"
+        )
+    environments = make_environments(env, episodes)
     try:
         _check_spaces(policy, environments.spaces)
         return play(policy, environments, seed)

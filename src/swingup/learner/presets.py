@@ -44,9 +44,9 @@ MUJOCO = Preset(
         # the trace's first steps, of size 1, make the gain diverge.
         gae_lambda=0.98, entropy_gae_lambda=0.95, gain_trace=False, centre_values=True, normalise_rewards=True,
         # In units of the rewards' deviation, which the cost of a reset enters.
-        temperature=0.002, log_std_init=0.0, clip_range=0.2, learning_rate=3e-4, max_grad_norm=0.5,
-        # ATRPO's cost at first.
-        reset_cost=100.0, adaptive_reset_cost="auto", reset_cost_step=2.0,
+        temperature=0.002, log_std_init=0.0, clip_range=0.2, target_kl=0.03, learning_rate=3e-4, max_grad_norm=0.5,
+        # At first the cost of a discount of 0.99: what a hundred steps earn.
+        reset_cost=100.0, relative_reset_cost=True, adaptive_reset_cost="auto", reset_cost_step=2.0,
     ),
     1_000_000,
 )  # fmt: skip
