@@ -71,6 +71,7 @@ def test_boards_are_sorted_and_mark_what_is_ours(either_robot, small_grid):
     )
 
 
+@pytest.mark.slow
 def test_a_controller_that_fails_gets_a_row_that_says_so():
     boards = leaderboard("acrobot", {"nan": Failing(), "raising": raising}, rules="hardware", **ONE)
     rows = ours(boards[0])

@@ -179,6 +179,7 @@ def test_absurd_values_are_only_warned_of(value):
     assert {"not_hanging", "torque_limit", "passive_torque", "one_step_defect"} <= set(found)
 
 
+@pytest.mark.slow
 def test_short_runs_score_nothing_and_say_so():
     up = pose(q1=np.pi)
     assert score(up, ROBOT).success

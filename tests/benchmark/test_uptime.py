@@ -82,6 +82,7 @@ def test_a_run_agrees_with_a_numpy_loop(robot):
     assert not np.any(result.trajectory.u[1:, 0] == 0)
 
 
+@pytest.mark.slow
 def test_plain_python_is_neither_called_nor_told(robot):
     found = uptime(PlainCounting(), robot, rules=BRIEF, seed=3, seeds=2)
     expected = uptime(Counting(), robot, rules=BRIEF, seed=3, seeds=2)

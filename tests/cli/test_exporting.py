@@ -49,6 +49,7 @@ np.save({rows!r}, rows)
 """
 
 
+@pytest.mark.slow
 def test_a_folder_for_realaigym_needs_numpy_alone(tmp_path, robot, capsys):
     folder, rows = tmp_path / "entry", str(tmp_path / "rows.npy")
     assert main(["export", "refined", "--robot", robot.name, "--to", "realaigym", "--out", str(folder)]) == 0

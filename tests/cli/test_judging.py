@@ -92,6 +92,7 @@ def test_robustness_as_json(capsys, small_grid):
     assert again == result
 
 
+@pytest.mark.slow
 def test_robustness_as_text_with_intervals(capsys, brief_runs):
     out = run(
         capsys, "robustness", "acrobot", "--controller", "lqr", "--seeds", "2", "--grid",

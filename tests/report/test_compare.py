@@ -123,6 +123,7 @@ def test_the_page_stands_alone(comparison):
         assert text in markup
 
 
+@pytest.mark.slow
 def test_the_figure_has_all_panels(comparison, tmp_path):
     figure = plot_study(study_of(comparison))
     panels = [axes for part in figure.subfigs for axes in part.axes]
