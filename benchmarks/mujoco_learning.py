@@ -6,7 +6,7 @@ Usage: python benchmarks/mujoco_learning.py [ID ...] [--frames 1000000] [--seeds
 Needs swingup[mujoco], and stable-baselines3 for the peers. sb3-ppo has the peer's own defaults, but its 2,048
 frames of a rollout come from 8 environments of 256 steps. sb3-zoo has RL Baselines3 Zoo's settings
 (`peer_settings.py`). Both have VecNormalize, since ours normalises observations as well. areapo-cost-10 and its
-like are ours with a reset cost that does not adapt.
+like are ours with a fixed reset cost, in units of the reward.
 
 Finished runs are lines of the study's file and are not repeated: frames, seconds, and of ten deterministic episodes
 of the plain environment the mean return, the reward rate and the resets per 1,000 steps. A reset is a termination
@@ -123,10 +123,11 @@ def watching(falls: list[bool]) -> Callable[[dict[str, Any], dict[str, Any]], No
 
 
 def with_fixed_cost(cost: float) -> Callable[[str, int, int], Iterator[Point]]:
-    """Ours, with a reset cost that does not adapt."""
+    """Ours, with a fixed reset cost in units of the reward."""
 
     def learner(task: str, seed: int, frames: int) -> Iterator[Point]:
-        yield from trained_areapo(task, seed, frames, "mujoco", adaptive_reset_cost=False, reset_cost=cost)
+        fixed = {"reset_cost": cost, "relative_reset_cost": False, "adaptive_reset_cost": False}
+        yield from trained_areapo(task, seed, frames, "mujoco", **fixed)
 
     return learner
 

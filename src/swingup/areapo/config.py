@@ -143,14 +143,14 @@ class Config(eqx.Module):
     continuing MuJoCo tasks). The first value where it adapts."""
     relative_reset_cost: bool = _static(False)
     """Whether the reset cost and its step are numbers of steps: a reset then costs what so many earn at present,
-    and nothing where rewards are negative. A discount γ has such a cost, of 1 / (1 - γ) steps."""
+    and nothing where their mean is negative. A discount γ has such a cost, of 1 / (1 - γ) steps."""
     adaptive_reset_cost: bool | Literal["auto"] = _word(False, (AUTO,))
     """Whether the reset cost rises while terminations exceed their target, and falls otherwise (after RVI-SAC).
     auto: wherever a termination costs something, and nowhere else."""
     termination_target: float = _number(1e-3, TINY, 1.0)
     """Terminations a step that the adaptive reset cost permits (1e-3 in RVI-SAC, arXiv 2408.01972)."""
     reset_cost_step: float = _number(0.1, 0.0, HUGE)
-    """The most by which a rollout changes the adaptive reset cost, in units of the reward."""
+    """The most by which a rollout changes the adaptive reset cost, in the units of reset_cost."""
     popart_step_size: float = _number(0.1, TINY, 1.0)
     """Weight of a rollout's returns in PopArt's running moments."""
 

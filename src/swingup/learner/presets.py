@@ -40,8 +40,8 @@ MUJOCO = Preset(
     "AR-EAPO with sizes for Gymnasium's control tasks and a million frames",
     Config(
         num_envs=4, num_steps=1024, num_epochs=10, batch_size=128, policy_layers=(64, 64), value_layers=(64, 64),
-        # λ = 0.98 with long rollouts sees a swimmer's slow rewards; 0.995 is too noisy for a walker. With λ near 1
-        # the trace's first steps, of size 1, make the gain diverge.
+        # λ = 0.98 with long rollouts sees a swimmer's slow rewards. With λ near 1 the trace's first steps, of size
+        # 1, make the gain diverge.
         gae_lambda=0.98, entropy_gae_lambda=0.95, gain_trace=False, centre_values=True, normalise_rewards=True,
         # In units of the rewards' deviation, which the cost of a reset enters.
         temperature=0.002, log_std_init=0.0, clip_range=0.2, target_kl=0.03, learning_rate=3e-4, max_grad_norm=0.5,
