@@ -1,6 +1,6 @@
 """Learning on Gymnasium's MuJoCo tasks beside Stable-Baselines3's PPO: same budget, same machine, same evaluation.
 
-Usage: python benchmarks/mujoco_learning.py [ID ...] [--frames 1000000] [--seeds 3]
+Usage: python benchmarks/mujoco_learning.py [ID ...] [--frames 1000000] [--seeds 3] [--first-seed 0]
 [--learners areapo sb3-ppo sb3-zoo] [--study FILE] [--plot FILE]
 
 Needs swingup[mujoco], and stable-baselines3 for the peers. sb3-ppo has the peer's own defaults, but its 2,048
@@ -184,18 +184,19 @@ def main() -> None:
     parser.add_argument("tasks", nargs="*", default=TASKS, metavar="ID")
     parser.add_argument("--frames", type=int, default=1_000_000)
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--first-seed", type=int, default=0, help="seeds are this one and those that follow")
     parser.add_argument("--learners", nargs="+", choices=list(LEARNERS), default=USUAL)
     parser.add_argument("--study", type=Path, default=Path("benchmarks/runs/mujoco.jsonl"))
     parser.add_argument("--plot", type=Path)
     options = parser.parse_args()
-    for seed in range(options.seeds):
+    for seed in range(options.first_seed, options.first_seed + options.seeds):
         for task in options.tasks:
             for learner in options.learners:
                 if not Study(options.study).has([task, learner], seed):
                     points = run(learner, task, seed, options.frames)
                     Study(options.study).add([task, learner], seed, points)  # another process may have added to it
-    study = Study(options.study)
-    print(f"\n| {options.frames:,} frames, {options.seeds} seeds | {' | '.join(options.learners)} |")
+    study = Study(options.study)  # the table has all finished runs
+    print(f"\n| {options.frames:,} frames | {' | '.join(options.learners)} |")
     print("|---" * (1 + len(options.learners)) + "|")
     last = {
         learner: [[curve["scores"][-1] for curve in study.of(task, learner)] for task in options.tasks]
