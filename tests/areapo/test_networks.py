@@ -42,6 +42,28 @@ def test_table_one_sizes():
     assert sum(leaf.size for leaf in jax.tree.leaves(critic)) == 266_242
 
 
+def test_a_deviation_that_does_not_depend_on_the_state():
+    actor = jax.jit(lambda key: networks.init_actor(key, 4, 2, (8,), -0.5, state_dependent_std=False))(
+        jax.random.key(0)
+    )
+    observations = 3.0 * jax.random.normal(jax.random.key(1), (4, 50))
+
+    @jax.jit
+    @jax.grad
+    def slope(actor):
+        # Both rows of log σ, weighted: its gradient is not zero by symmetry.
+        return jnp.sum(actor(observations).log_std * observations[:2] ** 2)
+
+    np.testing.assert_allclose(actor(observations).log_std, -0.5, atol=1e-6)
+    gradient = slope(actor)
+    assert not np.any(gradient.std_head.weight)
+    assert not any(np.any(layer.weight) for layer in gradient.trunk)
+    # d log softplus(b) / db = sigmoid(b) / softplus(b), with softplus(b) = σ and sigmoid(b) = 1 - exp(-σ).
+    deviation = np.exp(-0.5)
+    expected = (1.0 - np.exp(-deviation)) / deviation * np.sum(np.asarray(observations[:2]) ** 2, axis=1)
+    np.testing.assert_allclose(gradient.std_head.bias, expected, rtol=1e-4)
+
+
 def test_log_std_is_clamped():
     actor = init_actor(jax.random.key(0), 4, 1, (8,), 5.0)
     assert float(actor(jnp.zeros(4)).log_std[0]) == 2.0

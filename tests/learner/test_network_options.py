@@ -32,6 +32,7 @@ OPTIONS = {
     "layer_norm": {"layer_norm": True},
     "shared_trunk": {"shared_trunk": True},
     "normalise_rewards": {"normalise_rewards": True},
+    "one deviation": {"state_dependent_std": False},
     "gru": {"gru_width": 4, "shared_trunk": True},
     "adaptive": {"adaptive_reset_cost": "auto", "reset_cost": 2.0},
     "all": {"activation": "silu", "layer_norm": True, "shared_trunk": True, "normalise_rewards": True},

@@ -79,6 +79,9 @@ class Config(eqx.Module):
     gru_width: int = eqx.field(static=True, default=0, metadata={"range": (0, LARGEST_COUNT)})
     """Numbers that a recurrent layer (GRU) after the hidden layers remembers; 0: none. It needs shared_trunk, and a
     batch_size that is a multiple of num_steps."""
+    state_dependent_std: bool = _static(True)
+    """Whether the standard deviation of continuous actions depends on the state, as in the paper. Without it each
+    action has one that learns, as in Stable-Baselines3 and CleanRL. Discrete actions have none."""
     average_reward: bool = _static(True)
     """Subtract the gains (average reward); without it, the discounts below 1 bound the values."""
     gain_trace: bool = _static(True)

@@ -22,7 +22,9 @@ from .state import LearnerState
 def init_learner(keys: InitialKeys, spaces: Spaces, config: Config) -> LearnerState:
     """The state of a learner that has observed no environment yet."""
     kind = LayerKind(config.activation, config.layer_norm, config.gru_width)
-    actor = init_policy(keys.actor, spaces, config.policy_layers, config.log_std_init, kind)
+    actor = init_policy(
+        keys.actor, spaces, config.policy_layers, config.log_std_init, kind, config.state_dependent_std
+    )
     if config.shared_trunk:
         critic = init_shared_critic(keys.critic, kind.width(config.policy_layers))
     else:

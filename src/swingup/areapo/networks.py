@@ -80,7 +80,7 @@ class AbstractActor(eqx.Module):
 
 
 class Actor(AbstractActor):
-    """π(a|s) of continuous actions: a tanh-squashed Gaussian whose standard deviation depends on the state."""
+    """π(a|s) of continuous actions: a tanh-squashed Gaussian, whose standard deviation may depend on the state."""
 
     trunk: tuple[Linear, ...]
     norms: tuple[LayerNorm, ...]
@@ -89,12 +89,17 @@ class Actor(AbstractActor):
     mean_head: Linear
     std_head: Linear | None
     """None in a policy file that holds only the deterministic policy."""
+    state_dependent_std: bool = eqx.field(static=True, default=True)
+    """Whether the weights of ``std_head`` learn; without it only its biases do."""
 
     def distribution(self, features: Float[Array, "width *batch"]) -> SquashedGaussian:
         """Distribution of the action; log σ = log softplus(w·h + b), clamped to [-20, 2] (authors' code)."""
         if self.std_head is None:
             raise SwingupError("this policy has no standard deviation: ask for its deterministic action")
-        log_std = jnp.log(jax.nn.softplus(self.std_head(features)))
+        head = self.std_head
+        if not self.state_dependent_std:
+            head = Linear(jax.lax.stop_gradient(head.weight), head.bias)
+        log_std = jnp.log(jax.nn.softplus(head(features)))
         return SquashedGaussian(self.mean_head(features), jnp.clip(log_std, *LOG_STD_RANGE))
 
     def choose(self, features: Float[Array, "width *batch"]) -> Float[Array, "m *batch"]:
@@ -146,11 +151,17 @@ def values(
 
 
 def init_policy(
-    key: Key, spaces: Spaces, layers: tuple[int, ...], log_std_init: float, kind: LayerKind = PLAIN
+    key: Key,
+    spaces: Spaces,
+    layers: tuple[int, ...],
+    log_std_init: float,
+    kind: LayerKind = PLAIN,
+    state_dependent_std: bool = True,
 ) -> AbstractActor:
     """An actor for these spaces; a policy of discrete actions starts almost uniform."""
     if not spaces.choices:
-        return init_actor(key, spaces.observation_size, spaces.action_size, layers, log_std_init, kind)
+        sizes = spaces.observation_size, spaces.action_size
+        return init_actor(key, *sizes, layers, log_std_init, kind, state_dependent_std)
     trunk_key, head_key = jax.random.split(key)
     outputs, gru = sum(spaces.choices), _init_gru(key, layers, kind)
     return CategoricalActor(
@@ -170,20 +181,23 @@ def init_actor(
     layers: tuple[int, ...],
     log_std_init: float,
     kind: LayerKind = PLAIN,
+    state_dependent_std: bool = True,
 ) -> Actor:
     """An actor whose mean starts near 0 and whose σ starts at exp(log_std_init)."""
     trunk_key, mean_key, std_key = jax.random.split(key, 3)
     width = kind.width(layers)
     # The inverse of softplus, so that log softplus(std_bias) = log_std_init.
     std_bias = jnp.log(jnp.expm1(jnp.exp(log_std_init)))
+    # Normal weights instead of orthogonal ones, as in the authors' code.
+    std_weights = 0.01 * jax.random.normal(std_key, (action_size, width))
     return Actor(
         trunk=init_trunk(trunk_key, observation_size, layers),
         norms=init_norms(layers, kind),
         activation=kind.activation,
         gru=_init_gru(key, layers, kind),
         mean_head=Linear(orthogonal(mean_key, width, action_size, 0.01), jnp.zeros(action_size)),
-        # Normal weights instead of orthogonal ones, as in the authors' code.
-        std_head=Linear(0.01 * jax.random.normal(std_key, (action_size, width)), jnp.zeros(action_size) + std_bias),
+        std_head=Linear(std_weights * state_dependent_std, jnp.zeros(action_size) + std_bias),
+        state_dependent_std=state_dependent_std,
     )
 
 

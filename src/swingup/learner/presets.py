@@ -44,7 +44,8 @@ MUJOCO = Preset(
         # 1, make the gain diverge.
         gae_lambda=0.98, entropy_gae_lambda=0.95, gain_trace=False, centre_values=True, normalise_rewards=True,
         # In units of the rewards' deviation, which the cost of a reset enters.
-        temperature=0.002, log_std_init=0.0, clip_range=0.2, target_kl=0.03, learning_rate=3e-4, max_grad_norm=0.5,
+        temperature=0.002, state_dependent_std=False, log_std_init=0.0, clip_range=0.2, target_kl=0.03,
+        learning_rate=3e-4, max_grad_norm=0.5,
         # At first the cost of a discount of 0.99: what a hundred steps earn.
         reset_cost=100.0, relative_reset_cost=True, adaptive_reset_cost="auto", reset_cost_step=2.0,
     ),
@@ -58,7 +59,7 @@ PPO_ELSEWHERE = Preset(
         average_reward=False, temperature=0.0, discount=0.99, entropy_discount=0.99, gae_lambda=0.95,
         clip_range=0.2, learning_rate=3e-4, max_grad_norm=0.5, value_coefficient=0.5, log_std_init=0.0,
         entropy_value_coefficient=0.0,  # at τ = 0 nothing reads the entropy's values
-        activation="tanh",
+        activation="tanh", state_dependent_std=False,
     ),
     1_000_000,
 )  # fmt: skip
