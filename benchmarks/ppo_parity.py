@@ -3,8 +3,8 @@
 Usage: python benchmarks/ppo_parity.py [--frames 122880] [--seeds 10] [--study FILE]
 
 Needs swingup[mujoco] and stable-baselines3. Both have the peer's defaults with 8 environments of 256 steps,
-normalised observations and plain rewards. Ours differs in its distribution: actions are squashed by tanh, and their
-standard deviation depends on the state. Finished runs are lines of the study's file and are not repeated.
+normalised observations and plain rewards. Ours differs in its distribution: actions are squashed by tanh.
+Finished runs are lines of the study's file and are not repeated.
 
 Prints, for each task, the mean returns of the last of 20 evaluations and of all of them: the interquartile means
 over the seeds, and the ratio of ours to the peer's with a 95 % bootstrap interval.
