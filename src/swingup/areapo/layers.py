@@ -55,7 +55,7 @@ class Linear(eqx.Module):
             product = sum((weight[:, part] @ rounded[part]).astype(x.dtype) for part in parts)
         else:
             product = weight @ x
-        return product + _beside(self.bias, x)
+        return product + beside(self.bias, x)
 
 
 class LayerNorm(eqx.Module):
@@ -68,7 +68,7 @@ class LayerNorm(eqx.Module):
         """Apply the normalisation."""
         centred = x - jnp.mean(x, axis=0)
         scaled = centred / jnp.sqrt(jnp.mean(centred**2, axis=0) + NORM_EPSILON)
-        return _beside(self.weight, x) * scaled + _beside(self.bias, x)
+        return beside(self.weight, x) * scaled + beside(self.bias, x)
 
 
 def hidden_features(
@@ -107,6 +107,6 @@ def orthogonal(key: Key, size_in: int, size_out: int, scale: float) -> Float[Arr
     return jax.nn.initializers.orthogonal(scale)(key, (size_out, size_in))
 
 
-def _beside(vector: Float[Array, "n"], x: Float[Array, "n *batch"]) -> Float[Array, "n *ones"]:
+def beside(vector: Float[Array, "n"], x: Float[Array, "n *batch"]) -> Float[Array, "n *ones"]:
     """A vector with an axis of length 1 for each axis of the batch."""
     return vector.reshape(-1, *(1,) * (x.ndim - 1))

@@ -18,7 +18,7 @@ from ..types import Key
 from .categorical import Categoricals
 from .distribution import AbstractDistribution
 from .gaussian import SquashedGaussian
-from .layers import LayerKind, LayerNorm, Linear, hidden_features, init_norms, init_trunk, orthogonal
+from .layers import LayerKind, LayerNorm, Linear, beside, hidden_features, init_norms, init_trunk, orthogonal
 from .recurrence import GRU, init_gru
 
 LOG_STD_RANGE = (-20.0, 2.0)
@@ -90,17 +90,18 @@ class Actor(AbstractActor):
     std_head: Linear | None
     """None in a policy file that holds only the deterministic policy."""
     state_dependent_std: bool = eqx.field(static=True, default=True)
-    """Whether the weights of ``std_head`` learn; without it only its biases do."""
+    """Without it the weights of ``std_head`` are 0 and stay so."""
 
     def distribution(self, features: Float[Array, "width *batch"]) -> SquashedGaussian:
         """Distribution of the action; log σ = log softplus(w·h + b), clamped to [-20, 2] (authors' code)."""
         if self.std_head is None:
             raise SwingupError("this policy has no standard deviation: ask for its deterministic action")
-        head = self.std_head
-        if not self.state_dependent_std:
-            head = Linear(jax.lax.stop_gradient(head.weight), head.bias)
-        log_std = jnp.log(jax.nn.softplus(head(features)))
-        return SquashedGaussian(self.mean_head(features), jnp.clip(log_std, *LOG_STD_RANGE))
+        mean = self.mean_head(features)
+        if self.state_dependent_std:
+            outputs = self.std_head(features)
+        else:
+            outputs = jnp.broadcast_to(beside(self.std_head.bias, mean), mean.shape)
+        return SquashedGaussian(mean, jnp.clip(jnp.log(jax.nn.softplus(outputs)), *LOG_STD_RANGE))
 
     def choose(self, features: Float[Array, "width *batch"]) -> Float[Array, "m *batch"]:
         """The deterministic action tanh(mean), as the authors use it."""
