@@ -10,7 +10,7 @@ like are ours with a fixed reset cost, in units of the reward.
 
 Finished runs are lines of the study's file and are not repeated: frames, seconds, and of ten deterministic episodes
 of the plain environment the mean return, the reward rate and the resets per 1,000 steps. A reset is a termination
-of the task, such as a fall; the time limit is none.
+of the task, such as a fall; the time limit is none. `--seeds 0` trains nothing and shows what is finished.
 
 Prints a table in Markdown: for each task the interquartile mean over the seeds of the last of these, with 95 %
 bootstrap intervals, and a dash where runs of an older version did not record it. Then, for each other learner, the

@@ -66,7 +66,7 @@ def test_the_ablations_picture_speaks_in_words(figures, monkeypatch):
 
 
 def test_the_mujoco_picture_explains_thick_and_thin_lines(figures, monkeypatch):
-    draw_stored("mujoco_learning", monkeypatch, "--seeds", "1")
+    draw_stored("mujoco_learning", monkeypatch, "--seeds", "0")
     (figure,) = figures
     returns = figure.axes[:3]  # reward rates and resets follow, of the runs that recorded them
     assert [axes.get_title() for axes in returns] == ["HalfCheetah-v5", "Hopper-v5", "Swimmer-v5"]
