@@ -93,7 +93,10 @@ class Actor(AbstractActor):
     """Without it the weights of ``std_head`` are 0 and stay so."""
 
     def distribution(self, features: Float[Array, "width *batch"]) -> SquashedGaussian:
-        """Distribution of the action; log σ = log softplus(w·h + b), clamped to [-20, 2] (authors' code)."""
+        """Distribution of the action; log σ = log softplus(w·h + b), clamped to [-20, 2] (authors' code).
+
+        Without dependence on the state w is 0.
+        """
         if self.std_head is None:
             raise SwingupError("this policy has no standard deviation: ask for its deterministic action")
         mean = self.mean_head(features)
@@ -190,14 +193,16 @@ def init_actor(
     # The inverse of softplus, so that log softplus(std_bias) = log_std_init.
     std_bias = jnp.log(jnp.expm1(jnp.exp(log_std_init)))
     # Normal weights instead of orthogonal ones, as in the authors' code.
-    std_weights = 0.01 * jax.random.normal(std_key, (action_size, width))
+    std_scale = 0.01 if state_dependent_std else 0.0
     return Actor(
         trunk=init_trunk(trunk_key, observation_size, layers),
         norms=init_norms(layers, kind),
         activation=kind.activation,
         gru=_init_gru(key, layers, kind),
         mean_head=Linear(orthogonal(mean_key, width, action_size, 0.01), jnp.zeros(action_size)),
-        std_head=Linear(std_weights * state_dependent_std, jnp.zeros(action_size) + std_bias),
+        std_head=Linear(
+            std_scale * jax.random.normal(std_key, (action_size, width)), jnp.zeros(action_size) + std_bias
+        ),
         state_dependent_std=state_dependent_std,
     )
 
