@@ -119,7 +119,8 @@ def policy(name):
     if name == REGULATED:
         return dataclasses.replace(policy(SIGHTED), regulator=RegulatorSettings())
     if name == TOLD:
-        estimator, near = EstimatorSettings(), RegulatorSettings(enter=5.0, leave=50.0)
+        near = RegulatorSettings(enter=5.0, leave=50.0, enter_coulomb=0.1, leave_coulomb=0.05)
+        estimator = EstimatorSettings()
         identifier = default_identifier(estimator)
         return dataclasses.replace(policy(SIGHTED), estimator=estimator, identifier=identifier, regulator=near)
     if name == SIGHTED:

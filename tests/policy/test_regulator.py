@@ -165,6 +165,31 @@ def test_bounds():
 
 
 @pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda robot: robot.name)
+@pytest.mark.parametrize("sign", [1, -1])
+def test_dry_friction_of_the_undriven_joint_lowers_the_bounds(robot, sign):
+    """0.1 N m makes of 1 and 10 a half, and 3 more; the driven joint's friction changes nothing."""
+    own = dataclasses.replace(leaderboard_parameters(robot), **{f"cf{2 - robot.joint}": 0.1 * sign})
+    own = dataclasses.replace(own, **{f"cf{robot.joint + 1}": 0.3})
+    base, settings = base_parameters(own), dataclasses.replace(SETTINGS, enter_coulomb=0.1, leave_coulomb=0.05)
+    controller = told_base(regulated(robot, settings), jnp.asarray(base))
+    nominal = policy_plant(plants(robot)[0], robot)
+    other = NumpyRegulator(settings, nominal, robot.joint, nominal.limit(robot.joint))
+    other.tell(base.tolist())
+    e = np.array([0.01, 0.02, -0.1, 0.05])
+    e /= np.sqrt(e @ fixed_point(own, robot.joint, settings) @ e)
+    # At rest at the top until P has followed the plant.
+    sizes = np.sqrt([*[0.0] * 200, 3.4, 3.6, 0.6, 0.4])
+    states = UPRIGHT + sizes[:, None] * e
+
+    def call(memory, x):
+        memory, _ = controller(memory, 0.0, x)
+        return memory, memory.acting
+
+    acting = jax.lax.scan(call, controller.init(), jnp.asarray(states))[1]
+    assert acting[-4:].tolist() == [other(x) is not None for x in states][-4:] == [True, False, False, True]
+
+
+@pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda robot: robot.name)
 def test_a_broken_measurement_is_not_hidden_while_it_acts(robot):
     """An infinite rate must not become the largest torque."""
     controller = regulated(robot)

@@ -7,16 +7,18 @@ import numpy as np
 
 from ..checks import finite_number, whole_number
 from ..errors import SwingupError
-from ..physics.base_parameters import Known, base_parameters
+from ..physics.base_parameters import BASE_NAMES, Known, base_parameters
 from ..text import quoted
 from .riccati import solve_riccati
 from .upright import upright_step
 
 RANGES = {
     "torque_weight": (1e-6, 1e6), "coulomb_damping": (0.0, 100.0), "riccati_step": (1e-4, 0.05),
-    "enter": (1e-6, 1e6), "leave": (1e-6, 1e6),
+    "enter": (1e-6, 1e6), "leave": (1e-6, 1e6), "enter_coulomb": (1e-6, 1e6),
+    "leave_coulomb": (1e-6, 1e6),
 }  # fmt: skip
 """Least and greatest values of the numbers."""
+CF1, CF2 = (BASE_NAMES.index(name) for name in ("cf1", "cf2"))
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,10 @@ class RegulatorSettings:
     """The regulator takes over where its cost-to-go eᵀPe is below this."""
     leave: float = 10.0
     """The policy takes over where the cost-to-go is above this."""
+    enter_coulomb: float = 1e6
+    """Coulomb friction of the undriven joint (N m) that halves ``enter``."""
+    leave_coulomb: float = 1e6
+    """The same for the distance between ``enter`` and ``leave``."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot work, and make a tuple of a list.
@@ -60,6 +66,21 @@ class RegulatorSettings:
         """Q's diagonal and R of one step: h q and h r."""
         h = self.riccati_step
         return tuple(h * weight for weight in self.state_weights), h * self.torque_weight
+
+
+def bounds(settings: RegulatorSettings, theta: Any, driven: int) -> tuple[Any, Any]:
+    """Costs-to-go at which a regulator takes over and gives up. Arithmetic for any kind of number.
+
+    Dry friction of the undriven joint makes a linear regulator hunt about the top in growing cycles.
+
+    Args:
+        settings: the regulator's.
+        theta: θ of its plant.
+        driven: place of the driven joint.
+    """
+    s, dry = settings, abs(theta[(CF2, CF1)[driven]])
+    enter = s.enter / (1.0 + dry / s.enter_coulomb)
+    return enter, enter + (s.leave - s.enter) / (1.0 + dry / s.leave_coulomb)
 
 
 def known_of(plant: Any) -> Known:

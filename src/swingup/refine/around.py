@@ -10,7 +10,10 @@ from ..policy.jax_backend.told import sees_plant
 from ..policy.regulator_settings import RegulatorSettings
 from ..policy.settings import ESTIMATOR, REGULATOR, EstimatorSettings, default_estimator
 
-HAND_OVER = {"acrobot": RegulatorSettings(), "pendubot": RegulatorSettings(enter=0.04)}
+HAND_OVER = {
+    "acrobot": RegulatorSettings(),
+    "pendubot": RegulatorSettings(enter=0.04, enter_coulomb=0.01, leave_coulomb=5e-4),
+}
 """Chosen on plants that no board has (``docs/refining.md``)."""
 ACCELERATION_NOISE = 10.0
 """The estimator's where the model is the plant found (rad/s²): such a model errs less. Chosen likewise."""

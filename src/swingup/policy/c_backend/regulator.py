@@ -20,7 +20,9 @@ def regulator_values(settings: RegulatorSettings, policy: PendulumPolicy) -> dic
         "HALF": 0.5 * settings.riccati_step * settings.riccati_step,
         "TORQUE_WEIGHT": torque_weight,
         "ENTER": settings.enter,
-        "LEAVE": settings.leave,
+        "BEYOND": settings.leave - settings.enter,
+        "ENTER_COULOMB": settings.enter_coulomb,
+        "LEAVE_COULOMB": settings.leave_coulomb,
     }
     arrays = {
         "WEIGHTS": np.array(weights),

@@ -21,7 +21,7 @@ from ...physics.equations import Number
 from ...physics.parameters import Robot
 from ...types import Flag, Scalar, State, Torque
 from ..plant_facts import PolicyPlant
-from ..regulator_settings import RegulatorSettings, fixed_point, known_of
+from ..regulator_settings import RegulatorSettings, bounds, fixed_point, known_of
 from ..upright import Discrete, upright_step
 from .choose import choose
 
@@ -93,8 +93,9 @@ class RegulatingController(AbstractController[RegulatorMemory]):
         return choose(jnp.isfinite(P).all(), P, jnp.asarray(self.start, P.dtype))
 
     def _acts(self, acting: Flag, cost_to_go: Scalar, finite: Flag) -> Flag:
-        """Hysteresis: it takes over at ``enter`` and gives up at ``leave``; what is not finite changes nothing."""
-        within = jnp.where(acting, cost_to_go <= self.settings.leave, cost_to_go < self.settings.enter)
+        """Hysteresis: it takes over at ``enter`` and gives up by ``leave``; what is not finite changes nothing."""
+        enter, leave = bounds(self.settings, self.base, self.robot.joint)
+        within = jnp.where(acting, cost_to_go <= leave, cost_to_go < enter)
         return jnp.where(finite, within, acting)
 
 

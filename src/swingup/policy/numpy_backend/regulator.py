@@ -7,7 +7,7 @@ import numpy as np
 
 from ...physics.base_parameters import base_parameters
 from ..plant_facts import PolicyPlant
-from ..regulator_settings import RegulatorSettings, fixed_point, known_of
+from ..regulator_settings import RegulatorSettings, bounds, fixed_point, known_of
 from ..upright import upright_step
 from .network import TURN
 
@@ -43,6 +43,7 @@ class NumpyRegulator:
         """Hold a plant with base parameters θ (9,) from now on."""
         s = self._settings
         a, b = upright_step(base, self._known, self._joint, s.coulomb_damping, s.riccati_step)
+        self._enter, self._leave = bounds(s, base, self._joint)
         # [A b; 0 0].
         step = [*a[0], b[0], *a[1], b[1], *a[2], b[2], *a[3], b[3], 0.0, 0.0, 0.0, 0.0, 0.0]
         self._step = np.array(step).reshape(5, 5)
@@ -58,8 +59,7 @@ class NumpyRegulator:
         error = np.array([_nearest(q1 - math.pi), _nearest(q2), dq1, dq2, 0.0])
         with np.errstate(all="ignore"):
             cost, torque = float(self._cost_to_go.dot(error).dot(error)), -float(gains.dot(error))
-        s = self._settings
-        self.acting = cost <= s.leave if self.acting else cost < s.enter
+        self.acting = cost <= self._leave if self.acting else cost < self._enter
         # In this order NaN stays.
         return min(max(torque, -self._limit), self._limit) if self.acting else None
 

@@ -122,7 +122,9 @@ static inline int swingup_regulate(swingup_regulator *c, const double theta[9], 
     /* The clip would make an infinite rate the largest torque. */
     *torque = finite ? swingup_clip(*torque / share, SWINGUP_TORQUE_LIMIT) : (double)NAN;
     if (finite) {
-        c->acting = c->acting ? cost <= @LEAVE@ : cost < @ENTER@;
+        const double dry = fabs(theta[7 - SWINGUP_DRIVEN]);
+        const double enter = @ENTER@ / (1.0 + dry / @ENTER_COULOMB@);
+        c->acting = c->acting ? cost <= enter + @BEYOND@ / (1.0 + dry / @LEAVE_COULOMB@) : cost < enter;
     }
     return c->acting;
 }
