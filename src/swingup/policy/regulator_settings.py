@@ -7,18 +7,17 @@ import numpy as np
 
 from ..checks import finite_number, whole_number
 from ..errors import SwingupError
-from ..physics.base_parameters import BASE_NAMES, Known, base_parameters
+from ..physics.base_parameters import Known, base_parameters, friction_of
 from ..text import quoted
 from .riccati import solve_riccati
 from .upright import upright_step
 
 RANGES = {
     "torque_weight": (1e-6, 1e6), "coulomb_damping": (0.0, 100.0), "riccati_step": (1e-4, 0.05),
-    "enter": (1e-6, 1e6), "leave": (1e-6, 1e6), "enter_coulomb": (1e-6, 1e6),
-    "leave_coulomb": (1e-6, 1e6),
+    "enter": (1e-6, 1e6), "leave": (1e-6, 1e6),
+    "enter_coulomb": (1e-6, 1e6), "leave_coulomb": (1e-6, 1e6),
 }  # fmt: skip
 """Least and greatest values of the numbers."""
-CF1, CF2 = (BASE_NAMES.index(name) for name in ("cf1", "cf2"))
 
 
 @dataclass(frozen=True)
@@ -78,7 +77,7 @@ def bounds(settings: RegulatorSettings, theta: Any, driven: int) -> tuple[Any, A
         theta: θ of its plant.
         driven: place of the driven joint.
     """
-    s, dry = settings, abs(theta[(CF2, CF1)[driven]])
+    s, dry = settings, abs(friction_of(theta).coulomb[1 - driven])
     enter = s.enter / (1.0 + dry / s.enter_coulomb)
     return enter, enter + (s.leave - s.enter) / (1.0 + dry / s.leave_coulomb)
 
