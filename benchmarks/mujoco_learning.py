@@ -23,6 +23,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from gymnasium import Env
 from peer_settings import WIDE, ZOO
 from study import MISSING, Study, cell, draw, improvement, measured
 
@@ -86,17 +87,19 @@ def sb3_zoo(task: str, seed: int, frames: int) -> Iterator[Point]:
 
 
 def trained_sb3(
-    task: str, seed: int, frames: int, envs: int, settings: Mapping[str, Any], scale_rewards: bool = True
-) -> Iterator[Point]:
+    task: str, seed: int, frames: int, envs: int, settings: Mapping[str, Any], scale_rewards: bool = True,
+    wrapper: Callable[[Env[Any, Any]], Env[Any, Any]] | None = None,
+) -> Iterator[Point]:  # fmt: skip
     """Stable-Baselines3's PPO with some settings, on normalised observations and, unless told, rewards."""
     from stable_baselines3 import PPO
     from stable_baselines3.common.env_util import make_vec_env
     from stable_baselines3.common.evaluation import evaluate_policy
     from stable_baselines3.common.vec_env import VecNormalize
 
-    env = make_vec_env(task, envs, seed=seed)
+    env = make_vec_env(task, envs, seed=seed, wrapper_class=wrapper)
     env = VecNormalize(env, norm_reward=scale_rewards, gamma=settings.get("gamma", 0.99))
-    judge = VecNormalize(make_vec_env(task, 1, seed=seed + 1000), training=False, norm_reward=False)
+    judge = make_vec_env(task, 1, seed=seed + 1000, wrapper_class=wrapper)
+    judge = VecNormalize(judge, training=False, norm_reward=False)
     judge.obs_rms = env.obs_rms
     model = PPO("MlpPolicy", env, **settings, seed=seed, device="cpu")
     start = time.perf_counter()

@@ -3,25 +3,29 @@
 Usage: python benchmarks/ppo_parity.py [--frames 122880] [--seeds 10] [--study FILE]
 
 Needs swingup[mujoco] and stable-baselines3. Both have the peer's defaults with 8 environments of 256 steps,
-normalised observations and plain rewards. Ours differs in its distribution: actions are squashed by tanh.
-Finished runs are lines of the study's file and are not repeated.
+normalised observations and plain rewards. Ours differs in its distribution: it squashes actions by tanh, where the
+peer clips them. sb3-ppo-tanh is the peer on the task with tanh before its actions, so that both have one
+distribution; tasks with discrete actions have no such row. Finished runs are lines of the study's file and are not
+repeated.
 
 Prints, for each task, the mean returns of the last of 20 evaluations and of all of them: the interquartile means
-over the seeds, and the ratio of ours to the peer's with a 95 % bootstrap interval.
+over the seeds, and for each peer the ratio of ours to its own, with a 95 % bootstrap interval.
 """
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from statistics import fmean
+from typing import Any
 
 import numpy as np
+from gymnasium import Env
+from gymnasium.spaces import Box
+from gymnasium.wrappers import TransformAction
 from mujoco_learning import ENVS, STEPS, Point, trained_areapo, trained_sb3
 from study import Study, cell
 
 from swingup.benchmark.interval import interquartile_mean, stratified_bootstrap
-
-TASKS = ("CartPole-v1", "InvertedDoublePendulum-v5")
 
 
 def ours(task: str, seed: int, frames: int) -> Iterator[Point]:
@@ -34,7 +38,22 @@ def peers(task: str, seed: int, frames: int) -> Iterator[Point]:
     yield from trained_sb3(task, seed, frames, ENVS, {"n_steps": STEPS}, scale_rewards=False)
 
 
-LEARNERS: dict[str, Callable[[str, int, int], Iterator[Point]]] = {"swingup-ppo": ours, "sb3-ppo": peers}
+def squashed_peers(task: str, seed: int, frames: int) -> Iterator[Point]:
+    """The peer's defaults, its actions squashed by tanh."""
+    yield from trained_sb3(task, seed, frames, ENVS, {"n_steps": STEPS}, scale_rewards=False, wrapper=squashed)
+
+
+def squashed(env: Env[Any, Any]) -> Env[Any, Any]:
+    """The environment with tanh before its actions, for a space from -1 to 1."""
+    bounds = Box(-10.0, 10.0, env.action_space.shape)  # the peer wants some; tanh is 1 there
+    return TransformAction(env, np.tanh, bounds)
+
+
+LEARNERS: dict[str, Callable[[str, int, int], Iterator[Point]]] = {
+    "swingup-ppo": ours, "sb3-ppo": peers, "sb3-ppo-tanh": squashed_peers,
+}  # fmt: skip
+TASKS = {"CartPole-v1": ("swingup-ppo", "sb3-ppo"), "InvertedDoublePendulum-v5": tuple(LEARNERS)}
+"""Learners by task; the squashed peer needs actions that are continuous."""
 RETURNS = {"last evaluation": lambda scores: scores[-1], "all evaluations": fmean}
 """What stands for a run, of the returns of its evaluations."""
 
@@ -58,21 +77,22 @@ def main() -> None:
     parser.add_argument("--study", type=Path, default=Path("benchmarks/runs/ppo-parity.jsonl"))
     options = parser.parse_args()
     for seed in range(options.seeds):
-        for task in TASKS:
-            for name, learn in LEARNERS.items():
+        for task, names in TASKS.items():
+            for name in names:
                 if not Study(options.study).has([task, name], seed):
-                    points = list(learn(task, seed, options.frames))
+                    points = list(LEARNERS[name](task, seed, options.frames))
                     Study(options.study).add([task, name], seed, points)
                     print(
                         f"{name} {task} seed {seed}: return {points[-1][1]:.1f}, {points[-1][2]:.0f} s", flush=True
                     )
     study = Study(options.study)
-    print(f"\n| {options.frames:,} frames, {options.seeds} seeds | {' | '.join(LEARNERS)} | ratio |")
-    print("|---" * (2 + len(LEARNERS)) + "|")
-    for task in TASKS:
+    print(f"\n| {options.frames:,} frames, {options.seeds} seeds | swingup-ppo | peer | ratio |\n|---|---|---|---|")
+    for task, (own, *others) in TASKS.items():
         for what, summary in RETURNS.items():
-            mine, theirs = ([summary(curve["scores"]) for curve in study.of(task, name)] for name in LEARNERS)
-            print(f"| {task}, {what} | {cell(mine, 0)} | {cell(theirs, 0)} | {ratio(mine, theirs)} |")
+            mine = [summary(curve["scores"]) for curve in study.of(task, own)]
+            for name in others:
+                theirs = [summary(curve["scores"]) for curve in study.of(task, name)]
+                print(f"| {task}, {what} | {cell(mine, 0)} | {name}: {cell(theirs, 0)} | {ratio(mine, theirs)} |")
 
 
 if __name__ == "__main__":
