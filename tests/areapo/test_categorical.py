@@ -30,7 +30,8 @@ def test_probabilities_sum_to_one():
 
 
 def test_samples_follow_the_probabilities():
-    drawn = np.asarray(jax.vmap(PAIR.sample)(jax.random.split(jax.random.key(0), 100_000)))
+    actor = init_policy(jax.random.key(1), Spaces(3, 2, PAIR.choices), (8,), -1.0)
+    drawn = np.asarray(jax.vmap(PAIR.sample, 1)(actor.noise(jax.random.key(0), (100_000,))))
     # Standard deviation of a share: at most 0.5 / sqrt(100,000) = 0.0016.
     np.testing.assert_allclose(np.bincount(drawn[:, 0]) / 1e5, [0.2, 0.3, 0.5], atol=0.007)
     np.testing.assert_allclose(np.bincount(drawn[:, 1]) / 1e5, [0.9, 0.1], atol=0.007)
@@ -50,9 +51,10 @@ def test_batch_axes_come_last():
 
 def test_a_new_policy_is_next_to_uniform():
     actor = init_policy(jax.random.key(0), Spaces(3, 2, (3, 2)), (32, 32), -1.0)
-    for observation in jax.random.normal(jax.random.key(1), (20, 3)):
-        for size, logits in zip((3, 2), actor(observation)._each(), strict=True):
-            np.testing.assert_allclose(jax.nn.softmax(logits), 1 / size, atol=0.02)
+    distribution = actor(jax.random.normal(jax.random.key(1), (3, 20)))
+    for pair in np.ndindex(3, 2):
+        log_probs = distribution.log_prob(jnp.tile(jnp.array(pair)[:, None], 20))
+        np.testing.assert_allclose(jnp.exp(log_probs), 1 / 6, atol=0.007)
 
 
 @pytest.fixture

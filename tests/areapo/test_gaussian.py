@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from swingup.areapo.gaussian import SquashedGaussian
+from swingup.areapo.networks import init_actor
 
 
 def density(distribution, actions):
@@ -48,8 +49,9 @@ def test_log_prob_is_exact_near_saturation():
 
 def test_samples_follow_the_density():
     distribution = SquashedGaussian(jnp.array([0.4]), jnp.array([-0.5]))
-    z = jax.vmap(distribution.sample)(jax.random.split(jax.random.key(0), 200_000))
-    actions = np.asarray(distribution.action(z))[:, 0]
+    actor = init_actor(jax.random.key(1), 4, 1, (8,), -1.0)
+    z = jax.vmap(distribution.sample, 1, 1)(actor.noise(jax.random.key(0), (200_000,)))
+    actions = np.asarray(distribution.action(z))[0]
     counts, edges = np.histogram(actions, bins=20, range=(-1, 1), density=True)
     centres = 0.5 * (edges[1:] + edges[:-1])
     # The density bends little within a bin but for the outermost ones.

@@ -51,7 +51,7 @@ def test_the_update_sees_what_was_remembered(actor):
 
     @jax.jit
     def step(seen, key, memory, ends):
-        chosen = decide(actor, seen, key, memory)
+        chosen = decide(actor, seen, actor.noise(key, (ENVS,)), memory)
         return chosen, forget(chosen.memory, ends)
 
     start = memory = random.normal(size=(ENVS, WIDTH)).astype(np.float32)

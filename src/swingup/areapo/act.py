@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Shaped
 
-from ..types import Key
+from ..policy.jax_backend.observation import Normalise
 from .networks import AbstractActor
 from .normalise import RunningStatistics
 
@@ -23,13 +23,13 @@ class Decisions(eqx.Module):
 def decide(
     actor: AbstractActor,
     observations: Float[Array, "envs n"],
-    key: Key,
+    noise: Float[Array, "k envs"],
     memory: Float[Array, "envs w"] | None = None,
 ) -> Decisions:
-    """Sample an action in each environment, for normalised observations."""
+    """The action that the actor's noise gives in each environment, for normalised observations."""
     after, features = actor.step(None if memory is None else memory.T, observations.T)
     policy = actor.distribution(features)
-    latents = policy.sample(key)
+    latents = policy.sample(noise)
     # The density of the latent: from the action, atanh would lose precision near saturation.
     log_probs, actions = policy.log_prob(latents), policy.action(latents).T
     return Decisions(latents.T, log_probs, actions, None if after is None else after.T)
@@ -41,21 +41,16 @@ def forget(memory: Float[Array, "envs w"] | None, where: Bool[Array, "envs"]) ->
 
 
 def update_statistics(
-    statistics: RunningStatistics,
-    following: Float[Array, "envs n"],
-    true_next: Float[Array, "envs n"],
-    clip: float,
-) -> tuple[RunningStatistics, Float[Array, "envs n"], Float[Array, "envs n"]]:
-    """Update the observation statistics and normalise the observations with them.
+    statistics: RunningStatistics, following: Float[Array, "envs n"], clip: float
+) -> tuple[RunningStatistics, Normalise]:
+    """Update the observation statistics; returns also the normalisation with them.
 
     The update uses the states after the resets and before normalisation, as in the authors' code.
 
     Args:
         statistics: of all observations before.
         following: observations to act on next, after the resets.
-        true_next: observations of the states after the step, before any reset.
         clip: normalised observations are clipped to ± this.
     """
     statistics = statistics.update(following)
-    normalise = statistics.stage(clip)
-    return statistics, normalise(following), normalise(true_next)
+    return statistics, statistics.stage(clip)

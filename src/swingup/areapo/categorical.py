@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from ..types import Key
 from .distribution import AbstractDistribution
 
 
@@ -20,24 +19,26 @@ class Categoricals(AbstractDistribution):
     choices: tuple[int, ...] = eqx.field(static=True)
     """Number of alternatives of each action."""
 
-    def _each(self) -> Iterator[Float[Array, "n *batch"]]:
-        """The logits of each action in turn."""
+    def _each(self, values: Float[Array, "k *batch"]) -> Iterator[Float[Array, "n *batch"]]:
+        """The values of each action's alternatives in turn."""
         start = 0
         for size in self.choices:
-            yield self.logits[start : start + size]
+            yield values[start : start + size]
             start += size
 
-    def sample(self, key: Key) -> Int[Array, "m *batch"]:
-        """Draw the actions."""
-        keys = jax.random.split(key, len(self.choices))
-        drawn = [jax.random.categorical(k, logits, axis=0) for k, logits in zip(keys, self._each(), strict=True)]
-        return jnp.stack(drawn)
+    def sample(self, noise: Float[Array, "k *batch"]) -> Int[Array, "m *batch"]:
+        """The actions for Gumbel noise: the most probable alternative after its addition (the Gumbel-max trick)."""
+        return self._most(self.logits + noise)
+
+    def _most(self, values: Float[Array, "k *batch"]) -> Int[Array, "m *batch"]:
+        """The alternative of each action with the largest value."""
+        return jnp.stack([jnp.argmax(each, axis=0) for each in self._each(values)])
 
     def log_prob(self, z: Int[Array, "m *batch"]) -> Float[Array, "*batch"]:
         """Log probability of actions (nats): the sum of log softmax over the m actions."""
         chosen = [
             jnp.take_along_axis(jax.nn.log_softmax(logits, axis=0), index[None], axis=0)[0]
-            for logits, index in zip(self._each(), z, strict=True)
+            for logits, index in zip(self._each(self.logits), z, strict=True)
         ]
         return jnp.sum(jnp.stack(chosen), axis=0)
 
@@ -47,4 +48,4 @@ class Categoricals(AbstractDistribution):
 
     def mode(self) -> Int[Array, "m *batch"]:
         """The most probable alternative of each action."""
-        return jnp.stack([jnp.argmax(logits, axis=0) for logits in self._each()])
+        return self._most(self.logits)

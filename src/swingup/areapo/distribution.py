@@ -5,8 +5,6 @@ import abc
 import equinox as eqx
 from jaxtyping import Array, Float, Shaped
 
-from ..types import Key
-
 
 class AbstractDistribution(eqx.Module):
     """π(·|s) over m entries, independent given the state; batch axes come last.
@@ -16,8 +14,8 @@ class AbstractDistribution(eqx.Module):
     """
 
     @abc.abstractmethod
-    def sample(self, key: Key) -> Shaped[Array, "m *batch"]:
-        """Draw a latent."""
+    def sample(self, noise: Float[Array, "k *batch"]) -> Shaped[Array, "m *batch"]:
+        """The latent that standard noise gives (:meth:`swingup.areapo.networks.AbstractActor.noise`)."""
 
     @abc.abstractmethod
     def log_prob(self, z: Shaped[Array, "m *batch"]) -> Float[Array, "*batch"]:

@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..types import Key
 from .distribution import AbstractDistribution
 
 _LOG_2 = math.log(2.0)
@@ -22,9 +21,9 @@ class SquashedGaussian(AbstractDistribution):
     mean: Float[Array, "m *batch"]
     log_std: Float[Array, "m *batch"]
 
-    def sample(self, key: Key) -> Float[Array, "m *batch"]:
-        """Draw z, the action before tanh."""
-        return self.mean + jnp.exp(self.log_std) * jax.random.normal(key, self.mean.shape, self.mean.dtype)
+    def sample(self, noise: Float[Array, "m *batch"]) -> Float[Array, "m *batch"]:
+        """z, the action before tanh, for normal noise."""
+        return self.mean + jnp.exp(self.log_std) * noise
 
     def log_prob(self, z: Float[Array, "m *batch"]) -> Float[Array, "*batch"]:
         """Log density of a = tanh(z) on [-1, 1]: log N(z) - log(1 - tanh(z)²), summed over the entries."""

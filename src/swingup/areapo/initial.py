@@ -49,11 +49,10 @@ def init_learner(keys: InitialKeys, spaces: Spaces, config: Config) -> LearnerSt
 
 def begin_episodes(state: LearnerState, observations: Float[Array, "envs n"], config: Config) -> LearnerState:
     """The learner at the start of new episodes, given their first observations (not normalised)."""
-    # Before the first step there is no true next observation; that result is not used.
-    statistics, normalised, _ = update_statistics(
-        state.statistics, observations, observations, config.observation_clip
+    statistics, normalise = update_statistics(state.statistics, observations, config.observation_clip)
+    return dataclasses.replace(
+        state, statistics=statistics, observations=normalise(observations), memory=_no_memories(config)
     )
-    return dataclasses.replace(state, statistics=statistics, observations=normalised, memory=_no_memories(config))
 
 
 def _no_memories(config: Config) -> Float[Array, "envs w"] | None:

@@ -44,6 +44,10 @@ class AbstractActor(eqx.Module):
         """Distribution of the action for the hidden layers' output."""
 
     @abc.abstractmethod
+    def noise(self, key: Key, batch: tuple[int, ...]) -> Float[Array, "k *batch"]:
+        """Standard noise that the distribution makes a sample of; it depends on no observation and no weight."""
+
+    @abc.abstractmethod
     def choose(self, features: Float[Array, "width *batch"]) -> Shaped[Array, "m *batch"]:
         """The deterministic action for the hidden layers' output."""
 
@@ -106,6 +110,11 @@ class Actor(AbstractActor):
             outputs = jnp.broadcast_to(beside(self.std_head.bias, mean), mean.shape)
         return SquashedGaussian(mean, jnp.clip(jnp.log(jax.nn.softplus(outputs)), *LOG_STD_RANGE))
 
+    def noise(self, key: Key, batch: tuple[int, ...]) -> Float[Array, "m *batch"]:
+        """Normal noise."""
+        bias = self.mean_head.bias
+        return jax.random.normal(key, (*bias.shape, *batch), bias.dtype)
+
     def choose(self, features: Float[Array, "width *batch"]) -> Float[Array, "m *batch"]:
         """The deterministic action tanh(mean), as the authors use it."""
         return jnp.tanh(self.mean_head(features))
@@ -125,6 +134,12 @@ class CategoricalActor(AbstractActor):
     def distribution(self, features: Float[Array, "width *batch"]) -> Categoricals:
         """Distribution of the actions."""
         return Categoricals(self.logits_head(features), self.choices)
+
+    def noise(self, key: Key, batch: tuple[int, ...]) -> Float[Array, "k *batch"]:
+        """Gumbel noise for each alternative."""
+        keys, dtype = jax.random.split(key, len(self.choices)), self.logits_head.bias.dtype
+        drawn = [jax.random.gumbel(k, (size, *batch), dtype) for k, size in zip(keys, self.choices, strict=True)]
+        return jnp.concatenate(drawn)
 
     def choose(self, features: Float[Array, "width *batch"]) -> Int[Array, "m *batch"]:
         """The most probable alternative of each action."""

@@ -86,7 +86,7 @@ def collect(state: LearnerState, key: Key, task: Task, config: Config) -> tuple[
 
     def act(carry: tuple[Any, ...], keys: RolloutKeys) -> tuple[tuple[Any, ...], Rollout]:
         task_states, observations, statistics, memory = carry
-        chosen = decide(state.actor, observations, keys.sample, memory)
+        chosen = decide(state.actor, observations, state.actor.noise(keys.sample, (config.num_envs,)), memory)
         step = jax.vmap(task.step)(task_states, chosen.actions, keys.step)
         ended = step.terminated | step.truncated
         # Few steps have a reset. All environments draw one then, and always where seeds run side by side.
@@ -95,10 +95,10 @@ def collect(state: LearnerState, key: Key, task: Task, config: Config) -> tuple[
             lambda: select(ended, jax.vmap(task.reset)(keys.reset), step.state),
             lambda: step.state,
         )
-        statistics, seen, true_next = update_statistics(
-            statistics, jax.vmap(task.observe)(following), step.observation, config.observation_clip
-        )
-        return (following, seen, statistics, forget(chosen.memory, ended)), Rollout(
+        seen = jax.vmap(task.observe)(following)
+        statistics, normalise = update_statistics(statistics, seen, config.observation_clip)
+        true_next = normalise(step.observation)
+        return (following, normalise(seen), statistics, forget(chosen.memory, ended)), Rollout(
             observations, chosen.latents, chosen.log_probs, step.reward, true_next, step.terminated, step.truncated
         )
 

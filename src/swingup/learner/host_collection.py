@@ -17,7 +17,7 @@ from ..areapo.networks import AbstractActor
 from ..areapo.normalise import RunningStatistics
 from ..areapo.state import LearnerState, Metrics, Rollout
 from ..fetch import fetch
-from ..types import Count, Key
+from ..types import Key
 from .environments import Environments, HostStep
 
 
@@ -59,16 +59,16 @@ def host_iteration(
 
 def compile_iteration(state: LearnerState, config: Config, all_count: bool) -> None:
     """Compile the functions that an iteration calls, from shapes alone; no environment is stepped."""
-    keys, index = _keys(state.key), np.uint32(0)
+    keys = _keys(state.key)
     observations = np.zeros(state.observations.shape, np.float32)
     memory: Any = None if state.memory is None else np.zeros(state.memory.shape, np.float32)
-    chosen = _decide.lower(state.actor, observations, keys.collect, index, memory).compile().out_info
+    noise = np.zeros(_noise.lower(state.actor, keys.collect, config).compile().out_info.shape[1:], np.float32)
+    chosen = _decide.lower(state.actor, observations, noise, memory).compile().out_info
     clip = np.float32(config.observation_clip)
     flags = np.zeros(config.num_envs, np.bool_)
-    lowered = _advance.lower(
-        state.actor, state.statistics, observations, observations, keys.collect, index, clip, memory, flags
-    )
-    lowered.compile()
+    for true_next in (None, observations):
+        given = observations, true_next, noise, clip, memory, flags
+        _advance.lower(state.actor, state.statistics, *given).compile()
     rewards = np.zeros(config.num_envs, np.float32)
     step = HostStep(observations, observations, rewards, flags, flags, flags)
     latents = np.zeros(chosen.latents.shape, chosen.latents.dtype)
@@ -84,18 +84,21 @@ def collect_on_host(
     actor, statistics, seen = state.actor, state.statistics, np.asarray(state.observations)
     start: Any = None if state.memory is None else np.asarray(state.memory)
     memory = start
-    chosen = fetch(_decide(actor, seen, key, np.uint32(0), memory))
+    noise = fetch(_noise(actor, key, config))
+    chosen = fetch(_decide(actor, seen, noise[0], memory))
     # NumPy's types, as in compile_iteration: Python's numbers have other types for JAX and compile again.
     clip = np.float32(config.observation_clip)
     rows = []
     for index in range(1, config.num_steps + 1):
         step = environments.step(chosen.actions)
         tally.add(step)
+        true_next = None if step.true_next is step.following else step.true_next
+        forgets = step.ended | ~step.counted
         statistics, *answer = _advance(
-            actor, statistics, step.following, step.true_next, key, np.uint32(index), clip, chosen.memory,
-            step.ended | ~step.counted,
-        )  # fmt: skip
+            actor, statistics, step.following, true_next, noise[index], clip, chosen.memory, forgets
+        )
         following, true_next, memory, following_chosen = fetch(answer)
+        true_next = following if true_next is None else true_next
         rows.append((seen, chosen.latents, chosen.log_probs, true_next, step))
         seen, chosen = following, following_chosen
     # The last decision is dropped: the next rollout decides with its own key and the improved actor.
@@ -129,14 +132,20 @@ def _stack(arrays: Iterable[np.ndarray]) -> Any:
 
 
 @jax.jit
+def _noise(actor: AbstractActor, key: Key, config: Config) -> Float[Array, "decisions k envs"]:
+    """The noise of all decisions of a rollout: drawn at each step, it would take a quarter of the step's call."""
+    each = jax.vmap(lambda index: actor.noise(jax.random.fold_in(key, index), (config.num_envs,)))
+    return each(jnp.arange(config.num_steps + 1, dtype=jnp.uint32))
+
+
+@jax.jit
 def _decide(
     actor: AbstractActor,
     seen: Float[Array, "envs n"],
-    key: Key,
-    index: Count,
+    noise: Float[Array, "k envs"],
     memory: Float[Array, "envs w"] | None,
 ) -> Decisions:
-    return decide(actor, seen, jax.random.fold_in(key, index), memory)
+    return decide(actor, seen, noise, memory)
 
 
 @jax.jit
@@ -144,22 +153,27 @@ def _advance(
     actor: AbstractActor,
     statistics: RunningStatistics,
     following: Float[Array, "envs n"],
-    true_next: Float[Array, "envs n"],
-    key: Key,
-    index: Count,
+    true_next: Float[Array, "envs n"] | None,
+    noise: Float[Array, "k envs"],
     clip: float,
     memory: Float[Array, "envs w"] | None,
     forgets: Bool[Array, "envs"],
 ) -> tuple[
-    RunningStatistics, Float[Array, "envs n"], Float[Array, "envs n"], Float[Array, "envs w"] | None, Decisions
+    RunningStatistics,
+    Float[Array, "envs n"],
+    Float[Array, "envs n"] | None,
+    Float[Array, "envs w"] | None,
+    Decisions,
 ]:
     """Update the statistics with a step's observations and sample the next actions; one call saves overhead.
 
-    A recurrent policy's memory is 0 where an episode starts. Without one, ``forgets`` has no effect.
+    True next observations of None, where no episode ended, stay None: they are the following ones. A recurrent
+    policy's memory is 0 where an episode starts. Without one, ``forgets`` has no effect.
     """
-    statistics, seen, seen_next = update_statistics(statistics, following, true_next, clip)
+    statistics, normalise = update_statistics(statistics, following, clip)
+    seen, seen_next = normalise(following), None if true_next is None else normalise(true_next)
     kept = forget(memory, forgets)
-    return statistics, seen, seen_next, kept, decide(actor, seen, jax.random.fold_in(key, index), kept)
+    return statistics, seen, seen_next, kept, decide(actor, seen, noise, kept)
 
 
 _keys = jax.jit(iteration_keys)

@@ -145,7 +145,7 @@ def _modes(policy: Policy[Any], observations: Float[Array, "b n"]) -> Shaped[Arr
 
 @jax.jit
 def _samples(policy: Policy[Any], observations: Float[Array, "b n"], key: Key) -> Shaped[Array, "b m"]:
-    return decide(policy.actor, jax.vmap(policy.observe)(observations), key).actions
+    return _sampled(policy, None, observations, key)[1]
 
 
 @jax.jit
@@ -157,9 +157,10 @@ def _steps(
 
 @jax.jit
 def _sampled(
-    policy: Policy[Any], memory: Float[Array, "b w"], observations: Float[Array, "b n"], key: Key
+    policy: Policy[Any], memory: Float[Array, "b w"] | None, observations: Float[Array, "b n"], key: Key
 ) -> tuple[Memory, Shaped[Array, "b m"]]:
-    chosen = decide(policy.actor, jax.vmap(policy.observe)(observations), key, memory)
+    noise = policy.actor.noise(key, observations.shape[:1])
+    chosen = decide(policy.actor, jax.vmap(policy.observe)(observations), noise, memory)
     return chosen.memory, chosen.actions
 
 
