@@ -103,10 +103,18 @@ def test_being_away_costs_more_the_farther():
     assert away([3 * np.pi, -2 * np.pi, 0, 0]) == pytest.approx(0, abs=1e-6)
 
 
+def test_speeds_above_fourteen_count_squared():
+    x = jnp.array([[0.0, 0.0, 14.0, -13.0], [0.0, 0.0, -21.0, 28.0]])
+    trajectory = Trajectory(RULES.dt * jnp.arange(2), x, jnp.zeros((2, 2)))
+    fast = measure_episode(trajectory, leaderboard_parameters(ACROBOT), RULES.dt, RULES).fast
+    assert float(fast) == pytest.approx((0.5**2 + 1.0**2) / 2)
+
+
 def test_the_cost_weighs_the_measures():
-    measures = Measures(score=jnp.array(0.5), down=jnp.array(0.2), away=jnp.array(0.4))
+    measures = Measures(jnp.array(0.5), down=jnp.array(0.2), away=jnp.array(0.4), fast=jnp.array(2.0))
     assert float(EpisodeWeights(score=1.0).cost(measures)) == -0.5
     assert float(EpisodeWeights(0.5, 0.5, 0.25).cost(measures)) == pytest.approx(0.1 + 0.1 - 0.25)
+    assert float(EpisodeWeights(fast=0.1).cost(measures)) == pytest.approx(0.2)
 
 
 def test_the_cost_of_a_batch_is_the_mean_of_its_episodes():

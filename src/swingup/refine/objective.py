@@ -20,6 +20,8 @@ GOAL_WIDTH = 0.3
 """Width of the goal's neighbourhood (rad)."""
 SPEED_OF_A_RADIAN = 4.0
 """The velocity that counts as much as an error of one radian (rad/s)."""
+FAST = 14.0
+"""The velocity from which on a joint is fast (rad/s). Loops of real robots stop at 20."""
 
 
 class Measures(eqx.Module):
@@ -31,6 +33,8 @@ class Measures(eqx.Module):
     """Share of the time for which the tip is down."""
     away: Scalar
     """Mean distance from the goal, from 0 to 1. Half of it saturates outside the goal's neighbourhood."""
+    fast: Scalar
+    """Mean over the rows of the joints' squared velocities above ``FAST``, in units of it."""
 
 
 def measure_episode(trajectory: Trajectory, parameters: Parameters, dt: float, rules: PerformanceRules) -> Measures:
@@ -53,7 +57,8 @@ def measure_episode(trajectory: Trajectory, parameters: Parameters, dt: float, r
     names = [field.name for field in fields(rules.normalisers)]
     penalties = [jnp.tanh(math.pi * costs[name] / getattr(rules.normalisers, name)) for name in names]
     score = 1.0 - sum(penalties, start=jnp.zeros(())) / len(penalties)
-    return Measures(score, down / (dt * len(x)), jnp.mean(jax.vmap(_away)(x)))
+    above = jax.nn.relu(jnp.abs(x[:, 2:]) / FAST - 1)
+    return Measures(score, down / (dt * len(x)), jnp.mean(jax.vmap(_away)(x)), jnp.mean(jnp.sum(above**2, axis=1)))
 
 
 def _away(x: State) -> Scalar:
@@ -66,15 +71,17 @@ def _away(x: State) -> Scalar:
 
 @dataclass(frozen=True)
 class EpisodeWeights:
-    """Weights of an episode's measures. ``down`` and ``away`` add to the cost, ``score`` lowers it."""
+    """Weights of an episode's measures. ``down``, ``away`` and ``fast`` add to the cost, ``score`` lowers it."""
 
     score: float = 0.0
     down: float = 0.0
     away: float = 0.0
+    fast: float = 0.0
 
     def cost(self, measures: Measures) -> Scalar:
         """The cost that the gradient steps minimise."""
-        return self.down * measures.down + self.away * measures.away - self.score * measures.score
+        bad = self.down * measures.down + self.away * measures.away + self.fast * measures.fast
+        return bad - self.score * measures.score
 
 
 @functools.partial(jax.custom_vjp, nondiff_argnums=(1,))
