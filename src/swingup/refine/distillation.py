@@ -20,6 +20,7 @@ import optax
 from jaxtyping import Array, Float
 
 from ..areapo.networks import Actor, init_actor
+from ..benchmark.rollout import Scenario, simulate
 from ..control.continuation import SwingUps, continue_swingups, nominal_swingups
 from ..control.continuation_settings import ContinuationSettings
 from ..physics.base_parameters import BASE, base_parameters
@@ -28,17 +29,24 @@ from ..policy.jax_backend.controller import PolicyController
 from ..policy.jax_backend.observation import PendulumObservation, PlantObservation
 from ..policy.jax_backend.policy import Policy
 from ..policy.jax_backend.told import told_base
+from ..tasks.throws import thrown_states
 from ..types import Key, Scalar, State
-from .analytic_policy_gradient import PolicyGradientSettings, batch_cost, single_precision
+from .analytic_policy_gradient import SCORE_RULES, PolicyGradientSettings, batch_cost, single_precision
 from .distillation_settings import DistillationSettings, plant_scale
 from .lessons import Lessons, lessons_anywhere, lessons_of_runs
+from .objective import bound_adjoint, measure_episode
 from .plant_draws import draw_plants
-from .teacher import make_teachers
+from .teacher import Teachers, make_teachers
 
 UP_SHARE = 0.1
 """Share of an episode in which the tip is up, from about which on its score counts."""
 SPREAD = 0.01
 """Largest standard deviation of the first states of the scored swing-ups (rad, rad/s)."""
+THROWN = 4096
+"""Throws that recoveries begin with."""
+
+Recoveries = tuple[Parameters, Float[Array, "throws 4"]]
+"""The plants, leaves of shape (n,), and states after throws."""
 
 
 def distil(
@@ -69,7 +77,7 @@ def distil(
         student = _learn(student, teachers.base, lessons, settings, random, steps, rate)
         tell(student, number)
     if settings.score_steps:
-        student = _learn_score(student, teachers.base, lessons, settings, random)
+        student = _learn_score(student, teachers, lessons, settings, random)
         tell(student, settings.rounds + 1)
     return eqx.tree_at(lambda c: c.policy, student, jax.tree.map(np.asarray, student.policy))
 
@@ -102,17 +110,25 @@ def _learn(
 
 def _learn_score(
     student: PolicyController,
-    bases: Float[Array, "plants 9"],
+    teachers: Teachers,
     lessons: Lessons,
     settings: DistillationSettings,
     random: np.random.Generator,
 ) -> PolicyController:
-    """The same with the score of the nominal plant's swing-ups; gradients through the pendulum are bounded."""
+    """The same with the score of the nominal plant's swing-ups, and with recoveries on the plants if settings ask.
+
+    Gradients through the pendulum are bounded.
+    """
     s = settings
     schedule = optax.warmup_cosine_decay_schedule(0.0, s.score_rate, s.score_steps // 8, s.score_steps)
     optimiser = optax.chain(optax.clip_by_global_norm(2.0), optax.adam(schedule))
     episodes = PolicyGradientSettings(duration=s.score_duration)
-    return _trained(student, bases, lessons, s, _key(random), s.score_steps, optimiser, episodes)
+    thrown = None
+    if s.recovery_episodes:
+        thrown = thrown_states(random, leaderboard_parameters(student.robot), THROWN).astype(np.float32)
+    recoveries = None if thrown is None else (teachers.plant, jnp.asarray(thrown))
+    key, steps = _key(random), s.score_steps
+    return _trained(student, teachers.base, lessons, s, key, steps, optimiser, episodes, recoveries)
 
 
 def _trained(
@@ -124,9 +140,10 @@ def _trained(
     steps: int,
     optimiser: optax.GradientTransformation,
     episodes: PolicyGradientSettings | None,
+    recoveries: Recoveries | None = None,
 ) -> PolicyController:
     on_device = jax.tree.map(jnp.asarray, lessons)
-    actor = _descend(student, bases, on_device, settings, key, steps, optimiser, episodes)
+    actor = _descend(student, bases, on_device, settings, key, steps, optimiser, episodes, recoveries)
     return eqx.tree_at(lambda c: c.policy.actor, student, actor)
 
 
@@ -140,6 +157,7 @@ def _descend(
     steps: int,
     optimiser: optax.GradientTransformation,
     episodes: PolicyGradientSettings | None,
+    recoveries: Recoveries | None,
 ) -> Actor:
     """The student's network after these steps on minibatches of the lessons; those from anywhere come first."""
     s, limit = settings, student.torque_limit
@@ -150,6 +168,26 @@ def _descend(
 
     def observe(x: State, base: Array) -> Array:
         return told_base(student, base).policy.observe(x)
+
+    def recovery_cost(actor: Actor, recoveries: Recoveries, key: Key) -> Scalar:
+        plants, thrown = recoveries
+        plant_key, start_key = jax.random.split(key)
+        shape = (s.recovery_episodes,)
+        chosen = jax.random.randint(plant_key, shape, 0, len(bases))
+        x0 = thrown[jax.random.randint(start_key, shape, 0, len(thrown))]
+        acting = eqx.tree_at(lambda c: c.policy.actor, others, actor, is_leaf=lambda leaf: leaf is None)
+        dt, limit = SCORE_RULES.dt, PolicyGradientSettings().adjoint_limit * s.recovery_weights.down / len(x0)
+
+        def one(plant: Parameters, base: Array, start: State) -> Scalar:
+            _, rows = simulate(
+                Scenario(plant), told_base(acting, base), start, dt, round(s.recovery_duration / dt),
+                guard=lambda x: bound_adjoint(x, limit),
+            )  # fmt: skip
+            return s.recovery_weights.cost(measure_episode(rows, plant, dt, SCORE_RULES))
+
+        costs = jax.vmap(one)(jax.tree.map(lambda leaf: leaf[chosen], plants), bases[chosen], x0)
+        # A pendulum that became too fast for its time step teaches nothing.
+        return jnp.mean(jnp.where(jnp.isfinite(costs), costs, 0.0))
 
     def loss(actor: Actor, key: Key) -> Scalar:
         rows_key, size_key, start_key = jax.random.split(key, 3)
@@ -162,6 +200,8 @@ def _descend(
         shape = s.score_episodes, 4
         x0 = SPREAD * jax.random.uniform(size_key, (shape[0], 1)) * jax.random.normal(start_key, shape)
         measures = batch_cost(actor, others, x0, episodes, plant)[1]
+        if recoveries is not None:
+            total += recovery_cost(actor, recoveries, jax.random.fold_in(key, 1))
         # As on the board: without a swing-up there is no score. Hanging still would have the best one.
         return total - s.score_weight * jnp.mean(measures.score * jnp.tanh((1 - measures.down) / UP_SHARE))
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..physics.base_parameters import BASE
+from .objective import EpisodeWeights
 from .plant_draws import PlantDraws
 
 
@@ -57,6 +58,12 @@ class DistillationSettings:
     """Swing-ups of the nominal plant in each of these steps."""
     score_duration: float = 1.8
     """Of one of them (s)."""
+    recovery_episodes: int = 0
+    """Recoveries from throws, on plants that the student is told, in each of these steps; 0 for none."""
+    recovery_duration: float = 1.5
+    """Of one of them (s)."""
+    recovery_weights: EpisodeWeights = EpisodeWeights(down=3.0, away=0.6, fast=30.0)  # noqa: RUF009 - frozen
+    """Of their measures, beside the squared errors of the torque (N² m²)."""
 
 
 def plant_scale(nominal: np.ndarray) -> np.ndarray:
