@@ -4,7 +4,7 @@ The rounds are those of DAgger (Ross, Gordon and Bagnell, AISTATS 2011): in the 
 others mostly the student, and in the states that are visited the teachers say what they would do. Runs begin near a
 plant's swing-up or where a throw leaves the pendulum, under noise of the torques. In many of them the student sees
 the nominal plant at first and its own only later, as behind an identifier. At the end the gradient of the score
-through whole swing-ups of the nominal plant is added.
+through whole swing-ups of the nominal plant is added, and if settings ask, of recoveries on the plants.
 """
 
 import functools
@@ -123,10 +123,10 @@ def _learn_score(
     schedule = optax.warmup_cosine_decay_schedule(0.0, s.score_rate, s.score_steps // 8, s.score_steps)
     optimiser = optax.chain(optax.clip_by_global_norm(2.0), optax.adam(schedule))
     episodes = PolicyGradientSettings(duration=s.score_duration)
-    thrown = None
+    recoveries = None
     if s.recovery_episodes:
-        thrown = thrown_states(random, leaderboard_parameters(student.robot), THROWN).astype(np.float32)
-    recoveries = None if thrown is None else (teachers.plant, jnp.asarray(thrown))
+        thrown = thrown_states(random, leaderboard_parameters(student.robot), THROWN)
+        recoveries = teachers.plant, jnp.float32(thrown)
     key, steps = _key(random), s.score_steps
     return _trained(student, teachers.base, lessons, s, key, steps, optimiser, episodes, recoveries)
 
@@ -176,12 +176,13 @@ def _descend(
         chosen = jax.random.randint(plant_key, shape, 0, len(bases))
         x0 = thrown[jax.random.randint(start_key, shape, 0, len(thrown))]
         acting = eqx.tree_at(lambda c: c.policy.actor, others, actor, is_leaf=lambda leaf: leaf is None)
-        dt, limit = SCORE_RULES.dt, PolicyGradientSettings().adjoint_limit * s.recovery_weights.down / len(x0)
+        # The mean gives each recovery this share of its gradient, which the weight of its time down scales.
+        dt, bound = SCORE_RULES.dt, PolicyGradientSettings().adjoint_limit * s.recovery_weights.down / len(x0)
 
         def one(plant: Parameters, base: Array, start: State) -> Scalar:
             _, rows = simulate(
                 Scenario(plant), told_base(acting, base), start, dt, round(s.recovery_duration / dt),
-                guard=lambda x: bound_adjoint(x, limit),
+                guard=lambda x: bound_adjoint(x, bound),
             )  # fmt: skip
             return s.recovery_weights.cost(measure_episode(rows, plant, dt, SCORE_RULES))
 
