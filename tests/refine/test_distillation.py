@@ -31,8 +31,8 @@ from swingup.refine.teacher import APART, TOP, make_teachers, matched_torque, ta
 
 ACROBOT, PENDUBOT = get_robot("acrobot"), get_robot("pendubot")
 FEW = DistillationSettings(
-    draws=PlantDraws(2, 2, 2), nominal=2, rounds=2, runs=2, duration=0.4, steps=200, anywhere=300, score_steps=4,
-    score_duration=0.1,
+    draws=PlantDraws(1, 1, 1, 1), nominal=16, rounds=2, duration=0.4, thrown=0.0, steps=400, anywhere=300,
+    score_steps=4, score_duration=0.1,
 )  # fmt: skip
 
 
@@ -187,7 +187,7 @@ def test_a_student_learns_and_sees_its_plant():
     assert np.abs(x - wanted).mean() < 0.6 * np.abs(before - wanted).mean()
     again = distil(recovery, FEW, np.random.default_rng(0))
     assert all(map(np.array_equal, jax.tree.leaves(student.policy), jax.tree.leaves(again.policy)))
-    more = dataclasses.replace(FEW, recovery_episodes=2, recovery_duration=0.1)
+    more = dataclasses.replace(FEW, plant_episodes=2, plant_swingups=1, plant_duration=0.1)
     recovering = distil(recovery, more, np.random.default_rng(0))
     assert not all(map(np.array_equal, jax.tree.leaves(student.policy), jax.tree.leaves(recovering.policy)))
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(recovering.policy))

@@ -4,7 +4,7 @@ The rounds are those of DAgger (Ross, Gordon and Bagnell, AISTATS 2011): in the 
 others mostly the student, and in the states that are visited the teachers say what they would do. Runs begin near a
 plant's swing-up or where a throw leaves the pendulum, under noise of the torques. In many of them the student sees
 the nominal plant at first and its own only later, as behind an identifier. At the end the gradient of the score
-through whole swing-ups of the nominal plant is added, and if settings ask, of recoveries on the plants.
+through whole swing-ups of the nominal plant is added, and that of swing-ups and recoveries on all plants.
 """
 
 import functools
@@ -20,7 +20,6 @@ import optax
 from jaxtyping import Array, Float
 
 from ..areapo.networks import Actor, init_actor
-from ..benchmark.rollout import Scenario, simulate
 from ..control.continuation import SwingUps, continue_swingups, nominal_swingups
 from ..control.continuation_settings import ContinuationSettings
 from ..physics.base_parameters import BASE, base_parameters
@@ -29,24 +28,18 @@ from ..policy.jax_backend.controller import PolicyController
 from ..policy.jax_backend.observation import PendulumObservation, PlantObservation
 from ..policy.jax_backend.policy import Policy
 from ..policy.jax_backend.told import told_base
-from ..tasks.throws import thrown_states
 from ..types import Key, Scalar, State
-from .analytic_policy_gradient import SCORE_RULES, PolicyGradientSettings, batch_cost, single_precision
+from .analytic_policy_gradient import PolicyGradientSettings, batch_cost, single_precision
 from .distillation_settings import DistillationSettings, plant_scale
 from .lessons import Lessons, lessons_anywhere, lessons_of_runs
-from .objective import bound_adjoint, measure_episode
 from .plant_draws import draw_plants
+from .plant_episodes import PlantEpisodes, plant_cost, plant_episodes
 from .teacher import Teachers, make_teachers
 
 UP_SHARE = 0.1
 """Share of an episode in which the tip is up, from about which on its score counts."""
 SPREAD = 0.01
 """Largest standard deviation of the first states of the scored swing-ups (rad, rad/s)."""
-THROWN = 4096
-"""Throws that recoveries begin with."""
-
-Recoveries = tuple[Parameters, Float[Array, "throws 4"]]
-"""The plants, leaves of shape (n,), and states after throws."""
 
 
 def distil(
@@ -115,7 +108,7 @@ def _learn_score(
     settings: DistillationSettings,
     random: np.random.Generator,
 ) -> PolicyController:
-    """The same with the score of the nominal plant's swing-ups, and with recoveries on the plants if settings ask.
+    """The same with the score of the nominal plant's swing-ups, and with episodes on the plants if settings ask.
 
     Gradients through the pendulum are bounded.
     """
@@ -123,12 +116,9 @@ def _learn_score(
     schedule = optax.warmup_cosine_decay_schedule(0.0, s.score_rate, s.score_steps // 8, s.score_steps)
     optimiser = optax.chain(optax.clip_by_global_norm(2.0), optax.adam(schedule))
     episodes = PolicyGradientSettings(duration=s.score_duration)
-    recoveries = None
-    if s.recovery_episodes:
-        thrown = thrown_states(random, leaderboard_parameters(student.robot), THROWN)
-        recoveries = teachers.plant, jnp.float32(thrown)
+    on_plants = plant_episodes(student, teachers, random) if s.plant_episodes else None
     key, steps = _key(random), s.score_steps
-    return _trained(student, teachers.base, lessons, s, key, steps, optimiser, episodes, recoveries)
+    return _trained(student, teachers.base, lessons, s, key, steps, optimiser, episodes, on_plants)
 
 
 def _trained(
@@ -140,11 +130,11 @@ def _trained(
     steps: int,
     optimiser: optax.GradientTransformation,
     episodes: PolicyGradientSettings | None,
-    recoveries: Recoveries | None = None,
+    on_plants: PlantEpisodes | None = None,
 ) -> PolicyController:
     on_device = jax.tree.map(jnp.asarray, lessons)
-    actor = _descend(student, bases, on_device, settings, key, steps, optimiser, episodes, recoveries)
-    return eqx.tree_at(lambda c: c.policy.actor, student, actor)
+    actor = _descend(student, bases, on_device, settings, key, steps, optimiser, episodes, on_plants)
+    return _with_actor(student, actor)
 
 
 @functools.partial(jax.jit, static_argnames=("settings", "steps", "optimiser", "episodes"))
@@ -157,7 +147,7 @@ def _descend(
     steps: int,
     optimiser: optax.GradientTransformation,
     episodes: PolicyGradientSettings | None,
-    recoveries: Recoveries | None,
+    on_plants: PlantEpisodes | None,
 ) -> Actor:
     """The student's network after these steps on minibatches of the lessons; those from anywhere come first."""
     s, limit = settings, student.torque_limit
@@ -168,27 +158,6 @@ def _descend(
 
     def observe(x: State, base: Array) -> Array:
         return told_base(student, base).policy.observe(x)
-
-    def recovery_cost(actor: Actor, recoveries: Recoveries, key: Key) -> Scalar:
-        plants, thrown = recoveries
-        plant_key, start_key = jax.random.split(key)
-        shape = (s.recovery_episodes,)
-        chosen = jax.random.randint(plant_key, shape, 0, len(bases))
-        x0 = thrown[jax.random.randint(start_key, shape, 0, len(thrown))]
-        acting = eqx.tree_at(lambda c: c.policy.actor, others, actor, is_leaf=lambda leaf: leaf is None)
-        # The mean gives each recovery this share of its gradient, which the weight of its time down scales.
-        dt, bound = SCORE_RULES.dt, PolicyGradientSettings().adjoint_limit * s.recovery_weights.down / len(x0)
-
-        def one(plant: Parameters, base: Array, start: State) -> Scalar:
-            _, rows = simulate(
-                Scenario(plant), told_base(acting, base), start, dt, round(s.recovery_duration / dt),
-                guard=lambda x: bound_adjoint(x, bound),
-            )  # fmt: skip
-            return s.recovery_weights.cost(measure_episode(rows, plant, dt, SCORE_RULES))
-
-        costs = jax.vmap(one)(jax.tree.map(lambda leaf: leaf[chosen], plants), bases[chosen], x0)
-        # A pendulum that became too fast for its time step teaches nothing.
-        return jnp.mean(jnp.where(jnp.isfinite(costs), costs, 0.0))
 
     def loss(actor: Actor, key: Key) -> Scalar:
         rows_key, size_key, start_key = jax.random.split(key, 3)
@@ -201,8 +170,8 @@ def _descend(
         shape = s.score_episodes, 4
         x0 = SPREAD * jax.random.uniform(size_key, (shape[0], 1)) * jax.random.normal(start_key, shape)
         measures = batch_cost(actor, others, x0, episodes, plant)[1]
-        if recoveries is not None:
-            total += recovery_cost(actor, recoveries, jax.random.fold_in(key, 1))
+        if on_plants is not None:
+            total += plant_cost(_with_actor(others, actor), on_plants, s, jax.random.fold_in(key, 1))
         # As on the board: without a swing-up there is no score. Hanging still would have the best one.
         return total - s.score_weight * jnp.mean(measures.score * jnp.tanh((1 - measures.down) / UP_SHARE))
 
@@ -214,6 +183,10 @@ def _descend(
     start = student.policy.actor
     (actor, _), _ = jax.lax.scan(step, (start, optimiser.init(start)), jax.random.split(key, steps))
     return actor
+
+
+def _with_actor(student: PolicyController, actor: Actor) -> PolicyController:
+    return eqx.tree_at(lambda c: c.policy.actor, student, actor, is_leaf=lambda leaf: leaf is None)
 
 
 def _key(random: np.random.Generator) -> Key:

@@ -58,11 +58,13 @@ class DistillationSettings:
     """Swing-ups of the nominal plant in each of these steps."""
     score_duration: float = 1.8
     """Of one of them (s)."""
-    recovery_episodes: int = 0
-    """Recoveries from throws, on plants that the student is told, in each of these steps; 0 for none."""
-    recovery_duration: float = 1.5
+    plant_episodes: int = 0
+    """Episodes on the plants in each of these steps; 0 for none."""
+    plant_swingups: int = 8
+    """Those of them that begin hanging; the others recover from a throw."""
+    plant_duration: float = 1.5
     """Of one of them (s)."""
-    recovery_weights: EpisodeWeights = EpisodeWeights(down=3.0, away=0.6, fast=30.0)  # noqa: RUF009 - frozen
+    plant_weights: EpisodeWeights = EpisodeWeights(down=3.0, away=0.6, fast=30.0)  # noqa: RUF009 - frozen
     """Of their measures, beside the squared errors of the torque (N² m²)."""
 
 
