@@ -32,12 +32,11 @@ from ..types import Key, Scalar, State
 from .analytic_policy_gradient import PolicyGradientSettings, batch_cost, single_precision
 from .distillation_settings import DistillationSettings, plant_scale
 from .lessons import Lessons, lessons_anywhere, lessons_of_runs
+from .objective import swingup_score
 from .plant_draws import draw_plants
 from .plant_episodes import PlantEpisodes, plant_cost, plant_episodes
 from .teacher import Teachers, make_teachers
 
-UP_SHARE = 0.1
-"""Share of an episode in which the tip is up, from about which on its score counts."""
 SPREAD = 0.01
 """Largest standard deviation of the first states of the scored swing-ups (rad, rad/s)."""
 
@@ -172,8 +171,7 @@ def _descend(
         measures = batch_cost(actor, others, x0, episodes, plant)[1]
         if on_plants is not None:
             total += plant_cost(_with_actor(others, actor), on_plants, s, jax.random.fold_in(key, 1))
-        # As on the board: without a swing-up there is no score. Hanging still would have the best one.
-        return total - s.score_weight * jnp.mean(measures.score * jnp.tanh((1 - measures.down) / UP_SHARE))
+        return total - s.score_weight * jnp.mean(swingup_score(measures))
 
     def step(carry: Any, key: Key) -> tuple[Any, None]:
         actor, state = carry

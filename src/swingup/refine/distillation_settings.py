@@ -61,11 +61,13 @@ class DistillationSettings:
     plant_episodes: int = 0
     """Episodes on the plants in each of these steps; 0 for none."""
     plant_swingups: int = 8
-    """Those of them that begin hanging; the others recover from a throw."""
+    """Those of them that begin hanging, for the score; the others recover from a throw."""
+    plant_offset: float = 1.0
+    """Errors of the measured angles in them, as shares of the largest ones of the recorded robot."""
     plant_duration: float = 1.5
     """Of one of them (s)."""
     plant_weights: EpisodeWeights = EpisodeWeights(down=3.0, away=0.6, fast=30.0)  # noqa: RUF009 - frozen
-    """Of their measures, beside the squared errors of the torque (N² m²)."""
+    """Of the recoveries' measures, beside the squared errors of the torque (N² m²)."""
 
 
 def plant_scale(nominal: np.ndarray) -> np.ndarray:

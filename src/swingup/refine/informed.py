@@ -21,6 +21,8 @@ class Informed(AbstractController[None]):
     """Those of its own plant."""
     known_after: Scalar
     """When it sees them (s); 0: after the first step."""
+    offset: Float[Array, "4"] | float = 0.0
+    """What its measured state has too much (rad, rad/s)."""
 
     def init(self) -> None:
         """Nothing is remembered."""
@@ -29,7 +31,7 @@ class Informed(AbstractController[None]):
         """The student's torques (N m)."""
         known = jnp.clip(t / jnp.maximum(self.known_after, LOOP_DT), 0, 1)
         seen = self.nominal + known * (self.base - self.nominal)
-        return None, told_base(self.student, seen)(None, t, x)[1]
+        return None, told_base(self.student, seen)(None, t, x + self.offset)[1]
 
 
 def draw_known_after(key: Key, slowest: float) -> Scalar:
