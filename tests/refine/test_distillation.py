@@ -187,7 +187,7 @@ def test_a_student_learns_and_sees_its_plant():
     assert np.abs(x - wanted).mean() < 0.6 * np.abs(before - wanted).mean()
     again = distil(recovery, FEW, np.random.default_rng(0))
     assert all(map(np.array_equal, jax.tree.leaves(student.policy), jax.tree.leaves(again.policy)))
-    more = dataclasses.replace(FEW, plant_episodes=2, plant_swingups=1, plant_duration=0.1)
+    more = dataclasses.replace(FEW, recovery_episodes=2, recovery_duration=0.1)
     recovering = distil(recovery, more, np.random.default_rng(0))
     assert not all(map(np.array_equal, jax.tree.leaves(student.policy), jax.tree.leaves(recovering.policy)))
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(recovering.policy))

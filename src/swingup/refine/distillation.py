@@ -4,7 +4,7 @@ The rounds are those of DAgger (Ross, Gordon and Bagnell, AISTATS 2011): in the 
 others mostly the student, and in the states that are visited the teachers say what they would do. Runs begin near a
 plant's swing-up or where a throw leaves the pendulum, under noise of the torques. In many of them the student sees
 the nominal plant at first and its own only later, as behind an identifier. At the end the gradient of the score
-through whole swing-ups of the nominal plant is added, and that of swing-ups and recoveries on all plants.
+through whole swing-ups of the nominal plant is added, and if settings ask, of recoveries on the plants.
 """
 
 import functools
@@ -32,11 +32,12 @@ from ..types import Key, Scalar, State
 from .analytic_policy_gradient import PolicyGradientSettings, batch_cost, single_precision
 from .distillation_settings import DistillationSettings, plant_scale
 from .lessons import Lessons, lessons_anywhere, lessons_of_runs
-from .objective import swingup_score
 from .plant_draws import draw_plants
-from .plant_episodes import PlantEpisodes, plant_cost, plant_episodes
+from .recoveries import Recoveries, make_recoveries, recovery_cost
 from .teacher import Teachers, make_teachers
 
+UP_SHARE = 0.1
+"""Share of an episode in which the tip is up, from about which on its score counts."""
 SPREAD = 0.01
 """Largest standard deviation of the first states of the scored swing-ups (rad, rad/s)."""
 
@@ -107,7 +108,7 @@ def _learn_score(
     settings: DistillationSettings,
     random: np.random.Generator,
 ) -> PolicyController:
-    """The same with the score of the nominal plant's swing-ups, and with episodes on the plants if settings ask.
+    """The same with the score of the nominal plant's swing-ups, and with recoveries on the plants if settings ask.
 
     Gradients through the pendulum are bounded.
     """
@@ -115,9 +116,9 @@ def _learn_score(
     schedule = optax.warmup_cosine_decay_schedule(0.0, s.score_rate, s.score_steps // 8, s.score_steps)
     optimiser = optax.chain(optax.clip_by_global_norm(2.0), optax.adam(schedule))
     episodes = PolicyGradientSettings(duration=s.score_duration)
-    on_plants = plant_episodes(student, teachers, random) if s.plant_episodes else None
+    recoveries = make_recoveries(student, teachers, random) if s.recovery_episodes else None
     key, steps = _key(random), s.score_steps
-    return _trained(student, teachers.base, lessons, s, key, steps, optimiser, episodes, on_plants)
+    return _trained(student, teachers.base, lessons, s, key, steps, optimiser, episodes, recoveries)
 
 
 def _trained(
@@ -129,10 +130,10 @@ def _trained(
     steps: int,
     optimiser: optax.GradientTransformation,
     episodes: PolicyGradientSettings | None,
-    on_plants: PlantEpisodes | None = None,
+    recoveries: Recoveries | None = None,
 ) -> PolicyController:
     on_device = jax.tree.map(jnp.asarray, lessons)
-    actor = _descend(student, bases, on_device, settings, key, steps, optimiser, episodes, on_plants)
+    actor = _descend(student, bases, on_device, settings, key, steps, optimiser, episodes, recoveries)
     return _with_actor(student, actor)
 
 
@@ -146,7 +147,7 @@ def _descend(
     steps: int,
     optimiser: optax.GradientTransformation,
     episodes: PolicyGradientSettings | None,
-    on_plants: PlantEpisodes | None,
+    recoveries: Recoveries | None,
 ) -> Actor:
     """The student's network after these steps on minibatches of the lessons; those from anywhere come first."""
     s, limit = settings, student.torque_limit
@@ -169,9 +170,10 @@ def _descend(
         shape = s.score_episodes, 4
         x0 = SPREAD * jax.random.uniform(size_key, (shape[0], 1)) * jax.random.normal(start_key, shape)
         measures = batch_cost(actor, others, x0, episodes, plant)[1]
-        if on_plants is not None:
-            total += plant_cost(_with_actor(others, actor), on_plants, s, jax.random.fold_in(key, 1))
-        return total - s.score_weight * jnp.mean(swingup_score(measures))
+        if recoveries is not None:
+            total += recovery_cost(_with_actor(others, actor), recoveries, s, jax.random.fold_in(key, 1))
+        # As on the board: without a swing-up there is no score. Hanging still would have the best one.
+        return total - s.score_weight * jnp.mean(measures.score * jnp.tanh((1 - measures.down) / UP_SHARE))
 
     def step(carry: Any, key: Key) -> tuple[Any, None]:
         actor, state = carry

@@ -58,16 +58,12 @@ class DistillationSettings:
     """Swing-ups of the nominal plant in each of these steps."""
     score_duration: float = 1.8
     """Of one of them (s)."""
-    plant_episodes: int = 0
-    """Episodes on the plants in each of these steps; 0 for none."""
-    plant_swingups: int = 8
-    """Those of them that begin hanging, for the score; the others recover from a throw."""
-    plant_offset: float = 1.0
-    """Errors of the measured angles in them, as shares of the largest ones of the recorded robot."""
-    plant_duration: float = 1.5
+    recovery_episodes: int = 0
+    """Recoveries from throws, on plants that the student is told, in each of these steps; 0 for none."""
+    recovery_duration: float = 1.5
     """Of one of them (s)."""
-    plant_weights: EpisodeWeights = EpisodeWeights(down=3.0, away=0.6, fast=30.0)  # noqa: RUF009 - frozen
-    """Of the recoveries' measures, beside the squared errors of the torque (N² m²)."""
+    recovery_weights: EpisodeWeights = EpisodeWeights(down=3.0, away=0.6, fast=30.0)  # noqa: RUF009 - frozen
+    """Of their measures, beside the squared errors of the torque (N² m²)."""
 
 
 def plant_scale(nominal: np.ndarray) -> np.ndarray:

@@ -22,8 +22,6 @@ SPEED_OF_A_RADIAN = 4.0
 """The velocity that counts as much as an error of one radian (rad/s)."""
 FAST = 14.0
 """The velocity from which on a joint is fast (rad/s). Loops of real robots stop at 20."""
-UP_SHARE = 0.1
-"""Share of an episode in which the tip is up, from about which on its score counts."""
 
 
 class Measures(eqx.Module):
@@ -69,11 +67,6 @@ def _away(x: State) -> Scalar:
     far = (0.6 * tilt + 0.4 * bend) / 4
     near = tilt + bend + jnp.sum(x[2:] ** 2) / SPEED_OF_A_RADIAN**2
     return 0.5 * far + 0.5 * (1 - jnp.exp(-0.5 * near / GOAL_WIDTH**2))
-
-
-def swingup_score(measures: Measures) -> Scalar:
-    """The score as on the board: without a swing-up there is none. Hanging still would have the best one."""
-    return measures.score * jnp.tanh((1 - measures.down) / UP_SHARE)
 
 
 @dataclass(frozen=True)
