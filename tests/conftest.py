@@ -7,6 +7,7 @@ import importlib.metadata
 import os
 import sys
 import tempfile
+from pathlib import Path
 
 gc.disable()  # until all tests are collected: nearly all that is imported stays
 
@@ -90,12 +91,22 @@ TRIM = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux
 """glibc's; other C libraries have none."""
 
 
+MAPS = Path("/proc/self/maps")
+MOST_MAPS = 20_000
+"""Mapped regions of memory from which on compiled programs go: Linux permits 65,530, a program has several,
+and XLA crashes where it gets no more."""
+
+
 @pytest.fixture(scope="module", autouse=True)
 def trimmed_memory(request):
     """After a module of slow tests, memory that compilations freed goes back: glibc keeps gigabytes else."""
     yield
-    if TRIM is not None and request.config.option.markexpr == "slow":
-        TRIM(0)
+    if request.config.option.markexpr == "slow":
+        if MAPS.exists() and MAPS.read_bytes().count(b"\n") > MOST_MAPS:
+            jax.clear_caches()
+            gc.collect()
+        if TRIM is not None:
+            TRIM(0)
 
 
 LONGEST = ("test_command_lines_run_in_their_order", "test_the_default_preset_learns_to_swing_up")
