@@ -93,20 +93,20 @@ TRIM = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux
 
 MAPS = Path("/proc/self/maps")
 MOST_MAPS = 20_000
-"""Mapped regions of memory from which on compiled programs go: Linux permits 65,530, a program has several,
-and XLA crashes where it gets no more."""
+"""Mapped regions of memory of a process. Linux permits 65,530, each compiled program has several, and XLA crashes
+where it gets no more."""
 
 
 @pytest.fixture(scope="module", autouse=True)
 def trimmed_memory(request):
-    """After a module of slow tests, memory that compilations freed goes back: glibc keeps gigabytes else."""
+    """After a module of slow tests many compiled programs are dropped, and freed memory goes back to the system."""
     yield
     if request.config.option.markexpr == "slow":
         if MAPS.exists() and MAPS.read_bytes().count(b"\n") > MOST_MAPS:
             jax.clear_caches()
             gc.collect()
         if TRIM is not None:
-            TRIM(0)
+            TRIM(0)  # glibc would keep gigabytes
 
 
 LONGEST = ("test_command_lines_run_in_their_order", "test_the_default_preset_learns_to_swing_up")

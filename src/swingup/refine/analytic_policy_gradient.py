@@ -16,11 +16,12 @@ from ..areapo.networks import Actor
 from ..benchmark.rollout import Scenario, simulate
 from ..benchmark.rules import PERFORMANCE_RULES
 from ..benchmark.runner import cores
+from ..control.controller import AbstractController
 from ..physics.integrate import stable_substeps
 from ..physics.parameters import Parameters
 from ..plants.plant import PlantLike, robot_parameters
 from ..policy.jax_backend.controller import PolicyController
-from ..types import Scalar
+from ..types import Scalar, State
 from .episodes import EpisodeBatch
 from .objective import EpisodeWeights, Measures, bound_adjoint, measure_episode
 
@@ -115,20 +116,31 @@ def batch_cost(
         settings: duration, weights and bounds.
         plant: the plant.
     """
-    controller = eqx.tree_at(lambda c: c.policy.actor, controller, actor, is_leaf=lambda leaf: leaf is None)
+    controller = with_actor(controller, actor)
     scenario = Scenario(plant, substeps=stable_substeps(plant, SCORE_RULES.dt))
     limit = settings.adjoint_limit / len(x0)  # the mean gives each episode this share of its gradient
 
     def one(start: Float[Array, "4"]) -> tuple[Scalar, Measures]:
-        _, rows = simulate(
-            scenario, controller, start, SCORE_RULES.dt, settings.steps,
-            guard=lambda x: bound_adjoint(x, limit),
-        )  # fmt: skip
-        measures = measure_episode(rows, plant, SCORE_RULES.dt, SCORE_RULES)
+        measures = run_episode(scenario, controller, start, settings.steps, limit)
         return settings.weights.cost(measures), measures
 
     costs, measures = jax.vmap(one)(x0)
     return jnp.mean(costs), measures
+
+
+def run_episode(
+    scenario: Scenario, controller: AbstractController[Any], x0: State, steps: int, adjoint_limit: float
+) -> Measures:
+    """The measures of one episode; ``adjoint_limit`` bounds the gradient with respect to each of its states."""
+    _, rows = simulate(
+        scenario, controller, x0, SCORE_RULES.dt, steps, guard=lambda x: bound_adjoint(x, adjoint_limit)
+    )
+    return measure_episode(rows, scenario.parameters, SCORE_RULES.dt, SCORE_RULES)
+
+
+def with_actor(controller: PolicyController, actor: Actor) -> PolicyController:
+    """The controller with this network, whether it has one or was left without."""
+    return eqx.tree_at(lambda c: c.policy.actor, controller, actor, is_leaf=lambda leaf: leaf is None)
 
 
 _gradient = jax.jit(jax.value_and_grad(batch_cost, has_aux=True), static_argnames=("settings", "plant"))

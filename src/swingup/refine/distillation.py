@@ -29,7 +29,7 @@ from ..policy.jax_backend.observation import PendulumObservation, PlantObservati
 from ..policy.jax_backend.policy import Policy
 from ..policy.jax_backend.told import told_base
 from ..types import Key, Scalar, State
-from .analytic_policy_gradient import PolicyGradientSettings, batch_cost, single_precision
+from .analytic_policy_gradient import PolicyGradientSettings, batch_cost, single_precision, with_actor
 from .distillation_settings import DistillationSettings, plant_scale
 from .lessons import Lessons, lessons_anywhere, lessons_of_runs
 from .plant_draws import draw_plants
@@ -134,7 +134,7 @@ def _trained(
 ) -> PolicyController:
     on_device = jax.tree.map(jnp.asarray, lessons)
     actor = _descend(student, bases, on_device, settings, key, steps, optimiser, episodes, recoveries)
-    return _with_actor(student, actor)
+    return with_actor(student, actor)
 
 
 @functools.partial(jax.jit, static_argnames=("settings", "steps", "optimiser", "episodes"))
@@ -171,7 +171,7 @@ def _descend(
         x0 = SPREAD * jax.random.uniform(size_key, (shape[0], 1)) * jax.random.normal(start_key, shape)
         measures = batch_cost(actor, others, x0, episodes, plant)[1]
         if recoveries is not None:
-            total += recovery_cost(_with_actor(others, actor), recoveries, s, jax.random.fold_in(key, 1))
+            total += recovery_cost(with_actor(others, actor), recoveries, s, jax.random.fold_in(key, 1))
         # As on the board: without a swing-up there is no score. Hanging still would have the best one.
         return total - s.score_weight * jnp.mean(measures.score * jnp.tanh((1 - measures.down) / UP_SHARE))
 
@@ -183,10 +183,6 @@ def _descend(
     start = student.policy.actor
     (actor, _), _ = jax.lax.scan(step, (start, optimiser.init(start)), jax.random.split(key, steps))
     return actor
-
-
-def _with_actor(student: PolicyController, actor: Actor) -> PolicyController:
-    return eqx.tree_at(lambda c: c.policy.actor, student, actor, is_leaf=lambda leaf: leaf is None)
 
 
 def _key(random: np.random.Generator) -> Key:

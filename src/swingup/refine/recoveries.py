@@ -7,15 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..benchmark.rollout import Scenario, simulate
+from ..benchmark.rollout import Scenario
 from ..physics.parameters import Parameters, leaderboard_parameters
 from ..policy.jax_backend.controller import PolicyController
 from ..policy.jax_backend.told import told_base
 from ..tasks.throws import thrown_states
 from ..types import Key, Scalar, State
-from .analytic_policy_gradient import SCORE_RULES, PolicyGradientSettings
+from .analytic_policy_gradient import SCORE_RULES, PolicyGradientSettings, run_episode
 from .distillation_settings import DistillationSettings
-from .objective import bound_adjoint, measure_episode
 from .teacher import Teachers
 
 THROWN = 4096
@@ -42,19 +41,16 @@ def recovery_cost(
     student: PolicyController, recoveries: Recoveries, settings: DistillationSettings, key: Key
 ) -> Scalar:
     """Mean cost of some recoveries of a student that is told its plant; their gradients are bounded."""
-    number, weights, dt = settings.recovery_episodes, settings.recovery_weights, SCORE_RULES.dt
+    number, weights = settings.recovery_episodes, settings.recovery_weights
     plant_key, start_key = jax.random.split(key)
     chosen = jax.random.randint(plant_key, (number,), 0, len(recoveries.base))
     x0 = recoveries.thrown[jax.random.randint(start_key, (number,), 0, len(recoveries.thrown))]
+    steps = round(settings.recovery_duration / SCORE_RULES.dt)
     # The mean gives each recovery this share of its gradient, which the weight of its time down scales.
-    bound = PolicyGradientSettings().adjoint_limit * weights.down / number
+    limit = PolicyGradientSettings().adjoint_limit * weights.down / number
 
     def one(plant: Parameters, base: Float[Array, "9"], start: State) -> Scalar:
-        _, rows = simulate(
-            Scenario(plant), told_base(student, base), start, dt, round(settings.recovery_duration / dt),
-            guard=lambda x: bound_adjoint(x, bound),
-        )  # fmt: skip
-        return weights.cost(measure_episode(rows, plant, dt, SCORE_RULES))
+        return weights.cost(run_episode(Scenario(plant), told_base(student, base), start, steps, limit))
 
     costs = jax.vmap(one)(jax.tree.map(lambda leaf: leaf[chosen], recoveries.plant), recoveries.base[chosen], x0)
     # A pendulum that became too fast for its time step teaches nothing.
