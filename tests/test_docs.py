@@ -101,7 +101,7 @@ def test_command_line_parses(line, parse):
 LEFT_OUT = {
     "--scheduler": "a cluster",
     "--recipe recover": "six minutes; tests/refine has it",
-    "--recipe adapt": "half an hour; tests/refine has it",
+    "--recipe adapt": "an hour; tests/refine has it",
 }
 """Command lines that do not run here, and why."""
 SHORTER = {

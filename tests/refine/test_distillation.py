@@ -32,7 +32,7 @@ from swingup.refine.teacher import APART, TOP, make_teachers, matched_torque, ta
 ACROBOT, PENDUBOT = get_robot("acrobot"), get_robot("pendubot")
 FEW = DistillationSettings(
     draws=PlantDraws(1, 1, 1, 1), nominal=16, rounds=2, duration=0.4, thrown=0.0, steps=400, anywhere=300,
-    score_steps=4, score_duration=0.1,
+    score_steps=4, score_duration=0.1, recovery_episodes=0,
 )  # fmt: skip
 
 
@@ -156,6 +156,15 @@ def test_a_new_student_sees_the_plant_in_units_of_its_ranges():
     assert [part is None for part in parts_around(student)] == [False, False, False]
     assert parts_around(small()).metadata().keys() == {"estimator"}
     assert parts_around(student).metadata().keys() == {"estimator", "identifier", "regulator"}
+
+
+@pytest.mark.parametrize("robot", [ACROBOT, PENDUBOT], ids=lambda robot: robot.name)
+def test_one_of_four_robots_has_a_rotor_of_any_inertia(robot):
+    drawn = plants_of(draw_plants(np.random.default_rng(0), robot, PlantDraws(0, 0, 0, robot=80)))
+    others = [plant.Ir for index, plant in enumerate(drawn, start=1) if index % 4]
+    # The domain ``recorded`` has up to 1.5e-4 kg m², 3 % more at the ends, by gains from 0.7425 on.
+    assert max(others) < 1.529e-4 / 0.7425
+    assert max(others) < max(plant.Ir for plant in drawn[3::4]) <= 3e-4
 
 
 def test_a_policy_that_sees_its_plant_is_not_refined_further():

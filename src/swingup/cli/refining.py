@@ -33,10 +33,10 @@ def refine_command(
     plant: PlantFlags = NO_PLANT,
     seed: int = 0,
 ) -> int:
-    """Refine a trained policy by a teacher or by gradients through the simulation; takes seconds to minutes.
+    """Refine a trained policy by a teacher or by gradients through the simulation, in seconds to an hour.
 
-    The file is rewritten at each line of progress: an interrupted run leaves its latest policy. The first line of
-    adapt comes after some minutes, in which swing-ups of many plants are computed.
+    The file is rewritten at each line of progress: an interrupted run leaves its latest policy. Between its two
+    stages adapt is silent for some minutes, in which swing-ups of many plants are computed.
 
     Args:
         robot: the robot.

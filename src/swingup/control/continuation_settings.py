@@ -47,8 +47,8 @@ class ContinuationSettings:
     """A step is multiplied by this after one that does not."""
     rounds: int = 40
     """Most steps of a plant, failed ones included."""
-    max_cost: float = 0.32
-    """A swing-up of larger cost does not count: it is another motion than the nominal one, whose cost is half."""
+    max_cost: float = 0.25
+    """A swing-up of larger cost does not count: it is another motion than the nominal one, whose cost is 0.15."""
     max_speed: float = 14.0
     """Nor does a faster one of a joint (rad/s): it spins where the nominal one swings."""
     max_error: StateFloats = (0.15, 0.15, 0.7, 0.7)

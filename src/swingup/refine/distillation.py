@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..areapo.networks import Actor, init_actor
 from ..control.continuation import SwingUps, continue_swingups, nominal_swingups
@@ -31,7 +31,7 @@ from ..policy.jax_backend.told import told_base
 from ..types import Key, Scalar, State
 from .analytic_policy_gradient import PolicyGradientSettings, batch_cost, single_precision, with_actor
 from .distillation_settings import DistillationSettings, plant_scale
-from .lessons import Lessons, lessons_anywhere, lessons_of_runs
+from .lessons import Lessons, lessons_anywhere, lessons_of_runs, swings_up
 from .plant_draws import draw_plants
 from .recoveries import Recoveries, make_recoveries, recovery_cost
 from .teacher import Teachers, make_teachers
@@ -62,8 +62,10 @@ def distil(
     student = new_student(recovery, settings, random)
     lessons = lessons_anywhere(teachers, recovery, settings, random)
     for number in range(1, settings.rounds + 1):
-        own = settings.own if number > 1 else 0.0
-        lessons += lessons_of_runs(teachers, recovery, student, settings, random, own)
+        which, own = np.arange(teachers.number), 0.0
+        if number > 1:
+            which, own = _more_of_failing(which, student, teachers, settings, random), settings.own
+        lessons += lessons_of_runs(teachers, recovery, student, settings, random, own, which)
         longest = number in (1, settings.rounds)
         steps = settings.steps if longest else settings.steps // 2
         rate = settings.learning_rate * (1.0 if number == 1 else 0.6)
@@ -73,6 +75,19 @@ def distil(
         student = _learn_score(student, teachers, lessons, settings, random)
         tell(student, settings.rounds + 1)
     return eqx.tree_at(lambda c: c.policy, student, jax.tree.map(np.asarray, student.policy))
+
+
+def _more_of_failing(
+    which: Int[np.ndarray, "plants"],
+    student: PolicyController,
+    teachers: Teachers,
+    settings: DistillationSettings,
+    random: np.random.Generator,
+) -> Int[np.ndarray, "plants"]:
+    """These plants, of which a share gives way to plants that the student does not swing up."""
+    failing = np.flatnonzero(~swings_up(student, teachers, settings.duration))
+    gives_way = random.uniform(size=which.shape) < settings.failing
+    return np.where(gives_way, random.choice(failing, which.shape), which) if len(failing) else which
 
 
 def new_student(

@@ -16,7 +16,7 @@ class DistillationSettings:
     draws: PlantDraws = PlantDraws()  # noqa: RUF009 - frozen
     nominal: int = 80
     """Copies of the nominal plant beside them."""
-    layers: tuple[int, ...] = (128, 128)
+    layers: tuple[int, ...] = (128, 128, 128)
     """Widths of the student's hidden layers."""
     tube: float = 0.5
     """Distance (``teacher.WEIGHTS``) from a plant's swing-up within which the swing-up teaches."""
@@ -30,11 +30,13 @@ class DistillationSettings:
     """Share of the runs that begin after a throw."""
     own: float = 0.8
     """Share of the runs in which the student acts, after the first round."""
+    failing: float = 0.3
+    """Share of a round's runs, after the first, on plants that the student does not swing up when told them."""
     noise: float = 0.6
     """Twice the standard deviation of the torques' noise on each joint in the roughest runs (N m)."""
     slowest: float = 0.4
     """Longest time in which the student's plant goes from the nominal one to the run's (s)."""
-    steps: int = 30_000
+    steps: int = 80_000
     """Of Adam in the first and the last round; half as many in the others."""
     learning_rate: float = 1.5e-3
     """In the first round, 0.6 of it in the others; it falls to 0 on a cosine."""
@@ -58,7 +60,7 @@ class DistillationSettings:
     """Swing-ups of the nominal plant in each of these steps."""
     score_duration: float = 1.8
     """Of one of them (s)."""
-    recovery_episodes: int = 0
+    recovery_episodes: int = 24
     """Recoveries from throws, on plants that the student is told, in each of these steps; 0 for none."""
     recovery_duration: float = 1.5
     """Of one of them (s)."""
@@ -69,4 +71,4 @@ class DistillationSettings:
 def plant_scale(nominal: np.ndarray) -> np.ndarray:
     """Units of the base parameters (9,) for a network: of the inertial ones shares of the nominal value."""
     shares = np.append(nominal[:4], np.ones(BASE - 4))
-    return shares * np.array([0.15, 0.15, 0.15, 0.15, 0.06, 0.06, 0.12, 0.12, 6e-5])
+    return shares * np.array([0.15, 0.15, 0.15, 0.15, 0.06, 0.06, 0.12, 0.12, 8e-5])

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..physics.integrate import rk4_steps
 from ..physics.parameters import leaderboard_parameters
@@ -15,7 +15,7 @@ from ..tasks.throws import thrown_states
 from ..types import Flag, Key, Scalar, State
 from .behaviour_cloning import RETAINED_SPEED
 from .distillation_settings import DistillationSettings
-from .teacher import Teachers, taught
+from .teacher import TOP, Teachers, taught, top_cost
 
 DT = 0.002
 """Step of the runs (s)."""
@@ -59,8 +59,10 @@ def lessons_of_runs(
     settings: DistillationSettings,
     random: np.random.Generator,
     own: float,
+    which: Int[np.ndarray, "plants"],
 ) -> Lessons:
-    """The states of runs on all plants; in a share ``own`` of them the student acts, in the others the teacher."""
+    """The states of runs on these plants; in a share ``own`` of them the student acts, else the teacher."""
+    teachers = jax.tree.map(lambda leaf: leaf[which], teachers)
     shape = teachers.number, settings.runs
     nominal = leaderboard_parameters(recovery.robot)
     starts = thrown_states(random, nominal, teachers.number * settings.runs).reshape(*shape, 4)
@@ -70,9 +72,31 @@ def lessons_of_runs(
     rows = _runs(teachers, recovery, student, run, jnp.float32(starts), thrown, acts, keys)
     x, u, distance = map(np.asarray, rows)
     good = np.isfinite(x).all((2, 3)) & (np.abs(x[..., 2:]).max((2, 3)) < SPOILT)
-    plant = np.broadcast_to(np.arange(teachers.number, dtype=np.int32)[:, None, None], u.shape)
+    plant = np.broadcast_to(which.astype(np.int32)[:, None, None], u.shape)
     weight = np.where(distance < settings.tube, 1.0, settings.outside_weight).astype(np.float32)
     return Lessons(x[good].reshape(-1, 4), *(each[good].reshape(-1) for each in (u, plant, weight)))
+
+
+def swings_up(student: PolicyController, teachers: Teachers, duration: float) -> Bool[np.ndarray, "plants"]:
+    """On which plants a student that is told them comes from hanging to the top within this time (s)."""
+    return np.asarray(_cheapest(student, teachers, round(duration / DT)) < TOP)
+
+
+@jax.jit(static_argnames="steps")
+def _cheapest(student: PolicyController, teachers: Teachers, steps: int) -> Float[Array, "plants"]:
+    """The least cost-to-go at the top that each plant comes to."""
+    driven = jnp.array(student.robot.actuation, jnp.float32)
+
+    def one(teacher: Teachers) -> Scalar:
+        knowing = told_base(student, teacher.base)
+
+        def step(x: State, _: None) -> tuple[State, Scalar]:
+            u = knowing(None, jnp.zeros(()), x)[1] * driven
+            return rk4_steps(teacher.plant, x, u, DT, 1), top_cost(teacher, x)
+
+        return jnp.min(jax.lax.scan(step, jnp.zeros(4, jnp.float32), None, steps)[1])
+
+    return jax.vmap(one)(teachers)
 
 
 @jax.jit

@@ -28,6 +28,7 @@ from .behaviour_cloning import CloningSettings, clone_behaviour
 from .distillation import distil
 from .distillation_settings import DistillationSettings
 from .episodes import EpisodeSettings, sample_episodes
+from .objective import EpisodeWeights
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -44,13 +45,15 @@ RecipeStage = CloningSettings | GradientStage | DistillationSettings
 
 ADAPT = "adapt"
 """The recipe that makes a policy which sees its plant."""
+CALM = PolicyGradientSettings(weights=EpisodeWeights(down=1.0, away=0.2, fast=4.0))
+"""Recoveries below the speeds at which loops of real robots stop."""
 RECIPES: dict[str, tuple[RecipeStage, ...]] = {
     "score": (CloningSettings(),),
     "recover": (GradientStage(),),
-    ADAPT: (DistillationSettings(),),
+    ADAPT: (GradientStage(CALM), DistillationSettings()),
 }
-"""``score``: learn a teacher's swing-up. ``recover``: be up again soon after throws. ``adapt``: see the plant, and
-swing up any of many."""
+"""``score``: learn a teacher's swing-up. ``recover``: be up again soon after throws. ``adapt``: recover calmly,
+then see the plant and swing up any of many."""
 
 
 @dataclass(frozen=True)
@@ -110,6 +113,8 @@ def run_recipe(
     facts = None if found is None else policy_plant(found.parameters, robot, found.name)
     limit = controller.torque_limit if facts is None else facts.limit(robot.joint)
     controller = dataclasses.replace(controller, plant=facts, torque_limit=limit)
+    if any(isinstance(stage, DistillationSettings) for stage in stages):
+        _check_distillable(controller)
     random = np.random.default_rng(seed)
     for number, stage in enumerate(stages, start=1):
         # The default of `number` binds this stage's; a closure alone would see the loop's last one.
@@ -132,17 +137,20 @@ def run_recipe(
     return controller
 
 
+def _check_distillable(controller: PolicyController) -> None:
+    nominal = base_parameters(leaderboard_parameters(controller.robot))
+    if not np.allclose(base_parameters(plant_of(controller)), nominal, rtol=1e-6, atol=1e-9):
+        raise SwingupError("the recipe adapt is for the leaderboards' plant: give no other, and a policy for it")
+    if controller.front_end is not None:
+        raise SwingupError("the recipe adapt takes no policy with a front end: give one without, such as global")
+
+
 def _distilled(
     controller: PolicyController,
     settings: DistillationSettings,
     random: np.random.Generator,
     tell: Callable[[PolicyController, int, int, dict[str, float]], None],
 ) -> PolicyController:
-    nominal = base_parameters(leaderboard_parameters(controller.robot))
-    if not np.allclose(base_parameters(plant_of(controller)), nominal, rtol=1e-6, atol=1e-9):
-        raise SwingupError("the recipe adapt is for the leaderboards' plant: give no other, and a policy for it")
-    if controller.front_end is not None:
-        raise SwingupError("the recipe adapt takes no policy with a front end: give one without, such as global")
     rounds = settings.rounds + bool(settings.score_steps)
     return distil(controller, settings, random, lambda now, number: tell(_checked(now), number, rounds, {}))
 
