@@ -2,13 +2,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.linalg import solve_discrete_are
+from scipy.linalg import solve_continuous_are, solve_discrete_are
 
-from swingup.control.lqr import linearised, riccati_recursion, upright_lqr
+from swingup.control.lqr import disturbance_gain, linearised, riccati_recursion, upright_lqr
 from swingup.control.published import PUBLISHED
 from swingup.physics.angles import UPRIGHT
 from swingup.physics.integrate import rk4_step
-from swingup.physics.parameters import leaderboard_parameters
+from swingup.physics.parameters import ROBOTS, leaderboard_parameters
 
 RANDOM = np.random.default_rng(0)
 
@@ -31,6 +31,19 @@ def test_riccati_equation_holds(robot, lqr, upright_system):
     assert np.abs(residual).max() < 1e-9 * np.abs(S).max()
     np.testing.assert_allclose(lqr.gains, B @ S / R)
     assert np.linalg.eigvals(A - np.outer(B, lqr.gains)).real.max() < 0
+
+
+def test_gain_of_a_disturbance_is_that_of_a_regulator_whose_state_it_is(robot, lqr, upright_system):
+    (A, B), settings = upright_system, PUBLISHED[robot.name].lqr
+    other = ROBOTS["pendubot" if robot.name == "acrobot" else "acrobot"]
+    _, (D,) = linearised(leaderboard_parameters(robot), other, UPRIGHT[None], np.zeros(1))
+    # The disturbance fades, but slowly: one that stays has no finite cost.
+    with_it = np.block([[A, D[:, None]], [np.zeros((1, 4)), -1e-7 * np.eye(1)]])
+    driving, Q = np.append(B, 0.0), np.diag([*settings.state_weights, 0.0])
+    S = solve_continuous_are(with_it, driving[:, None], Q, [[settings.torque_weight]])
+    gains = driving @ S / settings.torque_weight
+    np.testing.assert_allclose(gains[:4], lqr.gains, rtol=1e-6)
+    assert disturbance_gain(leaderboard_parameters(robot), lqr) == pytest.approx(gains[4], rel=1e-4)
 
 
 def test_linearisation_of_the_step_agrees(x64, robot, upright_system):

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..physics.parameters import Parameters
 from .continuation_settings import ContinuationSettings
-from .lqr import LQR, LQRSettings, upright_lqr
+from .lqr import LQR, LQRSettings, disturbance_gain, upright_lqr
 from .reference import Reference
 from .switch import LatchingSwitch
 from .tracking import RiccatiController
@@ -37,6 +37,14 @@ def known_plant_controller(plant: Parameters, reference: Reference) -> LatchingS
 def plants_lqr(plant: Parameters, reference: Reference) -> LQR:
     """The LQR at the top that is designed for a plant with its friction."""
     return upright_lqr(damped(plant), reference.robot, TOP)
+
+
+def friction_gain(plant: Parameters, regulator: LQR) -> float:
+    """Torque (N m) that this regulator of a plant adds against all of the undriven joint's Coulomb friction.
+
+    Where the joint moves forwards, friction is a constant torque backwards (``lqr.disturbance_gain``).
+    """
+    return disturbance_gain(damped(plant), regulator) * float((plant.cf2, plant.cf1)[regulator.robot.joint])
 
 
 def damped(plant: Parameters) -> Parameters:

@@ -16,7 +16,7 @@ from scipy.linalg import solve_continuous_are
 
 from ..physics.angles import UPRIGHT, wrap
 from ..physics.dynamics import linearise
-from ..physics.parameters import Parameters, Robot
+from ..physics.parameters import ROBOTS, Parameters, Robot
 from ..types import Scalar, State, Torque
 from .actuation import joint_torques
 from .controller import AbstractController
@@ -59,6 +59,23 @@ def upright_lqr(parameters: Parameters, robot: Robot, settings: LQRSettings) -> 
     A, B = linearised(parameters, robot, UPRIGHT[None], np.zeros(1))
     S = solve_continuous_are(A[0], B[0][:, None], np.diag(settings.state_weights), [[settings.torque_weight]])
     return LQR(B[0] @ S / settings.torque_weight, S, settings.max_cost_to_go, robot)
+
+
+def disturbance_gain(parameters: Parameters, regulator: LQR) -> float:
+    """κ of u = -K e - κ f, the optimal regulator where a constant torque f acts on the undriven joint.
+
+    With ė = A e + B u + D f the costate is S e + s f, (A - B K)ᵀ s = -S D, and κ the gain of s as K is that of S.
+
+    Args:
+        parameters: the plant of the regulator.
+        regulator: K = Bᵀ S / r and S.
+    """
+    (other,) = (robot for robot in ROBOTS.values() if robot != regulator.robot)
+    (A,), (B,) = linearised(parameters, regulator.robot, UPRIGHT[None], np.zeros(1))
+    _, (D,) = linearised(parameters, other, UPRIGHT[None], np.zeros(1))
+    K, S = regulator.gains, regulator.cost_to_go
+    weight = (B @ S @ B) / (K @ B)
+    return float(B @ np.linalg.solve((A - np.outer(B, K)).T, -S @ D) / weight)
 
 
 def linearised(

@@ -131,7 +131,7 @@ def _learn_score(
     schedule = optax.warmup_cosine_decay_schedule(0.0, s.score_rate, s.score_steps // 8, s.score_steps)
     optimiser = optax.chain(optax.clip_by_global_norm(2.0), optax.adam(schedule))
     episodes = PolicyGradientSettings(duration=s.score_duration)
-    recoveries = make_recoveries(student, teachers, random) if s.recovery_episodes else None
+    recoveries = make_recoveries(student, teachers, settings, random) if s.recovery_episodes else None
     key, steps = _key(random), s.score_steps
     return _trained(student, teachers.base, lessons, s, key, steps, optimiser, episodes, recoveries)
 

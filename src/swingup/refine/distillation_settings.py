@@ -27,7 +27,9 @@ class DistillationSettings:
     duration: float = 2.5
     """Of a run (s)."""
     thrown: float = 0.5
-    """Share of the runs that begin after a throw."""
+    """Share of the runs that begin after a throw or hanging still at an angle."""
+    still: float = 0.3
+    """Share of these that hang still, where a constant torque may hold the plant for good."""
     own: float = 0.8
     """Share of the runs in which the student acts, after the first round."""
     failing: float = 0.3
@@ -60,11 +62,13 @@ class DistillationSettings:
     """Swing-ups of the nominal plant in each of these steps."""
     score_duration: float = 1.8
     """Of one of them (s)."""
-    recovery_episodes: int = 24
-    """Recoveries from throws, on plants that the student is told, in each of these steps; 0 for none."""
+    recovery_episodes: int = 48
+    """Recoveries on plants that the student is told, in each of these steps; 0 for none."""
+    recovery_top: float = 0.5
+    """Share of them that begin near the top, the others after throws."""
     recovery_duration: float = 1.5
     """Of one of them (s)."""
-    recovery_weights: EpisodeWeights = EpisodeWeights(down=3.0, away=0.6, fast=30.0)  # noqa: RUF009 - frozen
+    recovery_weights: EpisodeWeights = EpisodeWeights(down=3.0, away=2.0, fast=30.0)  # noqa: RUF009 - frozen
     """Of their measures, beside the squared errors of the torque (N² m²)."""
 
 

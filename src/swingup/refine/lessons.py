@@ -7,8 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..physics.base_parameters import BASE_NAMES
 from ..physics.integrate import rk4_steps
-from ..physics.parameters import leaderboard_parameters
+from ..physics.parameters import Robot, leaderboard_parameters
 from ..policy.jax_backend.controller import PolicyController
 from ..policy.jax_backend.told import told_base
 from ..tasks.throws import thrown_states
@@ -21,6 +22,8 @@ DT = 0.002
 """Step of the runs (s)."""
 KEPT = 5
 """One of so many steps is a lesson: neighbours are alike."""
+STILL = 0.7
+"""Largest angle of the upper link in a state of rest (rad)."""
 SPOILT = 40.0
 """A run that is ever faster than this (rad/s) is left out."""
 ROUGH = (0.1, 0.1, 0.6, 0.6)
@@ -66,6 +69,9 @@ def lessons_of_runs(
     shape = teachers.number, settings.runs
     nominal = leaderboard_parameters(recovery.robot)
     starts = thrown_states(random, nominal, teachers.number * settings.runs).reshape(*shape, 4)
+    still = random.uniform(size=shape) < settings.still
+    rests = _hanging_still(random, np.asarray(teachers.base), recovery.robot, shape)
+    starts = np.where(still[..., None], rests, starts)
     thrown, acts = random.uniform(size=shape) < settings.thrown, random.uniform(size=shape) < own
     keys = jax.random.split(jax.random.key(int(random.integers(2**31))), shape)
     run = _RunSettings(round(settings.duration / DT), settings.tube, settings.noise, settings.slowest)
@@ -75,6 +81,18 @@ def lessons_of_runs(
     plant = np.broadcast_to(which.astype(np.int32)[:, None, None], u.shape)
     weight = np.where(distance < settings.tube, 1.0, settings.outside_weight).astype(np.float32)
     return Lessons(x[good].reshape(-1, 4), *(each[good].reshape(-1) for each in (u, plant, weight)))
+
+
+def _hanging_still(
+    random: np.random.Generator, base: Float[np.ndarray, "plants 9"], robot: Robot, shape: tuple[int, int]
+) -> Float[np.ndarray, "plants runs 4"]:
+    """States at rest below, in which a constant torque of the driven joint may hold the plants (rad)."""
+    k, m2r2 = (base[:, BASE_NAMES.index(name), None] for name in ("k", "m2r2"))
+    upper = random.uniform(-STILL, STILL, shape)
+    # No motor turns the undriven joint: gravity does not either. Its torque there is g m2 r2 sin(q1 + q2), on the
+    # shoulder g k sin(q1) more.
+    balance = 0.0 if robot.joint == 0 else -np.arcsin(np.clip(k / m2r2 * np.sin(upper), -1.0, 1.0))
+    return np.stack([upper, balance - upper, *np.zeros((2, *shape))], axis=-1)
 
 
 def swings_up(student: PolicyController, teachers: Teachers, duration: float) -> Bool[np.ndarray, "plants"]:

@@ -19,7 +19,8 @@ LEFT = {"b1": 0.004, "b2": 0.004, "cf1": 0.04, "cf2": 0.04}
 ROTOR = 3e-4
 """Largest rotor's inertia of the robot's plants (kg m²): one session's fit has 2.8e-4, beyond the domain."""
 ROTORS = 4
-"""Every so many of the robot's plants has any rotor up to that, the others have those of the domain."""
+"""Every so many of the robot's plants has any rotor up to that, the others have those of the domain.
+Recordings tell the sum of a rotor's and the upper link's inertia best: what a rotor gains, the link loses."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class PlantDraws:
     friction: int = 120
     """The passive joint has friction, up to the end of its range: Coulomb friction in two of three, damping in the
     third. In half of them all parameters are off as well, each within ``friction_share`` of its range."""
-    robot: int = 240
+    robot: int = 400
     """As recordings show the robot, with what the compensation leaves of its friction. All of the plant is larger
     by what the motor does not deliver."""
     share: float = 0.5
@@ -41,7 +42,9 @@ class PlantDraws:
     friction_share: float = 0.35
     """The same where the passive joint has friction."""
     margin: float = 0.03
-    """Part of a range by which a single parameter, the friction and the robot's plant may lie beyond it."""
+    """Part of a range by which a single parameter and the friction may lie beyond it."""
+    robot_margin: float = 0.1
+    """The same of the robot's plants. The fits of single sessions lie at corners of the ranges, and beyond."""
 
     @property
     def plants(self) -> int:
@@ -72,8 +75,8 @@ def draw_plants(random: np.random.Generator, robot: Robot, draws: PlantDraws) ->
         most = sweep.sweep.high * (1 + draws.margin)
         plants.append(vary(plant, sweep, random.uniform(0.0, most) - getattr(plant, name)))
     for index in range(1, draws.robot + 1):
-        plant = _robots(random, robot, nominal, draws.margin)
-        plants.append(plant if index % ROTORS else replace(plant, Ir=random.uniform(0.0, ROTOR)))
+        plant = _robots(random, robot, nominal, draws.robot_margin)
+        plants.append(plant if index % ROTORS else _any_rotor(random, plant))
     stacked: Parameters = jax.tree.map(lambda *values: np.array(values, np.float64), *plants)
     return stacked
 
@@ -97,6 +100,11 @@ def _robots(random: np.random.Generator, robot: Robot, nominal: Parameters, marg
     # What a weaker motor moves is like a heavier plant.
     scale = 1.0 / drawn[f"gain{robot.joint + 1}"]
     return replace(plant, **{name: scale * getattr(plant, name) for name in ("m1", "m2", "I1", "I2", "Ir")})
+
+
+def _any_rotor(random: np.random.Generator, plant: Parameters) -> Parameters:
+    rotor = random.uniform(0.0, ROTOR)
+    return replace(plant, Ir=rotor, I1=plant.I1 + plant.gr**2 * (plant.Ir - rotor))
 
 
 def _anywhere(random: np.random.Generator, sweep: ModelSweep, margin: float) -> float:

@@ -1,4 +1,4 @@
-"""Recoveries from throws on many plants: the cost that a distillation may differentiate at its end."""
+"""Recoveries on many plants, from throws and near the top: a cost that ends a distillation by its gradient."""
 
 from typing import NamedTuple
 
@@ -6,8 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from scipy.linalg import solve_triangular
 
 from ..benchmark.rollout import Scenario
+from ..physics.angles import UPRIGHT
 from ..physics.parameters import Parameters, leaderboard_parameters
 from ..policy.jax_backend.controller import PolicyController
 from ..policy.jax_backend.told import told_base
@@ -17,8 +19,10 @@ from .analytic_policy_gradient import SCORE_RULES, PolicyGradientSettings, run_e
 from .distillation_settings import DistillationSettings
 from .teacher import Teachers
 
-THROWN = 4096
-"""Throws that recoveries begin with."""
+STARTS = 4096
+"""States that recoveries begin with."""
+FARTHEST = 1.0
+"""Largest cost-to-go of the nominal plant's LQR where a recovery begins near the top."""
 
 
 class Recoveries(NamedTuple):
@@ -27,14 +31,30 @@ class Recoveries(NamedTuple):
     plant: Parameters
     """Leaves of shape (plants,)."""
     base: Float[Array, "plants 9"]
-    thrown: Float[Array, "throws 4"]
-    """States after throws (rad, rad/s)."""
+    starts: Float[Array, "starts 4"]
+    """States after throws and near the top (rad, rad/s)."""
 
 
-def make_recoveries(student: PolicyController, teachers: Teachers, random: np.random.Generator) -> Recoveries:
-    """Recoveries on the teachers' plants, from throws of the nominal one."""
-    thrown = thrown_states(random, leaderboard_parameters(student.robot), THROWN)
-    return Recoveries(teachers.plant, teachers.base, jnp.float32(thrown))
+def make_recoveries(
+    student: PolicyController, teachers: Teachers, settings: DistillationSettings, random: np.random.Generator
+) -> Recoveries:
+    """Recoveries on the teachers' plants, from throws of the nominal one, the last, and from near its top."""
+    near = round(settings.recovery_top * STARTS)
+    thrown = thrown_states(random, leaderboard_parameters(student.robot), STARTS - near)
+    starts = np.concatenate([thrown, _near_top(np.asarray(teachers.cost_to_go[-1], float), near, random)])
+    return Recoveries(teachers.plant, teachers.base, jnp.float32(starts))
+
+
+def _near_top(
+    cost_to_go: Float[np.ndarray, "4 4"], number: int, random: np.random.Generator
+) -> Float[np.ndarray, "number 4"]:
+    """States about upright whose costs-to-go are uniform up to ``FARTHEST``."""
+    directions = random.normal(size=(number, 4))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    sizes = np.sqrt(FARTHEST * random.uniform(size=(number, 1)))
+    # With S = L Lᵀ, errors L⁻ᵀ z have the costs zᵀ z.
+    errors = solve_triangular(np.linalg.cholesky(cost_to_go).T, (sizes * directions).T)
+    return UPRIGHT + errors.T
 
 
 def recovery_cost(
@@ -44,7 +64,7 @@ def recovery_cost(
     number, weights = settings.recovery_episodes, settings.recovery_weights
     plant_key, start_key = jax.random.split(key)
     chosen = jax.random.randint(plant_key, (number,), 0, len(recoveries.base))
-    x0 = recoveries.thrown[jax.random.randint(start_key, (number,), 0, len(recoveries.thrown))]
+    x0 = recoveries.starts[jax.random.randint(start_key, (number,), 0, len(recoveries.starts))]
     steps = round(settings.recovery_duration / SCORE_RULES.dt)
     # The mean gives each recovery this share of its gradient, which the weight of its time down scales.
     limit = PolicyGradientSettings().adjoint_limit * weights.down / number
