@@ -1,6 +1,6 @@
 """The evidence for a controller that identifies its plant: model errors, ablations, nominal plant, errors, boards.
 
-Usage: python benchmarks/adaptive.py ROBOT CONTROLLER.npz [--section models ablations nominal errors boards]
+Usage: python benchmarks/adaptive.py ROBOT CONTROLLER.npz [--section models ablations failing nominal errors boards]
 [--out runs/adaptive] [--seed 10] [--seeds 5]
 
 Prints a Markdown table for each section:
@@ -8,6 +8,8 @@ Prints a Markdown table for each section:
 - models: successes on the board's grid of model errors, on the midpoints between its values, and on joint draws of
   all parameters within half their ranges; then the cells of the grid that fail;
 - ablations: the same, and the other criteria of the robustness board, with one part of the controller off;
+- failing: for 20 plants that the controller does not hold, whether the same controller told the plant does, and the
+  score of the plant's own optimal swing-up and LQR;
 - nominal: adaptation on minus adaptation off on the nominal plant, in points;
 - errors: errors of the base parameters against time over the joint draws, and a picture;
 - boards: this controller beside the shipped ones on every board, by the boards' own functions.
@@ -28,7 +30,8 @@ from typing import Any
 import numpy as np
 from adaptive_boards import board_lines, board_rows
 from adaptive_errors import TIMES, draw_errors, error_lines, error_rows, follow_errors
-from adaptive_plants import ALL, FULL, GRID, JOINT, MIDPOINTS, NOMINAL_CRITERIA, OFF, Judge
+from adaptive_failing import failing_lines, failing_rows
+from adaptive_plants import ALL, FULL, GRID, JOINT, MIDPOINTS, NOMINAL_CRITERIA, OFF, TOLD, Judge
 
 from swingup.benchmark.interval import mean_interval, share_interval
 from swingup.benchmark.robustness import summarise
@@ -43,7 +46,7 @@ from swingup.policy.shipped import REFINED
 Rows = list[dict[str, Any]]
 Section = tuple[Rows, str]
 
-SECTIONS = ("models", "ablations", "nominal", "errors", "boards")
+SECTIONS = ("models", "ablations", "failing", "nominal", "errors", "boards")
 SHIPPED = (REFINED, "global", "robot")
 """Controllers that the boards compare with."""
 
@@ -104,6 +107,19 @@ def ablations(judge: Judge) -> Section:
     lines = [[row["variant"], *(f"{row[name]:.1f}" for name in names), f"{row['overall']:.3f}"] for row in rows]
     header = ["successes (%)", *(name.replace("_", " ") for name in names), "overall (0 to 1)"]
     return rows, table(header, lines)
+
+
+def failing(judge: Judge) -> Section:
+    """What else holds plants that the controller does not."""
+    rows = failing_rows(judge)
+    nobody = ", ".join(line[0] for row, line in zip(rows, failing_lines(rows), strict=True) if not holds(row))
+    header = ["not held", "held if told the plant", "held by the optimum", "the optimum's score"]
+    return rows, f"{table(header, failing_lines(rows))}\n\nHeld by neither: {nobody or 'none'}."
+
+
+def holds(row: dict[str, Any]) -> bool:
+    """Whether anybody holds the plant of a row."""
+    return bool(row[TOLD] or row["held"])
 
 
 def nominal(judge: Judge) -> Section:
@@ -183,8 +199,8 @@ def run_sections(options: argparse.Namespace) -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     picture = options.out / f"{options.robot}-errors.png"
     run: dict[str, Callable[[Judge], Section]] = {
-        "models": models, "ablations": ablations, "nominal": nominal, "errors": partial(errors, picture=picture),
-        "boards": boards,
+        "models": models, "ablations": ablations, "failing": failing, "nominal": nominal,
+        "errors": partial(errors, picture=picture), "boards": boards,
     }  # fmt: skip
     for name in SECTIONS:
         if name in options.section:

@@ -43,7 +43,7 @@ def test_a_controller_that_cannot_be_used_ends_in_one_line(scripts, arguments, m
 def scripts(monkeypatch):
     """The scripts' modules by what follows `adaptive` in their names."""
     monkeypatch.syspath_prepend(BENCHMARKS)
-    names = ("adaptive", "adaptive_plants", "adaptive_errors", "adaptive_boards")
+    names = ("adaptive", "adaptive_plants", "adaptive_errors", "adaptive_boards", "adaptive_failing", "upper_bound")
     yield {name.removeprefix("adaptive_"): __import__(name) for name in names}
     for name in names:
         sys.modules.pop(name, None)
@@ -130,6 +130,40 @@ def test_model_errors_are_counted_by_parameter(scripts):
     # Wilson: (3/4 + z²/8 ± z sqrt(3/64 + z²/256)) / (1 + z²/4) with z = 1.96.
     assert lines[8] == "Joint draws: 75.0 % of 4 (30.1 to 95.4)."
     assert lines[10] == "Not held on the grid (1): b1 = 0.1."
+
+
+def test_plants_that_nobody_holds_are_named(scripts, monkeypatch):
+    rows = [
+        {"plants": plants, "parameter": name, **which, "told the true plant": told, "held": held, "score": score}
+        for plants, name, which, told, held, score in (
+            ("grid", "cf1", {"value": 0.04}, False, False, 0.0),
+            ("midpoints", "m2", {"value": 0.7625}, True, False, 0.0),
+            ("joint draws", "all", {"draw": 7}, False, True, 0.7123),
+        )
+    ]
+    monkeypatch.setattr(scripts["adaptive"], "failing_rows", lambda judge: rows)
+    found, text = scripts["adaptive"].failing(None)
+    assert found == rows
+    assert text.splitlines()[2:] == [
+        "| grid: cf1 = 0.04 | no | no | - |",
+        "| midpoints: m2 = 0.762 | yes | no | - |",
+        "| joint draw 7 | no | yes | 0.712 |",
+        "",
+        "Held by neither: grid: cf1 = 0.04.",
+    ]
+
+
+@pytest.mark.slow
+def test_the_optimum_of_a_plant_is_held_and_scored(scripts):
+    robot = get_robot("pendubot")
+    every = scripts["plants"].plant_sets(robot, RULES)["grid"]
+    cases = [case for case in every if case.settings["parameter"] == "m2"]
+    (found,) = scripts["failing"].optima(robot, [cases[10]], RULES)
+    # The middle of the sweep is the nominal plant; its shipped swing-up scores 0.697 with its own regulator.
+    assert cases[10].settings["value"] == pytest.approx(1.0)
+    assert found.reached
+    assert found.held
+    assert found.score == pytest.approx(0.69, abs=0.02)
 
 
 def test_adaptation_is_compared_seed_by_seed(scripts):

@@ -16,7 +16,7 @@ from ..tasks.throws import thrown_states
 from ..types import Flag, Key, Scalar, State
 from .behaviour_cloning import RETAINED_SPEED
 from .distillation_settings import DistillationSettings
-from .teacher import TOP, Teachers, taught, top_cost
+from .teacher import ARRIVED, Teachers, taught, top_cost
 
 DT = 0.002
 """Step of the runs (s)."""
@@ -97,7 +97,7 @@ def _hanging_still(
 
 def swings_up(student: PolicyController, teachers: Teachers, duration: float) -> Bool[np.ndarray, "plants"]:
     """On which plants a student that is told them comes from hanging to the top within this time (s)."""
-    return np.asarray(_cheapest(student, teachers, round(duration / DT)) < TOP)
+    return np.asarray(_cheapest(student, teachers, round(duration / DT)) < ARRIVED)
 
 
 @jax.jit(static_argnames="steps")

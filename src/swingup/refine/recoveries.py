@@ -6,7 +6,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.linalg import solve_triangular
 
 from ..benchmark.rollout import Scenario
 from ..physics.angles import UPRIGHT
@@ -53,7 +52,7 @@ def _near_top(
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     sizes = np.sqrt(FARTHEST * random.uniform(size=(number, 1)))
     # With S = L Lᵀ, errors L⁻ᵀ z have the costs zᵀ z.
-    errors = solve_triangular(np.linalg.cholesky(cost_to_go).T, (sizes * directions).T)
+    errors = np.linalg.solve(np.linalg.cholesky(cost_to_go).T, (sizes * directions).T)
     return UPRIGHT + errors.T
 
 

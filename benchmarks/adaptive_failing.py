@@ -1,0 +1,109 @@
+"""What else holds the plants that a controller does not: the same controller told them, and the optimum of each."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from adaptive_plants import ALL, FULL, TOLD, Judge
+from upper_bound import stack
+
+from swingup.benchmark.criteria import judge as judge_rows
+from swingup.benchmark.grid import Case
+from swingup.benchmark.robustness import upright
+from swingup.benchmark.rollout import Scenario, Trajectory, simulate
+from swingup.benchmark.rules import PERFORMANCE_RULES, RobustnessRules
+from swingup.control.continuation import continue_swingups
+from swingup.control.controller import split
+from swingup.control.known_plant import known_plant_controller
+from swingup.control.switch import LatchingSwitch
+from swingup.physics.parameters import Parameters, Robot
+
+SAMPLE = 20
+"""Plants that are not held, drawn from all sets."""
+SAMPLE_SEED = (2026, 20)
+
+
+class Optimum(NamedTuple):
+    """What an optimal swing-up of a plant and the plant's own LQR make of it."""
+
+    reached: bool
+    """Whether the continuation came to the plant; else it is the swing-up of the last one on the way."""
+    held: bool
+    score: float
+    """RealAI score by the rules v2 (0 to 1), 0 without success."""
+
+
+def failing_rows(judge: Judge) -> list[dict[str, Any]]:
+    """A sample of the plants that the controller does not hold, and who holds them."""
+    every = [
+        (name, case, bool(told))
+        for name, cases in judge.sets.items()
+        for case, held, told in zip(cases, judge.held(FULL, name), judge.held(TOLD, name), strict=True)
+        if not held
+    ]
+    random = np.random.default_rng(SAMPLE_SEED)
+    chosen = sorted(random.permutation(len(every))[:SAMPLE])
+    sample = [every[index] for index in chosen]
+    found = optima(judge.policy.robot, [case for _, case, _ in sample], judge.rules)
+    return [
+        {"plants": name, **case.settings, TOLD: told, **optimum._asdict()}
+        for (name, case, told), optimum in zip(sample, found, strict=True)
+    ]
+
+
+def optima(robot: Robot, cases: list[Case], rules: RobustnessRules) -> list[Optimum]:
+    """Each plant's swing-up by iterative LQR, followed with feedback and then held by the plant's LQR."""
+    if not cases:
+        return []
+    plants = [case.scenario.parameters for case in cases]
+    found = continue_swingups(robot, stack(plants))
+    controllers = [known_plant_controller(plant, found.reference(index)) for index, plant in enumerate(plants)]
+    final, rows = _simulated(controllers, plants, rules)
+    held = upright(final, rules.tolerance)
+    return [
+        Optimum(bool(found.reached[index] == 1.0), bool(held[index]), _score(plant, rows, index))
+        for index, plant in enumerate(plants)
+    ]
+
+
+def _simulated(
+    controllers: list[LatchingSwitch], plants: list[Parameters], rules: RobustnessRules
+) -> tuple[np.ndarray, Trajectory]:
+    """Last states (n, 4), and rows with a leading axis of n."""
+    static = split(controllers[0])[1]
+    arrays = jax.tree.map(lambda *leaves: np.stack(leaves), *(split(each)[0] for each in controllers))
+
+    @jax.jit
+    @jax.vmap
+    def run(arrays: LatchingSwitch, plant: Parameters) -> tuple[jax.Array, Trajectory]:
+        controller = eqx.combine(arrays, static)
+        end, rows = simulate(Scenario(plant), controller, jnp.zeros(4), rules.dt, rules.steps)
+        return jnp.asarray(end.final), rows
+
+    with jax.enable_x64(True):
+        final, rows = run(arrays, stack(plants))
+    return np.asarray(final), rows
+
+
+def _score(plant: Parameters, rows: Trajectory, index: int) -> float:
+    time, x, u = (np.asarray(each)[index] for each in (rows.time, rows.x, rows.u))
+    return judge_rows(time, x, u, float(plant.l1), float(plant.l2), PERFORMANCE_RULES["v2"]).score
+
+
+def failing_lines(rows: list[dict[str, Any]]) -> list[list[str]]:
+    """A line for each plant, for a table."""
+
+    def plant(row: dict[str, Any]) -> str:
+        if row["parameter"] == ALL:
+            return f"joint draw {row['draw']}"
+        return f"{row['plants']}: {row['parameter']} = {row['value']:.3g}"
+
+    def yes(answer: bool) -> str:
+        return "yes" if answer else "no"
+
+    def score(row: dict[str, Any]) -> str:
+        return f"{row['score']:.3f}" if row["held"] else "-"
+
+    return [[plant(row), yes(row[TOLD]), yes(row["held"]), score(row)] for row in rows]
