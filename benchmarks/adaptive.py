@@ -8,8 +8,9 @@ Prints a Markdown table for each section:
 - models: successes on the board's grid of model errors, on the midpoints between its values, and on joint draws of
   all parameters within half their ranges; then the cells of the grid that fail;
 - ablations: the same, and the other criteria of the robustness board, with one part of the controller off;
-- failing: for 20 plants that the controller does not hold, whether the same controller told the plant does, and the
-  score of the plant's own optimal swing-up and LQR;
+- failing: for 20 plants that the controller does not hold, the error that the motor can bring back upright
+  (``control/authority.py``), whether the same controller told the plant holds it, and the score of the plant's own
+  optimal swing-up and LQR;
 - nominal: adaptation on minus adaptation off on the nominal plant, in points;
 - errors: errors of the base parameters against time over the joint draws, and a picture;
 - boards: this controller beside the shipped ones on every board, by the boards' own functions.
@@ -113,7 +114,13 @@ def failing(judge: Judge) -> Section:
     """What else holds plants that the controller does not."""
     rows = failing_rows(judge)
     nobody = ", ".join(line[0] for row, line in zip(rows, failing_lines(rows), strict=True) if not holds(row))
-    header = ["not held", "held if told the plant", "held by the optimum", "the optimum's score"]
+    header = [
+        "not held",
+        "the motor brings back (rad)",
+        "held if told the plant",
+        "held by the optimum",
+        "the optimum's score",
+    ]
     return rows, f"{table(header, failing_lines(rows))}\n\nHeld by neither: {nobody or 'none'}."
 
 

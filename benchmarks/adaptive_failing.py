@@ -14,6 +14,7 @@ from swingup.benchmark.grid import Case
 from swingup.benchmark.robustness import upright
 from swingup.benchmark.rollout import Scenario, Trajectory, simulate
 from swingup.benchmark.rules import PERFORMANCE_RULES, RobustnessRules
+from swingup.control.authority import holding_range
 from swingup.control.continuation import continue_swingups
 from swingup.control.controller import split
 from swingup.control.known_plant import known_plant_controller
@@ -48,7 +49,13 @@ def failing_rows(judge: Judge) -> list[dict[str, Any]]:
     sample = [every[index] for index in chosen]
     found = optima(judge.policy.robot, [case for _, case, _ in sample], judge.rules)
     return [
-        {"plants": name, **case.settings, TOLD: told, **optimum._asdict()}
+        {
+            "plants": name,
+            **case.settings,
+            TOLD: told,
+            **optimum._asdict(),
+            "range": holding_range(case.scenario.parameters, judge.policy.robot),
+        }
         for (name, case, told), optimum in zip(sample, found, strict=True)
     ]
 
@@ -106,4 +113,4 @@ def failing_lines(rows: list[dict[str, Any]]) -> list[list[str]]:
     def score(row: dict[str, Any]) -> str:
         return f"{row['score']:.3f}" if row["held"] else "-"
 
-    return [[plant(row), yes(row[TOLD]), yes(row["held"]), score(row)] for row in rows]
+    return [[plant(row), f"{row['range']:.2f}", yes(row[TOLD]), yes(row["held"]), score(row)] for row in rows]

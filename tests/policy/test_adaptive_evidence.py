@@ -135,6 +135,7 @@ def test_model_errors_are_counted_by_parameter(scripts):
 def test_plants_that_nobody_holds_are_named(scripts, monkeypatch):
     rows = [
         {"plants": plants, "parameter": name, **which, "told the true plant": told, "held": held, "score": score}
+        | {"range": 0.456}
         for plants, name, which, told, held, score in (
             ("grid", "cf1", {"value": 0.04}, False, False, 0.0),
             ("midpoints", "m2", {"value": 0.7625}, True, False, 0.0),
@@ -145,9 +146,9 @@ def test_plants_that_nobody_holds_are_named(scripts, monkeypatch):
     found, text = scripts["adaptive"].failing(None)
     assert found == rows
     assert text.splitlines()[2:] == [
-        "| grid: cf1 = 0.04 | no | no | - |",
-        "| midpoints: m2 = 0.762 | yes | no | - |",
-        "| joint draw 7 | no | yes | 0.712 |",
+        "| grid: cf1 = 0.04 | 0.46 | no | no | - |",
+        "| midpoints: m2 = 0.762 | 0.46 | yes | no | - |",
+        "| joint draw 7 | 0.46 | no | yes | 0.712 |",
         "",
         "Held by neither: grid: cf1 = 0.04.",
     ]
