@@ -2,23 +2,18 @@
 
 from typing import Any, NamedTuple
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 from adaptive_plants import ALL, FULL, TOLD, Judge
-from upper_bound import stack
+from upper_bound import simulated, stack
 
 from swingup.benchmark.criteria import judge as judge_rows
 from swingup.benchmark.grid import Case
 from swingup.benchmark.robustness import upright
-from swingup.benchmark.rollout import Scenario, Trajectory, simulate
+from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.rules import PERFORMANCE_RULES, RobustnessRules
 from swingup.control.authority import holding_range
 from swingup.control.continuation import continue_swingups
-from swingup.control.controller import split
 from swingup.control.known_plant import known_plant_controller
-from swingup.control.switch import LatchingSwitch
 from swingup.physics.parameters import Parameters, Robot
 
 SAMPLE = 20
@@ -67,31 +62,12 @@ def optima(robot: Robot, cases: list[Case], rules: RobustnessRules) -> list[Opti
     plants = [case.scenario.parameters for case in cases]
     found = continue_swingups(robot, stack(plants))
     controllers = [known_plant_controller(plant, found.reference(index)) for index, plant in enumerate(plants)]
-    final, rows = _simulated(controllers, plants, rules)
+    final, rows = simulated(controllers, plants, rules)
     held = upright(final, rules.tolerance)
     return [
         Optimum(bool(found.reached[index] == 1.0), bool(held[index]), _score(plant, rows, index))
         for index, plant in enumerate(plants)
     ]
-
-
-def _simulated(
-    controllers: list[LatchingSwitch], plants: list[Parameters], rules: RobustnessRules
-) -> tuple[np.ndarray, Trajectory]:
-    """Last states (n, 4), and rows with a leading axis of n."""
-    static = split(controllers[0])[1]
-    arrays = jax.tree.map(lambda *leaves: np.stack(leaves), *(split(each)[0] for each in controllers))
-
-    @jax.jit
-    @jax.vmap
-    def run(arrays: LatchingSwitch, plant: Parameters) -> tuple[jax.Array, Trajectory]:
-        controller = eqx.combine(arrays, static)
-        end, rows = simulate(Scenario(plant), controller, jnp.zeros(4), rules.dt, rules.steps)
-        return jnp.asarray(end.final), rows
-
-    with jax.enable_x64(True):
-        final, rows = run(arrays, stack(plants))
-    return np.asarray(final), rows
 
 
 def _score(plant: Parameters, rows: Trajectory, index: int) -> float:

@@ -1,4 +1,4 @@
-"""Time of one call of a policy of the paper's sizes in each backend, beside a floor of the same run.
+"""Time of one call of ar-eapo, which has the paper's sizes, and of adaptive, beside a floor of the same run.
 
 Usage: taskset -c 0 python benchmarks/runtimes.py [ROBOT], by default acrobot; leave the machine idle. Needs gcc and
 onnxruntime. The floor is one product of a 256 x 256 float32 matrix and a vector by NumPy's library: no 256-256
@@ -21,6 +21,8 @@ import jax
 import numpy as np
 import onnxruntime
 
+from swingup.benchmark.evaluate import evaluate
+from swingup.control.registry import get_controller
 from swingup.physics.parameters import identified_parameters
 from swingup.policy.c_backend.header import c_header
 from swingup.policy.identifier_settings import IdentifierSettings
@@ -30,7 +32,7 @@ from swingup.policy.numpy_backend.network import NumpyNetwork
 from swingup.policy.onnx_backend.graph import onnx_model
 from swingup.policy.plant_facts import policy_plant
 from swingup.policy.settings import EstimatorSettings, FrontEndSettings, GuardSettings
-from swingup.policy.shipped import AR_EAPO, read_policy
+from swingup.policy.shipped import ADAPTIVE, AR_EAPO, read_policy
 from swingup.runtime import load_controller
 
 CALLS, WARM_UP, DT = 20_000, 500, 0.002
@@ -136,6 +138,14 @@ def main(robot: str) -> None:
     identified = dataclasses.replace(policy, identifier=IdentifierSettings())
     times["C with estimator and identifier"] = measure_c(c_header(identified), states)[1]
     times["C with estimator, front end and guard"] = measure_c(c_header(everything), states)[1]
+    # Its swing-up, again and again: the identifier would not learn from a drift that no pendulum can follow.
+    adaptive, swingup_states = (
+        load_controller(ADAPTIVE, robot),
+        evaluate(get_controller(ADAPTIVE, robot), robot).trajectory.x,
+    )
+    states = np.resize(swingup_states, states.shape)
+    times["adaptive, NumPy"] = measure(lambda k: adaptive(states[k], DT * k))
+    times["adaptive, C"] = measure_c(c_header(read_policy(ADAPTIVE, robot)), states)[1]
     print("| one call | median [µs] | p99 [µs] | p99 / median |\n|---|---:|---:|---:|")
     for name, each in times.items():
         median, late = np.quantile(each[WARM_UP:], [0.5, 0.99])

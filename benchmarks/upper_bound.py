@@ -20,7 +20,7 @@ import numpy as np
 
 from swingup.benchmark.grid import Case, make_cases
 from swingup.benchmark.robustness import upright
-from swingup.benchmark.rollout import Scenario, simulate
+from swingup.benchmark.rollout import Scenario, Trajectory, simulate
 from swingup.benchmark.rules import RobustnessRules, get_robustness_rules
 from swingup.control.continuation import SwingUps, continue_swingups
 from swingup.control.controller import split
@@ -35,19 +35,23 @@ def stack(trees: Sequence[Parameters]) -> Parameters:
     return stacked
 
 
-def held(controllers: list[LatchingSwitch], plants: list[Parameters], rules: RobustnessRules) -> np.ndarray:
-    """Whether each controller's own plant ends upright, from hanging at rest."""
+def simulated(
+    controllers: list[LatchingSwitch], plants: list[Parameters], rules: RobustnessRules
+) -> tuple[np.ndarray, Trajectory]:
+    """Each controller on its own plant from hanging at rest: last states (n, 4), and rows with n in front."""
     static = split(controllers[0])[1]
     arrays = jax.tree.map(lambda *leaves: np.stack(leaves), *(split(each)[0] for each in controllers))
 
     @jax.jit
     @jax.vmap
-    def final(arrays: LatchingSwitch, plant: Parameters) -> jax.Array:
+    def run(arrays: LatchingSwitch, plant: Parameters) -> tuple[jax.Array, Trajectory]:
         controller = eqx.combine(arrays, static)
-        return jnp.asarray(simulate(Scenario(plant), controller, jnp.zeros(4), rules.dt, rules.steps)[0].final)
+        end, rows = simulate(Scenario(plant), controller, jnp.zeros(4), rules.dt, rules.steps)
+        return jnp.asarray(end.final), rows
 
     with jax.enable_x64(True):
-        return upright(np.asarray(final(arrays, stack(plants))), rules.tolerance)
+        final, rows = run(arrays, stack(plants))
+    return np.asarray(final), rows
 
 
 def table(cases: list[Case], found: SwingUps, successes: np.ndarray) -> str:
@@ -81,7 +85,8 @@ def main() -> None:
 
     found = continue_swingups(robot, stack(plants), progress=progress)
     controllers = [known_plant_controller(plant, found.reference(index)) for index, plant in enumerate(plants)]
-    print(table(cases, found, held(controllers, plants, rules)))
+    successes = upright(simulated(controllers, plants, rules)[0], rules.tolerance)
+    print(table(cases, found, successes))
     print(f"{time.process_time() - began:.0f} s of CPU time")
 
 
