@@ -9,6 +9,7 @@ from swingup.benchmark.evaluate import evaluate
 from swingup.benchmark.interval import Interval
 from swingup.benchmark.robustness import robustness
 from swingup.benchmark.sim2real import sim2real
+from swingup.benchmark.trials import trials
 from swingup.benchmark.uptime import uptime
 from swingup.plants.domain import SESSIONS
 
@@ -36,18 +37,26 @@ def measure_uptime(controller: Any, robot: str, name: str, rules: str, seeds: in
     return found.uptime, found.interval
 
 
-def measure_swingups(controller: Any, robot: str, name: str, domain: str, seeds: int) -> Measured:
+def measure_swingups(controller: Any, robot: str, name: str, domain: str, seeds: int, seed: int = 0) -> Measured:
     """The share of successes on a simulated robot."""
-    found = sim2real(controller, robot, name, domain, seeds=seeds)
+    found = sim2real(controller, robot, name, domain, seed, seeds)
     return found.successes / seeds, found.interval
+
+
+def measure_trials(controller: Any, robot: str, name: str, rules: str, seeds: int) -> Measured:
+    """The mean score of trials by a real robot's rules."""
+    found = trials(controller, robot, name, rules, seeds=seeds)
+    return found.score, found.interval
 
 
 BOARDS: dict[str, Measure] = {
     "score": measure_score,
     "robustness, 5 seeds": partial(measure_robustness, seeds=5),
     "uptime `v3`, 10 seeds": partial(measure_uptime, rules="v3", seeds=10),
-    "uptime `icra-real`, 10 draws": partial(measure_uptime, rules="icra-real", seeds=10),
-    "swing-ups on `recorded`, 100 draws": partial(measure_swingups, domain="recorded", seeds=100),
+    "uptime `icra-real`, 100 draws": partial(measure_uptime, rules="icra-real", seeds=100),
+    "score `iros-real`, 100 draws": partial(measure_trials, rules="iros-real", seeds=100),
+    # Training and its choices drew none of these.
+    "swing-ups on `recorded`, 200 draws": partial(measure_swingups, domain="recorded", seed=10000, seeds=200),
     **{
         f"swing-ups on `session-{name}`, 20 seeds": partial(measure_swingups, domain=f"session-{name}", seeds=20)
         for name in SESSIONS

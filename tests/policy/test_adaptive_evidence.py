@@ -43,7 +43,8 @@ def test_a_controller_that_cannot_be_used_ends_in_one_line(scripts, arguments, m
 def scripts(monkeypatch):
     """The scripts' modules by what follows `adaptive` in their names."""
     monkeypatch.syspath_prepend(BENCHMARKS)
-    names = ("adaptive", "adaptive_plants", "adaptive_errors", "adaptive_boards", "adaptive_failing", "upper_bound")
+    parts = ("plants", "errors", "boards", "failing", "seeds")
+    names = ("adaptive", *(f"adaptive_{part}" for part in parts), "upper_bound")
     yield {name.removeprefix("adaptive_"): __import__(name) for name in names}
     for name in names:
         sys.modules.pop(name, None)
@@ -213,3 +214,23 @@ def test_boards_have_a_line_each(scripts):
         ["score", "0.700", "0.699"],
         ["uptime", "0.800 (0.750 to 0.850)", "0.500 (0.400 to 0.600)"],
     ]
+
+
+def test_trainings_are_measured_once_and_averaged(scripts, tmp_path, monkeypatch, capsys):
+    seeds, values = scripts["seeds"], iter([0.5, 0.7, 0.9])
+    monkeypatch.setattr(seeds, "measures", lambda robot, path: {"uptime": lambda: next(values)})
+    files = [str(tmp_path / f"{name}.npz") for name in "abc"]
+    for file in files:
+        Path(file).write_bytes(file.encode())
+    rows = str(tmp_path / "new" / "rows.jsonl")
+    for given in (files[:1], files):
+        monkeypatch.setattr(sys, "argv", ["adaptive_seeds.py", "acrobot", *given, "--rows", rows])
+        assert seeds.main() == 0
+    # Mean 0.7, standard error 0.2/√3, Student's 4.303 with two degrees of freedom: 0.497, cut at 1 above 1.
+    last = "| uptime | 0.500 | 0.700 | 0.900 | 0.700 (0.203 to 1.000) |"
+    assert capsys.readouterr().out.splitlines()[-1] == last
+    # Another content is another training.
+    Path(files[0]).write_bytes(b"new")
+    monkeypatch.setattr(sys, "argv", ["adaptive_seeds.py", "acrobot", files[0], "--rows", rows])
+    with pytest.raises(StopIteration):
+        seeds.main()
