@@ -14,10 +14,12 @@ from swingup.benchmark.rules import SWEPT, ModelSweep, RobustnessRules, Sweep
 from swingup.benchmark.runner import run_many, stack
 from swingup.control.controller import AbstractController
 from swingup.errors import SwingupError
+from swingup.physics.base_parameters import BASE
 from swingup.physics.parameters import Parameters, Robot, leaderboard_parameters, validated
+from swingup.policy.identifier_settings import UNKNOWNS
 from swingup.policy.jax_backend.controller import make_controller
 from swingup.policy.jax_backend.estimator import EstimatingController
-from swingup.policy.jax_backend.told import told
+from swingup.policy.jax_backend.told import traced_base_parameters
 from swingup.policy.pendulum import PendulumPolicy
 
 GRID, MIDPOINTS, JOINT = "grid", "midpoints", "joint draws"
@@ -76,7 +78,7 @@ def plant_sets(robot: Robot, rules: RobustnessRules) -> dict[str, list[Case]]:
 def make_variants(policy: PendulumPolicy) -> dict[str, AbstractController[Any]]:
     """The controller of a file, and the same with one part off.
 
-    The one that is told the true plant is here the one that is told the nominal plant; see :func:`tell_everything`.
+    The one that is told the true plant is told it by :func:`tell_everything`, plant by plant.
 
     Raises:
         SwingupError: the policy has no identifier.
@@ -84,7 +86,8 @@ def make_variants(policy: PendulumPolicy) -> dict[str, AbstractController[Any]]:
     if policy.identifier is None:
         raise SwingupError("the policy has no identifier: choose a file with one, as acrobot-adaptive.npz")
     told_nominal = make_controller(dataclasses.replace(policy, identifier=None))
-    variants = {FULL: make_controller(policy), OFF: told_nominal, TOLD: told_nominal}
+    full = make_controller(policy)
+    variants = {FULL: full, OFF: told_nominal, TOLD: full}
     if policy.regulator is not None:
         variants[NO_REGULATOR] = make_controller(dataclasses.replace(policy, regulator=None))
     # Without an estimator there is no identifier: the policy sees measurements and the nominal plant.
@@ -92,12 +95,17 @@ def make_variants(policy: PendulumPolicy) -> dict[str, AbstractController[Any]]:
 
 
 def tell_everything(controller: EstimatingController, plant: Parameters) -> EstimatingController:
-    """The controller whose estimator, policy and regulator have this plant instead of the identified one."""
-    friction = ("b1", "b2", "cf1", "cf2")
-    # As the identifier does: negative friction would make the estimator's implicit step singular.
-    braking = {name: jnp.maximum(getattr(plant, name), 0.0) for name in friction}
-    inner, parameters = told(controller.controller, plant), dataclasses.replace(plant, **braking)
-    return dataclasses.replace(controller, controller=inner, parameters=parameters, damped=True)
+    """The controller whose identifier knows this plant for sure, with a dead motor of the undriven joint.
+
+    Raises:
+        SwingupError: the controller has no identifier.
+    """
+    if controller.identifier is None:
+        raise SwingupError("the controller has no identifier: choose one with it, as adaptive")
+    # No offsets, no lag, and nothing that the undriven joint's motor delivers.
+    mean = jnp.concatenate([traced_base_parameters(plant), jnp.zeros(UNKNOWNS - BASE)])
+    sure = dataclasses.replace(controller.identifier, mean=mean, covariance=jnp.zeros((UNKNOWNS, UNKNOWNS)))
+    return dataclasses.replace(controller, identifier=sure, parameters=plant)
 
 
 class Judge:

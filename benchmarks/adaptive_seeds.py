@@ -10,7 +10,7 @@ already of a file of this content is not measured again.
 import argparse
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
@@ -66,10 +66,10 @@ def label(path: str) -> str:
     return f"{Path(path).name} {sha256(Path(path).read_bytes()).hexdigest()[:8]}"
 
 
-def lines(rows: Rows, files: list[str]) -> list[list[str]]:
+def lines(rows: Rows, names: Iterable[str], files: list[str]) -> list[list[str]]:
     """A line for each measure: every file, and the mean."""
     found = []
-    for name in dict.fromkeys(measure for measure, _ in rows):
+    for name in names:
         values = [rows[name, file] for file in files]
         mean = f"{fmean(values):.3f}"
         if len(values) > 1:
@@ -86,7 +86,7 @@ def main() -> int:
     parser.add_argument("--rows", type=Path)
     options = parser.parse_args()
     path = options.rows or Path(__file__).parent / "runs" / f"{options.robot}-adapt.jsonl"
-    rows, labels = read_rows(path), []
+    rows, labels, every = read_rows(path), [], {}
     try:
         for file in options.files:
             # Reading it as a policy first: what is no file ends in one line.
@@ -100,7 +100,8 @@ def main() -> int:
     except SwingupError as error:
         print(f"adaptive_seeds.py: error: {error}", file=sys.stderr)
         return 2
-    print(table(["", *(Path(file).name for file in options.files), "mean (95 % interval)"], lines(rows, labels)))
+    header = ["", *(Path(file).name for file in options.files), "mean (95 % interval)"]
+    print(table(header, lines(rows, every, labels)))
     return 0
 
 

@@ -13,7 +13,6 @@ import argparse
 import itertools
 import sys
 from dataclasses import replace
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -31,6 +30,7 @@ from swingup.plants.domain import Domain, load_domain
 from swingup.policy.jax_backend.controller import make_controller
 from swingup.policy.jax_backend.estimator import EstimatingController
 from swingup.policy.jax_backend.regulator import TRIANGLE
+from swingup.policy.pendulum import PendulumPolicy
 from swingup.policy.regulator_settings import RegulatorSettings, fixed_point
 from swingup.policy.shipped import ADAPTIVE, read_policy
 from swingup.tasks.draw import draw
@@ -43,7 +43,6 @@ FALLEN = 0.6
 """Error of an angle in its last second beyond which a pendulum has fallen (rad)."""
 BOUNDS = (0.0, 0.125, 0.25, 0.5, np.inf)
 """Between the rows of the table (rad)."""
-ALWAYS = RegulatorSettings(enter=1e6, leave=1e6)
 
 
 def known_scenario(domain: Domain, robot: Robot, seed: int) -> Scenario:
@@ -61,9 +60,15 @@ def known_scenario(domain: Domain, robot: Robot, seed: int) -> Scenario:
     return Scenario(plant, known)
 
 
-def held(controller: EstimatingController, scenarios: list[Scenario], robot: Robot, depth: int) -> np.ndarray:
-    """Which plants a controller holds that is told them."""
-    costs = [fixed_point(each.parameters, robot.joint, ALWAYS)[TRIANGLE] for each in scenarios]
+def held(policy: PendulumPolicy, scenarios: list[Scenario], depth: int) -> np.ndarray:
+    """Which plants a policy's regulator holds that is told them."""
+    # It acts throughout.
+    regulator = replace(
+        policy.regulator or RegulatorSettings(), enter=1e6, leave=1e6, enter_coulomb=1e6, leave_coulomb=1e6
+    )
+    controller = make_controller(replace(policy, regulator=regulator))
+    assert isinstance(controller, EstimatingController)
+    costs = [fixed_point(each.parameters, policy.robot.joint, regulator)[TRIANGLE] for each in scenarios]
     steps = round(TIME / 0.002)
 
     @jax.jit
@@ -90,11 +95,10 @@ def main() -> None:
     options = parser.parse_args()
     robot, domain = ROBOTS[options.robot], load_domain(options.domain)
     policy = read_policy(options.controller, robot)
-    knowing: Any = make_controller(replace(policy, identifier=None, regulator=ALWAYS))
     with jax.enable_x64(True):
         seeds = range(options.seed, options.seed + options.seeds)
         scenarios = [known_scenario(domain, robot, seed) for seed in seeds]
-    told = held(knowing, scenarios, robot, domain.depth)
+    told = held(policy, scenarios, domain.depth)
     runs = sim2real(make_controller(policy), robot, options.controller, domain, options.seed, options.seeds).runs
     own = np.array([run.success for run in runs])
     ranges = np.array([holding_range(each.parameters, robot) for each in scenarios])

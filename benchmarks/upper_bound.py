@@ -11,7 +11,6 @@ bound in the strict sense: another swing-up or regulator may hold a cell that fa
 import argparse
 import sys
 import time
-from collections.abc import Sequence
 
 import equinox as eqx
 import jax
@@ -22,17 +21,12 @@ from swingup.benchmark.grid import Case, make_cases
 from swingup.benchmark.robustness import upright
 from swingup.benchmark.rollout import Scenario, Trajectory, simulate
 from swingup.benchmark.rules import RobustnessRules, get_robustness_rules
+from swingup.benchmark.runner import stack
 from swingup.control.continuation import SwingUps, continue_swingups
 from swingup.control.controller import split
 from swingup.control.known_plant import known_plant_controller
 from swingup.control.switch import LatchingSwitch
 from swingup.physics.parameters import ROBOTS, Parameters
-
-
-def stack(trees: Sequence[Parameters]) -> Parameters:
-    """Plants side by side."""
-    stacked: Parameters = jax.tree.map(lambda *values: np.array(values, np.float64), *trees)
-    return stacked
 
 
 def simulated(

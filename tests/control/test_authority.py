@@ -17,9 +17,10 @@ NOMINAL = leaderboard_parameters(ACROBOT)
 
 
 def gap(I1, plant):
-    """p (A + p l1) - k (B + p l1), with the inertias A = I1 + m2 l1² about the shoulder and B = I2."""
+    """p (A - B + p l1) - k (B + p l1), with the inertias A = I1 + I2 + m2 l1² of the shoulder and B = I2."""
     p, k = plant.m2 * plant.r2, plant.m1 * plant.r1 + plant.m2 * plant.l1
-    return p * (I1 + plant.m2 * plant.l1**2 + p * plant.l1) - k * (plant.I2 + p * plant.l1)
+    A, B = I1 + plant.I2 + plant.m2 * plant.l1**2, plant.I2
+    return p * (A - B + p * plant.l1) - k * (B + p * plant.l1)
 
 
 def test_an_acrobot_with_a_mode_that_its_motor_does_not_move():

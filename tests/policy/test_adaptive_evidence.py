@@ -5,6 +5,8 @@ import itertools
 import sys
 from pathlib import Path
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -95,7 +97,7 @@ def test_each_variant_lacks_one_part(scripts):
     behind = {name: made.controller for name, made in variants.items() if isinstance(made, EstimatingController)}
     assert set(variants) - set(behind) == {plants.NO_MEMORY}
     assert isinstance(variants[plants.NO_MEMORY], RegulatingController)
-    assert {name for name in behind if variants[name].identifier} == {plants.FULL, plants.NO_REGULATOR}
+    assert {name for name in behind if variants[name].identifier} == {plants.FULL, plants.TOLD, plants.NO_REGULATOR}
     assert {name for name in behind if isinstance(behind[name], PolicyController)} == {plants.NO_REGULATOR}
 
 
@@ -103,14 +105,15 @@ def test_a_controller_is_told_the_whole_plant(scripts):
     plants = scripts["plants"]
     robot = full_policy().robot
     plant = dataclasses.replace(leaderboard_parameters(robot), b1=-0.05, cf2=0.1, I2=0.06)
-    knowing = plants.tell_everything(plants.make_variants(full_policy())[plants.TOLD], plant)
-    # Negative friction is seen, but not predicted with.
-    assert (float(knowing.parameters.b1), float(knowing.parameters.cf2), knowing.parameters.I2) == (
-        0.0, pytest.approx(0.1), 0.06,
-    )  # fmt: skip
-    assert knowing.damped
-    for base in (knowing.controller.base, knowing.controller.controller.policy.stages[-1].base):
-        assert np.asarray(base)[[1, 4, 7]] == pytest.approx([0.06, -0.05, 0.1], rel=1e-6)
+    with jax.enable_x64(True):
+        identifier = plants.tell_everything(plants.make_variants(full_policy())[plants.TOLD], plant).identifier
+        memory = identifier.init()
+        for angle in np.random.default_rng(0).normal(size=60):
+            memory = identifier.observe(memory, jnp.array([angle, 0.0]), jnp.array(0), jnp.array(0.002))
+        # Whatever is measured: inertias, the friction that drives, and none where the motor compensates it.
+        assert identifier.theta(memory)[np.array([1, 4, 7])] == pytest.approx([0.06, -0.05, 0.1])
+        assert identifier.told(memory)[np.array([4, 7])] == pytest.approx([-0.05, 0.0])
+        assert np.stack(identifier.compensation(memory).asked)[:, 1] == pytest.approx([0.0, 0.1])
 
 
 def test_a_policy_without_identifier_is_refused(scripts):

@@ -14,9 +14,9 @@ from swingup.physics.base_parameters import BASE, base_parameters
 from swingup.physics.equations import lump
 from swingup.physics.integrate import rk4_step
 from swingup.physics.parameters import get_robot, leaderboard_parameters
-from swingup.policy.identifier_settings import LAG, IdentifierSettings, hat_weights, prior
+from swingup.policy.identifier_settings import LAG, IdentifierSettings, prior
 from swingup.policy.jax_backend.estimator import with_estimator
-from swingup.policy.jax_backend.identifier import make_identifier
+from swingup.policy.jax_backend.identifier import hat_weights, make_identifier
 from swingup.policy.numpy_backend.identifier import NumpyIdentifier
 from swingup.policy.plant_facts import policy_plant
 
@@ -162,16 +162,38 @@ def test_what_is_not_finite_changes_nothing():
     check_found(unknowns[-1], OTHER)
 
 
+def test_what_is_learned_is_finite_or_nothing():
+    """Beside a covariance that overflows; in NumPy as well."""
+    settings = IdentifierSettings()
+    identifier = make_identifier(ROBOT, NOMINAL, settings)
+    numpy = NumpyIdentifier(settings, policy_plant(NOMINAL, ROBOT), ROBOT.joint)
+    with jax.enable_x64(True), np.errstate(over="ignore", invalid="ignore"):
+        observe = jax.jit(lambda memory, q: identifier.observe(memory, q, jnp.array(0), jnp.array(DT)))
+        memory = identifier.init()
+        for step in range(60):
+            q = np.array([0.5 + 0.02 * step, 0.3 * np.sin(0.1 * step)])
+            if step == 50:
+                memory = dataclasses.replace(memory, covariance=jnp.full_like(memory.covariance, 1e308))
+                numpy._covariance[:] = 1e308
+                kept = numpy.unknowns
+            memory = observe(memory, jnp.asarray(q))
+            numpy.observe(*q, 0, DT)
+    assert not np.array_equal(kept, identifier.mean)
+    np.testing.assert_array_equal(numpy.unknowns, kept)
+    np.testing.assert_allclose(memory.unknowns, kept, rtol=1e-6, atol=1e-9)
+    assert np.isfinite(memory.covariance).all()
+
+
 def test_hat():
     # Newest first: the hat's peak is 3 s ago, its area 1, its height 2/8.
     steps = np.array([1.0, 2.0, 4.0, 1.0])
-    mean, slope = hat_weights(steps, np.array([0.0, 1.0, 3.0, 7.0, 8.0]), np.minimum)
+    mean, slope = hat_weights(steps, np.array([0.0, 1.0, 3.0, 7.0, 8.0]))
     assert mean.sum() == pytest.approx(1)
     assert mean[0] == pytest.approx(0.5 * 1 * 0.25 / 3)
     assert slope.sum() == pytest.approx(0)
     # A ramp of 1 N m/s, which the torque follows in the middle of each step.
     assert slope @ -np.array([0.5, 2.0, 5.0, 7.5]) == pytest.approx(1)
-    even = hat_weights(np.full(6, 0.002), 0.002 * np.arange(7), np.minimum)
+    even = hat_weights(np.full(6, 0.002), 0.002 * np.arange(7))
     np.testing.assert_allclose(even[0], np.array([0.5, 1.5, 2.5, 2.5, 1.5, 0.5]) / 9, rtol=1e-12)
     np.testing.assert_allclose(even[1], np.array([1, 1, 1, -1, -1, -1]) / (9 * 0.002), rtol=1e-12)
 

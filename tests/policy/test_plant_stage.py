@@ -16,7 +16,7 @@ from swingup.policy.jax_backend.controller import behind_estimator, load_policy,
 from swingup.policy.jax_backend.estimator import with_estimator
 from swingup.policy.jax_backend.identifier import make_identifier
 from swingup.policy.jax_backend.policy import load_any_policy
-from swingup.policy.jax_backend.told import sees_plant, told, told_base, traced_base_parameters
+from swingup.policy.jax_backend.told import depends_on_plant, told, told_base, traced_base_parameters
 from swingup.policy.network import Layer, Network
 from swingup.policy.numpy_backend.network import NumpyNetwork
 from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
@@ -76,7 +76,7 @@ def test_round_trip(file):
     np.testing.assert_array_equal([stage.centre, stage.scale], [other.centre, other.scale])
     assert stage.clip == other.clip == 1.0
     controller, _ = load_policy(file)
-    assert sees_plant(controller)
+    assert depends_on_plant(controller)
     np.testing.assert_array_equal(controller.policy.stages[-1].base, base_parameters(found.plant))
 
 
@@ -107,7 +107,7 @@ def test_base_parameters_in_jax():
 
 def test_a_policy_that_sees_the_state_alone_is_the_same_for_all_plants():
     controller = small_policy()
-    assert not sees_plant(controller)
+    assert not depends_on_plant(controller)
     found = told_base(controller, jnp.zeros(9))
     assert jax.tree.structure(found) == jax.tree.structure(controller)
     assert all(one is other for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(controller), strict=True))
@@ -115,7 +115,7 @@ def test_a_policy_that_sees_the_state_alone_is_the_same_for_all_plants():
 
 def test_a_policy_behind_an_estimator_is_told(file):
     controller = behind_estimator(load_policy(file)[0])
-    assert sees_plant(controller)
+    assert depends_on_plant(controller)
     found = told_base(controller, jnp.arange(9.0))
     np.testing.assert_array_equal(found.controller.policy.stages[-1].base, np.arange(9.0))
     assert found.parameters == controller.parameters

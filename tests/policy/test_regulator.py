@@ -23,7 +23,7 @@ from swingup.policy.jax_backend.estimator import with_estimator
 from swingup.policy.jax_backend.front_end import FrontEnd
 from swingup.policy.jax_backend.identifier import make_identifier
 from swingup.policy.jax_backend.regulator import TRIANGLE, with_regulator
-from swingup.policy.jax_backend.told import sees_plant, told_base
+from swingup.policy.jax_backend.told import depends_on_plant, told_base
 from swingup.policy.numpy_backend.regulator import NumpyRegulator
 from swingup.policy.pendulum import PARTS, read_pendulum_policy, write_pendulum_policy
 from swingup.policy.plant_facts import policy_plant
@@ -212,7 +212,7 @@ def test_it_belongs_behind_an_estimator(double):
     robot = ROBOTS["acrobot"]
     with jax.enable_x64(double):
         controller, plant = regulated(robot), plants(robot)[0]
-        assert sees_plant(controller)
+        assert depends_on_plant(controller)
         check_interface(controller)
         whole = with_estimator(controller, robot, plant, identifier=make_identifier(robot, plant))
         memory = whole.init()

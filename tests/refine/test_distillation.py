@@ -20,7 +20,7 @@ from swingup.physics.parameters import NAMES, Parameters, get_robot, leaderboard
 from swingup.policy.jax_backend.controller import PolicyController, shipped_policy
 from swingup.policy.jax_backend.observation import PendulumObservation
 from swingup.policy.jax_backend.policy import Policy
-from swingup.policy.jax_backend.told import sees_plant
+from swingup.policy.jax_backend.told import depends_on_plant
 from swingup.refine.analytic_policy_gradient import single_precision
 from swingup.refine.around import parts_around
 from swingup.refine.distillation import distil, new_student
@@ -166,7 +166,7 @@ def test_lessons_are_joined_in_order():
 
 def test_a_new_student_sees_the_plant_in_units_of_its_ranges():
     student = new_student(small(), FEW, np.random.default_rng(0))
-    assert sees_plant(student)
+    assert depends_on_plant(student)
     nominal = leaderboard_parameters(ACROBOT)
     for sweep in SWEEPS.values():
         value = sweep.sweep.high * (getattr(nominal, sweep.parameter) if sweep.relative else 1.0)
@@ -225,7 +225,7 @@ def test_a_student_learns_and_sees_its_plant():
     recovery, rounds = shipped_policy("acrobot", "global")[0], []
     student = distil(recovery, FEW, np.random.default_rng(0), lambda now, number: rounds.append((now, number)))
     assert [number for _, number in rounds] == [1, 2, 3]
-    assert sees_plant(student)
+    assert depends_on_plant(student)
     _, teacher = a_teacher(ACROBOT)
     x = jax.vmap(lambda x: student(None, jnp.zeros(()), x)[1][1])(jnp.float32(teacher.states[:250]))
     untrained = new_student(single_precision(recovery), FEW, np.random.default_rng(0))

@@ -3,10 +3,10 @@
 import functools
 import logging
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import equinox as eqx
 import jax
@@ -26,6 +26,8 @@ from ..policy.jax_backend.regulator import RegulatingController
 from ..policy.plant_facts import plant_difference
 from .host import HostRun, simulate_on_host
 from .rollout import Scenario, SimulationEnd, Trajectory, simulate
+
+TreeT = TypeVar("TreeT")
 
 Progress: TypeAlias = Callable[[int, int], None]
 """Called with the number of finished simulations, and of all."""
@@ -163,9 +165,10 @@ def run_many(
     return SimulatedBatch(np.asarray(end.final), faults, rows)
 
 
-def stack(scenarios: list[Scenario]) -> Scenario:
-    """Scenarios with a leading axis: of equal structure, all with a disturbance or all without."""
-    return jax.tree.map(lambda *leaves: np.stack([np.asarray(leaf) for leaf in leaves]), *scenarios)
+def stack(trees: Sequence[TreeT]) -> TreeT:
+    """Scenarios or plants with a leading axis; scenarios all with a disturbance, or all without."""
+    stacked: TreeT = jax.tree.map(lambda *leaves: np.stack([np.asarray(leaf) for leaf in leaves]), *trees)
+    return stacked
 
 
 def _length(scenarios: Scenario) -> int:

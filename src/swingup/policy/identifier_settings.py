@@ -104,6 +104,11 @@ class IdentifierSettings:
         return 1.0 - math.exp(-self.bandwidth * self.dt)
 
     @property
+    def past(self) -> int:
+        """Commands to remember. Angles may be a call old whatever the longest delay is."""
+        return 2 * self.span + max(self.max_delay_steps, 1)
+
+    @property
     def alike(self) -> float:
         """Successive low-passed rows that count as one observation, since their errors are alike."""
         return max(1.0, POLES / (self.bandwidth * self.dt))
@@ -168,21 +173,6 @@ def offsets(tilt1: Any, tilt2: Any, theta: Any, clip: Callable[[Any, float, floa
     both = clip(tilt2 / theta[2], -MOST_OFFSET, MOST_OFFSET)
     first = clip(tilt1 / theta[3], -MOST_OFFSET, MOST_OFFSET)
     return first, both - first
-
-
-def hat_weights(steps: Any, ages: Any, minimum: Callable[[Any, Any], Any]) -> tuple[Any, Any]:
-    """Weights (2 span,) of the last torques, newest first: for the hat's mean, and for its mean rate (1/s).
-
-    The torque is held over each step, and the hat is integrated over it. Arithmetic for any kind of array.
-
-    Args:
-        steps: durations (2 span,) of the steps (s), newest first.
-        ages: time (2 span + 1,) from each end of a step to the newest (s); the hat's peak is the middle one.
-        minimum: the smaller one, number by number.
-    """
-    whole, newer = ages[-1], ages[len(steps) // 2]
-    hat = minimum(ages / newer, (whole - ages) / (whole - newer)) / (0.5 * whole)
-    return 0.5 * (hat[1:] + hat[:-1]) * steps, hat[1:] - hat[:-1]
 
 
 def read_identifier(metadata: Mapping[str, Any], estimator: EstimatorSettings | None) -> IdentifierSettings | None:

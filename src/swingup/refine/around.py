@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from ..control.controller import AbstractController
 from ..policy.identifier_settings import IDENTIFIER, IdentifierSettings, default_identifier, write_identifier
 from ..policy.jax_backend.controller import PolicyController, behind_estimator, plant_of
-from ..policy.jax_backend.told import sees_plant
+from ..policy.jax_backend.told import depends_on_plant
 from ..policy.regulator_settings import RegulatorSettings
 from ..policy.settings import ESTIMATOR, REGULATOR, EstimatorSettings, default_estimator
 
@@ -44,7 +44,7 @@ def parts_around(controller: PolicyController) -> Around:
     if controller.front_end is not None:
         return Around()
     estimator = default_estimator(plant_of(controller))
-    if not sees_plant(controller):
+    if not depends_on_plant(controller):
         return Around(estimator)
     estimator = replace(estimator, acceleration_noise=ACCELERATION_NOISE)
     return Around(estimator, default_identifier(estimator), HAND_OVER[controller.robot.name])

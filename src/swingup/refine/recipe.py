@@ -20,7 +20,7 @@ from ..physics.base_parameters import base_parameters
 from ..physics.parameters import Robot, leaderboard_parameters
 from ..plants.plant import Plant, PlantLike, find_plant
 from ..policy.jax_backend.controller import PolicyController, plant_of
-from ..policy.jax_backend.told import sees_plant
+from ..policy.jax_backend.told import depends_on_plant
 from ..policy.plant_facts import plant_difference, policy_plant
 from .analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings
 from .around import judged
@@ -101,7 +101,7 @@ def run_recipe(
         SwingupError: there is no such plant, the weights are no longer finite, the teacher fails or is plain
             Python, or a stage does not take such a policy or plant.
     """
-    if sees_plant(controller) and any(not isinstance(stage, DistillationSettings) for stage in stages):
+    if depends_on_plant(controller) and any(not isinstance(stage, DistillationSettings) for stage in stages):
         raise SwingupError("the policy sees its plant, which only the recipe adapt trains: give the one before it")
     start, found = time.perf_counter(), find_plant(plant)
     if found is None:

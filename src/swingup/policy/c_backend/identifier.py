@@ -136,7 +136,7 @@ def _numbers(s: IdentifierSettings) -> dict[str, str]:
         "UNEVEN_FADING": UNEVEN_FADING,
         "UNEVEN2": UNEVEN_STEP**2,
     }
-    counts = {"SPAN": s.span, "COMMANDS": 2 * s.span + max(s.max_delay_steps, 1)}
+    counts = {"SPAN": s.span, "COMMANDS": s.past}
     return {name: repr(float(value)) for name, value in numbers.items()} | {
         name: str(count) for name, count in counts.items()
     }

@@ -29,11 +29,11 @@ Mehra (IEEE Transactions on Automatic Control 15, 1970).
 """
 
 from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from ...physics.angles import nearest
@@ -60,7 +60,6 @@ from ..identifier_settings import (
     UNEVEN_STEP,
     UNKNOWNS,
     IdentifierSettings,
-    hat_weights,
     offsets,
     prior,
 )
@@ -104,9 +103,9 @@ class IdentifierMemory(eqx.Module):
 class Identifier(eqx.Module):
     """Identifies the plant of one loop: ``init``, ``observe`` at each measurement, ``remember`` each command."""
 
-    mean: Float[np.ndarray, "13"]
+    mean: Float[Any, "13"]
     """θ of the nominal plant, no offsets, no lag, and a gain of 1."""
-    covariance: Float[np.ndarray, "13 13"]
+    covariance: Float[Any, "13 13"]
     """Prior covariance."""
     known: Known = eqx.field(static=True)
     settings: IdentifierSettings = eqx.field(static=True)
@@ -117,8 +116,7 @@ class Identifier(eqx.Module):
         """Nothing seen yet."""
         span, driven = self.settings.span, jnp.array(self.robot.actuation, float)
         first, most = self.settings.passive_deviation, self.settings.driven_deviation
-        # Angles may be a call old whatever the longest delay is.
-        past = 2 * span + max(self.settings.max_delay_steps, 1)
+        past = self.settings.past
         return IdentifierMemory(
             angles=jnp.zeros((2 * span + 1, 2)),
             torques=jnp.zeros((past, 2)),
@@ -272,7 +270,7 @@ class Identifier(eqx.Module):
         halves = ages[-1] - ages[span], ages[span]
         ratio = jnp.asarray(self.mean[2] / self.mean[3], newest.dtype)
         shoulder, elbow = momentum_rows(*pairs, halves, self.known, ratio, MATHS)
-        mean, slope = hat_weights(steps, ages, jnp.minimum)
+        mean, slope = hat_weights(steps, ages)
         torque, rate = mean @ acting, slope @ acting
         rows = jnp.stack([jnp.stack(shoulder), jnp.stack(elbow)])
         driven = jnp.array(self.robot.actuation, rows.dtype)
@@ -304,6 +302,22 @@ class Identifier(eqx.Module):
             variance=memory.variance.at[joint].set(variance),
             held=memory.held.at[joint].set(jnp.maximum(held, 0.0)),
         )
+
+
+def hat_weights(
+    steps: Float[Array, "2*span"], ages: Float[Array, "2*span+1"]
+) -> tuple[Float[Array, "2*span"], Float[Array, "2*span"]]:
+    """Weights of the last torques, newest first: for the hat's mean, and for its mean rate (1/s).
+
+    The torque is held over each step, and the hat is integrated over it.
+
+    Args:
+        steps: durations of the steps (s), newest first.
+        ages: time from each end of a step to the newest (s); the hat's peak is the middle one.
+    """
+    whole, newer = ages[-1], ages[len(steps) // 2]
+    hat = jnp.minimum(ages / newer, (whole - ages) / (whole - newer)) / (0.5 * whole)
+    return 0.5 * (hat[1:] + hat[:-1]) * steps, hat[1:] - hat[:-1]
 
 
 def _ages(steps: Float[Array, "n"]) -> Float[Array, "n+1"]:

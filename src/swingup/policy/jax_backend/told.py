@@ -51,7 +51,7 @@ def told_base(controller: ControllerT, base: Float[Array, "9"]) -> ControllerT:
     return told_one
 
 
-def sees_plant(controller: AbstractController[Any]) -> bool:
+def depends_on_plant(controller: AbstractController[Any]) -> bool:
     """Whether a controller depends on its plant: its policy sees it, or a regulator holds it."""
     return any(map(_knows_plant, jax.tree.leaves(controller, is_leaf=_knows_plant)))
 

@@ -31,8 +31,8 @@ from ..identifier_settings import (
 )
 from ..plant import sine_cosine
 from ..plant_facts import PolicyPlant
+from .network import nearest
 
-TURN = 2 * math.pi
 COLUMNS = UNKNOWNS + 1
 """Of a joint's row: one for each unknown, and the torque."""
 
@@ -85,7 +85,7 @@ class NumpyIdentifier:
 
     def restart(self) -> None:
         """After a pause: what was found stays, the motion before is forgotten."""
-        past = 2 * self._settings.span + max(self._settings.max_delay_steps, 1)
+        past = self._settings.past
         self._torques: list[Pair] = [(0.0, 0.0)] * past
         # Time for which each pair was held (s).
         self._steps = [self._settings.dt] * past
@@ -112,7 +112,7 @@ class NumpyIdentifier:
             self.restart()
             return
         last1, last2 = self._angles[0]
-        newest = last1 + _nearest(q1 - last1), last2 + _nearest(q2 - last2)
+        newest = last1 + nearest(q1 - last1), last2 + nearest(q2 - last2)
         self._angles = [newest, *self._angles[:-1]] if self._calls else [(q1, q2)] * len(self._angles)
         dt = self._settings.dt
         self._steps.insert(0, max(step, SHORTEST_STEP * dt) if self._calls else dt)
@@ -158,6 +158,7 @@ class NumpyIdentifier:
         # A torque that is not finite would stay in the low-passes.
         if not math.isfinite(sum(columns)):
             return
+        kept = self._stages.copy(), self._unknowns.copy(), self._covariance.copy(), [*self._variance], [*self._held]
         self._stages[:POLES] = stages = self._cascade.dot(self._stages)
         last = stages[-1]
         self._update(0, last[:UNKNOWNS], last.item(UNKNOWNS))
@@ -165,6 +166,8 @@ class NumpyIdentifier:
         diagonal = self._covariance.reshape(-1)[:: UNKNOWNS + 1]
         # No less sure than at the start: the drift must not exceed the prior.
         diagonal += (diagonal < self._most) * self._drift
+        if not math.isfinite(self._unknowns.sum() + self._covariance.sum()):
+            self._stages, self._unknowns, self._covariance, self._variance, self._held = kept
         self._project()
 
     def _columns(self) -> list[float]:
@@ -255,8 +258,3 @@ def _hat_means(steps: list[float], torques: list[Pair], halves: Pair) -> tuple[P
 
 def _clip(value: float, least: float, most: float) -> float:
     return min(max(value, least), most)
-
-
-def _nearest(angle: float) -> float:
-    """A difference of angles (rad) less full turns."""
-    return angle - TURN * round(angle / TURN)

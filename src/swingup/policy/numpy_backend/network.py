@@ -20,6 +20,11 @@ Activate = Callable[[np.ndarray], np.ndarray]
 TURN = 2 * math.pi
 
 
+def nearest(angle: float) -> float:
+    """A difference of angles (rad) less full turns."""
+    return angle - TURN * round(angle / TURN)
+
+
 class NumpyNetwork:
     """The deterministic policy: x = [q1, q2, dq1, dq2] (rad, rad/s) to the torque of the driven joint (N m).
 

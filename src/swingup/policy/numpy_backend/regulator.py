@@ -9,7 +9,7 @@ from ...physics.base_parameters import base_parameters
 from ..plant_facts import PolicyPlant
 from ..regulator_settings import RegulatorSettings, bounds, fixed_point, known_of
 from ..upright import upright_step
-from .network import TURN
+from .network import nearest
 
 
 class NumpyRegulator:
@@ -56,7 +56,7 @@ class NumpyRegulator:
         q1, q2, dq1, dq2 = x.tolist()
         if not math.isfinite(q1 + q2 + dq1 + dq2):
             return math.nan if self.acting else None
-        error = np.array([_nearest(q1 - math.pi), _nearest(q2), dq1, dq2, 0.0])
+        error = np.array([nearest(q1 - math.pi), nearest(q2), dq1, dq2, 0.0])
         with np.errstate(all="ignore"):
             cost, torque = float(self._cost_to_go.dot(error).dot(error)), -float(gains.dot(error))
         self.acting = cost <= self._leave if self.acting else cost < self._enter
@@ -80,8 +80,3 @@ class NumpyRegulator:
         coupled = across[4].dot(P).dot(step)
         gains: np.ndarray = coupled / (weights.item(24) + coupled.item(4))
         return gains
-
-
-def _nearest(angle: float) -> float:
-    """A difference of angles (rad) less full turns."""
-    return angle - TURN * round(angle / TURN)
