@@ -36,7 +36,8 @@ def refine_command(
     """Refine a trained policy by a teacher or by gradients through the simulation, in seconds to an hour.
 
     The file is rewritten at each line of progress: an interrupted run leaves its latest policy. Between its two
-    stages adapt is silent for some minutes, in which swing-ups of many plants are computed.
+    stages adapt is silent for some minutes, in which swing-ups of many plants are computed; then it reports each of
+    its five rounds.
 
     Args:
         robot: the robot.
