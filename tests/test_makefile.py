@@ -36,7 +36,9 @@ def make(tmp_path):
     (tmp_path / "python").chmod(0o755)
 
     def run(*words, **variables):
-        kept = {name: value for name, value in os.environ.items() if not name.startswith("MAKE")}
+        # Neither a make around this one nor its variables count, as in make VENV=.venv313 test.
+        outer = "MAKE", "VENV", "PYTHON"
+        kept = {name: value for name, value in os.environ.items() if not name.startswith(outer)}
         python = [] if any(word.startswith("PYTHON=") for word in words) else ["PYTHON=./python"]
         command = ["make", *python, *words]
         return subprocess.run(
