@@ -13,7 +13,8 @@ gc.disable()  # until all tests are collected: nearly all that is imported stays
 
 COMPILED = tempfile.TemporaryDirectory(prefix="swingup-tests-")
 """What several tests and their commands need is compiled once a worker. JAX reads this when it is imported."""
-os.environ |= {"JAX_COMPILATION_CACHE_DIR": COMPILED.name, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1"}
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", COMPILED.name)
+os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
 CHEAP = ["--xla_backend_optimization_level=0", "--xla_cpu_parallel_codegen_split_count=1"]
 """Tests mostly compile: with these flags two to five times as fast. ``make slow`` runs without them, and so does
 ``XLA_FLAGS= make test``; a jaxlib that no longer knows a flag stops with its name: delete it here."""
