@@ -137,7 +137,7 @@ def main(robot: str) -> None:
     times["C"], times["C with estimator"] = measure_c(c_header(policy), states)
     identified = dataclasses.replace(policy, identifier=IdentifierSettings())
     times["C with estimator and identifier"] = measure_c(c_header(identified), states)[1]
-    times["C with estimator, front end and guard"] = measure_c(c_header(everything), states)[1]
+    times["C with estimator and guard"] = measure_c(c_header(everything), states)[1]
     # Its swing-up, again and again: the identifier would not learn from a drift that no pendulum can follow.
     adaptive, swingup_states = (
         load_controller(ADAPTIVE, robot),

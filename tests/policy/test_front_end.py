@@ -1,4 +1,4 @@
-"""The front end in NumPy, C and ONNX against JAX, call by call."""
+"""The front end in NumPy against JAX, call by call."""
 
 import contextlib
 import dataclasses
@@ -13,17 +13,14 @@ from swingup.areapo.networks import init_actor
 from swingup.control.registry import get_controller, has_estimator
 from swingup.errors import SwingupError
 from swingup.physics.parameters import get_robot
-from swingup.policy.c_backend.header import c_header
 from swingup.policy.file import write_network
 from swingup.policy.jax_backend.controller import PolicyController, load_policy, policy_of, save_controller
 from swingup.policy.jax_backend.front_end import FrontEnd
 from swingup.policy.jax_backend.observation import Normalise, PendulumObservation
 from swingup.policy.jax_backend.policy import Policy
-from swingup.policy.numpy_backend.controller import NumpyController, load_controller
+from swingup.policy.numpy_backend.controller import load_controller
 from swingup.policy.settings import FrontEndSettings
-from swingup.policy.shipped import read_policy
 
-from .compiled import compile_header, needs_gcc, run
 from .references import DT
 
 FRONT_ENDS = {
@@ -84,17 +81,6 @@ def test_numpy_is_jax(name, tmp_path, x64):
     assert np.abs(passive).max() <= FRONT_ENDS[name][0].passive_limit
 
 
-@needs_gcc
-@pytest.mark.parametrize("name", FRONT_ENDS)
-def test_c_is_numpy(name, tmp_path):
-    save_controller(tmp_path / "p.npz", small_policy(name), {})
-    policy = read_policy(tmp_path / "p.npz")
-    library, controller = compile_header(tmp_path, c_header(policy)), NumpyController(policy)
-    times, x = measurements()
-    expected = [controller(each, t) for t, each in zip(times, x, strict=True)]
-    np.testing.assert_allclose(run(library, times, x), expected, rtol=0, atol=1e-12)
-
-
 @pytest.mark.slow  # compiles for seconds
 def test_behind_an_estimator(tmp_path, x64):
     """Both may be asked for together: the front end then sees the estimate."""
@@ -106,16 +92,6 @@ def test_behind_an_estimator(tmp_path, x64):
     expected = answers_of_jax(get_controller(path, "pendubot"), times, x)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
     assert has_estimator(get_controller(path, "pendubot"))
-
-
-@needs_gcc
-def test_behind_an_estimator_in_c(tmp_path):
-    save_controller(tmp_path / "p.npz", small_policy("all"), {"estimator": {}})
-    policy = read_policy(tmp_path / "p.npz")
-    library, controller = compile_header(tmp_path, c_header(policy)), NumpyController(policy)
-    times, x = measurements()
-    expected = [controller(each, t) for t, each in zip(times, x, strict=True)]
-    np.testing.assert_allclose(run(library, times, x), expected, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize(

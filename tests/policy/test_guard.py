@@ -150,7 +150,7 @@ def in_c(tmp_path_factory):
 
 
 @compiled.needs_gcc
-@pytest.mark.parametrize("name", ["pendubot-ar-eapo", "acrobot-robot"])
+@pytest.mark.parametrize("name", ["pendubot-ar-eapo", "acrobot-global"])
 @pytest.mark.parametrize("fault", FAULTS)
 def test_c_does_the_same(in_c, name, fault):
     times, states = changed(FAULTS[fault][0])

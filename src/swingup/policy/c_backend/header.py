@@ -9,12 +9,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ...errors import SwingupError
-from ...physics.equations import COULOMB_STEEPNESS
 from ...version import __version__
 from ..guard import BRAKED, PUSHING, SENTENCES, STANDSTILLS, GuardSettings, Reason
 from ..network import check_plain
 from ..pendulum import PendulumPolicy
-from ..settings import FrontEndSettings
 from ..stages import NormaliseStage, PendulumStage, PlantStage, Stage
 from ..template import NAME, asset, check_export_name, fill
 from .estimator import estimator_values
@@ -96,7 +94,6 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
     around = {
         "state estimator": policy.estimator,
         "identifier": policy.identifier,
-        "front end": policy.front_end,
         "safety guard": policy.guard,
     }
     parts = " and its ".join(name for name, part in around.items() if part is not None)
@@ -138,11 +135,9 @@ def _controller(policy: PendulumPolicy) -> str:
 
 
 def _acting(policy: PendulumPolicy, said: dict[str, str]) -> str:
-    """The policy, with its front end or its regulator."""
+    """The policy, with its regulator."""
     if policy.regulator is not None:
         return _part("regulator.h", regulator_values(policy.regulator, policy) | said)
-    if policy.front_end is not None:
-        return _part("front_end.h", _front_end_values(policy.front_end))
     return _part("alone.h", said)
 
 
@@ -167,19 +162,6 @@ def _guard_values(settings: GuardSettings, policy: PendulumPolicy) -> dict[str, 
     texts = {name: repr(float(value)) for name, value in numbers.items()}
     reasons = "\n".join(f"#define SWINGUP_GUARD_{reason.name} {reason.value}" for reason in Reason)
     return texts | {"LIMITS": braces(np.array(limits)), "STANDSTILLS": str(STANDSTILLS), "REASONS": reasons}
-
-
-def _front_end_values(settings: FrontEndSettings) -> dict[str, str]:
-    numbers = {
-        "PERIOD": settings.dt,
-        "WEIGHT": settings.velocity_weight,
-        "DEAD_BAND": settings.dead_band,
-        "STEEPNESS": COULOMB_STEEPNESS,
-        "PASSIVE_LIMIT": settings.passive_limit,
-    }
-    pairs = {"DAMPING": settings.damping, "COULOMB": settings.coulomb}
-    texts = {name: repr(float(value)) for name, value in numbers.items()}
-    return texts | {name: braces(np.array(pair, np.float64)) for name, pair in pairs.items()}
 
 
 def _observe(stages: Sequence[Stage]) -> str:
