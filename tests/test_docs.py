@@ -25,7 +25,7 @@ from swingup.cli import commands, main, pictures, planning
 from swingup.cli.parsing import parse as parse_words
 from swingup.control.baselines import shipped_reference
 from swingup.errors import SwingupError
-from swingup.identification import excitation_search, excite
+from swingup.identification import excite
 from swingup.policy.shipped import shipped_file
 from swingup.refine.behaviour_cloning import CloningSettings
 from swingup.refine.recipe import RECIPES
@@ -145,8 +145,6 @@ def brief_searches(monkeypatch):
     monkeypatch.setattr(planning, "compute_reference", lambda *_: (shipped, {}))
     monkeypatch.setattr(planning, "compute_score_reference", lambda *_: (for_the_score, {}))
     monkeypatch.setitem(RECIPES, "score", (CloningSettings(steps=50, demonstrations=16),))
-    for name, value in {"POPULATION": 4, "KEPT": 2, "GENERATIONS": 1}.items():
-        monkeypatch.setattr(excitation_search, name, value)
     monkeypatch.setattr(excite, "CHECKED_PLANTS", 8)
 
 

@@ -1,6 +1,4 @@
-"""Excitations: waves within limits, the information in a motion, and what is checked over a prior."""
-
-import dataclasses
+"""Excitations: motions within limits, the choice among them, and what is checked over a prior."""
 
 import jax
 import numpy as np
@@ -9,15 +7,12 @@ import pytest
 from swingup.cli import exciting, main
 from swingup.control.trajectory_csv import load_reference_csv
 from swingup.errors import SwingupError
-from swingup.identification import excitation_search
 from swingup.identification import excite as search
-from swingup.identification.excitation import Excitation, Limits, Prospect
-from swingup.identification.information import covariance, information, noise_of, unknowns_of
 from swingup.identification.prediction import INDEX, setting_of, vector_of
 from swingup.identification.prior import corner_models, draw_models, prior_around
 from swingup.identification.recording import read_recording
-from swingup.identification.trial import Play, Trial, try_out
-from swingup.identification.waves import BAND, PERIOD, REST, desired, random_waves, varied
+from swingup.identification.rollouts import Rollouts, Sequences, simulate
+from swingup.identification.waves import PERIOD, REST, SHARES, TILTS, multisines
 from swingup.physics.implicit_friction import implicit_friction_step
 from swingup.plants.domain import make_domain
 from swingup.plants.plant import load_plant
@@ -37,7 +32,7 @@ def sequence():
 def alone(torques, limit=6.0):
     """Torques without feedback."""
     torques = np.asarray(torques)
-    return Play(torques, np.zeros((*torques.shape[:2], 4)), NO_FEEDBACK, np.full(2, limit))
+    return Sequences(torques, np.zeros((*torques.shape[:2], 4)), NO_FEEDBACK, np.full(2, limit))
 
 
 @pytest.fixture(scope="module")
@@ -47,27 +42,28 @@ def models():
 
 @pytest.fixture(scope="module")
 def trial(models, sequence):
-    return try_out(SETTING, models, alone([0.1 * sequence, sequence]), keep=True)
+    return simulate(SETTING, models, alone([0.1 * sequence, sequence]), keep=True)
 
 
-def test_desired_motions_start_and_end_at_rest():
-    random = np.random.default_rng(0)
-    waves = random_waves(random, 5, 0.75, np.array([1.0, 0.0]))
-    for each in (waves, varied(random, waves, 7, 0.75)):
-        motion = desired(each, 4.0, 2.0)
-        q, dq = motion[..., :2], motion[..., 2:]
-        assert np.all(q[..., 1] == 0)
-        assert np.all(np.abs(q[..., 0]).max(axis=1) <= 2.0 * each.share[:, 0] + 1e-12)
-        assert np.all(np.abs(q[..., 0]).max(axis=1) > 0.5 * each.share[:, 0])
-        assert np.all(q[:, 0] == 0)
-        assert np.all(motion[:, round((1 - REST) * 4.0 / PERIOD) + 1 :] == 0)
-        assert np.diff(q, axis=1) / PERIOD == pytest.approx(0.5 * (dq[:, 1:] + dq[:, :-1]), abs=0.02)
-        assert np.all((each.frequency >= 0.75 * BAND[0]) & (each.frequency <= 0.75 * BAND[1]))
+def test_motions_start_and_end_at_rest_and_no_two_are_alike():
+    motions = multisines(4.0, 0.75, 2.0, np.array([1.0, 0.0]))
+    assert len(motions) == len(TILTS) * len(SHARES) == 12
+    q, dq = motions[..., :2], motions[..., 2:]
+    assert np.all(q[..., 1] == 0)
+    reached = np.abs(q[..., 0]).max(axis=1).reshape(len(TILTS), len(SHARES))
+    assert np.all(reached <= 2.0 * np.array(SHARES)[:, 0] + 1e-12)
+    assert np.all(reached > np.array(SHARES)[:, 0])
+    assert np.all(q[:, 0] == 0)
+    assert np.all(motions[:, round((1 - REST) * 4.0 / PERIOD) + 1 :] == 0)
+    assert np.diff(q, axis=1) / PERIOD == pytest.approx(0.5 * (dq[:, 1:] + dq[:, :-1]), abs=0.03)
+    both = multisines(10.0, 0.75, 2.0, np.ones(2))[..., :2]
+    alike = np.corrcoef(np.concatenate([each.T for each in both]))[::2, 1::2]
+    assert np.all(np.abs(np.diag(alike)) < 0.3)
 
 
-def test_a_trial_is_the_integrator_step_by_step(sequence, trial):
+def test_a_rollout_is_the_integrator_step_by_step(sequence, trial):
     model = vector_of(C1.parameters)[None]
-    kept = try_out(SETTING, model, alone([sequence]), keep=True)
+    kept = simulate(SETTING, model, alone([sequence]), keep=True)
     with jax.enable_x64(True):
         step, x = jax.jit(implicit_friction_step), np.zeros(4)
         for u in sequence[:100]:
@@ -81,7 +77,7 @@ def test_a_trial_is_the_integrator_step_by_step(sequence, trial):
 def test_feedback_brings_plants_together_within_the_limits(sequence, models, trial):
     reference = trial.states[1:, 0]  # of the plant in the middle
     feedback, limits = np.array([[5.0, 5.0], [1.0, 0.5]]), np.array([2.0, 0.9])
-    followed = try_out(SETTING, models, Play(sequence[None], reference, feedback, limits), keep=True)
+    followed = simulate(SETTING, models, Sequences(sequence[None], reference, feedback, limits), keep=True)
     assert np.all(np.abs(followed.torque) <= limits)
     assert followed.torque[0, 0] == pytest.approx(sequence, abs=1e-6)
     apart, close = (np.ptp(each.states[-1], axis=0).max() for each in (trial, followed))
@@ -90,40 +86,16 @@ def test_feedback_brings_plants_together_within_the_limits(sequence, models, tri
 
 def test_limits_must_hold_on_all_plants():
     angle, speed = np.array([[1.0, 2.0], [1.0, 1.5]]), np.array([[5.0, 5.0], [5.0, np.inf]])
-    trial = Trial(np.zeros((2, 2, 1, 4)), None, angle, speed)
+    trial = Rollouts(np.zeros((2, 2, 1, 4)), None, angle, speed)
     assert trial.holds(2.0, 5.0).tolist() == [True, False]
     assert trial.holds(1.9, 5.0).tolist() == [False, False]
 
 
-@pytest.mark.slow
-def test_information_grows_with_motion_and_falls_with_noise(models, trial):
-    unknowns = unknowns_of(SETTING, models[0])
-    fine, coarse = (
-        information(SETTING, models, trial, unknowns, noise_of(quantum, 2.3)) for quantum in (4e-4, 4e-3)
-    )
-    assert fine.shape == (2, 3, len(unknowns.names), len(unknowns.names))
-    volumes = [np.linalg.slogdet(covariance(unknowns, each))[1] for each in (fine, coarse)]
-    assert np.all(volumes[0][1] < volumes[0][0])
-    assert np.all(volumes[0][1] < volumes[1][1])
-    # Gravity's first moment is among the best known, the rotors' inertia not.
-    spread = np.sqrt(np.diagonal(covariance(unknowns, fine)[1, 0]))
-    assert spread[unknowns.names.index("first")] < spread[unknowns.names.index("rotor")]
-
-
-@pytest.mark.slow
-def test_without_motion_nothing_is_learnt(models):
-    still = try_out(SETTING, models, alone(np.zeros((1, 1500, 2))), keep=True)
-    unknowns = unknowns_of(SETTING, models[0])
-    found = information(SETTING, models, still, unknowns, noise_of(4e-4, 2.3))
-    assert np.all(found == 0)
-    assert np.sqrt(np.diagonal(covariance(unknowns, found)[0, 0])) == pytest.approx(unknowns.spread)
-
-
-def test_noise_of_the_smoother():
-    # 21 rows: the central weight of a cubic is that of a parabola, 3 (3 n² - 7) / (4 n (n² - 4)) with n = 21.
-    angle = 1e-3 / np.sqrt(12) * np.sqrt(3 * (3 * 21**2 - 7) / (4 * 21 * (21**2 - 4)))
-    assert noise_of(1e-3, 1.0).state[0] == pytest.approx(angle)
-    assert noise_of(0.0, 1.0).state[0] == 1e-5
+def test_information_grows_with_motion(trial):
+    slow, fast = (search._information(SETTING, states) for states in trial.states[:, 0])
+    assert fast > slow
+    # Ten times the angles: every entry of the matrix grows, for small angles by that factor.
+    assert fast - slow > 9 * np.log(10)
 
 
 def test_a_prior_around_a_plant_and_from_a_domain():
@@ -142,20 +114,16 @@ def test_a_prior_around_a_plant_and_from_a_domain():
 
 @pytest.fixture
 def quick(monkeypatch):
-    """A search that is none: two members and no generation, on few plants."""
-    for name, value in {"POPULATION": 2, "KEPT": 1, "GENERATIONS": 0}.items():
-        monkeypatch.setattr(excitation_search, name, value)
+    """Few plants."""
     monkeypatch.setattr(search, "CHECKED_PLANTS", 4)
 
 
-@pytest.mark.slow
 def test_the_command_writes_what_it_checked(quick, tmp_path, capsys):
     out = tmp_path / "excitation.csv"
     words = ["excite", "--joint", "shoulder", "--duration", "3", "--speed", "9", "--out", str(out)]
     assert main(words) == 0
     text = capsys.readouterr().out
     assert "checked on" in text
-    assert "would not be determined" in text
     table = np.genfromtxt(out, delimiter=",", names=True)
     names = ("time", "pos1", "pos2", "vel1", "vel2", "acc1", "acc2", "tau1", "tau2")
     assert table.dtype.names == (*names, *(f"K{joint}{entry}" for joint in (1, 2) for entry in (1, 2, 3, 4)))
@@ -171,7 +139,7 @@ def test_the_command_writes_what_it_checked(quick, tmp_path, capsys):
     # What is written is what was checked: the torques make that motion on the plant in the middle.
     model = draw_models(exciting.find_prior(None, None), 1, 0)
     u = np.stack([table["tau1"], table["tau2"]], axis=1)
-    motion = try_out(SETTING, model, alone([u]), keep=True).states[0, 0]
+    motion = simulate(SETTING, model, alone([u]), keep=True).states[0, 0]
     assert motion[:, 2] == pytest.approx(table["vel1"], abs=1e-6)
     # A trajectory follower of RealAIGym's kind reads it.
     assert load_reference_csv(out, "pendubot").gains[0] == pytest.approx([table["K11"][0], 0, table["K13"][0], 0])
@@ -191,15 +159,25 @@ def test_limits_that_nothing_keeps(quick):
     # Negative damping: the pendulum swings up by itself.
     wild = make_domain({"plant": "C.1", "b1": -2.0, "b2": -2.0, "cf1": 0.0, "cf2": 0.0})
     # Feedback tames it; torques alone do not.
-    with pytest.raises(SwingupError, match="no motion keeps all plants within 3 rad"):
+    with pytest.raises(SwingupError, match=r"no motion keeps all plants of .* within 3 rad"):
         search.excite(wild, duration=3, alone=True)
 
 
-def test_what_is_determined():
-    excitation = Excitation(
-        np.zeros((3, 2)), np.zeros((3, 4)), NO_FEEDBACK, Limits((6.0, 0.0), 20.0, 3.0), 1.0, 2.0, 5,
-        {"I2": Prospect(0.05, 0.3), "b1": Prospect(0.2, 0.3)}, 1e-4,
-    )  # fmt: skip
-    assert excitation.as_dict()["determined"] == {"I2": True, "b1": False}
-    assert dataclasses.asdict(excitation.prospects["I2"]) == {"typical": 0.05, "worst": 0.3}
-    assert excitation.time.tolist() == [0.0, 0.002, 0.004]
+def test_the_strongest_that_all_plants_bear(quick):
+    prior = prior_around(C1)
+    found = search.excite(prior, duration=3, speed=4.0, angle=1.0)
+    assert found.angle <= 1.0
+    assert found.speed <= 4.0
+    assert found.plants == 4 + len(corner_models(prior))
+    assert np.array_equal(found.torque, search.excite(prior, duration=3, speed=4.0, angle=1.0).torque)
+    assert found.time.tolist() == pytest.approx(np.arange(0.0, 3.0, PERIOD).tolist())
+    assert found.as_dict()["reached"]["speed"] == found.speed
+
+
+def test_the_plants_own_limit_counts():
+    strong = make_domain({"plant": "C.1", "tl1": 60.0, "tl2": 60.0})
+    assert search._limits(strong, "both", 20.0, None, 3.0).torque == (20.0, 20.0)
+    assert search._limits(strong, "elbow", None, None, 3.0).torque == (0.0, 60.0)
+    # A loop that allows less says so.
+    weak = make_domain({"plant": "C.1", "tl1": 60.0, "tl2": 60.0, "torque_limit": 2.0})
+    assert search._limits(weak, "both", None, None, 3.0).torque == (2.0, 2.0)

@@ -26,7 +26,6 @@ def excite_command(
     torque: float | None = None,
     speed: float | None = None,
     angle: float = 3.0,
-    quantum: float | None = None,
     alone: bool = False,
     seed: int = 0,
     json: bool = False,
@@ -45,14 +44,13 @@ def excite_command(
         torque: largest torque (N m). Default: that of the motors.
         speed: largest speed of a joint (rad/s). Default: 20 on design C.1, other plants in their own units.
         angle: largest angle of a joint from hanging (rad).
-        quantum: step of the encoders (rad). Default: the domain's, or 3.81e-4.
         alone: for loops without feedback: the torques are played alone.
-        seed: seed of the search.
+        seed: seed of the plants that are drawn.
         json: print one JSON object.
     """
     check_writable(out)
     prior = find_prior(plant, domain)
-    found = excite(prior, duration, joint, torque, speed, angle, quantum, seed, alone)
+    found = excite(prior, duration, joint, torque, speed, angle, seed, alone)
     found.save(out)
     if json:
         tell_json({"domain": prior.name, "joint": joint, "seed": seed, **found.as_dict()})
@@ -74,17 +72,12 @@ def find_prior(plant: str | None, domain: str | None) -> Domain:
 
 
 def excitation_lines(found: Excitation, prior: Domain) -> list[str]:
-    """What it reaches on all checked plants, and how well the parameters would be determined."""
+    """What it reaches on all checked plants."""
     torques = [abs(found.torque[:, joint]).max() for joint in (0, 1)]
     pairs = zip(torques, found.limits.torque, strict=True)
-    lines = [
+    return [
         f"{found.time[-1]:.3g} s, checked on {found.plants} plants of {prior.name}",
         "  largest torque " + ", ".join(f"{u:.3g} of {limit:.3g} N m" for u, limit in pairs),
         f"  largest speed {found.speed:.3g} of {found.limits.speed:.3g} rad/s, "
         f"angle {found.angle:.3g} of {found.limits.angle:.3g} rad",
-        f"  {'expected 95 % half-width':<26}{'typical':>10}{'worst':>10}",
     ]
-    for name, each in found.prospects.items():
-        remark = "" if each.determined else "   would not be determined"
-        lines.append(f"  {name:<26}{each.typical:>10.1%}{each.worst:>10.1%}{remark}")
-    return lines

@@ -1,6 +1,5 @@
-"""An excitation: torques and a motion to play on a robot, and what its log would tell."""
+"""An excitation: torques and a motion to play on a robot."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,7 +8,6 @@ import numpy as np
 from jaxtyping import Float
 
 from ..table import write_columns
-from .reading import NARROW
 from .waves import PERIOD
 
 
@@ -26,23 +24,8 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Prospect:
-    """How well one parameter would be determined: halves of 95 % intervals, relative to the value."""
-
-    typical: float
-    """Median over plants of the prior."""
-    worst: float
-    """Largest."""
-
-    @property
-    def determined(self) -> bool:
-        """Whether the interval would be narrow on a typical plant."""
-        return self.typical <= 0.5 * NARROW
-
-
-@dataclass(frozen=True)
 class Excitation:
-    """Torques, the motion they make in the middle of the prior, the feedback around it, and what to expect."""
+    """Torques, the motion they make in the middle of the prior, and the feedback around it."""
 
     torque: Float[np.ndarray, "rows 2"]
     """N m, rows ``PERIOD`` apart."""
@@ -57,9 +40,6 @@ class Excitation:
     """Largest speed over all checked plants (rad/s)."""
     plants: int
     """Number of checked plants."""
-    prospects: Mapping[str, Prospect]
-    quantum: float
-    """Step of the encoders (rad)."""
 
     @property
     def time(self) -> Float[np.ndarray, "rows"]:
@@ -78,9 +58,6 @@ class Excitation:
             },
             "plants": self.plants,
             "feedback": {"kp": self.feedback[0].tolist(), "kd": self.feedback[1].tolist()},
-            "quantum": self.quantum,
-            "half_widths": {name: vars(each) for name, each in self.prospects.items()},
-            "determined": {name: each.determined for name, each in self.prospects.items()},
         }
 
     def save(self, path: str | Path) -> None:

@@ -1,19 +1,27 @@
-"""From a prior and limits to an excitation, with how well each parameter would be determined."""
+"""From a prior and limits to an excitation: the fixed motion whose log tells most, as strong as the limits allow.
+
+The plant in the middle of the prior follows each motion by feedback; its torques and its motion, with the same
+feedback, are what a robot plays. So other plants move alike. Each is played on plants drawn from the prior and on
+the corners of its ranges, and made smaller until all of them keep the limits. Of what is left, the excitation has
+the largest determinant of Yᵀ Y, with the matrix Y of the linear regression that ``identify`` starts from
+(D-optimality).
+"""
+
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from ..checks import finite_number, one_of, whole_number
+from ..errors import SwingupError
 from ..physics.units import scales_of
 from ..plants.domain import Domain
-from .excitation import Excitation, Limits, Prospect
-from .excitation_search import Search, check_on_many, find_best
-from .information import covariance, information, noise_of, unknowns_of
-from .model import SHARED, Unknowns
-from .prediction import INDEX, NAMES, Setting, setting_of
+from .excitation import Excitation, Limits
+from .prediction import NAMES, Setting, setting_of
 from .prior import corner_models, draw_models
-from .reading import TITLES
-from .trial import try_out
+from .regression import POINTS, SPAN, Spans, regression_matrix
+from .rollouts import Sequences, simulate
+from .waves import PERIOD, multisines
 from .windows import INTERVAL
 
 JOINTS = {"both": (1.0, 1.0), "shoulder": (1.0, 0.0), "elbow": (0.0, 1.0)}
@@ -22,12 +30,14 @@ SHORTEST, LONGEST = 3.0, 60.0
 """Durations (s)."""
 SPEED = 20.0
 """Largest speed of a joint (rad/s) on design C.1 if none is given: the public loop stops there. It scales."""
-QUANTUM = 3.81e-4
-"""Step of an encoder (rad) if none is given: that of design C.1's robot."""
-SEARCH_PLANTS, CHECKED_PLANTS, REPORTED_PLANTS = 8, 64, 8
-"""Plants drawn for the search, the check, and what is said of the parameters."""
+OWN = 0.75
+"""Frequency of small swings (Hz) on design C.1. It scales, too."""
+CHECKED_PLANTS = 64
+"""Plants drawn from the prior on which the limits must hold, beside its corners."""
+STRENGTHS = np.geomspace(1.0, 0.1, 10)
+"""Multiples of a motion that are tried, until one keeps the limits."""
 STIFFNESS, DAMPING = 2.0, 0.5
-"""Feedback: kp in gravity's torque a radian, and kd in 2 sqrt(kp M) of a joint alone."""
+"""Feedback: kp as a multiple of gravity's torque per radian; kd as the damping ratio of a joint alone."""
 
 
 def excite(
@@ -37,7 +47,6 @@ def excite(
     torque: float | None = None,
     speed: float | None = None,
     angle: float = 3.0,
-    quantum: float | None = None,
     seed: int = 0,
     alone: bool = False,
 ) -> Excitation:
@@ -50,36 +59,33 @@ def excite(
         torque: largest torque (N m); None for that of the motors.
         speed: largest speed of a joint (rad/s); None for 20 rad/s on design C.1, other plants in their own units.
         angle: largest angle of a joint from hanging (rad).
-        quantum: step of the encoders (rad); None for the domain's, or 3.81e-4.
-        seed: of the search and of the prior's draws; equal seeds give equal excitations.
+        seed: of the prior's draws; equal seeds give equal excitations.
         alone: whether the torques will be played without feedback; plants that differ then move apart.
 
     Raises:
         SwingupError: an argument makes no sense, or no motion keeps the limits on all plants.
     """
-    limits = _limits(domain, joint, torque, speed, angle)
-    search = _prepare(domain, duration, limits, quantum, seed, alone)
-    many = np.concatenate([draw_models(domain, CHECKED_PLANTS, seed + 2), corner_models(domain)])
-    play, reached = check_on_many(search, find_best(search, seed), many, domain.name)
-    models = draw_models(domain, REPORTED_PLANTS, seed + 1)
-    trial = try_out(search.setting, models, play, keep=True)
-    found = information(search.setting, models, trial, search.unknowns, search.noise)[0]
-    return Excitation(
-        torque=play.torque[0],
-        state=play.reference[0],
-        feedback=play.feedback,
-        limits=limits,
-        angle=reached[0],
-        speed=reached[1],
-        plants=len(many),
-        prospects=_prospects(search.unknowns, found, models),
-        quantum=_quantum(domain, quantum),
-    )
+    limits, plant = _limits(domain, joint, torque, speed, angle), domain.middle_parameters
+    length = INTERVAL * round(finite_number("duration", duration, SHORTEST, LONGEST, "s") / INTERVAL)
+    drawn = draw_models(domain, CHECKED_PLANTS, whole_number("seed", seed, 0, 2**32 - 1))
+    setting, models = setting_of(plant).coarse, np.concatenate([drawn, corner_models(domain)])
+    own = OWN * scales_of(plant).velocity
+    motions = multisines(length, own, min(limits.angle, np.pi), np.array(JOINTS[joint]))
+    candidates = _within_limits(setting, models, motions, limits, alone)
+    if not candidates:
+        raise SwingupError(
+            f"no motion keeps all plants of {domain.name} within {limits.angle:g} rad and {limits.speed:g} rad/s: "
+            "allow more, narrow the prior, or ask for a shorter excitation"
+        )
+    best = max(candidates, key=lambda each: _information(setting, each.state))
+    return Excitation(best.torque, best.state, best.feedback, limits, best.angle, best.speed, len(models))
 
 
 def _limits(domain: Domain, joint: str, torque: float | None, speed: float | None, angle: float) -> Limits:
     driven = JOINTS[one_of("joint", joint, JOINTS)]
-    motors = [min(domain.middle(name), domain.middle("torque_limit")) for name in ("tl1", "tl2")]
+    # A loop may allow less than the motors give. Without a limit of its own, theirs counts.
+    loop = domain.middle("torque_limit") if "torque_limit" in domain.names else np.inf
+    motors = [min(domain.middle(name), loop) for name in ("tl1", "tl2")]
     most = [motor if torque is None else finite_number("torque", torque, 1e-6, motor, "N m") for motor in motors]
     usual = SPEED * scales_of(domain.middle_parameters).velocity
     return Limits(
@@ -89,48 +95,54 @@ def _limits(domain: Domain, joint: str, torque: float | None, speed: float | Non
     )
 
 
-def _prepare(
-    domain: Domain, duration: float, limits: Limits, quantum: float | None, seed: int, alone: bool
-) -> Search:
-    length = finite_number("duration", duration, SHORTEST, LONGEST, "s")
-    seed, plant = whole_number("seed", seed, 0, 2**32 - 3), domain.middle_parameters
-    setting, models = setting_of(plant).coarse, draw_models(domain, SEARCH_PLANTS, seed)
-    gravity = setting.gravity * float(models[0, INDEX["first"]])
-    return Search(
-        setting=setting,
-        limits=limits,
-        duration=INTERVAL * round(length / INTERVAL),
-        own=0.75 * scales_of(plant).velocity,
-        models=models,
-        unknowns=unknowns_of(setting, models[0]),
-        noise=noise_of(_quantum(domain, quantum), gravity),
-        feedback=_feedback(setting, models[0], gravity),
-        alone=alone,
-    )
+@dataclass(frozen=True)
+class _Candidate:
+    """A motion that keeps the limits on all plants."""
+
+    torque: Float[np.ndarray, "rows 2"]
+    state: Float[np.ndarray, "rows 4"]
+    feedback: Float[np.ndarray, "2 2"]
+    angle: float
+    """The largest on any plant (rad)."""
+    speed: float
+    """The largest on any plant (rad/s)."""
 
 
-def _feedback(setting: Setting, model: np.ndarray, gravity: float) -> np.ndarray:
+def _within_limits(
+    setting: Setting, models: np.ndarray, motions: np.ndarray, limits: Limits, alone: bool
+) -> list[_Candidate]:
+    """Each motion as strong as the limits allow on all models; without those that are too fast even when small."""
+    feedback, torque, found = _feedback(setting, models[0]), np.array(limits.torque), []
+    played = np.zeros((2, 2)) if alone else feedback
+    for strength in STRENGTHS:
+        rest = np.zeros((*motions.shape[:2], 2))
+        middle = simulate(setting, models[:1], Sequences(rest, strength * motions, feedback, torque), keep=True)
+        assert middle.torque is not None
+        sequences = Sequences(middle.torque[:, 0], middle.states[:, 0], played, torque)
+        rollouts = simulate(setting, models, sequences)
+        holds = rollouts.holds(limits.angle, limits.speed)
+        for row in np.flatnonzero(holds):
+            angle, speed = float(rollouts.angle[row].max()), float(rollouts.speed[row].max())
+            found.append(_Candidate(sequences.torque[row], sequences.reference[row], played, angle, speed))
+        motions = motions[~holds]
+        if not len(motions):
+            break
+    return found
+
+
+def _feedback(setting: Setting, model: np.ndarray) -> np.ndarray:
     """Kp and kd of both joints, for the inertia of each while the other is stiff."""
     m = dict(zip(NAMES, model, strict=True))
     elbow = m["elbow"] + setting.gear**2 * m["rotor"]
     inertia = np.array([m["shoulder"] + 2 * setting.l1 * m["second"] + elbow, elbow])
-    stiffness = np.full(2, STIFFNESS * gravity)
+    stiffness = np.full(2, STIFFNESS * setting.gravity * m["first"])
     return np.stack([stiffness, DAMPING * 2 * np.sqrt(stiffness * inertia)])
 
 
-def _quantum(domain: Domain, given: float | None) -> float:
-    if given is not None:
-        return finite_number("quantum", given, 0.0, 0.1, "rad")
-    own = [domain.middle(name) for name in ("quantum1", "quantum2") if name in domain.names]
-    return max(own) if own else QUANTUM
-
-
-def _prospects(
-    unknowns: Unknowns, found: Float[np.ndarray, "plants unknowns unknowns"], models: Float[np.ndarray, "plants 15"]
-) -> dict[str, Prospect]:
-    spread = np.sqrt(np.diagonal(covariance(unknowns, found), axis1=1, axis2=2)) * unknowns.scale
-    prospects = {}
-    for place, name in enumerate(unknowns.names[: len(SHARED)]):
-        relative = 1.96 * spread[:, place] / np.maximum(np.abs(models[:, INDEX[name]]), 1e-12)
-        prospects[TITLES.get(name, name)] = Prospect(float(np.median(relative)), float(relative.max()))
-    return prospects
+def _information(setting: Setting, states: Float[np.ndarray, "rows 4"]) -> float:
+    """The logarithm of det(Yᵀ Y), which falls with the volume of the parameters' covariance."""
+    time = PERIOD * np.arange(len(states))
+    points = SPAN * np.arange(int(time[-1] / SPAN))[:, None] + np.linspace(0.0, SPAN, POINTS)
+    spans = np.stack([np.interp(points, time, column) for column in states.T], axis=-1)
+    matrix = regression_matrix(setting, Spans(spans, np.zeros((len(spans), 2))))
+    return float(np.linalg.slogdet(matrix.T @ matrix)[1])

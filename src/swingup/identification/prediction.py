@@ -14,6 +14,7 @@ Angles are measured with constant offsets: q = measured - offset.
 
 import functools
 import math
+import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
@@ -37,7 +38,7 @@ INDEX = {name: place for place, name in enumerate(NAMES)}
 
 CHUNK = 128
 """Windows that one call of the compiled program predicts; fewer are filled up, so that it compiles once."""
-THREADS = 2
+THREADS = os.cpu_count() or 1
 LONGEST_LAG = 0.03
 """Time that a lag remembers (s)."""
 LEAST_LAG = 3e-4
@@ -83,34 +84,43 @@ def vector_of(p: Parameters, delay: float = 0.004, lag: float = 0.002) -> Float[
 
 def predict(setting: Setting, model: np.ndarray, windows: Windows) -> Float[np.ndarray, "windows outputs 4"]:
     """States at the windows' output times, predicted from their starts."""
-    return _in_chunks(setting, False, model, windows)
+    return _predicted(setting, False, model, windows)
 
 
 def predict_with_jacobian(
     setting: Setting, model: np.ndarray, windows: Windows
 ) -> tuple[Float[np.ndarray, "windows outputs 4"], Float[np.ndarray, "windows outputs 4 15"]]:
     """The same with derivatives with respect to the model's vector."""
-    both = _in_chunks(setting, True, model, windows)
+    both = _predicted(setting, True, model, windows)
     return both[..., 0], both[..., 1:]
 
 
-def _in_chunks(setting: Setting, derivatives: bool, model: np.ndarray, windows: Windows) -> np.ndarray:
-    """Run a compiled program on chunks of windows, on a thread for each core."""
+def _predicted(setting: Setting, derivatives: bool, model: np.ndarray, windows: Windows) -> np.ndarray:
     if not len(windows):
         shape = windows.reference.shape
         return np.zeros((*shape, 1 + len(NAMES)) if derivatives else shape)
     program = _compiled(setting, windows.reference.shape[1], derivatives)
+    (found,) = in_chunks(
+        CHUNK, len(windows), lambda rows: (program(model, windows.start[rows], windows.impulse[rows]),)
+    )
+    return found
 
-    def run(first: int) -> np.ndarray:
-        rows = np.arange(first, min(first + CHUNK, len(windows)))
-        padded = np.concatenate([rows, np.full(CHUNK - len(rows), rows[0])])
+
+def in_chunks(size: int, count: int, run: Callable[[np.ndarray], Any]) -> list[np.ndarray]:
+    """Run a compiled program on ``size`` rows of ``count`` at a time, on a thread for each core.
+
+    The last chunk is filled up with the first row, so that the program compiles once.
+    """
+
+    def part(first: int) -> list[np.ndarray]:
+        rows = np.arange(first, first + size)
         with jax.enable_x64(True):  # a setting of the thread
-            found = np.asarray(program(model, windows.start[padded], windows.impulse[padded]))
-        return found[: len(rows)]
+            found = run(np.where(rows < count, rows, 0))
+        return [np.asarray(each)[: count - first] for each in found]
 
-    firsts = range(0, len(windows), CHUNK)
     with ThreadPoolExecutor(THREADS) as pool:
-        return np.concatenate(list(pool.map(run, firsts)))
+        parts = list(pool.map(part, range(0, count, size)))
+    return [np.concatenate(each) for each in zip(*parts, strict=True)]
 
 
 @functools.lru_cache(maxsize=16)

@@ -85,7 +85,7 @@ def regress(setting: Setting, spans: Spans, start: Float[np.ndarray, "15"], driv
         start: the starting plant's vector.
         driven: whether torques set the scale; otherwise m1 r1 + m2 l1 is the start's.
     """
-    matrix, right = _equations(setting, spans), spans.impulse.ravel()
+    matrix, right = regression_matrix(setting, spans), spans.impulse.ravel()
     low, high = _bounds(setting, start, driven)
     size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-30)
     found = np.clip(lsq_linear(matrix / size, right, (low * size, high * size)).x / size, low, high)
@@ -134,7 +134,7 @@ def _bounds(setting: Setting, start: np.ndarray, driven: bool) -> tuple[np.ndarr
     return low, high
 
 
-def _equations(setting: Setting, spans: Spans) -> np.ndarray:
+def regression_matrix(setting: Setting, spans: Spans) -> np.ndarray:
     """Rows: both joints of each span; columns: the impulses for a unit of each parameter."""
     q1, q2, dq1, dq2 = np.moveaxis(spans.states, -1, 0)
     l1, g, gear, none = setting.l1, setting.gravity, setting.gear, np.zeros(len(q1))

@@ -1,4 +1,4 @@
-"""Trials on many plants at once, from hanging at rest: how far, how fast, and which states and torques.
+"""Many plants at once, from hanging at rest: how far, how fast, and which states and torques.
 
 The torque of a driven joint is a sequence's and a feedback's, within the limit:
 
@@ -9,7 +9,6 @@ Delay and lag are left out: they shift the motion by milliseconds.
 
 import functools
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..physics.implicit_friction import SmoothedFriction, advance
-from .prediction import NAMES, THREADS, Setting, lump_base
+from .prediction import NAMES, Setting, in_chunks, lump_base
 from .waves import PERIOD
 from .windows import INTERVAL
 
@@ -28,8 +27,8 @@ LANES = 256
 
 
 @dataclass(frozen=True)
-class Play:
-    """Sequences, with the feedback that all are played with; rows are ``PERIOD`` apart."""
+class Sequences:
+    """Torques and motions, with the feedback that all are played with; rows are ``PERIOD`` apart."""
 
     torque: Float[np.ndarray, "sequences rows 2"]
     """tau (N m)"""
@@ -40,13 +39,9 @@ class Play:
     limits: Float[np.ndarray, "2"]
     """N m; 0 on a joint that is not driven."""
 
-    def take(self, rows: np.ndarray) -> "Play":
-        """Some of the sequences."""
-        return Play(self.torque[rows], self.reference[rows], self.feedback, self.limits)
-
 
 @dataclass(frozen=True)
-class Trial:
+class Rollouts:
     """Motions by sequence and plant."""
 
     states: Float[np.ndarray, "sequences plants steps 4"]
@@ -63,52 +58,38 @@ class Trial:
         return np.all((self.angle <= angle) & (self.speed <= speed), axis=1)
 
 
-def try_out(setting: Setting, models: Float[np.ndarray, "plants 15"], play: Play, keep: bool = False) -> Trial:
+def simulate(
+    setting: Setting, models: Float[np.ndarray, "plants 15"], sequences: Sequences, keep: bool = False
+) -> Rollouts:
     """Play every sequence on every plant.
 
     Args:
         setting: of the plants.
         models: of the plants.
-        play: sequences, which fill whole intervals.
+        sequences: they fill whole intervals.
         keep: whether to keep the states and torques of each row.
     """
-    count, plants = len(play.torque), len(models)
+    count, plants = len(sequences.torque), len(models)
     which, whose = np.divmod(np.arange(count * plants), plants)
     program = _compiled(setting, 1 if keep else round(INTERVAL / PERIOD), keep)
 
     def run(rows: np.ndarray) -> Any:
         s = which[rows]
-        return program(models[whose[rows]], play.torque[s], play.reference[s], play.feedback, play.limits)
+        played = sequences.torque[s], sequences.reference[s], sequences.feedback, sequences.limits
+        return program(models[whose[rows]], *played)
 
     found = in_chunks(LANES, len(which), run)
     parts = [part.reshape(count, plants, *part.shape[1:]) for part in found]
     angle, speed = (np.nan_to_num(part, nan=np.inf) for part in parts[:2])
     torque = np.nan_to_num(parts[3], nan=0.0) if keep else None
-    return Trial(np.nan_to_num(parts[2], nan=0.0), torque, angle, speed)
-
-
-def in_chunks(size: int, count: int, run: Callable[[np.ndarray], Any]) -> list[np.ndarray]:
-    """Run a compiled program on ``size`` rows of ``count`` at a time, on a thread for each core.
-
-    The last chunk is filled up with the first row, so that the program compiles once.
-    """
-
-    def part(first: int) -> list[np.ndarray]:
-        rows = np.arange(first, first + size)
-        with jax.enable_x64(True):  # a setting of the thread
-            found = run(np.where(rows < count, rows, 0))
-        return [np.asarray(each)[: count - first] for each in found]
-
-    with ThreadPoolExecutor(THREADS) as pool:
-        parts = list(pool.map(part, range(0, count, size)))
-    return [np.concatenate(each) for each in zip(*parts, strict=True)]
+    return Rollouts(np.nan_to_num(parts[2], nan=0.0), torque, angle, speed)
 
 
 @functools.lru_cache(maxsize=4)
 def _compiled(setting: Setting, every: int, keep: bool) -> Callable[..., Any]:
     substeps = round(PERIOD / setting.step)
 
-    def simulate(model: Array, torque: Array, reference: Array, feedback: Array, limits: Array) -> Any:
+    def rollout(model: Array, torque: Array, reference: Array, feedback: Array, limits: Array) -> Any:
         m = dict(zip(NAMES, model, strict=True))
         plant = lump_base(setting, m)
         friction = SmoothedFriction((m["b1"], m["b2"]), (m["cf1"], m["cf2"]), setting.steepness)
@@ -134,4 +115,4 @@ def _compiled(setting: Setting, every: int, keep: bool) -> Callable[..., Any]:
         (_, angle, speed), (states, u) = jax.lax.scan(interval, ((zero,) * 4, zero, zero), rows)
         return (angle, speed, states, u.reshape(-1, 2)) if keep else (angle, speed, states)
 
-    return jax.jit(jax.vmap(simulate, (0, 0, 0, None, None)))
+    return jax.jit(jax.vmap(rollout, (0, 0, 0, None, None)))
