@@ -18,8 +18,8 @@ for model, errors in result["errors"].items():
     print(f"held-out error of the {model} model after 0.25 s: {errors['0.25']['angle']:.3f} rad")
 
 domain = found.save("mine.yml")  # the plant, and the ranges that the logs leave beside it
-print(f"wrote mine.yml and {domain}: swingup train acrobot --preset sim2real --domain {domain}")
+print(f"wrote mine.yml and {domain}: swingup sim2real acrobot --domain {domain}")
 
-# A policy made for another plant says so, and usually fails: train one on these ranges.
-policy = swingup.get_controller("refined", "acrobot")
-print(f"score of refined on it: {swingup.evaluate(policy, 'acrobot', plant='mine.yml').criteria.score:.3f}")
+# adaptive finds its plant while it swings up.
+policy = swingup.get_controller("adaptive", "acrobot")
+print(f"score of adaptive on it: {swingup.evaluate(policy, 'acrobot', plant='mine.yml').criteria.score:.3f}")

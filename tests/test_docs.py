@@ -27,8 +27,6 @@ from swingup.control.baselines import shipped_reference
 from swingup.errors import SwingupError
 from swingup.identification import excite
 from swingup.policy.shipped import shipped_file
-from swingup.refine.behaviour_cloning import CloningSettings
-from swingup.refine.recipe import RECIPES
 from swingup.report import make
 
 ROOT = Path(swingup.__file__).parents[2]
@@ -144,7 +142,6 @@ def brief_searches(monkeypatch):
     shipped, for_the_score = (shipped_reference("acrobot", problem)[0] for problem in ("published", "score"))
     monkeypatch.setattr(planning, "compute_reference", lambda *_: (shipped, {}))
     monkeypatch.setattr(planning, "compute_score_reference", lambda *_: (for_the_score, {}))
-    monkeypatch.setitem(RECIPES, "score", (CloningSettings(steps=50, demonstrations=16),))
     monkeypatch.setattr(excite, "CHECKED_PLANTS", 8)
 
 

@@ -4,7 +4,6 @@ import pytest
 
 import swingup
 from swingup import renamed
-from swingup.learner.presets import get_preset
 from swingup.plants.domain import load_domain
 from swingup.realaigym import load_controller
 from swingup.runtime import load_controller as load_numpy_controller
@@ -41,10 +40,8 @@ def test_present_names_and_the_packages_own_calls_say_nothing(lines):
     assert lines() == []
 
 
-def test_presets_and_domains(lines):
-    assert get_preset("hardware") is get_preset("sim2real")
+def test_domains(lines):
     assert load_domain("hardware") == load_domain("identified")
     assert lines() == [
-        "swingup: preset 'hardware' is now called 'sim2real'",
         "swingup: domain 'hardware' is now called 'identified'",
     ]

@@ -55,7 +55,7 @@ class PendulumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def __init__(
         self,
         robot: str,
-        task: str | AbstractPendulumTask[Any] = "paper",
+        task: str | AbstractPendulumTask = "paper",
         render_mode: str | None = None,
         plant: PlantLike | None = None,
     ) -> None:
@@ -150,7 +150,7 @@ class PendulumVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self,
         robot: str,
         num_envs: int = 1,
-        task: str | AbstractPendulumTask[Any] = "paper",
+        task: str | AbstractPendulumTask = "paper",
         render_mode: str | None = None,
         plant: PlantLike | None = None,
     ) -> None:
@@ -234,16 +234,14 @@ class PendulumVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return {"state": np.array(episodes.state.x), "_state": np.ones(self.num_envs, np.bool_)}
 
 
-def begin(task: AbstractPendulumTask[Any], key: Key, start: State | None) -> tuple[Episode, Observation]:
+def begin(task: AbstractPendulumTask, key: Key, start: State | None) -> tuple[Episode, Observation]:
     """Reset an environment, to the state ``start`` if there is one."""
     reset_key, next_key = jax.random.split(key)
     state = task.reset(reset_key) if start is None else PendulumState(x=start, steps=jnp.array(0))
     return Episode(state=state, action=jnp.zeros(task.action_size), key=next_key), task.observe(state)
 
 
-def advance(
-    task: AbstractPendulumTask[Any], episode: Episode, action: Action
-) -> tuple[Episode, Step[PendulumState]]:
+def advance(task: AbstractPendulumTask, episode: Episode, action: Action) -> tuple[Episode, Step[PendulumState]]:
     """Step an environment; an episode that ends is not reset."""
     step_key, next_key = jax.random.split(episode.key)
     step = task.step(episode.state, action, step_key)
@@ -251,7 +249,7 @@ def advance(
 
 
 def advance_and_reset(
-    task: AbstractPendulumTask[Any], episode: Episode, action: Action
+    task: AbstractPendulumTask, episode: Episode, action: Action
 ) -> tuple[Episode, Observation, Step[PendulumState]]:
     """Step an environment and reset it if it ends; the step is from before the reset, the rest from after it."""
     after, step = advance(task, episode, action)
@@ -272,14 +270,12 @@ _advance_all = jax.jit(jax.vmap(advance_and_reset, in_axes=(None, 0, 0)))
 _keys = jax.jit(jax.vmap(jax.random.key))
 
 
-def _compiled_task(
-    robot: str, task: str | AbstractPendulumTask[Any], plant: PlantLike | None
-) -> AbstractPendulumTask[Any]:
+def _compiled_task(robot: str, task: str | AbstractPendulumTask, plant: PlantLike | None) -> AbstractPendulumTask:
     """The task with its numbers as arrays, which compiled functions take faster."""
     return jax.tree.map(jnp.asarray, find_task(task, robot, plant))
 
 
-def _spaces(task: AbstractPendulumTask[Any]) -> tuple[Box, Box]:
+def _spaces(task: AbstractPendulumTask) -> tuple[Box, Box]:
     """The spaces of observations and of actions."""
     return Box(-1.0, 1.0, (task.observation_size,), np.float32), Box(-1.0, 1.0, (task.action_size,), np.float32)
 
@@ -337,7 +333,7 @@ def _running(episode: Episode | None) -> Episode:
     return episode
 
 
-def _draw(task: AbstractPendulumTask[Any], x: Any, action: Any) -> UInt8[np.ndarray, "400 400 3"]:
+def _draw(task: AbstractPendulumTask, x: Any, action: Any) -> UInt8[np.ndarray, "400 400 3"]:
     lengths = float(task.parameters.l1), float(task.parameters.l2)
     limit = float(max(task.parameters.tl1, task.parameters.tl2))
     torque = np.asarray(task.torque(action))

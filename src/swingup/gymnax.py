@@ -25,7 +25,7 @@ NO_LIMIT = 2**31 - 1
 class PendulumParams(eqx.Module):
     """Parameters of an environment: the numbers of its task, and its time limit."""
 
-    task: AbstractPendulumTask[Any]
+    task: AbstractPendulumTask
     """The task: plant, reward, time step, noise."""
     max_steps_in_episode: int | Count
     """Steps after which an episode is truncated."""
@@ -80,7 +80,7 @@ class PendulumEnvironment:
     """
 
     def __init__(
-        self, robot: str, task: str | AbstractPendulumTask[Any] = "paper", plant: PlantLike | None = None
+        self, robot: str, task: str | AbstractPendulumTask = "paper", plant: PlantLike | None = None
     ) -> None:
         """Prepare an environment.
 

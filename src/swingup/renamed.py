@@ -7,7 +7,6 @@ import logging
 
 RENAMED = {
     "controller": {"ar-eapo-base": "ar-eapo", "ar-eapo-global": "global", "ar-eapo-hardware": "robot"},
-    "preset": {"hardware": "sim2real"},
     "domain": {"hardware": "identified"},
 }
 """New names by kind and old name."""

@@ -8,16 +8,14 @@ import subprocess
 import sys
 import threading
 import time
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from swingup.cli import main, training
-from swingup.learner import evaluators
+from swingup.cli import main
 from swingup.learner.metrics import read_metrics
 from swingup.policy.jax_backend.controller import shipped_policy
-from swingup.policy.shipped import DEFAULT, read_policy
+from swingup.policy.shipped import DEFAULT
 
 KEYS = [
     "robot", "controller", "estimator", "success", "swingup_time", "energy", "torque_cost", "torque_smoothness",
@@ -97,41 +95,6 @@ def test_train_resume_and_evaluate(capsys):
 
 
 @pytest.mark.slow
-def test_train_on_the_simulated_robot_and_resume(capsys, tmp_path, monkeypatch):
-    """A run is judged on its own domain, at evaluations and at the end."""
-    domains = []
-
-    def judged(controller, robot, domain, seed, seeds):
-        domains.append(domain.name)
-        return SimpleNamespace(score=0.1, successes=0, runs=[SimpleNamespace(speed=1.0)])
-
-    def judged_at_the_end(domain, robot, controller):
-        domains.append(f"{domain.name}: {robot}, {controller}")
-        return 0
-
-    monkeypatch.setattr(evaluators, "sim2real", judged)
-    monkeypatch.setattr(training, "judge_sim2real", judged_at_the_end)
-    known = "{'cf1': [0.1, 0.2], 'delay': [0.004, 0.004], 'velocity_noise': [0.0, 0.1]}"
-    (tmp_path / "mine.yml").write_text("cf1: [0.1, 0.2]\ndelay: 0.004\nvelocity_noise: [0.0, 0.1]\n")
-    options = ["--preset", "sim2real", "--domain", "mine.yml", "--out", "run"]
-    assert main(["train", "acrobot", "--frames", "64", *options, *TINY]) == 0
-    # Once when the programs are compiled, once in the run, once at its end.
-    assert domains == ["mine.yml", "mine.yml", "mine.yml: acrobot, run/best.npz"]
-    error = capsys.readouterr().err
-    assert "training acrobot (sim2real, domain mine.yml) to 64 frames in run" in error
-    # What training behind an estimator leaves out of the domain.
-    assert "trains without the domain's delay and velocity_noise; its evaluations have them" in error
-    with np.load("run/best.npz") as file:
-        assert "--domain mine.yml" in json.loads(bytes(file["metadata"]))["command"]
-    assert main(["train", "--resume", "run", "--domain", "identified"]) == 2
-    error = capsys.readouterr().err
-    assert f"run was trained with domain = mine.yml {known}, not identified {{" in error
-    policy = read_policy("run/best.npz")
-    assert policy.front_end.coulomb[0] == pytest.approx(0.15)  # the middle of the domain's friction
-    assert policy.estimator is not None
-
-
-@pytest.mark.slow
 def test_train_another_task_and_resume(capsys):
     options = [*TINY, "--evaluation-episodes", "1"]
     assert main(["train", "--env", "CartPole-v1", "--frames", "128", *options]) == 0
@@ -170,9 +133,7 @@ def test_train_another_task_and_resume(capsys):
         ("train acrobot --preset", "--preset needs a value"),
         ("train acrobot --frames 0", "frames = 0: use a whole number of at least 1"),
         ("train acrobot --seeds 0", "seeds = 0: use a whole number of at least 1"),
-        ("train acrobot --domain identified", "a domain goes with the preset sim2real, not with default"),
-        ("train acrobot --preset sim2real --domain moon", "unknown domain 'moon'"),
-        ("train acrobot --preset sim2real --domain missing.yml", "cannot read domain file missing.yml"),
+        ("sim2real acrobot --domain missing.yml", "cannot read domain file missing.yml"),
         ("sim2real cartpole", "unknown robot 'cartpole'"),
         ("sim2real acrobot --domain moon", "unknown domain 'moon': use identified, randomised, recorded, cells, "),
         ("sim2real acrobot --seeds 0", "seeds = 0"),

@@ -417,10 +417,6 @@ def test_the_command_of_a_result_names_its_plant(capsys, brief_runs):
         (("trajectory", "acrobot", "--out", "x.npz", "--plant", "bad.yml"), "lacks m2"),
         (("refine", "acrobot", "--out", "x.npz", "--plant", "bad.yml"), "lacks m2"),
         (("train", "acrobot", "--plant", "bad.yml"), "lacks m2"),
-        (
-            ("train", "acrobot", "--preset", "sim2real", "--domain", "recorded", "--plant", "B.0"),
-            "a domain, not B.0",
-        ),
         (("uptime", "acrobot", "--domain", "recorded"), "leave the domain 'recorded' out"),
         (("plot", "phase", "none.csv", "--out", "x.png", "--plant", "bad.yml"), "lacks m2"),
         (("export", "--robot", "acrobot", "--to", "c", "--out", "x.h", "--plant", "bad.yml"), "lacks m2"),

@@ -18,14 +18,14 @@ TINY = GradientStage(
 
 @pytest.mark.slow
 def test_refine_writes_a_policy_with_its_origin(tmp_path, monkeypatch, capsys):
-    monkeypatch.setitem(refining.RECIPES, "score", (TINY,))
+    monkeypatch.setitem(refining.RECIPES, "recover", (TINY,))
     out = tmp_path / "refined.npz"
     assert main(["refine", "pendubot", "--out", str(out), "--seed", "3"]) == 0
     assert "swingup evaluate pendubot" in capsys.readouterr().out
     policy, metadata = load_policy(out, "pendubot")
     base, origin = shipped_policy("pendubot", "ar-eapo")
     assert metadata["command"] == (
-        "swingup refine pendubot --policy=ar-eapo --recipe=score --seed=3 --out=refined.npz"
+        "swingup refine pendubot --policy=ar-eapo --recipe=recover --seed=3 --out=refined.npz"
     )
     assert metadata["base"]["frames"] == origin["frames"]
     assert metadata["stages"][0]["gradient"]["iterations"] == 2
@@ -37,7 +37,7 @@ def test_refine_writes_a_policy_with_its_origin(tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ("acrobot --recipe magic --out x.npz", "unknown recipe 'magic': use one of score, recover"),
+        ("acrobot --recipe magic --out x.npz", "unknown recipe 'magic': use one of recover, adapt"),
         ("acrobot --seed -1 --out x.npz", "seed = -1: use a whole number from 0"),
         ("acrobot --out missing/x.npz", "missing"),
         ("acrobot --policy none.npz --out x.npz", "no such file: none.npz"),

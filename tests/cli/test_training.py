@@ -100,9 +100,7 @@ def test_help_has_every_hyperparameter_with_its_defaults(capsys):
     assert (
         "Adam's step size. (0.0005; small, fast: 0.001; apo --env, eapo --env, ppo --env, mujoco: 0.0003)" in text
     )
-    assert (
-        "(256x256; global, sim2real: 128x128; small, fast, apo --env, eapo --env, ppo --env, mujoco: 64x64)" in text
-    )
+    assert "(256x256; global: 128x128; small, fast, apo --env, eapo --env, ppo --env, mujoco: 64x64)" in text
 
 
 @pytest.mark.parametrize(
@@ -111,7 +109,7 @@ def test_help_has_every_hyperparameter_with_its_defaults(capsys):
         ("--learning-rate fast", "learning_rate = 'fast': use a number"),
         ("--num-envs 2.5", "num_envs = '2.5': use an integer"),
         ("--policy-layers 64 wide", "policy_layers = '64 wide': use integers"),
-        ("--preset sim2reel", "did you mean sim2real?"),
+        ("--preset globall", "did you mean global?"),
         ("--terminations ends", "did you mean end?"),
         ("--adaptive-reset-cost often", "adaptive_reset_cost = 'often': use True, False or auto"),
     ],

@@ -15,7 +15,6 @@ from swingup.learner.run import Run
 from swingup.learner.run_settings import PENDULUM_INTERVALS, RunSettings, run_settings_from_dict
 from swingup.learner.start import resume_run, start_run
 from swingup.physics.parameters import Parameters, identified_parameters
-from swingup.plants.domain import Domain, load_domain
 from swingup.plants.plant import Plant, load_plant
 from swingup.policy.jax_backend.controller import load_policy, save_controller
 
@@ -320,7 +319,7 @@ def test_a_damaged_checkpoint_is_named_and_nothing_changes(tmp_path):
     assert resume_run(tmp_path / "r").frames == 0
 
 
-SLOW = ("paper", "apo", "eapo", "ppo", "sim2real")
+SLOW = ("paper", "apo", "eapo", "ppo")
 
 
 @pytest.mark.parametrize("preset", ["default", *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
@@ -334,16 +333,8 @@ def test_every_preset_trains(tmp_path, preset):
     row = reports[-1].rows[0]
     assert row["gradient_norm"] > 0.0
     # Without average reward there is no gain; without temperature no entropy reward.
-    assert (row["gain"] != 0.0) == (preset in ("default", "paper", "apo", "sim2real"))
-    assert (row["entropy_gain"] != 0.0) == (preset in ("default", "paper", "sim2real"))
-
-
-def test_a_domain_stands_in_settings_and_command():
-    domain = Domain((("cf1", 0.1, 0.2),), "my plants.yml")
-    settings = dataclasses.replace(SETTINGS, preset="sim2real", domain=domain)
-    again = run_settings_from_dict(settings.as_dict())
-    assert (again.domain, again.domain.name) == (domain, "my plants.yml")
-    assert "--domain 'my plants.yml'" in again.command(100)
+    assert (row["gain"] != 0.0) == (preset in ("default", "paper", "apo"))
+    assert (row["entropy_gain"] != 0.0) == (preset in ("default", "paper"))
 
 
 @pytest.mark.parametrize(
@@ -351,7 +342,6 @@ def test_a_domain_stands_in_settings_and_command():
     [
         ({"robot": "cartpole"}, "unknown robot 'cartpole'"),
         ({"preset": "best"}, "unknown preset 'best'"),
-        ({"domain": Domain((("m1", 0.5, 0.6),))}, "a domain goes with the preset sim2real, not with default"),
         ({"seeds": 0}, "seeds = 0: use a whole number of at least 1"),
         ({"seed": -1}, "seed = -1"),
         ({"evaluate_every": 0}, "evaluate_every = 0"),
@@ -389,9 +379,6 @@ def test_the_command_of_a_plant_without_a_name_is_python():
 def test_a_plant_goes_with_a_robot():
     with pytest.raises(SwingupError, match="a plant goes with a robot, not with Swimmer-v5"):
         dataclasses.replace(SETTINGS, robot=None, env="Swimmer-v5", preset="mujoco", plant=load_plant("B.0"))
-    for domain in (None, load_domain("recorded")):
-        with pytest.raises(SwingupError, match=r"sim2real draws its plants from a domain, not B\.0: write plant"):
-            dataclasses.replace(SETTINGS, preset="sim2real", plant=load_plant("B.0"), domain=domain)
 
 
 @pytest.mark.slow

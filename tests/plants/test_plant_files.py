@@ -1,16 +1,13 @@
 """One file format: facts are a plant and a domain, ranges a domain alone; a file may start from another plant."""
 
 import dataclasses
-import json
 
 import jax
 import pytest
 
 from swingup.errors import SwingupError
-from swingup.learner.presets import get_preset
-from swingup.learner.run_settings import RunSettings, run_settings_from_dict
 from swingup.physics.parameters import NAMES, get_robot, save_parameters
-from swingup.plants.domain import Domain, load_domain, make_domain
+from swingup.plants.domain import load_domain, make_domain
 from swingup.plants.plant import load_plant
 from swingup.tasks.draw import draw
 
@@ -85,16 +82,8 @@ def test_files_that_are_no_domain():
             make_domain(content)
 
 
-def test_a_run_keeps_the_plant_of_its_domain():
-    domain = make_domain({"plant": "B.0", "m1": [0.6, 0.7], "velocities": "driver"}, "mine.yml")
-    settings = RunSettings("acrobot", "sim2real", 0, 1, 100, 100, get_preset("sim2real").config, domain=domain)
-    again = run_settings_from_dict(json.loads(json.dumps(settings.as_dict())))
-    assert again.domain == domain
-    assert again.domain != Domain(domain.ranges, domain.name, load_plant("C.0"), "driver")
-
-
 def test_a_domain_with_all_of_a_plants_values_has_that_plant():
-    """What is trained on it carries the middle of its ranges."""
+    """Its plant is the middle of the ranges."""
     values = vars(load_plant("B.0").parameters)
     domain = make_domain({**values, "m1": [0.6, 0.8], "delay": 0.002}, "mine.yml")
     assert domain.plant.name == "mine.yml"

@@ -1,4 +1,4 @@
-"""Refining: episodes, the smooth score, gradients through whole episodes, behaviour cloning, recipes."""
+"""Refining: episodes, the smooth score, gradients through whole episodes, recipes."""
 
 import dataclasses
 
@@ -12,7 +12,6 @@ from swingup.areapo.networks import init_actor
 from swingup.benchmark.evaluate import evaluate
 from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.rules import PERFORMANCE_RULES
-from swingup.control.baselines import baseline
 from swingup.errors import SwingupError
 from swingup.physics.angles import UPRIGHT
 from swingup.physics.parameters import get_robot, leaderboard_parameters
@@ -21,7 +20,6 @@ from swingup.policy.jax_backend.controller import PolicyController, shipped_poli
 from swingup.policy.jax_backend.observation import PendulumObservation
 from swingup.policy.jax_backend.policy import Policy
 from swingup.refine.analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings, batch_cost
-from swingup.refine.behaviour_cloning import CloningSettings, clone_behaviour, demonstrate
 from swingup.refine.episodes import EpisodeBatch, EpisodeSettings, sample_episodes
 from swingup.refine.objective import EpisodeWeights, Measures, bound_adjoint, measure_episode
 from swingup.refine.recipe import GradientStage, run_recipe
@@ -174,29 +172,6 @@ def test_gradient_steps_lower_the_cost_and_do_not_depend_on_how_the_batch_is_spl
     for _ in range(15):
         last = one.step(episodes)
     assert np.mean(last.away) < np.mean(first.away)
-
-
-@pytest.mark.slow
-def test_a_policy_learns_what_a_teacher_shows():
-    settings = CloningSettings("tvlqr", steps=300, batch=256, demonstrations=8, duration=5.0, push=0.1)
-    teacher = baseline("tvlqr", ACROBOT)
-    states, torques = demonstrate(teacher, ACROBOT, settings, np.random.default_rng(0))
-    assert states.shape == (len(torques), 4)
-    assert len(torques) % 2500 == 0
-    assert np.abs(torques).max() <= 6
-
-    def miss(controller):
-        given = jax.vmap(lambda x: controller(None, 0.0, x)[1][1])(jnp.float32(states[::50]))
-        return float(np.mean((given - torques[::50]) ** 2))
-
-    taught = clone_behaviour(small(), teacher, ACROBOT, settings, np.random.default_rng(0))
-    assert miss(taught) < 0.2 * miss(small())
-
-
-def test_a_teacher_that_never_ends_upright_is_refused():
-    settings = CloningSettings("lqr", demonstrations=2, duration=0.1)
-    with pytest.raises(SwingupError, match="never ended upright"):
-        demonstrate(baseline("lqr", ACROBOT), ACROBOT, settings, np.random.default_rng(0))
 
 
 def test_a_recipe_reports_repeats_itself_and_keeps_the_observation():

@@ -11,11 +11,9 @@ from swingup.physics.angles import UPRIGHT
 from swingup.physics.integrate import rk4_step
 from swingup.physics.parameters import ROBOTS, identified_parameters, leaderboard_parameters
 from swingup.tasks.pendulum import PendulumState
-from swingup.tasks.presets import SIM2REAL_TASKS, TASKS, get_task, paper_task, smooth_task
+from swingup.tasks.presets import TASKS, get_task, paper_task, smooth_task
 
 PI = np.pi
-IDEAL = [name for name in TASKS if name not in SIM2REAL_TASKS]
-"""Tasks without a loop of their own; the others are tested in test_sim2real.py."""
 KEY = jax.random.key(0)
 BATCH = 1000
 """Transitions are made in batches of one size, so that each task compiles once."""
@@ -192,7 +190,7 @@ def test_truncated_at_random_about_as_often_as_asked(probability):
     assert abs(truncated - count * probability) < 5 * deviation
 
 
-@pytest.mark.parametrize("name", IDEAL)
+@pytest.mark.parametrize("name", TASKS)
 def test_never_terminated(name, robot):
     # Neither at the limit of steps, nor at velocities where the integrator diverges.
     x, actions, keys = random_transitions()
@@ -201,7 +199,7 @@ def test_never_terminated(name, robot):
     assert np.all(result.truncated)
 
 
-@pytest.mark.parametrize("name", IDEAL)
+@pytest.mark.parametrize("name", TASKS)
 @pytest.mark.parametrize("rates", [(500.0, -500.0), (1e30, 1e30), (2000.0, 0.0)])
 def test_diverging_step_keeps_the_last_state_and_truncates(name, robot, rates):
     # At such rates a Runge-Kutta step of 0.01 s overshoots without bound, to inf and NaN.

@@ -14,7 +14,7 @@ from swingup.errors import SwingupError
 from swingup.physics.parameters import leaderboard_parameters
 from swingup.plants.domain import Domain, load_domain
 from swingup.plants.plant import load_plant
-from swingup.tasks.presets import get_task, sim2real_task, smooth_task
+from swingup.tasks.presets import get_task, smooth_task
 from swingup.tasks.throws import thrown_states
 
 STEPS = 60
@@ -85,24 +85,16 @@ def test_the_global_tasks_starts_and_line_are_in_the_plants_units(either_robot, 
     np.testing.assert_allclose(twin.starts[-6000:], task.starts[-6000:] * np.array([1, 1, 2, 2]), rtol=1e-6)
 
 
-def test_the_robots_task_is_in_the_units_of_its_domains_plant(either_robot):
+def test_the_rules_of_a_swing_up_are_in_the_units_of_the_domains_plant(either_robot):
     around_c1 = load_domain("randomised")
-    task = sim2real_task(either_robot, around_c1)
-    assert task.parameters == leaderboard_parameters(either_robot)
-    assert (task.calls, task.dt, task.observation.velocity_scale) == (5, 0.01, 20.0)
     assert sim2real_in_own_units(SIM2REAL_RULES, around_c1, either_robot) is SIM2REAL_RULES
-    # T is 0.4258 of C.1's: actions of 4.3 ms, two steps of the loop, and speeds up to 20 / 0.4258 rad/s.
+    # T is 0.4258 of C.1's: speeds up to 20 / 0.4258 rad/s.
     small = Domain((("m1", 0.1, 0.11),), plant=load_plant("cloudpendulum"))
-    task = sim2real_task(either_robot, small)
-    assert (task.calls, task.torque_cost) == (2, pytest.approx((6 / 0.13) ** 2))
-    assert task.observation.velocity_scale == pytest.approx(46.97, abs=0.01)
     assert sim2real_in_own_units(SIM2REAL_RULES, small, either_robot).speed == pytest.approx(46.97, abs=0.01)
 
 
-def test_a_scaled_task_needs_a_torque_and_a_plant_of_its_own(either_robot):
+def test_a_scaled_task_needs_a_torque(either_robot):
     plant = load_plant("C.1")
     idle = dataclasses.replace(plant, parameters=dataclasses.replace(plant.parameters, tl1=0.0, tl2=0.0))
     with pytest.raises(SwingupError, match="= 0 N m must be positive"):
         get_task("smooth", either_robot, idle)
-    with pytest.raises(SwingupError, match="give a domain, not a plant"):
-        get_task("sim2real", either_robot, plant)

@@ -29,11 +29,11 @@ def refine_command(
     /,
     out: Annotated[str, arg(metavar="FILE.npz")],
     policy: Annotated[str | None, arg(metavar="POLICY")] = None,
-    recipe: str = "score",
+    recipe: str = "recover",
     plant: PlantFlags = NO_PLANT,
     seed: int = 0,
 ) -> int:
-    """Refine a trained policy by a teacher or by gradients through the simulation, in seconds to an hour.
+    """Refine a trained policy by gradients through the simulation or by teachers, in minutes to an hour.
 
     The file is rewritten at each line of progress: an interrupted run leaves its latest policy. Between its two
     stages adapt is silent for some minutes, in which swing-ups of many plants are computed; then it reports each of
@@ -44,9 +44,9 @@ def refine_command(
         out: the refined policy's file.
         policy: the policy to start from: a file, or the name of a shipped one; default ar-eapo,
             for adapt global.
-        recipe: score (learn a teacher's swing-up), recover (be up again soon after throws) or adapt (from a policy
-            that recovers: see the plant, and swing up any of many).
-        plant: what the policy is refined on, and its teacher designed for.
+        recipe: recover (be up again soon after throws) or adapt (from a policy that recovers: see the plant, and
+            swing up any of many).
+        plant: what the policy is refined on.
         seed: seed of all random numbers.
     """
     chosen, on = get_robot(robot), plant.make()

@@ -10,7 +10,6 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 from ..learner.run import Run
-from ..tasks.sim2real import Sim2RealTask
 from .arguments import plant_note
 from .parsing import program_typed
 from .progress import WIDTH, Note, no_note, progress_line
@@ -79,13 +78,8 @@ def _show(run: Run, console: Console, note: Note) -> None:
 
 
 def _announce(run: Run, console: Console) -> None:
-    """Print what is trained, for how long and where, and the parts of a domain that training leaves out."""
-    settings, domain = run.settings, run.settings.domain
-    on = settings.preset if domain is None else f"{settings.preset}, domain {domain.name}"
-    on += "" if settings.robot is None else plant_note(settings.plant, settings.robot)
+    """Print what is trained, for how long and where."""
+    settings = run.settings
+    on = settings.preset + ("" if settings.robot is None else plant_note(settings.plant, settings.robot))
     text = f"training {settings.name} ({on}) to {run.goal:,} frames in {run.folder}"
     console.print(text, soft_wrap=True, markup=False)
-    task = None if domain is None else settings.task()
-    if isinstance(task, Sim2RealTask) and task.unseen:
-        note = f"a policy behind an estimator trains without the domain's {' and '.join(task.unseen)}"
-        console.print(f"note: {note}; its evaluations have them", soft_wrap=True, highlight=False)

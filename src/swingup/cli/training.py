@@ -16,11 +16,9 @@ from ..learner.run import Run
 from ..learner.run_settings import RunSettings, default_intervals, read_run_settings
 from ..learner.start import resume_run, start_run
 from ..physics.parameters import get_robot
-from ..plants.domain import load_domain
-from ..tasks.sim2real import Sim2RealTask
 from .arguments import NO_PLANT, PlantFlags, RobotOrNone
 from .hyperparameters import HyperparameterOptions, given_hyperparameters
-from .judging import judge_performance, judge_sim2real
+from .judging import judge_performance
 from .showing import train_shown
 
 FROM_PRESET = HyperparameterOptions()
@@ -42,7 +40,6 @@ def train_command(
     evaluate_every: int | None = None,
     checkpoint_every: int | None = None,
     evaluation_episodes: int | None = None,
-    domain: Annotated[str | None, arg(metavar="DOMAIN")] = None,
     plant: PlantFlags = NO_PLANT,
     hyperparameters: OmitArgPrefixes[HyperparameterOptions] = FROM_PRESET,
 ) -> int:
@@ -62,9 +59,7 @@ def train_command(
         evaluate_every: frames between evaluations, metrics and progress; default 65536.
         checkpoint_every: frames between checkpoints; default 1048576, or 262144 with --env.
         evaluation_episodes: episodes of an evaluation with --env; default 5.
-        domain: domain of the preset sim2real, which plants and loops are drawn from: identified (the default),
-            randomised, recorded, a session of the robot, as session-acrobot, or a YAML file.
-        plant: the pendulum to train on, in whose units the task is; for the preset sim2real a domain names it.
+        plant: the pendulum to train on, in whose units the task is.
         hyperparameters: those that are left out are the preset's. In brackets: the value in the preset default,
             then in presets that differ. "ppo --env" is the preset's value with --env.
     """
@@ -72,7 +67,6 @@ def train_command(
         "robot": robot, "env": env, "preset": preset, "seed": seed, "seeds": seeds,
         "evaluate_every": evaluate_every, "checkpoint_every": checkpoint_every,
         "evaluation_episodes": evaluation_episodes,
-        "domain": None if domain is None else load_domain(domain),
         "plant": plant.make(),
     }  # fmt: skip
     if frames is not None:
@@ -144,7 +138,4 @@ def _score(run: Run) -> int:
         print(f"best score {run.best_score:.6g}, policy {run.folder / name}")
         print(describe_rates(result_on_disk(run.folder / name, run.backend.evaluator.measure)))
         return 0
-    task, best = run.settings.task(), str(run.folder / "best.npz")
-    if isinstance(task, Sim2RealTask):
-        return judge_sim2real(task.domain, run.settings.robot, best)
-    return judge_performance(run.settings.robot, best, run.settings.plant)
+    return judge_performance(run.settings.robot, str(run.folder / BEST), run.settings.plant)

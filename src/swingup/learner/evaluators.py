@@ -11,18 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..benchmark.evaluate import evaluate
-from ..benchmark.sim2real import sim2real
 from ..physics.parameters import TORQUE_LIMIT, leaderboard_parameters
 from ..plants.plant import Plant
-from ..policy.jax_backend.controller import PolicyController, behind_estimator, plant_of, save_controller
+from ..policy.jax_backend.controller import PolicyController, save_controller
 from ..policy.jax_backend.observation import AbstractStage
 from ..policy.jax_backend.policy import Policy, save_policy
 from ..policy.plant_facts import policy_plant
-from ..policy.settings import ESTIMATOR, default_estimator
 from ..tasks.adapted import AbstractAdaptedTask
-from ..tasks.middle_plant import middle_plant
 from ..tasks.pendulum import AbstractPendulumTask
-from ..tasks.sim2real import Sim2RealTask
 from ..tasks.task import AbstractTask
 from ..types import Key, Scalar
 from .rates import rates
@@ -30,11 +26,6 @@ from .step_time import step_time
 
 EPISODE_STEPS = 1000
 """Longest episode of an evaluation of a task in JAX (steps)."""
-
-SIM2REAL_EPISODES = 10
-"""Swing-ups of an evaluation of the simulated robot."""
-SIM2REAL_FIRST_SEED = 100_000
-"""Added to a run's seed for the noise of its evaluations: reported scores have other seeds."""
 
 
 class AbstractEvaluator(abc.ABC):
@@ -62,7 +53,7 @@ class SwingUpEvaluator(AbstractEvaluator):
     measure = "v2"
     observation_shape = (4,)
 
-    def __init__(self, task: AbstractPendulumTask[Any], plant: Plant | None = None) -> None:
+    def __init__(self, task: AbstractPendulumTask, plant: Plant | None = None) -> None:
         """The evaluator of a variant of the pendulum's task, on its plant, with the name that the plant has."""
         self.stages, self._robot, self._plant = (task.observation,), task.robot, plant
         # A task that was passed in may have a plant of its own.
@@ -82,42 +73,6 @@ class SwingUpEvaluator(AbstractEvaluator):
             return PolicyController(policy, TORQUE_LIMIT, self._robot)
         facts = policy_plant(self._plant.parameters, self._robot, self._plant.name)
         return PolicyController(policy, facts.limit(self._robot.joint), self._robot, plant=facts)
-
-
-class Sim2RealEvaluator(AbstractEvaluator):
-    """Evaluates by the mean score of the simulated robot's swing-ups, on plants and loops drawn from the domain."""
-
-    measure = "sim2real"
-
-    def __init__(self, task: Sim2RealTask, seed: int) -> None:
-        """The evaluator of a task; its draws differ from those of the seeds of reported scores."""
-        self.stages, self.observation_shape = (task.observation,), (4,)
-        self._task, self._seed = task, SIM2REAL_FIRST_SEED + seed
-
-    def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
-        """Successes, score and largest speed."""
-        number, robot = episodes or SIM2REAL_EPISODES, self._task.robot
-        # Training shows the true state, but the judge measures late and with noise, for the estimator.
-        alone = self._controller(policy)
-        controller = behind_estimator(alone) if self._task.estimated else alone
-        result = sim2real(controller, robot, domain=self._task.domain, seed=self._seed, seeds=number)
-        return {
-            "score": result.score,
-            "success": result.successes / number,
-            "speed": max(run.speed for run in result.runs),
-        }
-
-    def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
-        """Write a controller's policy file, with the estimator that the task assumes."""
-        alone = self._controller(policy)
-        settings = dataclasses.asdict(default_estimator(plant_of(alone)))
-        save_controller(path, alone, {**provenance, **({ESTIMATOR: settings} if self._task.estimated else {})})
-
-    def _controller(self, policy: Policy[Any]) -> PolicyController:
-        task = self._task
-        plant = middle_plant(task.domain, task.robot)
-        limit = TORQUE_LIMIT if plant is None else plant.limit(task.robot.joint)
-        return PolicyController(policy, limit, task.robot, task.front_end, plant)
 
 
 class ReturnEvaluator(AbstractEvaluator):

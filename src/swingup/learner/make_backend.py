@@ -6,11 +6,10 @@ from ..errors import SwingupError
 from ..tasks.adapted import AbstractAdaptedTask
 from ..tasks.adapters import as_task
 from ..tasks.pendulum import AbstractPendulumTask
-from ..tasks.sim2real import Sim2RealTask
 from ..tasks.task import AbstractTask
 from .backend import AbstractBackend
 from .compiled_backend import CompiledBackend
-from .evaluators import AbstractEvaluator, ReturnEvaluator, Sim2RealEvaluator, SwingUpEvaluator
+from .evaluators import ReturnEvaluator, SwingUpEvaluator
 from .memory import check_memory
 from .run_settings import RunSettings, is_description
 
@@ -31,11 +30,7 @@ def make_backend(settings: RunSettings, env: Any = None) -> AbstractBackend:
     if settings.robot is not None:
         pendulum = env if isinstance(env, AbstractPendulumTask) else settings.task()
         check_memory(config, pendulum.spaces, seeds)
-        by_scores: AbstractEvaluator
-        if isinstance(pendulum, Sim2RealTask):
-            by_scores = Sim2RealEvaluator(pendulum, seed)
-        else:
-            by_scores = SwingUpEvaluator(pendulum, settings.plant)
+        by_scores = SwingUpEvaluator(pendulum, settings.plant)
         return CompiledBackend(pendulum, config, seed, seeds, by_scores)
     if isinstance(env, AbstractTask):
         check_memory(config, env.spaces, seeds)

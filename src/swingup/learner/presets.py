@@ -117,11 +117,6 @@ PRESETS = {
         "short",
         seeds=2,
     ),
-    "sim2real": Preset(
-        "the simulated robot behind a state estimator: its friction and motors, networks of half the width",
-        Config(centre_values=True, policy_layers=(128, 128), value_layers=(256, 256)),
-        task="sim2real",
-    ),
     "apo": Preset(
         "average reward without entropy (after APO, arXiv 2106.03442)", Config(temperature=0.0, centre_values=True),
         elsewhere=APO_ELSEWHERE,

@@ -12,11 +12,10 @@ from ..checks import whole_number
 from ..errors import SwingupError
 from ..files import write_atomically
 from ..physics.parameters import NAMES, get_robot, make_parameters
-from ..plants.domain import Domain
 from ..plants.plant import FRICTIONLESS, Plant, is_plant_name
 from ..tasks.adapted import AbstractAdaptedTask
 from ..tasks.pendulum import AbstractPendulumTask
-from ..tasks.presets import SIM2REAL_TASKS, get_task
+from ..tasks.presets import get_task
 from ..text import one_line, quoted
 from ..version import __version__
 from .presets import get_preset, preset_name
@@ -56,8 +55,6 @@ class RunSettings:
     """Gymnasium id of another task than the pendulum's, or a description of an object that was passed in."""
     evaluation_episodes: int = field(default=5, metadata=FROM_0)
     """Episodes of an evaluation on another task; 0 for none, where the host steps the environments."""
-    domain: Domain | None = None
-    """The domain that plants of the simulated robot are drawn from; None for the preset's."""
     plant: Plant | None = None
     """The pendulum, in whose units the task is; None for the leaderboards' plant."""
 
@@ -70,16 +67,8 @@ class RunSettings:
         if self.robot is not None:
             get_robot(self.robot)
         object.__setattr__(self, "preset", preset_name(self.preset))
-        in_sim2real = self.robot is not None and get_preset(self.preset).task in SIM2REAL_TASKS
-        if self.domain is not None and not in_sim2real:
-            raise SwingupError(f"a domain goes with the preset sim2real, not with {self.preset}")
         if self.plant is not None and self.robot is None:
             raise SwingupError(f"a plant goes with a robot, not with {self.name}")
-        if self.plant is not None and in_sim2real:
-            raise SwingupError(
-                f"the preset {self.preset} draws its plants from a domain, not {self.plant.name}: "
-                "write plant: NAME into the domain's file"
-            )
         for each in dataclasses.fields(self):
             if "least" in each.metadata:
                 number = whole_number(each.name, getattr(self, each.name), each.metadata["least"])
@@ -107,14 +96,11 @@ class RunSettings:
     def _iterations(self, frames: int) -> int:
         return max(1, frames // self.config.rollout_size)
 
-    def task(self) -> AbstractPendulumTask[Any]:
+    def task(self) -> AbstractPendulumTask:
         """The pendulum's task that these settings train on."""
         if self.robot is None:
             raise SwingupError(f"{self.env} is no task of the pendulum")
-        robot, name = get_robot(self.robot), get_preset(self.preset).task
-        if self.domain is not None:
-            return SIM2REAL_TASKS[name](robot, self.domain)
-        return get_task(name, robot, self.plant)
+        return get_task(get_preset(self.preset).task, get_robot(self.robot), self.plant)
 
     def command(self, frames: int) -> str:
         """The command that makes such a run from scratch; in Python where environment or plant has no name."""
@@ -123,7 +109,6 @@ class RunSettings:
             return self._call(frames) + (f"  # env: {self.name}" if passed_in else "")
         task = self.robot if self.env is None else f"--env {shlex.quote(self.env)}"
         words = [f"swingup train {task} --preset {self.preset} --frames {frames} --seed {self.seed}"]
-        words += [] if self.domain is None else [f"--domain {shlex.quote(self.domain.name)}"]
         words += [] if self.plant is None else _plant_options(self.plant)
         words += [] if self.seeds == 1 else [f"--seeds {self.seeds}"]
         return " ".join(words + [_option(name, value) for name, value in self._changed().items()])
@@ -166,12 +151,6 @@ def _plant_from_dict(content: Any) -> Plant | None:
     return Plant(str(content["name"]), make_parameters(content["parameters"], "its plant"))
 
 
-def _domain_from_dict(content: Any) -> Domain:
-    ranges = tuple((str(name), float(low), float(high)) for name, low, high in content["ranges"])
-    plant = _plant_from_dict(content.get("plant"))  # None, too, in runs of a version that knew one plant
-    return Domain(ranges, str(content["name"]), plant, content.get("velocities"))
-
-
 def run_settings_from_dict(content: Any) -> RunSettings:
     """The inverse of ``as_dict``; settings that an older version did not have get their defaults.
 
@@ -179,9 +158,8 @@ def run_settings_from_dict(content: Any) -> RunSettings:
         SwingupError: the content is malformed or cannot work.
     """
     try:
-        domain = None if content.get("domain") is None else _domain_from_dict(content["domain"])
         plant, config = _plant_from_dict(content.get("plant")), config_from_dict(content["config"])
-        return RunSettings(**{**content, "domain": domain, "plant": plant, "config": config})
+        return RunSettings(**{**content, "plant": plant, "config": config})
     except MALFORMED as error:
         raise SwingupError(f"the settings are malformed ({type(error).__name__}: {one_line(error, 80)})") from error
 

@@ -14,7 +14,6 @@ from ..policy.jax_backend.controller import PolicyController
 from ..policy.jax_backend.told import told_base
 from ..tasks.throws import thrown_states
 from ..types import Flag, Key, Scalar, State
-from .behaviour_cloning import RETAINED_SPEED
 from .distillation_settings import DistillationSettings
 from .teacher import ARRIVED, Teachers, taught, top_cost
 
@@ -22,6 +21,8 @@ DT = 0.002
 """Step of the runs (s)."""
 KEPT = 5
 """One of so many steps is a lesson: neighbours are alike."""
+ANYWHERE_SPEED = 10.0
+"""Largest standard deviation of the velocities of states from anywhere (rad/s)."""
 STILL = 0.7
 """Largest angle of the upper link in a state of rest (rad)."""
 SPOILT = 40.0
@@ -48,7 +49,7 @@ def lessons_anywhere(
 ) -> Lessons:
     """States from anywhere on all plants."""
     number, size = settings.anywhere, (settings.anywhere, 2)
-    rates = random.uniform(0, RETAINED_SPEED, (number, 1)) * random.normal(size=size)
+    rates = random.uniform(0, ANYWHERE_SPEED, (number, 1)) * random.normal(size=size)
     x = np.concatenate([random.uniform(-np.pi, np.pi, size), rates], axis=1).astype(np.float32)
     plant = random.integers(0, teachers.number, number).astype(np.int32)
     weight = np.full(number, settings.anywhere_weight, np.float32)

@@ -13,8 +13,6 @@ import numpy as np
 
 from ..benchmark.criteria import Criteria
 from ..benchmark.evaluate import evaluate
-from ..control.controller import AbstractController
-from ..control.registry import get_controller
 from ..errors import SwingupError
 from ..physics.base_parameters import base_parameters
 from ..physics.parameters import Robot, leaderboard_parameters
@@ -24,7 +22,6 @@ from ..policy.jax_backend.told import depends_on_plant
 from ..policy.plant_facts import plant_difference, policy_plant
 from .analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings
 from .around import judged
-from .behaviour_cloning import CloningSettings, clone_behaviour
 from .distillation import distil
 from .distillation_settings import DistillationSettings
 from .episodes import EpisodeSettings, sample_episodes
@@ -41,19 +38,18 @@ class GradientStage:
     episodes: EpisodeSettings = EpisodeSettings()  # noqa: RUF009 - frozen
 
 
-RecipeStage = CloningSettings | GradientStage | DistillationSettings
+RecipeStage = GradientStage | DistillationSettings
 
 ADAPT = "adapt"
 """The recipe that makes a policy which sees its plant."""
 CALM = PolicyGradientSettings(weights=EpisodeWeights(down=1.0, away=0.2, fast=4.0))
 """Recoveries below the speeds at which loops of real robots stop."""
 RECIPES: dict[str, tuple[RecipeStage, ...]] = {
-    "score": (CloningSettings(),),
     "recover": (GradientStage(),),
     ADAPT: (GradientStage(CALM), DistillationSettings()),
 }
-"""``score``: learn a teacher's swing-up. ``recover``: be up again soon after throws. ``adapt``: recover calmly,
-then see the plant and swing up any of many."""
+"""``recover``: be up again soon after throws. ``adapt``: recover calmly, then see the plant and swing up any of
+many."""
 
 
 @dataclass(frozen=True)
@@ -94,12 +90,12 @@ def run_recipe(
         seed: seed of all random numbers.
         report: called after every ``every`` gradient steps, each round of a distillation, and each stage.
         every: gradient steps between reports.
-        plant: what the policy is refined on, and the teacher designed for: a plant, its parameters, its name or its
-            file; None for the leaderboards'.
+        plant: what the policy is refined on: a plant, its parameters, its name or its file; None for the
+            leaderboards'.
 
     Raises:
-        SwingupError: there is no such plant, the weights are no longer finite, the teacher fails or is plain
-            Python, or a stage does not take such a policy or plant.
+        SwingupError: there is no such plant, the weights are no longer finite, or a stage does not take such a
+            policy or plant.
     """
     if depends_on_plant(controller) and any(not isinstance(stage, DistillationSettings) for stage in stages):
         raise SwingupError("the policy sees its plant, which only the recipe adapt trains: give the one before it")
@@ -126,12 +122,6 @@ def run_recipe(
 
         if isinstance(stage, DistillationSettings):
             controller = _distilled(controller, stage, random, tell)
-        elif isinstance(stage, CloningSettings):
-            teacher = get_controller(stage.teacher, robot, plant=found)
-            if not isinstance(teacher, AbstractController):
-                raise SwingupError(f"teacher {stage.teacher!r} is plain Python: use a controller in JAX")
-            controller = clone_behaviour(controller, teacher, robot, stage, random, found)
-            tell(controller, stage.steps, stage.steps, {})
         else:
             controller = _gradient_steps(controller, robot, stage, random, tell, every, found)
     return controller

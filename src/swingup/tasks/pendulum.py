@@ -16,7 +16,7 @@ from ..physics.integrate import rk4_steps
 from ..physics.parameters import Parameters, Robot
 from ..policy.jax_backend.observation import PendulumObservation
 from ..types import Action, Count, Key, Observation, Scalar, State, Torque
-from .task import AbstractTask, StateT, Step
+from .task import AbstractTask, Step
 
 DIVERGED = 1000.0
 """Velocity beyond which a state is no longer physics but an integration error (rad/s)."""
@@ -31,7 +31,7 @@ class PendulumState(eqx.Module):
     """Steps since the last reset."""
 
 
-class AbstractPendulumTask(AbstractTask[StateT]):
+class AbstractPendulumTask(AbstractTask[PendulumState]):
     """Swing up and balance; truncated at random and by a limit, never terminated.
 
     The numbers suit the leaderboards' plant, design C.1; :mod:`.units` scales them to other plants. Source: AR-EAPO
@@ -97,7 +97,7 @@ class AbstractPendulumTask(AbstractTask[StateT]):
         """Reward of the state after the step and the torque (N m)."""
 
 
-class PendulumTask(AbstractPendulumTask[PendulumState]):
+class PendulumTask(AbstractPendulumTask):
     """The paper's task: start hanging, with the quadratic reward on the state after the step."""
 
     def reset(self, key: Key) -> PendulumState:
@@ -117,9 +117,7 @@ class PendulumTask(AbstractPendulumTask[PendulumState]):
         return hold_torque(self, state, action, key)
 
 
-def hold_torque(
-    task: AbstractPendulumTask[PendulumState], state: PendulumState, action: Action, key: Key
-) -> Step[PendulumState]:
+def hold_torque(task: AbstractPendulumTask, state: PendulumState, action: Action, key: Key) -> Step[PendulumState]:
     """A step on the plant: the torque held for dt, in the task's steps of Runge-Kutta.
 
     If the integrator diverges, which takes some 60 rad/s, the last good state is kept and the episode truncated.

@@ -16,7 +16,7 @@ UP_LINE_WIDTH = 0.01
 """Width of the smooth step in the reward at that height, for design C.1 (m)."""
 
 
-class RecoveryTask(AbstractPendulumTask[PendulumState]):
+class RecoveryTask(AbstractPendulumTask):
     """Get up from any of many given states; the time until then costs.
 
     The quadratic cost is saturated, so that a fast motion on the way costs no more than a slow one:

@@ -10,14 +10,14 @@ in an episode and all other settings have no unit.
 """
 
 import dataclasses
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from ..errors import SwingupError
 from ..physics.integrate import stable_substeps
 from ..physics.units import scales_of
 from .pendulum import AbstractPendulumTask
 
-TaskT = TypeVar("TaskT", bound=AbstractPendulumTask[Any])
+TaskT = TypeVar("TaskT", bound=AbstractPendulumTask)
 
 
 def in_own_units(task: TaskT) -> TaskT:
