@@ -1,45 +1,25 @@
 """The process that runs an exported folder: a program of its own, with the standard library and NumPy.
 
-    python -E -P -B child.py ENTRY CLOCK
+    python -E -P -B child.py ENTRY CLOCK DESCRIPTOR
 
 ENTRY is the folder's Python file. CLOCK is ``real``, or ``simulated``: a controller that measures the time itself
-then sees the simulation's. Commands come from standard input, each gets one reply on standard output. What the
-folder prints goes to standard error.
-
-======== ====================== ========================================================================
-command  its content            reply
-======== ====================== ========================================================================
-CALL     time (s), state (4,)   TORQUE: torques (2,) (N m), time of the call (s), 1.0 if a guard stopped it
-DESCRIBE zeros                  FACTS: JSON of what the controller says of itself and of its guard
-======== ====================== ========================================================================
-
-FAULT, a sentence, replaces any reply, and the process ends.
+then sees the simulation's. DESCRIPTOR is one end of a ``multiprocessing`` connection, which carries JSON. Each
+message ``[time, state]`` gets the answer of a call; ``null`` gets what the controller says of itself and of its
+guard. ``{"fault": sentence}`` replaces any answer, and the process ends.
 """
 
 import importlib
 import inspect
 import io
 import json
-import os
-import struct
 import sys
 import time
+from multiprocessing.connection import Connection
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-
-COMMAND = struct.Struct("<B5d")
-"""A command: its kind, time and state."""
-CALL, DESCRIBE = 1, 2
-
-REPLY = struct.Struct("<BI")
-"""The head of a reply: its kind, and the length of what follows (bytes)."""
-TORQUE, FACTS, FAULT = 1, 2, 3
-
-ANSWER = struct.Struct("<4d")
-"""What follows TORQUE."""
 
 LONGEST_TEXT = 300
 """Characters of a foreign error."""
@@ -73,8 +53,8 @@ class Entry:
             return factory(clock=lambda: self.time)
         return factory()
 
-    def answer(self, t: float, x: tuple[float, ...]) -> bytes:
-        """One call, as a reply."""
+    def answer(self, t: float, x: list[float]) -> dict[str, Any]:
+        """One call: its torques (N m), its time (s), and whether a guard has stopped the controller."""
         self.time = t
         if self._takes_motors:
             state = [SimpleNamespace(position=x[i], velocity=x[i + 2]) for i in (0, 1)]
@@ -94,22 +74,21 @@ class Entry:
             what = f"of shape {u.shape}" if u.dtype.kind in "fiub" else repr(given)[:60]
             raise FolderError(f"gave a torque at t = {t:g} s that is {what}: two real numbers [u1, u2] are needed")
         stopped = getattr(self.controller, "fault", None) is not None
-        return ANSWER.pack(float(u[0]), float(u[1]), seconds, float(stopped))
+        return {"u": [float(u[0]), float(u[1])], "seconds": seconds, "stopped": stopped}
 
-    def facts(self) -> bytes:
+    def facts(self) -> dict[str, Any]:
         """What the controller says about itself, and what it imported."""
         robot, fault = getattr(self.controller, "robot", None), getattr(self.controller, "fault", None)
         guard = getattr(self.controller, "guard", None)
         settings = getattr(guard, "settings", None)
         limits = {"angle": "angle_limit", "speed": "velocity_limit"}
-        facts = {
+        return {
             "robot": getattr(robot, "name", robot),
             "guard": guard is not None,
             "limits": settings and {name: float(getattr(settings, where)) for name, where in limits.items()},
             "stopped": None if fault is None else {"time": float(fault.time), "why": str(fault)},
             "packages": _packages(),
         }
-        return json.dumps(facts, default=str).encode()
 
 
 def _packages() -> list[str]:
@@ -123,45 +102,31 @@ def _packages() -> list[str]:
     return sorted(found)
 
 
-def _read(source: int) -> tuple[int, float, tuple[float, ...]] | None:
-    """The next command; None when there are no more."""
-    content = b""
-    while len(content) < COMMAND.size:
-        part = os.read(source, COMMAND.size - len(content))
-        if not part:
-            return None
-        content += part
-    kind, t, *x = COMMAND.unpack(content)
-    return kind, t, tuple(x)
-
-
-def _write(target: int, kind: int, content: bytes) -> None:
-    reply = REPLY.pack(kind, len(content)) + content
-    while reply:
-        reply = reply[os.write(target, reply) :]
-
-
 def main() -> None:
-    """Answer commands until there are no more, or until a fault."""
-    source, target = os.dup(0), os.dup(1)
-    # The pipes are ours: the folder, and libraries in C, print to standard error and find no input.
-    os.dup2(2, 1)
-    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    """Answer messages until there are no more, or until a fault."""
+    connection = Connection(int(sys.argv[3]))
+
+    def send(answer: dict[str, Any]) -> None:
+        connection.send_bytes(json.dumps(answer, default=str).encode())
+
     doing = "its import"
     try:
         entry = Entry(Path(sys.argv[1]), sys.argv[2] == "simulated")
-        while (command := _read(source)) is not None:
-            kind, t, x = command
-            doing = f"its call at t = {t:g} s"
-            if kind == CALL:
-                _write(target, TORQUE, entry.answer(t, x))
+        while True:
+            try:
+                message = json.loads(connection.recv_bytes())
+            except EOFError:
+                return
+            if message is None:
+                send(entry.facts())
             else:
-                _write(target, FACTS, entry.facts())
+                t, x = message
+                doing = f"its call at t = {t:g} s"
+                send(entry.answer(t, x))
     except FolderError as fault:
-        _write(target, FAULT, f"it {fault}".encode(errors="backslashreplace"))
+        send({"fault": f"it {fault}"})
     except BaseException as error:
-        text = f"{doing} raised {type(error).__name__} ({str(error)[:LONGEST_TEXT]})"
-        _write(target, FAULT, text.encode(errors="backslashreplace"))
+        send({"fault": f"{doing} raised {type(error).__name__} ({str(error)[:LONGEST_TEXT]})"})
 
 
 if __name__ == "__main__":

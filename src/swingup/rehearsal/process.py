@@ -1,8 +1,8 @@
 """The other end of ``child.py``: an exported folder's controller in a process of its own, behind timeouts."""
 
 import json
+import multiprocessing
 import os
-import select
 import signal
 import subprocess
 import sys
@@ -14,16 +14,13 @@ from typing import Any
 import numpy as np
 
 from ..errors import SwingupError
-from ..text import one_line, quoted
-from . import child
+from ..text import one_line
 from .folder import Folder
 
 LOADING = 60.0
 """Longest time in which a folder may be imported (s); a cold disk and a busy machine take seconds."""
 CALLING = 2.0
 """Longest time of a call (s), after which it counts as hung."""
-LONGEST_REPLY = 100_000
-"""Bytes; a longer one is no reply."""
 
 
 @dataclass(frozen=True)
@@ -56,18 +53,18 @@ class FolderProcess:
             SwingupError: the folder cannot be imported, or defines no controller.
         """
         if os.name != "posix":
-            raise SwingupError("a rehearsal waits for pipes as only POSIX systems can: run it on Linux or macOS")
+            raise SwingupError("a rehearsal needs a POSIX system to share a connection: run it on Linux or macOS")
         self._calling, self._doing = calling, "its import"
-        command = [sys.executable, "-E", "-P", "-B", str(Path(__file__).with_name("child.py"))]
-        # In a session of its own: an interrupt from the keyboard is for the rehearsal, which ends the process.
-        self._process = subprocess.Popen(
-            [*command, str(folder.entry), "simulated" if simulated_clock else "real"],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=folder.entry.parent,
-            bufsize=0, start_new_session=True,
-        )  # fmt: skip
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._commands, self._replies = self._process.stdin.fileno(), self._process.stdout.fileno()
+        self._connection, theirs = multiprocessing.Pipe()
+        command = [sys.executable, "-E", "-P", "-B", str(Path(__file__).with_name("child.py")), str(folder.entry)]
+        with theirs:
+            # Prints go to standard error: standard output may be this program's JSON. In a session of its own: an
+            # interrupt from the keyboard is for the rehearsal, which ends the process.
+            self._process = subprocess.Popen(
+                [*command, "simulated" if simulated_clock else "real", str(theirs.fileno())],
+                stdin=subprocess.DEVNULL, stdout=2, cwd=folder.entry.parent, start_new_session=True,
+                pass_fds=[theirs.fileno()],
+            )  # fmt: skip
         try:
             self.facts = self._describe(loading)
             """What the folder says about itself."""
@@ -87,14 +84,12 @@ class FolderProcess:
         """End the process, whatever it does."""
         self._process.kill()
         self._process.wait()
-        for pipe in (self._process.stdin, self._process.stdout):
-            if pipe is not None:
-                pipe.close()
+        self._connection.close()
 
     def send(self, t: float, x: np.ndarray) -> None:
         """Call the controller with the state x (4,) (rad, rad/s) at time t (s); ``receive`` has the answer."""
         self._doing = f"its call at t = {t:g} s"
-        self._command(child.CALL, t, x.tolist())
+        self._send([t, x.tolist()])
         self._sent = time.perf_counter()
 
     def receive(self, wait: float | None = None) -> Reply | None:
@@ -106,10 +101,10 @@ class FolderProcess:
             SwingupError: the call took too long, failed, or ended the process.
         """
         end = self._sent + self._calling
-        if wait is not None and time.perf_counter() + wait < end and not self._arrived(wait):
+        if wait is not None and time.perf_counter() + wait < end and not self._connection.poll(max(0.0, wait)):
             return None
-        u1, u2, seconds, stopped = child.ANSWER.unpack(self._reply(child.TORQUE, end, self._calling))
-        return Reply(np.array([u1, u2]), seconds, bool(stopped))
+        answer = self._answer(end, self._calling)
+        return Reply(np.array(answer["u"]), answer["seconds"], answer["stopped"])
 
     def guard_report(self) -> dict[str, Any]:
         """Whether the controller has a safety guard, and when and why that stopped it."""
@@ -118,41 +113,27 @@ class FolderProcess:
         return {name: facts[name] for name in ("guard", "stopped")}
 
     def _describe(self, timeout: float) -> dict[str, Any]:
-        self._command(child.DESCRIBE, 0.0, [0.0] * 4)
-        facts: dict[str, Any] = json.loads(self._reply(child.FACTS, time.perf_counter() + timeout, timeout))
-        return facts
+        self._send(None)
+        return self._answer(time.perf_counter() + timeout, timeout)
 
-    def _command(self, kind: int, t: float, x: list[float]) -> None:
+    def _send(self, message: Any) -> None:
         try:
-            # Smaller than any pipe's buffer: it is written whole.
-            os.write(self._commands, child.COMMAND.pack(kind, t, *x))
-        except BrokenPipeError:
+            self._connection.send_bytes(json.dumps(message).encode())
+        except ConnectionError:
             # A fault may have been told before the process ended; else its end is the fault.
-            self._reply(kind, time.perf_counter() + 1.0, 1.0)
+            self._answer(time.perf_counter() + 1.0, 1.0)
 
-    def _arrived(self, timeout: float) -> bool:
-        return bool(select.select([self._replies], [], [], max(0.0, timeout))[0])
-
-    def _reply(self, kind: int, end: float, timeout: float) -> bytes:
-        """The content of the next reply: of this kind, and there before ``end``, within ``timeout`` s."""
-        told, length = child.REPLY.unpack(self._read(child.REPLY.size, end, timeout))
-        content = self._read(min(length, LONGEST_REPLY), end, timeout)
-        if told == child.FAULT:
-            raise SwingupError(f"{one_line(content.decode(errors='replace'))}: correct it there")
-        if told != kind:
-            raise SwingupError(f"{self._doing} gave {quoted(content)} on the rehearsal's pipe: write nothing there")
-        return content
-
-    def _read(self, size: int, end: float, timeout: float) -> bytes:
-        content = b""
-        while len(content) < size:
-            if not self._arrived(end - time.perf_counter()):
-                raise SwingupError(f"{self._doing} did not end within {timeout:g} s: it hangs, or is far too slow")
-            part = os.read(self._replies, size - len(content))
-            if not part:
-                raise SwingupError(f"{self._doing} ended its process, {_status(self._process.wait())}")
-            content += part
-        return content
+    def _answer(self, end: float, timeout: float) -> dict[str, Any]:
+        """The next answer, which must be there before ``end``, within ``timeout`` s."""
+        if not self._connection.poll(max(0.0, end - time.perf_counter())):
+            raise SwingupError(f"{self._doing} did not end within {timeout:g} s: it hangs, or is far too slow")
+        try:
+            answer: dict[str, Any] = json.loads(self._connection.recv_bytes())
+        except (EOFError, ConnectionError):
+            raise SwingupError(f"{self._doing} ended its process, {_status(self._process.wait())}") from None
+        if "fault" in answer:
+            raise SwingupError(f"{one_line(answer['fault'])}: correct it there")
+        return answer
 
 
 def _status(code: int) -> str:
