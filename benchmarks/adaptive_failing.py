@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from adaptive_plants import ALL, FULL, TOLD, Judge
+from holding_range import holding_range
 from upper_bound import simulated
 
 from swingup.benchmark.criteria import judge as judge_rows
@@ -12,7 +13,6 @@ from swingup.benchmark.robustness import upright
 from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.rules import PERFORMANCE_RULES, RobustnessRules
 from swingup.benchmark.runner import stack
-from swingup.control.authority import holding_range
 from swingup.control.continuation import continue_swingups
 from swingup.control.known_plant import known_plant_controller
 from swingup.physics.parameters import Parameters, Robot

@@ -6,7 +6,7 @@ Each plant begins at rest, 0.005 rad off upright. It has no friction, its motors
 and its angles have no offsets: as if all three were known and compensated. Delay, lag, quanta and late periods are
 the domain's, which must have the robot's own loop. The controller's estimator has the true plant, and its
 regulator, for the true plant, acts throughout. Beside that stand the controller's own swing-ups of the same seeds,
-which are told nothing. Rows are sorted by the error that the motor can bring back (``control/authority.py``).
+which are told nothing. Rows are sorted by the error that the motor can bring back (``holding_range.py``).
 """
 
 import argparse
@@ -19,11 +19,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from adaptive_plants import tell_everything
+from holding_range import holding_range
 
 from swingup.benchmark.rollout import Scenario, simulate
 from swingup.benchmark.runner import stack
 from swingup.benchmark.sim2real import sim2real
-from swingup.control.authority import holding_range
 from swingup.physics.angles import UPRIGHT
 from swingup.physics.parameters import ROBOTS, Robot
 from swingup.plants.domain import Domain, load_domain

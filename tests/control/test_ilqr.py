@@ -8,7 +8,6 @@ import pytest
 
 from swingup.control.ilqr import (
     ILQRSettings,
-    Solution,
     Status,
     feedback_gains,
     ilqr_iteration,
@@ -104,10 +103,8 @@ def test_one_iteration_solves_a_linear_quadratic_problem(x64):
 
 
 def test_gains_against_an_independent_recursion(x64):
-    zero = jnp.zeros(())
-    solution = Solution(jnp.zeros((N + 1, 4)), jnp.zeros(N), zero, zero, zero, zero)
     for mu in (0.0, 3.0):
-        gains = feedback_gains(Linear(), linear_cost(), solution, mu)
+        gains = feedback_gains(Linear(), linear_cost(), jnp.zeros((N + 1, 4)), jnp.zeros(N), mu)
         P = np.diag(2 * WEIGHTS[2])
         for i in reversed(range(N)):
             K = -(B @ P @ A) / (2 * WEIGHTS[1] / N + B @ P @ B + mu)

@@ -65,7 +65,7 @@ def test_no_small_change_of_the_torques_lowers_the_cost(x64, robot):
             after = rk4_step(p, x, u * actuation, dt)
             return after, (after, u)
 
-        rows = reference.states, reference.torque, reference.unregularised_gains, change
+        rows = reference.states, reference.torque, reference.gains, change
         return jax.lax.scan(step, jnp.zeros(4), rows)[1]
 
     def costs(x, u, torque_weight):

@@ -17,7 +17,6 @@ REFERENCE = Reference(
     states=np.column_stack([TIME**k for k in range(1, 5)]),
     torque=1.0 - TIME**2,
     gains=RANDOM.normal(size=(ROWS, 4)),
-    unregularised_gains=np.zeros((ROWS, 4)),
 )
 OFF = np.array([0.02, -0.01, 0.03, 0.05])
 
@@ -30,7 +29,7 @@ def torque(controller, t, x):
 
 @pytest.fixture
 def riccati():
-    return RiccatiController(REFERENCE.dt, REFERENCE.states, REFERENCE.torque, REFERENCE.gains, ACROBOT)
+    return RiccatiController(REFERENCE.dt, REFERENCE.states, REFERENCE.torque, REFERENCE.gains, 6.0, ACROBOT)
 
 
 @pytest.mark.parametrize(("t", "row"), [(0.0, 0), (0.0504, 50), (0.0506, 51), (0.199, 199), (7.0, 199)])

@@ -32,7 +32,7 @@ def test_gains_act_as_realaigyms_controller_has_them(tmp_path, robot, x64):
     with (tmp_path / "r.csv").open() as file:
         names = file.readline().strip().split(",")
     table = dict(zip(names, np.loadtxt(tmp_path / "r.csv", delimiter=",", skiprows=1).T, strict=True))
-    controller = RiccatiController(reference.dt, reference.states, reference.torque, reference.gains, robot)
+    controller = RiccatiController(reference.dt, reference.states, reference.torque, reference.gains, 6.0, robot)
     for row in (0, 100, 400):
         x = reference.states[row] + np.array([0.01, -0.02, 0.1, 0.2])
         desired = np.array([table[name][row] for name in ("pos1", "pos2", "vel1", "vel2")])

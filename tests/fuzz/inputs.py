@@ -153,9 +153,7 @@ def policy(random):
 
 def reference(random):
     """A swing-up to follow."""
-    arrays = {name: np.zeros((20, 4)) for name in ("states", "gains", "unregularised_gains")} | {
-        "torque": np.zeros(20)
-    }
+    arrays = {name: np.zeros((20, 4)) for name in ("states", "gains")} | {"torque": np.zeros(20)}
     metadata = {"format": "swingup trajectory", "format_version": 1, "robot": "acrobot", "dt": 0.002, "seed": 0}
     return _archive(random, metadata, arrays)
 

@@ -24,9 +24,9 @@ from .published import PUBLISHED, Published
 from .reference import Reference, compute_reference, load_reference
 from .search import SEARCH
 from .switch import LatchingSwitch
-from .tracking import RiccatiController, tvlqr
+from .tracking import riccati_controller, tvlqr
 
-BASELINES = ("lqr", "tvlqr", "ilqr-riccati", "ilqr-riccati-unregularised", "ilqr-mpc", "tvlqr-score")
+BASELINES = ("lqr", "tvlqr", "ilqr-riccati", "ilqr-mpc", "tvlqr-score")
 """Names of the baselines: the LQR at the top, and controllers that follow a swing-up and end with that LQR.
 
 All settings are the published ones, except those of ``tvlqr-score``, which is ours.
@@ -110,9 +110,7 @@ def baseline(name: str, robot: Robot | str, plant: PlantLike | None = None) -> A
         return _ending(following, top, published.tvlqr_threshold)
     if name == "ilqr-mpc":
         return _ending(mpc(reference, parameters, robot, published.mpc), top, published.mpc_threshold)
-    gains = reference.gains if name == "ilqr-riccati" else reference.unregularised_gains
-    riccati = RiccatiController(reference.dt, reference.states, reference.torque, gains, robot)
-    return _ending(riccati, top, published.riccati_threshold)
+    return _ending(riccati_controller(reference, parameters), top, published.riccati_threshold)
 
 
 def shipped_reference(robot: Robot | str, problem: str = "published") -> tuple[Reference, dict[str, Any]]:

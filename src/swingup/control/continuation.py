@@ -24,15 +24,16 @@ from ..errors import SwingupError
 from ..physics.angles import UPRIGHT
 from ..physics.parameters import NAMES, Parameters, Robot, get_robot, leaderboard_parameters, validated
 from ..types import Scalar
+from .actuation import driven_limit
 from .baselines import shipped_reference
 from .continuation_settings import ContinuationSettings, next_step
-from .ilqr import Solution, feedback_gains, solve
+from .ilqr import feedback_gains, solve
 from .optimal import OPTIMAL, ScoreProblem, fine_cost
-from .plant_transition import PlantTransition
 from .reference import Reference
 from .riccati_passes import Cost, forward
 from .scalar_algebra import unpack
 from .torque_rate import TorqueRateTransition
+from .transition import PendulumTransition
 
 
 class SwingUps(eqx.Module):
@@ -56,8 +57,7 @@ class SwingUps(eqx.Module):
 
     def reference(self, index: int) -> Reference:
         """One plant's swing-up as a trajectory to follow or to save."""
-        gains = self.gains[index]
-        return Reference(self.robot, self.dt, self.states[index, :-1], self.torque[index], gains, gains)
+        return Reference(self.robot, self.dt, self.states[index, :-1], self.torque[index], self.gains[index])
 
 
 def continue_swingups(
@@ -142,7 +142,7 @@ def _optimised(swingups: SwingUps, settings: ContinuationSettings) -> SwingUps:
     cost = fine_cost(_problem(robot, settings))
 
     def one(swingup: SwingUps, limit: Scalar) -> SwingUps:
-        pendulum = PlantTransition(swingup.plants, robot.joint, dt)
+        pendulum = PendulumTransition(swingup.plants, robot.joint, dt)
         x, u = swingup.states, swingup.torque
         about = unpack(x[:-1]), unpack(swingup.gains)
         followed = forward(pendulum, _tracking(cost, x, u, settings), unpack(x[0]), u, limit, about).u
@@ -150,9 +150,7 @@ def _optimised(swingups: SwingUps, settings: ContinuationSettings) -> SwingUps:
         x0 = jnp.append(x[0], first[0])
         solution = solve(TorqueRateTransition(pendulum), cost, x0, jnp.diff(first) / dt, settings.solver)
         x, u = solution.states[:, :4], solution.states[:-1, 4]
-        # The gains need states and torques alone; the other fields are placeholders.
-        motion = Solution(x, u, *(jnp.zeros(()),) * 4)
-        gains = feedback_gains(pendulum, _tracking(cost, x, u, settings), motion, 0.0)
+        gains = feedback_gains(pendulum, _tracking(cost, x, u, settings), x, u)
         return replace(swingup, cost=solution.cost, states=x, torque=u, gains=gains)
 
     return jax.vmap(one)(swingups, _torque_limit(swingups))
@@ -171,7 +169,7 @@ def _tracking(cost: Cost, x: Float[Any, "rows+1 4"], u: Float[Any, "rows"], sett
 
 def _torque_limit(swingups: SwingUps) -> Float[Any, "n"]:
     """The driven joint's (N m), of each plant."""
-    return (swingups.plants.tl1, swingups.plants.tl2)[swingups.robot.joint]
+    return driven_limit(swingups.plants, swingups.robot)
 
 
 def _put(rows: np.ndarray, where: np.ndarray, new: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ optimization", IROS 2012.
 
 import dataclasses
 import enum
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -142,11 +143,15 @@ def ilqr_iteration(transition: AbstractTransition, cost: Cost, now: ILQRState, s
 
 
 def feedback_gains(
-    transition: AbstractTransition, cost: Cost, solution: Solution, regularisation: float
+    transition: AbstractTransition,
+    cost: Cost,
+    states: Float[Any, "n+1 4"],
+    torque: Float[Any, "n"],
+    regularisation: float = 0.0,
 ) -> Float[Array, "n 4"]:
-    """K of a backward pass about a solution: LQ-optimal without regularisation, weaker with it."""
-    x, u = unpack(solution.states[:-1]), solution.torque
-    trajectory = CostedTrajectory(x, u, tuple(solution.states[-1]), solution.cost)
+    """K of a backward pass about a trajectory: LQ-optimal without regularisation, weaker with it."""
+    # The backward pass needs no cost.
+    trajectory = CostedTrajectory(unpack(states[:-1]), torque, tuple(states[-1]), jnp.zeros(()))
     return jnp.stack(backward(transition, cost, trajectory, regularisation)[0].gains, -1)
 
 

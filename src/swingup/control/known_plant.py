@@ -12,7 +12,7 @@ from .continuation_settings import ContinuationSettings
 from .lqr import LQR, LQRSettings, disturbance_gain, upright_lqr
 from .reference import Reference
 from .switch import LatchingSwitch
-from .tracking import RiccatiController
+from .tracking import riccati_controller
 
 TOP = LQRSettings(state_weights=(1.0, 1.0, 0.1, 0.1), torque_weight=1.0, max_cost_to_go=1000.0)
 """The best of those that were tried, with the friction of :func:`damped` (``benchmarks/README.md``)."""
@@ -29,8 +29,7 @@ def known_plant_controller(plant: Parameters, reference: Reference) -> LatchingS
         plant: the pendulum, as Python floats.
         reference: a swing-up for it, as ``continuation.SwingUps.reference`` gives it.
     """
-    rows = reference.states, reference.torque, reference.unregularised_gains
-    following = RiccatiController(reference.dt, *rows, reference.robot)
+    following = riccati_controller(reference, plant)
     return LatchingSwitch(following, plants_lqr(plant, reference), np.array(HAND_OVER), reference.robot)
 
 

@@ -18,7 +18,7 @@ from ..physics.angles import UPRIGHT, wrap
 from ..physics.dynamics import linearise
 from ..physics.parameters import ROBOTS, Parameters, Robot
 from ..types import Scalar, State, Torque
-from .actuation import joint_torques
+from .actuation import driven_limit, joint_torques
 from .controller import AbstractController
 
 
@@ -42,6 +42,8 @@ class LQR(AbstractController[None]):
     cost_to_go: Float[Any, "4 4"]
     """S"""
     max_cost_to_go: float
+    limit: float
+    """The motor's (N m)."""
     robot: Robot = eqx.field(static=True)
 
     def init(self) -> None:
@@ -51,14 +53,16 @@ class LQR(AbstractController[None]):
         """The regulator's torque on the driven joint (N m)."""
         error = wrap(x) - jnp.asarray(UPRIGHT)
         within = error @ jnp.asarray(self.cost_to_go) @ error <= self.max_cost_to_go
-        return None, joint_torques(jnp.where(within, -jnp.asarray(self.gains) @ error, 0.0), self.robot)
+        u = jnp.where(within, -jnp.asarray(self.gains) @ error, 0.0)
+        return None, joint_torques(u, self.robot, self.limit)
 
 
 def upright_lqr(parameters: Parameters, robot: Robot, settings: LQRSettings) -> LQR:
     """The regulator of the pendulum linearised upright at rest."""
     A, B = linearised(parameters, robot, UPRIGHT[None], np.zeros(1))
     S = solve_continuous_are(A[0], B[0][:, None], np.diag(settings.state_weights), [[settings.torque_weight]])
-    return LQR(B[0] @ S / settings.torque_weight, S, settings.max_cost_to_go, robot)
+    limit = float(driven_limit(parameters, robot))
+    return LQR(B[0] @ S / settings.torque_weight, S, settings.max_cost_to_go, limit, robot)
 
 
 def disturbance_gain(parameters: Parameters, regulator: LQR) -> float:

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from ..physics.angles import UPRIGHT
 from ..physics.parameters import Parameters, Robot
 from ..types import Flag, Scalar, State, Torque
-from .actuation import joint_torques
+from .actuation import driven_limit, joint_torques
 from .ilqr import solve
 from .piecewise_cubic import fit_piecewise_cubic
 from .published import MPCSettings
@@ -29,7 +29,7 @@ Plan = Float[Array, "n"]
 class MPC(AbstractExpensiveController[Plan]):
     """The first torque of a plan that tracks the trajectory, and near its end of a plan that stays upright."""
 
-    transition: PendulumTransition
+    transition: PendulumTransition = eqx.field(static=True)
     states: Float[Any, "rows 4"]
     """The trajectory at the calls' times k dt."""
     torque: Float[Any, "rows"]
@@ -52,7 +52,8 @@ class MPC(AbstractExpensiveController[Plan]):
         row = self.row(t) + self.settings.horizon - 1
         rows = jnp.asarray(self.torque)
         coming = jnp.where(row < len(rows) - 1, rows[jnp.minimum(row, len(rows) - 1)], 0.0)
-        return jnp.append(torque[1:], coming), joint_torques(torque[0], self.robot)
+        limit = driven_limit(self.transition.parameters, self.robot)
+        return jnp.append(torque[1:], coming), joint_torques(torque[0], self.robot, limit)
 
     def plan(self, guess: Plan, t: Scalar, x: State, idle: Flag) -> Plan:
         """The torques that track the trajectory best from x on."""

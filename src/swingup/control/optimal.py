@@ -10,6 +10,7 @@ The result is a local optimum for the nominal plant; there may be better ones.
 from dataclasses import dataclass, replace
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -114,7 +115,7 @@ def compute_optimal_reference(
 
     Returns:
         The trajectory with rows of the judge's time step, and its provenance: JSON values for the file. Its
-        gains, both kinds the same, are LQ-optimal for the problem's weights without that of the torque's rate.
+        gains are LQ-optimal for the problem's weights without that of the torque's rate.
 
     Raises:
         SwingupError: there is no such plant, or no first torque led to a finite cost.
@@ -136,10 +137,8 @@ def compute_optimal_reference(
         weights = Cost(
             cost.state_weights[:4], cost.state_weights[4], cost.final_weights[:4], x[:-1, :4], u, x[-1, :4]
         )
-        # The gains need states and torques alone; the other fields are placeholders.
-        solution = Solution(jnp.asarray(x[:, :4]), jnp.asarray(u), *(jnp.zeros(()),) * 4)
-        gains = np.asarray(jax.jit(feedback_gains)(transition.pendulum, weights, solution, 0.0))
-    return Reference(robot, problem.fine_dt, x[:-1, :4], u, gains, gains), {
+        gains = np.asarray(eqx.filter_jit(feedback_gains)(transition.pendulum, weights, x[:, :4], u))
+    return Reference(robot, problem.fine_dt, x[:-1, :4], u, gains), {
         "problem": "score",
         "seed": seed,
         "starts": problem.starts,
@@ -180,12 +179,12 @@ def _cheapest(solutions: Solution, seed: int) -> Solution:
     return jax.tree.map(lambda rows: rows[np.nanargmin(costs)], solutions)
 
 
-@jax.jit(static_argnames="problem")
+@eqx.filter_jit
 def _restarts(
     transition: TorqueRateTransition, cost: Cost, solution: Solution, problem: ScoreProblem
 ) -> Float[Any, "starts n+1"]:
     """Torques that start differently at t = 0, where they cost nothing, and return to a solution by feedback."""
-    gains = unpack(feedback_gains(transition, cost, solution, 0.0))
+    gains = unpack(feedback_gains(transition, cost, solution.states, solution.torque))
     about = unpack(solution.states[:-1]), gains
 
     def one(first: Scalar) -> Float[Any, "n+1"]:
@@ -216,7 +215,7 @@ def _transition(parameters: Parameters, robot: Robot, dt: float) -> TorqueRateTr
     return TorqueRateTransition(PendulumTransition(parameters, robot.joint, dt))
 
 
-@jax.jit(static_argnames="settings")
+@eqx.filter_jit
 def _solve_all(
     transition: TorqueRateTransition, cost: Cost, torques: Float[Any, "starts n+1"], settings: ILQRSettings
 ) -> Solution:

@@ -46,9 +46,7 @@ class Reference(eqx.Module):
     torque: Float[Any, "rows"]
     """N m"""
     gains: Float[Any, "rows 4"]
-    """K (N m/rad, N m s/rad) of a backward pass with the published gains' regularisation, which makes them weak."""
-    unregularised_gains: Float[Any, "rows 4"]
-    """K of a backward pass without regularisation."""
+    """K (N m/rad, N m s/rad) of u + K (x - x_i)."""
 
     @property
     def time(self) -> Float[np.ndarray, "rows"]:
@@ -56,7 +54,7 @@ class Reference(eqx.Module):
         return self.dt * np.arange(len(self.torque))
 
 
-REFERENCE_ARRAYS = ("states", "torque", "gains", "unregularised_gains")
+REFERENCE_ARRAYS = ("states", "torque", "gains")
 
 
 def compute_reference(
@@ -83,10 +81,11 @@ def compute_reference(
         first = _first_torques(parameters, robot, problem, seed)
         cost = problem.cost(len(first))
         solution = _solve(transition, cost, jnp.asarray(first), problem.settings)
-        gains, free = (_gains(transition, cost, solution, mu) for mu in (problem.gain_regularisation, 0.0))
-        solution, gains, free = jax.tree.map(np.asarray, (solution, gains, free))
+        mu = problem.gain_regularisation
+        gains = eqx.filter_jit(feedback_gains)(transition, cost, solution.states, solution.torque, mu)
+        solution, gains = jax.tree.map(np.asarray, (solution, gains))
     # The last state has no torque: a row needs both.
-    reference = Reference(robot, problem.dt, solution.states[:-1], solution.torque, gains, free)
+    reference = Reference(robot, problem.dt, solution.states[:-1], solution.torque, gains)
     return reference, {
         "seed": seed,
         "cost": float(solution.cost),
@@ -110,10 +109,7 @@ def _first_torques(parameters: Parameters, robot: Robot, problem: SwingupProblem
     return follow(found, transition, problem.cost(steps), problem.settings.torque_limit, steps)
 
 
-_gains = jax.jit(feedback_gains)
-
-
-@jax.jit(static_argnames="settings")
+@eqx.filter_jit
 def _solve(transition: PendulumTransition, cost: Cost, torque: Float[Any, "n"], settings: ILQRSettings) -> Solution:
     return solve(transition, cost, jnp.zeros(4), torque, settings)
 

@@ -7,6 +7,7 @@ limit allows it; the search proves nothing where none does.
 from dataclasses import dataclass
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -93,13 +94,13 @@ def search(transition: PendulumTransition, cost: Cost, settings: SearchSettings,
     return Coarse(np.asarray(found.states)[best], np.asarray(found.torque)[best], np.asarray(gains)[best])
 
 
-@jax.jit(static_argnames="settings")
+@eqx.filter_jit
 def _solve_all(
     transition: PendulumTransition, cost: Cost, torques: Float[Any, "starts n"], settings: ILQRSettings
 ) -> tuple[Solution, Float[Any, "starts n 4"]]:
     def one(torque: Float[Any, "n"]) -> tuple[Solution, Float[Any, "n 4"]]:
         found = solve(transition, cost, jnp.zeros(4), torque, settings)
-        return found, feedback_gains(transition, cost, found, 0.0)
+        return found, feedback_gains(transition, cost, found.states, found.torque)
 
     return jax.vmap(one)(torques)
 
@@ -125,4 +126,4 @@ def follow(
     return np.asarray(rolled.u)
 
 
-_forward = jax.jit(forward)
+_forward = eqx.filter_jit(forward)

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from ..physics.angles import wrap_difference
 from ..physics.parameters import Parameters, Robot
 from ..types import Scalar, State, Torque
-from .actuation import joint_torques
+from .actuation import driven_limit, joint_torques
 from .controller import AbstractController
 from .lqr import linearised, riccati_recursion
 from .piecewise_cubic import PiecewiseCubic, fit_piecewise_cubic
@@ -29,6 +29,8 @@ class RiccatiController(AbstractController[None]):
     torque: Float[Any, "rows"]
     gains: Float[Any, "rows 4"]
     """K (N m/rad, N m s/rad)."""
+    limit: float
+    """The motor's (N m)."""
     robot: Robot = eqx.field(static=True)
 
     def init(self) -> None:
@@ -39,7 +41,7 @@ class RiccatiController(AbstractController[None]):
         row = jnp.clip(jnp.round(t / self.dt), 0, len(self.torque) - 1).astype(jnp.int32)
         states, torque, gains = (jnp.asarray(rows)[row] for rows in (self.states, self.torque, self.gains))
         # The published controller does not wrap this error.
-        return None, joint_torques(torque + gains @ (x - states), self.robot)
+        return None, joint_torques(torque + gains @ (x - states), self.robot, self.limit)
 
 
 class TVLQR(AbstractController[None]):
@@ -47,6 +49,8 @@ class TVLQR(AbstractController[None]):
 
     fit: PiecewiseCubic
     """Channels: four of the state, the torque, four gains."""
+    limit: float
+    """The motor's (N m)."""
     robot: Robot = eqx.field(static=True)
 
     def init(self) -> None:
@@ -57,7 +61,18 @@ class TVLQR(AbstractController[None]):
         now = self.fit(t)
         error = x - now[:4]
         error = jnp.concatenate([wrap_difference(error[:2]), error[2:]])
-        return None, joint_torques(now[4] - now[5:] @ error, self.robot)
+        return None, joint_torques(now[4] - now[5:] @ error, self.robot, self.limit)
+
+
+def riccati_controller(reference: Reference, plant: Parameters) -> RiccatiController:
+    """Follow a trajectory with its own gains.
+
+    Args:
+        reference: the trajectory.
+        plant: whose motor's limit holds.
+    """
+    r, limit = reference, float(driven_limit(plant, reference.robot))
+    return RiccatiController(r.dt, r.states, r.torque, r.gains, limit, r.robot)
 
 
 def tvlqr(
@@ -80,4 +95,4 @@ def tvlqr(
     # Forward Euler, as the published TVLQR discretises.
     gains = riccati_recursion(np.eye(4) + reference.dt * A, reference.dt * B, *weights)
     rows = np.column_stack([reference.states, reference.torque, gains])
-    return TVLQR(fit_piecewise_cubic(reference.time, rows, pieces), robot)
+    return TVLQR(fit_piecewise_cubic(reference.time, rows, pieces), float(driven_limit(parameters, robot)), robot)

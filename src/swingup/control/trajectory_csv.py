@@ -31,7 +31,7 @@ SPACING_TOLERANCE = 1e-6
 
 
 def save_reference_csv(path: str | Path, reference: Reference) -> None:
-    """Write a swing-up atomically, exactly, with its gains; the unregularised gains are not kept.
+    """Write a swing-up atomically, exactly, with its gains.
 
     Raises:
         SwingupError: the file cannot be written.
@@ -72,5 +72,4 @@ def load_reference_csv(path: str | Path, robot: Robot | str) -> Reference:
         raise SwingupError(f"{path} has torque on the passive joint {passive + 1}: it is not for the {robot.name}")
     chosen = GAIN_COLUMNS[4 * robot.joint : 4 * robot.joint + 4]
     gains = np.column_stack([columns[name] if name in columns else np.zeros(len(time)) for name in chosen])
-    # The format has one set of gains: it serves as both kinds.
-    return Reference(robot, dt, states, torques[:, robot.joint], gains, gains)
+    return Reference(robot, dt, states, torques[:, robot.joint], gains)

@@ -32,8 +32,9 @@ class AbstractTransition(eqx.Module):
 class PendulumTransition(AbstractTransition):
     """A Runge-Kutta step of the double pendulum with the torque held over it."""
 
-    parameters: Parameters = eqx.field(static=True)
-    """Python floats: a friction of zero costs nothing."""
+    parameters: Parameters
+    """Python floats are compiled into the program, which is faster, and a friction of zero then costs nothing.
+    Arrays, or values that are traced, let one program serve many plants."""
     joint: int = eqx.field(static=True)
     """Index of the driven joint."""
     dt: float = eqx.field(static=True)
@@ -62,7 +63,13 @@ class PendulumTransition(AbstractTransition):
 
     def derivative(self, x: Vector, u: Number) -> Vector:
         """[dq1, dq2, ddq1, ddq2] under the driven joint's torque u (N m)."""
-        return driven_derivative(self.parameters, self.joint, _friction, x, u)
+        p, (q1, q2, dq1, dq2) = self.parameters, x
+        (sin1, cos1), (sin2, cos2) = sine_cosine(q1), sine_cosine(q2)
+        # The addition theorem costs less than another sine.
+        sines = sin1, sin2, sin1 * cos2 + cos1 * sin2
+        torques = (u, 0.0) if self.joint == 0 else (0.0, u)
+        losses = _friction(p.b1, p.cf1, dq1), _friction(p.b2, p.cf2, dq2)
+        return (dq1, dq2, *acceleration(lump(p), sines, cos2, (dq1, dq2), torques, losses))
 
 
 def runge_kutta(derivative: Callable[[Vector, Number], Vector], dt: float, x: Vector, u: Number) -> Vector:
@@ -75,23 +82,6 @@ def runge_kutta(derivative: Callable[[Vector, Number], Vector], dt: float, x: Ve
     k4 = derivative(add_scaled(x, dt, k3), u)
     total = tuple(a + 2.0 * (b + c) + d for a, b, c, d in zip(k1, k2, k3, k4, strict=True))
     return add_scaled(x, dt / 6.0, total)
-
-
-def driven_derivative(
-    parameters: Parameters,
-    joint: int,
-    friction: Callable[[Number, Number, Number], Number],
-    x: Vector,
-    u: Number,
-) -> Vector:
-    """[dq1, dq2, ddq1, ddq2] under the torque u (N m) of one joint; ``friction`` takes b, cf and the rate."""
-    p, (q1, q2, dq1, dq2) = parameters, x
-    (sin1, cos1), (sin2, cos2) = sine_cosine(q1), sine_cosine(q2)
-    # The addition theorem costs less than another sine.
-    sines = sin1, sin2, sin1 * cos2 + cos1 * sin2
-    torques = (u, 0.0) if joint == 0 else (0.0, u)
-    losses = friction(p.b1, p.cf1, dq1), friction(p.b2, p.cf2, dq2)
-    return (dq1, dq2, *acceleration(lump(p), sines, cos2, (dq1, dq2), torques, losses))
 
 
 def differentiate(function: Callable[[Vector, Number], Vector], x: Vector, u: Number) -> Matrix:
@@ -111,4 +101,5 @@ def differentiate(function: Callable[[Vector, Number], Vector], x: Vector, u: Nu
 
 def _friction(damping: Number, coulomb: Number, rate: Number) -> Number:
     # Without friction an arctangent would be compiled for nothing: XLA keeps 0 · arctan(x), which may be NaN.
-    return friction(damping, coulomb, rate, arctan) if damping or coulomb else 0.0
+    absent = all(isinstance(value, float) and value == 0.0 for value in (damping, coulomb))
+    return 0.0 if absent else friction(damping, coulomb, rate, arctan)

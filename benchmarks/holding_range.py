@@ -12,9 +12,10 @@ import dataclasses
 
 import numpy as np
 
-from ..physics.angles import UPRIGHT
-from ..physics.parameters import Parameters, Robot
-from .lqr import linearised
+from swingup.control.actuation import driven_limit
+from swingup.control.lqr import linearised
+from swingup.physics.angles import UPRIGHT
+from swingup.physics.parameters import Parameters, Robot
 
 
 def holding_range(parameters: Parameters, robot: Robot) -> float:
@@ -30,5 +31,5 @@ def holding_range(parameters: Parameters, robot: Robot) -> float:
     # Without friction the eigenvalues come in real pairs ±λ.
     unstable = rates.real > 0
     scaled = modes[:, unstable].real / modes[0, unstable].real
-    most = float((parameters.tl1, parameters.tl2)[robot.joint])
+    most = float(driven_limit(parameters, robot))
     return float(np.min(np.abs(B @ scaled) * most / rates[unstable].real, initial=np.inf))
