@@ -31,7 +31,7 @@ from swingup.policy.numpy_backend.controller import NumpyController
 from swingup.policy.numpy_backend.network import NumpyNetwork
 from swingup.policy.onnx_backend.graph import onnx_model
 from swingup.policy.plant_facts import policy_plant
-from swingup.policy.settings import EstimatorSettings, FrontEndSettings, GuardSettings
+from swingup.policy.settings import EstimatorSettings, GuardSettings
 from swingup.policy.shipped import ADAPTIVE, AR_EAPO, read_policy
 from swingup.runtime import load_controller
 
@@ -114,9 +114,9 @@ def main(robot: str) -> None:
     states = np.cumsum(np.random.default_rng(0).normal(size=(CALLS, 4)) * [2e-3, 2e-3, 0.05, 0.05], axis=0)
     alone, whole = NumpyNetwork(policy), load_controller(AR_EAPO, robot, estimator=True)
     # The drift runs far: the limits are above it, so that the guard has all to do at every call.
-    front_end, guard = FrontEndSettings(coulomb=(0.1, 0.1)), GuardSettings(angle_limit=1e6, velocity_limit=1e6)
+    guard = GuardSettings(angle_limit=1e6, velocity_limit=1e6)
     plant = policy_plant(identified_parameters(), policy.robot)
-    everything = dataclasses.replace(policy, front_end=front_end, guard=guard, plant=plant)
+    everything = dataclasses.replace(policy, guard=guard, plant=plant)
     watched = NumpyController(everything)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
@@ -130,7 +130,7 @@ def main(robot: str) -> None:
             "floor: one 256 x 256 product": measure(lambda k: np.dot(matrix, vector, out=result)),
             "NumPy": measure(lambda k: alone(states[k])),
             "NumPy with estimator": measure(lambda k: whole(states[k], DT * k)),
-            "NumPy with estimator, front end and guard": measure(lambda k: watched(states[k], DT * k)),
+            "NumPy with estimator and guard": measure(lambda k: watched(states[k], DT * k)),
             "ONNX Runtime": measure(lambda k: session.run(None, {"state": states[k : k + 1]})),
             "JAX, compiled (peer)": measure(lambda k: np.asarray(compiled(states[k]))),
         }

@@ -15,7 +15,7 @@ LAYERS = {
     "checks": 1, "files": 1, "robots": 2, "arrays": 2, "table": 2, "yaml_map": 2, "physics": 3, "plants": 4,
     "policy": 4,
     "policy.numpy_backend": 5, "policy.c_backend": 5, "policy.onnx_backend": 5, "policy.javascript_backend": 5,
-    "policy.jax_backend.observation": 5, "policy.jax_backend.front_end": 5,
+    "policy.jax_backend.observation": 5,
     "policy.realaigym": 6, "policy.cloudpendulum": 6, "runtime": 6, "tasks": 6,
     "areapo": 7, "control": 7, "policy.jax_backend": 8,
     "control.registry": 9, "benchmark": 10, "drawing": 10, "identification": 10,

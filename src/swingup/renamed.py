@@ -6,7 +6,7 @@ The line goes to the logger ``swingup``, which prints it on standard error unles
 import logging
 
 RENAMED = {
-    "controller": {"ar-eapo-base": "ar-eapo", "ar-eapo-global": "global", "ar-eapo-hardware": "robot"},
+    "controller": {"ar-eapo-base": "ar-eapo", "ar-eapo-global": "global"},
     "domain": {"hardware": "identified"},
 }
 """New names by kind and old name."""

@@ -78,7 +78,7 @@ def test_a_pendulum_without_motors_fails_and_seeds_differ(either_robot):
 
 @pytest.mark.slow
 def test_the_shipped_policies_swing_up_and_stay(either_robot):
-    judged = sim2real(get_controller("robot", either_robot), either_robot, seeds=4)
+    judged = sim2real(get_controller("adaptive", either_robot), either_robot, seeds=4)
     assert judged.successes == 4
     assert judged.score > 0.6
     assert max(run.speed for run in judged.runs) < 16
@@ -87,8 +87,8 @@ def test_the_shipped_policies_swing_up_and_stay(either_robot):
 @pytest.mark.slow  # the conformance table compares NumPy's torques with JAX's in the loops of this policy
 def test_the_shipped_policies_swing_up_alike_in_numpy(either_robot):
     """At the top rounding grows from 1e-7 at 2 s to 0.1 at 5 s, in JAX from batch to batch as well."""
-    judged = sim2real(get_controller("robot", either_robot), either_robot, seeds=4)
-    in_numpy = sim2real(load_controller("robot", either_robot), either_robot, seeds=1)
+    judged = sim2real(get_controller("adaptive", either_robot), either_robot, seeds=4)
+    in_numpy = sim2real(load_controller("adaptive", either_robot), either_robot, seeds=1)
     np.testing.assert_allclose(in_numpy.trajectory.x[:750], judged.trajectory.x[:750], rtol=0, atol=1e-4)  # 1.5 s
     assert in_numpy.runs[0].score == pytest.approx(judged.runs[0].score, abs=0.02)
 

@@ -96,7 +96,7 @@ def test_a_policy_file_and_its_username(tmp_path):
 
 def test_a_folder_for_cloudpendulum(tmp_path, capsys):
     folder = tmp_path / "cell"
-    assert main(["export", "robot", "--robot", "acrobot", "--to", "cloudpendulum", "--out", str(folder)]) == 0
+    assert main(["export", "refined", "--robot", "acrobot", "--to", "cloudpendulum", "--out", str(folder)]) == 0
     told = capsys.readouterr().out.splitlines()
     assert told[0] == str(folder / "controller_swingup.py")
     assert told[2].startswith("it may command 6 N m at the elbow, and CloudPendulum's motors give 0.15: train one")
@@ -133,7 +133,7 @@ def test_graphs_and_headers(tmp_path, capsys):
         (["ilqr-mpc", "--to", "onnx", "--robot", "pendubot"], "swingup trajectory pendubot --out x.csv writes"),
         (
             ["refind", "--to", "c"],
-            "unknown policy 'refind': use one of adaptive, refined, ar-eapo, global, robot or a policy",
+            "unknown policy 'refind': use one of adaptive, refined, ar-eapo, global or a policy",
         ),
         (["refind", "--to", "c"], "did you mean refined?"),
         (
@@ -206,7 +206,7 @@ print(controller.get_control_output(x=[0.1, 0.0, 0.0, 0.0], t=0.004))
 
 def test_an_exported_folder_stops_at_a_fault(tmp_path):
     folder = tmp_path / "entry"
-    assert main(["export", "robot", "--robot", "acrobot", "--to", "realaigym", "--out", str(folder)]) == 0
+    assert main(["export", "refined", "--robot", "acrobot", "--to", "realaigym", "--out", str(folder)]) == 0
     code = FAULTY.format(folder=str(folder))
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     first, second, third = result.stdout.splitlines()

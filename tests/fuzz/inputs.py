@@ -130,9 +130,6 @@ def policy(random):
         names = ["dt", "position_noise", "velocity_noise", "longest_dead_time", "longest_delay", "caution", "x"]
         metadata["estimator"] = {random.choice(names): random.choice([*EXTREMES, 1e-6, 1000])}
     if random.random() < 0.3:
-        names = ["dt", "damping", "coulomb", "dead_band", "velocity_weight", "passive_limit", "spacing", "x"]
-        metadata["front_end"] = {random.choice(names): random.choice([*EXTREMES, [1e9, 1], 1000])}
-    if random.random() < 0.3:
         names = ["dt", "angle_limit", "velocity_limit", "longest_pause", "torque_rate", "braking", "x"]
         metadata |= {"format_version": 2, "guard": {random.choice(names): random.choice([*EXTREMES, None, 1000])}}
     if random.random() < 0.3:

@@ -66,8 +66,6 @@ class C:
     def __init__(self, policy, folder):
         if shutil.which("gcc") is None:
             pytest.skip("gcc is not installed")
-        if policy.front_end is not None:
-            pytest.skip("a C header has no front end")
         self._library = compiled.compile_header(folder, c_header(policy))
 
     def alone(self, states):
@@ -162,7 +160,7 @@ class BackEnd:
     strength: rounding would grow.
     """
     whole: bool
-    """Whether estimator and front end are inside; else the table compares the policy alone, on the same states."""
+    """Whether estimator and regulator are inside; else the table compares the policy alone, on the same states."""
     alone_within: float
     """Distance of the policy's torque from that in double precision (N m)."""
     whole_within: float = np.nan

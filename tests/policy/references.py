@@ -98,7 +98,7 @@ IDENTIFIED = "acrobot-identified"
 A replayed motion does not follow the torques. There rounding grows without bound if torques change what is found
 much, and that the torques. This policy's change by 0.05 N m for twice the plant: rounding fades."""
 OTHER_PLANT = "acrobot-friction"
-"""The policy for the robot, with an estimator that believes in C.1 as it is: with friction and motors' rotors."""
+"""The one with an estimator that believes in C.1 as it is: with friction and motors' rotors."""
 
 
 @functools.cache
@@ -114,7 +114,7 @@ def policy(name):
     """A policy by a name of SHIPPED, ADAPTIVES, SMALL, SIGHTED, REGULATED, TOLD, IDENTIFIED or OTHER_PLANT."""
     robot, _, kind = name.partition("-")
     if name == OTHER_PLANT:
-        found = read_policy("robot", robot)
+        found = read_policy("refined", robot)
         return dataclasses.replace(found, plant=policy_plant(identified_parameters(), found.robot, "C.1"))
     if name == REGULATED:
         return dataclasses.replace(policy(SIGHTED), regulator=RegulatorSettings())

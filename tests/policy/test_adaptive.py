@@ -28,7 +28,6 @@ def test_files_ask_for_all_that_makes_them_adapt(robot):
     assert policy.plant.name == "leaderboard"
     for part in (policy.estimator, policy.identifier, policy.regulator):
         assert part is not None
-    assert policy.front_end is None
 
 
 def test_the_folders_readme_names_the_regulator_and_the_teachers():

@@ -109,7 +109,7 @@ def run(controller, times, states):
     return np.array(torques), stop
 
 
-@pytest.mark.parametrize("name", ["pendubot-ar-eapo", "acrobot-robot"])
+@pytest.mark.parametrize("name", ["pendubot-ar-eapo", "acrobot-refined"])
 @pytest.mark.parametrize("fault", FAULTS)
 def test_faults(fault, name):
     """The guard stops the controller at the call of the fault, for good; before, it changes no torque."""
@@ -228,7 +228,7 @@ def test_braking():
 
 
 def test_what_the_guard_says():
-    controller = load_controller("robot", "acrobot", guard=True)
+    controller = load_controller("refined", "acrobot", guard=True)
     controller([0.0, 0.1, 0.0, 0.0], 0.0)
     controller([0.0, 0.1, 0.0, 21.25], 0.002)
     said = "a joint's velocity is beyond the limit (elbow, 21.25 rad/s, at t = 0.002 s)"

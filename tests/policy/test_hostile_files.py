@@ -22,7 +22,6 @@ METADATA = {
     "torque_limit": 6.0,
     "observation": [{"name": "pendulum", "angles": "sincos"}, {"name": "normalise", "clip": 10.0, "epsilon": 1e-8}],
     "estimator": {"caution": 20.0, "longest_dead_time": 25},
-    "front_end": {"damping": [0.001, 0.001], "coulomb": [0.1, 0.1], "spacing": 5},
     "plant": write_plant(policy_plant(identified_parameters(), get_robot("acrobot"), "C.1")),
     "guard": {"velocity_limit": 1000.0, "torque_rate": 500.0, "braking": 0.1},
 }
@@ -42,12 +41,6 @@ def arrays(hidden=4):
 def write(path, metadata, values):
     text = metadata if isinstance(metadata, bytes) else json.dumps(metadata).encode()
     np.savez(path, metadata=np.frombuffer(text, np.uint8), **values)
-
-
-def beside(part):
-    """The metadata beside some part: without the front end where that would be refused beside it."""
-    alone = part in ("identifier", "regulator")
-    return {name: value for name, value in METADATA.items() if not (alone and name == "front_end")}
 
 
 def try_it(path):
@@ -119,16 +112,13 @@ def test_unknown_arrays_are_left_alone(tmp_path):
 @pytest.mark.parametrize("value", WRONG, ids=lambda value: repr(value)[:20])
 @pytest.mark.parametrize(
     "place",
-    [
-        "robot", "torque_limit", "observation", "estimator", "identifier", "regulator", "front_end", "choices",
-        "format_version",
-    ],
-)  # fmt: skip
+    ["robot", "torque_limit", "observation", "estimator", "identifier", "regulator", "choices", "format_version"],
+)
 def test_metadata_of_wrong_kinds(tmp_path, place, value):
-    write(tmp_path / "p.npz", beside(place) | {place: value}, arrays())
+    write(tmp_path / "p.npz", METADATA | {place: value}, arrays())
     accepted = try_it(tmp_path / "p.npz")
     # {} are default settings, and an array that is given is only needed by its stage.
-    settings = {part: [{}] for part in ("estimator", "identifier", "regulator", "front_end")}
+    settings = {part: [{}] for part in ("estimator", "identifier", "regulator")}
     allowed = settings | {"torque_limit": [2**63], "format_version": [True]}
     assert not accepted or value in allowed.get(place, [])
     assert accepted or place not in settings or value != {}
@@ -138,12 +128,11 @@ def test_metadata_of_wrong_kinds(tmp_path, place, value):
 def test_settings_of_wrong_kinds(tmp_path, value):
     for part, names in (
         ("estimator", ("dt", "position_noise", "max_delay_steps", "longest_dead_time", "memory")),
-        ("front_end", ("dt", "velocity_weight", "damping", "passive_limit")),
         ("identifier", ("dt", "span", "gate", "spread")),
         ("regulator", ("state_weights", "torque_weight", "riccati_step", "riccati_steps", "leave")),
     ):
         for name in names:
-            write(tmp_path / "p.npz", beside(part) | {part: {name: value}}, arrays())
+            write(tmp_path / "p.npz", METADATA | {part: {name: value}}, arrays())
             try_it(tmp_path / "p.npz")
     for name in ("name", "angles", "velocity_scale", "clip", "epsilon", "torques", "x"):
         stages = copy.deepcopy(METADATA["observation"])

@@ -11,16 +11,14 @@ from swingup.physics.base_parameters import Spread
 from swingup.policy.identifier_settings import IDENTIFIER, IdentifierSettings, default_identifier
 from swingup.policy.javascript_backend.page import policy_data
 from swingup.policy.jax_backend.controller import (
-    behind_estimator,
     load_policy,
     make_controller,
     policy_of,
     save_controller,
 )
-from swingup.policy.jax_backend.front_end import FrontEnd
 from swingup.policy.onnx_backend.graph import onnx_model
 from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
-from swingup.policy.settings import EstimatorSettings, FrontEndSettings
+from swingup.policy.settings import EstimatorSettings
 
 from .references import sighted_policy
 
@@ -100,22 +98,12 @@ def test_round_trip(file, tmp_path):
             "unknown setting 'rotors' of the",
         ),
         ({"estimator": {}, "identifier": {"spread": {"rotor": 0}}}, "identifier setting spread.rotor = 0: use a"),
-        ({"estimator": {}, "front_end": {}}, "an identifier compensates the friction that it finds"),
     ],
 )
 def test_what_cannot_work(file, metadata, message):
     with pytest.raises(SwingupError, match=message) as caught:
         read_pendulum_policy(file(**{IDENTIFIER: {}, **metadata}))
     assert "\n" not in str(caught.value)
-
-
-def test_a_front_end_is_refused_without_a_file_too(file):
-    policy = read_pendulum_policy(file(estimator={}, identifier={}))
-    with pytest.raises(SwingupError, match="leave the identifier or the front end out"):
-        dataclasses.replace(policy, front_end=FrontEndSettings())
-    controller = dataclasses.replace(sighted_policy(), front_end=FrontEnd(FrontEndSettings()))
-    with pytest.raises(SwingupError, match="leave the identifier or the front end out"):
-        behind_estimator(controller, identifier=IdentifierSettings())
 
 
 @pytest.mark.parametrize(("export", "program"), [(onnx_model, "an ONNX graph"), (policy_data, "a page")])

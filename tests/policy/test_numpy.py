@@ -16,23 +16,23 @@ from swingup.physics.integrate import midpoint_step
 from swingup.physics.parameters import leaderboard_parameters
 from swingup.policy import plant, realaigym
 from swingup.policy.numpy_backend.controller import NumpyController
-from swingup.policy.settings import FrontEndSettings
+from swingup.policy.settings import EstimatorSettings
 from swingup.policy.shipped import read_policy
 from swingup.runtime import load_controller
 
-from .references import DT, controller, faults, random_states
+from .references import controller, faults, random_states
 
 
 def test_the_checker_finds_nothing(robot):
     assert swingup.check_controller(load_controller("refined", robot), robot) == []
 
 
-def test_the_period_is_the_estimators_or_the_front_ends():
-    policy = read_policy("robot", "acrobot")
-    assert policy.period == DT
-    alone = dataclasses.replace(policy, estimator=None, front_end=FrontEndSettings(dt=0.001))
-    assert (alone.period, dataclasses.replace(alone, front_end=None).period) == (0.001, None)
-    counted, timed = (realaigym.wrap_policy(NumpyController(alone), "memory") for _ in range(2))
+def test_the_period_is_the_estimators():
+    policy = read_policy("ar-eapo", "acrobot")
+    assert policy.period is None
+    behind = dataclasses.replace(policy, estimator=EstimatorSettings(dt=0.001))
+    assert behind.period == 0.001
+    counted, timed = (realaigym.wrap_policy(NumpyController(behind), "memory") for _ in range(2))
     for step in range(5):
         x = np.full(4, 0.1 * step)
         np.testing.assert_array_equal(counted.get_control_output(x), timed.get_control_output(x, 0.001 * step))
@@ -92,7 +92,7 @@ def test_flat_yaml():
         (
             "tvlqr",
             "acrobot",
-            "unknown policy 'tvlqr': use one of adaptive, refined, ar-eapo, global, robot or a policy file",
+            "unknown policy 'tvlqr': use one of adaptive, refined, ar-eapo, global or a policy file",
         ),
         ("globel", "acrobot", "did you mean global?"),
         ("nothing.npz", "acrobot", "no such file: nothing.npz"),

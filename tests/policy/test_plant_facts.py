@@ -22,7 +22,6 @@ from swingup.policy.plant_facts import (
     policy_plant,
     write_plant,
 )
-from swingup.policy.settings import FrontEndSettings
 from swingup.policy.shipped import read_policy
 from swingup.policy.stages import PlantStage
 
@@ -106,14 +105,6 @@ def test_without_a_plant_version_2_is_version_1(mine):
 def test_a_name_ends_no_comment_in_c():
     plant = dataclasses.replace(MINE, name="*/ system();\n/*")
     assert "*/ system" not in c_header(dataclasses.replace(policy("acrobot-refined"), plant=plant))
-
-
-def test_what_the_front_end_compensates_is_not_in_the_model():
-    """C.1: cf1 = 0.16, cf2 = 0.12; the passive shoulder's is compensated by 0.1, and b1 = 0.001 wholly."""
-    front_end = FrontEndSettings(damping=(0.5, 0.5), coulomb=(0.1, 0.1))
-    found = dataclasses.replace(policy("acrobot-refined"), plant=MINE, front_end=front_end).model
-    assert (found.b1, found.cf1) == (0.0, pytest.approx(0.06))
-    assert (found.b2, found.cf2) == (MINE.b2, MINE.cf2)
 
 
 STATE, TORQUES = (0.4, -0.8, 3.0, -2.0), (1.0, -2.0)

@@ -18,9 +18,7 @@ from swingup.physics.base_parameters import base_parameters
 from swingup.physics.integrate import rk4_step
 from swingup.physics.parameters import ROBOTS, leaderboard_parameters
 from swingup.policy.jax_backend.controller import make_controller, policy_of
-from swingup.policy.jax_backend.controller import regulated as regulate
 from swingup.policy.jax_backend.estimator import with_estimator
-from swingup.policy.jax_backend.front_end import FrontEnd
 from swingup.policy.jax_backend.identifier import make_identifier
 from swingup.policy.jax_backend.regulator import TRIANGLE, with_regulator
 from swingup.policy.jax_backend.told import depends_on_plant, told_base
@@ -28,7 +26,6 @@ from swingup.policy.numpy_backend.regulator import NumpyRegulator
 from swingup.policy.pendulum import PARTS, read_pendulum_policy, write_pendulum_policy
 from swingup.policy.plant_facts import policy_plant
 from swingup.policy.regulator_settings import RegulatorSettings, fixed_point, known_of
-from swingup.policy.settings import FrontEndSettings
 from swingup.policy.upright import upright_step
 
 from .references import UNSOUND, sighted_policy
@@ -300,18 +297,11 @@ def test_what_a_policy_has_no_more_is_not_written(file, tmp_path):
         ({"regulator": None}, "regulator None is no object of settings"),
         ({"regulator": {"entre": 1}}, "unknown regulator setting 'entre': use some of state_weights, .*enter"),
         ({"regulator": {"torque_weight": "1"}}, "regulator setting torque_weight = '1': use a number"),
-        ({"regulator": {}, "front_end": {}}, "leave the regulator or the front end out"),
     ],
 )
 def test_files_that_cannot_work_are_refused(file, metadata, message):
     with pytest.raises(SwingupError, match=message):
         read_pendulum_policy(file(**metadata))
-
-
-def test_a_regulator_behind_a_front_end_is_refused():
-    controller = dataclasses.replace(sighted_policy(), front_end=FrontEnd(FrontEndSettings()))
-    with pytest.raises(SwingupError, match="leave the regulator or the front end out"):
-        regulate(controller, SETTINGS)
 
 
 def test_numpys_is_told_a_plant_like_jaxs():

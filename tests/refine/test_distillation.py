@@ -210,11 +210,6 @@ def test_a_policy_that_sees_its_plant_is_not_refined_further():
         run_recipe(shipped_policy("acrobot", "adaptive")[0], ACROBOT, RECIPES["recover"])
 
 
-def test_the_recipe_takes_no_front_end():
-    with pytest.raises(SwingupError, match="takes no policy with a front end: give one without, such as global"):
-        run_recipe(shipped_policy("acrobot", "robot")[0], ACROBOT, RECIPES["adapt"])
-
-
 def test_the_recipe_is_for_the_leaderboards_plant():
     with pytest.raises(SwingupError, match="the recipe adapt is for the leaderboards' plant: give no other"):
         run_recipe(shipped_policy("acrobot")[0], ACROBOT, RECIPES["adapt"], plant="cloudpendulum")

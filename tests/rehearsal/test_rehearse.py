@@ -136,8 +136,8 @@ class Motor:
 
 def test_cloudpendulums_client_gives_no_time_and_gets_a_list():
     times = iter([100.0, 100.002, 100.004, 7.0, 7.002])
-    cloud = load_policy_controller("robot", "acrobot", guard=True, clock=lambda: next(times))
-    plain = load_controller("robot", "acrobot", guard=True)
+    cloud = load_policy_controller("refined", "acrobot", guard=True, clock=lambda: next(times))
+    plain = load_controller("refined", "acrobot", guard=True)
     states = [[0.1, -0.2, 0.5, 0.3], [0.101, -0.199, 0.5, 0.3], [0.102, -0.198, 0.5, 0.3]]
 
     def ask(x):
@@ -155,14 +155,15 @@ def test_cloudpendulums_client_gives_no_time_and_gets_a_list():
 
 
 def test_the_cells_limits():
-    policy = read_policy("robot", "acrobot")
+    policy = read_policy("adaptive", "acrobot")
     assert [note[:36] for note in cloudpendulum_notes(policy)] == [
         "it may command 0.5 N m at the should",
         "it may command 6 N m at the elbow, a",
     ]
     cell = policy_plant(load_plant("cloudpendulum").parameters, policy.robot, "cell")
-    front_end = dataclasses.replace(policy.front_end, passive_limit=0.005)
-    fits = dataclasses.replace(policy, plant=cell, torque_limit=0.05, front_end=front_end)
+    cell = dataclasses.replace(cell, cf1=0.16, cf2=0.12)
+    identifier = dataclasses.replace(policy.identifier, passive_limit=0.005)
+    fits = dataclasses.replace(policy, plant=cell, torque_limit=0.05, identifier=identifier)
     assert cloudpendulum_notes(fits) == []
     controller = NumpyController(fits, guard=cloudpendulum_guard(fits.period))
     assert controller.guard.settings.velocity_limit == 50.0

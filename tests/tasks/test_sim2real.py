@@ -1,4 +1,4 @@
-"""The loop of the simulated robot and the front end, against closed forms."""
+"""The loop of the simulated robot, against closed forms."""
 
 import dataclasses
 import functools
@@ -11,8 +11,6 @@ import numpy as np
 from swingup.physics.parameters import get_robot
 from swingup.plants.domain import load_domain
 from swingup.plants.loop import LOOP_DT
-from swingup.policy.jax_backend.front_end import FrontEnd
-from swingup.policy.settings import FrontEndSettings
 from swingup.tasks.disturbance import Pushes, motor_torques, step_noise, undisturbed
 from swingup.tasks.draw import draw
 from swingup.tasks.motors import Motor
@@ -74,35 +72,3 @@ def test_plants_and_loops_differ():
     plants, loops = jax.vmap(lambda key: draw(domain, key, robot))(jax.random.split(jax.random.key(0), 50))
     assert len(np.unique(plants.cf1)) == len(np.unique(loops.response)) == 50
     assert 0.08 <= float(plants.cf1.min()) < float(plants.cf1.max()) <= 0.2
-
-
-def test_filter_and_dead_band():
-    """The response of the low-pass to a step is 1 - (1 - w)ⁿ; slow is seen as still."""
-    front = FrontEnd(FrontEndSettings(velocity_weight=0.2, dead_band=0.1))
-    update = jax.jit(lambda *given: front.measure(*given))
-    memory = front.begin(jnp.zeros(4))
-    for n in range(1, 10):
-        memory = update(memory, jnp.array([0.5, -0.5, 1.0, 0.15]))
-        expected = 1 - 0.8**n
-        np.testing.assert_allclose(memory.rates, [expected, 0.15 * expected], rtol=1e-5)
-        slow = 0.15 * expected
-        seen = [0.5, -0.5, expected, slow if slow >= 0.1 else 0.0]
-        np.testing.assert_allclose(memory.seen, seen, rtol=1e-5)
-    assert slow > 0.1
-
-
-def test_friction_compensation(robot):
-    settings = FrontEndSettings(damping=(0.1, 0.2), coulomb=(0.3, 0.4), passive_limit=0.5)
-    front = FrontEnd(settings)
-    memory = front.begin(jnp.array([0.0, 0.0, 1.0, -3.0]))
-    u = front.command(memory, jnp.array(2.0), robot)
-    friction = [0.1 + 0.3 * math.atan(100), -0.6 - 0.4 * math.atan(300)]
-    expected = np.clip(friction, -0.5, 0.5)
-    expected[robot.joint] = friction[robot.joint] + 2.0
-    np.testing.assert_allclose(u, expected, rtol=1e-5)
-    assert float(front.command(front.begin(jnp.zeros(4)), jnp.array(2.0), robot)[robot.joint]) == 2.0
-
-
-def test_settings_are_data():
-    assert FrontEndSettings(**dataclasses.asdict(FrontEndSettings(coulomb=(0.1, 0.2)))).coulomb == (0.1, 0.2)
-    assert FrontEndSettings(coulomb=[0.1, 0.2]).coulomb == (0.1, 0.2)

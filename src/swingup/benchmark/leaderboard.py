@@ -10,7 +10,7 @@ from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot
 from ..plants.domain import load_domain
 from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict
-from ..policy.shipped import ADAPTIVE, AR_EAPO, GLOBAL, REFINED, ROBOT
+from ..policy.shipped import ADAPTIVE, AR_EAPO, GLOBAL, REFINED
 from .board_rows import OURS, Row, published_rows, shipped_robustness
 from .board_rules import BoardRules, get_board_rules
 from .columns import BOARDS, PERFORMANCE
@@ -28,8 +28,6 @@ FURTHER = (ADAPTIVE, REFINED, "tvlqr-score")
 """Further controllers of ours that enter every board beside the paper's."""
 FOR_THROWS = (GLOBAL,)
 """Those that enter only the boards with throws."""
-FOR_ROBOTS = (ROBOT,)
-"""Those that enter only the boards of real robots."""
 ALONE = " --no-estimator"
 """Ends the name of a shipped policy that enters a second time, without its estimator."""
 
@@ -117,8 +115,7 @@ def default_entrants(rules: BoardRules) -> tuple[str, ...]:
     """Names of the built-in controllers on the boards of a version of the rules."""
     if rules.uptime is not None and rules.uptime.cell is not None:
         return tuple(name for name in ENTRANTS if name in BASELINES)  # the shipped policies were made for C.1
-    on_robot = _domain_of(rules) is not None
-    return (*ENTRANTS, *FURTHER, *(FOR_THROWS if rules.uptime else ()), *(FOR_ROBOTS if on_robot else ()))
+    return (*ENTRANTS, *FURTHER, *(FOR_THROWS if rules.uptime else ()))
 
 
 def _note_of(rules: BoardRules) -> str | None:

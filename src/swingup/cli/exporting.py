@@ -95,8 +95,6 @@ def export(
     tell(out)
     if to == "onnx" and found.estimator is not None:
         print("without the state estimator of the policy: give it good states, or run an estimator yourself")
-    if to == "onnx" and found.front_end is not None:
-        print("without the policy's front end: filter the state and compensate friction yourself")
     return 0
 
 

@@ -20,7 +20,7 @@ from ..control.registry import Controller
 from ..physics.parameters import Robot
 from ..plants.domain import load_domain
 from ..plants.on_plant import on_plant
-from ..policy.shipped import DEFAULT, ROBOT
+from ..policy.shipped import DEFAULT
 from .arguments import (
     NO_PLANT,
     ControllerName,
@@ -40,7 +40,6 @@ from .judging import (
     judge_sim2real,
     judge_trials,
 )
-from .output import tell
 from .results import robustness_lines, uptime_lines
 
 SUCCESS = "sim2real"
@@ -181,8 +180,7 @@ class JudgingCommands:
     ) -> int:
         """Swing up on a plant and in a loop like the real robot's, with friction, delay and noise, many times.
 
-        Success is to be up for the last 2 s of 10 without ever reaching 20 rad/s or 4π, where the robot stops. The
-        policy trained for it is --controller robot.
+        Success is to be up for the last 2 s of 10 without ever reaching 20 rad/s or 4π, where the robot stops.
 
         Args:
             robot: the robot.
@@ -207,10 +205,7 @@ class JudgingCommands:
             return judge_trials(chosen, ranges, robot, controller, estimator, seed, seeds, output)
         drawn, number = load_domain("identified" if domain is None else domain), 100 if seeds is None else seeds
         drawn = drawn if on is None else on_plant(drawn, on)
-        status = judge_sim2real(drawn, robot, controller, estimator, seed, number, output)
-        if controller == DEFAULT and not json and drawn.plant is None:
-            tell(f"  The policy trained for this plant is --controller {ROBOT}.")
-        return status
+        return judge_sim2real(drawn, robot, controller, estimator, seed, number, output)
 
     def board(self, measure: str, name: str, others: Sequence[str] = ()) -> Any:
         """Rules of one board; ``others`` are names that would do as well.

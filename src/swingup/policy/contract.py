@@ -10,13 +10,13 @@ torques u = [u1, u2] (N m) of shoulder and elbow.
   to the plant. A strong reaction lets rounding grow in a replay, whose motion does not follow the torques. The
   shipped ``adaptive`` keeps to 1e-6 in double precision where the motors are given the same torques.
 - The torque of the driven joint is NaN where the state is not finite, so that no clipping hides a broken sensor.
-  The passive joint has 0, or the friction compensation of a front end or of an identifier.
+  The passive joint has 0, or the friction compensation of an identifier.
 - Behind a safety guard no torque is ever NaN: the guard stops the controller instead (``policy/guard.py``).
 - ``reset()`` forgets the run: what follows repeats the first run bit for bit.
 
 ``tests/policy/test_conformance.py`` holds every back end to it, ``tests/policy/test_guard.py`` the guards in NumPy
-and in C. ONNX graphs and the page's JavaScript run the policy alone: they have no estimator, no front end and no
-guard, and refuse a policy with an identifier or a regulator. Hidden layers of ReLU run everywhere, others in JAX
+and in C. ONNX graphs and the page's JavaScript run the policy alone: they have no estimator and no guard,
+and refuse a policy with an identifier or a regulator. Hidden layers of ReLU run everywhere, others in JAX
 and NumPy alone (``policy/network.py: check_plain``). JAX has the same contract without hidden state,
 ``init() -> memory`` and ``(memory, t, x) -> (memory, u)``; a C header has it as ``swingup_reset`` and
 ``swingup_control``. JAX has no guard: it judges.

@@ -30,7 +30,7 @@ SOURCES = (
         "upright",
     )),
     *(f"policy/numpy_backend/{name}.py" for name in (
-        "__init__", "controller", "estimator", "front_end", "guard", "identifier", "network", "regulator",
+        "__init__", "controller", "estimator", "guard", "identifier", "network", "regulator",
     )),
 )  # fmt: skip
 """What the controller needs of this package, besides its interface; a test runs it without the rest."""
@@ -162,9 +162,8 @@ def readme_values(policy: PendulumPolicy, name: str) -> dict[str, str]:
         if policy.estimator
         else "the measured state"
     )
-    front = ", through a front end with a filter and friction compensation" if policy.front_end else ""
     return {
-        "ESTIMATOR": f"It is shown {seen}{front}.",
+        "ESTIMATOR": f"It is shown {seen}.",
         "GUARD": GUARDED if policy.guard else UNGUARDED,
         "JOINT": ("shoulder", "elbow")[policy.robot.joint],
         "KIND": f"A network distilled from teachers, one of which is a {BY_AREAPO}"
@@ -189,10 +188,9 @@ def readme_values(policy: PendulumPolicy, name: str) -> dict[str, str]:
 def _torque(policy: PendulumPolicy) -> str:
     most, joints = f"at most {policy.torque_limit:g} N m", ("shoulder", "elbow")
     joint, passive = joints[policy.robot.joint], joints[1 - policy.robot.joint]
-    compensating = policy.front_end or policy.identifier
-    if compensating is None:
+    if policy.identifier is None:
         return f"{most}, on the {joint} alone"
     return (
         f"{most} on the {joint}, and compensation of friction: there, and within "
-        f"{compensating.passive_limit:g} N m on the {passive}"
+        f"{policy.identifier.passive_limit:g} N m on the {passive}"
     )

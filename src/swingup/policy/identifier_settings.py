@@ -220,19 +220,6 @@ def check_identifier(settings: IdentifierSettings, estimator: EstimatorSettings 
         )
 
 
-def check_no_front_end(front_end: Any) -> None:
-    """Refuse an identifier before a policy with a front end (None for a policy without one).
-
-    Raises:
-        SwingupError: there is a front end.
-    """
-    if front_end is not None:
-        raise SwingupError(
-            "an identifier compensates the friction that it finds, as a front end does: leave the identifier or "
-            "the front end out"
-        )
-
-
 def check_no_identifier(settings: IdentifierSettings | None, program: str) -> None:
     """Refuse an identifier.
 

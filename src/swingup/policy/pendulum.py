@@ -17,35 +17,31 @@ from .identifier_settings import (
     IDENTIFIER,
     IdentifierSettings,
     check_identifier,
-    check_no_front_end,
     prior,
     read_identifier,
     write_identifier,
 )
 from .network import Network
-from .plant_facts import PLANT, PolicyPlant, modelled, read_plant, write_plant
-from .regulator_settings import RegulatorSettings, check_no_compensation, fixed_point
+from .plant_facts import PLANT, PolicyPlant, read_plant, write_plant
+from .regulator_settings import RegulatorSettings, fixed_point
 from .settings import (
     ESTIMATOR,
-    FRONT_END,
     REGULATOR,
     EstimatorSettings,
-    FrontEndSettings,
     GuardSettings,
     estimator_settings,
-    front_end_settings,
     guard_settings,
     regulator_settings,
 )
 from .stages import PendulumStage
 
-PARTS = (ESTIMATOR, FRONT_END, GUARD, IDENTIFIER, REGULATOR)
+PARTS = (ESTIMATOR, GUARD, IDENTIFIER, REGULATOR)
 """What may stand around a network: keys of the metadata, and fields of a policy."""
 
 
 @dataclass(frozen=True)
 class PendulumPolicy:
-    """One torque for a state, perhaps behind an estimator or a front end, or with a regulator."""
+    """One torque for a state, perhaps behind an estimator or with a regulator."""
 
     network: Network
     """As in the file; ``folded`` is what back ends run."""
@@ -56,8 +52,6 @@ class PendulumPolicy:
     """The plant that it was made for."""
     estimator: EstimatorSettings | None = None
     """Settings of the estimator in the file; None for the policy alone."""
-    front_end: FrontEndSettings | None = None
-    """Settings of the filter and the friction compensation in the file."""
     guard: GuardSettings | None = None
     """Settings of the safety guard in the file; None for none."""
     identifier: IdentifierSettings | None = None
@@ -72,15 +66,12 @@ class PendulumPolicy:
 
         Raises:
             SwingupError: an identifier stands without an estimator or is for another loop or has a plant without
-                gravity on a joint, there is a front end beside an identifier or a regulator, or no regulator holds
-                the plant.
+                gravity on a joint, or no regulator holds the plant.
         """
         if self.identifier is not None:
             check_identifier(self.identifier, self.estimator)
-            check_no_front_end(self.front_end)
             prior(self.plant, self.identifier)
         if self.regulator is not None:
-            check_no_compensation(self.front_end)
             fixed_point(self.plant, self.robot.joint, self.regulator)
 
     @property
@@ -90,21 +81,15 @@ class PendulumPolicy:
 
     @property
     def period(self) -> float | None:
-        """Time between calls that the estimator or the front end expects (s); None for any."""
-        return next((part.dt for part in (self.estimator, self.front_end) if part is not None), None)
+        """Time between calls that the estimator expects (s); None for any."""
+        return None if self.estimator is None else self.estimator.dt
 
     @property
     def torque_limits(self) -> tuple[float, float]:
         """Largest torques of shoulder and elbow (N m): the motor's, and the compensation's on the passive joint."""
-        compensating = self.front_end or self.identifier
-        passive = 0.0 if compensating is None else compensating.passive_limit
+        passive = 0.0 if self.identifier is None else self.identifier.passive_limit
         driven = self.plant.limit(self.robot.joint)
         return (driven, passive) if self.robot.joint == 0 else (passive, driven)
-
-    @property
-    def model(self) -> PolicyPlant:
-        """The plant that its estimator believes in."""
-        return modelled(self.plant, self.robot, self.front_end)
 
 
 def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> PendulumPolicy:
@@ -139,9 +124,9 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
         raise SwingupError(f"policy file {path} has {len(network.head.bias)} actions: one is needed")
     try:
         limit = finite_number("torque_limit", metadata["torque_limit"], 1e-6, 1e6, "N m")
-        estimator, front_end = estimator_settings(metadata), front_end_settings(metadata)
-        guard, plant = guard_settings(metadata), read_plant(metadata, ROBOTS[name])
-        around = estimator, front_end, guard, read_identifier(metadata, estimator), regulator_settings(metadata)
+        estimator, guard = estimator_settings(metadata), guard_settings(metadata)
+        plant = read_plant(metadata, ROBOTS[name])
+        around = estimator, guard, read_identifier(metadata, estimator), regulator_settings(metadata)
         return PendulumPolicy(network, ROBOTS[name], limit, plant, *around, metadata)
     except SwingupError as error:
         raise SwingupError(f"policy file {path}: {error}; see docs/policy-format.md") from error

@@ -16,7 +16,6 @@ from ..physics.validity import check_pendulum
 from ..robots import TORQUE_LIMIT, Robot
 from ..text import quoted
 from .plant import identified_values
-from .settings import FrontEndSettings
 from .stages import PlantStage
 
 PLANT = "plant"
@@ -131,20 +130,6 @@ def _driven(plant: PolicyPlant, robot: Robot) -> PolicyPlant:
         limit = ("tl1", "tl2")[robot.joint]
         raise SwingupError(f"plant parameter {limit} = 0: the {robot.name}'s driven joint needs a torque limit")
     return plant
-
-
-def modelled(plant: PolicyPlant, robot: Robot, front_end: FrontEndSettings | None) -> PolicyPlant:
-    """The plant as an estimator sees it: of the passive joint's friction, what the front end does not compensate.
-
-    The estimator is told the driven joint's torque, with its compensation; the passive joint's it is not.
-    """
-    if front_end is None:
-        return plant
-    passive = 1 - robot.joint
-    names = ("b1", "b2")[passive], ("cf1", "cf2")[passive]
-    compensated = front_end.damping[passive], front_end.coulomb[passive]
-    rest = {name: max(0.0, getattr(plant, name) - less) for name, less in zip(names, compensated, strict=True)}
-    return dataclasses.replace(plant, **rest)
 
 
 DIFFERENT = 0.1

@@ -110,19 +110,6 @@ def fixed_point(plant: Any, driven: int, settings: RegulatorSettings) -> np.ndar
     return found
 
 
-def check_no_compensation(front_end: Any) -> None:
-    """Refuse a regulator with a front end (None for a policy without one).
-
-    Raises:
-        SwingupError: there is a front end.
-    """
-    if front_end is not None:
-        raise SwingupError(
-            "a regulator takes the friction into account that a front end compensates: leave the regulator or the "
-            "front end out"
-        )
-
-
 def check_no_regulator(settings: RegulatorSettings | None, program: str) -> None:
     """Refuse a policy with a regulator in what runs the policy alone (None for a policy without one).
 

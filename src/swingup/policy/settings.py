@@ -1,4 +1,4 @@
-"""Settings in a policy file for the parts around its policy: estimator, regulator, front end, safety guard.
+"""Settings in a policy file for the parts around its policy: estimator, regulator, safety guard.
 
 The metadata is parsed only here, and for the identifier in ``identifier_settings.py``; every back end takes the
 settings.
@@ -23,8 +23,6 @@ SettingsT = TypeVar("SettingsT")
 
 ESTIMATOR = "estimator"
 """Key of the estimator's settings in a policy file's metadata."""
-FRONT_END = "front_end"
-"""Key of the front end's."""
 REGULATOR = "regulator"
 """Key of the regulator's."""
 FORMER_NAMES = {"longest_dead_time": "max_delay_steps"}
@@ -78,40 +76,6 @@ class EstimatorSettings:
         object.__setattr__(self, "max_delay_steps", int(self.max_delay_steps))
 
 
-@dataclass(frozen=True)
-class FrontEndSettings:
-    """How measured velocities are filtered, and which friction is compensated."""
-
-    dt: float = 0.002
-    """Time between calls (s). After a longer pause the filter restarts from the measurement."""
-    velocity_weight: float = 1.0
-    """Weight w of the newest velocity in the low-pass v ← v + w (measured - v); 1 is no filter."""
-    dead_band: float = 0.0
-    """The policy sees filtered velocities below it as 0 (rad/s)."""
-    damping: tuple[float, float] = (0.0, 0.0)
-    """b of the compensated friction b q̇ + cf arctan(100 q̇), of shoulder and elbow (N m s/rad)."""
-    coulomb: tuple[float, float] = (0.0, 0.0)
-    """cf of that friction (N m)."""
-    passive_limit: float = 0.5
-    """Largest torque on the passive joint (N m)."""
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot work, and make tuples of lists.
-
-        Raises:
-            SwingupError: a value is no number of its range.
-        """
-        ranges = {
-            "dt": (1e-6, 0.1), "velocity_weight": (1e-6, 1.0), "dead_band": (0.0, 10.0),
-            "passive_limit": (0.0, 1000.0),
-        }  # fmt: skip
-        for name, (least, most) in ranges.items():
-            value = finite_number(f"front_end setting {name}", getattr(self, name), least, most)
-            object.__setattr__(self, name, value)
-        for name in ("damping", "coulomb"):
-            object.__setattr__(self, name, _pair(f"front_end setting {name}", getattr(self, name)))
-
-
 def default_estimator(plant: Any) -> EstimatorSettings:
     """The defaults in a plant's own units: noise of velocities and accelerations; encoder and loop stay.
 
@@ -151,15 +115,6 @@ def estimator_settings(metadata: Mapping[str, Any]) -> EstimatorSettings | None:
         SwingupError: they are not an object, one is unknown, or a value is out of range.
     """
     return read_settings(metadata, ESTIMATOR, EstimatorSettings)
-
-
-def front_end_settings(metadata: Mapping[str, Any]) -> FrontEndSettings | None:
-    """The front end's settings in a policy file's metadata; None if it has none.
-
-    Raises:
-        SwingupError: they are not an object, one is unknown, or a value is out of range.
-    """
-    return read_settings(metadata, FRONT_END, FrontEndSettings)
 
 
 def regulator_settings(metadata: Mapping[str, Any]) -> RegulatorSettings | None:
@@ -228,10 +183,3 @@ def read_settings(metadata: Mapping[str, Any], key: str, kind: type[SettingsT]) 
             near = suggestion(name, known)
             raise SwingupError(f"unknown {key} setting {quoted(name)}: use some of {', '.join(known)}{near}")
     return kind(**values)
-
-
-def _pair(name: str, given: Any) -> tuple[float, float]:
-    if not isinstance(given, list | tuple) or len(given) != 2:
-        raise SwingupError(f"{name} = {quoted(given)}: use two numbers, for shoulder and elbow")
-    first, second = (finite_number(name, value, 0.0, 10.0) for value in given)
-    return first, second

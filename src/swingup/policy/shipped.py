@@ -17,10 +17,8 @@ AR_EAPO = "ar-eapo"
 """Trained by the paper's learner alone."""
 GLOBAL = "global"
 """Trained to recover from throws."""
-ROBOT = "robot"
-"""Trained on the simulated robot."""
 
-SHIPPED_POLICIES = (ADAPTIVE, REFINED, AR_EAPO, GLOBAL, ROBOT)
+SHIPPED_POLICIES = (ADAPTIVE, REFINED, AR_EAPO, GLOBAL)
 """Names of the shipped policies, which are those of their controllers and of their files."""
 DEFAULT = ADAPTIVE
 """The controller of commands and pages that name none."""
@@ -59,7 +57,7 @@ def read_policy(source: str | Path, robot: Robot | str | None = None) -> Pendulu
     """Read a policy file, or a policy that the package ships.
 
     Args:
-        source: a policy file, or ``adaptive``, ``refined``, ``ar-eapo``, ``global`` or ``robot``.
+        source: a policy file, or ``adaptive``, ``refined``, ``ar-eapo`` or ``global``.
         robot: the robot that it must be for; needed with a name.
 
     Raises:

@@ -37,12 +37,7 @@ class Around(NamedTuple):
 
 
 def parts_around(controller: PolicyController) -> Around:
-    """The parts in a refined policy's file: an estimator, and for a policy that sees its plant what finds that.
-
-    A front end has a filter of its own.
-    """
-    if controller.front_end is not None:
-        return Around()
+    """The parts in a refined policy's file: an estimator, and for a policy that sees its plant what finds that."""
     estimator = default_estimator(plant_of(controller))
     if not depends_on_plant(controller):
         return Around(estimator)

@@ -99,7 +99,7 @@ def new_student(
     stages = PendulumObservation(angles="sincos"), PlantObservation(centre, scale, centre, clip=3.0)
     actor = init_actor(_key(random), stages[0].size + BASE, 1, settings.layers, 0.0)
     policy = Policy(stages, replace(actor, std_head=None))
-    return PolicyController(policy, recovery.torque_limit, recovery.robot, None, recovery.plant)
+    return PolicyController(policy, recovery.torque_limit, recovery.robot, recovery.plant)
 
 
 def _learn(

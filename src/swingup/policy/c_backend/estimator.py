@@ -18,7 +18,7 @@ def estimator_values(settings: EstimatorSettings, policy: PendulumPolicy) -> dic
     gains = kalman_gains(settings)
     numbers = {
         "DT": settings.dt,
-        "MOTOR_LIMIT": policy.model.limit(policy.robot.joint),
+        "MOTOR_LIMIT": policy.plant.limit(policy.robot.joint),
         "GAIN_QQ": gains[0, 0],
         "GAIN_QV": gains[0, 1],
         "GAIN_VQ": gains[1, 0],
@@ -29,7 +29,7 @@ def estimator_values(settings: EstimatorSettings, policy: PendulumPolicy) -> dic
         "LOST": LOST * settings.velocity_noise,
     }
     texts = {name: repr(float(value)) for name, value in numbers.items()}
-    found, model = policy.identifier, policy.model
+    found, model = policy.identifier, policy.plant
     return texts | {
         "MODEL": _model(model) if found is None else identified_model(found, model, policy.robot.joint),
         "DEPTH": str(settings.max_delay_steps + 1),

@@ -135,7 +135,7 @@ def _controller(policy: PendulumPolicy) -> str:
 
 
 def _acting(policy: PendulumPolicy, said: dict[str, str]) -> str:
-    """The policy, with its regulator."""
+    """The policy, with its regulator if it has one."""
     if policy.regulator is not None:
         return _part("regulator.h", regulator_values(policy.regulator, policy) | said)
     return _part("alone.h", said)

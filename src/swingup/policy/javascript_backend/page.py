@@ -21,7 +21,7 @@ def policy_script() -> str:
 def policy_data(policy: PendulumPolicy) -> dict[str, Any]:
     """A policy as JSON values: its stages with their settings, and its layers up to the action's mean.
 
-    Neither an estimator nor a front end is in it, and no guard: the page simulates.
+    It has no estimator, and no guard: the page simulates.
 
     Raises:
         SwingupError: the script does not run such hidden layers, an identifier or a regulator.

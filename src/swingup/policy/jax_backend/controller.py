@@ -15,28 +15,18 @@ from ...robots import Robot, get_robot
 from ...types import Scalar, State, Torque
 from ..identifier_settings import IdentifierSettings
 from ..pendulum import PendulumPolicy, read_pendulum_policy, write_pendulum_policy
-from ..plant_facts import PLANT_NAMES, PolicyPlant, leaderboard_plant, modelled
-from ..regulator_settings import RegulatorSettings, check_no_compensation
+from ..plant_facts import PLANT_NAMES, PolicyPlant, leaderboard_plant
+from ..regulator_settings import RegulatorSettings
 from ..settings import EstimatorSettings
 from ..shipped import DEFAULT_ALONE, read_policy
-from .choose import choose
 from .estimator import EstimatingController, with_estimator
-from .front_end import FrontEnd, FrontEndMemory
 from .identifier import make_identifier
 from .policy import Policy, make_policy, network_of
 from .regulator import RegulatingController, with_regulator
 
 
-class PolicyMemory(eqx.Module):
-    """What a policy with a front end remembers."""
-
-    time: Scalar
-    """Time of the last call (s), -inf before the first."""
-    front_end: FrontEndMemory
-
-
-class PolicyController(AbstractController[PolicyMemory | None]):
-    """The deterministic policy, called at whatever rate the loop runs; only a front end remembers anything."""
+class PolicyController(AbstractController[None]):
+    """The deterministic policy, called at whatever rate the loop runs."""
 
     policy: Policy[Actor]
     """From a state [q1, q2, dq1, dq2] to an action in [-1, 1]."""
@@ -44,39 +34,18 @@ class PolicyController(AbstractController[PolicyMemory | None]):
     """Torque of an action of 1 (N m)."""
     robot: Robot = eqx.field(static=True)
     """Which joint is driven."""
-    front_end: FrontEnd | None = None
-    """Filter and friction compensation, if any."""
     plant: PolicyPlant | None = eqx.field(static=True, default=None)
     """The plant that the policy was made for; None for the leaderboards'."""
 
-    @property
-    def passive_limit(self) -> float:
-        """Largest torque on the passive joint (N m): the front end's compensation."""
-        return 0.0 if self.front_end is None else self.front_end.settings.passive_limit
+    def init(self) -> None:
+        """It remembers nothing."""
 
-    def init(self) -> PolicyMemory | None:
-        """Nothing measured yet."""
-        if self.front_end is None:
-            return None
-        return PolicyMemory(jnp.array(-jnp.inf), self.front_end.begin(jnp.zeros(4)))
-
-    def __call__(self, carry: PolicyMemory | None, t: Scalar, x: State) -> tuple[PolicyMemory | None, Torque]:
-        """The policy's torque on the driven joint, and the front end's on both."""
-        if self.front_end is None or carry is None:
-            return None, self._torque(x) * jnp.array(self.robot.actuation, x.dtype)
-        pause, before = t - carry.time, carry.front_end
-        going_on = (pause >= 0) & (pause <= 1.5 * self.front_end.settings.dt)
-        # A low-pass that has seen a value that is not finite would never recover.
-        going_on &= jnp.isfinite(before.seen).all() & jnp.isfinite(x).all()
-        memory = choose(going_on, self.front_end.measure(before, x), self.front_end.begin(x))
-        command = self.front_end.command(memory, self._torque(memory.seen), self.robot)
-        # In the memory's own type: a compiled loop keeps the types of its carry.
-        return PolicyMemory(jnp.asarray(t, carry.time.dtype), memory), command
-
-    def _torque(self, seen: State) -> Scalar:
-        """NaN if anything seen is not finite: what is clipped must not hide it."""
-        torque = self.torque_limit * self.policy(seen).astype(seen.dtype)[0]
-        return jnp.where(jnp.isfinite(seen).all(), torque, jnp.nan)
+    def __call__(self, carry: None, t: Scalar, x: State) -> tuple[None, Torque]:
+        """The policy's torque on the driven joint, NaN if anything seen is not finite."""
+        torque = self.torque_limit * self.policy(x).astype(x.dtype)[0]
+        # The clips of the observation must not hide it.
+        torque = jnp.where(jnp.isfinite(x).all(), torque, jnp.nan)
+        return None, torque * jnp.array(self.robot.actuation, x.dtype)
 
 
 def make_controller(
@@ -110,11 +79,9 @@ def behind_estimator(
         regulator: settings of a regulator that takes over near the top, for the plant found; None for none.
 
     Raises:
-        SwingupError: the identifier does not fit the estimator, the policy has a front end besides an identifier or
-            a regulator, or no regulator holds the plant.
+        SwingupError: the identifier does not fit the estimator, or no regulator holds the plant.
     """
-    front_end = None if controller.front_end is None else controller.front_end.settings
-    model = modelled(plant_of(controller), controller.robot, front_end)
+    model = plant_of(controller)
     parameters = Parameters(**{name: getattr(model, name) for name in PLANT_NAMES})
     found = None if identifier is None else make_identifier(controller.robot, parameters, identifier)
     acting = controller if regulator is None else regulated(controller, regulator)
@@ -129,9 +96,8 @@ def regulated(controller: PolicyController, settings: RegulatorSettings) -> Regu
         settings: weights, recursion and bounds.
 
     Raises:
-        SwingupError: the policy has a front end, or no regulator holds the plant.
+        SwingupError: no regulator holds the plant.
     """
-    check_no_compensation(controller.front_end)
     limit = float(controller.torque_limit)
     return with_regulator(controller, controller.robot, plant_of(controller), settings, limit)
 
@@ -143,9 +109,8 @@ def plant_of(controller: PolicyController) -> PolicyPlant:
 
 def policy_of(controller: PolicyController) -> PendulumPolicy:
     """What a file holds of a controller, without an estimator."""
-    settings = None if controller.front_end is None else controller.front_end.settings
     network, limit = network_of(controller.policy), float(controller.torque_limit)
-    return PendulumPolicy(network, controller.robot, limit, plant_of(controller), front_end=settings)
+    return PendulumPolicy(network, controller.robot, limit, plant_of(controller))
 
 
 def save_controller(path: str | Path, controller: PolicyController, provenance: Mapping[str, Any]) -> None:
@@ -184,7 +149,7 @@ def shipped_policy(robot: Robot | str, name: str = DEFAULT_ALONE) -> tuple[Polic
 
     Args:
         robot: which joint is driven.
-        name: ``adaptive``, ``refined``, ``ar-eapo``, ``global`` or ``robot``.
+        name: ``adaptive``, ``refined``, ``ar-eapo`` or ``global``.
 
     Raises:
         SwingupError: there is no such robot or policy, or the package lacks the file.
@@ -194,6 +159,5 @@ def shipped_policy(robot: Robot | str, name: str = DEFAULT_ALONE) -> tuple[Polic
 
 
 def _alone(policy: PendulumPolicy) -> PolicyController:
-    front_end = None if policy.front_end is None else FrontEnd(policy.front_end)
     network = make_policy(policy.network, base_parameters(policy.plant))
-    return PolicyController(network, policy.torque_limit, policy.robot, front_end, policy.plant)
+    return PolicyController(network, policy.torque_limit, policy.robot, policy.plant)

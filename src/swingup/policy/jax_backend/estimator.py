@@ -28,7 +28,7 @@ from ...physics.integrate import midpoint_step
 from ...physics.parameters import Parameters, Robot
 from ...physics.trigonometry import arctan, sine_cosine
 from ...types import Count, Scalar, State, Torque
-from ..identifier_settings import LONGEST_STEP, check_identifier, check_no_front_end
+from ..identifier_settings import LONGEST_STEP, check_identifier
 from ..settings import LOST, PIECES, EstimatorSettings, default_estimator, kalman_gains
 from .choose import choose
 from .identifier import Identifier, IdentifierMemory
@@ -276,13 +276,12 @@ def with_estimator(
 
     Raises:
         SwingupError: the controller is for the other robot, the model has no units of its own, or the identifier
-            is for another loop or before a front end.
+            is for another loop.
     """
     check_robot(controller, robot)
     settings = default_estimator(parameters) if settings is None else settings
     if identifier is not None:
         _check_fits(identifier, robot, settings)
-        check_no_front_end(getattr(controller, "front_end", None))
     gains, fading = kalman_gains(settings), math.exp(-settings.dt / settings.memory)
     p = parameters
     # Values of JAX may be traced: they count as friction.

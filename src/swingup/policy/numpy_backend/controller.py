@@ -11,7 +11,6 @@ from ..pendulum import PendulumPolicy
 from ..settings import choose_guard, default_estimator
 from ..shipped import read_policy
 from .estimator import NumpyEstimator
-from .front_end import NumpyFrontEnd
 from .guard import NumpyGuard
 from .identifier import NumpyIdentifier
 from .network import NumpyNetwork
@@ -19,7 +18,7 @@ from .regulator import NumpyRegulator
 
 
 class NumpyController:
-    """A policy, with an estimator, a regulator, a front end or a guard where its file has one.
+    """A policy, with an estimator, a regulator or a guard where its file has one.
 
     It keeps to ``policy/contract.py``.
 
@@ -41,12 +40,11 @@ class NumpyController:
         self.policy = policy
         settings = policy.estimator or default_estimator(policy.plant)
         wanted = policy.estimator is not None if estimator is None else estimator
-        joint, front_end = policy.robot.joint, policy.front_end
+        joint = policy.robot.joint
         self._joint, self._network = joint, NumpyNetwork(policy)
         found = policy.identifier if wanted else None
         self._identifier = None if found is None else NumpyIdentifier(found, policy.plant, joint)
-        self._estimator = NumpyEstimator(settings, policy.model, joint, self._identifier) if wanted else None
-        self._front_end = None if front_end is None else NumpyFrontEnd(front_end, joint)
+        self._estimator = NumpyEstimator(settings, policy.plant, joint, self._identifier) if wanted else None
         self._regulator = None
         if policy.regulator is not None:
             self._regulator = NumpyRegulator(policy.regulator, policy.plant, joint, policy.torque_limit)
@@ -66,7 +64,7 @@ class NumpyController:
 
     def reset(self) -> None:
         """Forget the run so far."""
-        for part in (self._estimator, self._regulator, self._front_end, self.guard):
+        for part in (self._estimator, self._regulator, self.guard):
             if part is not None:
                 part.reset()
 
@@ -83,7 +81,7 @@ class NumpyController:
             x = self._estimator.observe(float(t), x)
             if self._identifier is not None:
                 self._tell(self._identifier.told)
-        u = self._command(float(t), x)
+        u = self._command(x)
         if self._estimator is not None:
             u = u + self._estimator.compensation(x)
         if self.guard is not None:
@@ -99,10 +97,8 @@ class NumpyController:
         if self._regulator is not None:
             self._regulator.tell(base)
 
-    def _command(self, t: float, x: np.ndarray) -> np.ndarray:
-        """The torques (2,) of the policy, its front end or its regulator for what they are shown at time t (s)."""
-        if self._front_end is not None:
-            return self._front_end.command(self._network(self._front_end.see(t, x)))
+    def _command(self, x: np.ndarray) -> np.ndarray:
+        """The torques (2,) of the policy or its regulator for the state shown."""
         u = np.zeros(2)
         regulated = None if self._regulator is None else self._regulator(x)
         u[self._joint] = self._network(x) if regulated is None else regulated
@@ -118,7 +114,7 @@ def load_controller(
     """Load a controller from a policy file, or one that the package ships.
 
     Args:
-        source: a policy file, or ``adaptive``, ``refined``, ``ar-eapo``, ``global`` or ``robot``.
+        source: a policy file, or ``adaptive``, ``refined``, ``ar-eapo`` or ``global``.
         robot: the robot that it must be for; needed with a name.
         estimator: where the file has one (None), never (False) or always (True).
         guard: behind a safety guard where the file has one (None), never (False), always (True), or with these

@@ -27,7 +27,7 @@ IR_VERSION = 8
 def onnx_model(policy: PendulumPolicy) -> bytes:
     """The model: input ``state`` (batch, 4) in rad and rad/s, output ``torque`` (batch, 2) in N m, both float64.
 
-    Neither an estimator nor a front end is in it: both have a memory.
+    It has no estimator, which would need a memory.
 
     Raises:
         SwingupError: the package onnx is not installed, the policy asks for a guard, an identifier or a regulator,
