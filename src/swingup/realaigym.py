@@ -87,7 +87,13 @@ class _Compiled:
     def reset(self) -> None:
         self._memory: Any = self._start
 
-    def __call__(self, x: np.ndarray, t: float, measured: np.ndarray | None = None) -> np.ndarray:
+    def __call__(
+        self,
+        x: np.ndarray,
+        t: float,
+        measured: np.ndarray | None = None,
+        added: np.ndarray | None = None,
+    ) -> np.ndarray:
         with self._x64(True):
             self._memory, u = self._call(self._memory, np.float64(t), x)
-            return np.asarray(u, np.float64)
+            return np.asarray(u, np.float64) + (0.0 if added is None else added)

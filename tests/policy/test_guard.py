@@ -235,6 +235,21 @@ def test_what_the_guard_says():
     assert str(controller.guard.fault) == said
 
 
+@pytest.mark.parametrize(("robot", "name"), [("pendubot", "ar-eapo"), ("acrobot", "adaptive"), ("pendubot", "lqr")])
+def test_added_friction_compensation_stays_within_the_motors_limits(robot, name):
+    """It is added before the guard limits the torques: up to 27.6 N m on a motor of 6 otherwise."""
+    controller = realaigym.load_controller(name, robot, guard=True)
+    controller.set_friction_compensation([5.0, 5.0], [3.0, 3.0])
+    controller.init()
+    limits = np.where(np.arange(2) == controller.robot.joint, 6.0, controller.passive_limit)
+    for call in range(20):
+        x = np.array([0.0, 0.0, 4.0, -4.0]) + 1e-3 * call
+        assert (np.abs(controller.get_control_output(x, DT * call)) <= limits).all()
+        assert controller.fault is None
+    # What the motors were asked for in the end: the whole limit, against a wish of 25 N m and more.
+    assert np.abs(controller.u_hist[-1][controller.robot.joint]) == 6.0
+
+
 @pytest.mark.parametrize("name", ["refined", pytest.param("tvlqr", marks=pytest.mark.slow)])
 def test_realaigym_controllers(name):
     """The guard looks at the measurement before a filter; stopped, no friction is compensated either."""

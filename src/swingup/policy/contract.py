@@ -33,8 +33,15 @@ class LoopController(Protocol):
     def reset(self) -> None:
         """Forget the run so far."""
 
-    def __call__(self, x: np.ndarray, t: float, measured: np.ndarray | None = None) -> np.ndarray:
+    def __call__(
+        self,
+        x: np.ndarray,
+        t: float,
+        measured: np.ndarray | None = None,
+        added: np.ndarray | None = None,
+    ) -> np.ndarray:
         """The torques (2,) for the state x (4,) at time t (s).
 
-        Where a filter made x of what was measured, ``measured`` is that (4,): a guard looks at it.
+        Where a filter made x of what was measured, ``measured`` is that (4,): a guard looks at it. ``added`` (2,)
+        are torques that the caller adds (N m), such as a friction compensation of its own: a guard limits the sum.
         """

@@ -1,8 +1,9 @@
 """Controllers with the interface that RealAIGym's simulator and its real-robot loop call, with NumPy alone.
 
 Nothing is inherited from its package, so that it need not be installed. The order is RealAIGym's: the outer
-``get_control_output`` filters the measurement, calls the controller, adds friction compensation and keeps the
-histories; wrappers (combined and testing controllers) call the inner forms, whose names end in an underscore.
+``get_control_output`` filters the measurement, calls the controller, which adds friction compensation before its
+guard, and keeps the histories; wrappers (combined and testing controllers) call the inner forms, whose names end in
+an underscore.
 """
 
 import json
@@ -124,11 +125,10 @@ class RealAIGymController:
         measured = np.array(x, np.float64)
         self.x_hist.append(measured)
         seen = self.filter.get_filtered_state(measured, self.u_hist[-1])
-        u = self._act(seen, t, measured)
         compensation = friction(self._damping, self._coulomb, seen[2:], np.arctan)
+        u = self._act(seen, t, measured, compensation)
         if self.fault is not None:
             compensation = np.zeros(2)
-        u += compensation
         self.u_fric_hist.append(compensation)
         self.u_grav_hist.append(np.zeros(2))
         self.u_hist.append(u)
@@ -176,6 +176,8 @@ class RealAIGymController:
     ) -> None:
         """Add damping q̇ + coulomb_fric arctan(100 q̇) to the torques, for both joints (N m s/rad, N m).
 
+        A guard limits the sum to the motors' limits; without one nothing does.
+
         Raises:
             SwingupError: these are not two finite numbers each.
         """
@@ -204,10 +206,12 @@ class RealAIGymController:
         """Nothing is planned beforehand."""
         return [], [], []
 
-    def _act(self, x: np.ndarray, t: float | None, measured: np.ndarray) -> np.ndarray:
+    def _act(
+        self, x: np.ndarray, t: float | None, measured: np.ndarray, added: np.ndarray | None = None
+    ) -> np.ndarray:
         now = self._steps * self._dt if t is None else float(t)
         self._steps += 1
-        return np.array(self._controller(x, now, measured), np.float64)
+        return np.array(self._controller(x, now, measured, added), np.float64)
 
 
 def load_policy_controller(

@@ -68,11 +68,17 @@ class NumpyController:
             if part is not None:
                 part.reset()
 
-    def __call__(self, x: np.ndarray, t: float, measured: np.ndarray | None = None) -> np.ndarray:
+    def __call__(
+        self,
+        x: np.ndarray,
+        t: float,
+        measured: np.ndarray | None = None,
+        added: np.ndarray | None = None,
+    ) -> np.ndarray:
         """The torques [u1, u2] (N m), float64, for the state x (4,) (rad, rad/s) at time t (s).
 
         A torque is NaN where x is not finite; behind a guard it is safe then. The guard looks at ``measured`` (4,),
-        what a filter made x of, if that is given.
+        what a filter made x of, if that is given, and limits the sum with the torques ``added`` (2,) by the caller.
         """
         x = np.asarray(x, np.float64)
         if self.guard is not None and not self.guard.allows(float(t), x if measured is None else measured):
@@ -84,11 +90,14 @@ class NumpyController:
         u = self._command(x)
         if self._estimator is not None:
             u = u + self._estimator.compensation(x)
+        extra = np.zeros(2) if added is None else added
+        u = u + extra
         if self.guard is not None:
             u = self.guard.limited(u)
         if self._estimator is not None:
-            # The command with friction compensation: the estimator needs what the motors were given.
-            self._estimator.remember(u)
+            # With its own compensation: the estimator needs what the motors were given. The caller's belongs to the
+            # plant, which then seems to have less friction; else an identifier would compensate it once more.
+            self._estimator.remember(u - extra)
         return u
 
     def _tell(self, base: list[float]) -> None:

@@ -131,8 +131,14 @@ class GuardedController:
         self.guard.reset()
         self._controller.reset()
 
-    def __call__(self, x: np.ndarray, t: float, measured: np.ndarray | None = None) -> np.ndarray:
-        """The torques (2,) (N m) for the state x (4,) (rad, rad/s) at time t (s); ``measured`` before a filter."""
+    def __call__(
+        self,
+        x: np.ndarray,
+        t: float,
+        measured: np.ndarray | None = None,
+        added: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """The torques (2,) (N m) for the state x (4,) (rad, rad/s) at time t (s); see ``policy/contract.py``."""
         if not self.guard.allows(float(t), x if measured is None else measured):
             return self.guard.stopped()
-        return self.guard.limited(np.array(self._controller(x, t), np.float64))
+        return self.guard.limited(np.array(self._controller(x, t, None, added), np.float64))
