@@ -1,7 +1,7 @@
 """The evidence for a controller that identifies its plant: model errors, ablations, nominal plant, errors, boards.
 
-Usage: python benchmarks/adaptive.py ROBOT CONTROLLER.npz [--section models ablations failing nominal errors boards]
-[--out runs/adaptive] [--seed 10] [--seeds 5]
+Usage: python benchmarks/adaptive.py ROBOT CONTROLLER.safetensors
+[--section models ablations failing nominal errors boards] [--out runs/adaptive] [--seed 10] [--seeds 5]
 
 Prints a Markdown table for each section:
 

@@ -84,7 +84,7 @@ def make_variants(policy: PendulumPolicy) -> dict[str, AbstractController[Any]]:
         SwingupError: the policy has no identifier.
     """
     if policy.identifier is None:
-        raise SwingupError("the policy has no identifier: choose a file with one, as acrobot-adaptive.npz")
+        raise SwingupError("the policy has no identifier: choose a file with one, as acrobot-adaptive.safetensors")
     told_nominal = make_controller(dataclasses.replace(policy, identifier=None))
     full = make_controller(policy)
     variants = {FULL: full, OFF: told_nominal, TOLD: full}

@@ -1,6 +1,7 @@
 """Every board of several trainings of one recipe, with means over the trainings.
 
-Usage: python benchmarks/adaptive_seeds.py ROBOT FILE.npz [FILE.npz ...] [--rows benchmarks/runs/ROBOT-adapt.jsonl]
+Usage: python benchmarks/adaptive_seeds.py ROBOT FILE.safetensors [FILE.safetensors ...]
+[--rows benchmarks/runs/ROBOT-adapt.jsonl]
 
 Measures each file on each board and on the plants of `adaptive.py`, and prints a table with a column for each file
 and the mean over them with Student's 95 % interval. The rows' file keeps what was measured: a measure that it has

@@ -52,7 +52,7 @@ def train(preset: str, plant: str, robot: str, seed: int, frames: int, folder: P
         pass
     run.close()
     rows = read_metrics(folder / "metrics.jsonl")
-    found = evaluate(load_policy(folder / "best.npz", robot)[0], robot, plant=ideal).criteria
+    found = evaluate(load_policy(folder / "best.safetensors", robot)[0], robot, plant=ideal).criteria
     return {
         "preset": preset, "plant": plant, "robot": robot, "seed": seed, "frames": run.frames,
         "seconds": rows[-1]["seconds"], "score": found.score, "swingup_time": found.swingup_time,

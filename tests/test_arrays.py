@@ -1,53 +1,32 @@
-"""Archives of arrays: exact, and whatever their bytes say, one line and little memory."""
+"""Files of arrays: exact, those of safetensors, and whatever their bytes say, one line and little memory."""
 
-import io
 import json
-import struct
 import tracemalloc
-import zipfile
 
 import numpy as np
 import pytest
+from safetensors import safe_open
+from safetensors.numpy import load_file, save_file
 
-from swingup.arrays import LARGEST_METADATA, load_archive, save_archive
+from swingup.arrays import LARGEST_HEADER, METADATA, TYPES, load_arrays, save_arrays
 from swingup.errors import SwingupError
 
 KIND, VERSION = "swingup thing", 3
 HEAD = {"format": KIND, "format_version": VERSION}
-FLOATS = "{'descr': '<f4', 'fortran_order': False, 'shape': (%s), }"
+TEXTS = {METADATA: json.dumps(HEAD)}
+ENTRY = {"dtype": "F32", "shape": [4], "data_offsets": [0, 16]}
 
 
-def npy(array):
-    stream = io.BytesIO()
-    np.lib.format.write_array(stream, np.asarray(array), allow_pickle=True)
-    return stream.getvalue()
-
-
-def raw_npy(header, body=b"", version=1):
-    header = header.encode("latin-1") + b"\n"
-    return (
-        b"\x93NUMPY"
-        + bytes((version, 0))
-        + struct.pack("<H" if version == 1 else "<I", len(header))
-        + header
-        + body
-    )
-
-
-def metadata(text=None):
-    text = json.dumps(HEAD) if text is None else text
-    return ("metadata.npy", npy(np.frombuffer(text.encode(), np.uint8)))
-
-
-def write(path, *members, compression=zipfile.ZIP_DEFLATED):
-    with zipfile.ZipFile(path, "w", compression) as archive:
-        for name, content in members:
-            archive.writestr(zipfile.ZipInfo(name), content, compression)
+def write(path, header, body=b"", length=None):
+    """A file with a header of one's own: bytes, or entries beside the metadata."""
+    if not isinstance(header, bytes):
+        header = json.dumps({"__metadata__": TEXTS} | header).encode()
+    path.write_bytes((len(header) if length is None else length).to_bytes(8, "little") + header + body)
     return path
 
 
 def read(path, **options):
-    return load_archive(path, KIND, VERSION, **options)
+    return load_arrays(path, KIND, VERSION, **options)
 
 
 def refusal(path, **options):
@@ -60,39 +39,75 @@ def refusal(path, **options):
 
 @pytest.fixture
 def path(tmp_path):
-    return tmp_path / "thing.npz"
+    return tmp_path / "thing.safetensors"
+
+
+ARRAYS = {
+    "a": np.arange(6, dtype=">f8").reshape(2, 3),
+    "b": np.asfortranarray(np.arange(6, dtype=np.float32).reshape(2, 3)),
+    "c": np.array(True),
+    "d": np.zeros((0, 4), np.int64),
+    "e.f": np.arange(12, dtype=np.uint16)[::2],
+    "g": np.array([np.nan, -0.0, 5e-324]),
+    **{f"type {code}": np.ones(3, code) for code in TYPES.values()},
+}
 
 
 def test_round_trip_is_exact(path):
-    arrays = {
-        "a": np.arange(6, dtype=">f8").reshape(2, 3),
-        "b": np.asfortranarray(np.arange(6, dtype=np.float32).reshape(2, 3)),
-        "c": np.array(True),
-        "d": np.zeros((0, 4), np.int64),
-        "e.f": np.array([1 + 2j]),
-        "g": np.array([np.nan, -0.0, 5e-324]),
-    }
-    save_archive(path, KIND, VERSION, {"frames": 12, "bad": [np.inf]}, arrays)
+    save_arrays(path, KIND, VERSION, {"frames": 12, "bad": [np.inf]}, ARRAYS)
     found, read_back = read(path)
     assert found == {**HEAD, "frames": 12, "bad": [None]}
-    assert list(read_back) == list(arrays)
-    for name, array in arrays.items():
-        assert (read_back[name].dtype, read_back[name].shape) == (array.dtype, array.shape)
-        assert read_back[name].tobytes() == array.tobytes()
+    assert read_back.keys() == ARRAYS.keys()
+    for name, array in ARRAYS.items():
+        native = array.astype(array.dtype.newbyteorder("="))
+        assert (read_back[name].dtype, read_back[name].shape) == (native.dtype, native.shape)
+        assert read_back[name].tobytes() == native.tobytes()
         assert read_back[name].flags.writeable
-        np.testing.assert_array_equal(np.load(path)[name], array)  # NumPy reads what is written
 
 
-def test_what_numpy_writes_without_compression_is_read(path):
-    np.savez(path, metadata=np.frombuffer(json.dumps(HEAD).encode(), np.uint8), a=np.eye(3))
-    np.testing.assert_array_equal(read(path)[1]["a"], np.eye(3))
+def test_safetensors_reads_what_is_written(path):
+    save_arrays(path, KIND, VERSION, {"frames": 12}, ARRAYS)
+    for name, array in load_file(path).items():
+        np.testing.assert_array_equal(array, ARRAYS[name])
+        assert (array.dtype, array.shape) == (ARRAYS[name].dtype.newbyteorder("="), ARRAYS[name].shape)
+    with safe_open(path, "np") as file:
+        assert set(file.keys()) == ARRAYS.keys()
+        assert json.loads(file.metadata()[METADATA]) == {**HEAD, "frames": 12}
+
+
+def test_what_safetensors_writes_is_read(path):
+    arrays = {
+        name: np.ascontiguousarray(array.astype(array.dtype.newbyteorder("="))) for name, array in ARRAYS.items()
+    }
+    save_file(arrays, path, TEXTS | {"theirs": "a text"})
+    found, read_back = read(path)
+    assert found == HEAD
+    assert read_back.keys() == arrays.keys()
+    for name, array in arrays.items():
+        np.testing.assert_array_equal(read_back[name], array)
+
+
+def test_arrays_lie_where_others_can_map_them(path):
+    save_arrays(path, KIND, VERSION, {}, ARRAYS)
+    content = path.read_bytes()
+    start = 8 + int.from_bytes(content[:8], "little")
+    header = json.loads(content[8:start])
+    assert start % 8 == 0
+    for name, array in ARRAYS.items():
+        assert header[name]["data_offsets"][0] % array.dtype.itemsize == 0
+
+
+@pytest.mark.parametrize("array", [np.array(["text"]), np.array([{}], object), np.array([1j]), np.ones(2, "f4,f4")])
+def test_types_that_the_format_lacks_are_not_written(path, array):
+    with pytest.raises(SwingupError, match=r"a is of type .*; use numbers or booleans"):
+        save_arrays(path, KIND, VERSION, {}, {"a": array})
+    assert not path.exists()
 
 
 def test_only_known_names_are_read(path):
-    write(path, metadata(), ("a.npy", npy(np.ones(3))), ("junk", b"no array"), ("../up.npy", b""))
+    save_arrays(path, KIND, VERSION, {}, {"a": np.ones(3), "../up": np.ones(1)})
     assert list(read(path, known=lambda name: name == "a")[1]) == ["a"]
     assert read(path, known=lambda name: False) == (HEAD, {})
-    assert "is not a swingup thing file, or it is truncated" in refusal(path)
 
 
 def peak_of(call):
@@ -104,14 +119,18 @@ def peak_of(call):
         tracemalloc.stop()
 
 
-def zeros(megabytes):
-    """A member of zeros, which deflate shrinks a thousand times."""
-    return raw_npy(FLOATS % f"{megabytes * 250_000},", bytes(megabytes * 1_000_000))
-
-
-def test_a_bomb_is_not_inflated(path):
-    write(path, metadata(), *((f"a{k}.npy", zeros(30)) for k in range(10)))
-    assert path.stat().st_size < 400_000
+def test_no_more_than_the_bound_is_read(path):
+    entries = {
+        f"a{k}": {
+            "dtype": "F32",
+            "shape": [30_000_000 // 4],
+            "data_offsets": [30_000_000 * k, 30_000_000 * (k + 1)],
+        }
+        for k in range(10)
+    }
+    write(path, entries)
+    with path.open("ab") as file:
+        file.truncate(path.stat().st_size + 300_000_000)  # zeros that the disk does not hold
     message, peak = peak_of(lambda: refusal(path))
     assert "holds 300 MB of arrays, where a swingup thing file may have 256 MB" in message
     assert peak < 1_000_000
@@ -119,149 +138,151 @@ def test_a_bomb_is_not_inflated(path):
     assert peak < 100_000_000
 
 
-def test_a_member_gives_no_more_than_the_directory_says(path):
-    write(path, metadata(), ("a.npy", zeros(50)))
-    content = bytearray(path.read_bytes())
-    place = content.index(b"PK\x01\x02", content.index(b"PK\x01\x02") + 1)
-    content[place + 24 : place + 28] = struct.pack("<I", 1000)  # its size, where 50 MB follow
-    path.write_bytes(content)
+def test_the_header_is_bounded_as_well(path):
+    write(path, {"a": ENTRY, "__metadata__": TEXTS | {"x": " " * LARGEST_HEADER}}, bytes(16))
     message, peak = peak_of(lambda: refusal(path))
-    assert "or it is truncated" in message
+    assert "is not a swingup thing file, or it is truncated" in message
     assert peak < 1_000_000
 
 
-def test_metadata_is_bounded_as_well(path):
-    write(path, metadata(" " * LARGEST_METADATA + json.dumps(HEAD)))
-    assert "holds 4 MB" in refusal(path)
-
-
 @pytest.mark.parametrize(
-    "member",
+    "header",
     [
-        raw_npy(FLOATS % "10000000000000000000000000,"),
-        raw_npy(FLOATS % "9223372036854775807, 9223372036854775807"),
-        raw_npy(FLOATS % "0, 1000000000000000000000"),
-        raw_npy(FLOATS % ("1" * 5000)),
-        raw_npy(FLOATS % ("1," * 5000)),
-        raw_npy(FLOATS % "-1,"),
-        raw_npy(FLOATS % "1 2,", bytes(8)),
-        raw_npy(FLOATS % "4,", bytes(12)),
-        raw_npy(FLOATS % "4,", bytes(20)),
-        raw_npy(FLOATS % "True,", bytes(4)),
-        raw_npy("(" * 3000 + ")" * 3000),
-        raw_npy("-" * 5000 + "1"),
-        raw_npy("{'descr': __import__('os').system('true'), 'fortran_order': False, 'shape': (), }"),
-        raw_npy("{'descr': [('a', '<f4')], 'fortran_order': False, 'shape': (1,), }", bytes(4)),
-        raw_npy("{'descr': '<f3', 'fortran_order': False, 'shape': (1,), }", bytes(3)),
-        raw_npy("{'descr': '<U9', 'fortran_order': False, 'shape': (1,), }", bytes(36)),
-        raw_npy("{'descr': '|O', 'fortran_order': False, 'shape': (1,), }", bytes(8)),
-        raw_npy(FLOATS % "1L,", bytes(4)),
-        raw_npy(FLOATS % "1,", bytes(4), version=3),
-        raw_npy("\xff"),
-        b"",
-        b"\x93NUMPY",
-        b"\x93NUMPY\x01\x00\xff\xff",
-        npy(np.array([{"an": "object"}], object)),
-        npy(np.array(["text"])),
+        b"", b"{", b"null", b"[]", b"1", b'"x"', b"[" * 100_000, b'{"a":' * 20_000, b"9" * 5000, b"\xff\xfe{}",
+        b' {"__metadata__": {}}', b"{}{}", b'{"a": ' + b"9" * 5000 + b"}",
     ],
-    ids=lambda member: repr(member[10:40]),
-)
-def test_headers_that_lie_or_cannot_be_read(path, member):
-    write(path, metadata(), ("a.npy", member))
+    ids=lambda header: repr(header[:12]),
+)  # fmt: skip
+def test_headers_that_are_none(path, header):
+    write(path, header)
+    assert "is not a swingup thing file" in refusal(path)
+
+
+@pytest.mark.parametrize("length", [0, 1, 20, 10**6, 10**8, 2**63, 2**64 - 1])
+def test_lengths_of_the_header_that_lie(path, length):
+    write(path, {"a": ENTRY}, bytes(16), length)
     message, peak = peak_of(lambda: refusal(path))
     assert "is not a swingup thing file, or it is truncated: copy or make it anew" in message
     assert peak < 5_000_000
 
 
 @pytest.mark.parametrize(
+    "change",
+    [
+        {"dtype": "F31"}, {"dtype": "BF16"}, {"dtype": "f4"}, {"dtype": None}, {"dtype": ["F32"]}, {"dtype": {}},
+        {"dtype": "F64"}, {"shape": 4}, {"shape": [5]}, {"shape": [-4]}, {"shape": [4.0]}, {"shape": ["4"]},
+        {"shape": [True, 4]}, {"shape": [-2, -2]}, {"shape": [10**400]}, {"shape": [0]}, {"shape": [0, 10**400]},
+        {"shape": [1] * 70 + [4]}, {"shape": [1] * 5000}, {"shape": [2**62, 4]}, {"data_offsets": [0]},
+        {"data_offsets": [0, 16, 32]}, {"data_offsets": [16, 0]}, {"data_offsets": [-16, 0]},
+        {"data_offsets": [4, 20]}, {"data_offsets": [0.0, 16.0]}, {"data_offsets": None},
+        {"data_offsets": [0, 10**400]}, {"data_offsets": ["0", "16"]}, {"data_offsets": {"0": 16}}, {"x": 1},
+    ],
+    ids=lambda change: str(change)[:40],
+)  # fmt: skip
+def test_entries_that_lie_or_cannot_be_read(path, change):
+    write(path, {"a": ENTRY | change}, bytes(16))
+    message, peak = peak_of(lambda: refusal(path))
+    assert "is not a swingup thing file, or it is truncated: copy or make it anew" in message
+    assert peak < 5_000_000
+
+
+@pytest.mark.parametrize("entry", [None, 1, "x", [], {}, {"dtype": "F32"}])
+def test_entries_that_are_none(path, entry):
+    write(path, {"a": entry})
+    assert "or it is truncated" in refusal(path)
+
+
+def test_empty_arrays_of_absurd_shapes(path):
+    for shape in ([0, 2**70], [2**62, 0, 2**62], [0] * 65):
+        write(path, {"a": {"dtype": "F32", "shape": shape, "data_offsets": [0, 0]}})
+        assert "or it is truncated" in refusal(path)
+
+
+@pytest.mark.parametrize("offsets", [[0, 16], [8, 24], [12, 28], [20, 36], [32, 48]])
+def test_gaps_and_overlaps(path, offsets):
+    write(path, {"a": ENTRY, "b": ENTRY | {"data_offsets": offsets}}, bytes(max(offsets[1], 16)))
+    assert "or it is truncated" in refusal(path)
+
+
+def test_more_bytes_than_the_header_says(path):
+    write(path, {"a": ENTRY}, bytes(16))
+    assert list(read(path)[1]) == ["a"]
+    path.write_bytes(path.read_bytes() + b"x")
+    assert "or it is truncated" in refusal(path)
+
+
+def test_a_name_that_is_given_twice(path):
+    text = json.dumps({"__metadata__": TEXTS, "a": ENTRY}).replace("}}", '}, "a": ' + json.dumps(ENTRY) + "}")
+    assert text.count('"a"') == 2
+    write(path, text.encode(), bytes(16))
+    assert "or it is truncated" in refusal(path)
+
+
+@pytest.mark.parametrize(
     "text",
     [
-        "",
-        "{",
-        "null",
-        "[]",
-        "1",
-        '"x"',
-        "[" * 100_000,
-        '{"a":' * 20_000,
-        "{}",
-        '{"format": "swingup thing"}',
-        "9" * 5000,
+        "", "{", "null", "[]", "1", '"x"', "[" * 100_000, '{"a":' * 20_000, "{}", '{"format": "swingup thing"}',
+        "9" * 5000, 3, None, {}, ["{}"],
     ],
-    ids=lambda text: text[:9],
-)
+    ids=lambda text: str(text)[:9],
+)  # fmt: skip
 def test_metadata_that_is_none(path, text):
-    write(path, metadata(text))
-    assert "is not a swingup thing file: it lacks swingup's metadata" in refusal(path)
+    for texts in ({METADATA: text}, {}, None, [], "text"):
+        write(path, {"__metadata__": texts})
+        assert "is not a swingup thing file: it lacks swingup's metadata" in refusal(path)
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"format": "a\nb" * 1000}, r"thing.npz is a 'a\\nba"),
+        ({"format": "a\nb" * 1000}, r"thing.safetensors is a 'a\\nba"),
         ({"format": [["d"]]}, "is a [['d']] file: a swingup thing file is needed here"),
         ({"format_version": 4}, "has format version 4, this program reads 3: update swingup"),
+        ({"format_version": 3.0}, "has format version 3.0, this program reads 3"),
         ({"format_version": "9" * 9999}, "has format version '999"),
     ],
 )
 def test_another_kind_or_version(path, changes, message):
-    write(path, metadata(json.dumps(HEAD | changes)))
+    write(path, {"__metadata__": {METADATA: json.dumps(HEAD | changes)}})
     assert message.replace("\\\\", "\\") in refusal(path)
     assert len(refusal(path)) < 400
 
 
-def test_two_members_of_one_name(path):
-    with pytest.warns(UserWarning, match="Duplicate name"):
-        write(path, metadata(), ("a.npy", npy(np.ones(3))), ("a.npy", npy(np.zeros(3))))
-    assert "or it is truncated" in refusal(path)
-    write(path, metadata(), ("a.npy", npy(np.ones(3))), ("a", npy(np.zeros(3))))
-    assert "or it is truncated" in refusal(path)
-
-
-@pytest.mark.parametrize("compression", [zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2])
-def test_compressions_that_numpy_does_not_use(path, compression):
-    write(path, metadata(), compression=compression)
-    assert "or it is truncated" in refusal(path)
-
-
-def test_encrypted_members(path):
-    write(path, metadata())
-    content = bytearray(path.read_bytes())
-    content[content.index(b"PK\x03\x04") + 6] |= 1
-    content[content.index(b"PK\x01\x02") + 8] |= 1
-    path.write_bytes(content)
-    assert "or it is truncated" in refusal(path)
-
-
-def test_a_flipped_bit_is_refused_or_harmless(path):
-    # Some bits of an archive mean nothing: dates, attributes. All others are found, in content by its checksum.
-    save_archive(path, KIND, VERSION, {}, {"a": np.arange(5.0)})
+def test_a_flipped_bit_is_refused_or_in_a_name_or_a_number(path):
+    # The format has no checksum: what a bit means, its reader must check.
+    save_arrays(path, KIND, VERSION, {}, {"a": np.arange(5.0)})
     good = path.read_bytes()
-    refused = 0
-    for bit in range(0, 8 * len(good), 13):  # 13 and 8 have no factor in common: all bits of a byte get their turn
+    start = 8 + int.from_bytes(good[:8], "little")
+    for bit in range(0, 8 * start, 3):  # 3 and 8 have no factor in common: all bits of a byte get their turn
         content = bytearray(good)
         content[bit // 8] ^= 1 << bit % 8
         path.write_bytes(content)
         try:
             found, arrays = read(path)
         except SwingupError:
-            refused += 1
             continue
-        assert found == HEAD
+        assert found == HEAD or found.keys() != HEAD.keys()
         for array in arrays.values():
-            np.testing.assert_array_equal(array, np.arange(5.0))
-    assert refused > 0.5 * len(range(0, 8 * len(good), 13))
+            assert array.nbytes == 40
 
 
-@pytest.mark.parametrize("size", [0, 1, 4, 100, -1, -22])
+@pytest.mark.parametrize("size", [0, 1, 7, 8, 9, 100, -1, -22])
 def test_truncated(path, size):
-    save_archive(path, KIND, VERSION, {}, {"a": np.arange(5.0)})
+    save_arrays(path, KIND, VERSION, {}, {"a": np.arange(5.0)})
     path.write_bytes(path.read_bytes()[:size])
     assert "is not a swingup thing file, or it is truncated" in refusal(path)
 
 
 def test_what_is_no_file(tmp_path):
-    assert refusal(tmp_path / "none.npz").startswith("no such file: ")
+    assert refusal(tmp_path / "none.safetensors").startswith("no such file: ")
     assert refusal(tmp_path).startswith("cannot read ")
     with pytest.raises(SwingupError, match="is not a swingup thing file"):
         read("a\x00b")
+
+
+@pytest.mark.parametrize(
+    "content", [b"PK\x03\x04 an archive", b"\x93NUMPY\x01\x00 an array", b"\x80\x04. a pickle"]
+)
+def test_files_of_other_formats(path, content):
+    path.write_bytes(content + bytes(1000))
+    assert "is not a swingup thing file, or it is truncated" in refusal(path)

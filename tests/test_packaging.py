@@ -71,7 +71,7 @@ def test_every_file_of_the_package_is_in_the_wheel(distributions):
     assert inside == ours()
     for ending in (
         "py.typed",
-        ".npz",
+        ".safetensors",
         ".csv",
         ".yml",
         "policy/c_backend/assets/policy.h",

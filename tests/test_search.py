@@ -336,7 +336,7 @@ def test_the_command_searches_goes_on_and_its_best_settings_train(tmp_path, caps
     assert main([*words, "--trials", "2"]) == 0
     assert "2 trials complete, 0 pruned, 0 failed" in capsys.readouterr().out
     folder = tmp_path / "searches" / "CartPole-v1-mujoco"
-    written = {path: path.stat().st_mtime_ns for path in folder.rglob("last.npz")}
+    written = {path: path.stat().st_mtime_ns for path in folder.rglob("last.safetensors")}
     assert len(written) == 2
     assert main([*words, "--trials", "3", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
@@ -392,4 +392,4 @@ def test_a_pruned_run_ends_after_the_chunk_in_progress(tmp_path):
     assert (outcome.pruned, outcome.error) == (True, "")
     frames = read_metrics(f"{job.folder}/metrics.jsonl")[-1]["frames"]
     assert 0 < frames < job.frames
-    assert (Path(job.folder) / "checkpoints" / f"{frames:012d}.npz").exists()
+    assert (Path(job.folder) / "checkpoints" / f"{frames:012d}.safetensors").exists()

@@ -114,7 +114,7 @@ def test_a_sweep_repeats_nothing_and_resumes(tmp_path):
     first = inline(jobs)
     assert all(outcome.reward_rate == 1.0 for outcome in first)  # CartPole pays 1 a step
     assert [outcome.error for outcome in first] == ["", ""]
-    files = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("last.npz")}
+    files = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("last.safetensors")}
     assert len(files) == 2
     # One run is cut off after its first checkpoint, one killed before it had any.
     cut = start_run(run_settings_from_dict(jobs[0].settings), tmp_path / "cut", 128)
@@ -124,7 +124,7 @@ def test_a_sweep_repeats_nothing_and_resumes(tmp_path):
     again = inline(jobs)
     assert [(o.score, o.best_score) for o in again] == [(o.score, o.best_score) for o in first]
     assert read_metrics(f"{jobs[0].folder}/metrics.jsonl")[-1]["frames"] == 256
-    untouched = f"{jobs[1].folder}/last.npz"
+    untouched = f"{jobs[1].folder}/last.safetensors"
     assert all(path.stat().st_mtime_ns == time_ for path, time_ in files.items() if str(path) == untouched)
     for path in (tmp_path / "cut" / "checkpoints").iterdir():
         path.unlink()
@@ -219,7 +219,7 @@ def test_a_killed_run_resumes_in_a_fresh_worker_and_the_sweep_goes_on(tmp_path):
     jobs, killed = jobs_of(tmp_path / "killed", seeds=(0, 1, 2), frames=128 * 40), []
 
     def kill_the_worker():
-        while not list(Path(jobs[0].folder).glob("checkpoints/000000000128.npz")):
+        while not list(Path(jobs[0].folder).glob("checkpoints/000000000128.safetensors")):
             time.sleep(0.01)
         (worker,) = multiprocessing.active_children()
         killed.append(worker.pid)
@@ -259,7 +259,7 @@ def test_interrupted_workers_save_their_runs(tmp_path):
     assert process.wait(timeout=60) == 130
     (metrics,) = tmp_path.rglob("metrics.jsonl")
     frames = read_metrics(metrics)[-1]["frames"]
-    assert (metrics.parent / "checkpoints" / f"{frames:012d}.npz").exists()
+    assert (metrics.parent / "checkpoints" / f"{frames:012d}.safetensors").exists()
 
 
 def test_a_folder_of_other_settings_is_left_alone(tmp_path):

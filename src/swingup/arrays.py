@@ -1,17 +1,16 @@
-"""``.npz`` archives of named arrays and JSON metadata: the form of policy files and checkpoints, without pickle.
+"""Safetensors files of named arrays and JSON metadata: the form of policies, checkpoints and trajectories.
 
-A compressed file of 3 MB may hold 3 GB, and its header may declare any shape. So the archive is read by hand: the
-sizes that it declares are summed before anything is inflated, and no member may give more bytes than it declared.
+Eight bytes hold the length of a JSON header, which gives type, shape and place of each array; the arrays' bytes
+follow (https://huggingface.co/docs/safetensors). Such a file cannot run code or inflate. The metadata is one JSON
+text in the header. NumPy suffices, since a robot may have nothing else.
 """
 
-import io
 import json
 import math
-import re
-import zipfile
+import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -19,36 +18,48 @@ from .errors import SwingupError
 from .files import write_atomically
 from .text import quoted
 
-METADATA = "metadata"
-"""Name of the array that holds the JSON text as UTF-8 bytes."""
+SUFFIX = ".safetensors"
+"""The end of a file's name."""
 
-LARGEST_ARCHIVE = 256_000_000
+METADATA = "swingup"
+"""Name of the metadata's text in the header's ``__metadata__``, where safetensors allows texts only."""
+
+LARGEST_ARRAYS = 256_000_000
 """Bytes of all arrays that are read, unless the caller expects more; three layers of 4,000 have 130 MB."""
 
-LARGEST_METADATA = 4_000_000
-"""Bytes of the JSON text."""
+LARGEST_HEADER = 4_000_000
+"""Bytes of the header, metadata included."""
 
-# Matched, not parsed: NumPy's own reader accepts any Python literal.
-_HEADER = re.compile(
-    rb"\{'descr': '([<>|=]?[biufc]\d{1,2})', 'fortran_order': (False|True), 'shape': \(([\d, ]{0,99})\),? ?\} *\n"
-)
-"""Header of an array of numbers as NumPy writes it: https://numpy.org/doc/stable/reference/generated/numpy.lib.format."""
+TYPES = {
+    "BOOL": "|b1", "U8": "|u1", "I8": "|i1", "U16": "<u2", "I16": "<i2", "U32": "<u4", "I32": "<i4", "U64": "<u8",
+    "I64": "<i8", "F16": "<f2", "F32": "<f4", "F64": "<f8",
+}  # fmt: skip
+"""Types of arrays by their names in the header: those of safetensors that NumPy has."""
 
 
-def save_archive(
+def save_arrays(
     path: str | Path, kind: str, version: int, metadata: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
 ) -> None:
-    """Write an archive atomically; its metadata starts with ``format`` (the kind) and ``format_version``.
+    """Write a file atomically; its metadata starts with ``format`` (the kind) and ``format_version``.
 
     Raises:
-        SwingupError: the file cannot be written.
+        SwingupError: the file cannot be written, or the format lacks an array's type.
     """
-    text = json.dumps(finite({"format": kind, "format_version": version, **metadata}), indent=2)
-    # In memory first: the file is then written in one piece.
-    buffer = io.BytesIO()
-    contents: dict[str, Any] = {METADATA: np.frombuffer(text.encode(), np.uint8), **arrays}
-    np.savez_compressed(buffer, **contents)
-    write_atomically(path, buffer.getvalue())
+    text = json.dumps(finite({"format": kind, "format_version": version, **metadata}))
+    header: dict[str, Any] = {"__metadata__": {METADATA: text}}
+    names, content = {np.dtype(code): name for name, code in TYPES.items()}, []
+    end = 0
+    # Wide types first, so that each array starts at a multiple of its items' size; others map the file into memory.
+    for name, array in sorted(arrays.items(), key=lambda item: -item[1].dtype.itemsize):
+        dtype = array.dtype.newbyteorder("<")
+        if dtype not in names:
+            raise SwingupError(f"cannot write {path}: {name} is of type {array.dtype}; use numbers or booleans")
+        start, end = end, end + array.nbytes
+        header[name] = {"dtype": names[dtype], "shape": list(array.shape), "data_offsets": [start, end]}
+        content.append(array.astype(dtype).tobytes())
+    head = json.dumps(header).encode()
+    head += b" " * (-len(head) % 8)
+    write_atomically(path, b"".join([len(head).to_bytes(8, "little"), head, *content]))
 
 
 def finite(value: Any) -> Any:
@@ -60,111 +71,125 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def load_archive(
+def load_arrays(
     path: str | Path,
     kind: str,
-    version: int | tuple[int, ...],
+    version: int,
     known: Callable[[str], bool] = lambda name: True,
-    most: int = LARGEST_ARCHIVE,
+    most: int = LARGEST_ARRAYS,
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Read the metadata and the arrays of an archive.
+    """Read the metadata and the arrays of a file.
 
     Args:
         path: the file.
         kind: what its metadata must name as ``format``.
-        version: what it must give as ``format_version``, or several of which it must give one.
+        version: what it must give as ``format_version``.
         known: whether an array of this name is read; others are left alone.
-        most: bytes that the arrays may have in memory, all together.
+        most: bytes that the arrays may have, all together.
 
     Raises:
         SwingupError: there is no such file, it is truncated, altered or foreign, of another kind or version, or its
             arrays are larger than that.
     """
-    text, arrays = _read(path, kind, known, most)
     try:
-        metadata = json.loads(text)
-        found, found_version = metadata["format"], metadata["format_version"]
-    except (KeyError, TypeError, ValueError, RecursionError) as error:
-        raise SwingupError(_lacks_metadata(path, kind)) from error
-    if found != kind:
-        raise SwingupError(f"{path} is a {quoted(found)} file: a {kind} file is needed here")
-    versions = version if isinstance(version, tuple) else (version,)
-    if found_version not in versions:
-        *others, newest = map(str, versions)
-        read = f"{', '.join(others)} and {newest}" if others else newest
-        raise SwingupError(
-            f"{path} has format version {quoted(found_version)}, this program reads {read}: update swingup"
-        )
-    return metadata, arrays
-
-
-def _read(
-    path: str | Path, kind: str, known: Callable[[str], bool], most: int
-) -> tuple[bytes, dict[str, np.ndarray]]:
-    """The metadata's text and the known arrays, from members whose sizes were summed first."""
-    try:
-        with Path(path).open("rb") as stream, zipfile.ZipFile(stream) as archive:
-            members = _members(archive)
-            if METADATA not in members:
-                raise SwingupError(_lacks_metadata(path, kind))
-            text = members.pop(METADATA)
-            wanted = {name: member for name, member in members.items() if known(name)}
-            size = sum(member.file_size for member in wanted.values())
-            if size > most or text.file_size > LARGEST_METADATA:
+        with Path(path).open("rb") as stream:
+            header = _read_header(stream)
+            metadata = _metadata(path, kind, version, header.pop("__metadata__", None))
+            places = _places(header, os.fstat(stream.fileno()).st_size - stream.tell())
+            wanted = {name: place for name, place in places.items() if known(name)}
+            size = sum(end - start for _, _, start, end in wanted.values())
+            if size > most:
                 raise SwingupError(
-                    f"{path} holds {(size + text.file_size) / 1e6:.4g} MB of arrays, where a {kind} file may have "
+                    f"{path} holds {size / 1e6:.4g} MB of arrays, where a {kind} file may have "
                     f"{most / 1e6:.4g} MB: it is damaged or foreign"
                 )
-            arrays = {name: _array(archive, member) for name, member in wanted.items()}
-            return _array(archive, text).tobytes(), arrays
-    except SwingupError:
-        raise
+            first, arrays = stream.tell(), {}
+            for name, (dtype, shape, start, end) in wanted.items():
+                stream.seek(first + start)
+                # Copied, because an array over bytes is read-only.
+                array = np.frombuffer(stream.read(end - start), dtype).reshape(shape)
+                arrays[name] = array.astype(dtype.newbyteorder("="))
+            return metadata, arrays
     except FileNotFoundError as error:
         raise SwingupError(f"no such file: {path}") from error
-    except (PermissionError, IsADirectoryError) as error:
+    except OSError as error:
         raise SwingupError(f"cannot read {path}: {error.strerror}") from error
-    except Exception as error:  # zipfile, zlib and NumPy have a dozen kinds of error for damaged bytes
+    except (ValueError, RecursionError, OverflowError) as error:
         raise SwingupError(f"{path} is not a {kind} file, or it is truncated: copy or make it anew") from error
 
 
-def _lacks_metadata(path: str | Path, kind: str) -> str:
-    return f"{path} is not a {kind} file: it lacks swingup's metadata"
-
-
-def _members(archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
-    """The arrays of an archive by their name; twice the same name would let two readers see two files."""
-    members: dict[str, zipfile.ZipInfo] = {}
-    for member in archive.infolist():
-        name = member.filename.removesuffix(".npy")
-        if name in members:
-            raise ValueError(f"two members of one name, {name}")
-        members[name] = member
-    return members
-
-
-def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
-    """One array of numbers, native or not, in memory of its own.
+def _read_header(stream: BinaryIO) -> dict[str, Any]:
+    """The header's JSON object; the stream then stands at the first array.
 
     Raises:
-        ValueError: the member has another size than it declares, or is no array of numbers.
+        ValueError: it is truncated, too long, no object, or gives a name twice.
     """
-    if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        raise ValueError("a compression that NumPy does not use")  # some of which need gigabytes for any content
-    with archive.open(member) as stream:
-        # Sized, so that zlib stops there: without a size it inflates all that the member holds.
-        content = stream.read(member.file_size)
-    if content[:6] != b"\x93NUMPY" or content[6:7] not in (b"\x01", b"\x02"):
-        raise ValueError("no array of NumPy's format 1 or 2")
-    start = 10 if content[6] == 1 else 12
-    header = _HEADER.match(content, start)
-    if header is None or header.end() != start + int.from_bytes(content[8:start], "little"):
-        raise ValueError("no header of an array of numbers")
-    dtype, fortran, shape = np.dtype(header[1].decode()), header[2] == b"True", _shape(header[3].decode())
-    if math.prod(shape) * dtype.itemsize != len(content) - header.end():
-        raise ValueError("another size than the header declares")
-    # Copied, because an array over bytes is read-only.
-    return np.ndarray(shape, dtype, content, header.end(), order="F" if fortran else "C").copy(order="K")
+    length = int.from_bytes(stream.read(8), "little")
+    if length > LARGEST_HEADER:
+        raise ValueError("a header of absurd length")
+    text = stream.read(length)
+    if len(text) < length or text[:1] != b"{":
+        raise ValueError("a header that is truncated or no object")
+    return json.loads(text, object_pairs_hook=_object)
 
 
-def _shape(text: str) -> tuple[int, ...]:
-    return tuple(int(number) for number in text.split(",") if number.strip())
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A JSON object; with a name twice, two readers could see two files."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise ValueError("a name that is given twice")
+    return found
+
+
+def _metadata(path: str | Path, kind: str, version: int, texts: Any) -> dict[str, Any]:
+    text = texts.get(METADATA) if isinstance(texts, dict) else None
+    try:
+        metadata = json.loads(text) if isinstance(text, str) else None
+    except (ValueError, RecursionError):
+        metadata = None
+    if not isinstance(metadata, dict) or not {"format", "format_version"} <= metadata.keys():
+        raise SwingupError(f"{path} is not a {kind} file: it lacks swingup's metadata")
+    found, found_version = metadata["format"], metadata["format_version"]
+    if found != kind:
+        raise SwingupError(f"{path} is a {quoted(found)} file: a {kind} file is needed here")
+    # The exact type, because true is equal to 1.
+    if type(found_version) is not int or found_version != version:
+        raise SwingupError(
+            f"{path} has format version {quoted(found_version)}, this program reads {version}: update swingup"
+        )
+    return metadata
+
+
+def _places(header: dict[str, Any], size: int) -> dict[str, tuple[np.dtype, tuple[int, ...], int, int]]:
+    """Type, shape, start and end of each array.
+
+    Raises:
+        ValueError: an entry is malformed, or the arrays do not follow each other without gaps to the file's end.
+    """
+    places = {}
+    for name, entry in header.items():
+        if not isinstance(entry, dict) or entry.keys() != {"dtype", "shape", "data_offsets"}:
+            raise ValueError(f"no entry of an array: {name}")
+        shape, offsets = entry["shape"], entry["data_offsets"]
+        # A list, because the name may be of a type that has no hash.
+        if not (_are_counts(shape) and _are_counts(offsets, 2) and entry["dtype"] in list(TYPES)):
+            raise ValueError(f"no entry of an array: {name}")
+        dtype = np.dtype(TYPES[entry["dtype"]])
+        if math.prod(shape) * dtype.itemsize != offsets[1] - offsets[0]:
+            raise ValueError(f"another size than the shape's: {name}")
+        places[name] = (dtype, tuple(shape), *offsets)
+    end = 0
+    for _, _, start, stop in sorted(places.values(), key=lambda place: place[2:]):
+        if start != end:
+            raise ValueError("a gap or an overlap between arrays")
+        end = stop
+    if end != size:
+        raise ValueError("more or fewer bytes than the header says")
+    return places
+
+
+def _are_counts(values: Any, length: int | None = None) -> bool:
+    """Whether they are a list of whole numbers from 0, of that length or no longer than a shape in NumPy."""
+    if not isinstance(values, list) or (len(values) > 64 if length is None else len(values) != length):
+        return False
+    return all(type(n) is int and n >= 0 for n in values)

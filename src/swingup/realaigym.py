@@ -17,7 +17,6 @@ from .policy.realaigym import RealAIGymController as RealAIGymController
 from .policy.realaigym import load_policy_controller
 from .policy.settings import choose_guard
 from .policy.shipped import is_policy
-from .renamed import current_name
 from .robots import TORQUE_LIMIT, Robot, get_robot
 
 
@@ -40,7 +39,7 @@ def load_controller(
         SwingupError: there is no such controller, or it is damaged, or for another robot, or a setting of the guard
             cannot work.
     """
-    if is_policy(current_name("controller", str(name))):
+    if is_policy(name):
         return load_policy_controller(name, robot, estimator, guard)
     if robot is None:
         raise SwingupError(f"controller {str(name)!r} needs a robot: name acrobot or pendubot")

@@ -65,8 +65,8 @@ def policy():
 
 
 def test_the_policy_file_keeps_the_policy(policy, tmp_path):
-    save_policy(tmp_path / "p.npz", policy, {"env": "Task-v0"})
-    loaded, metadata = load_any_policy(tmp_path / "p.npz")
+    save_policy(tmp_path / "p.safetensors", policy, {"env": "Task-v0"})
+    loaded, metadata = load_any_policy(tmp_path / "p.safetensors")
     assert (metadata["choices"], metadata["env"]) == ([3, 2], "Task-v0")
     for observation in np.random.default_rng(0).normal(size=(20, 4)):
         np.testing.assert_array_equal(loaded(observation), policy(observation))
@@ -77,6 +77,6 @@ def test_the_policy_file_keeps_the_policy(policy, tmp_path):
     [([3, 3], "has 5 outputs"), ([], "must be a list"), ([3.5], "must be a list"), ("32", "must be a list")],
 )
 def test_bad_choices(policy, tmp_path, choices, message):
-    save_policy(tmp_path / "p.npz", policy, {"choices": choices})
+    save_policy(tmp_path / "p.safetensors", policy, {"choices": choices})
     with pytest.raises(SwingupError, match=message):
-        load_any_policy(tmp_path / "p.npz")
+        load_any_policy(tmp_path / "p.safetensors")

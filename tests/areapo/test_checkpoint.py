@@ -3,6 +3,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from safetensors.numpy import save_file
 
 from swingup.areapo import checkpoint
 from swingup.areapo.checkpoint import load_checkpoint, read_metadata, save_checkpoint
@@ -19,8 +20,8 @@ LIKE = jax.eval_shape(lambda: TREE)
 
 @pytest.fixture
 def path(tmp_path):
-    save_checkpoint(tmp_path / "c.npz", TREE, {"frames": 12, "best": [0.1]})
-    return tmp_path / "c.npz"
+    save_checkpoint(tmp_path / "c.safetensors", TREE, {"frames": 12, "best": [0.1]})
+    return tmp_path / "c.safetensors"
 
 
 def test_round_trip_is_exact(path):
@@ -51,26 +52,26 @@ def test_truncated(path, size):
         load_checkpoint(path, LIKE)
 
 
-def test_foreign_archive(tmp_path):
-    np.savez(tmp_path / "x.npz", a=np.zeros(3))
+def test_foreign_file(tmp_path):
+    save_file({"a": np.zeros(3)}, tmp_path / "x.safetensors")
     with pytest.raises(SwingupError, match="lacks swingup's metadata"):
-        load_checkpoint(tmp_path / "x.npz", LIKE)
+        load_checkpoint(tmp_path / "x.safetensors", LIKE)
 
 
 def test_no_such_file(tmp_path):
     with pytest.raises(SwingupError, match="no such file"):
-        load_checkpoint(tmp_path / "x.npz", LIKE)
+        load_checkpoint(tmp_path / "x.safetensors", LIKE)
 
 
 def test_writing_leaves_no_half_file(tmp_path):
     with pytest.raises(SwingupError, match="cannot write"):
-        save_checkpoint(tmp_path / "missing" / "c.npz", TREE, {})
+        save_checkpoint(tmp_path / "missing" / "c.safetensors", TREE, {})
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_large_configuration_is_read_and_a_large_foreign_member_is_not(path, monkeypatch):
-    # The bound of archives is 2 kB here: the tree of 17 kB is more than that, and what it needs.
-    monkeypatch.setattr(checkpoint, "LARGEST_ARCHIVE", 2000)
+def test_a_large_configuration_is_read_and_a_large_foreign_array_is_not(path, monkeypatch):
+    # The bound of files is 2 kB here: the tree of 17 kB is more than that, and what it needs.
+    monkeypatch.setattr(checkpoint, "LARGEST_ARRAYS", 2000)
     large = {"weights": jnp.zeros(4096)}
     save_checkpoint(path, large, {})
     assert eqx.tree_equal(load_checkpoint(path, jax.eval_shape(lambda: large))[0], large)

@@ -11,6 +11,7 @@ import time
 
 import numpy as np
 import pytest
+from safetensors.numpy import load_file
 
 from swingup.cli import main
 from swingup.learner.metrics import read_metrics
@@ -90,8 +91,8 @@ def test_train_resume_and_evaluate(capsys):
     rows = read_metrics("runs/pendubot-default-5/metrics.jsonl")
     assert [row["frames"] for row in rows] == [128, 256, 320, 384, 512]
     capsys.readouterr()
-    result = run_json(capsys, "evaluate", "pendubot", "--controller", "runs/pendubot-default-5/last.npz")
-    assert result["controller"] == "runs/pendubot-default-5/last.npz"
+    result = run_json(capsys, "evaluate", "pendubot", "--controller", "runs/pendubot-default-5/last.safetensors")
+    assert result["controller"] == "runs/pendubot-default-5/last.safetensors"
 
 
 @pytest.mark.slow
@@ -107,8 +108,7 @@ def test_train_another_task_and_resume(capsys):
     assert [row["frames"] for row in rows] == [128, 256]
     assert main(["train", "acrobot", "--resume", "runs/CartPole-v1-mujoco-0"]) == 2
     assert "robot = None, not acrobot" in capsys.readouterr().err
-    with np.load("runs/CartPole-v1-mujoco-0/best.npz") as file:
-        assert file["network.logits.weight"].shape == (2, 8)
+    assert load_file("runs/CartPole-v1-mujoco-0/best.safetensors")["network.logits.weight"].shape == (2, 8)
 
 
 @pytest.mark.parametrize(
@@ -120,13 +120,16 @@ def test_train_another_task_and_resume(capsys):
         ("train --env CartPole-v1 --seeds 2", "one seed at a time: use swingup sweep"),
         ("evaluate cartpole", "unknown robot 'cartpole'"),
         ("evaluate acrobot --controller no-such", "unknown controller 'no-such'"),
-        ("evaluate acrobot --controller missing.npz", "no such file: missing.npz"),
-        ("evaluate acrobot --controller text.npz", "text.npz is not a swingup policy file, or it is truncated"),
+        ("evaluate acrobot --controller missing.safetensors", "no such file: missing.safetensors"),
+        (
+            "evaluate acrobot --controller text.safetensors",
+            "text.safetensors is not a swingup policy file, or it is truncated",
+        ),
         ("evaluate acrobot --controller .", "unknown controller '.'"),
         ("evaluate acrobot --rules v9", "unknown performance rules 'v9'"),
         ("evaluate acrobot --save missing/t.csv", "cannot write missing/t.csv"),
         ("score missing.csv --robot acrobot", "missing.csv"),
-        ("score text.npz --robot acrobot", "text.npz"),
+        ("score text.safetensors --robot acrobot", "text.safetensors"),
         ("leaderboard cartpole", "unknown robot 'cartpole'"),
         ("train cartpole", "unknown robot 'cartpole'"),
         ("train acrobot --preset best", "unknown preset 'best'"),
@@ -139,14 +142,14 @@ def test_train_another_task_and_resume(capsys):
         ("sim2real acrobot --seeds 0", "seeds = 0"),
         ("sim2real acrobot --save missing/t.csv", "cannot write missing/t.csv"),
         ("train acrobot --batch-size 1000", "batch_size = 1000 does not divide"),
-        ("train acrobot --out text.npz/run", "cannot create text.npz/run"),
+        ("train acrobot --out text.safetensors/run", "cannot create text.safetensors/run"),
         ("train acrobot --out full", "full exists"),
         ("train acrobot --resume missing", "missing is not a run's folder"),
         ("train acrobot --resume missing --out other", "does not go with --resume"),
     ],
 )
 def test_bad_input(arguments, message, capsys, tmp_path):
-    (tmp_path / "text.npz").write_text("not an archive")
+    (tmp_path / "text.safetensors").write_text("not an archive")
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "thesis.tex").write_text("precious")
     before = {path for path in tmp_path.rglob("*") if "cache" not in path.parts}
@@ -161,7 +164,7 @@ def test_bad_input(arguments, message, capsys, tmp_path):
 def test_a_policy_of_the_other_robot(capsys, tmp_path):
     from importlib import resources
 
-    with resources.as_file(resources.files("swingup") / "zoo" / "pendubot-refined.npz") as path:
+    with resources.as_file(resources.files("swingup") / "zoo" / "pendubot-refined.safetensors") as path:
         assert main(["evaluate", "acrobot", "--controller", str(path)]) == 2
     assert "is for 'pendubot', not the acrobot" in capsys.readouterr().err
 
@@ -217,8 +220,8 @@ def _check_stopped(error):
     assert "stopped at" in error
     assert "train --resume r" in error
     frames = read_metrics("r/metrics.jsonl")[-1]["frames"]
-    assert f"{frames:012d}.npz" in os.listdir("r/checkpoints")
-    assert os.path.exists("r/last.npz")
+    assert f"{frames:012d}.safetensors" in os.listdir("r/checkpoints")
+    assert os.path.exists("r/last.safetensors")
 
 
 def _lines(path):

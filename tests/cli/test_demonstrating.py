@@ -72,8 +72,8 @@ def test_the_watch_notes_when_the_papers_score_was_passed(tmp_path, monkeypatch)
         run.frames = frames
         assert watch.note(report(frames, best)) == words
     # The first policy alone.
-    assert run.saved == [("first.npz", {"score": 0.5, "frames": 65_536})]
-    assert (tmp_path / "first.npz").read_text() == "policy 0 after 65536 frames"
+    assert run.saved == [("first.safetensors", {"score": 0.5, "frames": 65_536})]
+    assert (tmp_path / "first.safetensors").read_text() == "policy 0 after 65536 frames"
 
 
 def test_a_line_with_a_note_by_hand():
@@ -130,7 +130,7 @@ def test_the_next_commands_can_be_typed(robot, monkeypatch, tmp_path):
     program.chmod(0o755)
     monkeypatch.setattr(sys, "argv", [".venv/bin/swingup"])
     monkeypatch.setenv("PATH", "")
-    lines = demonstrating.next_lines(robot, Path(f"runs/demo-{robot.name}-2/best.npz"))
+    lines = demonstrating.next_lines(robot, Path(f"runs/demo-{robot.name}-2/best.safetensors"))
     assert max(map(len, lines)) <= 80
     typed = [shlex.split(line) for line in lines if not line.startswith("#")]
     assert [words[0] for words in typed] == [".venv/bin/swingup"] * 3

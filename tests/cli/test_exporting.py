@@ -81,11 +81,11 @@ def test_an_entry_names_the_kind_of_its_policy(tmp_path):
 
 
 def test_a_policy_file_and_its_username(tmp_path):
-    source = tmp_path / "mine.npz"
+    source = tmp_path / "mine.safetensors"
     save_controller(source, *shipped_policy("pendubot", "ar-eapo"))
     options = ["--to", "realaigym", "--out", str(tmp_path / "e"), "--username", "Ada", "--name", "twin_2"]
     assert main(["export", str(source), *options]) == 0
-    assert (tmp_path / "e/twin_2_controller/policy.npz").read_bytes() == source.read_bytes()
+    assert (tmp_path / "e/twin_2_controller/policy.safetensors").read_bytes() == source.read_bytes()
     assert (tmp_path / "e/readmes/twin_2.md").exists()
     entry = (tmp_path / "e/con_twin_2.py").read_text()
     assert '"username": "Ada"' in entry
@@ -152,7 +152,7 @@ def test_graphs_and_headers(tmp_path, capsys):
             "run the policy in C or Python, as an export to c or realaigym does, or take one without an "
             "identifier, such as refined",
         ),
-        (["none.npz", "--to", "realaigym"], "no such file: none.npz"),
+        (["none.safetensors", "--to", "realaigym"], "no such file: none.safetensors"),
         (["refined", "--robot", "acrobot", "--to", "realaigym", "--name", "../x"], "name '../x': use up to 40"),
         (["refined", "--robot", "acrobot", "--to", "c", "--name", "2x"], "name '2x': use up to 40 small letters"),
     ],
@@ -222,7 +222,7 @@ def test_a_file_without_a_plant_gets_one(tmp_path, capsys):
     assert main([*words, "--to", "c", "--out", str(header)]) == 0
     assert "0.13" in header.read_text()
     assert main([*words, "--to", "cloudpendulum", "--out", str(folder)]) == 0
-    (file,) = folder.rglob("policy.npz")
+    (file,) = folder.rglob("policy.safetensors")
     capsys.readouterr()
     controller, _ = load_policy(file)
     assert (controller.plant.name, controller.plant.l1) == ("cloudpendulum-rods", 0.05)

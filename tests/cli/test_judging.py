@@ -124,8 +124,8 @@ def test_others_controllers(capsys, name, brief_runs):
 def meant(tmp_path):
     """A file of the pendubot's policy that asks for an estimator."""
     policy, metadata = swingup.shipped_policy("pendubot", "ar-eapo")
-    save_controller(tmp_path / "meant.npz", policy, {"scores": metadata["scores"], "estimator": {}})
-    return "meant.npz"
+    save_controller(tmp_path / "meant.safetensors", policy, {"scores": metadata["scores"], "estimator": {}})
+    return "meant.safetensors"
 
 
 @pytest.mark.parametrize(
@@ -137,7 +137,7 @@ def meant(tmp_path):
     ],
 )
 def test_with_and_without_an_estimator(capsys, meant, flags, judged, brief_runs):
-    words = f"meant.npz, {'with estimator' if judged else 'policy alone'}"
+    words = f"meant.safetensors, {'with estimator' if judged else 'policy alone'}"
     options = ("pendubot", "--controller", meant, *flags)
     assert json.loads(run(capsys, "evaluate", *options, "--json", boards=brief_runs))["estimator"] is judged
     assert f"pendubot, {words} (rules v2)" in run(capsys, "evaluate", *options, boards=brief_runs)
@@ -280,7 +280,7 @@ def test_several_values_of_one_option(capsys, values):
         ("evalute acrobot", "unknown command 'evalute'"),
         ("evaluate", "swingup evaluate needs ROBOT: see swingup evaluate --help"),
         ("", "a command is missing: use one of demo, evaluate, robustness"),
-        ("trajectory acrobot", "swingup trajectory needs --out FILE.npz"),
+        ("trajectory acrobot", "swingup trajectory needs --out FILE.safetensors"),
         ("trajectory acrobot --out x --problem foo", "--problem = 'foo': use one of 'published', 'score'"),
         ("evaluate acrobot --seed x", "--seed = 'x' is no whole number"),
         ("evaluate acrobot --delay x", "--delay = 'x' is no number"),
@@ -312,7 +312,7 @@ def test_help_and_errors_list_the_same_controllers(capsys):
     assert known in capsys.readouterr().err
 
 
-HOSTILE = "a\nb\x1b[31m|<b>`*=1\udcff.npz"
+HOSTILE = "a\nb\x1b[31m|<b>`*=1\udcff.safetensors"
 """A file name with a line end, an escape sequence, markup, and a byte that is no UTF-8."""
 
 
@@ -321,9 +321,9 @@ def test_hostile_names_reach_no_terminal(capsys, tmp_path):
     save_controller(tmp_path / HOSTILE, policy, metadata)
     for words in (("evaluate", "acrobot"), ("check", "acrobot")):
         out = run(capsys, *words, "--controller", HOSTILE)
-        assert "a\\nb\\x1b[31m|<b>`*=1\\udcff.npz" in out
+        assert "a\\nb\\x1b[31m|<b>`*=1\\udcff.safetensors" in out
         assert "\x1b" not in out
-    assert main(["evaluate", "acrobot", "--controller", HOSTILE[:-4] + "none.npz"]) == 2
+    assert main(["evaluate", "acrobot", "--controller", HOSTILE[:-4] + "none.safetensors"]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert "\x1b" not in error
@@ -357,7 +357,7 @@ def test_hostile_names_reach_no_terminal(capsys, tmp_path):
         ("plot shape others_controllers.py --out t.png", "unknown kind of plot 'shape'"),
         ("plot animation others_controllers.py --out missing/t.gif", "cannot write missing/t.gif"),
         ("report acrobot --out missing/report.html", "cannot write missing/report.html"),
-        ("trajectory acrobot --out missing/t.npz", "cannot write missing/t.npz"),
+        ("trajectory acrobot --out missing/t.safetensors", "cannot write missing/t.safetensors"),
     ],
 )
 def test_bad_input(arguments, message, capsys):
@@ -414,8 +414,8 @@ def test_the_command_of_a_result_names_its_plant(capsys, brief_runs):
         (("check", "acrobot", "--plant", "none.yml"), "plant none.yml: cannot read"),
         (("sim2real", "acrobot", "--domain", "randomised", "--plant", "B.0"), "has values of its own plant"),
         (("report", "acrobot", "--plant", "bad.yml"), "plant bad.yml: parameter file bad.yml lacks m2"),
-        (("trajectory", "acrobot", "--out", "x.npz", "--plant", "bad.yml"), "lacks m2"),
-        (("refine", "acrobot", "--out", "x.npz", "--plant", "bad.yml"), "lacks m2"),
+        (("trajectory", "acrobot", "--out", "x.safetensors", "--plant", "bad.yml"), "lacks m2"),
+        (("refine", "acrobot", "--out", "x.safetensors", "--plant", "bad.yml"), "lacks m2"),
         (("train", "acrobot", "--plant", "bad.yml"), "lacks m2"),
         (("uptime", "acrobot", "--domain", "recorded"), "leave the domain 'recorded' out"),
         (("plot", "phase", "none.csv", "--out", "x.png", "--plant", "bad.yml"), "lacks m2"),

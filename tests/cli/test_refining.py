@@ -19,13 +19,13 @@ TINY = GradientStage(
 @pytest.mark.slow
 def test_refine_writes_a_policy_with_its_origin(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(refining.RECIPES, "recover", (TINY,))
-    out = tmp_path / "refined.npz"
+    out = tmp_path / "refined.safetensors"
     assert main(["refine", "pendubot", "--out", str(out), "--seed", "3"]) == 0
     assert "swingup evaluate pendubot" in capsys.readouterr().out
     policy, metadata = load_policy(out, "pendubot")
     base, origin = shipped_policy("pendubot", "ar-eapo")
     assert metadata["command"] == (
-        "swingup refine pendubot --policy=ar-eapo --recipe=recover --seed=3 --out=refined.npz"
+        "swingup refine pendubot --policy=ar-eapo --recipe=recover --seed=3 --out=refined.safetensors"
     )
     assert metadata["base"]["frames"] == origin["frames"]
     assert metadata["stages"][0]["gradient"]["iterations"] == 2
@@ -37,11 +37,11 @@ def test_refine_writes_a_policy_with_its_origin(tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ("acrobot --recipe magic --out x.npz", "unknown recipe 'magic': use one of recover, adapt"),
-        ("acrobot --seed -1 --out x.npz", "seed = -1: use a whole number from 0"),
-        ("acrobot --out missing/x.npz", "missing"),
-        ("acrobot --policy none.npz --out x.npz", "no such file: none.npz"),
-        ("cartpole --out x.npz", "unknown robot 'cartpole'"),
+        ("acrobot --recipe magic --out x.safetensors", "unknown recipe 'magic': use one of recover, adapt"),
+        ("acrobot --seed -1 --out x.safetensors", "seed = -1: use a whole number from 0"),
+        ("acrobot --out missing/x.safetensors", "missing"),
+        ("acrobot --policy none.safetensors --out x.safetensors", "no such file: none.safetensors"),
+        ("cartpole --out x.safetensors", "unknown robot 'cartpole'"),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_no_file(options, message, tmp_path, monkeypatch, capsys):

@@ -5,7 +5,7 @@ import jax
 import numpy as np
 import pytest
 
-from swingup.arrays import save_archive
+from swingup.arrays import save_arrays
 from swingup.control import reference as reference_module
 from swingup.control.baselines import shipped_reference
 from swingup.control.ilqr import feedback_gains
@@ -100,8 +100,8 @@ def test_computing_is_repeatable_and_seeded(monkeypatch):
 def test_files_keep_everything(tmp_path):
     rows = np.random.default_rng(0).normal(size=(2, 7, 4))
     reference = Reference(ACROBOT, 0.001, rows[0], rows[0, :, 0], rows[1])
-    save_reference(tmp_path / "a.npz", reference, {"command": "this test"})
-    loaded, metadata = load_reference(tmp_path / "a.npz")
+    save_reference(tmp_path / "a.safetensors", reference, {"command": "this test"})
+    loaded, metadata = load_reference(tmp_path / "a.safetensors")
     assert (loaded.robot, loaded.dt) == (reference.robot, reference.dt)
     for name in REFERENCE_ARRAYS:
         np.testing.assert_array_equal(getattr(loaded, name), getattr(reference, name))
@@ -131,7 +131,7 @@ def test_faulty_files_are_refused(tmp_path, change, message):
         target = metadata if name in metadata else arrays
         target[name] = value
     metadata, arrays = ({k: v for k, v in each.items() if v is not None} for each in (metadata, arrays))
-    save_archive(tmp_path / "a.npz", REFERENCE_FORMAT, REFERENCE_VERSION, metadata, arrays)
+    save_arrays(tmp_path / "a.safetensors", REFERENCE_FORMAT, REFERENCE_VERSION, metadata, arrays)
     with pytest.raises(SwingupError, match=message) as caught:
-        load_reference(tmp_path / "a.npz")
+        load_reference(tmp_path / "a.safetensors")
     assert "\n" not in str(caught.value)

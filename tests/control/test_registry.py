@@ -1,13 +1,12 @@
 """Controllers by their names, with and without a state estimator before them."""
 
 import importlib
-import json
 import sys
 
-import numpy as np
 import pytest
 
 import swingup
+from array_files import read_metadata
 from swingup.control.registry import get_controller, has_estimator
 from swingup.control.switch import LatchingSwitch
 from swingup.errors import SwingupError
@@ -45,9 +44,9 @@ def files(tmp_path, monkeypatch):
     """Policy files of the acrobot: without an estimator, with the defaults, and with settings of its own."""
     policy, metadata = swingup.shipped_policy("acrobot")
     kept = {"scores": metadata["scores"]}
-    save_controller(tmp_path / "alone.npz", policy, kept)
-    save_controller(tmp_path / "defaults.npz", policy, kept | {"estimator": {}})
-    save_controller(tmp_path / "own.npz", policy, kept | {"estimator": {"caution": 7, "memory": 2.5}})
+    save_controller(tmp_path / "alone.safetensors", policy, kept)
+    save_controller(tmp_path / "defaults.safetensors", policy, kept | {"estimator": {}})
+    save_controller(tmp_path / "own.safetensors", policy, kept | {"estimator": {"caution": 7, "memory": 2.5}})
     (tmp_path / "some_controllers.py").write_text(MODULE)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -65,9 +64,9 @@ def settings(controller):
 def test_policy_files_say_whether_an_estimator_is_meant(files):
     own, defaults = EstimatorSettings(caution=7, memory=2.5), EstimatorSettings()
     expected = {
-        "alone.npz": {None: None, False: None, True: defaults},
-        "defaults.npz": {None: defaults, False: None, True: defaults},
-        "own.npz": {None: own, False: None, True: own},
+        "alone.safetensors": {None: None, False: None, True: defaults},
+        "defaults.safetensors": {None: defaults, False: None, True: defaults},
+        "own.safetensors": {None: own, False: None, True: own},
     }
     for name, answers in expected.items():
         for wanted, answer in answers.items():
@@ -83,7 +82,7 @@ def test_the_model_is_the_leaderboards(files, robot):
 
 
 def test_load_policy_gives_the_policy_alone(files):
-    controller, metadata = load_policy("own.npz")
+    controller, metadata = load_policy("own.safetensors")
     assert isinstance(controller, PolicyController)
     assert metadata["estimator"] == {"caution": 7, "memory": 2.5}
 
@@ -97,11 +96,11 @@ def test_load_policy_gives_the_policy_alone(files):
     ],
 )
 def test_bad_settings_are_refused_with_the_files_name(files, estimator, message):
-    save_controller("bad.npz", load_policy("alone.npz")[0], {"estimator": estimator})
+    save_controller("bad.safetensors", load_policy("alone.safetensors")[0], {"estimator": estimator})
     for wanted in (None, False):
         with pytest.raises(SwingupError) as error:
-            get_controller("bad.npz", "acrobot", wanted)
-        assert str(error.value).startswith(f"policy file bad.npz: {message}")
+            get_controller("bad.safetensors", "acrobot", wanted)
+        assert str(error.value).startswith(f"policy file bad.safetensors: {message}")
         assert "\n" not in str(error.value)
 
 
@@ -164,11 +163,13 @@ def test_the_global_policy(files, monkeypatch, robot):
     with pytest.raises(SwingupError, match="unknown policy 'best': use one of adaptive, refined, ar-eapo, global"):
         swingup.shipped_policy(robot, "best")
     monkeypatch.setattr(shipped, "ZOO", files)
-    with pytest.raises(SwingupError, match=f"lacks the policy {robot.name}-global.npz: use refined or train one"):
+    with pytest.raises(
+        SwingupError, match=f"lacks the policy {robot.name}-global.safetensors: use refined or train one"
+    ):
         get_controller("global", robot)
-    policy = load_policy("alone.npz", "acrobot")[0]
+    policy = load_policy("alone.safetensors", "acrobot")[0]
     policy = PolicyController(policy.policy, 5.0, robot)
-    save_controller(files / f"{robot.name}-global.npz", policy, {"estimator": {"caution": 3}})
+    save_controller(files / f"{robot.name}-global.safetensors", policy, {"estimator": {"caution": 3}})
     found = get_controller("global", robot)
     assert (found.settings.caution, found.controller.torque_limit) == (3, 5.0)
     assert not has_estimator(get_controller("global", robot, False))
@@ -177,9 +178,8 @@ def test_the_global_policy(files, monkeypatch, robot):
 def test_where_the_shipped_files_are(robot):
     for name in shipped.SHIPPED_POLICIES:
         file = shipped.shipped_file(robot, name)
-        assert (file.name, file.is_file()) == (f"{robot.name}-{name}.npz", True)
+        assert (file.name, file.is_file()) == (f"{robot.name}-{name}.safetensors", True)
 
 
 def test_the_metadata_stays_json(files):
-    with np.load("own.npz") as archive:
-        assert json.loads(bytes(archive["metadata"]))["estimator"] == {"caution": 7, "memory": 2.5}
+    assert read_metadata("own.safetensors")["estimator"] == {"caution": 7, "memory": 2.5}

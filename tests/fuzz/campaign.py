@@ -10,7 +10,6 @@ import resource
 import signal
 import sys
 import time
-import warnings
 from pathlib import Path
 
 from swingup.areapo.checkpoint import load_checkpoint, read_metadata
@@ -82,9 +81,7 @@ def campaign(seed, reads, folder, limit=None):
     counts, faults, slowest = collections.Counter(), [], (0.0, "")
     for number in range(reads):
         kind = list(KINDS)[number % len(KINDS)]
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # zipfile's, of a name that comes twice
-            data = KINDS[kind].make(generator)
+        data = KINDS[kind].make(generator)
         path = folder / kind / KINDS[kind].file
         path.parent.mkdir(exist_ok=True)
         path.write_bytes(data)

@@ -10,7 +10,7 @@ from swingup.learner.presets import get_preset
 from swingup.learner.run_settings import RunSettings
 from swingup.physics.parameters import identified_parameters
 
-from .mutations import EXTREMES, LINES, damage, mutate, several, spoilt_archive
+from .mutations import EXTREMES, LINES, damage, mutate, several, spoilt_arrays
 
 PLANT = {name: float(value) for name, value in vars(identified_parameters()).items()}
 LOOP = ("torque_limit", "passive_limit", "delay", "velocity_noise", "torque_noise", "response", "rate_limit")
@@ -127,32 +127,29 @@ def policy(random):
         metadata["observation"].append({"name": "normalise", "clip": 10.0, "epsilon": 1e-8})
         arrays |= {"observation.1.mean": np.zeros(4), "observation.1.variance": np.ones(4)}
     if random.random() < 0.3:
-        names = ["dt", "position_noise", "velocity_noise", "longest_dead_time", "longest_delay", "caution", "x"]
+        names = ["dt", "position_noise", "velocity_noise", "max_delay_steps", "longest_delay", "caution", "x"]
         metadata["estimator"] = {random.choice(names): random.choice([*EXTREMES, 1e-6, 1000])}
     if random.random() < 0.3:
         names = ["dt", "angle_limit", "velocity_limit", "longest_pause", "torque_rate", "braking", "x"]
-        metadata |= {"format_version": 2, "guard": {random.choice(names): random.choice([*EXTREMES, None, 1000])}}
+        metadata["guard"] = {random.choice(names): random.choice([*EXTREMES, None, 1000])}
     if random.random() < 0.3:
-        metadata |= {
-            "format_version": 2,
-            "plant": PLANT | {random.choice([*PLANT, "name", "x"]): random.choice(EXTREMES)},
-        }
+        metadata["plant"] = PLANT | {random.choice([*PLANT, "name", "x"]): random.choice(EXTREMES)}
     if random.random() < 0.3:
         names, value = ["dt", "span", "bandwidth", "gate", "spread", "x"], random.choice([*EXTREMES, {"rotor": 1}])
-        metadata |= {"format_version": 4, "identifier": {random.choice(names): value}}
+        metadata["identifier"] = {random.choice(names): value}
         metadata.setdefault("estimator", {})
     if random.random() < 0.3:
         names = ["state_weights", "torque_weight", "riccati_step", "riccati_steps", "enter", "leave", "x"]
         value = random.choice([*EXTREMES, [1.0, 1.0, 0.1, 0.1], [1e9, 1, 1, 1], 100])
-        metadata |= {"format_version": 4, "regulator": {random.choice(names): value}}
-    return _archive(random, metadata, arrays)
+        metadata["regulator"] = {random.choice(names): value}
+    return _file(random, metadata, arrays)
 
 
 def reference(random):
     """A swing-up to follow."""
     arrays = {name: np.zeros((20, 4)) for name in ("states", "gains")} | {"torque": np.zeros(20)}
     metadata = {"format": "swingup trajectory", "format_version": 1, "robot": "acrobot", "dt": 0.002, "seed": 0}
-    return _archive(random, metadata, arrays)
+    return _file(random, metadata, arrays)
 
 
 LIKE = {"weights": jnp.zeros((4, 3)), "step": jnp.zeros((), int)}
@@ -169,13 +166,13 @@ def checkpoint(random):
         "best": [0.1, None],
         "seconds": 3.5,
     }
-    return _archive(random, metadata, arrays)
+    return _file(random, metadata, arrays)
 
 
-def _archive(random, metadata, arrays):
+def _file(random, metadata, arrays):
     if random.random() < 0.5:
         metadata = several(random, mutate, metadata)
-    return spoilt_archive(random, json.dumps(metadata), arrays)
+    return spoilt_arrays(random, json.dumps(metadata), arrays)
 
 
 def json_text(random, value):
@@ -234,9 +231,9 @@ class Kind:
 KINDS = {
     "yaml": Kind(yaml_map, "map.yml"),
     "trajectory": Kind(trajectory, "run.csv"),
-    "policy": Kind(policy, "policy.npz"),
-    "reference": Kind(reference, "reference.npz"),
-    "checkpoint": Kind(checkpoint, "checkpoint.npz"),
+    "policy": Kind(policy, "policy.safetensors"),
+    "reference": Kind(reference, "reference.safetensors"),
+    "checkpoint": Kind(checkpoint, "checkpoint.safetensors"),
     "config": Kind(config, "config.json"),
     "metrics": Kind(metrics, "metrics.jsonl"),
     "robustness": Kind(robustness, "robustness.json"),

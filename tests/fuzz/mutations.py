@@ -1,10 +1,11 @@
-"""Ways to spoil a file: other values in it, other bytes, and archives that lie about what they hold."""
+"""Ways to spoil a file: other values in it, other bytes, and headers that lie about what it holds."""
 
-import io
+import json
 import struct
-import zipfile
 
 import numpy as np
+
+from swingup.arrays import TYPES
 
 EXTREMES = [
     None, True, False, 0, -1, 1, 2, 3.5, 1e308, -1e308, 1e-320, float("nan"), float("inf"), -float("inf"), 10**400,
@@ -21,28 +22,18 @@ LINES = [
 ]  # fmt: skip
 """Texts in the place of a JSON object."""
 
-SHAPES = [
-    "10**3", "1000000000000", "99999999999999999999999", "-1", "-5, -5", "0", "1.5", "True", "None", "'a'", "1L",
-    "2**62, 4", "9223372036854775807", "4294967296, 4294967296", "0, 1000000000000000000", "1" * 40, "1_0", "1 2",
-]  # fmt: skip
-HEADERS = [
-    *(f"{{'descr': '<f4', 'fortran_order': False, 'shape': ({shape},), }}" for shape in SHAPES),
-    *(
-        f"{{'descr': '{kind}', 'fortran_order': False, 'shape': (4,), }}"
-        for kind in ("|O", "<U1000000000", "|V0", "<f3", "<f16", ">c8", "<M8[s]", "?")
-    ),
-    "{'descr': [('a', '<f4', (1000000, 1000000))], 'fortran_order': False, 'shape': (10,)}",
-    "{'descr': __import__('os').getcwd(), 'fortran_order': False, 'shape': ()}",
-    "{'descr': '<f4'", "{", "(", "'", '"""', "[]", "(" * 3000 + ")" * 3000, "-" * 5000 + "1", "\xff\xfe", "  bad\n",
-]  # fmt: skip
-"""Headers of arrays that lie, or that Python would choke on."""
+NAMES = {code: name for name, code in TYPES.items()}
+LENGTHS = [10**5, 2**32, 2**63, 2**64 - 1]
+"""In the place of the header's length."""
 
+COUNTS = [-1, 0, 1, 3, 16, 2**31, 2**53, 2**63, 10**30, 1.5, True, None, "1", [1], "9" * 5000]
+"""In the place of a number of a shape, or of a place in the file."""
 
 FAULTS = [
-    "text", "array", "array", "missing", "extra", "twice", "header", "header", "bytes", "bytes", "bytes",
-    "directory", "bomb", "compression", "encrypted", "none",
+    "text", "array", "array", "missing", "extra", "twice", "entry", "entry", "entry", "length", "header", "bytes",
+    "bytes", "bytes", "other", "none",
 ]  # fmt: skip
-"""What may be wrong with an archive; some more often than others."""
+"""What may be wrong with a file of arrays; some more often than others."""
 
 
 def mutate(random, value):
@@ -91,34 +82,20 @@ def damage(random, data):
     return bytes(changed)
 
 
-def npy(array):
-    """An array as the member of an archive."""
-    stream = io.BytesIO()
-    np.lib.format.write_array(stream, np.asarray(array), allow_pickle=True)
-    return stream.getvalue()
-
-
-def lying_npy(random):
-    """A member whose header is one of :data:`HEADERS`."""
-    header = random.choice(HEADERS).encode("latin-1")
-    header += b" " * (-(len(header) + 11) % 64) + b"\n"
-    version = random.choice([1, 1, 2, 3, 9])
-    length = struct.pack("<H" if version == 1 else "<I", len(header))
-    return b"\x93NUMPY" + bytes((version, 0)) + length + header + bytes(random.choice([0, 16, 400]))
-
-
-def archive(members, compression=zipfile.ZIP_DEFLATED):
-    """The bytes of an archive."""
-    stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w", compression) as file:
-        for name, content in members:
-            file.writestr(zipfile.ZipInfo(name), content, compression)
-    return stream.getvalue()
+def array_file(texts, arrays):
+    """The header, as an object, and the bytes of the arrays of a safetensors file."""
+    header, body = {"__metadata__": texts}, b""
+    for name, array in arrays.items():
+        content = np.asarray(array).tobytes()
+        entry = {"dtype": NAMES.get(array.dtype.str, array.dtype.str), "shape": list(array.shape)}
+        header[name] = entry | {"data_offsets": [len(body), len(body) + len(content)]}
+        body += content
+    return header, body
 
 
 def other_array(random, array):
     """An array of another type, shape or content."""
-    kind = random.choice(["type", "shape", "value", "order", "pickle"])
+    kind = random.choice(["type", "shape", "value", "order"])
     with np.errstate(all="ignore"):
         if kind == "type":
             return array.astype(random.choice(["U5", "S5", "i4", "u1", "f2", "f8", "c16", "?", ">f4", ">f8"]))
@@ -133,11 +110,11 @@ def other_array(random, array):
                 [np.nan, np.inf, -np.inf, 1e38, 1e300, -1e300, 1e-320]
             )
             return wide
-    return np.asfortranarray(array) if kind == "order" else np.array([{"an": "object"}], object)
+    return np.asfortranarray(array)
 
 
-def spoilt_archive(random, text, arrays):
-    """An archive of a JSON text and arrays in which one thing or another is wrong."""
+def spoilt_arrays(random, text, arrays):
+    """A safetensors file of a JSON text and arrays in which one thing or another is wrong."""
     kind = random.choice(FAULTS)
     arrays, name = dict(arrays), random.choice(list(arrays))
     if kind == "text":
@@ -149,32 +126,32 @@ def spoilt_archive(random, text, arrays):
     if kind == "extra":
         new = random.choice(["network.trunk.%d.weight", "observation.%d.mean", "observation.0.%d", "x%d"])
         arrays |= {new % random.randrange(4000): np.ones((2, 2), "f4") for _ in range(random.choice([1, 100]))}
-    members = [("metadata.npy", npy(np.frombuffer(text.encode("utf-8", "surrogatepass"), np.uint8)))]
-    members += [(f"{each}.npy", npy(array)) for each, array in arrays.items()]
-    place = random.randrange(len(members))
-    if kind == "header":
-        members[place] = (members[place][0], lying_npy(random))
+    texts = {"swingup": text}
+    if kind == "other":
+        texts = random.choice([{}, None, [text], text, {"swingup": [text]}, {"pt": text}])
+    header, body = array_file(texts, arrays)
+    if kind == "entry":
+        header = spoilt_entry(random, header, name)
+    line = json.dumps(header)
     if kind == "twice":
-        members.append((members[place][0].removesuffix(random.choice([".npy", ""])), npy(np.zeros(3))))
-    if kind == "bomb":
-        members.append((random.choice(["z.npy", members[place][0]]), npy(np.zeros(random.choice([10**4, 10**6])))))
-    methods = [zipfile.ZIP_STORED, zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2]
-    data = archive(members, random.choice(methods) if kind == "compression" else zipfile.ZIP_DEFLATED)
-    if kind == "bytes":
-        data = damage(random, data)
-    if kind == "directory":
-        data = spoilt_directory(random, data)
-    if kind == "encrypted":
-        data = data.replace(b"PK\x03\x04\x14\x00\x00", b"PK\x03\x04\x14\x00\x01")
-    return data
+        line = f'{line[:-1]}, "{name}": {json.dumps(header[name])}}}'
+    if kind == "header":
+        line = random.choice([*LINES, line[:-1], line + "x", " " + line, line.replace("0", "0" * 5000, 1)])
+    head = line.encode("utf-8", "surrogatepass")
+    length = len(head) if kind != "length" else random.choice([0, 1, len(head) - 1, len(head) + 1, *LENGTHS])
+    data = struct.pack("<Q", length) + head + body
+    return damage(random, data) if kind == "bytes" else data
 
 
-def spoilt_directory(random, data):
-    """An archive with another number in its directory: a size, an offset, a method, a flag."""
-    changed, sizes = bytearray(data), {b"PK\x01\x02": 46, b"PK\x03\x04": 30, b"PK\x05\x06": 22}
-    places = [k for k in range(len(data) - 4) if data[k : k + 4] in sizes]
-    for _ in range(random.choice([1, 2])):
-        start = random.choice(places)
-        place = start + random.randrange(4, sizes[data[start : start + 4]] - 3)
-        struct.pack_into("<I", changed, place, random.choice([0, 1, 8, 99, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFF]))
-    return bytes(changed)
+def spoilt_entry(random, header, name):
+    """The header with another type, shape or place of an array."""
+    entry, key = dict(header[name]), random.choice(["dtype", "shape", "shape", "data_offsets", "data_offsets"])
+    if random.random() < 0.3:
+        entry[key] = random.choice(EXTREMES)
+    elif key == "dtype":
+        entry[key] = random.choice([*NAMES.values(), "BF16", "F8_E4M3", "C64", "f4", "O"])
+    else:
+        values = list(entry[key]) or [0]
+        values[random.randrange(len(values))] = random.choice(COUNTS)
+        entry[key] = values
+    return header | {name: entry}

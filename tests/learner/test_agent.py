@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
+from safetensors import safe_open
 
 from swingup import AREAPO
 from swingup.errors import SwingupError
@@ -68,8 +69,8 @@ def same_weights(one, other):
 
 def test_learning_goes_on_as_if_it_had_been_saved(tmp_path):
     one = AREAPO(Noisy, seed=3, **TINY).learn(64)
-    one.save(tmp_path / "model.npz")
-    other = AREAPO.load(tmp_path / "model.npz", env=Noisy)
+    one.save(tmp_path / "model.safetensors")
+    other = AREAPO.load(tmp_path / "model.safetensors", env=Noisy)
     assert (other.frames, other.settings) == (64, one.settings)
     one.learn(100)
     other.learn(100)
@@ -81,10 +82,10 @@ def test_learning_goes_on_as_if_it_had_been_saved(tmp_path):
 def test_whoever_loads_what_a_callback_saved_goes_on_as_the_saver_did(tmp_path):
     def save_at_64(model, report):
         if report.frames == 64:  # no checkpoint is due here
-            model.save(tmp_path / "model.npz")
+            model.save(tmp_path / "model.safetensors")
 
     one = AREAPO(Noisy, seed=3, **TINY).learn(192, save_at_64)
-    other = AREAPO.load(tmp_path / "model.npz", env=Noisy)
+    other = AREAPO.load(tmp_path / "model.safetensors", env=Noisy)
     assert other.frames == 64
     assert same_weights(one, other.learn(128))
 
@@ -104,10 +105,10 @@ def test_an_interrupted_learner_stands_where_it_stood(tmp_path, monkeypatch, rai
         model.learn(128)
     assert model.frames == 64
     model.predict(np.zeros((2, 1)))
-    model.save(tmp_path / "model.npz")
+    model.save(tmp_path / "model.safetensors")
     monkeypatch.setattr(Failing, "raises", None)
     assert model.learn(64).frames == 128
-    assert same_weights(model, AREAPO.load(tmp_path / "model.npz", env=Failing).learn(64))
+    assert same_weights(model, AREAPO.load(tmp_path / "model.safetensors", env=Failing).learn(64))
 
 
 def test_a_callback_that_raises_lets_the_folder_go(tmp_path):
@@ -126,17 +127,18 @@ def test_a_task_without_an_end_is_scored_by_the_reward_of_a_step(tmp_path, vecto
     row = read_metrics(tmp_path / "run" / "metrics.jsonl")[-1]
     assert (row["score"], row["best_score"], row["episode_return"]) == (2.0, 2.0, None)
     assert (row["reward_rate"], row["resets_per_1000_steps"], row["truncation_rate"]) == (2.0, 0.0, 0.0)
-    assert load_any_policy(tmp_path / "run" / "best.npz")[1]["scores"]["episodes"]["score"] == 2.0
+    assert load_any_policy(tmp_path / "run" / "best.safetensors")[1]["scores"]["episodes"]["score"] == 2.0
     model.close()
 
 
 def test_a_policy_file_without_a_score_is_json(tmp_path):
-    AREAPO(Endless, **(TINY | {"evaluation_episodes": 0})).export_policy(tmp_path / "p.npz")
+    AREAPO(Endless, **(TINY | {"evaluation_episodes": 0})).export_policy(tmp_path / "p.safetensors")
 
     def refuse(word):
         raise AssertionError(word)
 
-    text = np.load(tmp_path / "p.npz")["metadata"].tobytes().decode()
+    with safe_open(tmp_path / "p.safetensors", "np") as file:
+        text = file.metadata()["swingup"]
     assert json.loads(text, parse_constant=refuse)["scores"]["episodes"]["score"] is None
 
 
@@ -175,7 +177,8 @@ def test_callbacks_see_reports_and_may_stop():
 def test_a_folder_holds_what_the_command_writes(tmp_path):
     model = AREAPO(Noisy, folder=tmp_path / "run", **TINY).learn(200)
     assert {path.name for path in (tmp_path / "run").iterdir()} == {
-        ".lock", "config.json", "metrics.jsonl", "tensorboard", "checkpoints", "best.npz", "last.npz",
+        ".lock", "config.json", "metrics.jsonl", "tensorboard", "checkpoints", "best.safetensors",
+        "last.safetensors",
     }  # fmt: skip
     rows = read_metrics(tmp_path / "run" / "metrics.jsonl")
     assert [row["frames"] for row in rows] == [64, 128, 192, 224]
@@ -187,8 +190,8 @@ def test_a_folder_holds_what_the_command_writes(tmp_path):
 
 
 def test_the_policy_file_says_what_it_is_for(noisy, tmp_path):
-    noisy.export_policy(tmp_path / "p.npz")
-    policy, metadata = load_any_policy(tmp_path / "p.npz")
+    noisy.export_policy(tmp_path / "p.safetensors")
+    policy, metadata = load_any_policy(tmp_path / "p.safetensors")
     assert metadata["choices"] == [3, 2]
     assert metadata["action_start"] == [1, 5]
     observations = np.random.default_rng(0).normal(size=(20, 2, 1)).astype(np.float32)

@@ -152,8 +152,8 @@ def test_an_environment_trains_saves_and_goes_on(tmp_path):
     actions = model.predict(np.zeros((7, 1, 2)))
     assert actions.shape == (7, 1, 1)
     assert np.all((actions > -1.0) & (actions < 3.0))
-    model.save(tmp_path / "model.npz")
-    other = AREAPO.load(tmp_path / "model.npz", env=Hall(max_steps=5))
+    model.save(tmp_path / "model.safetensors")
+    other = AREAPO.load(tmp_path / "model.safetensors", env=Hall(max_steps=5))
     start = np.ones((1, 2))
     np.testing.assert_array_equal(model.learn(64).predict(start), other.learn(64).predict(start))
     # The first step of at most 1.5 ends it.

@@ -16,6 +16,7 @@ import time
 from pathlib import Path
 
 import pytest
+from safetensors.numpy import load_file
 
 from swingup.cli import main
 from swingup.errors import SwingupError
@@ -23,7 +24,7 @@ from swingup.learner.run_folder import RunFolder
 from swingup.learner.start import resume_run, start_run
 
 from .brief import briefly_judged
-from .test_run import FRAMES, SETTINGS, arrays, assert_same_files, measured, run
+from .test_run import FRAMES, SETTINGS, assert_same_files, measured, run
 
 TINY = shlex.split(
     "--num-envs 4 --num-steps 16 --batch-size 64 --num-epochs 1 --policy-layers 8 8 --value-layers 8 8 "
@@ -46,7 +47,7 @@ def kill_and_resume(folder, arguments, cache, kills, seed):
     """
     moments, killed, resumed = random.Random(seed), 0, 0
     while True:
-        newest = max((int(path.stem) for path in (folder / "checkpoints").glob("[0-9]*.npz")), default=None)
+        newest = max((int(path.stem) for path in (folder / "checkpoints").glob("[0-9]*.safetensors")), default=None)
         if newest is None:  # killed before there was anything to lose
             shutil.rmtree(folder, ignore_errors=True)
             words = ["train", *arguments, "--out", str(folder)]
@@ -154,9 +155,9 @@ def test_a_full_disk_leaves_the_last_good_checkpoint(tmp_path):
     run(tmp_path / "r", 2)
     # Resumed once before: the compiled program, which JAX keeps in a file, shall not meet the limit below.
     list(resume_run(tmp_path / "r", 4 * FRAMES).advance())
-    checkpoint = tmp_path / "r" / "checkpoints" / "000000000256.npz"
-    good = arrays(checkpoint)
-    files = sorted(Path(tmp_path / "r").rglob("*.npz"))
+    checkpoint = tmp_path / "r" / "checkpoints" / "000000000256.safetensors"
+    good = load_file(checkpoint)
+    files = sorted(Path(tmp_path / "r").rglob("*.safetensors"))
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     try:
         # The kernel refuses to write beyond this, in the midst of a file, as it does on a full disk.
@@ -165,8 +166,8 @@ def test_a_full_disk_leaves_the_last_good_checkpoint(tmp_path):
             list(resume_run(tmp_path / "r", 8 * FRAMES).advance())
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert sorted(Path(tmp_path / "r").rglob("*.npz")) == files
-    after = arrays(checkpoint)
+    assert sorted(Path(tmp_path / "r").rglob("*.safetensors")) == files
+    after = load_file(checkpoint)
     assert all((after[name] == good[name]).all() for name in good)
     # With room again it goes on.
     list(resume_run(tmp_path / "r", 8 * FRAMES).advance())

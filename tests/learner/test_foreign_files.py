@@ -6,14 +6,15 @@ import shutil
 
 import numpy as np
 import pytest
+from safetensors.numpy import load_file, save_file
 
+from array_files import change_file, read_metadata, write_file
 from swingup import AREAPO
 from swingup.areapo.checkpoint import CHECKPOINT_FORMAT, CHECKPOINT_VERSION
-from swingup.arrays import load_archive, save_archive
+from swingup.arrays import save_arrays
 from swingup.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.start import resume_run
-from swingup.policy.file import FORMAT_VERSION, READABLE
 
 from .brief import briefly_judged
 from .test_run import FRAMES, run
@@ -99,16 +100,33 @@ def test_rows_that_are_none(folder, line):
     ids=str,
 )  # fmt: skip
 def test_a_checkpoint_whose_metadata_is_wrong(folder, change):
-    path = folder / "checkpoints" / "000000000128.npz"
-    metadata, arrays = load_archive(path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION)
-    save_archive(path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION, metadata | change, arrays)
+    path = folder / "checkpoints" / "000000000128.safetensors"
+    metadata, arrays = read_metadata(path), load_file(path)
+    write_file(path, metadata | change, arrays)
     refused(resume_run, folder, match="checkpoint")
     refused(AREAPO.load, path)
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("part", ["actor", "critic", "optimiser", "statistics", "gains", "observations"])
+def test_a_checkpoint_whose_numbers_are_not_finite(folder, part, value):
+    path = folder / "checkpoints" / "000000000128.safetensors"
+    arrays = load_file(path)
+    name = next(name for name in arrays if name.startswith(part) and arrays[name].dtype == np.float32)
+    arrays[name].flat[-1] = value
+    write_file(path, read_metadata(path), arrays)
+    refused(resume_run, folder, match="holds weights or statistics that are not finite")
+    refused(AREAPO.load, path, match="holds weights or statistics that are not finite")
+
+
 def test_names_among_the_checkpoints_that_are_none(folder):
     checkpoints = folder / "checkpoints"
-    for name in ("9x.npz", "copy of 000000000128.npz", "9" * 40 + ".npz", "0.npz.part"):
+    for name in (
+        "9x.safetensors",
+        "copy of 000000000128.safetensors",
+        "9" * 40 + ".safetensors",
+        "0.safetensors.part",
+    ):
         (checkpoints / name).write_bytes(b"")
     with briefly_judged():
         resumed = resume_run(folder, 4 * FRAMES)
@@ -121,8 +139,7 @@ def test_names_among_the_checkpoints_that_are_none(folder):
 
 def policy_of(robot):
     def make(path):
-        metadata, arrays = load_archive(path, "swingup policy", READABLE)
-        save_archive(path, "swingup policy", FORMAT_VERSION, metadata | {"robot": robot}, arrays)
+        change_file(path, {"robot": robot})
 
     return make
 
@@ -132,17 +149,17 @@ def policy_of(robot):
     [
         lambda path: path.write_bytes(b"my notes"),
         lambda path: path.write_bytes(path.read_bytes()[:500]),
-        lambda path: np.savez(path, a=np.zeros(3)),
+        lambda path: save_file({"a": np.zeros(3)}, path),
         lambda path: AREAPO("CartPole-v1", evaluation_episodes=0).export_policy(path),
         policy_of("pendubot"),
     ],
-    ids=["text", "truncated", "archive", "other task", "other robot"],
+    ids=["text", "truncated", "safetensors", "other task", "other robot"],
 )
 def test_a_foreign_best_policy_is_set_aside_and_resuming_goes_on(folder, spoil, caplog):
-    best = folder / "best.npz"
+    best = folder / "best.safetensors"
     spoil(best)
     content = best.read_bytes()
-    (folder / "best.npz.aside-1").write_text("from an earlier time")
+    (folder / "best.safetensors.aside-1").write_text("from an earlier time")
     with briefly_judged(), caplog.at_level(logging.WARNING, "swingup"):
         resumed = resume_run(folder, 4 * FRAMES)
         # The checkpoint knows the score that was reached.
@@ -150,10 +167,10 @@ def test_a_foreign_best_policy_is_set_aside_and_resuming_goes_on(folder, spoil, 
         list(resumed.advance())
     (line,) = [record.getMessage() for record in caplog.records]
     assert f"{best} is no policy of this run" in line
-    assert "moved to best.npz.aside-2" in line
-    assert (folder / "best.npz.aside-2").read_bytes() == content
+    assert "moved to best.safetensors.aside-2" in line
+    assert (folder / "best.safetensors.aside-2").read_bytes() == content
 
 
 def test_a_saved_learner_without_settings(folder, tmp_path):
-    save_archive(tmp_path / "m.npz", CHECKPOINT_FORMAT, CHECKPOINT_VERSION, {}, {})
-    refused(AREAPO.load, tmp_path / "m.npz", match="malformed")
+    save_arrays(tmp_path / "m.safetensors", CHECKPOINT_FORMAT, CHECKPOINT_VERSION, {}, {})
+    refused(AREAPO.load, tmp_path / "m.safetensors", match="malformed")

@@ -26,13 +26,13 @@ def test_an_environment_trains_saves_and_goes_on(tmp_path):
     assert actions.shape == (7, 1, 1)
     assert model.predict(observations[0]).shape == (1, 1)
     assert np.all((actions > -1.0) & (actions < 3.0))
-    model.save(tmp_path / "model.npz")
-    model.export_policy(tmp_path / "policy.npz")
-    facts = load_any_policy(tmp_path / "policy.npz")[1]
+    model.save(tmp_path / "model.safetensors")
+    model.export_policy(tmp_path / "policy.safetensors")
+    facts = load_any_policy(tmp_path / "policy.safetensors")[1]
     assert (facts["action_low"], facts["action_high"]) == ([[-1.0]], [[3.0]])
     with pytest.raises(SwingupError, match=r"was passed in \(<learner.corridors.Corridor>\): pass it again as env"):
-        AREAPO.load(tmp_path / "model.npz")
-    other = AREAPO.load(tmp_path / "model.npz", env=(env, Params(max_steps_in_episode=5)))
+        AREAPO.load(tmp_path / "model.safetensors")
+    other = AREAPO.load(tmp_path / "model.safetensors", env=(env, Params(max_steps_in_episode=5)))
     np.testing.assert_array_equal(model.learn(64).predict(observations), other.learn(64).predict(observations))
     # Two steps to the door at most speed, and five to the time limit.
     assert 2.0 <= model.evaluate(2)["mean_length"] <= 5.0

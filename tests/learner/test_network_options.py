@@ -61,7 +61,7 @@ def test_killed_and_resumed_equals_uninterrupted(tmp_path, option, back_end):
     assert measured(tmp_path / "whole") == measured(tmp_path / "part")
     costs = {row["reset_cost"] for row in measured(tmp_path / "part")}
     assert (len(costs) > 1) == (option == "adaptive")
-    loaded, _ = load_any_policy(tmp_path / "whole" / "last.npz")
+    loaded, _ = load_any_policy(tmp_path / "whole" / "last.safetensors")
     kept = run.policy().actor
     assert (loaded.actor.activation, len(loaded.actor.norms)) == (kept.activation, 2 * ("layer_norm" in changes))
     # A file does not say that the deviation's weights were not to learn: they are 0.

@@ -27,7 +27,7 @@ def written(evaluator, task, path):
 def test_training_on_a_plant(tmp_path):
     plant = load_plant("C.0")
     task = smooth_task(ACROBOT, plant)
-    found = written(SwingUpEvaluator(task, plant), task, tmp_path / "p.npz")
+    found = written(SwingUpEvaluator(task, plant), task, tmp_path / "p.safetensors")
     assert found.plant == policy_plant(plant.parameters, ACROBOT)
     assert (found.plant.name, found.torque_limit) == ("C.0", 6.0)
     assert found.plant.cf1 == plant.parameters.cf1 > 0
@@ -35,7 +35,7 @@ def test_training_on_a_plant(tmp_path):
 
 def test_training_on_the_leaderboards_plant(tmp_path):
     task = smooth_task(ACROBOT)
-    assert written(SwingUpEvaluator(task), task, tmp_path / "p.npz").plant == leaderboard_plant(ACROBOT)
+    assert written(SwingUpEvaluator(task), task, tmp_path / "p.safetensors").plant == leaderboard_plant(ACROBOT)
 
 
 @pytest.mark.parametrize("plant", [None, "C.0"])

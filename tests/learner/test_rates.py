@@ -3,7 +3,6 @@
 import gymnasium
 import pytest
 
-from swingup.learner.metrics import read_metrics
 from swingup.learner.rates import describe_rates, rates, training_resets, unknown_rates
 from swingup.learner.step_time import step_time
 
@@ -22,12 +21,6 @@ def test_what_was_not_recorded_is_a_dash():
     assert describe_rates(unknown_rates()) == describe_rates({})
     assert training_resets({"seed": 0, "frames": 1}) is None
     assert training_resets({"termination_rate": 0.0}) == 0.0
-
-
-def test_rows_of_older_versions_have_the_present_name(tmp_path):
-    path = tmp_path / "metrics.jsonl"
-    path.write_text('{"seed": 0, "frames": 1, "score": 6.0, "mean_reward": 2.0}\n')
-    assert read_metrics(path) == [{"seed": 0, "frames": 1, "score": 6.0, "reward_rate": 2.0}]
 
 
 class Repeating(gymnasium.Wrapper):

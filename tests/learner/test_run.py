@@ -6,6 +6,7 @@ import json
 import jax
 import numpy as np
 import pytest
+from safetensors.numpy import load_file
 
 from swingup.areapo.config import Config
 from swingup.errors import SwingupError
@@ -34,17 +35,12 @@ def run(folder, iterations, settings=SETTINGS):
     return training, list(training.advance())
 
 
-def arrays(path):
-    with np.load(path) as file:
-        return {name: file[name] for name in file.files if name != "metadata"}
-
-
 def assert_same_files(one, other):
-    assert {path.name for path in one.glob("*.npz")} == {path.name for path in other.glob("*.npz")}
+    assert {path.name for path in one.glob("*.safetensors")} == {path.name for path in other.glob("*.safetensors")}
     names = sorted(path.name for path in (one / "checkpoints").iterdir())
     assert names == sorted(path.name for path in (other / "checkpoints").iterdir())
-    for name in [*(f"checkpoints/{name}" for name in names), "best.npz", "last.npz"]:
-        left, right = arrays(one / name), arrays(other / name)
+    for name in [*(f"checkpoints/{name}" for name in names), "best.safetensors", "last.safetensors"]:
+        left, right = load_file(one / name), load_file(other / name)
         assert left.keys() == right.keys()
         for key in left:
             np.testing.assert_array_equal(left[key], right[key], err_msg=f"{name} {key}")
@@ -75,11 +71,12 @@ def test_a_run_leaves_its_files(finished):
     folder, _, reports = finished
     assert [report.frames for report in reports] == [128, 256, 384, 512, 640]
     assert {path.name for path in folder.iterdir()} == {
-        ".lock", "config.json", "metrics.jsonl", "tensorboard", "checkpoints", "best.npz", "last.npz",
+        ".lock", "config.json", "metrics.jsonl", "tensorboard", "checkpoints", "best.safetensors",
+        "last.safetensors",
     }  # fmt: skip
     assert sorted(path.name for path in (folder / "checkpoints").iterdir()) == [
-        "000000000512.npz",
-        "000000000640.npz",
+        "000000000512.safetensors",
+        "000000000640.safetensors",
     ]
     rows = read_metrics(folder / "metrics.jsonl")
     assert [row["frames"] for row in rows] == [128, 256, 384, 512, 640]
@@ -91,7 +88,7 @@ def test_a_run_leaves_its_files(finished):
 
 def test_policies_say_where_they_come_from(finished):
     folder, training, _ = finished
-    _, metadata = load_policy(folder / "last.npz", training.settings.task().robot)
+    _, metadata = load_policy(folder / "last.safetensors", training.settings.task().robot)
     assert metadata["frames"] == 640
     assert metadata["command"].startswith(
         "swingup train acrobot --preset default --frames 640 --seed 0 --num-envs 4"
@@ -140,7 +137,7 @@ def test_no_more_is_lost_than_was_said(tmp_path, every):
     training, ends = start_run(settings, tmp_path / "whole", 7 * FRAMES), []
     for report in training.advance():
         ends.append(report.frames // FRAMES)
-        kept = max(int(path.stem) for path in (tmp_path / "whole" / "checkpoints").glob("*.npz"))
+        kept = max(int(path.stem) for path in (tmp_path / "whole" / "checkpoints").glob("*.safetensors"))
         assert report.frames - kept < every * FRAMES
     assert ends == ([1, 2, 3, 4, 5, 6, 7] if every == 1 else [2, 3, 4, 6, 7])
     part = start_run(settings, tmp_path / "part", 7 * FRAMES)
@@ -174,18 +171,18 @@ def test_the_command_makes_the_same_settings():
 def test_seeds_side_by_side(tmp_path, monkeypatch):
     settings = dataclasses.replace(SETTINGS, seed=3, seeds=2)
     training, _ = run(tmp_path / "r", 4, settings)
-    assert {path.name for path in (tmp_path / "r").glob("*.npz")} == {
-        "best.npz", "best-3.npz", "best-4.npz", "last-3.npz", "last-4.npz",
+    assert {path.name for path in (tmp_path / "r").glob("*.safetensors")} == {
+        "best.safetensors", "best-3.safetensors", "best-4.safetensors", "last-3.safetensors", "last-4.safetensors",
     }  # fmt: skip
     assert [row["seed"] for row in read_metrics(tmp_path / "r" / "metrics.jsonl")] == [3, 4, 3, 4]
-    one, other = (arrays(tmp_path / "r" / f"last-{seed}.npz") for seed in (3, 4))
+    one, other = (load_file(tmp_path / "r" / f"last-{seed}.safetensors") for seed in (3, 4))
     assert not np.array_equal(one["network.trunk.1.weight"], other["network.trunk.1.weight"])
     assert training.frames == 4 * FRAMES
     # Resumed seeds go on bit for bit as well, also where they were killed between two files of the best policy.
     save = Run._save_policy
 
     def killed(self, *arguments):
-        if (tmp_path / "part" / "best.npz").exists() or (tmp_path / "part" / "best-3.npz").exists():
+        if (tmp_path / "part" / "best.safetensors").exists() or (tmp_path / "part" / "best-3.safetensors").exists():
             raise KeyboardInterrupt
         save(self, *arguments)
 
@@ -196,14 +193,14 @@ def test_seeds_side_by_side(tmp_path, monkeypatch):
     list(resume_run(tmp_path / "part").advance())
     list(resume_run(tmp_path / "part", 4 * FRAMES).advance())
     for file in ("best", "best-3", "best-4", "last-3", "last-4"):
-        left, right = (arrays(tmp_path / name / f"{file}.npz") for name in ("r", "part"))
+        left, right = (load_file(tmp_path / name / f"{file}.safetensors") for name in ("r", "part"))
         for name in left:
             np.testing.assert_array_equal(left[name], right[name])
 
 
 def test_divergence_keeps_the_last_good_checkpoint(tmp_path):
     training, _ = run(tmp_path / "r", 4)
-    good = arrays(tmp_path / "r" / "checkpoints" / "000000000256.npz")
+    good = load_file(tmp_path / "r" / "checkpoints" / "000000000256.safetensors")
     # What a NaN in the weights does, without waiting for one.
     resumed = resume_run(tmp_path / "r", 8 * FRAMES)
     broken = jax.tree.map(
@@ -212,8 +209,10 @@ def test_divergence_keeps_the_last_good_checkpoint(tmp_path):
     resumed.progress = dataclasses.replace(resumed.progress, state=broken)
     with pytest.raises(SwingupError, match="training diverged: metrics are not finite after frame 256"):
         list(resumed.advance())
-    assert [path.name for path in sorted((tmp_path / "r" / "checkpoints").iterdir())][-1] == "000000000256.npz"
-    after = arrays(tmp_path / "r" / "checkpoints" / "000000000256.npz")
+    assert [path.name for path in sorted((tmp_path / "r" / "checkpoints").iterdir())][
+        -1
+    ] == "000000000256.safetensors"
+    after = load_file(tmp_path / "r" / "checkpoints" / "000000000256.safetensors")
     assert all(np.array_equal(good[name], after[name]) for name in good)
     assert resume_run(tmp_path / "r").frames == training.frames
 
@@ -289,13 +288,13 @@ def test_a_run_killed_before_its_first_report_resumes(finished, tmp_path):
 def test_resuming_keeps_a_better_policy_than_the_checkpoint_knows(tmp_path):
     """The best policy is written between checkpoints: it may be newer than the one a crash leaves."""
     run(tmp_path / "r", 2)
-    controller, _ = load_policy(tmp_path / "r" / "best.npz")
-    save_controller(tmp_path / "r" / "best.npz", controller, {"scores": {"v2": {"score": 0.9}}})
-    kept = (tmp_path / "r" / "best.npz").read_bytes()
+    controller, _ = load_policy(tmp_path / "r" / "best.safetensors")
+    save_controller(tmp_path / "r" / "best.safetensors", controller, {"scores": {"v2": {"score": 0.9}}})
+    kept = (tmp_path / "r" / "best.safetensors").read_bytes()
     resumed = resume_run(tmp_path / "r", 4 * FRAMES)
     list(resumed.advance())
     assert resumed.best_score == 0.9
-    assert (tmp_path / "r" / "best.npz").read_bytes() == kept
+    assert (tmp_path / "r" / "best.safetensors").read_bytes() == kept
 
 
 def test_a_run_does_not_go_back(finished):
@@ -308,7 +307,7 @@ def test_a_run_does_not_go_back(finished):
 
 def test_a_damaged_checkpoint_is_named_and_nothing_changes(tmp_path):
     run(tmp_path / "r", 4)
-    checkpoint = tmp_path / "r" / "checkpoints" / "000000000256.npz"
+    checkpoint = tmp_path / "r" / "checkpoints" / "000000000256.safetensors"
     checkpoint.write_bytes(checkpoint.read_bytes()[:1000])
     config = (tmp_path / "r" / "config.json").read_text()
     with pytest.raises(SwingupError, match=f"{checkpoint}.*truncated.*delete it to resume from the one before"):
@@ -388,5 +387,5 @@ def test_a_run_on_a_plant_resumes_there_and_its_policy_carries_it(tmp_path):
     again = resume_run(tmp_path / "run", 4 * FRAMES)
     assert again.settings.plant == settings.plant
     list(again.advance())
-    controller, _ = load_policy(tmp_path / "run" / "best.npz")
+    controller, _ = load_policy(tmp_path / "run" / "best.safetensors")
     assert (controller.plant.name, controller.plant.l1, controller.torque_limit) == ("A.0", 0.3, 6.0)

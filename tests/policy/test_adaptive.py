@@ -23,7 +23,6 @@ def test_names():
 
 def test_files_ask_for_all_that_makes_them_adapt(robot):
     policy = read_policy(ADAPTIVE, robot)
-    assert policy.metadata["format_version"] == 4
     assert isinstance(policy.network.stages[-1], PlantStage)
     assert policy.plant.name == "leaderboard"
     for part in (policy.estimator, policy.identifier, policy.regulator):

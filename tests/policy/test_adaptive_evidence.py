@@ -30,7 +30,7 @@ SWEEPS = RULES.model
 pytestmark = pytest.mark.skipif(not BENCHMARKS.is_dir(), reason="the scripts are only in a checkout")
 
 
-@pytest.mark.parametrize("arguments", [["acrobot", "missing.npz"], ["acrobot", "refined"]])
+@pytest.mark.parametrize("arguments", [["acrobot", "missing.safetensors"], ["acrobot", "refined"]])
 def test_a_controller_that_cannot_be_used_ends_in_one_line(scripts, arguments, monkeypatch, tmp_path, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["adaptive.py", *arguments])
@@ -222,7 +222,7 @@ def test_boards_have_a_line_each(scripts):
 def test_trainings_are_measured_once_and_averaged(scripts, tmp_path, monkeypatch, capsys):
     seeds, values = scripts["seeds"], iter([0.5, 0.7, 0.9])
     monkeypatch.setattr(seeds, "measures", lambda robot, path: {"uptime": lambda: next(values)})
-    files = [str(tmp_path / f"{name}.npz") for name in "abc"]
+    files = [str(tmp_path / f"{name}.safetensors") for name in "abc"]
     for file in files:
         Path(file).write_bytes(file.encode())
     rows = str(tmp_path / "new" / "rows.jsonl")

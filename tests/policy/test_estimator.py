@@ -363,11 +363,6 @@ def test_settings_of_a_policy_file():
     some = {"caution": 0, "max_delay_steps": 0, "dt": 0.004}
     expected = EstimatorSettings(dt=0.004, max_delay_steps=0, caution=0)
     assert estimator_settings({"estimator": some}) == expected
-    # Files of before say longest_dead_time.
-    former = {"caution": 0, "longest_dead_time": 0, "dt": 0.004}
-    assert estimator_settings({"estimator": former}) == expected
-    with pytest.raises(SwingupError, match="estimator gives max_delay_steps twice: keep one of its values"):
-        estimator_settings({"estimator": some | former})
     with pytest.raises(SwingupError, match="unknown estimator setting 'delay': use some of dt, position_noise"):
         estimator_settings({"estimator": {"delay": 3}})
     for other in (True, None, [], "default"):

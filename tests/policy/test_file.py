@@ -1,17 +1,21 @@
 """Policy files: round trips, a file written by hand after docs/policy-format.md, and what may be wrong."""
 
 import contextlib
-import json
+import dataclasses
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from array_files import change_file, write_file
 from swingup.areapo.networks import init_actor
 from swingup.errors import SwingupError
+from swingup.policy.file import read_network, write_network
 from swingup.policy.jax_backend.observation import Normalise, PendulumObservation
-from swingup.policy.jax_backend.policy import Policy, load_any_policy, save_policy
+from swingup.policy.jax_backend.policy import Policy, load_any_policy, network_of, save_policy
+from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
+from swingup.policy.shipped import read_policy
 
 STATES = np.random.default_rng(0).uniform(-7, 7, (50, 4))
 
@@ -26,8 +30,8 @@ def make_policy(angles="wrapped", size=4):
 @pytest.mark.parametrize(("angles", "size"), [("wrapped", 4), ("sincos", 6)])
 def test_round_trip(tmp_path, angles, size):
     policy = make_policy(angles, size)
-    save_policy(tmp_path / "p.npz", policy, {"robot": "acrobot", "frames": 3})
-    loaded, metadata = load_any_policy(tmp_path / "p.npz")
+    save_policy(tmp_path / "p.safetensors", policy, {"robot": "acrobot", "frames": 3})
+    loaded, metadata = load_any_policy(tmp_path / "p.safetensors")
     assert (metadata["robot"], metadata["frames"]) == ("acrobot", 3)
     for x in STATES[:5]:
         assert loaded(jnp.asarray(x)) == policy(jnp.asarray(x))
@@ -56,8 +60,7 @@ def write_by_hand(path, rng, std=False, **metadata):
             {"name": "normalise", "clip": 10.0, "epsilon": 1e-8},
         ],
     }
-    text = json.dumps(head | metadata)
-    np.savez(path, metadata=np.frombuffer(text.encode(), np.uint8), **arrays)
+    write_file(path, head | metadata, arrays)
     return arrays
 
 
@@ -73,8 +76,8 @@ def numpy_policy(a, x):
 
 
 def test_a_file_written_by_hand(tmp_path):
-    arrays = write_by_hand(tmp_path / "p.npz", np.random.default_rng(1))
-    policy, _ = load_any_policy(tmp_path / "p.npz")
+    arrays = write_by_hand(tmp_path / "p.safetensors", np.random.default_rng(1))
+    policy, _ = load_any_policy(tmp_path / "p.safetensors")
     expected = [numpy_policy(arrays, x) for x in STATES]
     double = jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), policy.actor)
     with jax.enable_x64(True):
@@ -86,18 +89,10 @@ def test_a_file_written_by_hand(tmp_path):
 
 
 def test_without_a_deviation_there_is_no_distribution(tmp_path):
-    write_by_hand(tmp_path / "p.npz", np.random.default_rng(1))
-    policy, _ = load_any_policy(tmp_path / "p.npz")
+    write_by_hand(tmp_path / "p.safetensors", np.random.default_rng(1))
+    policy, _ = load_any_policy(tmp_path / "p.safetensors")
     with pytest.raises(SwingupError, match="no standard deviation"):
         policy.actor(jnp.zeros(4))
-
-
-def change(path, **changes):
-    """Replace (or, with None, remove) arrays of a file."""
-    with np.load(path) as file:
-        arrays = {name: file[name] for name in file.files}
-    arrays = {name: array for name, array in (arrays | changes).items() if array is not None}
-    np.savez(path, **arrays)
 
 
 STAGES = [{"name": "pendulum"}, {"name": "normalise"}]
@@ -107,11 +102,10 @@ STAGES = [{"name": "pendulum"}, {"name": "normalise"}]
     ("metadata", "arrays", "message"),
     [
         ({"format": "swingup checkpoint"}, {}, "a 'swingup checkpoint' file"),
-        ({"activation": "tanh"}, {}, "a file with an activation must have format version 3"),
-        ({"format_version": 3, "activation": "step"}, {}, "unknown activation 'step': use one of relu, tanh"),
-        ({"format_version": 3, "gru": True}, {}, "array network.gru.inputs.weight is missing"),
+        ({"activation": "step"}, {}, "unknown activation 'step': use one of relu, tanh"),
+        ({"gru": True}, {}, "array network.gru.inputs.weight is missing"),
         (
-            {"format_version": 3, "gru": True},
+            {"gru": True},
             {
                 f"network.gru.{part}.{name}": np.zeros(shape, np.float32)
                 for part, rows in (("inputs", 256), ("hidden", 7))
@@ -119,15 +113,15 @@ STAGES = [{"name": "pendulum"}, {"name": "normalise"}]
             },
             r"a GRU of 7 after 256 values has weights \(24, 256\) and \(24, 7\)",
         ),
-        ({"format_version": 3, "layer_norm": 1}, {}, "layer_norm = 1: use true or false"),
-        ({"format_version": 3, "layer_norm": True}, {}, "array network.norm.0.weight is missing"),
+        ({"layer_norm": 1}, {}, "layer_norm = 1: use true or false"),
+        ({"layer_norm": True}, {}, "array network.norm.0.weight is missing"),
         (
-            {"format_version": 3, "layer_norm": True},
+            {"layer_norm": True},
             {f"network.norm.{i}.{part}": np.ones(3, np.float32) for i in (0, 1) for part in ("weight", "bias")},
             r"a norm has shapes \(3,\) and \(3,\), its layer \(256,\)",
         ),
-        ({"format_version": 5}, {}, "format version 5, this program reads 1, 2, 3 and 4"),
-        ({"identifier": {}}, {}, "a file with an identifier must have format version 4"),
+        ({"format_version": 2}, {}, "format version 2, this program reads 1"),
+        ({"format_version": True}, {}, "format version True, this program reads 1"),
         ({"observation": [{"name": "kalman"}, *STAGES]}, {}, "unknown observation stage 'kalman'"),
         (
             {"observation": [{"name": "pendulum", "angles": "polar"}, STAGES[1]]},
@@ -153,7 +147,6 @@ STAGES = [{"name": "pendulum"}, {"name": "normalise"}]
             {"observation.1.mean": np.zeros(4, np.int32)},
             "observation.1.mean holds values that are not finite floating",
         ),
-        ({}, {"observation.1.mean": np.array(["a"] * 4)}, "not a swingup policy file"),
         ({}, {"network.mean.bias": None}, "network.mean.bias"),
         (
             {},
@@ -162,40 +155,51 @@ STAGES = [{"name": "pendulum"}, {"name": "normalise"}]
         ),
         ({}, {"network.trunk.0.bias": np.zeros(3, np.float32)}, r"bias \(3,\)"),
         ({}, {"network.mean.bias": np.array([np.nan], np.float32)}, "not finite"),
-        ({}, {"metadata": None}, "lacks swingup's metadata"),
-        ({}, {"metadata": np.frombuffer(b"{", np.uint8)}, "lacks swingup's metadata"),
     ],
 )
 def test_bad_files(tmp_path, metadata, arrays, message):
-    path = tmp_path / "p.npz"
+    path = tmp_path / "p.safetensors"
     write_by_hand(path, np.random.default_rng(1), **metadata)
-    change(path, **arrays)
+    change_file(path, arrays=arrays)
     with pytest.raises(SwingupError, match=message):
         load_any_policy(path)
 
 
 @pytest.mark.parametrize("content", [b"", b"hello", b"PK\x03\x04 not really a zip", b"\x93NUMPY"])
 def test_foreign_files(tmp_path, content):
-    (tmp_path / "p.npz").write_bytes(content)
+    (tmp_path / "p.safetensors").write_bytes(content)
     with pytest.raises(SwingupError, match="truncated"):
-        load_any_policy(tmp_path / "p.npz")
+        load_any_policy(tmp_path / "p.safetensors")
 
 
-def test_pickles_are_refused(tmp_path):
-    np.savez(tmp_path / "p.npz", metadata=np.array([{"a": 1}], dtype=object))
-    with pytest.raises(SwingupError, match="not a swingup policy file"):
-        load_any_policy(tmp_path / "p.npz")
+@pytest.mark.parametrize("foreign", [{}, {"observation": [{"name": "plant"}], "choices": [3], "gru": True}])
+def test_metadata_of_another_network_does_not_change_this_one(tmp_path, foreign):
+    network = network_of(make_policy())
+    write_network(tmp_path / "p.safetensors", network, {"format": "x", "robot": "acrobot"} | foreign)
+    found, metadata = read_network(tmp_path / "p.safetensors")
+    assert [type(stage) for stage in found.stages] == [type(stage) for stage in network.stages]
+    assert (found.choices, found.gru, metadata["robot"]) == (None, None, "acrobot")
+
+
+def test_a_folded_policy_is_written_with_its_own_metadata(tmp_path):
+    """The network of ``adaptive`` for one plant, with the shipped file's metadata as provenance."""
+    policy = read_policy("adaptive", "acrobot")
+    folded = dataclasses.replace(policy, network=policy.folded)
+    write_pendulum_policy(tmp_path / "p.safetensors", folded, policy.metadata)
+    found = read_pendulum_policy(tmp_path / "p.safetensors")
+    assert len(found.network.stages) == len(policy.folded.stages) < len(policy.network.stages)
+    assert found.metadata["command"] == policy.metadata["command"]
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_damaged_bytes_never_give_a_traceback(tmp_path, seed):
     rng = np.random.default_rng(seed)
-    save_policy(tmp_path / "q.npz", make_policy(), {})
-    content = bytearray((tmp_path / "q.npz").read_bytes())
+    save_policy(tmp_path / "q.safetensors", make_policy(), {})
+    content = bytearray((tmp_path / "q.safetensors").read_bytes())
     for _ in range(30):
         damaged = content.copy()
         start = int(rng.integers(len(damaged)))
         damaged[start : start + 20] = rng.bytes(len(damaged[start : start + 20]))
-        (tmp_path / "q.npz").write_bytes(damaged)
+        (tmp_path / "q.safetensors").write_bytes(damaged)
         with contextlib.suppress(SwingupError):
-            load_any_policy(tmp_path / "q.npz")
+            load_any_policy(tmp_path / "q.safetensors")

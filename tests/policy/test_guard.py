@@ -267,7 +267,7 @@ def test_realaigym_controllers(name):
 
 
 def test_who_has_a_guard(tmp_path):
-    path = tmp_path / "p.npz"
+    path = tmp_path / "p.safetensors"
     write_pendulum_policy(path, guarded("pendubot-ar-eapo", velocity_limit=50.0), {})
     found = read_pendulum_policy(path)
     assert found.guard == GuardSettings(velocity_limit=50.0)
@@ -286,6 +286,7 @@ def test_who_has_a_guard(tmp_path):
     ("settings", "message"),
     [
         ({"velocity_limit": -1}, "guard setting velocity_limit = -1: use a number from 1e-06 to 1e"),
+        ({"spacing": 5}, "unknown guard setting 'spacing': use some of dt"),
         ({"velocity_limits": 1}, "unknown guard setting 'velocity_limits': use some of dt, angle_limit"),
         ({"torque_rate": "fast"}, "guard setting torque_rate = 'fast': use a number"),
         ({"longest_pause": 0.001}, "guard setting longest_pause = 0.001 is below dt = 0.002: raise it"),

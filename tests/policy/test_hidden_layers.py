@@ -16,7 +16,7 @@ from swingup.errors import SwingupError
 from swingup.policy.c_backend.header import c_header
 from swingup.policy.javascript_backend.page import policy_data
 from swingup.policy.jax_backend.controller import load_policy, save_controller
-from swingup.policy.jax_backend.policy import Policy, load_any_policy
+from swingup.policy.jax_backend.policy import Policy
 from swingup.policy.network import Layer, Network, Norm, check_plain, largest_feature
 from swingup.policy.numpy_backend.controller import NumpyController
 from swingup.policy.onnx_backend.graph import onnx_model
@@ -48,14 +48,12 @@ def of_kind(activation, layer_norm):
 
 @pytest.mark.parametrize("activation", BY_HAND)
 def test_a_policy_file_in_jax_and_in_numpy(tmp_path, activation):
-    """Both back ends compute what is written here by hand, from a file of version 3 (ReLU alone: 2)."""
+    """Both back ends compute what is written here by hand, from a file."""
     layer_norm = activation in ("relu", "silu")
-    save_controller(tmp_path / "p.npz", of_kind(activation, layer_norm), {})
-    _, metadata = load_any_policy(tmp_path / "p.npz")
-    assert metadata["format_version"] == 3
-    found, states = read_pendulum_policy(tmp_path / "p.npz"), random_states()[:5]
+    save_controller(tmp_path / "p.safetensors", of_kind(activation, layer_norm), {})
+    found, states = read_pendulum_policy(tmp_path / "p.safetensors"), random_states()[:5]
     numpy, network = NumpyController(found), found.network
-    loaded, _ = load_policy(tmp_path / "p.npz", "pendubot")
+    loaded, _ = load_policy(tmp_path / "p.safetensors", "pendubot")
     with jax.enable_x64(True):
         judge = jax.jit(jax.vmap(lambda x: (loaded.policy.observe(x), 3.0 * loaded.policy(x)[0])))
         features, judged = map(np.asarray, judge(jnp.asarray(states)))
@@ -83,17 +81,16 @@ def test_a_policy_file_in_jax_and_in_numpy(tmp_path, activation):
     ("write", "program"), [(c_header, "a C header"), (onnx_model, "an ONNX graph"), (policy_data, "a page")]
 )
 def test_programs_of_relu_alone_refuse_by_name(tmp_path, kind, named, write, program):
-    save_controller(tmp_path / "p.npz", of_kind(*kind), {})
+    save_controller(tmp_path / "p.safetensors", of_kind(*kind), {})
     with pytest.raises(
         SwingupError, match=f"{program} runs hidden layers of ReLU, not .*{named}.*: run the policy"
     ):
-        write(read_pendulum_policy(tmp_path / "p.npz"))
+        write(read_pendulum_policy(tmp_path / "p.safetensors"))
 
 
-def test_relu_alone_is_a_file_of_an_older_version(tmp_path):
-    save_controller(tmp_path / "p.npz", small_policy(), {"activation": "tanh", "layer_norm": True})
-    found = read_pendulum_policy(tmp_path / "p.npz")
-    assert found.metadata["format_version"] == 2
+def test_relu_alone_is_not_said_in_the_file(tmp_path):
+    save_controller(tmp_path / "p.safetensors", small_policy(), {"activation": "tanh", "layer_norm": True})
+    found = read_pendulum_policy(tmp_path / "p.safetensors")
     assert not {"activation", "layer_norm"} & found.metadata.keys()
     check_plain(found.network, "anything")
 
@@ -103,9 +100,9 @@ def test_a_pendulum_has_no_recurrent_policy(tmp_path):
     linear = Linear(np.zeros((36, 12), np.float32), np.zeros(36, np.float32))
     actor = dataclasses.replace(controller.policy.actor, gru=GRU(linear, linear))
     policy = Policy(controller.policy.stages, actor)
-    save_controller(tmp_path / "p.npz", dataclasses.replace(controller, policy=policy), {})
+    save_controller(tmp_path / "p.safetensors", dataclasses.replace(controller, policy=policy), {})
     with pytest.raises(SwingupError, match=r"has a memory \(gru\), which a pendulum's controllers have not"):
-        read_pendulum_policy(tmp_path / "p.npz")
+        read_pendulum_policy(tmp_path / "p.safetensors")
 
 
 def test_a_bound_of_the_features():

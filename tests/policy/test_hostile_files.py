@@ -7,6 +7,7 @@ import random
 import numpy as np
 import pytest
 
+from array_files import write_file
 from swingup.errors import SwingupError
 from swingup.physics.parameters import get_robot, identified_parameters
 from swingup.policy.c_backend.header import c_header
@@ -21,7 +22,7 @@ METADATA = {
     "robot": "acrobot",
     "torque_limit": 6.0,
     "observation": [{"name": "pendulum", "angles": "sincos"}, {"name": "normalise", "clip": 10.0, "epsilon": 1e-8}],
-    "estimator": {"caution": 20.0, "longest_dead_time": 25},
+    "estimator": {"caution": 20.0, "max_delay_steps": 25},
     "plant": write_plant(policy_plant(identified_parameters(), get_robot("acrobot"), "C.1")),
     "guard": {"velocity_limit": 1000.0, "torque_rate": 500.0, "braking": 0.1},
 }
@@ -39,8 +40,7 @@ def arrays(hidden=4):
 
 
 def write(path, metadata, values):
-    text = metadata if isinstance(metadata, bytes) else json.dumps(metadata).encode()
-    np.savez(path, metadata=np.frombuffer(text, np.uint8), **values)
+    write_file(path, metadata, values)
 
 
 def try_it(path):
@@ -65,8 +65,8 @@ def try_it(path):
 
 
 def test_the_file_itself_is_good(tmp_path):
-    write(tmp_path / "p.npz", METADATA, arrays())
-    assert try_it(tmp_path / "p.npz")
+    write(tmp_path / "p.safetensors", METADATA, arrays())
+    assert try_it(tmp_path / "p.safetensors")
 
 
 @pytest.mark.parametrize("value", [1e300, 1e39, np.nan, np.inf])
@@ -75,38 +75,38 @@ def test_numbers_that_single_precision_cannot_hold(tmp_path, value):
     for name in ("network.trunk.1.weight", "network.mean.bias", "observation.1.mean", "observation.1.variance"):
         values = arrays()
         values[name] = np.full(values[name].shape, value)
-        write(tmp_path / "p.npz", METADATA, values)
+        write(tmp_path / "p.safetensors", METADATA, values)
         with pytest.raises(SwingupError, match=f"array {name} holds values that are not finite"):
-            read_pendulum_policy(tmp_path / "p.npz")
+            read_pendulum_policy(tmp_path / "p.safetensors")
 
 
 def test_weights_that_overflow_only_together(tmp_path):
     values = {name: np.full_like(value, 1e20) for name, value in arrays().items()}
-    write(tmp_path / "p.npz", METADATA, values)
+    write(tmp_path / "p.safetensors", METADATA, values)
     with pytest.raises(SwingupError, match=r"or a layer may reach 1e\+30: train another"):
-        read_pendulum_policy(tmp_path / "p.npz")
+        read_pendulum_policy(tmp_path / "p.safetensors")
 
 
-@pytest.mark.parametrize("dtype", ["i4", "u1", "c16", "?", "M8[s]", "U5"])
+@pytest.mark.parametrize("dtype", ["i4", "u1", "?", "u8"])
 def test_arrays_of_other_kinds(tmp_path, dtype):
     values = arrays()
     values["network.mean.bias"] = np.zeros(1).astype(dtype)
-    write(tmp_path / "p.npz", METADATA, values)
-    assert not try_it(tmp_path / "p.npz")
+    write(tmp_path / "p.safetensors", METADATA, values)
+    assert not try_it(tmp_path / "p.safetensors")
 
 
 @pytest.mark.parametrize("shape", [(), (0,), (1,), (0, 4), (4, 0), (1, 1, 1), (3,), (1,) * 32, (4, 4)])
 @pytest.mark.parametrize("name", ["network.trunk.0.weight", "network.mean.bias", "observation.1.variance"])
 def test_arrays_of_other_shapes(tmp_path, name, shape):
-    write(tmp_path / "p.npz", METADATA, arrays() | {name: np.zeros(shape, np.float32)})
+    write(tmp_path / "p.safetensors", METADATA, arrays() | {name: np.zeros(shape, np.float32)})
     fits = shape == arrays()[name].shape
-    assert try_it(tmp_path / "p.npz") == fits
+    assert try_it(tmp_path / "p.safetensors") == fits
 
 
 def test_unknown_arrays_are_left_alone(tmp_path):
-    more = {"network.trunk.1000.weight": np.zeros(3), "observation.0.x": np.array(["a"]), "zzz": np.zeros(2)}
-    write(tmp_path / "p.npz", METADATA, arrays() | more)
-    assert try_it(tmp_path / "p.npz")
+    more = {"network.trunk.1000.weight": np.zeros(3), "observation.0.x": np.array([True]), "zzz": np.zeros(2)}
+    write(tmp_path / "p.safetensors", METADATA, arrays() | more)
+    assert try_it(tmp_path / "p.safetensors")
 
 
 @pytest.mark.parametrize("value", WRONG, ids=lambda value: repr(value)[:20])
@@ -115,11 +115,11 @@ def test_unknown_arrays_are_left_alone(tmp_path):
     ["robot", "torque_limit", "observation", "estimator", "identifier", "regulator", "choices", "format_version"],
 )
 def test_metadata_of_wrong_kinds(tmp_path, place, value):
-    write(tmp_path / "p.npz", METADATA | {place: value}, arrays())
-    accepted = try_it(tmp_path / "p.npz")
+    write(tmp_path / "p.safetensors", METADATA | {place: value}, arrays())
+    accepted = try_it(tmp_path / "p.safetensors")
     # {} are default settings, and an array that is given is only needed by its stage.
     settings = {part: [{}] for part in ("estimator", "identifier", "regulator")}
-    allowed = settings | {"torque_limit": [2**63], "format_version": [True]}
+    allowed = settings | {"torque_limit": [2**63]}
     assert not accepted or value in allowed.get(place, [])
     assert accepted or place not in settings or value != {}
 
@@ -127,29 +127,29 @@ def test_metadata_of_wrong_kinds(tmp_path, place, value):
 @pytest.mark.parametrize("value", WRONG, ids=lambda value: repr(value)[:20])
 def test_settings_of_wrong_kinds(tmp_path, value):
     for part, names in (
-        ("estimator", ("dt", "position_noise", "max_delay_steps", "longest_dead_time", "memory")),
+        ("estimator", ("dt", "position_noise", "max_delay_steps", "memory")),
         ("identifier", ("dt", "span", "gate", "spread")),
         ("regulator", ("state_weights", "torque_weight", "riccati_step", "riccati_steps", "leave")),
     ):
         for name in names:
-            write(tmp_path / "p.npz", METADATA | {part: {name: value}}, arrays())
-            try_it(tmp_path / "p.npz")
-    for name in ("name", "angles", "velocity_scale", "clip", "epsilon", "torques", "x"):
+            write(tmp_path / "p.safetensors", METADATA | {part: {name: value}}, arrays())
+            try_it(tmp_path / "p.safetensors")
+    for name in ("name", "angles", "velocity_scale", "clip", "epsilon", "x"):
         stages = copy.deepcopy(METADATA["observation"])
         stages[name in ("clip", "epsilon")][name] = value
-        write(tmp_path / "p.npz", METADATA | {"observation": stages}, arrays())
-        try_it(tmp_path / "p.npz")
+        write(tmp_path / "p.safetensors", METADATA | {"observation": stages}, arrays())
+        try_it(tmp_path / "p.safetensors")
 
 
 @pytest.mark.parametrize(
     "text",
-    [b"", b"{", b"null", b"[]", b"1", b"[" * 100_000 + b"]" * 100_000, b'{"a":' * 20_000 + b"1" + b"}" * 20_000,
-     b"\xff\xfe{}", json.dumps(METADATA).replace("6.0", "9" * 5000).encode()],
+    ["", "{", "null", "[]", "1", "[" * 100_000 + "]" * 100_000, '{"a":' * 20_000 + "1" + "}" * 20_000,
+     "\xff\xfe{}", json.dumps(METADATA).replace("6.0", "9" * 5000)],
     ids=range(9),
 )  # fmt: skip
 def test_metadata_that_is_no_object(tmp_path, text):
-    write(tmp_path / "p.npz", text, arrays())
-    assert not try_it(tmp_path / "p.npz")
+    write(tmp_path / "p.safetensors", text, arrays())
+    assert not try_it(tmp_path / "p.safetensors")
 
 
 def mutated(generator, value):
@@ -177,6 +177,6 @@ def test_mutated_metadata(tmp_path, seed):
         metadata = METADATA
         for _ in range(generator.choice([1, 1, 2])):
             metadata = mutated(generator, metadata)
-        write(tmp_path / "p.npz", metadata, good)
-        accepted += try_it(tmp_path / "p.npz")
+        write(tmp_path / "p.safetensors", metadata, good)
+        accepted += try_it(tmp_path / "p.safetensors")
     assert 0 < accepted < 200

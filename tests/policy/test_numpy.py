@@ -95,7 +95,7 @@ def test_flat_yaml():
             "unknown policy 'tvlqr': use one of adaptive, refined, ar-eapo, global or a policy file",
         ),
         ("globel", "acrobot", "did you mean global?"),
-        ("nothing.npz", "acrobot", "no such file: nothing.npz"),
+        ("nothing.safetensors", "acrobot", "no such file: nothing.safetensors"),
     ],
 )
 def test_what_is_refused(source, robot, message):

@@ -185,7 +185,7 @@ np.save({rows!r}, [controller.get_control_output(x=x, t=0.002 * step) for step, 
 
 
 def test_exported_controllers_identify_their_plant(policy, tmp_path):
-    source, rows = tmp_path / "mine.npz", tmp_path / "rows.npy"
+    source, rows = tmp_path / "mine.safetensors", tmp_path / "rows.npy"
     write_pendulum_policy(source, policy, {"command": "none"})
     policy = read_pendulum_policy(source)
     folder = export_realaigym(policy, source, tmp_path / "r", "Ada").parent

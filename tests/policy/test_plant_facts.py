@@ -1,11 +1,11 @@
 """The plant in policy files of version 2, the estimator's model, and what is said of a plant that differs."""
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
 
+from array_files import change_file
 from swingup.errors import SwingupError
 from swingup.physics.base_parameters import base_parameters
 from swingup.physics.damped import Friction, Functions, damped_midpoint_step
@@ -34,18 +34,14 @@ FLOATS = Functions(lambda angle: (np.sin(angle), np.cos(angle)), np.arctan)
 
 def rewritten(path, **changes):
     """A file with other metadata; a value of None removes its key."""
-    with np.load(path) as file:
-        arrays = {name: file[name] for name in file.files}
-    metadata = json.loads(arrays.pop("metadata").tobytes()) | changes
-    text = json.dumps({name: value for name, value in metadata.items() if value is not None})
-    np.savez(path, metadata=np.frombuffer(text.encode(), np.uint8), **arrays)
+    change_file(path, changes)
     return path
 
 
 @pytest.fixture
 def mine(tmp_path):
     """A policy file for another plant."""
-    path = tmp_path / "mine.npz"
+    path = tmp_path / "mine.safetensors"
     write_pendulum_policy(path, dataclasses.replace(policy("acrobot-refined"), plant=MINE), {"estimator": {}})
     return path
 
@@ -54,23 +50,21 @@ def test_the_names_are_the_parameters():
     assert PLANT_NAMES == NAMES
 
 
-def test_a_file_of_version_2_carries_its_plant(mine, tmp_path):
+def test_a_file_carries_its_plant(mine, tmp_path):
     found = read_pendulum_policy(mine)
     assert (found.plant, found.plant.name) == (MINE, "mine.yml")
-    assert found.metadata["format_version"] == 2
     # The shoulder is passive: its motor has no torque.
     assert (found.plant.tl1, found.torque_limits) == (0.0, (0.0, identified_parameters().tl2))
     # From JAX, with the old metadata as provenance, as refine writes: the plant stays.
     alone, metadata = load_policy(mine)
-    save_controller(tmp_path / "again.npz", alone, metadata)
-    assert read_pendulum_policy(tmp_path / "again.npz").plant == MINE
+    save_controller(tmp_path / "again.safetensors", alone, metadata)
+    assert read_pendulum_policy(tmp_path / "again.safetensors").plant == MINE
     assert vars(make_controller(found).parameters) == {name: getattr(MINE, name) for name in NAMES}
 
 
 @pytest.mark.parametrize("name", ["acrobot", "pendubot"])
-def test_a_file_of_version_1_is_for_the_leaderboards_plant(name):
+def test_a_file_without_a_plant_is_for_the_leaderboards(name):
     found, p = read_policy("refined", name), leaderboard_parameters(get_robot(name))
-    assert found.metadata["format_version"] == 1
     assert {each: getattr(found.plant, each) for each in NAMES} == vars(p)
     assert found.plant.friction is None
     assert "/* ---- the estimator's model: leaderboard ---- */" in c_header(found)
@@ -79,8 +73,6 @@ def test_a_file_of_version_1_is_for_the_leaderboards_plant(name):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"format_version": 1}, "a file with a plant must have format version 2"),
-        ({"format_version": 1, "plant": None, "guard": {}}, "a file with a guard must have format version 2"),
         ({"plant": "C.1"}, "plant 'C.1' is no object of parameters"),
         ({"plant": {**write_plant(MINE), "m3": 1.0}}, "unknown plant parameter 'm3': use m1, m2"),
         ({"plant": {**write_plant(MINE), "name": 3}}, "plant name 3 is no text"),

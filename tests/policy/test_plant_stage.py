@@ -1,13 +1,13 @@
 """Policies that see their plant: the file, the ordinary network for one plant, and other plants told to it."""
 
 import dataclasses
-import json
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from array_files import change_file
 from swingup.errors import SwingupError
 from swingup.physics.base_parameters import base_parameters
 from swingup.physics.parameters import Parameters, identified_parameters, leaderboard_parameters
@@ -63,8 +63,8 @@ def test_a_network_that_sees_the_state_alone_stays_as_it_is():
 
 @pytest.fixture
 def file(tmp_path):
-    write_pendulum_policy(tmp_path / "p.npz", policy_of(sighted_policy()), {"command": "none"})
-    return tmp_path / "p.npz"
+    write_pendulum_policy(tmp_path / "p.safetensors", policy_of(sighted_policy()), {"command": "none"})
+    return tmp_path / "p.safetensors"
 
 
 def test_round_trip(file):
@@ -154,12 +154,7 @@ PENDULUM, PLANT = {"name": "pendulum", "angles": "sincos"}, {"name": "plant"}
     ],
 )  # fmt: skip
 def test_bad_files(file, stages, arrays, message):
-    with np.load(file) as found:
-        values = dict(found)
-    metadata = json.loads(values.pop("metadata").tobytes()) | {"observation": stages}
-    values |= {f"observation.1.{name}": array for name, array in arrays.items()}
-    values = {name: array for name, array in values.items() if array is not None}
-    np.savez(file, metadata=np.frombuffer(json.dumps(metadata).encode(), np.uint8), **values)
+    change_file(file, {"observation": stages}, {f"observation.1.{name}": array for name, array in arrays.items()})
     with pytest.raises(SwingupError, match=message) as refusal:
         read_pendulum_policy(file)
     assert "\n" not in str(refusal.value)

@@ -240,8 +240,8 @@ def file(tmp_path):
     """A policy file with metadata of one's choice."""
 
     def write(**metadata):
-        write_pendulum_policy(tmp_path / "p.npz", policy_of(sighted_policy()), metadata)
-        return tmp_path / "p.npz"
+        write_pendulum_policy(tmp_path / "p.safetensors", policy_of(sighted_policy()), metadata)
+        return tmp_path / "p.safetensors"
 
     return write
 
@@ -250,18 +250,17 @@ def test_files(file, tmp_path):
     assert read_pendulum_policy(file(regulator={})).regulator == SETTINGS
     assert read_pendulum_policy(file()).regulator is None
     found = read_pendulum_policy(file(regulator={"enter": 2, "state_weights": [1, 2, 3, 4]}))
-    assert found.metadata["format_version"] == 4
     assert found.regulator == RegulatorSettings(enter=2.0, state_weights=(1.0, 2.0, 3.0, 4.0))
-    write_pendulum_policy(tmp_path / "again.npz", found, {})
-    assert read_pendulum_policy(tmp_path / "again.npz").regulator == found.regulator
+    write_pendulum_policy(tmp_path / "again.safetensors", found, {})
+    assert read_pendulum_policy(tmp_path / "again.safetensors").regulator == found.regulator
     assert make_controller(found).settings == found.regulator
     assert make_controller(found, estimator=True).controller.settings == found.regulator
 
 
 def changed(policy, tmp_path, **fields):
     """A policy with other fields, written with its file's metadata, and read again."""
-    write_pendulum_policy(tmp_path / "changed.npz", dataclasses.replace(policy, **fields), policy.metadata)
-    return read_pendulum_policy(tmp_path / "changed.npz")
+    write_pendulum_policy(tmp_path / "changed.safetensors", dataclasses.replace(policy, **fields), policy.metadata)
+    return read_pendulum_policy(tmp_path / "changed.safetensors")
 
 
 def test_what_a_policy_has_wins_over_the_old_metadata(file, tmp_path):

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..arrays import LARGEST_ARCHIVE, load_archive, save_archive
+from ..arrays import LARGEST_ARRAYS, load_arrays, save_arrays
 from ..errors import SwingupError
 
 CHECKPOINT_FORMAT = "swingup checkpoint"
@@ -24,7 +24,7 @@ def save_checkpoint(path: str | Path, tree: Any, metadata: Mapping[str, Any]) ->
     Raises:
         SwingupError: the file cannot be written.
     """
-    save_archive(
+    save_arrays(
         path,
         CHECKPOINT_FORMAT,
         CHECKPOINT_VERSION,
@@ -40,10 +40,10 @@ def load_checkpoint(path: str | Path, like: Tree) -> tuple[Tree, dict[str, Any]]
         SwingupError: the file cannot be read, or it holds another structure.
     """
     needed = dict(_named(like))
-    # A configuration may need large arrays; any other archive stays below the common bound.
-    most = max(LARGEST_ARCHIVE, sum(map(_member_size, needed.values())))
-    # Members with other names are not read: a foreign archive costs no memory.
-    metadata, arrays = load_archive(path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION, needed.__contains__, most)
+    # A configuration may need large arrays; any other file stays below the common bound.
+    most = max(LARGEST_ARRAYS, sum(map(_size, needed.values())))
+    # Arrays with other names are not read: a foreign file costs no memory.
+    metadata, arrays = load_arrays(path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION, needed.__contains__, most)
     leaves = []
     for name, expected in needed.items():
         if name not in arrays:
@@ -58,7 +58,7 @@ def read_metadata(path: str | Path) -> dict[str, Any]:
     Raises:
         SwingupError: the file cannot be read.
     """
-    return load_archive(path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION, lambda name: False)[0]
+    return load_arrays(path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION, lambda name: False)[0]
 
 
 def _named(tree: Any) -> list[tuple[str, Any]]:
@@ -80,10 +80,10 @@ def _kind(expected: Any) -> Any:
     return jax.eval_shape(jax.random.key_data, expected) if _is_key(expected) else expected
 
 
-def _member_size(expected: Any) -> int:
-    """Bytes of a stored leaf, its header included."""
+def _size(expected: Any) -> int:
+    """Bytes of a stored leaf."""
     kind = _kind(expected)
-    return math.prod(kind.shape) * np.dtype(kind.dtype).itemsize + 1000
+    return math.prod(kind.shape) * np.dtype(kind.dtype).itemsize
 
 
 def _from_numpy(path: str | Path, name: str, array: np.ndarray, expected: Any) -> Any:

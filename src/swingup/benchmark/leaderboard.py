@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..control.baselines import BASELINES
-from ..control.registry import find_controller, has_estimator
+from ..control.registry import get_controller, has_estimator
 from ..errors import SwingupError
 from ..physics.parameters import Robot, get_robot
 from ..plants.domain import load_domain
@@ -158,9 +158,9 @@ def entrants_for(
     """
     _check_names(others, names)  # before controllers are made, which takes seconds
     # Not get_controller: its notes on changed names are for names that a user gives.
-    ours = {name: find_controller(name, robot, plant=plant) for name in names}
+    ours = {name: get_controller(name, robot, plant=plant) for name in names}
     twice = [name for name in names if alone and has_estimator(ours[name])]
-    ours |= {f"{name}{ALONE}": find_controller(name, robot, False, plant) for name in twice}
+    ours |= {f"{name}{ALONE}": get_controller(name, robot, False, plant) for name in twice}
     # Again, for the names without an estimator: they are known only now.
     _check_names(others, ours)
     return ours | dict(others)

@@ -22,7 +22,7 @@ RobotName = Positional[Annotated[str, arg(metavar="ROBOT", help="acrobot or pend
 RobotOrNone = Positional[Annotated[str | None, arg(metavar="[ROBOT]", help="acrobot or pendubot.")]]
 RobotOrAll = Positional[Annotated[str, arg(metavar="[ROBOT]", help="acrobot, pendubot or all.")]]
 ControllerName = Annotated[
-    str, arg(metavar="NAME", help=f"{', '.join(BUILT_IN)}, a policy file (.npz), or module:object.")
+    str, arg(metavar="NAME", help=f"{', '.join(BUILT_IN)}, a policy file (.safetensors), or module:object.")
 ]
 ControllerNames = Annotated[
     tuple[str, ...], arg(metavar="NAME...", help="controllers of yours: policy files or module:object.")

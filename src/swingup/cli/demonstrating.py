@@ -10,7 +10,7 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from ..benchmark.board_rows import paper_score
-from ..control.registry import find_controller
+from ..control.registry import get_controller
 from ..errors import SwingupError
 from ..files import write_atomically
 from ..learner.policy_files import BEST
@@ -28,7 +28,7 @@ from .showing import train_shown
 from .training import start_training
 
 PRESET = "fast"
-FIRST = "first.npz"
+FIRST = "first.safetensors"
 """The policy of the first report, which shows on the page what training changed."""
 PAGE = "page.html"
 TRAINED, BEGINNER = "your policy", "your policy at first"
@@ -118,7 +118,7 @@ def _show_result(robot: Robot, run: Run, watch: Watch, start: float) -> int:
 
 def find_policy(path: Path, robot: Robot) -> PolicyController:
     """The policy in a file of the run; its preset's task has no estimator."""
-    found = find_controller(str(path), robot)
+    found = get_controller(str(path), robot)
     assert isinstance(found, PolicyController)
     return found
 

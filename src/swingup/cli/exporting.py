@@ -24,7 +24,6 @@ from ..policy.plant_facts import PLANT, policy_plant
 from ..policy.settings import GuardSettings, choose_guard
 from ..policy.shipped import DEFAULT_ALONE, SHIPPED_POLICIES, read_policy, shipped_file
 from ..policy.template import NAME
-from ..renamed import current_name
 from ..text import quoted
 from .arguments import NO_PLANT, PlantFlags
 from .output import tell
@@ -33,7 +32,7 @@ FOLDERS = ("realaigym", "cloudpendulum")
 FORMS = (*FOLDERS, "onnx", "c")
 
 Policy = Positional[
-    Annotated[str, arg(metavar="[POLICY]", help=f"{', '.join(SHIPPED_POLICIES)}, or a policy file (.npz).")]
+    Annotated[str, arg(metavar="[POLICY]", help=f"{', '.join(SHIPPED_POLICIES)}, or a policy file (.safetensors).")]
 ]
 
 
@@ -75,7 +74,6 @@ def export(
     one_of("format", to, FORMS)
     # Before the policy is read: that error would only list policies.
     _refuse_baselines(policy, robot)
-    policy = current_name("controller", policy)
     on, found = plant.make(), read_policy(policy, robot)
     if on is not None:
         found = _with_plant(found, on)
@@ -119,7 +117,7 @@ def _source(policy: PendulumPolicy, file: Path, plant: Plant | None) -> Iterator
         yield file
         return
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "policy.npz"
+        path = Path(folder) / "policy.safetensors"
         write_pendulum_policy(path, policy, policy.metadata)
         yield path
 

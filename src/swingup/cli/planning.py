@@ -18,7 +18,7 @@ from .arguments import NO_PLANT, PlantFlags, RobotName
 def trajectory(
     robot: RobotName,
     /,
-    out: Annotated[str, arg(metavar="FILE.npz")],
+    out: Annotated[str, arg(metavar="FILE.safetensors")],
     plant: PlantFlags = NO_PLANT,
     problem: Literal["published", "score"] = "published",
     seed: int = 0,

@@ -18,7 +18,6 @@ from ..policy.jax_backend.controller import PolicyController, load_policy, save_
 from ..policy.shipped import AR_EAPO, GLOBAL, SHIPPED_POLICIES
 from ..refine.around import parts_around
 from ..refine.recipe import ADAPT, RECIPES, RefinementReport, run_recipe
-from ..renamed import current_name
 from ..version import __version__
 from .arguments import NO_PLANT, PlantFlags, RobotName
 from .output import SECONDS_BETWEEN_LINES, tell
@@ -27,7 +26,7 @@ from .output import SECONDS_BETWEEN_LINES, tell
 def refine_command(
     robot: RobotName,
     /,
-    out: Annotated[str, arg(metavar="FILE.npz")],
+    out: Annotated[str, arg(metavar="FILE.safetensors")],
     policy: Annotated[str | None, arg(metavar="POLICY")] = None,
     recipe: str = "recover",
     plant: PlantFlags = NO_PLANT,
@@ -54,7 +53,7 @@ def refine_command(
     check_seeds(seed, 1)
     check_writable(out)
     usual = GLOBAL if recipe == ADAPT else AR_EAPO
-    policy = usual if policy is None else current_name("controller", policy)
+    policy = usual if policy is None else policy
     start, metadata = (shipped_policy if policy in SHIPPED_POLICIES else _load)(chosen, policy)
     stages, console = RECIPES[recipe], Console(stderr=True)
     options = {"policy": policy, "recipe": recipe, "seed": seed, "out": Path(out).name}

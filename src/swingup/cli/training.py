@@ -45,7 +45,7 @@ def train_command(
 ) -> int:
     """Train a policy, show the progress, and end with the score of the best one.
 
-    The folder holds config.json, metrics.jsonl, tensorboard/, checkpoints/, best.npz and last.npz.
+    The folder holds config.json, metrics.jsonl, tensorboard/, checkpoints/, best.safetensors and last.safetensors.
 
     Args:
         robot: the robot; none with --env or --resume.

@@ -126,7 +126,7 @@ def shipped_reference(robot: Robot | str, problem: str = "published") -> tuple[R
     robot = get_robot(robot)
     if problem not in SHIPPED_TRAJECTORIES:
         raise SwingupError(f"unknown problem {problem!r}: use one of {', '.join(SHIPPED_TRAJECTORIES)}")
-    file = f"{robot.name}-{SHIPPED_TRAJECTORIES[problem]}.npz"
+    file = f"{robot.name}-{SHIPPED_TRAJECTORIES[problem]}.safetensors"
     with resources.as_file(resources.files("swingup") / "zoo" / file) as path:
         return load_reference(path)
 

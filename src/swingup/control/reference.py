@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..arrays import load_archive, save_archive
+from ..arrays import load_arrays, save_arrays
 from ..checks import positive_number
 from ..errors import SwingupError
 from ..physics.parameters import Parameters, Robot, get_robot
@@ -122,7 +122,7 @@ def save_reference(path: str | Path, reference: Reference, provenance: dict[str,
     """
     head = {"robot": reference.robot.name, "dt": reference.dt, "version": __version__}
     arrays = {name: np.asarray(getattr(reference, name), np.float64) for name in REFERENCE_ARRAYS}
-    save_archive(path, REFERENCE_FORMAT, REFERENCE_VERSION, {**head, **provenance}, arrays)
+    save_arrays(path, REFERENCE_FORMAT, REFERENCE_VERSION, {**head, **provenance}, arrays)
 
 
 def load_reference(path: str | Path) -> tuple[Reference, dict[str, Any]]:
@@ -131,7 +131,7 @@ def load_reference(path: str | Path) -> tuple[Reference, dict[str, Any]]:
     Raises:
         SwingupError: the file cannot be read, is truncated, or is no trajectory file of this version.
     """
-    metadata, arrays = load_archive(path, REFERENCE_FORMAT, REFERENCE_VERSION, REFERENCE_ARRAYS.__contains__)
+    metadata, arrays = load_arrays(path, REFERENCE_FORMAT, REFERENCE_VERSION, REFERENCE_ARRAYS.__contains__)
     missing = [name for name in ("robot", "dt") if name not in metadata]
     missing += [name for name in REFERENCE_ARRAYS if name not in arrays]
     if missing:

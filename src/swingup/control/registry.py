@@ -15,7 +15,6 @@ from ..plants.plant import PlantLike, robot_parameters
 from ..policy.jax_backend.controller import make_controller
 from ..policy.jax_backend.estimator import EstimatingController, with_estimator
 from ..policy.shipped import SHIPPED_POLICIES, is_policy, read_policy
-from ..renamed import current_name
 from ..text import quoted
 from .baselines import BASELINES, baseline
 from .controller import AbstractController
@@ -46,13 +45,6 @@ def get_controller(
         SwingupError: there is no such controller or plant, it cannot be loaded, it is for another robot, or it is
             in plain Python and an estimator was requested.
     """
-    return find_controller(current_name("controller", name), robot, estimator, plant)
-
-
-def find_controller(
-    name: str, robot: Robot | str, estimator: bool | None = None, plant: PlantLike | None = None
-) -> Controller:
-    """Do as :func:`get_controller`, for names in the package's own code: no notes on changed names."""
     robot = get_robot(robot)
     if is_policy(name):
         return make_controller(read_policy(name, robot), estimator)
@@ -82,7 +74,7 @@ def _imported(name: str) -> Controller:
     """An object of a module, or of a class of it without arguments."""
     module_name, colon, object_name = name.partition(":")
     if not colon:
-        known = f"{', '.join(BUILT_IN)}, a policy file (.npz) or module:object"
+        known = f"{', '.join(BUILT_IN)}, a policy file (.safetensors) or module:object"
         near = suggestion(name, BUILT_IN)
         hint = f"; for an object of a module: {name.removesuffix('.py')}:NAME" if name.endswith(".py") else near
         raise SwingupError(f"unknown controller {quoted(name)}: use {known}{hint}")

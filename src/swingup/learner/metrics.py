@@ -13,7 +13,6 @@ from typing import Any
 from ..checks import whole_number
 from ..errors import SwingupError
 from ..files import write_atomically
-from .rates import with_present_names
 
 METRICS_FILE = "metrics.jsonl"
 
@@ -157,7 +156,6 @@ def _parse_row(line: str) -> dict[str, Any]:
     row = json.loads(line, parse_constant=_refuse)
     if not isinstance(row, dict) or any(isinstance(value, dict | list) for value in row.values()):
         raise TypeError("a row is one level of names and values")
-    row = with_present_names(row)
     return row | {name: whole_number(name, row[name], 0) for name in ("seed", "frames")}
 
 

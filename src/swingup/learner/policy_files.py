@@ -11,22 +11,21 @@ from ..policy.jax_backend.policy import load_any_policy
 from ..text import one_line
 from ..version import __version__
 from .progress import TrainingProgress
-from .rates import with_present_names
 from .run_settings import RunSettings
 
-BEST, LAST = "best.npz", "last.npz"
+BEST, LAST = "best.safetensors", "last.safetensors"
 
 _LOGGER = logging.getLogger(__name__)
 
 
 def best_name(settings: RunSettings, index: int) -> str:
-    """File of a seed's best policy; with several seeds best.npz is the best of all."""
-    return BEST if settings.seeds == 1 else f"best-{settings.seed + index}.npz"
+    """File of a seed's best policy; with several seeds best.safetensors is the best of all."""
+    return BEST if settings.seeds == 1 else f"best-{settings.seed + index}.safetensors"
 
 
 def last_name(settings: RunSettings, index: int) -> str:
     """File of a seed's last policy."""
-    return LAST if settings.seeds == 1 else f"last-{settings.seed + index}.npz"
+    return LAST if settings.seeds == 1 else f"last-{settings.seed + index}.safetensors"
 
 
 def provenance(
@@ -66,8 +65,8 @@ def result_on_disk(path: Path, measure: str) -> dict[str, Any]:
         SwingupError: the file cannot be read, or holds no result of this measure.
     """
     try:
-        return with_present_names(load_any_policy(path)[1]["scores"][measure])
-    except (KeyError, TypeError, AttributeError) as error:
+        return dict(load_any_policy(path)[1]["scores"][measure])
+    except (KeyError, TypeError, ValueError) as error:
         raise SwingupError(f"{path} holds no result of {measure}: train again") from error
 
 

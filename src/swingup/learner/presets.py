@@ -7,7 +7,6 @@ from typing import Any
 from ..areapo.config import Config
 from ..checks import one_of
 from ..errors import SwingupError
-from ..renamed import current_name
 from ..robots import ROBOTS
 from ..tasks.pendulum import AbstractPendulumTask
 
@@ -167,7 +166,7 @@ def preset_name(name: str) -> str:
     Raises:
         SwingupError: there is no such preset.
     """
-    return one_of("preset", current_name("preset", name) if isinstance(name, str) else name, PRESETS)
+    return one_of("preset", name, PRESETS)
 
 
 def is_pendulum(env: Any) -> bool:

@@ -88,6 +88,10 @@ def read_progress(
         seconds = finite_number("seconds", metadata["seconds"], 0.0)
     except (*MALFORMED, SwingupError) as error:
         raise SwingupError(f"{source} is malformed ({one_line(error, 200)}): delete it or restore it") from error
+    # What the environments hold is theirs: infinite may be right there.
+    learned = {name: value for name, value in vars(state).items() if name not in ("task_states", "key")}
+    if not is_finite(learned):
+        raise SwingupError(f"{source} holds weights or statistics that are not finite: delete it or restore it")
     # A checkpoint is trusted only with the settings that it was written under: shapes alone may agree.
     if saved.as_dict() != settings.as_dict() or len(best) != settings.seeds:
         raise SwingupError(f"{source} is of another configuration than config.json: restore one of them")

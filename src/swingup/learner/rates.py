@@ -13,9 +13,6 @@ from ..checks import is_number
 REWARD_RATE, REWARD_PER_SECOND = "reward_rate", "reward_per_second"
 RESETS = "resets_per_1000_steps"
 
-RENAMED = {"mean_reward": REWARD_RATE}
-"""Present names of entries in files of older versions."""
-
 MISSING = "–"
 """Shown where a number was not recorded."""
 
@@ -30,11 +27,6 @@ def rates(reward: float, termination_rate: float, step_time: float | None = None
     """
     timed = {} if step_time is None else {REWARD_PER_SECOND: reward / step_time}
     return {REWARD_RATE: reward, **timed, RESETS: 1000.0 * termination_rate}
-
-
-def with_present_names(entries: Mapping[str, Any]) -> dict[str, Any]:
-    """Entries of a file of this version or an older one, under their present names."""
-    return {RENAMED.get(name, name): value for name, value in entries.items()}
 
 
 def unknown_rates() -> dict[str, None]:

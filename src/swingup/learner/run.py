@@ -1,7 +1,8 @@
 """A training run: a host loop over chunks of iterations, so that progress shows, runs resume and seeds batch.
 
-A run's folder holds config.json, metrics.jsonl, tensorboard/, checkpoints/, best.npz and last.npz; with several
-seeds also best-SEED.npz and last-SEED.npz, and best.npz is the best of all. A run without a folder writes nothing.
+A run's folder holds config.json, metrics.jsonl, tensorboard/, checkpoints/, best.safetensors and
+last.safetensors; with several seeds also best-SEED.safetensors and last-SEED.safetensors, and best.safetensors is
+the best of all. A run without a folder writes nothing.
 """
 
 import contextlib
@@ -201,7 +202,7 @@ class Run:
     def _keep_best(self, index: int, policy: Policy[Any], result: dict[str, Any]) -> None:
         score, best = result["score"], self.progress.best
         if score > best[index]:
-            # best.npz first: if the run is killed before the seed's own file, resuming finds the record again.
+            # BEST first: if the run is killed before the seed's own file, resuming finds the record again.
             if score > self.best_score:
                 self._save_policy(BEST, index, policy, result)
             if self.settings.seeds > 1:

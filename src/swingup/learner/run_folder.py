@@ -74,7 +74,7 @@ class RunFolder:
         Raises:
             SwingupError: the file cannot be written.
         """
-        save_checkpoint(self.checkpoints / f"{frames:012d}.npz", state, metadata)
+        save_checkpoint(self.checkpoints / f"{frames:012d}.safetensors", state, metadata)
         for old in self._checkpoints()[:-CHECKPOINTS_KEPT]:
             old.unlink(missing_ok=True)
 
@@ -114,7 +114,7 @@ class RunFolder:
                 raise SwingupError(
                     f"{self.path} has moved on to {newest} frames: continue it with --resume {self.path}"
                 )
-            for leftover in (*self.path.glob(".*.npz.*"), *self.checkpoints.glob(".*.npz.*")):
+            for leftover in (*self.path.glob(".*.safetensors.*"), *self.checkpoints.glob(".*.safetensors.*")):
                 leftover.unlink(missing_ok=True)  # half-written by a process that was killed
             yield
 
@@ -152,7 +152,8 @@ class RunFolder:
         return [path for path in self.path.iterdir() if path.name != LOCK] if self.path.exists() else []
 
     def _checkpoints(self) -> list[Path]:
-        return sorted(path for path in self.checkpoints.glob("*.npz") if re.fullmatch(r"[0-9]{1,15}", path.stem))
+        paths = self.checkpoints.glob("*.safetensors")
+        return sorted(path for path in paths if re.fullmatch(r"[0-9]{1,15}", path.stem))
 
 
 def _cannot_create(path: Path, error: OSError) -> SwingupError:

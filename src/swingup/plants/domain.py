@@ -17,7 +17,6 @@ from ..checks import suggestion
 from ..errors import SwingupError
 from ..physics.integrate import stable_substeps
 from ..physics.parameters import NAMES, Parameters, validated
-from ..renamed import current_name
 from ..robots import TORQUE_LIMIT
 from ..text import one_line, quoted
 from ..yaml_map import read_map
@@ -193,7 +192,7 @@ def load_domain(source: str | Path) -> Domain:
     Raises:
         SwingupError: there is no such domain, the file cannot be read, or its content makes none.
     """
-    source = current_name("domain", str(source))
+    source = str(source)
     if source in SHIPPED:
         with resources.as_file(resources.files(__package__) / "domains" / f"{source}.yml") as path:
             return make_domain(read_map(path, "domain"), source)

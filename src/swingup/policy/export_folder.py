@@ -21,7 +21,7 @@ PACKAGE = "{name}_controller"
 """Name of the copied source, so that an installed swingup or another entry is never meant."""
 
 SOURCES = (
-    "errors.py", "text.py", "checks.py", "renamed.py", "files.py", "arrays.py", "robots.py", MODEL,
+    "errors.py", "text.py", "checks.py", "files.py", "arrays.py", "robots.py", MODEL,
     "physics/__init__.py", "physics/base_parameters.py", "physics/damped.py", "physics/equations.py",
     "physics/momentum.py", "physics/units.py", "physics/validity.py",
     *(f"policy/{name}.py" for name in (
@@ -107,7 +107,7 @@ def write_folder(folder: str | Path, name: str, interface: str, source: Path, te
             for file in (*SOURCES, f"policy/{interface}.py"):
                 _write(package / file, root.joinpath(*file.split("/")).read_bytes())
             _write(package / "__init__.py", ABOUT.encode())
-            _write(package / "policy.npz", source.read_bytes())
+            _write(package / "policy.safetensors", source.read_bytes())
             for path, text in texts.items():
                 _write(made / path, text.encode())
             # Empty, as tested above. The move would otherwise go inside it.

@@ -1,4 +1,4 @@
-"""Policy files: a network and JSON metadata in one ``.npz`` without pickle, read and written here alone.
+"""Policy files: a network and JSON metadata in one safetensors file, read and written here alone.
 
 ``docs/policy-format.md`` describes the file.
 """
@@ -11,7 +11,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from ..arrays import load_archive, save_archive
+from ..arrays import load_arrays, save_arrays
 from ..checks import one_of
 from ..errors import SwingupError
 from ..text import quoted
@@ -19,14 +19,11 @@ from .network import RELU, Activation, Layer, Network, Norm, Recurrence
 from .stages import ARRAYS, STAGES, Stage, make_stage
 
 FORMAT = "swingup policy"
-FORMAT_VERSION = 4
-"""The newest version."""
-READABLE = (1, 2, 3, FORMAT_VERSION)
-"""Versions that are read."""
+FORMAT_VERSION = 1
 ACTIVATION, LAYER_NORM, GRU = "activation", "layer_norm", "gru"
 """Keys of the metadata that say what follows hidden layers; all are left out for ReLU alone."""
-SINCE = {"plant": 2, "guard": 2, ACTIVATION: 3, LAYER_NORM: 3, GRU: 3, "identifier": 4, "regulator": 4}
-"""Keys of the metadata that programs for older versions would ignore, and the version of a file with them."""
+CHOICES = "choices"
+"""Key of the numbers of choices; left out where actions are numbers."""
 
 MOST_STAGES = 10
 KNOWN = re.compile(
@@ -42,12 +39,8 @@ def read_network(path: str | Path) -> tuple[Network, dict[str, Any]]:
     Raises:
         SwingupError: the file cannot be read, is truncated, or is not a policy file of this version.
     """
-    metadata, found = load_archive(path, FORMAT, READABLE, lambda name: bool(KNOWN.fullmatch(name)))
+    metadata, found = load_arrays(path, FORMAT, FORMAT_VERSION, lambda name: bool(KNOWN.fullmatch(name)))
     try:
-        later = [key for key, version in SINCE.items() if key in metadata and metadata["format_version"] < version]
-        if later:
-            article = "an" if later[0][0] in "aeiou" else "a"
-            raise SwingupError(f"a file with {article} {later[0]} must have format version {SINCE[later[0]]}")
         arrays = {name: _checked(name, array) for name, array in found.items()}
         return _network(metadata, arrays), metadata
     except SwingupError as error:
@@ -55,7 +48,7 @@ def read_network(path: str | Path) -> tuple[Network, dict[str, Any]]:
 
 
 def write_network(path: str | Path, network: Network, metadata: Mapping[str, Any]) -> None:
-    """Write a policy atomically; ``metadata`` (JSON values) is kept under its own names.
+    """Write a policy atomically; ``metadata`` (JSON values) is kept under its own names, but for the network's.
 
     Raises:
         SwingupError: the file cannot be written.
@@ -76,15 +69,15 @@ def write_network(path: str | Path, network: Network, metadata: Mapping[str, Any
         layers |= {"gru.inputs": network.gru.inputs, "gru.hidden": network.gru.hidden}
     for name, layer in layers.items():
         arrays |= {f"network.{name}.weight": layer.weight, f"network.{name}.bias": layer.bias}
-    choices = {} if network.choices is None else {"choices": list(network.choices)}
-    own = ("format", "format_version", ACTIVATION, LAYER_NORM, GRU)
-    given = {key: value for key, value in metadata.items() if key not in own}
-    given |= {} if network.activation == RELU else {ACTIVATION: network.activation}
-    given |= {LAYER_NORM: True} if network.norms else {}
-    given |= {} if network.gru is None else {GRU: True}
-    # Where nothing needs a later version, older programs can read the file.
-    version = max([1, *(SINCE[key] for key in given if key in SINCE)])
-    save_archive(path, FORMAT, version, {"observation": stages, **choices, **given}, arrays)
+    own: dict[str, Any] = {"observation": stages}
+    own |= {} if network.choices is None else {CHOICES: list(network.choices)}
+    own |= {} if network.activation == RELU else {ACTIVATION: network.activation}
+    own |= {LAYER_NORM: True} if network.norms else {}
+    own |= {} if network.gru is None else {GRU: True}
+    # The metadata may be another file's, whose entries of its own network do not fit this one.
+    theirs = ("format", "format_version", "observation", CHOICES, ACTIVATION, LAYER_NORM, GRU)
+    given = {key: value for key, value in metadata.items() if key not in theirs}
+    save_arrays(path, FORMAT, FORMAT_VERSION, own | given, arrays)
 
 
 def _checked(name: str, array: np.ndarray) -> np.ndarray:
@@ -161,9 +154,9 @@ def _layer(arrays: Mapping[str, np.ndarray], name: str) -> Layer:
 
 
 def _choices(metadata: Mapping[str, Any]) -> tuple[int, ...] | None:
-    if "choices" not in metadata:
+    if CHOICES not in metadata:
         return None
-    choices = metadata["choices"]
+    choices = metadata[CHOICES]
     # The exact type, because isinstance takes true for 1.
     if not (isinstance(choices, list) and choices and all(type(n) is int and n > 0 for n in choices)):
         raise SwingupError(f"choices = {quoted(choices)} must be a list of whole numbers from 1")

@@ -25,10 +25,6 @@ ESTIMATOR = "estimator"
 """Key of the estimator's settings in a policy file's metadata."""
 REGULATOR = "regulator"
 """Key of the regulator's."""
-FORMER_NAMES = {"longest_dead_time": "max_delay_steps"}
-"""Older names of settings in files, and the present ones."""
-FORMER_SETTINGS = ("spacing",)
-"""Settings of older files that no longer have a meaning; they are ignored."""
 
 LOST = 100
 """An estimated rate this many standard deviations off the measured one is lost: the measurement has jumped."""
@@ -171,15 +167,8 @@ def read_settings(metadata: Mapping[str, Any], key: str, kind: type[SettingsT]) 
     given, known = metadata[key], [field.name for field in fields(kind)]  # type: ignore[arg-type]  # a dataclass
     if not isinstance(given, Mapping):
         raise SwingupError(f"{key} {quoted(given)} is no object of settings: use {{}} for the defaults")
-    values: dict[str, Any] = {}
-    for name, value in given.items():
-        now = FORMER_NAMES.get(name, name)
-        # A file may hold both names of a renamed setting.
-        if now in values:
-            raise SwingupError(f"{key} gives {now} twice: keep one of its values")
-        if now in known:
-            values[now] = value
-        elif name not in FORMER_SETTINGS:
+    for name in given:
+        if name not in known:
             near = suggestion(name, known)
             raise SwingupError(f"unknown {key} setting {quoted(name)}: use some of {', '.join(known)}{near}")
-    return kind(**values)
+    return kind(**given)

@@ -4,6 +4,7 @@ from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
 
+from ..arrays import SUFFIX
 from ..checks import one_of
 from ..errors import SwingupError
 from ..robots import Robot, get_robot
@@ -42,7 +43,7 @@ def shipped_file(robot: Robot | str, name: str = DEFAULT_ALONE) -> Traversable:
     """
     robot = get_robot(robot)
     one_of("policy", name, SHIPPED_POLICIES)
-    file = ZOO / f"{robot.name}-{name}.npz"
+    file = ZOO / f"{robot.name}-{name}{SUFFIX}"
     if not file.is_file():
         raise SwingupError(f"this package lacks the policy {file.name}: use {DEFAULT_ALONE} or train one")
     return file
@@ -50,7 +51,7 @@ def shipped_file(robot: Robot | str, name: str = DEFAULT_ALONE) -> Traversable:
 
 def is_policy(source: str | Path) -> bool:
     """Whether a name means a policy: a shipped one, or a file."""
-    return source in SHIPPED_POLICIES or str(source).endswith(".npz")
+    return source in SHIPPED_POLICIES or str(source).endswith(SUFFIX)
 
 
 def read_policy(source: str | Path, robot: Robot | str | None = None) -> PendulumPolicy:
@@ -63,9 +64,9 @@ def read_policy(source: str | Path, robot: Robot | str | None = None) -> Pendulu
     Raises:
         SwingupError: there is no such policy, or it is damaged, or for another robot.
     """
-    if str(source).endswith(".npz"):
+    if str(source).endswith(SUFFIX):
         return read_pendulum_policy(source, robot)
-    name = one_of("policy", str(source), SHIPPED_POLICIES, " or a policy file (.npz)")
+    name = one_of("policy", str(source), SHIPPED_POLICIES, f" or a policy file ({SUFFIX})")
     if robot is None:
         raise SwingupError(f"policy {name!r} is shipped for both robots: name acrobot or pendubot")
     with resources.as_file(shipped_file(robot, name)) as path:

@@ -13,8 +13,6 @@ from ..text import quoted
 
 ANGLES = ("wrapped", "sincos")
 """Encodings of the angles."""
-FORMER_COUNTS = ("torques", "history")
-"""Settings of older files, whose policies saw past torques and states. Only 0, which means neither, is accepted."""
 SMALLEST_SCALE = 1e-30
 """Of a base parameter: single precision can divide by it."""
 
@@ -141,9 +139,6 @@ def make_stage(entry: Any, arrays: Mapping[str, np.ndarray]) -> Stage:
         shown = quoted(entry if name is None else name)
         raise SwingupError(f"unknown observation stage {shown}: this program knows {', '.join(STAGES)}")
     values: dict[str, Any] = {key: value for key, value in entry.items() if key != "name"}
-    for key in FORMER_COUNTS:
-        if name == "pendulum" and values.pop(key, 0) != 0:
-            raise SwingupError(f"its policy sees past {key}, which this version cannot show: train another")
     known = [field.name for field in fields(STAGES[name]) if field.name not in ARRAYS[name]]
     for key in values:
         if key not in known:

@@ -23,7 +23,7 @@ class Folder:
     def policy(self) -> Path | None:
         """The policy file; None where it is not a folder of ours."""
         name = self.entry.stem.partition("_")[2]
-        file = self.entry.parent / PACKAGE.format(name=name) / "policy.npz"
+        file = self.entry.parent / PACKAGE.format(name=name) / "policy.safetensors"
         return file if file.is_file() else None
 
 

@@ -7,7 +7,7 @@ from ..benchmark.board_rows import OURS
 from ..benchmark.board_rules import BOARD_RULES
 from ..benchmark.leaderboard import Board, RowProgress, leaderboard
 from ..benchmark.rules import DEFAULT_RULES
-from ..control.registry import find_controller
+from ..control.registry import get_controller
 from ..physics.parameters import Robot, leaderboard_parameters
 from ..policy.jax_backend.controller import PolicyController
 from ..policy.shipped import AR_EAPO, DEFAULT
@@ -32,7 +32,7 @@ def trained_section(
         seed: of the noise and the pushes of the disturbed swing-ups.
     """
     name, policy = next(iter(policies.items()))
-    shown = {**policies, **{each: find_controller(each, robot) for each in SHIPPED}}
+    shown = {**policies, **{each: get_controller(each, robot) for each in SHIPPED}}
     board = trained_board(robot, name, policy, progress)
     shows: list[Show] = []
     for each, controller in shown.items():
@@ -53,7 +53,7 @@ def trained_board(robot: Robot, name: str, policy: PolicyController, progress: R
     """The performance board with a policy, the shipped ones, and the published rows that matter most."""
     rules = replace(BOARD_RULES[DEFAULT_RULES], robustness=None)  # 722 simulations a row are another command
     # Not as the boards' own entrants, which enter a second time without their estimators.
-    policies = {name: policy, **{each: find_controller(each, robot) for each in SHIPPED}}
+    policies = {name: policy, **{each: get_controller(each, robot) for each in SHIPPED}}
     (board,) = leaderboard(robot, policies, rules, entrants=(), progress=progress)
     rows = tuple(row for row in board.rows if row.source == OURS or (row.controller, row.source) in PUBLISHED)
     return replace(board, rows=rows)

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ...renamed import current_name
 from ...robots import Robot
 from ..guard import GuardChoice
 from ..pendulum import PendulumPolicy
@@ -133,4 +132,4 @@ def load_controller(
         SwingupError: there is no such controller, or the file is damaged, or for another robot, or a setting of the
             guard cannot work.
     """
-    return NumpyController(read_policy(current_name("controller", str(source)), robot), estimator, guard)
+    return NumpyController(read_policy(source, robot), estimator, guard)
