@@ -37,6 +37,10 @@ TYPES = {
 """Types of arrays by their names in the header: those of safetensors that NumPy has."""
 
 
+_MALFORMED = (KeyError, TypeError, ValueError, OverflowError, RecursionError)
+"""What a header of other content than the format's raises, wherever it is first used."""
+
+
 def save_arrays(
     path: str | Path, kind: str, version: int, metadata: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
 ) -> None:
@@ -94,36 +98,33 @@ def load_arrays(
     try:
         with Path(path).open("rb") as stream:
             header = _read_header(stream)
-            metadata = _metadata(path, kind, version, header.pop("__metadata__", None))
-            places = _places(header, os.fstat(stream.fileno()).st_size - stream.tell())
+            metadata = _read_metadata(path, kind, version, header.pop("__metadata__", None))
+            first = stream.tell()
+            places = _places(header, os.fstat(stream.fileno()).st_size - first)
             wanted = {name: place for name, place in places.items() if known(name)}
-            size = sum(end - start for _, _, start, end in wanted.values())
+            size = sum(math.prod(shape) * dtype.itemsize for dtype, shape, _ in wanted.values())
             if size > most:
                 raise SwingupError(
                     f"{path} holds {size / 1e6:.4g} MB of arrays, where a {kind} file may have "
                     f"{most / 1e6:.4g} MB: it is damaged or foreign"
                 )
-            first, arrays = stream.tell(), {}
-            for name, (dtype, shape, start, end) in wanted.items():
+            arrays = {}
+            for name, (dtype, shape, start) in wanted.items():
                 stream.seek(first + start)
+                array = np.frombuffer(stream.read(math.prod(shape) * dtype.itemsize), dtype).reshape(shape)
                 # Copied, because an array over bytes is read-only.
-                array = np.frombuffer(stream.read(end - start), dtype).reshape(shape)
                 arrays[name] = array.astype(dtype.newbyteorder("="))
             return metadata, arrays
     except FileNotFoundError as error:
         raise SwingupError(f"no such file: {path}") from error
     except OSError as error:
         raise SwingupError(f"cannot read {path}: {error.strerror}") from error
-    except (ValueError, RecursionError, OverflowError) as error:
+    except _MALFORMED as error:
         raise SwingupError(f"{path} is not a {kind} file, or it is truncated: copy or make it anew") from error
 
 
 def _read_header(stream: BinaryIO) -> dict[str, Any]:
-    """The header's JSON object; the stream then stands at the first array.
-
-    Raises:
-        ValueError: it is truncated, too long, no object, or gives a name twice.
-    """
+    """The header's JSON object; the stream then stands at the first array."""
     length = int.from_bytes(stream.read(8), "little")
     if length > LARGEST_HEADER:
         raise ValueError("a header of absurd length")
@@ -141,15 +142,12 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return found
 
 
-def _metadata(path: str | Path, kind: str, version: int, texts: Any) -> dict[str, Any]:
-    text = texts.get(METADATA) if isinstance(texts, dict) else None
+def _read_metadata(path: str | Path, kind: str, version: int, texts: Any) -> dict[str, Any]:
     try:
-        metadata = json.loads(text) if isinstance(text, str) else None
-    except (ValueError, RecursionError):
-        metadata = None
-    if not isinstance(metadata, dict) or not {"format", "format_version"} <= metadata.keys():
-        raise SwingupError(f"{path} is not a {kind} file: it lacks swingup's metadata")
-    found, found_version = metadata["format"], metadata["format_version"]
+        metadata = json.loads(texts[METADATA])
+        found, found_version = metadata["format"], metadata["format_version"]
+    except _MALFORMED as error:
+        raise SwingupError(f"{path} is not a {kind} file: it lacks swingup's metadata") from error
     if found != kind:
         raise SwingupError(f"{path} is a {quoted(found)} file: a {kind} file is needed here")
     # The exact type, because true is equal to 1.
@@ -160,36 +158,21 @@ def _metadata(path: str | Path, kind: str, version: int, texts: Any) -> dict[str
     return metadata
 
 
-def _places(header: dict[str, Any], size: int) -> dict[str, tuple[np.dtype, tuple[int, ...], int, int]]:
-    """Type, shape, start and end of each array.
-
-    Raises:
-        ValueError: an entry is malformed, or the arrays do not follow each other without gaps to the file's end.
-    """
-    places = {}
-    for name, entry in header.items():
-        if not isinstance(entry, dict) or entry.keys() != {"dtype", "shape", "data_offsets"}:
+def _places(header: dict[str, Any], size: int) -> dict[str, tuple[np.dtype, tuple[int, ...], int]]:
+    """Type, shape and first byte of each array; they follow each other without gaps, to the file's end."""
+    places, end = {}, 0
+    for name, entry in sorted(header.items(), key=lambda item: item[1]["data_offsets"]):
+        dtype, shape, (start, stop) = np.dtype(TYPES[entry["dtype"]]), tuple(entry["shape"]), entry["data_offsets"]
+        # NumPy takes up to 64 dimensions; a product of many more would take long.
+        if len(entry) != 3 or len(shape) > 64 or not all(map(_is_count, (*shape, start, stop))):
             raise ValueError(f"no entry of an array: {name}")
-        shape, offsets = entry["shape"], entry["data_offsets"]
-        # A list, because the name may be of a type that has no hash.
-        if not (_are_counts(shape) and _are_counts(offsets, 2) and entry["dtype"] in list(TYPES)):
-            raise ValueError(f"no entry of an array: {name}")
-        dtype = np.dtype(TYPES[entry["dtype"]])
-        if math.prod(shape) * dtype.itemsize != offsets[1] - offsets[0]:
-            raise ValueError(f"another size than the shape's: {name}")
-        places[name] = (dtype, tuple(shape), *offsets)
-    end = 0
-    for _, _, start, stop in sorted(places.values(), key=lambda place: place[2:]):
-        if start != end:
-            raise ValueError("a gap or an overlap between arrays")
-        end = stop
+        if start != end or stop - start != math.prod(shape) * dtype.itemsize:
+            raise ValueError(f"another place or size than the arrays before it and its shape leave: {name}")
+        places[name], end = (dtype, shape, start), stop
     if end != size:
         raise ValueError("more or fewer bytes than the header says")
     return places
 
 
-def _are_counts(values: Any, length: int | None = None) -> bool:
-    """Whether they are a list of whole numbers from 0, of that length or no longer than a shape in NumPy."""
-    if not isinstance(values, list) or (len(values) > 64 if length is None else len(values) != length):
-        return False
-    return all(type(n) is int and n >= 0 for n in values)
+def _is_count(value: Any) -> bool:
+    return type(value) is int and 0 <= value < 2**63
