@@ -40,9 +40,9 @@ from swingup.benchmark.rules import RANDOM, get_robustness_rules
 from swingup.control.registry import get_controller
 from swingup.errors import SwingupError
 from swingup.files import write_atomically
-from swingup.physics.parameters import ROBOTS
 from swingup.policy.pendulum import read_pendulum_policy
 from swingup.policy.shipped import REFINED
+from swingup.robots import ROBOTS
 
 Rows = list[dict[str, Any]]
 Section = tuple[Rows, str]

@@ -15,7 +15,8 @@ from swingup.benchmark.rules import PERFORMANCE_RULES, RobustnessRules
 from swingup.benchmark.runner import stack
 from swingup.control.continuation import continue_swingups
 from swingup.control.known_plant import known_plant_controller
-from swingup.physics.parameters import Parameters, Robot
+from swingup.physics.plant import Plant
+from swingup.robots import Robot
 
 SAMPLE = 20
 """Plants that are not held, drawn from all sets."""
@@ -71,7 +72,7 @@ def optima(robot: Robot, cases: list[Case], rules: RobustnessRules) -> list[Opti
     ]
 
 
-def _score(plant: Parameters, rows: Trajectory, index: int) -> float:
+def _score(plant: Plant, rows: Trajectory, index: int) -> float:
     time, x, u = (np.asarray(each)[index] for each in (rows.time, rows.x, rows.u))
     return judge_rows(time, x, u, float(plant.l1), float(plant.l2), PERFORMANCE_RULES["v2"]).score
 

@@ -14,13 +14,13 @@ from swingup.benchmark.rules import SWEPT, ModelSweep, RobustnessRules, Sweep
 from swingup.benchmark.runner import run_many, stack
 from swingup.control.controller import AbstractController
 from swingup.errors import SwingupError
-from swingup.physics.base_parameters import BASE
-from swingup.physics.parameters import Parameters, Robot, leaderboard_parameters, validated
+from swingup.physics.base_parameters import BASE, base_parameters
+from swingup.physics.plant import LEADERBOARD, Plant, validated
 from swingup.policy.identifier_settings import UNKNOWNS
 from swingup.policy.jax_backend.controller import make_controller
 from swingup.policy.jax_backend.estimator import EstimatingController
-from swingup.policy.jax_backend.told import traced_base_parameters
 from swingup.policy.pendulum import PendulumPolicy
+from swingup.robots import Robot
 
 GRID, MIDPOINTS, JOINT = "grid", "midpoints", "joint draws"
 """Sets of plants."""
@@ -52,7 +52,7 @@ def midpoint_rules(rules: RobustnessRules) -> RobustnessRules:
 
 def joint_cases(robot: Robot, rules: RobustnessRules) -> list[Case]:
     """Plants with all parameters off, each drawn evenly from the inner half of its sweep's range."""
-    random, nominal = np.random.default_rng(JOINT_SEED), leaderboard_parameters(robot)
+    random, nominal = np.random.default_rng(JOINT_SEED), LEADERBOARD.driven(robot)
     calm = make_cases(robot, rules, "model", 0)[0].scenario.disturbance
     cases = []
     for draw in range(JOINT_DRAWS):
@@ -94,7 +94,7 @@ def make_variants(policy: PendulumPolicy) -> dict[str, AbstractController[Any]]:
     return {**variants, NO_MEMORY: make_controller(policy, estimator=False)}
 
 
-def tell_everything(controller: EstimatingController, plant: Parameters) -> EstimatingController:
+def tell_everything(controller: EstimatingController, plant: Plant) -> EstimatingController:
     """The controller whose identifier knows this plant for sure, with a dead motor of the undriven joint.
 
     Raises:
@@ -103,7 +103,7 @@ def tell_everything(controller: EstimatingController, plant: Parameters) -> Esti
     if controller.identifier is None:
         raise SwingupError("the controller has no identifier: choose one with it, as adaptive")
     # No offsets, no lag, and nothing that the undriven joint's motor delivers.
-    mean = jnp.concatenate([traced_base_parameters(plant), jnp.zeros(UNKNOWNS - BASE)])
+    mean = jnp.concatenate([base_parameters(plant, jnp), jnp.zeros(UNKNOWNS - BASE)])
     sure = dataclasses.replace(controller.identifier, mean=mean, covariance=jnp.zeros((UNKNOWNS, UNKNOWNS)))
     return dataclasses.replace(controller, identifier=sure, parameters=plant)
 

@@ -25,8 +25,8 @@ from swingup.benchmark.interval import mean_interval
 from swingup.benchmark.rules import get_robustness_rules
 from swingup.errors import SwingupError
 from swingup.files import write_atomically
-from swingup.physics.parameters import ROBOTS
 from swingup.policy.pendulum import read_pendulum_policy
+from swingup.robots import ROBOTS
 
 Rows = dict[tuple[str, str], float]
 """A number from 0 to 1 for each measure and file, by its label."""

@@ -25,7 +25,6 @@ from swingup.benchmark.rollout import Scenario, simulate
 from swingup.benchmark.runner import stack
 from swingup.benchmark.sim2real import sim2real
 from swingup.physics.angles import UPRIGHT
-from swingup.physics.parameters import ROBOTS, Robot
 from swingup.plants.domain import Domain, load_domain
 from swingup.policy.jax_backend.controller import make_controller
 from swingup.policy.jax_backend.estimator import EstimatingController
@@ -33,6 +32,7 @@ from swingup.policy.jax_backend.regulator import TRIANGLE
 from swingup.policy.pendulum import PendulumPolicy
 from swingup.policy.regulator_settings import RegulatorSettings, fixed_point
 from swingup.policy.shipped import ADAPTIVE, read_policy
+from swingup.robots import ROBOTS, Robot
 from swingup.tasks.draw import draw
 
 OFF = np.array([0.005, 0.0, 0.0, 0.0])

@@ -15,10 +15,11 @@ import numpy as np
 from swingup.control.actuation import driven_limit
 from swingup.control.lqr import linearised
 from swingup.physics.angles import UPRIGHT
-from swingup.physics.parameters import Parameters, Robot
+from swingup.physics.plant import Plant
+from swingup.robots import Robot
 
 
-def holding_range(parameters: Parameters, robot: Robot) -> float:
+def holding_range(parameters: Plant, robot: Robot) -> float:
     """Largest error of the mode with the least range that the motor can bring back (rad, as an error of q1).
 
     Args:

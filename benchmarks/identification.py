@@ -23,7 +23,7 @@ import numpy as np
 
 import swingup
 from swingup.physics.integrate import rk4_step
-from swingup.physics.parameters import Parameters
+from swingup.physics.plant import Plant
 from swingup.table import write_columns
 
 FINE = 2.5e-4
@@ -35,9 +35,9 @@ PEAKS = (2.0, 1.2)
 Truth = dict[str, float]
 
 
-def draw_plant(random: np.random.Generator) -> tuple[Parameters, Truth]:
+def draw_plant(random: np.random.Generator) -> tuple[Plant, Truth]:
     """A pendulum and its loop from the ranges that recordings of the robot gave."""
-    p = swingup.load_plant("C.1").parameters
+    p = swingup.load_plant("C.1")
     first = (p.m1 * p.r1 + p.m2 * p.l1) * (1 + random.uniform(-0.13, 0.02))
     second = p.m2 * p.r2 * (1 + random.uniform(-0.05, 0.05))
     shoulder = (p.I1 + p.m2 * p.l1**2) * (1 + random.uniform(-0.12, 0.0))
@@ -57,7 +57,7 @@ def draw_plant(random: np.random.Generator) -> tuple[Parameters, Truth]:
     return plant, {name: float(value) for name, value in truth.items()}
 
 
-def write_log(path: Path, random: np.random.Generator, plant: Parameters, truth: Truth, seconds: float) -> Path:
+def write_log(path: Path, random: np.random.Generator, plant: Plant, truth: Truth, seconds: float) -> Path:
     """Simulate one log and write it as the robot does."""
     count = round(seconds / FINE)
     time_ = FINE * np.arange(count)
@@ -97,7 +97,7 @@ def _lagged(torques: np.ndarray, lag: float) -> np.ndarray:
 
 
 @jax.jit
-def _simulate(plant: Parameters, torques: jax.Array) -> jax.Array:
+def _simulate(plant: Plant, torques: jax.Array) -> jax.Array:
     def step(x: jax.Array, u: jax.Array) -> tuple[jax.Array, jax.Array]:
         return rk4_step(plant, x, u, FINE), x
 

@@ -21,7 +21,7 @@ from swingup.benchmark.board_rows import published_rows
 from swingup.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
-from swingup.physics.parameters import ROBOTS
+from swingup.robots import ROBOTS
 
 FRAMES = get_preset("paper").frames
 """Of a complete run."""

@@ -26,10 +26,10 @@ from swingup.learner.run_settings import PENDULUM_INTERVALS, RunSettings
 from swingup.learner.start import resume_run, start_run
 from swingup.physics.angles import UPRIGHT
 from swingup.physics.dynamics import linearise
-from swingup.physics.parameters import ROBOTS, Parameters, get_robot
+from swingup.physics.plant import Plant, load_plant
 from swingup.physics.units import time_unit, torque_over_gravity
-from swingup.plants.plant import load_plant
 from swingup.policy.jax_backend.controller import load_policy
+from swingup.robots import ROBOTS, get_robot
 from swingup.tasks.presets import get_task
 
 PLANTS = ("A.0", "B.0", "C.0", "C.1", "cloudpendulum")
@@ -66,7 +66,7 @@ def holds(swingup_time: float | None) -> bool:
     return swingup_time is not None and swingup_time <= LATEST
 
 
-def fall_rate(plant: Parameters) -> float:
+def fall_rate(plant: Plant) -> float:
     """The faster of the two rates at which the pendulum falls from upright, in its own unit 1/T."""
     A, _ = linearise(plant, jnp.asarray(UPRIGHT), jnp.zeros(2))
     return float(np.linalg.eigvals(np.asarray(A, float)).real.max()) * time_unit(plant)
@@ -88,7 +88,7 @@ def table(results: list[dict[str, Any]], plants: list[str], robots: list[str]) -
     lines = ["| plant | torque / gravity | fall rate × T | action (ms) | " + " | ".join(robots) + " |"]
     lines.append("|---|---|---|---|" + "---|" * len(robots))
     for plant in plants:
-        ideal = load_plant(plant).frictionless().parameters
+        ideal = load_plant(plant).frictionless()
         dt = get_task("smooth", get_robot("acrobot"), ideal).dt
         cells = [f"{torque_over_gravity(ideal):.2f}", f"{fall_rate(ideal):.2f}", f"{1000 * dt:.1f}"]
         cells += [

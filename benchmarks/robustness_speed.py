@@ -17,8 +17,9 @@ from swingup.benchmark.grid import make_cases
 from swingup.benchmark.robustness import robustness
 from swingup.benchmark.rules import CRITERIA, get_robustness_rules
 from swingup.control.registry import get_controller
-from swingup.physics.parameters import Parameters, get_robot, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD, Plant
 from swingup.policy.jax_backend.controller import PolicyController
+from swingup.robots import get_robot
 
 SAMPLE = 2000
 """Steps that the peer is timed on."""
@@ -34,7 +35,7 @@ def best_of(repetitions: int, work: Callable[[], object]) -> float:
     return min(times)
 
 
-def derivative(p: Parameters, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+def derivative(p: Plant, x: np.ndarray, u: np.ndarray) -> np.ndarray:
     """ẋ of the frictionless pendulum in NumPy, as a plain simulator computes it."""
     q1, q2, dq1, dq2 = x
     h = p.m2 * p.l1 * p.r2
@@ -46,7 +47,7 @@ def derivative(p: Parameters, x: np.ndarray, u: np.ndarray) -> np.ndarray:
     return np.concatenate([x[2:], np.linalg.solve(mass, u + gravity - coriolis)])
 
 
-def rk4(p: Parameters, x: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
+def rk4(p: Plant, x: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
     """One Runge-Kutta step in NumPy."""
     k1 = derivative(p, x, u)
     k2 = derivative(p, x + 0.5 * dt * k1, u)
@@ -57,7 +58,7 @@ def rk4(p: Parameters, x: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
 
 def one_by_one(controller: PolicyController, steps: int) -> None:
     """A plain simulation: the policy's network in NumPy, then a step of the pendulum."""
-    p = leaderboard_parameters(controller.robot)
+    p = LEADERBOARD.driven(controller.robot)
     actor = controller.policy.actor
     layers = [(np.asarray(layer.weight), np.asarray(layer.bias)) for layer in (*actor.trunk, actor.mean_head)]
     x, actuation = np.zeros(4), np.array(controller.robot.actuation)

@@ -23,7 +23,7 @@ import onnxruntime
 
 from swingup.benchmark.evaluate import evaluate
 from swingup.control.registry import get_controller
-from swingup.physics.parameters import identified_parameters
+from swingup.physics.plant import load_plant
 from swingup.policy.c_backend.header import c_header
 from swingup.policy.identifier_settings import IdentifierSettings
 from swingup.policy.jax_backend.controller import shipped_policy
@@ -115,7 +115,7 @@ def main(robot: str) -> None:
     alone, whole = NumpyNetwork(policy), load_controller(AR_EAPO, robot, estimator=True)
     # The drift runs far: the limits are above it, so that the guard has all to do at every call.
     guard = GuardSettings(angle_limit=1e6, velocity_limit=1e6)
-    plant = policy_plant(identified_parameters(), policy.robot)
+    plant = policy_plant(load_plant("C.1"), policy.robot)
     everything = dataclasses.replace(policy, guard=guard, plant=plant)
     watched = NumpyController(everything)
     options = onnxruntime.SessionOptions()

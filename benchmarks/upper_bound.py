@@ -26,11 +26,12 @@ from swingup.control.continuation import SwingUps, continue_swingups
 from swingup.control.controller import split
 from swingup.control.known_plant import known_plant_controller
 from swingup.control.switch import LatchingSwitch
-from swingup.physics.parameters import ROBOTS, Parameters
+from swingup.physics.plant import Plant
+from swingup.robots import ROBOTS
 
 
 def simulated(
-    controllers: list[LatchingSwitch], plants: list[Parameters], rules: RobustnessRules
+    controllers: list[LatchingSwitch], plants: list[Plant], rules: RobustnessRules
 ) -> tuple[np.ndarray, Trajectory]:
     """Each controller on its own plant from hanging at rest: last states (n, 4), and rows with n in front."""
     static = split(controllers[0])[1]
@@ -38,7 +39,7 @@ def simulated(
 
     @jax.jit
     @jax.vmap
-    def run(arrays: LatchingSwitch, plant: Parameters) -> tuple[jax.Array, Trajectory]:
+    def run(arrays: LatchingSwitch, plant: Plant) -> tuple[jax.Array, Trajectory]:
         controller = eqx.combine(arrays, static)
         end, rows = simulate(Scenario(plant), controller, jnp.zeros(4), rules.dt, rules.steps)
         return jnp.asarray(end.final), rows

@@ -12,7 +12,8 @@ from PIL import Image, ImageDraw, ImageFont
 
 import swingup
 from swingup.drawing import LINK_1, PAPER, draw_frame
-from swingup.physics.parameters import Robot, get_robot, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD
+from swingup.robots import Robot, get_robot
 
 TIMES = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 4.0)
 """Seconds."""
@@ -24,7 +25,7 @@ LARGE, SMALL = 30, 24
 
 def draw_row(robot: Robot) -> np.ndarray:
     """The shipped policy's swing-up of one robot, a frame for each time, side by side."""
-    parameters = leaderboard_parameters(robot)
+    parameters = LEADERBOARD.driven(robot)
     lengths = float(parameters.l1), float(parameters.l2)
     trajectory = swingup.evaluate(swingup.shipped_policy(robot)[0], robot).trajectory
     x, u = np.asarray(trajectory.x), np.asarray(trajectory.u)

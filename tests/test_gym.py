@@ -12,7 +12,7 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 from swingup.errors import SwingupError
 from swingup.gym import PendulumEnv, PendulumVectorEnv
-from swingup.physics.parameters import ROBOTS, get_robot
+from swingup.robots import ROBOTS, get_robot
 from swingup.tasks.presets import get_task
 
 IDS = {"acrobot": "swingup/Acrobot-v0", "pendubot": "swingup/Pendubot-v0"}

@@ -11,12 +11,13 @@ from scipy.optimize import brentq
 
 from swingup.control.lqr import linearised
 from swingup.physics.angles import UPRIGHT
-from swingup.physics.parameters import get_robot, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD
+from swingup.robots import get_robot
 
 holding_range = runpy.run_path(str(Path(__file__).parents[1] / "benchmarks" / "holding_range.py"))["holding_range"]
 
 ACROBOT, PENDUBOT = get_robot("acrobot"), get_robot("pendubot")
-NOMINAL = leaderboard_parameters(ACROBOT)
+NOMINAL = LEADERBOARD.driven(ACROBOT)
 
 
 def gap(I1, plant):
@@ -37,13 +38,13 @@ def test_an_acrobot_with_a_mode_that_its_motor_does_not_move():
 
 def test_the_pendubot_has_none():
     for factor in np.linspace(0.5, 3.0, 11):
-        plant = leaderboard_parameters(PENDUBOT)
+        plant = LEADERBOARD.driven(PENDUBOT)
         assert holding_range(dataclasses.replace(plant, I1=factor * plant.I1), PENDUBOT) > 0.3
 
 
 @pytest.mark.parametrize("robot", [ACROBOT, PENDUBOT], ids=lambda robot: robot.name)
 def test_within_the_range_the_largest_torque_turns_the_slowest_mode_back(robot):
-    plant = leaderboard_parameters(robot)
+    plant = LEADERBOARD.driven(robot)
     most, limit = holding_range(plant, robot), 6.0
     (A,), (B,) = linearised(plant, robot, UPRIGHT[None], np.zeros(1))
     # Of both unstable modes, the one with the least |w b| / λ.

@@ -9,8 +9,10 @@ import swingup
 from swingup import realaigym
 from swingup.control.registry import get_controller
 from swingup.errors import SwingupError
-from swingup.physics.parameters import get_robot
-from swingup.policy.plant import midpoint_step, nominal_plant
+from swingup.physics.equations import lump
+from swingup.physics.plant import LEADERBOARD
+from swingup.policy.plant import midpoint_step
+from swingup.robots import get_robot
 
 DT = 0.002
 UP = np.array([np.pi, 0.0])
@@ -21,7 +23,7 @@ class Simulator:
 
     def __init__(self, robot):
         self.limits = 6.0 * np.array(robot.actuation)
-        self.plant = nominal_plant()
+        self.plant = lump(LEADERBOARD)
 
     def run(self, controller, duration, keywords=True, inner=False):
         """The states (n + 1, 4) and the torques (n, 2) that acted."""

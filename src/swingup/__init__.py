@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from .control.registry import get_controller
     from .identification.identify import Identification, identify
     from .learner.agent import AREAPO
-    from .plants.plant import Plant, load_plant
+    from .physics.plant import Plant, load_plant
     from .policy.jax_backend.controller import load_policy, shipped_policy
     from .rehearsal.rehearse import rehearse
     from .rehearsal.result import Rehearsal
@@ -35,7 +35,7 @@ _HOMES = {
     "AbstractController": "control.controller",
     "Board": "benchmark.leaderboard",
     "Evaluation": "benchmark.evaluate",
-    "Plant": "plants.plant",
+    "Plant": "physics.plant",
     "Rehearsal": "rehearsal.result",
     "RecordedUptime": "benchmark.recorded_uptime",
     "Sim2Real": "benchmark.sim2real",
@@ -52,7 +52,7 @@ _HOMES = {
     "identify": "identification.identify",
     "Identification": "identification.identify",
     "leaderboard": "benchmark.leaderboard",
-    "load_plant": "plants.plant",
+    "load_plant": "physics.plant",
     "load_policy": "policy.jax_backend.controller",
     "make_disturbance": "benchmark.disturbances",
     "rehearse": "rehearsal.rehearse",

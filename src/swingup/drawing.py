@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from .errors import SwingupError
-from .physics.parameters import TORQUE_LIMIT
+from .robots import TORQUE_LIMIT
 
 if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw

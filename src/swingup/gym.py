@@ -21,8 +21,8 @@ from .checks import whole_number
 from .drawing import draw_frame
 from .errors import SwingupError
 from .fetch import fetch
-from .physics.parameters import ROBOTS
-from .plants.plant import PlantLike
+from .physics.plant import PlantLike
+from .robots import ROBOTS
 from .tasks.pendulum import DIVERGED, AbstractPendulumTask, PendulumState
 from .tasks.presets import find_task
 from .tasks.task import Step
@@ -65,7 +65,7 @@ class PendulumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             robot: ``acrobot`` or ``pendubot``.
             task: name of a variant of the task, see :data:`swingup.tasks.presets.TASKS`, or a task.
             render_mode: ``rgb_array`` for pictures from ``render``; ``None`` for none.
-            plant: the pendulum, in whose units a named task is: a plant, its parameters, its name or its file;
+            plant: the pendulum, in whose units a named task is: a plant, its name or its file;
                 ``None`` for the leaderboards'.
 
         Raises:

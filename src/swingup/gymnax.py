@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .plants.plant import PlantLike
+from .physics.plant import PlantLike
 from .tasks.pendulum import AbstractPendulumTask
 from .tasks.presets import find_task
 from .types import Action, Count, Flag, Key, Observation, Scalar
@@ -87,7 +87,7 @@ class PendulumEnvironment:
         Args:
             robot: ``acrobot`` or ``pendubot``.
             task: name of a variant of the task, see :data:`swingup.tasks.presets.TASKS`, or a task.
-            plant: the pendulum, in whose units a named task is: a plant, its parameters, its name or its file;
+            plant: the pendulum, in whose units a named task is: a plant, its name or its file;
                 None for the leaderboards'.
 
         Raises:

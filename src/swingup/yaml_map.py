@@ -5,14 +5,13 @@ tags build objects, nesting exhausts the stack. The text is first scanned as a s
 and memory in proportion to its length. Everything but plain values is refused before any value is built.
 """
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from .errors import SwingupError
-from .files import read_bytes, write_atomically
+from .files import read_bytes
 from .text import LONGEST_QUOTE, one_line, quoted
 
 LARGEST_YAML = 100_000
@@ -50,15 +49,6 @@ def read_map(path: str | Path, kind: str) -> dict[str, Any]:
         if not isinstance(name, str):
             raise SwingupError(f"{named} gives a value to {quoted(name)}, which is no name: {FLAT_MAP}")
     return data
-
-
-def write_map(path: str | Path, values: Mapping[str, float]) -> None:
-    """Write numbers as a flat YAML map, exactly and atomically.
-
-    Raises:
-        SwingupError: the file cannot be written.
-    """
-    write_atomically(path, yaml.safe_dump(dict(values), sort_keys=False).encode())
 
 
 def _refuse_more_than_plain(text: str, named: str) -> None:

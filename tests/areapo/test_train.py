@@ -13,7 +13,7 @@ from swingup.areapo.config import Config, config_from_dict
 from swingup.areapo.loss import loss
 from swingup.areapo.targets import BOOTSTRAP_SIZE
 from swingup.errors import SwingupError
-from swingup.physics.parameters import ROBOTS
+from swingup.robots import ROBOTS
 from swingup.tasks.presets import smooth_task
 
 from .probes import Cycle

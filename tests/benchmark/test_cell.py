@@ -46,7 +46,7 @@ class Text:
         if self.now[0] == "kick":
             return "kick", np.array([self.now[1], 0.0])
         error = np.array([turned(self.now[1][i] - x[i]) for i in range(2)])
-        return "move", 0.1 * error - 0.004 * x[2:] - gravity(vars(CELLS.base), x)
+        return "move", 0.1 * error - 0.004 * x[2:] - gravity(CELLS.base.values(), x)
 
 
 def turned(angle):

@@ -16,7 +16,7 @@ from swingup.benchmark.runner import run_many, stack
 from swingup.control.controller import AbstractController
 from swingup.control.python_controller import PythonController
 from swingup.errors import SwingupError
-from swingup.physics.parameters import get_robot
+from swingup.robots import get_robot
 
 from .controllers import BRIEF, Swinging, swinging
 

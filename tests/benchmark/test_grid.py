@@ -11,7 +11,7 @@ from swingup.benchmark.grid import change_grid, draw_pushes, make_cases
 from swingup.benchmark.robustness import robustness
 from swingup.benchmark.rules import CRITERIA, RANDOM, PushRules, Sweep
 from swingup.errors import SwingupError
-from swingup.physics.parameters import leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD
 
 from .controllers import V2, Swinging
 
@@ -31,7 +31,7 @@ def test_the_grid_has_722_simulations(robot):
 
 
 def test_model_errors_change_one_parameter_each(robot):
-    nominal = vars(leaderboard_parameters(robot))
+    nominal = LEADERBOARD.driven(robot).values()
     fields = {"m1r1": "r1", "m2r2": "r2"}
     ranges = {
         "Ir": (0, 1e-4), "b1": (-0.1, 0.1), "b2": (-0.1, 0.1), "cf1": (-0.2, 0.2), "cf2": (-0.2, 0.2),
@@ -41,7 +41,7 @@ def test_model_errors_change_one_parameter_each(robot):
     cases = make_cases(robot, V2, "model", 0)
     assert {case.settings["parameter"] for case in cases} == set(ranges)
     for name, (low, high) in ranges.items():
-        chosen = [vars(case.scenario.parameters) for case in cases if case.settings["parameter"] == name]
+        chosen = [case.scenario.parameters.values() for case in cases if case.settings["parameter"] == name]
         field = fields.get(name, name)
         np.testing.assert_allclose([p[field] for p in chosen], np.linspace(low, high, 21), rtol=1e-14, atol=1e-18)
         assert all(p[other] == nominal[other] for p in chosen for other in nominal if other != field)

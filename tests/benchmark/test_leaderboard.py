@@ -20,10 +20,10 @@ from swingup.benchmark.leaderboard import (
 from swingup.benchmark.rules import CRITERIA, PERFORMANCE_RULES
 from swingup.control.controller import AbstractController
 from swingup.errors import SwingupError
-from swingup.physics.parameters import get_robot
 from swingup.policy.jax_backend.controller import PolicyController
 from swingup.policy.jax_backend.estimator import EstimatingController
 from swingup.policy.shipped import AR_EAPO, REFINED
+from swingup.robots import get_robot
 
 
 class Hanging(AbstractController):

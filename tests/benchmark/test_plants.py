@@ -22,8 +22,8 @@ from swingup.benchmark.uptime import uptime
 from swingup.control.registry import get_controller
 from swingup.errors import SwingupError
 from swingup.physics.integrate import friction_rate, stable_substeps
-from swingup.physics.parameters import get_robot, leaderboard_parameters
-from swingup.plants.plant import load_plant
+from swingup.physics.plant import LEADERBOARD, load_plant
+from swingup.robots import get_robot
 
 ACROBOT = get_robot("acrobot")
 B0 = load_plant("B.0").frictionless()
@@ -65,7 +65,7 @@ def test_torques_end_at_the_plants_limit():
 
 def test_friction_that_one_step_of_rk4_cannot_hold_is_integrated_in_several():
     """λ dt = 4.07, where RK4 diverges above 2.79. The elbow creeps: cf arctan(100 dq2) is near the torque."""
-    stiff = dataclasses.replace(load_plant("cloudpendulum-rods").parameters, cf1=3e-4, cf2=3e-4)
+    stiff = dataclasses.replace(load_plant("cloudpendulum-rods"), cf1=3e-4, cf2=3e-4)
     assert friction_rate(stiff) * 0.002 == pytest.approx(4.07, abs=0.01)
     assert stable_substeps(stiff, 0.002) == 2
     trajectory = evaluate(lambda x, t: [0.0, 1.5e-4], "acrobot", rules=PERFORMANCE, plant=stiff).trajectory
@@ -102,7 +102,7 @@ def test_the_grid_is_around_the_plant():
 
 def test_disturbances_are_in_the_plants_own_units(similar):
     """A pendulum of T × 0.5 and torques × 0.025."""
-    plant = similar(leaderboard_parameters(ACROBOT))
+    plant = similar(LEADERBOARD.driven(ACROBOT))
     grid = robustness_in_own_units(ROBUSTNESS_RULES["v2"], ACROBOT, plant)
     ends = {name: grid.model[name].sweep.high for name in ("Ir", "b1", "cf2", "m2")}
     assert ends == pytest.approx(

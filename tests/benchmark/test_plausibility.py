@@ -14,7 +14,8 @@ from swingup.benchmark.rollout import Trajectory
 from swingup.cli import main
 from swingup.errors import SwingupError
 from swingup.physics.integrate import rk4_step
-from swingup.physics.parameters import get_robot, identified_parameters, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD, load_plant
+from swingup.robots import get_robot
 
 ROBOT = get_robot("acrobot")
 TIME = 0.002 * np.arange(5000)
@@ -42,7 +43,7 @@ def simulated(parameters, time=TIME):
 
 @pytest.fixture(scope="module")
 def honest():
-    return simulated(leaderboard_parameters(ROBOT))
+    return simulated(LEADERBOARD.driven(ROBOT))
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +52,7 @@ def recorded():
     generator = np.random.default_rng(0)
     time = TIME + generator.uniform(0, 0.0008, TIME.size)
     time[3:] += 0.004
-    found = simulated(identified_parameters(), time - time[0])
+    found = simulated(load_plant("C.1"), time - time[0])
     x = found.x + generator.normal(0, [1e-4, 1e-4, 0.1, 0.1], found.x.shape)
     x[:, :2] = 3.8e-4 * np.round(x[:, :2] / 3.8e-4)
     u = found.u + generator.normal(0, 0.05, found.u.shape)

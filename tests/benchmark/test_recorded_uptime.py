@@ -12,7 +12,7 @@ from swingup.benchmark.rules import UPTIME_RULES
 from swingup.benchmark.trajectory_file import save_trajectory
 from swingup.cli import main
 from swingup.errors import SwingupError
-from swingup.physics.parameters import get_robot
+from swingup.robots import get_robot
 
 UP, DOWN = [np.pi, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]
 

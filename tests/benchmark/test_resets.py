@@ -6,14 +6,15 @@ import jax
 import numpy as np
 import pytest
 
-from swingup.physics.parameters import get_robot, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD
+from swingup.robots import get_robot
 from swingup.tasks.limits import Limits, Stop
 from swingup.tasks.resets import Resets, ResetSupervisor, start_resets, step_resets
 from swingup.tasks.throws import Thrower
 
 from .independent import ResetText
 
-MODEL = leaderboard_parameters(get_robot("acrobot"))
+MODEL = LEADERBOARD.driven(get_robot("acrobot"))
 ANGLE, SPEED = 3.5 * math.pi, 20.0
 GOALS = np.random.default_rng(3).uniform(-math.pi, math.pi, (101, 2))
 PID = Thrower(kp=2.0, ki=0.0, kd=0.3, dt=0.001, limit=6.0, proportional_limit=3.0)
@@ -35,7 +36,7 @@ def called(resets, times, states):
 
 def follow(times, states, plan, goals=GOALS):
     """Torques of both, call by call (NaN where the controller drives), and the last memories."""
-    count, text = len(times), ResetText(plan, goals, vars(MODEL), (ANGLE, SPEED))
+    count, text = len(times), ResetText(plan, goals, MODEL.values(), (ANGLE, SPEED))
     # One shape, and so one compilation, for all tests.
     plan = np.concatenate([plan, np.full(5 - len(plan), np.inf)])
     times, states = (np.pad(rows, [(0, CALLS - count)] + [(0, 0)] * (rows.ndim - 1)) for rows in (times, states))

@@ -16,7 +16,8 @@ from swingup.benchmark.rollout import Scenario
 from swingup.benchmark.rules import CRITERIA, RANDOM
 from swingup.benchmark.runner import run_many, stack
 from swingup.errors import SwingupError
-from swingup.physics.parameters import get_robot, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD
+from swingup.robots import get_robot
 from swingup.tasks.disturbance import step_noise
 
 from .controllers import BRIEF, LOOSE, V2, Swinging, swinging
@@ -31,7 +32,7 @@ def test_the_batch_agrees_with_a_numpy_loop(robot, criterion):
     picked = cases[:: max(1, len(cases) // 5)]
     batch = run_many(Swinging(), stack([case.scenario for case in picked]), rules.dt, rules.steps, depth=21)
     for case, final in zip(picked, batch.final, strict=True):
-        p, disturbance = vars(case.scenario.parameters), case.scenario.disturbance
+        p, disturbance = case.scenario.parameters.values(), case.scenario.disturbance
         with jax.enable_x64(True):
             noise = jax.vmap(lambda k, d=disturbance: step_noise(d, k, jnp.dtype(float)))(jnp.arange(rules.steps))
         pushes = [
@@ -60,7 +61,7 @@ def test_success_is_strict_and_wraps_the_angles():
 
 
 def case(criterion, group, seed=None):
-    scenario = Scenario(leaderboard_parameters(get_robot("acrobot")))
+    scenario = Scenario(LEADERBOARD.driven(get_robot("acrobot")))
     return Case(criterion, group, {} if seed is None else {"seed": seed}, scenario)
 
 

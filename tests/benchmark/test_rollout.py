@@ -17,7 +17,7 @@ from swingup.benchmark.runner import run_one
 from swingup.control.controller import AbstractController
 from swingup.control.python_controller import PythonController
 from swingup.physics.integrate import rk4_steps
-from swingup.physics.parameters import identified_parameters, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD, load_plant
 from swingup.plants.domain import make_domain
 from swingup.tasks.disturbance import Pushes, step_noise, undisturbed
 from swingup.tasks.draw import draw
@@ -75,9 +75,9 @@ def compare(found, expected):
 @pytest.mark.usefixtures("x64")
 def test_closed_loop_agrees_with_a_numpy_loop(robot, friction):
     # With friction both joints are driven (10 N m each); on the leaderboards one is, though both are commanded.
-    plant = identified_parameters() if friction else leaderboard_parameters(robot)
+    plant = load_plant("C.1").changed(tl1=10.0, tl2=10.0) if friction else LEADERBOARD.driven(robot)
     driven = (0, 1) if friction else (robot.joint,)
-    expected = closed_loop(vars(plant), driven, feedback(), X0, DT, World(STEPS))
+    expected = closed_loop(plant.values(), driven, feedback(), X0, DT, World(STEPS))
     _, found = run(Scenario(plant), Feedback(jnp.array(GAIN)), jnp.array(X0), DT, steps=STEPS)
     compare(found, expected)
     # The limits were reached and left, and the first row is the state before any step.
@@ -121,8 +121,8 @@ def test_every_disturbance_agrees_with_a_numpy_loop(robot, name):
     disturbance = dataclasses.replace(undisturbed(), noise=np.array([5, 17], np.uint32), **changes)
     velocity, torque = jax.vmap(lambda k: step_noise(disturbance, k, jnp.dtype(float)))(jnp.arange(STEPS))
     world = World(STEPS, velocity_noise=np.asarray(velocity), torque_noise=np.asarray(torque), **world)
-    plant = leaderboard_parameters(robot)
-    expected = closed_loop(vars(plant), (robot.joint,), feedback(), X0, DT, world)
+    plant = LEADERBOARD.driven(robot)
+    expected = closed_loop(plant.values(), (robot.joint,), feedback(), X0, DT, world)
     scenario = Scenario(plant, disturbance)
     outcome, found = run(scenario, Feedback(jnp.array(GAIN)), jnp.array(X0), DT, steps=STEPS, depth=8)
     compare(found, expected)
@@ -135,7 +135,7 @@ def test_every_disturbance_agrees_with_a_numpy_loop(robot, name):
 
 @pytest.mark.usefixtures("x64")
 def test_a_disturbance_of_nothing_changes_nothing(robot):
-    plant, controller = leaderboard_parameters(robot), Feedback(jnp.array(GAIN))
+    plant, controller = LEADERBOARD.driven(robot), Feedback(jnp.array(GAIN))
     _, calm = run(Scenario(plant), controller, jnp.array(X0), DT, steps=STEPS)
     _, same = run(Scenario(plant, undisturbed()), controller, jnp.array(X0), DT, steps=STEPS, depth=21)
     np.testing.assert_allclose(same.x, calm.x, rtol=0, atol=1e-11)
@@ -183,7 +183,7 @@ def test_noise_is_standard_normal_and_differs_from_step_to_step_and_key_to_key()
 @pytest.mark.usefixtures("x64")
 def test_trajectory_has_the_dtype_of_the_first_state(robot, dtype):
     def simulated(x0):
-        return simulate(Scenario(leaderboard_parameters(robot)), Idle(), x0, 0.002, 3)[1]
+        return simulate(Scenario(LEADERBOARD.driven(robot)), Idle(), x0, 0.002, 3)[1]
 
     leaves = jax.tree.leaves(jax.eval_shape(simulated, jnp.zeros(4, dtype)))
     assert {leaf.dtype.name for leaf in leaves} == {dtype}

@@ -15,8 +15,9 @@ from swingup.benchmark.rules import get_uptime_rules
 from swingup.benchmark.uptime import draw_throws, uptime
 from swingup.control.controller import AbstractController
 from swingup.errors import SwingupError
-from swingup.physics.parameters import get_robot, identified_parameters, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD, load_plant
 from swingup.plants.domain import make_domain
+from swingup.robots import get_robot
 from swingup.tasks.limits import Limits
 from swingup.tasks.throws import TURNS, thrown_states
 
@@ -71,7 +72,7 @@ def test_a_run_agrees_with_a_numpy_loop(robot):
     result = uptime(Counting(), robot, rules=BRIEF, seed=3)
     plain = PlainCounting()
     plain.init()
-    p = vars(leaderboard_parameters(robot))
+    p = LEADERBOARD.driven(robot).values()
     rows = independent_run(p, BRIEF, draw_throws(BRIEF, 3), plain.get_control_output)
     np.testing.assert_allclose(result.trajectory.x, rows[:, :4], rtol=1e-7, atol=1e-7)
     np.testing.assert_allclose(result.trajectory.u, rows[:, 4:], rtol=1e-6, atol=1e-6)
@@ -131,10 +132,10 @@ def test_the_robots_rules_agree_with_a_numpy_loop(make, name, stop):
     found = uptime(make(), name, rules=rules, seed=5, seeds=1, domain=FRICTION)
     planned = draw_resets(rules, FRICTION.base, 5).resets
     assert planned.target.shape == (101, 2)
-    model, plain = vars(leaderboard_parameters(get_robot(name))), PlainCounting()
+    model, plain = LEADERBOARD.driven(get_robot(name)).values(), PlainCounting()
     resets = ResetText(list(planned.plan), planned.target, model, (3.0, 8.0), rules.throw_duration)
     plain.init()
-    limits, plant = np.array([4 * math.pi, 4 * math.pi, stop, stop]), vars(identified_parameters())
+    limits, plant = np.array([4 * math.pi, 4 * math.pi, stop, stop]), load_plant("C.1").values()
     rows = independent_robot_run(plant, resets, limits, 3.0, plain.get_control_output, rules.dt)
     # Inserted resets, and a controller that is called between them.
     assert resets.number > sum(time < rows[-1, 0] for time in planned.plan)
@@ -209,10 +210,10 @@ def test_unknown_rules():
 
 
 def test_thrown_states_are_ends_of_throws(robot):
-    found = thrown_states(np.random.default_rng(5), leaderboard_parameters(robot), 40)
+    found = thrown_states(np.random.default_rng(5), LEADERBOARD.driven(robot), 40)
     assert found.shape == (40, 4)
     # The same numbers, thrown one by one by the independent loop: calls before give the PID its last error.
-    random, p = np.random.default_rng(5), vars(leaderboard_parameters(robot))
+    random, p = np.random.default_rng(5), LEADERBOARD.driven(robot).values()
     turns = [random.choice(len(odds), 40, p=odds) - len(odds) // 2 for odds in TURNS]
     upright = np.stack([np.pi * (2 * turns[0] + 1), 2 * np.pi * turns[1], np.zeros(40), np.zeros(40)], axis=1)
     starts = upright + 0.05 * random.normal(size=(40, 4))

@@ -19,9 +19,9 @@ from swingup.cli.results import comparison_lines
 from swingup.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.report import TrainingReport
-from swingup.physics.parameters import ROBOTS
 from swingup.policy.shipped import DEFAULT
 from swingup.report import trained
+from swingup.robots import ROBOTS
 
 ACROBOT = ROBOTS["acrobot"]
 

@@ -25,11 +25,13 @@ sys.meta_path.insert(0, Only())
 sys.path.insert(0, {folder!r})
 import numpy as np
 from con_swingup import controller, leaderboard_config
-from swingup_controller.policy.plant import acceleration, nominal_plant
+from swingup_controller.physics.equations import lump
+from swingup_controller.physics.plant import LEADERBOARD
+from swingup_controller.policy.plant import acceleration
 
 assert not [name for name in sys.modules if name.partition(".")[0] in ("jax", "equinox", "swingup", "yaml")]
 print(leaderboard_config)
-plant, dt, limit = nominal_plant(), 0.002, 6.0 * np.array({driven})
+plant, dt, limit = lump(LEADERBOARD), 0.002, 6.0 * np.array({driven})
 
 def rates(x, u):
     return np.array([*x[2:], *acceleration(plant, tuple(x.tolist()), *u.tolist())])

@@ -9,6 +9,7 @@ import shlex
 import textwrap
 
 import pytest
+import yaml
 
 import swingup
 from swingup.benchmark.board_rules import BOARD_RULES
@@ -17,8 +18,7 @@ from swingup.cli import judging, main
 from swingup.cli.commands import Boards
 from swingup.control.registry import BUILT_IN
 from swingup.errors import SwingupError
-from swingup.physics.parameters import save_parameters
-from swingup.plants.plant import load_plant
+from swingup.physics.plant import load_plant
 from swingup.policy.jax_backend.controller import save_controller
 
 CONTROLLERS = textwrap.dedent(
@@ -374,7 +374,7 @@ def test_a_plant_is_named_with_the_ratio_of_its_torques(capsys, brief_runs, tmp_
     assert out.startswith(
         "acrobot, others_controllers:plain (rules v2, plant B.0, frictionless, torque/gravity 0.96)\n"
     )
-    save_parameters(load_plant("B.0").parameters, tmp_path / "mine.yml")
+    (tmp_path / "mine.yml").write_text(yaml.safe_dump(load_plant("B.0").values()))
     result = json.loads(
         run(capsys, "evaluate", "acrobot", *options, "--plant", "mine.yml", "--json", boards=brief_runs)
     )

@@ -10,8 +10,8 @@ from swingup.benchmark.board_rules import BOARD_RULES
 from swingup.benchmark.leaderboard import default_entrants
 from swingup.cli.commands import Boards, run_command
 from swingup.errors import SwingupError
-from swingup.physics.parameters import get_robot
 from swingup.plants.domain import load_domain
+from swingup.robots import get_robot
 
 
 def brief():

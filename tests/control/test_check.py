@@ -14,10 +14,10 @@ from swingup.control.controller import AbstractController
 from swingup.control.python_controller import PythonController, answer
 from swingup.control.registry import get_controller
 from swingup.errors import SwingupError
-from swingup.physics.parameters import get_robot
 from swingup.policy.numpy_backend.controller import NumpyController
 from swingup.policy.realaigym import load_policy_controller
 from swingup.policy.shipped import read_policy
+from swingup.robots import get_robot
 
 
 def good(x, t):

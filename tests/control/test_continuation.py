@@ -16,7 +16,8 @@ from swingup.control.continuation_settings import ContinuationSettings, next_ste
 from swingup.control.known_plant import damped, known_plant_controller
 from swingup.errors import SwingupError
 from swingup.physics.angles import UPRIGHT
-from swingup.physics.parameters import NAMES, ROBOTS, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD, NAMES
+from swingup.robots import ROBOTS
 
 SETTINGS = ContinuationSettings()
 LONG_STEPS = dataclasses.replace(SETTINGS, first_step=0.2, largest_step=0.4)
@@ -64,21 +65,21 @@ def test_a_swing_up_counts_if_it_is_cheap_slow_upright_finite_and_within_the_mot
 
 @pytest.mark.parametrize("shape", [(), (0,), (3,), (2, 1)])
 def test_every_parameter_has_one_value_for_each_plant(shape):
-    plants = stacked(*[leaderboard_parameters(ROBOTS["acrobot"])] * 2)
+    plants = stacked(*[LEADERBOARD.driven(ROBOTS["acrobot"])] * 2)
     message = f"parameter b1 has shape {shape}: give every parameter one value for each plant"
     with pytest.raises(SwingupError, match=f"^{re.escape(message)}$"):
         continue_swingups("acrobot", dataclasses.replace(plants, b1=np.zeros(shape)))
 
 
 def test_a_plant_is_a_pendulum():
-    nominal = leaderboard_parameters(ROBOTS["acrobot"])
+    nominal = LEADERBOARD.driven(ROBOTS["acrobot"])
     with pytest.raises(SwingupError, match="m2"):
         continue_swingups("acrobot", stacked(nominal, dataclasses.replace(nominal, m2=-1.0)))
 
 
 def test_plants_move_by_steps_of_their_own(monkeypatch):
     """With an optimiser that fails above the nominal mass: one plant arrives, the other is given up."""
-    nominal, called = leaderboard_parameters(ROBOTS["acrobot"]), []
+    nominal, called = LEADERBOARD.driven(ROBOTS["acrobot"]), []
 
     def optimised(swingups, settings):
         called.append(len(swingups.reached))
@@ -102,7 +103,7 @@ def test_plants_move_by_steps_of_their_own(monkeypatch):
 
 
 def test_coulomb_friction_becomes_damping():
-    plant = dataclasses.replace(leaderboard_parameters(ROBOTS["acrobot"]), b1=0.01, cf1=0.1, b2=0.02, cf2=-0.05)
+    plant = dataclasses.replace(LEADERBOARD.driven(ROBOTS["acrobot"]), b1=0.01, cf1=0.1, b2=0.02, cf2=-0.05)
     found = damped(plant)
     assert (found.b1, found.b2) == pytest.approx((0.11, -0.03))
     assert dataclasses.replace(found, b1=0.01, cf1=0.1, b2=0.02, cf2=-0.05) == plant
@@ -111,7 +112,7 @@ def test_coulomb_friction_becomes_damping():
 @pytest.mark.slow
 def test_three_plants_are_continued_and_end_upright_on_their_plant():
     robot = ROBOTS["acrobot"]
-    nominal = leaderboard_parameters(robot)
+    nominal = LEADERBOARD.driven(robot)
     heavy = dataclasses.replace(nominal, m2=1.1 * nominal.m2)
     rough = dataclasses.replace(nominal, b1=0.03, cf2=0.02, Ir=3e-5)
     settings = dataclasses.replace(SETTINGS, batch=16)

@@ -17,7 +17,8 @@ from swingup.control.ilqr import (
 from swingup.control.riccati_passes import Cost
 from swingup.control.scalar_algebra import dot, unpack
 from swingup.control.transition import AbstractTransition, PendulumTransition
-from swingup.physics.parameters import ROBOTS, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD
+from swingup.robots import ROBOTS
 
 N = 20
 RANDOM = np.random.default_rng(0)
@@ -86,7 +87,7 @@ def swing(limit, **changes):
     settings = dataclasses.replace(
         PLAIN, regularisation=1.0, min_regularisation=1e-4, tolerance=1e-6, torque_limit=limit, **changes
     )
-    return PendulumTransition(leaderboard_parameters(robot), robot.joint, 0.01, exact=False), cost, settings
+    return PendulumTransition(LEADERBOARD.driven(robot), robot.joint, 0.01, exact=False), cost, settings
 
 
 def test_one_iteration_solves_a_linear_quadratic_problem(x64):

@@ -8,19 +8,20 @@ from swingup.control.lqr import disturbance_gain, linearised, riccati_recursion,
 from swingup.control.published import PUBLISHED
 from swingup.physics.angles import UPRIGHT
 from swingup.physics.integrate import rk4_step
-from swingup.physics.parameters import ROBOTS, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD
+from swingup.robots import ROBOTS
 
 RANDOM = np.random.default_rng(0)
 
 
 @pytest.fixture
 def lqr(robot):
-    return upright_lqr(leaderboard_parameters(robot), robot, PUBLISHED[robot.name].lqr)
+    return upright_lqr(LEADERBOARD.driven(robot), robot, PUBLISHED[robot.name].lqr)
 
 
 @pytest.fixture
 def upright_system(robot):
-    A, B = linearised(leaderboard_parameters(robot), robot, UPRIGHT[None], np.zeros(1))
+    A, B = linearised(LEADERBOARD.driven(robot), robot, UPRIGHT[None], np.zeros(1))
     return A[0], B[0]
 
 
@@ -36,19 +37,19 @@ def test_riccati_equation_holds(robot, lqr, upright_system):
 def test_gain_of_a_disturbance_is_that_of_a_regulator_whose_state_it_is(robot, lqr, upright_system):
     (A, B), settings = upright_system, PUBLISHED[robot.name].lqr
     other = ROBOTS["pendubot" if robot.name == "acrobot" else "acrobot"]
-    _, (D,) = linearised(leaderboard_parameters(robot), other, UPRIGHT[None], np.zeros(1))
+    _, (D,) = linearised(LEADERBOARD.driven(robot), other, UPRIGHT[None], np.zeros(1))
     # The disturbance fades, but slowly: one that stays has no finite cost.
     with_it = np.block([[A, D[:, None]], [np.zeros((1, 4)), -1e-7 * np.eye(1)]])
     driving, Q = np.append(B, 0.0), np.diag([*settings.state_weights, 0.0])
     S = solve_continuous_are(with_it, driving[:, None], Q, [[settings.torque_weight]])
     gains = driving @ S / settings.torque_weight
     np.testing.assert_allclose(gains[:4], lqr.gains, rtol=1e-6)
-    assert disturbance_gain(leaderboard_parameters(robot), lqr) == pytest.approx(gains[4], rel=1e-4)
+    assert disturbance_gain(LEADERBOARD.driven(robot), lqr) == pytest.approx(gains[4], rel=1e-4)
 
 
 def test_linearisation_of_the_step_agrees(x64, robot, upright_system):
     A, B = upright_system
-    p = leaderboard_parameters(robot)
+    p = LEADERBOARD.driven(robot)
     step = jax.jit(jax.jacfwd(lambda x, u: rk4_step(p, x, u, 1e-5), argnums=(0, 1)))
     by_x, by_u = step(jnp.asarray(UPRIGHT), jnp.zeros(2))
     np.testing.assert_allclose((by_x - np.eye(4)) / 1e-5, A, atol=1e-2)
@@ -56,7 +57,7 @@ def test_linearisation_of_the_step_agrees(x64, robot, upright_system):
 
 
 def test_balances_and_gives_up_far_away(x64, robot, lqr):
-    p = leaderboard_parameters(robot)
+    p = LEADERBOARD.driven(robot)
 
     def step(x, _):
         _, u = lqr(None, jnp.zeros(()), x)

@@ -7,7 +7,7 @@ from swingup.control.baselines import baseline, shipped_reference
 from swingup.control.mpc import MPC
 from swingup.control.switch import LatchingSwitch
 from swingup.physics.angles import UPRIGHT
-from swingup.physics.parameters import ROBOTS
+from swingup.robots import ROBOTS
 
 ACROBOT = ROBOTS["acrobot"]
 RANDOM = np.random.default_rng(0)

@@ -18,13 +18,14 @@ from swingup.control.torque_rate import TorqueRateTransition
 from swingup.control.transition import PendulumTransition
 from swingup.errors import SwingupError
 from swingup.physics.integrate import rk4_step
-from swingup.physics.parameters import ROBOTS, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD
+from swingup.robots import ROBOTS
 
 SCORES = {"acrobot": 0.711, "pendubot": 0.697}
 
 
 def ramped(robot, dt=0.002):
-    return TorqueRateTransition(PendulumTransition(leaderboard_parameters(robot), robot.joint, dt))
+    return TorqueRateTransition(PendulumTransition(LEADERBOARD.driven(robot), robot.joint, dt))
 
 
 def test_shipped_trajectories_are_the_plants_own(x64, robot):
@@ -32,7 +33,7 @@ def test_shipped_trajectories_are_the_plants_own(x64, robot):
     problem = OPTIMAL[robot.name].swingup
     assert (reference.robot, reference.dt) == (robot, problem.fine_dt)
     assert len(reference.torque) == round(problem.duration / problem.fine_dt)
-    p, u = leaderboard_parameters(robot), reference.torque[:, None] * np.array(robot.actuation)
+    p, u = LEADERBOARD.driven(robot), reference.torque[:, None] * np.array(robot.actuation)
     # From hanging at rest with its torques alone: rounding grows by the unstable motion, to about 1e-11.
     x0 = jnp.zeros(4)
     resimulated = jax.jit(lambda u: jax.lax.scan(lambda x, u: (rk4_step(p, x, u, 0.002), x), x0, u)[1])(u)
@@ -52,7 +53,7 @@ def test_score(robot):
 
 def test_no_small_change_of_the_torques_lowers_the_cost(x64, robot):
     reference, metadata = shipped_reference(robot, "score")
-    problem, p, dt = OPTIMAL[robot.name].swingup, leaderboard_parameters(robot), reference.dt
+    problem, p, dt = OPTIMAL[robot.name].swingup, LEADERBOARD.driven(robot), reference.dt
     rows, actuation = len(reference.torque), np.array(robot.actuation)
 
     @jax.jit

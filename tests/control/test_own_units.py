@@ -20,9 +20,9 @@ from swingup.control.search import SEARCH, follow, guesses, search
 from swingup.control.transition import PendulumTransition
 from swingup.errors import SwingupError
 from swingup.physics.angles import UPRIGHT
-from swingup.physics.parameters import get_robot, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD, load_plant
 from swingup.physics.units import Scales, scales_of
-from swingup.plants.plant import load_plant
+from swingup.robots import get_robot
 
 ONE = Scales(1.0, 1.0, 1.0, 1.0)
 
@@ -48,7 +48,7 @@ def test_a_plant_like_the_leaderboards_has_the_shipped_design(robot):
 
 def test_a_similar_pendulum_gets_a_similar_regulator(robot, similar):
     """T × 0.5 and torques × 0.025: gains on angles × 0.025, on velocities × 0.0125; the cost-to-go has one T."""
-    plant = leaderboard_parameters(robot)
+    plant = LEADERBOARD.driven(robot)
     gains = [np.asarray(baseline("lqr", robot, each).gains) for each in (None, similar(plant))]
     np.testing.assert_allclose(gains[1], gains[0] * [0.025, 0.025, 0.0125, 0.0125], rtol=1e-8)
     assert baseline("lqr", robot, similar(plant)).max_cost_to_go == pytest.approx(500)
@@ -108,7 +108,7 @@ def test_guesses_repeat_and_differ():
 
 def drawn_plant(seed):
     """A pendulum with 0.1 to 10 times C.1's masses, lengths and torque limits."""
-    plant, random = load_plant("C.1").parameters, np.random.default_rng(seed)
+    plant, random = load_plant("C.1"), np.random.default_rng(seed)
     mass1, mass2, length1, length2, torque = 10 ** random.uniform(-1, 1, 5)
     factors = {
         "m1": mass1, "m2": mass2, "l1": length1, "r1": length1, "l2": length2, "r2": length2,
@@ -145,7 +145,7 @@ def test_baselines_command_what_the_plants_own_motor_has_and_no_more(name, seeds
 
 
 def test_a_motor_without_torque_is_refused():
-    weak = dataclasses.replace(load_plant("B.0").parameters, tl2=0.0)
+    weak = dataclasses.replace(load_plant("B.0"), tl2=0.0)
     with pytest.raises(SwingupError, match="the acrobot's motor has a torque limit of 0: raise tl2"):
         baseline("lqr", "acrobot", weak)
 
@@ -154,5 +154,5 @@ def test_a_motor_without_torque_is_refused():
 @pytest.mark.parametrize("name", ["tvlqr", "ilqr-mpc", "tvlqr-score"])
 def test_baselines_swing_up_other_plants(name):
     plant = load_plant("C.0").frictionless()
-    assert scales_of(plant.parameters).time == pytest.approx(0.971, abs=1e-3)
+    assert scales_of(plant).time == pytest.approx(0.971, abs=1e-3)
     assert swingup.evaluate(baseline(name, "acrobot", plant), "acrobot", plant=plant).criteria.success

@@ -23,7 +23,8 @@ from swingup.control.transition import PendulumTransition
 from swingup.errors import SwingupError
 from swingup.physics.angles import UPRIGHT
 from swingup.physics.integrate import rk4_step
-from swingup.physics.parameters import ROBOTS, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD
+from swingup.robots import ROBOTS
 
 ACROBOT = ROBOTS["acrobot"]
 
@@ -37,7 +38,7 @@ def test_shipped_trajectories_obey_the_equations_of_motion(x64, robot):
     reference, metadata = shipped_reference(robot)
     assert reference.robot == robot
     assert (reference.dt, len(reference.torque), reference.time[-1]) == (0.001, 5999, pytest.approx(5.998))
-    p, u = leaderboard_parameters(robot), reference.torque[:, None] * np.array(robot.actuation)
+    p, u = LEADERBOARD.driven(robot), reference.torque[:, None] * np.array(robot.actuation)
     following = jax.jit(jax.vmap(lambda x, u: rk4_step(p, x, u, 0.001)))(reference.states[:-1], u[:-1])
     np.testing.assert_allclose(reference.states[1:], following, atol=1e-12)
     np.testing.assert_array_equal(reference.states[0], 0.0)
@@ -57,7 +58,7 @@ def test_shipped_trajectories_have_the_published_figures(robot):
 def test_regularised_gains_are_weak(x64, robot):
     reference, _ = shipped_reference(robot)
     cost = PUBLISHED[robot.name].swingup.cost(len(reference.torque))
-    transition = PendulumTransition(leaderboard_parameters(robot), robot.joint, reference.dt, exact=False)
+    transition = PendulumTransition(LEADERBOARD.driven(robot), robot.joint, reference.dt, exact=False)
     states = np.concatenate([reference.states, UPRIGHT[None]])
     free = jax.jit(lambda x, u: feedback_gains(transition, cost, x, u, 0.0))(states, reference.torque)
     assert np.abs(reference.gains).mean() < 0.2 * np.abs(free).mean()

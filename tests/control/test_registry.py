@@ -10,7 +10,7 @@ from array_files import read_metadata
 from swingup.control.registry import get_controller, has_estimator
 from swingup.control.switch import LatchingSwitch
 from swingup.errors import SwingupError
-from swingup.physics.parameters import leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD
 from swingup.policy import shipped
 from swingup.policy.jax_backend.controller import PolicyController, load_policy, save_controller
 from swingup.policy.jax_backend.estimator import EstimatingController
@@ -19,7 +19,8 @@ from swingup.policy.settings import EstimatorSettings
 MODULE = """
 import jax.numpy as jnp
 import swingup
-from swingup.physics.parameters import get_robot, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD
+from swingup.robots import get_robot
 from swingup.policy.jax_backend.estimator import with_estimator
 
 class Damping(swingup.AbstractController):
@@ -31,7 +32,7 @@ class Damping(swingup.AbstractController):
 
 acrobot = get_robot("acrobot")
 compiled = Damping()
-estimating = with_estimator(compiled, acrobot, leaderboard_parameters(acrobot))
+estimating = with_estimator(compiled, acrobot, LEADERBOARD.driven(acrobot))
 pendubot = swingup.baseline("lqr", "pendubot")
 
 def plain(x, t):
@@ -78,7 +79,7 @@ def test_policy_files_say_whether_an_estimator_is_meant(files):
 def test_the_model_is_the_leaderboards(files, robot):
     controller = get_controller("tvlqr", robot, estimator=True)
     assert controller.robot == robot
-    assert vars(controller.parameters) == vars(leaderboard_parameters(robot))
+    assert controller.parameters.values() == LEADERBOARD.driven(robot).values()
 
 
 def test_load_policy_gives_the_policy_alone(files):

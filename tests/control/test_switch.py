@@ -4,7 +4,7 @@ import pytest
 
 from swingup.control.controller import AbstractController
 from swingup.control.switch import AbstractExpensiveController, LatchingSwitch
-from swingup.physics.parameters import ROBOTS
+from swingup.robots import ROBOTS
 
 ACROBOT = ROBOTS["acrobot"]
 THRESHOLD = np.array([0.5, 0.5, 1.0, 1.0])

@@ -5,7 +5,8 @@ import pytest
 from swingup.control.lqr import linearised, riccati_recursion
 from swingup.control.reference import Reference
 from swingup.control.tracking import RiccatiController, tvlqr
-from swingup.physics.parameters import ROBOTS, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD
+from swingup.robots import ROBOTS
 
 ACROBOT = ROBOTS["acrobot"]
 RANDOM = np.random.default_rng(0)
@@ -50,7 +51,7 @@ def test_torque_is_clipped(x64, riccati):
 
 def test_tvlqr(x64):
     # Rows that are cubic in time, so that the fit is exact but for the state's fourth entry and the gains.
-    p, Q, R, Qf = leaderboard_parameters(ACROBOT), np.diag([0.64, 0.56, 0.13, 0.037]), 0.82, np.eye(4)
+    p, Q, R, Qf = LEADERBOARD.driven(ACROBOT), np.diag([0.64, 0.56, 0.13, 0.037]), 0.82, np.eye(4)
     controller = tvlqr(REFERENCE, p, ACROBOT, (Q, R, Qf), pieces=40)
     A, B = linearised(p, ACROBOT, REFERENCE.states, REFERENCE.torque)
     gains = riccati_recursion(np.eye(4) + 0.001 * A, 0.001 * B, Q, R, Qf)

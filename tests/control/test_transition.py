@@ -8,7 +8,8 @@ import pytest
 from swingup.control.scalar_algebra import unpack
 from swingup.control.transition import PendulumTransition
 from swingup.physics.integrate import rk4_step
-from swingup.physics.parameters import ROBOTS, identified_parameters, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD, load_plant
+from swingup.robots import ROBOTS
 
 ACROBOT = ROBOTS["acrobot"]
 RANDOM = np.random.default_rng(0)
@@ -27,7 +28,7 @@ def full_jacobian(transition):
 
 def test_a_step_is_the_judges_runge_kutta_step(x64, robot):
     # Friction and motor inertia included.
-    p = identified_parameters()
+    p = load_plant("C.1")
     x, u = unpack(jnp.asarray(STATES)), jnp.asarray(TORQUES)
     steps = jax.jit(jax.vmap(lambda x, u: rk4_step(p, x, both_joints(robot, u), 0.002)))(STATES, TORQUES)
     found = jax.jit(PendulumTransition(p, robot.joint, 0.002).step)(x, u)
@@ -46,14 +47,14 @@ def finite_differences(p, robot, dt):
 @pytest.mark.slow
 def test_exact_jacobian_against_finite_differences(x64, either_robot):
     robot = either_robot
-    p = dataclasses.replace(leaderboard_parameters(robot), b1=0.1, cf2=0.05)
+    p = dataclasses.replace(LEADERBOARD.driven(robot), b1=0.1, cf2=0.05)
     jacobian = full_jacobian(PendulumTransition(p, robot.joint, 0.002))
     np.testing.assert_allclose(jacobian, finite_differences(p, robot, 0.002), atol=2e-7)
 
 
 def test_fast_jacobian_is_right_up_to_second_order(x64):
     # An error of order dt³: an eighth of it at half the step.
-    p, errors = leaderboard_parameters(ACROBOT), []
+    p, errors = LEADERBOARD.driven(ACROBOT), []
     for dt in (0.004, 0.002):
         fast = full_jacobian(PendulumTransition(p, ACROBOT.joint, dt, exact=False))
         errors.append(np.abs(fast - finite_differences(p, ACROBOT, dt)).max(axis=(1, 2)))

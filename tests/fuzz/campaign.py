@@ -20,7 +20,7 @@ from swingup.control.trajectory_csv import load_reference_csv
 from swingup.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.run_settings import read_run_settings
-from swingup.physics.parameters import load_parameters
+from swingup.physics.plant import load_plant
 from swingup.plants.domain import load_domain
 from swingup.policy.file import read_network
 from swingup.policy.pendulum import read_pendulum_policy
@@ -29,7 +29,7 @@ from swingup.report.files import read_curve, read_robustness
 from .inputs import KINDS, LIKE
 
 READERS = {
-    "yaml": [load_parameters, load_domain],
+    "yaml": [load_plant, load_domain],
     "trajectory": [
         lambda path: score(load_trajectory(path), "acrobot"),
         lambda path: load_reference_csv(path, "acrobot"),

@@ -7,12 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from swingup.physics.implicit_friction import implicit_friction_step
-from swingup.physics.parameters import identified_parameters
+from swingup.physics.plant import load_plant
 
 STEP = 0.001
 QUANTUM = 3.81e-4
 TRUTH = dataclasses.replace(
-    identified_parameters(), r1=0.17, r2=0.262, I1=0.03, I2=0.052, Ir=1e-4, b1=0.004, b2=0.003, cf1=0.11, cf2=0.09
+    load_plant("C.1"), r1=0.17, r2=0.262, I1=0.03, I2=0.052, Ir=1e-4, b1=0.004, b2=0.003, cf1=0.11, cf2=0.09
 )
 OFFSETS = np.array([0.012, -0.02])
 DELAY = 0.003

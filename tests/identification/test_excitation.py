@@ -14,11 +14,11 @@ from swingup.identification.recording import read_recording
 from swingup.identification.rollouts import Rollouts, Sequences, simulate
 from swingup.identification.waves import PERIOD, REST, SHARES, TILTS, multisines
 from swingup.physics.implicit_friction import implicit_friction_step
+from swingup.physics.plant import load_plant
 from swingup.plants.domain import make_domain
-from swingup.plants.plant import load_plant
 
 C1 = load_plant("C.1")
-SETTING = setting_of(C1.parameters).coarse
+SETTING = setting_of(C1).coarse
 NO_FEEDBACK = np.zeros((2, 2))
 
 
@@ -62,12 +62,12 @@ def test_motions_start_and_end_at_rest_and_no_two_are_alike():
 
 
 def test_a_rollout_is_the_integrator_step_by_step(sequence, trial):
-    model = vector_of(C1.parameters)[None]
+    model = vector_of(C1)[None]
     kept = simulate(SETTING, model, alone([sequence]), keep=True)
     with jax.enable_x64(True):
         step, x = jax.jit(implicit_friction_step), np.zeros(4)
         for u in sequence[:100]:
-            x = np.asarray(step(C1.parameters, x, u, PERIOD))
+            x = np.asarray(step(C1, x, u, PERIOD))
     assert kept.states[0, 0, 100] == pytest.approx(x, abs=1e-9)
     assert kept.torque[0, 0] == pytest.approx(sequence)
     assert np.all(trial.speed[1] > trial.speed[0])
@@ -102,7 +102,7 @@ def test_a_prior_around_a_plant_and_from_a_domain():
     prior = prior_around(C1)
     drawn, corners = draw_models(prior, 50, 0), corner_models(prior)
     first = INDEX["first"]
-    middle = vector_of(C1.parameters)[first]
+    middle = vector_of(C1)[first]
     assert drawn[0, first] == pytest.approx(middle, rel=0.02)
     assert corners[:, first].min() <= drawn[:, first].min() < 0.9 * middle
     assert corners[:, first].max() >= drawn[:, first].max() > 1.1 * middle

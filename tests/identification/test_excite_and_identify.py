@@ -9,7 +9,7 @@ from swingup.identification.prediction import INDEX, setting_of
 from swingup.identification.prior import draw_models, prior_around
 from swingup.identification.reading import TITLES
 from swingup.identification.rollouts import Sequences, simulate
-from swingup.plants.plant import load_plant
+from swingup.physics.plant import load_plant
 from swingup.table import write_columns
 
 QUANTUM = 3.81e-4
@@ -23,7 +23,7 @@ def test_the_plant_is_found(tmp_path):
     truth = draw_models(prior, 4, 123)[3:]
     limits = np.array(excitation.limits.torque)
     play = Sequences(excitation.torque[None], excitation.state[None], excitation.feedback, limits)
-    motion = simulate(setting_of(plant.parameters), truth, play, keep=True)
+    motion = simulate(setting_of(plant), truth, play, keep=True)
     q = QUANTUM * np.round(motion.states[0, 0, :, :2] / QUANTUM)
     columns = {"time": excitation.time, "pos_meas1": q[:, 0], "pos_meas2": q[:, 1]}
     columns |= {f"tau_con{joint + 1}": motion.torque[0, 0, :, joint] for joint in (0, 1)}

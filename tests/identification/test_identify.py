@@ -10,7 +10,7 @@ import swingup
 from swingup.cli import main
 from swingup.identification.model import expectations, make_unknowns
 from swingup.identification.prediction import INDEX, setting_of, vector_of
-from swingup.physics.parameters import load_parameters
+from swingup.physics.plant import load_plant
 from swingup.plants.domain import load_domain
 
 BASE = ("m1 r1 + m2 l1", "m2 r2", "I1 + m2 l1^2", "I2", "Ir", "b1", "b2", "cf1", "cf2")
@@ -58,7 +58,7 @@ def test_errors_are_below_those_of_the_start(found):
 
 def test_files_are_those_that_others_read(found, tmp_path):
     domain = found.save(tmp_path / "mine.yml")
-    plant = load_parameters(tmp_path / "mine.yml")
+    plant = load_plant(tmp_path / "mine.yml")
     np.testing.assert_allclose(vector_of(plant)[:9], [found.reading.values[name] for name in BASE], rtol=1e-9)
     # Links that could be built: inertia above that of a point mass at the centre of mass.
     assert plant.m1 * plant.r1**2 < plant.I1

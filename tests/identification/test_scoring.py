@@ -5,7 +5,7 @@ from synthetic import TRUTH, simulate, write
 from swingup.identification.prediction import predict, setting_of, vector_of
 from swingup.identification.recording import read_recording
 from swingup.identification.scoring import score_windows, summarise
-from swingup.physics.parameters import identified_parameters
+from swingup.physics.plant import load_plant
 
 
 def test_errors_by_hand():
@@ -38,5 +38,5 @@ def test_the_true_plant_predicts_a_simulation(tmp_path):
     model[9:11] = 0.012, -0.02
     errors = predict(setting_of(TRUTH), model, windows) - windows.reference
     assert np.median(np.abs(errors[:, 4]), axis=0) == pytest.approx(0.0, abs=0.03)
-    wrong = predict(setting_of(TRUTH), vector_of(identified_parameters()), windows) - windows.reference
+    wrong = predict(setting_of(TRUTH), vector_of(load_plant("C.1")), windows) - windows.reference
     assert np.median(np.abs(wrong[:, 4, :2])) > 5 * np.median(np.abs(errors[:, 4, :2]))

@@ -15,8 +15,8 @@ from safetensors import safe_open
 from swingup import AREAPO
 from swingup.errors import SwingupError
 from swingup.learner.metrics import read_metrics
-from swingup.physics.parameters import ROBOTS
 from swingup.policy.jax_backend.policy import load_any_policy
+from swingup.robots import ROBOTS
 from swingup.tasks.presets import global_task, smooth_task
 from swingup.tasks.task import AbstractTask, Step
 

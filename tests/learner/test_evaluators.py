@@ -7,7 +7,7 @@ import pytest
 
 from swingup.areapo.networks import init_actor
 from swingup.learner.evaluators import SwingUpEvaluator
-from swingup.plants.plant import load_plant
+from swingup.physics.plant import load_plant
 from swingup.policy.jax_backend.policy import Policy
 from swingup.tasks.presets import smooth_task
 

@@ -10,7 +10,7 @@ import pytest
 
 from swingup.errors import SwingupError
 from swingup.gymnax import PendulumEnvironment
-from swingup.physics.parameters import ROBOTS
+from swingup.robots import ROBOTS
 from swingup.tasks.adapters import as_task
 from swingup.tasks.gymnax_task import GymnaxTask
 from swingup.tasks.presets import smooth_task

@@ -5,13 +5,13 @@ import pytest
 
 from swingup.areapo.networks import init_actor
 from swingup.learner.evaluators import SwingUpEvaluator
-from swingup.physics.parameters import ROBOTS
-from swingup.plants.plant import load_plant
+from swingup.physics.plant import LEADERBOARD, load_plant
 from swingup.policy.jax_backend.controller import shipped_policy
 from swingup.policy.jax_backend.policy import Policy
 from swingup.policy.pendulum import read_pendulum_policy
-from swingup.policy.plant_facts import leaderboard_plant, policy_plant
+from swingup.policy.plant_facts import policy_plant
 from swingup.refine.recipe import run_recipe
+from swingup.robots import ROBOTS
 from swingup.tasks.presets import smooth_task
 
 ACROBOT = ROBOTS["acrobot"]
@@ -28,18 +28,18 @@ def test_training_on_a_plant(tmp_path):
     plant = load_plant("C.0")
     task = smooth_task(ACROBOT, plant)
     found = written(SwingUpEvaluator(task, plant), task, tmp_path / "p.safetensors")
-    assert found.plant == policy_plant(plant.parameters, ACROBOT)
+    assert found.plant == policy_plant(plant, ACROBOT)
     assert (found.plant.name, found.torque_limit) == ("C.0", 6.0)
-    assert found.plant.cf1 == plant.parameters.cf1 > 0
+    assert found.plant.cf1 == plant.cf1 > 0
 
 
 def test_training_on_the_leaderboards_plant(tmp_path):
     task = smooth_task(ACROBOT)
-    assert written(SwingUpEvaluator(task), task, tmp_path / "p.safetensors").plant == leaderboard_plant(ACROBOT)
+    assert written(SwingUpEvaluator(task), task, tmp_path / "p.safetensors").plant == LEADERBOARD.driven(ACROBOT)
 
 
 @pytest.mark.parametrize("plant", [None, "C.0"])
 def test_refining(plant):
     """Without stages nothing is refined, but the plant is named."""
     found = run_recipe(shipped_policy("acrobot")[0], ACROBOT, (), plant=plant).plant
-    assert found == (None if plant is None else policy_plant(load_plant(plant).parameters, ACROBOT))
+    assert found == (None if plant is None else policy_plant(load_plant(plant), ACROBOT))

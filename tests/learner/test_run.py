@@ -15,8 +15,7 @@ from swingup.learner.presets import get_preset
 from swingup.learner.run import Run
 from swingup.learner.run_settings import PENDULUM_INTERVALS, RunSettings, run_settings_from_dict
 from swingup.learner.start import resume_run, start_run
-from swingup.physics.parameters import Parameters, identified_parameters
-from swingup.plants.plant import Plant, load_plant
+from swingup.physics.plant import Plant, load_plant
 from swingup.policy.jax_backend.controller import load_policy, save_controller
 
 from .brief import briefly_judged
@@ -365,14 +364,16 @@ def test_settings_keep_their_plant():
 
 
 def test_the_command_of_a_plant_without_a_name_is_python():
-    parameters = identified_parameters()
+    parameters = dataclasses.replace(load_plant("C.1"), m1=0.5)
     usual = dataclasses.replace(SETTINGS, config=get_preset("default").config, **PENDULUM_INTERVALS)
     command = dataclasses.replace(usual, plant=load_plant(parameters)).command(64)
     call, rest = command.split("plant=")
     assert call == "swingup.AREAPO('acrobot', preset='default', seed=0, "
     assert rest.endswith(").learn(64)")
-    assert eval(rest.removesuffix(").learn(64)"), {"Parameters": Parameters}) == parameters
-    assert "--plant mine.yml" in dataclasses.replace(usual, plant=Plant("mine.yml", parameters)).command(64)
+    assert eval(rest.removesuffix(").learn(64)"), {"Plant": Plant}) == parameters
+    assert "--plant mine.yml" in dataclasses.replace(
+        usual, plant=dataclasses.replace(parameters, name="mine.yml")
+    ).command(64)
 
 
 def test_a_plant_goes_with_a_robot():

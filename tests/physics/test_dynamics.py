@@ -7,16 +7,11 @@ import numpy as np
 import pytest
 
 from swingup.physics import dynamics
-from swingup.physics.parameters import (
-    NAMES,
-    ROBOTS,
-    Parameters,
-    identified_parameters,
-    leaderboard_parameters,
-)
+from swingup.physics.plant import LEADERBOARD, NAMES, Plant, load_plant
+from swingup.robots import ROBOTS
 
 DATA = Path(__file__).parent / "data"
-PLANTS = {"identified": identified_parameters(), "leaderboard": leaderboard_parameters(ROBOTS["acrobot"])}
+PLANTS = {"identified": load_plant("C.1"), "leaderboard": LEADERBOARD.driven(ROBOTS["acrobot"])}
 
 acceleration = jax.jit(jax.vmap(dynamics.acceleration, (None, 0, 0)))
 total_energy = jax.jit(jax.vmap(dynamics.total_energy, (None, 0)))
@@ -46,8 +41,8 @@ def test_accelerations_and_energies_are_those_of_the_reference(robot):
         jnp.stack([table[name] for name in names.split()], axis=1)
         for names in ("q1 q2 dq1 dq2", "u1 u2", "ddq1 ddq2")
     )
-    np.testing.assert_allclose(acceleration(identified_parameters(), x, u), expected, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(total_energy(identified_parameters(), x), table["energy"], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(acceleration(load_plant("C.1"), x, u), expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(total_energy(load_plant("C.1"), x), table["energy"], rtol=0, atol=1e-9)
 
 
 def energies_from_positions(plant, q, dq):
@@ -87,10 +82,10 @@ def test_acceleration_solves_the_euler_lagrange_equations():
     # A different plant for each state: every parameter varies by up to 20 % around the identified one,
     # with the rotor's inertia and the viscous friction large enough to count.
     x, u = random_states()
-    centre = dataclasses.replace(identified_parameters(), Ir=1e-3, b1=0.1, b2=0.05)
+    centre = dataclasses.replace(load_plant("C.1"), Ir=1e-3, b1=0.1, b2=0.05)
     factors = np.random.default_rng(1).uniform(0.8, 1.2, (len(NAMES), len(x)))
     values = {name: getattr(centre, name) * jnp.array(row) for name, row in zip(NAMES, factors, strict=True)}
-    plants = Parameters(**values)
+    plants = Plant(**values)
     expected = jax.jit(jax.vmap(euler_lagrange_acceleration))(plants, x, u)
     found = jax.jit(jax.vmap(dynamics.acceleration))(plants, x, u)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
@@ -112,7 +107,7 @@ def test_mass_matrix_is_symmetric_and_positive_definite(plant):
 def test_mass_matrix_by_hand():
     # m2 l1 r2 = 1.5, I1 = 2, I2 = 3, m2 l1² = 2, gr = 6, Ir = 0.1; q2 = π/3, cos q2 = 0.5:
     # M11 = 2 + 3 + 2 + 2 * 1.5 * 0.5 + 3.6 + 0.1 = 12.2, M12 = 3 + 0.75 - 0.6 = 3.15, M22 = 3 + 3.6 = 6.6.
-    plant = dataclasses.replace(identified_parameters(), m2=2.0, l1=1.0, r2=0.75, I1=2.0, I2=3.0, gr=6.0, Ir=0.1)
+    plant = dataclasses.replace(load_plant("C.1"), m2=2.0, l1=1.0, r2=0.75, I1=2.0, I2=3.0, gr=6.0, Ir=0.1)
     found = dynamics.mass_matrix(plant, jnp.array([0.3, np.pi / 3, 1.0, 2.0]))
     np.testing.assert_allclose(found, [[12.2, 3.15], [3.15, 6.6]], rtol=1e-12)
 
@@ -132,7 +127,7 @@ def test_power_balance(plant):
 
 def test_friction_by_hand():
     # b1 dq1 + cf1 arctan(100 dq1): 0.1 * 0.01 + 0.16 * π/4 at dq1 = 0.01; far above, cf saturates at cf π/2.
-    plant = dataclasses.replace(identified_parameters(), b1=0.1, cf1=0.16, b2=0.0, cf2=0.12)
+    plant = dataclasses.replace(load_plant("C.1"), b1=0.1, cf1=0.16, b2=0.0, cf2=0.12)
     found = dynamics.friction_torque(plant, jnp.array([1.0, 2.0, 0.01, -1e9]))
     np.testing.assert_allclose(found, [0.001 + 0.04 * np.pi, -0.06 * np.pi], rtol=1e-9)
 
@@ -145,7 +140,7 @@ def test_rest_where_both_links_are_vertical(plant, q):
 
 def test_torque_that_holds_the_arm_out():
     # Both links level: each joint carries the weights beyond it times their levers.
-    p = identified_parameters()
+    p = load_plant("C.1")
     shoulder, elbow = p.g * (p.m1 * p.r1 + p.m2 * (p.l1 + p.r2)), p.g * p.m2 * p.r2
     level = jnp.array([np.pi / 2, 0.0, 0.0, 0.0])
     np.testing.assert_allclose(dynamics.gravity_torque(p, level), [-shoulder, -elbow], rtol=1e-12)
@@ -162,7 +157,7 @@ def test_eigenfrequencies_of_two_equal_point_masses():
     length = 0.7
     inertia = 1.3 * length**2
     rods = {"l1": length, "l2": length, "r1": length, "r2": length, "m1": 1.3, "m2": 1.3}
-    plant = dataclasses.replace(leaderboard_parameters(ROBOTS["acrobot"]), **rods, I1=inertia, I2=inertia)
+    plant = dataclasses.replace(LEADERBOARD.driven(ROBOTS["acrobot"]), **rods, I1=inertia, I2=inertia)
     A, _ = linearise(plant, jnp.zeros(4), jnp.zeros(2))
     eigenvalues = np.linalg.eigvals(np.asarray(A))
     np.testing.assert_allclose(eigenvalues.real, 0, atol=1e-10)
@@ -172,7 +167,7 @@ def test_eigenfrequencies_of_two_equal_point_masses():
 
 def balanced_plant():
     """A double pendulum whose second link is balanced on the elbow: gravity and link 1 cannot turn it."""
-    return dataclasses.replace(leaderboard_parameters(ROBOTS["acrobot"]), r2=0.0)
+    return dataclasses.replace(LEADERBOARD.driven(ROBOTS["acrobot"]), r2=0.0)
 
 
 def test_balanced_second_link_leaves_a_single_pendulum():
@@ -195,7 +190,7 @@ def test_balanced_second_link_leaves_a_single_pendulum():
     ],
 )
 def test_tip_height_by_hand(q1, q2, height):
-    found = dynamics.tip_height(identified_parameters(), jnp.array([q1, q2, 1.0, 2.0]))
+    found = dynamics.tip_height(load_plant("C.1"), jnp.array([q1, q2, 1.0, 2.0]))
     assert float(found) == pytest.approx(height, abs=1e-12)
 
 
@@ -226,7 +221,7 @@ def test_mirrored_motion_is_a_motion(plant):
 
 
 def test_jit_and_vmap_change_nothing_and_gradients_are_finite():
-    plant = identified_parameters()
+    plant = load_plant("C.1")
     x, u = random_states(count=5)
     compiled = acceleration(plant, x, u)
     one_by_one = [dynamics.acceleration(plant, x[k], u[k]) for k in range(len(x))]
@@ -247,5 +242,5 @@ OF_STATE_AND_TORQUE = "acceleration derivative linearise"
 def test_results_have_the_dtype_of_the_state(name, dtype):
     x, u = jnp.array([0.1, 0.2, 0.3, 0.4], dtype), jnp.array([0.5, 0.6], dtype)
     arguments = (x, u) if name in OF_STATE_AND_TORQUE.split() else (x,)
-    results = jax.eval_shape(getattr(dynamics, name), identified_parameters(), *arguments)
+    results = jax.eval_shape(getattr(dynamics, name), load_plant("C.1"), *arguments)
     assert {leaf.dtype.name for leaf in jax.tree.leaves(results)} == {dtype}

@@ -12,7 +12,7 @@ from swingup.control.scalar_algebra import unpack
 from swingup.control.transition import PendulumTransition
 from swingup.physics import dynamics, equations
 from swingup.physics.equations import lump
-from swingup.physics.parameters import identified_parameters, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD, load_plant
 from swingup.policy import plant as floats
 
 RANDOM = np.random.default_rng(0)
@@ -31,7 +31,7 @@ def numpys(parameters, x, u, sine=np.sin, cosine=np.cos):
 @pytest.mark.parametrize("name", ["identified", "leaderboard"])
 def test_all_of_python_computes_the_same(name, robot, x64):
     # Friction and motor inertia are part of the identified plant. Sines differ in their last bits.
-    plant = identified_parameters() if name == "identified" else leaderboard_parameters(robot)
+    plant = load_plant("C.1") if name == "identified" else LEADERBOARD.driven(robot)
     u = TORQUES * np.array(robot.actuation)[:, None]
     expected = numpys(plant, STATES, u)
     close = {"rtol": 1e-12, "atol": 1e-11}
@@ -44,17 +44,17 @@ def test_all_of_python_computes_the_same(name, robot, x64):
 
 
 def test_plain_floats_have_numpys_bits():
-    plant = dataclasses.replace(identified_parameters(), b1=0.0, b2=0.0, cf1=0.0, cf2=0.0, Ir=0.0)
+    plant = dataclasses.replace(load_plant("C.1"), b1=0.0, b2=0.0, cf1=0.0, cf2=0.0, Ir=0.0)
     torques = np.stack([TORQUES, TORQUES[::-1]])
     rows = zip(STATES.tolist(), *torques.tolist(), strict=True)
-    found = [floats.acceleration(floats.nominal_plant(), tuple(x), *u) for x, *u in rows]
+    found = [floats.acceleration(lump(LEADERBOARD), tuple(x), *u) for x, *u in rows]
     # The sines of the C library, bit for bit: NumPy has its own on some processors.
     sine, cosine = np.vectorize(math.sin), np.vectorize(math.cos)
     np.testing.assert_array_equal(found, numpys(plant, STATES, torques, sine, cosine))
 
 
 def test_the_response_is_the_change_of_the_acceleration():
-    plant = floats.nominal_plant()
+    plant = lump(LEADERBOARD)
     for x in STATES[:3].tolist():
         driven, free = (np.array(floats.acceleration(plant, tuple(x), *u)) for u in ((2.0, -1.0), (0.0, 0.0)))
         response = equations.response(plant, np.cos(x[1]), (2.0, -1.0))

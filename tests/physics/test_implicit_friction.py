@@ -8,13 +8,13 @@ import pytest
 from swingup.physics.dynamics import mass_matrix, total_energy
 from swingup.physics.implicit_friction import implicit_friction_step
 from swingup.physics.integrate import rk4_step
-from swingup.physics.parameters import ROBOTS, identified_parameters, leaderboard_parameters
-from swingup.plants.plant import load_plant
+from swingup.physics.plant import LEADERBOARD, load_plant
+from swingup.robots import ROBOTS
 
 pytestmark = pytest.mark.usefixtures("x64")
 
-C1 = identified_parameters()
-SMALL = dataclasses.replace(load_plant("cloudpendulum-rods").parameters, cf1=0.002, cf2=0.003)
+C1 = load_plant("C.1")
+SMALL = dataclasses.replace(load_plant("cloudpendulum-rods"), cf1=0.002, cf2=0.003)
 START = np.array([0.5, -0.3, 2.0, -4.0])
 
 
@@ -62,7 +62,7 @@ def test_a_torque_below_the_friction_moves_nothing():
 
 
 def test_energy_is_kept_without_friction():
-    plant = leaderboard_parameters(ROBOTS["acrobot"])
+    plant = LEADERBOARD.driven(ROBOTS["acrobot"])
     states = follow(implicit_friction_step, plant, 0.001, 5000, start=jnp.array([np.pi / 2, 0.3, 0.0, 0.0]))
     energy = jax.vmap(total_energy, (None, 0))(plant, jnp.array(states))
     # 4 J are exchanged; the drift of a second-order method stays bounded.

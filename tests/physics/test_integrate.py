@@ -12,11 +12,11 @@ from scipy.special import ellipk
 from swingup.physics import dynamics
 from swingup.physics.dynamics import mass_matrix
 from swingup.physics.integrate import euler_step, friction_rate, rk4_step, rk4_steps, stable_substeps
-from swingup.physics.parameters import ROBOTS, identified_parameters, leaderboard_parameters
-from swingup.plants.plant import load_plant
+from swingup.physics.plant import LEADERBOARD, load_plant
+from swingup.robots import ROBOTS
 
 DATA = Path(__file__).parent / "data"
-FRICTIONLESS = leaderboard_parameters(ROBOTS["acrobot"])
+FRICTIONLESS = LEADERBOARD.driven(ROBOTS["acrobot"])
 
 one_step = jax.jit(jax.vmap(rk4_step, (None, 0, 0, None)))
 
@@ -40,7 +40,7 @@ def test_one_step_is_that_of_the_reference(robot):
         jnp.stack([table[name] for name in names.split()], axis=1)
         for names in ("q1 q2 dq1 dq2", "u1 u2", "q1_next q2_next dq1_next dq2_next")
     )
-    found = one_step(identified_parameters(), x, u, 0.002)
+    found = one_step(load_plant("C.1"), x, u, 0.002)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
 
 
@@ -49,7 +49,7 @@ def test_open_loop_run_is_that_of_the_reference(robot):
     assert table.shape == (501, 5)
     t = 0.002 * np.arange(2501)
     u = np.outer(3 * np.sin(2 * np.pi * t) + 1.5 * np.sin(5.1 * t), robot.actuation)
-    states, _ = follow(leaderboard_parameters(robot), jnp.zeros(4), jnp.array(u), 0.002)
+    states, _ = follow(LEADERBOARD.driven(robot), jnp.zeros(4), jnp.array(u), 0.002)
     error = np.abs(states[::5] - table[:, 1:]).max(axis=1)
     # The motion is chaotic: two correct implementations part by some 4e-10 in 2 s and 4e-7 in 5 s.
     for until, tolerance in [(1.0, 1e-11), (2.0, 1e-9), (5.0, 1e-5)]:
@@ -68,7 +68,7 @@ def test_energy_is_conserved_without_friction_and_torque():
 
 
 def test_energy_changes_by_the_work_of_torque_and_friction():
-    plant, dt = identified_parameters(), 0.001
+    plant, dt = load_plant("C.1"), 0.001
     t = dt * np.arange(2501)
     u = jnp.array(np.stack([np.sin(3 * t), 0.5 * np.cos(2 * t)], axis=1))
     states, last = follow(plant, jnp.array([0.5, 0.3, 4.0, -3.0]), u, dt)
@@ -122,8 +122,8 @@ def test_euler_step_by_hand():
 def test_jit_and_vmap_change_nothing():
     x = jnp.array([[0.1, 0.2, 3.0, -4.0], [2.0, -1.0, 0.5, 0.0]])
     u = jnp.array([[0.0, 1.0], [2.0, 0.0]])
-    one_by_one = [rk4_step(identified_parameters(), x[k], u[k], 0.01) for k in range(2)]
-    np.testing.assert_allclose(one_step(identified_parameters(), x, u, 0.01), jnp.stack(one_by_one), rtol=1e-12)
+    one_by_one = [rk4_step(load_plant("C.1"), x[k], u[k], 0.01) for k in range(2)]
+    np.testing.assert_allclose(one_step(load_plant("C.1"), x, u, 0.01), jnp.stack(one_by_one), rtol=1e-12)
 
 
 @pytest.mark.slow
@@ -144,19 +144,19 @@ def test_gradient_through_many_steps_agrees_with_differences():
 @pytest.mark.parametrize("method", [rk4_step, euler_step])
 def test_steps_keep_the_dtype_of_the_state(method, dtype):
     x, u = jnp.zeros(4, dtype), jnp.zeros(2, dtype)
-    assert jax.eval_shape(lambda x, u: method(identified_parameters(), x, u, 0.01), x, u).dtype == dtype
+    assert jax.eval_shape(lambda x, u: method(load_plant("C.1"), x, u, 0.01), x, u).dtype == dtype
 
 
 def small_link():
     """Two rods of 5 cm and 0.1 kg, with I = m l²/3, and the friction of small motors: λ dt is 5.2 at 2 ms."""
     rods = {"m1": 0.1, "m2": 0.1, "l1": 0.05, "l2": 0.05, "r1": 0.025, "r2": 0.025, "I1": 8.33e-5, "I2": 8.33e-5}
     frictions = {"b1": 1e-5, "b2": 1e-5, "cf1": 7e-4, "cf2": 4e-4, "Ir": 0.0}
-    return dataclasses.replace(identified_parameters(), **rods, **frictions)
+    return dataclasses.replace(load_plant("C.1"), **rods, **frictions)
 
 
 @pytest.mark.parametrize("name", ["A.0", "B.0", "C.0", "C.1", "small link"])
 def test_friction_rate_is_the_largest_eigenvalue(name):
-    plant = small_link() if name == "small link" else load_plant(name).parameters
+    plant = small_link() if name == "small link" else load_plant(name)
     damping = np.diag([plant.b1 + 100 * plant.cf1, plant.b2 + 100 * plant.cf2])
     angles = np.arccos(np.linspace(-1, 1, 9))
     masses = [np.asarray(mass_matrix(plant, jnp.array([0.0, q2, 0.0, 0.0]))) for q2 in angles]
@@ -165,9 +165,9 @@ def test_friction_rate_is_the_largest_eigenvalue(name):
 
 
 def test_stiff_plants_take_more_steps():
-    counts = {name: stable_substeps(load_plant(name).parameters, 0.002) for name in ("B.0", "C.0", "C.1")}
+    counts = {name: stable_substeps(load_plant(name), 0.002) for name in ("B.0", "C.0", "C.1")}
     assert counts == {"B.0": 2, "C.0": 1, "C.1": 1}
-    assert stable_substeps(load_plant("B.0").frictionless().parameters, 0.1) == 1
+    assert stable_substeps(load_plant("B.0").frictionless(), 0.1) == 1
 
 
 def test_halved_steps_agree_where_single_ones_do_not():

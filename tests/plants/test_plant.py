@@ -3,8 +3,8 @@ import dataclasses
 import pytest
 
 from swingup.errors import SwingupError
-from swingup.physics.parameters import get_robot, identified_parameters, leaderboard_parameters
-from swingup.plants.plant import SHIPPED_PLANTS, load_plant, robot_parameters
+from swingup.physics.plant import LEADERBOARD, SHIPPED_PLANTS, load_plant, robot_parameters
+from swingup.robots import get_robot
 
 
 def gravity_torque(p):
@@ -16,22 +16,22 @@ def gravity_torque(p):
 def test_shipped_plants_are_pendulums(name):
     plant = load_plant(name)
     assert plant.name == name
-    assert load_plant(plant) is plant
+    assert load_plant(plant) == plant
     assert plant.driven("acrobot").tl1 == 0 == plant.driven("pendubot").tl2
 
 
 def test_torque_over_gravity():
     """C.1: (0.5235 0.2 + 0.6256 0.2 + 0.6256 0.2557) 9.81 = 3.824 N m, and 6 N m are 1.57 of it; B.0: 6 / 6.24."""
-    ratios = {name: p.tl1 / gravity_torque(p) for name in ("B.0", "C.1") for p in [load_plant(name).parameters]}
+    ratios = {name: p.tl1 / gravity_torque(p) for name in ("B.0", "C.1") for p in [load_plant(name)]}
     assert ratios == pytest.approx({"B.0": 0.961, "C.1": 1.569}, abs=1e-3)
 
 
 @pytest.mark.parametrize("robot", ["acrobot", "pendubot"])
 def test_no_plant_is_the_leaderboards(robot):
-    expected = vars(leaderboard_parameters(get_robot(robot)))
-    assert vars(robot_parameters(None, robot)) == expected
-    assert vars(load_plant("C.1").frictionless().driven(robot)) == expected
-    assert robot_parameters("C.1", robot).cf1 == identified_parameters().cf1
+    expected = LEADERBOARD.driven(get_robot(robot)).values()
+    assert robot_parameters(None, robot).values() == expected
+    assert load_plant("C.1").frictionless().driven(robot).values() == expected
+    assert robot_parameters("C.1", robot).cf1 == load_plant("C.1").cf1
 
 
 def test_files_and_faults(tmp_path):
@@ -40,11 +40,12 @@ def test_files_and_faults(tmp_path):
     for source, message in [
         (
             "C.2",
-            "unknown plant 'C.2': use A.0, B.0, C.0, C.1, cloudpendulum, cloudpendulum-rods or a parameter file",
+            "unknown plant 'C.2': use A.0, B.0, C.0, C.1, cloudpendulum, cloudpendulum-rods, leaderboard or a "
+            "parameter file",
         ),
         (path, "lacks m2, l1"),
         (tmp_path / "none.yml", "cannot read"),
-        (dataclasses.replace(identified_parameters(), m1=-1.0), "m1 = -1 must be positive"),
+        (dataclasses.replace(load_plant("C.1"), m1=-1.0), "m1 = -1 must be positive"),
     ]:
         with pytest.raises(SwingupError, match=message) as error:
             load_plant(source)

@@ -4,11 +4,12 @@ import dataclasses
 
 import jax
 import pytest
+import yaml
 
 from swingup.errors import SwingupError
-from swingup.physics.parameters import NAMES, get_robot, save_parameters
+from swingup.physics.plant import NAMES, load_plant
 from swingup.plants.domain import load_domain, make_domain
-from swingup.plants.plant import load_plant
+from swingup.robots import get_robot
 from swingup.tasks.draw import draw
 
 PENDUBOT = get_robot("pendubot")
@@ -22,13 +23,13 @@ def drawn(domain, robot=PENDUBOT):
 @pytest.fixture
 def facts(tmp_path):
     """A file of facts with motors of 2 and 3 N m."""
-    plant = dataclasses.replace(load_plant("B.0").parameters, tl1=2.0, tl2=3.0)
-    save_parameters(plant, tmp_path / "facts.yml")
+    plant = dataclasses.replace(load_plant("B.0"), tl1=2.0, tl2=3.0)
+    (tmp_path / "facts.yml").write_text(yaml.safe_dump(plant.values()))
     return tmp_path / "facts.yml"
 
 
 def test_a_file_of_facts_is_a_plant_and_a_domain(facts):
-    plant, (found, _) = load_plant(facts).parameters, drawn(load_domain(facts))
+    plant, (found, _) = load_plant(facts), drawn(load_domain(facts))
     same = [name for name in NAMES if float(getattr(found, name)) == getattr(plant, name)]
     assert [name for name in NAMES if name not in same] == ["tl2"]  # the passive motor of the pendubot rests
     assert (float(found.tl1), float(found.tl2)) == (2.0, 0.0)
@@ -39,7 +40,7 @@ def test_a_file_may_start_from_another_plant(tmp_path, facts):
     (tmp_path / "mine.yml").write_text("plant: facts.yml\nm1: 0.7\ndelay: 0.004\n")
     (tmp_path / "wide.yml").write_text("plant: B.0\nm1: [0.6, 0.7]\npassive_limit: 0.5\n")
     mine, wide = load_domain(tmp_path / "mine.yml"), load_domain(tmp_path / "wide.yml")
-    assert load_plant(tmp_path / "mine.yml").parameters.m1 == 0.7
+    assert load_plant(tmp_path / "mine.yml").m1 == 0.7
     for domain, limit in ((mine, 2.0), (wide, 6.0)):
         plant = drawn(domain)[0]
         assert (float(plant.l2), float(plant.tl1)) == (0.4, limit)  # B.0's second link
@@ -50,7 +51,7 @@ def test_a_file_may_start_from_another_plant(tmp_path, facts):
 
 def test_a_shipped_plant_is_a_domain():
     plant = drawn(load_domain("A.0"))[0]
-    assert (float(plant.m1), float(plant.tl1)) == (load_plant("A.0").parameters.m1, 6.0)
+    assert (float(plant.m1), float(plant.tl1)) == (load_plant("A.0").m1, 6.0)
 
 
 @pytest.mark.parametrize(
@@ -84,8 +85,8 @@ def test_files_that_are_no_domain():
 
 def test_a_domain_with_all_of_a_plants_values_has_that_plant():
     """Its plant is the middle of the ranges."""
-    values = vars(load_plant("B.0").parameters)
+    values = load_plant("B.0").values()
     domain = make_domain({**values, "m1": [0.6, 0.8], "delay": 0.002}, "mine.yml")
     assert domain.plant.name == "mine.yml"
-    assert vars(domain.plant.parameters) == {**values, "m1": pytest.approx(0.7)}
+    assert domain.plant.values() == {**values, "m1": pytest.approx(0.7)}
     assert make_domain({"m1": [0.5, 0.6]}).plant is None

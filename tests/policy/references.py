@@ -13,7 +13,7 @@ from swingup.areapo.networks import init_actor
 from swingup.physics.base_parameters import base_parameters
 from swingup.physics.equations import lump
 from swingup.physics.integrate import rk4_step
-from swingup.physics.parameters import get_robot, identified_parameters, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD, load_plant
 from swingup.policy.identifier_settings import default_identifier
 from swingup.policy.jax_backend.controller import PolicyController, make_controller, policy_of
 from swingup.policy.jax_backend.observation import Normalise, PendulumObservation, PlantObservation
@@ -26,6 +26,7 @@ from swingup.policy.regulator_settings import RegulatorSettings
 from swingup.policy.settings import EstimatorSettings
 from swingup.policy.shipped import ADAPTIVE, SHIPPED_POLICIES, read_policy
 from swingup.policy.stages import PlantStage
+from swingup.robots import get_robot
 
 DT = 0.002
 AWAY = 1e-3
@@ -115,7 +116,7 @@ def policy(name):
     robot, _, kind = name.partition("-")
     if name == OTHER_PLANT:
         found = read_policy("refined", robot)
-        return dataclasses.replace(found, plant=policy_plant(identified_parameters(), found.robot, "C.1"))
+        return dataclasses.replace(found, plant=policy_plant(load_plant("C.1"), found.robot))
     if name == REGULATED:
         return dataclasses.replace(policy(SIGHTED), regulator=RegulatorSettings())
     if name == TOLD:
@@ -148,7 +149,7 @@ def sighted_policy(layers=(16, 12)):
     """A small untrained policy of the acrobot that sees its plant, C.1 with its friction and rotors."""
     with jax.enable_x64(False):
         actor = jax.tree.map(lambda leaf: leaf + 0.1, init_actor(jax.random.key(1), 15, 1, layers, -1.0))
-    plant = policy_plant(identified_parameters(), get_robot("acrobot"), "C.1")
+    plant = policy_plant(load_plant("C.1"), get_robot("acrobot"))
     base = base_parameters(plant)
     # Inputs from -0.15 to 0.15, except the last, which is clipped.
     centre, scale = base * np.linspace(1.3, 0.7, 9), 2 * np.abs(base)
@@ -160,7 +161,7 @@ def sighted_policy(layers=(16, 12)):
 def identified_policy():
     """The acrobot's default policy with weights for the plant's inputs, behind an identifier."""
     found = read_policy("refined", "acrobot")
-    plant = policy_plant(identified_parameters(), found.robot, "C.1")
+    plant = policy_plant(load_plant("C.1"), found.robot)
     base, first = base_parameters(plant), found.network.trunk[0]
     sight = np.random.default_rng(2).normal(size=(len(first.bias), 9)).astype(np.float32) / 2000
     trunk = (Layer(np.concatenate([first.weight, sight], axis=1), first.bias), *found.network.trunk[1:])
@@ -209,7 +210,7 @@ def recorded(name, steps):
 
 @eqx.filter_jit
 def _loops(found, *columns):
-    p = leaderboard_parameters(found.robot)
+    p = LEADERBOARD.driven(found.robot)
 
     def loop(age, quantum, differences, offset, coulomb, times, pauses, noise, played, recording):
         plant = dataclasses.replace(p, cf1=coulomb, cf2=coulomb)

@@ -13,13 +13,14 @@ import pytest
 import swingup
 from swingup.benchmark.rules import get_robustness_rules
 from swingup.physics.base_parameters import BASE, BASE_NAMES
-from swingup.physics.parameters import get_robot, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD
 from swingup.policy.identifier_settings import IdentifierSettings
 from swingup.policy.jax_backend.controller import PolicyController, policy_of
 from swingup.policy.jax_backend.estimator import EstimatingController
 from swingup.policy.jax_backend.regulator import RegulatingController
 from swingup.policy.regulator_settings import RegulatorSettings
 from swingup.policy.settings import EstimatorSettings
+from swingup.robots import get_robot
 
 from .references import sighted_policy
 
@@ -73,7 +74,7 @@ def test_midpoints_lie_between_neighbours_of_the_grid(scripts):
 
 def test_joint_draws_are_off_in_all_parameters_within_half_the_ranges(scripts):
     cases = scripts["plants"].joint_cases(get_robot("acrobot"), RULES)
-    nominal = leaderboard_parameters(get_robot("acrobot"))
+    nominal = LEADERBOARD.driven(get_robot("acrobot"))
     assert len(cases) == 200
     plants = [case.scenario.parameters for case in cases]
     for names, least, most in (
@@ -104,7 +105,7 @@ def test_each_variant_lacks_one_part(scripts):
 def test_a_controller_is_told_the_whole_plant(scripts):
     plants = scripts["plants"]
     robot = full_policy().robot
-    plant = dataclasses.replace(leaderboard_parameters(robot), b1=-0.05, cf2=0.1, I2=0.06)
+    plant = dataclasses.replace(LEADERBOARD.driven(robot), b1=-0.05, cf2=0.1, I2=0.06)
     with jax.enable_x64(True):
         identifier = plants.tell_everything(plants.make_variants(full_policy())[plants.TOLD], plant).identifier
         memory = identifier.init()

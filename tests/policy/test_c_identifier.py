@@ -7,11 +7,11 @@ import pytest
 
 from swingup.physics.base_parameters import base_parameters
 from swingup.physics.equations import lump
+from swingup.physics.plant import LEADERBOARD
 from swingup.policy.c_backend.header import c_header
 from swingup.policy.numpy_backend.controller import NumpyController
 from swingup.policy.numpy_backend.network import NumpyNetwork
 from swingup.policy.plant import model_step
-from swingup.policy.plant_facts import leaderboard_plant
 
 from .compiled import compile_program, needs_gcc, pointer, torques
 from .references import DT, IDENTIFIED, faults, policy, random_states
@@ -52,7 +52,7 @@ void run(int n, const double *t, const double *x, const double *given, double *u
 }
 """
 PROBABILITIES = [0.01, 0.1, 0.7, 0.15, 0.02, 0.01, 0.01]
-OTHER = leaderboard_plant(policy(IDENTIFIED).robot)
+OTHER = LEADERBOARD.driven(policy(IDENTIFIED).robot)
 """The plant that is found; the file's has friction and rotors."""
 
 

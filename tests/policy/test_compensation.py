@@ -11,7 +11,7 @@ from swingup.errors import SwingupError
 from swingup.physics.base_parameters import base_parameters
 from swingup.physics.damped import Friction
 from swingup.physics.equations import friction, lump
-from swingup.physics.parameters import identified_parameters
+from swingup.physics.plant import load_plant
 from swingup.policy.compensation import LEAST_GAIN, compensation, predicted
 from swingup.policy.identifier_settings import GAIN, IdentifierSettings, offsets, prior
 from swingup.policy.numpy_backend.identifier import NumpyIdentifier
@@ -73,7 +73,7 @@ def test_offsets_are_bounded():
 
 
 def test_gravity_on_no_link_tells_no_offset():
-    plant = dataclasses.asdict(identified_parameters())
+    plant = load_plant("C.1").values()
     for name, value in (("r2", 0.0), ("r1", -plant["m2"] * plant["l1"] / plant["m1"])):
         with pytest.raises(SwingupError, match="gives an identifier nothing to find the offsets by"):
             prior(SimpleNamespace(**{**plant, name: value}), IdentifierSettings())
@@ -85,7 +85,7 @@ def moved(robot, plant, gain=1.0, wrong=(0.0, 0.0), steps=1200):
     The undriven joint's motor has the compensation's commands and some gain. Measured angles are wrong by offsets
     (rad).
     """
-    nominal = policy_plant(identified_parameters(), robot)
+    nominal = policy_plant(load_plant("C.1"), robot)
     identifier = NumpyIdentifier(IdentifierSettings(), nominal, robot.joint)
     lumped, x, passive, limit = lump(plant), (0.0,) * 4, 1 - robot.joint, identifier.passive_limit
     for step in range(steps):
@@ -103,7 +103,7 @@ def moved(robot, plant, gain=1.0, wrong=(0.0, 0.0), steps=1200):
 
 def changed(robot, passive):
     """C.1 with a heavier second link, and Coulomb friction of the passive joint (N m)."""
-    plant = policy_plant(identified_parameters(), robot)
+    plant = policy_plant(load_plant("C.1"), robot)
     cf1, cf2 = (0.1, passive) if robot.joint == 0 else (passive, 0.1)
     return dataclasses.replace(plant, m2=1.1 * plant.m2, cf1=cf1, cf2=cf2, b1=0.02, b2=0.01)
 

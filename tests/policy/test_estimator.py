@@ -12,10 +12,11 @@ from swingup.control.controller import AbstractController, check_interface
 from swingup.errors import SwingupError
 from swingup.physics.dynamics import acceleration
 from swingup.physics.integrate import rk4_step
-from swingup.physics.parameters import ROBOTS, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD
 from swingup.policy.jax_backend.controller import shipped_policy
 from swingup.policy.jax_backend.estimator import with_estimator
 from swingup.policy.settings import EstimatorSettings, default_estimator, estimator_settings, kalman_gains
+from swingup.robots import ROBOTS
 
 DT, STEPS, PAST = 0.002, 1500, 32
 UP = np.array([np.pi, 0.0, 0.0, 0.0])
@@ -86,7 +87,7 @@ class Rows:
 def closed_loops():
     """One swing-up of the acrobot's shipped policy with the estimator for each sensor."""
     robot = ROBOTS["acrobot"]
-    p, policy = leaderboard_parameters(robot), shipped_policy(robot)[0]
+    p, policy = LEADERBOARD.driven(robot), shipped_policy(robot)[0]
     limits = np.array([p.tl1, p.tl2])
     noise = np.random.default_rng(0).normal(size=(STEPS, 2))
 
@@ -201,7 +202,7 @@ def by_the_document(settings, p, measurements, torques):
 def test_it_does_what_the_document_says(x64):
     robot = ROBOTS["pendubot"]
     settings = EstimatorSettings(max_delay_steps=5, caution=0.1, memory=0.05)
-    p, steps = leaderboard_parameters(robot), 60
+    p, steps = LEADERBOARD.driven(robot), 60
     controller = with_estimator(Watching(Lively(Constant(1.0), 7.0)), robot, p, settings)
     random = np.random.default_rng(3)
     measured = np.cumsum(random.normal(size=(steps, 4)) * [5e-4, 5e-4, 0.2, 0.2], axis=0)
@@ -257,7 +258,7 @@ def test_wrapped_angles_do_no_harm():
 def controller():
     """A constant torque behind the estimator of the pendubot."""
     robot = ROBOTS["pendubot"]
-    return with_estimator(Watching(Constant(9.0)), robot, leaderboard_parameters(robot))
+    return with_estimator(Watching(Constant(9.0)), robot, LEADERBOARD.driven(robot))
 
 
 @pytest.fixture(scope="module")
@@ -333,7 +334,7 @@ def test_memory_keeps_its_types(controller, double):
 def test_a_controller_of_the_other_robot_is_refused():
     acrobot = ROBOTS["acrobot"]
     with pytest.raises(SwingupError, match="it is for the pendubot, not the acrobot"):
-        with_estimator(shipped_policy("pendubot")[0], acrobot, leaderboard_parameters(acrobot))
+        with_estimator(shipped_policy("pendubot")[0], acrobot, LEADERBOARD.driven(acrobot))
 
 
 @pytest.mark.parametrize(
@@ -371,7 +372,7 @@ def test_settings_of_a_policy_file():
 
 
 def test_default_settings_are_in_the_plants_units(either_robot, similar):
-    plant = leaderboard_parameters(either_robot)
+    plant = LEADERBOARD.driven(either_robot)
     assert default_estimator(plant) == EstimatorSettings()
     # Half C.1's unit of time: twice its velocities and four times its accelerations. Encoder and loop are the same.
     found = default_estimator(similar(plant))

@@ -9,12 +9,13 @@ import pytest
 
 from array_files import write_file
 from swingup.errors import SwingupError
-from swingup.physics.parameters import get_robot, identified_parameters
+from swingup.physics.plant import load_plant
 from swingup.policy.c_backend.header import c_header
 from swingup.policy.file import FORMAT, FORMAT_VERSION
 from swingup.policy.numpy_backend.controller import NumpyController
 from swingup.policy.pendulum import read_pendulum_policy
 from swingup.policy.plant_facts import policy_plant, write_plant
+from swingup.robots import get_robot
 
 METADATA = {
     "format": FORMAT,
@@ -23,7 +24,7 @@ METADATA = {
     "torque_limit": 6.0,
     "observation": [{"name": "pendulum", "angles": "sincos"}, {"name": "normalise", "clip": 10.0, "epsilon": 1e-8}],
     "estimator": {"caution": 20.0, "max_delay_steps": 25},
-    "plant": write_plant(policy_plant(identified_parameters(), get_robot("acrobot"), "C.1")),
+    "plant": write_plant(policy_plant(load_plant("C.1"), get_robot("acrobot"))),
     "guard": {"velocity_limit": 1000.0, "torque_rate": 500.0, "braking": 0.1},
 }
 

@@ -13,16 +13,17 @@ from swingup.errors import SwingupError
 from swingup.physics.base_parameters import BASE, base_parameters
 from swingup.physics.equations import lump
 from swingup.physics.integrate import rk4_step
-from swingup.physics.parameters import get_robot, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD
 from swingup.policy.identifier_settings import LAG, IdentifierSettings, prior
 from swingup.policy.jax_backend.estimator import with_estimator
 from swingup.policy.jax_backend.identifier import hat_weights, make_identifier
 from swingup.policy.numpy_backend.identifier import NumpyIdentifier
 from swingup.policy.plant_facts import policy_plant
+from swingup.robots import get_robot
 
 DT, STEPS = 0.002, 800
 ROBOT = get_robot("acrobot")
-NOMINAL = leaderboard_parameters(ROBOT)
+NOMINAL = LEADERBOARD.driven(ROBOT)
 OTHER = dataclasses.replace(
     NOMINAL, I1=1.1 * NOMINAL.I1, I2=0.9 * NOMINAL.I2, r1=0.92 * NOMINAL.r1, r2=1.08 * NOMINAL.r2,
     m2=1.07 * NOMINAL.m2, b1=0.02, b2=-0.01, cf1=0.03, cf2=0.05, Ir=4e-5,

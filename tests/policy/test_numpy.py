@@ -12,8 +12,9 @@ from swingup.benchmark.rules import PERFORMANCE_RULES
 from swingup.control.registry import get_controller
 from swingup.errors import SwingupError
 from swingup.physics.dynamics import acceleration
+from swingup.physics.equations import lump
 from swingup.physics.integrate import midpoint_step
-from swingup.physics.parameters import leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD
 from swingup.policy import plant, realaigym
 from swingup.policy.numpy_backend.controller import NumpyController
 from swingup.policy.settings import EstimatorSettings
@@ -63,7 +64,7 @@ def test_the_estimates_are_the_judges(x64):
 
 
 def test_the_plant_is_the_leaderboards(robot, x64):
-    p, numbers = leaderboard_parameters(robot), plant.nominal_plant()
+    p, numbers = LEADERBOARD.driven(robot), lump(LEADERBOARD)
     for x, u in zip(random_states()[:20], np.random.default_rng(1).uniform(-6, 6, (20, 2)), strict=True):
         state, (u1, u2) = tuple(x.tolist()), u.tolist()
         np.testing.assert_allclose(plant.acceleration(numbers, state, u1, u2), acceleration(p, x, u), rtol=1e-12)
@@ -72,16 +73,6 @@ def test_the_plant_is_the_leaderboards(robot, x64):
         )
         response = acceleration(p, x, u) - acceleration(p, x, 0 * u)
         np.testing.assert_allclose(plant.torque_response(numbers, state, u1, u2), response, rtol=1e-9)
-
-
-def test_flat_yaml():
-    text = "# comment\n---\nm1: 0.5 # kg\nname: 'x'\n\nI1: 1e-3\n"
-    assert plant.parse_flat_yaml(text) == {"m1": 0.5, "I1": 1e-3}
-    for bad in ("m1 0.5", "a:\n  m1: 2"):
-        with pytest.raises(SwingupError, match="no line of a flat map: write 'name: value'"):
-            plant.parse_flat_yaml(bad)
-    with pytest.raises(SwingupError, match="lacks parameter 'm1'"):
-        plant.make_plant({})
 
 
 @pytest.mark.parametrize(

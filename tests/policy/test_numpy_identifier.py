@@ -10,7 +10,7 @@ import pytest
 
 from swingup.physics.base_parameters import base_parameters
 from swingup.physics.equations import lump
-from swingup.physics.parameters import get_robot, identified_parameters
+from swingup.physics.plant import load_plant
 from swingup.policy.export_cloudpendulum import export_cloudpendulum
 from swingup.policy.export_folder import export_realaigym
 from swingup.policy.identifier_settings import IdentifierSettings
@@ -23,6 +23,7 @@ from swingup.policy.plant import model_step
 from swingup.policy.plant_facts import policy_plant
 from swingup.policy.settings import EstimatorSettings
 from swingup.policy.stages import PendulumStage, PlantStage
+from swingup.robots import get_robot
 from swingup.tasks.clock import Clock
 
 from .references import DT, random_states
@@ -39,7 +40,7 @@ def layer(outputs, inputs):
 def policy():
     """An untrained one that sees its plant, C.1 as it is."""
     robot = get_robot("acrobot")
-    plant = policy_plant(identified_parameters(), robot)
+    plant = policy_plant(load_plant("C.1"), robot)
     stages = PendulumStage("sincos"), PlantStage(base_parameters(plant), 2 * np.abs(base_parameters(plant)))
     network = Network(stages, (layer(16, 15),), layer(1, 16))
     return PendulumPolicy(network, robot, 3.0, plant, EstimatorSettings(), identifier=IdentifierSettings())

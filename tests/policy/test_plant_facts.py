@@ -10,25 +10,21 @@ from swingup.errors import SwingupError
 from swingup.physics.base_parameters import base_parameters
 from swingup.physics.damped import Friction, Functions, damped_midpoint_step
 from swingup.physics.equations import lump
-from swingup.physics.parameters import NAMES, get_robot, identified_parameters, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD, load_plant
 from swingup.policy.c_backend.header import c_header
 from swingup.policy.jax_backend.controller import load_policy, make_controller, save_controller
 from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
 from swingup.policy.plant import acceleration, midpoint_step, model_step
-from swingup.policy.plant_facts import (
-    PLANT_NAMES,
-    leaderboard_plant,
-    plant_difference,
-    policy_plant,
-    write_plant,
-)
+from swingup.policy.plant_facts import plant_difference, policy_plant, write_plant
 from swingup.policy.shipped import read_policy
 from swingup.policy.stages import PlantStage
+from swingup.robots import get_robot
 
 from .references import policy
 
 ACROBOT = get_robot("acrobot")
-MINE = policy_plant(identified_parameters(), ACROBOT, "mine.yml")
+WIDE = dataclasses.replace(load_plant("C.1"), tl1=10.0, tl2=10.0, name="mine.yml")
+MINE = policy_plant(WIDE, ACROBOT)
 FLOATS = Functions(lambda angle: (np.sin(angle), np.cos(angle)), np.arctan)
 
 
@@ -46,26 +42,22 @@ def mine(tmp_path):
     return path
 
 
-def test_the_names_are_the_parameters():
-    assert PLANT_NAMES == NAMES
-
-
 def test_a_file_carries_its_plant(mine, tmp_path):
     found = read_pendulum_policy(mine)
     assert (found.plant, found.plant.name) == (MINE, "mine.yml")
     # The shoulder is passive: its motor has no torque.
-    assert (found.plant.tl1, found.torque_limits) == (0.0, (0.0, identified_parameters().tl2))
+    assert (found.plant.tl1, found.torque_limits) == (0.0, (0.0, 10.0))
     # From JAX, with the old metadata as provenance, as refine writes: the plant stays.
     alone, metadata = load_policy(mine)
     save_controller(tmp_path / "again.safetensors", alone, metadata)
     assert read_pendulum_policy(tmp_path / "again.safetensors").plant == MINE
-    assert vars(make_controller(found).parameters) == {name: getattr(MINE, name) for name in NAMES}
+    assert make_controller(found).parameters.values() == MINE.values()
 
 
 @pytest.mark.parametrize("name", ["acrobot", "pendubot"])
 def test_a_file_without_a_plant_is_for_the_leaderboards(name):
-    found, p = read_policy("refined", name), leaderboard_parameters(get_robot(name))
-    assert {each: getattr(found.plant, each) for each in NAMES} == vars(p)
+    found, p = read_policy("refined", name), LEADERBOARD.driven(get_robot(name))
+    assert found.plant.values() == p.values()
     assert found.plant.friction is None
     assert "/* ---- the estimator's model: leaderboard ---- */" in c_header(found)
 
@@ -91,7 +83,7 @@ def test_plants_that_cannot_be(mine, changes, message):
 
 
 def test_without_a_plant_version_2_is_version_1(mine):
-    assert read_pendulum_policy(rewritten(mine, plant=None)).plant == leaderboard_plant(ACROBOT)
+    assert read_pendulum_policy(rewritten(mine, plant=None)).plant == LEADERBOARD.driven(ACROBOT)
 
 
 def test_a_name_ends_no_comment_in_c():
@@ -126,7 +118,7 @@ def test_the_damped_step_follows_the_equations():
 
 
 def test_without_friction_the_step_is_the_midpoint_rules():
-    plant = lump(leaderboard_plant(ACROBOT))
+    plant = lump(LEADERBOARD.driven(ACROBOT))
     found = damped_midpoint_step(plant, Friction((0.0, 0.0), (0.0, 0.0)), STATE, TORQUES, 0.01, FLOATS)
     np.testing.assert_allclose(found, midpoint_step(plant, STATE, *TORQUES, 0.01), rtol=1e-14)
     assert model_step(plant, None, STATE, *TORQUES, 0.01) == midpoint_step(plant, STATE, *TORQUES, 0.01)
@@ -173,9 +165,9 @@ def test_what_differs(plant, said):
 
 def test_the_leaderboards_policies_on_the_identified_plant():
     """Its frictions are below 10 % of 6 N m, and its motors' limit of 10 N m is said."""
-    made_for = leaderboard_plant(ACROBOT)
-    assert "the torque limit = 6, here it is 10" in plant_difference(made_for, identified_parameters(), ACROBOT)
-    assert plant_difference(made_for, dataclasses.replace(identified_parameters(), tl2=6.0), ACROBOT) is None
+    made_for = LEADERBOARD.driven(ACROBOT)
+    assert "the torque limit = 6, here it is 10" in plant_difference(made_for, WIDE, ACROBOT)
+    assert plant_difference(made_for, load_plant("C.1"), ACROBOT) is None
 
 
 @pytest.mark.parametrize(

@@ -10,13 +10,13 @@ import pytest
 from array_files import change_file
 from swingup.errors import SwingupError
 from swingup.physics.base_parameters import base_parameters
-from swingup.physics.parameters import Parameters, identified_parameters, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD, Plant, load_plant
 from swingup.policy.fold import fold
 from swingup.policy.jax_backend.controller import behind_estimator, load_policy, policy_of
 from swingup.policy.jax_backend.estimator import with_estimator
 from swingup.policy.jax_backend.identifier import make_identifier
 from swingup.policy.jax_backend.policy import load_any_policy
-from swingup.policy.jax_backend.told import depends_on_plant, told, told_base, traced_base_parameters
+from swingup.policy.jax_backend.told import depends_on_plant, told, told_base
 from swingup.policy.network import Layer, Network
 from swingup.policy.numpy_backend.network import NumpyNetwork
 from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
@@ -82,13 +82,14 @@ def test_round_trip(file):
 
 def test_told_plants_are_those_of_files(file):
     """A batch of plants, traced: each row is the ordinary network of a file with that plant."""
-    plants = leaderboard_parameters(sighted_policy().robot), identified_parameters()
+    plants = LEADERBOARD.driven(sighted_policy().robot), load_plant("C.1")
     controller, states = in_double(load_policy(file)[0]), random_states()[:20]
 
     @jax.jit
     @jax.vmap
-    def torques(parameters: Parameters):
-        return jax.vmap(told(controller, parameters)._torque)(jnp.asarray(states))
+    def torques(parameters: Plant):
+        one = told(controller, parameters)
+        return jax.vmap(lambda x: one(None, jnp.zeros(()), x)[1][controller.robot.joint])(jnp.asarray(states))
 
     with jax.enable_x64(True):
         found = np.asarray(torques(jax.tree.map(lambda *each: jnp.array(each), *plants)))
@@ -100,9 +101,9 @@ def test_told_plants_are_those_of_files(file):
 
 
 def test_base_parameters_in_jax():
-    p = identified_parameters()
+    p = load_plant("C.1")
     with jax.enable_x64(True):
-        np.testing.assert_allclose(traced_base_parameters(p), base_parameters(p), rtol=1e-14)
+        np.testing.assert_allclose(base_parameters(p, jnp), base_parameters(p), rtol=1e-14)
 
 
 def test_a_policy_that_sees_the_state_alone_is_the_same_for_all_plants():
@@ -122,7 +123,7 @@ def test_a_policy_behind_an_estimator_is_told(file):
 
 
 def test_an_identifier_tells_what_it_found(file):
-    controller, p = load_policy(file)[0], identified_parameters()
+    controller, p = load_policy(file)[0], load_plant("C.1")
     whole = with_estimator(controller, controller.robot, p, identifier=make_identifier(controller.robot, p))
     memory = whole.init()
     found = jnp.linspace(0.9, 1.1, 9) * base_parameters(p)

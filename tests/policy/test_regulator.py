@@ -16,7 +16,7 @@ from swingup.errors import SwingupError
 from swingup.physics.angles import UPRIGHT
 from swingup.physics.base_parameters import base_parameters
 from swingup.physics.integrate import rk4_step
-from swingup.physics.parameters import ROBOTS, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD
 from swingup.policy.jax_backend.controller import make_controller, policy_of
 from swingup.policy.jax_backend.estimator import with_estimator
 from swingup.policy.jax_backend.identifier import make_identifier
@@ -27,6 +27,7 @@ from swingup.policy.pendulum import PARTS, read_pendulum_policy, write_pendulum_
 from swingup.policy.plant_facts import policy_plant
 from swingup.policy.regulator_settings import RegulatorSettings, fixed_point, known_of
 from swingup.policy.upright import upright_step
+from swingup.robots import ROBOTS
 
 from .references import UNSOUND, sighted_policy
 
@@ -51,7 +52,7 @@ class Marked(AbstractController):
 @functools.cache
 def plants(robot):
     """The leaderboards' plant, and another one that has negative friction, too."""
-    own = leaderboard_parameters(robot)
+    own = LEADERBOARD.driven(robot)
     changed = {name: factor * getattr(own, name) for name, factor in CHANGED.items()}
     return own, dataclasses.replace(own, **changed, b1=0.05, b2=-0.02, cf1=0.1, cf2=-0.05, Ir=5e-5)
 
@@ -165,7 +166,7 @@ def test_bounds():
 @pytest.mark.parametrize("sign", [1, -1])
 def test_dry_friction_of_the_undriven_joint_lowers_the_bounds(robot, sign):
     """0.1 N m makes of 1 and 10 a half, and 3 more; the driven joint's friction changes nothing."""
-    own = dataclasses.replace(leaderboard_parameters(robot), **{f"cf{2 - robot.joint}": 0.1 * sign})
+    own = dataclasses.replace(LEADERBOARD.driven(robot), **{f"cf{2 - robot.joint}": 0.1 * sign})
     own = dataclasses.replace(own, **{f"cf{robot.joint + 1}": 0.3})
     base, settings = base_parameters(own), dataclasses.replace(SETTINGS, enter_coulomb=0.1, leave_coulomb=0.05)
     controller = told_base(regulated(robot, settings), jnp.asarray(base))

@@ -16,7 +16,7 @@ from swingup.control.continuation_settings import ContinuationSettings
 from swingup.errors import SwingupError
 from swingup.physics.base_parameters import base_parameters
 from swingup.physics.dynamics import acceleration, gravity_torque
-from swingup.physics.parameters import NAMES, Parameters, get_robot, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD, NAMES, Plant
 from swingup.policy.jax_backend.controller import PolicyController, shipped_policy
 from swingup.policy.jax_backend.observation import PendulumObservation
 from swingup.policy.jax_backend.policy import Policy
@@ -30,6 +30,7 @@ from swingup.refine.plant_draws import SWEEPS, PlantDraws, draw_plants
 from swingup.refine.recipe import RECIPES, run_recipe
 from swingup.refine.recoveries import make_recoveries
 from swingup.refine.teacher import APART, TOP, make_teachers, matched_torque, taught
+from swingup.robots import get_robot
 
 ACROBOT, PENDUBOT = get_robot("acrobot"), get_robot("pendubot")
 FEW = DistillationSettings(
@@ -39,11 +40,11 @@ FEW = DistillationSettings(
 
 
 def plants_of(drawn):
-    return [Parameters(*values) for values in zip(*(getattr(drawn, name).tolist() for name in NAMES), strict=True)]
+    return [Plant(*values) for values in zip(*(getattr(drawn, name).tolist() for name in NAMES), strict=True)]
 
 
 def changes(plant, robot):
-    nominal = leaderboard_parameters(robot)
+    nominal = LEADERBOARD.driven(robot)
     return {name for name in NAMES if getattr(plant, name) != getattr(nominal, name)}
 
 
@@ -72,14 +73,14 @@ def test_plants_are_drawn_about_the_leaderboards(robot):
     assert all(getattr(plant, f"cf{passive}") > 0 for index, plant in enumerate(drawn[50:70]) if index % 3 < 2)
     assert all(getattr(plant, f"b{passive}") > 0 for plant in drawn[52:70:3])
     assert [len(changes(plant, robot)) for plant in drawn[50:52]] == [10, 1]
-    half = [abs(plant.I1 / leaderboard_parameters(robot).I1 - 1) for plant in drawn[40:50]]
+    half = [abs(plant.I1 / LEADERBOARD.driven(robot).I1 - 1) for plant in drawn[40:50]]
     assert 0 < max(half) <= 0.125
 
 
 @pytest.mark.parametrize("robot", [ACROBOT, PENDUBOT], ids=lambda robot: robot.name)
 def test_the_robots_plants_are_as_heavy_as_its_motor_is_weak(robot):
     drawn = plants_of(draw_plants(np.random.default_rng(0), robot, PlantDraws(0, 0, 0, robot=30)))
-    nominal, heavier = leaderboard_parameters(robot), np.array([plant.m2 for plant in drawn])
+    nominal, heavier = LEADERBOARD.driven(robot), np.array([plant.m2 for plant in drawn])
     # The domain ``recorded`` has gains from 0.75 to 1, r2 from 0.2429 to 0.2685 m, I2 from 0.0449 to 0.0535 kg m².
     # Each range has a tenth more at both ends.
     gains = nominal.m2 / heavier
@@ -145,7 +146,7 @@ def test_elsewhere_the_recovering_policy_teaches():
 
 
 def test_a_matched_torque_moves_another_plant_as_nearly_as_it_can_as_the_nominal_one():
-    nominal = leaderboard_parameters(ACROBOT)
+    nominal = LEADERBOARD.driven(ACROBOT)
     plant = dataclasses.replace(nominal, m2=1.2 * nominal.m2, b1=0.05)
     policy, x = small(), jnp.array([1.0, 0.5, 2.0, -1.0])
     u = policy(None, jnp.zeros(()), x)[1]
@@ -167,7 +168,7 @@ def test_lessons_are_joined_in_order():
 def test_a_new_student_sees_the_plant_in_units_of_its_ranges():
     student = new_student(small(), FEW, np.random.default_rng(0))
     assert depends_on_plant(student)
-    nominal = leaderboard_parameters(ACROBOT)
+    nominal = LEADERBOARD.driven(ACROBOT)
     for sweep in SWEEPS.values():
         value = sweep.sweep.high * (getattr(nominal, sweep.parameter) if sweep.relative else 1.0)
         moved = base_parameters(dataclasses.replace(nominal, **{sweep.parameter: value}))

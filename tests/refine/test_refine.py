@@ -14,8 +14,7 @@ from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.rules import PERFORMANCE_RULES
 from swingup.errors import SwingupError
 from swingup.physics.angles import UPRIGHT
-from swingup.physics.parameters import get_robot, leaderboard_parameters
-from swingup.plants.plant import load_plant
+from swingup.physics.plant import LEADERBOARD, load_plant
 from swingup.policy.jax_backend.controller import PolicyController, shipped_policy
 from swingup.policy.jax_backend.observation import PendulumObservation
 from swingup.policy.jax_backend.policy import Policy
@@ -23,6 +22,7 @@ from swingup.refine.analytic_policy_gradient import AnalyticPolicyGradient, Poli
 from swingup.refine.episodes import EpisodeBatch, EpisodeSettings, sample_episodes
 from swingup.refine.objective import EpisodeWeights, Measures, bound_adjoint, measure_episode
 from swingup.refine.recipe import GradientStage, run_recipe
+from swingup.robots import get_robot
 
 RULES = PERFORMANCE_RULES["v2"]
 ACROBOT = get_robot("acrobot")
@@ -83,7 +83,7 @@ def test_episode_settings_without_a_meaning_are_refused(values, message):
 
 def test_the_smooth_score_is_nearly_the_judge_s(robot):
     result = evaluate(shipped_policy(robot)[0], robot)
-    measures = measure_episode(result.trajectory, leaderboard_parameters(robot), RULES.dt, RULES)
+    measures = measure_episode(result.trajectory, LEADERBOARD.driven(robot), RULES.dt, RULES)
     # The smoothed line takes 0.7 % of the time upright for down.
     assert 0 < result.criteria.score - float(measures.score) < 3e-3
     assert 0 < float(measures.down) - result.criteria.swingup_time / RULES.duration < 8e-3
@@ -92,7 +92,7 @@ def test_the_smooth_score_is_nearly_the_judge_s(robot):
 def test_being_away_costs_more_the_farther():
     def away(x):
         trajectory = Trajectory(RULES.dt * jnp.arange(3), jnp.tile(jnp.array(x), (3, 1)), jnp.zeros((3, 2)))
-        return float(measure_episode(trajectory, leaderboard_parameters(ACROBOT), RULES.dt, RULES).away)
+        return float(measure_episode(trajectory, LEADERBOARD.driven(ACROBOT), RULES.dt, RULES).away)
 
     ways = [away(x) for x in ([np.pi, 0, 0, 0], [np.pi - 0.2, 0.1, 0, 0], [2.0, 1.0, 0, 0], [0.0, np.pi, 0, 0])]
     assert ways == sorted(ways)
@@ -104,7 +104,7 @@ def test_being_away_costs_more_the_farther():
 def test_speeds_above_fourteen_count_squared():
     x = jnp.array([[0.0, 0.0, 14.0, -13.0], [0.0, 0.0, -21.0, 28.0]])
     trajectory = Trajectory(RULES.dt * jnp.arange(2), x, jnp.zeros((2, 2)))
-    fast = measure_episode(trajectory, leaderboard_parameters(ACROBOT), RULES.dt, RULES).fast
+    fast = measure_episode(trajectory, LEADERBOARD.driven(ACROBOT), RULES.dt, RULES).fast
     assert float(fast) == pytest.approx((0.5**2 + 1.0**2) / 2)
 
 
@@ -118,7 +118,7 @@ def test_the_cost_weighs_the_measures():
 def test_the_cost_of_a_batch_is_the_mean_of_its_episodes():
     settings = PolicyGradientSettings(duration=0.1, weights=EpisodeWeights(score=1.0, down=3.0))
     cost = jax.jit(batch_cost, static_argnames=("settings", "plant"))
-    plant = leaderboard_parameters(ACROBOT)
+    plant = LEADERBOARD.driven(ACROBOT)
     x0 = jnp.array([[0.0, 0.0, 0.0, 0.0], [np.pi, 0.1, 0.0, 0.0]], jnp.float32)
     total, measures = cost(small().policy.actor, small(), x0, settings=settings, plant=plant)
     assert float(total) == pytest.approx(float(jnp.mean(3 * measures.down - measures.score)), rel=1e-5)
@@ -144,7 +144,7 @@ def test_the_gradient_through_an_episode_is_that_of_finite_differences(x64):
     @jax.jit
     @jax.value_and_grad
     def cost_and_gradient(actor):
-        return batch_cost(actor, controller, x0, settings, leaderboard_parameters(ACROBOT))[0]
+        return batch_cost(actor, controller, x0, settings, LEADERBOARD.driven(ACROBOT))[0]
 
     gradient = cost_and_gradient(actor)[1]
     direction = jax.tree.map(

@@ -11,8 +11,7 @@ import pytest
 import swingup
 from swingup.benchmark.rules import PERFORMANCE_RULES
 from swingup.cli import main
-from swingup.physics.parameters import get_robot, leaderboard_parameters
-from swingup.plants.plant import Plant, load_plant
+from swingup.physics.plant import LEADERBOARD, load_plant
 from swingup.policy.cloudpendulum import load_policy_controller
 from swingup.policy.export_cloudpendulum import cloudpendulum_guard, cloudpendulum_notes, export_cloudpendulum
 from swingup.policy.export_folder import export_realaigym
@@ -26,7 +25,7 @@ from swingup.rehearsal.rehearse import rehearse
 from swingup.runtime import load_controller
 
 BRIEF = dataclasses.replace(PERFORMANCE_RULES["v2"], duration=1.5)
-BOARD = Plant("leaderboard", leaderboard_parameters(get_robot("acrobot")))
+BOARD = LEADERBOARD
 
 
 def export(folder, form, guard=None, name="refined"):
@@ -160,7 +159,7 @@ def test_the_cells_limits():
         "it may command 0.5 N m at the should",
         "it may command 6 N m at the elbow, a",
     ]
-    cell = policy_plant(load_plant("cloudpendulum").parameters, policy.robot, "cell")
+    cell = policy_plant(load_plant("cloudpendulum"), policy.robot)
     cell = dataclasses.replace(cell, cf1=0.16, cf2=0.12)
     identifier = dataclasses.replace(policy.identifier, passive_limit=0.005)
     fits = dataclasses.replace(policy, plant=cell, torque_limit=0.05, identifier=identifier)

@@ -3,8 +3,8 @@
 import pytest
 
 from swingup.errors import SwingupError
-from swingup.physics.parameters import get_robot
 from swingup.rehearsal.simulated import simulated_robot
+from swingup.robots import get_robot
 
 ACROBOT = get_robot("acrobot")
 

@@ -5,10 +5,10 @@ import math
 import numpy as np
 
 from swingup.physics.equations import coriolis, gravity, lump, mass_entries
-from swingup.plants.plant import load_plant
+from swingup.physics.plant import load_plant
 from swingup.table import write_columns
 
-C1 = load_plant("C.1").parameters
+C1 = load_plant("C.1")
 
 
 def write_log(path, plant=C1, duration=3.0, x0=(1.5, -0.8, 0.0, 0.0), driven=True, dt=0.002):

@@ -8,10 +8,11 @@ from swingup.benchmark.board_rows import OURS, Row, published_rows
 from swingup.benchmark.columns import BOARDS
 from swingup.benchmark.leaderboard import Board
 from swingup.benchmark.rollout import Trajectory
-from swingup.physics.parameters import ROBOTS, Robot, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD
 from swingup.policy.jax_backend.controller import shipped_policy
 from swingup.report.content import Section, Show
 from swingup.report.make import LIVE_NOTE, describe_disturbance, make_show
+from swingup.robots import ROBOTS, Robot
 
 NASTY = "</script><img src=x onerror=alert(1)> $$x^2$$"
 """A controller's name that must be shown as it is."""
@@ -57,7 +58,7 @@ def make_section(robot: Robot) -> Section:
     ]
     return Section(
         robot=robot.name,
-        parameters=leaderboard_parameters(robot),
+        parameters=LEADERBOARD.driven(robot),
         boards=[make_board(robot, measure) for measure in ("performance", "robustness")],
         shows=shows,
         disturbance=describe_disturbance(0),
@@ -77,7 +78,7 @@ def make_evil_section() -> Section:
         ]
         boards.append(Board("acrobot", measure, "v2", 0, tuple(rows)))
     shows = [Show(name, HANGING, HANGING, name) for name in EVIL]
-    parameters = leaderboard_parameters(ROBOTS["acrobot"])
+    parameters = LEADERBOARD.driven(ROBOTS["acrobot"])
     return Section("acrobot", parameters, boards, shows, f"Disturbed {EVIL[0]}")
 
 

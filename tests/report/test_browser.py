@@ -12,9 +12,10 @@ import pytest
 from swingup.benchmark.evaluate import evaluate
 from swingup.physics.dynamics import tip_height
 from swingup.physics.integrate import rk4_step
-from swingup.physics.parameters import NAMES, ROBOTS, identified_parameters, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD, NAMES, load_plant
 from swingup.policy.jax_backend.controller import shipped_policy
 from swingup.report.page import render_page
+from swingup.robots import ROBOTS
 from swingup.text import one_line
 
 from .pages import EVIL, NASTY, make_evil_section, make_sections
@@ -266,7 +267,7 @@ def test_the_live_pendulum_swings_up_and_recovers_from_a_pull(page, sections, in
     page.evaluate(f"{live}.advance(1)")
     page.mouse.move(middle, shoulder + 0.5 * scale, steps=3)
     page.evaluate(f"{live}.advance(2)")
-    height = float(tip_height(leaderboard_parameters(ROBOTS[section.robot]), jnp.array(page.evaluate(f"{live}.x"))))
+    height = float(tip_height(LEADERBOARD.driven(ROBOTS[section.robot]), jnp.array(page.evaluate(f"{live}.x"))))
     assert height < -0.2  # well below the shoulder, although the policy pulls, too
     page.mouse.up()
     page.evaluate(f"{live}.advance(8)")
@@ -279,7 +280,7 @@ def test_pushes_act_on_both_joints_and_pass(page):
         page.evaluate(f"{live}.push([3, 0], 0.02); {live}.pause(); {live}.advance(0.002)")
         first = page.evaluate(f"{live}.x")
         with jax.enable_x64(True):
-            parameters = leaderboard_parameters(ROBOTS[robot])
+            parameters = LEADERBOARD.driven(ROBOTS[robot])
             expected = rk4_step(parameters, jnp.zeros(4), jnp.array([3.0, 0.0]), DT)
         np.testing.assert_allclose(first, expected, atol=1e-14)
         page.evaluate(f"{live}.push([0, -2], 0.02); {live}.pause(); {live}.advance(0.1)")
@@ -332,7 +333,7 @@ def test_one_step_is_pythons(page):
     random = np.random.default_rng(0)
     x = random.uniform([-7, -7, -15, -15], [7, 7, 15, 15], (300, 4))
     u = random.uniform(-6, 6, (300, 2))
-    parameters = identified_parameters()  # with frictions and the motors' inertia
+    parameters = load_plant("C.1")  # with frictions and the motors' inertia
     values = {name: float(getattr(parameters, name)) for name in NAMES}
     ours = page.evaluate(
         "([p, x, u, dt]) => x.map((state, i) => swingup.physics.rk4Step(p, state, u[i], dt))",
@@ -350,7 +351,7 @@ def test_a_second_without_a_controller_is_pythons(page, robot):
         [robot.name, amplitude.tolist()],
     )
     with jax.enable_x64(True):
-        parameters, x = leaderboard_parameters(robot), jnp.zeros(4)
+        parameters, x = LEADERBOARD.driven(robot), jnp.zeros(4)
         step = jax.jit(rk4_step)
         for k in range(steps):
             np.testing.assert_allclose(rows["x"][k], x, rtol=0, atol=1e-9)

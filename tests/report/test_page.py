@@ -16,12 +16,13 @@ from swingup.benchmark.rollout import Trajectory
 from swingup.cli import main, output, pictures
 from swingup.control.registry import get_controller
 from swingup.errors import SwingupError
-from swingup.physics.parameters import ROBOTS, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD
 from swingup.policy.jax_backend.controller import policy_of, shipped_policy
 from swingup.policy.jax_backend.observation import AbstractStage
 from swingup.report import make
 from swingup.report.content import encode_section
 from swingup.report.page import Section, Show, render_page
+from swingup.robots import ROBOTS
 from swingup.text import one_line
 
 from .pages import EVIL, NASTY, make_board, make_evil_section, make_section, without_shows
@@ -55,7 +56,7 @@ def a_trajectory(rows=20):
 
 
 def a_section(**changes):
-    parameters = leaderboard_parameters(ACROBOT)
+    parameters = LEADERBOARD.driven(ACROBOT)
     return dataclasses.replace(Section("acrobot", parameters, [], [], "Nothing."), **changes)
 
 

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from swingup.errors import SwingupError
-from swingup.physics.parameters import get_robot, identified_parameters
+from swingup.physics.plant import load_plant
 from swingup.plants.domain import PLANT, Domain, load_domain, make_domain
 from swingup.plants.loop import LOOP
+from swingup.robots import get_robot
 from swingup.tasks.draw import draw
 
 ACROBOT = get_robot("acrobot")
@@ -28,7 +29,7 @@ def test_the_identified_domain_is_the_identified_plant(robot):
     with jax.enable_x64(True):
         plant, loop = draw_one(domain, jax.random.key(3), robot)
     for name in PLANT:
-        assert float(getattr(plant, name)) == getattr(identified_parameters(), name)
+        assert float(getattr(plant, name)) == getattr(load_plant("C.1"), name)
     limits = [float(plant.tl1), float(plant.tl2)]
     assert (limits[robot.joint], limits[1 - robot.joint]) == (6.0, 0.5)
     assert (int(loop.delay_steps), float(loop.velocity_noise)) == (5, 0.1)  # 10 ms in steps of 2 ms

@@ -9,9 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.physics.parameters import NAMES, get_robot
+from swingup.physics.plant import NAMES
 from swingup.plants.domain import PLANT, SESSIONS, load_domain, make_domain
 from swingup.plants.loop import EVERY_LOOP, LONGEST
+from swingup.robots import get_robot
 from swingup.tasks.clock import Clock, Times, start_times
 from swingup.tasks.disturbance import Pushes, measured_state, motor_torques, step_period, undisturbed
 from swingup.tasks.draw import draw

@@ -9,7 +9,8 @@ import pytest
 from swingup.errors import SwingupError
 from swingup.physics.angles import UPRIGHT
 from swingup.physics.integrate import rk4_step
-from swingup.physics.parameters import ROBOTS, identified_parameters, leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD, load_plant
+from swingup.robots import ROBOTS
 from swingup.tasks.pendulum import PendulumState
 from swingup.tasks.presets import TASKS, get_task, paper_task, smooth_task
 
@@ -56,7 +57,7 @@ def quadratic_cost(x, torque):
 def test_paper_task_has_the_papers_numbers(robot):
     task = paper_task(robot)
     assert task.robot == robot
-    assert task.parameters == leaderboard_parameters(robot)
+    assert task.parameters == LEADERBOARD.driven(robot)
     assert (task.state_cost, task.torque_cost, task.reward_scale) == ((50.0, 50.0, 4.0, 2.0), 1.0, 0.001)
     assert (task.dt, task.max_steps, task.truncation_probability) == (0.01, 1000, 1e-3)
     assert (task.observation.angles, task.observation.velocity_scale) == ("wrapped", 20.0)
@@ -107,7 +108,7 @@ def test_step_integrates_then_rewards_and_observes_the_state_after_it(robot):
     result = steps(task, x, 0, actions, keys)
     # Torque in N m on the driven joint, held for 0.01 s.
     torques = 6.0 * np.asarray(actions) * np.array(robot.actuation, np.float32)
-    after = rk4(leaderboard_parameters(robot), x, jnp.array(torques), 0.01)
+    after = rk4(LEADERBOARD.driven(robot), x, jnp.array(torques), 0.01)
     np.testing.assert_allclose(result.state.x, after, rtol=1e-5, atol=1e-4)
     rewards = [-0.001 * quadratic_cost(row, u.sum()) for row, u in zip(after, torques, strict=True)]
     np.testing.assert_allclose(result.reward, rewards, rtol=1e-4, atol=1e-5)
@@ -120,7 +121,7 @@ def test_step_integrates_then_rewards_and_observes_the_state_after_it(robot):
 
 def test_passive_joint_gets_no_torque(robot):
     # Even where the plant's file allows both motors 10 N m.
-    task = dataclasses.replace(paper_task(robot), parameters=identified_parameters())
+    task = dataclasses.replace(paper_task(robot), parameters=load_plant("C.1"))
     expected = {"acrobot": [0.0, -5.0], "pendubot": [-5.0, 0.0]}[robot.name]
     np.testing.assert_allclose(task.torque(jnp.array([-0.5])), expected)
     # At rest q̈ = M⁻¹ u: at q2 = π/2 the driven joint follows its torque and the passive one goes against it.

@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from swingup.physics.parameters import get_robot
 from swingup.plants.domain import load_domain
 from swingup.plants.loop import LOOP_DT
+from swingup.robots import get_robot
 from swingup.tasks.disturbance import Pushes, motor_torques, step_noise, undisturbed
 from swingup.tasks.draw import draw
 from swingup.tasks.motors import Motor

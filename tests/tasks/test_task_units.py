@@ -11,9 +11,8 @@ import pytest
 from swingup.benchmark.own_units import sim2real_in_own_units
 from swingup.benchmark.robot_rules import SIM2REAL_RULES
 from swingup.errors import SwingupError
-from swingup.physics.parameters import leaderboard_parameters
+from swingup.physics.plant import LEADERBOARD, load_plant
 from swingup.plants.domain import Domain, load_domain
-from swingup.plants.plant import load_plant
 from swingup.tasks.presets import get_task, smooth_task
 from swingup.tasks.throws import thrown_states
 
@@ -26,12 +25,12 @@ SLOW_GLOBAL = pytest.param("global", marks=pytest.mark.slow)
 
 @pytest.mark.parametrize("name", ["paper", "smooth", SLOW_GLOBAL])
 def test_the_leaderboards_plant_gives_todays_task(name, either_robot):
-    assert get_task(name, either_robot, leaderboard_parameters(either_robot)) == get_task(name, either_robot)
+    assert get_task(name, either_robot, LEADERBOARD.driven(either_robot)) == get_task(name, either_robot)
 
 
 def test_a_scaled_task_has_the_numbers_of_its_units(either_robot, similar):
     # T = 0.5 and torques of 0.025: rates are doubled, their weights 0.5², the torque's weight 1 / 0.025².
-    task = smooth_task(either_robot, similar(leaderboard_parameters(either_robot)))
+    task = smooth_task(either_robot, similar(LEADERBOARD.driven(either_robot)))
     numbers = (
         task.dt,
         task.torque_cost,
@@ -70,7 +69,7 @@ def test_a_similar_pendulum_has_the_same_decision_process(name, either_robot, x6
 
 @pytest.mark.slow
 def test_throws_of_a_similar_pendulum_are_the_same_in_its_units(either_robot, x64, similar):
-    plant = leaderboard_parameters(either_robot)
+    plant = LEADERBOARD.driven(either_robot)
     expected, found = (thrown_states(np.random.default_rng(0), each, 8, 10) for each in (plant, similar(plant)))
     assert np.abs(expected[:, 2:]).max() > 5
     np.testing.assert_allclose(found, expected * [1, 1, 2, 2], rtol=1e-8, atol=1e-10)
@@ -95,6 +94,6 @@ def test_the_rules_of_a_swing_up_are_in_the_units_of_the_domains_plant(either_ro
 
 def test_a_scaled_task_needs_a_torque(either_robot):
     plant = load_plant("C.1")
-    idle = dataclasses.replace(plant, parameters=dataclasses.replace(plant.parameters, tl1=0.0, tl2=0.0))
+    idle = dataclasses.replace(plant, tl1=0.0, tl2=0.0)
     with pytest.raises(SwingupError, match="= 0 N m must be positive"):
         get_task("smooth", either_robot, idle)

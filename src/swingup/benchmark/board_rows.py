@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib import resources
 
 from ..errors import SwingupError
-from ..physics.parameters import Robot
+from ..robots import Robot
 from .columns import BOARDS
 
 OURS = "ours"

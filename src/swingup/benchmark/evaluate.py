@@ -6,8 +6,8 @@ from typing import Any
 from ..control.registry import has_estimator
 from ..errors import SwingupError
 from ..physics.integrate import stable_substeps
-from ..physics.parameters import Parameters, Robot, get_robot
-from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict, robot_parameters
+from ..physics.plant import Plant, PlantLike, find_plant, plant_as_dict, robot_parameters
+from ..robots import Robot, get_robot
 from ..tasks.disturbance import Disturbance, disturbance_as_dict
 from .criteria import SHARE, Criteria, TipHistory, failed, follow_tip, judge
 from .recording import checked_rows
@@ -61,7 +61,7 @@ def evaluate(
         name: name of the controller in the result.
         rules: rules of the performance board, or their name.
         disturbance: noise, delay, motor response and pushes of the simulation; None for the board's.
-        plant: what is simulated: a plant, its parameters, its name or its file; None for the leaderboards'.
+        plant: what is simulated: a plant, its name or its file; None for the leaderboards'.
 
     Raises:
         SwingupError: there is no such robot or plant, there are no such rules, the controller is for the other
@@ -132,7 +132,7 @@ def score(
     return _judged(trajectory, robot_parameters(plant, robot), rules)[0]
 
 
-def _judged(trajectory: Trajectory, parameters: Parameters, rules: PerformanceRules) -> tuple[Criteria, TipHistory]:
+def _judged(trajectory: Trajectory, parameters: Plant, rules: PerformanceRules) -> tuple[Criteria, TipHistory]:
     lengths = float(parameters.l1), float(parameters.l2)
     time, x, u = checked_rows(trajectory)
     criteria = judge(time - min(0.0, time[0]), x, u, *lengths, rules)  # no negative swing-up times

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import SwingupError
-from ..physics.parameters import Parameters, Robot, validated
-from ..plants.plant import PlantLike, robot_parameters
+from ..physics.plant import Plant, PlantLike, robot_parameters, validated
+from ..robots import Robot
 from ..tasks.disturbance import Disturbance, Pushes, undisturbed
 from .rollout import Scenario
 from .rules import CRITERIA, RANDOM, SWEPT, ModelSweep, PushRules, RobustnessRules, Sweep
@@ -65,7 +65,7 @@ def make_cases(
     return made
 
 
-def _model_cases(nominal: Parameters, calm: Disturbance, rules: RobustnessRules) -> Iterator[Case]:
+def _model_cases(nominal: Plant, calm: Disturbance, rules: RobustnessRules) -> Iterator[Case]:
     group = 0
     for name, model in rules.model.items():
         for value in model.sweep.values():
@@ -75,7 +75,7 @@ def _model_cases(nominal: Parameters, calm: Disturbance, rules: RobustnessRules)
             group += 1
 
 
-def vary(nominal: Parameters, model: ModelSweep, value: float) -> Parameters:
+def vary(nominal: Plant, model: ModelSweep, value: float) -> Plant:
     """The plant with one value of a sweep: with a product m r it is r that changes."""
     if model.relative:
         mass = 1.0 if model.mass is None else getattr(nominal, model.mass)
@@ -84,10 +84,10 @@ def vary(nominal: Parameters, model: ModelSweep, value: float) -> Parameters:
     else:
         # Added: the leaderboards' plant has 0 of what changes so, other plants have not.
         value = getattr(nominal, model.parameter) + value
-    return dataclasses.replace(nominal, **{model.parameter: value})
+    return nominal.changed(**{model.parameter: value})
 
 
-def _sweep_cases(nominal: Parameters, calm: Disturbance, rules: RobustnessRules, criterion: str) -> Iterator[Case]:
+def _sweep_cases(nominal: Plant, calm: Disturbance, rules: RobustnessRules, criterion: str) -> Iterator[Case]:
     sweep: Sweep = getattr(rules, criterion)
     for group, value in enumerate(sweep.values()):
         # A negative response can be simulated; a negative deviation or delay has no meaning.
@@ -114,7 +114,7 @@ def floored_delay_steps(delay: float, dt: float) -> int:
     return steps
 
 
-def _push_cases(nominal: Parameters, calm: Disturbance, rules: RobustnessRules, seed: int) -> Iterator[Case]:
+def _push_cases(nominal: Plant, calm: Disturbance, rules: RobustnessRules, seed: int) -> Iterator[Case]:
     random = np.random.default_rng(seed)
     for profile in range(rules.perturbations.profiles):
         pushes = draw_pushes(random, rules.perturbations, rules.duration)

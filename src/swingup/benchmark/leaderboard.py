@@ -7,10 +7,10 @@ from typing import Any
 from ..control.baselines import BASELINES
 from ..control.registry import get_controller, has_estimator
 from ..errors import SwingupError
-from ..physics.parameters import Robot, get_robot
+from ..physics.plant import Plant, PlantLike, find_plant, plant_as_dict
 from ..plants.domain import load_domain
-from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict
 from ..policy.shipped import ADAPTIVE, AR_EAPO, GLOBAL, REFINED
+from ..robots import Robot, get_robot
 from .board_rows import OURS, Row, published_rows, shipped_robustness
 from .board_rules import BoardRules, get_board_rules
 from .columns import BOARDS, PERFORMANCE

@@ -6,11 +6,11 @@ loop, the length of a run, the costs' normalisers and all shares stay as the rul
 
 from dataclasses import replace
 
-from ..physics.parameters import Robot
+from ..physics.plant import PlantLike, robot_parameters
 from ..physics.units import Scales, scales_of
 from ..plants.domain import Domain
-from ..plants.plant import PlantLike, robot_parameters
-from ..tasks.middle_plant import middle_plant
+from ..robots import Robot
+from ..tasks.middle_plant import known_plant
 from ..tasks.throws import scaled_thrower
 from .robot_rules import Sim2RealRules
 from .rules import ModelSweep, PushRules, RobustnessRules, Sweep, UptimeRules
@@ -62,7 +62,7 @@ def sim2real_in_own_units(rules: Sim2RealRules, domain: Domain, robot: Robot) ->
     Raises:
         SwingupError: that plant has no units.
     """
-    plant = middle_plant(domain, robot)
+    plant = known_plant(domain, robot)
     return rules if plant is None else replace(rules, speed=rules.speed * scales_of(plant).velocity)
 
 

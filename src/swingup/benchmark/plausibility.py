@@ -18,9 +18,9 @@ from jaxtyping import Float
 
 from ..checks import LARGEST
 from ..physics.integrate import rk4_steps, stable_substeps
-from ..physics.parameters import Parameters, Robot, get_robot, identified_parameters
+from ..physics.plant import Plant, PlantLike, load_plant, robot_parameters
 from ..physics.units import scales_of
-from ..plants.plant import PlantLike, load_plant, robot_parameters
+from ..robots import Robot, get_robot
 from .criteria import SHARE
 from .rollout import Trajectory
 from .rules import DEFAULT_RULES, PerformanceRules, UptimeRules, get_performance_rules
@@ -130,12 +130,12 @@ def examine(
 _Found = Iterator[tuple[str, str]]
 
 
-def _possible_plants(plant: PlantLike | None, robot: Robot) -> tuple[Parameters, Parameters]:
+def _possible_plants(plant: PlantLike | None, robot: Robot) -> tuple[Plant, Plant]:
     """A simulated recording has the frictionless plant, a robot's has friction."""
     if plant is None:
-        return robot_parameters(None, robot), identified_parameters()
+        return robot_parameters(None, robot), load_plant("C.1")
     found = load_plant(plant)
-    return found.frictionless().driven(robot), found.parameters
+    return found.frictionless().driven(robot), found
 
 
 def _short_span(time: np.ndarray, duration: float, consequence: str) -> _Found:
@@ -206,7 +206,7 @@ def _defect(
     x: Float[np.ndarray, "rows 4"],
     u: Float[np.ndarray, "rows 2"],
     slip: Float[np.ndarray, "steps 2"],
-    plants: tuple[Parameters, Parameters],
+    plants: tuple[Plant, Plant],
 ) -> _Found:
     """Simulate every row to the next, without friction and with it, and keep the better plant."""
     clean = bool(np.quantile(np.abs(slip / period[:, None]).max(axis=1), 0.9) < CLEAN)

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Any
 
-from ..physics.parameters import Robot, get_robot
-from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict, robot_parameters
+from ..physics.plant import Plant, PlantLike, find_plant, plant_as_dict, robot_parameters
+from ..robots import Robot, get_robot
 from .criteria import time_up, tip_heights
 from .recording import checked_rows
 from .rollout import Trajectory

@@ -5,8 +5,9 @@ import dataclasses
 import jax
 import numpy as np
 
-from ..physics.parameters import Parameters, Robot
+from ..physics.plant import Plant
 from ..plants.domain import Domain
+from ..robots import Robot
 from ..tasks.cell import Cell, example_disturbances
 from ..tasks.draw import draw
 from ..tasks.limits import Stop
@@ -30,7 +31,7 @@ def robot_minute(rules: UptimeRules, domain: Domain, robot: Robot, seed: int) ->
     return Scenario(parameters, disturbance, supervisor=supervisor, substeps=domain.substeps)
 
 
-def draw_resets(rules: UptimeRules, model: Parameters, seed: int) -> ResetSupervisor:
+def draw_resets(rules: UptimeRules, model: Plant, seed: int) -> ResetSupervisor:
     """Random resets: when they are planned, and where they aim.
 
     The PID compensates the gravity of the nominal model, whatever the plant.
@@ -45,14 +46,14 @@ def draw_resets(rules: UptimeRules, model: Parameters, seed: int) -> ResetSuperv
     return ResetSupervisor(resets, Stop(rules.stop))
 
 
-def draw_cell(rules: UptimeRules, model: Parameters, seed: int) -> Cell:
+def draw_cell(rules: UptimeRules, model: Plant, seed: int) -> Cell:
     """The disturbances of a CloudPendulum cell in a random order; moves compensate the nominal model's gravity."""
     assert rules.cell is not None
     assert rules.stop is not None
     return Cell(example_disturbances(np.random.default_rng(seed)), rules.cell, model, Stop(rules.stop))
 
 
-def recorded_share(record: Trajectory, plant: Parameters, rules: UptimeRules) -> float:
+def recorded_share(record: Trajectory, plant: Plant, rules: UptimeRules) -> float:
     """Time up over the duration of the rules, of what the robot recorded; time in throws counts as well."""
     time, x = np.asarray(record.time), np.asarray(record.x)
     return time_up(time, x, float(plant.l1), float(plant.l2), rules.height) / rules.duration

@@ -12,8 +12,8 @@ from ..control.registry import has_estimator
 from ..errors import SwingupError
 from ..physics.angles import UPRIGHT, wrap_difference
 from ..physics.integrate import stable_substeps
-from ..physics.parameters import Robot, get_robot
-from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict, robot_parameters
+from ..physics.plant import Plant, PlantLike, find_plant, plant_as_dict, robot_parameters
+from ..robots import Robot, get_robot
 from ..version import __version__
 from .grid import Case, make_cases
 from .interval import Interval, mean_interval

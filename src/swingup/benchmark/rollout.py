@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..control.controller import AbstractController
 from ..physics.integrate import rk4_steps
-from ..physics.parameters import Parameters
+from ..physics.plant import Plant
 from ..plants.loop import LOOP_DT
 from ..tasks.clock import Times, start_times
 from ..tasks.disturbance import (
@@ -62,7 +62,7 @@ class Trajectory(eqx.Module):
 class Scenario(eqx.Module):
     """What one simulation runs on; batch it with ``vmap``."""
 
-    parameters: Parameters
+    parameters: Plant
     """The plant, whatever model the controller has. A torque limit of 0 makes a joint passive."""
     disturbance: Disturbance | None = None
     """None is a perfect loop, and faster than a disturbance that changes nothing."""

@@ -81,7 +81,7 @@ class ModelSweep:
     """Values of one parameter of the plant; the controller keeps the nominal model."""
 
     parameter: str
-    """Field of :class:`~swingup.physics.parameters.Parameters` that changes."""
+    """Field of :class:`~swingup.physics.plant.Plant` that changes."""
     sweep: Sweep
     relative: bool = False
     """The values are factors on the nominal one; otherwise they are added to it."""

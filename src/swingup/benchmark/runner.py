@@ -19,11 +19,12 @@ from ..control.registry import Controller
 from ..control.switch import AbstractExpensiveController
 from ..errors import SwingupError
 from ..foreign import blaming
-from ..physics.parameters import Parameters, Robot
+from ..physics.plant import Plant
 from ..policy.jax_backend.controller import PolicyController, plant_of, policy_of
 from ..policy.jax_backend.estimator import EstimatingController
 from ..policy.jax_backend.regulator import RegulatingController
 from ..policy.plant_facts import plant_difference
+from ..robots import Robot
 from .host import HostRun, simulate_on_host
 from .rollout import Scenario, SimulationEnd, Trajectory, simulate
 
@@ -69,7 +70,7 @@ class SimulatedBatch:
     """With a leading axis; None if ``keep`` was false."""
 
 
-def prepare(source: Any, robot: Robot, name: str, plant: Parameters | None = None) -> Controller:
+def prepare(source: Any, robot: Robot, name: str, plant: Plant | None = None) -> Controller:
     """Turn a controller of any kind into one that can be run on a robot.
 
     Args:
@@ -172,7 +173,7 @@ def stack(trees: Sequence[TreeT]) -> TreeT:
 
 
 def _length(scenarios: Scenario) -> int:
-    return len(scenarios.parameters.m1)  # type: ignore[arg-type]  # batched, and so an array
+    return len(scenarios.parameters.m1)  # batched, and so an array
 
 
 def _run_compiled(

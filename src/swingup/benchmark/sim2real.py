@@ -8,10 +8,10 @@ import jax
 import numpy as np
 
 from ..control.registry import has_estimator
-from ..physics.parameters import Robot, get_robot
+from ..physics.plant import PlantLike, plant_as_dict
 from ..plants.domain import Domain, load_domain
 from ..plants.on_plant import on_plant
-from ..plants.plant import PlantLike, plant_as_dict
+from ..robots import Robot, get_robot
 from ..tasks.draw import draw
 from ..tasks.middle_plant import known_plant
 from ..version import __version__

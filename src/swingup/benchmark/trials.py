@@ -9,9 +9,9 @@ import jax
 import numpy as np
 
 from ..control.registry import has_estimator
-from ..physics.parameters import Parameters, Robot, get_robot
+from ..physics.plant import Plant, plant_as_dict
 from ..plants.domain import Domain, load_domain
-from ..plants.plant import plant_as_dict
+from ..robots import Robot, get_robot
 from ..tasks.disturbance import Pushes
 from ..tasks.draw import draw
 from ..tasks.limits import Stop
@@ -178,7 +178,7 @@ def trial_pushes(rules: TrialRules, robot: Robot, trial: int) -> Pushes:
     return draw_pushes(np.random.default_rng([PUSH_SEED, trial % pushes.profiles]), pushes, rules.duration)
 
 
-def _judged(seed: int, rows: Trajectory, plant: Parameters, rules: TrialRules, fault: str | None) -> Trial:
+def _judged(seed: int, rows: Trajectory, plant: Plant, rules: TrialRules, fault: str | None) -> Trial:
     record: Any = recorded(rows, rules.duration)
     stop = stopped_at(rows, rules.duration)
     criteria = judge(record.time, record.x, record.u, float(plant.l1), float(plant.l2), rules.performance)

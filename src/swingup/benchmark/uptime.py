@@ -12,9 +12,9 @@ import numpy as np
 from ..control.registry import has_estimator
 from ..errors import SwingupError
 from ..physics.integrate import stable_substeps
-from ..physics.parameters import Parameters, Robot, get_robot
+from ..physics.plant import Plant, PlantLike, find_plant, plant_as_dict, robot_parameters
 from ..plants.domain import Domain, load_domain
-from ..plants.plant import Plant, PlantLike, find_plant, plant_as_dict, robot_parameters
+from ..robots import Robot, get_robot
 from ..tasks.throws import Throws
 from ..text import quoted
 from ..version import __version__
@@ -116,7 +116,7 @@ def uptime(
         seed: the first seed of the throws.
         seeds: number of seeds in a row; None for as many as the board has runs: 1 for the rules v3.
         progress: called with the number of finished simulations and of all.
-        plant: what is thrown, by a PID in that pendulum's own units: a plant, its parameters, its name or its file;
+        plant: what is thrown, by a PID in that pendulum's own units: a plant, its name or its file;
             None for the leaderboards'. Rules of a real robot draw theirs from a domain.
         domain: ranges of plants and loops for rules of a real robot; None for those of the rules.
 
@@ -181,7 +181,7 @@ def minute_domain(rules: UptimeRules, domain: Domain | str | None, plant: PlantL
     return load_domain(chosen) if isinstance(chosen, str) else chosen
 
 
-def _scenario(rules: UptimeRules, robot: Robot, plant: Parameters, domain: Domain | None, seed: int) -> Scenario:
+def _scenario(rules: UptimeRules, robot: Robot, plant: Plant, domain: Domain | None, seed: int) -> Scenario:
     if domain is not None:
         return robot_minute(rules, domain, robot, seed)
     limit = rules.thrower.limit

@@ -11,11 +11,11 @@ from ..benchmark.disturbances import make_disturbance
 from ..benchmark.rules import PushRules
 from ..control.registry import BUILT_IN, has_estimator
 from ..errors import SwingupError
-from ..physics.parameters import ROBOTS, Robot, get_robot
+from ..physics.plant import SHIPPED_PLANTS, Plant, load_plant
 from ..physics.units import torque_over_gravity
-from ..plants.plant import SHIPPED_PLANTS, Plant, load_plant
 from ..policy.jax_backend.controller import PolicyController
 from ..policy.jax_backend.regulator import RegulatingController
+from ..robots import ROBOTS, Robot, get_robot
 from ..tasks.disturbance import Disturbance
 
 RobotName = Positional[Annotated[str, arg(metavar="ROBOT", help="acrobot or pendubot.")]]

@@ -18,8 +18,8 @@ from ..checks import one_of
 from ..control.check import check_controller
 from ..control.registry import get_controller
 from ..errors import SwingupError
-from ..physics.parameters import get_robot
 from ..policy.shipped import DEFAULT
+from ..robots import get_robot
 from . import tables
 from .arguments import (
     NO_PLANT,

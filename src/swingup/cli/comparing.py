@@ -6,7 +6,7 @@ from tyro.conf import Positional, arg
 
 from ..errors import SwingupError
 from ..files import check_writable
-from ..plants.plant import SHIPPED_PLANTS
+from ..physics.plant import SHIPPED_PLANTS
 from ..rehearsal.simulated import plant_as_domain, simulated_robot
 from ..report.compare import Comparison, compare
 from ..report.compare_study import study_of

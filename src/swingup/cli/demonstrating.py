@@ -16,10 +16,10 @@ from ..files import write_atomically
 from ..learner.policy_files import BEST
 from ..learner.report import TrainingReport
 from ..learner.run import Run
-from ..physics.parameters import Robot, get_robot
 from ..policy.jax_backend.controller import PolicyController
 from ..report.page import page_tools, render_page
 from ..report.trained import trained_section
+from ..robots import Robot, get_robot
 from .output import progress_shown, tell
 from .parsing import program_typed
 from .progress import duration

@@ -9,8 +9,8 @@ from ..files import check_writable
 from ..identification.excitation import Excitation
 from ..identification.excite import excite
 from ..identification.prior import prior_around
+from ..physics.plant import load_plant
 from ..plants.domain import Domain, load_domain
-from ..plants.plant import load_plant
 from .arguments import PLANT_HELP
 from .output import tell, tell_json
 

@@ -14,7 +14,7 @@ from ..checks import one_of
 from ..control.baselines import BASELINES
 from ..errors import SwingupError
 from ..files import write_atomically
-from ..plants.plant import Plant
+from ..physics.plant import Plant
 from ..policy.c_backend.header import c_header
 from ..policy.export_cloudpendulum import cloudpendulum_guard, cloudpendulum_notes, export_cloudpendulum
 from ..policy.export_folder import export_realaigym
@@ -107,7 +107,7 @@ def _with_plant(policy: PendulumPolicy, plant: Plant) -> PendulumPolicy:
             f"the policy's file has a plant, {quoted(policy.plant.name)}: --plant is for files without; refine the "
             "policy on another plant with swingup refine --plant"
         )
-    return dataclasses.replace(policy, plant=policy_plant(plant.parameters, policy.robot, plant.name))
+    return dataclasses.replace(policy, plant=policy_plant(plant, policy.robot))
 
 
 @contextlib.contextmanager

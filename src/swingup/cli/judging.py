@@ -16,9 +16,9 @@ from ..benchmark.trajectory_file import save_trajectory
 from ..benchmark.trials import Trials
 from ..control.registry import Controller, get_controller
 from ..files import check_writable
-from ..physics.parameters import Robot, get_robot
+from ..physics.plant import Plant
 from ..plants.domain import Domain
-from ..plants.plant import Plant
+from ..robots import Robot, get_robot
 from .arguments import (
     DisturbanceOptions,
     EstimatorOptions,

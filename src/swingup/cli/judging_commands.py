@@ -17,10 +17,10 @@ from ..benchmark.runner import Progress
 from ..benchmark.uptime import Uptime
 from ..checks import one_of
 from ..control.registry import Controller
-from ..physics.parameters import Robot
 from ..plants.domain import load_domain
 from ..plants.on_plant import on_plant
 from ..policy.shipped import DEFAULT
+from ..robots import Robot
 from .arguments import (
     NO_PLANT,
     ControllerName,

@@ -10,8 +10,9 @@ from ..control.baselines import compute_score_reference, design_of
 from ..control.reference import compute_reference, save_reference
 from ..control.trajectory_csv import save_reference_csv
 from ..files import check_writable
-from ..physics.parameters import get_robot
-from ..plants.plant import plant_as_dict
+from ..physics.plant import plant_as_dict
+from ..policy.plant_facts import write_plant
+from ..robots import get_robot
 from .arguments import NO_PLANT, PlantFlags, RobotName
 
 
@@ -45,7 +46,7 @@ def trajectory(
     if out.endswith(".csv"):
         save_reference_csv(out, reference)
     else:
-        about = {} if on is None else {"plant": {"name": on.name, **vars(on.driven(chosen))}}
+        about = {} if on is None else {"plant": write_plant(on.driven(chosen))}
         save_reference(out, reference, {**provenance, **about, "command": command})
     for name, value in (provenance | plant_as_dict(on, chosen)).items():
         print(f"{name:<20}{value}")

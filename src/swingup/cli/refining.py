@@ -13,11 +13,11 @@ from tyro.conf import arg
 from ..benchmark.seeds import check_seeds
 from ..checks import one_of
 from ..files import check_writable
-from ..physics.parameters import Robot, get_robot
 from ..policy.jax_backend.controller import PolicyController, load_policy, save_controller, shipped_policy
 from ..policy.shipped import AR_EAPO, GLOBAL, SHIPPED_POLICIES
 from ..refine.around import parts_around
 from ..refine.recipe import ADAPT, RECIPES, RefinementReport, run_recipe
+from ..robots import Robot, get_robot
 from ..version import __version__
 from .arguments import NO_PLANT, PlantFlags, RobotName
 from .output import SECONDS_BETWEEN_LINES, tell

@@ -15,7 +15,7 @@ from ..learner.rates import describe_rates
 from ..learner.run import Run
 from ..learner.run_settings import RunSettings, default_intervals, read_run_settings
 from ..learner.start import resume_run, start_run
-from ..physics.parameters import get_robot
+from ..robots import get_robot
 from .arguments import NO_PLANT, PlantFlags, RobotOrNone
 from .hyperparameters import HyperparameterOptions, given_hyperparameters
 from .judging import judge_performance

@@ -2,11 +2,12 @@
 
 import jax.numpy as jnp
 
-from ..physics.parameters import Parameters, Robot
+from ..physics.plant import Plant
+from ..robots import Robot
 from ..types import Scalar, Torque
 
 
-def driven_limit(plant: Parameters, robot: Robot) -> Scalar | float:
+def driven_limit(plant: Plant, robot: Robot) -> Scalar | float:
     """The torque limit of the motor that drives a plant (N m)."""
     return (plant.tl1, plant.tl2)[robot.joint]
 

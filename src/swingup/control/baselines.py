@@ -11,9 +11,9 @@ import numpy as np
 from ..errors import SwingupError
 from ..physics.angles import UPRIGHT
 from ..physics.equations import StateFloats
-from ..physics.parameters import Parameters, Robot, get_robot
+from ..physics.plant import Plant, PlantLike
 from ..physics.units import scales_of
-from ..plants.plant import PlantLike
+from ..robots import Robot, get_robot
 from .controller import AbstractController
 from .lqr import LQR, upright_lqr
 from .model import model_of
@@ -48,7 +48,7 @@ class Design:
     """What a baseline is designed from."""
 
     robot: Robot
-    model: Parameters
+    model: Plant
     published: Published
     """In the model's units."""
     optimal: Optimal
@@ -60,7 +60,7 @@ class Design:
         """The swing-up that optimises a problem, "published" or "score"."""
         if self.shipped:
             return shipped_reference(self.robot, problem)[0]
-        return _computed_reference(self.robot, problem, tuple(vars(self.model).items()))
+        return _computed_reference(self.robot, problem, self.model)
 
 
 def design_of(robot: Robot, plant: PlantLike | None) -> Design:
@@ -84,7 +84,7 @@ def baseline(name: str, robot: Robot | str, plant: PlantLike | None = None) -> A
     Args:
         name: one of :data:`BASELINES`.
         robot: which joint is driven.
-        plant: what it is designed for: a plant, its parameters, its name or its file; None for the leaderboards',
+        plant: what it is designed for: a plant, its name or its file; None for the leaderboards',
             with the published settings and the shipped swing-up. For another plant the settings are in its own
             units, Coulomb friction is left out, and the swing-up is computed, once in a process.
 
@@ -132,15 +132,14 @@ def shipped_reference(robot: Robot | str, problem: str = "published") -> tuple[R
 
 
 @functools.lru_cache(maxsize=32)
-def _computed_reference(robot: Robot, problem: str, model: tuple[tuple[str, float], ...]) -> Reference:
+def _computed_reference(robot: Robot, problem: str, model: Plant) -> Reference:
     """A swing-up for a model, computed once in a process; a warning says when it does not come up."""
-    parameters = Parameters(**dict(model))
-    design = design_of(robot, parameters)
+    design = design_of(robot, model)
     if problem == "score":
         found = compute_score_reference(design, DESIGN_SEED)[0]
     else:
-        found = compute_reference(robot, design.published.swingup, DESIGN_SEED, parameters)[0]
-    if not comes_up(found, parameters):
+        found = compute_reference(robot, design.published.swingup, DESIGN_SEED, model)[0]
+    if not comes_up(found, model):
         _LOGGER.warning("no swing-up of the %s was found for this plant: its baselines will fail", robot.name)
     return found
 
@@ -167,7 +166,7 @@ def compute_score_reference(design: Design, seed: int) -> tuple[Reference, dict[
     return found, provenance
 
 
-def comes_up(reference: Reference, parameters: Parameters) -> bool:
+def comes_up(reference: Reference, parameters: Plant) -> bool:
     """Whether a swing-up ends near upright, with torques that the motor has."""
     error = np.abs(np.asarray(reference.states)[-1] - UPRIGHT)[:2].max()
     return bool(error < FAR and np.abs(reference.torque).max() <= max(parameters.tl1, parameters.tl2))

@@ -10,7 +10,7 @@ import numpy as np
 from ..checks import finite_number
 from ..errors import SwingupError
 from ..foreign import attribute, blaming
-from ..physics.parameters import Robot, get_robot
+from ..robots import Robot, get_robot
 from .controller import AbstractController, check_interface, check_robot, split
 from .python_controller import DT, PythonController, call_in_turn, trial_states
 

@@ -22,7 +22,8 @@ from jaxtyping import Float
 
 from ..errors import SwingupError
 from ..physics.angles import UPRIGHT
-from ..physics.parameters import NAMES, Parameters, Robot, get_robot, leaderboard_parameters, validated
+from ..physics.plant import LEADERBOARD, NAMES, Plant, validated
+from ..robots import Robot, get_robot
 from ..types import Scalar
 from .actuation import driven_limit
 from .baselines import shipped_reference
@@ -42,7 +43,7 @@ class SwingUps(eqx.Module):
     robot: Robot = eqx.field(static=True)
     dt: float = eqx.field(static=True)
     """Time between rows (s)."""
-    plants: Parameters
+    plants: Plant
     """The plants at which they stand, leaves of shape (n,): the targets where they were reached."""
     reached: Float[Any, "n"]
     """λ of these plants: 1 at the target, 0 at the nominal plant."""
@@ -62,7 +63,7 @@ class SwingUps(eqx.Module):
 
 def continue_swingups(
     robot: Robot | str,
-    targets: Parameters,
+    targets: Plant,
     settings: ContinuationSettings | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> SwingUps:
@@ -113,18 +114,18 @@ def nominal_swingups(robot: Robot, number: int, settings: ContinuationSettings) 
     states = np.concatenate([reference.states, np.tile(UPRIGHT, (more + 1, 1))])
     torque = np.append(reference.torque, np.zeros(more))
     gains = np.concatenate([reference.gains, np.tile(reference.gains[-1], (more, 1))])
-    nominal = jax.tree.map(lambda value: np.full(number, float(value)), leaderboard_parameters(robot))
+    nominal = jax.tree.map(lambda value: np.full(number, float(value)), LEADERBOARD.driven(robot))
     rows = [np.tile(array, (number,) + (1,) * array.ndim) for array in (states, torque, gains)]
     return SwingUps(robot, reference.dt, nominal, np.zeros(number), np.full(number, np.nan), *rows)
 
 
 def _try_step(
-    found: SwingUps, part: np.ndarray, steps: np.ndarray, targets: Parameters, settings: ContinuationSettings
+    found: SwingUps, part: np.ndarray, steps: np.ndarray, targets: Plant, settings: ContinuationSettings
 ) -> SwingUps:
     """Swing-ups of the plants one step on, from those found so far; whether they count is not asked."""
     near, ends = jax.tree.map(lambda leaf: leaf[part], (found, targets))
     reached = np.minimum(near.reached + steps, 1.0)
-    nominal = leaderboard_parameters(found.robot)
+    nominal = LEADERBOARD.driven(found.robot)
     # Written so that λ = 1 is the target to the last bit.
     plants = jax.tree.map(lambda start, end: (1.0 - reached) * start + reached * end, nominal, ends)
     moved = replace(near, plants=plants, reached=reached)
@@ -178,7 +179,7 @@ def _put(rows: np.ndarray, where: np.ndarray, new: np.ndarray) -> np.ndarray:
     return copied
 
 
-def _checked(targets: Parameters) -> Parameters:
+def _checked(targets: Plant) -> Plant:
     """The plants in NumPy, each of them a pendulum."""
     arrays: dict[str, Any] = {name: np.asarray(getattr(targets, name), np.float64) for name in NAMES}
     shape = arrays[NAMES[0]].shape
@@ -188,5 +189,5 @@ def _checked(targets: Parameters) -> Parameters:
                 f"parameter {name} has shape {array.shape}: give every parameter one value for each plant"
             )
     for values in zip(*arrays.values(), strict=True):
-        validated(Parameters(*map(float, values)))
-    return Parameters(**arrays)
+        validated(Plant(*values))
+    return Plant(**arrays)

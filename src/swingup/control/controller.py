@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from ..errors import SwingupError
 from ..foreign import attribute, blaming
-from ..physics.parameters import Robot
+from ..robots import Robot
 from ..text import one_line
 from ..types import Scalar, State, Torque
 

@@ -7,7 +7,7 @@ import dataclasses
 
 import numpy as np
 
-from ..physics.parameters import Parameters
+from ..physics.plant import Plant
 from .continuation_settings import ContinuationSettings
 from .lqr import LQR, LQRSettings, disturbance_gain, upright_lqr
 from .reference import Reference
@@ -22,7 +22,7 @@ HAND_OVER = ContinuationSettings().max_error
 thirds of it held one or two plants fewer of 240 drawn ones, of both robots."""
 
 
-def known_plant_controller(plant: Parameters, reference: Reference) -> LatchingSwitch:
+def known_plant_controller(plant: Plant, reference: Reference) -> LatchingSwitch:
     """Follow a swing-up of a plant and hand over to the plant's LQR.
 
     Args:
@@ -33,12 +33,12 @@ def known_plant_controller(plant: Parameters, reference: Reference) -> LatchingS
     return LatchingSwitch(following, plants_lqr(plant, reference), np.array(HAND_OVER), reference.robot)
 
 
-def plants_lqr(plant: Parameters, reference: Reference) -> LQR:
+def plants_lqr(plant: Plant, reference: Reference) -> LQR:
     """The LQR at the top that is designed for a plant with its friction."""
     return upright_lqr(damped(plant), reference.robot, TOP)
 
 
-def friction_gain(plant: Parameters, regulator: LQR) -> float:
+def friction_gain(plant: Plant, regulator: LQR) -> float:
     """Torque (N m) that this regulator of a plant adds against all of the undriven joint's Coulomb friction.
 
     Where the joint moves forwards, friction is a constant torque backwards (``lqr.disturbance_gain``).
@@ -46,7 +46,7 @@ def friction_gain(plant: Parameters, regulator: LQR) -> float:
     return disturbance_gain(damped(plant), regulator) * float((plant.cf2, plant.cf1)[regulator.robot.joint])
 
 
-def damped(plant: Parameters) -> Parameters:
+def damped(plant: Plant) -> Plant:
     """The plant with Coulomb friction as damping: cf arctan(100 q̇) becomes cf q̇ / (1 rad/s).
 
     Its slope at rest is a hundred times as large, by which a regulator would take the joint for frozen.

@@ -16,7 +16,8 @@ from scipy.linalg import solve_continuous_are
 
 from ..physics.angles import UPRIGHT, wrap
 from ..physics.dynamics import linearise
-from ..physics.parameters import ROBOTS, Parameters, Robot
+from ..physics.plant import Plant
+from ..robots import ROBOTS, Robot
 from ..types import Scalar, State, Torque
 from .actuation import driven_limit, joint_torques
 from .controller import AbstractController
@@ -57,7 +58,7 @@ class LQR(AbstractController[None]):
         return None, joint_torques(u, self.robot, self.limit)
 
 
-def upright_lqr(parameters: Parameters, robot: Robot, settings: LQRSettings) -> LQR:
+def upright_lqr(parameters: Plant, robot: Robot, settings: LQRSettings) -> LQR:
     """The regulator of the pendulum linearised upright at rest."""
     A, B = linearised(parameters, robot, UPRIGHT[None], np.zeros(1))
     S = solve_continuous_are(A[0], B[0][:, None], np.diag(settings.state_weights), [[settings.torque_weight]])
@@ -65,7 +66,7 @@ def upright_lqr(parameters: Parameters, robot: Robot, settings: LQRSettings) -> 
     return LQR(B[0] @ S / settings.torque_weight, S, settings.max_cost_to_go, limit, robot)
 
 
-def disturbance_gain(parameters: Parameters, regulator: LQR) -> float:
+def disturbance_gain(parameters: Plant, regulator: LQR) -> float:
     """κ of u = -K e - κ f, the optimal regulator where a constant torque f acts on the undriven joint.
 
     With ė = A e + B u + D f the costate is S e + s f, (A - B K)ᵀ s = -S D, and κ the gain of s as K is that of S.
@@ -83,7 +84,7 @@ def disturbance_gain(parameters: Parameters, regulator: LQR) -> float:
 
 
 def linearised(
-    parameters: Parameters, robot: Robot, states: Float[np.ndarray, "n 4"], torque: Float[np.ndarray, "n"]
+    parameters: Plant, robot: Robot, states: Float[np.ndarray, "n 4"], torque: Float[np.ndarray, "n"]
 ) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, "n 4"]]:
     """Continuous-time A = ∂ẋ/∂x and B = ∂ẋ/∂u of rows of states and the driven joint's torques."""
     with jax.enable_x64(True):

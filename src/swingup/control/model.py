@@ -8,15 +8,15 @@ import dataclasses
 
 import jax
 
-from ..physics.parameters import Parameters, Robot
-from ..plants.plant import PlantLike, robot_parameters
+from ..physics.plant import Plant, PlantLike, robot_parameters
+from ..robots import Robot
 
 
-def model_of(plant: PlantLike | None, robot: Robot) -> Parameters:
+def model_of(plant: PlantLike | None, robot: Robot) -> Plant:
     """A robot's parameters without Coulomb friction, as Python floats; the leaderboards' for None.
 
     Raises:
         SwingupError: there is no such plant.
     """
-    model: Parameters = jax.tree.map(float, robot_parameters(plant, robot))
+    model: Plant = jax.tree.map(float, robot_parameters(plant, robot))
     return dataclasses.replace(model, cf1=0.0, cf2=0.0)

@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..physics.angles import UPRIGHT
-from ..physics.parameters import Parameters, Robot
+from ..physics.plant import Plant
+from ..robots import Robot
 from ..types import Flag, Scalar, State, Torque
 from .actuation import driven_limit, joint_torques
 from .ilqr import solve
@@ -75,7 +76,7 @@ class MPC(AbstractExpensiveController[Plan]):
         return jnp.round(t / self.settings.dt).astype(jnp.int32)
 
 
-def mpc(reference: Reference, parameters: Parameters, robot: Robot, settings: MPCSettings) -> MPC:
+def mpc(reference: Reference, parameters: Plant, robot: Robot, settings: MPCSettings) -> MPC:
     """An MPC along the fit of a trajectory, with ``parameters`` as its model."""
     rows = np.column_stack([reference.states, reference.torque])
     fit = fit_piecewise_cubic(reference.time, rows, settings.pieces)

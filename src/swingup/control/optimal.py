@@ -19,8 +19,8 @@ from jaxtyping import Float
 from ..errors import SwingupError
 from ..physics.angles import UPRIGHT
 from ..physics.equations import StateFloats
-from ..physics.parameters import Parameters, Robot, get_robot
-from ..plants.plant import PlantLike
+from ..physics.plant import Plant, PlantLike
+from ..robots import Robot, get_robot
 from ..types import Scalar
 from .ilqr import ILQRSettings, Solution, Status, feedback_gains, solve
 from .lqr import LQRSettings
@@ -211,7 +211,7 @@ def _cost(problem: ScoreProblem, dt: float, final: StateFloats) -> Cost:
     )
 
 
-def _transition(parameters: Parameters, robot: Robot, dt: float) -> TorqueRateTransition:
+def _transition(parameters: Plant, robot: Robot, dt: float) -> TorqueRateTransition:
     return TorqueRateTransition(PendulumTransition(parameters, robot.joint, dt))
 
 

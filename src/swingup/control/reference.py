@@ -16,8 +16,8 @@ from jaxtyping import Float
 from ..arrays import load_arrays, save_arrays
 from ..checks import positive_number
 from ..errors import SwingupError
-from ..physics.parameters import Parameters, Robot, get_robot
-from ..plants.plant import PlantLike
+from ..physics.plant import Plant, PlantLike
+from ..robots import Robot, get_robot
 from ..version import __version__
 from .ilqr import ILQRSettings, Solution, Status, feedback_gains, solve
 from .model import model_of
@@ -95,7 +95,7 @@ def compute_reference(
     }
 
 
-def _first_torques(parameters: Parameters, robot: Robot, problem: SwingupProblem, seed: int) -> np.ndarray:
+def _first_torques(parameters: Plant, robot: Robot, problem: SwingupProblem, seed: int) -> np.ndarray:
     if problem.search is None:
         return np.random.default_rng(seed).uniform(0.0, problem.first_torque, problem.steps)
     for stretch in problem.search.durations:

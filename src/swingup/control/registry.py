@@ -10,11 +10,11 @@ from typing import Any
 from ..checks import suggestion
 from ..errors import SwingupError
 from ..foreign import described
-from ..physics.parameters import Robot, get_robot
-from ..plants.plant import PlantLike, robot_parameters
+from ..physics.plant import PlantLike, robot_parameters
 from ..policy.jax_backend.controller import make_controller
 from ..policy.jax_backend.estimator import EstimatingController, with_estimator
 from ..policy.shipped import SHIPPED_POLICIES, is_policy, read_policy
+from ..robots import Robot, get_robot
 from ..text import quoted
 from .baselines import BASELINES, baseline
 from .controller import AbstractController

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..physics.angles import UPRIGHT, wrap
-from ..physics.parameters import Robot
+from ..robots import Robot
 from ..types import Flag, Scalar, State, Torque
 from .controller import AbstractController, Carry
 

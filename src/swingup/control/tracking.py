@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ..physics.angles import wrap_difference
-from ..physics.parameters import Parameters, Robot
+from ..physics.plant import Plant
+from ..robots import Robot
 from ..types import Scalar, State, Torque
 from .actuation import driven_limit, joint_torques
 from .controller import AbstractController
@@ -64,7 +65,7 @@ class TVLQR(AbstractController[None]):
         return None, joint_torques(now[4] - now[5:] @ error, self.robot, self.limit)
 
 
-def riccati_controller(reference: Reference, plant: Parameters) -> RiccatiController:
+def riccati_controller(reference: Reference, plant: Plant) -> RiccatiController:
     """Follow a trajectory with its own gains.
 
     Args:
@@ -77,7 +78,7 @@ def riccati_controller(reference: Reference, plant: Parameters) -> RiccatiContro
 
 def tvlqr(
     reference: Reference,
-    parameters: Parameters,
+    parameters: Plant,
     robot: Robot,
     weights: tuple[np.ndarray, float, np.ndarray],
     pieces: int,

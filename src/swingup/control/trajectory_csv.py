@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import SwingupError
-from ..physics.parameters import Robot, get_robot
+from ..robots import Robot, get_robot
 from ..table import read_columns, write_columns
 from .reference import Reference
 

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from ..physics.equations import Number, acceleration, friction, lump
-from ..physics.parameters import Parameters
+from ..physics.plant import Plant
 from ..physics.trigonometry import arctan, sine_cosine
 from .scalar_algebra import Matrix, Vector, add_scaled, dot
 
@@ -32,7 +32,7 @@ class AbstractTransition(eqx.Module):
 class PendulumTransition(AbstractTransition):
     """A Runge-Kutta step of the double pendulum with the torque held over it."""
 
-    parameters: Parameters
+    parameters: Plant
     """Python floats are compiled into the program, which is faster, and a friction of zero then costs nothing.
     Arrays, or values that are traced, let one program serve many plants."""
     joint: int = eqx.field(static=True)

@@ -9,9 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import SwingupError
-from ..physics.parameters import NAMES as PLANT_NAMES
-from ..physics.parameters import Parameters
-from ..plants.plant import PlantLike, load_plant
+from ..physics.plant import NAMES as PLANT_NAMES
+from ..physics.plant import Plant, PlantLike, load_plant
 from .bootstrap import draw_solutions
 from .estimate import Problem, fit_all, fit_start, refit
 from .fit import Fit
@@ -31,7 +30,7 @@ from .windows import FIT_LENGTH, Windows, cut_windows, join
 class Identification:
     """A fitted plant and loop, with what a reader needs to trust it."""
 
-    plant: Parameters
+    plant: Plant
     """A physically consistent pendulum with the fitted base parameters."""
     reading: Reading
     """Estimates, intervals, and which of them the logs determine."""
@@ -99,7 +98,7 @@ def identify(
     recordings = [read_recording(path) for path in files]
     tests = [read_recording(path) for path in test]
     numbers = session_numbers(sessions, len(recordings) + len(tests))
-    problem = _pose(plant.parameters, recordings, tests, numbers, known)
+    problem = _pose(plant, recordings, tests, numbers, known)
     setting = problem.setting
     windows = join([cut_windows(each, FIT_LENGTH, log=log) for log, each in enumerate(recordings)])
     if tests:
@@ -115,7 +114,7 @@ def identify(
         "start": summarise(prediction_errors(setting, start_models[owners], judged)),
     }
     final = solution if tests or not len(kept) else refit(problem, windows, solution)
-    reading, domain, fitted = _read(problem, final, windows, plant.parameters, seed)
+    reading, domain, fitted = _read(problem, final, windows, plant, seed)
     return Identification(
         plant=fitted,
         reading=reading,
@@ -132,7 +131,7 @@ def identify(
 
 
 def _pose(
-    start: Parameters,
+    start: Plant,
     recordings: Sequence[Recording],
     tests: Sequence[Recording],
     numbers: Sequence[int],
@@ -155,8 +154,8 @@ def _hold_out(recordings: Sequence[Recording], windows: Windows) -> tuple[Window
 
 
 def _read(
-    problem: Problem, final: Fit, windows: Windows, start: Parameters, seed: int
-) -> tuple[Reading, dict[str, Any], Parameters]:
+    problem: Problem, final: Fit, windows: Windows, start: Plant, seed: int
+) -> tuple[Reading, dict[str, Any], Plant]:
     """Intervals, the domain and the plant of a solution."""
     draws = draw_solutions(final, windows, seed)
     reading = read_solution(final.unknowns, final.z, draws, problem.has_scale, list(problem.known), seed)

@@ -98,7 +98,7 @@ def predict_log(recording: Recording, domain: Domain, name: str) -> OpenLoop:
         domain: plant and loop.
         name: of the plant in the result.
     """
-    plant = domain.middle_parameters
+    plant = domain.middle_plant
     setting, start = setting_of(plant), _start(domain, vector_of(plant))
     known = {each: float(start[INDEX[each]]) for each in LATENCY if _says(domain, each)}
     fitted = tuple(each for each in LATENCY if each not in known) if any(recording.driven) else ()

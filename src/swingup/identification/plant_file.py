@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import SwingupError
 from ..files import write_atomically
-from ..physics.parameters import NAMES, Parameters, validated
+from ..physics.plant import NAMES, Plant, validated
 from ..plants.domain import make_domain
 from ..text import one_line
 from ..version import __version__
@@ -25,7 +25,7 @@ MARGIN = 1.05
 """Inertia above that of a point mass, m r²."""
 
 
-def representative(base: Mapping[str, float], start: Parameters) -> Parameters:
+def representative(base: Mapping[str, float], start: Plant) -> Plant:
     """A pendulum with these base parameters and frictions; lengths, gravity and limits are the start's.
 
     Raises:
@@ -38,7 +38,7 @@ def representative(base: Mapping[str, float], start: Parameters) -> Parameters:
     m2 = float(np.clip(start.m2, least, most)) if least < most else most
     rest, I1 = base["first"] - m2 * l1, base["shoulder"] - m2 * l1**2
     m1 = max(float(start.m1), MARGIN * rest**2 / I1)
-    found = Parameters(
+    found = Plant(
         m1=m1, m2=m2, l1=l1, l2=float(start.l2), r1=rest / m1, r2=base["second"] / m2, I1=I1, I2=base["elbow"],
         Ir=base["rotor"], gr=float(start.gr), b1=base["b1"], b2=base["b2"], cf1=base["cf1"], cf2=base["cf2"],
         g=float(start.g), tl1=float(start.tl1), tl2=float(start.tl2),
@@ -46,9 +46,7 @@ def representative(base: Mapping[str, float], start: Parameters) -> Parameters:
     return validated(found)
 
 
-def domain_of(
-    plant: Parameters, ranges: Mapping[str, Range], others: Mapping[str, Any] | None = None
-) -> dict[str, Any]:
+def domain_of(plant: Plant, ranges: Mapping[str, Range], others: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """A domain's content: ranges of plant and loop around an identified plant.
 
     Where wide ranges have corners that are no pendulum, they are narrowed together until none is left.
@@ -71,7 +69,7 @@ def domain_of(
     return content
 
 
-def _content(p: Parameters, ranges: Mapping[str, Range], narrowing: float) -> dict[str, float | list[float]]:
+def _content(p: Plant, ranges: Mapping[str, Range], narrowing: float) -> dict[str, float | list[float]]:
     first, second, shoulder, elbow = (ranges[name] for name in ("first", "second", "shoulder", "elbow"))
     weight, inertia = float(p.m2 * p.l1), float(p.m2 * p.l1**2)
     # The masses stay: a range of a base parameter is one of the centre of mass or the inertia.
@@ -95,7 +93,7 @@ def _content(p: Parameters, ranges: Mapping[str, Range], narrowing: float) -> di
     return content
 
 
-def write_plant_files(path: str | Path, plant: Parameters, domain: Mapping[str, Any], logs: Sequence[str]) -> Path:
+def write_plant_files(path: str | Path, plant: Plant, domain: Mapping[str, Any], logs: Sequence[str]) -> Path:
     """Write a plant's file, and its domain's beside it: ``mine.yml`` and ``mine-domain.yml``.
 
     Raises:

@@ -26,7 +26,7 @@ from jaxtyping import Array, Float
 
 from ..physics.equations import COULOMB_STEEPNESS, Lumped
 from ..physics.implicit_friction import SmoothedFriction, advance
-from ..physics.parameters import Parameters
+from ..physics.plant import Plant
 from .windows import HISTORY, INTERVAL, TORQUE_STEP, Windows
 
 NAMES = (
@@ -65,7 +65,7 @@ class Setting(NamedTuple):
         return self._replace(step=2.0 * self.step)
 
 
-def setting_of(p: Parameters) -> Setting:
+def setting_of(p: Plant) -> Setting:
     """The setting for a plant: 1 ms on C.1, 0.5 ms on links of 5 cm.
 
     Speeds of a pendulum grow with sqrt(g / l). The friction's slope is per speed, and steps are per time. With
@@ -76,7 +76,7 @@ def setting_of(p: Parameters) -> Setting:
     return Setting(float(p.l1), float(p.g), float(p.gr), COULOMB_STEEPNESS * scale, step)
 
 
-def vector_of(p: Parameters, delay: float = 0.004, lag: float = 0.002) -> Float[np.ndarray, "15"]:
+def vector_of(p: Plant, delay: float = 0.004, lag: float = 0.002) -> Float[np.ndarray, "15"]:
     """A model's vector from a plant's parameters, with offsets of 0 and gains of 1."""
     base = (p.m1 * p.r1 + p.m2 * p.l1, p.m2 * p.r2, p.I1 + p.m2 * p.l1**2, p.I2, p.Ir)
     return np.array([*base, p.b1, p.b2, p.cf1, p.cf2, 0.0, 0.0, 1.0, 1.0, delay, lag], np.float64)

@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from ..physics.parameters import NAMES as PLANT_NAMES
-from ..physics.parameters import Parameters
+from ..physics.plant import NAMES as PLANT_NAMES
+from ..physics.plant import Plant
 from ..plants.domain import Domain, make_domain
-from ..plants.plant import Plant
 from .plant_file import domain_of
 from .prediction import INDEX, LEAST_LAG, NAMES, vector_of
 
@@ -25,7 +24,7 @@ DELAY, LAG = (0.001, 0.006), (0.001, 0.004)
 
 def prior_around(plant: Plant) -> Domain:
     """A domain around a plant's facts: as wide as specimens of one design, and sessions of one robot, differ."""
-    vector, p = vector_of(plant.parameters), plant.parameters
+    vector, p = vector_of(plant), plant
     torque = float(p.g) * vector[0]
     around = dict.fromkeys(NAMES[:4], (1 - BASE_SPREAD, 1 + BASE_SPREAD)) | {
         "rotor": ROTOR,
@@ -59,10 +58,10 @@ def corner_models(domain: Domain) -> Float[np.ndarray, "corners 15"]:
     return np.stack([_model(domain, highest, plant) for plant in domain.corners()])
 
 
-def _model(domain: Domain, values: dict[str, float], plant: Parameters | None = None) -> np.ndarray:
+def _model(domain: Domain, values: dict[str, float], plant: Plant | None = None) -> np.ndarray:
     """A model's vector; loop values that the domain does not have are typical ones."""
     own = {name: value for name, value in values.items() if name in PLANT_NAMES}
-    vector = vector_of(replace(domain.base, **own) if plant is None else plant)
+    vector = vector_of(domain.base.changed(**own) if plant is None else plant)
     for name in ("gain1", "gain2", "delay", "lag"):
         if name in values:
             vector[INDEX[name]] = values[name]

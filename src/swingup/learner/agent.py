@@ -12,9 +12,9 @@ from ..areapo.checkpoint import load_checkpoint, read_metadata, save_checkpoint
 from ..areapo.config import Config, config_from_dict
 from ..checks import whole_number
 from ..errors import SwingupError
-from ..physics.parameters import ROBOTS
-from ..plants.plant import Plant, PlantLike, find_plant
+from ..physics.plant import Plant, PlantLike, find_plant
 from ..policy.jax_backend.policy import Policy, remember
+from ..robots import ROBOTS
 from ..tasks.adapters import as_task
 from ..tasks.task import AbstractTask
 from .backend import batched
@@ -80,7 +80,7 @@ class AREAPO:
             checkpoint_every: frames between checkpoints, where the environments that the host steps are reset.
             evaluation_episodes: episodes of an evaluation. With 0, where the host steps the environments, the score
                 is that of the training episodes, or, if none of them ended, the mean reward of a step.
-            plant: the robot's pendulum, in whose units the task is: a plant, its parameters, its name or its file;
+            plant: the robot's pendulum, in whose units the task is: a plant, its name or its file;
                 None for the leaderboards'.
             verbose: 1 or 2 shows a line of each report on standard error.
             tensorboard_log: a folder in which each run gets a new ``folder``: AREAPO_1, AREAPO_2 and so on.

@@ -11,12 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..benchmark.evaluate import evaluate
-from ..physics.parameters import TORQUE_LIMIT, leaderboard_parameters
-from ..plants.plant import Plant
+from ..physics.plant import LEADERBOARD, Plant
 from ..policy.jax_backend.controller import PolicyController, save_controller
 from ..policy.jax_backend.observation import AbstractStage
 from ..policy.jax_backend.policy import Policy, save_policy
 from ..policy.plant_facts import policy_plant
+from ..robots import TORQUE_LIMIT
 from ..tasks.adapted import AbstractAdaptedTask
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.task import AbstractTask
@@ -57,8 +57,8 @@ class SwingUpEvaluator(AbstractEvaluator):
         """The evaluator of a variant of the pendulum's task, on its plant, with the name that the plant has."""
         self.stages, self._robot, self._plant = (task.observation,), task.robot, plant
         # A task that was passed in may have a plant of its own.
-        if plant is None and task.parameters != leaderboard_parameters(task.robot):
-            self._plant = Plant("the task's", task.parameters)
+        if plant is None and task.parameters != LEADERBOARD.driven(task.robot):
+            self._plant = dataclasses.replace(task.parameters, name="the task's")
 
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
         """The criteria; ``episodes`` has no effect, since there is one deterministic episode."""
@@ -71,7 +71,7 @@ class SwingUpEvaluator(AbstractEvaluator):
     def _controller(self, policy: Policy[Any]) -> PolicyController:
         if self._plant is None:
             return PolicyController(policy, TORQUE_LIMIT, self._robot)
-        facts = policy_plant(self._plant.parameters, self._robot, self._plant.name)
+        facts = policy_plant(self._plant, self._robot)
         return PolicyController(policy, facts.limit(self._robot.joint), self._robot, plant=facts)
 
 

@@ -11,8 +11,8 @@ from ..areapo.config import Config, config_from_dict
 from ..checks import whole_number
 from ..errors import SwingupError
 from ..files import write_atomically
-from ..physics.parameters import NAMES, get_robot, make_parameters
-from ..plants.plant import FRICTIONLESS, Plant, is_plant_name
+from ..physics.plant import FRICTIONLESS, SHIPPED_PLANTS, Plant, is_plant_name, load_plant, make_plant
+from ..robots import get_robot
 from ..tasks.adapted import AbstractAdaptedTask
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.presets import get_task
@@ -105,7 +105,7 @@ class RunSettings:
     def command(self, frames: int) -> str:
         """The command that makes such a run from scratch; in Python where environment or plant has no name."""
         passed_in = is_description(self.name)
-        if passed_in or not (self.plant is None or is_plant_name(self.plant.name.removesuffix(FRICTIONLESS))):
+        if passed_in or not (self.plant is None or _is_named(self.plant)):
             return self._call(frames) + (f"  # env: {self.name}" if passed_in else "")
         task = self.robot if self.env is None else f"--env {shlex.quote(self.env)}"
         words = [f"swingup train {task} --preset {self.preset} --frames {frames} --seed {self.seed}"]
@@ -135,20 +135,29 @@ class RunSettings:
         return json.loads(json.dumps(dataclasses.asdict(self)))
 
 
+def _is_named(plant: Plant) -> bool:
+    """Whether the command line can name a plant: changed numbers may have kept a shipped plant's name."""
+    name = plant.name.removesuffix(FRICTIONLESS)
+    if name not in SHIPPED_PLANTS:
+        return is_plant_name(name)
+    shipped = load_plant(name)
+    return plant == (shipped if name == plant.name else shipped.frictionless())
+
+
 def _plant_options(plant: Plant) -> list[str]:
     name = plant.name.removesuffix(FRICTIONLESS)
     return [f"--plant {shlex.quote(name)}", *([] if name == plant.name else ["--frictionless"])]
 
 
 def _in_python(plant: Plant) -> str:
-    values = ", ".join(f"{name}={float(getattr(plant.parameters, name))!r}" for name in NAMES)
-    return f"Parameters({values})"
+    values = ", ".join(f"{name}={value!r}" for name, value in plant.values().items())
+    return f"Plant({values})"
 
 
 def _plant_from_dict(content: Any) -> Plant | None:
     if content is None:
         return None
-    return Plant(str(content["name"]), make_parameters(content["parameters"], "its plant"))
+    return make_plant(content, "its plant", str(content["name"]))
 
 
 def run_settings_from_dict(content: Any) -> RunSettings:

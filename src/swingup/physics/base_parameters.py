@@ -14,6 +14,7 @@ import numpy as np
 
 from .damped import Friction
 from .equations import Lumped, Number, mass_entries
+from .plant import Plant
 
 BASE_NAMES = ("A", "B", "m2r2", "k", "b1", "b2", "cf1", "cf2", "Ir")
 """Entries of θ: kg m², kg m², kg m, kg m, N m s/rad (two), N m (two), kg m²."""
@@ -46,13 +47,18 @@ class Known(NamedTuple):
     """Gear ratio of the motors."""
 
 
-def base_parameters(p: Any) -> np.ndarray:
-    """θ (9,) of a plant whose attributes are those of ``physics.parameters.Parameters``."""
+def base_parameters(p: Plant, xp: Any = np) -> Any:
+    """θ (9,) of a plant.
+
+    Args:
+        p: the plant, whose numbers may be traced for JAX.
+        xp: ``numpy`` for double precision, or ``jax.numpy`` for the precision of the plant's numbers.
+    """
     inertial = p.I1 + p.I2 + p.m2 * p.l1**2, p.I2, p.m2 * p.r2, p.m1 * p.r1 + p.m2 * p.l1
-    return np.array([*inertial, p.b1, p.b2, p.cf1, p.cf2, p.Ir], float)
+    return xp.array([*inertial, p.b1, p.b2, p.cf1, p.cf2, p.Ir], float if xp is np else None)
 
 
-def base_covariance(p: Any, spread: Spread) -> np.ndarray:
+def base_covariance(p: Plant, spread: Spread) -> np.ndarray:
     """Covariance (9, 9) of θ over plants about a nominal one, J diag(σ²) Jᵀ with the derivatives J of θ.
 
     A heavier second link raises A, m2 r2 and k together: the correlations say so.

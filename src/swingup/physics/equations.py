@@ -47,7 +47,7 @@ class Lumped(NamedTuple):
 
 
 def lump(p: Any) -> Lumped:
-    """The combinations for a plant whose attributes are those of ``physics.parameters.Parameters``."""
+    """The combinations for a plant whose attributes are those of ``physics.plant.Plant``."""
     return Lumped(
         # I2 is about the elbow: seen from the shoulder, link 2 adds its mass there.
         shoulder=p.I1 + p.I2 + p.m2 * p.l1**2,

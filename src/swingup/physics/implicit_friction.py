@@ -20,7 +20,7 @@ import jax.numpy as jnp
 
 from ..types import Scalar, State, Torque
 from .equations import COULOMB_STEEPNESS, Lumped, Number, Pair, gravity, lump, mass_entries
-from .parameters import Parameters
+from .plant import Plant
 from .trigonometry import arctan, sine_cosine
 
 Numbers: TypeAlias = tuple[Number, Number, Number, Number]
@@ -43,7 +43,7 @@ class SmoothedFriction(NamedTuple):
 
 
 def implicit_friction_step(
-    parameters: Parameters, x: State, u: Torque, dt: float | Scalar, steepness: float = COULOMB_STEEPNESS
+    parameters: Plant, x: State, u: Torque, dt: float | Scalar, steepness: float = COULOMB_STEEPNESS
 ) -> State:
     """One step over dt (s), with the torque held and friction implicit."""
     p = parameters

@@ -12,9 +12,9 @@ import jax
 from ..types import Scalar, State, Torque
 from .dynamics import derivative
 from .equations import COULOMB_STEEPNESS, lump, mass_entries
-from .parameters import Parameters
+from .plant import Plant
 
-Integrator = Callable[[Parameters, State, Torque, float], State]
+Integrator = Callable[[Plant, State, Torque, float], State]
 
 STIFFEST = 2.5
 """Largest λ dt of one step of RK4, which diverges above 2.79; C.1 as identified has 2.26 at 2 ms."""
@@ -23,7 +23,7 @@ ELBOWS = 9
 """Values of cos(q2) at which the mass matrix is looked at."""
 
 
-def friction_rate(parameters: Parameters) -> float:
+def friction_rate(parameters: Plant) -> float:
     """λ (1/s), the largest eigenvalue of M(q)⁻¹ diag(b + 100 cf): how fast friction slows a joint near rest."""
     p = parameters
     d1, d2 = (float(b + COULOMB_STEEPNESS * cf) for b, cf in ((p.b1, p.cf1), (p.b2, p.cf2)))
@@ -36,12 +36,12 @@ def friction_rate(parameters: Parameters) -> float:
     return max(rates)
 
 
-def stable_substeps(parameters: Parameters, dt: float) -> int:
+def stable_substeps(parameters: Plant, dt: float) -> int:
     """Steps of RK4 in which dt (s) has to be taken, so that friction near rest stays stable: 1 without friction."""
     return max(1, math.ceil(friction_rate(parameters) * dt / STIFFEST))
 
 
-def rk4_steps(parameters: Parameters, x: State, u: Torque, dt: float | Scalar, number: int) -> State:
+def rk4_steps(parameters: Plant, x: State, u: Torque, dt: float | Scalar, number: int) -> State:
     """A number of equal steps of RK4 over dt (s) in all."""
     if number == 1:
         return rk4_step(parameters, x, u, dt)
@@ -49,7 +49,7 @@ def rk4_steps(parameters: Parameters, x: State, u: Torque, dt: float | Scalar, n
     return jax.lax.fori_loop(0, number, lambda _, at: rk4_step(parameters, at, u, dt / number), x)
 
 
-def rk4_step(parameters: Parameters, x: State, u: Torque, dt: float | Scalar) -> State:
+def rk4_step(parameters: Plant, x: State, u: Torque, dt: float | Scalar) -> State:
     """One step of the classical fourth-order Runge-Kutta method over dt (s)."""
     k1 = derivative(parameters, x, u)
     k2 = derivative(parameters, x + 0.5 * dt * k1, u)
@@ -58,12 +58,12 @@ def rk4_step(parameters: Parameters, x: State, u: Torque, dt: float | Scalar) ->
     return x + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
 
 
-def midpoint_step(parameters: Parameters, x: State, u: Torque, dt: float | Scalar) -> State:
+def midpoint_step(parameters: Plant, x: State, u: Torque, dt: float | Scalar) -> State:
     """One step of the explicit midpoint rule over dt (s): second order, at half the cost."""
     halfway = x + 0.5 * dt * derivative(parameters, x, u)
     return x + dt * derivative(parameters, halfway, u)
 
 
-def euler_step(parameters: Parameters, x: State, u: Torque, dt: float) -> State:
+def euler_step(parameters: Plant, x: State, u: Torque, dt: float) -> State:
     """One explicit Euler step over dt (s): first order, for comparison."""
     return x + dt * derivative(parameters, x, u)

@@ -55,7 +55,7 @@ def scales_of(parameters: Any) -> Scales:
     """The units of a pendulum, relative to C.1's: exactly 1 for C.1, with or without its frictions and rotors.
 
     Args:
-        parameters: anything with the attributes of ``physics.parameters.Parameters``: a robot's, with a torque
+        parameters: anything with the attributes of ``physics.plant.Plant``: a robot's, with a torque
             limit of 0 on the passive joint, or a pendulum's with two motors.
 
     Raises:

@@ -4,7 +4,6 @@ A range of one value is a known fact; wider ranges are domain randomisation. A p
 The package's domains are files in ``plants/domains``, with the source of every number.
 """
 
-import dataclasses
 import functools
 import itertools
 from collections.abc import Iterator, Mapping
@@ -16,12 +15,10 @@ from typing import Any
 from ..checks import suggestion
 from ..errors import SwingupError
 from ..physics.integrate import stable_substeps
-from ..physics.parameters import NAMES, Parameters, validated
-from ..robots import TORQUE_LIMIT
+from ..physics.plant import NAMES, SHIPPED_PLANTS, Plant, base_plant, load_plant, make_plant, validated
 from ..text import one_line, quoted
 from ..yaml_map import read_map
 from .loop import BOUNDS, CLOCK, EVERY_LOOP, LONGEST, LOOP_DT, check_velocities
-from .plant import SHIPPED_PLANTS, Plant, base_plant, load_plant
 
 MOTORS = ("tl1", "tl2")
 """Torque limits of the plant's motors; a domain may have one for the driven motor, ``torque_limit``, instead."""
@@ -30,7 +27,7 @@ PLANT = tuple(name for name in NAMES if name not in MOTORS)
 """The other parameters of the plant."""
 
 MASSES = ("m2", "l1", "r2", "I1", "I2", "Ir", "gr")
-"""Parameters in the mass matrix, which must be positive definite for all their combinations."""
+"""Numbers in the mass matrix, which must be positive definite for all their combinations."""
 
 IDENTIFIED = "C.1"
 """The plant of a domain that names none: what it leaves out is as identified there."""
@@ -76,11 +73,11 @@ class Domain:
             validated(corner)
 
     @functools.cached_property
-    def base(self) -> Parameters:
-        """The plant's parameters where no range changes them."""
-        return (load_plant(IDENTIFIED) if self.plant is None else self.plant).parameters
+    def base(self) -> Plant:
+        """The plant where no range changes it."""
+        return load_plant(IDENTIFIED) if self.plant is None else self.plant
 
-    def corners(self) -> Iterator[Parameters]:
+    def corners(self) -> Iterator[Plant]:
         """Plants at the ends of the ranges: all combinations of the masses', and both ends of the others.
 
         Draws may pair any ends of the masses' ranges, and some pairs make no pendulum though both ends alone do.
@@ -91,12 +88,12 @@ class Domain:
         combined = itertools.product(*(dict.fromkeys(plant[name]) for name in apart))
         for end, corner in itertools.product((0, 1), combined):
             values = {name: pair[end] for name, pair in plant.items()} | dict(zip(apart, corner, strict=True))
-            yield dataclasses.replace(self.base, **values)
+            yield self.base.changed(**values)
 
     @property
     def defaults(self) -> dict[str, float]:
         """What the ranges may leave out: the plant's values, and those of a perfect loop."""
-        return vars(self.base) | EVERY_LOOP
+        return self.base.values() | EVERY_LOOP
 
     @property
     def names(self) -> frozenset[str]:
@@ -133,12 +130,12 @@ class Domain:
         return 0.5 * (low + high)
 
     @property
-    def middle_parameters(self) -> Parameters:
+    def middle_plant(self) -> Plant:
         """The plant in the middle of the ranges; both motors have the ``torque_limit``, if there is one."""
         values = {name: self.middle(name) for name in NAMES}
         if "torque_limit" in self.names:
             values |= dict.fromkeys(MOTORS, self.middle("torque_limit"))
-        return Parameters(**values)
+        return self.base.changed(**values)
 
     def __str__(self) -> str:
         """Its name and its ranges."""
@@ -172,15 +169,11 @@ def make_domain(content: Mapping[str, Any], name: str = "DOMAIN.yml", folder: st
     plant = None if named is None else base_plant(named, folder)
     ranges = tuple((each, *_range(each, value)) for each, value in values.items())
     if named is None and values.keys() >= set(PLANT):
-        plant = _middle_plant(ranges, name)
+        # A domain with all of a plant's values is around a plant of its own.
+        middles = {each: 0.5 * (low + high) for each, low, high in ranges}
+        limits = dict.fromkeys(MOTORS, middles["torque_limit"]) if "torque_limit" in middles else {}
+        plant = make_plant(limits | middles, f"domain {name}", name)
     return Domain(ranges, name, plant, velocities)
-
-
-def _middle_plant(ranges: tuple[tuple[str, float, float], ...], name: str) -> Plant:
-    """The plant of a domain that has all of a plant's values itself."""
-    middles = {each: 0.5 * (low + high) for each, low, high in ranges}
-    limits = dict.fromkeys(("tl1", "tl2"), middles.get("torque_limit", TORQUE_LIMIT)) | middles
-    return Plant(name, validated(Parameters(**{each: limits[each] for each in NAMES})))
 
 
 def load_domain(source: str | Path) -> Domain:

@@ -3,9 +3,9 @@
 import dataclasses
 
 from ..errors import SwingupError
+from ..physics.plant import PlantLike, load_plant
 from ..physics.units import Scales, scales_of
 from .domain import PLANT, Domain
-from .plant import PlantLike, load_plant
 
 DRIVEN_LIMIT = "torque_limit"
 """A domain's limit of the driven motor: the plant has its own."""
@@ -16,7 +16,7 @@ def on_plant(domain: Domain, plant: PlantLike) -> Domain:
 
     Args:
         domain: one without values of the plant's own, as ``identified``.
-        plant: a plant, its parameters, its name or its file.
+        plant: a plant, its name or its file.
 
     Raises:
         SwingupError: there is no such plant, it has no units, or the domain has values or ranges of its plant.
@@ -28,7 +28,7 @@ def on_plant(domain: Domain, plant: PlantLike) -> Domain:
             f"domain {domain.name} has {what}: choose a domain without, as identified, or write plant: NAME and "
             "your ranges into its file"
         )
-    units = _units(scales_of(found.parameters))
+    units = _units(scales_of(found))
     ranges = tuple(
         (name, low * units.get(name, 1.0), high * units.get(name, 1.0))
         for name, low, high in domain.ranges

@@ -14,16 +14,15 @@ from ..text import quoted
 from ..version import __version__
 from .guard import GuardSettings
 from .pendulum import PendulumPolicy
-from .plant import MODEL
 from .template import NAME, asset, check_export_name, fill
 
 PACKAGE = "{name}_controller"
 """Name of the copied source, so that an installed swingup or another entry is never meant."""
 
 SOURCES = (
-    "errors.py", "text.py", "checks.py", "files.py", "arrays.py", "robots.py", MODEL,
+    "errors.py", "text.py", "checks.py", "files.py", "arrays.py", "robots.py",
     "physics/__init__.py", "physics/base_parameters.py", "physics/damped.py", "physics/equations.py",
-    "physics/momentum.py", "physics/units.py", "physics/validity.py",
+    "physics/momentum.py", "physics/plant.py", "physics/units.py",
     *(f"policy/{name}.py" for name in (
         "__init__", "compensation", "contract", "file", "fold", "guard", "identifier_settings", "network",
         "pendulum", "plant", "plant_facts", "regulator_settings", "riccati", "settings", "shipped", "stages",

@@ -140,7 +140,7 @@ def prior(plant: Any, settings: IdentifierSettings) -> tuple[np.ndarray, np.ndar
     """Mean (13,) and covariance (13, 13) of the unknowns before anything is measured, from a nominal plant.
 
     Args:
-        plant: anything with the attributes of ``physics.parameters.Parameters``.
+        plant: anything with the attributes of ``physics.plant.Plant``.
         settings: with deviations, and how far plants lie from the nominal one.
 
     Raises:

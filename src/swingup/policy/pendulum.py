@@ -8,6 +8,7 @@ from typing import Any
 from ..checks import finite_number
 from ..errors import SwingupError
 from ..physics.base_parameters import base_parameters
+from ..physics.plant import Plant
 from ..robots import ROBOTS, Robot, get_robot
 from ..text import quoted
 from .file import read_network, write_network
@@ -22,7 +23,7 @@ from .identifier_settings import (
     write_identifier,
 )
 from .network import Network
-from .plant_facts import PLANT, PolicyPlant, read_plant, write_plant
+from .plant_facts import PLANT, read_plant, write_plant
 from .regulator_settings import RegulatorSettings, fixed_point
 from .settings import (
     ESTIMATOR,
@@ -48,7 +49,7 @@ class PendulumPolicy:
     robot: Robot
     torque_limit: float
     """Torque of an action of 1 (N m)."""
-    plant: PolicyPlant
+    plant: Plant
     """The plant that it was made for."""
     estimator: EstimatorSettings | None = None
     """Settings of the estimator in the file; None for the policy alone."""

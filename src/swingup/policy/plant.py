@@ -1,70 +1,14 @@
-"""The estimator's model in plain floats, and the leaderboards' plant: no friction, no motor inertia.
+"""The estimator's model in plain floats.
 
 The state is x = [q1, q2, dq1, dq2] (rad, rad/s). The equations of motion stand in ``physics/equations.py``. The
 estimator calls them for one state at a time, where a dozen numbers are fastest as Python's own.
 """
 
 import math
-from importlib import resources
-from types import SimpleNamespace
 
-from ..errors import SwingupError
 from ..physics import equations
 from ..physics.damped import Friction, Functions, damped_midpoint_step
-from ..physics.equations import Lumped, StateFloats, lump
-
-MODEL = "physics/models/design_C.1_model_1.0.yml"
-"""The identified model's file, inside the package."""
-
-PLANT_PARAMETERS = ("m1", "m2", "l1", "r1", "r2", "I1", "I2", "g")
-"""The parameters that the plant is made of."""
-
-
-def make_plant(values: dict[str, float]) -> Lumped:
-    """The plant with parameters by RealAIGym's names (SI, inertias about the joints).
-
-    Raises:
-        SwingupError: one is missing.
-    """
-    try:
-        # The leaderboards' plant has no motor inertia, whatever the model's file says.
-        return lump(SimpleNamespace(**{name: values[name] for name in PLANT_PARAMETERS}, gr=0.0, Ir=0.0))
-    except KeyError as error:
-        raise SwingupError(f"the model lacks parameter {error}: add it in SI units") from error
-
-
-def nominal_plant() -> Lumped:
-    """The leaderboards' plant."""
-    return make_plant(identified_values())
-
-
-def identified_values() -> dict[str, float]:
-    """The identified model's parameters by name."""
-    # Not by the package's name: the copy in an exported folder has another one.
-    root = resources.files(__package__.rpartition(".")[0])
-    return parse_flat_yaml((root / MODEL).read_text(encoding="utf-8"))
-
-
-def parse_flat_yaml(text: str) -> dict[str, float]:
-    """The numbers of a flat YAML map, one ``name: value`` a line, without PyYAML; what is no number is left out.
-
-    Raises:
-        SwingupError: a line is neither blank, a comment, nor ``name: value``.
-    """
-    values = {}
-    for line in text.splitlines():
-        content = line.partition("#")[0].strip()
-        if not content or content == "---":
-            continue
-        name, colon, value = content.partition(":")
-        # An indented line belongs to a nested map, which this reader does not know.
-        if not colon or line[:1].isspace():
-            raise SwingupError(f"{content[:40]!r} is no line of a flat map: write 'name: value'")
-        try:
-            values[name.strip()] = float(value)
-        except ValueError:
-            continue
-    return values
+from ..physics.equations import Lumped, StateFloats
 
 
 def acceleration(plant: Lumped, x: StateFloats, u1: float, u2: float) -> tuple[float, float]:

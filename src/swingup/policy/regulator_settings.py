@@ -83,7 +83,7 @@ def bounds(settings: RegulatorSettings, theta: Any, driven: int) -> tuple[Any, A
 
 
 def known_of(plant: Any) -> Known:
-    """What is taken as known of a plant with attributes of ``physics.parameters.Parameters``."""
+    """What is taken as known of a plant with attributes of ``physics.plant.Plant``."""
     return Known(float(plant.l1), float(plant.g), float(plant.gr))
 
 
@@ -91,7 +91,7 @@ def fixed_point(plant: Any, driven: int, settings: RegulatorSettings) -> np.ndar
     """The cost-to-go P (4, 4) at which the recursion for a plant stays.
 
     Args:
-        plant: anything with the attributes of ``physics.parameters.Parameters``.
+        plant: anything with the attributes of ``physics.plant.Plant``.
         driven: place of the driven joint.
         settings: the regulator's.
 

@@ -76,7 +76,7 @@ def default_estimator(plant: Any) -> EstimatorSettings:
     """The defaults in a plant's own units: noise of velocities and accelerations; encoder and loop stay.
 
     Args:
-        plant: anything with the attributes of ``physics.parameters.Parameters``.
+        plant: anything with the attributes of ``physics.plant.Plant``.
 
     Raises:
         SwingupError: as :func:`swingup.physics.units.scales_of`.

@@ -18,8 +18,7 @@ from ..benchmark.rules import PERFORMANCE_RULES
 from ..benchmark.runner import cores
 from ..control.controller import AbstractController
 from ..physics.integrate import stable_substeps
-from ..physics.parameters import Parameters
-from ..plants.plant import PlantLike, robot_parameters
+from ..physics.plant import Plant, PlantLike, robot_parameters
 from ..policy.jax_backend.controller import PolicyController
 from ..types import Scalar, State
 from .episodes import EpisodeBatch
@@ -105,7 +104,7 @@ def batch_cost(
     controller: PolicyController,
     x0: Float[Array, "n 4"],
     settings: PolicyGradientSettings,
-    plant: Parameters,
+    plant: Plant,
 ) -> tuple[Scalar, Measures]:
     """Mean cost of a batch of episodes under a policy with this actor, and the episodes' measures.
 

@@ -23,11 +23,12 @@ from ..areapo.networks import Actor, init_actor
 from ..control.continuation import SwingUps, continue_swingups, nominal_swingups
 from ..control.continuation_settings import ContinuationSettings
 from ..physics.base_parameters import BASE, base_parameters
-from ..physics.parameters import Parameters, Robot, leaderboard_parameters
+from ..physics.plant import LEADERBOARD, Plant
 from ..policy.jax_backend.controller import PolicyController
 from ..policy.jax_backend.observation import PendulumObservation, PlantObservation
 from ..policy.jax_backend.policy import Policy
 from ..policy.jax_backend.told import told_base
+from ..robots import Robot
 from ..types import Key, Scalar, State
 from .analytic_policy_gradient import PolicyGradientSettings, batch_cost, single_precision, with_actor
 from .distillation_settings import DistillationSettings, plant_scale
@@ -94,7 +95,7 @@ def new_student(
     recovery: PolicyController, settings: DistillationSettings, random: np.random.Generator
 ) -> PolicyController:
     """A policy with random weights that sees the state and the plant."""
-    nominal = base_parameters(leaderboard_parameters(recovery.robot))
+    nominal = base_parameters(LEADERBOARD.driven(recovery.robot))
     centre, scale = (jnp.asarray(each, jnp.float32) for each in (nominal, plant_scale(nominal)))
     stages = PendulumObservation(angles="sincos"), PlantObservation(centre, scale, centre, clip=3.0)
     actor = init_actor(_key(random), stages[0].size + BASE, 1, settings.layers, 0.0)
@@ -169,7 +170,7 @@ def _descend(
     sizes = s.anywhere_batch, s.batch
     first = jnp.array(np.repeat([0, s.anywhere], sizes))
     count = jnp.array(np.repeat([s.anywhere, len(lessons.u) - s.anywhere], sizes))
-    plant, others = leaderboard_parameters(student.robot), eqx.tree_at(lambda c: c.policy.actor, student, None)
+    plant, others = LEADERBOARD.driven(student.robot), eqx.tree_at(lambda c: c.policy.actor, student, None)
 
     def observe(x: State, base: Array) -> Array:
         return told_base(student, base).policy.observe(x)
@@ -204,7 +205,7 @@ def _key(random: np.random.Generator) -> Key:
     return jax.random.key(int(random.integers(2**31)))
 
 
-def _swingups(robot: Robot, plants: Parameters, nominal: int) -> SwingUps:
+def _swingups(robot: Robot, plants: Plant, nominal: int) -> SwingUps:
     """Optimal swing-ups of plants, as far as they are reached, and then those of the nominal one."""
     found, more = continue_swingups(robot, plants), nominal_swingups(robot, nominal, ContinuationSettings())
     joined: SwingUps = jax.tree.map(lambda *parts: np.concatenate(parts), found, more)

@@ -11,8 +11,8 @@ from jaxtyping import Array, Bool, Float
 
 from ..checks import finite_number, whole_number
 from ..errors import SwingupError
-from ..physics.parameters import Robot
-from ..plants.plant import PlantLike, robot_parameters
+from ..physics.plant import PlantLike, robot_parameters
+from ..robots import Robot
 from ..tasks.throws import thrown_states
 
 EPISODE_KINDS = ("nominal", "anywhere", "thrown")

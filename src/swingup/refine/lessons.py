@@ -9,9 +9,10 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..physics.base_parameters import BASE_NAMES
 from ..physics.integrate import rk4_steps
-from ..physics.parameters import Robot, leaderboard_parameters
+from ..physics.plant import LEADERBOARD
 from ..policy.jax_backend.controller import PolicyController
 from ..policy.jax_backend.told import told_base
+from ..robots import Robot
 from ..tasks.throws import thrown_states
 from ..types import Flag, Key, Scalar, State
 from .distillation_settings import DistillationSettings
@@ -68,7 +69,7 @@ def lessons_of_runs(
     """The states of runs on these plants; in a share ``own`` of them the student acts, else the teacher."""
     teachers = jax.tree.map(lambda leaf: leaf[which], teachers)
     shape = teachers.number, settings.runs
-    nominal = leaderboard_parameters(recovery.robot)
+    nominal = LEADERBOARD.driven(recovery.robot)
     starts = thrown_states(random, nominal, teachers.number * settings.runs).reshape(*shape, 4)
     still = random.uniform(size=shape) < settings.still
     rests = _hanging_still(random, np.asarray(teachers.base), recovery.robot, shape)

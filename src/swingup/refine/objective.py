@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import PerformanceRules
 from ..physics.dynamics import tip_height
-from ..physics.parameters import Parameters
+from ..physics.plant import Plant
 from ..tasks.recovery import UP_LINE_WIDTH
 from ..types import Scalar, State
 
@@ -37,7 +37,7 @@ class Measures(eqx.Module):
     """Mean over the rows of the joints' squared velocities above ``FAST``, in units of it."""
 
 
-def measure_episode(trajectory: Trajectory, parameters: Parameters, dt: float, rules: PerformanceRules) -> Measures:
+def measure_episode(trajectory: Trajectory, parameters: Plant, dt: float, rules: PerformanceRules) -> Measures:
     """Measure an episode whose rows are dt (s) apart. The time after it counts as free of cost."""
     x, u = jnp.asarray(trajectory.x), jnp.asarray(trajectory.u)
     line = rules.height * parameters.length

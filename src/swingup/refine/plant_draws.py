@@ -7,8 +7,9 @@ import numpy as np
 
 from ..benchmark.grid import vary
 from ..benchmark.rules import ROBUSTNESS_RULES, ModelSweep
-from ..physics.parameters import Parameters, Robot, leaderboard_parameters
+from ..physics.plant import LEADERBOARD, NAMES, Plant
 from ..plants.domain import load_domain
+from ..robots import Robot
 
 SWEEPS = ROBUSTNESS_RULES["v2"].model
 """The parameters that change, and their ranges."""
@@ -52,7 +53,7 @@ class PlantDraws:
         return self.single + self.joint + self.friction + self.robot
 
 
-def draw_plants(random: np.random.Generator, robot: Robot, draws: PlantDraws) -> Parameters:
+def draw_plants(random: np.random.Generator, robot: Robot, draws: PlantDraws) -> Plant:
     """Plants with leaves of shape (n,): single ones, joint ones, those with friction, the robot's, in this order.
 
     Args:
@@ -60,7 +61,7 @@ def draw_plants(random: np.random.Generator, robot: Robot, draws: PlantDraws) ->
         robot: which joint is driven.
         draws: how many of each kind.
     """
-    nominal, names = leaderboard_parameters(robot), list(SWEEPS)
+    nominal, names = LEADERBOARD.driven(robot), list(SWEEPS)
     plants = []
     for _ in range(draws.single):
         sweep = SWEEPS[names[random.integers(len(names))]]
@@ -77,11 +78,11 @@ def draw_plants(random: np.random.Generator, robot: Robot, draws: PlantDraws) ->
     for index in range(1, draws.robot + 1):
         plant = _robots(random, robot, nominal, draws.robot_margin)
         plants.append(plant if index % ROTORS else _any_rotor(random, plant))
-    stacked: Parameters = jax.tree.map(lambda *values: np.array(values, np.float64), *plants)
+    stacked: Plant = jax.tree.map(lambda *values: np.array(values, np.float64), *plants)
     return stacked
 
 
-def _all_off(random: np.random.Generator, nominal: Parameters, share: float) -> Parameters:
+def _all_off(random: np.random.Generator, nominal: Plant, share: float) -> Plant:
     plant = nominal
     for sweep in SWEEPS.values():
         middle = 1.0 if sweep.relative else 0.0
@@ -90,19 +91,19 @@ def _all_off(random: np.random.Generator, nominal: Parameters, share: float) -> 
     return plant
 
 
-def _robots(random: np.random.Generator, robot: Robot, nominal: Parameters, margin: float) -> Parameters:
+def _robots(random: np.random.Generator, robot: Robot, nominal: Plant, margin: float) -> Plant:
     drawn = {}
     for name, low, high in load_domain(ROBOT).ranges:
         beyond = margin * (high - low)
         drawn[name] = random.uniform(low - beyond, high + beyond)
     drawn |= {name: random.uniform(-0.5 * most, most) for name, most in LEFT.items()}
-    plant = replace(nominal, **{name: value for name, value in drawn.items() if hasattr(nominal, name)})
+    plant = nominal.changed(**{name: value for name, value in drawn.items() if name in NAMES})
     # What a weaker motor moves is like a heavier plant.
     scale = 1.0 / drawn[f"gain{robot.joint + 1}"]
     return replace(plant, **{name: scale * getattr(plant, name) for name in ("m1", "m2", "I1", "I2", "Ir")})
 
 
-def _any_rotor(random: np.random.Generator, plant: Parameters) -> Parameters:
+def _any_rotor(random: np.random.Generator, plant: Plant) -> Plant:
     rotor = random.uniform(0.0, ROTOR)
     return replace(plant, Ir=rotor, I1=plant.I1 + plant.gr**2 * (plant.Ir - rotor))
 

@@ -15,11 +15,11 @@ from ..benchmark.criteria import Criteria
 from ..benchmark.evaluate import evaluate
 from ..errors import SwingupError
 from ..physics.base_parameters import base_parameters
-from ..physics.parameters import Robot, leaderboard_parameters
-from ..plants.plant import Plant, PlantLike, find_plant
+from ..physics.plant import LEADERBOARD, Plant, PlantLike, find_plant
 from ..policy.jax_backend.controller import PolicyController, plant_of
 from ..policy.jax_backend.told import depends_on_plant
 from ..policy.plant_facts import plant_difference, policy_plant
+from ..robots import Robot
 from .analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings
 from .around import judged
 from .distillation import distil
@@ -101,12 +101,12 @@ def run_recipe(
         raise SwingupError("the policy sees its plant, which only the recipe adapt trains: give the one before it")
     start, found = time.perf_counter(), find_plant(plant)
     if found is None:
-        difference = plant_difference(plant_of(controller), leaderboard_parameters(robot), robot)
+        difference = plant_difference(plant_of(controller), LEADERBOARD.driven(robot), robot)
         if difference is not None:
             _LOGGER.warning("without a plant the policy is refined on the leaderboards': %s", difference)
     # Only the mean acts when a policy is judged; the deviation's head would stay without gradient.
     controller = eqx.tree_at(lambda c: c.policy.actor.std_head, controller, None, is_leaf=lambda leaf: leaf is None)
-    facts = None if found is None else policy_plant(found.parameters, robot, found.name)
+    facts = None if found is None else policy_plant(found, robot)
     limit = controller.torque_limit if facts is None else facts.limit(robot.joint)
     controller = dataclasses.replace(controller, plant=facts, torque_limit=limit)
     if any(isinstance(stage, DistillationSettings) for stage in stages):
@@ -128,7 +128,7 @@ def run_recipe(
 
 
 def _check_distillable(controller: PolicyController) -> None:
-    nominal = base_parameters(leaderboard_parameters(controller.robot))
+    nominal = base_parameters(LEADERBOARD.driven(controller.robot))
     if not np.allclose(base_parameters(plant_of(controller)), nominal, rtol=1e-6, atol=1e-9):
         raise SwingupError("the recipe adapt is for the leaderboards' plant: give no other, and a policy for it")
 

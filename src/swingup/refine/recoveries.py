@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from ..benchmark.rollout import Scenario
 from ..physics.angles import UPRIGHT
-from ..physics.parameters import Parameters, leaderboard_parameters
+from ..physics.plant import LEADERBOARD, Plant
 from ..policy.jax_backend.controller import PolicyController
 from ..policy.jax_backend.told import told_base
 from ..tasks.throws import thrown_states
@@ -27,7 +27,7 @@ FARTHEST = 1.0
 class Recoveries(NamedTuple):
     """What recoveries are drawn from."""
 
-    plant: Parameters
+    plant: Plant
     """Leaves of shape (plants,)."""
     base: Float[Array, "plants 9"]
     starts: Float[Array, "starts 4"]
@@ -39,7 +39,7 @@ def make_recoveries(
 ) -> Recoveries:
     """Recoveries on the teachers' plants, from throws of the nominal one, the last, and from near its top."""
     near = round(settings.recovery_top * STARTS)
-    thrown = thrown_states(random, leaderboard_parameters(student.robot), STARTS - near)
+    thrown = thrown_states(random, LEADERBOARD.driven(student.robot), STARTS - near)
     starts = np.concatenate([thrown, _near_top(np.asarray(teachers.cost_to_go[-1], float), near, random)])
     return Recoveries(teachers.plant, teachers.base, jnp.float32(starts))
 
@@ -68,7 +68,7 @@ def recovery_cost(
     # The mean gives each recovery this share of its gradient, which the weight of its time down scales.
     limit = PolicyGradientSettings().adjoint_limit * weights.down / number
 
-    def one(plant: Parameters, base: Float[Array, "9"], start: State) -> Scalar:
+    def one(plant: Plant, base: Float[Array, "9"], start: State) -> Scalar:
         return weights.cost(run_episode(Scenario(plant), told_base(student, base), start, steps, limit))
 
     costs = jax.vmap(one)(jax.tree.map(lambda leaf: leaf[chosen], recoveries.plant), recoveries.base[chosen], x0)

@@ -15,7 +15,7 @@ from ..control.known_plant import friction_gain, plants_lqr
 from ..physics.angles import UPRIGHT, nearest, wrap_difference
 from ..physics.base_parameters import base_parameters
 from ..physics.dynamics import acceleration
-from ..physics.parameters import NAMES, Parameters, leaderboard_parameters
+from ..physics.plant import LEADERBOARD, NAMES, Plant, validated
 from ..policy.jax_backend.controller import PolicyController
 from ..types import Scalar, State
 from .analytic_policy_gradient import single_precision
@@ -43,7 +43,7 @@ EDGE = 0.2
 class Teachers(eqx.Module):
     """A teacher for each of n plants, in single precision."""
 
-    plant: Parameters
+    plant: Plant
     """Leaves of shape (n,)."""
     base: Float[Array, "n 9"]
     """Base parameters of the plants."""
@@ -73,9 +73,9 @@ class Teachers(eqx.Module):
 def make_teachers(swingups: SwingUps) -> Teachers:
     """Teachers for the plants that the swing-ups are of."""
     columns = [getattr(swingups.plants, name) for name in NAMES]
-    plants = [Parameters(*map(float, values)) for values in zip(*columns, strict=True)]
+    plants = [validated(Plant(*values)) for values in zip(*columns, strict=True)]
     regulators = [plants_lqr(plant, swingups.reference(index)) for index, plant in enumerate(plants)]
-    nominal = base_parameters(leaderboard_parameters(swingups.robot))
+    nominal = base_parameters(LEADERBOARD.driven(swingups.robot))
     bases = np.stack([base_parameters(plant) for plant in plants])
     gains, cost_to_go = (np.stack([getattr(each, name) for each in regulators]) for name in ("gains", "cost_to_go"))
     friction = np.array([friction_gain(*pair) for pair in zip(plants, regulators, strict=True)])
@@ -124,13 +124,13 @@ def _from_upright(x: State) -> State:
     return error.at[:2].set(nearest(error[:2]))
 
 
-def matched_torque(policy: PolicyController, plant: Parameters, x: State) -> Scalar:
+def matched_torque(policy: PolicyController, plant: Plant, x: State) -> Scalar:
     """The torque (N m) with which a plant moves as nearly as it can as the nominal plant does under a policy.
 
     One torque has two accelerations to match: least squares.
     """
     driven, limit = jnp.array(policy.robot.actuation, x.dtype), policy.torque_limit
-    nominal = single_precision(leaderboard_parameters(policy.robot))
+    nominal = single_precision(LEADERBOARD.driven(policy.robot))
     wanted = acceleration(nominal, x, policy(None, jnp.zeros(()), x)[1])
     without = acceleration(plant, x, jnp.zeros_like(driven))
     effect = acceleration(plant, x, driven) - without

@@ -15,11 +15,11 @@ from ..benchmark.runner import run_one
 from ..checks import positive_number, whole_number
 from ..control.python_controller import PythonController
 from ..errors import SwingupError
-from ..physics.parameters import Robot, get_robot
+from ..physics.plant import PlantLike
 from ..plants.domain import Domain
-from ..plants.plant import PlantLike
 from ..policy.pendulum import read_pendulum_policy
 from ..policy.plant_facts import plant_difference
+from ..robots import Robot, get_robot
 from ..tasks.draw import draw
 from .folder import Folder, find_folder
 from .loop import FolderController, PacedController
@@ -107,7 +107,7 @@ def _difference(folder: Folder, domain: Domain, robot: Robot) -> str | None:
         return None
     policy = read_pendulum_policy(folder.policy)
     seen = None if policy.identifier is None else policy.network.plant_stage
-    return plant_difference(policy.plant, domain.middle_parameters, robot, seen)
+    return plant_difference(policy.plant, domain.middle_plant, robot, seen)
 
 
 def _limits(facts: dict[str, Any]) -> tuple[float, float]:

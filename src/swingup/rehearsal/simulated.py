@@ -3,10 +3,10 @@
 import dataclasses
 from pathlib import Path
 
-from ..physics.parameters import Robot
+from ..physics.plant import PlantLike, load_plant
 from ..plants.domain import Domain, load_domain
 from ..plants.loop import EVERY_LOOP
-from ..plants.plant import PlantLike, load_plant
+from ..robots import Robot
 
 RECORDED = "recorded"
 """The domain of a rehearsal that names none: design C.1 in its loop, as recordings show them."""

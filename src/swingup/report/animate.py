@@ -16,8 +16,8 @@ from ..checks import finite_number, positive_number, whole_number
 from ..drawing import draw_frame
 from ..errors import SwingupError
 from ..files import write_atomically
-from ..physics.parameters import Robot, get_robot
-from ..plants.plant import PlantLike, robot_parameters
+from ..physics.plant import PlantLike, robot_parameters
+from ..robots import Robot, get_robot
 from ..text import one_line
 from .files import check_suffix, check_trajectory
 from .gif import RgbFrames, encode_gif

@@ -12,8 +12,8 @@ from ..benchmark.rules import PERFORMANCE_RULES, PerformanceRules
 from ..benchmark.runner import prepare, run_one
 from ..errors import SwingupError
 from ..identification.recording import Recording
-from ..physics.parameters import ROBOTS, Robot
 from ..plants.domain import Domain
+from ..robots import ROBOTS, Robot
 from ..tasks.draw import draw
 
 LONGEST = 120.0

@@ -9,8 +9,8 @@ from ..control.registry import get_controller
 from ..errors import SwingupError
 from ..identification.open_loop import OpenLoop, Stretches, predict_log, stretches
 from ..identification.recording import Recording, read_recording
-from ..physics.parameters import Robot, get_robot
 from ..plants.domain import Domain
+from ..robots import Robot, get_robot
 from .closed_loop import ClosedLoop, close_loop, driven_robot, starts_hanging
 
 MOST_PLANTS = 4
@@ -81,7 +81,7 @@ def compare(
         driven = driven_robot(recording) if robot is None else get_robot(robot)
         for name, domain in plants.items():
             around = domain if loop is None else loop(name, driven)
-            found = get_controller(controller, driven, plant=domain.middle_parameters)
+            found = get_controller(controller, driven, plant=domain.middle_plant)
             runs[name] = close_loop(recording, found, controller, driven, around, seed)
     predictions = [predict_log(recording, domain, name) for name, domain in plants.items()]
     drawn = [stretches(recording, each.setting, each.model, DRAWN_LENGTH) for each in predictions]

@@ -9,9 +9,10 @@ import numpy as np
 
 from ..benchmark.rollout import Trajectory
 from ..errors import SwingupError
-from ..physics.parameters import NAMES, Parameters, get_robot
+from ..physics.plant import NAMES, Plant
 from ..policy.javascript_backend.page import policy_data
 from ..policy.jax_backend.controller import PolicyController, policy_of
+from ..robots import get_robot
 from ..text import one_line, quoted
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ class Section:
     """What the page shows about one robot."""
 
     robot: str
-    parameters: Parameters
+    parameters: Plant
     """The plant; a torque limit of 0 makes a joint passive."""
     boards: Sequence["Board"]
     shows: Sequence[Show]

@@ -17,7 +17,7 @@ from bokeh.models.renderers import DataRenderer, GlyphRenderer
 from bokeh.plotting import figure
 from bokeh.resources import Resources
 
-from ..physics.parameters import Parameters
+from ..physics.plant import Plant
 
 if TYPE_CHECKING:
     from ..benchmark.board_rows import Row
@@ -47,7 +47,7 @@ def script() -> str:
     return "\n".join(Resources(mode="inline", minified=True, components=["bokeh"], log_level="error").js_raw)
 
 
-def motion_figures(parameters: Parameters, driven: int, duration: float) -> dict[str, Any]:
+def motion_figures(parameters: Plant, driven: int, duration: float) -> dict[str, Any]:
     """Tip height, angles, velocities and torque over time, and a phase portrait of each joint, without data.
 
     Args:

@@ -15,7 +15,7 @@ from ..checks import finite_number, whole_number
 from ..errors import SwingupError
 from ..files import read_bytes
 from ..learner.metrics import METRICS_FILE, read_metrics
-from ..physics.parameters import ROBOTS, Robot
+from ..robots import ROBOTS, Robot
 from ..text import quoted
 
 CURVE_KEYS = ("reward", "score")

@@ -10,11 +10,11 @@ from ..benchmark.own_units import scaled_pushes
 from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import PushRules
 from ..errors import SwingupError
-from ..physics.parameters import Parameters, Robot, get_robot
+from ..physics.plant import Plant, PlantLike, find_plant, robot_parameters
 from ..physics.units import scales_of
-from ..plants.plant import Plant, PlantLike, find_plant, robot_parameters
 from ..policy.jax_backend.controller import shipped_policy
 from ..policy.shipped import ADAPTIVE, DEFAULT, DEFAULT_ALONE
+from ..robots import Robot, get_robot
 from ..tasks.disturbance import Disturbance
 from ..text import one_line
 from .content import Section, Show
@@ -101,13 +101,13 @@ def make_show(name: str, controller: Any, robot: Robot, seed: int, plant: Plant 
     return Show(name, runs["clean"], runs["disturbed"], "; ".join(notes) or None)
 
 
-def disturb(seed: int, parameters: Parameters | None = None) -> Disturbance:
+def disturb(seed: int, parameters: Plant | None = None) -> Disturbance:
     """The disturbance of the page's disturbed swing-ups; equal seeds give equal disturbances."""
     velocity_noise, torque_noise, pushes = _sizes(parameters)
     return make_disturbance(velocity_noise=velocity_noise, torque_noise=torque_noise, pushes=pushes, seed=seed)
 
 
-def describe_disturbance(seed: int, parameters: Parameters | None = None) -> str:
+def describe_disturbance(seed: int, parameters: Plant | None = None) -> str:
     """The disturbance of the page's disturbed swing-ups in one sentence."""
     velocity_noise, torque_noise, pushes = _sizes(parameters)
     low, high = pushes.amplitude
@@ -118,7 +118,7 @@ def describe_disturbance(seed: int, parameters: Parameters | None = None) -> str
     )
 
 
-def _sizes(parameters: Parameters | None) -> tuple[float, float, PushRules]:
+def _sizes(parameters: Plant | None) -> tuple[float, float, PushRules]:
     """Noise of velocities and torque, and the pushes, in the units of a plant; by default C.1's."""
     if parameters is None:
         return VELOCITY_NOISE, TORQUE_NOISE, SHOW_PUSHES

@@ -16,8 +16,8 @@ import numpy as np
 from ..benchmark.columns import COLUMNS
 from ..benchmark.rules import CRITERIA
 from ..errors import SwingupError
-from ..physics.parameters import get_robot
 from ..policy.javascript_backend.page import policy_script
+from ..robots import get_robot
 from ..text import one_line
 from ..version import __version__
 from .content import Section, Show, encode_section

@@ -8,8 +8,8 @@ from ..benchmark.trajectory_file import load_trajectory
 from ..checks import one_of
 from ..errors import SwingupError
 from ..files import write_atomically
-from ..physics.parameters import Robot, get_robot
-from ..plants.plant import PlantLike
+from ..physics.plant import PlantLike
+from ..robots import Robot, get_robot
 from .animate import FASTEST, FPS, SIZE, animate
 from .files import check_suffix, infer_robot, make_labels, read_curve, read_robustness
 from .plot import plot_curves, plot_phase, plot_robustness, plot_trajectories

@@ -8,9 +8,10 @@ from ..benchmark.board_rules import BOARD_RULES
 from ..benchmark.leaderboard import Board, RowProgress, leaderboard
 from ..benchmark.rules import DEFAULT_RULES
 from ..control.registry import get_controller
-from ..physics.parameters import Robot, leaderboard_parameters
+from ..physics.plant import LEADERBOARD
 from ..policy.jax_backend.controller import PolicyController
 from ..policy.shipped import AR_EAPO, DEFAULT
+from ..robots import Robot
 from .content import Section, Show
 from .make import describe_disturbance, make_show
 
@@ -41,7 +42,7 @@ def trained_section(
         shows.append(make_show(each, controller, robot, seed))
     return Section(
         robot=robot.name,
-        parameters=leaderboard_parameters(robot),
+        parameters=LEADERBOARD.driven(robot),
         boards=[board],
         shows=shows,
         disturbance=describe_disturbance(seed),

@@ -15,8 +15,8 @@ from ..errors import SwingupError
 from ..learner.presets import choose_preset
 from ..learner.run_folder import RunFolder
 from ..learner.run_settings import default_intervals
-from ..physics.parameters import ROBOTS
-from ..plants.plant import PlantLike, find_plant
+from ..physics.plant import PlantLike, find_plant
+from ..robots import ROBOTS
 from ..text import quoted
 from .executors import workers_for
 from .found import SearchResult, found, write_found

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..physics.angles import UPRIGHT, wrap_difference
 from ..physics.dynamics import gravity_torque
-from ..physics.parameters import Parameters
+from ..physics.plant import Plant
 from ..types import Count, Flag, Scalar, State, Torque
 from .limits import Stop
 from .supervisor import AbstractSupervisor, Intervention
@@ -85,7 +85,7 @@ class Cell(AbstractSupervisor[CellMemory]):
 
     disturbances: Disturbances
     settings: CellSettings
-    model: Parameters
+    model: Plant
     """The model with which a move compensates gravity."""
     stop: Stop
 

@@ -6,9 +6,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..physics.parameters import Parameters, Robot
+from ..physics.plant import Plant
 from ..plants.domain import PLANT, Domain
 from ..plants.loop import CLOCK, DRIVE, LOOP_DT, SENSOR
+from ..robots import Robot
 from ..types import Key
 from .clock import Clock
 from .disturbance import Disturbance, Pushes
@@ -24,7 +25,7 @@ Values = dict[str, Float[Array, ""]]
 """Drawn numbers by name."""
 
 
-def draw(domain: Domain, key: Key, robot: Robot) -> tuple[Parameters, Disturbance]:
+def draw(domain: Domain, key: Key, robot: Robot) -> tuple[Plant, Disturbance]:
     """A plant and the disturbance of its loop, each number drawn evenly from its range in the domain."""
     value_key, push_key, noise_key = jax.random.split(key, 3)
     low = jnp.array([low for _, low, _ in domain.ranges])

@@ -13,8 +13,9 @@ import jax.numpy as jnp
 
 from ..physics.angles import UPRIGHT, wrap
 from ..physics.integrate import rk4_steps
-from ..physics.parameters import Parameters, Robot
+from ..physics.plant import Plant
 from ..policy.jax_backend.observation import PendulumObservation
+from ..robots import Robot
 from ..types import Action, Count, Key, Observation, Scalar, State, Torque
 from .task import AbstractTask, Step
 
@@ -40,7 +41,7 @@ class AbstractPendulumTask(AbstractTask[PendulumState]):
 
     robot: Robot = eqx.field(static=True)
     """Which joint is driven."""
-    parameters: Parameters
+    parameters: Plant
     """The plant; the torque limit of the driven joint scales the action."""
     observation: PendulumObservation = PendulumObservation()
     """What the policy sees."""

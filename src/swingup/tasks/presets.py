@@ -8,10 +8,10 @@ import numpy as np
 
 from ..checks import one_of
 from ..errors import SwingupError
-from ..physics.parameters import Robot, get_robot
+from ..physics.plant import PlantLike, robot_parameters
 from ..physics.units import scales_of
-from ..plants.plant import PlantLike, robot_parameters
 from ..policy.jax_backend.observation import PendulumObservation
+from ..robots import Robot, get_robot
 from .pendulum import AbstractPendulumTask, PendulumTask
 from .recovery import UP_LINE_WIDTH, RecoveryTask
 from .throws import thrown_states

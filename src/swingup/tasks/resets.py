@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..physics.parameters import Parameters
+from ..physics.plant import Plant
 from ..types import Count, Flag, Scalar, State, Torque
 from .limits import Limits, Stop
 from .supervisor import AbstractSupervisor, Intervention
@@ -33,7 +33,7 @@ class Resets(eqx.Module):
     """Beyond these a reset begins at once."""
     thrower: Thrower
     """The PID."""
-    model: Parameters
+    model: Plant
     """The model with which it compensates gravity."""
 
 

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int
 
 from ..physics.dynamics import gravity_torque
 from ..physics.integrate import rk4_steps, stable_substeps
-from ..physics.parameters import Parameters
+from ..physics.plant import Plant
 from ..physics.units import Scales, scales_of
 from ..types import Count, Flag, Scalar, State, Torque
 
@@ -91,14 +91,14 @@ def is_thrown(throws: Throws, step: Count) -> Flag:
     return jnp.asarray(throws.number)[step] >= 0
 
 
-def throw(throws: Throws, parameters: Parameters, pid: PID, step: Count, x: State) -> tuple[PID, Torque]:
+def throw(throws: Throws, parameters: Plant, pid: PID, step: Count, x: State) -> tuple[PID, Torque]:
     """The PID's torque (N m) at this step, minus the gravity torque, before the motors' limits."""
     target = jnp.asarray(throws.target)[jnp.asarray(throws.number)[step]]
     return throwing_torque(throws.thrower, parameters, pid, target, x)
 
 
 def throwing_torque(
-    thrower: Thrower, parameters: Parameters, pid: PID, target: Float[Array, "2"], x: State
+    thrower: Thrower, parameters: Plant, pid: PID, target: Float[Array, "2"], x: State
 ) -> tuple[PID, Torque]:
     """One call of the PID towards a target (rad): its torque, minus the gravity torque of a model (N m)."""
     error = target - x[:2]
@@ -114,7 +114,7 @@ def throwing_torque(
 
 
 def thrown_states(
-    random: np.random.Generator, plant: Parameters, number: int, steps: int = 100, dt: float = 0.002
+    random: np.random.Generator, plant: Plant, number: int, steps: int = 100, dt: float = 0.002
 ) -> Float[np.ndarray, "number 4"]:
     """States after throws of an upright pendulum, from which a controller has to recover; in the plant's own units.
 
@@ -146,7 +146,7 @@ def thrown_states(
 @functools.partial(jax.vmap, in_axes=(None, None, 0, 0, 0, None, None, None))
 def _thrown(
     thrower: Thrower,
-    plant: Parameters,
+    plant: Plant,
     target: Float[Array, "2"],
     last: Float[Array, "2"],
     x: State,

@@ -5,8 +5,8 @@ import re
 import numpy as np
 
 from ...physics.equations import COULOMB_STEEPNESS, lump
+from ...physics.plant import Plant
 from ..pendulum import PendulumPolicy
-from ..plant_facts import PolicyPlant
 from ..settings import LOST, PIECES, EstimatorSettings, kalman_gains
 from ..template import asset, fill
 from .identifier import identified_model
@@ -37,7 +37,7 @@ def estimator_values(settings: EstimatorSettings, policy: PendulumPolicy) -> dic
     }
 
 
-def _model(plant: PolicyPlant) -> str:
+def _model(plant: Plant) -> str:
     lumped = lump(plant)
     numbers = {
         "COUPLING": lumped.coupling,

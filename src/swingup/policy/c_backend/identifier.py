@@ -7,6 +7,7 @@ import numpy as np
 from ...physics.base_parameters import BASE, Known, base_parameters, lumped
 from ...physics.equations import COULOMB_STEEPNESS, mass_entries
 from ...physics.momentum import CLOSE
+from ...physics.plant import Plant
 from ..compensation import LEAST_GAIN
 from ..identifier_settings import (
     AGE_CAUTION,
@@ -22,7 +23,6 @@ from ..identifier_settings import (
     prior,
 )
 from ..pendulum import PendulumPolicy
-from ..plant_facts import PolicyPlant
 from ..stages import PlantStage
 from ..template import asset, fill
 from .numbers import braces
@@ -104,7 +104,7 @@ def plant_inputs(stage: PlantStage, size: int) -> str:
     return fill(INPUTS, pair | {"SIZE": str(size), "CLIP": repr(float(stage.clip))})
 
 
-def identified_model(settings: IdentifierSettings, plant: PolicyPlant, joint: int) -> str:
+def identified_model(settings: IdentifierSettings, plant: Plant, joint: int) -> str:
     """The identifier about a nominal plant whose driven joint is ``joint``, and the model that it finds."""
     base = base_parameters(plant)
     known = {"L1": plant.l1, "GRAVITY": plant.g, "GEAR": plant.gr, "RATIO": base[2] / base[3]}
@@ -142,7 +142,7 @@ def _numbers(s: IdentifierSettings) -> dict[str, str]:
     }
 
 
-def _arrays(s: IdentifierSettings, plant: PolicyPlant, joint: int) -> dict[str, str]:
+def _arrays(s: IdentifierSettings, plant: Plant, joint: int) -> dict[str, str]:
     mean, covariance = prior(plant, s)
     driven = np.arange(2) == joint
     deviation = np.where(driven, s.driven_deviation, s.passive_deviation)

@@ -10,12 +10,11 @@ import jax.numpy as jnp
 from ...areapo.networks import Actor
 from ...control.controller import AbstractController
 from ...physics.base_parameters import base_parameters
-from ...physics.parameters import Parameters
+from ...physics.plant import LEADERBOARD, Plant
 from ...robots import Robot, get_robot
 from ...types import Scalar, State, Torque
 from ..identifier_settings import IdentifierSettings
 from ..pendulum import PendulumPolicy, read_pendulum_policy, write_pendulum_policy
-from ..plant_facts import PLANT_NAMES, PolicyPlant, leaderboard_plant
 from ..regulator_settings import RegulatorSettings
 from ..settings import EstimatorSettings
 from ..shipped import DEFAULT_ALONE, read_policy
@@ -34,7 +33,7 @@ class PolicyController(AbstractController[None]):
     """Torque of an action of 1 (N m)."""
     robot: Robot = eqx.field(static=True)
     """Which joint is driven."""
-    plant: PolicyPlant | None = eqx.field(static=True, default=None)
+    plant: Plant | None = eqx.field(static=True, default=None)
     """The plant that the policy was made for; None for the leaderboards'."""
 
     def init(self) -> None:
@@ -82,10 +81,9 @@ def behind_estimator(
         SwingupError: the identifier does not fit the estimator, or no regulator holds the plant.
     """
     model = plant_of(controller)
-    parameters = Parameters(**{name: getattr(model, name) for name in PLANT_NAMES})
-    found = None if identifier is None else make_identifier(controller.robot, parameters, identifier)
+    found = None if identifier is None else make_identifier(controller.robot, model, identifier)
     acting = controller if regulator is None else regulated(controller, regulator)
-    return with_estimator(acting, controller.robot, parameters, settings, found)
+    return with_estimator(acting, controller.robot, model, settings, found)
 
 
 def regulated(controller: PolicyController, settings: RegulatorSettings) -> RegulatingController:
@@ -102,9 +100,9 @@ def regulated(controller: PolicyController, settings: RegulatorSettings) -> Regu
     return with_regulator(controller, controller.robot, plant_of(controller), settings, limit)
 
 
-def plant_of(controller: PolicyController) -> PolicyPlant:
+def plant_of(controller: PolicyController) -> Plant:
     """The plant that a policy was made for."""
-    return leaderboard_plant(controller.robot) if controller.plant is None else controller.plant
+    return LEADERBOARD.driven(controller.robot) if controller.plant is None else controller.plant
 
 
 def policy_of(controller: PolicyController) -> PendulumPolicy:

@@ -25,8 +25,9 @@ from ...physics.damped import Friction, Functions, damped_midpoint_step
 from ...physics.dynamics import acceleration
 from ...physics.equations import Lumped, friction, lump
 from ...physics.integrate import midpoint_step
-from ...physics.parameters import Parameters, Robot
+from ...physics.plant import Plant
 from ...physics.trigonometry import arctan, sine_cosine
+from ...robots import Robot
 from ...types import Count, Scalar, State, Torque
 from ..identifier_settings import LONGEST_STEP, check_identifier
 from ..settings import LOST, PIECES, EstimatorSettings, default_estimator, kalman_gains
@@ -64,7 +65,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
 
     controller: AbstractController[Any]
     """The controller behind."""
-    parameters: Parameters
+    parameters: Plant
     """The model."""
     gains: Float[np.ndarray, "2 2"]
     """Kalman gains of a joint, from the misses of its angle and its rate to corrections of both."""
@@ -261,7 +262,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
 def with_estimator(
     controller: AbstractController[Any],
     robot: Robot,
-    parameters: Parameters,
+    parameters: Plant,
     settings: EstimatorSettings | None = None,
     identifier: Identifier | None = None,
 ) -> EstimatingController:

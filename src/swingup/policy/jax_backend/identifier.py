@@ -41,8 +41,9 @@ from ...physics.base_parameters import BASE, FRICTIONS, Known, Spread, friction_
 from ...physics.damped import Friction
 from ...physics.equations import Lumped
 from ...physics.momentum import Maths, momentum_rows
-from ...physics.parameters import Parameters, Robot
+from ...physics.plant import Plant
 from ...physics.trigonometry import arctan, sine_cosine
+from ...robots import Robot
 from ...types import Count, Scalar, Torque
 from ..compensation import Compensation, compensation, predicted
 from ..identifier_settings import (
@@ -327,7 +328,7 @@ def _ages(steps: Float[Array, "n"]) -> Float[Array, "n+1"]:
 
 def make_identifier(
     robot: Robot,
-    plant: Parameters,
+    plant: Plant,
     settings: IdentifierSettings | None = None,
     spread: Spread | None = None,
 ) -> Identifier:

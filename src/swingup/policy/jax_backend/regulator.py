@@ -18,9 +18,9 @@ from ...control.scalar_algebra import Matrix, Vector, dot, symmetric_times, unpa
 from ...physics.angles import UPRIGHT, nearest
 from ...physics.base_parameters import Known, base_parameters
 from ...physics.equations import Number
-from ...physics.parameters import Robot
+from ...physics.plant import Plant
+from ...robots import Robot
 from ...types import Flag, Scalar, State, Torque
-from ..plant_facts import PolicyPlant
 from ..regulator_settings import RegulatorSettings, bounds, fixed_point, known_of
 from ..upright import Discrete, upright_step
 from .choose import choose
@@ -100,7 +100,7 @@ class RegulatingController(AbstractController[RegulatorMemory]):
 
 
 def with_regulator(
-    controller: AbstractController[Any], robot: Robot, plant: PolicyPlant, settings: RegulatorSettings, limit: float
+    controller: AbstractController[Any], robot: Robot, plant: Plant, settings: RegulatorSettings, limit: float
 ) -> RegulatingController:
     """Put a regulator for a plant behind a policy.
 

@@ -15,22 +15,22 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...control.controller import AbstractController
-from ...physics.equations import lump
-from ...physics.parameters import Parameters
+from ...physics.base_parameters import base_parameters
+from ...physics.plant import Plant
 from .observation import PlantObservation
 from .regulator import RegulatingController
 
 ControllerT = TypeVar("ControllerT", bound=AbstractController[Any])
 
 
-def told(controller: ControllerT, parameters: Parameters) -> ControllerT:
+def told(controller: ControllerT, plant: Plant) -> ControllerT:
     """The controller whose policy sees this plant, and whose regulator holds it.
 
     Args:
         controller: a policy, or what runs one.
-        parameters: the plant.
+        plant: the plant; its numbers may be traced.
     """
-    return told_base(controller, traced_base_parameters(parameters))
+    return told_base(controller, base_parameters(plant, jnp))
 
 
 def told_base(controller: ControllerT, base: Float[Array, "9"]) -> ControllerT:
@@ -54,13 +54,6 @@ def told_base(controller: ControllerT, base: Float[Array, "9"]) -> ControllerT:
 def depends_on_plant(controller: AbstractController[Any]) -> bool:
     """Whether a controller depends on its plant: its policy sees it, or a regulator holds it."""
     return any(map(_knows_plant, jax.tree.leaves(controller, is_leaf=_knows_plant)))
-
-
-def traced_base_parameters(p: Parameters) -> Float[Array, "9"]:
-    """``physics.base_parameters.base_parameters`` of parameters that may be JAX's."""
-    plant = lump(p)
-    inertial = plant.shoulder, plant.elbow, plant.coupling / p.l1, plant.gravity1 / p.g
-    return jnp.array([*inertial, p.b1, p.b2, p.cf1, p.cf2, p.Ir])
 
 
 def _knows_plant(node: Any) -> bool:

@@ -6,9 +6,9 @@ import math
 import numpy as np
 
 from ...physics.equations import StateFloats, friction, lump
+from ...physics.plant import Plant
 from ..identifier_settings import LONGEST_STEP
 from ..plant import model_step, torque_response
-from ..plant_facts import PolicyPlant
 from ..settings import LOST, PIECES, EstimatorSettings, kalman_gains
 from .identifier import NumpyIdentifier
 from .network import TURN
@@ -23,7 +23,7 @@ class NumpyEstimator:
     def __init__(
         self,
         settings: EstimatorSettings,
-        model: PolicyPlant,
+        model: Plant,
         joint: int,
         identifier: NumpyIdentifier | None = None,
     ) -> None:

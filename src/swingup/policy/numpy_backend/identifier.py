@@ -10,6 +10,7 @@ import numpy as np
 from ...physics.base_parameters import BASE, Known, friction_of, lumped, share_allowed
 from ...physics.equations import Lumped, Pair
 from ...physics.momentum import Maths, momentum_rows
+from ...physics.plant import Plant
 from ..compensation import compensation, predicted
 from ..identifier_settings import (
     AGE_CAUTION,
@@ -30,7 +31,6 @@ from ..identifier_settings import (
     prior,
 )
 from ..plant import sine_cosine
-from ..plant_facts import PolicyPlant
 from .network import nearest
 
 COLUMNS = UNKNOWNS + 1
@@ -50,7 +50,7 @@ class NumpyIdentifier:
     Call ``observe`` with each measurement, then ``remember`` with the torques that were commanded.
     """
 
-    def __init__(self, settings: IdentifierSettings, plant: PolicyPlant, joint: int) -> None:
+    def __init__(self, settings: IdentifierSettings, plant: Plant, joint: int) -> None:
         """Prepare for a loop.
 
         Args:

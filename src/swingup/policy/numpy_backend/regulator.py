@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...physics.base_parameters import base_parameters
-from ..plant_facts import PolicyPlant
+from ...physics.plant import Plant
 from ..regulator_settings import RegulatorSettings, bounds, fixed_point, known_of
 from ..upright import upright_step
 from .network import nearest
@@ -15,7 +15,7 @@ from .network import nearest
 class NumpyRegulator:
     """Takes over from a policy near the top of one pendulum; ``reset()`` clears its memory."""
 
-    def __init__(self, settings: RegulatorSettings, plant: PolicyPlant, joint: int, limit: float) -> None:
+    def __init__(self, settings: RegulatorSettings, plant: Plant, joint: int, limit: float) -> None:
         """Prepare.
 
         Args:
