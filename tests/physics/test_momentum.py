@@ -18,13 +18,16 @@ from swingup.physics.base_parameters import (
     lumped,
     share_allowed,
 )
-from swingup.physics.momentum import Maths, mean_arctan, momentum_rows
+from swingup.physics.maths import NUMPY
+from swingup.physics.momentum import mean_arctan, momentum_rows
 from swingup.physics.plant import load_plant
 
 PLANT = dataclasses.replace(load_plant("C.1"), b1=0.02, b2=-0.03, cf1=0.1, cf2=-0.05)
 KNOWN = Known(PLANT.l1, PLANT.g, PLANT.gr)
 RATIO = PLANT.m2 * PLANT.r2 / (PLANT.m1 * PLANT.r1 + PLANT.m2 * PLANT.l1)
-MATHS = Maths(lambda angle: (np.sin(angle), np.cos(angle)), np.arctan, np.log1p, np.where)
+MATHS = NUMPY._replace(
+    sine_cosine=lambda angle: (np.sin(angle), np.cos(angle)), arctan=np.arctan, log1p=np.log1p, where=np.where
+)
 
 
 def slope(x, u):

@@ -304,7 +304,7 @@ def _chunk(found, memory, *columns):
 
 def _given(memory, u, joint):
     """The memory of an estimator and its identifier once the motors were given other torques."""
-    identified = dataclasses.replace(memory.identified, torques=memory.identified.torques.at[0].set(u))
+    identified = memory.identified._replace(torques=memory.identified.torques.at[0].set(u))
     return dataclasses.replace(memory, torques=memory.torques.at[0].set(u[joint]), identified=identified)
 
 

@@ -112,9 +112,10 @@ def test_a_controller_is_told_the_whole_plant(scripts):
         for angle in np.random.default_rng(0).normal(size=60):
             memory = identifier.observe(memory, jnp.array([angle, 0.0]), jnp.array(0), jnp.array(0.002))
         # Whatever is measured: inertias, the friction that drives, and none where the motor compensates it.
-        assert identifier.theta(memory)[np.array([1, 4, 7])] == pytest.approx([0.06, -0.05, 0.1])
-        assert identifier.told(memory)[np.array([4, 7])] == pytest.approx([-0.05, 0.0])
-        assert np.stack(identifier.compensation(memory).asked)[:, 1] == pytest.approx([0.0, 0.1])
+        found = identifier.found(memory)
+        assert np.array(found.theta)[[1, 4, 7]] == pytest.approx([0.06, -0.05, 0.1])
+        assert np.array(found.told)[[4, 7]] == pytest.approx([-0.05, 0.0])
+        assert np.array(found.asked)[:, 1] == pytest.approx([0.0, 0.1])
 
 
 def test_a_policy_without_identifier_is_refused(scripts):

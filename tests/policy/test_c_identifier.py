@@ -70,7 +70,7 @@ def motion(steps=900):
 
 def answer(controller, x, t):
     """Torques, and θ after the call."""
-    return controller(x, t), np.array(controller._identifier.theta)
+    return controller(x, t), np.array(controller._identifier.found.theta)
 
 
 @pytest.fixture(scope="module")

@@ -87,12 +87,12 @@ def moved(robot, plant, gain=1.0, wrong=(0.0, 0.0), steps=1200):
     """
     nominal = policy_plant(load_plant("C.1"), robot)
     identifier = NumpyIdentifier(IdentifierSettings(), nominal, robot.joint)
-    lumped, x, passive, limit = lump(plant), (0.0,) * 4, 1 - robot.joint, identifier.passive_limit
+    lumped, x, passive, limit = lump(plant), (0.0,) * 4, 1 - robot.joint, identifier.settings.passive_limit
     for step in range(steps):
         t, u = step * DT, np.zeros(2)
         identifier.observe(x[0] + wrong[0], x[1] + wrong[1], 0, DT)
         u[robot.joint] = 1.5 * math.sin(6.5 * t) + math.sin(15 * t + 1)
-        b, cf = (pair[passive] for pair in identifier.asked)
+        b, cf = (pair[passive] for pair in identifier.found.asked)
         u[passive] = np.clip(friction(b, cf, x[2 + passive], math.atan), -limit, limit)
         identifier.remember(u.tolist())
         u[passive] *= gain
@@ -111,8 +111,8 @@ def changed(robot, passive):
 def test_it_finds_the_offsets(either_robot):
     plant, wrong = changed(either_robot, 0.15), (0.03, -0.02)
     identifier = moved(either_robot, plant, wrong=wrong)
-    np.testing.assert_allclose(identifier.offsets, wrong, rtol=0, atol=0.002)
-    np.testing.assert_allclose(identifier.theta[:4], base_parameters(plant)[:4], rtol=0.01)
+    np.testing.assert_allclose(identifier.found.offsets, wrong, rtol=0, atol=0.002)
+    np.testing.assert_allclose(identifier.found.theta[:4], base_parameters(plant)[:4], rtol=0.01)
 
 
 @pytest.mark.parametrize("gain", [0.85, 0.0])
@@ -120,9 +120,10 @@ def test_it_finds_the_gain_of_the_undriven_joints_motor(either_robot, gain):
     """A dead motor leaves all friction, a live one none: policy and regulator are told so."""
     plant, passive = changed(either_robot, 0.3), 1 - either_robot.joint
     identifier = moved(either_robot, plant, gain)
-    assert identifier.unknowns[GAIN] == pytest.approx(gain, abs=0.05)
-    assert identifier.theta[6 + passive] == pytest.approx(0.3, abs=0.015)
-    assert identifier.told[6 + passive] == pytest.approx(0.0 if gain else 0.3, abs=0.02)
-    assert identifier.told[7 - passive] == pytest.approx(0.0, abs=1e-12)
-    assert identifier.friction.coulomb[passive] == pytest.approx(identifier.told[6 + passive], abs=1e-12)
-    assert identifier.friction.coulomb[1 - passive] == pytest.approx(0.1, abs=0.01)
+    assert identifier.state.unknowns[GAIN] == pytest.approx(gain, abs=0.05)
+    assert identifier.found.theta[6 + passive] == pytest.approx(0.3, abs=0.015)
+    told, remaining = identifier.found.told, identifier.found.friction
+    assert told[6 + passive] == pytest.approx(0.0 if gain else 0.3, abs=0.02)
+    assert told[7 - passive] == pytest.approx(0.0, abs=1e-12)
+    assert remaining.coulomb[passive] == pytest.approx(told[6 + passive], abs=1e-12)
+    assert remaining.coulomb[1 - passive] == pytest.approx(0.1, abs=0.01)

@@ -172,7 +172,7 @@ def test_compensation_in_c_is_numpys(made, name):
     both = looped(made("c", name), name, times, states, expected)
     np.testing.assert_allclose(both, expected, rtol=0, atol=FOLLOWED)
     assert np.abs(expected[:, 1 - joint]).max() > 0.1
-    assert np.abs(found._identifier.offsets).min() > 0.002
+    assert np.abs(found._identifier.found.offsets).min() > 0.002
 
 
 @pytest.mark.parametrize("name", ADAPTIVES)

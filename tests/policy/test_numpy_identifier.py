@@ -11,11 +11,11 @@ import pytest
 from swingup.physics.base_parameters import base_parameters
 from swingup.physics.equations import lump
 from swingup.physics.plant import load_plant
+from swingup.policy import identifier
 from swingup.policy.export_cloudpendulum import export_cloudpendulum
 from swingup.policy.export_folder import export_realaigym
 from swingup.policy.identifier_settings import IdentifierSettings
 from swingup.policy.network import Layer, Network
-from swingup.policy.numpy_backend import identifier
 from swingup.policy.numpy_backend.controller import NumpyController
 from swingup.policy.numpy_backend.network import NumpyNetwork
 from swingup.policy.pendulum import PendulumPolicy, read_pendulum_policy, write_pendulum_policy
@@ -66,7 +66,7 @@ def run(controller, plant, steps=STEPS, spoilt=(), periods=None, late=False):
         torque = 1.5 * math.sin(6.5 * t) + math.sin(15 * t + 1)
         # As if the policy had commanded it; what is not finite it has commanded itself.
         if np.isfinite(rows[-1]).all():
-            controller._identifier._torques[0] = 0.0, torque
+            controller._identifier.state.torques[0] = 0.0, torque
             controller._estimator._torques[0] = torque
         for _ in range(FINE):
             x = model_step(lumped, plant.friction, x, 0.0, torque, period / FINE)
@@ -77,15 +77,15 @@ def test_it_finds_a_changed_plant(policy):
     plant, controller = changed(policy.plant), NumpyController(policy)
     first = run(controller, plant)
     true, nominal = base_parameters(plant), base_parameters(policy.plant)
-    theta = np.array(controller._identifier.theta)
+    theta = np.array(controller._identifier.found.theta)
     assert (np.abs(nominal / true - 1)[:4] > 0.015).sum() >= 3
     np.testing.assert_allclose(theta[:4], true[:4], rtol=0.015)
     np.testing.assert_allclose(theta[6:8], true[6:8], atol=0.01)
     # The estimator predicts with it.
-    assert controller._estimator._plant == controller._identifier.plant
+    assert controller._estimator._plant == controller._identifier.found.plant
     # After a reset it answers the same, bit for bit.
     controller.reset()
-    assert controller._identifier.theta == nominal.tolist()
+    assert controller._identifier.found.theta == tuple(nominal)
     np.testing.assert_array_equal(run(controller, plant, 200), first[:200])
 
 
@@ -100,7 +100,7 @@ def test_it_finds_the_plant_at_other_periods(policy, clock):
     periods = uneven_periods() if clock == "recorded" else np.full(STEPS, 0.0025)
     plant, controller = changed(policy.plant), NumpyController(policy)
     run(controller, plant, periods=periods)
-    true, theta = base_parameters(plant), np.array(controller._identifier.theta)
+    true, theta = base_parameters(plant), np.array(controller._identifier.found.theta)
     np.testing.assert_allclose(theta[:4], true[:4], rtol=0.02)
     np.testing.assert_allclose(theta[6:8], true[6:8], atol=0.01)
 
@@ -110,7 +110,7 @@ def test_uneven_calls_tell_the_age_of_the_angles(policy, late, even):
     """Even calls tell nothing: a call's age is then a delay like any other."""
     controller = NumpyController(policy)
     run(controller, changed(policy.plant), periods=None if even else uneven_periods(), late=late)
-    assert controller._identifier.age == (late and not even)
+    assert controller._identifier.state.age == (late and not even)
 
 
 def test_the_age_makes_late_angles_as_good_as_present_ones(policy, monkeypatch):
@@ -119,7 +119,7 @@ def test_the_age_makes_late_angles_as_good_as_present_ones(policy, monkeypatch):
         monkeypatch.setattr(identifier, "AGE_CAUTION", caution)
         controller = NumpyController(policy)
         run(controller, plant, periods=uneven_periods(), late=True)
-        errors.append(np.abs(np.array(controller._identifier.theta) / base_parameters(plant) - 1)[:4].max())
+        errors.append(np.abs(np.array(controller._identifier.found.theta) / base_parameters(plant) - 1)[:4].max())
     assert errors[0] < 0.005
     assert errors[1] > 5 * errors[0]
 
@@ -130,8 +130,9 @@ def test_a_pause_interrupts(policy):
         controller = NumpyController(policy)
         run(controller, policy.plant, 30)
         controller(np.zeros(4), 29 * DT + pause)
-        assert controller._identifier._calls == calls
-        assert 0.5 * DT <= min(controller._identifier._steps) <= max(controller._identifier._steps) < 4 * DT
+        state = controller._identifier.state
+        assert state.calls == calls
+        assert 0.5 * DT <= min(state.steps) <= max(state.steps) < 4 * DT
 
 
 def test_the_policy_is_told(policy):
@@ -169,7 +170,7 @@ def test_what_is_not_finite_is_left_out(policy):
     spoilt = {300: (np.nan,) * 4, 400: (0.1, 0.2, np.inf, 0.0), 401: (0.1, 0.2, 0.0, np.nan), 500: (1e200, 0, 0, 0)}
     torques = run(controller, plant, spoilt=spoilt.items())
     assert np.flatnonzero(np.isnan(torques[:, 1])).tolist() == [300, 400, 401]
-    np.testing.assert_allclose(controller._identifier.theta[:4], base_parameters(plant)[:4], rtol=0.03)
+    np.testing.assert_allclose(controller._identifier.found.theta[:4], base_parameters(plant)[:4], rtol=0.03)
 
 
 IDENTIFY = """
@@ -202,4 +203,4 @@ def test_exported_controllers_identify_their_plant(policy, tmp_path):
     controller = NumpyController(policy)
     expected = [controller(x, DT * step) for step, x in enumerate(measured)]
     np.testing.assert_array_equal(np.load(rows), expected)
-    assert controller._identifier.theta != base_parameters(policy.plant).tolist()
+    assert controller._identifier.found.theta != tuple(base_parameters(policy.plant))

@@ -8,8 +8,9 @@ import pytest
 from array_files import change_file
 from swingup.errors import SwingupError
 from swingup.physics.base_parameters import base_parameters
-from swingup.physics.damped import Friction, Functions, damped_midpoint_step
+from swingup.physics.damped import Friction, damped_midpoint_step
 from swingup.physics.equations import lump
+from swingup.physics.maths import NUMPY
 from swingup.physics.plant import LEADERBOARD, load_plant
 from swingup.policy.c_backend.header import c_header
 from swingup.policy.jax_backend.controller import load_policy, make_controller, save_controller
@@ -25,7 +26,7 @@ from .references import policy
 ACROBOT = get_robot("acrobot")
 WIDE = dataclasses.replace(load_plant("C.1"), tl1=10.0, tl2=10.0, name="mine.yml")
 MINE = policy_plant(WIDE, ACROBOT)
-FLOATS = Functions(lambda angle: (np.sin(angle), np.cos(angle)), np.arctan)
+ARRAYS = NUMPY._replace(sine_cosine=lambda angle: (np.sin(angle), np.cos(angle)), arctan=np.arctan)
 
 
 def rewritten(path, **changes):
@@ -111,7 +112,7 @@ def test_the_damped_step_follows_the_equations():
             k1 = rates_without_friction(plant, friction, x, TORQUES)
             k2 = rates_without_friction(plant, friction, x + small / 2 * k1, TORQUES)
             x = x + small * k2
-        found = damped_midpoint_step(plant, friction, STATE, TORQUES, h, FLOATS)
+        found = damped_midpoint_step(plant, friction, STATE, TORQUES, h, ARRAYS)
         errors.append(np.abs(np.array(found) - x).max())
     assert errors[0] < 4e-3
     assert errors[0] / errors[1] > 3.5
@@ -119,7 +120,7 @@ def test_the_damped_step_follows_the_equations():
 
 def test_without_friction_the_step_is_the_midpoint_rules():
     plant = lump(LEADERBOARD.driven(ACROBOT))
-    found = damped_midpoint_step(plant, Friction((0.0, 0.0), (0.0, 0.0)), STATE, TORQUES, 0.01, FLOATS)
+    found = damped_midpoint_step(plant, Friction((0.0, 0.0), (0.0, 0.0)), STATE, TORQUES, 0.01, ARRAYS)
     np.testing.assert_allclose(found, midpoint_step(plant, STATE, *TORQUES, 0.01), rtol=1e-14)
     assert model_step(plant, None, STATE, *TORQUES, 0.01) == midpoint_step(plant, STATE, *TORQUES, 0.01)
 

@@ -215,7 +215,7 @@ def test_it_belongs_behind_an_estimator(double):
         whole = with_estimator(controller, robot, plant, identifier=make_identifier(robot, plant))
         memory = whole.init()
         unknowns = memory.identified.unknowns.at[:9].multiply(1.1)
-        identified = dataclasses.replace(memory.identified, unknowns=unknowns)
+        identified = memory.identified._replace(unknowns=unknowns)
         told = whole._informed(dataclasses.replace(memory, identified=identified))
         np.testing.assert_allclose(told.base, unknowns[:9], rtol=1e-5)
 

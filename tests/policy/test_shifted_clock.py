@@ -62,8 +62,8 @@ def test_calls_before_a_reset_count_for_nothing(name):
 @pytest.mark.parametrize("name", ADAPTIVES)
 def test_the_number_of_calls_means_nothing_once_the_window_is_full(name):
     found = NumpyController(policy(name))
-    found._estimator._identifier._calls = 10**9
-    found._estimator._identifier._angles = [(0.0, 0.0)] * len(found._estimator._identifier._angles)
+    identifier = found._estimator._identifier
+    identifier.state = identifier.state._replace(calls=10**9)
     torques = numpy_loop(found, steps=FEW)[2]
     # Learning begins some calls earlier: at rest there is nothing to learn yet.
     np.testing.assert_allclose(torques, numpy_loop(NumpyController(policy(name)), steps=FEW)[2], rtol=0, atol=0.05)
@@ -93,9 +93,9 @@ def watched(found):
 
     def observed(t, x):
         estimate, identifier = observe(t, x), found._identifier
-        pairs = zip(*identifier.asked, estimate[2:], strict=True)
+        pairs = zip(*identifier.found.asked, estimate[2:], strict=True)
         against = [friction(b, cf, rate, math.atan) for b, cf, rate in pairs]
-        shown.append((estimate.copy(), list(identifier.told), against))
+        shown.append((estimate.copy(), list(identifier.found.told), against))
         return estimate
 
     found._estimator.observe = observed

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 from . import equations
 from .equations import COULOMB_STEEPNESS, Lumped, Number, Pair
+from .maths import Maths
 
 
 class Friction(NamedTuple):
@@ -26,15 +27,8 @@ class Friction(NamedTuple):
     """cf (N m)."""
 
 
-class Functions(NamedTuple):
-    """The functions of a kind of number."""
-
-    sine_cosine: Callable[[Any], Pair]
-    arctan: Callable[[Any], Any]
-
-
 def damped_midpoint_step(
-    plant: Lumped, friction: Friction, x: Any, torques: Any, dt: Number, functions: Functions
+    plant: Lumped, friction: Friction, x: Any, torques: Any, dt: Number, maths: Maths
 ) -> tuple[Number, Number, Number, Number]:
     """One step over dt (s).
 
@@ -44,13 +38,13 @@ def damped_midpoint_step(
         x: [q1, q2, dq1, dq2] (rad, rad/s).
         torques: u (N m).
         dt: the step (s).
-        functions: for this kind of number.
+        maths: for this kind of number.
     """
     half, rates = 0.5 * dt, (x[2], x[3])
-    a1, a2 = _acceleration(plant, friction, (x[0], x[1]), rates, rates, torques, half, functions)
+    a1, a2 = _acceleration(plant, friction, (x[0], x[1]), rates, rates, torques, half, maths)
     middle = x[0] + half * x[2], x[1] + half * x[3]
     v1, v2 = x[2] + half * a1, x[3] + half * a2
-    a1, a2 = _acceleration(plant, friction, middle, (v1, v2), rates, torques, dt, functions)
+    a1, a2 = _acceleration(plant, friction, middle, (v1, v2), rates, torques, dt, maths)
     return x[0] + dt * v1, x[1] + dt * v2, x[2] + dt * a1, x[3] + dt * a2
 
 
@@ -62,17 +56,17 @@ def _acceleration(
     first: Pair,
     torques: Any,
     step: Number,
-    functions: Functions,
+    maths: Maths,
 ) -> Pair:
     """q̈ (rad/s²) with friction linear about the rates, for a step (s) that starts from the first ones (rad/s)."""
     (b1, b2), (cf1, cf2) = friction
-    slope1, loss1 = _linear(b1, cf1, rates[0], first[0], functions.arctan)
-    slope2, loss2 = _linear(b2, cf2, rates[1], first[1], functions.arctan)
+    slope1, loss1 = _linear(b1, cf1, rates[0], first[0], maths.arctan)
+    slope2, loss2 = _linear(b2, cf2, rates[1], first[1], maths.arctan)
     # h D adds to the diagonal of M, where rotor inertia stands: `reflected` in M11 and M22, `rotor` in M11 alone.
     drag1, drag2 = step * slope1, step * slope2
     dragged = Lumped(*plant[:5], plant.reflected + drag2, plant.geared, plant.rotor + (drag1 - drag2))
-    (sin1, _), (sin2, cos2) = functions.sine_cosine(angles[0]), functions.sine_cosine(angles[1])
-    sines = sin1, sin2, functions.sine_cosine(angles[0] + angles[1])[0]
+    (sin1, _), (sin2, cos2) = maths.sine_cosine(angles[0]), maths.sine_cosine(angles[1])
+    sines = sin1, sin2, maths.sine_cosine(angles[0] + angles[1])[0]
     found: Pair = equations.acceleration(dragged, sines, cos2, rates, torques, (loss1, loss2))
     return found
 

@@ -22,23 +22,14 @@ Y is linear in the second difference of the angles. A low-pass on both sides kee
 encoders and noise add there. Like ``equations`` this is arithmetic for any kind of number.
 """
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from .base_parameters import Known
 from .equations import COULOMB_STEEPNESS, Number, Pair
+from .maths import Maths
 
 CLOSE = 1e-3
 """Rates closer than this (rad/s) have one arctangent: the mean by the antiderivative would lose its digits."""
-
-
-class Maths(NamedTuple):
-    """The functions of a kind of number."""
-
-    sine_cosine: Callable[[Any], Pair]
-    arctan: Callable[[Any], Any]
-    log1p: Callable[[Any], Any]
-    where: Callable[[Any, Any, Any], Any]
 
 
 def momentum_rows(

@@ -7,8 +7,9 @@ estimator calls them for one state at a time, where a dozen numbers are fastest 
 import math
 
 from ..physics import equations
-from ..physics.damped import Friction, Functions, damped_midpoint_step
+from ..physics.damped import Friction, damped_midpoint_step
 from ..physics.equations import Lumped, StateFloats
+from ..physics.maths import NUMPY
 
 
 def acceleration(plant: Lumped, x: StateFloats, u1: float, u2: float) -> tuple[float, float]:
@@ -43,12 +44,4 @@ def model_step(
     """One step over dt (s), with friction if there is any."""
     if friction is None:
         return midpoint_step(plant, x, u1, u2, dt)
-    return damped_midpoint_step(plant, friction, x, (u1, u2), dt, _FLOATS)
-
-
-def sine_cosine(angle: float) -> tuple[float, float]:
-    """(sin, cos) of an angle (rad); NaN where it is not finite, for which math.sin raises an error."""
-    return (math.sin(angle), math.cos(angle)) if math.isfinite(angle) else (math.nan, math.nan)
-
-
-_FLOATS = Functions(sine_cosine, math.atan)
+    return damped_midpoint_step(plant, friction, x, (u1, u2), dt, NUMPY)

@@ -21,18 +21,19 @@ from ...control.controller import AbstractController, check_robot
 from ...errors import SwingupError
 from ...physics import equations
 from ...physics.angles import nearest
-from ...physics.damped import Friction, Functions, damped_midpoint_step
+from ...physics.damped import Friction, damped_midpoint_step
 from ...physics.dynamics import acceleration
 from ...physics.equations import Lumped, friction, lump
 from ...physics.integrate import midpoint_step
 from ...physics.plant import Plant
-from ...physics.trigonometry import arctan, sine_cosine
+from ...physics.trigonometry import arctan
 from ...robots import Robot
 from ...types import Count, Scalar, State, Torque
+from ..identifier import IdentifierState
 from ..identifier_settings import LONGEST_STEP, check_identifier
 from ..settings import LOST, PIECES, EstimatorSettings, default_estimator, kalman_gains
-from .choose import choose
-from .identifier import Identifier, IdentifierMemory
+from .identifier import Identifier
+from .maths import JAX, choose
 from .told import told_base
 
 Model: TypeAlias = tuple[Lumped, Friction] | None
@@ -56,7 +57,7 @@ class EstimatorMemory(eqx.Module):
     """The delay found (steps)."""
     controller: Any
     """What the controller behind remembers."""
-    identified: IdentifierMemory | None = None
+    identified: IdentifierState | None = None
     """What the identifier remembers; None without one."""
 
 
@@ -112,10 +113,10 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         # What is not finite fails the comparison, and is lost.
         kept = jnp.all(jnp.abs(x - followed.state)[2:] <= LOST * self.settings.velocity_noise)
         restarts = late | ~kept
-        memory = self._identify(choose(restarts, self._restart(carry, x), followed), measured, pause)
+        memory = self._identify(choose(restarts, lambda: self._restart(carry, x), followed), measured, pause)
         # The filter's estimate is as old as the delay; the controller needs the present state.
         ahead = self._ahead(memory, dt, model)
-        seen = choose(restarts | ~jnp.all(jnp.isfinite(ahead)), x, ahead)
+        seen = choose(restarts | ~jnp.all(jnp.isfinite(ahead)), lambda: x, ahead)
         inner, u = self._informed(memory)(carry.controller, t, seen)
         u = u + self._compensation(memory, seen).astype(u.dtype)
         joint = self.robot.joint
@@ -133,19 +134,20 @@ class EstimatingController(AbstractController[EstimatorMemory]):
     def _model(self, memory: EstimatorMemory) -> Model:
         if self.identifier is None or memory.identified is None:
             return None
-        return self.identifier.plant(memory.identified)
+        found = self.identifier.found(memory.identified)
+        return found.plant, found.friction
 
     def _informed(self, memory: EstimatorMemory) -> AbstractController[Any]:
         """The controller behind; a policy that sees its plant is told the identified one."""
         if self.identifier is None or memory.identified is None:
             return self.controller
-        return told_base(self.controller, self.identifier.told(memory.identified))
+        return told_base(self.controller, jnp.stack(self.identifier.found(memory.identified).told))
 
     def _without_offsets(self, memory: EstimatorMemory, x: State) -> State:
         """The measurement less the offsets of its angles, as far as they are known."""
         if self.identifier is None or memory.identified is None:
             return x
-        return x.at[:2].add(-self.identifier.offsets(memory.identified).astype(x.dtype))
+        return x.at[:2].add(-jnp.stack(self.identifier.found(memory.identified).offsets).astype(x.dtype))
 
     def _interval(self, memory: EstimatorMemory, dt: Scalar) -> Scalar:
         """Time between the last measurement and this one (s), for calls that are dt apart."""
@@ -161,7 +163,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         """Torques against the friction found (N m); NaN if the state seen is not finite."""
         if self.identifier is None or memory.identified is None:
             return jnp.zeros(2)
-        damping, coulomb = map(jnp.stack, self.identifier.compensation(memory.identified).asked)
+        damping, coulomb = map(jnp.stack, self.identifier.found(memory.identified).asked)
         # The arctangent and the clip would make a finite torque of an infinite velocity.
         rates = jnp.where(jnp.isfinite(seen).all(), seen[2:], jnp.nan)
         torques, most = friction(damping, coulomb, rates, arctan), self.identifier.settings.passive_limit
@@ -176,9 +178,10 @@ class EstimatingController(AbstractController[EstimatorMemory]):
             return memory
         # It knows each step's time: the late calls of an uneven loop do not interrupt it. Negated, as above.
         late = ~((pause >= 0) & (pause <= LONGEST_STEP * self.settings.dt))
-        identified = choose(late, self.identifier.restart(memory.identified), memory.identified)
+        before, identifier = memory.identified, self.identifier
+        identified = choose(late, lambda: identifier.restart(before), before)
         step = jnp.where(pause == 0, self.settings.dt, pause)
-        return replace(memory, identified=self.identifier.observe(identified, x[:2], memory.delay_steps, step))
+        return replace(memory, identified=identifier.observe(identified, x[:2], memory.delay_steps, step))
 
     def _restart(self, memory: EstimatorMemory, x: State) -> EstimatorMemory:
         """Believe the measurement; only the evidence on the delay is kept."""
@@ -256,7 +259,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         if model is None and not self.damped:
             return midpoint_step(p, x, u, dt)
         plant, friction = model or (lump(p), Friction((p.b1, p.b2), (p.cf1, p.cf2)))
-        return jnp.array(damped_midpoint_step(plant, friction, x, u, dt, Functions(sine_cosine, arctan)))
+        return jnp.array(damped_midpoint_step(plant, friction, x, u, dt, JAX))
 
 
 def with_estimator(

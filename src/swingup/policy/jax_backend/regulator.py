@@ -23,7 +23,7 @@ from ...robots import Robot
 from ...types import Flag, Scalar, State, Torque
 from ..regulator_settings import RegulatorSettings, bounds, fixed_point, known_of
 from ..upright import Discrete, upright_step
-from .choose import choose
+from .maths import choose
 
 TRIANGLE = np.triu_indices(4)
 """Rows and columns of what is remembered of P."""
@@ -90,7 +90,7 @@ class RegulatingController(AbstractController[RegulatorMemory]):
             return jnp.stack([value for row in rows for value in row])
 
         P = jax.lax.fori_loop(0, self.settings.riccati_steps, advance, before)
-        return choose(jnp.isfinite(P).all(), P, jnp.asarray(self.start, P.dtype))
+        return choose(jnp.isfinite(P).all(), lambda: P, jnp.asarray(self.start, P.dtype))
 
     def _acts(self, acting: Flag, cost_to_go: Scalar, finite: Flag) -> Flag:
         """Hysteresis: it takes over at ``enter`` and gives up by ``leave``; what is not finite changes nothing."""

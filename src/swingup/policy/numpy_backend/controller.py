@@ -1,5 +1,6 @@
 """A policy as a controller by NumPy alone: what runs on the robot."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -85,7 +86,7 @@ class NumpyController:
         if self._estimator is not None:
             x = self._estimator.observe(float(t), x)
             if self._identifier is not None:
-                self._tell(self._identifier.told)
+                self._tell(self._identifier.found.told)
         u = self._command(x)
         if self._estimator is not None:
             u = u + self._estimator.compensation(x)
@@ -99,7 +100,7 @@ class NumpyController:
             self._estimator.remember(u - extra)
         return u
 
-    def _tell(self, base: list[float]) -> None:
+    def _tell(self, base: Sequence[float]) -> None:
         """Hand the plant found, base parameters θ (9,), to what depends on it."""
         self._network.tell(base)
         if self._regulator is not None:

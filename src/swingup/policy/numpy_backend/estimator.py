@@ -60,7 +60,7 @@ class NumpyEstimator:
         """The delay found (steps)."""
         if self._identifier is not None:
             self._identifier.reset()
-            self._plant, self._friction = self._identifier.plant, self._identifier.friction
+            self._plant, self._friction = self._identifier.found.plant, self._identifier.found.friction
 
     def observe(self, t: float, x: np.ndarray) -> np.ndarray:
         """An estimate of the state now, for the state x (4,) (rad, rad/s) measured at time t (s)."""
@@ -87,9 +87,9 @@ class NumpyEstimator:
             return np.zeros(2)
         if not all(map(math.isfinite, values := seen.tolist())):
             return np.full(2, math.nan)
-        (b1, b2), (cf1, cf2) = self._identifier.asked
+        (b1, b2), (cf1, cf2) = self._identifier.found.asked
         u = [friction(b1, cf1, values[2], math.atan), friction(b2, cf2, values[3], math.atan)]
-        passive, most = 1 - self._joint, self._identifier.passive_limit
+        passive, most = 1 - self._joint, self._identifier.settings.passive_limit
         u[passive] = min(max(u[passive], -most), most)
         return np.array(u)
 
@@ -107,7 +107,7 @@ class NumpyEstimator:
         """The measurement less the offsets of its angles, as far as they are known."""
         if self._identifier is None:
             return x
-        return x - np.array([*self._identifier.offsets, 0.0, 0.0])
+        return x - np.array([*self._identifier.found.offsets, 0.0, 0.0])
 
     def _identify(self, identifier: NumpyIdentifier, x: np.ndarray, pause: float) -> None:
         """Show it the angles measured a pause (s) after the last; its plant is the model from the next call on."""
@@ -115,7 +115,7 @@ class NumpyEstimator:
         if not 0 <= pause <= LONGEST_STEP * self._settings.dt:
             identifier.restart()
         identifier.observe(float(x[0]), float(x[1]), self.delay_steps, pause or self._settings.dt)
-        self._plant, self._friction = identifier.plant, identifier.friction
+        self._plant, self._friction = identifier.found.plant, identifier.found.friction
 
     def _follow(self, x: np.ndarray, dt: float) -> bool:
         """One step (s) of the filter in charge and of the bank; False, and no change, if the estimate is lost."""
@@ -138,7 +138,7 @@ class NumpyEstimator:
         surprise = np.log1p((misses[:, 0] + misses[:, 1]) / self._settings.residual_scale**2)
         surprise += self._fading * self._surprise
         # A delay below the angles' own age cannot be.
-        least = 0 if self._identifier is None else min(self._identifier.age, len(surprise) - 1)
+        least = 0 if self._identifier is None else min(int(self._identifier.state.age), len(surprise) - 1)
         delay_steps = least + int((surprise + self._caution)[least:].argmin())
         deviations = drifted.dot(self._kept)
         estimate = predicted + miss.dot(self._gains) + deviations[delay_steps]

@@ -5,7 +5,7 @@ torque by 1e-14 N m. In float32 two libraries differ by up to 6e-5 N m on the sh
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -45,7 +45,7 @@ class NumpyNetwork:
         self._torque_limit = policy.torque_limit
         self._sight = Sight(policy.network) if policy.network.plant_stage is not None else None
 
-    def tell(self, base: list[float]) -> None:
+    def tell(self, base: Sequence[float]) -> None:
         """Show the policy a plant with base parameters θ (9,) from now on, if it sees its plant.
 
         Before, it runs for the plant of its file.
@@ -80,7 +80,7 @@ class Sight:
         self._centre, self._scale, self._clip = stage.centre.tolist(), stage.scale.tolist(), stage.clip
         self._weight, self._bias = first.weight[:, -BASE:].astype(np.float64), first.bias.astype(np.float64)
 
-    def bias(self, base: list[float]) -> np.ndarray:
+    def bias(self, base: Sequence[float]) -> np.ndarray:
         """The bias (outputs,) for base parameters θ (9,)."""
         clip, seen = self._clip, zip(base, self._centre, self._scale, strict=True)
         # For nine numbers Python's floats are faster than NumPy's arrays.

@@ -1,0 +1,347 @@
+"""Online identification of the plant's base parameters from measured angles and commanded torques, in Python.
+
+At each measurement, with the rows Y of ``physics.momentum`` for the last angles and the torques of that time:
+
+1. z ← (Y, u̇, -v, u) through three first-order low-passes of equal pole, all columns alike. Now
+   Y (θ, κ) + u̇ λ - v γ = u holds for the low-passed columns: κ stands for the offsets of the angles, λ (s) is a lag
+   of the torque beside the delay that is known. v is the torque asked of the undriven joint's motor against its
+   friction, and γ the part of it that this motor delivers. u and u̇ are 0 in the undriven joint's row, v is in the
+   driven one's.
+2. For each joint's row φ, y, with the unknowns x = (θ, κ, λ, γ), their covariance P, and the variance r of what the
+   row leaves unexplained, with a floor f and a bound b:
+
+       e = y - φᵀ x,   s = φᵀ P φ,   r' = max(r, f),   d² = e² / (s + r'),
+       k = P φ / (s + n r' w),   w = max(1, (ν + d²)/(ν + 1)),   x ← x + k e,   P ← P - k (P φ)ᵀ,
+       r ← r + a (min(d² r', b) - r),   a = 1 - exp(-Δ/T), T = rise if r grows, fall if not.
+
+   n counts the neighbouring rows whose errors are alike. w is the inverse of Student's weight, ν = 4. A row with d
+   above the gate, and rows for a while after it, change nothing but r: pushes.
+3. P grows by a small drift. There is no forgetting: what is not excited stays as sure as it was.
+
+A robot's loop may hand over the angles of the call before. Where the times between calls are uneven, the motion
+from angle to angle tells whose times they are; where they are even, it does not matter.
+
+The motor's torque is no part of the undriven joint's row. That row alone gives its part of θ up to scale, and noise
+of the motor and pushes on the driven joint do not enter it; the driven joint's row adds the scale. Rates are not
+used at all: their noise costs nothing. Sources: filtered regression, Slotine and Li (Applied Nonlinear Control,
+9.2); recursive least squares with a variance that adapts to innovations, Mehra (IEEE Transactions on Automatic
+Control 15, 1970).
+"""
+
+import math
+from typing import Any, NamedTuple, Protocol
+
+from ..physics.base_parameters import BASE, Known, friction_of, lumped, share_allowed
+from ..physics.damped import Friction
+from ..physics.equations import Lumped, Number, Pair
+from ..physics.maths import Maths
+from ..physics.momentum import momentum_rows
+from .compensation import compensation, predicted
+from .identifier_settings import (
+    AGE_CAUTION,
+    FARTHEST,
+    GAIN,
+    LAG,
+    MOST_DEVIATION,
+    POLES,
+    SHORTEST_STEP,
+    STUDENT,
+    TILT1,
+    TILT2,
+    UNEVEN_FADING,
+    UNEVEN_STEP,
+    UNKNOWNS,
+    IdentifierSettings,
+    offsets,
+)
+
+Array = Any
+"""An array of NumPy or JAX; shapes are in the comments."""
+
+
+class Loop(Protocol):
+    """What an identifier knows of its loop."""
+
+    @property
+    def settings(self) -> IdentifierSettings:
+        """What to expect of the plant, the measurement and the torques."""
+
+    @property
+    def mean(self) -> Array:
+        """θ of the nominal plant, no offsets, no lag, and a gain of 1 (13,)."""
+
+    @property
+    def covariance(self) -> Array:
+        """Prior covariance (13, 13)."""
+
+    @property
+    def known(self) -> Known:
+        """What is known of the plant."""
+
+    @property
+    def joint(self) -> int:
+        """Index of the driven joint."""
+
+
+class IdentifierState(NamedTuple):
+    """What is remembered from call to call."""
+
+    angles: Array
+    """Measured angles (depth, 2) without jumps of full turns, newest first (rad)."""
+    torques: Array
+    """Commanded torques (past, 2), newest first (N m)."""
+    steps: Array
+    """Time for which each torque was held (past,) (s)."""
+    calls: Number
+    """Measurements since the last restart."""
+    delay_steps: Number
+    """The delay told last (steps), or ``age`` where that is more."""
+    missed: Pair
+    """What the motion misses if angles are those of this call, and if they are those of the one before."""
+    age: Number
+    """1 if the angles are those of the call before, else 0."""
+    filtered: tuple[Array, ...]
+    """States of the low-passes: rows (2, 14) of both joints, with u̇, -v and u in the last columns."""
+    unknowns: Array
+    """θ, κ1 and κ2 (kg m), the lag (s), and the gain of the undriven joint's motor (13,)."""
+    covariance: Array
+    """(13, 13)"""
+    variance: Pair
+    """Of what each joint's row leaves unexplained (N² m²)."""
+    held: Pair
+    """Time for which each joint's row is still not used (s)."""
+
+
+class Found(NamedTuple):
+    """What other parts need of the unknowns."""
+
+    theta: tuple[Number, ...]
+    """Base parameters of a pendulum: those found, or as near to them as the mass matrix allows."""
+    plant: Lumped
+    """The identified plant to predict with: its mass matrix is positive definite."""
+    friction: Friction
+    """Its friction, never negative; the undriven joint's is what the compensation leaves of it."""
+    asked: Friction
+    """Friction whose counterpart the motors are asked for."""
+    told: tuple[Number, ...]
+    """θ as a policy and a regulator are told it: with the friction that the compensation leaves."""
+    offsets: Pair
+    """How much the measured angles are too large (rad)."""
+
+
+def begin(maths: Maths, loop: Loop) -> IdentifierState:
+    """Nothing seen yet."""
+    xp, s = maths.xp, loop.settings
+    zero = xp.zeros(())
+    first, second = (zero + _deviation(loop, joint) ** 2 for joint in (0, 1))
+    return IdentifierState(
+        angles=xp.zeros((2 * s.span + 1, 2)),
+        torques=xp.zeros((s.past, 2)),
+        steps=xp.full(s.past, s.dt),
+        calls=xp.array(0),
+        delay_steps=xp.array(0),
+        missed=(zero, zero),
+        age=xp.array(0),
+        filtered=(xp.zeros((2, UNKNOWNS + 1)),) * POLES,
+        unknowns=xp.array(loop.mean),
+        covariance=xp.array(loop.covariance),
+        variance=(first, second),
+        held=(zero, zero),
+    )
+
+
+def restart(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState:
+    """After a pause: what was found stays, the motion before is forgotten."""
+    xp = maths.xp
+    return state._replace(
+        torques=xp.zeros_like(state.torques),
+        steps=xp.full_like(state.steps, loop.settings.dt),
+        calls=0 * state.calls,
+        filtered=(xp.zeros_like(state.filtered[0]),) * POLES,
+    )
+
+
+def remember(maths: Maths, state: IdentifierState, u: Array) -> IdentifierState:
+    """Note the torques (2,) that both motors were asked for, the driven one within its limit (N m)."""
+    return state._replace(torques=maths.xp.concatenate([u[None], state.torques[:-1]]))
+
+
+def interval(maths: Maths, state: IdentifierState, step: Number) -> Number:
+    """Time between the measured angles before the last ones are observed and these (s).
+
+    Args:
+        maths: for this kind of number.
+        state: of the calls before.
+        step: time since the last call (s).
+    """
+    return maths.where(state.age > 0, state.steps[0], step)
+
+
+def observe(
+    maths: Maths, loop: Loop, state: IdentifierState, q: Array, delay_steps: Number, step: Number
+) -> IdentifierState:
+    """Learn from measured angles.
+
+    Args:
+        maths: for this kind of number.
+        loop: what is known.
+        state: of the calls before.
+        q: angles (2,) (rad), whole turns aside.
+        delay_steps: how old they are (steps).
+        step: time since the last call (s); of no meaning after a restart.
+    """
+    xp, dt, before, first = maths.xp, loop.settings.dt, state, state.calls == 0
+    newest = state.angles[0] + maths.nearest(q - state.angles[0])
+    angles = xp.concatenate([newest[None], state.angles[:-1]])
+    step = maths.where(first, dt, maths.maximum(step, SHORTEST_STEP * dt))
+    steps = xp.concatenate([maths.vector([step]), state.steps[:-1]])
+    missed, age = _age(maths, loop, state, angles, steps)
+    delay_steps = maths.maximum(delay_steps, age)
+
+    def shifted() -> tuple[Array, tuple[Array, ...]]:
+        # The lag counts from the delay: their sum is what was found. The old columns belong to the old delay.
+        k = xp.arange(len(steps))
+        earlier, later = (k < state.delay_steps).astype(steps.dtype), (k < delay_steps).astype(steps.dtype)
+        unknowns = state.unknowns + (xp.arange(UNKNOWNS) == LAG) * ((earlier - later) @ steps)
+        return unknowns, (xp.zeros_like(state.filtered[0]),) * POLES
+
+    changed = (delay_steps != state.delay_steps) | (age != state.age)
+    unknowns, filtered = maths.choose(changed, shifted, (state.unknowns, state.filtered))
+    calls = state.calls + 1
+    state = state._replace(
+        angles=maths.choose(first, lambda: xp.broadcast_to(q, angles.shape), angles),
+        steps=steps,
+        calls=maths.minimum(calls, len(angles) + len(state.torques)),
+        delay_steps=delay_steps,
+        missed=missed,
+        age=age,
+        unknowns=unknowns,
+        filtered=filtered,
+    )
+    learned = _learn(maths, loop, state)
+    # The torques before a restart are not known.
+    full = calls >= len(angles) + delay_steps
+    finite = xp.isfinite(learned.unknowns).all() & xp.isfinite(learned.covariance).all()
+    state = maths.choose(full & finite, lambda: learned, state)
+    # A huge angle would stay in the differences; NaN fails the comparison.
+    near = (xp.abs(q) < FARTHEST).all()
+    return maths.choose(~near, lambda: restart(maths, loop, before), state)
+
+
+def found(maths: Maths, loop: Loop, state: IdentifierState) -> Found:
+    """What other parts need of the unknowns."""
+    x, s, joint = maths.numbers(state.unknowns), loop.settings, loop.joint
+    nominal = maths.numbers(maths.xp.asarray(loop.mean[:BASE], state.unknowns.dtype))
+    share = share_allowed(x, nominal, loop.known, s.margin, maths.minimum, maths.root)
+    theta = tuple(n + share * (one - n) for one, n in zip(x[:BASE], nominal, strict=True))
+    friction = friction_of(theta)
+    asked, left = compensation(friction, x[GAIN], joint, s.passive_limit, maths.maximum)
+    return Found(
+        theta=theta,
+        plant=lumped(theta, loop.known),
+        friction=predicted(friction, left, joint, maths.maximum),
+        asked=asked,
+        told=(*theta[:4], *left.damping, *left.coulomb, theta[8]),
+        offsets=offsets(x[TILT1], x[TILT2], theta, maths.clip),
+    )
+
+
+def _deviation(loop: Loop, joint: int) -> float:
+    """The first one of what a joint's row leaves unexplained (N m)."""
+    return loop.settings.driven_deviation if joint == loop.joint else loop.settings.passive_deviation
+
+
+def _age(maths: Maths, loop: Loop, state: IdentifierState, angles: Array, steps: Array) -> tuple[Pair, Number]:
+    """Weigh both ages of the angles: a longer step shows as a longer way in the same call, or in the next."""
+    whole = 2 * loop.settings.span
+    (a1, a2), (b1, b2), (c1, c2), (z1, z2) = (maths.numbers(angles[place]) for place in (0, 1, 2, whole))
+    time, (first, second, third) = steps[:whole].sum(), maths.numbers(steps[:3])
+    rate1, rate2 = (a1 - z1) / time, (a2 - z2) / time
+    bend1, bend2 = a1 - 2 * b1 + c1, a2 - 2 * b2 + c2
+
+    def faded(before: Number, longer: Number) -> Number:
+        miss1, miss2 = bend1 - rate1 * longer, bend2 - rate2 * longer
+        now = maths.log1p((miss1 * miss1 + miss2 * miss2) / UNEVEN_STEP**2)
+        return UNEVEN_FADING * before + maths.where(state.calls > whole, now, 0.0)
+
+    missed = faded(state.missed[0], first - second), faded(state.missed[1], second - third)
+    more = missed[0] - missed[1]
+    return missed, maths.where(more > AGE_CAUTION, 1, maths.where(more < -AGE_CAUTION, 0, state.age))
+
+
+def _learn(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState:
+    """The low-passes, both rows, and the drift."""
+    s, stages = loop.settings, [_columns(maths, loop, state)]
+    for stage in state.filtered:
+        stages.append(stage + s.pole * (stages[-1] - stage))
+    state = state._replace(filtered=tuple(stages[1:]))
+    for joint in (0, 1):
+        state = _update(maths, loop, state, joint)
+    prior_variance = maths.xp.asarray(loop.covariance, state.covariance.dtype).diagonal()
+    drift = s.walk**2 * s.dt * prior_variance
+    # No less sure than at the start: the drift must not exceed the prior.
+    drift = maths.xp.where(state.covariance.diagonal() < prior_variance, drift, 0.0)
+    return state._replace(covariance=state.covariance + maths.xp.diag(drift))
+
+
+def _columns(maths: Maths, loop: Loop, state: IdentifierState) -> Array:
+    """The newest rows (2, 14): Y, u̇, -v and u."""
+    span, joint = loop.settings.span, loop.joint
+    oldest, middle, newest = (maths.numbers(state.angles[place]) for place in (2 * span, span, 0))
+    acting = maths.window(state.torques, state.delay_steps, 2 * span)
+    steps = maths.window(state.steps, state.age, 2 * span)
+    ages = maths.xp.concatenate([maths.xp.zeros(1, steps.dtype), maths.xp.cumsum(steps)])
+    ends = maths.numbers(ages)
+    ratio = maths.xp.asarray(loop.mean[2] / loop.mean[3], steps.dtype)[()]
+    halves = ends[-1] - ends[span], ends[span]
+    shoulder, elbow = momentum_rows(oldest, middle, newest, halves, loop.known, ratio, maths)
+    mean, slope = hat_weights(maths.xp, steps, ages)
+    torques, rates = maths.numbers(mean @ acting), maths.numbers(slope @ acting)
+    none = 0.0 * torques[joint]
+    driven, passive = (rates[joint], none, torques[joint]), (none, -torques[1 - joint], none)
+    first, second = (driven, passive) if joint == 0 else (passive, driven)
+    return maths.vector([*shoulder, *first, *elbow, *second]).reshape(2, UNKNOWNS + 1)
+
+
+def _update(maths: Maths, loop: Loop, state: IdentifierState, joint: int) -> IdentifierState:
+    """One joint's row: the variance of its errors, and what it tells of the unknowns."""
+    s, driven, columns = loop.settings, joint == loop.joint, state.filtered[-1][joint]
+    row, target, variance = columns[:UNKNOWNS], columns[UNKNOWNS], state.variance[joint]
+    uncertain = state.covariance @ row
+    unsure, error = row @ uncertain, target - row @ state.unknowns
+    size = abs(target) + abs(row[:4]) @ abs(state.unknowns[:4])
+    floor = (s.driven_floor if driven else s.passive_floor) ** 2 + (s.relative_floor * size) ** 2
+    r = maths.maximum(variance, floor)
+    distance = error**2 / (unsure + r)
+    held = maths.where(distance > s.gate**2, s.hold, state.held[joint] - s.dt)
+    heavy = r * s.alike * maths.maximum(1.0, (STUDENT + distance) / (STUDENT + 1.0))
+    # A row that is held is infinitely heavy.
+    gain = uncertain / maths.where(held > 0, math.inf, unsure + heavy)
+    # A spoilt angle must not blind the identifier for seconds.
+    seen = maths.minimum(distance * r, (MOST_DEVIATION * _deviation(loop, joint)) ** 2)
+    follows = maths.where(seen > variance, 1.0 - math.exp(-s.dt / s.rise), 1.0 - math.exp(-s.dt / s.fall))
+    return state._replace(
+        unknowns=state.unknowns + gain * error,
+        covariance=state.covariance - gain[:, None] * uncertain,
+        variance=_with(state.variance, joint, variance + follows * (seen - variance)),
+        held=_with(state.held, joint, maths.maximum(held, 0.0)),
+    )
+
+
+def _with(pair: Pair, joint: int, value: Number) -> Pair:
+    return (value, pair[1]) if joint == 0 else (pair[0], value)
+
+
+def hat_weights(xp: Any, steps: Array, ages: Array) -> tuple[Array, Array]:
+    """Weights (n,) of the last n torques, newest first: for the hat's mean, and for its mean rate (1/s).
+
+    The torque is held over each step, and the hat is integrated over it.
+
+    Args:
+        xp: ``numpy`` or ``jax.numpy``.
+        steps: durations (n,) of the steps (s), newest first.
+        ages: time (n + 1,) from each end of a step to the newest (s); the hat's peak is the middle one.
+    """
+    whole, newer = ages[-1], ages[len(steps) // 2]
+    hat = xp.minimum(ages / newer, (whole - ages) / (whole - newer)) / (0.5 * whole)
+    return 0.5 * (hat[1:] + hat[:-1]) * steps, hat[1:] - hat[:-1]
