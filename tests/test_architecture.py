@@ -11,7 +11,7 @@ import swingup
 
 ROOT = Path(swingup.__file__).parent
 LAYERS = {
-    "text": -1, "errors": 0, "version": 0, "types": 0, "fetch": 0, "other_names": 0, "foreign": 1,
+    "text": -1, "errors": 0, "version": 0, "types": 0, "settings": 2, "fetch": 0, "other_names": 0, "foreign": 1,
     "checks": 1, "files": 1, "robots": 2, "arrays": 2, "table": 2, "yaml_map": 2, "physics": 3, "plants": 4,
     "policy": 4,
     "policy.numpy_backend": 5, "policy.c_backend": 5, "policy.onnx_backend": 5, "policy.javascript_backend": 5,

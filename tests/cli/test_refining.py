@@ -5,10 +5,11 @@ import pytest
 
 from swingup.cli import main, refining
 from swingup.policy.jax_backend.controller import load_policy, shipped_policy
-from swingup.policy.settings import EstimatorSettings, estimator_settings
+from swingup.policy.settings import EstimatorSettings
 from swingup.refine.analytic_policy_gradient import PolicyGradientSettings
 from swingup.refine.episodes import EpisodeSettings
 from swingup.refine.recipe import GradientStage
+from swingup.settings import read_settings
 
 TINY = GradientStage(
     PolicyGradientSettings(iterations=2, learning_rate=1e-4, duration=0.02),
@@ -29,7 +30,7 @@ def test_refine_writes_a_policy_with_its_origin(tmp_path, monkeypatch, capsys):
     )
     assert metadata["base"]["frames"] == origin["frames"]
     assert metadata["stages"][0]["gradient"]["iterations"] == 2
-    assert estimator_settings(metadata) == EstimatorSettings()
+    assert read_settings(metadata, EstimatorSettings) == EstimatorSettings()
     moved = np.abs(policy.policy.actor.mean_head.weight - base.policy.actor.mean_head.weight).max()
     assert 0 < moved < 1e-3
 

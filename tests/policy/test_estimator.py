@@ -15,8 +15,9 @@ from swingup.physics.integrate import rk4_step
 from swingup.physics.plant import LEADERBOARD
 from swingup.policy.jax_backend.controller import shipped_policy
 from swingup.policy.jax_backend.estimator import with_estimator
-from swingup.policy.settings import EstimatorSettings, default_estimator, estimator_settings, kalman_gains
+from swingup.policy.settings import EstimatorSettings, default_estimator, kalman_gains
 from swingup.robots import ROBOTS
+from swingup.settings import read_settings
 
 DT, STEPS, PAST = 0.002, 1500, 32
 UP = np.array([np.pi, 0.0, 0.0, 0.0])
@@ -359,16 +360,16 @@ def test_settings_refuse_bad_values(name, value, message):
 
 
 def test_settings_of_a_policy_file():
-    assert estimator_settings({"robot": "acrobot"}) is None
-    assert estimator_settings({"estimator": {}}) == EstimatorSettings()
+    assert read_settings({"robot": "acrobot"}, EstimatorSettings) is None
+    assert read_settings({"estimator": {}}, EstimatorSettings) == EstimatorSettings()
     some = {"caution": 0, "max_delay_steps": 0, "dt": 0.004}
     expected = EstimatorSettings(dt=0.004, max_delay_steps=0, caution=0)
-    assert estimator_settings({"estimator": some}) == expected
+    assert read_settings({"estimator": some}, EstimatorSettings) == expected
     with pytest.raises(SwingupError, match="unknown estimator setting 'delay': use some of dt, position_noise"):
-        estimator_settings({"estimator": {"delay": 3}})
+        read_settings({"estimator": {"delay": 3}}, EstimatorSettings)
     for other in (True, None, [], "default"):
-        with pytest.raises(SwingupError, match="is no object of settings"):
-            estimator_settings({"estimator": other})
+        with pytest.raises(SwingupError, match="is not an object of settings"):
+            read_settings({"estimator": other}, EstimatorSettings)
 
 
 def test_default_settings_are_in_the_plants_units(either_robot, similar):

@@ -6,7 +6,7 @@ import pytest
 
 from swingup.errors import SwingupError
 from swingup.physics.base_parameters import Spread
-from swingup.policy.identifier_settings import IDENTIFIER, IdentifierSettings, default_identifier
+from swingup.policy.identifier_settings import IdentifierSettings, default_identifier
 from swingup.policy.javascript_backend.page import policy_data
 from swingup.policy.jax_backend.controller import (
     load_policy,
@@ -78,7 +78,7 @@ def test_round_trip(file, tmp_path):
     ("metadata", "message"),
     [
         ({}, "identifier without an estimator: add estimator, {} for its defaults"),
-        ({"estimator": {}, "identifier": None}, "identifier None is no object of settings"),
+        ({"estimator": {}, "identifier": None}, "identifier None is not an object of settings"),
         ({"estimator": {}, "identifier": {"spam": 1}}, "unknown identifier setting 'spam': use some of dt, span,"),
         ({"estimator": {}, "identifier": {"span": 2.5}}, "identifier setting span = 2.5: use a whole number"),
         ({"estimator": {}, "identifier": {"passive_limit": -1}}, "setting passive_limit = -1: use a number from 0"),
@@ -89,17 +89,17 @@ def test_round_trip(file, tmp_path):
             "has dt = 0.004 s and max_delay_steps = 25",
         ),
         ({"estimator": {}, "identifier": {"max_delay_steps": 3}}, "give the identifier the estimator's"),
-        ({"estimator": {}, "identifier": {"spread": 0.1}}, "identifier setting spread = 0.1: use an object of"),
+        ({"estimator": {}, "identifier": {"spread": 0.1}}, "identifier spread 0.1 is not an object of settings"),
         (
             {"estimator": {}, "identifier": {"spread": {"rotors": 1}}},
-            "unknown setting 'rotors' of the",
+            "unknown identifier spread setting 'rotors'",
         ),
-        ({"estimator": {}, "identifier": {"spread": {"rotor": 0}}}, "identifier setting spread.rotor = 0: use a"),
+        ({"estimator": {}, "identifier": {"spread": {"rotor": 0}}}, "identifier spread setting rotor = 0: use a"),
     ],
 )
 def test_what_cannot_work(file, metadata, message):
     with pytest.raises(SwingupError, match=message) as caught:
-        read_pendulum_policy(file(**{IDENTIFIER: {}, **metadata}))
+        read_pendulum_policy(file(**{"identifier": {}, **metadata}))
     assert "\n" not in str(caught.value)
 
 

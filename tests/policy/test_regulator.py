@@ -224,7 +224,7 @@ def test_it_belongs_behind_an_estimator(double):
     ("values", "message"),
     [
         ({"enter": 2.0, "leave": 1.0}, "leave = 1 is below enter = 2"),
-        ({"state_weights": [1.0, 1.0]}, "use four numbers"),
+        ({"state_weights": [1.0, 1.0]}, "use 4 numbers"),
         ({"state_weights": (1.0, 1.0, 0.0, 1.0)}, "state_weights"),
         ({"riccati_steps": 0}, "riccati_steps"),
         ({"riccati_step": 1.0}, "riccati_step"),
@@ -294,7 +294,7 @@ def test_what_a_policy_has_no_more_is_not_written(file, tmp_path):
 @pytest.mark.parametrize(
     ("metadata", "message"),
     [
-        ({"regulator": None}, "regulator None is no object of settings"),
+        ({"regulator": None}, "regulator None is not an object of settings"),
         ({"regulator": {"entre": 1}}, "unknown regulator setting 'entre': use some of state_weights, .*enter"),
         ({"regulator": {"torque_weight": "1"}}, "regulator setting torque_weight = '1': use a number"),
     ],

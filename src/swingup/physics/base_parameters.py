@@ -8,10 +8,12 @@ A motor that delivers 85 % of its command therefore shows as a θ that is 1/0.85
 same.
 """
 
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from ..settings import Range, check_ranges
 from .damped import Friction
 from .equations import Lumped, Number, mass_entries
 from .plant import Plant
@@ -23,17 +25,27 @@ FRICTIONS = slice(4, 8)
 """Places of b1 to cf2 in θ."""
 
 
-class Spread(NamedTuple):
+@dataclass(frozen=True)
+class Spread:
     """How far plants may lie from the nominal one: standard deviations of its independent parameters."""
 
-    inertial: float = 0.25
+    PART: ClassVar[str] = "identifier spread"
+    inertial: Annotated[float, Range(1e-9, 1e3)] = 0.25
     """Of I1, I2, m2, r1 and r2, as a share of each."""
-    damping: float = 0.1
+    damping: Annotated[float, Range(1e-9, 1e3)] = 0.1
     """Of b1 and b2 (N m s/rad)."""
-    coulomb: float = 0.2
+    coulomb: Annotated[float, Range(1e-9, 1e3)] = 0.2
     """Of cf1 and cf2 (N m)."""
-    rotor: float = 1e-4
+    rotor: Annotated[float, Range(1e-9, 1e3)] = 1e-4
     """Of Ir (kg m²)."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot work: deviations are reported relative to these.
+
+        Raises:
+            SwingupError: a value is not a number of its range.
+        """
+        check_ranges(self)
 
 
 class Known(NamedTuple):

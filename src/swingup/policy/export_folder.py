@@ -20,7 +20,7 @@ PACKAGE = "{name}_controller"
 """Name of the copied source, so that an installed swingup or another entry is never meant."""
 
 SOURCES = (
-    "errors.py", "text.py", "checks.py", "files.py", "arrays.py", "robots.py",
+    "errors.py", "text.py", "checks.py", "files.py", "arrays.py", "robots.py", "settings.py",
     "physics/__init__.py", "physics/base_parameters.py", "physics/damped.py", "physics/equations.py",
     "physics/maths.py", "physics/momentum.py", "physics/plant.py", "physics/units.py",
     *(f"policy/{name}.py" for name in (

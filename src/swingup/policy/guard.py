@@ -6,12 +6,12 @@ controller's torque is unsound; from then on it commands safe torques, until ``r
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, NamedTuple, TypeAlias
+from typing import Annotated, Any, ClassVar, NamedTuple, TypeAlias
 
-from ..checks import finite_number
 from ..errors import SwingupError
+from ..settings import Range, check_ranges
 
 GUARD = "guard"
 """Key of the guard's settings in a policy file's metadata."""
@@ -82,22 +82,23 @@ class Fault(NamedTuple):
 class GuardSettings:
     """What a robot may do under a controller; its limits are those of RealAIGym's loop on the robot."""
 
-    dt: float = 0.002
+    PART: ClassVar[str] = GUARD
+    dt: Annotated[float, Range(1e-6, 0.1)] = 0.002
     """Time between calls (s)."""
-    angle_limit: float = 4 * math.pi
+    angle_limit: Annotated[float, Range(1e-6, 1e6)] = 4 * math.pi
     """Largest angle of either joint (rad)."""
-    velocity_limit: float = 20.0
+    velocity_limit: Annotated[float, Range(1e-6, 1e6)] = 20.0
     """Largest velocity of either joint (rad/s)."""
-    longest_pause: float = 0.02
+    longest_pause: Annotated[float, Range(1e-6, 1e6)] = 0.02
     """Longest time between two calls (s)."""
-    stale_time: float = 0.02
+    stale_time: Annotated[float, Range(1e-6, 1e6)] = 0.02
     """Longest time (s) for which a joint's angle and velocity may repeat, digit by digit, with a velocity other
     than 0."""
-    stuck_time: float = 0.2
+    stuck_time: Annotated[float, Range(1e-6, 1e6)] = 0.2
     """Longest time (s) for which the driven joint's measurement may repeat under more than half its torque."""
-    torque_rate: float | None = None
+    torque_rate: Annotated[float | None, Range(1e-6, 1e6)] = None
     """Fastest change of a torque (N m/s), to which torques are limited; None: the motor's limit within ``dt``."""
-    braking: float = 0.0
+    braking: Annotated[float, Range(0.0, 1e3)] = 0.0
     """Damping kd of a stopped joint (N m s/rad): its torque is -kd q̇ within its limit. At 0 all torques are 0."""
 
     def __post_init__(self) -> None:
@@ -106,13 +107,7 @@ class GuardSettings:
         Raises:
             SwingupError: a value is no number of its range.
         """
-        ranges = {"dt": (1e-6, 0.1), "braking": (0.0, 1000.0)}
-        for field in fields(self):
-            name, value = field.name, getattr(self, field.name)
-            if name == "torque_rate" and value is None:
-                continue
-            least, most = ranges.get(name, (1e-6, 1e6))
-            object.__setattr__(self, name, finite_number(f"guard setting {name}", value, least, most))
+        check_ranges(self)
         if self.longest_pause < self.dt:
             raise SwingupError(
                 f"guard setting longest_pause = {self.longest_pause:g} is below dt = {self.dt:g}: raise it"

@@ -5,21 +5,15 @@ In a policy file they are an object under the key ``identifier``, beside that of
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from ..checks import finite_number, suggestion, whole_number
 from ..errors import SwingupError
 from ..physics.base_parameters import BASE, Spread, base_covariance, base_parameters
-from ..text import quoted
-from .settings import EstimatorSettings, read_settings
-
-IDENTIFIER = "identifier"
-"""Key of the identifier's settings in a policy file's metadata."""
-SPREAD = "spread"
-"""Their part that is an object itself."""
+from ..settings import Range, check_ranges, read_settings
+from .settings import EstimatorSettings
 
 UNKNOWNS = BASE + 4
 """The base parameters, and behind them what the constants below are the places of."""
@@ -37,43 +31,44 @@ BENCHMARK = Spread()
 class IdentifierSettings:
     """What the identifier expects of the plant, the measurement and the torques."""
 
-    dt: float = 0.002
+    PART: ClassVar[str] = "identifier"
+    dt: Annotated[float, Range(1e-6, 0.1)] = 0.002
     """Time between calls (s)."""
-    span: int = 4
+    span: Annotated[int, Range(1, 50)] = 4
     """Steps between the three angles of a row: rates resolve the encoder's step over this time."""
-    bandwidth: float = 60.0
+    bandwidth: Annotated[float, Range(1e-6, 1e3)] = 60.0
     """Of each pole of the low-pass on both sides of the equation (rad/s)."""
-    passive_deviation: float = 0.012
+    passive_deviation: Annotated[float, Range(1e-6, 1e3)] = 0.012
     """First standard deviation of what an undriven joint's low-passed row leaves unexplained (N m)."""
-    passive_floor: float = 0.005
+    passive_floor: Annotated[float, Range(1e-6, 1e3)] = 0.005
     """Its least value (N m)."""
-    driven_deviation: float = 0.04
+    driven_deviation: Annotated[float, Range(1e-6, 1e3)] = 0.04
     """As ``passive_deviation``, for the driven joint, whose motor is noisy and is pushed."""
-    driven_floor: float = 0.01
+    driven_floor: Annotated[float, Range(1e-6, 1e3)] = 0.01
     """Its least value (N m)."""
-    relative_floor: float = 0.002
+    relative_floor: Annotated[float, Range(1e-6, 1.0)] = 0.002
     """Part of a floor that grows with the size of a row's terms: errors of the discretisation."""
-    rise: float = 0.02
+    rise: Annotated[float, Range(1e-6, 1e3)] = 0.02
     """Time in which the deviation follows larger residuals (s)."""
-    fall: float = 0.1
+    fall: Annotated[float, Range(1e-6, 1e3)] = 0.1
     """Time in which it follows smaller ones (s)."""
-    gate: float = 3.0
+    gate: Annotated[float, Range(1e-6, 1e3)] = 3.0
     """Residuals of more than this many of their standard deviations are pushes."""
-    hold: float = 0.1
+    hold: Annotated[float, Range(1e-6, 1e3)] = 0.1
     """Time after a push in which its row is not used (s)."""
-    lag: float = 0.01
+    lag: Annotated[float, Range(1e-6, 1e3)] = 0.01
     """Standard deviation of the torque's lag (s)."""
-    offset: float = 0.03
+    offset: Annotated[float, Range(1e-6, 1e3)] = 0.03
     """Standard deviation of the angles' offsets (rad)."""
-    passive_gain: float = 0.5
+    passive_gain: Annotated[float, Range(1e-6, 1e3)] = 0.5
     """Standard deviation of the part of its command that the undriven joint's motor delivers; its mean is 1."""
-    passive_limit: float = 0.5
+    passive_limit: Annotated[float, Range(0.0, 1e3)] = 0.5
     """Largest torque that compensates the undriven joint's friction (N m); 0 for none."""
-    walk: float = 0.01
+    walk: Annotated[float, Range(1e-6, 1e3)] = 0.01
     """Drift of the unknowns, in prior standard deviations after 1 s."""
-    margin: float = 0.2
+    margin: Annotated[float, Range(1e-6, 0.99)] = 0.2
     """The identified mass matrix is at least this share of the nominal one, in every configuration."""
-    max_delay_steps: int = 25
+    max_delay_steps: Annotated[int, Range(0, 1000)] = 25
     """Longest delay that the identifier is told (steps)."""
     spread: Spread = BENCHMARK
     """How far plants lie from the nominal one."""
@@ -84,19 +79,7 @@ class IdentifierSettings:
         Raises:
             SwingupError: a value is no number of its range.
         """
-        whole = {"span": (1, 50), "max_delay_steps": (0, 1000)}
-        most = {"dt": 0.1, "margin": 0.99, "relative_floor": 1.0}
-        for field in fields(self):
-            name, value = f"identifier setting {field.name}", getattr(self, field.name)
-            if field.name == SPREAD:
-                continue
-            if field.name in whole:
-                object.__setattr__(self, field.name, whole_number(name, value, *whole[field.name]))
-            else:
-                least = 0.0 if field.name == "passive_limit" else 1e-6
-                number = finite_number(name, value, least, most.get(field.name, 1000.0))
-                object.__setattr__(self, field.name, number)
-        object.__setattr__(self, SPREAD, _checked_spread(self.spread))
+        check_ranges(self)
 
     @property
     def pole(self) -> float:
@@ -187,17 +170,11 @@ def read_identifier(metadata: Mapping[str, Any], estimator: EstimatorSettings | 
     Raises:
         SwingupError: they are not an object, or one is unknown or out of range.
     """
-    given = metadata.get(IDENTIFIER)
-    if isinstance(given, Mapping):
-        loop = {} if estimator is None else {"dt": estimator.dt, "max_delay_steps": estimator.max_delay_steps}
-        spread = {SPREAD: _read_spread(given[SPREAD])} if SPREAD in given else {}
-        metadata = {IDENTIFIER: {**loop, **given, **spread}}
-    return read_settings(metadata, IDENTIFIER, IdentifierSettings)
-
-
-def write_identifier(settings: IdentifierSettings) -> dict[str, Any]:
-    """The settings as a policy file's metadata has them."""
-    return {**asdict(settings), SPREAD: settings.spread._asdict()}
+    given = metadata.get(IdentifierSettings.PART)
+    if isinstance(given, Mapping) and estimator is not None:
+        loop = {"dt": estimator.dt, "max_delay_steps": estimator.max_delay_steps}
+        metadata = {IdentifierSettings.PART: {**loop, **given}}
+    return read_settings(metadata, IdentifierSettings)
 
 
 def default_identifier(estimator: EstimatorSettings) -> IdentifierSettings:
@@ -235,21 +212,3 @@ def check_no_identifier(settings: IdentifierSettings | None, program: str) -> No
             f"{program} cannot identify its plant, which the policy's file asks for: run the policy in C or "
             "Python, as an export to c or realaigym does, or take one without an identifier, such as refined"
         )
-
-
-def _read_spread(given: Any) -> Spread:
-    known = ", ".join(Spread._fields)
-    if not isinstance(given, Mapping):
-        raise SwingupError(f"identifier setting {SPREAD} = {quoted(given)}: use an object of {known}")
-    for name in given:
-        if name not in Spread._fields:
-            near = suggestion(name, Spread._fields)
-            raise SwingupError(f"unknown setting {quoted(name)} of the identifier's {SPREAD}: use {known}{near}")
-    return Spread(**given)
-
-
-def _checked_spread(spread: Spread) -> Spread:
-    """The spread as floats."""
-    named = {f"identifier setting {SPREAD}.{name}": value for name, value in spread._asdict().items()}
-    # Deviations are reported relative to these.
-    return Spread(*(finite_number(name, value, 1e-9, 1000.0) for name, value in named.items()))

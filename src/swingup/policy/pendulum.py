@@ -10,33 +10,19 @@ from ..errors import SwingupError
 from ..physics.base_parameters import base_parameters
 from ..physics.plant import Plant
 from ..robots import ROBOTS, Robot, get_robot
+from ..settings import read_settings
 from ..text import quoted
 from .file import read_network, write_network
 from .fold import fold
-from .guard import GUARD
-from .identifier_settings import (
-    IDENTIFIER,
-    IdentifierSettings,
-    check_identifier,
-    prior,
-    read_identifier,
-    write_identifier,
-)
+from .guard import GuardSettings
+from .identifier_settings import IdentifierSettings, check_identifier, prior, read_identifier
 from .network import Network
 from .plant_facts import PLANT, read_plant, write_plant
 from .regulator_settings import RegulatorSettings, fixed_point
-from .settings import (
-    ESTIMATOR,
-    REGULATOR,
-    EstimatorSettings,
-    GuardSettings,
-    estimator_settings,
-    guard_settings,
-    regulator_settings,
-)
+from .settings import EstimatorSettings
 from .stages import PendulumStage
 
-PARTS = (ESTIMATOR, GUARD, IDENTIFIER, REGULATOR)
+PARTS = tuple(kind.PART for kind in (EstimatorSettings, GuardSettings, IdentifierSettings, RegulatorSettings))
 """What may stand around a network: keys of the metadata, and fields of a policy."""
 
 
@@ -125,9 +111,10 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
         raise SwingupError(f"policy file {path} has {len(network.head.bias)} actions: one is needed")
     try:
         limit = finite_number("torque_limit", metadata["torque_limit"], 1e-6, 1e6, "N m")
-        estimator, guard = estimator_settings(metadata), guard_settings(metadata)
+        estimator, guard = read_settings(metadata, EstimatorSettings), read_settings(metadata, GuardSettings)
         plant = read_plant(metadata, ROBOTS[name])
-        around = estimator, guard, read_identifier(metadata, estimator), regulator_settings(metadata)
+        regulator = read_settings(metadata, RegulatorSettings)
+        around = estimator, guard, read_identifier(metadata, estimator), regulator
         return PendulumPolicy(network, ROBOTS[name], limit, plant, *around, metadata)
     except SwingupError as error:
         raise SwingupError(f"policy file {path}: {error}; see docs/policy-format.md") from error
@@ -149,12 +136,7 @@ def write_pendulum_policy(path: str | Path, policy: PendulumPolicy, provenance: 
     parts = {name: getattr(policy, name) for name in PARTS}
     own: dict[str, Any] = {"robot": policy.robot.name, "torque_limit": float(policy.torque_limit)}
     own |= {PLANT: write_plant(policy.plant)}
-    own |= {name: _settings(part) for name, part in parts.items() if part is not None}
+    own |= {name: asdict(part) for name, part in parts.items() if part is not None}
     removed = {name for name in PARTS if name in policy.metadata}
     kept = {name: value for name, value in provenance.items() if name not in removed | own.keys()}
     write_network(path, policy.network, {**own, **kept})
-
-
-def _settings(part: Any) -> dict[str, Any]:
-    """Settings of a part as metadata has them."""
-    return write_identifier(part) if isinstance(part, IdentifierSettings) else asdict(part)

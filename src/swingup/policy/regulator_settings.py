@@ -1,46 +1,39 @@
 """Settings of the regulator near the top; every value is chosen, not identified."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from ..checks import finite_number, whole_number
 from ..errors import SwingupError
 from ..physics.base_parameters import Known, base_parameters, friction_of
-from ..text import quoted
+from ..settings import Range, check_ranges
 from .riccati import solve_riccati
 from .upright import upright_step
-
-RANGES = {
-    "torque_weight": (1e-6, 1e6), "coulomb_damping": (0.0, 100.0), "riccati_step": (1e-4, 0.05),
-    "enter": (1e-6, 1e6), "leave": (1e-6, 1e6),
-    "enter_coulomb": (1e-6, 1e6), "leave_coulomb": (1e-6, 1e6),
-}  # fmt: skip
-"""Least and greatest values of the numbers."""
 
 
 @dataclass(frozen=True)
 class RegulatorSettings:
     """Costs ∫ eᵀ diag(q) e + r u² dt of the regulator, its recursion, and where it acts."""
 
-    state_weights: tuple[float, float, float, float] = (1.0, 1.0, 0.1, 0.1)
+    PART: ClassVar[str] = "regulator"
+    state_weights: Annotated[tuple[float, float, float, float], Range(1e-6, 1e6)] = (1.0, 1.0, 0.1, 0.1)
     """q, of the errors of q1, q2 (1/rad²), dq1 and dq2 (s²/rad²)."""
-    torque_weight: float = 1.0
+    torque_weight: Annotated[float, Range(1e-6, 1e6)] = 1.0
     """r (1/N²m²)."""
-    coulomb_damping: float = 1.0
+    coulomb_damping: Annotated[float, Range(0.0, 100.0)] = 1.0
     """Coulomb friction cf counts as damping of this times cf (s/rad)."""
-    riccati_step: float = 0.005
+    riccati_step: Annotated[float, Range(1e-4, 0.05)] = 0.005
     """Step h of the recursion (s)."""
-    riccati_steps: int = 4
+    riccati_steps: Annotated[int, Range(1, 100)] = 4
     """Steps of the recursion at each call."""
-    enter: float = 1.0
+    enter: Annotated[float, Range(1e-6, 1e6)] = 1.0
     """The regulator takes over where its cost-to-go eᵀPe is below this."""
-    leave: float = 10.0
+    leave: Annotated[float, Range(1e-6, 1e6)] = 10.0
     """The policy takes over where the cost-to-go is above this."""
-    enter_coulomb: float = 1e6
+    enter_coulomb: Annotated[float, Range(1e-6, 1e6)] = 1e6
     """Coulomb friction of the undriven joint (N m) that halves ``enter``."""
-    leave_coulomb: float = 1e6
+    leave_coulomb: Annotated[float, Range(1e-6, 1e6)] = 1e6
     """The same for the distance between ``enter`` and ``leave``."""
 
     def __post_init__(self) -> None:
@@ -49,12 +42,7 @@ class RegulatorSettings:
         Raises:
             SwingupError: a value is no number of its range, or ``leave`` is below ``enter``.
         """
-        for name, (least, most) in RANGES.items():
-            value = finite_number(f"regulator setting {name}", getattr(self, name), least, most)
-            object.__setattr__(self, name, value)
-        object.__setattr__(self, "state_weights", _weights(self.state_weights))
-        whole_number("regulator setting riccati_steps", self.riccati_steps, 1, 100)
-        object.__setattr__(self, "riccati_steps", int(self.riccati_steps))
+        check_ranges(self)
         if self.leave < self.enter:
             raise SwingupError(
                 f"regulator setting leave = {self.leave:g} is below enter = {self.enter:g}: use one from there on"
@@ -125,11 +113,3 @@ def check_no_regulator(settings: RegulatorSettings | None, program: str) -> None
             f"{program} runs the policy alone, which would not hold the pendulum without its regulator: run it in "
             "Python or C, or take one without a regulator, such as refined"
         )
-
-
-def _weights(given: Any) -> tuple[float, ...]:
-    if not isinstance(given, list | tuple) or len(given) != 4:
-        raise SwingupError(
-            f"regulator setting state_weights = {quoted(given)}: use four numbers, for q1, q2, dq1, dq2"
-        )
-    return tuple(finite_number("regulator setting state_weights", value, 1e-6, 1e6) for value in given)

@@ -1,30 +1,15 @@
-"""Settings in a policy file for the parts around its policy: estimator, regulator, safety guard.
+"""Settings of the estimator, and the choice of a safety guard."""
 
-The metadata is parsed only here, and for the identifier in ``identifier_settings.py``; every back end takes the
-settings.
-"""
-
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
-from typing import Any, TypeVar
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from ..checks import finite_number, suggestion, whole_number
-from ..errors import SwingupError
 from ..physics.units import scales_of
-from ..text import quoted
+from ..settings import Range, check_ranges, read_settings
 from .guard import GUARD, GuardChoice
 from .guard import GuardSettings as GuardSettings
-from .regulator_settings import RegulatorSettings
 from .riccati import solve_riccati
-
-SettingsT = TypeVar("SettingsT")
-
-ESTIMATOR = "estimator"
-"""Key of the estimator's settings in a policy file's metadata."""
-REGULATOR = "regulator"
-"""Key of the regulator's."""
 
 LOST = 100
 """An estimated rate this many standard deviations off the measured one is lost: the measurement has jumped."""
@@ -39,21 +24,22 @@ class EstimatorSettings:
     The defaults suit design C.1; :func:`default_estimator` scales them to another plant.
     """
 
-    dt: float = 0.002
+    PART: ClassVar[str] = "estimator"
+    dt: Annotated[float, Range(1e-6, 0.1)] = 0.002
     """Time between calls (s). After a longer pause the estimator restarts from the measurement."""
-    position_noise: float = 1e-4
+    position_noise: Annotated[float, Range(1e-6, 1e3)] = 1e-4
     """Standard deviation of the measured angles (rad): that of an encoder of 2^14 counts is 1.1e-4."""
-    velocity_noise: float = 0.25
+    velocity_noise: Annotated[float, Range(1e-6, 1e3)] = 0.25
     """Standard deviation of the measured velocities (rad/s)."""
-    acceleration_noise: float = 50.0
+    acceleration_noise: Annotated[float, Range(1e-6, 1e3)] = 50.0
     """Standard deviation of what the model does not know of the accelerations (rad/s²)."""
-    max_delay_steps: int = 25
+    max_delay_steps: Annotated[int, Range(0, 1000)] = 25
     """Longest delay of the loop that is considered (steps)."""
-    residual_scale: float = 1e-4
+    residual_scale: Annotated[float, Range(1e-6, 1e3)] = 1e-4
     """Far larger errors of a predicted angle count little more (rad): a push must not decide the delay."""
-    caution: float = 20.0
+    caution: Annotated[float, Range(0.0, 1e3)] = 20.0
     """Log likelihood that a delay must gain for each step that it is longer."""
-    memory: float = 5.0
+    memory: Annotated[float, Range(1e-6, 1e3)] = 5.0
     """Time in which evidence on the delay fades (s)."""
 
     def __post_init__(self) -> None:
@@ -62,14 +48,7 @@ class EstimatorSettings:
         Raises:
             SwingupError: a value is no number of its range.
         """
-        whole_number("estimator setting max_delay_steps", self.max_delay_steps, 0, 1000)
-        for field in fields(self):
-            name, value = field.name, getattr(self, field.name)
-            if name == "max_delay_steps":
-                continue
-            least, most = 0.0 if name == "caution" else 1e-6, 0.1 if name == "dt" else 1000.0
-            object.__setattr__(self, name, finite_number(f"estimator setting {name}", value, least, most))
-        object.__setattr__(self, "max_delay_steps", int(self.max_delay_steps))
+        check_ranges(self)
 
 
 def default_estimator(plant: Any) -> EstimatorSettings:
@@ -104,33 +83,6 @@ def kalman_gains(settings: EstimatorSettings) -> np.ndarray:
     return scale[:, None] * (P @ np.linalg.inv(P + np.eye(2))) / scale
 
 
-def estimator_settings(metadata: Mapping[str, Any]) -> EstimatorSettings | None:
-    """The estimator's settings in a policy file's metadata; None if it has none.
-
-    Raises:
-        SwingupError: they are not an object, one is unknown, or a value is out of range.
-    """
-    return read_settings(metadata, ESTIMATOR, EstimatorSettings)
-
-
-def regulator_settings(metadata: Mapping[str, Any]) -> RegulatorSettings | None:
-    """The regulator's settings in a policy file's metadata; None if it has none.
-
-    Raises:
-        SwingupError: they are not an object, one is unknown, or a value is out of range.
-    """
-    return read_settings(metadata, REGULATOR, RegulatorSettings)
-
-
-def guard_settings(metadata: Mapping[str, Any]) -> GuardSettings | None:
-    """The guard's settings in a policy file's metadata; None if it has none.
-
-    Raises:
-        SwingupError: they are not an object, one is unknown, or a value is out of range.
-    """
-    return read_settings(metadata, GUARD, GuardSettings)
-
-
 def default_guard(dt: float | None = None) -> GuardSettings:
     """The guard of a loop with ``dt`` (s) between calls; None for any. It bears ten missed or repeated calls."""
     if dt is None:
@@ -153,22 +105,4 @@ def choose_guard(choice: GuardChoice, own: GuardSettings | None, dt: float | Non
         return own if choice is None else None
     if isinstance(choice, GuardSettings):
         return choice
-    return own or default_guard(dt) if choice is True else read_settings({GUARD: choice}, GUARD, GuardSettings)
-
-
-def read_settings(metadata: Mapping[str, Any], key: str, kind: type[SettingsT]) -> SettingsT | None:
-    """Settings under a key of a policy file's metadata; None if it has none.
-
-    Raises:
-        SwingupError: they are not an object, one is unknown, or a value is out of range.
-    """
-    if key not in metadata:
-        return None
-    given, known = metadata[key], [field.name for field in fields(kind)]  # type: ignore[arg-type]  # a dataclass
-    if not isinstance(given, Mapping):
-        raise SwingupError(f"{key} {quoted(given)} is no object of settings: use {{}} for the defaults")
-    for name in given:
-        if name not in known:
-            near = suggestion(name, known)
-            raise SwingupError(f"unknown {key} setting {quoted(name)}: use some of {', '.join(known)}{near}")
-    return kind(**given)
+    return own or default_guard(dt) if choice is True else read_settings({GUARD: choice}, GuardSettings)

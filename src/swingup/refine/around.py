@@ -4,11 +4,11 @@ from dataclasses import asdict, replace
 from typing import Any, NamedTuple
 
 from ..control.controller import AbstractController
-from ..policy.identifier_settings import IDENTIFIER, IdentifierSettings, default_identifier, write_identifier
+from ..policy.identifier_settings import IdentifierSettings, default_identifier
 from ..policy.jax_backend.controller import PolicyController, behind_estimator, plant_of
 from ..policy.jax_backend.told import depends_on_plant
 from ..policy.regulator_settings import RegulatorSettings
-from ..policy.settings import ESTIMATOR, REGULATOR, EstimatorSettings, default_estimator
+from ..policy.settings import EstimatorSettings, default_estimator
 
 HAND_OVER = {
     "acrobot": RegulatorSettings(),
@@ -28,12 +28,8 @@ class Around(NamedTuple):
 
     def metadata(self) -> dict[str, Any]:
         """The same in a policy file."""
-        parts = {} if self.estimator is None else {ESTIMATOR: asdict(self.estimator)}
-        if self.identifier is not None:
-            parts[IDENTIFIER] = write_identifier(self.identifier)
-        if self.regulator is not None:
-            parts[REGULATOR] = asdict(self.regulator)
-        return parts
+        parts = (self.estimator, self.identifier, self.regulator)
+        return {part.PART: asdict(part) for part in parts if part is not None}
 
 
 def parts_around(controller: PolicyController) -> Around:

@@ -1,0 +1,89 @@
+"""What all settings of a policy's parts share: ranges stand in the annotations; values are read and checked here.
+
+A kind of settings is a frozen dataclass with the class variable ``PART``, its key in a policy file's metadata. Its
+fields are annotated ``Annotated[kind, Range(least, most)]``; a kind is ``float``, ``int``, ``float | None`` or a
+tuple of floats. A field may also be settings themselves. ``__post_init__`` calls :func:`check_ranges`.
+"""
+
+import functools
+from collections.abc import Hashable, Mapping
+from dataclasses import fields
+from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_type_hints
+
+from .checks import finite_number, suggestion, whole_number
+from .errors import SwingupError
+from .text import quoted
+
+SettingsT = TypeVar("SettingsT")
+
+
+class Range(NamedTuple):
+    """Least and greatest value of a setting, or of each of several numbers."""
+
+    least: float
+    most: float
+
+
+def check_ranges(settings: Any) -> None:
+    """Refuse values out of their ranges, and turn lists into tuples and numbers into the field's type.
+
+    Raises:
+        SwingupError: a value is not a number of its range.
+    """
+    for name, (kind, bounds) in _annotations(type(settings)).items():
+        if bounds is not None:
+            value = _checked(f"{settings.PART} setting {name}", getattr(settings, name), kind, bounds)
+            # The dataclass is frozen for its users; here it is still being made.
+            object.__setattr__(settings, name, value)
+
+
+def read_settings(metadata: Mapping[str, Any], kind: type[SettingsT]) -> SettingsT | None:
+    """Settings under their key in a policy file's metadata; None if it has none.
+
+    Raises:
+        SwingupError: they are not an object, one is unknown, or a value is out of range.
+    """
+    part = kind.PART  # type: ignore[attr-defined]  # of every kind of settings
+    return _read(metadata[part], part, kind) if part in metadata else None
+
+
+def _read(given: Any, part: str, kind: type[SettingsT]) -> SettingsT:
+    if not isinstance(given, Mapping):
+        raise SwingupError(f"{part} {quoted(given)} is not an object of settings: use {{}} for the defaults")
+    known, values = _annotations(kind), dict(given)
+    for name, value in given.items():
+        if name not in known:
+            raise SwingupError(
+                f"unknown {part} setting {quoted(name)}: use some of {', '.join(known)}{suggestion(name, known)}"
+            )
+        inner, bounds = known[name]
+        if bounds is None:
+            values[name] = _read(value, f"{part} {name}", inner)
+    return kind(**values)
+
+
+def _checked(name: str, value: Any, kind: Any, bounds: Range) -> Any:
+    if kind is int:
+        return whole_number(name, value, int(bounds.least), int(bounds.most))
+    if isinstance(kind, tuple):
+        if not isinstance(value, list | tuple) or len(value) != len(kind):
+            raise SwingupError(f"{name} = {quoted(value)}: use {len(kind)} numbers")
+        return tuple(finite_number(name, each, *bounds) for each in value)
+    if value is None and type(None) in get_args(kind):
+        return None
+    return finite_number(name, value, *bounds)
+
+
+@functools.cache
+def _annotations(kind: Hashable) -> dict[str, tuple[Any, Range | None]]:
+    """Kind and range of each field: a tuple's kind is that of its entries, and settings have no range."""
+    hints = get_type_hints(kind, include_extras=True)
+    found: dict[str, tuple[Any, Range | None]] = {}
+    for field in fields(kind):
+        hint = hints[field.name]
+        if not isinstance(hint, type(Annotated[int, 0])):
+            found[field.name] = hint, None
+            continue
+        inner, bounds = get_args(hint)[:2]
+        found[field.name] = get_args(inner) if isinstance(field.default, tuple) else inner, bounds
+    return found
