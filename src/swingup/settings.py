@@ -5,8 +5,7 @@ fields are annotated ``Annotated[kind, Range(least, most)]``; a kind is ``float`
 tuple of floats. A field may also be settings themselves. ``__post_init__`` calls :func:`check_ranges`.
 """
 
-import functools
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from dataclasses import fields
 from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_type_hints
 
@@ -74,8 +73,7 @@ def _checked(name: str, value: Any, kind: Any, bounds: Range) -> Any:
     return finite_number(name, value, *bounds)
 
 
-@functools.cache
-def _annotations(kind: Hashable) -> dict[str, tuple[Any, Range | None]]:
+def _annotations(kind: Any) -> dict[str, tuple[Any, Range | None]]:
     """Kind and range of each field: a tuple's kind is that of its entries, and settings have no range."""
     hints = get_type_hints(kind, include_extras=True)
     found: dict[str, tuple[Any, Range | None]] = {}
