@@ -85,7 +85,7 @@ const char *watch(int n, const double *t, const double *x, double *u, int *reaso
 def compile_header(folder, text, *flags):
     """The shared library of a header's text."""
     (folder / "policy.h").write_text(text, encoding="utf-8")
-    return compile_program(folder, FOLLOW if "swingup_identifier" in text else DRIVER, *flags)
+    return compile_program(folder, FOLLOW if "HAS_IDENTIFIER 1" in text else DRIVER, *flags)
 
 
 def compile_program(folder, text, *flags):

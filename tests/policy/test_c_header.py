@@ -48,12 +48,12 @@ def test_numbers_are_the_files(name):
     policy = read_policy("refined", name)
     text = c_header(policy)
     for index, layer in enumerate(policy.network.layers):
-        body = re.search(rf"swingup_weight_{index}\[\d+\]\[\d+\] = {{(.*?)}};", text, re.DOTALL)[1]
+        body = re.search(rf"swingup_weight_{index}\[\d+\] = {{(.*?)}};", text, re.DOTALL)[1]
         numbers = np.array(re.findall(r"[-+\d.e]+(?=f)", body), np.float32)
         np.testing.assert_array_equal(numbers.reshape(layer.weight.T.shape), layer.weight.T)
     assert "@" not in text
     assert "malloc" not in text
-    assert set(re.findall(r"#include (.*)", text)) == {"<math.h>"}
+    assert set(re.findall(r"#include (.*)", text)) == {"<math.h>", "<stdint.h>"}
 
 
 TWO = """

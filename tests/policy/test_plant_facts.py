@@ -60,7 +60,7 @@ def test_a_file_without_a_plant_is_for_the_leaderboards(name):
     found, p = read_policy("refined", name), LEADERBOARD.driven(get_robot(name))
     assert found.plant.values() == p.values()
     assert found.plant.friction is None
-    assert "/* ---- the estimator's model: leaderboard ---- */" in c_header(found)
+    assert "/* The plant is leaderboard. */" in c_header(found)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,109 @@
+"""The C runtime by itself: with each combination of its switches it compiles, and no input breaks it."""
+
+import dataclasses
+import itertools
+import subprocess
+
+import pytest
+
+from swingup.policy.c_backend.header import RUNTIME, c_data, runtime
+from swingup.policy.settings import default_guard
+
+from .compiled import CAREFUL, STRICT, needs_gcc
+from .references import DT, TOLD, policy
+
+pytestmark = needs_gcc
+
+PARTS = ("estimator", "identifier", "regulator", "guard")
+COMBINATIONS = [
+    parts
+    for number in range(len(PARTS) + 1)
+    for parts in itertools.combinations(PARTS, number)
+    if "identifier" not in parts or "estimator" in parts
+]
+"""Parts that stand together around a network: an identifier needs an estimator."""
+
+FUZZ = """
+#include <stdio.h>
+#include "data.h"
+#include "swingup_runtime.h"
+
+/* A linear congruential generator: a number in [0, 1). */
+static double draw(void)
+{
+    static uint64_t seed = 1;
+    seed = seed * 6364136223846793005u + 1442695040888963407u;
+    return (double)(seed >> 11) / 9007199254740992.0;
+}
+
+/* Now and then a number that no sensor should send. */
+static double spoilt(double sound)
+{
+    static const double values[] = {NAN, INFINITY, -INFINITY, 1e308, -1e308, 1e7, 1e3, -1e3, 5e-324, 0.0};
+    return draw() < 0.002 ? values[(int)(draw() * 10.0)] : sound;
+}
+
+int main(void)
+{
+    static swingup_controller controller;
+    double t = 0.0;
+    int k, i;
+    swingup_reset(&controller);
+    for (k = 0; k < 20000; k++) {
+        const double angle = sin(5.0 * t), rate = 5.0 * cos(5.0 * t);
+        const double x[4] = {spoilt(3.0 * angle), spoilt(-2.0 * angle), spoilt(3.0 * rate), spoilt(-2.0 * rate)};
+        const double when = draw() < 0.001 ? spoilt(t - 1.0) : t;
+        double u[2];
+        swingup_control(&controller, when, x, u);
+        for (i = 0; i < 2; i++) {
+            const int broken = !swingup_finite(x, 4) && !SWINGUP_HAS_GUARD;
+            /* Negated, so that a torque of NaN fails. */
+            if (!(fabs(u[i]) <= swingup_limits[i]) && !(broken && isnan(u[i]))) {
+                printf("u[%d] = %g for %g %g %g %g at call %d\\n", i, u[i], x[0], x[1], x[2], x[3], k);
+                return 1;
+            }
+        }
+        if (swingup_guard_reason(&controller) && draw() < 0.02) {
+            swingup_reset(&controller);
+        }
+        t += draw() < 0.01 ? 0.02 * draw() : 0.002;
+    }
+    return swingup_guard_sentence(&controller) == 0 || isnan(swingup_policy((const double[4]){0.1, 0.2, 0.3, 0.4}));
+}
+"""
+
+
+def write(folder, parts):
+    """The runtime, data for some parts, and the program."""
+    whole = dataclasses.replace(policy(TOLD), guard=default_guard(DT))
+    found = dataclasses.replace(whole, **{part: None for part in PARTS if part not in parts})
+    for name, text in (("data.h", c_data(found)), (RUNTIME, runtime()), ("fuzz.c", FUZZ)):
+        (folder / name).write_text(text, encoding="utf-8")
+
+
+def gcc(folder, *flags):
+    command = [*STRICT, *CAREFUL, *flags, "fuzz.c", "-o", "fuzz", "-lm"]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize("parts", COMBINATIONS, ids="-".join)
+def test_with_each_combination_of_switches(tmp_path, parts):
+    """Without a warning; and whatever it is sent, no torque is beyond its motor's limit."""
+    write(tmp_path, parts)
+    result = gcc(tmp_path, "-fsanitize=undefined,address", "-fno-sanitize-recover")
+    assert (result.returncode, result.stderr) == (0, "")
+    result = subprocess.run([str(tmp_path / "fuzz")], capture_output=True, text=True, check=False)
+    assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
+
+
+@pytest.mark.parametrize("flag", ["-ffast-math", "-ffinite-math-only", "-Ofast"])
+def test_a_compiler_that_cannot_tell_nan_is_refused(tmp_path, flag):
+    write(tmp_path, PARTS)
+    assert "compile without -ffast-math" in gcc(tmp_path, flag).stderr
+
+
+def test_an_identifier_needs_an_estimator(tmp_path):
+    write(tmp_path, PARTS)
+    text = (tmp_path / "data.h").read_text(encoding="utf-8").replace("HAS_ESTIMATOR 1", "HAS_ESTIMATOR 0")
+    (tmp_path / "data.h").write_text(text, encoding="utf-8")
+    assert "an identifier needs an estimator" in gcc(tmp_path).stderr
