@@ -45,12 +45,12 @@ def runtime_data(policy: PendulumPolicy) -> dict[str, Data]:
         "REGULATOR": policy.regulator,
         "GUARD": policy.guard,
     }
+    reasons: Data = {f"GUARD_{reason.name}": reason.value for reason in Reason}
     found: dict[str, Data] = {
         "the switches": {f"HAS_{name}": int(part is not None) for name, part in parts.items()},
         "the plant": plant_data(policy),
         "the network": network_data(policy),
-        "the guard's reasons": {f"GUARD_{reason.name}": reason.value for reason in Reason}
-        | {"GUARD_SENTENCES": ", ".join(f'"{text}"' for text in SENTENCES)},
+        "the guard's reasons": reasons | {"GUARD_SENTENCES": ", ".join(f'"{text}"' for text in SENTENCES)},
     }
     if policy.estimator is not None:
         found["the estimator"] = estimator_data(policy.estimator)
@@ -99,9 +99,11 @@ def network_data(policy: PendulumPolicy) -> Data:
 def _observation_data(stages: Sequence[Stage]) -> Data:
     """The stages: angles and velocities, perhaps normalised, perhaps with the plant behind them."""
     angles, *others = stages
-    normalise = others.pop(0) if others and isinstance(others[0], NormaliseStage) else None
-    plant = others.pop(0) if others and isinstance(others[0], PlantStage) else None
-    if not isinstance(angles, PendulumStage) or others:
+    kinds = [type(stage) for stage in others]
+    normalise = next((stage for stage in others if isinstance(stage, NormaliseStage)), None)
+    plant = next((stage for stage in others if isinstance(stage, PlantStage)), None)
+    # At most one of each, in this order.
+    if not isinstance(angles, PendulumStage) or kinds != [k for k in (NormaliseStage, PlantStage) if k in kinds]:
         names = ", ".join(type(stage).__name__ for stage in stages)
         raise SwingupError(f"a header cannot have the observation stages {names}: export to NumPy")
     data: Data = {
