@@ -183,8 +183,8 @@ def test_the_guard_of_an_export(tmp_path, monkeypatch, capsys):
     assert "guard = False" in entries[1]
     assert main([*base, "c", "--out", "guarded.h"]) == 0
     assert main([*base, "c", "--out", "bare.h", "--no-guard"]) == 0
-    assert "SWINGUP_GUARD_VELOCITY 3" in (tmp_path / "guarded.h").read_text()
-    assert "SWINGUP_GUARD_VELOCITY" not in (tmp_path / "bare.h").read_text()
+    assert "#define SWINGUP_HAS_GUARD 1" in (tmp_path / "guarded.h").read_text()
+    assert "#define SWINGUP_HAS_GUARD 0" in (tmp_path / "bare.h").read_text()
     capsys.readouterr()
     assert main([*base, "c", "--out", "x.h", "--no-guard", "--braking", "1"]) == 2
     assert "--braking is a setting of the safety guard: leave --no-guard out" in capsys.readouterr().err
@@ -222,7 +222,7 @@ def test_a_file_without_a_plant_gets_one(tmp_path, capsys):
     header, folder = tmp_path / "policy.h", tmp_path / "entry"
     words = ["export", "refined", "--robot", "acrobot", "--plant", "cloudpendulum-rods"]
     assert main([*words, "--to", "c", "--out", str(header)]) == 0
-    assert "0.13" in header.read_text()
+    assert "swingup_limits[2] = {0.e+00, 1.3e-01};" in header.read_text()
     assert main([*words, "--to", "cloudpendulum", "--out", str(folder)]) == 0
     (file,) = folder.rglob("policy.safetensors")
     capsys.readouterr()
