@@ -59,6 +59,13 @@ def test_repeated_rows_are_found(tmp_path):
     assert "% of the rows repeat" in recording.warnings[0]
 
 
+def test_three_different_rows_are_too_few(tmp_path):
+    rows = np.arange(14) * 50
+    table = np.column_stack([0.1 * np.arange(14), TABLE[rows // 250 * 250, 1:]])
+    with pytest.raises(SwingupError, match=r"log\.csv has 3 different rows, .* at least 6 are needed"):
+        read_recording(write(tmp_path / "log.csv", table))
+
+
 def test_torques_that_only_a_motor_reports(tmp_path):
     header = HEADER.replace("tau_con", "tau_meas")
     noise = np.random.default_rng(0).normal(0, 0.001, (len(TIME), 2))

@@ -7,6 +7,8 @@ from ..errors import SwingupError
 
 SHORTEST = 0.8
 """Least duration of a log (s): a window of prediction lasts 0.5 s."""
+LEAST_ROWS = 6
+"""Rows with a measurement of their own that a smoother needs: its cubic has four coefficients."""
 SLOWEST_PERIOD = 0.1
 """Longest median period (s): a pendulum moves too far between rows."""
 LEAST_MOTION = 2e-3
@@ -36,6 +38,19 @@ def check_time(name: str, time: Float[np.ndarray, "rows"]) -> None:
         )
     if time[-1] < SHORTEST:
         raise SwingupError(f"{name} lasts {time[-1]:g} s: at least {SHORTEST:g} s are needed, with time in seconds")
+
+
+def check_fresh(name: str, fresh: Bool[np.ndarray, "rows"]) -> None:
+    """Refuse a log with too few measurements.
+
+    Raises:
+        SwingupError: fewer than 6 rows differ from the one before.
+    """
+    count = int(np.count_nonzero(fresh))
+    if count < LEAST_ROWS:
+        raise SwingupError(
+            f"{name} has {count} different rows, the others repeat the one before: at least {LEAST_ROWS} are needed"
+        )
 
 
 def check_motion(

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 
 from ..errors import SwingupError
 from ..table import read_columns
-from .log_checks import check_motion, check_time, find_warnings, longest_step
+from .log_checks import check_fresh, check_motion, check_time, find_warnings, longest_step
 
 _POSITIONS = (("pos_meas1", "pos_meas2"), ("pos1", "pos2"))
 _VELOCITIES = (("vel_meas1", "vel_meas2"), ("vel1", "vel2"), ())
@@ -95,6 +95,7 @@ def read_recording(path: str | Path, torque_limits: tuple[float, float] | None =
     quantum = (_quantum(angles[:, 0]), _quantum(angles[:, 1]))
     dq, commands, measured = (_first(columns, group) for group in (_VELOCITIES, _COMMANDS, _MEASURED))
     fresh = _fresh_rows(q, quantum, time, dq, measured)
+    check_fresh(name, fresh)
     check_motion(name, time[fresh], q[fresh], None if dq is None else dq[fresh])
     dq = _differences(time, q) if dq is None else dq
     commanded = commands is not None and "tau_meas1" not in _names(columns, _COMMANDS)

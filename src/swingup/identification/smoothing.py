@@ -8,13 +8,13 @@ Rows that repeat a measurement are left out. The smoother knows no dynamics, and
 import numpy as np
 from jaxtyping import Float
 
+from .log_checks import LEAST_ROWS
 from .recording import Recording
 
 REACH = 0.02
 """Half width of the polynomial's support (s)."""
 DEGREE = 3
 """A parabola's slope would be wrong by q''' (20 ms)² / 10, which is 2 rad/s on links of 5 cm."""
-LEAST_ROWS = 6
 BLOCK = 4096
 """Times that are smoothed at once, which bounds the memory."""
 
