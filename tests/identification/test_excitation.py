@@ -101,7 +101,7 @@ def test_information_grows_with_motion(trial):
 def test_a_prior_around_a_plant_and_from_a_domain():
     prior = prior_around(C1)
     drawn, corners = draw_models(prior, 50, 0), corner_models(prior)
-    first = INDEX["first"]
+    first = INDEX["k"]
     middle = vector_of(C1)[first]
     assert drawn[0, first] == pytest.approx(middle, rel=0.02)
     assert corners[:, first].min() <= drawn[:, first].min() < 0.9 * middle

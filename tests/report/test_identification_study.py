@@ -23,7 +23,7 @@ def found(tmp_path_factory):
     setting, windows = setting_of(C1), score_windows([recording])
     fitted = vector_of(C1, delay=0.0, lag=3e-4)
     start = fitted.copy()
-    start[INDEX["elbow"]] *= 1.3
+    start[INDEX["B"]] *= 1.3
     models = {"fitted": fitted[None], "start": start[None]}
     return Identification(
         plant=C1,

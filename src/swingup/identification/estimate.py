@@ -74,7 +74,7 @@ class Problem:
         if not plant:
             return loop
         # Without torques, one base parameter stands for the common factor of all.
-        base = [name for name in SHARED if name != "first" or self.has_scale]
+        base = [name for name in SHARED if name != "k" or self.has_scale]
         gain = driven and (session > 0 or self.knows_mass)
         return [*base, *OFFSETS, *(["gain1"] if gain else []), *loop]
 

@@ -19,7 +19,7 @@ from ..plants.domain import Domain
 from .excitation import Excitation, Limits
 from .prediction import NAMES, Setting, setting_of
 from .prior import corner_models, draw_models
-from .regression import POINTS, SPAN, Spans, regression_matrix
+from .regression import OFFSETS, SPAN, Spans, regression_matrix
 from .rollouts import Sequences, simulate
 from .waves import PERIOD, multisines
 from .windows import INTERVAL
@@ -133,16 +133,16 @@ def _within_limits(
 def _feedback(setting: Setting, model: np.ndarray) -> np.ndarray:
     """Kp and kd of both joints, for the inertia of each while the other is stiff."""
     m = dict(zip(NAMES, model, strict=True))
-    elbow = m["elbow"] + setting.gear**2 * m["rotor"]
-    inertia = np.array([m["shoulder"] + 2 * setting.l1 * m["second"] + elbow, elbow])
-    stiffness = np.full(2, STIFFNESS * setting.gravity * m["first"])
-    return np.stack([stiffness, DAMPING * 2 * np.sqrt(stiffness * inertia)])
+    elbow = m["B"] + setting.known.gr**2 * m["Ir"]
+    straight = m["A"] - m["B"] + 2 * setting.known.l1 * m["m2r2"] + elbow
+    stiffness = np.full(2, STIFFNESS * setting.known.g * m["k"])
+    return np.stack([stiffness, DAMPING * 2 * np.sqrt(stiffness * np.array([straight, elbow]))])
 
 
 def _information(setting: Setting, states: Float[np.ndarray, "rows 4"]) -> float:
     """The logarithm of det(Yᵀ Y), which falls with the volume of the parameters' covariance."""
     time = PERIOD * np.arange(len(states))
-    points = SPAN * np.arange(int(time[-1] / SPAN))[:, None] + np.linspace(0.0, SPAN, POINTS)
+    points = SPAN * np.arange(1, int(time[-1] / SPAN))[:, None] + OFFSETS
     spans = np.stack([np.interp(points, time, column) for column in states.T], axis=-1)
     matrix = regression_matrix(setting, Spans(spans, np.zeros((len(spans), 2))))
     return float(np.linalg.slogdet(matrix.T @ matrix)[1])

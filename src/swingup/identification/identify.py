@@ -161,6 +161,7 @@ def _read(
     reading = read_solution(final.unknowns, final.z, draws, problem.has_scale, list(problem.known), seed)
     model = dict(zip(NAMES, np.maximum(final.models[0], 0.0), strict=True))
     fitted = representative(model, start)
+    model["A"] -= model["B"]  # as in the reading
     value = {name: (float(model[name]), float(model[name])) for name in INDEX}
     ranges = {name: reading.intervals.get(TITLES.get(name, name), value[name]) for name in value}
     loop = {name: list(ranges[name]) for name in ("offset1", "offset2")}

@@ -8,7 +8,7 @@ from .model import MASSES
 from .prediction import LEAST_LAG
 
 KNOWN = {
-    "m1r1+m2l1": "first", "m2r2": "second", "I1+m2l1^2": "shoulder", "I2": "elbow", "Ir": "rotor", "b1": "b1",
+    "m1r1+m2l1": "k", "m2r2": "m2r2", "I1+I2+m2l1^2": "A", "I2": "B", "Ir": "Ir", "b1": "b1",
     "b2": "b2", "cf1": "cf1", "cf2": "cf2", "gain": "gain1", "delay": "delay", "lag": "lag",
 }  # fmt: skip
 """Names that a user gives, and the model's."""

@@ -15,11 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..physics.base_parameters import BASE_NAMES
 from .prediction import INDEX, LEAST_LAG, NAMES, Setting
 
-SHARED = NAMES[:9]
+SHARED = BASE_NAMES
 """Entries of the plant, the same in all sessions."""
-MASSES = ("first", "second", "shoulder", "elbow", "rotor")
+MASSES = ("A", "B", "m2r2", "k", "Ir")
 
 
 @dataclass(frozen=True)
@@ -80,14 +81,12 @@ def expectations(setting: Setting, start: Float[np.ndarray, "15"], commanded: bo
     Friction is measured by the torque of gravity on the shoulder: 5 % of it is Coulomb friction of one scale.
     """
     m = dict(zip(NAMES, start, strict=True))
-    torque = 0.05 * setting.gravity * m["first"]
-    speed = 2.0 * math.sqrt(setting.gravity / (setting.l1 + m["elbow"] / m["second"]))
-    rotor = max(m["rotor"], 0.1 * m["elbow"] / setting.gear**2)
-    found = {
-        name: Expectation(m[name], m[name], 1.0, 0.1 * m[name], 10.0 * m[name])
-        for name in ("first", "second", "shoulder", "elbow")
-    }
-    found["rotor"] = Expectation(m["rotor"], rotor, 2.0, 0.0, m["rotor"] + 10.0 * rotor)
+    known = setting.known
+    torque = 0.05 * known.g * m["k"]
+    speed = 2.0 * math.sqrt(known.g / (known.l1 + m["B"] / m["m2r2"]))
+    rotor = max(m["Ir"], 0.1 * m["B"] / known.gr**2)
+    found = {name: Expectation(m[name], m[name], 1.0, 0.1 * m[name], 10.0 * m[name]) for name in MASSES[:4]}
+    found["Ir"] = Expectation(m["Ir"], rotor, 2.0, 0.0, m["Ir"] + 10.0 * rotor)
     for joint in ("1", "2"):
         b, cf = m[f"b{joint}"], m[f"cf{joint}"]
         found[f"b{joint}"] = Expectation(b, torque / speed, 2.0, min(b, 0.0), b + 20 * torque / speed)

@@ -41,7 +41,7 @@ def make_notes(
 
 def _scale(problem: Problem) -> str:
     if problem.knows_mass:
-        masses = ", ".join(TITLES[name] for name in MASSES if name in problem.known)
+        masses = ", ".join(TITLES.get(name, name) for name in MASSES if name in problem.known)
         return f"the known {masses} fixes the scale"
     if problem.has_scale and "gain1" in problem.known:
         return "the known torque gain fixes the scale of masses, inertias and frictions"

@@ -32,15 +32,16 @@ def representative(base: Mapping[str, float], start: Plant) -> Plant:
         SwingupError: no such pendulum has a positive definite mass matrix.
     """
     l1 = float(start.l1)
-    least = MARGIN * base["second"] ** 2 / base["elbow"]
-    most = min(0.95 * base["shoulder"] / l1**2, 0.98 * base["first"] / l1)
+    shoulder = base["A"] - base["B"]
+    least = MARGIN * base["m2r2"] ** 2 / base["B"]
+    most = min(0.95 * shoulder / l1**2, 0.98 * base["k"] / l1)
     # Where link 2 is too heavy for its inertia, the masses cannot be consistent: the equations still hold.
     m2 = float(np.clip(start.m2, least, most)) if least < most else most
-    rest, I1 = base["first"] - m2 * l1, base["shoulder"] - m2 * l1**2
+    rest, I1 = base["k"] - m2 * l1, shoulder - m2 * l1**2
     m1 = max(float(start.m1), MARGIN * rest**2 / I1)
     found = Plant(
-        m1=m1, m2=m2, l1=l1, l2=float(start.l2), r1=rest / m1, r2=base["second"] / m2, I1=I1, I2=base["elbow"],
-        Ir=base["rotor"], gr=float(start.gr), b1=base["b1"], b2=base["b2"], cf1=base["cf1"], cf2=base["cf2"],
+        m1=m1, m2=m2, l1=l1, l2=float(start.l2), r1=rest / m1, r2=base["m2r2"] / m2, I1=I1, I2=base["B"],
+        Ir=base["Ir"], gr=float(start.gr), b1=base["b1"], b2=base["b2"], cf1=base["cf1"], cf2=base["cf2"],
         g=float(start.g), tl1=float(start.tl1), tl2=float(start.tl2),
     )  # fmt: skip
     return validated(found)
@@ -53,7 +54,7 @@ def domain_of(plant: Plant, ranges: Mapping[str, Range], others: Mapping[str, An
 
     Args:
         plant: the representative.
-        ranges: of the base parameters, frictions, ``delay`` and ``lag`` (s).
+        ranges: of the base parameters, ``delay`` and ``lag`` (s); instead of A, of I1 + m2 l1² = A - B.
         others: entries of the domain as they are: offsets, quanta, torque gains, and where velocities come from.
 
     Raises:
@@ -70,7 +71,7 @@ def domain_of(plant: Plant, ranges: Mapping[str, Range], others: Mapping[str, An
 
 
 def _content(p: Plant, ranges: Mapping[str, Range], narrowing: float) -> dict[str, float | list[float]]:
-    first, second, shoulder, elbow = (ranges[name] for name in ("first", "second", "shoulder", "elbow"))
+    first, second, shoulder, elbow = (ranges[name] for name in ("k", "m2r2", "A", "B"))
     weight, inertia = float(p.m2 * p.l1), float(p.m2 * p.l1**2)
     # The masses stay: a range of a base parameter is one of the centre of mass or the inertia.
     spans: dict[str, Range] = {
@@ -78,8 +79,7 @@ def _content(p: Plant, ranges: Mapping[str, Range], narrowing: float) -> dict[st
         "r2": (second[0] / float(p.m2), second[1] / float(p.m2)),
         "I1": (shoulder[0] - inertia, shoulder[1] - inertia),
         "I2": elbow,
-        "Ir": ranges["rotor"],
-        **{name: ranges[name] for name in ("b1", "b2", "cf1", "cf2")},
+        **{name: ranges[name] for name in ("Ir", "b1", "b2", "cf1", "cf2")},
     }
     values = {name: float(getattr(p, name)) for name in ("m1", "m2", "l1", "l2", "gr", "g")}
     content: dict[str, float | list[float]] = dict(values)

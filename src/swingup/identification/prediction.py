@@ -1,11 +1,8 @@
 """Open-loop predictions over windows, and their derivatives with respect to the model's parameters.
 
-The model is linear in five base parameters of the plant, which is all that motion and torques can tell of masses,
-centres of mass and inertias (the lengths are known):
-
-    first = m1 r1 + m2 l1,   second = m2 r2,   shoulder = I1 + m2 l1²,   elbow = I2,   rotor = Ir.
-
-The torque that acts is gain times the command, ``delay`` late, through a first-order lag:
+The plant is its base parameters θ (``physics.base_parameters``), which is all that motion and torques can tell of
+masses, centres of mass and inertias. The torque that acts is gain times the command, ``delay`` late, through a
+first-order lag:
 
     lag du/dt = gain command(t - delay) - u.
 
@@ -24,16 +21,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..physics.equations import COULOMB_STEEPNESS, Lumped
-from ..physics.implicit_friction import SmoothedFriction, advance
+from ..physics.base_parameters import BASE_NAMES, Known, base_parameters, friction_of, lumped
+from ..physics.equations import COULOMB_STEEPNESS
+from ..physics.implicit_friction import advance
 from ..physics.plant import Plant
 from .windows import HISTORY, INTERVAL, TORQUE_STEP, Windows
 
-NAMES = (
-    "first", "second", "shoulder", "elbow", "rotor", "b1", "b2", "cf1", "cf2", "offset1", "offset2", "gain1",
-    "gain2", "delay", "lag",
-)  # fmt: skip
-"""Entries of a model's vector, in order (kg m, kg m², N m s/rad, N m, rad, s)."""
+NAMES = (*BASE_NAMES, "offset1", "offset2", "gain1", "gain2", "delay", "lag")
+"""Entries of a model's vector, in order: θ, and the loop (rad, s)."""
 INDEX = {name: place for place, name in enumerate(NAMES)}
 
 CHUNK = 128
@@ -46,14 +41,9 @@ LEAST_LAG = 3e-4
 
 
 class Setting(NamedTuple):
-    """What of a plant is known, and the step of integration; hashable, it is compiled in."""
+    """What of a plant is known, and how its motion is integrated; hashable, it is compiled in."""
 
-    l1: float
-    """Length of link 1 (m)."""
-    gravity: float
-    """m/s²"""
-    gear: float
-    """Gear ratio."""
+    known: Known
     steepness: float
     """Slope of the smoothed Coulomb friction (s/rad)."""
     step: float
@@ -73,13 +63,12 @@ def setting_of(p: Plant) -> Setting:
     """
     scale = min(1.0, math.sqrt(float(p.l1 + p.l2) / 0.5 * 9.81 / float(p.g)))
     step = TORQUE_STEP * min(2, max(1, round(0.001 * scale / TORQUE_STEP)))
-    return Setting(float(p.l1), float(p.g), float(p.gr), COULOMB_STEEPNESS * scale, step)
+    return Setting(Known(float(p.l1), float(p.g), float(p.gr)), COULOMB_STEEPNESS * scale, step)
 
 
 def vector_of(p: Plant, delay: float = 0.004, lag: float = 0.002) -> Float[np.ndarray, "15"]:
     """A model's vector from a plant's parameters, with offsets of 0 and gains of 1."""
-    base = (p.m1 * p.r1 + p.m2 * p.l1, p.m2 * p.r2, p.I1 + p.m2 * p.l1**2, p.I2, p.Ir)
-    return np.array([*base, p.b1, p.b2, p.cf1, p.cf2, 0.0, 0.0, 1.0, 1.0, delay, lag], np.float64)
+    return np.append(base_parameters(p), [0.0, 0.0, 1.0, 1.0, delay, lag])
 
 
 def predict(setting: Setting, model: np.ndarray, windows: Windows) -> Float[np.ndarray, "windows outputs 4"]:
@@ -139,14 +128,13 @@ def _compiled(setting: Setting, outputs: int, derivatives: bool) -> Callable[...
 def predict_window(setting: Setting, outputs: int, model: Array, start: Array, impulse: Array) -> Array:
     """States at the output times of one window, in measured angles."""
     m = dict(zip(NAMES, model, strict=True))
-    plant = lump_base(setting, m)
-    friction = SmoothedFriction((m["b1"], m["b2"]), (m["cf1"], m["cf2"]), setting.steepness)
+    plant, friction = lumped(model, setting.known), friction_of(model)
     torques = acting_torques(setting, outputs, m["delay"], m["lag"], impulse)
     torques = torques * jnp.stack([m["gain1"], m["gain2"]])
     x = (start[0] - m["offset1"], start[1] - m["offset2"], start[2], start[3])
 
     def step(x: Any, u: Array) -> Any:
-        return advance(plant, friction, x, (u[0], u[1]), setting.step), None
+        return advance(plant, friction, x, (u[0], u[1]), setting.step, setting.steepness), None
 
     def interval(x: Any, u: Array) -> Any:
         x, _ = jax.lax.scan(step, x, u)
@@ -154,21 +142,6 @@ def predict_window(setting: Setting, outputs: int, model: Array, start: Array, i
 
     _, states = jax.lax.scan(interval, x, torques.reshape(outputs, -1, 2))
     return states + jnp.stack([m["offset1"], m["offset2"], jnp.zeros(()), jnp.zeros(())])
-
-
-def lump_base(setting: Setting, m: Any) -> Lumped:
-    """The equations' combinations from the base parameters."""
-    first, second, rotor, gear = m["first"], m["second"], m["rotor"], setting.gear
-    return Lumped(
-        shoulder=m["shoulder"] + m["elbow"],
-        elbow=m["elbow"],
-        coupling=setting.l1 * second,
-        gravity1=setting.gravity * first,
-        gravity2=setting.gravity * second,
-        reflected=gear**2 * rotor,
-        geared=gear * rotor,
-        rotor=rotor,
-    )
 
 
 def acting_torques(

@@ -8,8 +8,9 @@ from jaxtyping import Float
 from ..physics.plant import NAMES as PLANT_NAMES
 from ..physics.plant import Plant
 from ..plants.domain import Domain, make_domain
+from .model import MASSES
 from .plant_file import domain_of
-from .prediction import INDEX, LEAST_LAG, NAMES, vector_of
+from .prediction import INDEX, LEAST_LAG, vector_of
 
 BASE_SPREAD = 0.2
 """Base parameters around a plant that a drawing or a fit of another specimen gives: this part lower or higher."""
@@ -24,10 +25,11 @@ DELAY, LAG = (0.001, 0.006), (0.001, 0.004)
 
 def prior_around(plant: Plant) -> Domain:
     """A domain around a plant's facts: as wide as specimens of one design, and sessions of one robot, differ."""
-    vector, p = vector_of(plant), plant
-    torque = float(p.g) * vector[0]
-    around = dict.fromkeys(NAMES[:4], (1 - BASE_SPREAD, 1 + BASE_SPREAD)) | {
-        "rotor": ROTOR,
+    vector = vector_of(plant)
+    torque = plant.g * vector[INDEX["k"]]
+    vector[INDEX["A"]] -= vector[INDEX["B"]]
+    around = dict.fromkeys(MASSES[:4], (1 - BASE_SPREAD, 1 + BASE_SPREAD)) | {
+        "Ir": ROTOR,
         "cf1": FRICTION,
         "cf2": FRICTION,
     }
@@ -38,7 +40,7 @@ def prior_around(plant: Plant) -> Domain:
         damping = vector[INDEX[f"b{joint}"]]
         ranges[f"b{joint}"] = (min(damping, 0.0), max(3 * damping, 0.002 * torque))
     loop = {"delay": DELAY, "lag": LAG, "offset1": (0.0, 0.0), "offset2": (0.0, 0.0)}
-    content = domain_of(p, ranges | loop)
+    content = domain_of(plant, ranges | loop)
     found = make_domain(content, f"around {plant.name}")
     return replace(found, plant=plant)
 

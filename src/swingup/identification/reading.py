@@ -6,21 +6,21 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from ..physics.base_parameters import BASE_NAMES
 from .bootstrap import interval
 from .model import Unknowns
 from .prediction import INDEX, NAMES
 
 TITLES = {
-    "first": "m1 r1 + m2 l1",
-    "second": "m2 r2",
-    "shoulder": "I1 + m2 l1^2",
-    "elbow": "I2",
-    "rotor": "Ir",
+    "A": "I1 + m2 l1^2",
+    "B": "I2",
+    "m2r2": "m2 r2",
+    "k": "m1 r1 + m2 l1",
     "gain1": "torque gain",
 }
-"""Names of a model's entries in results; the others keep theirs."""
+"""Names of a model's entries in results; the others keep theirs. Of A, results have what link 1 adds: A - B."""
 DEAD_TIME = "delay + lag"
-RATIOS = ("second", "shoulder", "elbow", "rotor", "b1", "b2", "cf1", "cf2")
+RATIOS = tuple(name for name in BASE_NAMES if name != "k")
 """Entries that a free fall determines only as multiples of m1 r1 + m2 l1."""
 
 NARROW = 0.25
@@ -66,6 +66,8 @@ def read_solution(
     found = {name: float(values[place]) for name, place in places.items()}
     sampled = {name: spread[:, *place] for name, place in places.items()}
     free = {name for name, place in places.items() if unknowns.place[place] >= 0}
+    if TITLES["B"] in free:
+        free.add(TITLES["A"])  # as A - B, also where the user knows A
     for session in range(len(unknowns.place)):
         tail = _tail(session)
         total, delay, lag = DEAD_TIME + tail, f"delay{tail}", f"lag{tail}"
@@ -77,7 +79,7 @@ def read_solution(
         _add_ratios(found, sampled, free, seed)
     intervals = {name: interval(sampled[name]) for name in found if name in free}
     determined = {name: _is_determined(name, found[name], intervals[name]) for name in intervals}
-    determined |= {name: True for name in found if name in {TITLES.get(each, each) for each in known}}
+    determined |= {TITLES.get(name, name): True for name in known if name != "A"}
     return Reading(found, intervals, determined | _never_determined(found, determined))
 
 
@@ -95,15 +97,16 @@ def _tail(session: int) -> str:
 
 
 def _entries(unknowns: Unknowns, z: np.ndarray) -> np.ndarray:
-    """Models of many solutions: by solution, session and entry."""
+    """Models of many solutions, with A - B for A: by solution, session and entry."""
     values = np.pad(unknowns.centre + unknowns.scale * z, ((0, 0), (0, 1)))
     entries: np.ndarray = np.where(unknowns.place >= 0, values[:, unknowns.place], unknowns.fixed)
+    entries[..., INDEX["A"]] -= entries[..., INDEX["B"]]
     return entries
 
 
 def _add_ratios(found: dict[str, float], sampled: dict[str, np.ndarray], free: set[str], seed: int) -> None:
     """Add ratios to m1 r1 + m2 l1, and widen what only its assumed value fixes."""
-    first = TITLES["first"]
+    first = TITLES["k"]
     factor = np.exp(SCALE_SPREAD * np.random.default_rng(seed).normal(size=len(sampled[first])))
     for name in RATIOS:
         title = TITLES.get(name, name)

@@ -1,12 +1,8 @@
 """A first estimate by linear least squares: the change of momentum over 50 ms is the impulse of all torques.
 
-With the momenta p = ∂L/∂q̇ and L = T - V, integrated over a short time,
-
-    Δp - ∫ ∂L/∂q dt + ∫ F dt = ∫ u dt,
-
-which is linear in the base parameters and the friction. No acceleration is needed, and no start is guessed, so the
-same equations tell joints that are swapped or reversed, before any fit. Noise in the regressors makes the estimate
-a start for the fit, no more than that.
+The rows of ``physics.momentum``, summed over a short time, are linear in the base parameters. No acceleration is
+needed, and no start is guessed, so the same equations tell joints that are swapped or reversed, before any fit.
+Noise in the regressors makes the estimate a start for the fit, no more than that.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -17,16 +13,25 @@ from jaxtyping import Float
 from scipy.optimize import lsq_linear
 
 from ..errors import SwingupError
-from .model import SHARED
-from .prediction import Setting
+from ..physics.base_parameters import BASE, BASE_NAMES
+from ..physics.maths import NUMPY
+from ..physics.momentum import momentum_rows
+from .prediction import INDEX, Setting
 from .recording import Recording
 from .smoothing import REACH, smooth
 from .windows import LEAST_SPEED, cumulative_torque
 
 SPAN = 0.05
 """Time over which momenta change (s)."""
-POINTS = 11
-"""States within it, for the integrals."""
+POINTS = 10
+"""Rows that are summed for it."""
+STEP = SPAN / POINTS
+"""Time between the states of a span (s): momenta are those of the middles between two of them."""
+OFFSETS = STEP * (np.arange(POINTS + 2) - 0.5)
+"""Times of its states (s): the first and the last middle are its ends."""
+ARRAYS = NUMPY._replace(
+    sine_cosine=lambda angle: (np.sin(angle), np.cos(angle)), arctan=np.arctan, log1p=np.log1p, where=np.where
+)
 COMMAND_AGE = 0.004
 """Typical age of a command when it acts (s)."""
 
@@ -65,7 +70,7 @@ class Estimate:
 def cut_spans(recording: Recording) -> Spans:
     """Stretches of 50 ms in which a joint moves."""
     starts = np.arange(2 * REACH, recording.duration - SPAN - REACH, SPAN)
-    grid = starts[:, None] + np.linspace(0.0, SPAN, POINTS)
+    grid = starts[:, None] + OFFSETS
     states = smooth(recording, grid.ravel()).reshape(*grid.shape, 4)
     age = COMMAND_AGE if recording.commanded else 0.0
     total = cumulative_torque(recording, np.stack([starts, starts + SPAN], axis=1) - age)
@@ -90,7 +95,7 @@ def regress(setting: Setting, spans: Spans, start: Float[np.ndarray, "15"], driv
     size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-30)
     found = np.clip(lsq_linear(matrix / size, right, (low * size, high * size)).x / size, low, high)
     left, parts = right - matrix @ found, matrix * found
-    values = {name: float(value) for name, value in zip(SHARED, found, strict=True)}
+    values = {name: float(value) for name, value in zip(BASE_NAMES, found, strict=True)}
     return Estimate(values, float(left @ left) / max(float(right @ right + np.sum(parts**2)), 1e-30))
 
 
@@ -125,52 +130,23 @@ def check_joints(recordings: Sequence[Recording], setting: Setting, start: Float
 
 
 def _bounds(setting: Setting, start: np.ndarray, driven: bool) -> tuple[np.ndarray, np.ndarray]:
-    masses, torque = start[:4], setting.gravity * start[0]
-    rotor = max(10.0 * start[4], start[3] / setting.gear**2)
+    masses, k = start[:4], start[INDEX["k"]]
+    torque = setting.known.g * k
+    rotor = max(10.0 * start[INDEX["Ir"]], start[INDEX["B"]] / setting.known.gr**2)
     low = np.array([*(masses / WIDEST), *np.zeros(5)])
-    high = np.array([*(masses * WIDEST), rotor, 0.1 * torque, 0.1 * torque, 0.3 * torque, 0.3 * torque])
+    high = np.array([*(masses * WIDEST), 0.1 * torque, 0.1 * torque, 0.3 * torque, 0.3 * torque, rotor])
     if not driven:
-        low[0], high[0] = 0.999 * start[0], 1.001 * start[0]
+        low[INDEX["k"]], high[INDEX["k"]] = 0.999 * k, 1.001 * k
     return low, high
 
 
-def regression_matrix(setting: Setting, spans: Spans) -> np.ndarray:
-    """Rows: both joints of each span; columns: the impulses for a unit of each parameter."""
-    q1, q2, dq1, dq2 = np.moveaxis(spans.states, -1, 0)
-    l1, g, gear, none = setting.l1, setting.gravity, setting.gear, np.zeros(len(q1))
-    sin2, cos2, sin12 = np.sin(q2), np.cos(q2), np.sin(q1 + q2)
-    lift, slow1, slow2 = (
-        g * _integral(sin12),
-        np.arctan(setting.steepness * dq1),
-        np.arctan(setting.steepness * dq2),
-    )
-    swing = l1 * _integral(sin2 * dq1 * (dq1 + dq2))
-    both = _change(dq1 + dq2)
-    columns = {
-        "first": (g * _integral(np.sin(q1)), none),
-        "second": (lift + l1 * _change(cos2 * (2 * dq1 + dq2)), lift + l1 * _change(cos2 * dq1) + swing),
-        "shoulder": (_change(dq1), none),
-        "elbow": (both, both),
-        "rotor": (_change((gear**2 + 1) * dq1 - gear * dq2), _change(gear**2 * dq2 - gear * dq1)),
-        "b1": (_integral(dq1), none),
-        "b2": (none, _integral(dq2)),
-        "cf1": (_integral(slow1), none),
-        "cf2": (none, _integral(slow2)),
-    }
-    return np.stack([np.stack(columns[name], axis=1).ravel() for name in SHARED], axis=1)
-
-
-def _integral(values: np.ndarray) -> np.ndarray:
-    """Over each span, by Simpson's rule."""
-    weights = np.ones(POINTS)
-    weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
-    total: np.ndarray = values @ weights * (SPAN / (POINTS - 1) / 3.0)
-    return total
-
-
-def _change(values: np.ndarray) -> np.ndarray:
-    change: np.ndarray = values[:, -1] - values[:, 0]
-    return change
+def regression_matrix(setting: Setting, spans: Spans) -> Float[np.ndarray, "rows 9"]:
+    """Rows: both joints of each span; columns: the impulses for a unit of each base parameter."""
+    q1, q2 = spans.states[..., 0], spans.states[..., 1]
+    before, middle, after = ((q1[:, k : k + POINTS], q2[:, k : k + POINTS]) for k in (0, 1, 2))
+    rows = momentum_rows(before, middle, after, (STEP, STEP), setting.known, 0.0, ARRAYS)
+    columns = [[np.sum(entry, axis=1) * STEP for entry in row[:BASE]] for row in rows]
+    return np.transpose(columns, (2, 0, 1)).reshape(-1, BASE)
 
 
 def _signs(q1: float, q2: float, u1: float, u2: float) -> Callable[[Spans], Spans]:

@@ -17,8 +17,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..physics.implicit_friction import SmoothedFriction, advance
-from .prediction import NAMES, Setting, in_chunks, lump_base
+from ..physics.base_parameters import friction_of, lumped
+from ..physics.implicit_friction import advance
+from .prediction import INDEX, Setting, in_chunks
 from .waves import PERIOD
 from .windows import INTERVAL
 
@@ -90,10 +91,8 @@ def _compiled(setting: Setting, every: int, keep: bool) -> Callable[..., Any]:
     substeps = round(PERIOD / setting.step)
 
     def rollout(model: Array, torque: Array, reference: Array, feedback: Array, limits: Array) -> Any:
-        m = dict(zip(NAMES, model, strict=True))
-        plant = lump_base(setting, m)
-        friction = SmoothedFriction((m["b1"], m["b2"]), (m["cf1"], m["cf2"]), setting.steepness)
-        gains = jnp.stack([m["gain1"], m["gain2"]])
+        plant, friction = lumped(model, setting.known), friction_of(model)
+        gains = jnp.stack([model[INDEX["gain1"]], model[INDEX["gain2"]]])
 
         def row(carry: Any, now: Any) -> Any:
             (x, angle, speed), (tau, ref) = carry, now
@@ -101,7 +100,7 @@ def _compiled(setting: Setting, every: int, keep: bool) -> Callable[..., Any]:
             u = jnp.clip(u, -limits, limits)
             acting = u * gains
             for _ in range(substeps):
-                x = advance(plant, friction, x, (acting[0], acting[1]), setting.step)
+                x = advance(plant, friction, x, (acting[0], acting[1]), setting.step, setting.steepness)
             angle = jnp.maximum(angle, jnp.maximum(jnp.abs(x[0]), jnp.abs(x[1])))
             speed = jnp.maximum(speed, jnp.maximum(jnp.abs(x[2]), jnp.abs(x[3])))
             return (x, angle, speed), u if keep else None

@@ -13,12 +13,13 @@ Second order, and stable for every λ dt. Newton's method solves for v. Derivati
 which has those of the solution: at a root, the step does not depend on where it starts.
 """
 
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import jax
 import jax.numpy as jnp
 
 from ..types import Scalar, State, Torque
+from .damped import Friction
 from .equations import COULOMB_STEEPNESS, Lumped, Number, Pair, gravity, lump, mass_entries
 from .plant import Plant
 from .trigonometry import arctan, sine_cosine
@@ -31,28 +32,19 @@ NEWTON_STEPS = 4
 """From rest; each squares the error once it is near."""
 
 
-class SmoothedFriction(NamedTuple):
-    """Friction b q̇ + cf arctan(s q̇) of both joints."""
-
-    damping: Pair
-    """b1, b2 (N m s/rad)."""
-    coulomb: Pair
-    """cf1, cf2 (N m)."""
-    steepness: Number = COULOMB_STEEPNESS
-    """Slope s of the smoothed Coulomb friction (s/rad)."""
-
-
 def implicit_friction_step(
     parameters: Plant, x: State, u: Torque, dt: float | Scalar, steepness: float = COULOMB_STEEPNESS
 ) -> State:
     """One step over dt (s), with the torque held and friction implicit."""
     p = parameters
-    friction = SmoothedFriction((p.b1, p.b2), (p.cf1, p.cf2), steepness)
-    after = advance(lump(p), friction, (x[0], x[1], x[2], x[3]), (u[0], u[1]), dt)
+    friction = Friction((p.b1, p.b2), (p.cf1, p.cf2))
+    after = advance(lump(p), friction, (x[0], x[1], x[2], x[3]), (u[0], u[1]), dt, steepness)
     return jnp.stack(after)
 
 
-def advance(plant: Lumped, friction: SmoothedFriction, x: Numbers, u: Pair, dt: Number) -> Numbers:
+def advance(
+    plant: Lumped, friction: Friction, x: Numbers, u: Pair, dt: Number, steepness: Number = COULOMB_STEEPNESS
+) -> Numbers:
     """The same step on one number for each part of the state, which vectorises better."""
     q1, q2, dq1, dq2 = x
     half1, half2 = q1 + 0.5 * dt * dq1, q2 + 0.5 * dt * dq2
@@ -64,26 +56,26 @@ def advance(plant: Lumped, friction: SmoothedFriction, x: Numbers, u: Pair, dt: 
     pushed1 = m11 * dq1 + m12 * dq2 + half * (u[0] + pull[0])
     pushed2 = m12 * dq1 + m22 * dq2 + half * (u[1] + pull[1])
     mass = (m11 + half * b1, m12, m22 + half * b2)
+    holds: Pair = (half * friction.coulomb[0], half * friction.coulomb[1])
     # From 0 the method converges on any side, since arctan is steepest there: at rest, its slope is cf s.
     mean: Pair = (0.0 * dq1, 0.0 * dq2)
     for _ in range(NEWTON_STEPS):
         mean = (jax.lax.stop_gradient(mean[0]), jax.lax.stop_gradient(mean[1]))
-        mean = _newton(mass, friction, half * plant.coupling * sin2, (pushed1, pushed2), mean, half)
+        mean = _newton(mass, holds, half * plant.coupling * sin2, (pushed1, pushed2), mean, steepness)
     after1, after2 = 2.0 * mean[0] - dq1, 2.0 * mean[1] - dq2
     return half1 + half * after1, half2 + half * after2, after1, after2
 
 
 def _newton(
     mass: tuple[Number, Number, Number],
-    friction: SmoothedFriction,
+    holds: Pair,
     swing: Number,
     target: Pair,
     rates: Pair,
-    time: Number,
+    s: Number,
 ) -> Pair:
-    """One step of Newton's method for M v + swing [-v2 (2 v1 + v2), v1²] + time cf arctan(s v) = target."""
-    (m11, m12, m22), (v1, v2), s = mass, rates, friction.steepness
-    hold1, hold2 = time * friction.coulomb[0], time * friction.coulomb[1]
+    """One step of Newton's method for M v + swing [-v2 (2 v1 + v2), v1²] + holds arctan(s v) = target."""
+    (m11, m12, m22), (hold1, hold2), (v1, v2) = mass, holds, rates
     left1 = target[0] - m11 * v1 - m12 * v2 + swing * v2 * (2.0 * v1 + v2) - hold1 * arctan(s * v1)
     left2 = target[1] - m12 * v1 - m22 * v2 - swing * v1 * v1 - hold2 * arctan(s * v2)
     j11 = m11 + hold1 * s / (1.0 + (s * v1) ** 2) - 2.0 * swing * v2
