@@ -1,7 +1,7 @@
 /*
- * The runtime of a policy: it computes what swingup writes as data before it, and has no numbers of its own.
- *
- * These switches, each 0 or 1, say what stands around the network. docs/policy-format.md of swingup has the equations.
+ * The runtime of a policy. All of its numbers stand before it, as swingup writes them: policy/c_backend/data.py says
+ * where each comes from, docs/policy-format.md has the equations. These switches, each 0 or 1, say what is around the
+ * network.
  *
  *     SWINGUP_HAS_ESTIMATOR     a state estimator, which finds the loop's delay
  *     SWINGUP_HAS_IDENTIFIER    what finds the estimator's plant in the loop
@@ -747,24 +747,23 @@ static inline void swingup_ahead(const swingup_estimator *c, const swingup_plant
 /* An estimate of the state now, for the state measured at time t (s). */
 static inline void swingup_observe(swingup_estimator *c, double t, const double measured[4], double seen[4])
 {
+    const double pause = t - c->time, h = pause > 0.0 ? pause : SWINGUP_DT;
+    const int late = !c->called || !(pause >= 0.0 && pause <= 1.5 * SWINGUP_DT);
 #if SWINGUP_HAS_IDENTIFIER
     swingup_identifier *found = &c->identifier;
     const double *base = found->base, *friction = found->felt, *offsets = found->offsets;
     const double x[4] = {measured[0] - offsets[0], measured[1] - offsets[1], measured[2], measured[3]};
+    const double interval = swingup_interval(found, h);
+    const int age = found->age;
 #else
     const double *x = measured, *base = swingup_theta, *friction = swingup_theta + 4;
+    const double interval = h;
+    const int age = 0;
 #endif
-    const double pause = t - c->time, h = pause > 0.0 ? pause : SWINGUP_DT;
-    const int late = !c->called || !(pause >= 0.0 && pause <= 1.5 * SWINGUP_DT);
-    double interval = h;
     swingup_plant plant;
-    int i, n, age = 0;
+    int i, n;
 
     swingup_believe(&plant, base, friction);
-#if SWINGUP_HAS_IDENTIFIER
-    age = found->age;
-    interval = swingup_interval(found, h);
-#endif
     if (late || !swingup_follow(c, &plant, x, interval, age)) {
         for (i = 0; i < 4; i++) {
             c->state[i] = seen[i] = x[i];
