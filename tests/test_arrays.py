@@ -87,6 +87,11 @@ def test_what_safetensors_writes_is_read(path):
         np.testing.assert_array_equal(read_back[name], array)
 
 
+def test_metadata_of_another_file_is_passed_on_without_its_kind(path):
+    save_arrays(path, KIND, VERSION, {"frames": 12, "format": "swingup other", "format_version": 7}, {})
+    assert read(path) == ({**HEAD, "frames": 12}, {})
+
+
 def test_arrays_lie_where_others_can_map_them(path):
     save_arrays(path, KIND, VERSION, {}, ARRAYS)
     content = path.read_bytes()

@@ -44,12 +44,14 @@ _MALFORMED = (KeyError, TypeError, ValueError, OverflowError, RecursionError)
 def save_arrays(
     path: str | Path, kind: str, version: int, metadata: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
 ) -> None:
-    """Write a file atomically; its metadata starts with ``format`` (the kind) and ``format_version``.
+    """Write a file atomically, with ``format`` (the kind) and ``format_version`` before the metadata's entries.
 
     Raises:
         SwingupError: the file cannot be written, or the format lacks an array's type.
     """
-    text = json.dumps(finite({"format": kind, "format_version": version, **metadata}))
+    head = {"format": kind, "format_version": version}
+    # Twice: first in order, and stronger than another file's, whose metadata may be passed on.
+    text = json.dumps(finite({**head, **metadata, **head}))
     header: dict[str, Any] = {"__metadata__": {METADATA: text}}
     names, content = {np.dtype(code): name for name, code in TYPES.items()}, []
     end = 0
@@ -61,9 +63,9 @@ def save_arrays(
         start, end = end, end + array.nbytes
         header[name] = {"dtype": names[dtype], "shape": list(array.shape), "data_offsets": [start, end]}
         content.append(array.astype(dtype).tobytes())
-    head = json.dumps(header).encode()
-    head += b" " * (-len(head) % 8)
-    write_atomically(path, b"".join([len(head).to_bytes(8, "little"), head, *content]))
+    line = json.dumps(header).encode()
+    line += b" " * (-len(line) % 8)
+    write_atomically(path, b"".join([len(line).to_bytes(8, "little"), line, *content]))
 
 
 def finite(value: Any) -> Any:

@@ -101,7 +101,8 @@ def test_computing_is_repeatable_and_seeded(monkeypatch):
 def test_files_keep_everything(tmp_path):
     rows = np.random.default_rng(0).normal(size=(2, 7, 4))
     reference = Reference(ACROBOT, 0.001, rows[0], rows[0, :, 0], rows[1])
-    save_reference(tmp_path / "a.safetensors", reference, {"command": "this test"})
+    # What the file says itself wins over what the provenance, such as another file's metadata, says of that.
+    save_reference(tmp_path / "a.safetensors", reference, {"command": "this test", "dt": 9.0, "robot": "pendubot"})
     loaded, metadata = load_reference(tmp_path / "a.safetensors")
     assert (loaded.robot, loaded.dt) == (reference.robot, reference.dt)
     for name in REFERENCE_ARRAYS:

@@ -115,14 +115,14 @@ def _solve(transition: PendulumTransition, cost: Cost, torque: Float[Any, "n"], 
 
 
 def save_reference(path: str | Path, reference: Reference, provenance: dict[str, Any]) -> None:
-    """Write a trajectory file; ``provenance`` (JSON values) is kept under its own names.
+    """Write a trajectory file; ``provenance`` (JSON values) is kept under its own names, but for robot and dt.
 
     Raises:
         SwingupError: the file cannot be written.
     """
     head = {"robot": reference.robot.name, "dt": reference.dt, "version": __version__}
     arrays = {name: np.asarray(getattr(reference, name), np.float64) for name in REFERENCE_ARRAYS}
-    save_arrays(path, REFERENCE_FORMAT, REFERENCE_VERSION, {**head, **provenance}, arrays)
+    save_arrays(path, REFERENCE_FORMAT, REFERENCE_VERSION, {**provenance, **head}, arrays)
 
 
 def load_reference(path: str | Path) -> tuple[Reference, dict[str, Any]]:

@@ -75,7 +75,7 @@ def write_network(path: str | Path, network: Network, metadata: Mapping[str, Any
     own |= {LAYER_NORM: True} if network.norms else {}
     own |= {} if network.gru is None else {GRU: True}
     # The metadata may be another file's, whose entries of its own network do not fit this one.
-    theirs = ("format", "format_version", "observation", CHOICES, ACTIVATION, LAYER_NORM, GRU)
+    theirs = ("observation", CHOICES, ACTIVATION, LAYER_NORM, GRU)
     given = {key: value for key, value in metadata.items() if key not in theirs}
     save_arrays(path, FORMAT, FORMAT_VERSION, own | given, arrays)
 
