@@ -9,7 +9,7 @@ Prints a Markdown table for each section:
   all parameters within half their ranges; then the cells of the grid that fail;
 - ablations: the same, and the other criteria of the robustness board, with one part of the controller off;
 - failing: for 20 plants that the controller does not hold, the error that the motor can bring back upright
-  (``control/authority.py``), whether the same controller told the plant holds it, and the score of the plant's own
+  (``holding_range.py``), whether the same controller told the plant holds it, and the score of the plant's own
   optimal swing-up and LQR;
 - nominal: adaptation on minus adaptation off on the nominal plant, in points;
 - errors: errors of the base parameters against time over the joint draws, and a picture;

@@ -12,7 +12,6 @@ import dataclasses
 
 import numpy as np
 
-from swingup.control.actuation import driven_limit
 from swingup.control.lqr import linearised
 from swingup.physics.angles import UPRIGHT
 from swingup.physics.plant import Plant
@@ -32,5 +31,5 @@ def holding_range(parameters: Plant, robot: Robot) -> float:
     # Without friction the eigenvalues come in real pairs ±λ.
     unstable = rates.real > 0
     scaled = modes[:, unstable].real / modes[0, unstable].real
-    most = float(driven_limit(parameters, robot))
+    most = float(parameters.limit(robot.joint))
     return float(np.min(np.abs(B @ scaled) * most / rates[unstable].real, initial=np.inf))

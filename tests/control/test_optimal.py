@@ -6,14 +6,9 @@ import pytest
 
 import swingup
 from swingup.control.baselines import baseline, shipped_reference
+from swingup.control.design import RESTING, _cheapest, compute_reference
 from swingup.control.ilqr import Solution
-from swingup.control.optimal import (
-    OPTIMAL,
-    RESTING,
-    _cheapest,
-    compute_optimal_reference,
-    first_torques,
-)
+from swingup.control.optimal import OPTIMAL
 from swingup.control.torque_rate import TorqueRateTransition
 from swingup.control.transition import PendulumTransition
 from swingup.errors import SwingupError
@@ -31,8 +26,8 @@ def ramped(robot, dt=0.002):
 def test_shipped_trajectories_are_the_plants_own(x64, robot):
     reference, metadata = shipped_reference(robot, "score")
     problem = OPTIMAL[robot.name].swingup
-    assert (reference.robot, reference.dt) == (robot, problem.fine_dt)
-    assert len(reference.torque) == round(problem.duration / problem.fine_dt)
+    assert (reference.robot, reference.dt) == (robot, problem.dt)
+    assert len(reference.torque) == problem.steps
     p, u = LEADERBOARD.driven(robot), reference.torque[:, None] * np.array(robot.actuation)
     # From hanging at rest with its torques alone: rounding grows by the unstable motion, to about 1e-11.
     x0 = jnp.zeros(4)
@@ -74,21 +69,22 @@ def test_no_small_change_of_the_torques_lowers_the_cost(x64, robot):
         stiffness = problem.rate / dt
         last = u[:, -1] * stiffness / (stiffness + problem.final_torque)
         rate = np.diff(np.column_stack([u, last])) / dt
+        angle_weight, _, velocity_weight, _ = problem.weights.state
         velocity = np.sum(x[:, :-1, 2:] ** 2, axis=(1, 2))  # at rest in the first row
         angle = np.sum((x[:, :-1, 0] - np.pi) ** 2, axis=1) + np.pi**2
-        stages = problem.velocity * velocity + problem.angle * angle
+        stages = velocity_weight * velocity + angle_weight * angle
         stages += torque_weight * np.sum(u**2, axis=1) + problem.rate * np.sum(rate**2, axis=1)
-        final = (x[:, -1] - RESTING[:4]) ** 2 @ np.array(problem.fine_final)
+        final = (x[:, -1] - RESTING[:4]) ** 2 @ np.array(problem.weights.final)
         return dt * stages + final + problem.final_torque * last**2
 
     sines = np.sin(np.pi * np.arange(1, 7)[:, None] * np.linspace(0.0, 1.0, rows))
     changes = 1e-3 * np.random.default_rng(0).normal(size=(8, 6)) @ sines
     x, u = map(np.asarray, follow(np.concatenate([np.zeros((1, rows)), changes, -changes])))
-    unchanged, *changed = costs(x, u, problem.torque)
+    unchanged, *changed = costs(x, u, problem.weights.torque)
     assert unchanged == pytest.approx(metadata["cost"], rel=1e-6)
     assert min(changed) > unchanged - 1e-8
     # The same changes do find something to gain where torque costs twice as much.
-    unchanged, *changed = costs(x, u, 2 * problem.torque)
+    unchanged, *changed = costs(x, u, 2 * problem.weights.torque)
     assert min(changed) < unchanged - 1e-6
 
 
@@ -102,13 +98,13 @@ def test_the_torques_rate_moves_the_torque_only_in_its_own_step(x64, robot):
     np.testing.assert_allclose(columns[:5, :4], transition.pendulum.jacobian(x[:4], x[4]), atol=1e-15)
 
 
-def test_first_torques_are_seeded_and_end_at_rest():
-    problem = OPTIMAL["acrobot"].swingup
-    torques = first_torques(problem, 3)
-    assert torques.shape == (problem.starts, 181)
-    np.testing.assert_array_equal(torques, first_torques(problem, 3))
-    assert np.abs(torques - first_torques(problem, 4)).max() > 0
-    assert np.abs(torques[:, 0]).max() <= problem.first_torque
+def test_guesses_are_seeded_and_end_at_rest(robot):
+    search = OPTIMAL[robot.name].swingup.search
+    torques = search.guesses(181, 3)
+    assert torques.shape == (search.starts, 181)
+    np.testing.assert_array_equal(torques, search.guesses(181, 3))
+    assert np.abs(torques - search.guesses(181, 4)).max() > 0
+    assert np.abs(torques[:, 0]).max() <= search.first_torque
     np.testing.assert_array_equal(torques[:, 144:], 0.0)
 
 
@@ -131,6 +127,6 @@ def test_a_shipped_trajectory_can_be_recomputed():
     """One robot's, which takes half a minute: small changes, above, tell that the other one's is optimal, too."""
     pendubot = ROBOTS["pendubot"]
     shipped, metadata = shipped_reference(pendubot, "score")
-    reference, provenance = compute_optimal_reference(pendubot, OPTIMAL["pendubot"].swingup, metadata["seed"])
+    reference, provenance = compute_reference(pendubot, OPTIMAL["pendubot"].swingup, metadata["seed"])
     assert provenance["cost"] == pytest.approx(metadata["cost"], rel=1e-4)
     np.testing.assert_allclose(reference.torque, shipped.torque, atol=1e-2)

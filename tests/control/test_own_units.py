@@ -1,7 +1,6 @@
 """Baselines that are designed for other plants."""
 
 import dataclasses
-from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -9,101 +8,22 @@ import numpy as np
 import pytest
 
 import swingup
-from swingup.control import baselines
-from swingup.control.baselines import baseline, compute_score_reference, design_of
+from swingup.control import baselines, design
+from swingup.control.baselines import baseline, design_of, shipped_reference
+from swingup.control.ilqr import Solution
 from swingup.control.model import model_of
 from swingup.control.optimal import OPTIMAL
-from swingup.control.own_units import scaled_optimal, scaled_published
+from swingup.control.own_units import in_real_units, optimal_for, published_for, similar_plant
 from swingup.control.published import PUBLISHED
 from swingup.control.reference import Reference
-from swingup.control.search import SEARCH, follow, guesses, search
 from swingup.control.transition import PendulumTransition
 from swingup.errors import SwingupError
 from swingup.physics.angles import UPRIGHT
+from swingup.physics.dynamics import acceleration
+from swingup.physics.integrate import rk4_step
 from swingup.physics.plant import LEADERBOARD, load_plant
-from swingup.physics.units import Scales, scales_of
+from swingup.physics.units import scales_of
 from swingup.robots import get_robot
-
-ONE = Scales(1.0, 1.0, 1.0, 1.0)
-
-
-def test_the_settings_on_c1_are_the_published_ones(robot):
-    published = PUBLISHED[robot.name]
-    scaled = scaled_published(published, ONE)
-    swingup_ = dataclasses.replace(
-        scaled.swingup, search=None, settings=published.swingup.settings, steps=published.swingup.steps
-    )
-    assert dataclasses.replace(scaled, swingup=swingup_) == published
-    # 1.8 s and 2 s are whole numbers of coarse steps up to rounding.
-    scaled = scaled_optimal(OPTIMAL[robot.name], ONE)
-    assert scaled.swingup.duration == pytest.approx(OPTIMAL[robot.name].swingup.duration)
-    same = dataclasses.replace(scaled.swingup, duration=OPTIMAL[robot.name].swingup.duration)
-    assert dataclasses.replace(scaled, swingup=same) == OPTIMAL[robot.name]
-
-
-def test_a_plant_like_the_leaderboards_has_the_shipped_design(robot):
-    assert design_of(robot, load_plant("C.1").frictionless()).shipped
-    assert not design_of(robot, "C.1").shipped
-
-
-def test_a_similar_pendulum_gets_a_similar_regulator(robot, similar):
-    """T × 0.5 and torques × 0.025: gains on angles × 0.025, on velocities × 0.0125; the cost-to-go has one T."""
-    plant = LEADERBOARD.driven(robot)
-    gains = [np.asarray(baseline("lqr", robot, each).gains) for each in (None, similar(plant))]
-    np.testing.assert_allclose(gains[1], gains[0] * [0.025, 0.025, 0.0125, 0.0125], rtol=1e-8)
-    assert baseline("lqr", robot, similar(plant)).max_cost_to_go == pytest.approx(500)
-
-
-def test_coulomb_friction_stays_out_of_the_model(robot):
-    real = load_plant("C.1").driven(robot)
-    model = model_of("C.1", robot)
-    assert (model.cf1, model.cf2) == (0.0, 0.0)
-    assert (model.b1, model.Ir) == (real.b1, real.Ir)
-
-
-def test_a_swingup_for_the_score_gets_longer_until_it_comes_up(robot, monkeypatch):
-    durations = []
-
-    def computed(robot, problem, seed, plant):
-        durations.append(problem.duration)
-        end = UPRIGHT if len(durations) == 2 else np.zeros(4)
-        return SimpleNamespace(states=np.stack([np.zeros(4), end]), torque=np.zeros(1)), {"seed": seed}
-
-    monkeypatch.setattr(baselines, "compute_optimal_reference", computed)
-    design = design_of(robot, "C.0")
-    assert compute_score_reference(design, 3)[1] == {"seed": 3}
-    first = design.optimal.swingup.duration
-    assert durations == pytest.approx([first, 1.5 * first], abs=design.optimal.swingup.coarse_dt)
-    # The leaderboards' plant keeps the one duration that was chosen for it.
-    durations[:] = []
-    compute_score_reference(design_of(robot, None), 3)
-    assert durations == pytest.approx([OPTIMAL[robot.name].swingup.duration])
-
-
-@pytest.mark.slow
-def test_a_search_comes_up_and_a_finer_grid_follows_it(x64):
-    robot, plant = get_robot("acrobot"), load_plant("C.0").frictionless()
-    problem = design_of(robot, plant).published.swingup
-    settings = dataclasses.replace(problem.search, starts=1)
-    transition = PendulumTransition(
-        model_of(plant, robot), robot.joint, problem.dt * problem.steps / settings.steps
-    )
-    found = search(transition, problem.cost(settings.steps), settings, seed=0)
-    assert found.miss < 0.05
-    fine = PendulumTransition(model_of(plant, robot), robot.joint, problem.dt)
-    torque = follow(found, fine, problem.cost(problem.steps), 5.0, problem.steps)
-    assert np.abs(torque).max() <= 5.0
-    # The first states agree: the last of them has been reached by a tenth of all torques.
-    step, x, rows = jax.jit(lambda x, u: fine.step(x, u)), (0.0, 0.0, 0.0, 0.0), problem.steps // 10
-    for u in torque[:rows]:
-        x = step(x, u)
-    np.testing.assert_allclose(x, found.states[settings.steps // 10], atol=0.02)
-
-
-def test_guesses_repeat_and_differ():
-    assert np.array_equal(guesses(SEARCH, 1), guesses(SEARCH, 1))
-    assert not np.array_equal(guesses(SEARCH, 1), guesses(SEARCH, 2))
-    assert not guesses(SEARCH, 1)[:, -SEARCH.steps // 5 :].any()
 
 
 def drawn_plant(seed):
@@ -117,6 +37,111 @@ def drawn_plant(seed):
     return dataclasses.replace(plant, **{name: getattr(plant, name) * by for name, by in factors.items()})
 
 
+def test_on_c1_the_plant_and_its_settings_are_c1s(robot):
+    plant = LEADERBOARD.driven(robot)
+    assert similar_plant(plant, scales_of(plant)) == plant
+    published, optimal = PUBLISHED[robot.name], OPTIMAL[robot.name]
+    found = published_for(published, 1.0)
+    steps = dataclasses.replace(found.swingup, search=None, settings=published.swingup.settings)
+    assert dataclasses.replace(found, swingup=steps) == published
+    found = optimal_for(optimal, 1.0)
+    search = dataclasses.replace(found.swingup.search, durations=(1.0,))
+    assert dataclasses.replace(found, swingup=dataclasses.replace(found.swingup, search=search)) == optimal
+
+
+def test_a_step_keeps_its_real_length(robot):
+    found = published_for(PUBLISHED[robot.name], 0.5)
+    assert (found.swingup.dt, found.swingup.steps) == (0.002, 3000)
+    assert (found.mpc.dt, found.mpc.horizon) == (0.004, 50)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_plant_moves_as_the_similar_one(x64, robot, seed):
+    # Coulomb friction has a velocity of its own, and is in no model.
+    plant, random = model_of(drawn_plant(seed), robot), np.random.default_rng(seed)
+    scales = scales_of(plant)
+    rates = np.array([1.0, 1.0, scales.time, scales.time])
+    similar = similar_plant(plant, scales)
+    assert max(similar.tl1, similar.tl2) == pytest.approx(6.0)
+    x, u = random.normal(size=4), random.normal(size=2)
+    expected = acceleration(similar, x * rates, u / scales.torque_limit) / scales.time**2
+    np.testing.assert_allclose(acceleration(plant, x, u), expected, rtol=1e-9)
+
+
+def test_a_plant_like_the_leaderboards_has_the_shipped_design(robot):
+    assert design_of(robot, load_plant("C.1").frictionless()).shipped
+    assert not design_of(robot, "C.1").shipped
+
+
+def test_plants_that_move_alike_have_the_same_controller(robot, similar, x64):
+    """T × 0.5 and torques × 0.025: the shipped one's torque, in the plant's own units."""
+    plant = LEADERBOARD.driven(robot)
+    published, own = (baseline("lqr", robot, each) for each in (None, similar(plant)))
+    for error in np.random.default_rng(0).normal(size=(5, 4)) * 0.01:
+        x = UPRIGHT + error
+        u, expected = own(None, 0.0, x * [1, 1, 2, 2])[1], published(None, 0.0, x)[1]
+        np.testing.assert_allclose(u, 0.025 * expected, rtol=1e-8)
+
+
+def test_a_swing_up_is_saved_in_real_units(x64, robot, similar):
+    """It is a motion of the plant itself."""
+    plant = similar(LEADERBOARD.driven(robot))
+    shipped = shipped_reference(robot, "score")[0]
+    own = in_real_units(shipped, scales_of(plant))
+    assert own.dt == 0.001
+    u = own.torque[:, None] * np.array(robot.actuation)
+    following = jax.jit(jax.vmap(lambda x, u: rk4_step(plant, x, u, 0.001)))(own.states[:-1], u[:-1])
+    np.testing.assert_allclose(own.states[1:], following, atol=1e-9)
+    # A feedback of q1 by 1 rad is as large a share of the limit; one of dq1 by 1 rad/s is half of that.
+    np.testing.assert_allclose(own.gains, shipped.gains * [0.025, 0.025, 0.0125, 0.0125], rtol=1e-8)
+
+
+def test_coulomb_friction_stays_out_of_the_model(robot):
+    real = load_plant("C.1").driven(robot)
+    model = model_of("C.1", robot)
+    assert (model.cf1, model.cf2) == (0.0, 0.0)
+    assert (model.b1, model.Ir) == (real.b1, real.Ir)
+
+
+def test_a_search_gets_longer_until_it_comes_up(monkeypatch, x64):
+    robot, durations = get_robot("acrobot"), []
+
+    def solved(transition, cost, torques, settings):
+        durations.append(transition.dt * len(torques[0]))
+        states = np.zeros((len(torques), len(torques[0]) + 1, 4))
+        states[:, -1] = UPRIGHT if len(durations) == 2 else 0.0
+        other = np.zeros(len(torques))
+        return Solution(states, torques, other, other, other, other)
+
+    monkeypatch.setattr(design, "_solve_all", solved)
+    monkeypatch.setattr(design, "_gains", lambda *_: np.zeros((450, 4)))
+    monkeypatch.setattr(design, "followed", lambda pendulum, cost, x, u, gains, limit: u)
+    own = design_of(robot, "C.0")
+    problem = own.published.swingup
+    found, torque = design._searched(problem, problem.search, own.model, robot, 3)
+    assert durations == pytest.approx([problem.dt * problem.steps, 1.5 * problem.dt * problem.steps], abs=0.01)
+    assert len(torque) == found.steps == round(1.5 * problem.steps)
+    # The leaderboards' plant keeps the one duration that was chosen for it.
+    assert OPTIMAL[robot.name].swingup.search.durations == (1.0,)
+
+
+@pytest.mark.slow
+def test_a_search_comes_up_and_a_finer_grid_follows_it(x64):
+    robot = get_robot("acrobot")
+    own = design_of(robot, load_plant("C.0").frictionless())
+    problem = own.published.swingup
+    search = dataclasses.replace(problem.search, starts=1)
+    found, torque = design._searched(problem, search, own.model, robot, seed=0)
+    assert (found.steps, len(torque)) == (problem.steps, problem.steps)  # the first duration was enough
+    assert np.abs(torque).max() <= 5.0
+    step = jax.jit(PendulumTransition(own.model, robot.joint, problem.dt).step)
+    x = (0.0, 0.0, 0.0, 0.0)
+    # Its last part is unstable: feedback has held it there, and the torques alone drift away.
+    for u in torque[: problem.steps // 10]:
+        x = step(x, u)
+    assert np.isfinite(np.array(x)).all()
+
+
 @pytest.mark.parametrize(
     ("name", "seeds"),
     [
@@ -125,9 +150,9 @@ def drawn_plant(seed):
     ],
 )  # fmt: skip
 def test_baselines_command_what_the_plants_own_motor_has_and_no_more(name, seeds, robot, x64, monkeypatch):
-    def resting(robot, *_):
+    def resting(design, problem):
         rows = np.zeros((400, 4))
-        return Reference(robot, 0.001, rows, rows[:, 0], np.ones_like(rows))
+        return Reference(design.robot, 0.001, rows, rows[:, 0], np.ones_like(rows))
 
     # Any trajectory does: a swing-up takes a minute to compute.
     monkeypatch.setattr(baselines, "_computed_reference", resting)

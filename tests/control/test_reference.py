@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from swingup.arrays import save_arrays
-from swingup.control import reference as reference_module
+from swingup.control import design
 from swingup.control.baselines import shipped_reference
+from swingup.control.design import compute_reference
 from swingup.control.ilqr import feedback_gains
 from swingup.control.published import PUBLISHED
 from swingup.control.reference import (
@@ -15,7 +16,6 @@ from swingup.control.reference import (
     REFERENCE_FORMAT,
     REFERENCE_VERSION,
     Reference,
-    compute_reference,
     load_reference,
     save_reference,
 )
@@ -89,7 +89,7 @@ def test_the_optimiser_stays_at_the_pendubots_trajectory(monkeypatch):
 @pytest.mark.slow
 def test_computing_is_repeatable_and_seeded(monkeypatch):
     # The slow test above has the exact Jacobian, which takes seconds to compile.
-    monkeypatch.setattr(reference_module, "PendulumTransition", functools.partial(PendulumTransition, exact=False))
+    monkeypatch.setattr(design, "PendulumTransition", functools.partial(PendulumTransition, exact=False))
     reference, provenance = compute_reference(ACROBOT, short_problem(), seed=3)
     again, _ = compute_reference(ACROBOT, short_problem(), seed=3)
     other, _ = compute_reference(ACROBOT, short_problem(), seed=4)

@@ -6,8 +6,9 @@ from typing import Annotated, Literal
 from tyro.conf import arg
 
 from ..benchmark.seeds import check_seeds
-from ..control.baselines import compute_score_reference, design_of
-from ..control.reference import compute_reference, save_reference
+from ..control.baselines import design_of
+from ..control.own_units import in_real_units
+from ..control.reference import save_reference
 from ..control.trajectory_csv import save_reference_csv
 from ..files import check_writable
 from ..physics.plant import plant_as_dict
@@ -37,10 +38,8 @@ def trajectory(
     design = design_of(chosen, on)
     check_seeds(seed, 1)
     check_writable(out)
-    if problem == "score":
-        reference, provenance = compute_score_reference(design, seed)
-    else:
-        reference, provenance = compute_reference(chosen, design.published.swingup, seed, on)
+    reference, provenance = design.compute(problem, seed)
+    reference = reference if design.shipped else in_real_units(reference, design.scales)
     choice = [] if problem == "published" else ["--problem", problem]
     command = shlex.join(["swingup", "trajectory", robot, *choice, *plant.flags, "--seed", str(seed), "--out", out])
     if out.endswith(".csv"):

@@ -2,14 +2,8 @@
 
 import jax.numpy as jnp
 
-from ..physics.plant import Plant
 from ..robots import Robot
 from ..types import Scalar, Torque
-
-
-def driven_limit(plant: Plant, robot: Robot) -> Scalar | float:
-    """The torque limit of the motor that drives a plant (N m)."""
-    return (plant.tl1, plant.tl2)[robot.joint]
 
 
 def joint_torques(u: Scalar, robot: Robot, limit: Scalar | float) -> Torque:

@@ -12,17 +12,17 @@ from ..errors import SwingupError
 from ..physics.angles import UPRIGHT
 from ..physics.equations import StateFloats
 from ..physics.plant import Plant, PlantLike
-from ..physics.units import scales_of
+from ..physics.units import Scales, scales_of
 from ..robots import Robot, get_robot
 from .controller import AbstractController
+from .design import compute_reference
 from .lqr import LQR, upright_lqr
 from .model import model_of
 from .mpc import mpc
-from .optimal import OPTIMAL, Optimal, compute_optimal_reference
-from .own_units import scaled_optimal, scaled_published, stretched
+from .optimal import OPTIMAL, Optimal
+from .own_units import in_own_units, optimal_for, published_for, similar_plant
 from .published import PUBLISHED, Published
-from .reference import Reference, compute_reference, load_reference
-from .search import SEARCH
+from .reference import Reference, load_reference
 from .switch import LatchingSwitch
 from .tracking import riccati_controller, tvlqr
 
@@ -45,22 +45,26 @@ _LOGGER = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Design:
-    """What a baseline is designed from."""
+    """What a baseline is designed from: a similar pendulum in C.1's units, and the settings."""
 
     robot: Robot
     model: Plant
+    """The similar pendulum."""
+    scales: Scales
+    """The plant's units as multiples of C.1's."""
     published: Published
-    """In the model's units."""
     optimal: Optimal
-    """In the model's units."""
     shipped: bool
     """Whether the package ships the model's swing-ups; others are computed."""
 
     def reference(self, problem: str) -> Reference:
-        """The swing-up that optimises a problem, "published" or "score"."""
-        if self.shipped:
-            return shipped_reference(self.robot, problem)[0]
-        return _computed_reference(self.robot, problem, self.model)
+        """The similar pendulum's swing-up that optimises a problem, "published" or "score"."""
+        return shipped_reference(self.robot, problem)[0] if self.shipped else _computed_reference(self, problem)
+
+    def compute(self, problem: str, seed: int) -> tuple[Reference, dict[str, Any]]:
+        """Optimise this swing-up, see :func:`design.compute_reference`."""
+        swingup = self.optimal.swingup if problem == "score" else self.published.swingup
+        return compute_reference(self.robot, swingup, seed, self.model)
 
 
 def design_of(robot: Robot, plant: PlantLike | None) -> Design:
@@ -70,12 +74,13 @@ def design_of(robot: Robot, plant: PlantLike | None) -> Design:
         SwingupError: there is no such plant, or it has no units.
     """
     model, published, optimal = model_of(plant, robot), PUBLISHED[robot.name], OPTIMAL[robot.name]
-    if plant is None or model == model_of(None, robot):
-        return Design(robot, model, published, optimal, shipped=True)
     scales = scales_of(model)
+    if plant is None or model == model_of(None, robot):
+        return Design(robot, model, scales, published, optimal, shipped=True)
     if not scales.torque_limit > 0:
         raise SwingupError(f"the {robot.name}'s motor has a torque limit of 0: raise tl{robot.joint + 1}")
-    return Design(robot, model, scaled_published(published, scales), scaled_optimal(optimal, scales), False)
+    settings = published_for(published, scales.time), optimal_for(optimal, scales.time)
+    return Design(robot, similar_plant(model, scales), scales, *settings, shipped=False)
 
 
 def baseline(name: str, robot: Robot | str, plant: PlantLike | None = None) -> AbstractController[Any]:
@@ -84,7 +89,7 @@ def baseline(name: str, robot: Robot | str, plant: PlantLike | None = None) -> A
     Args:
         name: one of :data:`BASELINES`.
         robot: which joint is driven.
-        plant: what it is designed for: a plant, its name or its file; None for the leaderboards',
+        plant: what it is designed for: a plant, its parameters, its name or its file; None for the leaderboards',
             with the published settings and the shipped swing-up. For another plant the settings are in its own
             units, Coulomb friction is left out, and the swing-up is computed, once in a process.
 
@@ -95,13 +100,23 @@ def baseline(name: str, robot: Robot | str, plant: PlantLike | None = None) -> A
     if name not in BASELINES:
         raise SwingupError(f"unknown baseline {name!r}: use one of {', '.join(BASELINES)}")
     design = design_of(robot, plant)
-    if name == "tvlqr-score":
-        return _tvlqr_score(design)
-    parameters, published = design.model, design.published
-    top = upright_lqr(parameters, robot, published.lqr)
+    designed = _designed(name, design)
+    return designed if design.shipped else in_own_units(designed, model_of(plant, robot), robot, design.scales)
+
+
+def _designed(name: str, design: Design) -> AbstractController[Any]:
+    """A baseline for the similar pendulum."""
+    parameters, robot, published, optimal = design.model, design.robot, design.published, design.optimal
+    top = upright_lqr(parameters, robot, optimal.lqr if name == "tvlqr-score" else published.lqr)
     if name == "lqr":
         return top
-    reference = design.reference("published")
+    reference = design.reference("score" if name == "tvlqr-score" else "published")
+    if name == "tvlqr-score":
+        # Q and R are per second, as those of the LQR at the top, whose cost-to-go the recursion starts from.
+        Q, R = reference.dt * np.diag(optimal.lqr.state_weights), reference.dt * optimal.lqr.torque_weight
+        pieces = len(reference.torque) // optimal.rows_per_piece
+        following = tvlqr(reference, parameters, robot, (Q, R, np.asarray(top.cost_to_go)), pieces)
+        return _ending(following, top, optimal.threshold)
     if name == "tvlqr":
         s = published.tvlqr
         Q = np.diag(s.state_weights)
@@ -132,54 +147,22 @@ def shipped_reference(robot: Robot | str, problem: str = "published") -> tuple[R
 
 
 @functools.lru_cache(maxsize=32)
-def _computed_reference(robot: Robot, problem: str, model: Plant) -> Reference:
-    """A swing-up for a model, computed once in a process; a warning says when it does not come up."""
-    design = design_of(robot, model)
-    if problem == "score":
-        found = compute_score_reference(design, DESIGN_SEED)[0]
-    else:
-        found = compute_reference(robot, design.published.swingup, DESIGN_SEED, model)[0]
-    if not comes_up(found, model):
-        _LOGGER.warning("no swing-up of the %s was found for this plant: its baselines will fail", robot.name)
+def _computed_reference(design: Design, problem: str) -> Reference:
+    """A swing-up, computed once in a process; a warning says when it does not come up."""
+    found = design.compute(problem, DESIGN_SEED)[0]
+    if not comes_up(found, design.model):
+        _LOGGER.warning(
+            "no swing-up of the %s was found for this plant: its baselines will fail", design.robot.name
+        )
     return found
-
-
-def compute_score_reference(design: Design, seed: int) -> tuple[Reference, dict[str, Any]]:
-    """Optimise a swing-up for the score; takes one or two minutes, or, for other plants, a few times as long.
-
-    Args:
-        design: the model and the problem. For another plant than the leaderboards' longer durations are tried until
-            one is enough.
-        seed: of the first torques.
-
-    Returns:
-        The trajectory, and its provenance: JSON values for the file.
-
-    Raises:
-        SwingupError: no first torque led to a finite cost.
-    """
-    for stretch in (1.0,) if design.shipped else SEARCH.durations:
-        problem = stretched(design.optimal.swingup, stretch)
-        found, provenance = compute_optimal_reference(design.robot, problem, seed, design.model)
-        if comes_up(found, design.model):
-            break
-    return found, provenance
 
 
 def comes_up(reference: Reference, parameters: Plant) -> bool:
     """Whether a swing-up ends near upright, with torques that the motor has."""
     error = np.abs(np.asarray(reference.states)[-1] - UPRIGHT)[:2].max()
-    return bool(error < FAR and np.abs(reference.torque).max() <= max(parameters.tl1, parameters.tl2))
-
-
-def _tvlqr_score(design: Design) -> LatchingSwitch:
-    parameters, robot, optimal = design.model, design.robot, design.optimal
-    top, reference = upright_lqr(parameters, robot, optimal.lqr), design.reference("score")
-    # Q and R are per second, as those of the LQR at the top, whose cost-to-go the recursion starts from.
-    Q, R = reference.dt * np.diag(optimal.lqr.state_weights), reference.dt * optimal.lqr.torque_weight
-    pieces = len(reference.torque) // optimal.rows_per_piece
-    following = tvlqr(reference, parameters, robot, (Q, R, np.asarray(top.cost_to_go)), pieces)
-    return _ending(following, top, optimal.threshold)
+    limit = parameters.limit(reference.robot.joint)
+    # The units of a plant are right to rounding.
+    return bool(error < FAR and np.abs(reference.torque).max() <= limit * (1 + 1e-9))
 
 
 def _ending(first: AbstractController[Any], top: LQR, threshold: StateFloats) -> LatchingSwitch:

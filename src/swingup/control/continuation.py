@@ -16,7 +16,6 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -25,15 +24,12 @@ from ..physics.angles import UPRIGHT
 from ..physics.plant import LEADERBOARD, NAMES, Plant, validated
 from ..robots import Robot, get_robot
 from ..types import Scalar
-from .actuation import driven_limit
 from .baselines import shipped_reference
 from .continuation_settings import ContinuationSettings, next_step
-from .ilqr import feedback_gains, solve
-from .optimal import OPTIMAL, ScoreProblem, fine_cost
+from .design import SwingupProblem, followed, motion, solve_from_rest
+from .ilqr import feedback_gains
+from .optimal import OPTIMAL
 from .reference import Reference
-from .riccati_passes import Cost, forward
-from .scalar_algebra import unpack
-from .torque_rate import TorqueRateTransition
 from .transition import PendulumTransition
 
 
@@ -110,7 +106,7 @@ def counts(tried: SwingUps, settings: ContinuationSettings) -> np.ndarray:
 def nominal_swingups(robot: Robot, number: int, settings: ContinuationSettings) -> SwingUps:
     """The shipped swing-up of the leaderboards' plant, resting upright for the extra time, for each of n plants."""
     reference = shipped_reference(robot, "score")[0]
-    more = round(_problem(robot, settings).duration / reference.dt) - len(reference.torque)
+    more = _problem(robot, settings).steps - len(reference.torque)
     states = np.concatenate([reference.states, np.tile(UPRIGHT, (more + 1, 1))])
     torque = np.append(reference.torque, np.zeros(more))
     gains = np.concatenate([reference.gains, np.tile(reference.gains[-1], (more, 1))])
@@ -140,37 +136,30 @@ def _try_step(
 def _optimised(swingups: SwingUps, settings: ContinuationSettings) -> SwingUps:
     """Swing-ups of other plants, improved for these."""
     robot, dt = swingups.robot, swingups.dt
-    cost = fine_cost(_problem(robot, settings))
+    problem = _problem(robot, settings)
+    cost, leaving = problem.cost(problem.steps), problem.pendulum_cost(problem.steps, settings.gain_final)
+    leaving = replace(leaving, state_weights=leaving.state_weights + np.array(settings.gain_weights))
 
     def one(swingup: SwingUps, limit: Scalar) -> SwingUps:
         pendulum = PendulumTransition(swingup.plants, robot.joint, dt)
-        x, u = swingup.states, swingup.torque
-        about = unpack(x[:-1]), unpack(swingup.gains)
-        followed = forward(pendulum, _tracking(cost, x, u, settings), unpack(x[0]), u, limit, about).u
-        first = jnp.append(followed, followed[-1])
-        x0 = jnp.append(x[0], first[0])
-        solution = solve(TorqueRateTransition(pendulum), cost, x0, jnp.diff(first) / dt, settings.solver)
-        x, u = solution.states[:, :4], solution.states[:-1, 4]
-        gains = feedback_gains(pendulum, _tracking(cost, x, u, settings), x, u)
+        first = followed(pendulum, leaving, swingup.states[:-1], swingup.torque, swingup.gains, limit)
+        solution = solve_from_rest(problem.transition(pendulum), cost, first, settings.solver)
+        x, u = motion(solution)
+        gains = feedback_gains(pendulum, leaving, x, u)
         return replace(swingup, cost=solution.cost, states=x, torque=u, gains=gains)
 
     return jax.vmap(one)(swingups, _torque_limit(swingups))
 
 
-def _problem(robot: Robot, settings: ContinuationSettings) -> ScoreProblem:
+def _problem(robot: Robot, settings: ContinuationSettings) -> SwingupProblem:
     problem = OPTIMAL[robot.name].swingup
-    return replace(problem, duration=problem.duration + settings.extra, fine_final=settings.final)
-
-
-def _tracking(cost: Cost, x: Float[Any, "rows+1 4"], u: Float[Any, "rows"], settings: ContinuationSettings) -> Cost:
-    """The cost of leaving a trajectory."""
-    weights = cost.state_weights[:4] + np.array(settings.gain_weights)
-    return Cost(weights, cost.state_weights[4], np.array(settings.gain_final), x[:-1], u, x[-1])
+    steps = problem.steps + round(settings.extra / problem.dt)
+    return replace(problem, steps=steps, weights=replace(problem.weights, final=settings.final))
 
 
 def _torque_limit(swingups: SwingUps) -> Float[Any, "n"]:
     """The driven joint's (N m), of each plant."""
-    return driven_limit(swingups.plants, swingups.robot)
+    return swingups.plants.limit(swingups.robot.joint)
 
 
 def _put(rows: np.ndarray, where: np.ndarray, new: np.ndarray) -> np.ndarray:

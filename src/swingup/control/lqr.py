@@ -19,7 +19,7 @@ from ..physics.dynamics import linearise
 from ..physics.plant import Plant
 from ..robots import ROBOTS, Robot
 from ..types import Scalar, State, Torque
-from .actuation import driven_limit, joint_torques
+from .actuation import joint_torques
 from .controller import AbstractController
 
 
@@ -62,7 +62,7 @@ def upright_lqr(parameters: Plant, robot: Robot, settings: LQRSettings) -> LQR:
     """The regulator of the pendulum linearised upright at rest."""
     A, B = linearised(parameters, robot, UPRIGHT[None], np.zeros(1))
     S = solve_continuous_are(A[0], B[0][:, None], np.diag(settings.state_weights), [[settings.torque_weight]])
-    limit = float(driven_limit(parameters, robot))
+    limit = float(parameters.limit(robot.joint))
     return LQR(B[0] @ S / settings.torque_weight, S, settings.max_cost_to_go, limit, robot)
 
 

@@ -15,7 +15,7 @@ from ..physics.angles import UPRIGHT
 from ..physics.plant import Plant
 from ..robots import Robot
 from ..types import Flag, Scalar, State, Torque
-from .actuation import driven_limit, joint_torques
+from .actuation import joint_torques
 from .ilqr import solve
 from .piecewise_cubic import fit_piecewise_cubic
 from .published import MPCSettings
@@ -53,7 +53,7 @@ class MPC(AbstractExpensiveController[Plan]):
         row = self.row(t) + self.settings.horizon - 1
         rows = jnp.asarray(self.torque)
         coming = jnp.where(row < len(rows) - 1, rows[jnp.minimum(row, len(rows) - 1)], 0.0)
-        limit = driven_limit(self.transition.parameters, self.robot)
+        limit = self.transition.parameters.limit(self.robot.joint)
         return jnp.append(torque[1:], coming), joint_torques(torque[0], self.robot, limit)
 
     def plan(self, guess: Plan, t: Scalar, x: State, idle: Flag) -> Plan:

@@ -1,145 +1,120 @@
-"""The baselines' settings in a pendulum's own units: each number times the scale of its unit, exactly 1 for C.1.
+"""Baselines for any pendulum: designed for a similar one in C.1's units with C.1's settings, and wrapped.
 
-Torques scale with the torque limit, times with the pendulum's own, so that a similar pendulum gets the same
-controller, step for step. Ratios are not scaled away: a weaker pendulum needs another swing-up, which is searched.
+The similar pendulum has the motor's limit and the unit of time of C.1 (``physics/units.py``), so that all settings
+suit it as they are. Around its controller state, time and torque are converted. Plants that move alike get the same
+controller, step for step. Ratios remain: a weaker pendulum needs another swing-up, which is searched.
 """
 
 from dataclasses import replace
+from typing import Any
 
-from ..physics.equations import StateFloats
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from ..physics.plant import Plant
 from ..physics.units import Scales
+from ..robots import Robot
+from ..types import Scalar, State, Torque
+from .actuation import joint_torques
+from .controller import AbstractController
+from .design import Search, SwingupProblem
 from .ilqr import ILQRSettings
-from .lqr import LQRSettings
-from .optimal import Optimal, ScoreProblem
-from .published import MPCSettings, Published, SwingupProblem, TrackingWeights, TVLQRSettings
-from .search import SEARCH
+from .optimal import Optimal
+from .published import Published
+from .reference import Reference
+
+DURATIONS = (1.0, 1.5, 2.0)
+"""Multiples of a swing-up's duration on C.1 that are tried in turn."""
+
+SEARCH = Search(
+    ILQRSettings(
+        max_iterations=600,
+        tolerance=1e-6,
+        regularisation=10.0,
+        min_regularisation=1e-6,
+        max_regularisation=1e8,
+        torque_limit=5.0,
+        decrease=0.5,
+        increase=3.0,
+        step_sizes=(1.0, 0.3, 0.1, 0.03, 0.01),
+    ),
+    steps=300,
+    starts=6,
+    amplitude=0.3,
+    waves=(1.2, 2.4, 3.6, 4.8, 6.0),
+    durations=DURATIONS,
+)
+"""How the published swing-up of another pendulum begins."""
 
 FINE_ITERATIONS = 60
-"""Most iterations of a swing-up on its fine grid, after the search on a coarse one."""
+"""Most iterations of that swing-up on its fine grid, after the search on a coarse one."""
 
 
-def scaled_published(published: Published, scales: Scales) -> Published:
-    """The published settings for another pendulum."""
-    return Published(
-        swingup=scaled_swingup(published.swingup, scales),
-        lqr=_lqr(published.lqr, scales),
-        tvlqr=_tvlqr(published.tvlqr, scales),
-        mpc=_mpc(published.mpc, scales),
-        tvlqr_threshold=_threshold(published.tvlqr_threshold, scales),
-        riccati_threshold=_threshold(published.riccati_threshold, scales),
-        mpc_threshold=_threshold(published.mpc_threshold, scales),
-    )
+def similar_plant(plant: Plant, scales: Scales) -> Plant:
+    """The pendulum of the same lengths that moves as a plant does, in C.1's units of time and torque."""
+    time, torque = scales.time, scales.torque_limit
+    units = dict.fromkeys(("m1", "m2", "I1", "I2", "Ir"), torque * time**2)
+    units |= {"b1": torque * time, "b2": torque * time, "g": 1 / time**2}
+    units |= dict.fromkeys(("cf1", "cf2", "tl1", "tl2"), torque)
+    return replace(plant, **{name: getattr(plant, name) / unit for name, unit in units.items()})
 
 
-def scaled_swingup(problem: SwingupProblem, scales: Scales) -> SwingupProblem:
-    """The published trajectory optimisation for another pendulum, which begins with a search."""
-    limit = problem.settings.torque_limit * scales.torque_limit
-    # The search's settings for both grids: with a line search fewer iterations are enough.
-    settings = replace(_ilqr(SEARCH.settings, scales.torque_limit), torque_limit=limit)
-    return replace(
-        problem,
-        weights=_tracking(problem.weights, scales),
-        settings=replace(settings, max_iterations=FINE_ITERATIONS),
-        gain_regularisation=problem.gain_regularisation / scales.torque_limit**2,
-        # The loop's period stays, which is a multiple of dt: a row for each call.
-        steps=round((problem.steps + 1) * scales.time) - 1,
-        first_torque=problem.first_torque * scales.torque_limit,
-        search=replace(SEARCH, settings=settings, amplitude=SEARCH.amplitude * scales.torque_limit),
-    )
+def published_for(published: Published, time: float) -> Published:
+    """The published settings for a similar pendulum whose unit of time is this multiple of C.1's."""
+    # With a line search fewer iterations are enough.
+    settings = replace(SEARCH.settings, max_iterations=FINE_ITERATIONS)
+    problem = replace(published.swingup, settings=settings, search=SEARCH)
+    # A plan of as many of the pendulum's own units has another number of steps.
+    horizon = max(10, round(published.mpc.horizon * time))
+    mpc = replace(published.mpc, dt=published.mpc.dt / time, horizon=horizon)
+    return replace(published, swingup=_with_real_steps(problem, time), mpc=mpc)
 
 
-def scaled_optimal(optimal: Optimal, scales: Scales) -> Optimal:
-    """Our settings for the score for another pendulum."""
-    return replace(
-        optimal,
-        swingup=scaled_score(optimal.swingup, scales),
-        lqr=_lqr(optimal.lqr, scales),
-        threshold=_threshold(optimal.threshold, scales),
-    )
+def optimal_for(optimal: Optimal, time: float) -> Optimal:
+    """Our settings for the score for a similar pendulum whose unit of time is this multiple of C.1's."""
+    problem = optimal.swingup
+    longer = problem.search and replace(problem.search, durations=DURATIONS)
+    return replace(optimal, swingup=_with_real_steps(replace(problem, search=longer), time))
 
 
-def scaled_score(problem: ScoreProblem, scales: Scales) -> ScoreProblem:
-    """Our trajectory optimisation for another pendulum."""
-    T, U = scales.time, scales.torque_limit
-    # The fine step is the judge's and stays. The coarse one is a multiple of it, and the duration one of that.
-    coarse_dt = problem.fine_dt * max(1, round(problem.coarse_dt / problem.fine_dt * T))
-    return replace(
-        problem,
-        velocity=problem.velocity * T,
-        torque=problem.torque / (U**2 * T),
-        rate=problem.rate * T / U**2,
-        angle=problem.angle / T,
-        duration=coarse_dt * round(problem.duration * T / coarse_dt),
-        coarse_final=_state_weights(problem.coarse_final, scales),
-        fine_final=_state_weights(problem.fine_final, scales),
-        final_torque=problem.final_torque / U**2,
-        coarse_dt=coarse_dt,
-        # Their input is the torque's rate.
-        coarse=_ilqr(problem.coarse, U / T),
-        fine=_ilqr(problem.fine, U / T),
-        first_torque=problem.first_torque * U,
-        amplitude=problem.amplitude * U,
-        spread=problem.spread * U,
-    )
+def _with_real_steps(problem: SwingupProblem, time: float) -> SwingupProblem:
+    """The problem with the step's real length: the loop's period does not scale, and each call has a row."""
+    return replace(problem, dt=problem.dt / time, steps=round(problem.steps * time))
 
 
-def stretched(problem: ScoreProblem, factor: float) -> ScoreProblem:
-    """The problem with a longer duration, in whole coarse steps."""
-    return replace(problem, duration=problem.coarse_dt * round(factor * problem.duration / problem.coarse_dt))
+def in_real_units(reference: Reference, scales: Scales) -> Reference:
+    """A swing-up of a similar pendulum as that of the plant itself."""
+    rates = np.array([1.0, 1.0, scales.time, scales.time])
+    states, gains = reference.states / rates, reference.gains * rates * scales.torque_limit
+    # A step's length is a round number of real time.
+    dt = round(reference.dt * scales.time, 12)
+    return Reference(reference.robot, dt, states, reference.torque * scales.torque_limit, gains)
 
 
-def _ilqr(settings: ILQRSettings, unit: float) -> ILQRSettings:
-    """Settings of an iteration whose input has a unit: μ is a cost per square of it."""
-    return replace(
-        settings,
-        regularisation=settings.regularisation / unit**2,
-        min_regularisation=settings.min_regularisation / unit**2,
-        max_regularisation=settings.max_regularisation / unit**2,
-        torque_limit=settings.torque_limit * unit,
-    )
+class InOwnUnits(AbstractController[Any]):
+    """A controller of the similar pendulum, which sees the plant's state and time in C.1's units."""
+
+    controller: AbstractController[Any]
+    time: float
+    """Units of the plant as multiples of C.1's."""
+    torque: float
+    limit: float
+    """The plant's motor's (N m)."""
+    robot: Robot = eqx.field(static=True)
+
+    def init(self) -> Any:
+        """The controller's own memory."""
+        return self.controller.init()
+
+    def __call__(self, carry: Any, t: Scalar, x: State) -> tuple[Any, Torque]:
+        """The torques (N m)."""
+        similar = jnp.concatenate([x[:2], x[2:] * self.time])
+        carry, u = self.controller(carry, t / self.time, similar)
+        # The units' rounding must not exceed the limit.
+        return carry, joint_torques(u[self.robot.joint] * self.torque, self.robot, self.limit)
 
 
-def _lqr(settings: LQRSettings, scales: Scales) -> LQRSettings:
-    return LQRSettings(
-        state_weights=_state_weights(settings.state_weights, scales),
-        torque_weight=settings.torque_weight / scales.torque_limit**2,
-        # An integral over time.
-        max_cost_to_go=settings.max_cost_to_go * scales.time,
-    )
-
-
-def _tvlqr(settings: TVLQRSettings, scales: Scales) -> TVLQRSettings:
-    return replace(
-        settings,
-        state_weights=_state_weights(settings.state_weights, scales),
-        torque_weight=settings.torque_weight / scales.torque_limit**2,
-    )
-
-
-def _mpc(settings: MPCSettings, scales: Scales) -> MPCSettings:
-    return replace(
-        settings,
-        tracking=_tracking(settings.tracking, scales),
-        upright=_tracking(settings.upright, scales),
-        settings=_ilqr(settings.settings, scales.torque_limit),
-        # The loop's period stays: a plan of as many of the pendulum's own units has another number of steps.
-        horizon=max(10, round(settings.horizon * scales.time)),
-    )
-
-
-def _tracking(weights: TrackingWeights, scales: Scales) -> TrackingWeights:
-    return TrackingWeights(
-        state=_state_weights(weights.state, scales),
-        torque=weights.torque / scales.torque_limit**2,
-        final=_state_weights(weights.final, scales),
-    )
-
-
-def _state_weights(weights: StateFloats, scales: Scales) -> StateFloats:
-    angle1, angle2, rate1, rate2 = weights
-    return angle1, angle2, rate1 * scales.time**2, rate2 * scales.time**2
-
-
-def _threshold(threshold: StateFloats, scales: Scales) -> StateFloats:
-    angle1, angle2, rate1, rate2 = threshold
-    return angle1, angle2, rate1 * scales.velocity, rate2 * scales.velocity
+def in_own_units(controller: AbstractController[Any], plant: Plant, robot: Robot, scales: Scales) -> InOwnUnits:
+    """The controller of a similar pendulum, for the plant itself."""
+    return InOwnUnits(controller, scales.time, scales.torque_limit, float(plant.limit(robot.joint)), robot)

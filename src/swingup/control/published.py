@@ -4,51 +4,11 @@ Weights are on squared errors of q1, q2 (rad), dq1, dq2 (rad/s) and the driven t
 """
 
 from dataclasses import dataclass
-from typing import Any
 
-import numpy as np
-
-from ..physics.angles import UPRIGHT
 from ..physics.equations import StateFloats
+from .design import SwingupProblem, TrackingWeights
 from .ilqr import ILQRSettings
 from .lqr import LQRSettings
-from .riccati_passes import Cost
-from .search import SearchSettings
-
-
-@dataclass(frozen=True)
-class TrackingWeights:
-    """Weights of an iLQR's tracking cost: of the mean over the stages, and of the final state."""
-
-    state: StateFloats
-    torque: float
-    final: StateFloats
-
-    def cost(self, states: Any, torque: Any, final_state: Any) -> Cost:
-        """The cost of deviating from targets for each stage and for the end."""
-        return Cost(np.array(self.state), self.torque, np.array(self.final), states, torque, final_state)
-
-
-@dataclass(frozen=True)
-class SwingupProblem:
-    """A trajectory optimisation from hanging at rest to upright."""
-
-    weights: TrackingWeights
-    settings: ILQRSettings
-    gain_regularisation: float
-    """μ of the published feedback gains, read off their last rows: that of the last improvement."""
-    dt: float = 0.001
-    """Length of a step (s)."""
-    # The published N = 6,000 counts the states.
-    steps: int = 5999
-    first_torque: float = 1e-4
-    """The first guess is uniform between 0 and this (N m)."""
-    search: SearchSettings | None = None
-    """A search for the first guess instead, as other pendulums need it."""
-
-    def cost(self, steps: int) -> Cost:
-        """The cost of a grid: that of the distance from upright."""
-        return self.weights.cost(np.tile(UPRIGHT, (steps, 1)), np.zeros(steps), UPRIGHT)
 
 
 @dataclass(frozen=True)
@@ -92,10 +52,10 @@ class Published:
     mpc_threshold: StateFloats
 
 
-def _swingup(iterations: int) -> ILQRSettings:
+def _swingup(weights: TrackingWeights, iterations: int, gain_regularisation: float) -> SwingupProblem:
     # The published runs were allowed 100,000 iterations and stalled: their derivatives are approximate. Ours are
     # exact and go on along the same path; they are stopped where the trajectory is the published one.
-    return ILQRSettings(
+    settings = ILQRSettings(
         max_iterations=iterations,
         tolerance=1e-6,
         regularisation=100.0,
@@ -103,6 +63,15 @@ def _swingup(iterations: int) -> ILQRSettings:
         max_regularisation=1e6,
         # Never reached: the swing-ups need 2.6 N m (acrobot) and 1.6 N m (pendubot).
         torque_limit=5.0,
+    )
+    return SwingupProblem(
+        weights,
+        settings,
+        dt=0.001,
+        steps=5999,  # the published N = 6,000 counts the states
+        # μ of the published gains, read off their last rows: that of the last improvement.
+        gain_regularisation=gain_regularisation,
+        first_torque=1e-4,
     )
 
 
@@ -124,13 +93,13 @@ _MPC = MPCSettings(
 
 PUBLISHED = {
     "acrobot": Published(
-        swingup=SwingupProblem(
+        swingup=_swingup(
             TrackingWeights(
                 state=(20.6969312, 76.9967729, 0.155726136, 5.42226523),
                 torque=99.7938814,
                 final=(382.623819, 7053.1559, 58.9790058, 90.14595),
             ),
-            _swingup(iterations=840),
+            iterations=840,
             gain_regularisation=9.33e5,
         ),
         lqr=_LQR,
@@ -141,9 +110,9 @@ PUBLISHED = {
         mpc_threshold=(0.14, 0.14, 0.5, 0.5),
     ),
     "pendubot": Published(
-        swingup=SwingupProblem(
+        swingup=_swingup(
             TrackingWeights(state=(0.1, 0.2, 0.0, 0.0), torque=1.0, final=(10.0, 20.0, 10.0, 20.0)),
-            _swingup(iterations=3620),
+            iterations=3620,
             gain_regularisation=4.078e5,
         ),
         lqr=_LQR,

@@ -14,7 +14,7 @@ from ..physics.angles import wrap_difference
 from ..physics.plant import Plant
 from ..robots import Robot
 from ..types import Scalar, State, Torque
-from .actuation import driven_limit, joint_torques
+from .actuation import joint_torques
 from .controller import AbstractController
 from .lqr import linearised, riccati_recursion
 from .piecewise_cubic import PiecewiseCubic, fit_piecewise_cubic
@@ -72,7 +72,7 @@ def riccati_controller(reference: Reference, plant: Plant) -> RiccatiController:
         reference: the trajectory.
         plant: whose motor's limit holds.
     """
-    r, limit = reference, float(driven_limit(plant, reference.robot))
+    r, limit = reference, float(plant.limit(reference.robot.joint))
     return RiccatiController(r.dt, r.states, r.torque, r.gains, limit, r.robot)
 
 
@@ -96,4 +96,4 @@ def tvlqr(
     # Forward Euler, as the published TVLQR discretises.
     gains = riccati_recursion(np.eye(4) + reference.dt * A, reference.dt * B, *weights)
     rows = np.column_stack([reference.states, reference.torque, gains])
-    return TVLQR(fit_piecewise_cubic(reference.time, rows, pieces), float(driven_limit(parameters, robot)), robot)
+    return TVLQR(fit_piecewise_cubic(reference.time, rows, pieces), float(parameters.limit(robot.joint)), robot)
