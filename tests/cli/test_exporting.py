@@ -101,7 +101,7 @@ def test_a_folder_for_cloudpendulum(tmp_path, capsys):
     assert main(["export", "refined", "--robot", "acrobot", "--to", "cloudpendulum", "--out", str(folder)]) == 0
     told = capsys.readouterr().out.splitlines()
     assert told[0] == str(folder / "controller_swingup.py")
-    assert told[2].startswith("it may command 6 N m at the elbow, and CloudPendulum's motors give 0.15: train one")
+    assert told[1].startswith("it may command 6 N m at the elbow, and CloudPendulum's motors give 0.15: train one")
     entry = (folder / "controller_swingup.py").read_text()
     assert '"velocity_limit": 50.0' in entry
     assert "def ControllerType(" in entry
