@@ -10,11 +10,11 @@ from swingup.physics import equations
 from swingup.physics.base_parameters import (
     BASE,
     BASE_NAMES,
-    Known,
     Spread,
     base_covariance,
     base_parameters,
     friction_of,
+    geometry_of,
     lumped,
     share_allowed,
 )
@@ -23,7 +23,7 @@ from swingup.physics.momentum import mean_arctan, momentum_rows
 from swingup.physics.plant import load_plant
 
 PLANT = dataclasses.replace(load_plant("C.1"), b1=0.02, b2=-0.03, cf1=0.1, cf2=-0.05)
-KNOWN = Known(PLANT.l1, PLANT.g, PLANT.gr)
+GEOMETRY = geometry_of(PLANT)
 RATIO = PLANT.m2 * PLANT.r2 / (PLANT.m1 * PLANT.r1 + PLANT.m2 * PLANT.l1)
 MATHS = NUMPY._replace(
     sine_cosine=lambda angle: (np.sin(angle), np.cos(angle)), arctan=np.arctan, log1p=np.log1p, where=np.where
@@ -57,7 +57,7 @@ def motion(times, u):
 def test_rows_give_the_torque(step):
     torque = (1.3, -0.4)
     angles = motion((0.02 - step, 0.02, 0.02 + step), torque)
-    rows = np.array(momentum_rows(*angles, (step, step), KNOWN, RATIO, MATHS))
+    rows = np.array(momentum_rows(*angles, (step, step), GEOMETRY, RATIO, MATHS))
     assert rows.shape == (2, BASE + 2)
     # Second order: the error grows with the square of the step, from 3e-3 N m at 8 ms.
     assert rows[:, :BASE] @ base_parameters(PLANT) == pytest.approx(torque, abs=4e-3 * (step / 0.008) ** 2)
@@ -69,8 +69,10 @@ def test_rows_give_the_torque_over_unequal_times(times):
     angles = motion((0.02 - times[0], 0.02, 0.02 + times[1]), torque)
     base = np.append(base_parameters(PLANT), [0.0, 0.0])  # no offsets
     # As if both times were alike, the error is 3 N m.
-    assert np.array(momentum_rows(*angles, times, KNOWN, RATIO, MATHS)) @ base == pytest.approx(torque, abs=4e-3)
-    assert np.abs(np.array(momentum_rows(*angles, (0.0095, 0.0095), KNOWN, RATIO, MATHS)) @ base - torque).max() > 1
+    assert np.array(momentum_rows(*angles, times, GEOMETRY, RATIO, MATHS)) @ base == pytest.approx(torque, abs=4e-3)
+    assert (
+        np.abs(np.array(momentum_rows(*angles, (0.0095, 0.0095), GEOMETRY, RATIO, MATHS)) @ base - torque).max() > 1
+    )
 
 
 @pytest.mark.parametrize("wrong", [(0.002, 0.0), (0.0, 0.002), (0.002, -0.003)])
@@ -79,8 +81,8 @@ def test_rows_take_offsets_into_account(wrong):
     torque, times, base = (1.3, -0.4), (0.002, 0.002), base_parameters(PLANT)
     angles = np.array(motion((0.018, 0.02, 0.022), torque))
     tilts = base[3] * wrong[0], base[2] * sum(wrong)
-    rows = np.array(momentum_rows(*(angles + wrong), times, KNOWN, RATIO, MATHS))
-    true = np.array(momentum_rows(*angles, times, KNOWN, RATIO, MATHS))[:, :BASE] @ base
+    rows = np.array(momentum_rows(*(angles + wrong), times, GEOMETRY, RATIO, MATHS))
+    true = np.array(momentum_rows(*angles, times, GEOMETRY, RATIO, MATHS))[:, :BASE] @ base
     assert rows @ np.append(base, tilts) == pytest.approx(true, abs=1e-4)
     assert np.abs(rows[:, :BASE] @ base - true).max() > 2e-3
 
@@ -94,7 +96,7 @@ def test_mean_of_friction(start, end):
 def test_base_parameters_hold_the_plant():
     theta = base_parameters(PLANT)
     assert len(theta) == len(BASE_NAMES)
-    assert lumped(theta, KNOWN) == pytest.approx(equations.lump(PLANT), rel=1e-14)
+    assert lumped(theta, GEOMETRY) == pytest.approx(equations.lump(PLANT), rel=1e-14)
 
 
 def test_covariance_of_drawn_plants():
@@ -113,7 +115,7 @@ def least_eigenvalue(theta, nominal):
     least = math.inf
     for cos2 in np.linspace(-1, 1, 41):
         (n11, n12, n22), (m11, m12, m22) = (
-            equations.mass_entries(lumped(plant, KNOWN), cos2) for plant in (nominal, theta)
+            equations.mass_entries(lumped(plant, GEOMETRY), cos2) for plant in (nominal, theta)
         )
         ratio = np.linalg.solve([[n11, n12], [n12, n22]], [[m11, m12], [m12, m22]])
         least = min(least, np.linalg.eigvals(ratio).real.min())
@@ -125,7 +127,7 @@ def test_mass_matrix_stays_positive_definite():
     cut = 0
     for _ in range(50):
         theta = nominal * (1 + random.normal(size=BASE))
-        share = share_allowed(theta, nominal, KNOWN, 0.2, min, math.sqrt)
+        share = share_allowed(theta, nominal, GEOMETRY, 0.2, min, math.sqrt)
         allowed = nominal + share * (theta - nominal)
         assert 0 < share <= 1
         # Exactly as far as it may, or all the way.

@@ -14,7 +14,7 @@ from swingup.control.known_plant import damped
 from swingup.control.lqr import linearised
 from swingup.errors import SwingupError
 from swingup.physics.angles import UPRIGHT
-from swingup.physics.base_parameters import base_parameters
+from swingup.physics.base_parameters import base_parameters, geometry_of
 from swingup.physics.integrate import rk4_step
 from swingup.physics.plant import LEADERBOARD
 from swingup.policy.jax_backend.controller import make_controller, policy_of
@@ -25,7 +25,7 @@ from swingup.policy.jax_backend.told import depends_on_plant, told_base
 from swingup.policy.numpy_backend.regulator import NumpyRegulator
 from swingup.policy.pendulum import PARTS, read_pendulum_policy, write_pendulum_policy
 from swingup.policy.plant_facts import policy_plant
-from swingup.policy.regulator_settings import RegulatorSettings, fixed_point, known_of
+from swingup.policy.regulator_settings import RegulatorSettings, fixed_point
 from swingup.policy.upright import upright_step
 from swingup.robots import ROBOTS
 
@@ -65,7 +65,8 @@ def regulated(robot, settings=SETTINGS, torque=7.0):
 def gains(plant, robot, settings):
     """K of the recursion's fixed point."""
     driven, h = robot.joint, settings.riccati_step
-    a, b = map(np.array, upright_step(base_parameters(plant), known_of(plant), driven, settings.coulomb_damping, h))
+    theta, geometry = base_parameters(plant), geometry_of(plant)
+    a, b = map(np.array, upright_step(theta, geometry, driven, settings.coulomb_damping, h))
     P = fixed_point(plant, driven, settings)
     return b @ P @ a / (settings.step_weights[1] + b @ P @ b)
 

@@ -133,9 +133,9 @@ def _within_limits(
 def _feedback(setting: Setting, model: np.ndarray) -> np.ndarray:
     """Kp and kd of both joints, for the inertia of each while the other is stiff."""
     m = dict(zip(NAMES, model, strict=True))
-    elbow = m["B"] + setting.known.gr**2 * m["Ir"]
-    straight = m["A"] - m["B"] + 2 * setting.known.l1 * m["m2r2"] + elbow
-    stiffness = np.full(2, STIFFNESS * setting.known.g * m["k"])
+    elbow = m["B"] + setting.geometry.gr**2 * m["Ir"]
+    straight = m["A"] - m["B"] + 2 * setting.geometry.l1 * m["m2r2"] + elbow
+    stiffness = np.full(2, STIFFNESS * setting.geometry.g * m["k"])
     return np.stack([stiffness, DAMPING * 2 * np.sqrt(stiffness * np.array([straight, elbow]))])
 
 

@@ -81,10 +81,10 @@ def expectations(setting: Setting, start: Float[np.ndarray, "15"], commanded: bo
     Friction is measured by the torque of gravity on the shoulder: 5 % of it is Coulomb friction of one scale.
     """
     m = dict(zip(NAMES, start, strict=True))
-    known = setting.known
-    torque = 0.05 * known.g * m["k"]
-    speed = 2.0 * math.sqrt(known.g / (known.l1 + m["B"] / m["m2r2"]))
-    rotor = max(m["Ir"], 0.1 * m["B"] / known.gr**2)
+    geometry = setting.geometry
+    torque = 0.05 * geometry.g * m["k"]
+    speed = 2.0 * math.sqrt(geometry.g / (geometry.l1 + m["B"] / m["m2r2"]))
+    rotor = max(m["Ir"], 0.1 * m["B"] / geometry.gr**2)
     found = {name: Expectation(m[name], m[name], 1.0, 0.1 * m[name], 10.0 * m[name]) for name in MASSES[:4]}
     found["Ir"] = Expectation(m["Ir"], rotor, 2.0, 0.0, m["Ir"] + 10.0 * rotor)
     for joint in ("1", "2"):

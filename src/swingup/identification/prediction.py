@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..physics.base_parameters import BASE_NAMES, Known, base_parameters, friction_of, lumped
+from ..physics.base_parameters import BASE_NAMES, Geometry, base_parameters, friction_of, geometry_of, lumped
 from ..physics.equations import COULOMB_STEEPNESS
 from ..physics.implicit_friction import advance
 from ..physics.plant import Plant
@@ -43,7 +43,7 @@ LEAST_LAG = 3e-4
 class Setting(NamedTuple):
     """What of a plant is known, and how its motion is integrated; hashable, it is compiled in."""
 
-    known: Known
+    geometry: Geometry
     steepness: float
     """Slope of the smoothed Coulomb friction (s/rad)."""
     step: float
@@ -63,7 +63,7 @@ def setting_of(p: Plant) -> Setting:
     """
     scale = min(1.0, math.sqrt(float(p.l1 + p.l2) / 0.5 * 9.81 / float(p.g)))
     step = TORQUE_STEP * min(2, max(1, round(0.001 * scale / TORQUE_STEP)))
-    return Setting(Known(float(p.l1), float(p.g), float(p.gr)), COULOMB_STEEPNESS * scale, step)
+    return Setting(geometry_of(p), COULOMB_STEEPNESS * scale, step)
 
 
 def vector_of(p: Plant, delay: float = 0.004, lag: float = 0.002) -> Float[np.ndarray, "15"]:
@@ -128,7 +128,7 @@ def _compiled(setting: Setting, outputs: int, derivatives: bool) -> Callable[...
 def predict_window(setting: Setting, outputs: int, model: Array, start: Array, impulse: Array) -> Array:
     """States at the output times of one window, in measured angles."""
     m = dict(zip(NAMES, model, strict=True))
-    plant, friction = lumped(model, setting.known), friction_of(model)
+    plant, friction = lumped(model, setting.geometry), friction_of(model)
     torques = acting_torques(setting, outputs, m["delay"], m["lag"], impulse)
     torques = torques * jnp.stack([m["gain1"], m["gain2"]])
     x = (start[0] - m["offset1"], start[1] - m["offset2"], start[2], start[3])

@@ -131,8 +131,8 @@ def check_joints(recordings: Sequence[Recording], setting: Setting, start: Float
 
 def _bounds(setting: Setting, start: np.ndarray, driven: bool) -> tuple[np.ndarray, np.ndarray]:
     masses, k = start[:4], start[INDEX["k"]]
-    torque = setting.known.g * k
-    rotor = max(10.0 * start[INDEX["Ir"]], start[INDEX["B"]] / setting.known.gr**2)
+    torque = setting.geometry.g * k
+    rotor = max(10.0 * start[INDEX["Ir"]], start[INDEX["B"]] / setting.geometry.gr**2)
     low = np.array([*(masses / WIDEST), *np.zeros(5)])
     high = np.array([*(masses * WIDEST), 0.1 * torque, 0.1 * torque, 0.3 * torque, 0.3 * torque, rotor])
     if not driven:
@@ -144,7 +144,7 @@ def regression_matrix(setting: Setting, spans: Spans) -> Float[np.ndarray, "rows
     """Rows: both joints of each span; columns: the impulses for a unit of each base parameter."""
     q1, q2 = spans.states[..., 0], spans.states[..., 1]
     before, middle, after = ((q1[:, k : k + POINTS], q2[:, k : k + POINTS]) for k in (0, 1, 2))
-    rows = momentum_rows(before, middle, after, (STEP, STEP), setting.known, 0.0, ARRAYS)
+    rows = momentum_rows(before, middle, after, (STEP, STEP), setting.geometry, 0.0, ARRAYS)
     columns = [[np.sum(entry, axis=1) * STEP for entry in row[:BASE]] for row in rows]
     return np.transpose(columns, (2, 0, 1)).reshape(-1, BASE)
 

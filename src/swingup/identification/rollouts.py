@@ -91,7 +91,7 @@ def _compiled(setting: Setting, every: int, keep: bool) -> Callable[..., Any]:
     substeps = round(PERIOD / setting.step)
 
     def rollout(model: Array, torque: Array, reference: Array, feedback: Array, limits: Array) -> Any:
-        plant, friction = lumped(model, setting.known), friction_of(model)
+        plant, friction = lumped(model, setting.geometry), friction_of(model)
         gains = jnp.stack([model[INDEX["gain1"]], model[INDEX["gain2"]]])
 
         def row(carry: Any, now: Any) -> Any:

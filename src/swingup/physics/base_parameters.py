@@ -48,8 +48,8 @@ class Spread:
         check_ranges(self)
 
 
-class Known(NamedTuple):
-    """What is known of a plant whose base parameters are not."""
+class Geometry(NamedTuple):
+    """What equations in base parameters take as known of a plant."""
 
     l1: float
     """Length of link 1 (m)."""
@@ -57,6 +57,11 @@ class Known(NamedTuple):
     """Gravity (m/s²)."""
     gr: float
     """Gear ratio of the motors."""
+
+
+def geometry_of(plant: Plant) -> Geometry:
+    """The lengths, gravity and gear ratio of a plant."""
+    return Geometry(float(plant.l1), float(plant.g), float(plant.gr))
 
 
 def base_parameters(p: Plant, xp: Any = np) -> Any:
@@ -86,13 +91,12 @@ def base_covariance(p: Plant, spread: Spread) -> np.ndarray:
     return jacobian @ jacobian.T
 
 
-def lumped(theta: Any, known: Known) -> Lumped:
+def lumped(theta: Any, geometry: Geometry) -> Lumped:
     """The combinations in which the equations of motion are written, for θ."""
     shoulder, elbow, second, first, rotor = theta[0], theta[1], theta[2], theta[3], theta[8]
-    geared = known.gr * rotor
-    return Lumped(
-        shoulder, elbow, known.l1 * second, known.g * first, known.g * second, known.gr * geared, geared, rotor
-    )
+    l1, g, gr = geometry
+    geared = gr * rotor
+    return Lumped(shoulder, elbow, l1 * second, g * first, g * second, gr * geared, geared, rotor)
 
 
 def friction_of(theta: Any) -> Friction:
@@ -100,7 +104,7 @@ def friction_of(theta: Any) -> Friction:
     return Friction((theta[4], theta[5]), (theta[6], theta[7]))
 
 
-def share_allowed(theta: Any, nominal: Any, known: Known, margin: float, minimum: Any, root: Any) -> Number:
+def share_allowed(theta: Any, nominal: Any, geometry: Geometry, margin: float, minimum: Any, root: Any) -> Number:
     """The largest share s in [0, 1] of the step θ0 + s (θ - θ0) whose mass matrix is at least margin M(θ0).
 
     M is linear in θ, so that the eigenvalues of M(θ0)⁻¹ M go straight from 1 to those of θ. For any θ the least of
@@ -109,15 +113,15 @@ def share_allowed(theta: Any, nominal: Any, known: Known, margin: float, minimum
     Args:
         theta: θ.
         nominal: θ0, of a pendulum.
-        known: what is known of the plant.
+        geometry: of the plant.
         margin: in (0, 1).
         minimum: the smaller of two numbers of this kind.
         root: the square root of a number of this kind.
     """
     share: Number = 1.0
     for cos2 in (1.0, -1.0):
-        n11, n12, n22 = mass_entries(lumped(nominal, known), cos2)
-        m11, m12, m22 = mass_entries(lumped(theta, known), cos2)
+        n11, n12, n22 = mass_entries(lumped(nominal, geometry), cos2)
+        m11, m12, m22 = mass_entries(lumped(theta, geometry), cos2)
         determinant = n11 * n22 - n12 * n12
         half = 0.5 * (n22 * m11 - 2 * n12 * m12 + n11 * m22) / determinant
         product = (m11 * m22 - m12 * m12) / determinant

@@ -24,7 +24,7 @@ encoders and noise add there. Like ``equations`` this is arithmetic for any kind
 
 from typing import Any, NamedTuple
 
-from .base_parameters import Known
+from .base_parameters import Geometry
 from .equations import COULOMB_STEEPNESS, Number, Pair
 from .maths import Maths
 
@@ -33,7 +33,7 @@ CLOSE = 1e-3
 
 
 def momentum_rows(
-    before: Pair, middle: Pair, after: Pair, steps: Pair, known: Known, ratio: Number, maths: Maths
+    before: Pair, middle: Pair, after: Pair, steps: Pair, geometry: Geometry, ratio: Number, maths: Maths
 ) -> tuple[Any, Any]:
     """Y (2, 11): the rows of shoulder and elbow: a number for each base parameter, and for κ1 and κ2.
 
@@ -42,11 +42,12 @@ def momentum_rows(
         middle: qb, later.
         after: qc, later still.
         steps: h0 from qa to qb, h1 from qb to qc (s).
-        known: what is known of the plant.
+        geometry: of the plant.
         ratio: ρ = m2 r2 / k of the nominal plant.
         maths: for this kind of number.
     """
-    first, second = _half(before, middle, steps[0], known, maths), _half(middle, after, steps[1], known, maths)
+    first = _half(before, middle, steps[0], geometry, maths)
+    second = _half(middle, after, steps[1], geometry, maths)
     step = 0.5 * (steps[0] + steps[1])  # from midpoint to midpoint
     (v1, v2), (w1, w2) = first.rates, second.rates
     a1, a2 = (w1 - v1) / step, (w2 - v2) / step
@@ -55,7 +56,7 @@ def momentum_rows(
     coupling1 = (second.momentum1 - first.momentum1) / step + pull2
     coupling2 = (second.momentum2 - first.momentum2) / step + turning + pull2
     f1, f2 = mean_arctan(v1, w1, maths), mean_arctan(v2, w2, maths)
-    none, gr = 0.0 * v1, known.gr
+    none, gr = 0.0 * v1, geometry.gr
     rotor1, rotor2 = (gr * gr + 1) * a1 - gr * a2, gr * gr * a2 - gr * a1
     slope1, slope2 = 0.5 * (first.slope1 + second.slope1), 0.5 * (first.slope2 + second.slope2)
     bend1 = (second.bend1 - first.bend1) / step
@@ -101,20 +102,20 @@ class _Half(NamedTuple):
     bending: Number
 
 
-def _half(start: Pair, end: Pair, step: Number, known: Known, maths: Maths) -> _Half:
+def _half(start: Pair, end: Pair, step: Number, geometry: Geometry, maths: Maths) -> _Half:
     rate1, rate2 = (end[0] - start[0]) / step, (end[1] - start[1]) / step
     q1, q2 = 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1])
     (sin1, cos1), (sin2, cos2) = maths.sine_cosine(q1), maths.sine_cosine(q2)
-    along, across = known.l1 * cos2, known.l1 * sin2
+    along, across = geometry.l1 * cos2, geometry.l1 * sin2
     return _Half(
         rates=(rate1, rate2),
         momentum1=along * (2 * rate1 + rate2),
         momentum2=along * rate1,
         turning=across * rate1 * (rate1 + rate2),
-        pull1=known.g * sin1,
-        pull2=known.g * (sin1 * cos2 + cos1 * sin2),
-        slope1=known.g * cos1,
-        slope2=known.g * (cos1 * cos2 - sin1 * sin2),
+        pull1=geometry.g * sin1,
+        pull2=geometry.g * (sin1 * cos2 + cos1 * sin2),
+        slope1=geometry.g * cos1,
+        slope2=geometry.g * (cos1 * cos2 - sin1 * sin2),
         bend1=-across * (2 * rate1 + rate2),
         bend2=-across * rate1,
         bending=along * rate1 * (rate1 + rate2),

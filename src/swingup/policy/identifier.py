@@ -31,7 +31,7 @@ Control 15, 1970).
 import math
 from typing import Any, NamedTuple, Protocol
 
-from ..physics.base_parameters import BASE, Known, friction_of, lumped, share_allowed
+from ..physics.base_parameters import BASE, Geometry, friction_of, lumped, share_allowed
 from ..physics.damped import Friction
 from ..physics.equations import Lumped, Number, Pair
 from ..physics.maths import Maths
@@ -75,8 +75,8 @@ class Loop(Protocol):
         """Prior covariance (13, 13)."""
 
     @property
-    def known(self) -> Known:
-        """What is known of the plant."""
+    def geometry(self) -> Geometry:
+        """Of the plant."""
 
     @property
     def joint(self) -> int:
@@ -232,13 +232,13 @@ def found(maths: Maths, loop: Loop, state: IdentifierState) -> Found:
     """What other parts need of the unknowns."""
     x, s, joint = maths.numbers(state.unknowns), loop.settings, loop.joint
     nominal = maths.numbers(maths.xp.asarray(loop.mean[:BASE], state.unknowns.dtype))
-    share = share_allowed(x, nominal, loop.known, s.margin, maths.minimum, maths.root)
+    share = share_allowed(x, nominal, loop.geometry, s.margin, maths.minimum, maths.root)
     theta = tuple(n + share * (one - n) for one, n in zip(x[:BASE], nominal, strict=True))
     friction = friction_of(theta)
     asked, left = compensation(friction, x[GAIN], joint, s.passive_limit, maths.maximum)
     return Found(
         theta=theta,
-        plant=lumped(theta, loop.known),
+        plant=lumped(theta, loop.geometry),
         friction=predicted(friction, left, joint, maths.maximum),
         asked=asked,
         told=(*theta[:4], *left.damping, *left.coulomb, theta[8]),
@@ -294,7 +294,7 @@ def _columns(maths: Maths, loop: Loop, state: IdentifierState) -> Array:
     ends = maths.numbers(ages)
     ratio = maths.xp.asarray(loop.mean[2] / loop.mean[3], steps.dtype)[()]
     halves = ends[-1] - ends[span], ends[span]
-    shoulder, elbow = momentum_rows(oldest, middle, newest, halves, loop.known, ratio, maths)
+    shoulder, elbow = momentum_rows(oldest, middle, newest, halves, loop.geometry, ratio, maths)
     mean, slope = hat_weights(maths.xp, steps, ages)
     torques, rates = maths.numbers(mean @ acting), maths.numbers(slope @ acting)
     none = 0.0 * torques[joint]

@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 
 from ..errors import SwingupError
-from ..physics.base_parameters import Known, base_parameters, friction_of
+from ..physics.base_parameters import base_parameters, friction_of, geometry_of
 from ..settings import Range, check_ranges
 from .riccati import solve_riccati
 from .upright import upright_step
@@ -70,11 +70,6 @@ def bounds(settings: RegulatorSettings, theta: Any, driven: int) -> tuple[Any, A
     return enter, enter + (s.leave - s.enter) / (1.0 + dry / s.leave_coulomb)
 
 
-def known_of(plant: Any) -> Known:
-    """What is taken as known of a plant with attributes of ``physics.plant.Plant``."""
-    return Known(float(plant.l1), float(plant.g), float(plant.gr))
-
-
 def fixed_point(plant: Any, driven: int, settings: RegulatorSettings) -> np.ndarray:
     """The cost-to-go P (4, 4) at which the recursion for a plant stays.
 
@@ -87,7 +82,8 @@ def fixed_point(plant: Any, driven: int, settings: RegulatorSettings) -> np.ndar
         SwingupError: there is none.
     """
     h, (weights, torque_weight) = settings.riccati_step, settings.step_weights
-    a, b = map(np.array, upright_step(base_parameters(plant), known_of(plant), driven, settings.coulomb_damping, h))
+    theta, geometry = base_parameters(plant), geometry_of(plant)
+    a, b = map(np.array, upright_step(theta, geometry, driven, settings.coulomb_damping, h))
     with np.errstate(all="ignore"):
         try:
             found = solve_riccati(a, np.outer(b, b) / torque_weight, np.diag(weights))

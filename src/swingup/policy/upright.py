@@ -10,7 +10,7 @@ c cf is the damping (N m s/rad) that stands for it. Python's floats and JAX's ar
 
 from typing import Any, NamedTuple
 
-from ..physics.base_parameters import Known, friction_of, lumped
+from ..physics.base_parameters import Geometry, friction_of, lumped
 from ..physics.equations import Number, mass_entries
 
 
@@ -23,17 +23,17 @@ class Discrete(NamedTuple):
     """(4,)"""
 
 
-def upright_step(theta: Any, known: Known, driven: int, coulomb_damping: Number, h: float) -> Discrete:
+def upright_step(theta: Any, geometry: Geometry, driven: int, coulomb_damping: Number, h: float) -> Discrete:
     """A = I + h A_c + h² A_c² / 2 and b = h b_c + h² A_c b_c / 2 of the linear equations.
 
     Args:
         theta: θ in the order of ``physics.base_parameters.BASE_NAMES``; its mass matrix is positive definite.
-        known: what else is known of the plant.
+        geometry: of the plant.
         driven: place of the driven joint.
         coulomb_damping: c (s/rad).
         h: length of the step (s).
     """
-    plant, ((b1, b2), (cf1, cf2)) = lumped(theta, known), friction_of(theta)
+    plant, ((b1, b2), (cf1, cf2)) = lumped(theta, geometry), friction_of(theta)
     m11, m12, m22 = mass_entries(plant, 1.0)
     scale = 1.0 / (m11 * m22 - m12 * m12)
     i11, i12, i22 = m22 * scale, -m12 * scale, m11 * scale

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...errors import SwingupError
-from ...physics.base_parameters import BASE, Known, base_parameters, lumped
+from ...physics.base_parameters import BASE, base_parameters, geometry_of, lumped
 from ...physics.equations import COULOMB_STEEPNESS, mass_entries
 from ...physics.momentum import CLOSE
 from ..compensation import LEAST_GAIN
@@ -139,7 +139,7 @@ def identifier_data(s: IdentifierSettings, policy: PendulumPolicy) -> Data:
     plant, driven = policy.plant, np.arange(2) == policy.robot.joint
     mean, covariance = prior(plant, s)
     deviation = np.where(driven, s.driven_deviation, s.passive_deviation)
-    nominal = lumped(mean[:BASE], Known(plant.l1, plant.g, plant.gr))
+    nominal = lumped(mean[:BASE], geometry_of(plant))
     return {
         "SPAN": s.span,
         "COMMANDS": s.past,

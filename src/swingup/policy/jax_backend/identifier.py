@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...physics.base_parameters import Known, Spread
+from ...physics.base_parameters import Geometry, Spread, geometry_of
 from ...physics.plant import Plant
 from ...robots import Robot
 from ...types import Count, Scalar, Torque
@@ -24,7 +24,7 @@ class Identifier(eqx.Module):
     """θ of the nominal plant, no offsets, no lag, and a gain of 1."""
     covariance: Float[Any, "13 13"]
     """Prior covariance."""
-    known: Known = eqx.field(static=True)
+    geometry: Geometry = eqx.field(static=True)
     settings: IdentifierSettings = eqx.field(static=True)
     robot: Robot = eqx.field(static=True)
     """Which joint is driven."""
@@ -92,5 +92,4 @@ def make_identifier(
     settings = IdentifierSettings() if settings is None else settings
     settings = settings if spread is None else replace(settings, spread=spread)
     mean, covariance = prior(plant, settings)
-    known = Known(float(plant.l1), float(plant.g), float(plant.gr))
-    return Identifier(mean, covariance, known, settings, robot)
+    return Identifier(mean, covariance, geometry_of(plant), settings, robot)

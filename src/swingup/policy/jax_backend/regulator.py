@@ -16,12 +16,12 @@ from jaxtyping import Array, Float
 from ...control.controller import AbstractController
 from ...control.scalar_algebra import Matrix, Vector, dot, symmetric_times, unpack
 from ...physics.angles import UPRIGHT, nearest
-from ...physics.base_parameters import Known, base_parameters
+from ...physics.base_parameters import Geometry, base_parameters, geometry_of
 from ...physics.equations import Number
 from ...physics.plant import Plant
 from ...robots import Robot
 from ...types import Flag, Scalar, State, Torque
-from ..regulator_settings import RegulatorSettings, bounds, fixed_point, known_of
+from ..regulator_settings import RegulatorSettings, bounds, fixed_point
 from ..upright import Discrete, upright_step
 from .maths import choose
 
@@ -51,7 +51,7 @@ class RegulatingController(AbstractController[RegulatorMemory]):
     """P at first, its upper triangle."""
     torque_limit: float
     """Largest torque of the regulator (N m)."""
-    known: Known = eqx.field(static=True)
+    geometry: Geometry = eqx.field(static=True)
     settings: RegulatorSettings = eqx.field(static=True)
     robot: Robot = eqx.field(static=True)
     """Which joint is driven."""
@@ -79,7 +79,7 @@ class RegulatingController(AbstractController[RegulatorMemory]):
     def _plant(self, dtype: Any) -> Discrete:
         """One step of the recursion for θ."""
         s, theta = self.settings, unpack(jnp.asarray(self.base, dtype))
-        return upright_step(theta, self.known, self.robot.joint, s.coulomb_damping, s.riccati_step)
+        return upright_step(theta, self.geometry, self.robot.joint, s.coulomb_damping, s.riccati_step)
 
     def _recursion(self, before: Float[Array, "10"], step: Discrete) -> Float[Array, "10"]:
         """P after the steps of one call."""
@@ -115,7 +115,7 @@ def with_regulator(
         SwingupError: no regulator holds the plant.
     """
     start, base = fixed_point(plant, robot.joint, settings)[TRIANGLE], base_parameters(plant)
-    return RegulatingController(controller, base, start, limit, known_of(plant), settings, robot)
+    return RegulatingController(controller, base, start, limit, geometry_of(plant), settings, robot)
 
 
 def _symmetric(triangle: Float[Array, "10"]) -> Matrix:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...physics.base_parameters import Known
+from ...physics.base_parameters import geometry_of
 from ...physics.equations import Pair
 from ...physics.maths import NUMPY
 from ...physics.plant import Plant
@@ -28,7 +28,7 @@ class NumpyIdentifier:
             plant: the nominal plant.
             joint: index of the driven joint.
         """
-        self.settings, self.joint, self.known = settings, joint, Known(plant.l1, plant.g, plant.gr)
+        self.settings, self.joint, self.geometry = settings, joint, geometry_of(plant)
         self.mean, self.covariance = prior(plant, settings)
         self.reset()
 

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...physics.base_parameters import base_parameters
+from ...physics.base_parameters import base_parameters, geometry_of
 from ...physics.plant import Plant
-from ..regulator_settings import RegulatorSettings, bounds, fixed_point, known_of
+from ..regulator_settings import RegulatorSettings, bounds, fixed_point
 from ..upright import upright_step
 from .network import nearest
 
@@ -27,7 +27,7 @@ class NumpyRegulator:
         Raises:
             SwingupError: no regulator holds the plant.
         """
-        self._settings, self._known, self._joint, self._limit = settings, known_of(plant), joint, limit
+        self._settings, self._geometry, self._joint, self._limit = settings, geometry_of(plant), joint, limit
         weights, torque_weight = settings.step_weights
         # One product of 5 x 5 matrices takes errors and torque through a step at once: [e, u], P with zeros at u.
         self._weights = np.diag([*weights, torque_weight])
@@ -42,7 +42,7 @@ class NumpyRegulator:
     def tell(self, base: Sequence[float]) -> None:
         """Hold a plant with base parameters θ (9,) from now on."""
         s = self._settings
-        a, b = upright_step(base, self._known, self._joint, s.coulomb_damping, s.riccati_step)
+        a, b = upright_step(base, self._geometry, self._joint, s.coulomb_damping, s.riccati_step)
         self._enter, self._leave = bounds(s, base, self._joint)
         # [A b; 0 0].
         step = [*a[0], b[0], *a[1], b[1], *a[2], b[2], *a[3], b[3], 0.0, 0.0, 0.0, 0.0, 0.0]
