@@ -41,14 +41,13 @@ from swingup.control.registry import get_controller
 from swingup.errors import SwingupError
 from swingup.files import write_atomically
 from swingup.policy.pendulum import read_pendulum_policy
-from swingup.policy.shipped import REFINED
 from swingup.robots import ROBOTS
 
 Rows = list[dict[str, Any]]
 Section = tuple[Rows, str]
 
 SECTIONS = ("models", "ablations", "failing", "nominal", "errors", "boards")
-SHIPPED = (REFINED, "global", "robot")
+SHIPPED = ("ar-eapo", "global")
 """Controllers that the boards compare with."""
 
 

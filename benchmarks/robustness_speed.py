@@ -1,6 +1,6 @@
 """Time of the robustness benchmark's 722 simulations, beside the same simulations run one by one.
 
-Usage: python benchmarks/robustness_speed.py [ROBOT [CONTROLLER...]], by default acrobot with ar-eapo, refined,
+Usage: python benchmarks/robustness_speed.py [ROBOT [CONTROLLER...]], by default acrobot with ar-eapo, adaptive,
 tvlqr and ilqr-riccati; leave the machine idle. Times are after compilation, the best of three. The peer is the
 public code's way: one simulation after another, one call of the controller and one of the integrator a step, here
 in NumPy. It is timed on a few seconds of simulation in the same process and scaled to the grid.
@@ -79,7 +79,7 @@ def main(robot_name: str = "acrobot", *controllers: str) -> None:
     peer = best_of(3, lambda: one_by_one(policy, SAMPLE)) / SAMPLE * rules.steps * simulations
     print(f"{robot.name}: {simulations} simulations of {rules.steps} steps")
     print(f"one by one in NumPy (a 256-256 policy): {peer:.0f} s, scaled from {SAMPLE} steps")
-    for name in controllers or ("ar-eapo", "refined", "tvlqr", "ilqr-riccati"):
+    for name in controllers or ("ar-eapo", "adaptive", "tvlqr", "ilqr-riccati"):
         controller = get_controller(name, robot)
         start = time.perf_counter()
         robustness(controller, robot, name, dataclasses.replace(rules))

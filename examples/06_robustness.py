@@ -4,8 +4,8 @@ from collections import Counter
 
 import swingup
 
-controller, _ = swingup.shipped_policy("pendubot")
-result = swingup.robustness(controller, "pendubot", "refined", seed=1)
+controller = swingup.get_controller("ar-eapo", "pendubot")
+result = swingup.robustness(controller, "pendubot", "ar-eapo", seed=1)
 for criterion, percent in result.percent.items():
     print(f"{criterion:<16}{percent:6.1f} %")
 print(f"{'overall':<16}{result.overall:8.3f}")

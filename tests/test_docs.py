@@ -232,7 +232,7 @@ def test_the_notebook_is_stored_with_its_outputs():
     assert sum("image/png" in output.get("data", {}) for output in outputs) == 2
     printed = "".join("".join(output.get("text", "")) for output in outputs)
     assert "507,904 frames" in printed
-    assert "shipped: score 0.694" in printed
+    assert "shipped: score 0.695" in printed
 
 
 def test_the_stored_notebook_names_no_machine():

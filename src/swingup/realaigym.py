@@ -1,4 +1,4 @@
-"""Controllers for RealAIGym's simulator and its robot: ``load_controller("refined", "acrobot")``.
+"""Controllers for RealAIGym's simulator and its robot: ``load_controller("adaptive", "acrobot")``.
 
 Policies run with NumPy alone. JAX is imported only for baselines (``tvlqr``, ``ilqr-riccati``, ``ilqr-mpc``...) and
 for other controllers of this package. RealAIGym's package is never imported.

@@ -1,6 +1,6 @@
 """Policies without JAX: a policy file's controller by NumPy and the standard library alone.
 
-    controller = load_controller("refined", "acrobot")
+    controller = load_controller("adaptive", "acrobot")
     u = controller(x, t)  # [u1, u2] in N m, at every step of the loop
 
 The import takes a few milliseconds more than NumPy's.

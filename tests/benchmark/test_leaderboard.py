@@ -22,7 +22,8 @@ from swingup.control.controller import AbstractController
 from swingup.errors import SwingupError
 from swingup.policy.jax_backend.controller import PolicyController
 from swingup.policy.jax_backend.estimator import EstimatingController
-from swingup.policy.shipped import AR_EAPO, REFINED
+from swingup.policy.jax_backend.regulator import RegulatingController
+from swingup.policy.shipped import ADAPTIVE, AR_EAPO
 from swingup.robots import get_robot
 
 
@@ -93,15 +94,15 @@ def test_the_third_rules_have_a_board_of_their_own(either_robot, brief_minute):
 
 
 def test_policies_that_ship_with_an_estimator_enter_without_it_too(robot):
-    entered = entrants_for(robot, {}, (REFINED, AR_EAPO), alone=True)
+    entered = entrants_for(robot, {}, (ADAPTIVE, AR_EAPO), alone=True)
     assert {name: type(controller) for name, controller in entered.items()} == {
-        "refined": EstimatingController,
+        "adaptive": EstimatingController,
         "ar-eapo": PolicyController,
-        "refined --no-estimator": PolicyController,
+        "adaptive --no-estimator": RegulatingController,
     }
-    assert set(entrants_for(robot, {}, (REFINED,))) == {"refined"}
-    with pytest.raises(SwingupError, match="'refined --no-estimator' is on the board already"):
-        leaderboard(robot, {"refined --no-estimator": Hanging()}, entrants=(REFINED,))
+    assert set(entrants_for(robot, {}, (ADAPTIVE,))) == {"adaptive"}
+    with pytest.raises(SwingupError, match="'adaptive --no-estimator' is on the board already"):
+        leaderboard(robot, {"adaptive --no-estimator": Hanging()}, entrants=(ADAPTIVE,))
 
 
 @pytest.mark.slow
@@ -114,7 +115,7 @@ def test_names_of_our_further_controllers_are_taken(either_robot):
 
 
 def test_who_enters_which_boards():
-    papers, ours = ("ar-eapo", "tvlqr", "ilqr-riccati", "ilqr-mpc"), ("adaptive", "refined", "tvlqr-score")
+    papers, ours = ("ar-eapo", "tvlqr", "ilqr-riccati", "ilqr-mpc"), ("adaptive", "tvlqr-score")
     assert (papers, ours) == (ENTRANTS, FURTHER)
     for rules in ("v2", "hardware"):
         assert default_entrants(get_board_rules(rules)) == papers + ours
@@ -184,6 +185,6 @@ def test_the_shipped_row_says_how_it_was_made(robot):
 @pytest.mark.slow
 def test_the_papers_boards(robot):
     performance, robustness = leaderboard(robot)
-    entered = {*ENTRANTS, *FURTHER, "adaptive --no-estimator", "refined --no-estimator"}
+    entered = {*ENTRANTS, *FURTHER, "adaptive --no-estimator"}
     assert set(ours(performance)) == set(ours(robustness)) == entered
     assert all(row.values["score"] > 0.33 for row in ours(performance).values())

@@ -151,9 +151,9 @@ def test_a_policy_for_another_plant_says_so_once(caplog):
         for _ in range(2):
             for plant in (None, "A.0"):
                 parameters = None if plant is None else load_plant(plant).driven("acrobot")
-                prepare(get_controller("refined", "acrobot", False, plant), ACROBOT, "refined", parameters)
+                prepare(get_controller("ar-eapo", "acrobot", False, plant), ACROBOT, "ar-eapo", parameters)
     assert len(caplog.messages) == 1
-    assert "controller 'refined': the policy was made for a plant 'leaderboard' with" in caplog.messages[0]
+    assert "controller 'ar-eapo': the policy was made for a plant 'leaderboard' with" in caplog.messages[0]
 
 
 def test_there_is_no_such_plant():

@@ -54,14 +54,14 @@ np.save({rows!r}, rows)
 @pytest.mark.slow
 def test_a_folder_for_realaigym_needs_numpy_alone(tmp_path, robot, capsys):
     folder, rows = tmp_path / "entry", str(tmp_path / "rows.npy")
-    assert main(["export", "refined", "--robot", robot.name, "--to", "realaigym", "--out", str(folder)]) == 0
+    assert main(["export", "ar-eapo", "--robot", robot.name, "--to", "realaigym", "--out", str(folder)]) == 0
     assert capsys.readouterr().out.strip() == str(folder / "con_swingup.py")
     code = RUN.format(folder=str(folder), rows=rows, driven=list(robot.actuation))
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (result.returncode, result.stderr) == (0, "")
     table = np.load(rows)
     trajectory = Trajectory(time=table[:, 0], x=table[:, 1:5], u=table[:, 5:])
-    judged = swingup.evaluate(get_controller("refined", robot), robot).criteria
+    judged = swingup.evaluate(get_controller("ar-eapo", robot), robot).criteria
     assert swingup.score(trajectory, robot).score == pytest.approx(judged.score, abs=1e-4)
 
     config = ast.literal_eval(result.stdout)
@@ -98,10 +98,10 @@ def test_a_policy_file_and_its_username(tmp_path):
 
 def test_a_folder_for_cloudpendulum(tmp_path, capsys):
     folder = tmp_path / "cell"
-    assert main(["export", "refined", "--robot", "acrobot", "--to", "cloudpendulum", "--out", str(folder)]) == 0
+    assert main(["export", "adaptive", "--robot", "acrobot", "--to", "cloudpendulum", "--out", str(folder)]) == 0
     told = capsys.readouterr().out.splitlines()
     assert told[0] == str(folder / "controller_swingup.py")
-    assert told[1].startswith("it may command 6 N m at the elbow, and CloudPendulum's motors give 0.15: train one")
+    assert told[2].startswith("it may command 6 N m at the elbow, and CloudPendulum's motors give 0.15: train one")
     entry = (folder / "controller_swingup.py").read_text()
     assert '"velocity_limit": 50.0' in entry
     assert "def ControllerType(" in entry
@@ -119,44 +119,40 @@ def test_graphs_and_headers(tmp_path, capsys):
     pytest.importorskip("onnx", reason="onnx is not installed")
     for form, start in (("onnx", b"\x08"), ("c", b"/*")):
         out = tmp_path / form
-        assert main(["export", "refined", "--robot", "acrobot", "--to", form, "--out", str(out)]) == 0
+        assert main(["export", "--robot", "acrobot", "--to", form, "--out", str(out)]) == 0
         assert out.read_bytes().startswith(start)
-        assert ("without the state estimator" in capsys.readouterr().out) == (form == "onnx")
+        said = "alone, without estimator, identifier, regulator and a safety guard"
+        assert (said in capsys.readouterr().out) == (form == "onnx")
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["refined", "--to", "c"], "shipped for both robots: name acrobot or pendubot"),
+        (["ar-eapo", "--to", "c"], "shipped for both robots: name acrobot or pendubot"),
         (
             ["tvlqr", "--to", "c"],
             "'tvlqr' is a baseline, which has no policy file: swingup.realaigym.load_controller",
         ),
         (["ilqr-mpc", "--to", "onnx", "--robot", "pendubot"], "swingup trajectory pendubot --out x.csv writes"),
         (
-            ["refind", "--to", "c"],
-            "unknown policy 'refind': use one of adaptive, refined, ar-eapo, global or a policy",
+            ["adaptiv", "--to", "c"],
+            "unknown policy 'adaptiv': use one of adaptive, ar-eapo, global or a policy",
         ),
-        (["refind", "--to", "c"], "did you mean refined?"),
+        (["adaptiv", "--to", "c"], "did you mean adaptive?"),
         (
-            ["refined", "--robot", "acrobot", "--to", "java"],
+            ["ar-eapo", "--robot", "acrobot", "--to", "java"],
             "unknown format 'java': use one of realaigym, cloudpendulum, onnx, c",
         ),
-        (["refined", "--robot", "acrobot", "--to", "c", "--out", "none/x.h"], "cannot write none/x.h"),
-        (["refined", "--robot", "acrobot", "--to", "realaigym", "--out", "none/x"], "cannot write none/x: No such"),
-        (["refined", "--robot", "acrobot", "--to", "realaigym", "--out", "full"], "full is there already"),
+        (["ar-eapo", "--robot", "acrobot", "--to", "c", "--out", "none/x.h"], "cannot write none/x.h"),
+        (["ar-eapo", "--robot", "acrobot", "--to", "realaigym", "--out", "none/x"], "cannot write none/x: No such"),
+        (["ar-eapo", "--robot", "acrobot", "--to", "realaigym", "--out", "full"], "full is there already"),
         (
-            ["refined", "--robot", "acrobot", "--to", "realaigym", "--username", "a,b"],
+            ["ar-eapo", "--robot", "acrobot", "--to", "realaigym", "--username", "a,b"],
             "username 'a,b' does not fit",
         ),
-        (
-            ["adaptive", "--robot", "acrobot", "--to", "onnx"],
-            "run the policy in C or Python, as an export to c or realaigym does, or take one without an "
-            "identifier, such as refined",
-        ),
         (["none.safetensors", "--to", "realaigym"], "no such file: none.safetensors"),
-        (["refined", "--robot", "acrobot", "--to", "realaigym", "--name", "../x"], "name '../x': use up to 40"),
-        (["refined", "--robot", "acrobot", "--to", "c", "--name", "2x"], "name '2x': use up to 40 small letters"),
+        (["ar-eapo", "--robot", "acrobot", "--to", "realaigym", "--name", "../x"], "name '../x': use up to 40"),
+        (["ar-eapo", "--robot", "acrobot", "--to", "c", "--name", "2x"], "name '2x': use up to 40 small letters"),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(options, message, tmp_path, monkeypatch, capsys):
@@ -174,7 +170,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(options, message, tmp_path, mo
 def test_the_guard_of_an_export(tmp_path, monkeypatch, capsys):
     """On by default and in the entry, for its owner to change; left out for simulations."""
     monkeypatch.chdir(tmp_path)
-    base = ["export", "refined", "--robot", "acrobot", "--to"]
+    base = ["export", "ar-eapo", "--robot", "acrobot", "--to"]
     assert main([*base, "realaigym", "--out", "guarded", "--velocity-limit", "25", "--braking", "0.1"]) == 0
     assert main([*base, "realaigym", "--out", "bare", "--no-guard"]) == 0
     entries = [(tmp_path / name / "con_swingup.py").read_text() for name in ("guarded", "bare")]
@@ -208,7 +204,7 @@ print(controller.get_control_output(x=[0.1, 0.0, 0.0, 0.0], t=0.004))
 
 def test_an_exported_folder_stops_at_a_fault(tmp_path):
     folder = tmp_path / "entry"
-    assert main(["export", "refined", "--robot", "acrobot", "--to", "realaigym", "--out", str(folder)]) == 0
+    assert main(["export", "ar-eapo", "--robot", "acrobot", "--to", "realaigym", "--out", str(folder)]) == 0
     code = FAULTY.format(folder=str(folder))
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     first, second, third = result.stdout.splitlines()
@@ -220,7 +216,7 @@ def test_an_exported_folder_stops_at_a_fault(tmp_path):
 def test_a_file_without_a_plant_gets_one(tmp_path, capsys):
     """The estimator's model and the torque limit of B.0 in a C header; a file that has a plant keeps it."""
     header, folder = tmp_path / "policy.h", tmp_path / "entry"
-    words = ["export", "refined", "--robot", "acrobot", "--plant", "cloudpendulum-rods"]
+    words = ["export", "global", "--robot", "acrobot", "--plant", "cloudpendulum-rods"]
     assert main([*words, "--to", "c", "--out", str(header)]) == 0
     assert "swingup_limits[2] = {0.e+00, 1.3e-01};" in header.read_text()
     assert main([*words, "--to", "cloudpendulum", "--out", str(folder)]) == 0

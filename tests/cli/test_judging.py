@@ -290,7 +290,7 @@ def test_several_values_of_one_option(capsys, values):
         ("robustness acrobot --seeds 2147483648", "seeds = 2147483648: use a whole number from 1 to 9999"),
         ("uptime acrobot --seeds 2147483648", "seeds = 2147483648: use a whole number from 1 to 9999"),
         ("sim2real acrobot --seeds 2147483648", "seeds = 2147483648: use a whole number from 1 to 9999"),
-        ("evaluate acrobot --controller refind", "module:object; did you mean refined?"),
+        ("evaluate acrobot --controller adaptiv", "module:object; did you mean adaptive?"),
     ],
 )
 def test_words_that_make_no_command(words, message, capsys):

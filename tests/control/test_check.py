@@ -201,8 +201,7 @@ def test_a_policy_that_compensates_friction_declares_it(robot):
     assert check_controller(found, robot) == []
     assert found.passive_limit == get_controller("adaptive", robot).passive_limit == 0.5
     assert load_policy_controller("adaptive", robot).passive_limit == 0.5
-    assert get_controller("refined", robot).passive_limit == 0
-    assert NumpyController(read_policy("refined", robot)).passive_limit == 0
+    assert NumpyController(read_policy("ar-eapo", robot)).passive_limit == 0
 
 
 @pytest.mark.slow  # JAX compiles identifier and regulator for seconds

@@ -93,7 +93,7 @@ def test_load_policy_gives_the_policy_alone(files):
     [
         ({"delay": 1}, "unknown estimator setting 'delay'"),
         ({"dt": -0.002}, "estimator setting dt = -0.002: use a number from 1e-06 to 0.1"),
-        (None, "estimator None is no object"),
+        (None, "estimator None is not an object"),
     ],
 )
 def test_bad_settings_are_refused_with_the_files_name(files, estimator, message):
@@ -149,11 +149,11 @@ def test_names_of_modules_that_cannot_be(name):
 def test_built_in_names(files):
     assert isinstance(swingup.get_controller("tvlqr", "pendubot"), LatchingSwitch)
     assert isinstance(get_controller("tvlqr", "pendubot", True).controller, LatchingSwitch)
-    assert settings(get_controller("refined", "pendubot")) == EstimatorSettings()
-    assert settings(get_controller("refined", "pendubot", False)) is None
+    assert settings(get_controller("global", "pendubot")) == EstimatorSettings()
+    assert settings(get_controller("global", "pendubot", False)) is None
     assert settings(get_controller("ar-eapo", "pendubot")) is None
     assert settings(get_controller("ar-eapo", "pendubot", True)) == EstimatorSettings()
-    known = "adaptive, refined, ar-eapo, global, lqr"
+    known = "adaptive, ar-eapo, global, lqr"
     with pytest.raises(SwingupError, match=f"unknown controller 'pid': use {known}"):
         get_controller("pid", "pendubot")
     with pytest.raises(SwingupError, match="unknown robot 'cartpole'"):
@@ -161,11 +161,11 @@ def test_built_in_names(files):
 
 
 def test_the_global_policy(files, monkeypatch, robot):
-    with pytest.raises(SwingupError, match="unknown policy 'best': use one of adaptive, refined, ar-eapo, global"):
+    with pytest.raises(SwingupError, match="unknown policy 'best': use one of adaptive, ar-eapo, global"):
         swingup.shipped_policy(robot, "best")
     monkeypatch.setattr(shipped, "ZOO", files)
     with pytest.raises(
-        SwingupError, match=f"lacks the policy {robot.name}-global.safetensors: use refined or train one"
+        SwingupError, match=f"lacks the policy {robot.name}-global.safetensors: use adaptive or train one"
     ):
         get_controller("global", robot)
     policy = load_policy("alone.safetensors", "acrobot")[0]

@@ -24,7 +24,7 @@ from swingup.policy.plant import model_step
 from swingup.policy.plant_facts import policy_plant
 from swingup.policy.regulator_settings import RegulatorSettings
 from swingup.policy.settings import EstimatorSettings
-from swingup.policy.shipped import ADAPTIVE, SHIPPED_POLICIES, read_policy
+from swingup.policy.shipped import ADAPTIVE, AR_EAPO, SHIPPED_POLICIES, read_policy
 from swingup.policy.stages import PlantStage
 from swingup.robots import get_robot
 
@@ -83,6 +83,8 @@ UNSOUND = np.where(np.eye(4), np.array([np.nan, np.inf, -np.inf])[:, None, None]
 
 SHIPPED = [f"{robot}-{name}" for robot in ("acrobot", "pendubot") for name in SHIPPED_POLICIES if name != ADAPTIVE]
 """Those that every back end runs."""
+ESTIMATED = [f"{robot}-estimated" for robot in ("acrobot", "pendubot")]
+"""``ar-eapo`` behind a state estimator."""
 ADAPTIVES = [f"{robot}-{ADAPTIVE}" for robot in ("acrobot", "pendubot")]
 """The shipped ones with an identifier and a regulator."""
 SMALL = ["pendubot-wrapped", "pendubot-bare"]
@@ -94,7 +96,7 @@ REGULATED = "acrobot-regulated"
 TOLD = "acrobot-told"
 """The same, behind an estimator with an identifier that tells policy and regulator what it finds."""
 IDENTIFIED = "acrobot-identified"
-"""The default policy, told what an identifier finds of its plant, C.1 as it is; it was not trained with that.
+"""The estimated policy, told what an identifier finds of its plant, C.1 as it is; it was not trained with that.
 
 A replayed motion does not follow the torques. There rounding grows without bound if torques change what is found
 much, and that the torques. This policy's change by 0.05 N m for twice the plant: rounding fades."""
@@ -112,11 +114,13 @@ def random_states(number=10_000):
 
 @functools.cache
 def policy(name):
-    """A policy by a name of SHIPPED, ADAPTIVES, SMALL, SIGHTED, REGULATED, TOLD, IDENTIFIED or OTHER_PLANT."""
+    """A policy by a name above: one of SHIPPED, ESTIMATED, ADAPTIVES or SMALL, or SIGHTED and those after it."""
     robot, _, kind = name.partition("-")
     if name == OTHER_PLANT:
-        found = read_policy("refined", robot)
+        found = policy(ESTIMATED[0])
         return dataclasses.replace(found, plant=policy_plant(load_plant("C.1"), found.robot))
+    if name in ESTIMATED:
+        return dataclasses.replace(read_policy(AR_EAPO, robot), estimator=EstimatorSettings())
     if name == REGULATED:
         return dataclasses.replace(policy(SIGHTED), regulator=RegulatorSettings())
     if name == TOLD:
@@ -159,8 +163,8 @@ def sighted_policy(layers=(16, 12)):
 
 
 def identified_policy():
-    """The acrobot's default policy with weights for the plant's inputs, behind an identifier."""
-    found = read_policy("refined", "acrobot")
+    """The acrobot's estimated policy with weights for the plant's inputs, behind an identifier."""
+    found = policy(ESTIMATED[0])
     plant = policy_plant(load_plant("C.1"), found.robot)
     base, first = base_parameters(plant), found.network.trunk[0]
     sight = np.random.default_rng(2).normal(size=(len(first.bias), 9)).astype(np.float32) / 2000

@@ -30,12 +30,12 @@ def test_files_ask_for_all_that_makes_them_adapt(robot):
 
 
 def test_the_folders_readme_names_the_regulator_and_the_teachers():
-    values = {name: readme_values(read_policy(name, "acrobot"), "entry") for name in (ADAPTIVE, "refined")}
+    values = {name: readme_values(read_policy(name, "acrobot"), "entry") for name in (ADAPTIVE, "ar-eapo")}
     assert "regulator takes over" in values[ADAPTIVE]["SWITCHED"]
     assert "base parameters" in values[ADAPTIVE]["ESTIMATOR"]
-    assert values["refined"]["SWITCHED"] == "nothing is switched, tracked or planned"
+    assert values["ar-eapo"]["SWITCHED"] == "nothing is switched, tracked or planned"
     assert "distilled from teachers, one of which is a policy by AR-EAPO" in values[ADAPTIVE]["KIND"]
-    assert values["refined"]["KIND"].startswith("A policy by AR-EAPO")
+    assert values["ar-eapo"]["KIND"].startswith("A policy by AR-EAPO")
 
 
 @pytest.mark.slow  # JAX compiles identifier and regulator for seconds

@@ -31,7 +31,7 @@ SWEEPS = RULES.model
 pytestmark = pytest.mark.skipif(not BENCHMARKS.is_dir(), reason="the scripts are only in a checkout")
 
 
-@pytest.mark.parametrize("arguments", [["acrobot", "missing.safetensors"], ["acrobot", "refined"]])
+@pytest.mark.parametrize("arguments", [["acrobot", "missing.safetensors"], ["acrobot", "ar-eapo"]])
 def test_a_controller_that_cannot_be_used_ends_in_one_line(scripts, arguments, monkeypatch, tmp_path, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["adaptive.py", *arguments])
@@ -210,9 +210,9 @@ def test_boards_have_a_line_each(scripts):
         {"board": board, "controller": name, "mean": mean, "interval": interval}
         for board, name, mean, interval in (
             ("score", "adaptive", 0.7, None),
-            ("score", "refined", 0.6994, None),
+            ("score", "ar-eapo", 0.6994, None),
             ("uptime", "adaptive", 0.8, (0.75, 0.85)),
-            ("uptime", "refined", 0.5, (0.4, 0.6)),
+            ("uptime", "ar-eapo", 0.5, (0.4, 0.6)),
         )
     ]
     assert scripts["boards"].board_lines(rows) == [

@@ -9,7 +9,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from swingup.errors import SwingupError
 from swingup.physics.angles import UPRIGHT
 from swingup.policy.numpy_backend.controller import NumpyController
 
@@ -18,6 +17,7 @@ from .references import (
     ADAPTIVES,
     COLUMNS,
     DT,
+    ESTIMATED,
     IDENTIFIED,
     OTHER_PLANT,
     REGULATED,
@@ -41,18 +41,18 @@ from .references import (
 ADAPTING = 900
 """Steps of the recorded loops of the adaptive policies: the swing-up, and the regulator near the top."""
 LONG = 2500
-"""Steps of the recorded loops of the default policy (5 s)."""
+"""Steps of the recorded loops of the estimated policies (5 s)."""
 BRIEF = 600
 """Steps of the others: the swing-up."""
 
-SLOW = ("acrobot-global", "pendubot-refined", "pendubot-global", IDENTIFIED)
+SLOW = ("acrobot-global", ESTIMATED[1], "pendubot-global", IDENTIFIED)
 """Their loops take seconds to compile; their states are in the default suite.
 
-Its loops are those of the acrobot's ``refined`` (estimator), and of both robots' ``ar-eapo`` (without)."""
+Its loops are those of the acrobot's ``ar-eapo`` behind an estimator, and of both robots' ``ar-eapo`` without."""
 
 
 IDENTIFYING = ("jax", "numpy", "c")
-"""Back ends with an identifier; the others refuse it by name."""
+"""Back ends with an identifier; the others have the network alone."""
 FOLLOWED = 1e-6
 """How far torques in double precision may lie apart (N m) over a loop of the adaptive policies."""
 
@@ -65,7 +65,7 @@ def a_cell(name, back_end, sensor):
 
 TABLE = [
     a_cell(name, back_end, sensor)
-    for name in SHIPPED
+    for name in [*SHIPPED, *ESTIMATED]
     for back_end in BACK_ENDS
     for sensor in ["states", *COLUMNS]
 ] + [
@@ -77,7 +77,7 @@ TABLE = [
 ] + [
     a_cell(IDENTIFIED, back_end, sensor) for back_end in IDENTIFYING for sensor in COLUMNS
 ] + [
-    a_cell(name, back_end, "states") for name in ADAPTIVES for back_end in ("numpy", "c")
+    a_cell(name, back_end, "states") for name in ADAPTIVES for back_end in ("numpy", "c", "onnx", "javascript")
 ]  # fmt: skip
 
 
@@ -96,7 +96,7 @@ def made(tmp_path_factory):
 
 
 def steps(name):
-    return LONG if "refined" in name else BRIEF
+    return LONG if name in ESTIMATED else BRIEF
 
 
 def looped(found, name, times, states, given):
@@ -175,14 +175,7 @@ def test_compensation_in_c_is_numpys(made, name):
     assert np.abs(found._identifier.found.offsets).min() > 0.002
 
 
-@pytest.mark.parametrize("name", ADAPTIVES)
-@pytest.mark.parametrize("back_end", ["onnx", "javascript"])
-def test_what_runs_the_policy_alone_refuses_adaptive_ones(made, back_end, name):
-    with pytest.raises(SwingupError, match=r"cannot identify its plant, .*: run the policy in C or Python"):
-        made(back_end, name)
-
-
-REFINED = ["acrobot-refined", pytest.param("pendubot-refined", marks=pytest.mark.slow)]
+BOTH_ESTIMATED = [ESTIMATED[0], pytest.param(ESTIMATED[1], marks=pytest.mark.slow)]
 
 
 @pytest.mark.slow  # compiles for seconds
@@ -190,7 +183,7 @@ REFINED = ["acrobot-refined", pytest.param("pendubot-refined", marks=pytest.mark
 @pytest.mark.parametrize("back_end", ["numpy", "c"])
 def test_the_estimators_plant_is_the_policys(made, back_end, sensor):
     """A plant with friction and rotors, on the recordings of the same policy with the leaderboards' plant."""
-    times, states, before = recorded("acrobot-refined", LONG)[sensor]
+    times, states, before = recorded(ESTIMATED[0], LONG)[sensor]
     expected = replay(controller(OTHER_PLANT), times, states)
     found, finite = made(back_end, OTHER_PLANT).run(times, states), np.isfinite(states).all(axis=1)
     np.testing.assert_allclose(found[finite], expected[finite], rtol=0, atol=BACK_ENDS[back_end].whole_within)
@@ -204,7 +197,7 @@ def test_the_estimators_plant_is_the_policys(made, back_end, sensor):
 @pytest.mark.parametrize("back_end", ["numpy", "c"])
 def test_the_regulator_takes_over_alike(made, back_end, sensor):
     """On recordings of another policy, which swings up and holds."""
-    times, states, _ = recorded("acrobot-refined", LONG)[sensor]
+    times, states, _ = recorded(ESTIMATED[0], LONG)[sensor]
     found, finite = made(back_end, REGULATED), np.isfinite(states).all(axis=1)
     both, expected = found.run(times, states), replay(controller(REGULATED), times, states)
     np.testing.assert_allclose(both[finite], expected[finite], rtol=0, atol=BACK_ENDS[back_end].whole_within)
@@ -246,22 +239,16 @@ def test_the_regulator_is_told_what_is_found_alike(made, back_end):
         assert np.median(np.abs(found - torques)[:, 1]) > 1.0
 
 
-@pytest.mark.parametrize("back_end", ["onnx", "javascript"])
-def test_what_runs_the_policy_alone_refuses_a_regulator(made, back_end):
-    with pytest.raises(SwingupError, match="runs the policy alone, which would not hold the pendulum"):
-        made(back_end, REGULATED)
-
-
 @pytest.mark.slow  # the tables compare torques at these rates
 @pytest.mark.parametrize("sensor", ["400 Hz", "uneven"])
-@pytest.mark.parametrize("name", REFINED)
+@pytest.mark.parametrize("name", BOTH_ESTIMATED)
 def test_a_loop_at_another_rate_swings_up_and_holds(name, sensor):
     times, measured, _ = recorded(name, LONG)[sensor]
     off = np.abs((measured[times > times[-1] - 1, :2] - [np.pi, 0] + np.pi) % (2 * np.pi) - np.pi)
     assert off.max() < 0.1
 
 
-@pytest.mark.parametrize("name", REFINED)
+@pytest.mark.parametrize("name", BOTH_ESTIMATED)
 def test_the_passive_joint_has_no_torque_without_an_identifier(made, name):
     times, states, _ = recorded(name, LONG)["noisy"]
     for back_end in ("numpy", "c"):
@@ -271,8 +258,8 @@ def test_the_passive_joint_has_no_torque_without_an_identifier(made, name):
 
 def test_the_estimator_tries_several_delays(made):
     """Otherwise the table would say little of the bank."""
-    times, states, _ = recorded("acrobot-refined", LONG)["late"]
-    found, delays = made("numpy", "acrobot-refined").controller, set()
+    times, states, _ = recorded(ESTIMATED[0], LONG)["late"]
+    found, delays = made("numpy", ESTIMATED[0]).controller, set()
     found.reset()
     for t, x in zip(times, states, strict=True):
         found(x, t)

@@ -109,7 +109,7 @@ def run(controller, times, states):
     return np.array(torques), stop
 
 
-@pytest.mark.parametrize("name", ["pendubot-ar-eapo", "acrobot-refined"])
+@pytest.mark.parametrize("name", ["pendubot-ar-eapo", "acrobot-estimated"])
 @pytest.mark.parametrize("fault", FAULTS)
 def test_faults(fault, name):
     """The guard stops the controller at the call of the fault, for good; before, it changes no torque."""
@@ -207,7 +207,7 @@ def test_the_torques_are_within_the_motors_limits():
 
 
 def test_the_estimator_knows_what_the_motor_was_given():
-    controller = NumpyController(guarded("acrobot-refined", torque_rate=10.0))
+    controller = NumpyController(guarded("acrobot-estimated", torque_rate=10.0))
     controller._network = lambda x: 5.0
     controller(np.zeros(4), 0.0)
     assert controller._estimator._torques[0] == 0.02  # 10 N m/s for 2 ms
@@ -228,7 +228,7 @@ def test_braking():
 
 
 def test_what_the_guard_says():
-    controller = load_controller("refined", "acrobot", guard=True)
+    controller = load_controller("ar-eapo", "acrobot", guard=True)
     controller([0.0, 0.1, 0.0, 0.0], 0.0)
     controller([0.0, 0.1, 0.0, 21.25], 0.002)
     said = "a joint's velocity is beyond the limit (elbow, 21.25 rad/s, at t = 0.002 s)"
@@ -250,7 +250,7 @@ def test_added_friction_compensation_stays_within_the_motors_limits(robot, name)
     assert np.abs(controller.u_hist[-1][controller.robot.joint]) == 6.0
 
 
-@pytest.mark.parametrize("name", ["refined", pytest.param("tvlqr", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["ar-eapo", pytest.param("tvlqr", marks=pytest.mark.slow)])
 def test_realaigym_controllers(name):
     """The guard looks at the measurement before a filter; stopped, no friction is compensated either."""
     controller = realaigym.load_controller(name, "acrobot", guard={"velocity_limit": 9.0})
@@ -273,10 +273,10 @@ def test_who_has_a_guard(tmp_path):
     assert found.guard == GuardSettings(velocity_limit=50.0)
     assert load_controller(path).guard.settings == found.guard
     assert load_controller(path, guard=False).guard is None
-    assert load_controller("refined", "acrobot").guard is None
-    assert realaigym.load_controller("refined", "acrobot").fault is None
-    slow = dataclasses.replace(policy("acrobot-refined").estimator, dt=0.005)
-    at_200_hz = dataclasses.replace(policy("acrobot-refined"), estimator=slow)
+    assert load_controller("ar-eapo", "acrobot").guard is None
+    assert realaigym.load_controller("ar-eapo", "acrobot").fault is None
+    slow = dataclasses.replace(policy("acrobot-estimated").estimator, dt=0.005)
+    at_200_hz = dataclasses.replace(policy("acrobot-estimated"), estimator=slow)
     scaled = GuardSettings(dt=0.005, longest_pause=0.05, stale_time=0.05, stuck_time=0.5)
     assert choose_guard(True, None, at_200_hz.period) == scaled
     assert choose_guard(True, None, DT) == choose_guard(True, None, None) == GuardSettings()
@@ -294,12 +294,4 @@ def test_who_has_a_guard(tmp_path):
 )
 def test_settings_that_cannot_work(settings, message):
     with pytest.raises(SwingupError, match=message):
-        load_controller("refined", "acrobot", guard=settings)
-
-
-def test_a_graph_has_no_guard():
-    pytest.importorskip("onnx", reason="onnx is not installed")
-    from swingup.policy.onnx_backend.graph import onnx_model
-
-    with pytest.raises(SwingupError, match="asks for a safety guard, which an ONNX graph cannot hold"):
-        onnx_model(guarded())
+        load_controller("ar-eapo", "acrobot", guard=settings)

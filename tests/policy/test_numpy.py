@@ -25,7 +25,7 @@ from .references import controller, faults, random_states
 
 
 def test_the_checker_finds_nothing(robot):
-    assert swingup.check_controller(load_controller("refined", robot), robot) == []
+    assert swingup.check_controller(load_controller("adaptive", robot), robot) == []
 
 
 def test_the_period_is_the_estimators():
@@ -45,7 +45,7 @@ def test_the_score_is_the_judges(either_robot):
     rules = dataclasses.replace(PERFORMANCE_RULES["v2"], duration=4.0)  # a swing-up, and the way to hold
     in_numpy, in_jax = (
         swingup.evaluate(found, name, rules=rules).criteria.score
-        for found in (load_controller("refined", name), get_controller("refined", name))
+        for found in (load_controller("ar-eapo", name), get_controller("ar-eapo", name))
     )
     assert in_jax > 0.3
     assert in_numpy == pytest.approx(in_jax, abs=1e-4)
@@ -54,7 +54,7 @@ def test_the_score_is_the_judges(either_robot):
 @pytest.mark.slow  # the conformance table compares the torques behind the same estimators
 def test_the_estimates_are_the_judges(x64):
     """The estimator's own state, call by call, over measurements that make it restart."""
-    reference, found = controller("acrobot-refined"), load_controller("refined", "acrobot")
+    reference, found = controller("acrobot-estimated"), load_controller("ar-eapo", "acrobot", estimator=True)
     call, memory = eqx.filter_jit(reference), reference.init()
     for t, measured in zip(*faults(), strict=True):
         memory, expected = call(memory, jnp.asarray(t), jnp.asarray(measured))
@@ -78,12 +78,12 @@ def test_the_plant_is_the_leaderboards(robot, x64):
 @pytest.mark.parametrize(
     ("source", "robot", "message"),
     [
-        ("refined", None, "shipped for both robots: name acrobot or pendubot"),
-        ("refined", "cartpole", "unknown robot 'cartpole'"),
+        ("ar-eapo", None, "shipped for both robots: name acrobot or pendubot"),
+        ("ar-eapo", "cartpole", "unknown robot 'cartpole'"),
         (
             "tvlqr",
             "acrobot",
-            "unknown policy 'tvlqr': use one of adaptive, refined, ar-eapo, global or a policy file",
+            "unknown policy 'tvlqr': use one of adaptive, ar-eapo, global or a policy file",
         ),
         ("globel", "acrobot", "did you mean global?"),
         ("nothing.safetensors", "acrobot", "no such file: nothing.safetensors"),

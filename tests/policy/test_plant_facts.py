@@ -17,7 +17,6 @@ from swingup.policy.jax_backend.controller import load_policy, make_controller, 
 from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
 from swingup.policy.plant import acceleration, midpoint_step, model_step
 from swingup.policy.plant_facts import plant_difference, policy_plant, write_plant
-from swingup.policy.shipped import read_policy
 from swingup.policy.stages import PlantStage
 from swingup.robots import get_robot
 
@@ -39,7 +38,7 @@ def rewritten(path, **changes):
 def mine(tmp_path):
     """A policy file for another plant."""
     path = tmp_path / "mine.safetensors"
-    write_pendulum_policy(path, dataclasses.replace(policy("acrobot-refined"), plant=MINE), {"estimator": {}})
+    write_pendulum_policy(path, dataclasses.replace(policy("acrobot-ar-eapo"), plant=MINE), {"estimator": {}})
     return path
 
 
@@ -57,7 +56,7 @@ def test_a_file_carries_its_plant(mine, tmp_path):
 
 @pytest.mark.parametrize("name", ["acrobot", "pendubot"])
 def test_a_file_without_a_plant_is_for_the_leaderboards(name):
-    found, p = read_policy("refined", name), LEADERBOARD.driven(get_robot(name))
+    found, p = policy(f"{name}-estimated"), LEADERBOARD.driven(get_robot(name))
     assert found.plant.values() == p.values()
     assert found.plant.friction is None
     assert "/* The plant is leaderboard. */" in c_header(found)
@@ -89,7 +88,7 @@ def test_without_a_plant_version_2_is_version_1(mine):
 
 def test_a_name_ends_no_comment_in_c():
     plant = dataclasses.replace(MINE, name="*/ system();\n/*")
-    assert "*/ system" not in c_header(dataclasses.replace(policy("acrobot-refined"), plant=plant))
+    assert "*/ system" not in c_header(dataclasses.replace(policy("acrobot-ar-eapo"), plant=plant))
 
 
 STATE, TORQUES = (0.4, -0.8, 3.0, -2.0), (1.0, -2.0)

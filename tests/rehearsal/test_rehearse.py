@@ -28,7 +28,7 @@ BRIEF = dataclasses.replace(PERFORMANCE_RULES["v2"], duration=1.5)
 BOARD = LEADERBOARD
 
 
-def export(folder, form, guard=None, name="refined"):
+def export(folder, form, guard=None, name="ar-eapo"):
     """A shipped policy of the acrobot as a folder."""
     policy = dataclasses.replace(read_policy(name, "acrobot"), guard=guard)
     with resources.as_file(shipped_file("acrobot", name)) as source:
@@ -39,7 +39,7 @@ def export(folder, form, guard=None, name="refined"):
 
 @pytest.fixture(scope="module")
 def judged():
-    return swingup.evaluate(load_controller("refined", "acrobot"), "acrobot", rules=BRIEF)
+    return swingup.evaluate(load_controller("ar-eapo", "acrobot"), "acrobot", rules=BRIEF)
 
 
 @pytest.mark.parametrize("form", ["realaigym", "cloudpendulum"])
@@ -135,8 +135,8 @@ class Motor:
 
 def test_cloudpendulums_client_gives_no_time_and_gets_a_list():
     times = iter([100.0, 100.002, 100.004, 7.0, 7.002])
-    cloud = load_policy_controller("refined", "acrobot", guard=True, clock=lambda: next(times))
-    plain = load_controller("refined", "acrobot", guard=True)
+    cloud = load_policy_controller("ar-eapo", "acrobot", guard=True, clock=lambda: next(times))
+    plain = load_controller("ar-eapo", "acrobot", guard=True)
     states = [[0.1, -0.2, 0.5, 0.3], [0.101, -0.199, 0.5, 0.3], [0.102, -0.198, 0.5, 0.3]]
 
     def ask(x):

@@ -74,11 +74,11 @@ def test_names_and_remarks_are_text(html):
     assert "&lt;/script&gt;&lt;img src=x onerror=alert(1)&gt; $$x^2$$" in html
     assert "it is &lt;b&gt;not&lt;/b&gt; a controller" in html
     assert "<title>Tables &amp; &lt;plots&gt;</title>" in html
-    assert [show["name"] for show in data_of(html)["sections"][0]["shows"]] == ["refined", NASTY]
+    assert [show["name"] for show in data_of(html)["sections"][0]["shows"]] == ["ar-eapo", NASTY]
 
 
 def test_the_page_says_which_policy_drives_the_live_pendulum(html):
-    assert html.count("This policy is refined, without its estimator; adaptive is not in this page") == 1
+    assert html.count("This policy is the network of adaptive alone") == 1
 
 
 def test_foreign_names_are_escaped_everywhere():
@@ -145,7 +145,7 @@ def test_tables_show_the_boards_rows_in_order(html):
 
 
 def test_a_board_of_another_measure_is_shown_too():
-    board = Board("acrobot", "uptime", "v3", 7, (Row("refined", "board", {"uptime": 0.658}),))
+    board = Board("acrobot", "uptime", "v3", 7, (Row("ar-eapo", "board", {"uptime": 0.658}),))
     html = render_page([a_section(boards=[board])])
     assert "0.658" in html
     assert "Rules v3. Seed 7." in html

@@ -9,7 +9,7 @@ from ..control.registry import get_controller, has_estimator
 from ..errors import SwingupError
 from ..physics.plant import Plant, PlantLike, find_plant, plant_as_dict
 from ..plants.domain import load_domain
-from ..policy.shipped import ADAPTIVE, AR_EAPO, GLOBAL, REFINED
+from ..policy.shipped import ADAPTIVE, AR_EAPO, GLOBAL
 from ..robots import Robot, get_robot
 from .board_rows import OURS, Row, published_rows, shipped_robustness
 from .board_rules import BoardRules, get_board_rules
@@ -24,7 +24,7 @@ from .uptime import uptime
 
 ENTRANTS = (AR_EAPO, "tvlqr", "ilqr-riccati", "ilqr-mpc")
 """The paper's controllers, by our names."""
-FURTHER = (ADAPTIVE, REFINED, "tvlqr-score")
+FURTHER = (ADAPTIVE, "tvlqr-score")
 """Further controllers of ours that enter every board beside the paper's."""
 FOR_THROWS = (GLOBAL,)
 """Those that enter only the boards with throws."""

@@ -18,11 +18,12 @@ from ..physics.plant import Plant
 from ..policy.c_backend.header import c_header
 from ..policy.export_cloudpendulum import cloudpendulum_guard, cloudpendulum_notes, export_cloudpendulum
 from ..policy.export_folder import export_realaigym
+from ..policy.guard import GUARD
 from ..policy.onnx_backend.graph import onnx_model
 from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
 from ..policy.plant_facts import PLANT, policy_plant
 from ..policy.settings import GuardSettings, choose_guard
-from ..policy.shipped import DEFAULT_ALONE, SHIPPED_POLICIES, read_policy, shipped_file
+from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, read_policy, shipped_file
 from ..policy.template import NAME
 from ..text import quoted
 from .arguments import NO_PLANT, PlantFlags
@@ -37,7 +38,7 @@ Policy = Positional[
 
 
 def export(
-    policy: Policy = DEFAULT_ALONE,
+    policy: Policy = DEFAULT,
     /,
     *,
     to: Annotated[str, arg(metavar="{realaigym,cloudpendulum,onnx,c}")],
@@ -56,8 +57,8 @@ def export(
 
     Args:
         policy: the policy.
-        to: realaigym or cloudpendulum, a folder that needs NumPy alone; onnx, a graph of the policy without its
-            estimator; or c, a C99 header.
+        to: realaigym or cloudpendulum, a folder that needs NumPy alone; onnx, a graph of the policy's network
+            alone; or c, a C99 header.
         out: the folder, new or empty; or the file.
         robot: acrobot or pendubot; needed with a name, checked with a file.
         plant: of a policy whose file names none: the model of its estimator, and its motor's torque limit.
@@ -77,8 +78,7 @@ def export(
     on, found = plant.make(), read_policy(policy, robot)
     if on is not None:
         found = _with_plant(found, on)
-    # A graph has no guard: it is not given one, and that of the file is refused later.
-    chosen = found.guard if to == "onnx" and guard else choose_guard(guard, _own_guard(found, to), found.period)
+    chosen = None if to == "onnx" else choose_guard(guard, _own_guard(found, to), found.period)
     found = dataclasses.replace(found, guard=_changed(chosen, velocity_limit, braking))
     if to in FOLDERS:
         file = shipped_file(found.robot, policy) if policy in SHIPPED_POLICIES else Path(policy)
@@ -91,8 +91,8 @@ def export(
     content = onnx_model(found) if to == "onnx" else c_header(found, name).encode()
     write_atomically(out, content)
     tell(out)
-    if to == "onnx" and found.estimator is not None:
-        print("without the state estimator of the policy: give it good states, or run an estimator yourself")
+    if to == "onnx":
+        tell(f"this is the network for the plant {found.plant.name} alone, without {_missing(found)}")
     return 0
 
 
@@ -120,6 +120,12 @@ def _source(policy: PendulumPolicy, file: Path, plant: Plant | None) -> Iterator
         path = Path(folder) / "policy.safetensors"
         write_pendulum_policy(path, policy, policy.metadata)
         yield path
+
+
+def _missing(policy: PendulumPolicy) -> str:
+    """What stands around a policy's network, and not around its graph, as words."""
+    own = [part for part in policy.parts if part != GUARD]
+    return " and ".join([", ".join(own), "a safety guard"]) if own else "a safety guard"
 
 
 def _own_guard(policy: PendulumPolicy, to: str) -> GuardSettings | None:

@@ -89,7 +89,7 @@ def load_policy_controller(
     """A policy as CloudPendulum's client calls it.
 
     Args:
-        source: a policy file, or ``adaptive``, ``refined``, ``ar-eapo`` or ``global``.
+        source: a policy file, or ``adaptive``, ``ar-eapo`` or ``global``.
         robot: the robot that it must be for; needed with a name.
         estimator: behind a state estimator where the file has one (None), never (False) or always (True).
         guard: behind a safety guard where the file has one (None), never (False), always (True), or with these

@@ -15,11 +15,11 @@ torques u = [u1, u2] (N m) of shoulder and elbow.
 - ``reset()`` forgets the run: what follows repeats the first run bit for bit.
 
 ``tests/policy/test_conformance.py`` holds every back end to it, ``tests/policy/test_guard.py`` the guards in NumPy
-and in C. ONNX graphs and the page's JavaScript run the policy alone: they have no estimator and no guard,
-and refuse a policy with an identifier or a regulator. Hidden layers of ReLU run everywhere, others in JAX
-and NumPy alone (``policy/network.py: check_plain``). JAX has the same contract without hidden state,
-``init() -> memory`` and ``(memory, t, x) -> (memory, u)``; a C header has it as ``swingup_reset`` and
-``swingup_control``. JAX has no guard: it judges.
+and in C. ONNX graphs and the page's JavaScript run the network alone, folded for the plant of the file: without
+estimator, identifier, regulator and guard. Hidden layers of ReLU run everywhere, others in JAX and NumPy alone
+(``policy/network.py: check_plain``). JAX has the same contract without hidden state, ``init() -> memory`` and
+``(memory, t, x) -> (memory, u)``; a C header has it as ``swingup_reset`` and ``swingup_control``. JAX has no guard:
+it judges.
 """
 
 from typing import Protocol

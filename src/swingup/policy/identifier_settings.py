@@ -195,20 +195,3 @@ def check_identifier(settings: IdentifierSettings, estimator: EstimatorSettings 
             f"the identifier has dt = {settings.dt:g} s and max_delay_steps = {settings.max_delay_steps}, the "
             f"estimator {estimator.dt:g} s and {estimator.max_delay_steps}: give the identifier the estimator's"
         )
-
-
-def check_no_identifier(settings: IdentifierSettings | None, program: str) -> None:
-    """Refuse an identifier.
-
-    Args:
-        settings: the policy's; None for none.
-        program: what cannot run one, as the start of a sentence.
-
-    Raises:
-        SwingupError: there is one.
-    """
-    if settings is not None:
-        raise SwingupError(
-            f"{program} cannot identify its plant, which the policy's file asks for: run the policy in C or "
-            "Python, as an export to c or realaigym does, or take one without an identifier, such as refined"
-        )

@@ -67,6 +67,11 @@ class PendulumPolicy:
         return fold(self.network, base_parameters(self.plant))
 
     @property
+    def parts(self) -> tuple[str, ...]:
+        """Names of what stands around the network."""
+        return tuple(name for name in PARTS if getattr(self, name) is not None)
+
+    @property
     def period(self) -> float | None:
         """Time between calls that the estimator expects (s); None for any."""
         return None if self.estimator is None else self.estimator.dt

@@ -92,20 +92,3 @@ def fixed_point(plant: Any, driven: int, settings: RegulatorSettings) -> np.ndar
     if not np.isfinite(found).all():
         raise SwingupError("the regulator cannot hold its plant upright: correct the plant, or leave it out")
     return found
-
-
-def check_no_regulator(settings: RegulatorSettings | None, program: str) -> None:
-    """Refuse a policy with a regulator in what runs the policy alone (None for a policy without one).
-
-    Args:
-        settings: the regulator's.
-        program: what runs the policy alone, as the start of a sentence.
-
-    Raises:
-        SwingupError: there is a regulator.
-    """
-    if settings is not None:
-        raise SwingupError(
-            f"{program} runs the policy alone, which would not hold the pendulum without its regulator: run it in "
-            "Python or C, or take one without a regulator, such as refined"
-        )

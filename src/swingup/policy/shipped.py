@@ -12,26 +12,22 @@ from .pendulum import PendulumPolicy, read_pendulum_policy
 
 ADAPTIVE = "adaptive"
 """Sees the plant that an identifier finds while it swings up; a regulator for that plant holds it."""
-REFINED = "refined"
-"""Trained by AR-EAPO, then taught by a teacher's swing-up; it runs behind a state estimator."""
 AR_EAPO = "ar-eapo"
 """Trained by the paper's learner alone."""
 GLOBAL = "global"
 """Trained to recover from throws."""
 
-SHIPPED_POLICIES = (ADAPTIVE, REFINED, AR_EAPO, GLOBAL)
+SHIPPED_POLICIES = (ADAPTIVE, AR_EAPO, GLOBAL)
 """Names of the shipped policies, which are those of their controllers and of their files."""
 DEFAULT = ADAPTIVE
-"""The controller of commands and pages that name none."""
-DEFAULT_ALONE = REFINED
-"""The policy where none is named and it runs alone, without an identifier or a regulator, or goes to a robot."""
+"""The policy of commands, pages and exports that name none."""
 
 # Not by the package's name: the copy in an exported folder has another one.
 ZOO = resources.files(__package__.rpartition(".")[0]) / "zoo"
 """The folder of the files."""
 
 
-def shipped_file(robot: Robot | str, name: str = DEFAULT_ALONE) -> Traversable:
+def shipped_file(robot: Robot | str, name: str = DEFAULT) -> Traversable:
     """The file of a policy that the package ships for a robot.
 
     Args:
@@ -45,7 +41,7 @@ def shipped_file(robot: Robot | str, name: str = DEFAULT_ALONE) -> Traversable:
     one_of("policy", name, SHIPPED_POLICIES)
     file = ZOO / f"{robot.name}-{name}{SUFFIX}"
     if not file.is_file():
-        raise SwingupError(f"this package lacks the policy {file.name}: use {DEFAULT_ALONE} or train one")
+        raise SwingupError(f"this package lacks the policy {file.name}: use {DEFAULT} or train one")
     return file
 
 
@@ -58,7 +54,7 @@ def read_policy(source: str | Path, robot: Robot | str | None = None) -> Pendulu
     """Read a policy file, or a policy that the package ships.
 
     Args:
-        source: a policy file, or ``adaptive``, ``refined``, ``ar-eapo`` or ``global``.
+        source: a policy file, or ``adaptive``, ``ar-eapo`` or ``global``.
         robot: the robot that it must be for; needed with a name.
 
     Raises:

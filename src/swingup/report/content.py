@@ -11,7 +11,7 @@ from ..benchmark.rollout import Trajectory
 from ..errors import SwingupError
 from ..physics.plant import NAMES, Plant
 from ..policy.javascript_backend.page import policy_data
-from ..policy.jax_backend.controller import PolicyController, policy_of
+from ..policy.pendulum import PendulumPolicy
 from ..robots import get_robot
 from ..text import one_line, quoted
 
@@ -46,7 +46,7 @@ class Section:
     shows: Sequence[Show]
     disturbance: str
     """What disturbs the disturbed trajectories, in one sentence."""
-    policy: PolicyController | None = None
+    policy: PendulumPolicy | None = None
     """Drives the live pendulum; without a policy the page has no live pendulum."""
     policy_note: str | None = None
     """Which policy that is, in one sentence; None for nothing to say."""
@@ -65,7 +65,7 @@ def encode_section(section: Section) -> dict[str, Any]:
         "dt": LIVE_STEP,
         "parameters": {name: float(getattr(section.parameters, name)) for name in NAMES},
         "shows": [encode_show(show) for show in section.shows],
-        "policy": None if section.policy is None else policy_data(policy_of(section.policy)),
+        "policy": None if section.policy is None else policy_data(section.policy),
     }
 
 

@@ -12,8 +12,7 @@ from ..benchmark.rules import PushRules
 from ..errors import SwingupError
 from ..physics.plant import Plant, PlantLike, find_plant, robot_parameters
 from ..physics.units import scales_of
-from ..policy.jax_backend.controller import shipped_policy
-from ..policy.shipped import ADAPTIVE, DEFAULT, DEFAULT_ALONE
+from ..policy.shipped import DEFAULT, read_policy
 from ..robots import Robot, get_robot
 from ..tasks.disturbance import Disturbance
 from ..text import one_line
@@ -23,8 +22,8 @@ SHOWN_CONTROLLERS = (DEFAULT, *ENTRANTS)
 """Controllers whose swing-ups the page shows: the default one and the paper's."""
 
 LIVE_NOTE = (
-    f"This policy is {DEFAULT_ALONE}, without its estimator; {ADAPTIVE} is not in this page, since it needs an "
-    "identifier and a regulator, which run in Python and C only."
+    f"This policy is the network of {DEFAULT} alone, for the leaderboards' plant: its estimator, identifier and "
+    "regulator, which run in Python and C only, are not in this page."
 )
 """What the page says of the policy that drives the live pendulum."""
 
@@ -82,7 +81,7 @@ def make_section(
         boards=boards,
         shows=shows,
         disturbance=describe_disturbance(seed, parameters),
-        policy=shipped_policy(robot, DEFAULT_ALONE)[0],
+        policy=read_policy(DEFAULT, robot),
         policy_note=LIVE_NOTE,
     )
 

@@ -9,7 +9,7 @@ from ..benchmark.leaderboard import Board, RowProgress, leaderboard
 from ..benchmark.rules import DEFAULT_RULES
 from ..control.registry import get_controller
 from ..physics.plant import LEADERBOARD
-from ..policy.jax_backend.controller import PolicyController
+from ..policy.jax_backend.controller import PolicyController, policy_of
 from ..policy.shipped import AR_EAPO, DEFAULT
 from ..robots import Robot
 from .content import Section, Show
@@ -46,7 +46,7 @@ def trained_section(
         boards=[board],
         shows=shows,
         disturbance=describe_disturbance(seed),
-        policy=policy,
+        policy=policy_of(policy),
     )
 
 

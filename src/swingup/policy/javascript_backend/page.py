@@ -6,10 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..identifier_settings import check_no_identifier
 from ..network import Layer, check_plain
 from ..pendulum import PendulumPolicy
-from ..regulator_settings import check_no_regulator
 from ..stages import NormaliseStage, PendulumStage, Stage
 
 
@@ -21,14 +19,13 @@ def policy_script() -> str:
 def policy_data(policy: PendulumPolicy) -> dict[str, Any]:
     """A policy as JSON values: its stages with their settings, and its layers up to the action's mean.
 
-    It has no estimator, and no guard: the page simulates.
+    It is the network alone, folded for the policy's plant: a page has no estimator,
+    identifier, regulator or guard.
 
     Raises:
-        SwingupError: the script does not run such hidden layers, an identifier or a regulator.
+        SwingupError: the script does not run such hidden layers.
     """
     check_plain(policy.network, "a page")
-    check_no_identifier(policy.identifier, "a page")
-    check_no_regulator(policy.regulator, "a page")
     network = policy.folded
     return {
         "torque_limit": policy.torque_limit,

@@ -17,7 +17,7 @@ from ..identifier_settings import IdentifierSettings
 from ..pendulum import PendulumPolicy, read_pendulum_policy, write_pendulum_policy
 from ..regulator_settings import RegulatorSettings
 from ..settings import EstimatorSettings
-from ..shipped import DEFAULT_ALONE, read_policy
+from ..shipped import DEFAULT, read_policy
 from .estimator import EstimatingController, with_estimator
 from .identifier import make_identifier
 from .policy import Policy, make_policy, network_of
@@ -140,14 +140,14 @@ def load_policy(path: str | Path, robot: Robot | str | None = None) -> tuple[Pol
     return _alone(policy), dict(policy.metadata)
 
 
-def shipped_policy(robot: Robot | str, name: str = DEFAULT_ALONE) -> tuple[PolicyController, dict[str, Any]]:
+def shipped_policy(robot: Robot | str, name: str = DEFAULT) -> tuple[PolicyController, dict[str, Any]]:
     """A policy that the package ships for a robot, without what is around it, and its metadata.
 
     Estimator, identifier and regulator are left out: ``adaptive`` is then for the plant of its file.
 
     Args:
         robot: which joint is driven.
-        name: ``adaptive``, ``refined``, ``ar-eapo`` or ``global``.
+        name: ``adaptive``, ``ar-eapo`` or ``global``.
 
     Raises:
         SwingupError: there is no such robot or policy, or the package lacks the file.

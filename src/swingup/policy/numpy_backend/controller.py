@@ -123,7 +123,7 @@ def load_controller(
     """Load a controller from a policy file, or one that the package ships.
 
     Args:
-        source: a policy file, or ``adaptive``, ``refined``, ``ar-eapo`` or ``global``.
+        source: a policy file, or ``adaptive``, ``ar-eapo`` or ``global``.
         robot: the robot that it must be for; needed with a name.
         estimator: where the file has one (None), never (False) or always (True).
         guard: behind a safety guard where the file has one (None), never (False), always (True), or with these

@@ -13,10 +13,8 @@ import numpy as np
 
 from ...errors import SwingupError
 from ...version import __version__
-from ..identifier_settings import check_no_identifier
 from ..network import STATE, SUM_GROUP, Layer, check_plain
 from ..pendulum import PendulumPolicy
-from ..regulator_settings import check_no_regulator
 from ..stages import NormaliseStage, PendulumStage
 
 OPSET = 17
@@ -27,20 +25,13 @@ IR_VERSION = 8
 def onnx_model(policy: PendulumPolicy) -> bytes:
     """The model: input ``state`` (batch, 4) in rad and rad/s, output ``torque`` (batch, 2) in N m, both float64.
 
-    It has no estimator, which would need a memory.
+    It is the network alone, folded for the policy's plant: estimator, identifier, regulator and guard would need a
+    memory.
 
     Raises:
-        SwingupError: the package onnx is not installed, the policy asks for a guard, an identifier or a regulator,
-            which a graph cannot have, or its hidden layers are not those of a graph.
+        SwingupError: the package onnx is not installed, or the policy's hidden layers are not those of a graph.
     """
     check_plain(policy.network, "an ONNX graph")
-    check_no_identifier(policy.identifier, "an ONNX graph")
-    if policy.guard is not None:
-        raise SwingupError(
-            "the policy asks for a safety guard, which an ONNX graph cannot hold: run it in C or Python, or leave "
-            "the guard out (--no-guard) and watch the loop yourself"
-        )
-    check_no_regulator(policy.regulator, "an ONNX graph")
     try:
         import onnx
     except ImportError as error:
