@@ -412,7 +412,6 @@ def test_the_command_of_a_result_names_its_plant(capsys, brief_runs):
         (("uptime", "acrobot", "--plant", "B.9"), "unknown plant 'B.9': use A.0"),
         (("score", "none.csv", "--robot", "acrobot", "--plant", "none.yml"), "none.csv"),
         (("check", "acrobot", "--plant", "none.yml"), "plant none.yml: cannot read"),
-        (("sim2real", "acrobot", "--domain", "randomised", "--plant", "B.0"), "has values of its own plant"),
         (("report", "acrobot", "--plant", "bad.yml"), "plant bad.yml: parameter file bad.yml lacks m2"),
         (("trajectory", "acrobot", "--out", "x.safetensors", "--plant", "bad.yml"), "lacks m2"),
         (("refine", "acrobot", "--out", "x.safetensors", "--plant", "bad.yml"), "lacks m2"),

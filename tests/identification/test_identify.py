@@ -73,7 +73,7 @@ def test_files_are_those_that_others_read(found, tmp_path):
     assert plant.m1 * plant.r1**2 < plant.I1
     assert plant.m2 * plant.r2**2 < plant.I2
     ranges = load_domain(domain)
-    assert ranges.middle("cf1") == pytest.approx(TRUTH.cf1, rel=0.05)
+    assert ranges.nominal_plant.cf1 == pytest.approx(TRUTH.cf1, rel=0.05)
 
 
 def test_a_log_at_rest_determines_nothing(tmp_path):

@@ -44,7 +44,7 @@ def test_a_file_may_start_from_another_plant(tmp_path, facts):
     for domain, limit in ((mine, 2.0), (wide, 6.0)):
         plant = drawn(domain)[0]
         assert (float(plant.l2), float(plant.tl1)) == (0.4, limit)  # B.0's second link
-    assert (mine.middle("m1"), wide.middle("m1"), wide.middle("r1")) == pytest.approx((0.7, 0.65, 0.3))
+    assert (mine.nominal_plant.m1, wide.nominal_plant.m1, wide.nominal_plant.r1) == pytest.approx((0.7, 0.65, 0.3))
     assert wide.as_dict() == {"plant": "B.0", "m1": [0.6, 0.7], "passive_limit": [0.5, 0.5]}
     assert hash(wide) == hash(load_domain(tmp_path / "wide.yml"))
 

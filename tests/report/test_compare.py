@@ -14,7 +14,7 @@ from swingup.identification.open_loop import by_speed, error_row, predict_log, s
 from swingup.identification.recording import read_recording
 from swingup.identification.scoring import prediction_errors, score_windows, summarise
 from swingup.identification.windows import Windows
-from swingup.plants.domain import Domain, make_domain
+from swingup.plants.domain import make_domain
 from swingup.report.closed_loop import close_loop, driven_robot
 from swingup.report.compare import Comparison, compare
 from swingup.report.compare_study import study_of
@@ -44,11 +44,7 @@ def comparison(log):
 
 
 def _domain(plant):
-    return Domain(
-        tuple((name, value, value) for name, value in PERFECT.items()),
-        "heavy",
-        dataclasses.replace(plant, name="heavy"),
-    )
+    return make_domain({"plant": dataclasses.replace(plant, name="heavy"), **PERFECT}, "heavy")
 
 
 def test_the_right_plant_predicts_and_another_does_not(comparison):

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from swingup.errors import SwingupError
+from swingup.physics.integrate import stable_substeps
 from swingup.physics.plant import load_plant
-from swingup.plants.domain import PLANT, Domain, load_domain, make_domain
-from swingup.plants.loop import LOOP
+from swingup.plants.domain import PLANT, SHIPPED, load_domain, make_domain
+from swingup.plants.loop import LOOP_DT, VALUES
 from swingup.robots import get_robot
 from swingup.tasks.draw import draw
 
@@ -41,7 +42,7 @@ def test_every_number_of_the_package_says_where_it_comes_from():
 
     text = (resources.files("swingup.plants") / "domains" / "identified.yml").read_text(encoding="utf-8")
     rows = [line for line in text.splitlines() if line and not line.startswith("#")]
-    assert {row.partition(":")[0] for row in rows} == set(LOOP)
+    assert {row.partition(":")[0] for row in rows} <= {"torque_limit", *VALUES}
     assert all("Source:" in row or "Chosen" in row for row in rows)
 
 
@@ -119,4 +120,41 @@ def test_unknown_domains(tmp_path):
 
 
 def test_domains_are_hashable():
-    assert hash(load_domain("identified")) == hash(Domain(load_domain("identified").ranges))
+    assert hash(load_domain("B.0")) == hash(make_domain({"plant": "B.0"}, "mine.yml"))
+    assert load_domain("B.0") == make_domain({"plant": "B.0"}, "mine.yml") != load_domain("C.0")
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_steps_are_stable_on_all_plants_of_a_domain(name):
+    domain = load_domain(name)
+    period = LOOP_DT * (3 if domain.has("late") else 1)
+    assert domain.substeps == max(stable_substeps(corner, period) for corner in domain.corners())
+
+
+def test_facts_decide_about_the_steps_and_not_how_a_file_says_them():
+    """The same plants, with or without their plant's name: Coulomb friction of 0.5 N m needs 4 steps."""
+    assert load_domain("identified").substeps == 1
+    assert load_domain("randomised").substeps == 2
+    assert (
+        make_domain({"cf2": [0.0, 0.5]}).substeps == make_domain({"plant": "C.1", "cf2": [0.0, 0.5]}).substeps == 4
+    )
+
+
+def test_draws_take_their_random_numbers_in_the_order_of_the_file():
+    """The first two draws of one key, by whichever names: boards keep their numbers where fields move."""
+    domains = (
+        make_domain({"m1": [0.5, 0.6], "delay": [0.0, 0.1]}),
+        make_domain({"lag": [0.0, 0.1], "m1": [0.5, 0.6]}),
+    )
+    (plant, _), (other, loop) = (draw_one(domain, jax.random.key(0), ACROBOT) for domain in domains)
+    assert float(plant.m1 - 0.5) == pytest.approx(float(loop.drive.lag), rel=1e-4)
+    assert plant.m1 != other.m1
+
+
+def test_nominal_values_are_the_middle():
+    domain = make_domain({"torque_limit": 5.0, "m2": [0.6, 0.7], "lag": [0.001, 0.003]})
+    plant, loop = domain.nominal
+    assert (plant.tl1, plant.tl2, plant.m2, loop.lag) == pytest.approx((5.0, 5.0, 0.65, 0.002))
+    assert domain.known_plant(ACROBOT) is None
+    known = make_domain({"plant": "C.1", "m2": [0.6, 0.7]}).known_plant(ACROBOT)
+    assert (known.m2, known.tl1, known.tl2) == pytest.approx((0.65, 0.0, 6.0))

@@ -11,7 +11,7 @@ import pytest
 
 from swingup.physics.plant import NAMES
 from swingup.plants.domain import PLANT, SESSIONS, load_domain, make_domain
-from swingup.plants.loop import EVERY_LOOP, LONGEST
+from swingup.plants.loop import LONGEST_PERIOD, VALUES
 from swingup.robots import get_robot
 from swingup.tasks.clock import Clock, Times, start_times
 from swingup.tasks.disturbance import Pushes, measured_state, motor_torques, step_period, undisturbed
@@ -59,7 +59,7 @@ def test_late_periods():
     """Half of the periods are late: a draw of 0.25 is at the half of them, whose excess is ln 2 of the mean."""
     clock = Clock(late=0.5, lateness=0.001)
     found = [float(clock.period(jnp.asarray(u), DT)) for u in (0.25, 0.5, 0.9, 0.0)]
-    np.testing.assert_allclose(found, [DT + 0.001 * math.log(2), DT, DT, LONGEST * DT], rtol=1e-5)
+    np.testing.assert_allclose(found, [DT + 0.001 * math.log(2), DT, DT, LONGEST_PERIOD * DT], rtol=1e-5)
     assert float(Clock(0.0, 0.001).period(jnp.asarray(0.0), DT)) == pytest.approx(DT)
     late = dataclasses.replace(undisturbed(), clock=Clock(0.1, 0.0005))
     periods = jax.vmap(lambda k: step_period(late, k, DT, jnp.dtype("float32")))(jnp.arange(20_000))
@@ -101,9 +101,10 @@ def test_domains_have_the_elements_that_they_name():
     with jax.enable_x64(True):
         robot = get_robot("acrobot")
         for name in ("identified", "randomised"):
-            domain = load_domain(name)
-            _, loop = draw(domain, jax.random.key(0), robot)
-            assert (loop.sensor, loop.clock, loop.drive, domain.substeps) == (None, None, None, 1)
+            _, loop = draw(load_domain(name), jax.random.key(0), robot)
+            assert (loop.sensor, loop.clock, loop.drive) == (None, None, None)
+        _, loop = draw(make_domain({"lag": 0.0, "late": 0.0, "offset1": 0.0}), jax.random.key(0), robot)
+        assert (loop.sensor, loop.clock, loop.drive) == (None, None, None)  # a value decides, not its name
         lagging = make_domain({"lag": 0.003, "gain2": 0.8, "passive_push": 2.0, "offset1": -0.1})
         _, loop = draw(lagging, jax.random.key(0), robot)
         assert (float(loop.drive.lag), loop.drive.gain.tolist()) == (0.003, [1.0, 0.8])
@@ -120,14 +121,14 @@ def test_domains_have_the_elements_that_they_name():
 def test_every_number_of_the_recorded_domain_says_where_it_comes_from():
     text = (resources.files("swingup.plants") / "domains" / "recorded.yml").read_text(encoding="utf-8")
     rows = [line for line in text.splitlines() if line and not line.startswith("#")]
-    assert {row.partition(":")[0] for row in rows} - {"velocities"} <= {*NAMES, *EVERY_LOOP}
+    assert {row.partition(":")[0] for row in rows} - {"velocities"} <= {*NAMES, "torque_limit", *VALUES}
     assert all("Source:" in row or "Chosen" in row for row in rows)
 
 
 @pytest.mark.parametrize("name", SESSIONS)
 def test_sessions_have_facts(name):
     domain = load_domain(f"session-{name}")
-    assert domain.names >= {*PLANT, "delay", "lag", "quantum1", "offset2"}
+    assert set(domain.names) >= {*PLANT, "delay", "lag", "quantum1", "offset2"}
     assert all(low == high for _, low, high in domain.ranges)
 
 

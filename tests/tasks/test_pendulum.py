@@ -120,8 +120,8 @@ def test_step_integrates_then_rewards_and_observes_the_state_after_it(robot):
 
 
 def test_passive_joint_gets_no_torque(robot):
-    # Even where the plant's file allows both motors 10 N m.
-    task = dataclasses.replace(paper_task(robot), parameters=load_plant("C.1"))
+    # Even where the plant allows both motors 10 N m.
+    task = dataclasses.replace(paper_task(robot), parameters=load_plant("C.1").changed(tl1=10.0, tl2=10.0))
     expected = {"acrobot": [0.0, -5.0], "pendubot": [-5.0, 0.0]}[robot.name]
     np.testing.assert_allclose(task.torque(jnp.array([-0.5])), expected)
     # At rest q̈ = M⁻¹ u: at q2 = π/2 the driven joint follows its torque and the passive one goes against it.

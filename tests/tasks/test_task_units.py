@@ -12,7 +12,7 @@ from swingup.benchmark.own_units import sim2real_in_own_units
 from swingup.benchmark.robot_rules import SIM2REAL_RULES
 from swingup.errors import SwingupError
 from swingup.physics.plant import LEADERBOARD, load_plant
-from swingup.plants.domain import Domain, load_domain
+from swingup.plants.domain import load_domain, make_domain
 from swingup.tasks.presets import get_task, smooth_task
 from swingup.tasks.throws import thrown_states
 
@@ -88,7 +88,7 @@ def test_the_rules_of_a_swing_up_are_in_the_units_of_the_domains_plant(either_ro
     around_c1 = load_domain("randomised")
     assert sim2real_in_own_units(SIM2REAL_RULES, around_c1, either_robot) is SIM2REAL_RULES
     # T is 0.4258 of C.1's: speeds up to 20 / 0.4258 rad/s.
-    small = Domain((("m1", 0.1, 0.11),), plant=load_plant("cloudpendulum"))
+    small = make_domain({"plant": "cloudpendulum", "m1": [0.1, 0.11]})
     assert sim2real_in_own_units(SIM2REAL_RULES, small, either_robot).speed == pytest.approx(46.97, abs=0.01)
 
 

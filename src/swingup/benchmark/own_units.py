@@ -10,7 +10,6 @@ from ..physics.plant import PlantLike, robot_parameters
 from ..physics.units import Scales, scales_of
 from ..plants.domain import Domain
 from ..robots import Robot
-from ..tasks.middle_plant import known_plant
 from ..tasks.throws import scaled_thrower
 from .robot_rules import Sim2RealRules
 from .rules import ModelSweep, PushRules, RobustnessRules, Sweep, UptimeRules
@@ -62,7 +61,7 @@ def sim2real_in_own_units(rules: Sim2RealRules, domain: Domain, robot: Robot) ->
     Raises:
         SwingupError: that plant has no units.
     """
-    plant = known_plant(domain, robot)
+    plant = domain.known_plant(robot)
     return rules if plant is None else replace(rules, speed=rules.speed * scales_of(plant).velocity)
 
 

@@ -9,11 +9,10 @@ import numpy as np
 
 from ..control.registry import has_estimator
 from ..physics.plant import PlantLike, plant_as_dict
-from ..plants.domain import Domain, load_domain
-from ..plants.on_plant import on_plant
+from ..plants.domain import Domain
+from ..plants.on_plant import loop_around
 from ..robots import Robot, get_robot
 from ..tasks.draw import draw
-from ..tasks.middle_plant import known_plant
 from ..version import __version__
 from .criteria import Criteria, judge, tip_is_up
 from .interval import Interval, share_interval
@@ -117,17 +116,16 @@ def sim2real(
         seeds: number of seeds in a row.
         rules: what counts as success.
         progress: called with the number of finished simulations and of all.
-        plant: a plant for a domain that has none, whose loop is then in that pendulum's own units: a plant, its
-            parameters, its name or its file; None for the domain's.
+        plant: a plant, its parameters, its name or its file, around which the domain's loop is put, in that
+            pendulum's own units; None for the domain's.
 
     Raises:
-        SwingupError: there is no such robot, domain or plant, a seed is out of range, the domain has a plant of its
-            own, or the controller is for the other robot.
+        SwingupError: there is no such robot, domain or plant, a seed is out of range, or the controller is for the
+            other robot.
     """
-    robot, domain = get_robot(robot), load_domain(domain) if isinstance(domain, str) else domain
-    domain = domain if plant is None else on_plant(domain, plant)
+    robot, domain = get_robot(robot), loop_around(plant, domain)
     rules, every = sim2real_in_own_units(rules, domain, robot), check_seeds(seed, seeds)
-    estimator, controller = has_estimator(controller), prepare(controller, robot, name, known_plant(domain, robot))
+    estimator, controller = has_estimator(controller), prepare(controller, robot, name, domain.known_plant(robot))
     runs: list[Sim2RealRun] = []
     first = None
     for group in in_groups(every, SWINGUPS_AT_ONCE):

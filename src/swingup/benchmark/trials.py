@@ -15,7 +15,6 @@ from ..robots import Robot, get_robot
 from ..tasks.disturbance import Pushes
 from ..tasks.draw import draw
 from ..tasks.limits import Stop
-from ..tasks.middle_plant import known_plant
 from ..version import __version__
 from .criteria import Criteria, failed, judge
 from .grid import draw_pushes
@@ -147,7 +146,7 @@ def trials(
     every = check_seeds(seed, rules.trials if seeds is None else seeds)
     chosen = rules.domain if domain is None else domain
     ranges = load_domain(chosen) if isinstance(chosen, str) else chosen
-    estimator, controller = has_estimator(controller), prepare(controller, robot, name, known_plant(ranges, robot))
+    estimator, controller = has_estimator(controller), prepare(controller, robot, name, ranges.known_plant(robot))
     runs: list[Trial] = []
     first = None
     for group in in_groups(every, TRIALS_AT_ONCE):

@@ -7,7 +7,7 @@ from tyro.conf import Positional, arg
 from ..errors import SwingupError
 from ..files import check_writable
 from ..physics.plant import SHIPPED_PLANTS
-from ..rehearsal.simulated import plant_as_domain, simulated_robot
+from ..plants.on_plant import plant_as_domain
 from ..report.compare import Comparison, compare
 from ..report.compare_study import study_of
 from ..report.files import check_suffix
@@ -60,9 +60,7 @@ def compare_command(
         check_writable(out)
     plants = {name: plant_as_domain(name) for name in plant}
     with foreign_prints_apart():
-        found = compare(
-            log, plants, controller, lambda name, driven: simulated_robot(name, domain, driven), robot, seed or 0
-        )
+        found = compare(log, plants, controller, domain, robot, seed or 0)
     if out is not None:
         save_study(study_of(found), out)
     if json:

@@ -17,8 +17,7 @@ from ..benchmark.runner import Progress
 from ..benchmark.uptime import Uptime
 from ..checks import one_of
 from ..control.registry import Controller
-from ..plants.domain import load_domain
-from ..plants.on_plant import on_plant
+from ..plants.on_plant import loop_around
 from ..policy.shipped import DEFAULT
 from ..robots import Robot
 from .arguments import (
@@ -191,7 +190,7 @@ class JudgingCommands:
             domain: plant and loop: identified, randomised or recorded (other plants for each seed), a session of
                 the robot, as session-acrobot, or a YAML file. By default identified for sim2real, and recorded for
                 the boards.
-            plant: a plant for a domain that has none, as identified; its loop is then in the plant's own units.
+            plant: another plant than the domain's; the domain's loop is then in this plant's own units.
             seed: seed of noise and plants.
             seeds: seeds in a row; 100 for sim2real by default, and 10 for the boards.
             json: print one JSON object, with every run.
@@ -200,12 +199,10 @@ class JudgingCommands:
         output, on = Output(json, save), plant.make()
         if rules != SUCCESS:
             chosen = self.board("trials", rules, (SUCCESS,))
-            ranges = load_domain(chosen.domain if domain is None else domain)
-            ranges = ranges if on is None else on_plant(ranges, on)
+            ranges = loop_around(on, chosen.domain if domain is None else domain)
             return judge_trials(chosen, ranges, robot, controller, estimator, seed, seeds, output)
-        drawn, number = load_domain("identified" if domain is None else domain), 100 if seeds is None else seeds
-        drawn = drawn if on is None else on_plant(drawn, on)
-        return judge_sim2real(drawn, robot, controller, estimator, seed, number, output)
+        drawn = loop_around(on, "identified" if domain is None else domain)
+        return judge_sim2real(drawn, robot, controller, estimator, seed, 100 if seeds is None else seeds, output)
 
     def board(self, measure: str, name: str, others: Sequence[str] = ()) -> Any:
         """Rules of one board; ``others`` are names that would do as well.

@@ -10,9 +10,8 @@ from ..benchmark.trajectory_file import save_trajectory
 from ..checks import one_of, positive_number
 from ..files import check_writable
 from ..rehearsal.process import CALLING
-from ..rehearsal.rehearse import rehearse
+from ..rehearsal.rehearse import RECORDED, rehearse
 from ..rehearsal.result import Rehearsal, spread
-from ..rehearsal.simulated import RECORDED
 from .output import aligned, tell, tell_json
 
 

@@ -65,7 +65,7 @@ def excite(
     Raises:
         SwingupError: an argument makes no sense, or no motion keeps the limits on all plants.
     """
-    limits, plant = _limits(domain, joint, torque, speed, angle), domain.middle_plant
+    limits, plant = _limits(domain, joint, torque, speed, angle), domain.nominal_plant
     length = INTERVAL * round(finite_number("duration", duration, SHORTEST, LONGEST, "s") / INTERVAL)
     drawn = draw_models(domain, CHECKED_PLANTS, whole_number("seed", seed, 0, 2**32 - 1))
     setting, models = setting_of(plant).coarse, np.concatenate([drawn, corner_models(domain)])
@@ -83,11 +83,9 @@ def excite(
 
 def _limits(domain: Domain, joint: str, torque: float | None, speed: float | None, angle: float) -> Limits:
     driven = JOINTS[one_of("joint", joint, JOINTS)]
-    # A loop may allow less than the motors give. Without a limit of its own, theirs counts.
-    loop = domain.middle("torque_limit") if "torque_limit" in domain.names else np.inf
-    motors = [min(domain.middle(name), loop) for name in ("tl1", "tl2")]
+    motors = [float(domain.nominal_plant.tl1), float(domain.nominal_plant.tl2)]
     most = [motor if torque is None else finite_number("torque", torque, 1e-6, motor, "N m") for motor in motors]
-    usual = SPEED * scales_of(domain.middle_plant).velocity
+    usual = SPEED * scales_of(domain.nominal_plant).velocity
     return Limits(
         torque=(most[0] * driven[0], most[1] * driven[1]),
         speed=usual if speed is None else finite_number("speed", speed, 0.1, 1e3, "rad/s"),

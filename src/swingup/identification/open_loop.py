@@ -98,7 +98,7 @@ def predict_log(recording: Recording, domain: Domain, name: str) -> OpenLoop:
         domain: plant and loop.
         name: of the plant in the result.
     """
-    plant = domain.middle_plant
+    plant = domain.nominal_plant
     setting, start = setting_of(plant), _start(domain, vector_of(plant))
     known = {each: float(start[INDEX[each]]) for each in LATENCY if _says(domain, each)}
     fitted = tuple(each for each in LATENCY if each not in known) if any(recording.driven) else ()
@@ -183,9 +183,9 @@ def _start(domain: Domain, vector: Float[np.ndarray, "15"]) -> Float[np.ndarray,
     values = dict(zip(NAMES, vector, strict=True))
     for name in ("offset1", "offset2", "gain1", "gain2", *LATENCY):
         if name in domain.names:
-            values[name] = domain.middle(name)
+            values[name] = domain.nominal.value(name)
     if "response" in domain.names and "lag" not in domain.names:
         # Of a change of torque, a first-order lag makes this part within a step of the loop.
-        values["lag"] = -LOOP_DT / np.log1p(-min(domain.middle("response"), 0.999))
+        values["lag"] = -LOOP_DT / np.log1p(-min(domain.nominal.loop.response, 0.999))
     values["lag"] = max(values["lag"], LEAST_LAG)
     return np.array([values[name] for name in NAMES])

@@ -40,9 +40,12 @@ def prior_around(plant: Plant) -> Domain:
         damping = vector[INDEX[f"b{joint}"]]
         ranges[f"b{joint}"] = (min(damping, 0.0), max(3 * damping, 0.002 * torque))
     loop = {"delay": DELAY, "lag": LAG, "offset1": (0.0, 0.0), "offset2": (0.0, 0.0)}
-    content = domain_of(plant, ranges | loop)
-    found = make_domain(content, f"around {plant.name}")
-    return replace(found, plant=plant)
+    found = make_domain({**domain_of(plant, ranges | loop), "plant": plant}, f"around {plant.name}")
+    # The domain's one torque limit is that of the stronger motor; here each motor keeps its own.
+    low, high = (
+        end._replace(plant=end.plant.changed(tl1=plant.tl1, tl2=plant.tl2)) for end in (found.low, found.high)
+    )
+    return replace(found, low=low, high=high)
 
 
 def draw_models(domain: Domain, count: int, seed: int) -> Float[np.ndarray, "count 15"]:

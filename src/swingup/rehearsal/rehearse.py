@@ -17,6 +17,7 @@ from ..control.python_controller import PythonController
 from ..errors import SwingupError
 from ..physics.plant import PlantLike
 from ..plants.domain import Domain
+from ..plants.on_plant import loop_around
 from ..policy.pendulum import read_pendulum_policy
 from ..policy.plant_facts import plant_difference
 from ..robots import Robot, get_robot
@@ -25,8 +26,9 @@ from .folder import Folder, find_folder
 from .loop import FolderController, PacedController
 from .process import CALLING, FolderProcess
 from .result import Rehearsal
-from .simulated import RECORDED, simulated_robot
 
+RECORDED = "recorded"
+"""The domain of a rehearsal that names none: design C.1 in its loop, as recordings show them."""
 LONGEST = 600.0
 """Longest rehearsal (s)."""
 
@@ -64,7 +66,7 @@ def rehearse(
     seed, found = whole_number("seed", seed, 0, 2**32 - 1), find_folder(folder)
     with FolderProcess(found, simulated_clock=not real_time, calling=calling) as process:
         driven = _robot(robot, process.facts["robot"], found)
-        around = simulated_robot(plant, domain, driven)
+        around = loop_around(plant, domain)
         with jax.enable_x64(True):
             scenario = Scenario(*draw(around, jax.random.key(seed), driven), substeps=around.substeps)
         controller = FolderController(process)
@@ -107,7 +109,7 @@ def _difference(folder: Folder, domain: Domain, robot: Robot) -> str | None:
         return None
     policy = read_pendulum_policy(folder.policy)
     seen = None if policy.identifier is None else policy.network.plant_stage
-    return plant_difference(policy.plant, domain.middle_plant, robot, seen)
+    return plant_difference(policy.plant, domain.nominal_plant, robot, seen)
 
 
 def _limits(facts: dict[str, Any]) -> tuple[float, float]:

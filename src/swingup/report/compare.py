@@ -1,6 +1,6 @@
 """A log beside what plants predict of it, and beside a controller's simulated run."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ from ..errors import SwingupError
 from ..identification.open_loop import OpenLoop, Stretches, predict_log, stretches
 from ..identification.recording import Recording, read_recording
 from ..plants.domain import Domain
+from ..plants.on_plant import loop_around
 from ..robots import Robot, get_robot
 from .closed_loop import ClosedLoop, close_loop, driven_robot, starts_hanging
 
@@ -57,7 +58,7 @@ def compare(
     log: str | Path,
     plants: Mapping[str, Domain],
     controller: str | None = None,
-    loop: Callable[[str, Robot], Domain] | None = None,
+    loop: Domain | str | None = None,
     robot: Robot | str | None = None,
     seed: int = 0,
 ) -> Comparison:
@@ -67,7 +68,7 @@ def compare(
         log: a CSV file, as ``swingup identify`` reads it.
         plants: by name; delay and lag that a plant's domain does not say are those that predict the log best.
         controller: a controller's name, whose run on each plant stands beside the log.
-        loop: from a plant's name and the robot to the plant with its loop in these runs; None for ``plants``.
+        loop: domain whose loop is around the plants in these runs; None for that of ``plants``.
         robot: which joint the controller drives; None for the joint with the log's torque.
         seed: of all that is drawn in these runs.
 
@@ -80,8 +81,8 @@ def compare(
     if controller is not None:
         driven = driven_robot(recording) if robot is None else get_robot(robot)
         for name, domain in plants.items():
-            around = domain if loop is None else loop(name, driven)
-            found = get_controller(controller, driven, plant=domain.middle_plant)
+            around = loop_around(domain, loop)
+            found = get_controller(controller, driven, plant=domain.nominal_plant)
             runs[name] = close_loop(recording, found, controller, driven, around, seed)
     predictions = [predict_log(recording, domain, name) for name, domain in plants.items()]
     drawn = [stretches(recording, each.setting, each.model, DRAWN_LENGTH) for each in predictions]

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..plants.loop import LONGEST
+from ..plants.loop import LONGEST_PERIOD
 from ..types import Count, Scalar
 
 
@@ -26,7 +26,7 @@ class Clock(eqx.Module):
         # The share of draws below `late` is again even on (0, 1): its logarithm is exponentially distributed.
         rank = jnp.maximum(uniform, jnp.finfo(uniform.dtype).tiny) / jnp.where(late > 0, late, 1.0)
         excess = jnp.where(uniform < late, -self.lateness * jnp.log(rank), 0.0)
-        return jnp.minimum(dt + excess, LONGEST * dt)
+        return jnp.minimum(dt + excess, LONGEST_PERIOD * dt)
 
 
 class Times(eqx.Module):
