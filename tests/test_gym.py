@@ -361,9 +361,9 @@ def test_render_shows_the_state_and_the_torque():
     env.reset(options={"state": [2.0, -2.0, 3.0, -4.0]})
     moved = env.render()
     assert np.any(moved != frame, axis=2).mean() > 0.01
-    env.step(PUSH)
+    state = env.step(PUSH)[4]["state"]
     pushed = env.render()
-    env.reset(options={"state": env.unwrapped._episode.state.x})
+    env.reset(options={"state": state})
     assert not np.array_equal(env.render(), pushed)  # the same state, without the arrow
 
 

@@ -43,14 +43,75 @@ class Episode(eqx.Module):
     """All later draws follow from it."""
 
 
-class PendulumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+class Pendulums:
+    """What one environment and a batch have in common; one is a batch of 1 to JAX."""
+
+    metadata: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": 100}  # noqa: RUF012 (as gymnasium has it)
+    task: AbstractPendulumTask
+    np_random: Any
+    """Gymnasium's generator, from which the first key comes without a seed."""
+    _count = 1
+    _episodes: Episode | None = None
+
+    @property
+    def dt(self) -> float:
+        """Time of a step (s)."""
+        return float(self.task.dt)
+
+    def _prepare(
+        self, robot: str, task: str | AbstractPendulumTask, render_mode: str | None, plant: PlantLike | None
+    ) -> tuple[Box, Box]:
+        """Set all but the spaces: those of one environment's observations and actions are returned."""
+        # With its numbers as arrays, which compiled functions take faster.
+        self.task = jax.tree.map(jnp.asarray, find_task(task, robot, plant))
+        if render_mode is not None and render_mode not in RENDER_MODES:
+            raise SwingupError(f"unknown render_mode {quoted(render_mode)}: use {', '.join(RENDER_MODES)} or None")
+        self.render_mode = render_mode
+        # A dict of its own: the class's is shared, and the rate follows the task.
+        self.metadata = {**self.metadata, "render_fps": round(1 / self.dt)}
+        return Box(-1.0, 1.0, (self.task.observation_size,)), Box(-1.0, 1.0, (self.task.action_size,))
+
+    def _start(
+        self, seed: int | None, options: dict[str, Any] | None
+    ) -> tuple[Float32[np.ndarray, "envs n"], Float32[np.ndarray, "envs 4"]]:
+        """Start all episodes: observations and states."""
+        start = _checked_start(options)
+        if seed is not None:  # the last one's must fit the 32 bits that JAX has: it would cut larger ones
+            seed = whole_number("seed", seed, 0, 2**32 - self._count)
+        super().reset(seed=seed)  # type: ignore[misc]  # that of gymnasium's class beside this one
+        if seed is None and self._episodes is not None:
+            keys = self._episodes.key
+        else:
+            first = int(self.np_random.integers(2**32 - self._count, endpoint=True)) if seed is None else seed
+            keys = _keys(np.arange(first, first + self._count, dtype=np.uint32))
+        self._episodes, observations = _begin(self.task, keys, start)
+        # np.array copies: JAX's memory is read-only, and callers may write to what they receive.
+        return np.array(observations, np.float32), np.array(self._episodes.state.x)
+
+    def _running(self) -> Episode:
+        if self._episodes is None:
+            raise SwingupError("the environment was never reset: call reset() before step() or render()")
+        return self._episodes
+
+    def _pictures(self) -> tuple[UInt8[np.ndarray, "400 400 3"], ...] | None:
+        if self.render_mode is None:
+            return None
+        episodes, parameters = self._running(), self.task.parameters
+        lengths = float(parameters.l1), float(parameters.l2)
+        limit, joint = float(max(parameters.tl1, parameters.tl2)), self.task.robot.joint
+        pairs = zip(np.asarray(episodes.state.x), np.asarray(episodes.action), strict=True)
+        return tuple(
+            draw_frame(x, *lengths, torque=np.asarray(self.task.torque(action)), driven=joint, limit=limit)
+            for x, action in pairs
+        )
+
+
+class PendulumEnv(Pendulums, gymnasium.Env[np.ndarray, np.ndarray]):
     """One double pendulum; its observations, rewards and truncations are those of an :class:`AbstractPendulumTask`.
 
     Actions in [-1, 1] scale the torque limit of the driven joint and are clipped. ``info["state"]`` is
     [q1, q2, dq1, dq2] (rad, rad/s). The seed of a reset is that of the JAX key from which all randomness follows.
     """
-
-    metadata: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": 100}  # noqa: RUF012 (as gymnasium has it)
 
     def __init__(
         self,
@@ -72,17 +133,7 @@ class PendulumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             SwingupError: there is no such robot, task, plant or render mode, or the task is another robot's, or a
                 task that was passed in comes with a plant.
         """
-        self.task = _compiled_task(robot, task, plant)
-        self.render_mode = _checked_render_mode(render_mode)
-        # A dict of its own: the class's is shared, and the rate follows the task.
-        self.metadata = {**self.metadata, "render_fps": round(1 / self.dt)}
-        self.observation_space, self.action_space = _spaces(self.task)
-        self._episode: Episode | None = None
-
-    @property
-    def dt(self) -> float:
-        """Time of a step (s)."""
-        return float(self.task.dt)
+        self.observation_space, self.action_space = self._prepare(robot, task, render_mode, plant)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -96,16 +147,8 @@ class PendulumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         Raises:
             SwingupError: the seed or an option is invalid.
         """
-        start = _checked_start(options)
-        seed = _checked_seed(seed, 1)
-        super().reset(seed=seed)
-        if seed is None and self._episode is not None:
-            key = self._episode.key
-        else:
-            key = _new_keys(seed, self.np_random, 1)[0]
-        # np.array copies: JAX's memory is read-only, and callers may write to what they receive.
-        self._episode, observation = _begin(self.task, key, start)
-        return np.array(observation, np.float32), {"state": np.array(self._episode.state.x)}
+        observations, states = self._start(seed, options)
+        return observations[0], {"state": states[0]}
 
     def step(self, action: np.ndarray) -> tuple[Float32[np.ndarray, "n"], float, bool, bool, dict[str, Any]]:
         """Hold an action (shape (1,), in [-1, 1]) for the task's dt.
@@ -114,11 +157,10 @@ class PendulumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             SwingupError: the action is not finite or of another shape, or ``reset`` was never called.
         """
         action = _checked_actions(action, (1,))
-        self._episode, step = _advance(self.task, _running(self._episode), action)
+        self._episodes, step = _advance(self.task, self._running(), action[None])
         step = fetch(step)
-        observation = np.array(step.observation, np.float32)
-        info = {"state": np.array(step.state.x)}
-        return observation, float(step.reward), bool(step.terminated), bool(step.truncated), info
+        observation, info = np.array(step.observation[0], np.float32), {"state": np.array(step.state.x[0])}
+        return observation, float(step.reward[0]), bool(step.terminated[0]), bool(step.truncated[0]), info
 
     def render(self) -> UInt8[np.ndarray, "400 400 3"] | None:
         """Draw the current state and the last torque; ``None`` without a render mode.
@@ -126,13 +168,11 @@ class PendulumEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         Raises:
             SwingupError: ``reset`` was never called, or Pillow is not installed.
         """
-        if self.render_mode is None:
-            return None
-        episode = _running(self._episode)
-        return _draw(self.task, episode.state.x, episode.action)
+        pictures = self._pictures()
+        return None if pictures is None else pictures[0]
 
 
-class PendulumVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+class PendulumVectorEnv(Pendulums, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Many double pendulums in one compiled step; an episode that ends is reset in that same step.
 
     Its environment ``i``, reset with a seed, is :class:`PendulumEnv` reset with ``seed + i``, as in gymnasium's
@@ -140,11 +180,7 @@ class PendulumVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     bootstrap from ``final_obs``.
     """
 
-    metadata: dict[str, Any] = {  # noqa: RUF012 (as gymnasium has it)
-        "render_modes": RENDER_MODES,
-        "render_fps": 100,
-        "autoreset_mode": AutoresetMode.SAME_STEP,
-    }
+    metadata: dict[str, Any] = {**Pendulums.metadata, "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012
 
     def __init__(
         self,
@@ -159,37 +195,17 @@ class PendulumVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Raises:
             SwingupError: ``num_envs`` is not positive, or as :class:`PendulumEnv`.
         """
-        self.num_envs = num_envs = whole_number("num_envs", num_envs, 1)
-        self.task = _compiled_task(robot, task, plant)
-        self.render_mode = _checked_render_mode(render_mode)
-        self.metadata = {**self.metadata, "render_fps": round(1 / self.dt)}
-        self.single_observation_space, self.single_action_space = _spaces(self.task)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self._episodes: Episode | None = None
-
-    @property
-    def dt(self) -> float:
-        """Time of a step (s)."""
-        return float(self.task.dt)
+        self.num_envs = self._count = whole_number("num_envs", num_envs, 1)
+        self.single_observation_space, self.single_action_space = self._prepare(robot, task, render_mode, plant)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Float32[np.ndarray, "envs n"], dict[str, Any]]:
-        """Start all episodes; the arguments are those of :meth:`PendulumEnv.reset`.
-
-        Raises:
-            SwingupError: the seed or an option is invalid.
-        """
-        start = _checked_start(options)
-        seed = _checked_seed(seed, self.num_envs)
-        super().reset(seed=seed)
-        if seed is None and self._episodes is not None:
-            keys = self._episodes.key
-        else:
-            keys = _new_keys(seed, self.np_random, self.num_envs)
-        self._episodes, observations = _begin_all(self.task, keys, start)
-        return np.array(observations, np.float32), self._infos(self._episodes)
+        """Start all episodes; the arguments and errors are those of :meth:`PendulumEnv.reset`."""
+        observations, states = self._start(seed, options)
+        return observations, self._infos(states)
 
     def step(
         self, actions: np.ndarray
@@ -206,7 +222,7 @@ class PendulumVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             SwingupError: an action is not finite, their shape is another, or ``reset`` was never called.
         """
         actions = _checked_actions(actions, (self.num_envs, 1))
-        self._episodes, observations, step = _advance_all(self.task, _running(self._episodes), actions)
+        self._episodes, observations, step = _advance_and_reset(self.task, self._running(), actions)
         step = fetch(step)
         infos: dict[str, Any] = {}
         for index in np.flatnonzero(step.terminated | step.truncated).tolist():
@@ -219,19 +235,15 @@ class PendulumVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             np.array(step.reward, np.float64),
             np.array(step.terminated),
             np.array(step.truncated),
-            infos | self._infos(self._episodes),
+            infos | self._infos(np.array(self._episodes.state.x)),
         )
 
     def render(self) -> tuple[UInt8[np.ndarray, "400 400 3"], ...] | None:
         """One picture of each environment; otherwise as :meth:`PendulumEnv.render`."""
-        if self.render_mode is None:
-            return None
-        episodes = _running(self._episodes)
-        pairs = zip(np.asarray(episodes.state.x), np.asarray(episodes.action), strict=True)
-        return tuple(_draw(self.task, x, action) for x, action in pairs)
+        return self._pictures()
 
-    def _infos(self, episodes: Episode) -> dict[str, Any]:
-        return {"state": np.array(episodes.state.x), "_state": np.ones(self.num_envs, np.bool_)}
+    def _infos(self, states: Float32[np.ndarray, "envs 4"]) -> dict[str, Any]:
+        return {"state": states, "_state": np.ones(self.num_envs, np.bool_)}
 
 
 def begin(task: AbstractPendulumTask, key: Key, start: State | None) -> tuple[Episode, Observation]:
@@ -263,35 +275,18 @@ def advance_and_reset(
 
 
 # Compiled once for all environments of a kind: the task's numbers are arguments.
-_begin = jax.jit(begin)
-_begin_all = jax.jit(jax.vmap(begin, in_axes=(None, 0, None)))
-_advance = jax.jit(advance)
-_advance_all = jax.jit(jax.vmap(advance_and_reset, in_axes=(None, 0, 0)))
+_begin = jax.jit(jax.vmap(begin, in_axes=(None, 0, None)))
+_advance = jax.jit(jax.vmap(advance, in_axes=(None, 0, 0)))
+_advance_and_reset = jax.jit(jax.vmap(advance_and_reset, in_axes=(None, 0, 0)))
 _keys = jax.jit(jax.vmap(jax.random.key))
 
 
-def _compiled_task(robot: str, task: str | AbstractPendulumTask, plant: PlantLike | None) -> AbstractPendulumTask:
-    """The task with its numbers as arrays, which compiled functions take faster."""
-    return jax.tree.map(jnp.asarray, find_task(task, robot, plant))
-
-
-def _spaces(task: AbstractPendulumTask) -> tuple[Box, Box]:
-    """The spaces of observations and of actions."""
-    return Box(-1.0, 1.0, (task.observation_size,), np.float32), Box(-1.0, 1.0, (task.action_size,), np.float32)
-
-
-def _checked_render_mode(render_mode: str | None) -> str | None:
-    if render_mode is not None and render_mode not in RENDER_MODES:
-        raise SwingupError(f"unknown render_mode {quoted(render_mode)}: use {', '.join(RENDER_MODES)} or None")
-    return render_mode
-
-
 def _checked_start(options: dict[str, Any] | None) -> Float[np.ndarray, "4"] | None:
-    unknown = [name for name in options or {} if name != "state"]
-    if unknown:
-        raise SwingupError(f"unknown reset option {quoted(unknown[0])}: use 'state' alone")
     if not options:
         return None
+    unknown = [name for name in options if name != "state"]
+    if unknown:
+        raise SwingupError(f"unknown reset option {quoted(unknown[0])}: use 'state' alone")
     try:
         start = np.asarray(options["state"], np.float64)
         valid = start.shape == (4,) and bool(np.all(np.abs(start) < DIVERGED))
@@ -301,17 +296,6 @@ def _checked_start(options: dict[str, Any] | None) -> Float[np.ndarray, "4"] | N
         given = quoted(options["state"])
         raise SwingupError(f"state {given} must be [q1, q2, dq1, dq2], 4 numbers within ±{DIVERGED:g} (rad, rad/s)")
     return start
-
-
-def _checked_seed(seed: int | None, count: int) -> int | None:
-    """A seed whose ``count`` successors fit the 32 bits that JAX has for seeds; it would cut larger ones."""
-    return None if seed is None else whole_number("seed", seed, 0, 2**32 - count)
-
-
-def _new_keys(seed: int | None, generator: np.random.Generator, count: int) -> Key:
-    """Keys (count) of consecutive seeds, of which the first is drawn at random if none is given."""
-    first = int(generator.integers(2**32 - count, endpoint=True)) if seed is None else seed
-    return _keys(np.arange(first, first + count, dtype=np.uint32))
 
 
 def _checked_actions(actions: Any, shape: tuple[int, ...]) -> Float32[np.ndarray, "..."]:
@@ -325,19 +309,6 @@ def _checked_actions(actions: Any, shape: tuple[int, ...]) -> Float32[np.ndarray
         bad = values[~np.isfinite(values)][0]
         raise SwingupError(f"action {bad} is not finite: pass numbers in [-1, 1]")
     return np.clip(values, -1.0, 1.0).astype(np.float32)
-
-
-def _running(episode: Episode | None) -> Episode:
-    if episode is None:
-        raise SwingupError("the environment was never reset: call reset() before step() or render()")
-    return episode
-
-
-def _draw(task: AbstractPendulumTask, x: Any, action: Any) -> UInt8[np.ndarray, "400 400 3"]:
-    lengths = float(task.parameters.l1), float(task.parameters.l2)
-    limit = float(max(task.parameters.tl1, task.parameters.tl2))
-    torque = np.asarray(task.torque(action))
-    return draw_frame(np.asarray(x), *lengths, torque=torque, driven=task.robot.joint, limit=limit)
 
 
 for _robot in ROBOTS:
