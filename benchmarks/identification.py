@@ -110,7 +110,7 @@ def study_plant(seed: int, logs: int, seconds: float) -> dict[str, dict[str, flo
     plant, truth = draw_plant(random)
     with tempfile.TemporaryDirectory() as folder:
         paths = [write_log(Path(folder) / f"{k}.csv", random, plant, truth, seconds) for k in range(logs + 1)]
-        found = swingup.identify(paths[:-1], test=paths[-1:]).reading
+        found = swingup.identify(paths[:-1], test=paths[-1:]).estimates
     rows = {}
     for name, value in truth.items():
         low, high = found.intervals[name]

@@ -7,7 +7,7 @@ from swingup.identification.excite import excite
 from swingup.identification.identify import identify
 from swingup.identification.prediction import INDEX, setting_of
 from swingup.identification.prior import draw_models, prior_around
-from swingup.identification.reading import TITLES
+from swingup.identification.results import TITLES
 from swingup.identification.rollouts import Sequences, simulate
 from swingup.physics.plant import load_plant
 from swingup.table import write_columns
@@ -28,7 +28,7 @@ def test_the_plant_is_found(tmp_path):
     columns = {"time": excitation.time, "pos_meas1": q[:, 0], "pos_meas2": q[:, 1]}
     columns |= {f"tau_con{joint + 1}": motion.torque[0, 0, :, joint] for joint in (0, 1)}
     write_columns(tmp_path / "log.csv", columns)
-    found = identify([tmp_path / "log.csv"]).reading
+    found = identify([tmp_path / "log.csv"]).estimates
     truth[0, INDEX["A"]] -= truth[0, INDEX["B"]]  # results have what link 1 adds
     for name in ("k", "m2r2", "A", "B", "cf1", "cf2"):
         title, value = TITLES.get(name, name), truth[0, INDEX[name]]

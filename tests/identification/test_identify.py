@@ -39,18 +39,18 @@ def found(logs):
 
 def test_the_plant_is_found(found):
     for name, tolerance in zip(BASE, [0.01, 0.01, 0.01, 0.01, 0.05, 0.5, 0.5, 0.03, 0.03], strict=True):
-        assert found.reading.values[name] == pytest.approx(EXPECTED[name], rel=tolerance), name
-    assert [found.reading.values[name] for name in ("offset1", "offset2")] == pytest.approx(OFFSETS, abs=2e-3)
-    assert found.reading.values["delay + lag"] == pytest.approx(0.003, abs=3e-4)
+        assert found.estimates.values[name] == pytest.approx(EXPECTED[name], rel=tolerance), name
+    assert [found.estimates.values[name] for name in ("offset1", "offset2")] == pytest.approx(OFFSETS, abs=2e-3)
+    assert found.estimates.values["delay + lag"] == pytest.approx(0.003, abs=3e-4)
 
 
 def test_what_the_log_determines(found):
-    sure = found.reading.determined
+    sure = found.estimates.determined
     assert all(sure[name] for name in (*BASE[:5], "cf1", "cf2", "delay + lag"))
     # The sum of delay and lag is known, the parts are not; and m and r only as a product.
     assert not any(sure[name] for name in ("m1", "r1", "m2", "r2", "torque gain"))
     for name in BASE[:5]:
-        low, high = found.reading.intervals[name]
+        low, high = found.estimates.intervals[name]
         assert low <= high <= low + 0.2 * EXPECTED[name]
 
 
@@ -68,7 +68,7 @@ def test_errors_are_below_those_of_the_start(found):
 def test_files_are_those_that_others_read(found, tmp_path):
     domain = found.save(tmp_path / "mine.yml")
     plant = load_plant(tmp_path / "mine.yml")
-    assert expected_of(plant) == pytest.approx({name: found.reading.values[name] for name in BASE}, rel=1e-9)
+    assert expected_of(plant) == pytest.approx({name: found.estimates.values[name] for name in BASE}, rel=1e-9)
     # Links that could be built: inertia above that of a point mass at the centre of mass.
     assert plant.m1 * plant.r1**2 < plant.I1
     assert plant.m2 * plant.r2**2 < plant.I2
@@ -79,7 +79,7 @@ def test_files_are_those_that_others_read(found, tmp_path):
 def test_a_log_at_rest_determines_nothing(tmp_path):
     table = simulate(3.0, torque=(0.05, 0.05))
     found = swingup.identify([write(tmp_path / "rest.csv", table)])
-    assert not any(found.reading.determined.values())
+    assert not any(found.estimates.determined.values())
     assert found.as_dict()["errors"]["fitted"]["0.25"] == {"angle": None, "velocity": None}
     assert any("determine next to nothing" in note for note in found.notes)
 
@@ -91,14 +91,14 @@ def test_a_free_fall_determines_ratios_alone(tmp_path):
         for k, start in enumerate([(2.5, 1.0, 0.0, 0.0), (-1.5, 2.0, 0.0, 0.0)])
     ]
     found = swingup.identify(logs)
-    sure = found.reading.determined
+    sure = found.estimates.determined
     assert not any(sure[name] for name in BASE)
     assert sure["(m2 r2) / (m1 r1 + m2 l1)"]
-    ratio = found.reading.values["(m2 r2) / (m1 r1 + m2 l1)"]
+    ratio = found.estimates.values["(m2 r2) / (m1 r1 + m2 l1)"]
     assert ratio == pytest.approx(EXPECTED["m2 r2"] / EXPECTED["m1 r1 + m2 l1"], rel=0.01)
     # One known value gives the scale of all.
     known = swingup.identify(logs, known={"m2r2": float(EXPECTED["m2 r2"])})
-    assert known.reading.values["I2"] == pytest.approx(EXPECTED["I2"], rel=0.02)
+    assert known.estimates.values["I2"] == pytest.approx(EXPECTED["I2"], rel=0.02)
 
 
 @pytest.mark.slow
@@ -107,8 +107,8 @@ def test_a_second_session_has_its_own_torque_gain(tmp_path, logs):
     # The motors of the second session deliver 0.8 of what the log says.
     weak[:, 5:] /= 0.8
     found = swingup.identify([*logs, write(tmp_path / "weak.csv", weak)], sessions=["a", "a", "b"])
-    assert found.reading.values["torque gain @2"] == pytest.approx(0.8, rel=0.01)
-    assert found.reading.values["m2 r2"] == pytest.approx(EXPECTED["m2 r2"], rel=0.01)
+    assert found.estimates.values["torque gain @2"] == pytest.approx(0.8, rel=0.01)
+    assert found.estimates.values["m2 r2"] == pytest.approx(EXPECTED["m2 r2"], rel=0.01)
 
 
 def test_a_known_gain_is_that_of_both_motors():

@@ -7,8 +7,8 @@ import pytest
 
 from swingup.identification.identify import Identification
 from swingup.identification.prediction import INDEX, setting_of, vector_of
-from swingup.identification.reading import Reading
 from swingup.identification.recording import read_recording
+from swingup.identification.results import Estimates
 from swingup.identification.scoring import prediction_errors, score_windows, summarise
 from swingup.report.identification_study import study_of_identification
 from swingup.report.study import BAND
@@ -27,7 +27,7 @@ def found(tmp_path_factory):
     models = {"fitted": fitted[None], "start": start[None]}
     return Identification(
         plant=C1,
-        reading=Reading(
+        estimates=Estimates(
             {"I2": 0.05, "b1": 0.002, "cf1": 0.16, "b2": 0.0, "cf2": 0.12},
             {"I2": (0.049, 0.051), "b1": (0.001, 0.003), "cf1": (0.15, 0.17)},
             {"I2": True, "b1": False, "cf1": True},

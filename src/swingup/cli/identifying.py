@@ -84,9 +84,9 @@ def identify_command(
 def identification_lines(found: Identification) -> list[str]:
     """The result as text: parameters with intervals, errors, and notes."""
     lines = [f"  {'parameter':<28}{'value':>12}   95 % interval"]
-    for name, (low, high) in found.reading.intervals.items():
-        sure = "" if found.reading.determined.get(name, False) else "   not determined"
-        lines.append(f"  {name:<28}{found.reading.values[name]:>12.4g}   {low:.4g} to {high:.4g}{sure}")
+    for name, (low, high) in found.estimates.intervals.items():
+        sure = "" if found.estimates.determined.get(name, False) else "   not determined"
+        lines.append(f"  {name:<28}{found.estimates.values[name]:>12.4g}   {low:.4g} to {high:.4g}{sure}")
     lines += ["", f"  held-out errors after{'':<8}angle (rad): fitted, {found.start_name}    velocity (rad/s)"]
     for horizon, row in found.errors["fitted"].items():
         start = found.errors["start"][horizon]

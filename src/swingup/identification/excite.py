@@ -7,8 +7,6 @@ the largest determinant of Yᵀ Y, with the matrix Y of the linear regression th
 (D-optimality).
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float
 
@@ -26,8 +24,8 @@ from .windows import INTERVAL
 
 JOINTS = {"both": (1.0, 1.0), "shoulder": (1.0, 0.0), "elbow": (0.0, 1.0)}
 """Joints that are driven."""
-SHORTEST, LONGEST = 3.0, 60.0
-"""Durations (s)."""
+DURATIONS = (3.0, 60.0)
+"""Shortest and longest excitation (s)."""
 SPEED = 20.0
 """Largest speed of a joint (rad/s) on design C.1 if none is given: the public loop stops there. It scales."""
 OWN = 0.75
@@ -66,7 +64,7 @@ def excite(
         SwingupError: an argument makes no sense, or no motion keeps the limits on all plants.
     """
     limits, plant = _limits(domain, joint, torque, speed, angle), domain.nominal_plant
-    length = INTERVAL * round(finite_number("duration", duration, SHORTEST, LONGEST, "s") / INTERVAL)
+    length = INTERVAL * round(finite_number("duration", duration, *DURATIONS, "s") / INTERVAL)
     drawn = draw_models(domain, CHECKED_PLANTS, whole_number("seed", seed, 0, 2**32 - 1))
     setting, models = setting_of(plant).coarse, np.concatenate([drawn, corner_models(domain)])
     own = OWN * scales_of(plant).velocity
@@ -77,8 +75,7 @@ def excite(
             f"no motion keeps all plants of {domain.name} within {limits.angle:g} rad and {limits.speed:g} rad/s: "
             "allow more, narrow the prior, or ask for a shorter excitation"
         )
-    best = max(candidates, key=lambda each: _information(setting, each.state))
-    return Excitation(best.torque, best.state, best.feedback, limits, best.angle, best.speed, len(models))
+    return max(candidates, key=lambda each: _information(setting, each.state))
 
 
 def _limits(domain: Domain, joint: str, torque: float | None, speed: float | None, angle: float) -> Limits:
@@ -93,22 +90,9 @@ def _limits(domain: Domain, joint: str, torque: float | None, speed: float | Non
     )
 
 
-@dataclass(frozen=True)
-class _Candidate:
-    """A motion that keeps the limits on all plants."""
-
-    torque: Float[np.ndarray, "rows 2"]
-    state: Float[np.ndarray, "rows 4"]
-    feedback: Float[np.ndarray, "2 2"]
-    angle: float
-    """The largest on any plant (rad)."""
-    speed: float
-    """The largest on any plant (rad/s)."""
-
-
 def _within_limits(
     setting: Setting, models: np.ndarray, motions: np.ndarray, limits: Limits, alone: bool
-) -> list[_Candidate]:
+) -> list[Excitation]:
     """Each motion as strong as the limits allow on all models; without those that are too fast even when small."""
     feedback, torque, found = _feedback(setting, models[0]), np.array(limits.torque), []
     played = np.zeros((2, 2)) if alone else feedback
@@ -121,7 +105,8 @@ def _within_limits(
         holds = rollouts.holds(limits.angle, limits.speed)
         for row in np.flatnonzero(holds):
             angle, speed = float(rollouts.angle[row].max()), float(rollouts.speed[row].max())
-            found.append(_Candidate(sequences.torque[row], sequences.reference[row], played, angle, speed))
+            tau, motion = sequences.torque[row], sequences.reference[row]
+            found.append(Excitation(tau, motion, played, limits, angle, speed, len(models)))
         motions = motions[~holds]
         if not len(motions):
             break

@@ -19,9 +19,9 @@ from .known import known_entries, session_numbers
 from .notes import make_notes
 from .plant_file import domain_of, representative, write_plant_files
 from .prediction import INDEX, NAMES, Setting, setting_of, vector_of
-from .reading import TITLES, Reading, read_solution
 from .recording import Recording, read_recording, sensors
 from .regression import check_joints
+from .results import TITLES, Estimates, read_solution
 from .scoring import LENGTH, Errors, prediction_errors, score_windows, summarise
 from .windows import FIT_LENGTH, Windows, cut_windows, join
 
@@ -32,7 +32,7 @@ class Identification:
 
     plant: Plant
     """A physically consistent pendulum with the fitted base parameters."""
-    reading: Reading
+    estimates: Estimates
     """Estimates, intervals, and which of them the logs determine."""
     errors: Mapping[str, Errors]
     """Of the fitted model and of the starting plant, on held-out motion."""
@@ -55,9 +55,9 @@ class Identification:
         """As JSON values: parameters, intervals, determined and errors."""
         plant = {name: float(getattr(self.plant, name)) for name in PLANT_NAMES}
         return {
-            "parameters": {**plant, **self.reading.values},
-            "intervals": {name: list(pair) for name, pair in self.reading.intervals.items()},
-            "determined": dict(self.reading.determined),
+            "parameters": {**plant, **self.estimates.values},
+            "intervals": {name: list(pair) for name, pair in self.estimates.intervals.items()},
+            "determined": dict(self.estimates.determined),
             "errors": {name: {key: dict(row) for key, row in rows.items()} for name, rows in self.errors.items()},
         }
 
@@ -114,13 +114,13 @@ def identify(
         "start": summarise(prediction_errors(setting, start_models[owners], judged)),
     }
     final = solution if tests or not len(kept) else refit(problem, windows, solution)
-    reading, domain, fitted = _read(problem, final, windows, plant, seed)
+    estimates, domain, fitted = _read(problem, final, windows, plant, seed)
     return Identification(
         plant=fitted,
-        reading=reading,
+        estimates=estimates,
         errors=errors,
         domain=domain,
-        notes=make_notes([*recordings, *tests], problem, reading, len(kept), len(judged)),
+        notes=make_notes([*recordings, *tests], problem, estimates, len(kept), len(judged)),
         start_name=plant.name,
         setting=setting,
         recordings=[*recordings, *tests],
@@ -155,16 +155,16 @@ def _hold_out(recordings: Sequence[Recording], windows: Windows) -> tuple[Window
 
 def _read(
     problem: Problem, final: Fit, windows: Windows, start: Plant, seed: int
-) -> tuple[Reading, dict[str, Any], Plant]:
+) -> tuple[Estimates, dict[str, Any], Plant]:
     """Intervals, the domain and the plant of a solution."""
     draws = draw_solutions(final, windows, seed)
-    reading = read_solution(final.unknowns, final.z, draws, problem.has_scale, list(problem.known), seed)
+    estimates = read_solution(final.unknowns, final.z, draws, problem.has_scale, list(problem.known), seed)
     model = dict(zip(NAMES, np.maximum(final.models[0], 0.0), strict=True))
     fitted = representative(model, start)
-    model["A"] -= model["B"]  # as in the reading
+    model["A"] -= model["B"]  # as in the estimates
     value = {name: (float(model[name]), float(model[name])) for name in INDEX}
-    ranges = {name: reading.intervals.get(TITLES.get(name, name), value[name]) for name in value}
+    ranges = {name: estimates.intervals.get(TITLES.get(name, name), value[name]) for name in value}
     loop = {name: list(ranges[name]) for name in ("offset1", "offset2")}
     if ranges["gain1"] != (1.0, 1.0):
         loop |= {name: list(ranges["gain1"]) for name in ("gain1", "gain2")}
-    return reading, domain_of(fitted, ranges, loop | sensors(problem.recordings)), fitted
+    return estimates, domain_of(fitted, ranges, loop | sensors(problem.recordings)), fitted

@@ -5,7 +5,7 @@ from jaxtyping import Bool, Float
 
 from ..errors import SwingupError
 
-SHORTEST = 0.8
+SHORTEST_LOG = 0.8
 """Least duration of a log (s): a window of prediction lasts 0.5 s."""
 LEAST_ROWS = 6
 """Rows with a measurement of their own that a smoother needs: its cubic has four coefficients."""
@@ -13,7 +13,7 @@ SLOWEST_PERIOD = 0.1
 """Longest median period (s): a pendulum moves too far between rows."""
 LEAST_MOTION = 2e-3
 """Least range of an angle (rad)."""
-FASTEST = 150.0
+LARGEST_SPEED = 150.0
 """Largest speed of a joint (rad/s); in degrees a second it is common."""
 SATURATED_SHARE = 0.25
 """Share of rows at the largest torque from which a motor counts as saturated."""
@@ -36,8 +36,10 @@ def check_time(name: str, time: Float[np.ndarray, "rows"]) -> None:
         raise SwingupError(
             f"{name}: rows are {period:g} s apart (median): write time in seconds, and record at 33 Hz or faster"
         )
-    if time[-1] < SHORTEST:
-        raise SwingupError(f"{name} lasts {time[-1]:g} s: at least {SHORTEST:g} s are needed, with time in seconds")
+    if time[-1] < SHORTEST_LOG:
+        raise SwingupError(
+            f"{name} lasts {time[-1]:g} s: at least {SHORTEST_LOG:g} s are needed, with time in seconds"
+        )
 
 
 def check_fresh(name: str, fresh: Bool[np.ndarray, "rows"]) -> None:
@@ -75,7 +77,7 @@ def check_motion(
         # Slopes of angles in degrees may look slower: their jumps were taken for turns.
         speeds = slopes[:, joint] if dq is None else np.concatenate([slopes[:, joint], dq[:, joint]])
         fastest = float(np.quantile(np.abs(speeds), 0.99))
-        if fastest > FASTEST:
+        if fastest > LARGEST_SPEED:
             raise SwingupError(
                 f"{name}: joint {label} moves at {fastest:.0f} rad/s: convert degrees to rad (57.3 to 1)"
             )

@@ -4,21 +4,21 @@ from collections.abc import Sequence
 
 from .estimate import Problem
 from .model import MASSES
-from .reading import DEAD_TIME, NARROW, OFFSET_SIZE, TITLES, Reading
 from .recording import Recording
+from .results import DEAD_TIME, NARROW, OFFSET_SIZE, TITLES, Estimates
 
 FEW_WINDOWS = 10
 
 
 def make_notes(
-    recordings: Sequence[Recording], problem: Problem, reading: Reading, fitted: int, judged: int
+    recordings: Sequence[Recording], problem: Problem, estimates: Estimates, fitted: int, judged: int
 ) -> tuple[str, ...]:
     """Warnings of the logs, and what the fit leaves open.
 
     Args:
         recordings: all logs.
         problem: of the fit.
-        reading: its estimates.
+        estimates: its estimates.
         fitted: number of windows of the fit.
         judged: number of held-out windows.
     """
@@ -29,10 +29,10 @@ def make_notes(
         notes.append("no held-out window has a joint faster than 1 rad/s: there are no errors to report")
     notes.append("of masses and centres of mass, motion tells m1 r1 + m2 l1, m2 r2 and I1 + m2 l1^2 alone")
     notes.append(_scale(problem))
-    delay, lag, total = (reading.determined.get(name, False) for name in ("delay", "lag", DEAD_TIME))
+    delay, lag, total = (estimates.determined.get(name, False) for name in ("delay", "lag", DEAD_TIME))
     if total and not (delay and lag):
         notes.append("of delay and lag the logs determine the sum, not the parts")
-    unknown = [name for name, sure in reading.determined.items() if not sure and name in reading.intervals]
+    unknown = [name for name, sure in estimates.determined.items() if not sure and name in estimates.intervals]
     if unknown:
         limits = f"{100 * NARROW:g} % of the value, or {1e3 * NARROW * OFFSET_SIZE:g} mrad of an offset"
         notes.append(f"not determined (interval wider than {limits}): {', '.join(unknown)}")

@@ -20,7 +20,7 @@ from .scoring import HORIZONS, prediction_errors, score_windows
 from .smoothing import REACH, smooth
 from .windows import FIT_LENGTH, INTERVAL, Windows, cut_windows
 
-LONGEST = 1.0
+LONGEST_HORIZON = 1.0
 """The longest horizon (s)."""
 SPEED_HORIZON = 0.25
 """Horizon of the errors by speed (s)."""
@@ -104,11 +104,11 @@ def predict_log(recording: Recording, domain: Domain, name: str) -> OpenLoop:
     fitted = tuple(each for each in LATENCY if each not in known) if any(recording.driven) else ()
     problem = Problem(setting, start, [recording], [0], known)
     model = fit_start(problem, cut_windows(recording, FIT_LENGTH))[0] if fitted else start
-    short, long = score_windows([recording]), cut_windows(recording, LONGEST)
+    short, long = score_windows([recording]), cut_windows(recording, LONGEST_HORIZON)
     models, rows = model[None], {}
     near, far = prediction_errors(setting, models, short), prediction_errors(setting, models, long)
-    for horizon in (*HORIZONS, LONGEST):
-        errors = far if horizon == LONGEST else near
+    for horizon in (*HORIZONS, LONGEST_HORIZON):
+        errors = far if horizon == LONGEST_HORIZON else near
         rows[f"{horizon:g}"] = error_row(errors[:, round(horizon / INTERVAL) - 1])
     return OpenLoop(name, setting, model, fitted, rows, by_speed(short, near))
 

@@ -35,18 +35,17 @@ ARRAYS = NUMPY._replace(
 COMMAND_AGE = 0.004
 """Typical age of a command when it acts (s)."""
 
-WIDEST = 5.0
-"""Masses and inertias lie within this factor of the starting plant's."""
+LARGEST_FACTOR = 5.0
+"""Largest factor between masses and inertias and the starting plant's."""
 SUSPICIOUS = 0.02
-"""Share of the impulses that is left unexplained, below which nothing is wrong with the columns."""
-BETTER = 0.4
-"""Another reading of the columns must leave at most this part of that share, ..."""
-GOOD = 0.15
-"""... and at most this share."""
-HOPELESS = 0.4
-UNDRIVEN = 0.05
-"""Shares, with and without torques, above which the log is not of such a pendulum."""
+"""Unexplained share of the impulses below which the columns count as right."""
+BETTER, GOOD = 0.4, 0.15
+"""The columns count as wrong if a hypothesis leaves at most this part of their unexplained share, and at most this
+share."""
+FOREIGN, FOREIGN_UNDRIVEN = 0.4, 0.05
+"""Unexplained shares, with and without torques, above which the log is of something else than such a pendulum."""
 LEAST_SPANS = 15
+"""Spans of a log from which its columns are judged."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +58,7 @@ class Spans:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Solution:
     """A solution of the regression."""
 
     values: Mapping[str, float]
@@ -81,7 +80,7 @@ def cut_spans(recording: Recording) -> Spans:
     return Spans(states[moving], (total[:, 1] - total[:, 0])[moving])
 
 
-def regress(setting: Setting, spans: Spans, start: Float[np.ndarray, "15"], driven: bool) -> Estimate:
+def regress(setting: Setting, spans: Spans, start: Float[np.ndarray, "15"], driven: bool) -> Solution:
     """Base parameters within a factor of 5 of the start's, and friction.
 
     Args:
@@ -96,7 +95,7 @@ def regress(setting: Setting, spans: Spans, start: Float[np.ndarray, "15"], driv
     found = np.clip(lsq_linear(matrix / size, right, (low * size, high * size)).x / size, low, high)
     left, parts = right - matrix @ found, matrix * found
     values = {name: float(value) for name, value in zip(BASE_NAMES, found, strict=True)}
-    return Estimate(values, float(left @ left) / max(float(right @ right + np.sum(parts**2)), 1e-30))
+    return Solution(values, float(left @ left) / max(float(right @ right + np.sum(parts**2)), 1e-30))
 
 
 def check_joints(recordings: Sequence[Recording], setting: Setting, start: Float[np.ndarray, "15"]) -> None:
@@ -113,15 +112,17 @@ def check_joints(recordings: Sequence[Recording], setting: Setting, start: Float
         if plain < SUSPICIOUS:
             continue
         # Without torques, angles that are too small by a factor of 57 fit any plant at rest.
-        readings = {text: read for text, read in _READINGS.items() if driven or read is not _radians}
-        others = {text: regress(setting, read(spans), start, driven).unexplained for text, read in readings.items()}
+        hypotheses = {text: read for text, read in _HYPOTHESES.items() if driven or read is not _radians}
+        others = {
+            text: regress(setting, read(spans), start, driven).unexplained for text, read in hypotheses.items()
+        }
         best = min(others, key=lambda text: others[text])
         if others[best] < min(BETTER * plain, GOOD):
             raise SwingupError(
                 f"{recording.name}: {best}: as it is, {min(plain, 1.0):.1%} of the impulses stay unexplained, and "
                 f"{others[best]:.1%} otherwise; correct the columns"
             )
-        if plain > (HOPELESS if driven else UNDRIVEN):
+        if plain > (FOREIGN if driven else FOREIGN_UNDRIVEN):
             reason = "" if driven else "torques that are not in the log act, or "
             raise SwingupError(
                 f"{recording.name}: {reason}the pendulum is not near the starting plant: {min(plain, 1.0):.1%} of "
@@ -133,8 +134,8 @@ def _bounds(setting: Setting, start: np.ndarray, driven: bool) -> tuple[np.ndarr
     masses, k = start[:4], start[INDEX["k"]]
     torque = setting.geometry.g * k
     rotor = max(10.0 * start[INDEX["Ir"]], start[INDEX["B"]] / setting.geometry.gr**2)
-    low = np.array([*(masses / WIDEST), *np.zeros(5)])
-    high = np.array([*(masses * WIDEST), 0.1 * torque, 0.1 * torque, 0.3 * torque, 0.3 * torque, rotor])
+    low = np.array([*(masses / LARGEST_FACTOR), *np.zeros(5)])
+    high = np.array([*(masses * LARGEST_FACTOR), 0.1 * torque, 0.1 * torque, 0.3 * torque, 0.3 * torque, rotor])
     if not driven:
         low[INDEX["k"]], high[INDEX["k"]] = 0.999 * k, 1.001 * k
     return low, high
@@ -170,7 +171,7 @@ def _radians(spans: Spans) -> Spans:
     return Spans(np.radians(spans.states), spans.impulse)
 
 
-_READINGS: dict[str, Callable[[Spans], Spans]] = {
+_HYPOTHESES: dict[str, Callable[[Spans], Spans]] = {
     "joints 1 and 2 look swapped": _swapped,
     "the angle of joint 2 looks absolute, not relative to link 1": _relative,
     "the angle of joint 1 looks measured from upright, not from hanging": _shifted,

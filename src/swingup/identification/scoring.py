@@ -17,7 +17,7 @@ from .windows import INTERVAL, Windows, cut_windows, join
 HORIZONS = (0.1, 0.25, 0.5)
 """s"""
 LENGTH = max(HORIZONS)
-LARGEST = 1e3
+LARGEST_ERROR = 1e3
 """An error that is larger or not finite counts as this (rad, rad/s)."""
 
 Errors = Mapping[str, Mapping[str, float | None]]
@@ -38,7 +38,7 @@ def prediction_errors(
         rows = np.flatnonzero(windows.log == log)
         part = windows.take(rows)
         errors[rows] = predict(setting, models[log], part) - part.reference
-    return np.clip(np.nan_to_num(errors, nan=LARGEST), -LARGEST, LARGEST)
+    return np.clip(np.nan_to_num(errors, nan=LARGEST_ERROR), -LARGEST_ERROR, LARGEST_ERROR)
 
 
 def summarise(errors: Float[np.ndarray, "windows outputs 4"]) -> Errors:

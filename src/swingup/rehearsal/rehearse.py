@@ -29,7 +29,7 @@ from .result import Rehearsal
 
 RECORDED = "recorded"
 """The domain of a rehearsal that names none: design C.1 in its loop, as recordings show them."""
-LONGEST = 600.0
+LONGEST_REHEARSAL = 600.0
 """Longest rehearsal (s)."""
 
 
@@ -62,7 +62,7 @@ def rehearse(
             fails, hangs, prints, or gives no two finite torques.
     """
     if duration is not None:
-        rules = dataclasses.replace(rules, duration=positive_number("duration", duration, LONGEST, "s"))
+        rules = dataclasses.replace(rules, duration=positive_number("duration", duration, LONGEST_REHEARSAL, "s"))
     seed, found = whole_number("seed", seed, 0, 2**32 - 1), find_folder(folder)
     with FolderProcess(found, simulated_clock=not real_time, calling=calling) as process:
         driven = _robot(robot, process.facts["robot"], found)

@@ -5,7 +5,7 @@ import numpy as np
 from ..identification.identify import Identification
 from ..identification.open_loop import SPEED_HORIZON, fastest_speeds, predicted_stretches, smoothed
 from ..identification.prediction import INDEX
-from ..identification.reading import NARROW, OFFSET_SIZE
+from ..identification.results import NARROW, OFFSET_SIZE
 from ..identification.scoring import LENGTH, prediction_errors
 from ..identification.windows import INTERVAL, Windows
 from .compare_study import PERIOD, STATES, motion_panels
@@ -30,11 +30,11 @@ def study_of_identification(found: Identification) -> Study:
     return Study("Identified double pendulum", lead, parts, found.notes)
 
 
-def _parameters(found: Identification) -> Part:
-    reading = found.reading
+def _parameters(identification: Identification) -> Part:
+    found = identification.estimates
     rows = [
-        [name, shown(reading.values[name], 4), f"{low:.4g} to {high:.4g}", _answer(reading.determined.get(name))]
-        for name, (low, high) in reading.intervals.items()
+        [name, shown(found.values[name], 4), f"{low:.4g} to {high:.4g}", _answer(found.determined.get(name))]
+        for name, (low, high) in found.intervals.items()
     ]
     note = (
         f"SI units. Determined: the 95 % interval is no wider than {100 * NARROW:g} % of the value, or than "
@@ -107,14 +107,14 @@ def _residuals(found: Identification) -> Part:
 
 
 def _friction(found: Identification) -> Part:
-    reading, start, panels = found.reading, found.start_models[0], []
+    estimates, start, panels = found.estimates, found.start_models[0], []
     fastest = max(float(np.quantile(np.abs(recording.dq), FASTEST)) for recording in found.recordings)
     v = np.linspace(-fastest, fastest, 401)
     slope = np.arctan(found.setting.steepness * v)
     for joint in (1, 2):
         names = (f"b{joint}", f"cf{joint}")
-        b, cf = (reading.values[name] for name in names)
-        (b0, b1), (cf0, cf1) = (reading.intervals.get(name, (reading.values[name],) * 2) for name in names)
+        b, cf = (estimates.values[name] for name in names)
+        (b0, b1), (cf0, cf1) = (estimates.intervals.get(name, (estimates.values[name],) * 2) for name in names)
         ends = np.array([b0 * v + cf0 * slope, b1 * v + cf1 * slope])
         before = start[INDEX[names[0]]] * v + start[INDEX[names[1]]] * slope
         panels.append(Panel(f"velocity of joint {joint} (rad/s)", f"friction of joint {joint} (N m)", [

@@ -34,7 +34,7 @@ Interval = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class Reading:
+class Estimates:
     """Estimates and intervals by name."""
 
     values: Mapping[str, float]
@@ -50,7 +50,7 @@ def read_solution(
     has_scale: bool,
     known: Sequence[str],
     seed: int = 0,
-) -> Reading:
+) -> Estimates:
     """Read a solution and its draws.
 
     Args:
@@ -80,7 +80,7 @@ def read_solution(
     intervals = {name: interval(sampled[name]) for name in found if name in free}
     determined = {name: _is_determined(name, found[name], intervals[name]) for name in intervals}
     determined |= {TITLES.get(name, name): True for name in known if name != "A"}
-    return Reading(found, intervals, determined | _never_determined(found, determined))
+    return Estimates(found, intervals, determined | _never_determined(found, determined))
 
 
 def _places(sessions: int) -> dict[str, tuple[int, int]]:
