@@ -47,8 +47,9 @@ def identified_bases(controller: AbstractController[Any], cases: list[Case], rul
             loop, measured, _ = measure(scenario, before, index, rules.dt)
             memory, command = controller(memory, index * rules.dt, measured)
             after = apply_torque(scenario, loop, index, command, rules.dt)
-            assert memory.identified is not None
-            return (after, memory), jnp.stack(identifier.found(memory.identified).theta)
+            found = controller.found(memory)
+            assert found is not None
+            return (after, memory), jnp.stack(found.theta)
 
         start = initial_loop(jnp.zeros(4), 1, scenario.disturbance, rules.dt), controller.init()
         return jax.lax.scan(step, start, jnp.arange(round(SECONDS / rules.dt)))[1]

@@ -58,7 +58,7 @@ class Numpy:
         estimator, joint, torques = self.controller._estimator, self.controller.robot.joint, []
         for x, t, u in zip(states, times, given, strict=True):
             torques.append(self.controller(x, t))
-            estimator._torques[0], estimator._identifier.state.torques[0] = u[joint], u
+            estimator.state.torques[0], estimator.identifier.state.torques[0] = u[joint], u
         return np.array(torques)
 
 

@@ -308,8 +308,10 @@ def _chunk(found, memory, *columns):
 
 def _given(memory, u, joint):
     """The memory of an estimator and its identifier once the motors were given other torques."""
-    identified = memory.identified._replace(torques=memory.identified.torques.at[0].set(u))
-    return dataclasses.replace(memory, torques=memory.torques.at[0].set(u[joint]), identified=identified)
+    state, identified = memory.estimator, memory.estimator.identified
+    identified = identified._replace(torques=identified.torques.at[0].set(u))
+    state = state._replace(torques=state.torques.at[0].set(u[joint]), identified=identified)
+    return memory._replace(estimator=state)
 
 
 def alone(name, states, exact=True):

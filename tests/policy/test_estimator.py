@@ -104,7 +104,7 @@ def closed_loops():
             angles = jnp.where(wrapped, (angles + jnp.pi) % (2 * jnp.pi) - jnp.pi, angles)
             measured = jnp.concatenate([angles, rates + sigma * normal])
             memory, u = controller(memory, index * DT, measured)
-            row = Rows(x, measured, memory.controller, u, memory.delay_steps)
+            row = Rows(x, measured, memory.controller, u, memory.estimator.delay_steps)
             u = jnp.clip(u, -limits, limits)
             return (rk4_step(p, x, u, DT), past, memory), tuple(vars(row).values())
 
@@ -213,7 +213,7 @@ def test_it_does_what_the_document_says(x64):
 
     def step(memory, now):
         memory, u = controller(memory, *now)
-        return memory, (memory.controller, memory.delay_steps, u[0])
+        return memory, (memory.controller, memory.estimator.delay_steps, u[0])
 
     rows = jax.lax.scan(step, controller.init(), (jnp.asarray(times), jnp.asarray(measured)))[1]
     shown, delay_steps, torques = (np.asarray(part) for part in rows)
@@ -288,14 +288,16 @@ NEAR = HERE + 0.01
 @pytest.mark.slow  # compiles for seconds
 @pytest.mark.parametrize("t", [2.6 * DT, 60.0, 0.0])
 def test_a_pause_or_a_clock_set_back_restarts_from_the_measurement(x64, controller, call, t):
-    memory = dataclasses.replace(feed(controller, call, HERE, HERE), delay_steps=jnp.array([3, 3]))
+    memory = feed(controller, call, HERE, HERE)
+    memory = memory._replace(estimator=memory.estimator._replace(delay_steps=jnp.array([3, 3])))
     again = call(memory, t, NEAR)
     np.testing.assert_array_equal(again.controller[0], NEAR)
-    np.testing.assert_array_equal(again.state[0], NEAR)
-    np.testing.assert_array_equal(again.delay_steps, 3)
-    assert not again.deviations.any()
-    np.testing.assert_array_equal(again.torques[:, 0], 6.0)  # of 9 N m that were asked for
-    assert not again.torques[:, 1:].any()
+    state = again.estimator
+    np.testing.assert_array_equal(state.state[0], NEAR)
+    np.testing.assert_array_equal(state.delay_steps, 3)
+    assert not np.any(state.deviations)
+    np.testing.assert_array_equal(state.torques[:, 0], 6.0)  # of 9 N m that were asked for
+    assert not state.torques[:, 1:].any()
 
 
 @pytest.mark.slow
@@ -322,14 +324,14 @@ def test_batched_is_single(x64, controller, call):
     mixed, one, other = (call(memory, 2 * DT, x) for x in (np.array([HERE, THERE]), HERE, THERE))
     for index, single in enumerate((one, other)):
         jax.tree.map(lambda a, b, k=index: np.testing.assert_array_equal(a[k], b[k]), mixed, single)
-    assert np.abs(mixed.state[0] - mixed.state[1]).max() > 0.1
+    assert np.abs(mixed.estimator.state[0] - mixed.estimator.state[1]).max() > 0.1
 
 
 @pytest.mark.parametrize("double", [False, True])
 def test_memory_keeps_its_types(controller, double):
     with jax.enable_x64(double):
         check_interface(controller)
-        assert controller.init().state.dtype == (jnp.float64 if double else jnp.float32)
+        assert controller.init().estimator.state.dtype == (jnp.float64 if double else jnp.float32)
 
 
 def test_a_controller_of_the_other_robot_is_refused():

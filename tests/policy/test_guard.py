@@ -210,7 +210,7 @@ def test_the_estimator_knows_what_the_motor_was_given():
     controller = NumpyController(guarded("acrobot-estimated", torque_rate=10.0))
     controller._network = lambda x: 5.0
     controller(np.zeros(4), 0.0)
-    assert controller._estimator._torques[0] == 0.02  # 10 N m/s for 2 ms
+    assert controller._estimator.state.torques[0] == 0.02  # 10 N m/s for 2 ms
 
 
 def test_braking():

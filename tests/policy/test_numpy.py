@@ -59,8 +59,8 @@ def test_the_estimates_are_the_judges(x64):
     for t, measured in zip(*faults(), strict=True):
         memory, expected = call(memory, jnp.asarray(t), jnp.asarray(measured))
         np.testing.assert_allclose(found(measured, t)[1], expected[1], rtol=0, atol=1e-7)
-        np.testing.assert_allclose(found._estimator._state, memory.state, rtol=1e-12, atol=1e-9)
-        assert found._estimator.delay_steps == memory.delay_steps
+        np.testing.assert_allclose(found._estimator.state.state, memory.estimator.state, rtol=1e-12, atol=1e-9)
+        assert found._estimator.state.delay_steps == memory.estimator.delay_steps
 
 
 def test_the_plant_is_the_leaderboards(robot, x64):

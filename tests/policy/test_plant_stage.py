@@ -127,8 +127,10 @@ def test_an_identifier_tells_what_it_found(file):
     whole = with_estimator(controller, controller.robot, p, identifier=make_identifier(controller.robot, p))
     memory = whole.init()
     found = jnp.linspace(0.9, 1.1, 9) * base_parameters(p)
-    identified = memory.identified._replace(unknowns=memory.identified.unknowns.at[:9].set(found))
-    told_one = whole._informed(dataclasses.replace(memory, identified=identified))
+    identified = memory.estimator.identified._replace(
+        unknowns=memory.estimator.identified.unknowns.at[:9].set(found)
+    )
+    told_one = whole.informed(whole.identifier.found(identified))
     # Without the friction, which is compensated.
     np.testing.assert_allclose(told_one.policy.stages[-1].base, found.at[4:8].set(0.0), rtol=1e-5)
 

@@ -215,9 +215,9 @@ def test_it_belongs_behind_an_estimator(double):
         check_interface(controller)
         whole = with_estimator(controller, robot, plant, identifier=make_identifier(robot, plant))
         memory = whole.init()
-        unknowns = memory.identified.unknowns.at[:9].multiply(1.1)
-        identified = memory.identified._replace(unknowns=unknowns)
-        told = whole._informed(dataclasses.replace(memory, identified=identified))
+        unknowns = memory.estimator.identified.unknowns.at[:9].multiply(1.1)
+        identified = memory.estimator.identified._replace(unknowns=unknowns)
+        told = whole.informed(whole.identifier.found(identified))
         np.testing.assert_allclose(told.base, unknowns[:9], rtol=1e-5)
 
 

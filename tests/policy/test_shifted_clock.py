@@ -62,7 +62,7 @@ def test_calls_before_a_reset_count_for_nothing(name):
 @pytest.mark.parametrize("name", ADAPTIVES)
 def test_the_number_of_calls_means_nothing_once_the_window_is_full(name):
     found = NumpyController(policy(name))
-    identifier = found._estimator._identifier
+    identifier = found._identifier
     identifier.state = identifier.state._replace(calls=10**9)
     torques = numpy_loop(found, steps=FEW)[2]
     # Learning begins some calls earlier: at rest there is nothing to learn yet.

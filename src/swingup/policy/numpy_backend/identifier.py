@@ -7,7 +7,7 @@ from ...physics.equations import Pair
 from ...physics.maths import NUMPY
 from ...physics.plant import Plant
 from .. import identifier
-from ..identifier import Found
+from ..identifier import Found, IdentifierState
 from ..identifier_settings import IdentifierSettings, prior
 
 
@@ -34,8 +34,11 @@ class NumpyIdentifier:
 
     def reset(self) -> None:
         """Nothing seen yet."""
-        self.state = identifier.begin(NUMPY, self)
-        self.found = identifier.found(NUMPY, self, self.state)
+        self.take(identifier.begin(NUMPY, self))
+
+    def take(self, state: IdentifierState) -> None:
+        """Go on from a state."""
+        self.state, self.found = state, identifier.found(NUMPY, self, state)
 
     def restart(self) -> None:
         """After a pause: what was found stays, the motion before is forgotten."""
@@ -56,8 +59,7 @@ class NumpyIdentifier:
         """
         # What is not finite is left out at the end.
         with np.errstate(all="ignore"):
-            self.state = identifier.observe(NUMPY, self, self.state, np.array([q1, q2]), delay_steps, step)
-        self.found = identifier.found(NUMPY, self, self.state)
+            self.take(identifier.observe(NUMPY, self, self.state, np.array([q1, q2]), delay_steps, step))
 
     def interval(self, step: float) -> float:
         """Time between the angles observed last and the next ones (s), for a call a step (s) after the last one."""

@@ -1,0 +1,247 @@
+"""A state estimator from the nominal model, the commanded torques and the measurements, in Python.
+
+Encoders are good and velocities are noisy, on the real robots as in the robustness benchmark. A Kalman filter takes
+velocities mostly from successive positions and the model. The loop may have a delay (an old measurement, a slow
+motor): a bank of such filters, one for each delay, tells which explains the measured motion best, and the estimate
+is carried ahead over that time with the torques that are still on their way.
+
+It remembers the estimate x̂ of the *measured* state, which is as old as the delay; the commanded torques
+u_0 ... u_N, u_0 the last one; for each delay n = 0 ... N a deviation d_n = (d_q, d_v) of its filter's estimate from
+x̂, and evidence S_n; and the delay m. At each call with the measurement z, a time h after the last one (Δ if 0):
+
+1. p = f(x̂, u_m, h) with one step f of the model; e = z - p, its angles to the nearest turn. The filters differ
+   only in the torque, and accelerations are linear in the torque. A double integrator therefore carries the
+   deviations on, with b = ∂q̈/∂u at x̂:
+
+       a_n = (u_n - u_m) b,   d_q ← d_q + h d_v + ½ h² a_n,   d_v ← d_v + h a_n.
+
+2. S_n ← exp(-Δ/T) S_n + log(1 + |e_q - d_q|²/s²). The new m is the n with the least S_n + c n, the smallest of
+   equal ones, and none below the angles' own age.
+3. d_n ← d_n - K d_n, x̂ ← p + K e + d_m, d_n ← d_n - d_m, with the Kalman gains K of ``settings.kalman_gains``.
+4. The estimate restarts, x̂ ← z, all u_n and d_n ← 0, S and m as before the call, if there was no call before, if
+   the last one was more than 1.5 Δ ago or is in the future, or if a rate of x̂ is not within 100 standard
+   deviations of the measured one. The controller then sees z.
+5. Otherwise it sees x̂ carried ahead by m steps: four steps of the model of m h/4 each, with the mean of the
+   torques that act in each, as if commands were held from call to call; z if that is not finite.
+
+With an identifier z is the measurement less the offsets found, the model is the plant found before this call, and h
+is the time between the angles where they are a call old. The identifier is shown the measured angles last. The
+friction that it found is compensated on both joints, b q̇ + c arctan(100 q̇) at the rates seen, the undriven joint's
+within its limit; both torques are NaN if the state seen is not finite.
+"""
+
+import math
+from typing import NamedTuple, Protocol, TypeAlias
+
+from ..physics.damped import Friction
+from ..physics.equations import Lumped, Number, friction
+from ..physics.maths import Maths
+from . import identifier
+from .identifier import Array, Found, IdentifierState
+from .identifier_settings import LONGEST_STEP
+from .settings import LOST, PIECES, EstimatorSettings
+
+Model: TypeAlias = tuple[Lumped, Friction] | None
+"""The plant that was identified; None for the nominal one."""
+
+
+class Loop(Protocol):
+    """What an estimator knows of its loop."""
+
+    @property
+    def settings(self) -> EstimatorSettings:
+        """What to expect of measurement and loop."""
+
+    @property
+    def gains(self) -> Array:
+        """Kalman gains (2, 2) of a joint, from the misses of its angle and its rate to corrections of both."""
+
+    @property
+    def limits(self) -> Array:
+        """Largest torques (2,) that are counted (N m): the motor's, infinite for the undriven joint."""
+
+    @property
+    def joint(self) -> int:
+        """Index of the driven joint."""
+
+    @property
+    def identifier(self) -> identifier.Loop | None:
+        """Identifies the plant; None for the nominal model."""
+
+    def step(self, model: Model, x: Array, torque: Number, dt: Number) -> Array:
+        """The state (4,) a time dt (s) after x under the driven joint's torque (N m)."""
+
+    def response(self, model: Model, x: Array) -> Array:
+        """M⁻¹ times the torque of 1 N m on the driven joint (2,) (rad/s²)."""
+
+
+class EstimatorState(NamedTuple):
+    """What is remembered from call to call."""
+
+    time: Number
+    """Time of the last call (s), -inf before the first."""
+    state: Array
+    """Estimate (4,) of the measured state, which is as old as the delay."""
+    torques: Array
+    """Commanded torques (depth,), newest first (N m)."""
+    deviations: tuple[Array, Array]
+    """The bank: what the filter with each delay estimates besides ``state``, angles and rates (depth, 2)."""
+    surprise: Array
+    """Evidence (depth,) against each delay, the lower the better."""
+    delay_steps: Number
+    """The delay found (steps)."""
+    identified: IdentifierState | None = None
+    """What the identifier remembers; None without one."""
+
+
+def begin(maths: Maths, loop: Loop) -> EstimatorState:
+    """Nothing seen yet."""
+    xp, depth = maths.xp, loop.settings.max_delay_steps + 1
+    return EstimatorState(
+        time=xp.array(-math.inf),
+        state=xp.zeros(4),
+        torques=xp.zeros(depth),
+        deviations=(xp.zeros((depth, 2)), xp.zeros((depth, 2))),
+        surprise=xp.zeros(depth),
+        delay_steps=xp.array(0),
+        identified=None if loop.identifier is None else identifier.begin(maths, loop.identifier),
+    )
+
+
+def observe(
+    maths: Maths, loop: Loop, state: EstimatorState, found: Found | None, t: Number, x: Array
+) -> tuple[EstimatorState, Array]:
+    """An estimate of the state now.
+
+    Args:
+        maths: for this kind of number.
+        loop: what is known.
+        state: of the calls before.
+        found: what the identifier, if there is one, has found before.
+        t: time (s).
+        x: measured state (4,) (rad, rad/s).
+    """
+    xp, period, measured = maths.xp, loop.settings.dt, x
+    pause = t - state.time
+    # The first call (an infinite pause) and a clock of NaN fail both comparisons.
+    in_time = (pause >= 0) & (pause <= 1.5 * period)
+    # Both branches below may be computed: a late call needs a finite step, too.
+    dt, model = maths.where(in_time & (pause > 0), pause, period), None
+    between, age = dt, 0
+    if found is not None and state.identified is not None:
+        x, model = x - maths.vector([*found.offsets, 0.0, 0.0]), (found.plant, found.friction)
+        between, age = identifier.interval(maths, state.identified, dt), state.identified.age
+    followed = _follow(maths, loop, state, x, between, model, age)
+    # What is not finite fails the comparison, and is lost.
+    near = abs(x - followed.state)[2:] <= LOST * loop.settings.velocity_noise
+    kept = in_time & near.all()
+    after = maths.choose(~kept, lambda: _restart(maths, state, x), followed)
+    # The filter's estimate is as old as the delay; the controller needs the present state.
+    ahead = maths.choose(after.delay_steps > 0, lambda: _ahead(maths, loop, after, dt, model), after.state)
+    seen = maths.choose(kept & xp.isfinite(ahead).all(), lambda: ahead, x)
+    return after._replace(time=t, identified=_identify(maths, loop, after, pause, measured)), seen
+
+
+def compensation(maths: Maths, loop: Loop, asked: Friction, seen: Array) -> Array:
+    """Torques (2,) against the friction found (N m); NaN if the state seen is not finite.
+
+    Args:
+        maths: for this kind of number.
+        loop: what is known, with an identifier.
+        asked: what the identifier asks of the motors.
+        seen: state (4,) that the controller sees.
+    """
+    assert loop.identifier is not None  # the caller has what it found
+    most, finite = loop.identifier.settings.passive_limit, maths.xp.isfinite(seen).all()
+    torques = []
+    for joint, (b, cf, rate) in enumerate(zip(*asked, maths.numbers(seen[2:]), strict=True)):
+        # The arctangent and the clip would make a finite torque of an infinite velocity.
+        torque = friction(b, cf, maths.where(finite, rate, math.nan), maths.arctan)
+        torques.append(torque if joint == loop.joint else maths.clip(torque, -most, most))
+    return maths.vector(torques)
+
+
+def remember(maths: Maths, loop: Loop, state: EstimatorState, u: Array) -> EstimatorState:
+    """Note the torques (2,) that both motors were asked for (N m)."""
+    # The model gets the torque that the motor can give.
+    given = maths.xp.minimum(maths.xp.maximum(u, -loop.limits), loop.limits)
+    torques = maths.xp.concatenate([given[loop.joint][None], state.torques[:-1]])
+    before = state.identified
+    return state._replace(
+        torques=torques, identified=None if before is None else identifier.remember(maths, before, given)
+    )
+
+
+def _identify(maths: Maths, loop: Loop, state: EstimatorState, pause: Number, x: Array) -> IdentifierState | None:
+    """Show the identifier, if there is one, the angles measured a pause (s) after the last ones.
+
+    Rates are noisy and not needed.
+    """
+    before, behind, period = state.identified, loop.identifier, loop.settings.dt
+    if behind is None or before is None:
+        return None
+    # It knows each step's time: the late calls of an uneven loop do not interrupt it.
+    late = maths.xp.logical_not((pause >= 0) & (pause <= LONGEST_STEP * period))
+    going_on = maths.choose(late, lambda: identifier.restart(maths, behind, before), before)
+    step = maths.where(pause == 0, period, pause)
+    return identifier.observe(maths, behind, going_on, x[:2], state.delay_steps, step)
+
+
+def _restart(maths: Maths, state: EstimatorState, x: Array) -> EstimatorState:
+    """Believe the measurement. The evidence on the delay is kept: it belongs to the loop, not to the motion."""
+    zeros = maths.xp.zeros_like(state.deviations[0])
+    return state._replace(state=x, torques=maths.xp.zeros_like(state.torques), deviations=(zeros, zeros))
+
+
+def _follow(
+    maths: Maths, loop: Loop, state: EstimatorState, x: Array, dt: Number, model: Model, age: Number
+) -> EstimatorState:
+    """One step of dt (s) of the filter in charge and of the bank, for angles of an age (calls)."""
+    xp, s = maths.xp, loop.settings
+    gains = xp.asarray(loop.gains, state.state.dtype)
+    torque = state.torques[state.delay_steps]
+    predicted = loop.step(model, state.state, torque, dt)
+    miss = x - predicted
+    angles, rates = maths.nearest(miss[:2]), miss[2:]
+
+    extra = (state.torques - torque)[:, None] * loop.response(model, state.state)
+    bank_angles, bank_rates = state.deviations
+    bank_angles = bank_angles + dt * bank_rates + 0.5 * dt**2 * extra
+    bank_rates = bank_rates + dt * extra
+
+    scaled = ((angles - bank_angles) ** 2).sum(axis=1) / s.residual_scale**2
+    surprise = math.exp(-s.dt / s.memory) * state.surprise + xp.log1p(scaled)
+    # A delay below the angles' own age cannot be.
+    beyond = xp.arange(s.max_delay_steps + 1) - age
+    delay_steps = xp.argmin(xp.where(beyond < 0, math.inf, surprise + s.caution * beyond))
+
+    corrected = _correction(gains, bank_angles, bank_rates)
+    bank_angles, bank_rates = bank_angles - corrected[0], bank_rates - corrected[1]
+    angles, rates = _correction(gains, angles, rates)
+    # They count from the filter in charge, which may be another one now.
+    own_angles, own_rates = bank_angles[delay_steps], bank_rates[delay_steps]
+    return state._replace(
+        state=xp.concatenate([predicted[:2] + angles + own_angles, predicted[2:] + rates + own_rates]),
+        deviations=(bank_angles - own_angles, bank_rates - own_rates),
+        surprise=surprise,
+        delay_steps=delay_steps.astype(state.delay_steps.dtype),
+    )
+
+
+def _correction(gains: Array, angles: Array, rates: Array) -> tuple[Array, Array]:
+    """What the Kalman gains make of misses."""
+    return gains[0, 0] * angles + gains[0, 1] * rates, gains[1, 0] * angles + gains[1, 1] * rates
+
+
+def _ahead(maths: Maths, loop: Loop, state: EstimatorState, dt: Number, model: Model) -> Array:
+    """The state after the delay, steps of dt (s), in pieces with the mean of the torques that act in each."""
+    xp, steps = maths.xp, state.delay_steps / PIECES
+    # How much of each torque's step lies before a piece's ends: it began and will end so many steps ago.
+    ages = xp.arange(loop.settings.max_delay_steps + 1)
+    passed = xp.clip(xp.arange(PIECES, -1, -1)[:, None] * steps - ages, 0.0, 1.0)
+    # Without a delay the pieces are empty: 0 / 0 would be NaN.
+    torques = ((passed[:-1] - passed[1:]) * state.torques).sum(axis=1) / maths.maximum(steps, 1e-6)
+    x = state.state
+    for torque in maths.numbers(torques):
+        x = loop.step(model, x, torque, steps * dt)
+    return x
