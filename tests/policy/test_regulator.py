@@ -108,19 +108,19 @@ def test_the_cost_to_go_follows_the_plant(robot):
     controller = regulated(robot)
     memory, told = controller.init(), told_base(controller, jnp.asarray(base_parameters(plants(robot)[1])))
     expected = fixed_point(plants(robot)[1], robot.joint, SETTINGS)[TRIANGLE]
-    assert np.abs(memory.cost_to_go / expected - 1).max() > 0.5
+    assert np.abs(memory.regulator.cost_to_go / expected - 1).max() > 0.5
 
     def call(carry, _):
         after = told(carry, 0.0, jnp.zeros(4))[0]
-        return after, after.cost_to_go
+        return after, after.regulator.cost_to_go
 
     found = np.asarray(jax.lax.scan(call, memory, length=100)[1])
     errors = np.abs(found / expected - 1).max(axis=1)
     assert errors[50] < 0.05
     assert errors[-1] < 1e-3
     # The file's plant stays where it is.
-    stayed = controller(memory, 0.0, jnp.zeros(4))[0].cost_to_go
-    np.testing.assert_allclose(stayed, memory.cost_to_go, rtol=1e-9)
+    stayed = controller(memory, 0.0, jnp.zeros(4))[0].regulator.cost_to_go
+    np.testing.assert_allclose(stayed, memory.regulator.cost_to_go, rtol=1e-9)
 
 
 @pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda robot: robot.name)
@@ -132,7 +132,7 @@ def test_it_holds_another_plant_that_it_is_told(robot):
     def step(carry, _):
         x, memory = carry
         memory, u = told(memory, 0.0, x)
-        return (rk4_step(plant, x, jnp.clip(u, -limits, limits), DT), memory), (x, memory.acting, u)
+        return (rk4_step(plant, x, jnp.clip(u, -limits, limits), DT), memory), (x, memory.regulator.acting, u)
 
     start = jnp.array([np.pi + 0.015 + 2 * np.pi, -0.01 - 2 * np.pi, 0.0, 0.0])
     x, acting, u = map(np.asarray, jax.lax.scan(step, (start, told.init()), length=STEPS)[1])
@@ -151,7 +151,7 @@ def test_bounds():
     memory, acting, torques = controller.init(), [], []
     for size in sizes:
         memory, u = controller(memory, 0.0, jnp.asarray(UPRIGHT + size * e))
-        acting.append(bool(memory.acting))
+        acting.append(bool(memory.regulator.acting))
         torques.append(np.asarray(u))
     assert acting == [False, True, True, True, True, False, False, True, True, True]
     # The policy's torques while it acts, its number of calls always.
@@ -182,7 +182,7 @@ def test_dry_friction_of_the_undriven_joint_lowers_the_bounds(robot, sign):
 
     def call(memory, x):
         memory, _ = controller(memory, 0.0, x)
-        return memory, memory.acting
+        return memory, memory.regulator.acting
 
     acting = jax.lax.scan(call, controller.init(), jnp.asarray(states))[1]
     assert acting[-4:].tolist() == [other(x) is not None for x in states][-4:] == [True, False, False, True]
@@ -192,17 +192,20 @@ def test_dry_friction_of_the_undriven_joint_lowers_the_bounds(robot, sign):
 def test_a_broken_measurement_is_not_hidden_while_it_acts(robot):
     """An infinite rate must not become the largest torque."""
     controller = regulated(robot)
-    memory = dataclasses.replace(controller.init(), acting=jnp.array(True))
+    memory = controller.init()
+    memory = memory._replace(regulator=memory.regulator._replace(acting=jnp.array(True)))
     broken = jnp.where(jnp.isfinite(UNSOUND), UPRIGHT, UNSOUND)
     after, torques = jax.vmap(lambda x: controller(memory, 0.0, x))(broken)
-    assert np.asarray(after.acting).all()
+    assert np.asarray(after.regulator.acting).all()
     assert np.isnan(np.asarray(torques)[:, robot.joint]).all()
 
 
 def test_a_spoilt_cost_to_go_starts_again():
     controller = regulated(ROBOTS["pendubot"])
-    memory = dataclasses.replace(controller.init(), cost_to_go=jnp.full(10, jnp.inf))
-    np.testing.assert_array_equal(controller(memory, 0.0, jnp.zeros(4))[0].cost_to_go, controller.start)
+    memory = controller.init()
+    memory = memory._replace(regulator=memory.regulator._replace(cost_to_go=jnp.full(10, jnp.inf)))
+    after = controller(memory, 0.0, jnp.zeros(4))[0]
+    np.testing.assert_array_equal(after.regulator.cost_to_go, controller.start)
 
 
 @pytest.mark.parametrize("double", [False, True])

@@ -25,8 +25,8 @@ SOURCES = (
     "physics/maths.py", "physics/momentum.py", "physics/plant.py", "physics/units.py",
     *(f"policy/{name}.py" for name in (
         "__init__", "compensation", "contract", "estimator", "file", "fold", "guard", "identifier",
-        "identifier_settings", "network", "pendulum", "plant", "plant_facts", "regulator_settings", "riccati",
-        "settings", "shipped", "stages", "upright",
+        "identifier_settings", "network", "pendulum", "plant", "plant_facts", "regulator", "regulator_settings",
+        "riccati", "settings", "shipped", "stages", "upright",
     )),
     *(f"policy/numpy_backend/{name}.py" for name in (
         "__init__", "controller", "estimator", "guard", "identifier", "network", "regulator",

@@ -6,6 +6,7 @@ from typing import TypeVar
 import jax
 import jax.numpy as jnp
 
+from ...control.scalar_algebra import unpack
 from ...physics.maths import Maths
 from ...physics.trigonometry import arctan, sine_cosine
 from ...types import Flag
@@ -28,7 +29,7 @@ JAX = Maths(
     minimum=jnp.minimum,
     maximum=jnp.maximum,
     where=jnp.where,
-    numbers=lambda values: tuple(values[..., place] for place in range(values.shape[-1])),
+    numbers=unpack,
     vector=jnp.stack,
     window=lambda rows, start, size: jax.lax.dynamic_slice_in_dim(rows, start, size),
     choose=choose,

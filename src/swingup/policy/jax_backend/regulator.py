@@ -1,11 +1,6 @@
-"""A regulator that takes over from a policy near the top, for the plant as it is known now.
+"""The regulator of ``policy/regulator.py`` in JAX: a controller around a policy."""
 
-A recursion of the Riccati equation goes on by a few steps at each call, with the plant linearised upright for base
-parameters θ: the cost-to-go P follows θ within a few calls. θ is the file's plant, or what an identifier tells. The
-steps are those of ``docs/policy-format.md``. Neither time nor the number of calls enters.
-"""
-
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -15,27 +10,25 @@ from jaxtyping import Array, Float
 
 from ...control.controller import AbstractController
 from ...control.scalar_algebra import Matrix, Vector, dot, symmetric_times, unpack
-from ...physics.angles import UPRIGHT, nearest
 from ...physics.base_parameters import Geometry, base_parameters, geometry_of
 from ...physics.equations import Number
 from ...physics.plant import Plant
 from ...robots import Robot
-from ...types import Flag, Scalar, State, Torque
-from ..regulator_settings import RegulatorSettings, bounds, fixed_point
-from ..upright import Discrete, upright_step
-from .maths import choose
+from ...types import Scalar, State, Torque
+from .. import regulator
+from ..regulator import RegulatorState
+from ..regulator_settings import RegulatorSettings, fixed_point
+from ..upright import Discrete
+from .maths import JAX
 
 TRIANGLE = np.triu_indices(4)
-"""Rows and columns of what is remembered of P."""
+"""Rows and columns of what is remembered of P, row by row."""
 
 
-class RegulatorMemory(eqx.Module):
+class RegulatorMemory(NamedTuple):
     """What is remembered from call to call."""
 
-    cost_to_go: Float[Array, "10"]
-    """The upper triangle of P, row by row."""
-    acting: Flag
-    """Whether the regulator acts."""
+    regulator: RegulatorState
     controller: Any
     """What the policy remembers."""
 
@@ -56,32 +49,24 @@ class RegulatingController(AbstractController[RegulatorMemory]):
     robot: Robot = eqx.field(static=True)
     """Which joint is driven."""
 
+    @property
+    def joint(self) -> int:
+        """Index of the driven joint."""
+        return self.robot.joint
+
     def init(self) -> RegulatorMemory:
         """The policy acts."""
-        return RegulatorMemory(jnp.asarray(self.start), jnp.array(False), self.controller.init())
+        return RegulatorMemory(regulator.begin(JAX, self), self.controller.init())
 
     def __call__(self, carry: RegulatorMemory, t: Scalar, x: State) -> tuple[RegulatorMemory, Torque]:
         """The torque of the one that acts (N m); NaN if the state is not finite."""
         inner, u = self.controller(carry.controller, t, x)
-        step = self._plant(carry.cost_to_go.dtype)
-        P = self._recursion(carry.cost_to_go, step)
-        error = x - jnp.asarray(UPRIGHT, x.dtype)
-        e = unpack(error.at[:2].set(nearest(error[:2])))
-        rows, limit = _symmetric(P), self.torque_limit
-        finite = jnp.isfinite(x).all()
-        acting = self._acts(carry.acting, dot(e, symmetric_times(rows, e)), finite)
-        torque = jnp.clip(-dot(_gains(rows, step, self.settings.step_weights[1]), e), -limit, limit)
-        # The clip would make an infinite rate the largest torque.
-        torque = jnp.where(finite, torque, jnp.nan)
+        held = regulator.held(self, unpack(jnp.asarray(self.base, carry.regulator.cost_to_go.dtype)))
+        state, torque = regulator.regulate(JAX, self, carry.regulator, held, x)
         regulated = torque.astype(u.dtype) * jnp.array(self.robot.actuation, u.dtype)
-        return RegulatorMemory(P, acting, inner), jnp.where(acting, regulated, u)
+        return RegulatorMemory(state, inner), jnp.where(state.acting, regulated, u)
 
-    def _plant(self, dtype: Any) -> Discrete:
-        """One step of the recursion for θ."""
-        s, theta = self.settings, unpack(jnp.asarray(self.base, dtype))
-        return upright_step(theta, self.geometry, self.robot.joint, s.coulomb_damping, s.riccati_step)
-
-    def _recursion(self, before: Float[Array, "10"], step: Discrete) -> Float[Array, "10"]:
+    def advanced(self, P: Float[Array, "10"], step: Discrete) -> Float[Array, "10"]:
         """P after the steps of one call."""
         weights, torque_weight = self.settings.step_weights
 
@@ -89,14 +74,17 @@ class RegulatingController(AbstractController[RegulatorMemory]):
             rows = _riccati(_symmetric(P), step, weights, torque_weight)
             return jnp.stack([value for row in rows for value in row])
 
-        P = jax.lax.fori_loop(0, self.settings.riccati_steps, advance, before)
-        return choose(jnp.isfinite(P).all(), lambda: P, jnp.asarray(self.start, P.dtype))
+        return jax.lax.fori_loop(0, self.settings.riccati_steps, advance, P)
 
-    def _acts(self, acting: Flag, cost_to_go: Scalar, finite: Flag) -> Flag:
-        """Hysteresis: it takes over at ``enter`` and gives up by ``leave``; what is not finite changes nothing."""
-        enter, leave = bounds(self.settings, self.base, self.robot.joint)
-        within = jnp.where(acting, cost_to_go <= leave, cost_to_go < enter)
-        return jnp.where(finite, within, acting)
+    def cost(self, P: Float[Array, "10"], e: Vector) -> Scalar:
+        """The cost-to-go eᵀ P e."""
+        found: Scalar = dot(e, symmetric_times(_symmetric(P), e))
+        return found
+
+    def command(self, P: Float[Array, "10"], step: Discrete, e: Vector) -> Scalar:
+        """The torque -K e (N m)."""
+        found: Scalar = -dot(_gains(_symmetric(P), step, self.settings.step_weights[1]), e)
+        return found
 
 
 def with_regulator(

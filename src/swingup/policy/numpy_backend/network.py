@@ -10,19 +10,13 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ...physics.base_parameters import BASE
+from ...physics.maths import TURN
 from ..network import NORM_EPSILON, Activation, Network, Norm
 from ..pendulum import PendulumPolicy
 from ..stages import NormaliseStage, PendulumStage, Stage
 
 Observe = Callable[[np.ndarray], np.ndarray]
 Activate = Callable[[np.ndarray], np.ndarray]
-
-TURN = 2 * math.pi
-
-
-def nearest(angle: float) -> float:
-    """A difference of angles (rad) less full turns."""
-    return angle - TURN * round(angle / TURN)
 
 
 class NumpyNetwork:

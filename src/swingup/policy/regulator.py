@@ -1,0 +1,103 @@
+"""A regulator that takes over from a policy near the top, for the plant as it is known now, in Python.
+
+e = (q1 - π, q2, q̇1, q̇2) are the errors, their angles to the nearest turn. ``upright`` has the linear equations
+e ← A e + b u of a step h, for the plant's base parameters θ: the file's plant, or what an identifier tells. With
+Q = h diag(q) and R = h r of the settings each call does a few steps of the Riccati equation's recursion,
+
+    P ← Q + Aᵀ P A - (Aᵀ P b)(Aᵀ P b)ᵀ / (R + bᵀ P b),
+
+so that the cost-to-go P follows θ within a tenth of a second. P starts at the fixed point for the file's plant, and
+starts again if it is not finite. Neither time nor the number of calls enters.
+
+The regulator takes over where eᵀ P e is below a first bound, and acts while it is at most a second one
+(``regulator_settings.bounds``); a state that is not finite changes nothing. Its torque is u = -K e within the
+limit, K = bᵀ P A / (R + bᵀ P b), and NaN if the state is not finite.
+"""
+
+import math
+from typing import Any, NamedTuple, Protocol
+
+from ..physics.base_parameters import Geometry
+from ..physics.equations import Number
+from ..physics.maths import Maths
+from .regulator_settings import RegulatorSettings, bounds
+from .upright import Discrete, upright_step
+
+
+class RegulatorState(NamedTuple):
+    """What is remembered from call to call."""
+
+    cost_to_go: Any
+    """P, as the loop keeps it."""
+    acting: Any
+    """Whether the regulator acts."""
+
+
+class Held(NamedTuple):
+    """The plant that is held."""
+
+    step: Any
+    """A and b: ``Discrete``, or what the loop makes of it."""
+    enter: Number
+    """Cost-to-go below which the regulator takes over."""
+    leave: Number
+    """Cost-to-go above which it gives up."""
+
+
+class Loop(Protocol):
+    """What a regulator knows, and products of small matrices as they are fast for a kind of number."""
+
+    @property
+    def settings(self) -> RegulatorSettings:
+        """Weights, recursion and bounds."""
+
+    @property
+    def geometry(self) -> Geometry:
+        """What is known of the plant besides θ."""
+
+    @property
+    def joint(self) -> int:
+        """Index of the driven joint."""
+
+    @property
+    def torque_limit(self) -> float:
+        """Largest torque (N m)."""
+
+    @property
+    def start(self) -> Any:
+        """P at first."""
+
+    def advanced(self, P: Any, step: Any) -> Any:
+        """P after the steps of one call."""
+
+    def cost(self, P: Any, e: tuple[Number, ...]) -> Number:
+        """The cost-to-go eᵀ P e."""
+
+    def command(self, P: Any, step: Any, e: tuple[Number, ...]) -> Number:
+        """The torque -K e (N m)."""
+
+
+def begin(maths: Maths, loop: Loop) -> RegulatorState:
+    """The policy acts."""
+    return RegulatorState(maths.xp.asarray(loop.start), maths.xp.array(False))
+
+
+def held(loop: Loop, theta: Any) -> Held:
+    """What to hold for base parameters θ (9,)."""
+    s = loop.settings
+    step: Discrete = upright_step(theta, loop.geometry, loop.joint, s.coulomb_damping, s.riccati_step)
+    return Held(step, *bounds(s, theta, loop.joint))
+
+
+def regulate(maths: Maths, loop: Loop, state: RegulatorState, plant: Held, x: Any) -> tuple[RegulatorState, Number]:
+    """The torque (N m) for a state x (4,), of meaning while the regulator acts."""
+    P = loop.advanced(state.cost_to_go, plant.step)
+    P = maths.choose(maths.xp.isfinite(P).all(), lambda: P, maths.xp.asarray(loop.start, P.dtype))
+    q1, q2, dq1, dq2 = maths.numbers(x)
+    e = maths.nearest(q1 - math.pi), maths.nearest(q2), dq1, dq2
+    cost, finite, limit = loop.cost(P, e), maths.xp.isfinite(x).all(), loop.torque_limit
+    within = maths.where(state.acting, cost <= plant.leave, cost < plant.enter)
+    torque = maths.clip(loop.command(P, plant.step, e), -limit, limit)
+    # The clip would make an infinite rate the largest torque.
+    torque = maths.where(finite, torque, math.nan)
+    return RegulatorState(P, maths.where(finite, within, state.acting)), torque
