@@ -81,7 +81,7 @@ def test_lengths_decide_what_is_up():
 
 
 def test_a_recording_is_examined_by_its_plant():
-    heavy = dataclasses.replace(B0.parameters, tl2=1.0)
+    heavy = dataclasses.replace(B0, tl2=1.0)
     rows = up(B0)
     rows = Trajectory(rows.time, rows.x, np.tile([0.0, 2.0], (rows.time.size, 1)))
     names = {each.name for each in examine(rows, "acrobot", plant=heavy).warnings}
@@ -151,7 +151,7 @@ def test_a_policy_for_another_plant_says_so_once(caplog):
         for _ in range(2):
             for plant in (None, "A.0"):
                 parameters = None if plant is None else load_plant(plant).driven("acrobot")
-                prepare(get_controller("ar-eapo", "acrobot", False, plant), ACROBOT, "ar-eapo", parameters)
+                prepare(get_controller("ar-eapo", "acrobot"), ACROBOT, "ar-eapo", parameters)
     assert len(caplog.messages) == 1
     assert "controller 'ar-eapo': the policy was made for a plant 'leaderboard' with" in caplog.messages[0]
 

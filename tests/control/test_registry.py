@@ -146,6 +146,11 @@ def test_names_of_modules_that_cannot_be(name):
     assert str(error.value).isprintable()
 
 
+def test_a_policy_takes_no_plant():
+    with pytest.raises(SwingupError, match="policy 'ar-eapo' has a plant of its own: leave plant out here"):
+        get_controller("ar-eapo", "pendubot", plant="B.0")
+
+
 def test_built_in_names(files):
     assert isinstance(swingup.get_controller("tvlqr", "pendubot"), LatchingSwitch)
     assert isinstance(get_controller("tvlqr", "pendubot", True).controller, LatchingSwitch)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..control.baselines import BASELINES
-from ..control.registry import get_controller, has_estimator
+from ..control.registry import designs_for, get_controller, has_estimator
 from ..errors import SwingupError
 from ..physics.plant import Plant, PlantLike, find_plant, plant_as_dict
 from ..plants.domain import load_domain
@@ -157,10 +157,9 @@ def entrants_for(
         SwingupError: another controller has a name of ours.
     """
     _check_names(others, names)  # before controllers are made, which takes seconds
-    # Not get_controller: its notes on changed names are for names that a user gives.
-    ours = {name: get_controller(name, robot, plant=plant) for name in names}
+    ours = {name: get_controller(name, robot, plant=designs_for(name, plant)) for name in names}
     twice = [name for name in names if alone and has_estimator(ours[name])]
-    ours |= {f"{name}{ALONE}": get_controller(name, robot, False, plant) for name in twice}
+    ours |= {f"{name}{ALONE}": get_controller(name, robot, False, designs_for(name, plant)) for name in twice}
     # Again, for the names without an estimator: they are known only now.
     _check_names(others, ours)
     return ours | dict(others)

@@ -16,7 +16,7 @@ from ..benchmark.rules import UptimeRules
 from ..benchmark.trajectory_file import load_trajectory
 from ..checks import one_of
 from ..control.check import check_controller
-from ..control.registry import get_controller
+from ..control.registry import designs_for, get_controller
 from ..errors import SwingupError
 from ..policy.shipped import DEFAULT
 from ..robots import get_robot
@@ -100,7 +100,7 @@ def check_command(
     """
     chosen = get_robot(robot)
     with foreign_prints_apart():
-        found = get_controller(controller, chosen, estimator.wanted, plant.make())
+        found = get_controller(controller, chosen, estimator.wanted, designs_for(controller, plant.make()))
         findings = check_controller(found, chosen)
     tell(*(f"{judged_name(controller, found)}: {each}" for each in findings or ["nothing wrong was found"]))
     return FOUND if findings else 0
@@ -148,7 +148,10 @@ class BoardCommands:
         version, made, on = self.rules[one_of("rules", rules, self.rules)], [], plant.make()
         with foreign_prints_apart(), progress_shown() as progress:
             for each in robots(robot):
-                mine = {name: get_controller(name, each, plant=on) for name in split_commas(controller)}
+                mine = {
+                    name: get_controller(name, each, plant=designs_for(name, on))
+                    for name in split_commas(controller)
+                }
                 made += boards_of.leaderboard(each, mine, version, seed, recompute, self.entrants, progress, on)
         if asked:
             # Not tell(), which would escape the line ends of the table.

@@ -14,7 +14,7 @@ from ..benchmark.runner import Progress
 from ..benchmark.sim2real import Sim2Real
 from ..benchmark.trajectory_file import save_trajectory
 from ..benchmark.trials import Trials
-from ..control.registry import Controller, get_controller
+from ..control.registry import Controller, designs_for, get_controller
 from ..files import check_writable
 from ..physics.plant import Plant
 from ..plants.domain import Domain
@@ -63,7 +63,7 @@ def judge_and_tell(
         # Before the judging, which may take minutes.
         check_writable(output.save)
     with foreign_prints_apart(), progress_shown() as shown:
-        found = get_controller(controller, chosen, estimator.wanted, plant)
+        found = get_controller(controller, chosen, estimator.wanted, designs_for(controller, plant))
         result = judge(found, chosen, lambda done, total: shown("simulations", done, total))
     if output.save is not None:
         save_trajectory(output.save, result.trajectory)

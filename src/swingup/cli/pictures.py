@@ -5,7 +5,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from ..control.registry import get_controller
+from ..control.registry import designs_for, get_controller
 from ..files import check_writable, write_atomically
 from ..report.animate import FPS, SIZE
 from ..report.make import make_section
@@ -64,7 +64,10 @@ def report(
     """
     check_writable(out)
     names, on = split_commas(controller), plant.make()
-    entrants = {each: {name: get_controller(name, each, plant=on) for name in names} for each in robots(robot)}
+    entrants = {
+        each: {name: get_controller(name, each, plant=designs_for(name, on)) for name in names}
+        for each in robots(robot)
+    }
     with foreign_prints_apart(), progress_shown() as progress:
         sections = [make_section(each, given, seed, progress, plant=on) for each, given in entrants.items()]
     write_atomically(out, render_page(sections).encode())

@@ -39,14 +39,18 @@ def get_controller(
         estimator: never (False), always (True), or where the policy file has its settings (None). Without settings
             in the file it has the defaults.
         plant: what a baseline is designed for, and the model of an estimator before it: a plant, its parameters,
-            its name or its file; None for the leaderboards'.
+            its name or its file; None for the leaderboards'. A policy has one of its own.
 
     Raises:
-        SwingupError: there is no such controller or plant, it cannot be loaded, it is for another robot, or it is
-            in plain Python and an estimator was requested.
+        SwingupError: there is no such controller or plant, it cannot be loaded, it is for another robot, it is in
+            plain Python and an estimator was requested, or it is a policy and a plant was given.
     """
     robot = get_robot(robot)
     if is_policy(name):
+        if plant is not None:
+            raise SwingupError(
+                f"policy {quoted(name)} has a plant of its own: leave plant out here, and judge it on any plant"
+            )
         return make_controller(read_policy(name, robot), estimator)
     found = baseline(name, robot, plant) if name in BASELINES else _imported(name)
     # An imported controller may bring its own estimator; a second one would estimate an estimate.
@@ -63,6 +67,11 @@ def get_controller(
         return with_estimator(found, robot, robot_parameters(plant, robot))
     except SwingupError as error:
         raise SwingupError(f"controller {quoted(name)}: {error}") from error
+
+
+def designs_for(name: str, plant: PlantLike | None) -> PlantLike | None:
+    """The plant that a controller is designed for where one is judged; None for a policy, which has its own."""
+    return None if is_policy(name) else plant
 
 
 def has_estimator(controller: Any) -> bool:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..control.registry import get_controller
+from ..control.registry import designs_for, get_controller
 from ..errors import SwingupError
 from ..identification.open_loop import OpenLoop, Stretches, predict_log, stretches
 from ..identification.recording import Recording, read_recording
@@ -82,7 +82,7 @@ def compare(
         driven = driven_robot(recording) if robot is None else get_robot(robot)
         for name, domain in plants.items():
             around = loop_around(domain, loop)
-            found = get_controller(controller, driven, plant=domain.nominal_plant)
+            found = get_controller(controller, driven, plant=designs_for(controller, domain.nominal_plant))
             runs[name] = close_loop(recording, found, controller, driven, around, seed)
     predictions = [predict_log(recording, domain, name) for name, domain in plants.items()]
     drawn = [stretches(recording, each.setting, each.model, DRAWN_LENGTH) for each in predictions]
