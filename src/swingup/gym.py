@@ -21,7 +21,7 @@ from .checks import whole_number
 from .drawing import draw_frame
 from .errors import SwingupError
 from .fetch import fetch
-from .physics.plant import PlantLike
+from .physics.plant import LEADERBOARD, PlantLike
 from .robots import ROBOTS
 from .tasks.pendulum import DIVERGED, AbstractPendulumTask, PendulumState
 from .tasks.presets import find_task
@@ -59,7 +59,7 @@ class Pendulums:
         return float(self.task.dt)
 
     def _prepare(
-        self, robot: str, task: str | AbstractPendulumTask, render_mode: str | None, plant: PlantLike | None
+        self, robot: str, task: str | AbstractPendulumTask, render_mode: str | None, plant: PlantLike
     ) -> tuple[Box, Box]:
         """Set all but the spaces: those of one environment's observations and actions are returned."""
         # With its numbers as arrays, which compiled functions take faster.
@@ -118,7 +118,7 @@ class PendulumEnv(Pendulums, gymnasium.Env[np.ndarray, np.ndarray]):
         robot: str,
         task: str | AbstractPendulumTask = "paper",
         render_mode: str | None = None,
-        plant: PlantLike | None = None,
+        plant: PlantLike = LEADERBOARD,
     ) -> None:
         """Prepare an environment, to be reset before its first step.
 
@@ -126,8 +126,7 @@ class PendulumEnv(Pendulums, gymnasium.Env[np.ndarray, np.ndarray]):
             robot: ``acrobot`` or ``pendubot``.
             task: name of a variant of the task, see :data:`swingup.tasks.presets.TASKS`, or a task.
             render_mode: ``rgb_array`` for pictures from ``render``; ``None`` for none.
-            plant: the pendulum, in whose units a named task is: a plant, its name or its file;
-                ``None`` for the leaderboards'.
+            plant: the pendulum, in whose units a named task is: a plant, its name or its file.
 
         Raises:
             SwingupError: there is no such robot, task, plant or render mode, or the task is another robot's, or a
@@ -188,7 +187,7 @@ class PendulumVectorEnv(Pendulums, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
         num_envs: int = 1,
         task: str | AbstractPendulumTask = "paper",
         render_mode: str | None = None,
-        plant: PlantLike | None = None,
+        plant: PlantLike = LEADERBOARD,
     ) -> None:
         """Prepare ``num_envs`` environments; the other arguments are those of :class:`PendulumEnv`.
 

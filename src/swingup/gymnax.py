@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .physics.plant import PlantLike
+from .physics.plant import LEADERBOARD, PlantLike
 from .tasks.pendulum import AbstractPendulumTask
 from .tasks.presets import find_task
 from .types import Action, Count, Flag, Key, Observation, Scalar
@@ -80,15 +80,14 @@ class PendulumEnvironment:
     """
 
     def __init__(
-        self, robot: str, task: str | AbstractPendulumTask = "paper", plant: PlantLike | None = None
+        self, robot: str, task: str | AbstractPendulumTask = "paper", plant: PlantLike = LEADERBOARD
     ) -> None:
         """Prepare an environment.
 
         Args:
             robot: ``acrobot`` or ``pendubot``.
             task: name of a variant of the task, see :data:`swingup.tasks.presets.TASKS`, or a task.
-            plant: the pendulum, in whose units a named task is: a plant, its name or its file;
-                None for the leaderboards'.
+            plant: the pendulum, in whose units a named task is: a plant, its name or its file.
 
         Raises:
             SwingupError: there is no such robot, task or plant, or the task is another robot's, or a task that was

@@ -206,6 +206,8 @@ def test_evaluation_of_a_pendulum_that_hangs(robot):
     assert json.loads(json.dumps(evaluation.as_dict())) == {
         "robot": robot.name,
         "controller": "idle",
+        "plant": "leaderboard",
+        "torque_over_gravity": pytest.approx(1.569, abs=1e-3),
         "estimator": False,
         "success": False,
         "swingup_time": None,

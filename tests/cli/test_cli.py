@@ -19,8 +19,8 @@ from swingup.policy.jax_backend.controller import shipped_policy
 from swingup.policy.shipped import DEFAULT
 
 KEYS = [
-    "robot", "controller", "estimator", "success", "swingup_time", "energy", "torque_cost", "torque_smoothness",
-    "velocity_cost", "score", "highest_tip", "highest_tip_percent", "failure",
+    "robot", "controller", "estimator", "plant", "torque_over_gravity", "success", "swingup_time", "energy",
+    "torque_cost", "torque_smoothness", "velocity_cost", "score", "highest_tip", "highest_tip_percent", "failure",
 ]  # fmt: skip
 TINY = shlex.split(
     "--num-envs 4 --num-steps 16 --batch-size 64 --num-epochs 1 --policy-layers 8 8 --value-layers 8 8 "
@@ -46,7 +46,7 @@ def test_evaluate_then_score_the_same_trajectory(robot, capsys, tmp_path):
     again = run_json(capsys, "score", "t.csv", "--robot", robot)
     assert list(again) == [*(name for name in KEYS if name != "estimator"), "rate", "warnings"]
     assert (round(again["rate"]), again["warnings"]) == (500, [])
-    assert {name: again[name] for name in KEYS[3:]} == {name: result[name] for name in KEYS[3:]}
+    assert {name: again[name] for name in KEYS[5:]} == {name: result[name] for name in KEYS[5:]}
     hardware = run_json(capsys, "score", "t.csv", "--robot", robot, "--rules", "hardware")
     # Torque and smoothness count for less there.
     assert hardware["score"] > result["score"]

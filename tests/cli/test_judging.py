@@ -388,7 +388,7 @@ def test_a_plant_is_named_with_the_ratio_of_its_torques(capsys, brief_runs, tmp_
     assert out.startswith("acrobot, run (rules v3, plant B.0, torque/gravity 0.96)\n")
 
 
-@pytest.mark.parametrize(("domain", "plant"), [("identified", "None"), ("B.0", "B.0")])
+@pytest.mark.parametrize(("domain", "plant"), [("identified", "leaderboard"), ("B.0", "B.0")])
 def test_baselines_of_sim2real_are_designed_for_the_domains_plant(capsys, monkeypatch, domain, plant):
     def found(name, robot, estimator, plant):
         raise SwingupError(f"designed for {plant}")

@@ -76,7 +76,7 @@ def test_a_plant_like_the_leaderboards_has_the_shipped_design(robot):
 def test_plants_that_move_alike_have_the_same_controller(robot, similar, x64):
     """T × 0.5 and torques × 0.025: the shipped one's torque, in the plant's own units."""
     plant = LEADERBOARD.driven(robot)
-    published, own = (baseline("lqr", robot, each) for each in (None, similar(plant)))
+    published, own = (baseline("lqr", robot, each) for each in (LEADERBOARD, similar(plant)))
     for error in np.random.default_rng(0).normal(size=(5, 4)) * 0.01:
         x = UPRIGHT + error
         u, expected = own(None, 0.0, x * [1, 1, 2, 2])[1], published(None, 0.0, x)[1]

@@ -7,7 +7,7 @@ import pytest
 
 from swingup.areapo.networks import init_actor
 from swingup.learner.evaluators import SwingUpEvaluator
-from swingup.physics.plant import load_plant
+from swingup.physics.plant import LEADERBOARD, load_plant
 from swingup.policy.jax_backend.policy import Policy
 from swingup.tasks.presets import smooth_task
 
@@ -17,7 +17,7 @@ def test_the_swing_up_is_judged_on_the_tasks_plant(either_robot, similar):
     twin = smooth_task(either_robot, similar(task.parameters))
     actor = init_actor(jax.random.key(0), task.observation_size, 1, (4,), -1.0)
     pushing = eqx.tree_at(lambda a: a.mean_head.bias, actor, jnp.array([20.0]))
-    plants = (None, load_plant(similar(task.parameters)))
+    plants = (LEADERBOARD, load_plant(similar(task.parameters)))
     results = [
         SwingUpEvaluator(each, plant).evaluate(Policy((each.observation,), pushing))
         for each, plant in zip((task, twin), plants, strict=True)

@@ -38,8 +38,8 @@ def test_training_on_the_leaderboards_plant(tmp_path):
     assert written(SwingUpEvaluator(task), task, tmp_path / "p.safetensors").plant == LEADERBOARD.driven(ACROBOT)
 
 
-@pytest.mark.parametrize("plant", [None, "C.0"])
+@pytest.mark.parametrize("plant", ["leaderboard", "C.0"])
 def test_refining(plant):
     """Without stages nothing is refined, but the plant is named."""
     found = run_recipe(shipped_policy("acrobot")[0], ACROBOT, (), plant=plant).plant
-    assert found == (None if plant is None else policy_plant(load_plant(plant), ACROBOT))
+    assert found == policy_plant(load_plant(plant), ACROBOT)

@@ -3,8 +3,7 @@ import dataclasses
 import pytest
 
 from swingup.errors import SwingupError
-from swingup.physics.plant import LEADERBOARD, SHIPPED_PLANTS, load_plant, robot_parameters
-from swingup.robots import get_robot
+from swingup.physics.plant import LEADERBOARD, SHIPPED_PLANTS, load_plant
 
 
 def gravity_torque(p):
@@ -27,11 +26,11 @@ def test_torque_over_gravity():
 
 
 @pytest.mark.parametrize("robot", ["acrobot", "pendubot"])
-def test_no_plant_is_the_leaderboards(robot):
-    expected = LEADERBOARD.driven(get_robot(robot)).values()
-    assert robot_parameters(None, robot).values() == expected
-    assert load_plant("C.1").frictionless().driven(robot).values() == expected
-    assert robot_parameters("C.1", robot).cf1 == load_plant("C.1").cf1
+def test_the_leaderboards_plant_is_c1_without_friction(robot):
+    assert load_plant("leaderboard") == LEADERBOARD == load_plant("C.1").frictionless()
+    expected = {**load_plant("C.1").values(), "b1": 0.0, "b2": 0.0, "cf1": 0.0, "cf2": 0.0, "Ir": 0.0}
+    passive = {"acrobot": "tl1", "pendubot": "tl2"}[robot]
+    assert LEADERBOARD.driven(robot).values() == expected | {passive: 0.0}
 
 
 def test_files_and_faults(tmp_path):

@@ -6,7 +6,7 @@ from typing import Any
 from ..control.registry import has_estimator
 from ..errors import SwingupError
 from ..physics.integrate import stable_substeps
-from ..physics.plant import Plant, PlantLike, find_plant, plant_as_dict, robot_parameters
+from ..physics.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..robots import Robot, get_robot
 from ..tasks.disturbance import Disturbance, disturbance_as_dict
 from .criteria import SHARE, Criteria, TipHistory, failed, follow_tip, judge
@@ -31,7 +31,7 @@ class Evaluation:
     """None on the boards, whose runs are undisturbed."""
     estimator: bool | None = None
     """Whether a state estimator stood before the controller; None for a recorded trajectory."""
-    plant: Plant | None = None
+    plant: Plant = LEADERBOARD
     """None is the leaderboards' plant."""
 
     def as_dict(self) -> dict[str, Any]:
@@ -40,7 +40,7 @@ class Evaluation:
         if self.estimator is not None:
             head["estimator"] = self.estimator
         disturbed = {} if self.disturbance is None else {"disturbance": disturbance_as_dict(self.disturbance)}
-        head |= plant_as_dict(self.plant, self.robot)
+        head |= self.plant.summary(self.robot)
         return head | asdict(self.criteria) | self.tip.as_dict() | disturbed
 
 
@@ -50,7 +50,7 @@ def evaluate(
     name: str = "controller",
     rules: PerformanceRules | str = DEFAULT_RULES,
     disturbance: Disturbance | None = None,
-    plant: PlantLike | None = None,
+    plant: PlantLike = LEADERBOARD,
 ) -> Evaluation:
     """Simulate one swing-up from hanging at rest, in float64, and score it.
 
@@ -61,15 +61,15 @@ def evaluate(
         name: name of the controller in the result.
         rules: rules of the performance board, or their name.
         disturbance: noise, delay, motor response and pushes of the simulation; None for the board's.
-        plant: what is simulated: a plant, its name or its file; None for the leaderboards'.
+        plant: what is simulated: a plant, its name or its file.
 
     Raises:
         SwingupError: there is no such robot or plant, there are no such rules, the controller is for the other
             robot, or it failed: it raised an error, or its torque is not two finite numbers.
     """
-    robot, found = get_robot(robot), find_plant(plant)
+    robot, found = get_robot(robot), load_plant(plant)
     rules = get_performance_rules(rules).of(robot)
-    parameters = robot_parameters(found, robot)
+    parameters = found.driven(robot)
     estimator, controller = has_estimator(controller), prepare(controller, robot, name, parameters)
     scenario = Scenario(parameters, disturbance, substeps=stable_substeps(parameters, rules.dt))
     # Room for the present state and the delayed ones.
@@ -87,7 +87,7 @@ def evaluate_recorded(
     robot: Robot | str,
     name: str,
     rules: PerformanceRules | str = DEFAULT_RULES,
-    plant: PlantLike | None = None,
+    plant: PlantLike = LEADERBOARD,
 ) -> Evaluation:
     """Score a trajectory from any source, such as a recording of a real robot.
 
@@ -96,14 +96,14 @@ def evaluate_recorded(
         robot: which joint is driven.
         name: name of the trajectory in the result.
         rules: rules of the performance board, or their name.
-        plant: gives the lengths of the links; None for the leaderboards'.
+        plant: gives the lengths of the links.
 
     Raises:
         SwingupError: as :func:`score`.
     """
-    robot, found = get_robot(robot), find_plant(plant)
+    robot, found = get_robot(robot), load_plant(plant)
     rules = get_performance_rules(rules).of(robot)
-    judged = _judged(trajectory, robot_parameters(found, robot), rules)
+    judged = _judged(trajectory, found.driven(robot), rules)
     return Evaluation(robot.name, name, *judged, trajectory, plant=found)
 
 
@@ -111,7 +111,7 @@ def score(
     trajectory: Trajectory,
     robot: Robot | str,
     rules: PerformanceRules | str = DEFAULT_RULES,
-    plant: PlantLike | None = None,
+    plant: PlantLike = LEADERBOARD,
 ) -> Criteria:
     """Score a trajectory from any source by the rules of the performance board.
 
@@ -121,7 +121,7 @@ def score(
         trajectory: NumPy arrays in float64.
         robot: which joint is driven.
         rules: rules of the performance board, or their name.
-        plant: gives the lengths of the links; None for the leaderboards'.
+        plant: gives the lengths of the links.
 
     Raises:
         SwingupError: there is no such robot or plant, there are no such rules, or the trajectory has fewer than 3
@@ -129,7 +129,7 @@ def score(
             from 0.
     """
     rules = get_performance_rules(rules).of(get_robot(robot))
-    return _judged(trajectory, robot_parameters(plant, robot), rules)[0]
+    return _judged(trajectory, load_plant(plant).driven(robot), rules)[0]
 
 
 def _judged(trajectory: Trajectory, parameters: Plant, rules: PerformanceRules) -> tuple[Criteria, TipHistory]:

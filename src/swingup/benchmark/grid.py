@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import SwingupError
-from ..physics.plant import Plant, PlantLike, robot_parameters, validated
+from ..physics.plant import LEADERBOARD, Plant, PlantLike, load_plant, validated
 from ..robots import Robot
 from ..tasks.disturbance import Disturbance, Pushes, undisturbed
 from .rollout import Scenario
@@ -33,7 +33,7 @@ class Case:
 
 
 def make_cases(
-    robot: Robot, rules: RobustnessRules, criterion: str, seed: int, plant: PlantLike | None = None
+    robot: Robot, rules: RobustnessRules, criterion: str, seed: int, plant: PlantLike = LEADERBOARD
 ) -> list[Case]:
     """All simulations of one criterion.
 
@@ -42,12 +42,12 @@ def make_cases(
         rules: the sweeps.
         criterion: one of :data:`~swingup.benchmark.rules.CRITERIA`.
         seed: of the noise and the pushes; the other criteria do not depend on it.
-        plant: what the grid is around; None for the leaderboards' plant.
+        plant: what the grid is around.
 
     Raises:
         SwingupError: there is no such plant, a value makes no pendulum, or is no disturbance.
     """
-    nominal = robot_parameters(plant, robot)
+    nominal = load_plant(plant).driven(robot)
     # Room for pushes in every case: scenarios of one structure can be stacked.
     calm = undisturbed(rules.perturbations.pushes)
     if criterion == "model":

@@ -7,7 +7,7 @@ from typing import Any
 from ..control.baselines import BASELINES
 from ..control.registry import designs_for, get_controller, has_estimator
 from ..errors import SwingupError
-from ..physics.plant import Plant, PlantLike, find_plant, plant_as_dict
+from ..physics.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..plants.domain import load_domain
 from ..policy.shipped import ADAPTIVE, AR_EAPO, GLOBAL
 from ..robots import Robot, get_robot
@@ -53,8 +53,7 @@ class Board:
     seed: int | None
     """Of the noise, pushes or throws; None where nothing is random."""
     rows: tuple[Row, ...]
-    plant: Plant | None = None
-    """None is the leaderboards' plant."""
+    plant: Plant = LEADERBOARD
     note: str | None = None
     """What the rules say of the board."""
 
@@ -66,7 +65,7 @@ class Board:
     def as_dicts(self) -> list[dict[str, Any]]:
         """One flat object a row, ready for JSON."""
         head = {"robot": self.robot, "measure": self.measure, "rules": self.rules, "seed": self.seed}
-        head |= plant_as_dict(self.plant, self.robot)
+        head |= self.plant.summary(self.robot)
         names = ("controller", "source", "remark")
         return [head | {name: getattr(row, name) for name in names} | dict(row.values) for row in self.rows]
 
@@ -79,7 +78,7 @@ def leaderboard(
     recompute: bool = False,
     entrants: Sequence[str] | None = None,
     progress: RowProgress | None = None,
-    plant: PlantLike | None = None,
+    plant: PlantLike = LEADERBOARD,
 ) -> list[Board]:
     """Every board of a version of the rules, with our rows computed now.
 
@@ -93,18 +92,18 @@ def leaderboard(
         recompute: also compute the rows that the package ships because they take minutes.
         entrants: names of the built-in controllers that enter; None for those of the rules.
         progress: called before each row and while it is computed.
-        plant: what the controllers are judged on, and the baselines designed for: a plant, its parameters, its name
-            or its file. Boards of another plant than the leaderboards' (None) have no published or shipped rows.
+        plant: what the controllers are judged on, and the baselines designed for: a plant, its name
+            or its file. Boards of another plant than the leaderboards' have no published or shipped rows.
 
     Raises:
         SwingupError: there is no such robot or plant, there are no such rules, or the seed is out of range. The row
             of a controller that fails says so.
     """
     robot, rules, seed = get_robot(robot), get_board_rules(rules), check_seeds(seed, 1)[0]
-    names, found = default_entrants(rules) if entrants is None else entrants, find_plant(plant)
+    names, found = default_entrants(rules) if entrants is None else entrants, load_plant(plant)
     designed_for = _designed_for(rules, found)
     entered = entrants_for(robot, controllers or {}, names, alone=True, plant=designed_for)
-    makers = _makers(rules, seed, recompute or found is not None, progress, found)
+    makers = _makers(rules, seed, recompute or found != LEADERBOARD, progress, found)
     return [
         replace(_board(robot, measure, rules.name, seed, entered, make_row, found), note=_note_of(rules))
         for measure, make_row in makers.items()
@@ -127,14 +126,14 @@ def _domain_of(rules: BoardRules) -> str | None:
     return rules.trials.domain if rules.trials else rules.uptime.domain if rules.uptime else None
 
 
-def _designed_for(rules: BoardRules, plant: Plant | None) -> Plant | None:
+def _designed_for(rules: BoardRules, plant: Plant) -> Plant:
     """What baselines are designed for: the plant that is judged on, or that a robot's domain starts from."""
     domain = _domain_of(rules)
     if domain is None:
         return plant
-    if plant is not None:
-        raise SwingupError(f"the rules {rules.name} draw plants from a domain: leave the plant {plant.name} out")
-    return load_domain(domain).plant
+    if plant != LEADERBOARD:
+        raise SwingupError(f"the rules {rules.name} draw plants from a domain: leave the plant {plant} out")
+    return load_domain(domain).design_plant
 
 
 def entrants_for(
@@ -142,7 +141,7 @@ def entrants_for(
     others: Mapping[str, Any],
     names: Sequence[str] = ENTRANTS,
     alone: bool = False,
-    plant: PlantLike | None = None,
+    plant: PlantLike = LEADERBOARD,
 ) -> dict[str, Any]:
     """Built-in controllers and others, by name.
 
@@ -151,7 +150,7 @@ def entrants_for(
         others: controllers of the user.
         names: the built-in controllers.
         alone: whether a policy that ships with an estimator enters a second time without it.
-        plant: what baselines are designed for; None for the leaderboards' plant.
+        plant: what baselines are designed for.
 
     Raises:
         SwingupError: another controller has a name of ours.
@@ -172,7 +171,7 @@ def _check_names(others: Iterable[str], ours: Iterable[str]) -> None:
 
 
 def _makers(
-    rules: BoardRules, seed: int, recompute: bool, progress: RowProgress | None, plant: Plant | None
+    rules: BoardRules, seed: int, recompute: bool, progress: RowProgress | None, plant: Plant
 ) -> dict[str, _Maker]:
     """One function for each board of a version of the rules: it fills a row."""
 
@@ -236,9 +235,9 @@ def _board(
     seed: int,
     entrants: Mapping[str, Any],
     make_row: _Maker,
-    plant: Plant | None,
+    plant: Plant,
 ) -> Board:
-    rows, score = published_rows(robot, measure, rules) if plant is None else [], BOARDS[measure][-1]
+    rows, score = published_rows(robot, measure, rules) if plant == LEADERBOARD else [], BOARDS[measure][-1]
     drawn = None if measure == "performance" else seed
     for name, controller in entrants.items():
         try:

@@ -6,7 +6,7 @@ loop, the length of a run, the costs' normalisers and all shares stay as the rul
 
 from dataclasses import replace
 
-from ..physics.plant import PlantLike, robot_parameters
+from ..physics.plant import LEADERBOARD, PlantLike, load_plant
 from ..physics.units import Scales, scales_of
 from ..plants.domain import Domain
 from ..robots import Robot
@@ -16,16 +16,14 @@ from .rules import ModelSweep, PushRules, RobustnessRules, Sweep, UptimeRules
 
 
 def robustness_in_own_units(
-    rules: RobustnessRules, robot: Robot, plant: PlantLike | None = None
+    rules: RobustnessRules, robot: Robot, plant: PlantLike = LEADERBOARD
 ) -> RobustnessRules:
-    """The grid with its noise, delay, friction, pushes and tolerance scaled; as it is for the leaderboards' plant.
+    """The grid with its noise, delay, friction, pushes and tolerance scaled.
 
     Raises:
         SwingupError: there is no such plant, or it has no units.
     """
-    if plant is None:
-        return rules
-    scales = scales_of(robot_parameters(plant, robot))
+    scales = scales_of(load_plant(plant).driven(robot))
     angle1, angle2, rate1, rate2 = rules.tolerance
     return replace(
         rules,
@@ -38,15 +36,13 @@ def robustness_in_own_units(
     )
 
 
-def uptime_in_own_units(rules: UptimeRules, robot: Robot, plant: PlantLike | None = None) -> UptimeRules:
-    """The throws by a PID with the pendulum's own strength and speed; as they are for the leaderboards' plant.
+def uptime_in_own_units(rules: UptimeRules, robot: Robot, plant: PlantLike = LEADERBOARD) -> UptimeRules:
+    """The throws by a PID with the pendulum's own strength and speed.
 
     Raises:
         SwingupError: there is no such plant, or it has no units.
     """
-    if plant is None:
-        return rules
-    scales = scales_of(robot_parameters(plant, robot))
+    scales = scales_of(load_plant(plant).driven(robot))
     # The loop's period does not scale, and so the PID's own period does not either.
     return replace(
         rules,

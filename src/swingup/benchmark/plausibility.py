@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from ..checks import LARGEST
 from ..physics.integrate import rk4_steps, stable_substeps
-from ..physics.plant import Plant, PlantLike, load_plant, robot_parameters
+from ..physics.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..physics.units import scales_of
 from ..robots import Robot, get_robot
 from .criteria import SHARE
@@ -93,7 +93,7 @@ def examine(
     trajectory: Trajectory,
     robot: Robot | str,
     rules: PerformanceRules | UptimeRules | str = DEFAULT_RULES,
-    plant: PlantLike | None = None,
+    plant: PlantLike = LEADERBOARD,
 ) -> Plausibility:
     """Look at a trajectory that :func:`~swingup.benchmark.evaluate.score` accepts.
 
@@ -101,7 +101,8 @@ def examine(
         trajectory: NumPy arrays in float64.
         robot: which joint is driven.
         rules: rules of the performance board, or their name, or rules of a global-policy board.
-        plant: the recording's pendulum, with or without its friction; None for the leaderboards' or design C.1.
+        plant: the recording's pendulum, with or without its friction; the
+            leaderboards' has that of design C.1.
 
     Raises:
         SwingupError: there is no such robot or plant, or there are no such rules.
@@ -130,11 +131,11 @@ def examine(
 _Found = Iterator[tuple[str, str]]
 
 
-def _possible_plants(plant: PlantLike | None, robot: Robot) -> tuple[Plant, Plant]:
+def _possible_plants(plant: PlantLike, robot: Robot) -> tuple[Plant, Plant]:
     """A simulated recording has the frictionless plant, a robot's has friction."""
-    if plant is None:
-        return robot_parameters(None, robot), load_plant("C.1")
     found = load_plant(plant)
+    if found == LEADERBOARD:
+        return found.driven(robot), load_plant("C.1")
     return found.frictionless().driven(robot), found
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from ..physics.plant import Plant, PlantLike, find_plant, plant_as_dict, robot_parameters
+from ..physics.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..robots import Robot, get_robot
 from .criteria import time_up, tip_heights
 from .recording import checked_rows
@@ -28,14 +28,12 @@ class RecordedUptime:
     """Largest height above the shoulder (m)."""
     highest_tip_percent: float
     """The same in percent of l1 + l2."""
-    plant: Plant | None = None
-    """None is the leaderboards' plant."""
+    plant: Plant = LEADERBOARD
 
     def as_dict(self) -> dict[str, Any]:
         """Ready for JSON."""
-        return {name: value for name, value in vars(self).items() if name != "plant"} | plant_as_dict(
-            self.plant, self.robot
-        )
+        values = {name: value for name, value in vars(self).items() if name != "plant"}
+        return values | self.plant.summary(self.robot)
 
 
 def recorded_uptime(
@@ -43,7 +41,7 @@ def recorded_uptime(
     robot: Robot | str,
     name: str = "recording",
     rules: UptimeRules | str = DEFAULT_UPTIME_RULES,
-    plant: PlantLike | None = None,
+    plant: PlantLike = LEADERBOARD,
 ) -> RecordedUptime:
     """Score a recorded minute, whoever threw the pendulum and when.
 
@@ -52,7 +50,7 @@ def recorded_uptime(
         robot: which joint the controller drives.
         name: name of the recording in the result.
         rules: rules of a global-policy board, or their name.
-        plant: gives the lengths of the links; None for the leaderboards'.
+        plant: gives the lengths of the links.
 
     Raises:
         SwingupError: there is no such robot or plant, there are no such rules, or the trajectory has fewer than 3
@@ -61,8 +59,8 @@ def recorded_uptime(
     """
     robot, rules = get_robot(robot), get_uptime_rules(rules)
     time, x, _ = checked_rows(trajectory)
-    found = find_plant(plant)
-    parameters = robot_parameters(found, robot)
+    found = load_plant(plant)
+    parameters = found.driven(robot)
     lengths = float(parameters.l1), float(parameters.l2)
     up = time_up(time, x, *lengths, rules.height)
     highest = float(tip_heights(x, *lengths).max())

@@ -12,7 +12,7 @@ from ..control.registry import has_estimator
 from ..errors import SwingupError
 from ..physics.angles import UPRIGHT, wrap_difference
 from ..physics.integrate import stable_substeps
-from ..physics.plant import Plant, PlantLike, find_plant, plant_as_dict, robot_parameters
+from ..physics.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..robots import Robot, get_robot
 from ..version import __version__
 from .grid import Case, make_cases
@@ -60,8 +60,8 @@ class Robustness:
     """Version of swingup that measured."""
     estimator: bool = False
     """Whether a state estimator stood before the controller."""
-    plant: Plant | None = None
-    """What the grid is around; None is the leaderboards' plant."""
+    plant: Plant = LEADERBOARD
+    """What the grid is around."""
 
     @property
     def faults(self) -> list[Result]:
@@ -74,7 +74,7 @@ class Robustness:
         if len(self.seeds) > 1:
             seeds |= {"seeds": list(self.seeds), "intervals": self.intervals}
         names = ("robot", "controller", "estimator", "rules")
-        head = {name: getattr(self, name) for name in names} | plant_as_dict(self.plant, self.robot) | seeds
+        head = {name: getattr(self, name) for name in names} | self.plant.summary(self.robot) | seeds
         scores = {**self.percent, "overall": self.overall}
         return {**head, "version": self.version, **scores, "details": [result.as_dict() for result in self.results]}
 
@@ -88,7 +88,7 @@ def robustness(
     seeds: int = 1,
     criteria: str | Sequence[str] = CRITERIA,
     progress: Progress | None = None,
-    plant: PlantLike | None = None,
+    plant: PlantLike = LEADERBOARD,
 ) -> Robustness:
     """Simulate the whole grid of the robustness board in float64, and score it.
 
@@ -102,8 +102,8 @@ def robustness(
         seeds: number of seeds in a row; the random criteria are simulated with each.
         criteria: the criteria to measure; ``overall`` needs all six.
         progress: called with the number of finished simulations and of all.
-        plant: what the grid is around, with disturbances in that pendulum's own units: a plant, its parameters, its
-            name or its file; None for the leaderboards'.
+        plant: what the grid is around, with disturbances in that pendulum's own units: a plant, its
+            name or its file.
 
     Raises:
         SwingupError: there is no such robot or plant, there are no such rules or criteria, a seed is out of range,
@@ -111,8 +111,8 @@ def robustness(
     """
     robot, rules = get_robot(robot), get_robustness_rules(rules)
     every, chosen = check_seeds(seed, seeds), check_criteria(criteria)
-    found = find_plant(plant)
-    rules, nominal = robustness_in_own_units(rules, robot, found), robot_parameters(found, robot)
+    found = load_plant(plant)
+    rules, nominal = robustness_in_own_units(rules, robot, found), found.driven(robot)
     estimator, controller = has_estimator(controller), prepare(controller, robot, name, nominal)
     cases = [case for criterion in chosen for case in make_cases(robot, rules, criterion, every[0], found)]
     # The other criteria do not depend on the seed: one simulation of each is enough.
@@ -132,9 +132,9 @@ def robustness(
     return Robustness(*head, percent, overall, intervals, results, estimator=estimator, plant=found)
 
 
-def _stable(scenarios: list[Scenario], dt: float, plant: Plant | None) -> list[Scenario]:
+def _stable(scenarios: list[Scenario], dt: float, plant: Plant) -> list[Scenario]:
     """Scenarios in steps short enough for the stiffest plant among them; the board's grid takes one of RK4."""
-    if plant is None:
+    if plant == LEADERBOARD:
         return scenarios
     substeps = max(stable_substeps(each.parameters, dt) for each in scenarios)
     return [replace(each, substeps=substeps) for each in scenarios]

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from ..control.registry import has_estimator
-from ..physics.plant import PlantLike, plant_as_dict
+from ..physics.plant import PlantLike
 from ..plants.domain import Domain
 from ..plants.on_plant import loop_around
 from ..robots import Robot, get_robot
@@ -84,7 +84,7 @@ class Sim2Real:
             "controller": self.controller,
             "estimator": self.estimator,
             "version": self.version,
-            **plant_as_dict(self.domain.plant, self.robot),
+            **({} if self.domain.plant is None else self.domain.plant.summary(self.robot)),
             "domain": self.domain.as_dict(),
             "successes": self.successes,
             "interval": self.interval,
@@ -116,7 +116,7 @@ def sim2real(
         seeds: number of seeds in a row.
         rules: what counts as success.
         progress: called with the number of finished simulations and of all.
-        plant: a plant, its parameters, its name or its file, around which the domain's loop is put, in that
+        plant: a plant, its name or its file, around which the domain's loop is put, in that
             pendulum's own units; None for the domain's.
 
     Raises:

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 from ..control.registry import has_estimator
-from ..physics.plant import Plant, plant_as_dict
+from ..physics.plant import Plant
 from ..plants.domain import Domain, load_domain
 from ..robots import Robot, get_robot
 from ..tasks.disturbance import Pushes
@@ -108,7 +108,7 @@ class Trials:
         scores = ("successes", "success_interval", "best", "score", "interval")
         return {
             **{name: getattr(self, name) for name in names},
-            **plant_as_dict(self.domain.plant, self.robot),
+            **({} if self.domain.plant is None else self.domain.plant.summary(self.robot)),
             "domain": self.domain.as_dict(),
             **{name: getattr(self, name) for name in scores},
             "seed": self.runs[0].seed,

@@ -12,7 +12,7 @@ import numpy as np
 from ..control.registry import has_estimator
 from ..errors import SwingupError
 from ..physics.integrate import stable_substeps
-from ..physics.plant import Plant, PlantLike, find_plant, plant_as_dict, robot_parameters
+from ..physics.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..plants.domain import Domain, load_domain
 from ..robots import Robot, get_robot
 from ..tasks.throws import Throws
@@ -57,8 +57,8 @@ class Uptime:
     note: str | None = None
     """What the rules say of themselves."""
 
-    plant: Plant | None = None
-    """None is the leaderboards' plant."""
+    plant: Plant = LEADERBOARD
+    """What was thrown in a perfect loop, where there is no domain."""
 
     @property
     def best(self) -> float:
@@ -78,8 +78,10 @@ class Uptime:
     def as_dict(self) -> dict[str, Any]:
         """Ready for JSON."""
         names = ("robot", "controller", "estimator", "rules", "version", "uptime", "interval")
-        head = {name: getattr(self, name) for name in names} | plant_as_dict(self.plant, self.robot)
-        if self.domain is not None:
+        head = {name: getattr(self, name) for name in names}
+        if self.domain is None:
+            head |= self.plant.summary(self.robot)
+        else:
             head |= {"best": self.best, "domain": self.domain.as_dict()}
         if self.note is not None:
             head |= {"note": self.note}
@@ -101,7 +103,7 @@ def uptime(
     seed: int = 0,
     seeds: int | None = None,
     progress: Progress | None = None,
-    plant: PlantLike | None = None,
+    plant: PlantLike = LEADERBOARD,
     domain: Domain | str | None = None,
 ) -> Uptime:
     """Simulate a minute with random throws for each seed, in float64, and score it.
@@ -116,8 +118,8 @@ def uptime(
         seed: the first seed of the throws.
         seeds: number of seeds in a row; None for as many as the board has runs: 1 for the rules v3.
         progress: called with the number of finished simulations and of all.
-        plant: what is thrown, by a PID in that pendulum's own units: a plant, its name or its file;
-            None for the leaderboards'. Rules of a real robot draw theirs from a domain.
+        plant: what is thrown, by a PID in that pendulum's own units: a plant, its name or its file. Rules of a real
+            robot draw theirs from a domain.
         domain: ranges of plants and loops for rules of a real robot; None for those of the rules.
 
     Raises:
@@ -126,9 +128,9 @@ def uptime(
     """
     robot, rules = get_robot(robot), get_uptime_rules(rules)
     every = tuple(check_seeds(seed, rules.trials if seeds is None else seeds))
-    found, drawn = find_plant(plant), minute_domain(rules, domain, plant)
+    found, drawn = load_plant(plant), minute_domain(rules, domain, plant)
     # What is known of a robot is the plant that its domain starts from.
-    nominal = robot_parameters(found if drawn is None else drawn.plant, robot)
+    nominal = (found if drawn is None else drawn.design_plant).driven(robot)
     estimator, controller = has_estimator(controller), prepare(controller, robot, name, nominal)
     rules = uptime_in_own_units(rules, robot, found)
     runs: list[_Run] = []
@@ -166,7 +168,7 @@ class _Run(NamedTuple):
     stop: float | None
 
 
-def minute_domain(rules: UptimeRules, domain: Domain | str | None, plant: PlantLike | None = None) -> Domain | None:
+def minute_domain(rules: UptimeRules, domain: Domain | str | None, plant: PlantLike = LEADERBOARD) -> Domain | None:
     """What plants and loops are drawn from; None for rules that draw none.
 
     Raises:
@@ -175,7 +177,7 @@ def minute_domain(rules: UptimeRules, domain: Domain | str | None, plant: PlantL
     if rules.domain is None and domain is not None:
         name = domain.name if isinstance(domain, Domain) else domain
         raise SwingupError(f"the rules {rules.name} draw no plants: leave the domain {quoted(name)} out")
-    if rules.domain is not None and plant is not None:
+    if rules.domain is not None and load_plant(plant) != LEADERBOARD:
         raise SwingupError(f"the rules {rules.name} draw plants from a domain: give the plant as the domain")
     chosen = rules.domain if domain is None else domain
     return load_domain(chosen) if isinstance(chosen, str) else chosen

@@ -11,7 +11,7 @@ from ..benchmark.disturbances import make_disturbance
 from ..benchmark.rules import PushRules
 from ..control.registry import BUILT_IN, has_estimator
 from ..errors import SwingupError
-from ..physics.plant import SHIPPED_PLANTS, Plant, load_plant
+from ..physics.plant import LEADERBOARD, SHIPPED_PLANTS, Plant, load_plant
 from ..physics.units import torque_over_gravity
 from ..policy.jax_backend.controller import PolicyController
 from ..policy.jax_backend.regulator import RegulatingController
@@ -101,7 +101,15 @@ class PlantOptions:
     frictionless: FlagCreatePairsOff[bool] = False
     """Leave the plant's friction and rotors' inertia out, as the leaderboards do."""
 
-    def make(self) -> Plant | None:
+    def make(self) -> Plant:
+        """The plant that the options name; the leaderboards' without any.
+
+        Raises:
+            SwingupError: as :meth:`given`.
+        """
+        return self.given() or LEADERBOARD
+
+    def given(self) -> Plant | None:
         """The plant that the options name; None without any.
 
         Raises:
@@ -131,9 +139,9 @@ NO_PLANT = PlantOptions()
 
 def plant_note(plant: Plant | None, robot: str) -> str:
     """What a result's headline says of its plant; nothing of the leaderboards'."""
-    if plant is None:
+    if plant in (None, LEADERBOARD):
         return ""
-    return f", plant {plant.name}, torque/gravity {torque_over_gravity(plant.driven(robot)):.2f}"
+    return f", plant {plant}, torque/gravity {torque_over_gravity(plant.driven(robot)):.2f}"
 
 
 def judged_name(name: str, controller: object) -> str:

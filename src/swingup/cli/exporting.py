@@ -75,7 +75,7 @@ def export(
     one_of("format", to, FORMS)
     # Before the policy is read: that error would only list policies.
     _refuse_baselines(policy, robot)
-    on, found = plant.make(), read_policy(policy, robot)
+    on, found = plant.given(), read_policy(policy, robot)
     if on is not None:
         found = _with_plant(found, on)
     chosen = None if to == "onnx" else choose_guard(guard, _own_guard(found, to), found.period)

@@ -16,7 +16,7 @@ from ..benchmark.trajectory_file import save_trajectory
 from ..benchmark.trials import Trials
 from ..control.registry import Controller, designs_for, get_controller
 from ..files import check_writable
-from ..physics.plant import Plant
+from ..physics.plant import LEADERBOARD, Plant
 from ..plants.domain import Domain
 from ..robots import Robot, get_robot
 from .arguments import (
@@ -55,7 +55,7 @@ def judge_and_tell(
     judge: Judge,
     lines: Lines,
     output: Output,
-    plant: Plant | None = None,
+    plant: Plant = LEADERBOARD,
 ) -> int:
     """Find a controller, judge it, and save and print the result: the steps of every judging command."""
     chosen = get_robot(robot)
@@ -77,7 +77,7 @@ def judge_and_tell(
 def judge_performance(
     robot: str,
     controller: str,
-    plant: Plant | None,
+    plant: Plant,
     estimator: EstimatorOptions = AS_IT_COMES,
     rules: PerformanceRules = PERFORMANCE_RULES[DEFAULT_RULES],
     disturbance: DisturbanceOptions = NO_DISTURBANCE,
@@ -108,7 +108,7 @@ def judge_sim2real(
     def judge(found: Controller, chosen: Robot, progress: Progress) -> Sim2Real:
         return sim2real_of.sim2real(found, chosen, controller, domain, seed, seeds, progress=progress)
 
-    return judge_and_tell(robot, controller, estimator, judge, sim2real_lines, output, domain.plant)
+    return judge_and_tell(robot, controller, estimator, judge, sim2real_lines, output, domain.design_plant)
 
 
 def judge_trials(
@@ -126,4 +126,4 @@ def judge_trials(
     def judge(found: Controller, chosen: Robot, progress: Progress) -> Trials:
         return trials_of.trials(found, chosen, controller, rules, domain, seed, seeds, progress)
 
-    return judge_and_tell(robot, controller, estimator, judge, trials_lines, output, domain.plant)
+    return judge_and_tell(robot, controller, estimator, judge, trials_lines, output, domain.design_plant)

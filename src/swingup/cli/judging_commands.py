@@ -160,7 +160,7 @@ class JudgingCommands:
             return uptime_of.uptime(found, on, controller, chosen, seed, seeds, progress, thrown, drawn)
 
         drawn = uptime_of.minute_domain(chosen, domain, thrown)
-        designed_for = thrown if drawn is None else drawn.plant
+        designed_for = thrown if drawn is None else drawn.design_plant
         return judge_and_tell(robot, controller, estimator, judge, uptime_lines, Output(json, save), designed_for)
 
     def sim2real(
@@ -196,7 +196,7 @@ class JudgingCommands:
             json: print one JSON object, with every run.
             save: also write the first seed's trajectory to this CSV file.
         """
-        output, on = Output(json, save), plant.make()
+        output, on = Output(json, save), plant.given()
         if rules != SUCCESS:
             chosen = self.board("trials", rules, (SUCCESS,))
             ranges = loop_around(on, chosen.domain if domain is None else domain)

@@ -11,7 +11,6 @@ from ..control.own_units import in_real_units
 from ..control.reference import save_reference
 from ..control.trajectory_csv import save_reference_csv
 from ..files import check_writable
-from ..physics.plant import plant_as_dict
 from ..policy.plant_facts import write_plant
 from ..robots import get_robot
 from .arguments import NO_PLANT, PlantFlags, RobotName
@@ -45,8 +44,8 @@ def trajectory(
     if out.endswith(".csv"):
         save_reference_csv(out, reference)
     else:
-        about = {} if on is None else {"plant": write_plant(on.driven(chosen))}
-        save_reference(out, reference, {**provenance, **about, "command": command})
-    for name, value in (provenance | plant_as_dict(on, chosen)).items():
+        about = {"plant": write_plant(on.driven(chosen)), "command": command}
+        save_reference(out, reference, provenance | about)
+    for name, value in (provenance | on.summary(chosen)).items():
         print(f"{name:<20}{value}")
     return 0

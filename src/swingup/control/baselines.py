@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import SwingupError
 from ..physics.angles import UPRIGHT
 from ..physics.equations import StateFloats
-from ..physics.plant import Plant, PlantLike
+from ..physics.plant import LEADERBOARD, Plant, PlantLike
 from ..physics.units import Scales, scales_of
 from ..robots import Robot, get_robot
 from .controller import AbstractController
@@ -67,15 +67,15 @@ class Design:
         return compute_reference(self.robot, swingup, seed, self.model)
 
 
-def design_of(robot: Robot, plant: PlantLike | None) -> Design:
-    """Settings for a plant; for the leaderboards' (None) the published ones and the shipped swing-ups.
+def design_of(robot: Robot, plant: PlantLike) -> Design:
+    """Settings for a plant; for the leaderboards' the published ones and the shipped swing-ups.
 
     Raises:
         SwingupError: there is no such plant, or it has no units.
     """
     model, published, optimal = model_of(plant, robot), PUBLISHED[robot.name], OPTIMAL[robot.name]
     scales = scales_of(model)
-    if plant is None or model == model_of(None, robot):
+    if model == model_of(LEADERBOARD, robot):
         return Design(robot, model, scales, published, optimal, shipped=True)
     if not scales.torque_limit > 0:
         raise SwingupError(f"the {robot.name}'s motor has a torque limit of 0: raise tl{robot.joint + 1}")
@@ -83,15 +83,15 @@ def design_of(robot: Robot, plant: PlantLike | None) -> Design:
     return Design(robot, similar_plant(model, scales), scales, *settings, shipped=False)
 
 
-def baseline(name: str, robot: Robot | str, plant: PlantLike | None = None) -> AbstractController[Any]:
+def baseline(name: str, robot: Robot | str, plant: PlantLike = LEADERBOARD) -> AbstractController[Any]:
     """A baseline for a robot.
 
     Args:
         name: one of :data:`BASELINES`.
         robot: which joint is driven.
-        plant: what it is designed for: a plant, its parameters, its name or its file; None for the leaderboards',
-            with the published settings and the shipped swing-up. For another plant the settings are in its own
-            units, Coulomb friction is left out, and the swing-up is computed, once in a process.
+        plant: what it is designed for: a plant, its name or its file. The leaderboards' has the published settings
+            and the shipped swing-up. For another plant the settings are in its own units, Coulomb friction is left
+            out, and the swing-up is computed, once in a process.
 
     Raises:
         SwingupError: there is no such baseline, robot or plant.

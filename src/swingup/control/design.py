@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 from ..errors import SwingupError
 from ..physics.angles import UPRIGHT
 from ..physics.equations import StateFloats
-from ..physics.plant import Plant, PlantLike
+from ..physics.plant import LEADERBOARD, Plant, PlantLike
 from ..robots import Robot, get_robot
 from ..types import Scalar
 from .ilqr import ILQRSettings, Solution, Status, feedback_gains, solve
@@ -142,7 +142,7 @@ class SwingupProblem:
 
 
 def compute_reference(
-    robot: Robot | str, problem: SwingupProblem, seed: int, plant: PlantLike | None = None
+    robot: Robot | str, problem: SwingupProblem, seed: int, plant: PlantLike = LEADERBOARD
 ) -> tuple[Reference, dict[str, Any]]:
     """Optimise a swing-up from hanging at rest; takes a minute or two, or longer where it does not come up.
 
@@ -150,7 +150,7 @@ def compute_reference(
         robot: which joint is driven.
         problem: weights and settings.
         seed: of the first torques, which NumPy draws.
-        plant: the pendulum, in whose units the problem is; None for the leaderboards'.
+        plant: the pendulum, in whose units the problem is.
 
     Returns:
         The trajectory, and its provenance: JSON values for the file.

@@ -4,19 +4,14 @@ Coulomb friction's slope at rest would appear in a linear model as a damping of 
 regulator would take the joint for frozen. Rotors and viscous friction stay.
 """
 
-import dataclasses
-
-import jax
-
-from ..physics.plant import Plant, PlantLike, robot_parameters
+from ..physics.plant import Plant, PlantLike, load_plant
 from ..robots import Robot
 
 
-def model_of(plant: PlantLike | None, robot: Robot) -> Plant:
-    """A robot's parameters without Coulomb friction, as Python floats; the leaderboards' for None.
+def model_of(plant: PlantLike, robot: Robot) -> Plant:
+    """A robot's plant without Coulomb friction.
 
     Raises:
         SwingupError: there is no such plant.
     """
-    model: Plant = jax.tree.map(float, robot_parameters(plant, robot))
-    return dataclasses.replace(model, cf1=0.0, cf2=0.0)
+    return load_plant(plant).driven(robot).changed(cf1=0.0, cf2=0.0)

@@ -10,7 +10,7 @@ from typing import Any
 from ..checks import suggestion
 from ..errors import SwingupError
 from ..foreign import described
-from ..physics.plant import PlantLike, robot_parameters
+from ..physics.plant import LEADERBOARD, PlantLike, load_plant
 from ..policy.jax_backend.controller import make_controller
 from ..policy.jax_backend.estimator import EstimatingController, with_estimator
 from ..policy.shipped import SHIPPED_POLICIES, is_policy, read_policy
@@ -27,7 +27,7 @@ Controller = AbstractController[Any] | PythonController
 
 
 def get_controller(
-    name: str, robot: Robot | str, estimator: bool | None = None, plant: PlantLike | None = None
+    name: str, robot: Robot | str, estimator: bool | None = None, plant: PlantLike = LEADERBOARD
 ) -> Controller:
     """Find a controller by its name, with or without a state estimator before it.
 
@@ -38,8 +38,8 @@ def get_controller(
         robot: which joint is driven.
         estimator: never (False), always (True), or where the policy file has its settings (None). Without settings
             in the file it has the defaults.
-        plant: what a baseline is designed for, and the model of an estimator before it: a plant, its parameters,
-            its name or its file; None for the leaderboards'. A policy has one of its own.
+        plant: what a baseline is designed for, and the model of an estimator before it: a plant, its name
+            or its file. A policy has one of its own.
 
     Raises:
         SwingupError: there is no such controller or plant, it cannot be loaded, it is for another robot, it is in
@@ -47,7 +47,7 @@ def get_controller(
     """
     robot = get_robot(robot)
     if is_policy(name):
-        if plant is not None:
+        if load_plant(plant) != LEADERBOARD:
             raise SwingupError(
                 f"policy {quoted(name)} has a plant of its own: leave plant out here, and judge it on any plant"
             )
@@ -64,14 +64,14 @@ def get_controller(
             "in JAX"
         )
     try:
-        return with_estimator(found, robot, robot_parameters(plant, robot))
+        return with_estimator(found, robot, load_plant(plant).driven(robot))
     except SwingupError as error:
         raise SwingupError(f"controller {quoted(name)}: {error}") from error
 
 
-def designs_for(name: str, plant: PlantLike | None) -> PlantLike | None:
-    """The plant that a controller is designed for where one is judged; None for a policy, which has its own."""
-    return None if is_policy(name) else plant
+def designs_for(name: str, plant: PlantLike) -> PlantLike:
+    """The plant that a controller is designed for where one is judged; the default for a policy, with its own."""
+    return LEADERBOARD if is_policy(name) else plant
 
 
 def has_estimator(controller: Any) -> bool:

@@ -12,7 +12,7 @@ from ..areapo.checkpoint import load_checkpoint, read_metadata, save_checkpoint
 from ..areapo.config import Config, config_from_dict
 from ..checks import whole_number
 from ..errors import SwingupError
-from ..physics.plant import Plant, PlantLike, find_plant
+from ..physics.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..policy.jax_backend.policy import Policy, remember
 from ..robots import ROBOTS
 from ..tasks.adapters import as_task
@@ -58,7 +58,7 @@ class AREAPO:
         evaluate_every: int | None = None,
         checkpoint_every: int | None = None,
         evaluation_episodes: int = 5,
-        plant: PlantLike | None = None,
+        plant: PlantLike = LEADERBOARD,
         verbose: int = 0,
         tensorboard_log: str | Path | None = None,
         device: Any = "auto",
@@ -80,8 +80,7 @@ class AREAPO:
             checkpoint_every: frames between checkpoints, where the environments that the host steps are reset.
             evaluation_episodes: episodes of an evaluation. With 0, where the host steps the environments, the score
                 is that of the training episodes, or, if none of them ended, the mean reward of a step.
-            plant: the robot's pendulum, in whose units the task is: a plant, its name or its file;
-                None for the leaderboards'.
+            plant: the robot's pendulum, in whose units the task is: a plant, its name or its file.
             verbose: 1 or 2 shows a line of each report on standard error.
             tensorboard_log: a folder in which each run gets a new ``folder``: AREAPO_1, AREAPO_2 and so on.
             device: where JAX must run: ``auto``, ``cpu``, ``cuda`` or ``tpu``. It is checked, not chosen.
@@ -99,7 +98,7 @@ class AREAPO:
             check_device(device)
             env = as_task(env)
             intervals = {"evaluate_every": evaluate_every, "checkpoint_every": checkpoint_every}
-            settings = _settings(env, preset, seed, intervals, evaluation_episodes, find_plant(plant), overrides)
+            settings = _settings(env, preset, seed, intervals, evaluation_episodes, load_plant(plant), overrides)
             place = chosen_folder(folder, tensorboard_log)
             run = start_run(settings, place, get_preset(settings.preset, is_pendulum(env)).frames, env)
         self._run = run
@@ -268,7 +267,7 @@ def _settings(
     seed: int,
     intervals: dict[str, int | None],
     evaluation_episodes: int,
-    plant: Plant | None,
+    plant: Plant,
     overrides: dict[str, Any],
 ) -> RunSettings:
     """The settings of a new learner, with defaults for the arguments that are None."""

@@ -16,7 +16,6 @@ from ..policy.jax_backend.controller import PolicyController, save_controller
 from ..policy.jax_backend.observation import AbstractStage
 from ..policy.jax_backend.policy import Policy, save_policy
 from ..policy.plant_facts import policy_plant
-from ..robots import TORQUE_LIMIT
 from ..tasks.adapted import AbstractAdaptedTask
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.task import AbstractTask
@@ -53,12 +52,12 @@ class SwingUpEvaluator(AbstractEvaluator):
     measure = "v2"
     observation_shape = (4,)
 
-    def __init__(self, task: AbstractPendulumTask, plant: Plant | None = None) -> None:
+    def __init__(self, task: AbstractPendulumTask, plant: Plant = LEADERBOARD) -> None:
         """The evaluator of a variant of the pendulum's task, on its plant, with the name that the plant has."""
-        self.stages, self._robot, self._plant = (task.observation,), task.robot, plant
+        self.stages, self._robot = (task.observation,), task.robot
         # A task that was passed in may have a plant of its own.
-        if plant is None and task.parameters != LEADERBOARD.driven(task.robot):
-            self._plant = dataclasses.replace(task.parameters, name="the task's")
+        own = task.parameters != plant.driven(task.robot)
+        self._plant = dataclasses.replace(task.parameters, name="the task's" if own else plant.name)
 
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
         """The criteria; ``episodes`` has no effect, since there is one deterministic episode."""
@@ -69,8 +68,6 @@ class SwingUpEvaluator(AbstractEvaluator):
         save_controller(path, self._controller(policy), provenance)
 
     def _controller(self, policy: Policy[Any]) -> PolicyController:
-        if self._plant is None:
-            return PolicyController(policy, TORQUE_LIMIT, self._robot)
         facts = policy_plant(self._plant, self._robot)
         return PolicyController(policy, facts.limit(self._robot.joint), self._robot, plant=facts)
 

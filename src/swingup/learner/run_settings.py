@@ -11,7 +11,7 @@ from ..areapo.config import Config, config_from_dict
 from ..checks import whole_number
 from ..errors import SwingupError
 from ..files import write_atomically
-from ..physics.plant import FRICTIONLESS, SHIPPED_PLANTS, Plant, is_plant_name, load_plant, make_plant
+from ..physics.plant import FRICTIONLESS, LEADERBOARD, SHIPPED_PLANTS, Plant, is_plant_name, load_plant, make_plant
 from ..robots import get_robot
 from ..tasks.adapted import AbstractAdaptedTask
 from ..tasks.pendulum import AbstractPendulumTask
@@ -55,8 +55,8 @@ class RunSettings:
     """Gymnasium id of another task than the pendulum's, or a description of an object that was passed in."""
     evaluation_episodes: int = field(default=5, metadata=FROM_0)
     """Episodes of an evaluation on another task; 0 for none, where the host steps the environments."""
-    plant: Plant | None = None
-    """The pendulum, in whose units the task is; None for the leaderboards' plant."""
+    plant: Plant = LEADERBOARD
+    """The pendulum, in whose units the task is."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot work."""
@@ -67,7 +67,7 @@ class RunSettings:
         if self.robot is not None:
             get_robot(self.robot)
         object.__setattr__(self, "preset", preset_name(self.preset))
-        if self.plant is not None and self.robot is None:
+        if self.plant != LEADERBOARD and self.robot is None:
             raise SwingupError(f"a plant goes with a robot, not with {self.name}")
         for each in dataclasses.fields(self):
             if "least" in each.metadata:
@@ -105,18 +105,18 @@ class RunSettings:
     def command(self, frames: int) -> str:
         """The command that makes such a run from scratch; in Python where environment or plant has no name."""
         passed_in = is_description(self.name)
-        if passed_in or not (self.plant is None or _is_named(self.plant)):
+        if passed_in or not _is_named(self.plant):
             return self._call(frames) + (f"  # env: {self.name}" if passed_in else "")
         task = self.robot if self.env is None else f"--env {shlex.quote(self.env)}"
         words = [f"swingup train {task} --preset {self.preset} --frames {frames} --seed {self.seed}"]
-        words += [] if self.plant is None else _plant_options(self.plant)
+        words += [] if self.plant == LEADERBOARD else _plant_options(self.plant)
         words += [] if self.seeds == 1 else [f"--seeds {self.seeds}"]
         return " ".join(words + [_option(name, value) for name, value in self._changed().items()])
 
     def _call(self, frames: int) -> str:
         words = ["env" if is_description(self.name) else repr(self.name)]
         words += [f"preset={self.preset!r}", f"seed={self.seed}"]
-        words += [] if self.plant is None else [f"plant={_in_python(self.plant)}"]
+        words += [] if self.plant == LEADERBOARD else [f"plant={_in_python(self.plant)}"]
         words += [f"{name}={value!r}" for name, value in self._changed().items()]
         return f"swingup.AREAPO({', '.join(words)}).learn({frames})"
 
@@ -131,8 +131,11 @@ class RunSettings:
 
     def as_dict(self) -> dict[str, Any]:
         """As JSON values."""
+        values = dataclasses.asdict(self)
+        if self.robot is None:
+            del values["plant"]  # another task has no pendulum
         # Through JSON, so that tuples become lists and it equals what is read from a file.
-        return json.loads(json.dumps(dataclasses.asdict(self)))
+        return json.loads(json.dumps(values))
 
 
 def _is_named(plant: Plant) -> bool:
@@ -154,12 +157,6 @@ def _in_python(plant: Plant) -> str:
     return f"Plant({values})"
 
 
-def _plant_from_dict(content: Any) -> Plant | None:
-    if content is None:
-        return None
-    return make_plant(content, "its plant", str(content["name"]))
-
-
 def run_settings_from_dict(content: Any) -> RunSettings:
     """The inverse of ``as_dict``; settings that an older version did not have get their defaults.
 
@@ -167,7 +164,8 @@ def run_settings_from_dict(content: Any) -> RunSettings:
         SwingupError: the content is malformed or cannot work.
     """
     try:
-        plant, config = _plant_from_dict(content.get("plant")), config_from_dict(content["config"])
+        given, config = content.get("plant"), config_from_dict(content["config"])
+        plant = LEADERBOARD if given is None else make_plant(given, "its plant", str(given["name"]))
         return RunSettings(**{**content, "plant": plant, "config": config})
     except MALFORMED as error:
         raise SwingupError(f"the settings are malformed ({type(error).__name__}: {one_line(error, 80)})") from error

@@ -170,25 +170,6 @@ def is_plant_name(name: str) -> bool:
     return name in SHIPPED_PLANTS or name.endswith((".yml", ".yaml"))
 
 
-def find_plant(plant: PlantLike | None) -> Plant | None:
-    """As :func:`load_plant`; None stays None, which stands for the leaderboards' plant."""
-    return None if plant is None else load_plant(plant)
-
-
-def robot_parameters(plant: PlantLike | None, robot: Robot | str) -> Plant:
-    """The plant of a robot, with one driven joint: a plant's, or the leaderboards' where it is None.
-
-    Raises:
-        SwingupError: as :func:`load_plant`, or there is no such robot.
-    """
-    return (LEADERBOARD if plant is None else load_plant(plant)).driven(robot)
-
-
-def plant_as_dict(plant: Plant | None, robot: Robot | str) -> dict[str, Any]:
-    """What a result says of its plant, ready for JSON; nothing of the leaderboards' (None)."""
-    return {} if plant is None else plant.summary(robot)
-
-
 def base_plant(source: object, folder: str | Path) -> Plant:
     """The plant that a file's entry ``plant`` names: a shipped one, or a file with all values, seen from a folder.
 

@@ -18,7 +18,7 @@ import jax
 from ..checks import suggestion
 from ..errors import SwingupError
 from ..physics.integrate import stable_substeps
-from ..physics.plant import NAMES, SHIPPED_PLANTS, Plant, base_plant, load_plant, make_plant, validated
+from ..physics.plant import LEADERBOARD, NAMES, SHIPPED_PLANTS, Plant, base_plant, load_plant, make_plant, validated
 from ..robots import Robot
 from ..text import one_line, quoted
 from ..yaml_map import read_map
@@ -97,6 +97,11 @@ class Domain:
         places = {name: place for place, name in enumerate((*NAMES, *VALUES))}
         first = [places[MOTORS[0] if name == TORQUE_LIMIT else name] for name in self.names]
         return list(dict.fromkeys([*first, *places.values()]))
+
+    @property
+    def design_plant(self) -> Plant:
+        """What controllers are designed for: its plant, or the leaderboards' where it names none."""
+        return LEADERBOARD if self.plant is None else self.plant
 
     def corners(self) -> Iterator[Plant]:
         """Plants at the ends of the ranges: all combinations of the masses', and both ends of the others.

@@ -18,7 +18,7 @@ from ..benchmark.rules import PERFORMANCE_RULES
 from ..benchmark.runner import cores
 from ..control.controller import AbstractController
 from ..physics.integrate import stable_substeps
-from ..physics.plant import Plant, PlantLike, robot_parameters
+from ..physics.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..policy.jax_backend.controller import PolicyController
 from ..types import Scalar, State
 from .episodes import EpisodeBatch
@@ -62,10 +62,10 @@ class AnalyticPolicyGradient:
     """Gradient steps for one controller: a part of each batch on every core, or one batch on an accelerator."""
 
     def __init__(
-        self, controller: PolicyController, settings: PolicyGradientSettings, plant: PlantLike | None = None
+        self, controller: PolicyController, settings: PolicyGradientSettings, plant: PlantLike = LEADERBOARD
     ) -> None:
         """Prepare; nothing is compiled before the first step. Without a plant it is the leaderboards'."""
-        self._plant = robot_parameters(plant, controller.robot)
+        self._plant = load_plant(plant).driven(controller.robot)
         # The actor is differentiated, and so an argument of its own; here it is left out.
         self._controller = eqx.tree_at(lambda c: c.policy.actor, single_precision(controller), None)
         self._settings = settings

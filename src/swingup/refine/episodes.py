@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..checks import finite_number, whole_number
 from ..errors import SwingupError
-from ..physics.plant import PlantLike, robot_parameters
+from ..physics.plant import LEADERBOARD, PlantLike, load_plant
 from ..robots import Robot
 from ..tasks.throws import thrown_states
 
@@ -66,7 +66,7 @@ class EpisodeBatch(eqx.Module):
 
 
 def sample_episodes(
-    random: np.random.Generator, robot: Robot, settings: EpisodeSettings, plant: PlantLike | None = None
+    random: np.random.Generator, robot: Robot, settings: EpisodeSettings, plant: PlantLike = LEADERBOARD
 ) -> EpisodeBatch:
     """Draw the episodes of one step, in single precision.
 
@@ -74,13 +74,13 @@ def sample_episodes(
         random: source of the numbers.
         robot: which joint is driven.
         settings: how many of each kind.
-        plant: what is thrown; None for the leaderboards' plant.
+        plant: what is thrown.
     """
     nominal, anywhere, thrown = (getattr(settings, kind) for kind in EPISODE_KINDS)
     hanging = settings.spread * random.uniform(size=(nominal, 1)) * random.normal(size=(nominal, 4))
     rates = settings.speed * random.uniform(size=(anywhere, 1)) * random.normal(size=(anywhere, 2))
     free = np.concatenate([random.uniform(-np.pi, np.pi, (anywhere, 2)), rates], axis=1)
-    after = thrown_states(random, robot_parameters(plant, robot), thrown) if thrown else np.zeros((0, 4))
+    after = thrown_states(random, load_plant(plant).driven(robot), thrown) if thrown else np.zeros((0, 4))
     x0 = np.concatenate([hanging, free, after]).astype(np.float32)
     # Shuffled: each core takes a slice of the batch, and every slice needs episodes of all kinds.
     order = random.permutation(len(x0))

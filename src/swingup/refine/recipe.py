@@ -15,7 +15,7 @@ from ..benchmark.criteria import Criteria
 from ..benchmark.evaluate import evaluate
 from ..errors import SwingupError
 from ..physics.base_parameters import base_parameters
-from ..physics.plant import LEADERBOARD, Plant, PlantLike, find_plant
+from ..physics.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..policy.jax_backend.controller import PolicyController, plant_of
 from ..policy.jax_backend.told import depends_on_plant
 from ..policy.plant_facts import plant_difference, policy_plant
@@ -79,7 +79,7 @@ def run_recipe(
     seed: int = 0,
     report: Callable[[RefinementReport], Any] = lambda _: None,
     every: int = 10,
-    plant: PlantLike | None = None,
+    plant: PlantLike = LEADERBOARD,
 ) -> PolicyController:
     """Take a policy through the stages of a recipe.
 
@@ -90,8 +90,7 @@ def run_recipe(
         seed: seed of all random numbers.
         report: called after every ``every`` gradient steps, each round of a distillation, and each stage.
         every: gradient steps between reports.
-        plant: what the policy is refined on: a plant, its parameters, its name or its file; None for the
-            leaderboards'.
+        plant: what the policy is refined on: a plant, its name or its file.
 
     Raises:
         SwingupError: there is no such plant, the weights are no longer finite, or a stage does not take such a
@@ -99,16 +98,15 @@ def run_recipe(
     """
     if depends_on_plant(controller) and any(not isinstance(stage, DistillationSettings) for stage in stages):
         raise SwingupError("the policy sees its plant, which only the recipe adapt trains: give the one before it")
-    start, found = time.perf_counter(), find_plant(plant)
-    if found is None:
-        difference = plant_difference(plant_of(controller), LEADERBOARD.driven(robot), robot)
+    start, found = time.perf_counter(), load_plant(plant)
+    if found == LEADERBOARD:
+        difference = plant_difference(plant_of(controller), found.driven(robot), robot)
         if difference is not None:
             _LOGGER.warning("without a plant the policy is refined on the leaderboards': %s", difference)
     # Only the mean acts when a policy is judged; the deviation's head would stay without gradient.
     controller = eqx.tree_at(lambda c: c.policy.actor.std_head, controller, None, is_leaf=lambda leaf: leaf is None)
-    facts = None if found is None else policy_plant(found, robot)
-    limit = controller.torque_limit if facts is None else facts.limit(robot.joint)
-    controller = dataclasses.replace(controller, plant=facts, torque_limit=limit)
+    facts = policy_plant(found, robot)
+    controller = dataclasses.replace(controller, plant=facts, torque_limit=facts.limit(robot.joint))
     if any(isinstance(stage, DistillationSettings) for stage in stages):
         _check_distillable(controller)
     random = np.random.default_rng(seed)
@@ -150,7 +148,7 @@ def _gradient_steps(
     random: np.random.Generator,
     tell: Callable[[PolicyController, int, int, dict[str, float]], None],
     every: int,
-    plant: Plant | None,
+    plant: Plant,
 ) -> PolicyController:
     learner, number = AnalyticPolicyGradient(controller, stage.gradient, plant), stage.gradient.iterations
     recent: list[dict[str, float]] = []

@@ -16,7 +16,7 @@ from ..checks import finite_number, positive_number, whole_number
 from ..drawing import draw_frame
 from ..errors import SwingupError
 from ..files import write_atomically
-from ..physics.plant import PlantLike, robot_parameters
+from ..physics.plant import LEADERBOARD, PlantLike, load_plant
 from ..robots import Robot, get_robot
 from ..text import one_line
 from .files import check_suffix, check_trajectory
@@ -41,7 +41,7 @@ def animate(
     fps: float = FPS,
     size: int = SIZE,
     speed: float = 1.0,
-    plant: PlantLike | None = None,
+    plant: PlantLike = LEADERBOARD,
 ) -> None:
     """Write a film of a trajectory, as long as the trajectory divided by the speed.
 
@@ -52,7 +52,7 @@ def animate(
         fps: frames a second, from 1 to 50 (GIF) or 120 (MP4).
         size: width and height (pixels); MP4 rounds it up to an even number.
         speed: 1 is real time, 0.5 is half as fast.
-        plant: gives the lengths of the links; None for the leaderboards'.
+        plant: gives the lengths of the links.
 
     Raises:
         SwingupError: a value is out of range, the film has too many frames or pixels, the suffix is unknown, there
@@ -68,7 +68,7 @@ def animate(
     encode: Callable[[RgbFrames, float], bytes] = encode_gif if suffix == ".gif" else _encode_mp4
     # Each row's torque acts from its time on. The small number absorbs the rounding of the division.
     shown = np.searchsorted(time, time[0] + np.arange(count) * (speed / fps) + 1e-9, side="right") - 1
-    parameters = robot_parameters(plant, robot)
+    parameters = load_plant(plant).driven(robot)
     lengths = float(parameters.l1), float(parameters.l2)
     limit = float(max(parameters.tl1, parameters.tl2))
     # A generator: the encoders take one frame at a time, so that no film is whole in memory.

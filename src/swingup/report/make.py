@@ -10,7 +10,7 @@ from ..benchmark.own_units import scaled_pushes
 from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import PushRules
 from ..errors import SwingupError
-from ..physics.plant import Plant, PlantLike, find_plant, robot_parameters
+from ..physics.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..physics.units import scales_of
 from ..policy.shipped import DEFAULT, read_policy
 from ..robots import Robot, get_robot
@@ -44,7 +44,7 @@ def make_section(
     seed: int = 0,
     progress: RowProgress | None = None,
     entrants: Sequence[str] = SHOWN_CONTROLLERS,
-    plant: PlantLike | None = None,
+    plant: PlantLike = LEADERBOARD,
 ) -> Section:
     """Score controllers on one robot, and simulate their swing-ups.
 
@@ -55,14 +55,14 @@ def make_section(
         progress: called with the name of a stage, the number of its finished parts, and of all; a robot takes
             minutes. A stage is a row of a board or a controller's swing-ups; its name begins with the robot's.
         entrants: names of the built-in controllers whose swing-ups are shown; the boards have their own.
-        plant: what the page shows, and the baselines are designed for: a plant, its parameters, its name or its
-            file; None for the leaderboards'.
+        plant: what the page shows, and the baselines are designed for: a plant, its name or its
+            file.
 
     Raises:
         SwingupError: there is no such robot or plant. A controller that fails gets a note.
     """
-    robot, found = get_robot(robot), find_plant(plant)
-    parameters = robot_parameters(found, robot)
+    robot, found = get_robot(robot), load_plant(plant)
+    parameters = found.driven(robot)
     shown = entrants_for(robot, controllers or {}, entrants, plant=found)
 
     def tell(stage: str, done: int, total: int) -> None:
@@ -86,11 +86,11 @@ def make_section(
     )
 
 
-def make_show(name: str, controller: Any, robot: Robot, seed: int, plant: Plant | None = None) -> Show:
+def make_show(name: str, controller: Any, robot: Robot, seed: int, plant: Plant = LEADERBOARD) -> Show:
     """Simulate one controller without and with a disturbance; a failed run becomes a note."""
     runs: dict[str, Trajectory | None] = {}
     notes: dict[str, None] = {}
-    for run, disturbance in (("clean", None), ("disturbed", disturb(seed, robot_parameters(plant, robot)))):
+    for run, disturbance in (("clean", None), ("disturbed", disturb(seed, plant))):
         try:
             result = evaluate(controller, robot, name, disturbance=disturbance, plant=plant)
             runs[run] = thin(result.trajectory)
@@ -100,15 +100,15 @@ def make_show(name: str, controller: Any, robot: Robot, seed: int, plant: Plant 
     return Show(name, runs["clean"], runs["disturbed"], "; ".join(notes) or None)
 
 
-def disturb(seed: int, parameters: Plant | None = None) -> Disturbance:
+def disturb(seed: int, plant: Plant = LEADERBOARD) -> Disturbance:
     """The disturbance of the page's disturbed swing-ups; equal seeds give equal disturbances."""
-    velocity_noise, torque_noise, pushes = _sizes(parameters)
+    velocity_noise, torque_noise, pushes = _sizes(plant)
     return make_disturbance(velocity_noise=velocity_noise, torque_noise=torque_noise, pushes=pushes, seed=seed)
 
 
-def describe_disturbance(seed: int, parameters: Plant | None = None) -> str:
+def describe_disturbance(seed: int, plant: Plant = LEADERBOARD) -> str:
     """The disturbance of the page's disturbed swing-ups in one sentence."""
-    velocity_noise, torque_noise, pushes = _sizes(parameters)
+    velocity_noise, torque_noise, pushes = _sizes(plant)
     low, high = pushes.amplitude
     return (
         f"Disturbed means Gaussian noise on the measured velocities ({velocity_noise:.3g} rad/s) and on the torque "
@@ -117,11 +117,9 @@ def describe_disturbance(seed: int, parameters: Plant | None = None) -> str:
     )
 
 
-def _sizes(parameters: Plant | None) -> tuple[float, float, PushRules]:
-    """Noise of velocities and torque, and the pushes, in the units of a plant; by default C.1's."""
-    if parameters is None:
-        return VELOCITY_NOISE, TORQUE_NOISE, SHOW_PUSHES
-    scales = scales_of(parameters)
+def _sizes(plant: Plant) -> tuple[float, float, PushRules]:
+    """Noise of velocities and torque, and the pushes, in the units of a plant."""
+    scales = scales_of(plant)
     return VELOCITY_NOISE * scales.velocity, TORQUE_NOISE * scales.torque_limit, scaled_pushes(SHOW_PUSHES, scales)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from ..benchmark.columns import COLUMNS
 from ..benchmark.rules import CRITERIA
 from ..errors import SwingupError
+from ..physics.plant import LEADERBOARD
 from ..policy.javascript_backend.page import policy_script
 from ..robots import get_robot
 from ..text import one_line
@@ -141,7 +142,7 @@ def _table(board: "Board") -> dict[str, Any]:
         for row in board.rows
     ]
     seed = "" if board.seed is None else f" Seed {board.seed}."
-    plant = "" if board.plant is None else f" Plant {one_line(board.plant.name)}."
+    plant = "" if board.plant == LEADERBOARD else f" Plant {one_line(str(board.plant))}."
     note = NOTES.get(board.measure, "") + f" Rules {board.rules}.{seed}{plant}"
     title = TITLES.get(board.measure, board.measure)
     return {

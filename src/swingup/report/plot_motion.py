@@ -8,7 +8,7 @@ import numpy as np
 from ..benchmark.evaluate import score
 from ..benchmark.rollout import Trajectory
 from ..drawing import BASE, DRIVEN, GREEN, LINK_1, LINK_2
-from ..physics.plant import PlantLike, robot_parameters
+from ..physics.plant import LEADERBOARD, PlantLike, load_plant
 from ..robots import Robot, get_robot
 from .files import check_trajectory, require_some
 from .style import RING, STAR, legend_below, line_look, new_figure, plain, styled, tick_angles
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def plot_trajectories(
-    trajectories: Mapping[str, Trajectory], robot: Robot | str, plant: PlantLike | None = None
+    trajectories: Mapping[str, Trajectory], robot: Robot | str, plant: PlantLike = LEADERBOARD
 ) -> "Figure":
     """Draw positions (rad), velocities (rad/s) and torques (N m) over time (s), a column for each trajectory.
 
@@ -30,12 +30,12 @@ def plot_trajectories(
     Args:
         trajectories: by name; the names become titles.
         robot: which joint is driven; the other's torque is drawn in grey unless it is zero.
-        plant: gives the lengths of the links and the torque limit; None for the leaderboards'.
+        plant: gives the lengths of the links and the torque limit.
 
     Raises:
         SwingupError: there is no trajectory, one is malformed, or matplotlib is not installed.
     """
-    robot, count, parameters = get_robot(robot), len(trajectories), robot_parameters(plant, robot)
+    robot, count, parameters = get_robot(robot), len(trajectories), load_plant(plant).driven(robot)
     limit = float(max(parameters.tl1, parameters.tl2))
     require_some(trajectories, "trajectory")
     with styled():

@@ -8,7 +8,7 @@ from ..benchmark.trajectory_file import load_trajectory
 from ..checks import one_of
 from ..errors import SwingupError
 from ..files import write_atomically
-from ..physics.plant import PlantLike
+from ..physics.plant import LEADERBOARD, PlantLike
 from ..robots import Robot, get_robot
 from .animate import FASTEST, FPS, SIZE, animate
 from .files import check_suffix, infer_robot, make_labels, read_curve, read_robustness
@@ -26,7 +26,7 @@ def save_plot(
     fps: float = FPS,
     size: int = SIZE,
     speed: float = 1.0,
-    plant: PlantLike | None = None,
+    plant: PlantLike = LEADERBOARD,
 ) -> None:
     """Make a figure or a film from files, and write it whole or not at all.
 
@@ -39,7 +39,7 @@ def save_plot(
         fps: frames a second of an animation.
         size: width and height of an animation (pixels).
         speed: speed of an animation; 1 is real time.
-        plant: the trajectories' pendulum: its lengths and its torque limit; None for the leaderboards'.
+        plant: the trajectories' pendulum: its lengths and its torque limit.
 
     Raises:
         SwingupError: an unknown kind or suffix, a file that cannot be read, understood or written, trajectories

@@ -15,7 +15,7 @@ from ..errors import SwingupError
 from ..learner.presets import choose_preset
 from ..learner.run_folder import RunFolder
 from ..learner.run_settings import default_intervals
-from ..physics.plant import PlantLike, find_plant
+from ..physics.plant import LEADERBOARD, PlantLike, load_plant
 from ..robots import ROBOTS
 from ..text import quoted
 from .executors import workers_for
@@ -44,7 +44,7 @@ def search(
     frames: int | None = None,
     seed: int = 0,
     seeds: int = 1,
-    plant: PlantLike | None = None,
+    plant: PlantLike = LEADERBOARD,
     evaluate_every: int | None = None,
     checkpoint_every: int | None = None,
     evaluation_episodes: int | None = None,
@@ -67,7 +67,7 @@ def search(
         frames: length of each run; by default the preset's.
         seed: the first seed of each trial, from which the suggestions follow as well.
         seeds: how many seeds each trial trains.
-        plant: the robot's pendulum; None for the leaderboards'.
+        plant: the robot's pendulum.
         evaluate_every: frames between evaluations.
         checkpoint_every: frames between checkpoints.
         evaluation_episodes: episodes of an evaluation on another task than the pendulum's.
@@ -83,7 +83,7 @@ def search(
         raise SwingupError(f"env = {quoted(env)}: a search runs in other processes: name a Gymnasium id")
     robot = env if env in ROBOTS else None
     given = {
-        "plant": find_plant(plant), "evaluate_every": evaluate_every, "checkpoint_every": checkpoint_every,
+        "plant": load_plant(plant), "evaluate_every": evaluate_every, "checkpoint_every": checkpoint_every,
         "evaluation_episodes": evaluation_episodes,
     }  # fmt: skip
     base: dict[str, Any] = {"robot": robot, "env": None if robot else env, "preset": choose_preset(preset, env)}

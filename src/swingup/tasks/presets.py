@@ -8,7 +8,7 @@ import numpy as np
 
 from ..checks import one_of
 from ..errors import SwingupError
-from ..physics.plant import PlantLike, robot_parameters
+from ..physics.plant import LEADERBOARD, PlantLike, load_plant
 from ..physics.units import scales_of
 from ..policy.jax_backend.observation import PendulumObservation
 from ..robots import Robot, get_robot
@@ -21,29 +21,29 @@ STARTS_SEED = 0
 """Seed of the states that the global task begins in."""
 
 
-def paper_task(robot: Robot, plant: PlantLike | None = None) -> PendulumTask:
+def paper_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> PendulumTask:
     """The paper's task to the letter (paper, section IV), in the units of its plant."""
-    return in_own_units(PendulumTask(robot=robot, parameters=robot_parameters(plant, robot)))
+    return in_own_units(PendulumTask(robot=robot, parameters=load_plant(plant).driven(robot)))
 
 
-def smooth_task(robot: Robot, plant: PlantLike | None = None) -> PendulumTask:
+def smooth_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> PendulumTask:
     """The paper's task without its two edges: angles observed as sines and cosines, costs of velocities bounded."""
     observation = PendulumObservation(angles="sincos")
     task = PendulumTask(
         robot=robot,
-        parameters=robot_parameters(plant, robot),
+        parameters=load_plant(plant).driven(robot),
         observation=observation,
         cost_velocity_limit=observation.velocity_scale,
     )
     return in_own_units(task)
 
 
-def short_task(robot: Robot, plant: PlantLike | None = None) -> PendulumTask:
+def short_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> PendulumTask:
     """The smooth task in episodes of 3 s at most: nearly half of the frames show a swing-up, not a fifth."""
     return dataclasses.replace(smooth_task(robot, plant), max_steps=300)
 
 
-def global_task(robot: Robot, plant: PlantLike | None = None) -> RecoveryTask:
+def global_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> RecoveryTask:
     """The smooth task's pendulum, to be back up soon: mostly after throws, also from anywhere and from hanging."""
     smooth = smooth_task(robot, plant)
     scales, random = scales_of(smooth.parameters), np.random.default_rng(STARTS_SEED)
@@ -61,13 +61,13 @@ def global_task(robot: Robot, plant: PlantLike | None = None) -> RecoveryTask:
     )
 
 
-def anywhere_task(robot: Robot, plant: PlantLike | None = None) -> RecoveryTask:
+def anywhere_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> RecoveryTask:
     """The smooth task's quadratic cost, from the global task's first states: small networks learn it in minutes."""
     # Saturated later than the global task's, where a motion is far too fast; no step where the tip is up.
     return dataclasses.replace(global_task(robot, plant), saturation=1.0, down_weight=0.0)
 
 
-TASKS: dict[str, Callable[[Robot, PlantLike | None], AbstractPendulumTask]] = {
+TASKS: dict[str, Callable[[Robot, PlantLike], AbstractPendulumTask]] = {
     "paper": paper_task,
     "smooth": smooth_task,
     "short": short_task,
@@ -77,7 +77,7 @@ TASKS: dict[str, Callable[[Robot, PlantLike | None], AbstractPendulumTask]] = {
 """Tasks by name, on one plant: the leaderboards' by default."""
 
 
-def get_task(name: str, robot: Robot, plant: PlantLike | None = None) -> AbstractPendulumTask:
+def get_task(name: str, robot: Robot, plant: PlantLike = LEADERBOARD) -> AbstractPendulumTask:
     """Build a variant of the task for a robot.
 
     Args:
@@ -91,7 +91,7 @@ def get_task(name: str, robot: Robot, plant: PlantLike | None = None) -> Abstrac
     return TASKS[one_of("task", name, TASKS)](robot, plant)
 
 
-def find_task(task: str | AbstractPendulumTask, robot: str, plant: PlantLike | None = None) -> AbstractPendulumTask:
+def find_task(task: str | AbstractPendulumTask, robot: str, plant: PlantLike = LEADERBOARD) -> AbstractPendulumTask:
     """A task for a robot's environment, by name or passed in.
 
     Args:
@@ -103,7 +103,7 @@ def find_task(task: str | AbstractPendulumTask, robot: str, plant: PlantLike | N
         SwingupError: there is no such robot, variant or plant, or the task that was passed in is another robot's
             or comes with a plant.
     """
-    if plant is not None and not isinstance(task, str):
+    if not isinstance(task, str) and load_plant(plant) != LEADERBOARD:
         raise SwingupError(f"a {type(task).__name__} has a plant of its own: pass the task's name with plant=")
     chosen = get_task(task, get_robot(robot), plant) if isinstance(task, str) else task
     if chosen.robot != get_robot(robot):

@@ -33,8 +33,8 @@ class PolicyController(AbstractController[None]):
     """Torque of an action of 1 (N m)."""
     robot: Robot = eqx.field(static=True)
     """Which joint is driven."""
-    plant: Plant | None = eqx.field(static=True, default=None)
-    """The plant that the policy was made for; None for the leaderboards'."""
+    plant: Plant = eqx.field(static=True, default=LEADERBOARD)
+    """The plant that the policy was made for."""
 
     def init(self) -> None:
         """It remembers nothing."""
@@ -102,7 +102,7 @@ def regulated(controller: PolicyController, settings: RegulatorSettings) -> Regu
 
 def plant_of(controller: PolicyController) -> Plant:
     """The plant that a policy was made for."""
-    return LEADERBOARD.driven(controller.robot) if controller.plant is None else controller.plant
+    return controller.plant.driven(controller.robot)
 
 
 def policy_of(controller: PolicyController) -> PendulumPolicy:
