@@ -160,7 +160,7 @@ def test_a_perfect_measurement_is_believed():
 
 
 def by_the_document(settings, p, measurements, torques):
-    """What a controller is shown, after docs/policy-format.md in NumPy; ``torques`` are what it answers."""
+    """What a controller is shown, by the equations of ``policy/estimator.py``; ``torques`` are what it answers."""
     dt, N, limit = settings.dt, settings.max_delay_steps, p.tl1
     gains = kalman_gains(settings)
 

@@ -18,8 +18,14 @@ At each measurement, with the rows Y of ``physics.momentum`` for the last angles
    above the gate, and rows for a while after it, change nothing but r: pushes.
 3. P grows by a small drift. There is no forgetting: what is not excited stays as sure as it was.
 
-A robot's loop may hand over the angles of the call before. Where the times between calls are uneven, the motion
-from angle to angle tells whose times they are; where they are even, it does not matter.
+A robot's loop may hand over the angles of the call before: their age is 1 then, else 0. Where the times between
+calls are uneven, the motion from angle to angle tells whose times they are; where they are even, it does not
+matter. The torques of a row begin as many calls ago as the delay told, at least the age. If either changes, the lag
+changes by the opposite time, since their sum is what was found, and the low-passes start again.
+
+Learning starts once the rows' angles and torques are known since the first call or the last pause. Numbers that are
+not finite after a call, and angles beyond 1e6 rad, change nothing. Other parts get θ0 + ς (θ - θ0) with the largest
+ς in [0, 1] for which the mass matrix is at least ``margin`` times that of the nominal θ0.
 
 The motor's torque is no part of the undriven joint's row. That row alone gives its part of θ up to scale, and noise
 of the motor and pushes on the driven joint do not enter it; the driven joint's row adds the scale. Rates are not
