@@ -45,6 +45,7 @@ def test_on_c1_the_plant_and_its_settings_are_c1s(robot):
     steps = dataclasses.replace(found.swingup, search=None, settings=published.swingup.settings)
     assert dataclasses.replace(found, swingup=steps) == published
     found = optimal_for(optimal, 1.0)
+    assert (found.swingup.dt, found.swingup.steps) == (0.002, 5 * found.swingup.search.steps)
     search = dataclasses.replace(found.swingup.search, durations=(1.0,))
     assert dataclasses.replace(found, swingup=dataclasses.replace(found.swingup, search=search)) == optimal
 
@@ -53,6 +54,10 @@ def test_a_step_keeps_its_real_length(robot):
     found = published_for(PUBLISHED[robot.name], 0.5)
     assert (found.swingup.dt, found.swingup.steps) == (0.002, 3000)
     assert (found.mpc.dt, found.mpc.horizon) == (0.004, 50)
+    # A coarse step is a whole number of fine ones, here 2 instead of 5.
+    score = optimal_for(OPTIMAL[robot.name], 0.5).swingup
+    assert (score.dt, score.steps) == (0.004, 2 * score.search.steps)
+    assert score.dt * score.steps == pytest.approx(0.002 * OPTIMAL[robot.name].swingup.steps, abs=0.004)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -18,7 +18,7 @@ from ..robots import Robot
 from ..types import Scalar, State, Torque
 from .actuation import joint_torques
 from .controller import AbstractController
-from .design import Search, SwingupProblem
+from .design import Search
 from .ilqr import ILQRSettings
 from .optimal import Optimal
 from .published import Published
@@ -64,23 +64,25 @@ def published_for(published: Published, time: float) -> Published:
     """The published settings for a similar pendulum whose unit of time is this multiple of C.1's."""
     # With a line search fewer iterations are enough.
     settings = replace(SEARCH.settings, max_iterations=FINE_ITERATIONS)
-    problem = replace(published.swingup, settings=settings, search=SEARCH)
+    # The loop's period does not scale, and each call has a row: a step keeps its real length.
+    problem = published.swingup
+    dt, steps = problem.dt / time, round(problem.steps * time)
+    problem = replace(problem, settings=settings, dt=dt, steps=steps, search=SEARCH)
     # A plan of as many of the pendulum's own units has another number of steps.
     horizon = max(10, round(published.mpc.horizon * time))
     mpc = replace(published.mpc, dt=published.mpc.dt / time, horizon=horizon)
-    return replace(published, swingup=_with_real_steps(problem, time), mpc=mpc)
+    return replace(published, swingup=problem, mpc=mpc)
 
 
 def optimal_for(optimal: Optimal, time: float) -> Optimal:
     """Our settings for the score for a similar pendulum whose unit of time is this multiple of C.1's."""
-    problem = optimal.swingup
-    longer = problem.search and replace(problem.search, durations=DURATIONS)
-    return replace(optimal, swingup=_with_real_steps(replace(problem, search=longer), time))
-
-
-def _with_real_steps(problem: SwingupProblem, time: float) -> SwingupProblem:
-    """The problem with the step's real length: the loop's period does not scale, and each call has a row."""
-    return replace(problem, dt=problem.dt / time, steps=round(problem.steps * time))
+    problem, search = optimal.swingup, optimal.swingup.search
+    assert search is not None
+    # A step keeps its real length, and a coarse one is a whole number of them.
+    each = max(1, round(problem.steps / search.steps * time))
+    coarse = round(problem.steps * time / each)
+    search = replace(search, steps=coarse, durations=DURATIONS)
+    return replace(optimal, swingup=replace(problem, dt=problem.dt / time, steps=coarse * each, search=search))
 
 
 def in_real_units(reference: Reference, scales: Scales) -> Reference:
