@@ -77,7 +77,7 @@ def identify_command(
     if out is not None:
         domain = found.save(out)
         if not json:
-            tell("", f"wrote {out} and {domain}: train with --plant {out}, or on its ranges with --domain {domain}")
+            tell("", f"wrote {out} and {domain}: try a controller with swingup sim2real ROBOT --domain {domain}")
     return 0
 
 
