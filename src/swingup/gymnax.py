@@ -79,6 +79,15 @@ class PendulumEnvironment:
         (1,)
     """
 
+    default_params: PendulumParams
+    """The parameters of the task that was named."""
+    name: str
+    """Name of the environment."""
+    dt: float
+    """Time of a step of the task that was named (s)."""
+    num_actions: int
+    """Length of an action."""
+
     def __init__(
         self, robot: str, task: str | AbstractPendulumTask = "paper", plant: PlantLike = LEADERBOARD
     ) -> None:
@@ -94,40 +103,23 @@ class PendulumEnvironment:
                 passed in comes with a plant.
         """
         chosen = find_task(task, robot, plant)
-        self._params = PendulumParams(dataclasses.replace(chosen, max_steps=NO_LIMIT), chosen.max_steps)
-
-    @property
-    def name(self) -> str:
-        """Name of the environment."""
-        return f"swingup/{self._params.task.robot.name.capitalize()}"
-
-    @property
-    def dt(self) -> float:
-        """Time of a step of the task that was named (s)."""
-        return float(self._params.task.dt)
-
-    @property
-    def num_actions(self) -> int:
-        """Length of an action."""
-        return self._params.task.action_size
-
-    @property
-    def default_params(self) -> PendulumParams:
-        """The parameters of the task that was named."""
-        return self._params
+        self.default_params = PendulumParams(dataclasses.replace(chosen, max_steps=NO_LIMIT), chosen.max_steps)
+        self.name = f"swingup/{chosen.robot.name.capitalize()}"
+        self.dt = float(chosen.dt)
+        self.num_actions = chosen.action_size
 
     def action_space(self, params: PendulumParams | None = None) -> Box:
         """Numbers in [-1, 1]."""
-        return Box((self._params.task.action_size,))
+        return Box((self.num_actions,))
 
     def observation_space(self, params: PendulumParams | None = None) -> Box:
         """Scaled angles and rates, within [-1, 1] as long as the rates stay within their scale."""
-        return Box((self._params.task.observation_size,))
+        return Box((self.default_params.task.observation_size,))
 
     @functools.partial(jax.jit, static_argnames=("self",))
     def reset(self, key: Key, params: PendulumParams | None = None) -> tuple[Observation, PendulumEnvState]:
         """Start an episode."""
-        return self.reset_env(key, self._params if params is None else params)
+        return self.reset_env(key, self.default_params if params is None else params)
 
     @functools.partial(jax.jit, static_argnames=("self",))
     def step(
@@ -139,7 +131,7 @@ class PendulumEnvironment:
             Observation and state after the reset, reward, terminated, truncated, and information, in which
             ``final_observation`` is from before the reset.
         """
-        params = self._params if params is None else params
+        params = self.default_params if params is None else params
         step_key, reset_key = jax.random.split(key)
         last, after, reward, terminated, info = self.step_env(step_key, state, action, params)
         truncated = self.is_truncated(after, params)

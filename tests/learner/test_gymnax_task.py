@@ -62,10 +62,23 @@ def test_pendulum_and_adapter_together_keep_the_contract():
     check_contract(GymnaxTask(ACROBOT, params), [Ending(0.0, 1, False, last)])
 
 
+class Doubled(Corridor):
+    """A subclass that changes what its base class's ``step`` pays."""
+
+    def step(self, *arguments):
+        seen, state, reward, *rest = super().step(*arguments)
+        return seen, state, 2.0 * reward, *rest
+
+
 def test_step_env_is_called_where_step_adds_only_a_reset():
     assert not GymnaxTask(Corridor()).resets_itself
+    assert not GymnaxTask(ACROBOT).resets_itself  # one class defines both
     # A wrapper's step_env is that of the environment inside, whose states are others.
     assert GymnaxTask(Logged(Corridor())).resets_itself
+    task = GymnaxTask(Doubled())
+    assert task.resets_itself
+    # 1 is 3 of [-1, 3], paid twice.
+    assert task.step(task.reset(jax.random.key(0)), jnp.ones(1), jax.random.key(1)).reward == 6.0
 
 
 def test_parameters_are_arguments():

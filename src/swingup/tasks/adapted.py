@@ -1,7 +1,6 @@
 """What the tasks that adapt environments of other packages have in common."""
 
-import abc
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -9,25 +8,27 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..errors import SwingupError
-from ..foreign import attribute
+from ..foreign import attribute, blaming
 from ..text import one_line, quoted
 from ..types import Observation
 from .space_actions import SpaceActions
-from .task import AbstractTask
-
-InnerT = TypeVar("InnerT")
+from .task import AbstractTask, Step
 
 
-class AdaptedState(eqx.Module, Generic[InnerT]):
+class AdaptedState(eqx.Module):
     """State of an adapted task."""
 
-    inner: InnerT
-    """State of the environment."""
+    inner: Any
+    """State of the environment, whose leaves are arrays of a fixed type, the one that loops carry."""
     observation: Observation
     """Its observation, flattened: environments return it with the state."""
 
+    def __init__(self, inner: Any, observation: Any) -> None:
+        """A state of what an environment returns."""
+        self.inner, self.observation = jax.tree.map(_fixed, inner), _flat(observation)
 
-class AbstractAdaptedTask(AbstractTask[AdaptedState[Any]]):
+
+class AbstractAdaptedTask(AbstractTask[AdaptedState]):
     """A task around an environment with methods of its own."""
 
     env: eqx.AbstractVar[Any]
@@ -38,14 +39,14 @@ class AbstractAdaptedTask(AbstractTask[AdaptedState[Any]]):
     """Shape of its observation, which is flattened."""
 
     @property
-    @abc.abstractmethod
     def named_after(self) -> Any:
-        """The object whose class names the task in messages and files."""
+        """The object whose class names the task in messages and files: the environment."""
+        return self.env
 
     @property
-    @abc.abstractmethod
     def timed(self) -> tuple[Any, ...]:
         """What may have the time of a step (s) as its attribute ``dt``, the first that has it."""
+        return self.env, self.named_after
 
     @property
     def observation_size(self) -> int:
@@ -62,19 +63,34 @@ class AbstractAdaptedTask(AbstractTask[AdaptedState[Any]]):
         """Number of alternatives of each discrete action; empty for a box."""
         return self.actions.choices
 
-    def observe(self, state: AdaptedState[Any]) -> Observation:
+    def observe(self, state: AdaptedState) -> Observation:
         """The flattened observation."""
         return state.observation
 
+    def made_step(self, state: AdaptedState, last: Any, reward: Any, ends: tuple[Any, Any]) -> Step[AdaptedState]:
+        """A step of the observation before any reset, ``last``, and whether it is terminated and truncated."""
+        terminated, truncated = (jnp.asarray(end, bool).reshape(()) for end in ends)
+        return Step(state, _flat(last), jnp.asarray(reward, jnp.float32).reshape(()), terminated, truncated)
 
-def adapted_state(inner: Any, observation: Any) -> AdaptedState[Any]:
-    """A state whose leaves are arrays of a fixed type, the one that loops carry."""
-    return AdaptedState(jax.tree.map(_fixed, inner), flat(observation))
+    def check_steps(self, method: str, arguments: str) -> None:
+        """Refuse a step that changes the observation's shape, or the structure or the types of the state.
 
-
-def flat(observation: Any) -> Observation:
-    """An observation as a vector in single precision."""
-    return jnp.asarray(observation, jnp.float32).reshape(-1)
+        Raises:
+            SwingupError: it does; or the environment's method fails or returns what no step can be made of.
+        """
+        start = jax.eval_shape(self.reset, jax.random.key(0))
+        action = jnp.zeros(self.action_size, jnp.int32 if self.choices else jnp.float32)
+        with blaming(f"{method}({arguments})"):
+            step = jax.eval_shape(self.step, start, action, jax.random.key(0))
+        if step.observation.shape != start.observation.shape:
+            raise SwingupError(f"{method} shows {step.observation.shape}, its reset {start.observation.shape}")
+        structures = [jax.tree.structure(state.inner) for state in (start, step.state)]
+        if structures[:1] != structures[1:]:
+            raise SwingupError(f"{method} changes the state's structure: return what reset returns")
+        for one, other in zip(jax.tree.leaves(start.inner), jax.tree.leaves(step.state.inner), strict=True):
+            if (one.shape, one.dtype) != (other.shape, other.dtype):
+                changed = f"from {one.dtype} {one.shape} to {other.dtype} {other.shape}"
+                raise SwingupError(f"{method} changes an entry of the state {changed}: return what reset returns")
 
 
 def arrays_of(name: str, tree: Any) -> Any:
@@ -83,63 +99,52 @@ def arrays_of(name: str, tree: Any) -> Any:
     Raises:
         SwingupError: a leaf is no number.
     """
-    leaves, structure = jax.tree.flatten(tree)
+
+    def array(leaf: Any) -> jax.Array:
+        try:
+            return jnp.asarray(leaf)
+        except (TypeError, ValueError):
+            raise SwingupError(
+                f"parameters of {name} have a leaf {quoted(leaf)}: give them numbers and arrays, in a pytree"
+            ) from None
+
+    return jax.tree.map(array, tree)
+
+
+def check_hash(name: str, static: Any) -> None:
+    """Refuse what JAX cannot compile by.
+
+    Raises:
+        SwingupError: it has no hash.
+    """
     try:
-        return jax.tree.unflatten(structure, [jnp.asarray(leaf) for leaf in leaves])
-    except (TypeError, ValueError):
-        bad = next(leaf for leaf in leaves if not isinstance(leaf, bool | int | float | jax.Array | np.ndarray))
+        hash(static)
+    except TypeError as error:
         raise SwingupError(
-            f"parameters of {name} have a leaf {quoted(bad)}: give them numbers and arrays, in a pytree"
+            f"{name} has no hash, by which JAX compiles ({error}): "
+            "make it a class without __eq__, and its static fields tuples"
         ) from None
 
 
-def shape_of_observation(observation: Any, name: str, method: str, images: str) -> tuple[int, ...]:
-    """The shape of an observation, which must be one array and no image.
-
-    Args:
-        observation: an array, or its shape and type.
-        name: the environment's, for messages.
-        method: the one that showed it.
-        images: what else than features an environment with images may show.
+def shape_of_observation(observation: Any, name: str) -> tuple[int, ...]:
+    """The shape of a named environment's observation, of which the shape and type are given.
 
     Raises:
-        SwingupError: it is something else.
+        SwingupError: it is not one array, or an image.
     """
     shape = attribute(observation, "shape")
     if shape is None or 0 in shape:
-        raise SwingupError(f"{name}.{method} shows {one_line(observation, 100)}: make it one array with an entry")
+        raise SwingupError(f"{name} shows {one_line(observation, 100)}: make it one array with an entry")
     if observation.dtype == np.uint8 and len(shape) > 1:
         raise SwingupError(
             f"observations {one_line(observation, 100)} of {name} are images, which these networks cannot see: "
-            f"show features of them, or say {images}"
+            "show features of them, or flatten them by a wrapper"
         )
     return tuple(shape)
 
 
-def some_action(task: AbstractAdaptedTask) -> jax.Array:
-    """An action of the task, to trace a step with."""
-    return jnp.zeros(task.action_size, jnp.int32 if task.choices else jnp.float32)
-
-
-def check_steps(task: AbstractAdaptedTask, method: str) -> None:
-    """Refuse a step that changes the observation's shape, or the structure or the types of the state.
-
-    Raises:
-        SwingupError: it does; or it returns what no step can be made of.
-    """
-    start = jax.eval_shape(task.reset, jax.random.key(0))
-    step = jax.eval_shape(task.step, start, some_action(task), jax.random.key(0))
-    if step.observation.shape != start.observation.shape:
-        raise SwingupError(f"{method} shows {step.observation.shape}, its reset {start.observation.shape}")
-    flattened = [jax.tree.flatten(state.inner) for state in (start, step.state)]
-    kinds = [[(leaf.shape, leaf.dtype.name) for leaf in leaves] for leaves, _ in flattened]
-    if flattened[0][1:] != flattened[1][1:]:
-        raise SwingupError(f"{method} changes the state's structure: return what reset returns")
-    for one, other in zip(*kinds, strict=True):
-        if one != other:
-            raise SwingupError(
-                f"{method} changes an entry of the state from {one} to {other}: return what reset returns"
-            )
+def _flat(observation: Any) -> Observation:
+    return jnp.asarray(observation, jnp.float32).reshape(-1)
 
 
 def _fixed(leaf: Any) -> jax.Array:

@@ -11,15 +11,21 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 
 from ..errors import SwingupError
 from ..foreign import attribute, blaming
+from ..text import one_line
 from ..types import Action, Key
-from .adapted import AbstractAdaptedTask, AdaptedState, adapted_state, arrays_of, check_steps, flat
-from .envelope_interface import check_spaces, has_interface, observation_shape
+from .adapted import AbstractAdaptedTask, AdaptedState, arrays_of, check_hash, shape_of_observation
 from .space_actions import SpaceActions, space_actions
-from .task import AbstractTask, Step
+from .task import Step
+
+LEAVE_OUT = {
+    "final_valid": "resets itself: leave AutoResetWrapper out, the learner resets",
+    "unnormalized_obs": "normalises by statistics that a reset would lose: leave ObservationNormalizationWrapper "
+    "out, the learner normalises",
+}
+"""Entries of the information that only these wrappers add, and what to do about them."""
 
 
 class EnvelopeTask(AbstractAdaptedTask):
@@ -40,52 +46,65 @@ class EnvelopeTask(AbstractAdaptedTask):
             SwingupError: a method fails, or a space or a result is not supported.
         """
         name = type(env).__name__
-        check_spaces(env, name)
+        _check_spaces(env, name)
         self.actions = space_actions(env.action_space)
-        self.observation_shape = observation_shape(env, name)
+        self.observation_shape = _observation_shape(env, name)
         self.env = arrays_of(name, env)
-        try:
-            hash(jax.tree.structure(self.env))
-        except TypeError as error:
-            raise SwingupError(
-                f"a static field of {name} has no hash, by which JAX compiles ({error}): make it a tuple"
-            ) from None
-        with blaming(f"{name}.step(state, action)"):
-            check_steps(self, f"{name}.step")
+        check_hash(name, jax.tree.structure(self.env))
+        self.check_steps(f"{name}.step", "state, action")
 
     @property
     def named_after(self) -> Any:
         """The environment inside all wrappers."""
         return attribute(self.env, "unwrapped", self.env)
 
-    @property
-    def timed(self) -> tuple[Any, ...]:
-        """The environment, then the one inside all wrappers."""
-        return self.env, self.named_after
-
-    def reset(self, key: Key) -> AdaptedState[Any]:
+    def reset(self, key: Key) -> AdaptedState:
         """The first state of an episode."""
         state, info = self.env.init(key)
-        return adapted_state(state, info.obs)
+        return AdaptedState(state, info.obs)
 
-    def step(self, state: AdaptedState[Any], action: Action, key: Key) -> Step[AdaptedState[Any]]:
+    def step(self, state: AdaptedState, action: Action, key: Key) -> Step[AdaptedState]:
         """One step of the environment."""
         inner, info = self.env.step(state.inner, self.actions(action))
-        return Step(
-            state=adapted_state(inner, info.obs),
-            observation=flat(info.obs),
-            reward=jnp.asarray(info.reward, jnp.float32).reshape(()),
-            terminated=jnp.asarray(info.terminated, bool).reshape(()),
-            truncated=jnp.asarray(info.truncated, bool).reshape(()),
-        )
+        ends = info.terminated, info.truncated
+        return self.made_step(AdaptedState(inner, info.obs), info.obs, info.reward, ends)
 
 
-def envelope_task(env: Any) -> EnvelopeTask | None:
-    """A task for an environment with envelope's interface, or None.
+def _check_spaces(env: Any, name: str) -> None:
+    """Refuse several environments in one, and spaces of several arrays.
 
     Raises:
-        SwingupError: the environment has the interface and cannot be trained on.
+        SwingupError: with the wrapper that helps.
     """
-    if isinstance(env, AbstractTask) or not has_interface(env):
-        return None
-    return EnvelopeTask(env)
+    if attribute(env.action_space, "batch_size") is not None:
+        raise SwingupError(f"{name} is several environments in one: pass one alone, and num_envs to the learner")
+    for what, space, wrappers in (
+        ("actions", env.action_space, "FlattenActionWrapper"),
+        ("observations", env.observation_space, "ContinuousObservationWrapper and FlattenObservationWrapper"),
+    ):
+        if attribute(space, "tree") is not None:
+            shown = one_line(space, 100)
+            raise SwingupError(f"{what} {shown} of {name} are several arrays: wrap it in envelope.{wrappers}")
+
+
+def _observation_shape(env: Any, name: str) -> tuple[int, ...]:
+    """The shape of the observation, from a trace of ``init``.
+
+    Raises:
+        SwingupError: ``init`` fails or returns something else than state and information; a wrapper does what the
+            learner does; or the observation is none that networks here can see.
+    """
+    with blaming(f"{name}.init(key)"):
+        answer = jax.eval_shape(env.init, jax.random.key(0))
+    if not isinstance(answer, tuple) or len(answer) != 2:
+        raise SwingupError(f"{name}.init returns {one_line(answer, 100)}: it must return state and information")
+    info = answer[1]
+    missing = [each for each in ("obs", "reward", "terminated", "truncated") if not hasattr(info, each)]
+    if missing:
+        raise SwingupError(f"the information of {name} has no {missing[0]}: give it an envelope.InfoContainer")
+    for entry, remedy in LEAVE_OUT.items():
+        if hasattr(info, entry):
+            raise SwingupError(f"{name} {remedy}")
+    if info.reward.size != 1:
+        raise SwingupError(f"{name} pays {info.reward.size} rewards at a time: wrap it so that it pays one")
+    return shape_of_observation(info.obs, name)

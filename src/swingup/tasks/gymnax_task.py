@@ -2,7 +2,7 @@
 
 The interface is that of gymnax 1.0, where a step tells the end of the task from the time limit. ``step`` resets an
 environment that ended. The task needs the observation before that: it calls ``step_env`` and ``is_truncated``.
-Where ``step`` is more than these two, as in gymnax's wrappers, the task calls ``step`` and reads
+Where ``step`` is more than these two, as in gymnax's wrappers, the task calls ``step`` and needs
 ``info["final_observation"]``. An environment that merges both ends into ``done``, as before gymnax 1.0, is refused.
 """
 
@@ -10,15 +10,14 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 
 from ..errors import SwingupError
 from ..foreign import attribute, blaming
+from ..text import one_line
 from ..types import Action, Key
-from .adapted import AbstractAdaptedTask, AdaptedState, adapted_state, arrays_of, check_steps, flat, some_action
-from .gymnax_interface import observation_shape, resets_itself
+from .adapted import AbstractAdaptedTask, AdaptedState, arrays_of, check_hash, shape_of_observation
 from .space_actions import SpaceActions, space_actions
-from .task import AbstractTask, Step
+from .task import Step
 
 FINAL = "final_observation"
 """The entry of ``step``'s info that a reset does not replace."""
@@ -51,86 +50,67 @@ class GymnaxTask(AbstractAdaptedTask):
             SwingupError: a method is missing or fails, or a space or a result is not supported.
         """
         name = type(env).__name__
-        try:
-            hash(env)
-        except TypeError:
-            raise SwingupError(
-                f"{name} has no hash, by which JAX compiles: make it a class without __eq__"
-            ) from None
+        check_hash(name, env)
         given = attribute(env, "default_params") if params is None else params
         with blaming(f"{name}.action_space(params)"):
             self.actions = space_actions(env.action_space(given))
-        self.env, self.params = env, arrays_of(name, given)
-        self.resets_itself = resets_itself(env)
-        self.observation_shape = observation_shape(env, name, given, self.params)
-        _check_step(self, name)
-
-    @property
-    def named_after(self) -> Any:
-        """The environment, or the outermost of its wrappers."""
-        return self.env
+        with blaming(f"{name}.observation_space(params)"):
+            space = env.observation_space(given)
+        if any(attribute(space, bound) is None for bound in ("low", "high")):
+            raise SwingupError(
+                f"observations {one_line(space, 100)} of {name} are no Box: wrap it so that it shows one array"
+            )
+        self.env, self.params, self.resets_itself = env, arrays_of(name, given), _resets_itself(type(env))
+        with blaming(f"{name}.reset(key, params)"):
+            observation, _ = jax.eval_shape(env.reset, jax.random.key(0), self.params)
+        self.observation_shape = shape_of_observation(observation, name)
+        self.check_steps(f"{name}.{self._method}", "key, state, action, params")
 
     @property
     def timed(self) -> tuple[Any, ...]:
         """The environment, then its parameters."""
         return self.env, self.params
 
-    def reset(self, key: Key) -> AdaptedState[Any]:
+    def reset(self, key: Key) -> AdaptedState:
         """The first state of an episode."""
         observation, state = self.env.reset(key, self.params)
-        return adapted_state(state, observation)
+        return AdaptedState(state, observation)
 
-    def step(self, state: AdaptedState[Any], action: Action, key: Key) -> Step[AdaptedState[Any]]:
-        """One step of the environment."""
-        chosen, last = self.actions(action), None
-        if self.resets_itself:
-            seen, inner, reward, terminated, truncated, info = self.env.step(key, state.inner, chosen, self.params)
-            last = info[FINAL]
+    def step(self, state: AdaptedState, action: Action, key: Key) -> Step[AdaptedState]:
+        """One step of the environment.
+
+        Raises:
+            SwingupError: its results are not gymnax 1.0's.
+        """
+        name, length = f"{type(self.env).__name__}.{self._method}", 6 if self.resets_itself else 5
+        answer = getattr(self.env, self._method)(key, state.inner, self.actions(action), self.params)
+        if not isinstance(answer, tuple) or len(answer) != length:
+            got = f"{len(answer)} values" if isinstance(answer, tuple) else f"a {type(answer).__name__}"
+            raise SwingupError(
+                f"{name} returns {got}, not gymnax 1.0's {length} that tell terminated from truncated: "
+                "update it, or define step_env and is_truncated"
+            )
+        seen, inner, reward, terminated, *_, info = answer
+        if not self.resets_itself:
+            last, truncated = seen, self.env.is_truncated(inner, self.params)
+        elif isinstance(info, dict) and FINAL in info:
+            last, truncated = info[FINAL], answer[4]
         else:
-            seen, inner, reward, terminated, _ = self.env.step_env(key, state.inner, chosen, self.params)
-            truncated = self.env.is_truncated(inner, self.params)
-        return Step(
-            state=adapted_state(inner, seen),
-            observation=flat(seen if last is None else last),
-            reward=jnp.asarray(reward, jnp.float32).reshape(()),
-            terminated=jnp.asarray(terminated, bool).reshape(()),
-            truncated=jnp.asarray(truncated, bool).reshape(()),
-        )
+            raise SwingupError(f"{name} resets and hides the last observation: put it in info[{FINAL!r}]")
+        return self.made_step(AdaptedState(inner, seen), last, reward, (terminated, truncated))
+
+    @property
+    def _method(self) -> str:
+        return "step" if self.resets_itself else "step_env"
 
 
-def gymnax_task(env: Any) -> GymnaxTask | None:
-    """A task for an environment with gymnax's methods, or for a pair of one and its parameters, or None.
+def _resets_itself(kind: type) -> bool:
+    """Whether to call the ``step`` of a class of environments.
 
-    ``gymnax.make`` returns such a pair.
-
-    Raises:
-        SwingupError: the environment has gymnax's methods and cannot be trained on.
+    A wrapper has ``step_env`` only from what it wraps, whose states are others than its own. A class that changes
+    the ``step`` of a base class alone means it to be called.
     """
-    alone, params = env if isinstance(env, tuple) and len(env) == 2 else (env, None)
-    if isinstance(alone, type | AbstractTask):
-        return None
-    # In Gymnasium the spaces are attributes, in gymnax they are methods.
-    methods = ("reset", "action_space", "observation_space")
-    steps = any(callable(attribute(alone, name)) for name in ("step", "step_env"))
-    complete = steps and all(callable(attribute(alone, name)) for name in methods)
-    return GymnaxTask(alone, params) if complete else None
-
-
-def _check_step(task: GymnaxTask, name: str) -> None:
-    """Refuse a step that returns something else than gymnax 1.0's, or changes the types of state or observation."""
-    method, length = ("step", 6) if task.resets_itself else ("step_env", 5)
-    key, params = jax.random.key(0), task.params
-    action = task.actions(some_action(task))
-    start = jax.eval_shape(task.reset, key)
-    with blaming(f"{name}.{method}(key, state, action, params)"):
-        answer = jax.eval_shape(getattr(task.env, method), key, start.inner, action, params)
-    if not isinstance(answer, tuple) or len(answer) != length:
-        got = f"{len(answer)} values" if isinstance(answer, tuple) else f"a {type(answer).__name__}"
-        raise SwingupError(
-            f"{name}.{method} returns {got}, not gymnax 1.0's {length} that tell terminated from truncated: "
-            "update it, or define step_env and is_truncated"
-        )
-    if task.resets_itself and (not isinstance(answer[-1], dict) or FINAL not in answer[-1]):
-        raise SwingupError(f"{name}.step resets and hides the last observation: put it in info[{FINAL!r}]")
-    with blaming(f"{name}.{method}(key, state, action, params)"):
-        check_steps(task, f"{name}.{method}")
+    if not all(hasattr(kind, name) for name in ("step_env", "is_truncated")):
+        return True
+    latest = next(each for each in kind.__mro__ if {"step", "step_env"} & vars(each).keys())
+    return "step_env" not in vars(latest)
