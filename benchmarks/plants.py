@@ -27,7 +27,7 @@ from swingup.learner.start import resume_run, start_run
 from swingup.physics.angles import UPRIGHT
 from swingup.physics.dynamics import linearise
 from swingup.physics.plant import Plant, load_plant
-from swingup.physics.units import time_unit, torque_over_gravity
+from swingup.physics.units import REFERENCE, scales_of, torque_over_gravity
 from swingup.policy.jax_backend.controller import load_policy
 from swingup.robots import ROBOTS, get_robot
 from swingup.tasks.presets import get_task
@@ -69,7 +69,7 @@ def holds(swingup_time: float | None) -> bool:
 def fall_rate(plant: Plant) -> float:
     """The faster of the two rates at which the pendulum falls from upright, in its own unit 1/T."""
     A, _ = linearise(plant, jnp.asarray(UPRIGHT), jnp.zeros(2))
-    return float(np.linalg.eigvals(np.asarray(A, float)).real.max()) * time_unit(plant)
+    return float(np.linalg.eigvals(np.asarray(A, float)).real.max()) * REFERENCE[0] * scales_of(plant).time
 
 
 def cell(results: list[dict[str, Any]]) -> str:

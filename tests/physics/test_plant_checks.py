@@ -47,6 +47,21 @@ def test_identified_parameters_are_those_of_design_c1_model_1():
     assert load_plant("C.1").values() == IDENTIFIED
 
 
+def test_plants_of_two_names_share_compiled_code():
+    traced = []
+
+    @jax.jit
+    def mass(plant):
+        traced.append(plant.name)
+        return plant.m1 + plant.m2
+
+    plant = load_plant("C.1")
+    for each in (plant, dataclasses.replace(plant, name="mine.yml"), load_plant("B.0")):
+        assert float(mass(each)) == pytest.approx(each.m1 + each.m2)
+    assert traced == [""]
+    assert jax.tree.leaves(plant) == list(plant.values().values())
+
+
 def test_names_are_those_of_realaigym_in_order():
     assert list(NAMES) == list(IDENTIFIED)
 

@@ -11,7 +11,7 @@ import pytest
 from swingup.errors import SwingupError
 from swingup.physics.integrate import rk4_step
 from swingup.physics.plant import LEADERBOARD, SHIPPED_PLANTS, load_plant
-from swingup.physics.units import Scales, scales_of, time_unit, torque_over_gravity
+from swingup.physics.units import REFERENCE, Scales, scales_of, torque_over_gravity
 from swingup.robots import ROBOTS
 
 
@@ -27,7 +27,7 @@ def test_units_of_two_point_masses():
         LEADERBOARD.driven(ROBOTS["acrobot"]),
         m1=1.0, m2=2.0, l1=0.5, l2=0.3, r1=0.5, r2=0.3, I1=0.25, I2=0.18, g=10.0, tl2=42.0,
     )  # fmt: skip
-    assert time_unit(plant) == pytest.approx(math.sqrt(1.53 / 21))
+    assert REFERENCE[0] * scales_of(plant).time == pytest.approx(math.sqrt(1.53 / 21))
     assert torque_over_gravity(plant) == pytest.approx(2.0)
 
 

@@ -90,3 +90,12 @@ def test_a_domain_with_all_of_a_plants_values_has_that_plant():
     assert domain.plant.name == "mine.yml"
     assert domain.plant.values() == {**values, "m1": pytest.approx(0.7)}
     assert make_domain({"m1": [0.5, 0.6]}).plant is None
+
+
+def test_a_domain_with_all_of_a_plants_values_needs_its_motors_limits_as_well():
+    values = {
+        name: value for name, value in load_plant("cloudpendulum").values().items() if name not in ("tl1", "tl2")
+    }
+    with pytest.raises(SwingupError, match=r"domain mine\.yml lacks tl1, tl2: add them in SI units"):
+        make_domain(values, "mine.yml")
+    assert make_domain({**values, "torque_limit": 0.13}, "mine.yml").plant == load_plant("cloudpendulum")

@@ -62,8 +62,3 @@ def midpoint_step(parameters: Plant, x: State, u: Torque, dt: float | Scalar) ->
     """One step of the explicit midpoint rule over dt (s): second order, at half the cost."""
     halfway = x + 0.5 * dt * derivative(parameters, x, u)
     return x + dt * derivative(parameters, halfway, u)
-
-
-def euler_step(parameters: Plant, x: State, u: Torque, dt: float) -> State:
-    """One explicit Euler step over dt (s): first order, for comparison."""
-    return x + dt * derivative(parameters, x, u)

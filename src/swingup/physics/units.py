@@ -64,15 +64,6 @@ def scales_of(parameters: Any) -> Scales:
     return Scales(*(value / unit for value, unit in zip(_absolute(parameters), REFERENCE, strict=True)))
 
 
-def time_unit(parameters: Any) -> float:
-    """T (s).
-
-    Raises:
-        SwingupError: as :func:`scales_of`.
-    """
-    return _absolute(parameters)[0]
-
-
 def torque_over_gravity(parameters: Any) -> float:
     """Larger torque limit over Γ: above 1 a motor at the shoulder can hold the stretched arm level.
 
