@@ -7,7 +7,10 @@ RealAIGym double-pendulum benchmark.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+if TYPE_CHECKING:
+    from .plant import Plant
 
 Number: TypeAlias = Any
 """A float, an array of NumPy, or an array of JAX."""
@@ -46,8 +49,8 @@ class Lumped(NamedTuple):
     """Ir (kg m²)."""
 
 
-def lump(p: Any) -> Lumped:
-    """The combinations for a plant whose attributes are those of ``physics.plant.Plant``."""
+def lump(p: "Plant") -> Lumped:
+    """The combinations for a plant."""
     return Lumped(
         # I2 is about the elbow: seen from the shoulder, link 2 adds its mass there.
         shoulder=p.I1 + p.I2 + p.m2 * p.l1**2,

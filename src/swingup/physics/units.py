@@ -12,11 +12,14 @@ parameters are equal in these units.
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ..errors import SwingupError
 from ..robots import TORQUE_LIMIT
 from .equations import lump
+
+if TYPE_CHECKING:
+    from .plant import Plant
 
 REFERENCE = (0.2119482605847436, 3.8235349329950976, TORQUE_LIMIT, 0.5)
 """T (s), Γ (N m), torque limit (N m) and length (m) of the leaderboards' plant, to the last digit."""
@@ -51,11 +54,11 @@ class Scales:
         return self.torque * self.time**2
 
 
-def scales_of(parameters: Any) -> Scales:
+def scales_of(parameters: "Plant") -> Scales:
     """The units of a pendulum, relative to C.1's: exactly 1 for C.1, with or without its frictions and rotors.
 
     Args:
-        parameters: anything with the attributes of ``physics.plant.Plant``: a robot's, with a torque
+        parameters: a plant: a robot's, with a torque
             limit of 0 on the passive joint, or a pendulum's with two motors.
 
     Raises:
@@ -64,7 +67,7 @@ def scales_of(parameters: Any) -> Scales:
     return Scales(*(value / unit for value, unit in zip(_absolute(parameters), REFERENCE, strict=True)))
 
 
-def torque_over_gravity(parameters: Any) -> float:
+def torque_over_gravity(parameters: "Plant") -> float:
     """Larger torque limit over Γ: above 1 a motor at the shoulder can hold the stretched arm level.
 
     Raises:
@@ -74,7 +77,7 @@ def torque_over_gravity(parameters: Any) -> float:
     return limit / gravity
 
 
-def _absolute(p: Any) -> tuple[float, float, float, float]:
+def _absolute(p: "Plant") -> tuple[float, float, float, float]:
     """T (s), Γ (N m), the torque limit (N m) and the length (m)."""
     plant = lump(p)
     inertia, gravity = float(plant.shoulder + 2 * plant.coupling), float(plant.gravity1 + plant.gravity2)

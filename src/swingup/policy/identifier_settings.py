@@ -12,6 +12,7 @@ import numpy as np
 
 from ..errors import SwingupError
 from ..physics.base_parameters import BASE, Spread, base_covariance, base_parameters
+from ..physics.plant import Plant
 from ..settings import Range, check_ranges, read_settings
 from .settings import EstimatorSettings
 
@@ -119,11 +120,11 @@ FARTHEST = 1e6
 """An angle beyond this is no measurement (rad): its digits do not tell the turn."""
 
 
-def prior(plant: Any, settings: IdentifierSettings) -> tuple[np.ndarray, np.ndarray]:
+def prior(plant: Plant, settings: IdentifierSettings) -> tuple[np.ndarray, np.ndarray]:
     """Mean (13,) and covariance (13, 13) of the unknowns before anything is measured, from a nominal plant.
 
     Args:
-        plant: anything with the attributes of ``physics.plant.Plant``.
+        plant: the plant.
         settings: with deviations, and how far plants lie from the nominal one.
 
     Raises:

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..errors import SwingupError
 from ..physics.base_parameters import base_parameters, friction_of, geometry_of
+from ..physics.plant import Plant
 from ..settings import Range, check_ranges
 from .riccati import solve_riccati
 from .upright import upright_step
@@ -70,11 +71,11 @@ def bounds(settings: RegulatorSettings, theta: Any, driven: int) -> tuple[Any, A
     return enter, enter + (s.leave - s.enter) / (1.0 + dry / s.leave_coulomb)
 
 
-def fixed_point(plant: Any, driven: int, settings: RegulatorSettings) -> np.ndarray:
+def fixed_point(plant: Plant, driven: int, settings: RegulatorSettings) -> np.ndarray:
     """The cost-to-go P (4, 4) at which the recursion for a plant stays.
 
     Args:
-        plant: anything with the attributes of ``physics.plant.Plant``.
+        plant: the plant.
         driven: place of the driven joint.
         settings: the regulator's.
 

@@ -1,10 +1,11 @@
 """Settings of the estimator, and the choice of a safety guard."""
 
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
+from ..physics.plant import Plant
 from ..physics.units import scales_of
 from ..settings import Range, check_ranges, read_settings
 from .guard import GUARD, GuardChoice
@@ -51,11 +52,11 @@ class EstimatorSettings:
         check_ranges(self)
 
 
-def default_estimator(plant: Any) -> EstimatorSettings:
+def default_estimator(plant: Plant) -> EstimatorSettings:
     """The defaults in a plant's own units: noise of velocities and accelerations; encoder and loop stay.
 
     Args:
-        plant: anything with the attributes of ``physics.plant.Plant``.
+        plant: the plant.
 
     Raises:
         SwingupError: as :func:`swingup.physics.units.scales_of`.
