@@ -31,7 +31,7 @@ from swingup.policy.jax_backend.estimator import EstimatingController
 from swingup.policy.jax_backend.regulator import TRIANGLE
 from swingup.policy.pendulum import PendulumPolicy
 from swingup.policy.regulator_settings import RegulatorSettings, fixed_point
-from swingup.policy.shipped import ADAPTIVE, read_policy
+from swingup.policy.shipped import ADAPTIVE, load_policy
 from swingup.robots import ROBOTS, Robot
 from swingup.tasks.draw import draw
 
@@ -94,7 +94,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=200)
     options = parser.parse_args()
     robot, domain = ROBOTS[options.robot], load_domain(options.domain)
-    policy = read_policy(options.controller, robot)
+    policy = load_policy(options.controller, robot)
     with jax.enable_x64(True):
         seeds = range(options.seed, options.seed + options.seeds)
         scenarios = [known_scenario(domain, robot, seed) for seed in seeds]

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from swingup.benchmark.evaluate import evaluate
+from swingup.control.registry import get_controller
 from swingup.files import write_atomically
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
@@ -28,7 +29,6 @@ from swingup.physics.angles import UPRIGHT
 from swingup.physics.dynamics import linearise
 from swingup.physics.plant import Plant, load_plant
 from swingup.physics.units import REFERENCE, scales_of, torque_over_gravity
-from swingup.policy.jax_backend.controller import load_policy
 from swingup.robots import ROBOTS, get_robot
 from swingup.tasks.presets import get_task
 
@@ -52,7 +52,7 @@ def train(preset: str, plant: str, robot: str, seed: int, frames: int, folder: P
         pass
     run.close()
     rows = read_metrics(folder / "metrics.jsonl")
-    found = evaluate(load_policy(folder / "best.safetensors", robot)[0], robot, plant=ideal).criteria
+    found = evaluate(get_controller(str(folder / "best.safetensors"), robot), robot, plant=ideal).criteria
     return {
         "preset": preset, "plant": plant, "robot": robot, "seed": seed, "frames": run.frames,
         "seconds": rows[-1]["seconds"], "score": found.score, "swingup_time": found.swingup_time,

@@ -26,13 +26,13 @@ from swingup.control.registry import get_controller
 from swingup.physics.plant import load_plant
 from swingup.policy.c_backend.header import c_header
 from swingup.policy.identifier_settings import IdentifierSettings
-from swingup.policy.jax_backend.controller import shipped_policy
+from swingup.policy.jax_backend.controller import policy_alone
 from swingup.policy.numpy_backend.controller import NumpyController
 from swingup.policy.numpy_backend.network import NumpyNetwork
 from swingup.policy.onnx_backend.graph import onnx_model
 from swingup.policy.plant_facts import policy_plant
 from swingup.policy.settings import EstimatorSettings, GuardSettings
-from swingup.policy.shipped import ADAPTIVE, AR_EAPO, read_policy
+from swingup.policy.shipped import ADAPTIVE, AR_EAPO, load_policy
 from swingup.runtime import load_controller
 
 CALLS, WARM_UP, DT = 20_000, 500, 0.002
@@ -109,7 +109,7 @@ def measure_c(text: str, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def main(robot: str) -> None:
     """Measure and print."""
-    policy = dataclasses.replace(read_policy(AR_EAPO, robot), estimator=EstimatorSettings())
+    policy = dataclasses.replace(load_policy(AR_EAPO, robot), estimator=EstimatorSettings())
     # A slow drift: at every jump the estimator would reset, and have less to do.
     states = np.cumsum(np.random.default_rng(0).normal(size=(CALLS, 4)) * [2e-3, 2e-3, 0.05, 0.05], axis=0)
     alone, whole = NumpyNetwork(policy), load_controller(AR_EAPO, robot, estimator=True)
@@ -124,7 +124,7 @@ def main(robot: str) -> None:
     matrix, vector = np.ones((256, 256), np.float32), np.ones(256, np.float32)
     result = np.empty(256, np.float32)
     with jax.enable_x64(True):
-        judged = shipped_policy(robot, AR_EAPO)[0]
+        judged = policy_alone(policy)
         compiled = jax.jit(lambda x: judged(None, jax.numpy.zeros(()), x)[1])
         times = {
             "floor: one 256 x 256 product": measure(lambda k: np.dot(matrix, vector, out=result)),
@@ -145,7 +145,7 @@ def main(robot: str) -> None:
     )
     states = np.resize(swingup_states, states.shape)
     times["adaptive, NumPy"] = measure(lambda k: adaptive(states[k], DT * k))
-    times["adaptive, C"] = measure_c(c_header(read_policy(ADAPTIVE, robot)), states)[1]
+    times["adaptive, C"] = measure_c(c_header(load_policy(ADAPTIVE, robot)), states)[1]
     print("| one call | median [µs] | p99 [µs] | p99 / median |\n|---|---:|---:|---:|")
     for name, each in times.items():
         median, late = np.quantile(each[WARM_UP:], [0.5, 0.99])

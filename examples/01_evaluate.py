@@ -11,7 +11,8 @@ import swingup
 def main() -> None:
     """Print the score, the swing-up time and the angles at the end."""
     for robot in ("acrobot", "pendubot"):
-        controller, card = swingup.shipped_policy(robot)
+        controller = swingup.get_controller("adaptive", robot)
+        card = swingup.load_policy("adaptive", robot).metadata
         result = swingup.evaluate(controller, robot, name=card["command"])
         criteria, trajectory = result.criteria, result.trajectory
         print(f"{robot}: score {criteria.score:.3f}, up after {criteria.swingup_time:.2f} s")

@@ -27,7 +27,7 @@ def draw_row(robot: Robot) -> np.ndarray:
     """The shipped policy's swing-up of one robot, a frame for each time, side by side."""
     parameters = LEADERBOARD.driven(robot)
     lengths = float(parameters.l1), float(parameters.l2)
-    trajectory = swingup.evaluate(swingup.shipped_policy(robot)[0], robot).trajectory
+    trajectory = swingup.evaluate(swingup.get_controller("ar-eapo", robot), robot).trajectory
     x, u = np.asarray(trajectory.x), np.asarray(trajectory.u)
     indices = [int(np.searchsorted(trajectory.time, time)) for time in TIMES]
     frames = [draw_frame(x[i], *lengths, size=SIZE, torque=u[i], driven=robot.joint) for i in indices]

@@ -10,7 +10,7 @@ import numpy as np
 import swingup
 from swingup.policy.c_backend.header import c_header
 from swingup.policy.settings import default_guard
-from swingup.policy.shipped import read_policy
+from swingup.policy.shipped import load_policy
 from swingup.realaigym import load_controller
 
 ROBOT, NAME, SEEDS = "acrobot", "robot", 5
@@ -33,6 +33,6 @@ for t, x in zip(np.asarray(rows.time), np.asarray(rows.x), strict=True):
 assert controller.fault is None  # the safety guard found nothing
 print(f"{len(took)} calls, {1e6 * median(took):.0f} microseconds each in the median")
 
-policy = dataclasses.replace(read_policy(NAME, ROBOT), guard=default_guard())
+policy = dataclasses.replace(load_policy(NAME, ROBOT), guard=default_guard())
 Path("policy.h").write_text(c_header(policy), encoding="utf-8")
 print("written: policy.h, for a microcontroller")

@@ -119,12 +119,12 @@ import importlib, logging
 logging.getLogger("swingup").setLevel("ERROR")  # a name that changed its meaning says so
 for name in {names}:
     importlib.import_module(name)
-from swingup.policy.shipped import SHIPPED_POLICIES, read_policy
+from swingup.policy.shipped import SHIPPED_POLICIES, load_policy
 from swingup.policy.c_backend.header import c_header
 from swingup.policy.javascript_backend.page import policy_data
 for robot in ("acrobot", "pendubot"):
     for name in SHIPPED_POLICIES:
-        policy = read_policy(name, robot)
+        policy = load_policy(name, robot)
         assert c_header(policy) and policy_data(policy)
 """
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from .identification.identify import Identification, identify
     from .learner.agent import AREAPO
     from .physics.plant import Plant, load_plant
-    from .policy.jax_backend.controller import load_policy, shipped_policy
+    from .policy.shipped import load_policy
     from .rehearsal.rehearse import rehearse
     from .rehearsal.result import Rehearsal
     from .sweep.search import search
@@ -53,13 +53,12 @@ _HOMES = {
     "Identification": "identification.identify",
     "leaderboard": "benchmark.leaderboard",
     "load_plant": "physics.plant",
-    "load_policy": "policy.jax_backend.controller",
+    "load_policy": "policy.shipped",
     "make_disturbance": "benchmark.disturbances",
     "rehearse": "rehearsal.rehearse",
     "robustness": "benchmark.robustness",
     "score": "benchmark.evaluate",
     "search": "sweep.search",
-    "shipped_policy": "policy.jax_backend.controller",
     "uptime": "benchmark.uptime",
 }
 
@@ -92,7 +91,6 @@ __all__ = [
     "robustness",
     "score",
     "search",
-    "shipped_policy",
     "sim2real",
     "trials",
     "uptime",

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import swingup
+from policies import lone_policy
 from swingup.benchmark.grid import Case, make_cases
 from swingup.benchmark.robustness import Result, robustness, summarise, upright
 from swingup.benchmark.rollout import Scenario
@@ -135,4 +135,4 @@ def test_bad_input(options, message):
 
 def test_the_other_robots_policy_is_refused():
     with pytest.raises(SwingupError, match="is for the pendubot"):
-        robustness(swingup.shipped_policy("pendubot")[0], "acrobot")
+        robustness(lone_policy("ar-eapo", "pendubot")[0], "acrobot")

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file
 
+from policies import lone_policy
 from swingup.cli import main
 from swingup.learner.metrics import read_metrics
-from swingup.policy.jax_backend.controller import shipped_policy
 from swingup.policy.shipped import DEFAULT
 
 KEYS = [
@@ -55,7 +55,7 @@ def test_evaluate_then_score_the_same_trajectory(robot, capsys, tmp_path):
 @pytest.mark.slow
 def test_the_cards_score_is_the_score(either_robot, capsys):
     robot = either_robot.name
-    card = shipped_policy(robot, "ar-eapo")[1]["scores"]["v2"]["score"]
+    card = lone_policy("ar-eapo", robot)[1]["scores"]["v2"]["score"]
     found = run_json(capsys, "evaluate", robot, "--controller", "ar-eapo")
     assert found["score"] == pytest.approx(card, abs=1e-6)
 

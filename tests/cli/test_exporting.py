@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 import swingup
+from policies import lone_policy
 from swingup.benchmark.rollout import Trajectory
 from swingup.cli import main
 from swingup.control.registry import get_controller
-from swingup.policy.jax_backend.controller import load_policy, save_controller, shipped_policy
+from swingup.policy.jax_backend.controller import save_controller
 
 RUN = """
 import sys
@@ -84,7 +85,7 @@ def test_an_entry_names_the_kind_of_its_policy(tmp_path):
 
 def test_a_policy_file_and_its_username(tmp_path):
     source = tmp_path / "mine.safetensors"
-    save_controller(source, *shipped_policy("pendubot", "ar-eapo"))
+    save_controller(source, *lone_policy("ar-eapo", "pendubot"))
     options = ["--to", "realaigym", "--out", str(tmp_path / "e"), "--username", "Ada", "--name", "twin_2"]
     assert main(["export", str(source), *options]) == 0
     assert (tmp_path / "e/twin_2_controller/policy.safetensors").read_bytes() == source.read_bytes()
@@ -222,7 +223,7 @@ def test_a_file_without_a_plant_gets_one(tmp_path, capsys):
     assert main([*words, "--to", "cloudpendulum", "--out", str(folder)]) == 0
     (file,) = folder.rglob("policy.safetensors")
     capsys.readouterr()
-    controller, _ = load_policy(file)
+    controller, _ = lone_policy(file)
     assert (controller.plant.name, controller.plant.l1) == ("cloudpendulum-rods", 0.05)
     assert main(["export", str(file), "--plant", "A.0", "--to", "c", "--out", str(header)]) == 2
     assert "the policy's file has a plant, 'cloudpendulum-rods'" in capsys.readouterr().err

@@ -11,7 +11,7 @@ import textwrap
 import pytest
 import yaml
 
-import swingup
+from policies import lone_policy
 from swingup.benchmark.board_rules import BOARD_RULES
 from swingup.benchmark.rules import CRITERIA
 from swingup.cli import judging, main
@@ -123,7 +123,7 @@ def test_others_controllers(capsys, name, brief_runs):
 @pytest.fixture
 def meant(tmp_path):
     """A file of the pendubot's policy that asks for an estimator."""
-    policy, metadata = swingup.shipped_policy("pendubot", "ar-eapo")
+    policy, metadata = lone_policy("ar-eapo", "pendubot")
     save_controller(tmp_path / "meant.safetensors", policy, {"scores": metadata["scores"], "estimator": {}})
     return "meant.safetensors"
 
@@ -317,7 +317,7 @@ HOSTILE = "a\nb\x1b[31m|<b>`*=1\udcff.safetensors"
 
 
 def test_hostile_names_reach_no_terminal(capsys, tmp_path):
-    policy, metadata = swingup.shipped_policy("acrobot", "ar-eapo")
+    policy, metadata = lone_policy("ar-eapo", "acrobot")
     save_controller(tmp_path / HOSTILE, policy, metadata)
     for words in (("evaluate", "acrobot"), ("check", "acrobot")):
         out = run(capsys, *words, "--controller", HOSTILE)

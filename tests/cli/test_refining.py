@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from policies import lone_policy
 from swingup.cli import main, refining
-from swingup.policy.jax_backend.controller import load_policy, shipped_policy
 from swingup.policy.settings import EstimatorSettings
 from swingup.refine.analytic_policy_gradient import PolicyGradientSettings
 from swingup.refine.episodes import EpisodeSettings
@@ -23,8 +23,8 @@ def test_refine_writes_a_policy_with_its_origin(tmp_path, monkeypatch, capsys):
     out = tmp_path / "refined.safetensors"
     assert main(["refine", "pendubot", "--out", str(out), "--seed", "3"]) == 0
     assert "swingup evaluate pendubot" in capsys.readouterr().out
-    policy, metadata = load_policy(out, "pendubot")
-    base, origin = shipped_policy("pendubot", "ar-eapo")
+    policy, metadata = lone_policy(out, "pendubot")
+    base, origin = lone_policy("ar-eapo", "pendubot")
     assert metadata["command"] == (
         "swingup refine pendubot --policy=ar-eapo --recipe=recover --seed=3 --out=refined.safetensors"
     )

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import swingup
+from policies import lone_policy
 from swingup.control.check import check_controller
 from swingup.control.controller import AbstractController
 from swingup.control.python_controller import PythonController, answer
@@ -16,7 +17,7 @@ from swingup.control.registry import get_controller
 from swingup.errors import SwingupError
 from swingup.policy.numpy_backend.controller import NumpyController
 from swingup.policy.realaigym import load_policy_controller
-from swingup.policy.shipped import read_policy
+from swingup.policy.shipped import load_policy
 from swingup.robots import get_robot
 
 
@@ -193,15 +194,15 @@ def test_jax_with_a_fault(fault, message):
 
 def test_good_controllers_in_jax(robot):
     assert check_controller(Jax(), "acrobot") == []
-    assert check_controller(swingup.shipped_policy(robot)[0], robot) == []
+    assert check_controller(lone_policy("ar-eapo", robot)[0], robot) == []
 
 
 def test_a_policy_that_compensates_friction_declares_it(robot):
-    found = NumpyController(read_policy("adaptive", robot))
+    found = NumpyController(load_policy("adaptive", robot))
     assert check_controller(found, robot) == []
     assert found.passive_limit == get_controller("adaptive", robot).passive_limit == 0.5
     assert load_policy_controller("adaptive", robot).passive_limit == 0.5
-    assert NumpyController(read_policy("ar-eapo", robot)).passive_limit == 0
+    assert NumpyController(load_policy("ar-eapo", robot)).passive_limit == 0
 
 
 @pytest.mark.slow  # JAX compiles identifier and regulator for seconds
@@ -210,7 +211,7 @@ def test_in_jax_too(robot):
 
 
 def test_a_policy_of_the_other_robot():
-    findings = check_controller(swingup.shipped_policy("acrobot")[0], get_robot("pendubot"))
+    findings = check_controller(lone_policy("ar-eapo", "acrobot")[0], get_robot("pendubot"))
     assert findings == ["it is for the acrobot, not the pendubot: judge it there"]
 
 

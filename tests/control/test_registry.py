@@ -7,12 +7,13 @@ import pytest
 
 import swingup
 from array_files import read_metadata
+from policies import lone_policy
 from swingup.control.registry import get_controller, has_estimator
 from swingup.control.switch import LatchingSwitch
 from swingup.errors import SwingupError
 from swingup.physics.plant import LEADERBOARD
 from swingup.policy import shipped
-from swingup.policy.jax_backend.controller import PolicyController, load_policy, save_controller
+from swingup.policy.jax_backend.controller import PolicyController, save_controller
 from swingup.policy.jax_backend.estimator import EstimatingController
 from swingup.policy.settings import EstimatorSettings
 
@@ -43,7 +44,7 @@ def plain(x, t):
 @pytest.fixture
 def files(tmp_path, monkeypatch):
     """Policy files of the acrobot: without an estimator, with the defaults, and with settings of its own."""
-    policy, metadata = swingup.shipped_policy("acrobot")
+    policy, metadata = lone_policy("ar-eapo", "acrobot")
     kept = {"scores": metadata["scores"]}
     save_controller(tmp_path / "alone.safetensors", policy, kept)
     save_controller(tmp_path / "defaults.safetensors", policy, kept | {"estimator": {}})
@@ -83,7 +84,7 @@ def test_the_model_is_the_leaderboards(files, robot):
 
 
 def test_load_policy_gives_the_policy_alone(files):
-    controller, metadata = load_policy("own.safetensors")
+    controller, metadata = lone_policy("own.safetensors")
     assert isinstance(controller, PolicyController)
     assert metadata["estimator"] == {"caution": 7, "memory": 2.5}
 
@@ -97,7 +98,7 @@ def test_load_policy_gives_the_policy_alone(files):
     ],
 )
 def test_bad_settings_are_refused_with_the_files_name(files, estimator, message):
-    save_controller("bad.safetensors", load_policy("alone.safetensors")[0], {"estimator": estimator})
+    save_controller("bad.safetensors", lone_policy("alone.safetensors")[0], {"estimator": estimator})
     for wanted in (None, False):
         with pytest.raises(SwingupError) as error:
             get_controller("bad.safetensors", "acrobot", wanted)
@@ -167,13 +168,13 @@ def test_built_in_names(files):
 
 def test_the_global_policy(files, monkeypatch, robot):
     with pytest.raises(SwingupError, match="unknown policy 'best': use one of adaptive, ar-eapo, global"):
-        swingup.shipped_policy(robot, "best")
+        lone_policy("best", robot)
     monkeypatch.setattr(shipped, "ZOO", files)
     with pytest.raises(
         SwingupError, match=f"lacks the policy {robot.name}-global.safetensors: use adaptive or train one"
     ):
         get_controller("global", robot)
-    policy = load_policy("alone.safetensors", "acrobot")[0]
+    policy = lone_policy("alone.safetensors", "acrobot")[0]
     policy = PolicyController(policy.policy, 5.0, robot)
     save_controller(files / f"{robot.name}-global.safetensors", policy, {"estimator": {"caution": 3}})
     found = get_controller("global", robot)

@@ -3,10 +3,10 @@
 import jax
 import pytest
 
+from policies import lone_policy
 from swingup.areapo.networks import init_actor
 from swingup.learner.evaluators import SwingUpEvaluator
 from swingup.physics.plant import LEADERBOARD, load_plant
-from swingup.policy.jax_backend.controller import shipped_policy
 from swingup.policy.jax_backend.policy import Policy
 from swingup.policy.pendulum import read_pendulum_policy
 from swingup.policy.plant_facts import policy_plant
@@ -41,5 +41,5 @@ def test_training_on_the_leaderboards_plant(tmp_path):
 @pytest.mark.parametrize("plant", ["leaderboard", "C.0"])
 def test_refining(plant):
     """Without stages nothing is refined, but the plant is named."""
-    found = run_recipe(shipped_policy("acrobot")[0], ACROBOT, (), plant=plant).plant
+    found = run_recipe(lone_policy("ar-eapo", "acrobot")[0], ACROBOT, (), plant=plant).plant
     assert found == policy_plant(load_plant(plant), ACROBOT)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file
 
+from policies import lone_policy
 from swingup.areapo.config import Config
 from swingup.errors import SwingupError
 from swingup.learner.metrics import read_metrics
@@ -16,7 +17,7 @@ from swingup.learner.run import Run
 from swingup.learner.run_settings import PENDULUM_INTERVALS, RunSettings, run_settings_from_dict
 from swingup.learner.start import resume_run, start_run
 from swingup.physics.plant import LEADERBOARD, Plant, load_plant
-from swingup.policy.jax_backend.controller import load_policy, save_controller
+from swingup.policy.jax_backend.controller import save_controller
 
 from .brief import briefly_judged
 
@@ -87,7 +88,7 @@ def test_a_run_leaves_its_files(finished):
 
 def test_policies_say_where_they_come_from(finished):
     folder, training, _ = finished
-    _, metadata = load_policy(folder / "last.safetensors", training.settings.task().robot)
+    _, metadata = lone_policy(folder / "last.safetensors", training.settings.task().robot)
     assert metadata["frames"] == 640
     assert metadata["command"].startswith(
         "swingup train acrobot --preset default --frames 640 --seed 0 --num-envs 4"
@@ -287,7 +288,7 @@ def test_a_run_killed_before_its_first_report_resumes(finished, tmp_path):
 def test_resuming_keeps_a_better_policy_than_the_checkpoint_knows(tmp_path):
     """The best policy is written between checkpoints: it may be newer than the one a crash leaves."""
     run(tmp_path / "r", 2)
-    controller, _ = load_policy(tmp_path / "r" / "best.safetensors")
+    controller, _ = lone_policy(tmp_path / "r" / "best.safetensors")
     save_controller(tmp_path / "r" / "best.safetensors", controller, {"scores": {"v2": {"score": 0.9}}})
     kept = (tmp_path / "r" / "best.safetensors").read_bytes()
     resumed = resume_run(tmp_path / "r", 4 * FRAMES)
@@ -388,5 +389,5 @@ def test_a_run_on_a_plant_resumes_there_and_its_policy_carries_it(tmp_path):
     again = resume_run(tmp_path / "run", 4 * FRAMES)
     assert again.settings.plant == settings.plant
     list(again.advance())
-    controller, _ = load_policy(tmp_path / "run" / "best.safetensors")
+    controller, _ = lone_policy(tmp_path / "run" / "best.safetensors")
     assert (controller.plant.name, controller.plant.l1, controller.torque_limit) == ("A.0", 0.3, 6.0)

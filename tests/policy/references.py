@@ -24,7 +24,7 @@ from swingup.policy.plant import model_step
 from swingup.policy.plant_facts import policy_plant
 from swingup.policy.regulator_settings import RegulatorSettings
 from swingup.policy.settings import EstimatorSettings
-from swingup.policy.shipped import ADAPTIVE, AR_EAPO, SHIPPED_POLICIES, read_policy
+from swingup.policy.shipped import ADAPTIVE, AR_EAPO, SHIPPED_POLICIES, load_policy
 from swingup.policy.stages import PlantStage
 from swingup.robots import get_robot
 
@@ -120,7 +120,7 @@ def policy(name):
         found = policy(ESTIMATED[0])
         return dataclasses.replace(found, plant=policy_plant(load_plant("C.1"), found.robot))
     if name in ESTIMATED:
-        return dataclasses.replace(read_policy(AR_EAPO, robot), estimator=EstimatorSettings())
+        return dataclasses.replace(load_policy(AR_EAPO, robot), estimator=EstimatorSettings())
     if name == REGULATED:
         return dataclasses.replace(policy(SIGHTED), regulator=RegulatorSettings())
     if name == TOLD:
@@ -132,7 +132,7 @@ def policy(name):
         return policy_of(sighted_policy())
     if name == IDENTIFIED:
         return identified_policy()
-    return policy_of(small_policy(kind == "wrapped")) if name in SMALL else read_policy(kind, robot)
+    return policy_of(small_policy(kind == "wrapped")) if name in SMALL else load_policy(kind, robot)
 
 
 def without_regulator(found):

@@ -8,7 +8,7 @@ import swingup
 from swingup.benchmark.rules import PERFORMANCE_RULES
 from swingup.control.registry import get_controller
 from swingup.policy.export_folder import readme_values
-from swingup.policy.shipped import ADAPTIVE, DEFAULT, SHIPPED_POLICIES, read_policy
+from swingup.policy.shipped import ADAPTIVE, DEFAULT, SHIPPED_POLICIES, load_policy
 from swingup.policy.stages import PlantStage
 from swingup.runtime import load_controller
 
@@ -22,7 +22,7 @@ def test_names():
 
 
 def test_files_ask_for_all_that_makes_them_adapt(robot):
-    policy = read_policy(ADAPTIVE, robot)
+    policy = load_policy(ADAPTIVE, robot)
     assert isinstance(policy.network.stages[-1], PlantStage)
     assert policy.plant.name == "leaderboard"
     for part in (policy.estimator, policy.identifier, policy.regulator):
@@ -30,7 +30,7 @@ def test_files_ask_for_all_that_makes_them_adapt(robot):
 
 
 def test_the_folders_readme_names_the_regulator_and_the_teachers():
-    values = {name: readme_values(read_policy(name, "acrobot"), "entry") for name in (ADAPTIVE, "ar-eapo")}
+    values = {name: readme_values(load_policy(name, "acrobot"), "entry") for name in (ADAPTIVE, "ar-eapo")}
     assert "regulator takes over" in values[ADAPTIVE]["SWITCHED"]
     assert "base parameters" in values[ADAPTIVE]["ESTIMATOR"]
     assert values["ar-eapo"]["SWITCHED"] == "nothing is switched, tracked or planned"

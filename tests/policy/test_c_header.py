@@ -9,7 +9,7 @@ import pytest
 from swingup.policy.c_backend.header import c_header
 from swingup.policy.numpy_backend.network import NumpyNetwork
 from swingup.policy.settings import default_guard
-from swingup.policy.shipped import read_policy
+from swingup.policy.shipped import load_policy
 
 from . import references
 from .compiled import CAREFUL, compile_header, compile_program, needs_gcc, pointer, torques
@@ -19,7 +19,7 @@ pytestmark = needs_gcc
 
 
 def test_in_single_precision(tmp_path):
-    library = compile_header(tmp_path, c_header(read_policy("ar-eapo", "acrobot")), "-DSWINGUP_REAL=float")
+    library = compile_header(tmp_path, c_header(load_policy("ar-eapo", "acrobot")), "-DSWINGUP_REAL=float")
     error = np.abs(torques(library, random_states()) - alone("acrobot-ar-eapo", random_states())).max()
     assert 1e-6 < error < 1e-4
 
@@ -45,7 +45,7 @@ def test_conversions_are_written_out(tmp_path, name, real):
 @pytest.mark.parametrize("name", ["acrobot", "pendubot"])
 def test_numbers_are_the_files(name):
     """The header's decimals are the file's float32 numbers, input by input."""
-    policy = read_policy("ar-eapo", name)
+    policy = load_policy("ar-eapo", name)
     text = c_header(policy)
     for index, layer in enumerate(policy.network.layers):
         body = re.search(rf"swingup_weight_{index}\[\d+\] = {{(.*?)}};", text, re.DOTALL)[1]
@@ -71,7 +71,7 @@ void both(const double *x, double *u)
 
 
 def test_two_policies_in_one_program(tmp_path):
-    policies = [read_policy("ar-eapo", name) for name in ("acrobot", "pendubot")]
+    policies = [load_policy("ar-eapo", name) for name in ("acrobot", "pendubot")]
     for policy, name in zip(policies, ("left", "right"), strict=True):
         (tmp_path / f"{name}.h").write_text(c_header(policy, name))
     library, u = compile_program(tmp_path, TWO), np.zeros(2)

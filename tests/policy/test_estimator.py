@@ -8,12 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from policies import lone_policy
 from swingup.control.controller import AbstractController, check_interface
 from swingup.errors import SwingupError
 from swingup.physics.dynamics import acceleration
 from swingup.physics.integrate import rk4_step
 from swingup.physics.plant import LEADERBOARD
-from swingup.policy.jax_backend.controller import shipped_policy
 from swingup.policy.jax_backend.estimator import with_estimator
 from swingup.policy.settings import EstimatorSettings, default_estimator, kalman_gains
 from swingup.robots import ROBOTS
@@ -88,7 +88,7 @@ class Rows:
 def closed_loops():
     """One swing-up of the acrobot's shipped policy with the estimator for each sensor."""
     robot = ROBOTS["acrobot"]
-    p, policy = LEADERBOARD.driven(robot), shipped_policy(robot)[0]
+    p, policy = LEADERBOARD.driven(robot), lone_policy("ar-eapo", robot)[0]
     limits = np.array([p.tl1, p.tl2])
     noise = np.random.default_rng(0).normal(size=(STEPS, 2))
 
@@ -119,7 +119,7 @@ def closed_loops():
 
 def alone(states):
     """The policy's own torques (n, 2) for states."""
-    policy = shipped_policy("acrobot")[0]
+    policy = lone_policy("ar-eapo", "acrobot")[0]
     with jax.enable_x64(True):
         return np.asarray(jax.jit(jax.vmap(lambda x: policy(None, jnp.zeros(()), x)[1]))(jnp.asarray(states)))
 
@@ -337,7 +337,7 @@ def test_memory_keeps_its_types(controller, double):
 def test_a_controller_of_the_other_robot_is_refused():
     acrobot = ROBOTS["acrobot"]
     with pytest.raises(SwingupError, match="it is for the pendubot, not the acrobot"):
-        with_estimator(shipped_policy("pendubot")[0], acrobot, LEADERBOARD.driven(acrobot))
+        with_estimator(lone_policy("ar-eapo", "pendubot")[0], acrobot, LEADERBOARD.driven(acrobot))
 
 
 @pytest.mark.parametrize(

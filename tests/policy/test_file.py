@@ -15,7 +15,7 @@ from swingup.policy.file import read_network, write_network
 from swingup.policy.jax_backend.observation import Normalise, PendulumObservation
 from swingup.policy.jax_backend.policy import Policy, load_any_policy, network_of, save_policy
 from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
-from swingup.policy.shipped import read_policy
+from swingup.policy.shipped import load_policy
 
 STATES = np.random.default_rng(0).uniform(-7, 7, (50, 4))
 
@@ -183,7 +183,7 @@ def test_metadata_of_another_network_does_not_change_this_one(tmp_path, foreign)
 
 def test_a_folded_policy_is_written_with_its_own_metadata(tmp_path):
     """The network of ``adaptive`` for one plant, with the shipped file's metadata as provenance."""
-    policy = read_policy("adaptive", "acrobot")
+    policy = load_policy("adaptive", "acrobot")
     folded = dataclasses.replace(policy, network=policy.folded)
     write_pendulum_policy(tmp_path / "p.safetensors", folded, policy.metadata)
     found = read_pendulum_policy(tmp_path / "p.safetensors")

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from policies import lone_policy
 from swingup.areapo.config import Config
 from swingup.areapo.layers import LayerKind, LayerNorm, Linear, hidden_features, init_norms
 from swingup.areapo.networks import Actor, init_shared_critic, values
@@ -15,7 +16,7 @@ from swingup.areapo.recurrence import GRU
 from swingup.errors import SwingupError
 from swingup.policy.c_backend.header import c_header
 from swingup.policy.javascript_backend.page import policy_data
-from swingup.policy.jax_backend.controller import load_policy, save_controller
+from swingup.policy.jax_backend.controller import save_controller
 from swingup.policy.jax_backend.policy import Policy
 from swingup.policy.network import Layer, Network, Norm, check_plain, largest_feature
 from swingup.policy.numpy_backend.controller import NumpyController
@@ -53,7 +54,7 @@ def test_a_policy_file_in_jax_and_in_numpy(tmp_path, activation):
     save_controller(tmp_path / "p.safetensors", of_kind(activation, layer_norm), {})
     found, states = read_pendulum_policy(tmp_path / "p.safetensors"), random_states()[:5]
     numpy, network = NumpyController(found), found.network
-    loaded, _ = load_policy(tmp_path / "p.safetensors", "pendubot")
+    loaded, _ = lone_policy(tmp_path / "p.safetensors", "pendubot")
     with jax.enable_x64(True):
         judge = jax.jit(jax.vmap(lambda x: (loaded.policy.observe(x), 3.0 * loaded.policy(x)[0])))
         features, judged = map(np.asarray, judge(jnp.asarray(states)))

@@ -4,11 +4,11 @@ import dataclasses
 
 import pytest
 
+from policies import lone_policy
 from swingup.errors import SwingupError
 from swingup.physics.base_parameters import Spread
 from swingup.policy.identifier_settings import IdentifierSettings, default_identifier
 from swingup.policy.jax_backend.controller import (
-    load_policy,
     make_controller,
     policy_of,
     save_controller,
@@ -63,7 +63,7 @@ def test_round_trip(file, tmp_path):
     found = read_pendulum_policy(tmp_path / "q.safetensors")
     assert (found.estimator, found.identifier) == (estimator, OTHER)
     # From JAX, with the old metadata as provenance, as refine writes.
-    save_controller(tmp_path / "again.safetensors", *load_policy(tmp_path / "q.safetensors"))
+    save_controller(tmp_path / "again.safetensors", *lone_policy(tmp_path / "q.safetensors"))
     assert read_pendulum_policy(tmp_path / "again.safetensors").identifier == OTHER
     made = make_controller(found)
     assert made.identifier.settings == OTHER

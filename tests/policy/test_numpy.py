@@ -18,7 +18,7 @@ from swingup.physics.plant import LEADERBOARD
 from swingup.policy import plant, realaigym
 from swingup.policy.numpy_backend.controller import NumpyController
 from swingup.policy.settings import EstimatorSettings
-from swingup.policy.shipped import read_policy
+from swingup.policy.shipped import load_policy
 from swingup.runtime import load_controller
 
 from .references import controller, faults, random_states
@@ -29,7 +29,7 @@ def test_the_checker_finds_nothing(robot):
 
 
 def test_the_period_is_the_estimators():
-    policy = read_policy("ar-eapo", "acrobot")
+    policy = load_policy("ar-eapo", "acrobot")
     assert policy.period is None
     behind = dataclasses.replace(policy, estimator=EstimatorSettings(dt=0.001))
     assert behind.period == 0.001
@@ -91,4 +91,4 @@ def test_the_plant_is_the_leaderboards(robot, x64):
 )
 def test_what_is_refused(source, robot, message):
     with pytest.raises(SwingupError, match=message):
-        read_policy(source, robot)
+        load_policy(source, robot)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from array_files import change_file
+from policies import lone_policy
 from swingup.errors import SwingupError
 from swingup.physics.base_parameters import base_parameters
 from swingup.physics.damped import Friction, damped_midpoint_step
@@ -13,7 +14,7 @@ from swingup.physics.equations import lump
 from swingup.physics.maths import NUMPY
 from swingup.physics.plant import LEADERBOARD, load_plant
 from swingup.policy.c_backend.header import c_header
-from swingup.policy.jax_backend.controller import load_policy, make_controller, save_controller
+from swingup.policy.jax_backend.controller import make_controller, save_controller
 from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
 from swingup.policy.plant import acceleration, midpoint_step, model_step
 from swingup.policy.plant_facts import plant_difference, policy_plant, write_plant
@@ -48,7 +49,7 @@ def test_a_file_carries_its_plant(mine, tmp_path):
     # The shoulder is passive: its motor has no torque.
     assert (found.plant.tl1, found.torque_limits) == (0.0, (0.0, 10.0))
     # From JAX, with the old metadata as provenance, as refine writes: the plant stays.
-    alone, metadata = load_policy(mine)
+    alone, metadata = lone_policy(mine)
     save_controller(tmp_path / "again.safetensors", alone, metadata)
     assert read_pendulum_policy(tmp_path / "again.safetensors").plant == MINE
     assert make_controller(found).parameters.values() == MINE.values()

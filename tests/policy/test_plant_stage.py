@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from array_files import change_file
+from policies import lone_policy
 from swingup.errors import SwingupError
 from swingup.physics.base_parameters import base_parameters
 from swingup.physics.plant import LEADERBOARD, Plant, load_plant
 from swingup.policy.fold import fold
-from swingup.policy.jax_backend.controller import behind_estimator, load_policy, policy_of
+from swingup.policy.jax_backend.controller import behind_estimator, policy_of
 from swingup.policy.jax_backend.estimator import with_estimator
 from swingup.policy.jax_backend.identifier import make_identifier
 from swingup.policy.jax_backend.policy import load_any_policy
@@ -75,7 +76,7 @@ def test_round_trip(file):
     stage, other = found.network.plant_stage, expected.network.plant_stage
     np.testing.assert_array_equal([stage.centre, stage.scale], [other.centre, other.scale])
     assert stage.clip == other.clip == 1.0
-    controller, _ = load_policy(file)
+    controller, _ = lone_policy(file)
     assert depends_on_plant(controller)
     np.testing.assert_array_equal(controller.policy.stages[-1].base, base_parameters(found.plant))
 
@@ -83,7 +84,7 @@ def test_round_trip(file):
 def test_told_plants_are_those_of_files(file):
     """A batch of plants, traced: each row is the ordinary network of a file with that plant."""
     plants = LEADERBOARD.driven(sighted_policy().robot), load_plant("C.1")
-    controller, states = in_double(load_policy(file)[0]), random_states()[:20]
+    controller, states = in_double(lone_policy(file)[0]), random_states()[:20]
 
     @jax.jit
     @jax.vmap
@@ -115,7 +116,7 @@ def test_a_policy_that_sees_the_state_alone_is_the_same_for_all_plants():
 
 
 def test_a_policy_behind_an_estimator_is_told(file):
-    controller = behind_estimator(load_policy(file)[0])
+    controller = behind_estimator(lone_policy(file)[0])
     assert depends_on_plant(controller)
     found = told_base(controller, jnp.arange(9.0))
     np.testing.assert_array_equal(found.controller.policy.stages[-1].base, np.arange(9.0))
@@ -123,7 +124,7 @@ def test_a_policy_behind_an_estimator_is_told(file):
 
 
 def test_an_identifier_tells_what_it_found(file):
-    controller, p = load_policy(file)[0], load_plant("C.1")
+    controller, p = lone_policy(file)[0], load_plant("C.1")
     whole = with_estimator(controller, controller.robot, p, identifier=make_identifier(controller.robot, p))
     memory = whole.init()
     found = jnp.linspace(0.9, 1.1, 9) * base_parameters(p)
@@ -136,7 +137,7 @@ def test_an_identifier_tells_what_it_found(file):
 
 
 def test_a_policy_needs_its_plant(file):
-    with pytest.raises(SwingupError, match=r"sees its plant: read it with swingup\.load_policy"):
+    with pytest.raises(SwingupError, match=r"sees its plant: use swingup\.get_controller"):
         load_any_policy(file)
 
 

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from policies import lone_policy
 from swingup.areapo.networks import init_actor
 from swingup.benchmark.grid import make_cases
 from swingup.benchmark.rules import ROBUSTNESS_RULES
@@ -17,7 +18,7 @@ from swingup.errors import SwingupError
 from swingup.physics.base_parameters import base_parameters
 from swingup.physics.dynamics import acceleration, gravity_torque
 from swingup.physics.plant import LEADERBOARD, NAMES, Plant
-from swingup.policy.jax_backend.controller import PolicyController, shipped_policy
+from swingup.policy.jax_backend.controller import PolicyController
 from swingup.policy.jax_backend.observation import PendulumObservation
 from swingup.policy.jax_backend.policy import Policy
 from swingup.policy.jax_backend.told import depends_on_plant
@@ -208,17 +209,17 @@ def test_a_constant_torque_holds_the_plants_where_runs_begin_at_rest(robot):
 
 def test_a_policy_that_sees_its_plant_is_not_refined_further():
     with pytest.raises(SwingupError, match="the policy sees its plant, which only the recipe adapt trains"):
-        run_recipe(shipped_policy("acrobot", "adaptive")[0], ACROBOT, RECIPES["recover"])
+        run_recipe(lone_policy("adaptive", "acrobot")[0], ACROBOT, RECIPES["recover"])
 
 
 def test_the_recipe_is_for_the_leaderboards_plant():
     with pytest.raises(SwingupError, match="the recipe adapt is for the leaderboards' plant: give no other"):
-        run_recipe(shipped_policy("acrobot")[0], ACROBOT, RECIPES["adapt"], plant="cloudpendulum")
+        run_recipe(lone_policy("ar-eapo", "acrobot")[0], ACROBOT, RECIPES["adapt"], plant="cloudpendulum")
 
 
 @pytest.mark.slow
 def test_a_student_learns_and_sees_its_plant():
-    recovery, rounds = shipped_policy("acrobot", "global")[0], []
+    recovery, rounds = lone_policy("global", "acrobot")[0], []
     student = distil(recovery, FEW, np.random.default_rng(0), lambda now, number: rounds.append((now, number)))
     assert [number for _, number in rounds] == [1, 2, 3]
     assert depends_on_plant(student)

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from policies import lone_policy
 from swingup.areapo.networks import init_actor
 from swingup.benchmark.evaluate import evaluate
 from swingup.benchmark.rollout import Trajectory
@@ -15,7 +16,7 @@ from swingup.benchmark.rules import PERFORMANCE_RULES
 from swingup.errors import SwingupError
 from swingup.physics.angles import UPRIGHT
 from swingup.physics.plant import LEADERBOARD, load_plant
-from swingup.policy.jax_backend.controller import PolicyController, shipped_policy
+from swingup.policy.jax_backend.controller import PolicyController
 from swingup.policy.jax_backend.observation import PendulumObservation
 from swingup.policy.jax_backend.policy import Policy
 from swingup.refine.analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings, batch_cost
@@ -82,7 +83,7 @@ def test_episode_settings_without_a_meaning_are_refused(values, message):
 
 
 def test_the_smooth_score_is_nearly_the_judge_s(robot):
-    result = evaluate(shipped_policy(robot)[0], robot)
+    result = evaluate(lone_policy("ar-eapo", robot)[0], robot)
     measures = measure_episode(result.trajectory, LEADERBOARD.driven(robot), RULES.dt, RULES)
     # The smoothed line takes 0.7 % of the time upright for down.
     assert 0 < result.criteria.score - float(measures.score) < 3e-3

@@ -18,7 +18,7 @@ from swingup.policy.export_folder import export_realaigym
 from swingup.policy.guard import GuardSettings
 from swingup.policy.numpy_backend.controller import NumpyController
 from swingup.policy.plant_facts import policy_plant
-from swingup.policy.shipped import read_policy, shipped_file
+from swingup.policy.shipped import load_policy, shipped_file
 from swingup.rehearsal.loop import FolderController, PacedController
 from swingup.rehearsal.process import Reply
 from swingup.rehearsal.rehearse import rehearse
@@ -30,7 +30,7 @@ BOARD = LEADERBOARD
 
 def export(folder, form, guard=None, name="ar-eapo"):
     """A shipped policy of the acrobot as a folder."""
-    policy = dataclasses.replace(read_policy(name, "acrobot"), guard=guard)
+    policy = dataclasses.replace(load_policy(name, "acrobot"), guard=guard)
     with resources.as_file(shipped_file("acrobot", name)) as source:
         if form == "realaigym":
             return export_realaigym(policy, source, folder, "Ada").parent
@@ -154,7 +154,7 @@ def test_cloudpendulums_client_gives_no_time_and_gets_a_list():
 
 
 def test_the_cells_limits():
-    policy = read_policy("adaptive", "acrobot")
+    policy = load_policy("adaptive", "acrobot")
     assert [note[:36] for note in cloudpendulum_notes(policy)] == [
         "it may command 0.5 N m at the should",
         "it may command 6 N m at the elbow, a",

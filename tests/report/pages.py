@@ -4,12 +4,13 @@ import dataclasses
 
 import numpy as np
 
+from policies import lone_policy
 from swingup.benchmark.board_rows import OURS, Row, published_rows
 from swingup.benchmark.columns import BOARDS
 from swingup.benchmark.leaderboard import Board
 from swingup.benchmark.rollout import Trajectory
 from swingup.physics.plant import LEADERBOARD
-from swingup.policy.jax_backend.controller import policy_of, shipped_policy
+from swingup.policy.jax_backend.controller import policy_of
 from swingup.report.content import Section, Show
 from swingup.report.make import LIVE_NOTE, describe_disturbance, make_show
 from swingup.robots import ROBOTS, Robot
@@ -50,7 +51,7 @@ def make_board(robot: Robot, measure: str) -> Board:
 
 def make_section(robot: Robot) -> Section:
     """A section with the shipped policy, a controller that does nothing and one that fails."""
-    policy = shipped_policy(robot, "ar-eapo")[0]
+    policy = lone_policy("ar-eapo", robot)[0]
     shows = [
         make_show("ar-eapo", policy, robot, 0),
         Show(NASTY, HANGING, HANGING),

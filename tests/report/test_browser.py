@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from policies import lone_policy
 from swingup.benchmark.evaluate import evaluate
 from swingup.physics.dynamics import tip_height
 from swingup.physics.integrate import rk4_step
 from swingup.physics.plant import LEADERBOARD, NAMES, load_plant
-from swingup.policy.jax_backend.controller import shipped_policy
 from swingup.report.page import render_page
 from swingup.robots import ROBOTS
 from swingup.text import one_line
@@ -373,7 +373,7 @@ def in_double(controller):
 def test_the_closed_loop_is_pythons(page, robot):
     steps = 5000
     rows = page.evaluate("(robot) => swingup.simulate(robot, [0, 0, 0, 0], 5000)", robot.name)
-    expected = evaluate(in_double(shipped_policy(robot)[0]), robot).trajectory
+    expected = evaluate(in_double(lone_policy("ar-eapo", robot)[0]), robot).trajectory
     assert len(rows["x"]) == steps == len(expected.time)
     np.testing.assert_allclose(rows["time"], expected.time, rtol=0, atol=1e-12)
     # Both compute in double precision. A torque that is wrong by 1e-3 N m (4e-3 rad) or late by one step (0.2 rad)

@@ -10,6 +10,7 @@ import equinox as eqx
 import numpy as np
 import pytest
 
+from policies import lone_policy
 from swingup.benchmark.board_rows import Row
 from swingup.benchmark.leaderboard import Board
 from swingup.benchmark.rollout import Trajectory
@@ -17,7 +18,7 @@ from swingup.cli import main, output, pictures
 from swingup.control.registry import get_controller
 from swingup.errors import SwingupError
 from swingup.physics.plant import LEADERBOARD
-from swingup.policy.jax_backend.controller import policy_of, shipped_policy
+from swingup.policy.jax_backend.controller import policy_of
 from swingup.policy.jax_backend.observation import AbstractStage
 from swingup.report import make
 from swingup.report.content import encode_section
@@ -209,7 +210,7 @@ def test_a_stage_that_the_scripts_do_not_know_is_refused():
         def __call__(self, observation):
             return observation
 
-    controller = shipped_policy(ACROBOT)[0]
+    controller = lone_policy("ar-eapo", ACROBOT)[0]
     filtered = eqx.tree_at(lambda c: c.policy.stages, controller, (*controller.policy.stages, Filter()))
     with pytest.raises(SwingupError, match="a policy file has no stage Filter"):
         policy_of(filtered)

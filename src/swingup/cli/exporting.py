@@ -23,7 +23,7 @@ from ..policy.onnx_backend.graph import onnx_model
 from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
 from ..policy.plant_facts import PLANT, policy_plant
 from ..policy.settings import GuardSettings, choose_guard
-from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, read_policy, shipped_file
+from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, load_policy, shipped_file
 from ..policy.template import NAME
 from ..text import quoted
 from .arguments import NO_PLANT, PlantFlags
@@ -75,7 +75,7 @@ def export(
     one_of("format", to, FORMS)
     # Before the policy is read: that error would only list policies.
     _refuse_baselines(policy, robot)
-    on, found = plant.given(), read_policy(policy, robot)
+    on, found = plant.given(), load_policy(policy, robot)
     if on is not None:
         found = _with_plant(found, on)
     chosen = None if to == "onnx" else choose_guard(guard, _own_guard(found, to), found.period)

@@ -4,6 +4,7 @@ import dataclasses
 import math
 import shlex
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,11 +14,11 @@ from tyro.conf import arg
 from ..benchmark.seeds import check_seeds
 from ..checks import one_of
 from ..files import check_writable
-from ..policy.jax_backend.controller import PolicyController, load_policy, save_controller, shipped_policy
-from ..policy.shipped import AR_EAPO, GLOBAL, SHIPPED_POLICIES
+from ..policy.jax_backend.controller import policy_alone, save_controller
+from ..policy.shipped import AR_EAPO, GLOBAL, load_policy
 from ..refine.around import parts_around
 from ..refine.recipe import ADAPT, RECIPES, RefinementReport, run_recipe
-from ..robots import Robot, get_robot
+from ..robots import get_robot
 from ..version import __version__
 from .arguments import NO_PLANT, PlantFlags, RobotName
 from .output import SECONDS_BETWEEN_LINES, tell
@@ -54,7 +55,7 @@ def refine_command(
     check_writable(out)
     usual = GLOBAL if recipe == ADAPT else AR_EAPO
     policy = usual if policy is None else policy
-    start, metadata = (shipped_policy if policy in SHIPPED_POLICIES else _load)(chosen, policy)
+    base = load_policy(policy, chosen)
     stages, console = RECIPES[recipe], Console(stderr=True)
     options = {"policy": policy, "recipe": recipe, "seed": seed, "out": Path(out).name}
     words = ["swingup", "refine", robot, *(f"--{name}={value}" for name, value in options.items()), *plant.flags]
@@ -62,23 +63,19 @@ def refine_command(
 
     def report(now: RefinementReport) -> None:
         nonlocal shown
-        save_controller(out, now.controller, _provenance(metadata, shlex.join(words), seed, stages, now))
+        save_controller(out, now.controller, _provenance(base.metadata, shlex.join(words), seed, stages, now))
         if now.iteration == now.of or time.monotonic() - shown >= SECONDS_BETWEEN_LINES:
             shown = time.monotonic()
             console.print(_line(now, len(stages)), soft_wrap=True, highlight=False)
 
-    run_recipe(start, chosen, stages, seed, report, plant=on)
+    run_recipe(policy_alone(base), chosen, stages, seed, report, plant=on)
     judge = shlex.join(["swingup", "evaluate", robot, "--controller", out, *plant.flags])
     tell(f"wrote {out}: judge it with {judge}")
     return 0
 
 
-def _load(robot: Robot, path: str) -> tuple[PolicyController, dict[str, Any]]:
-    return load_policy(path, robot)
-
-
 def _provenance(
-    base: dict[str, Any], command: str, seed: int, stages: tuple[Any, ...], now: RefinementReport
+    base: Mapping[str, Any], command: str, seed: int, stages: tuple[Any, ...], now: RefinementReport
 ) -> dict[str, Any]:
     """Where the refined policy comes from, and the base's own origin; it goes with the estimator."""
     origin = {

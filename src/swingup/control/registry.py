@@ -13,7 +13,7 @@ from ..foreign import described
 from ..physics.plant import LEADERBOARD, PlantLike, load_plant
 from ..policy.jax_backend.controller import make_controller
 from ..policy.jax_backend.estimator import EstimatingController, with_estimator
-from ..policy.shipped import SHIPPED_POLICIES, is_policy, read_policy
+from ..policy.shipped import SHIPPED_POLICIES, is_policy, load_policy
 from ..robots import Robot, get_robot
 from ..text import quoted
 from .baselines import BASELINES, baseline
@@ -51,7 +51,7 @@ def get_controller(
             raise SwingupError(
                 f"policy {quoted(name)} has a plant of its own: leave plant out here, and judge it on any plant"
             )
-        return make_controller(read_policy(name, robot), estimator)
+        return make_controller(load_policy(name, robot), estimator)
     found = baseline(name, robot, plant) if name in BASELINES else _imported(name)
     # An imported controller may bring its own estimator; a second one would estimate an estimate.
     if isinstance(found, EstimatingController):

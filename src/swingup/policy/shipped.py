@@ -50,7 +50,7 @@ def is_policy(source: str | Path) -> bool:
     return source in SHIPPED_POLICIES or str(source).endswith(SUFFIX)
 
 
-def read_policy(source: str | Path, robot: Robot | str | None = None) -> PendulumPolicy:
+def load_policy(source: str | Path, robot: Robot | str | None = None) -> PendulumPolicy:
     """Read a policy file, or a policy that the package ships.
 
     Args:

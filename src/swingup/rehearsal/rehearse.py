@@ -18,8 +18,8 @@ from ..errors import SwingupError
 from ..physics.plant import PlantLike
 from ..plants.domain import Domain
 from ..plants.on_plant import loop_around
-from ..policy.pendulum import read_pendulum_policy
 from ..policy.plant_facts import plant_difference
+from ..policy.shipped import load_policy
 from ..robots import Robot, get_robot
 from ..tasks.draw import draw
 from .folder import Folder, find_folder
@@ -107,7 +107,7 @@ def _difference(folder: Folder, domain: Domain, robot: Robot) -> str | None:
     """How the middle of the domain's plants differs from the policy's plant."""
     if folder.policy is None:
         return None
-    policy = read_pendulum_policy(folder.policy)
+    policy = load_policy(folder.policy)
     seen = None if policy.identifier is None else policy.network.plant_stage
     return plant_difference(policy.plant, domain.nominal_plant, robot, seen)
 

@@ -12,7 +12,7 @@ from ..benchmark.rules import PushRules
 from ..errors import SwingupError
 from ..physics.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..physics.units import scales_of
-from ..policy.shipped import DEFAULT, read_policy
+from ..policy.shipped import DEFAULT, load_policy
 from ..robots import Robot, get_robot
 from ..tasks.disturbance import Disturbance
 from ..text import one_line
@@ -81,7 +81,7 @@ def make_section(
         boards=boards,
         shows=shows,
         disturbance=describe_disturbance(seed, parameters),
-        policy=read_policy(DEFAULT, robot),
+        policy=load_policy(DEFAULT, robot),
         policy_note=LIVE_NOTE,
     )
 

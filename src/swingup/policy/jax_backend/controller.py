@@ -11,13 +11,12 @@ from ...areapo.networks import Actor
 from ...control.controller import AbstractController
 from ...physics.base_parameters import base_parameters
 from ...physics.plant import LEADERBOARD, Plant
-from ...robots import Robot, get_robot
+from ...robots import Robot
 from ...types import Scalar, State, Torque
 from ..identifier_settings import IdentifierSettings
-from ..pendulum import PendulumPolicy, read_pendulum_policy, write_pendulum_policy
+from ..pendulum import PendulumPolicy, write_pendulum_policy
 from ..regulator_settings import RegulatorSettings
 from ..settings import EstimatorSettings
-from ..shipped import DEFAULT, read_policy
 from .estimator import EstimatingController, with_estimator
 from .identifier import make_identifier
 from .policy import Policy, make_policy, network_of
@@ -57,7 +56,7 @@ def make_controller(
         estimator: where the file has one (None), never (False) or always (True). Settings that the file lacks have
             their defaults. Its model is the policy's plant, or what the identifier in the file finds.
     """
-    alone, regulator = _alone(policy), policy.regulator
+    alone, regulator = policy_alone(policy), policy.regulator
     if policy.estimator is not None if estimator is None else estimator:
         return behind_estimator(alone, policy.estimator, policy.identifier, regulator)
     return alone if regulator is None else regulated(alone, regulator)
@@ -123,39 +122,7 @@ def save_controller(path: str | Path, controller: PolicyController, provenance: 
     write_pendulum_policy(path, policy_of(controller), provenance)
 
 
-def load_policy(path: str | Path, robot: Robot | str | None = None) -> tuple[PolicyController, dict[str, Any]]:
-    """Read a policy file as a controller of the pendulum, and its metadata.
-
-    This is the policy alone. ``get_controller`` also makes the estimator that the metadata may describe.
-
-    Args:
-        path: the policy file.
-        robot: the robot that it must be for, if any.
-
-    Raises:
-        SwingupError: the file cannot be read, is no policy of a pendulum, has an estimator that cannot work, or is
-            for another robot.
-    """
-    policy = read_pendulum_policy(path, robot)
-    return _alone(policy), dict(policy.metadata)
-
-
-def shipped_policy(robot: Robot | str, name: str = DEFAULT) -> tuple[PolicyController, dict[str, Any]]:
-    """A policy that the package ships for a robot, without what is around it, and its metadata.
-
-    Estimator, identifier and regulator are left out: ``adaptive`` is then for the plant of its file.
-
-    Args:
-        robot: which joint is driven.
-        name: ``adaptive``, ``ar-eapo`` or ``global``.
-
-    Raises:
-        SwingupError: there is no such robot or policy, or the package lacks the file.
-    """
-    policy = read_policy(name, get_robot(robot))
-    return _alone(policy), dict(policy.metadata)
-
-
-def _alone(policy: PendulumPolicy) -> PolicyController:
+def policy_alone(policy: PendulumPolicy) -> PolicyController:
+    """A policy without what stands around it; one that sees its plant is for the plant of its file."""
     network = make_policy(policy.network, base_parameters(policy.plant))
     return PolicyController(network, policy.torque_limit, policy.robot, policy.plant)

@@ -169,7 +169,7 @@ def _stage(stage: Stage, base: np.ndarray | None) -> AbstractStage:
         return PendulumObservation(stage.velocity_scale, stage.angles)  # type: ignore[arg-type]  # checked
     if isinstance(stage, PlantStage):
         if base is None:
-            raise SwingupError("the policy sees its plant: read it with swingup.load_policy")
+            raise SwingupError("the policy sees its plant: use swingup.get_controller")
         return PlantObservation(stage.centre, stage.scale, base, stage.clip)  # type: ignore[arg-type]  # as NumPy's
     return Normalise(stage.mean, stage.variance, stage.clip, stage.epsilon)  # type: ignore[arg-type]  # as NumPy's
 

@@ -9,7 +9,7 @@ from ...robots import Robot
 from ..guard import GuardChoice
 from ..pendulum import PendulumPolicy
 from ..settings import choose_guard, default_estimator
-from ..shipped import read_policy
+from ..shipped import load_policy
 from .estimator import NumpyEstimator
 from .guard import NumpyGuard
 from .identifier import NumpyIdentifier
@@ -133,4 +133,4 @@ def load_controller(
         SwingupError: there is no such controller, or the file is damaged, or for another robot, or a setting of the
             guard cannot work.
     """
-    return NumpyController(read_policy(source, robot), estimator, guard)
+    return NumpyController(load_policy(source, robot), estimator, guard)
