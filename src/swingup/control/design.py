@@ -185,7 +185,7 @@ def solve_from_rest(
     transition: PendulumStep, cost: Cost, torque: Float[Array, "n"], settings: ILQRSettings
 ) -> Solution:
     """Optimise a motion that begins hanging at rest, from a guess of its torques (N m)."""
-    if isinstance(transition, PendulumTransition):
+    if not isinstance(transition, TorqueRateTransition):
         return solve(transition, cost, jnp.zeros(4), torque, settings)
     rates = jnp.diff(torque, append=torque[-1]) / transition.pendulum.dt
     return solve(transition, cost, jnp.zeros(5).at[4].set(torque[0]), rates, settings)
