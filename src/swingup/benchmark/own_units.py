@@ -73,14 +73,9 @@ def scaled_pushes(pushes: PushRules, scales: Scales) -> PushRules:
 
 
 def _model(model: ModelSweep, scales: Scales) -> ModelSweep:
-    units = {
-        "Ir": scales.torque_limit * scales.time**2,
-        "b1": scales.torque_limit * scales.time,
-        "b2": scales.torque_limit * scales.time,
-        "cf1": scales.torque_limit,
-        "cf2": scales.torque_limit,
-    }
-    return model if model.relative else replace(model, sweep=_sweep(model.sweep, units[model.parameter]))
+    if model.relative:
+        return model
+    return replace(model, sweep=_sweep(model.sweep, scales.plant_units()[model.parameter]))
 
 
 def _sweep(sweep: Sweep, scale: float) -> Sweep:

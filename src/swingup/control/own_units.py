@@ -53,11 +53,7 @@ FINE_ITERATIONS = 60
 
 def similar_plant(plant: Plant, scales: Scales) -> Plant:
     """The pendulum of the same lengths that moves as a plant does, in C.1's units of time and torque."""
-    time, torque = scales.time, scales.torque_limit
-    units = dict.fromkeys(("m1", "m2", "I1", "I2", "Ir"), torque * time**2)
-    units |= {"b1": torque * time, "b2": torque * time, "g": 1 / time**2}
-    units |= dict.fromkeys(("cf1", "cf2", "tl1", "tl2"), torque)
-    return replace(plant, **{name: getattr(plant, name) / unit for name, unit in units.items()})
+    return plant.changed(**{name: getattr(plant, name) / unit for name, unit in scales.plant_units().items()})
 
 
 def published_for(published: Published, time: float) -> Published:

@@ -53,6 +53,13 @@ class Scales:
         """Unit of inertia, J = Γ T²."""
         return self.torque * self.time**2
 
+    def plant_units(self) -> dict[str, float]:
+        """Units of a plant's numbers by name, with the torque limit as the unit of torque; lengths keep theirs."""
+        time, torque = self.time, self.torque_limit
+        units = dict.fromkeys(("m1", "m2", "I1", "I2", "Ir"), torque * time**2)
+        units |= {"b1": torque * time, "b2": torque * time, "g": 1 / time**2}
+        return units | dict.fromkeys(("cf1", "cf2", "tl1", "tl2"), torque)
+
 
 def scales_of(parameters: "Plant") -> Scales:
     """The units of a pendulum, relative to C.1's: exactly 1 for C.1, with or without its frictions and rotors.
