@@ -280,14 +280,26 @@ def _learn(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState:
     s, stages = loop.settings, [_columns(maths, loop, state)]
     for stage in state.filtered:
         stages.append(stage + s.pole * (stages[-1] - stage))
-    state = state._replace(filtered=tuple(stages[1:]))
+    rows, unknowns, covariance = stages[-1], state.unknowns, state.covariance
+    variances, holds = [], []
     for joint in (0, 1):
-        state = _update(maths, loop, state, joint)
-    prior_variance = maths.xp.asarray(loop.covariance, state.covariance.dtype).diagonal()
+        noise = state.variance[joint], state.held[joint]
+        unknowns, covariance, (variance, held) = _update(
+            maths, loop, joint, rows[joint], unknowns, covariance, noise
+        )
+        variances.append(variance)
+        holds.append(held)
+    prior_variance = maths.xp.asarray(loop.covariance, covariance.dtype).diagonal()
     drift = s.walk**2 * s.dt * prior_variance
     # No less sure than at the start: the drift must not exceed the prior.
-    drift = maths.xp.where(state.covariance.diagonal() < prior_variance, drift, 0.0)
-    return state._replace(covariance=state.covariance + maths.xp.diag(drift))
+    drift = maths.xp.where(covariance.diagonal() < prior_variance, drift, 0.0)
+    return state._replace(
+        filtered=tuple(stages[1:]),
+        unknowns=unknowns,
+        covariance=covariance + maths.xp.diag(drift),
+        variance=tuple(variances),
+        held=tuple(holds),
+    )
 
 
 def _columns(maths: Maths, loop: Loop, state: IdentifierState) -> Array:
@@ -309,33 +321,27 @@ def _columns(maths: Maths, loop: Loop, state: IdentifierState) -> Array:
     return maths.vector([*shoulder, *first, *elbow, *second]).reshape(2, UNKNOWNS + 1)
 
 
-def _update(maths: Maths, loop: Loop, state: IdentifierState, joint: int) -> IdentifierState:
-    """One joint's row: the variance of its errors, and what it tells of the unknowns."""
-    s, driven, columns = loop.settings, joint == loop.joint, state.filtered[-1][joint]
-    row, target, variance = columns[:UNKNOWNS], columns[UNKNOWNS], state.variance[joint]
-    uncertain = state.covariance @ row
-    unsure, error = row @ uncertain, target - row @ state.unknowns
-    size = abs(target) + abs(row[:4]) @ abs(state.unknowns[:4])
+def _update(
+    maths: Maths, loop: Loop, joint: int, columns: Array, unknowns: Array, covariance: Array, noise: Pair
+) -> tuple[Array, Array, Pair]:
+    """What a joint's row tells of the unknowns, and its noise: the errors' variance, and how long it is held."""
+    s, driven, (variance, held) = loop.settings, joint == loop.joint, noise
+    row, target = columns[:UNKNOWNS], columns[UNKNOWNS]
+    uncertain = covariance @ row
+    unsure, error = row @ uncertain, target - row @ unknowns
+    size = abs(target) + abs(row[:4]) @ abs(unknowns[:4])
     floor = (s.driven_floor if driven else s.passive_floor) ** 2 + (s.relative_floor * size) ** 2
     r = maths.maximum(variance, floor)
     distance = error**2 / (unsure + r)
-    held = maths.where(distance > s.gate**2, s.hold, state.held[joint] - s.dt)
+    held = maths.where(distance > s.gate**2, s.hold, held - s.dt)
     heavy = r * s.alike * maths.maximum(1.0, (STUDENT + distance) / (STUDENT + 1.0))
     # A row that is held is infinitely heavy.
     gain = uncertain / maths.where(held > 0, math.inf, unsure + heavy)
     # A spoilt angle must not blind the identifier for seconds.
     seen = maths.minimum(distance * r, (MOST_DEVIATION * _deviation(loop, joint)) ** 2)
     follows = maths.where(seen > variance, 1.0 - math.exp(-s.dt / s.rise), 1.0 - math.exp(-s.dt / s.fall))
-    return state._replace(
-        unknowns=state.unknowns + gain * error,
-        covariance=state.covariance - gain[:, None] * uncertain,
-        variance=_with(state.variance, joint, variance + follows * (seen - variance)),
-        held=_with(state.held, joint, maths.maximum(held, 0.0)),
-    )
-
-
-def _with(pair: Pair, joint: int, value: Number) -> Pair:
-    return (value, pair[1]) if joint == 0 else (pair[0], value)
+    noise = variance + follows * (seen - variance), maths.maximum(held, 0.0)
+    return unknowns + gain * error, covariance - gain[:, None] * uncertain, noise
 
 
 def hat_weights(xp: Any, steps: Array, ages: Array) -> tuple[Array, Array]:
