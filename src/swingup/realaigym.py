@@ -12,11 +12,12 @@ import numpy as np
 
 from .errors import SwingupError
 from .policy.guard import GuardChoice
+from .policy.numpy_backend.controller import NumpyController
 from .policy.numpy_backend.guard import GuardedController, NumpyGuard
 from .policy.realaigym import RealAIGymController as RealAIGymController
-from .policy.realaigym import load_policy_controller
+from .policy.realaigym import wrap_policy
 from .policy.settings import choose_guard
-from .policy.shipped import is_policy
+from .policy.shipped import is_policy, load_policy
 from .robots import TORQUE_LIMIT, Robot, get_robot
 
 
@@ -40,7 +41,7 @@ def load_controller(
             cannot work.
     """
     if is_policy(name):
-        return load_policy_controller(name, robot, estimator, guard)
+        return wrap_policy(NumpyController(load_policy(name, robot), estimator, guard), str(name))
     if robot is None:
         raise SwingupError(f"controller {str(name)!r} needs a robot: name acrobot or pendubot")
     robot = get_robot(robot)

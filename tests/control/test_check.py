@@ -16,8 +16,8 @@ from swingup.control.python_controller import PythonController, answer
 from swingup.control.registry import get_controller
 from swingup.errors import SwingupError
 from swingup.policy.numpy_backend.controller import NumpyController
-from swingup.policy.realaigym import load_policy_controller
 from swingup.policy.shipped import load_policy
+from swingup.realaigym import load_controller
 from swingup.robots import get_robot
 
 
@@ -201,7 +201,7 @@ def test_a_policy_that_compensates_friction_declares_it(robot):
     found = NumpyController(load_policy("adaptive", robot))
     assert check_controller(found, robot) == []
     assert found.passive_limit == get_controller("adaptive", robot).passive_limit == 0.5
-    assert load_policy_controller("adaptive", robot).passive_limit == 0.5
+    assert load_controller("adaptive", robot).passive_limit == 0.5
     assert NumpyController(load_policy("ar-eapo", robot)).passive_limit == 0
 
 

@@ -12,7 +12,7 @@ import swingup
 from swingup.benchmark.rules import PERFORMANCE_RULES
 from swingup.cli import main
 from swingup.physics.plant import LEADERBOARD, load_plant
-from swingup.policy.cloudpendulum import load_policy_controller
+from swingup.policy.cloudpendulum import CloudPendulumController
 from swingup.policy.export_cloudpendulum import cloudpendulum_guard, cloudpendulum_notes, export_cloudpendulum
 from swingup.policy.export_folder import export_realaigym
 from swingup.policy.guard import GuardSettings
@@ -135,8 +135,8 @@ class Motor:
 
 def test_cloudpendulums_client_gives_no_time_and_gets_a_list():
     times = iter([100.0, 100.002, 100.004, 7.0, 7.002])
-    cloud = load_policy_controller("ar-eapo", "acrobot", guard=True, clock=lambda: next(times))
-    plain = load_controller("ar-eapo", "acrobot", guard=True)
+    inside, plain = (load_controller("ar-eapo", "acrobot", guard=True) for _ in range(2))
+    cloud = CloudPendulumController(inside, inside.robot, lambda: next(times), inside.guard)
     states = [[0.1, -0.2, 0.5, 0.3], [0.101, -0.199, 0.5, 0.3], [0.102, -0.198, 0.5, 0.3]]
 
     def ask(x):

@@ -7,15 +7,13 @@ the client's package, which is there only on its own machines.
 
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
 from ..robots import Robot
 from .contract import LoopController
-from .guard import Fault, GuardChoice
-from .numpy_backend.controller import load_controller
+from .guard import Fault
 from .numpy_backend.guard import NumpyGuard
 
 WARM_UP = 20
@@ -77,28 +75,3 @@ class CloudPendulumController:
         x = np.array([first.position, second.position, first.velocity, second.velocity], np.float64)
         torques: list[float] = self._controller(x, now - self._start).tolist()
         return torques
-
-
-def load_policy_controller(
-    source: str | Path,
-    robot: Robot | str | None = None,
-    estimator: bool | None = None,
-    guard: GuardChoice = None,
-    clock: Callable[[], float] = time.perf_counter,
-) -> CloudPendulumController:
-    """A policy as CloudPendulum's client calls it.
-
-    Args:
-        source: a policy file, or ``adaptive``, ``ar-eapo`` or ``global``.
-        robot: the robot that it must be for; needed with a name.
-        estimator: behind a state estimator where the file has one (None), never (False) or always (True).
-        guard: behind a safety guard where the file has one (None), never (False), always (True), or with these
-            settings.
-        clock: tells the time (s).
-
-    Raises:
-        SwingupError: there is no such policy, or it is damaged, or for another robot, or a setting of the guard
-            cannot work.
-    """
-    controller = load_controller(source, robot, estimator, guard)
-    return CloudPendulumController(controller, controller.robot, clock, controller.guard)

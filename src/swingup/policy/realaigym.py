@@ -20,8 +20,8 @@ from ..physics.equations import friction
 from ..robots import Robot
 from ..text import quoted
 from .contract import LoopController
-from .guard import Fault, GuardChoice
-from .numpy_backend.controller import NumpyController, load_controller
+from .guard import Fault
+from .numpy_backend.controller import NumpyController
 from .numpy_backend.guard import NumpyGuard
 
 SAVED = "controller_swingup.json"
@@ -212,28 +212,6 @@ class RealAIGymController:
         now = self._steps * self._dt if t is None else float(t)
         self._steps += 1
         return np.array(self._controller(x, now, measured, added), np.float64)
-
-
-def load_policy_controller(
-    source: str | Path,
-    robot: Robot | str | None = None,
-    estimator: bool | None = None,
-    guard: GuardChoice = None,
-) -> RealAIGymController:
-    """A policy as RealAIGym calls it, ready: ``init()`` has been called.
-
-    Args:
-        source: a policy file, or ``adaptive``, ``ar-eapo`` or ``global``.
-        robot: the robot that it must be for; needed with a name.
-        estimator: behind a state estimator where the file has one (None), never (False) or always (True).
-        guard: behind a safety guard where the file has one (None), never (False), always (True), or with these
-            settings.
-
-    Raises:
-        SwingupError: there is no such policy, or it is damaged, or for another robot, or a setting of the guard
-            cannot work.
-    """
-    return wrap_policy(load_controller(source, robot, estimator, guard), str(source))
 
 
 def wrap_policy(controller: NumpyController, name: str) -> RealAIGymController:
