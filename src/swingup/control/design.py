@@ -222,8 +222,8 @@ def _searched(
         longer, steps = problem.stretched(factor), round(search.steps * factor)
         pendulum = PendulumTransition(model, robot.joint, longer.dt * longer.steps / steps)
         grid = longer.transition(pendulum), longer.cost(steps, search.final)
-        # One more row, so that both ends of the time have one; nothing follows the torque at its end.
-        first = search.guesses(steps + 1, seed)[:, :-1]
+        # With its rate as the input the torque has a row at the end as well, which nothing follows.
+        first = search.guesses(steps + (problem.rate is not None), seed)[:, :steps]
         found = _cheapest(_solve_all(*grid, first, search.settings), seed)
         if search.spread:
             found = _cheapest(_solve_all(*grid, _restarts(*grid, found, search), search.settings), seed)
