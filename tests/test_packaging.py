@@ -109,7 +109,7 @@ def test_the_wheel_works_without_the_checkout(distributions, tmp_path):
     printed = run(sys.executable, "-c", code, cwd=tmp_path, env=kept)
     home, scores, torque = json.loads(printed.splitlines()[-1])
     assert Path(home).is_relative_to(target)
-    assert scores == pytest.approx([0.699, 0.710], abs=0.005)
+    assert scores == pytest.approx([0.638, 0.710], abs=0.005)
     assert len(torque) == 2
     assert (tmp_path / "entry" / "con_swingup.py").exists()
     assert (tmp_path / "policy.h").exists()
