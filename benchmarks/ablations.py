@@ -20,8 +20,8 @@ from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
 from swingup.learner.run_settings import PENDULUM_INTERVALS, RunSettings
 from swingup.learner.start import resume_run, start_run
-from swingup.policy.jax_backend.observation import PendulumObservation
-from swingup.robots import ROBOTS
+from swingup.plant.robots import ROBOTS
+from swingup.tasks.observation import PendulumObservation
 from swingup.tasks.pendulum import AbstractPendulumTask
 from swingup.tasks.presets import smooth_task
 

@@ -37,11 +37,11 @@ from adaptive_plants import ALL, FULL, GRID, JOINT, MIDPOINTS, NOMINAL_CRITERIA,
 from swingup.benchmark.interval import mean_interval, share_interval
 from swingup.benchmark.robustness import summarise
 from swingup.benchmark.rules import RANDOM, get_robustness_rules
-from swingup.control.registry import get_controller
-from swingup.errors import SwingupError
-from swingup.files import write_atomically
+from swingup.common.errors import SwingupError
+from swingup.common.files import write_atomically
+from swingup.controllers.registry import get_controller
+from swingup.plant.robots import ROBOTS
 from swingup.policy.pendulum import read_pendulum_policy
-from swingup.robots import ROBOTS
 
 Rows = list[dict[str, Any]]
 Section = tuple[Rows, str]

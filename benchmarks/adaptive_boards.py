@@ -11,7 +11,7 @@ from swingup.benchmark.robustness import robustness
 from swingup.benchmark.sim2real import sim2real
 from swingup.benchmark.trials import trials
 from swingup.benchmark.uptime import uptime
-from swingup.plants.domain import SESSIONS
+from swingup.loop.domain import SESSIONS
 
 Measured = tuple[float, Interval | None]
 """A mean, and its 95 % interval if the board has runs that differ."""

@@ -11,10 +11,10 @@ from swingup.benchmark.grid import Case
 from swingup.benchmark.rollout import Scenario, apply_torque, initial_loop, measure
 from swingup.benchmark.rules import RobustnessRules
 from swingup.benchmark.runner import stack
-from swingup.control.controller import AbstractController
-from swingup.files import write_atomically
-from swingup.physics.base_parameters import BASE, BASE_NAMES, base_parameters
-from swingup.policy.jax_backend.estimator import EstimatingController
+from swingup.common.files import write_atomically
+from swingup.controllers.interface.controller import AbstractController
+from swingup.controllers.stack.estimator import EstimatingController
+from swingup.plant.base_parameters import BASE, BASE_NAMES, base_parameters
 
 RANGES = {
     "b1": (0.1, "N m s/rad"), "b2": (0.1, "N m s/rad"), "cf1": (0.2, "N m"), "cf2": (0.2, "N m"),

@@ -13,10 +13,10 @@ from swingup.benchmark.robustness import upright
 from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.rules import PERFORMANCE_RULES, RobustnessRules
 from swingup.benchmark.runner import stack
-from swingup.control.continuation import continue_swingups
-from swingup.control.known_plant import known_plant_controller
-from swingup.physics.plant import Plant
-from swingup.robots import Robot
+from swingup.controllers.baselines.continuation import continue_swingups
+from swingup.controllers.baselines.known_plant import known_plant_controller
+from swingup.plant.plant import Plant
+from swingup.plant.robots import Robot
 
 SAMPLE = 20
 """Plants that are not held, drawn from all sets."""

@@ -12,15 +12,15 @@ from swingup.benchmark.robustness import Robustness, robustness, upright
 from swingup.benchmark.rollout import Scenario, simulate
 from swingup.benchmark.rules import SWEPT, ModelSweep, RobustnessRules, Sweep
 from swingup.benchmark.runner import run_many, stack
-from swingup.control.controller import AbstractController
-from swingup.errors import SwingupError
-from swingup.physics.base_parameters import BASE, base_parameters
-from swingup.physics.plant import LEADERBOARD, Plant, validated
+from swingup.common.errors import SwingupError
+from swingup.controllers.interface.controller import AbstractController
+from swingup.controllers.stack.controller import make_controller
+from swingup.controllers.stack.estimator import EstimatingController
+from swingup.plant.base_parameters import BASE, base_parameters
+from swingup.plant.plant import LEADERBOARD, Plant, validated
+from swingup.plant.robots import Robot
 from swingup.policy.identifier_settings import UNKNOWNS
-from swingup.policy.jax_backend.controller import make_controller
-from swingup.policy.jax_backend.estimator import EstimatingController
 from swingup.policy.pendulum import PendulumPolicy
-from swingup.robots import Robot
 
 GRID, MIDPOINTS, JOINT = "grid", "midpoints", "joint draws"
 """Sets of plants."""

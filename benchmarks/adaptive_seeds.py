@@ -23,10 +23,10 @@ from adaptive_plants import FULL, Judge
 
 from swingup.benchmark.interval import mean_interval
 from swingup.benchmark.rules import get_robustness_rules
-from swingup.errors import SwingupError
-from swingup.files import write_atomically
+from swingup.common.errors import SwingupError
+from swingup.common.files import write_atomically
+from swingup.plant.robots import ROBOTS
 from swingup.policy.pendulum import read_pendulum_policy
-from swingup.robots import ROBOTS
 
 Rows = dict[tuple[str, str], float]
 """A number from 0 to 1 for each measure and file, by its label."""

@@ -24,16 +24,16 @@ from holding_range import holding_range
 from swingup.benchmark.rollout import Scenario, simulate
 from swingup.benchmark.runner import stack
 from swingup.benchmark.sim2real import sim2real
-from swingup.physics.angles import UPRIGHT
-from swingup.plants.domain import Domain, load_domain
-from swingup.policy.jax_backend.controller import make_controller
-from swingup.policy.jax_backend.estimator import EstimatingController
-from swingup.policy.jax_backend.regulator import TRIANGLE
+from swingup.controllers.stack.controller import make_controller
+from swingup.controllers.stack.estimator import EstimatingController
+from swingup.controllers.stack.regulator import TRIANGLE
+from swingup.dynamics.angles import UPRIGHT
+from swingup.loop.domain import Domain, load_domain
+from swingup.loop.draw import draw
+from swingup.plant.robots import ROBOTS, Robot
 from swingup.policy.pendulum import PendulumPolicy
 from swingup.policy.regulator_settings import RegulatorSettings, fixed_point
 from swingup.policy.shipped import ADAPTIVE, load_policy
-from swingup.robots import ROBOTS, Robot
-from swingup.tasks.draw import draw
 
 OFF = np.array([0.005, 0.0, 0.0, 0.0])
 """From upright at the start (rad, rad/s)."""

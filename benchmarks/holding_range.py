@@ -4,7 +4,7 @@ The pendulum, linearised upright, has two unstable modes. A left eigenvector w o
 the error e, with ψ̇ = λ ψ + (w b) u. The motor brings ψ back only from |ψ| < |w b| u_max / λ. In a mode with a still
 elbow both links fall as one, and the acrobot's torque does no work: w b is 0. That mode exists where
 p (A - B + p l1) = k (B + p l1), with k = m1 r1 + m2 l1, p = m2 r2 and the inertias A and B of shoulder and elbow
-(``physics/base_parameters.py``), without rotors. Acrobots near it hold upright in theory only. The pendubot has no
+(``plant/base_parameters.py``), without rotors. Acrobots near it hold upright in theory only. The pendubot has no
 such mode: a shoulder at rest does not stay there while the elbow falls.
 """
 
@@ -12,10 +12,10 @@ import dataclasses
 
 import numpy as np
 
-from swingup.control.lqr import linearised
-from swingup.physics.angles import UPRIGHT
-from swingup.physics.plant import Plant
-from swingup.robots import Robot
+from swingup.controllers.baselines.lqr import linearised
+from swingup.dynamics.angles import UPRIGHT
+from swingup.plant.plant import Plant
+from swingup.plant.robots import Robot
 
 
 def holding_range(parameters: Plant, robot: Robot) -> float:

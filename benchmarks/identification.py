@@ -22,9 +22,9 @@ import jax.numpy as jnp
 import numpy as np
 
 import swingup
-from swingup.physics.integrate import rk4_step
-from swingup.physics.plant import Plant
-from swingup.table import write_columns
+from swingup.common.table import write_columns
+from swingup.dynamics.integrate import rk4_step
+from swingup.plant.plant import Plant
 
 FINE = 2.5e-4
 """Step of the simulation (s): RK4, which is stable there with the steepest friction."""

@@ -18,10 +18,10 @@ from statistics import median
 from study import Curve, draw, ends, smooth
 
 from swingup.benchmark.board_rows import published_rows
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
-from swingup.robots import ROBOTS
+from swingup.plant.robots import ROBOTS
 
 FRAMES = get_preset("paper").frames
 """Of a complete run."""

@@ -16,10 +16,10 @@ import numpy as np
 from swingup.benchmark.grid import make_cases
 from swingup.benchmark.robustness import robustness
 from swingup.benchmark.rules import CRITERIA, get_robustness_rules
-from swingup.control.registry import get_controller
-from swingup.physics.plant import LEADERBOARD, Plant
-from swingup.policy.jax_backend.controller import PolicyController
-from swingup.robots import get_robot
+from swingup.controllers.registry import get_controller
+from swingup.controllers.stack.controller import PolicyController
+from swingup.plant.plant import LEADERBOARD, Plant
+from swingup.plant.robots import get_robot
 
 SAMPLE = 2000
 """Steps that the peer is timed on."""

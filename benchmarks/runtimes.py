@@ -22,14 +22,14 @@ import numpy as np
 import onnxruntime
 
 from swingup.benchmark.evaluate import evaluate
-from swingup.control.registry import get_controller
-from swingup.physics.plant import load_plant
-from swingup.policy.c_backend.header import c_header
+from swingup.controllers.registry import get_controller
+from swingup.controllers.stack.controller import policy_alone
+from swingup.export.c_backend.header import c_header
+from swingup.export.onnx_backend.graph import onnx_model
+from swingup.plant.plant import load_plant
 from swingup.policy.identifier_settings import IdentifierSettings
-from swingup.policy.jax_backend.controller import policy_alone
 from swingup.policy.numpy_backend.controller import NumpyController
 from swingup.policy.numpy_backend.network import NumpyNetwork
-from swingup.policy.onnx_backend.graph import onnx_model
 from swingup.policy.plant_facts import policy_plant
 from swingup.policy.settings import EstimatorSettings, GuardSettings
 from swingup.policy.shipped import ADAPTIVE, AR_EAPO, load_policy

@@ -11,7 +11,7 @@ import numpy as np
 
 from swingup.benchmark.comparison import improvement_interval, probability_of_improvement
 from swingup.benchmark.interval import bootstrap_interval, interquartile_mean
-from swingup.files import write_atomically
+from swingup.common.files import write_atomically
 
 TAIL = 0.1
 """Share of a curve, at its end, whose median stands for the end."""

@@ -2,10 +2,11 @@
 
 Usage: python benchmarks/upper_bound.py ROBOT
 
-Each plant of the grid gets its own optimal swing-up (``control/continuation.py``) and its own LQR at the top
-(``control/known_plant.py``), and is judged by the board's rules v2. A plant that the continuation does not reach
-gets the swing-up of the nearest plant on its way. Prints a table in Markdown, and the cells that fail. This is no
-bound in the strict sense: another swing-up or regulator may hold a cell that fails here.
+Each plant of the grid gets its own optimal swing-up (``controllers/baselines/continuation.py``) and its own LQR at
+the top (``controllers/baselines/known_plant.py``), and is judged by the board's rules v2. A plant that the
+continuation does not reach gets the swing-up of the nearest plant on its way. Prints a table in Markdown, and the
+cells that fail. This is no bound in the strict sense: another swing-up or regulator may hold a cell that fails
+here.
 """
 
 import argparse
@@ -22,12 +23,12 @@ from swingup.benchmark.robustness import upright
 from swingup.benchmark.rollout import Scenario, Trajectory, simulate
 from swingup.benchmark.rules import RobustnessRules, get_robustness_rules
 from swingup.benchmark.runner import stack
-from swingup.control.continuation import SwingUps, continue_swingups
-from swingup.control.controller import split
-from swingup.control.known_plant import known_plant_controller
-from swingup.control.switch import LatchingSwitch
-from swingup.physics.plant import Plant
-from swingup.robots import ROBOTS
+from swingup.controllers.baselines.continuation import SwingUps, continue_swingups
+from swingup.controllers.baselines.known_plant import known_plant_controller
+from swingup.controllers.baselines.switch import LatchingSwitch
+from swingup.controllers.interface.controller import split
+from swingup.plant.plant import Plant
+from swingup.plant.robots import ROBOTS
 
 
 def simulated(

@@ -12,8 +12,8 @@ from PIL import Image, ImageDraw, ImageFont
 
 import swingup
 from swingup.drawing import LINK_1, PAPER, draw_frame
-from swingup.physics.plant import LEADERBOARD
-from swingup.robots import Robot, get_robot
+from swingup.plant.plant import LEADERBOARD
+from swingup.plant.robots import Robot, get_robot
 
 TIMES = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 4.0)
 """Seconds."""

@@ -5,7 +5,7 @@ import numpy as np
 from jax import Array
 
 import swingup
-from swingup.types import Scalar, State, Torque
+from swingup.common.types import Scalar, State, Torque
 
 
 class PlainSwing:

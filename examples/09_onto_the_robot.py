@@ -8,7 +8,7 @@ from statistics import median
 import numpy as np
 
 import swingup
-from swingup.policy.c_backend.header import c_header
+from swingup.export.c_backend.header import c_header
 from swingup.policy.settings import default_guard
 from swingup.policy.shipped import load_policy
 from swingup.realaigym import load_controller

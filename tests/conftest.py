@@ -28,7 +28,7 @@ import pytest  # noqa: E402
 from swingup.benchmark import rules  # noqa: E402
 from swingup.benchmark.board_rules import BOARD_RULES  # noqa: E402
 from swingup.benchmark.grid import change_grid  # noqa: E402
-from swingup.robots import ROBOTS  # noqa: E402
+from swingup.plant.robots import ROBOTS  # noqa: E402
 
 
 @pytest.fixture(params=list(ROBOTS.values()), ids=list(ROBOTS))

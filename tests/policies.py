@@ -1,6 +1,6 @@
 """Policies for tests: as controllers in JAX, without what stands around them."""
 
-from swingup.policy.jax_backend.controller import policy_alone
+from swingup.controllers.stack.controller import policy_alone
 from swingup.policy.shipped import load_policy
 
 

@@ -8,8 +8,8 @@ import pytest
 from safetensors import safe_open
 from safetensors.numpy import load_file, save_file
 
-from swingup.arrays import LARGEST_HEADER, METADATA, TYPES, load_arrays, save_arrays
-from swingup.errors import SwingupError
+from swingup.common.arrays import LARGEST_HEADER, METADATA, TYPES, load_arrays, save_arrays
+from swingup.common.errors import SwingupError
 
 KIND, VERSION = "swingup thing", 3
 HEAD = {"format": KIND, "format_version": VERSION}

@@ -6,8 +6,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from swingup.checks import finite_number, is_number, one_of, positive_number, suggestion, whole_number
-from swingup.errors import SwingupError
+from swingup.common.checks import finite_number, is_number, one_of, positive_number, suggestion, whole_number
+from swingup.common.errors import SwingupError
 
 NO_NUMBERS = [None, True, np.True_, "1", b"1", [1], {}, math.nan, math.inf, -math.inf, 1j, 10**400, object()]
 

@@ -23,9 +23,9 @@ from swingup.benchmark.board_rules import BOARD_RULES
 from swingup.benchmark.leaderboard import leaderboard
 from swingup.cli import commands, main, pictures
 from swingup.cli.parsing import parse as parse_words
-from swingup.control.baselines import Design, shipped_reference
-from swingup.errors import SwingupError
-from swingup.identification import excite
+from swingup.common.errors import SwingupError
+from swingup.controllers.baselines.baselines import Design, shipped_reference
+from swingup.identification.excite.excite import excite
 from swingup.policy.shipped import shipped_file
 from swingup.report import make
 

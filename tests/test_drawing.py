@@ -4,8 +4,8 @@ import sys
 import numpy as np
 import pytest
 
+from swingup.common.errors import SwingupError
 from swingup.drawing import DRIVEN, LINK_2, draw_frame
-from swingup.errors import SwingupError
 
 L1, L2 = 0.2, 0.3
 SCALE = 400 / (2 * 1.15 * 0.5)  # pixels per metre: the picture is 2 * 1.15 (l1 + l2) wide

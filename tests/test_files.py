@@ -3,8 +3,8 @@ import stat
 
 import pytest
 
-from swingup.errors import SwingupError
-from swingup.files import write_atomically
+from swingup.common.errors import SwingupError
+from swingup.common.files import write_atomically
 
 
 def test_a_link_keeps_pointing_and_a_mode_stays(tmp_path):

@@ -10,9 +10,9 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
 from swingup.gym import PendulumEnv, PendulumVectorEnv
-from swingup.robots import ROBOTS, get_robot
+from swingup.plant.robots import ROBOTS, get_robot
 from swingup.tasks.presets import get_task
 
 IDS = {"acrobot": "swingup/Acrobot-v0", "pendubot": "swingup/Pendubot-v0"}

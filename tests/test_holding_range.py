@@ -9,10 +9,10 @@ import pytest
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
-from swingup.control.lqr import linearised
-from swingup.physics.angles import UPRIGHT
-from swingup.physics.plant import LEADERBOARD
-from swingup.robots import get_robot
+from swingup.controllers.baselines.lqr import linearised
+from swingup.dynamics.angles import UPRIGHT
+from swingup.plant.plant import LEADERBOARD
+from swingup.plant.robots import get_robot
 
 holding_range = runpy.run_path(str(Path(__file__).parents[1] / "benchmarks" / "holding_range.py"))["holding_range"]
 

@@ -74,7 +74,7 @@ def test_every_file_of_the_package_is_in_the_wheel(distributions):
         ".safetensors",
         ".csv",
         ".yml",
-        "policy/c_backend/swingup_runtime.h",
+        "export/c_backend/swingup_runtime.h",
         "report/assets/page.html",
     ):
         assert any(name.endswith(ending) for name in inside), ending

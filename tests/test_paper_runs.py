@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import swingup
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
 
 BENCHMARKS = Path(swingup.__file__).parents[2] / "benchmarks"
 

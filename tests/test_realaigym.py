@@ -7,12 +7,12 @@ import pytest
 
 import swingup
 from swingup import realaigym
-from swingup.control.registry import get_controller
-from swingup.errors import SwingupError
-from swingup.physics.equations import lump
-from swingup.physics.plant import LEADERBOARD
+from swingup.common.errors import SwingupError
+from swingup.controllers.registry import get_controller
+from swingup.plant.equations import lump
+from swingup.plant.plant import LEADERBOARD
+from swingup.plant.robots import get_robot
 from swingup.policy.plant import midpoint_step
-from swingup.robots import get_robot
 
 DT = 0.002
 UP = np.array([np.pi, 0.0])

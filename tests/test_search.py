@@ -15,7 +15,7 @@ import pytest
 import swingup
 from swingup.areapo.config import config_from_dict
 from swingup.cli import main
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.run_folder import RunFolder
 from swingup.learner.run_settings import read_run_settings, run_settings_from_dict

@@ -20,7 +20,7 @@ from swingup.areapo.words import format_value
 from swingup.benchmark.interval import bootstrap_interval, interquartile_mean
 from swingup.cli import main
 from swingup.cli.sweeping import rows_as_json, show_variants
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.run import Run
 from swingup.learner.run_folder import RunFolder

@@ -5,8 +5,8 @@ import os
 import numpy as np
 import pytest
 
-from swingup.errors import SwingupError
-from swingup.text import LONGEST_QUOTE, one_line, quoted
+from swingup.common.errors import SwingupError
+from swingup.common.text import LONGEST_QUOTE, one_line, quoted
 
 
 class Bad:

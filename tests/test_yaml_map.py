@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from swingup.errors import SwingupError
-from swingup.yaml_map import LARGEST_YAML, read_map
+from swingup.common.errors import SwingupError
+from swingup.common.yaml_map import LARGEST_YAML, read_map
 
 DATA = Path(__file__).parent / "data"
 FIXTURES = sorted(DATA.glob("*.yml"))

@@ -6,8 +6,8 @@ Importing the package is light: the names below are loaded when they are first u
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from .errors import SwingupError
-from .version import __version__
+from .common.errors import SwingupError
+from .common.version import __version__
 
 if TYPE_CHECKING:
     from .benchmark.disturbances import make_disturbance
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from .benchmark.sim2real import Sim2Real, sim2real
     from .benchmark.trials import Trials, trials
     from .benchmark.uptime import Uptime, uptime
-    from .control.baselines import baseline
-    from .control.check import check_controller
-    from .control.controller import AbstractController
-    from .control.registry import get_controller
+    from .controllers.baselines.baselines import baseline
+    from .controllers.interface.check import check_controller
+    from .controllers.interface.controller import AbstractController
+    from .controllers.registry import get_controller
     from .identification.identify import Identification, identify
     from .learner.agent import AREAPO
-    from .physics.plant import Plant, load_plant
+    from .plant.plant import Plant, load_plant
     from .policy.shipped import load_policy
     from .rehearsal.rehearse import rehearse
     from .rehearsal.result import Rehearsal
@@ -32,27 +32,27 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "AREAPO": "learner.agent",
-    "AbstractController": "control.controller",
+    "AbstractController": "controllers.interface.controller",
     "Board": "benchmark.leaderboard",
     "Evaluation": "benchmark.evaluate",
-    "Plant": "physics.plant",
+    "Plant": "plant.plant",
     "Rehearsal": "rehearsal.result",
     "RecordedUptime": "benchmark.recorded_uptime",
     "Sim2Real": "benchmark.sim2real",
     "Trials": "benchmark.trials",
     "Robustness": "benchmark.robustness",
     "Uptime": "benchmark.uptime",
-    "baseline": "control.baselines",
-    "check_controller": "control.check",
+    "baseline": "controllers.baselines.baselines",
+    "check_controller": "controllers.interface.check",
     "evaluate": "benchmark.evaluate",
-    "get_controller": "control.registry",
+    "get_controller": "controllers.registry",
     "recorded_uptime": "benchmark.recorded_uptime",
     "sim2real": "benchmark.sim2real",
     "trials": "benchmark.trials",
     "identify": "identification.identify",
     "Identification": "identification.identify",
     "leaderboard": "benchmark.leaderboard",
-    "load_plant": "physics.plant",
+    "load_plant": "plant.plant",
     "load_policy": "policy.shipped",
     "make_disturbance": "benchmark.disturbances",
     "rehearse": "rehearsal.rehearse",

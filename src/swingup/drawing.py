@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from jaxtyping import UInt8
 
-from .errors import SwingupError
-from .robots import TORQUE_LIMIT
+from .common.errors import SwingupError
+from .plant.robots import TORQUE_LIMIT
 
 if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw

@@ -17,17 +17,17 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from jaxtyping import Bool, Float, Float32, UInt8
 
-from .checks import whole_number
+from .common.checks import whole_number
+from .common.errors import SwingupError
+from .common.fetch import fetch
+from .common.text import quoted
+from .common.types import Action, Key, Observation, State
 from .drawing import draw_frame
-from .errors import SwingupError
-from .fetch import fetch
-from .physics.plant import LEADERBOARD, PlantLike
-from .robots import ROBOTS
+from .plant.plant import LEADERBOARD, PlantLike
+from .plant.robots import ROBOTS
 from .tasks.pendulum import DIVERGED, AbstractPendulumTask, PendulumState
 from .tasks.presets import find_task
 from .tasks.task import Step
-from .text import quoted
-from .types import Action, Key, Observation, State
 
 RENDER_MODES = ["rgb_array"]
 

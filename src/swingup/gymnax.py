@@ -13,10 +13,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .physics.plant import LEADERBOARD, PlantLike
+from .common.types import Action, Count, Flag, Key, Observation, Scalar
+from .plant.plant import LEADERBOARD, PlantLike
 from .tasks.pendulum import AbstractPendulumTask
 from .tasks.presets import find_task
-from .types import Action, Count, Flag, Key, Observation, Scalar
 
 NO_LIMIT = 2**31 - 1
 """Steps of the tasks here: the limit is a parameter of the environment, where programs for gymnax look for it."""

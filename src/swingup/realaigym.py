@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from .errors import SwingupError
+from .common.errors import SwingupError
+from .export.realaigym import RealAIGymController as RealAIGymController
+from .export.realaigym import wrap_policy
+from .plant.robots import TORQUE_LIMIT, Robot, get_robot
 from .policy.guard import GuardChoice
 from .policy.numpy_backend.controller import NumpyController
 from .policy.numpy_backend.guard import GuardedController, NumpyGuard
-from .policy.realaigym import RealAIGymController as RealAIGymController
-from .policy.realaigym import wrap_policy
 from .policy.settings import choose_guard
 from .policy.shipped import is_policy, load_policy
-from .robots import TORQUE_LIMIT, Robot, get_robot
 
 
 def load_controller(
@@ -62,8 +62,8 @@ class _Compiled:
             import equinox as eqx
             import jax
 
-            from .control.controller import AbstractController
-            from .control.registry import get_controller
+            from .controllers.interface.controller import AbstractController
+            from .controllers.registry import get_controller
         except ModuleNotFoundError as error:
             raise SwingupError(
                 f"controller {name!r} needs {error.name}: install swingup with its dependencies, or use a policy"

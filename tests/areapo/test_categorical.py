@@ -7,9 +7,9 @@ import pytest
 
 from swingup.areapo.categorical import Categoricals
 from swingup.areapo.networks import init_policy
-from swingup.errors import SwingupError
-from swingup.policy.jax_backend.observation import Normalise
-from swingup.policy.jax_backend.policy import Policy, load_any_policy, save_policy
+from swingup.common.errors import SwingupError
+from swingup.controllers.stack.policy import Policy, load_any_policy, save_policy
+from swingup.tasks.observation import Normalise
 from swingup.tasks.task import Spaces
 
 # Probabilities 0.2, 0.3, 0.5 of the first action and 0.9, 0.1 of the second; logits are free up to a constant.

@@ -7,7 +7,7 @@ from safetensors.numpy import save_file
 
 from swingup.areapo import checkpoint
 from swingup.areapo.checkpoint import load_checkpoint, read_metadata, save_checkpoint
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
 
 TREE = {
     "weights": jnp.array([1.0, jnp.pi, 1e-38]),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from swingup.areapo.normalise import init_statistics
-from swingup.policy.jax_backend.observation import Normalise
+from swingup.tasks.observation import Normalise
 
 
 def test_statistics_equal_those_of_all_data_at_once():

@@ -15,8 +15,8 @@ from swingup.areapo.networks import init_policy
 from swingup.areapo.recurrence import GRU
 from swingup.areapo.state import Rollout
 from swingup.areapo.unroll import unroll
-from swingup.errors import SwingupError
-from swingup.policy.jax_backend.policy import Policy, load_any_policy, remember, save_policy
+from swingup.common.errors import SwingupError
+from swingup.controllers.stack.policy import Policy, load_any_policy, remember, save_policy
 from swingup.tasks.task import Spaces
 
 from .probes import Probe

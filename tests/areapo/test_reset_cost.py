@@ -9,7 +9,7 @@ from swingup.areapo import train
 from swingup.areapo.config import Config, config_from_dict
 from swingup.areapo.reset_cost import adapt_reset_cost, reset_cost
 from swingup.areapo.state import Rollout
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
 
 from .probes import Trap
 

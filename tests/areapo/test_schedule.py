@@ -7,7 +7,7 @@ import pytest
 from swingup.areapo.config import Config, config_from_dict
 from swingup.areapo.schedule import at_iteration
 from swingup.areapo.words import format_value, parse_value
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
 
 CONFIG = Config(
     num_envs=8, num_steps=128, batch_size=1024, learning_rate=1e-3, clip_range=0.2, temperature=2.0,

@@ -12,8 +12,8 @@ from swingup.areapo import train
 from swingup.areapo.config import Config, config_from_dict
 from swingup.areapo.loss import loss
 from swingup.areapo.targets import BOOTSTRAP_SIZE
-from swingup.errors import SwingupError
-from swingup.robots import ROBOTS
+from swingup.common.errors import SwingupError
+from swingup.plant.robots import ROBOTS
 from swingup.tasks.presets import smooth_task
 
 from .probes import Cycle

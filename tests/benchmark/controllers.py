@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from swingup.benchmark.rules import get_robustness_rules
-from swingup.control.controller import AbstractController
+from swingup.controllers.interface.controller import AbstractController
 
 V2 = get_robustness_rules("v2")
 BRIEF = dataclasses.replace(V2, name="brief", duration=0.8)

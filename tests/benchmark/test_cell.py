@@ -8,9 +8,9 @@ import pytest
 
 from swingup.benchmark.robot_minute import draw_cell
 from swingup.benchmark.rules import get_uptime_rules
-from swingup.plants.domain import load_domain
-from swingup.tasks.cell import Cell, CellSettings, Disturbances, example_disturbances
-from swingup.tasks.limits import Limits, Stop
+from swingup.loop.domain import load_domain
+from swingup.loop.supervisors.cell import Cell, CellSettings, Disturbances, example_disturbances
+from swingup.loop.supervisors.limits import Limits, Stop
 
 from .independent import gravity
 

@@ -18,7 +18,7 @@ from swingup.benchmark.comparison import (
     profile_interval,
 )
 from swingup.benchmark.interval import bootstrap_interval, interquartile_mean, stratified_bootstrap
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
 
 OURS = np.array([[1.2, 0.4, 3.0], [0.9, 0.7, 2.0], [1.2, 0.1, 5.5], [2.5, 0.8, 4.0], [0.3, 0.4, 3.5]])
 THEIRS = np.array([[1.0, 0.4, 2.0], [0.9, 0.6, 4.5], [1.4, 0.2, 1.0], [0.8, 0.4, 3.0]])

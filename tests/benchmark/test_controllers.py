@@ -13,10 +13,10 @@ import swingup
 from swingup.benchmark.grid import change_grid, make_cases
 from swingup.benchmark.robustness import robustness
 from swingup.benchmark.runner import run_many, stack
-from swingup.control.controller import AbstractController
-from swingup.control.python_controller import PythonController
-from swingup.errors import SwingupError
-from swingup.robots import get_robot
+from swingup.common.errors import SwingupError
+from swingup.controllers.interface.controller import AbstractController
+from swingup.controllers.interface.python_controller import PythonController
+from swingup.plant.robots import get_robot
 
 from .controllers import BRIEF, Swinging, swinging
 

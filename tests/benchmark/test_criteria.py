@@ -7,7 +7,7 @@ from swingup.benchmark.criteria import judge, realai_score
 from swingup.benchmark.evaluate import score
 from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.rules import PERFORMANCE_RULES, Normalisers, PerformanceRules, get_performance_rules
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
 
 V2 = PERFORMANCE_RULES["v2"]
 L1, L2 = 0.2, 0.3

@@ -7,8 +7,8 @@ import pytest
 import swingup
 from policies import lone_policy
 from swingup.benchmark.rollout import Trajectory
-from swingup.control.controller import AbstractController
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
+from swingup.controllers.interface.controller import AbstractController
 
 
 class Failing(AbstractController):

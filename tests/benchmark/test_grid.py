@@ -10,8 +10,8 @@ import swingup
 from swingup.benchmark.grid import change_grid, draw_pushes, make_cases
 from swingup.benchmark.robustness import robustness
 from swingup.benchmark.rules import CRITERIA, RANDOM, PushRules, Sweep
-from swingup.errors import SwingupError
-from swingup.physics.plant import LEADERBOARD
+from swingup.common.errors import SwingupError
+from swingup.plant.plant import LEADERBOARD
 
 from .controllers import V2, Swinging
 

@@ -18,13 +18,13 @@ from swingup.benchmark.leaderboard import (
     leaderboard,
 )
 from swingup.benchmark.rules import CRITERIA, PERFORMANCE_RULES
-from swingup.control.controller import AbstractController
-from swingup.errors import SwingupError
-from swingup.policy.jax_backend.controller import PolicyController
-from swingup.policy.jax_backend.estimator import EstimatingController
-from swingup.policy.jax_backend.regulator import RegulatingController
+from swingup.common.errors import SwingupError
+from swingup.controllers.interface.controller import AbstractController
+from swingup.controllers.stack.controller import PolicyController
+from swingup.controllers.stack.estimator import EstimatingController
+from swingup.controllers.stack.regulator import RegulatingController
+from swingup.plant.robots import get_robot
 from swingup.policy.shipped import ADAPTIVE, AR_EAPO
-from swingup.robots import get_robot
 
 
 class Hanging(AbstractController):

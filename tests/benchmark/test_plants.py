@@ -19,11 +19,11 @@ from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.rules import PERFORMANCE_RULES, ROBUSTNESS_RULES, UPTIME_RULES, Sweep
 from swingup.benchmark.runner import prepare
 from swingup.benchmark.uptime import uptime
-from swingup.control.registry import get_controller
-from swingup.errors import SwingupError
-from swingup.physics.integrate import friction_rate, stable_substeps
-from swingup.physics.plant import LEADERBOARD, load_plant
-from swingup.robots import get_robot
+from swingup.common.errors import SwingupError
+from swingup.controllers.registry import get_controller
+from swingup.dynamics.integrate import friction_rate, stable_substeps
+from swingup.plant.plant import LEADERBOARD, load_plant
+from swingup.plant.robots import get_robot
 
 ACROBOT = get_robot("acrobot")
 B0 = load_plant("B.0").frictionless()

@@ -12,10 +12,10 @@ from swingup.benchmark.evaluate import score
 from swingup.benchmark.plausibility import examine
 from swingup.benchmark.rollout import Trajectory
 from swingup.cli import main
-from swingup.errors import SwingupError
-from swingup.physics.integrate import rk4_step
-from swingup.physics.plant import LEADERBOARD, load_plant
-from swingup.robots import get_robot
+from swingup.common.errors import SwingupError
+from swingup.dynamics.integrate import rk4_step
+from swingup.plant.plant import LEADERBOARD, load_plant
+from swingup.plant.robots import get_robot
 
 ROBOT = get_robot("acrobot")
 TIME = 0.002 * np.arange(5000)

@@ -11,8 +11,8 @@ from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.rules import UPTIME_RULES
 from swingup.benchmark.trajectory_file import save_trajectory
 from swingup.cli import main
-from swingup.errors import SwingupError
-from swingup.robots import get_robot
+from swingup.common.errors import SwingupError
+from swingup.plant.robots import get_robot
 
 UP, DOWN = [np.pi, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]
 

@@ -6,11 +6,11 @@ import jax
 import numpy as np
 import pytest
 
-from swingup.physics.plant import LEADERBOARD
-from swingup.robots import get_robot
-from swingup.tasks.limits import Limits, Stop
-from swingup.tasks.resets import Resets, ResetSupervisor, start_resets, step_resets
-from swingup.tasks.throws import Thrower
+from swingup.loop.supervisors.limits import Limits, Stop
+from swingup.loop.supervisors.resets import Resets, ResetSupervisor, start_resets, step_resets
+from swingup.loop.supervisors.throws import Thrower
+from swingup.plant.plant import LEADERBOARD
+from swingup.plant.robots import get_robot
 
 from .independent import ResetText
 

@@ -15,10 +15,10 @@ from swingup.benchmark.robustness import Result, robustness, summarise, upright
 from swingup.benchmark.rollout import Scenario
 from swingup.benchmark.rules import CRITERIA, RANDOM
 from swingup.benchmark.runner import run_many, stack
-from swingup.errors import SwingupError
-from swingup.physics.plant import LEADERBOARD
-from swingup.robots import get_robot
-from swingup.tasks.disturbance import step_noise
+from swingup.common.errors import SwingupError
+from swingup.loop.disturbance import step_noise
+from swingup.plant.plant import LEADERBOARD
+from swingup.plant.robots import get_robot
 
 from .controllers import BRIEF, LOOSE, V2, Swinging, swinging
 from .independent import World, closed_loop, rk4

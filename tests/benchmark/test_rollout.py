@@ -14,13 +14,13 @@ from swingup.benchmark.evaluate import evaluate
 from swingup.benchmark.rollout import Scenario, simulate
 from swingup.benchmark.rules import PERFORMANCE_RULES
 from swingup.benchmark.runner import run_one
-from swingup.control.controller import AbstractController
-from swingup.control.python_controller import PythonController
-from swingup.physics.integrate import rk4_steps
-from swingup.physics.plant import LEADERBOARD, load_plant
-from swingup.plants.domain import make_domain
-from swingup.tasks.disturbance import Pushes, step_noise, undisturbed
-from swingup.tasks.draw import draw
+from swingup.controllers.interface.controller import AbstractController
+from swingup.controllers.interface.python_controller import PythonController
+from swingup.dynamics.integrate import rk4_steps
+from swingup.loop.disturbance import Pushes, step_noise, undisturbed
+from swingup.loop.domain import make_domain
+from swingup.loop.draw import draw
+from swingup.plant.plant import LEADERBOARD, load_plant
 
 from .independent import World, closed_loop
 

@@ -9,10 +9,10 @@ from swingup.benchmark.interval import share_interval
 from swingup.benchmark.robot_rules import SIM2REAL_RULES
 from swingup.benchmark.rollout import Scenario, Trajectory
 from swingup.benchmark.sim2real import _judged, sim2real
-from swingup.control.registry import get_controller
-from swingup.errors import SwingupError
-from swingup.physics.plant import load_plant
-from swingup.plants.domain import make_domain
+from swingup.common.errors import SwingupError
+from swingup.controllers.registry import get_controller
+from swingup.loop.domain import make_domain
+from swingup.plant.plant import load_plant
 from swingup.runtime import load_controller
 
 BRIEF = dataclasses.replace(SIM2REAL_RULES, duration=2.5)

@@ -13,12 +13,12 @@ from swingup.benchmark.recording import recorded, stopped_at
 from swingup.benchmark.robot_rules import TRIAL_RULES, get_trial_rules
 from swingup.benchmark.rollout import Record, Trajectory
 from swingup.benchmark.trials import trial_pushes, trials
-from swingup.errors import SwingupError
-from swingup.physics.plant import load_plant
-from swingup.plants.domain import make_domain
-from swingup.robots import get_robot
-from swingup.tasks.disturbance import Pushes
-from swingup.tasks.limits import Limits
+from swingup.common.errors import SwingupError
+from swingup.loop.disturbance import Pushes
+from swingup.loop.domain import make_domain
+from swingup.loop.supervisors.limits import Limits
+from swingup.plant.plant import load_plant
+from swingup.plant.robots import get_robot
 
 from .controllers import Swinging, swinging
 from .independent import rk4

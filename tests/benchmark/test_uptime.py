@@ -13,13 +13,13 @@ from swingup.benchmark.recorded_uptime import recorded_uptime
 from swingup.benchmark.robot_minute import draw_resets
 from swingup.benchmark.rules import get_uptime_rules
 from swingup.benchmark.uptime import draw_throws, uptime
-from swingup.control.controller import AbstractController
-from swingup.errors import SwingupError
-from swingup.physics.plant import LEADERBOARD, load_plant
-from swingup.plants.domain import make_domain
-from swingup.robots import get_robot
-from swingup.tasks.limits import Limits
-from swingup.tasks.throws import TURNS, thrown_states
+from swingup.common.errors import SwingupError
+from swingup.controllers.interface.controller import AbstractController
+from swingup.loop.domain import make_domain
+from swingup.loop.supervisors.limits import Limits
+from swingup.loop.supervisors.throws import TURNS, thrown_states
+from swingup.plant.plant import LEADERBOARD, load_plant
+from swingup.plant.robots import get_robot
 
 from .independent import ResetText, gravity, rk4
 

@@ -16,12 +16,12 @@ from swingup.cli.demonstrating import Watch
 from swingup.cli.parsing import program_typed
 from swingup.cli.progress import progress_line
 from swingup.cli.results import comparison_lines
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.report import TrainingReport
+from swingup.plant.robots import ROBOTS
 from swingup.policy.shipped import DEFAULT
 from swingup.report import trained
-from swingup.robots import ROBOTS
 
 ACROBOT = ROBOTS["acrobot"]
 

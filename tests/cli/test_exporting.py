@@ -11,8 +11,8 @@ import swingup
 from policies import lone_policy
 from swingup.benchmark.rollout import Trajectory
 from swingup.cli import main
-from swingup.control.registry import get_controller
-from swingup.policy.jax_backend.controller import save_controller
+from swingup.controllers.registry import get_controller
+from swingup.controllers.stack.controller import save_controller
 
 RUN = """
 import sys
@@ -93,7 +93,7 @@ def test_a_policy_file_and_its_username(tmp_path):
     entry = (tmp_path / "e/con_twin_2.py").read_text()
     assert '"username": "Ada"' in entry
     assert 'name = "twin_2"' in entry
-    assert "from twin_2_controller.policy.realaigym" in entry
+    assert "from twin_2_controller.export.realaigym" in entry
     assert 'robot = "pendubot"' in entry
 
 

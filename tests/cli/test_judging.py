@@ -16,10 +16,10 @@ from swingup.benchmark.board_rules import BOARD_RULES
 from swingup.benchmark.rules import CRITERIA
 from swingup.cli import judging, main
 from swingup.cli.commands import Boards
-from swingup.control.registry import BUILT_IN
-from swingup.errors import SwingupError
-from swingup.physics.plant import load_plant
-from swingup.policy.jax_backend.controller import save_controller
+from swingup.common.errors import SwingupError
+from swingup.controllers.registry import BUILT_IN
+from swingup.controllers.stack.controller import save_controller
+from swingup.plant.plant import load_plant
 
 CONTROLLERS = textwrap.dedent(
     """

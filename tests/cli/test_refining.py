@@ -5,11 +5,11 @@ import pytest
 
 from policies import lone_policy
 from swingup.cli import main, refining
+from swingup.common.settings import read_settings
 from swingup.policy.settings import EstimatorSettings
 from swingup.refine.analytic_policy_gradient import PolicyGradientSettings
 from swingup.refine.episodes import EpisodeSettings
 from swingup.refine.recipe import GradientStage
-from swingup.settings import read_settings
 
 TINY = GradientStage(
     PolicyGradientSettings(iterations=2, learning_rate=1e-4, duration=0.02),

@@ -9,9 +9,9 @@ from swingup.benchmark.board_rows import published_rows
 from swingup.benchmark.board_rules import BOARD_RULES
 from swingup.benchmark.leaderboard import default_entrants
 from swingup.cli.commands import Boards, run_command
-from swingup.errors import SwingupError
-from swingup.plants.domain import load_domain
-from swingup.robots import get_robot
+from swingup.common.errors import SwingupError
+from swingup.loop.domain import load_domain
+from swingup.plant.robots import get_robot
 
 
 def brief():

@@ -7,7 +7,7 @@ from swingup.benchmark.board_rows import Row, published_rows
 from swingup.benchmark.columns import COLUMNS
 from swingup.benchmark.leaderboard import Board
 from swingup.cli.tables import TABLE_FORMATS, show_boards
-from swingup.robots import ROBOTS
+from swingup.plant.robots import ROBOTS
 
 
 @pytest.mark.parametrize("measure", ["performance", "robustness"])

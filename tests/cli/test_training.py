@@ -9,7 +9,7 @@ from swingup.areapo.config import Config, hyperparameters
 from swingup.cli import main
 from swingup.cli.hyperparameters import HyperparameterOptions, given_hyperparameters
 from swingup.cli.progress import duration, progress_line
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
 from swingup.learner.report import TrainingReport
 
 

@@ -15,13 +15,13 @@ from pathlib import Path
 from swingup.areapo.checkpoint import load_checkpoint, read_metadata
 from swingup.benchmark.evaluate import score
 from swingup.benchmark.trajectory_file import load_trajectory
-from swingup.control.reference import load_reference
-from swingup.control.trajectory_csv import load_reference_csv
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
+from swingup.controllers.swingups.reference import load_reference
+from swingup.controllers.swingups.trajectory_csv import load_reference_csv
 from swingup.learner.metrics import read_metrics
 from swingup.learner.run_settings import read_run_settings
-from swingup.physics.plant import load_plant
-from swingup.plants.domain import load_domain
+from swingup.loop.domain import load_domain
+from swingup.plant.plant import load_plant
 from swingup.policy.file import read_network
 from swingup.policy.pendulum import read_pendulum_policy
 from swingup.report.files import read_curve, read_robustness

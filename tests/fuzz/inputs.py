@@ -8,7 +8,7 @@ import numpy as np
 
 from swingup.learner.presets import get_preset
 from swingup.learner.run_settings import RunSettings
-from swingup.physics.plant import load_plant
+from swingup.plant.plant import load_plant
 
 from .mutations import EXTREMES, LINES, damage, mutate, several, spoilt_arrays
 

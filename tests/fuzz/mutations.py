@@ -5,7 +5,7 @@ import struct
 
 import numpy as np
 
-from swingup.arrays import TYPES
+from swingup.common.arrays import TYPES
 
 EXTREMES = [
     None, True, False, 0, -1, 1, 2, 3.5, 1e308, -1e308, 1e-320, float("nan"), float("inf"), -float("inf"), 10**400,

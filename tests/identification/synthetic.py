@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from swingup.physics.implicit_friction import implicit_friction_step
-from swingup.physics.plant import load_plant
+from swingup.dynamics.implicit_friction import implicit_friction_step
+from swingup.plant.plant import load_plant
 
 STEP = 0.001
 QUANTUM = 3.81e-4

@@ -5,17 +5,17 @@ import numpy as np
 import pytest
 
 from swingup.cli import exciting, main
-from swingup.control.trajectory_csv import load_reference_csv
-from swingup.errors import SwingupError
-from swingup.identification import excite as search
-from swingup.identification.prediction import INDEX, setting_of, vector_of
-from swingup.identification.prior import corner_models, draw_models, prior_around
-from swingup.identification.recording import read_recording
-from swingup.identification.rollouts import Rollouts, Sequences, simulate
-from swingup.identification.waves import PERIOD, REST, SHARES, TILTS, multisines
-from swingup.physics.implicit_friction import implicit_friction_step
-from swingup.physics.plant import load_plant
-from swingup.plants.domain import make_domain
+from swingup.common.errors import SwingupError
+from swingup.controllers.swingups.trajectory_csv import load_reference_csv
+from swingup.dynamics.implicit_friction import implicit_friction_step
+from swingup.identification.excite.excite import excite as search
+from swingup.identification.excite.prior import corner_models, draw_models, prior_around
+from swingup.identification.excite.rollouts import Rollouts, Sequences, simulate
+from swingup.identification.excite.waves import PERIOD, REST, SHARES, TILTS, multisines
+from swingup.identification.fit.prediction import INDEX, setting_of, vector_of
+from swingup.identification.log.recording import read_recording
+from swingup.loop.domain import make_domain
+from swingup.plant.plant import load_plant
 
 C1 = load_plant("C.1")
 SETTING = setting_of(C1).coarse

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from swingup.identification.excite import excite
+from swingup.common.table import write_columns
+from swingup.identification.excite.excite import excite
+from swingup.identification.excite.prior import draw_models, prior_around
+from swingup.identification.excite.rollouts import Sequences, simulate
+from swingup.identification.fit.prediction import INDEX, setting_of
 from swingup.identification.identify import identify
-from swingup.identification.prediction import INDEX, setting_of
-from swingup.identification.prior import draw_models, prior_around
 from swingup.identification.results import TITLES
-from swingup.identification.rollouts import Sequences, simulate
-from swingup.physics.plant import load_plant
-from swingup.table import write_columns
+from swingup.plant.plant import load_plant
 
 QUANTUM = 3.81e-4
 

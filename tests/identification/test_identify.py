@@ -8,11 +8,11 @@ from synthetic import HEADER, OFFSETS, TRUTH, simulate, write
 
 import swingup
 from swingup.cli import main
-from swingup.identification.model import expectations, make_unknowns
-from swingup.identification.prediction import INDEX, setting_of, vector_of
-from swingup.physics.base_parameters import base_parameters
-from swingup.physics.plant import load_plant
-from swingup.plants.domain import load_domain
+from swingup.identification.fit.model import expectations, make_unknowns
+from swingup.identification.fit.prediction import INDEX, setting_of, vector_of
+from swingup.loop.domain import load_domain
+from swingup.plant.base_parameters import base_parameters
+from swingup.plant.plant import load_plant
 
 BASE = ("m1 r1 + m2 l1", "m2 r2", "I1 + m2 l1^2", "I2", "Ir", "b1", "b2", "cf1", "cf2")
 

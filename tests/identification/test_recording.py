@@ -3,7 +3,7 @@ import pytest
 from synthetic import HEADER, QUANTUM, write
 
 from swingup import SwingupError
-from swingup.identification.recording import read_recording
+from swingup.identification.log.recording import read_recording
 
 TIME = np.arange(0, 3, 0.002)
 ANGLES = np.column_stack([np.sin(3 * TIME), 0.5 * np.cos(5 * TIME)])

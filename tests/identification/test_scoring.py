@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from synthetic import TRUTH, simulate, write
 
-from swingup.identification.prediction import predict, setting_of, vector_of
-from swingup.identification.recording import read_recording
-from swingup.identification.scoring import score_windows, summarise
-from swingup.physics.plant import load_plant
+from swingup.identification.fit.prediction import predict, setting_of, vector_of
+from swingup.identification.fit.scoring import score_windows, summarise
+from swingup.identification.log.recording import read_recording
+from swingup.plant.plant import load_plant
 
 
 def test_errors_by_hand():

@@ -1,8 +1,8 @@
 import numpy as np
 from synthetic import write
 
-from swingup.identification.recording import read_recording
-from swingup.identification.smoothing import smooth
+from swingup.identification.log.recording import read_recording
+from swingup.identification.log.smoothing import smooth
 
 
 def recording_of(tmp_path, period, repeat=1):

@@ -13,10 +13,10 @@ from gymnasium.vector import AutoresetMode
 from safetensors import safe_open
 
 from swingup import AREAPO
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
+from swingup.controllers.stack.policy import load_any_policy
 from swingup.learner.metrics import read_metrics
-from swingup.policy.jax_backend.policy import load_any_policy
-from swingup.robots import ROBOTS
+from swingup.plant.robots import ROBOTS
 from swingup.tasks.presets import global_task, smooth_task
 from swingup.tasks.task import AbstractTask, Step
 

@@ -6,7 +6,7 @@ from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
 from swingup.learner.environments import Environments, make_environments
 
 from .environments import Stairs

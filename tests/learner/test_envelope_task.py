@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from swingup import AREAPO
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
 from swingup.tasks.adapters import as_task
 from swingup.tasks.envelope_task import EnvelopeTask
 

@@ -8,7 +8,7 @@ import pytest
 from gymnasium.spaces import Box, Dict, Discrete, MultiDiscrete
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
 from swingup.learner.environments import Actions, Environments, make_environments
 
 from .environments import Chain, Noisy, Stairs

@@ -6,9 +6,9 @@ import jax.numpy as jnp
 import pytest
 
 from swingup.areapo.networks import init_actor
+from swingup.controllers.stack.policy import Policy
 from swingup.learner.evaluators import SwingUpEvaluator
-from swingup.physics.plant import LEADERBOARD, load_plant
-from swingup.policy.jax_backend.policy import Policy
+from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.tasks.presets import smooth_task
 
 

@@ -19,7 +19,7 @@ import pytest
 from safetensors.numpy import load_file
 
 from swingup.cli import main
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
 from swingup.learner.run_folder import RunFolder
 from swingup.learner.start import resume_run, start_run
 

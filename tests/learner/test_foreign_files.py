@@ -11,8 +11,8 @@ from safetensors.numpy import load_file, save_file
 from array_files import change_file, read_metadata, write_file
 from swingup import AREAPO
 from swingup.areapo.checkpoint import CHECKPOINT_FORMAT, CHECKPOINT_VERSION
-from swingup.arrays import save_arrays
-from swingup.errors import SwingupError
+from swingup.common.arrays import save_arrays
+from swingup.common.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.start import resume_run
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from swingup import AREAPO
-from swingup.errors import SwingupError
-from swingup.policy.jax_backend.policy import load_any_policy
+from swingup.common.errors import SwingupError
+from swingup.controllers.stack.policy import load_any_policy
 
 from .corridors import Corridor, Params, Turns
 

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
 from swingup.gymnax import PendulumEnvironment
-from swingup.robots import ROBOTS
+from swingup.plant.robots import ROBOTS
 from swingup.tasks.adapters import as_task
 from swingup.tasks.gymnax_task import GymnaxTask
 from swingup.tasks.presets import smooth_task

@@ -14,12 +14,12 @@ from gymnasium.wrappers import FlattenObservation, RescaleAction, TimeLimit
 from swingup import AREAPO
 from swingup.areapo.config import hyperparameters
 from swingup.cli import main
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
+from swingup.common.other_names import OTHER_NAMES, our_name
 from swingup.learner.agent import OPTIONS
 from swingup.learner.environments import make_environments
 from swingup.learner.habits import check_device
 from swingup.learner.made_environment import copies_of, id_of, tell_changes
-from swingup.other_names import OTHER_NAMES, our_name
 
 from .environments import Chain, Stairs
 

@@ -5,7 +5,7 @@ import pytest
 from swingup import AREAPO
 from swingup.areapo.config import Config
 from swingup.cli import main
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
 from swingup.learner import memory
 from swingup.learner.memory import check_memory, training_bytes
 from swingup.tasks.task import Spaces

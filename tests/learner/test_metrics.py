@@ -6,12 +6,12 @@ import types
 
 import pytest
 
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
 from swingup.learner.metrics import MetricsWriter, read_metrics
 
 FULL = """
 import json, pathlib, resource, sys, tempfile
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
 from swingup.learner.metrics import MetricsWriter
 
 def fill(folder, row, limit):

@@ -10,11 +10,11 @@ from swingup import AREAPO
 from swingup.areapo.config import Config
 from swingup.areapo.layers import LayerKind
 from swingup.areapo.networks import init_policy
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
+from swingup.controllers.stack.policy import Policy, load_any_policy
 from swingup.learner.policy_memory import memory_before
 from swingup.learner.run_settings import RunSettings
 from swingup.learner.start import resume_run, start_run
-from swingup.policy.jax_backend.policy import Policy, load_any_policy
 from swingup.tasks.task import Spaces
 
 from .corridors import Corridor

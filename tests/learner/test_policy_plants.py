@@ -5,13 +5,13 @@ import pytest
 
 from policies import lone_policy
 from swingup.areapo.networks import init_actor
+from swingup.controllers.stack.policy import Policy
 from swingup.learner.evaluators import SwingUpEvaluator
-from swingup.physics.plant import LEADERBOARD, load_plant
-from swingup.policy.jax_backend.policy import Policy
+from swingup.plant.plant import LEADERBOARD, load_plant
+from swingup.plant.robots import ROBOTS
 from swingup.policy.pendulum import read_pendulum_policy
 from swingup.policy.plant_facts import policy_plant
 from swingup.refine.recipe import run_recipe
-from swingup.robots import ROBOTS
 from swingup.tasks.presets import smooth_task
 
 ACROBOT = ROBOTS["acrobot"]

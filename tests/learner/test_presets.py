@@ -8,7 +8,7 @@ from swingup.areapo.config import Config
 from swingup.cli.training import default_options
 from swingup.learner.presets import PRESETS, get_preset, is_pendulum
 from swingup.learner.run_settings import ENV_INTERVALS, RunSettings
-from swingup.robots import ROBOTS
+from swingup.plant.robots import ROBOTS
 from swingup.sweep.plan import plan_jobs
 from swingup.tasks.presets import smooth_task
 

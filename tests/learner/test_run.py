@@ -10,14 +10,14 @@ from safetensors.numpy import load_file
 
 from policies import lone_policy
 from swingup.areapo.config import Config
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
+from swingup.controllers.stack.controller import save_controller
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
 from swingup.learner.run import Run
 from swingup.learner.run_settings import PENDULUM_INTERVALS, RunSettings, run_settings_from_dict
 from swingup.learner.start import resume_run, start_run
-from swingup.physics.plant import LEADERBOARD, Plant, load_plant
-from swingup.policy.jax_backend.controller import save_controller
+from swingup.plant.plant import LEADERBOARD, Plant, load_plant
 
 from .brief import briefly_judged
 

@@ -7,7 +7,7 @@ import pytest
 from swingup.learner.presets import get_preset
 from swingup.learner.run_settings import RunSettings
 from swingup.learner.start import start_run
-from swingup.physics.plant import load_plant
+from swingup.plant.plant import load_plant
 
 
 @pytest.mark.slow

@@ -10,11 +10,11 @@ import jax
 import numpy as np
 import pytest
 
-from swingup.policy.c_backend.header import c_header
-from swingup.policy.javascript_backend.page import policy_data, policy_script
-from swingup.policy.jax_backend.controller import make_controller
+from swingup.controllers.stack.controller import make_controller
+from swingup.export.c_backend.header import c_header
+from swingup.export.javascript_backend.page import policy_data, policy_script
+from swingup.export.onnx_backend.graph import onnx_model
 from swingup.policy.numpy_backend.controller import NumpyController
-from swingup.policy.onnx_backend.graph import onnx_model
 
 from . import compiled
 from .references import TOLERANCE, replay, without_regulator

@@ -10,14 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from swingup.areapo.networks import init_actor
-from swingup.physics.base_parameters import base_parameters
-from swingup.physics.equations import lump
-from swingup.physics.integrate import rk4_step
-from swingup.physics.plant import LEADERBOARD, load_plant
+from swingup.controllers.stack.controller import PolicyController, make_controller, policy_of
+from swingup.controllers.stack.policy import Policy
+from swingup.dynamics.integrate import rk4_step
+from swingup.plant.base_parameters import base_parameters
+from swingup.plant.equations import lump
+from swingup.plant.plant import LEADERBOARD, load_plant
+from swingup.plant.robots import get_robot
 from swingup.policy.identifier_settings import default_identifier
-from swingup.policy.jax_backend.controller import PolicyController, make_controller, policy_of
-from swingup.policy.jax_backend.observation import Normalise, PendulumObservation, PlantObservation
-from swingup.policy.jax_backend.policy import Policy
 from swingup.policy.network import Layer
 from swingup.policy.numpy_backend.controller import NumpyController
 from swingup.policy.plant import model_step
@@ -26,7 +26,7 @@ from swingup.policy.regulator_settings import RegulatorSettings
 from swingup.policy.settings import EstimatorSettings
 from swingup.policy.shipped import ADAPTIVE, AR_EAPO, SHIPPED_POLICIES, load_policy
 from swingup.policy.stages import PlantStage
-from swingup.robots import get_robot
+from swingup.tasks.observation import Normalise, PendulumObservation, PlantObservation
 
 DT = 0.002
 AWAY = 1e-3

@@ -6,8 +6,8 @@ import pytest
 
 import swingup
 from swingup.benchmark.rules import PERFORMANCE_RULES
-from swingup.control.registry import get_controller
-from swingup.policy.export_folder import readme_values
+from swingup.controllers.registry import get_controller
+from swingup.export.export_folder import readme_values
 from swingup.policy.shipped import ADAPTIVE, DEFAULT, SHIPPED_POLICIES, load_policy
 from swingup.policy.stages import PlantStage
 from swingup.runtime import load_controller

@@ -12,15 +12,15 @@ import pytest
 
 import swingup
 from swingup.benchmark.rules import get_robustness_rules
-from swingup.physics.base_parameters import BASE, BASE_NAMES
-from swingup.physics.plant import LEADERBOARD
+from swingup.controllers.stack.controller import PolicyController, policy_of
+from swingup.controllers.stack.estimator import EstimatingController
+from swingup.controllers.stack.regulator import RegulatingController
+from swingup.plant.base_parameters import BASE, BASE_NAMES
+from swingup.plant.plant import LEADERBOARD
+from swingup.plant.robots import get_robot
 from swingup.policy.identifier_settings import IdentifierSettings
-from swingup.policy.jax_backend.controller import PolicyController, policy_of
-from swingup.policy.jax_backend.estimator import EstimatingController
-from swingup.policy.jax_backend.regulator import RegulatingController
 from swingup.policy.regulator_settings import RegulatorSettings
 from swingup.policy.settings import EstimatorSettings
-from swingup.robots import get_robot
 
 from .references import sighted_policy
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from swingup.policy.c_backend.header import c_header
+from swingup.export.c_backend.header import c_header
 from swingup.policy.numpy_backend.network import NumpyNetwork
 from swingup.policy.settings import default_guard
 from swingup.policy.shipped import load_policy

@@ -5,10 +5,10 @@ import functools
 import numpy as np
 import pytest
 
-from swingup.physics.base_parameters import base_parameters
-from swingup.physics.equations import lump
-from swingup.physics.plant import LEADERBOARD
-from swingup.policy.c_backend.header import c_header
+from swingup.export.c_backend.header import c_header
+from swingup.plant.base_parameters import base_parameters
+from swingup.plant.equations import lump
+from swingup.plant.plant import LEADERBOARD
 from swingup.policy.numpy_backend.controller import NumpyController
 from swingup.policy.numpy_backend.network import NumpyNetwork
 from swingup.policy.plant import model_step

@@ -6,7 +6,7 @@ import subprocess
 
 import pytest
 
-from swingup.policy.c_backend.header import RUNTIME, c_data, runtime
+from swingup.export.c_backend.header import RUNTIME, c_data, runtime
 from swingup.policy.settings import default_guard
 
 from .compiled import CAREFUL, STRICT, needs_gcc

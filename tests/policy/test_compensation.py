@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from swingup.errors import SwingupError
-from swingup.physics.base_parameters import base_parameters
-from swingup.physics.damped import Friction
-from swingup.physics.equations import friction, lump
-from swingup.physics.plant import load_plant
+from swingup.common.errors import SwingupError
+from swingup.plant.base_parameters import base_parameters
+from swingup.plant.damped import Friction
+from swingup.plant.equations import friction, lump
+from swingup.plant.plant import load_plant
 from swingup.policy.compensation import LEAST_GAIN, compensation, predicted
 from swingup.policy.identifier_settings import GAIN, IdentifierSettings, offsets, prior
 from swingup.policy.numpy_backend.identifier import NumpyIdentifier

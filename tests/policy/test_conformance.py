@@ -9,7 +9,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from swingup.physics.angles import UPRIGHT
+from swingup.dynamics.angles import UPRIGHT
 from swingup.policy.numpy_backend.controller import NumpyController
 
 from .backends import BACK_ENDS

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from policies import lone_policy
-from swingup.control.controller import AbstractController, check_interface
-from swingup.errors import SwingupError
-from swingup.physics.dynamics import acceleration
-from swingup.physics.integrate import rk4_step
-from swingup.physics.plant import LEADERBOARD
-from swingup.policy.jax_backend.estimator import with_estimator
+from swingup.common.errors import SwingupError
+from swingup.common.settings import read_settings
+from swingup.controllers.interface.controller import AbstractController, check_interface
+from swingup.controllers.stack.estimator import with_estimator
+from swingup.dynamics.dynamics import acceleration
+from swingup.dynamics.integrate import rk4_step
+from swingup.plant.plant import LEADERBOARD
+from swingup.plant.robots import ROBOTS
 from swingup.policy.settings import EstimatorSettings, default_estimator, kalman_gains
-from swingup.robots import ROBOTS
-from swingup.settings import read_settings
 
 DT, STEPS, PAST = 0.002, 1500, 32
 UP = np.array([np.pi, 0.0, 0.0, 0.0])

@@ -10,12 +10,12 @@ import pytest
 
 from array_files import change_file, write_file
 from swingup.areapo.networks import init_actor
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
+from swingup.controllers.stack.policy import Policy, load_any_policy, network_of, save_policy
 from swingup.policy.file import read_network, write_network
-from swingup.policy.jax_backend.observation import Normalise, PendulumObservation
-from swingup.policy.jax_backend.policy import Policy, load_any_policy, network_of, save_policy
 from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
 from swingup.policy.shipped import load_policy
+from swingup.tasks.observation import Normalise, PendulumObservation
 
 STATES = np.random.default_rng(0).uniform(-7, 7, (50, 4))
 

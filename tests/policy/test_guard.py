@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from swingup import realaigym
-from swingup.errors import SwingupError
-from swingup.policy.c_backend.header import c_header
+from swingup.common.errors import SwingupError
+from swingup.export.c_backend.header import c_header
 from swingup.policy.guard import Reason
 from swingup.policy.numpy_backend.controller import NumpyController
 from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy

@@ -13,14 +13,14 @@ from swingup.areapo.config import Config
 from swingup.areapo.layers import LayerKind, LayerNorm, Linear, hidden_features, init_norms
 from swingup.areapo.networks import Actor, init_shared_critic, values
 from swingup.areapo.recurrence import GRU
-from swingup.errors import SwingupError
-from swingup.policy.c_backend.header import c_header
-from swingup.policy.javascript_backend.page import policy_data
-from swingup.policy.jax_backend.controller import save_controller
-from swingup.policy.jax_backend.policy import Policy
+from swingup.common.errors import SwingupError
+from swingup.controllers.stack.controller import save_controller
+from swingup.controllers.stack.policy import Policy
+from swingup.export.c_backend.header import c_header
+from swingup.export.javascript_backend.page import policy_data
+from swingup.export.onnx_backend.graph import onnx_model
 from swingup.policy.network import Layer, Network, Norm, check_plain, largest_feature
 from swingup.policy.numpy_backend.controller import NumpyController
-from swingup.policy.onnx_backend.graph import onnx_model
 from swingup.policy.pendulum import read_pendulum_policy
 
 from .references import random_states, small_policy

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from array_files import write_file
-from swingup.errors import SwingupError
-from swingup.physics.plant import load_plant
-from swingup.policy.c_backend.header import c_header
+from swingup.common.errors import SwingupError
+from swingup.export.c_backend.header import c_header
+from swingup.plant.plant import load_plant
+from swingup.plant.robots import get_robot
 from swingup.policy.file import FORMAT, FORMAT_VERSION
 from swingup.policy.numpy_backend.controller import NumpyController
 from swingup.policy.pendulum import read_pendulum_policy
 from swingup.policy.plant_facts import policy_plant, write_plant
-from swingup.robots import get_robot
 
 METADATA = {
     "format": FORMAT,

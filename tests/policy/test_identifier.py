@@ -8,19 +8,19 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.control.controller import AbstractController, check_interface
-from swingup.errors import SwingupError
-from swingup.physics.base_parameters import BASE, base_parameters
-from swingup.physics.equations import lump
-from swingup.physics.integrate import rk4_step
-from swingup.physics.plant import LEADERBOARD
+from swingup.common.errors import SwingupError
+from swingup.controllers.interface.controller import AbstractController, check_interface
+from swingup.controllers.stack.estimator import with_estimator
+from swingup.controllers.stack.identifier import make_identifier
+from swingup.dynamics.integrate import rk4_step
+from swingup.plant.base_parameters import BASE, base_parameters
+from swingup.plant.equations import lump
+from swingup.plant.plant import LEADERBOARD
+from swingup.plant.robots import get_robot
 from swingup.policy.identifier import hat_weights
 from swingup.policy.identifier_settings import LAG, IdentifierSettings, prior
-from swingup.policy.jax_backend.estimator import with_estimator
-from swingup.policy.jax_backend.identifier import make_identifier
 from swingup.policy.numpy_backend.identifier import NumpyIdentifier
 from swingup.policy.plant_facts import policy_plant
-from swingup.robots import get_robot
 
 DT, STEPS = 0.002, 800
 ROBOT = get_robot("acrobot")

@@ -5,14 +5,14 @@ import dataclasses
 import pytest
 
 from policies import lone_policy
-from swingup.errors import SwingupError
-from swingup.physics.base_parameters import Spread
-from swingup.policy.identifier_settings import IdentifierSettings, default_identifier
-from swingup.policy.jax_backend.controller import (
+from swingup.common.errors import SwingupError
+from swingup.controllers.stack.controller import (
     make_controller,
     policy_of,
     save_controller,
 )
+from swingup.plant.base_parameters import Spread
+from swingup.policy.identifier_settings import IdentifierSettings, default_identifier
 from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
 from swingup.policy.settings import EstimatorSettings
 

@@ -9,13 +9,14 @@ import pytest
 
 import swingup
 from swingup.benchmark.rules import PERFORMANCE_RULES
-from swingup.control.registry import get_controller
-from swingup.errors import SwingupError
-from swingup.physics.dynamics import acceleration
-from swingup.physics.equations import lump
-from swingup.physics.integrate import midpoint_step
-from swingup.physics.plant import LEADERBOARD
-from swingup.policy import plant, realaigym
+from swingup.common.errors import SwingupError
+from swingup.controllers.registry import get_controller
+from swingup.dynamics.dynamics import acceleration
+from swingup.dynamics.integrate import midpoint_step
+from swingup.export import realaigym
+from swingup.plant.equations import lump
+from swingup.plant.plant import LEADERBOARD
+from swingup.policy import plant
 from swingup.policy.numpy_backend.controller import NumpyController
 from swingup.policy.settings import EstimatorSettings
 from swingup.policy.shipped import load_policy

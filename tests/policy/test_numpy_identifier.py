@@ -8,12 +8,14 @@ import sys
 import numpy as np
 import pytest
 
-from swingup.physics.base_parameters import base_parameters
-from swingup.physics.equations import lump
-from swingup.physics.plant import load_plant
+from swingup.export.export_cloudpendulum import export_cloudpendulum
+from swingup.export.export_folder import export_realaigym
+from swingup.loop.clock import Clock
+from swingup.plant.base_parameters import base_parameters
+from swingup.plant.equations import lump
+from swingup.plant.plant import load_plant
+from swingup.plant.robots import get_robot
 from swingup.policy import identifier
-from swingup.policy.export_cloudpendulum import export_cloudpendulum
-from swingup.policy.export_folder import export_realaigym
 from swingup.policy.identifier_settings import IdentifierSettings
 from swingup.policy.network import Layer, Network
 from swingup.policy.numpy_backend.controller import NumpyController
@@ -23,8 +25,6 @@ from swingup.policy.plant import model_step
 from swingup.policy.plant_facts import policy_plant
 from swingup.policy.settings import EstimatorSettings
 from swingup.policy.stages import PendulumStage, PlantStage
-from swingup.robots import get_robot
-from swingup.tasks.clock import Clock
 
 from .references import DT, random_states
 

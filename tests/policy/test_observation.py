@@ -3,8 +3,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.errors import SwingupError
-from swingup.policy.jax_backend.observation import PendulumObservation
+from swingup.common.errors import SwingupError
+from swingup.tasks.observation import PendulumObservation
 
 PI = np.pi
 

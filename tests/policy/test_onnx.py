@@ -5,8 +5,8 @@ import sys
 import numpy as np
 import pytest
 
-from swingup.errors import SwingupError
-from swingup.policy.onnx_backend.graph import onnx_model
+from swingup.common.errors import SwingupError
+from swingup.export.onnx_backend.graph import onnx_model
 from swingup.policy.shipped import load_policy
 
 from .backends import Onnx

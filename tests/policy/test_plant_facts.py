@@ -7,19 +7,19 @@ import pytest
 
 from array_files import change_file
 from policies import lone_policy
-from swingup.errors import SwingupError
-from swingup.physics.base_parameters import base_parameters
-from swingup.physics.damped import Friction, damped_midpoint_step
-from swingup.physics.equations import lump
-from swingup.physics.maths import NUMPY
-from swingup.physics.plant import LEADERBOARD, load_plant
-from swingup.policy.c_backend.header import c_header
-from swingup.policy.jax_backend.controller import make_controller, save_controller
+from swingup.common.errors import SwingupError
+from swingup.controllers.stack.controller import make_controller, save_controller
+from swingup.export.c_backend.header import c_header
+from swingup.plant.base_parameters import base_parameters
+from swingup.plant.damped import Friction, damped_midpoint_step
+from swingup.plant.equations import lump
+from swingup.plant.maths import NUMPY
+from swingup.plant.plant import LEADERBOARD, load_plant
+from swingup.plant.robots import get_robot
 from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
 from swingup.policy.plant import acceleration, midpoint_step, model_step
 from swingup.policy.plant_facts import plant_difference, policy_plant, write_plant
 from swingup.policy.stages import PlantStage
-from swingup.robots import get_robot
 
 from .references import policy
 

@@ -9,15 +9,15 @@ import pytest
 
 from array_files import change_file
 from policies import lone_policy
-from swingup.errors import SwingupError
-from swingup.physics.base_parameters import base_parameters
-from swingup.physics.plant import LEADERBOARD, Plant, load_plant
+from swingup.common.errors import SwingupError
+from swingup.controllers.stack.controller import behind_estimator, policy_of
+from swingup.controllers.stack.estimator import with_estimator
+from swingup.controllers.stack.identifier import make_identifier
+from swingup.controllers.stack.policy import load_any_policy
+from swingup.controllers.stack.told import depends_on_plant, told, told_base
+from swingup.plant.base_parameters import base_parameters
+from swingup.plant.plant import LEADERBOARD, Plant, load_plant
 from swingup.policy.fold import fold
-from swingup.policy.jax_backend.controller import behind_estimator, policy_of
-from swingup.policy.jax_backend.estimator import with_estimator
-from swingup.policy.jax_backend.identifier import make_identifier
-from swingup.policy.jax_backend.policy import load_any_policy
-from swingup.policy.jax_backend.told import depends_on_plant, told, told_base
 from swingup.policy.network import Layer, Network
 from swingup.policy.numpy_backend.network import NumpyNetwork
 from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy

@@ -9,25 +9,25 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_are, solve_discrete_are
 
-from swingup.control.controller import AbstractController, check_interface
-from swingup.control.known_plant import damped
-from swingup.control.lqr import linearised
-from swingup.errors import SwingupError
-from swingup.physics.angles import UPRIGHT
-from swingup.physics.base_parameters import base_parameters, geometry_of
-from swingup.physics.integrate import rk4_step
-from swingup.physics.plant import LEADERBOARD
-from swingup.policy.jax_backend.controller import make_controller, policy_of
-from swingup.policy.jax_backend.estimator import with_estimator
-from swingup.policy.jax_backend.identifier import make_identifier
-from swingup.policy.jax_backend.regulator import TRIANGLE, with_regulator
-from swingup.policy.jax_backend.told import depends_on_plant, told_base
+from swingup.common.errors import SwingupError
+from swingup.controllers.baselines.known_plant import damped
+from swingup.controllers.baselines.lqr import linearised
+from swingup.controllers.interface.controller import AbstractController, check_interface
+from swingup.controllers.stack.controller import make_controller, policy_of
+from swingup.controllers.stack.estimator import with_estimator
+from swingup.controllers.stack.identifier import make_identifier
+from swingup.controllers.stack.regulator import TRIANGLE, with_regulator
+from swingup.controllers.stack.told import depends_on_plant, told_base
+from swingup.dynamics.angles import UPRIGHT
+from swingup.dynamics.integrate import rk4_step
+from swingup.plant.base_parameters import base_parameters, geometry_of
+from swingup.plant.plant import LEADERBOARD
+from swingup.plant.robots import ROBOTS
 from swingup.policy.numpy_backend.regulator import NumpyRegulator
 from swingup.policy.pendulum import PARTS, read_pendulum_policy, write_pendulum_policy
 from swingup.policy.plant_facts import policy_plant
 from swingup.policy.regulator_settings import RegulatorSettings, fixed_point
 from swingup.policy.upright import upright_step
-from swingup.robots import ROBOTS
 
 from .references import UNSOUND, sighted_policy
 

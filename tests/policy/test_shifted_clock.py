@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from swingup.physics.equations import friction
+from swingup.plant.equations import friction
 from swingup.policy.numpy_backend.controller import NumpyController
 from swingup.policy.numpy_backend.network import NumpyNetwork
 from swingup.policy.numpy_backend.regulator import NumpyRegulator

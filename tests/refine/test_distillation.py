@@ -12,16 +12,16 @@ from policies import lone_policy
 from swingup.areapo.networks import init_actor
 from swingup.benchmark.grid import make_cases
 from swingup.benchmark.rules import ROBUSTNESS_RULES
-from swingup.control.continuation import nominal_swingups
-from swingup.control.continuation_settings import ContinuationSettings
-from swingup.errors import SwingupError
-from swingup.physics.base_parameters import base_parameters
-from swingup.physics.dynamics import acceleration, gravity_torque
-from swingup.physics.plant import LEADERBOARD, NAMES, Plant
-from swingup.policy.jax_backend.controller import PolicyController
-from swingup.policy.jax_backend.observation import PendulumObservation
-from swingup.policy.jax_backend.policy import Policy
-from swingup.policy.jax_backend.told import depends_on_plant
+from swingup.common.errors import SwingupError
+from swingup.controllers.baselines.continuation import nominal_swingups
+from swingup.controllers.baselines.continuation_settings import ContinuationSettings
+from swingup.controllers.stack.controller import PolicyController
+from swingup.controllers.stack.policy import Policy
+from swingup.controllers.stack.told import depends_on_plant
+from swingup.dynamics.dynamics import acceleration, gravity_torque
+from swingup.plant.base_parameters import base_parameters
+from swingup.plant.plant import LEADERBOARD, NAMES, Plant
+from swingup.plant.robots import get_robot
 from swingup.refine.analytic_policy_gradient import single_precision
 from swingup.refine.around import parts_around
 from swingup.refine.distillation import distil, new_student
@@ -31,7 +31,7 @@ from swingup.refine.plant_draws import SWEEPS, PlantDraws, draw_plants
 from swingup.refine.recipe import RECIPES, run_recipe
 from swingup.refine.recoveries import make_recoveries
 from swingup.refine.teacher import APART, TOP, make_teachers, matched_torque, taught
-from swingup.robots import get_robot
+from swingup.tasks.observation import PendulumObservation
 
 ACROBOT, PENDUBOT = get_robot("acrobot"), get_robot("pendubot")
 FEW = DistillationSettings(

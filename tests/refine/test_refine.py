@@ -13,17 +13,17 @@ from swingup.areapo.networks import init_actor
 from swingup.benchmark.evaluate import evaluate
 from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.rules import PERFORMANCE_RULES
-from swingup.errors import SwingupError
-from swingup.physics.angles import UPRIGHT
-from swingup.physics.plant import LEADERBOARD, load_plant
-from swingup.policy.jax_backend.controller import PolicyController
-from swingup.policy.jax_backend.observation import PendulumObservation
-from swingup.policy.jax_backend.policy import Policy
+from swingup.common.errors import SwingupError
+from swingup.controllers.stack.controller import PolicyController
+from swingup.controllers.stack.policy import Policy
+from swingup.dynamics.angles import UPRIGHT
+from swingup.plant.plant import LEADERBOARD, load_plant
+from swingup.plant.robots import get_robot
 from swingup.refine.analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings, batch_cost
 from swingup.refine.episodes import EpisodeBatch, EpisodeSettings, sample_episodes
 from swingup.refine.objective import EpisodeWeights, Measures, bound_adjoint, measure_episode
 from swingup.refine.recipe import GradientStage, run_recipe
-from swingup.robots import get_robot
+from swingup.tasks.observation import PendulumObservation
 
 RULES = PERFORMANCE_RULES["v2"]
 ACROBOT = get_robot("acrobot")

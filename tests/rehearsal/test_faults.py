@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from swingup.cli import main
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
 from swingup.rehearsal.folder import Folder, find_folder
 from swingup.rehearsal.process import FolderProcess
 

@@ -11,10 +11,10 @@ import pytest
 import swingup
 from swingup.benchmark.rules import PERFORMANCE_RULES
 from swingup.cli import main
-from swingup.physics.plant import LEADERBOARD, load_plant
-from swingup.policy.cloudpendulum import CloudPendulumController
-from swingup.policy.export_cloudpendulum import cloudpendulum_guard, cloudpendulum_notes, export_cloudpendulum
-from swingup.policy.export_folder import export_realaigym
+from swingup.export.cloudpendulum import CloudPendulumController
+from swingup.export.export_cloudpendulum import cloudpendulum_guard, cloudpendulum_notes, export_cloudpendulum
+from swingup.export.export_folder import export_realaigym
+from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.policy.guard import GuardSettings
 from swingup.policy.numpy_backend.controller import NumpyController
 from swingup.policy.plant_facts import policy_plant

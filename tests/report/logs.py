@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from swingup.physics.equations import coriolis, gravity, lump, mass_entries
-from swingup.physics.plant import load_plant
-from swingup.table import write_columns
+from swingup.common.table import write_columns
+from swingup.plant.equations import coriolis, gravity, lump, mass_entries
+from swingup.plant.plant import load_plant
 
 C1 = load_plant("C.1")
 

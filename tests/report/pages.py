@@ -9,11 +9,11 @@ from swingup.benchmark.board_rows import OURS, Row, published_rows
 from swingup.benchmark.columns import BOARDS
 from swingup.benchmark.leaderboard import Board
 from swingup.benchmark.rollout import Trajectory
-from swingup.physics.plant import LEADERBOARD
-from swingup.policy.jax_backend.controller import policy_of
+from swingup.controllers.stack.controller import policy_of
+from swingup.plant.plant import LEADERBOARD
+from swingup.plant.robots import ROBOTS, Robot
 from swingup.report.content import Section, Show
 from swingup.report.make import LIVE_NOTE, describe_disturbance, make_show
-from swingup.robots import ROBOTS, Robot
 
 NASTY = "</script><img src=x onerror=alert(1)> $$x^2$$"
 """A controller's name that must be shown as it is."""

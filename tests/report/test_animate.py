@@ -10,8 +10,8 @@ import pytest
 from PIL import Image, ImageSequence
 
 from swingup.benchmark.rollout import Trajectory
+from swingup.common.errors import SwingupError
 from swingup.drawing import draw_frame
-from swingup.errors import SwingupError
 from swingup.report import animate as films
 from swingup.report.animate import animate
 from swingup.report.gif import encode_gif

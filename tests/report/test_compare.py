@@ -9,19 +9,19 @@ import pytest
 import yaml
 
 from swingup.cli import main
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
+from swingup.identification.fit.scoring import prediction_errors, score_windows, summarise
+from swingup.identification.log.recording import read_recording
+from swingup.identification.log.windows import Windows
 from swingup.identification.open_loop import by_speed, error_row, predict_log, stretches
-from swingup.identification.recording import read_recording
-from swingup.identification.scoring import prediction_errors, score_windows, summarise
-from swingup.identification.windows import Windows
-from swingup.plants.domain import make_domain
+from swingup.loop.domain import make_domain
+from swingup.plant.robots import ROBOTS
 from swingup.report.closed_loop import close_loop, driven_robot
 from swingup.report.compare import Comparison, compare
 from swingup.report.compare_study import study_of
 from swingup.report.plot_study import plot_study
 from swingup.report.save_study import save_study
 from swingup.report.study_page import render_study
-from swingup.robots import ROBOTS
 
 from .logs import C1, write_log
 

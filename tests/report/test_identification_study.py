@@ -5,11 +5,11 @@ import re
 import numpy as np
 import pytest
 
+from swingup.identification.fit.prediction import INDEX, setting_of, vector_of
+from swingup.identification.fit.scoring import prediction_errors, score_windows, summarise
 from swingup.identification.identify import Identification
-from swingup.identification.prediction import INDEX, setting_of, vector_of
-from swingup.identification.recording import read_recording
+from swingup.identification.log.recording import read_recording
 from swingup.identification.results import Estimates
-from swingup.identification.scoring import prediction_errors, score_windows, summarise
 from swingup.report.identification_study import study_of_identification
 from swingup.report.study import BAND
 from swingup.report.study_page import render_study

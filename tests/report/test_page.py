@@ -15,16 +15,16 @@ from swingup.benchmark.board_rows import Row
 from swingup.benchmark.leaderboard import Board
 from swingup.benchmark.rollout import Trajectory
 from swingup.cli import main, output, pictures
-from swingup.control.registry import get_controller
-from swingup.errors import SwingupError
-from swingup.physics.plant import LEADERBOARD
-from swingup.policy.jax_backend.controller import policy_of
-from swingup.policy.jax_backend.observation import AbstractStage
+from swingup.common.errors import SwingupError
+from swingup.common.text import one_line
+from swingup.controllers.registry import get_controller
+from swingup.controllers.stack.controller import policy_of
+from swingup.plant.plant import LEADERBOARD
+from swingup.plant.robots import ROBOTS
 from swingup.report import make
 from swingup.report.content import encode_section
 from swingup.report.page import Section, Show, render_page
-from swingup.robots import ROBOTS
-from swingup.text import one_line
+from swingup.tasks.observation import AbstractStage
 
 from .pages import EVIL, NASTY, make_board, make_evil_section, make_section, without_shows
 

@@ -12,7 +12,7 @@ import pytest
 from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.rules import CRITERIA
 from swingup.benchmark.trajectory_file import save_trajectory
-from swingup.errors import SwingupError
+from swingup.common.errors import SwingupError
 from swingup.report.files import make_labels
 from swingup.report.plot import plot_curves, plot_phase, plot_robustness, plot_trajectories
 from swingup.report.plot_motion import goals, unwrapped

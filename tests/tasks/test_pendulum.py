@@ -6,11 +6,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.errors import SwingupError
-from swingup.physics.angles import UPRIGHT
-from swingup.physics.integrate import rk4_step
-from swingup.physics.plant import LEADERBOARD, load_plant
-from swingup.robots import ROBOTS
+from swingup.common.errors import SwingupError
+from swingup.dynamics.angles import UPRIGHT
+from swingup.dynamics.integrate import rk4_step
+from swingup.plant.plant import LEADERBOARD, load_plant
+from swingup.plant.robots import ROBOTS
 from swingup.tasks.pendulum import PendulumState
 from swingup.tasks.presets import TASKS, get_task, paper_task, smooth_task
 

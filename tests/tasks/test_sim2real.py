@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from swingup.plants.domain import load_domain
-from swingup.plants.loop import LOOP_DT
-from swingup.robots import get_robot
-from swingup.tasks.disturbance import Pushes, motor_torques, step_noise, undisturbed
-from swingup.tasks.draw import draw
-from swingup.tasks.motors import Motor
+from swingup.loop.disturbance import Pushes, motor_torques, step_noise, undisturbed
+from swingup.loop.domain import load_domain
+from swingup.loop.draw import draw
+from swingup.loop.loop import LOOP_DT
+from swingup.loop.motors import Motor
+from swingup.plant.robots import get_robot
 
 
 def test_a_motor_by_hand():

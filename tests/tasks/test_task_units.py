@@ -10,11 +10,11 @@ import pytest
 
 from swingup.benchmark.own_units import sim2real_in_own_units
 from swingup.benchmark.robot_rules import SIM2REAL_RULES
-from swingup.errors import SwingupError
-from swingup.physics.plant import LEADERBOARD, load_plant
-from swingup.plants.domain import load_domain, make_domain
+from swingup.common.errors import SwingupError
+from swingup.loop.domain import load_domain, make_domain
+from swingup.loop.supervisors.throws import thrown_states
+from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.tasks.presets import get_task, smooth_task
-from swingup.tasks.throws import thrown_states
 
 STEPS = 60
 

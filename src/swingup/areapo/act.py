@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Shaped
 
-from ..policy.jax_backend.observation import Normalise
+from ..tasks.observation import Normalise
 from .networks import AbstractActor
 from .normalise import RunningStatistics
 

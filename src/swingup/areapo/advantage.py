@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..types import Scalar
+from ..common.types import Scalar
 from .average import Weights, mean
 from .config import Config
 

@@ -9,8 +9,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..arrays import LARGEST_ARRAYS, load_arrays, save_arrays
-from ..errors import SwingupError
+from ..common.arrays import LARGEST_ARRAYS, load_arrays, save_arrays
+from ..common.errors import SwingupError
 
 CHECKPOINT_FORMAT = "swingup checkpoint"
 CHECKPOINT_VERSION = 1

@@ -14,11 +14,11 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from ..checks import finite_number, one_of, suggestion, whole_number
-from ..errors import SwingupError
-from ..other_names import our_name
+from ..common.checks import finite_number, one_of, suggestion, whole_number
+from ..common.errors import SwingupError
+from ..common.other_names import our_name
+from ..common.text import quoted
 from ..policy.network import Activation
-from ..text import quoted
 
 TINY, HUGE = 1e-12, 1e12
 LARGEST_COUNT = 2**31 - 1

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import jax
 
-from ..types import Key
+from ..common.types import Key
 
 
 class InitialKeys(NamedTuple):

@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..common.types import Key
 from ..policy.network import NORM_EPSILON, SUM_GROUP, Activation
-from ..types import Key
 
 ACTIVATIONS: dict[Activation, Callable[[Array], Array]] = {
     "relu": jax.nn.relu,

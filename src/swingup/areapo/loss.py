@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Shaped
 
-from ..types import Scalar
+from ..common.types import Scalar
 from .average import mean, standardise
 from .config import Config
 from .networks import AbstractActor, Critic

@@ -6,7 +6,7 @@ from dataclasses import replace
 import jax
 from jaxtyping import Array, Int
 
-from ..types import Key
+from ..common.types import Key
 from .config import Config
 from .loss import Frames
 from .shuffle import shuffled

@@ -11,10 +11,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, Shaped
 
-from ..errors import SwingupError
+from ..common.errors import SwingupError
+from ..common.types import Key
 from ..policy.network import Activation
 from ..tasks.task import Spaces
-from ..types import Key
 from .categorical import Categoricals
 from .distribution import AbstractDistribution
 from .gaussian import SquashedGaussian

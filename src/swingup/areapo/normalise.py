@@ -4,8 +4,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..policy.jax_backend.observation import Normalise
-from ..types import Scalar
+from ..common.types import Scalar
+from ..tasks.observation import Normalise
 
 
 class RunningStatistics(eqx.Module):

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..types import Scalar
+from ..common.types import Scalar
 from .networks import Critic
 
 MIN_SCALE = 1e-4

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..types import Key
+from ..common.types import Key
 from .layers import Linear, orthogonal
 
 

@@ -2,7 +2,7 @@
 
 import jax.numpy as jnp
 
-from ..types import Scalar
+from ..common.types import Scalar
 from .average import mean
 from .config import Config
 from .state import LearnerState, Rollout, termination_rate

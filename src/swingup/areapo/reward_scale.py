@@ -9,7 +9,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..types import Scalar
+from ..common.types import Scalar
 from .average import Weights, mean
 from .networks import Critic
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from ..types import Count
+from ..common.types import Count
 from .config import Config
 
 SCHEDULED = ("learning_rate", "clip_range", "temperature")

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from ..types import Key
+from ..common.types import Key
 
 WORD = 32
 """Bits of a number that is sorted."""

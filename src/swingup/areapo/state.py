@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import optax
 from jaxtyping import Array, Bool, Float, Shaped
 
-from ..types import Count, Key, Scalar
+from ..common.types import Count, Key, Scalar
 from .advantage import Gains
 from .average import mean
 from .loss import LossMetrics

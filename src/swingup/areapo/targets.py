@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..types import Count, Scalar
+from ..common.types import Count, Scalar
 from .average import mean
 from .config import Config
 from .networks import values as network_values

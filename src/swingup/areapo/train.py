@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import optax
 from jaxtyping import Array, Float
 
+from ..common.types import Count, Key, Scalar
 from ..tasks.task import AbstractTask
-from ..types import Count, Key, Scalar
 from .act import decide, forget, update_statistics
 from .advantage import advantages, update_gains
 from .config import Config
@@ -25,14 +25,7 @@ from .optimiser import make_optimiser
 from .reset_cost import adapt_reset_cost, reset_cost
 from .schedule import at_iteration
 from .state import LearnerState, Metrics, Rollout, iteration_metrics, select
-from .targets import (
-    apply_endings,
-    estimate_values,
-    follow_rewards,
-    normalise_returns,
-    over_scale,
-    times_scale,
-)
+from .targets import apply_endings, estimate_values, follow_rewards, normalise_returns, over_scale, times_scale
 
 Task = AbstractTask[Any]
 

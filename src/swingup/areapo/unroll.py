@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..errors import SwingupError
+from ..common.errors import SwingupError
 from .networks import AbstractActor
 
 Memories = Float[Array, "steps envs w"] | None

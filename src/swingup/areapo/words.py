@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from ..errors import SwingupError
-from ..text import quoted
+from ..common.errors import SwingupError
+from ..common.text import quoted
 from .config import NO_SCHEDULE, Config, check_hyperparameter, kind_of, words_of
 
 

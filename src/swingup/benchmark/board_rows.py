@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
 
-from ..errors import SwingupError
-from ..robots import Robot
+from ..common.errors import SwingupError
+from ..plant.robots import Robot
 from .columns import BOARDS
 
 OURS = "ours"

@@ -2,16 +2,9 @@
 
 from dataclasses import dataclass
 
-from ..checks import one_of
+from ..common.checks import one_of
 from .robot_rules import TRIAL_RULES, TrialRules
-from .rules import (
-    PERFORMANCE_RULES,
-    ROBUSTNESS_RULES,
-    UPTIME_RULES,
-    PerformanceRules,
-    RobustnessRules,
-    UptimeRules,
-)
+from .rules import PERFORMANCE_RULES, ROBUSTNESS_RULES, UPTIME_RULES, PerformanceRules, RobustnessRules, UptimeRules
 
 
 @dataclass(frozen=True)

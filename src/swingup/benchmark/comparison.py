@@ -8,8 +8,8 @@ Source: Agarwal et al., Deep RL at the edge of the statistical precipice (arXiv 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import SwingupError
-from ..text import quoted
+from ..common.errors import SwingupError
+from ..common.text import quoted
 from .interval import Interval, score_table, stratified_bootstrap
 
 

@@ -4,9 +4,9 @@ import dataclasses
 
 import numpy as np
 
-from ..checks import finite_number
-from ..errors import SwingupError
-from ..tasks.disturbance import Disturbance, undisturbed
+from ..common.checks import finite_number
+from ..common.errors import SwingupError
+from ..loop.disturbance import Disturbance, undisturbed
 from .grid import draw_pushes, floored_delay_steps
 from .rules import DEFAULT_RULES, PushRules, get_robustness_rules
 from .seeds import check_seeds

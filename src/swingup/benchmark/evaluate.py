@@ -3,12 +3,12 @@
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from ..control.registry import has_estimator
-from ..errors import SwingupError
-from ..physics.integrate import stable_substeps
-from ..physics.plant import LEADERBOARD, Plant, PlantLike, load_plant
-from ..robots import Robot, get_robot
-from ..tasks.disturbance import Disturbance, disturbance_as_dict
+from ..common.errors import SwingupError
+from ..controllers.registry import has_estimator
+from ..dynamics.integrate import stable_substeps
+from ..loop.disturbance import Disturbance, disturbance_as_dict
+from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
+from ..plant.robots import Robot, get_robot
 from .criteria import SHARE, Criteria, TipHistory, failed, follow_tip, judge
 from .recording import checked_rows
 from .rollout import Scenario, Trajectory

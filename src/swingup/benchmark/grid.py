@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import SwingupError
-from ..physics.plant import LEADERBOARD, Plant, PlantLike, load_plant, validated
-from ..robots import Robot
-from ..tasks.disturbance import Disturbance, Pushes, undisturbed
+from ..common.errors import SwingupError
+from ..loop.disturbance import Disturbance, Pushes, undisturbed
+from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant, validated
+from ..plant.robots import Robot
 from .rollout import Scenario
 from .rules import CRITERIA, RANDOM, SWEPT, ModelSweep, PushRules, RobustnessRules, Sweep
 

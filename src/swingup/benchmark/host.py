@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..control.python_controller import Answer, PythonController, answer
-from ..errors import SwingupError
+from ..common.errors import SwingupError
+from ..controllers.interface.python_controller import Answer, PythonController, answer
 from .rollout import LoopState, Record, Scenario, Trajectory, apply_torque, initial_loop, measure, record
 
 _measure = jax.jit(jax.vmap(measure, in_axes=(0, 0, None, None)))

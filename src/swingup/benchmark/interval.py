@@ -7,9 +7,9 @@ from statistics import fmean, stdev
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..checks import whole_number
-from ..errors import SwingupError
-from ..text import quoted
+from ..common.checks import whole_number
+from ..common.errors import SwingupError
+from ..common.text import quoted
 
 Interval = tuple[float, float]
 

@@ -4,13 +4,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ..control.baselines import BASELINES
-from ..control.registry import designs_for, get_controller, has_estimator
-from ..errors import SwingupError
-from ..physics.plant import LEADERBOARD, Plant, PlantLike, load_plant
-from ..plants.domain import load_domain
+from ..common.errors import SwingupError
+from ..controllers.baselines.baselines import BASELINES
+from ..controllers.registry import designs_for, get_controller, has_estimator
+from ..loop.domain import load_domain
+from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
+from ..plant.robots import Robot, get_robot
 from ..policy.shipped import ADAPTIVE, AR_EAPO, GLOBAL
-from ..robots import Robot, get_robot
 from .board_rows import OURS, Row, published_rows, shipped_robustness
 from .board_rules import BoardRules, get_board_rules
 from .columns import BOARDS, PERFORMANCE

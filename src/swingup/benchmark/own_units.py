@@ -6,11 +6,11 @@ loop, the length of a run, the costs' normalisers and all shares stay as the rul
 
 from dataclasses import replace
 
-from ..physics.plant import LEADERBOARD, PlantLike, load_plant
-from ..physics.units import Scales, scales_of
-from ..plants.domain import Domain
-from ..robots import Robot
-from ..tasks.throws import scaled_thrower
+from ..loop.domain import Domain
+from ..loop.supervisors.throws import scaled_thrower
+from ..plant.plant import LEADERBOARD, PlantLike, load_plant
+from ..plant.robots import Robot
+from ..plant.units import Scales, scales_of
 from .robot_rules import Sim2RealRules
 from .rules import ModelSweep, PushRules, RobustnessRules, Sweep, UptimeRules
 

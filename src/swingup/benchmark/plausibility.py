@@ -16,11 +16,11 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..checks import LARGEST
-from ..physics.integrate import rk4_steps, stable_substeps
-from ..physics.plant import LEADERBOARD, Plant, PlantLike, load_plant
-from ..physics.units import scales_of
-from ..robots import Robot, get_robot
+from ..common.checks import LARGEST
+from ..dynamics.integrate import rk4_steps, stable_substeps
+from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
+from ..plant.robots import Robot, get_robot
+from ..plant.units import scales_of
 from .criteria import SHARE
 from .rollout import Trajectory
 from .rules import DEFAULT_RULES, PerformanceRules, UptimeRules, get_performance_rules

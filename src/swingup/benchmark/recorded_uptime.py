@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Any
 
-from ..physics.plant import LEADERBOARD, Plant, PlantLike, load_plant
-from ..robots import Robot, get_robot
+from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
+from ..plant.robots import Robot, get_robot
 from .criteria import time_up, tip_heights
 from .recording import checked_rows
 from .rollout import Trajectory

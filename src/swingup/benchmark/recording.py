@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from ..errors import SwingupError
+from ..common.errors import SwingupError
 from .rollout import Trajectory
 
 START = 0.2

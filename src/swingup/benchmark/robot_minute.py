@@ -5,13 +5,13 @@ import dataclasses
 import jax
 import numpy as np
 
-from ..physics.plant import Plant
-from ..plants.domain import Domain
-from ..robots import Robot
-from ..tasks.cell import Cell, example_disturbances
-from ..tasks.draw import draw
-from ..tasks.limits import Stop
-from ..tasks.resets import Resets, ResetSupervisor
+from ..loop.domain import Domain
+from ..loop.draw import draw
+from ..loop.supervisors.cell import Cell, example_disturbances
+from ..loop.supervisors.limits import Stop
+from ..loop.supervisors.resets import Resets, ResetSupervisor
+from ..plant.plant import Plant
+from ..plant.robots import Robot
 from .criteria import time_up
 from .rollout import Scenario, Trajectory
 from .rules import UptimeRules

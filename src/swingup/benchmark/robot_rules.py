@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from ..tasks.limits import Limits
+from ..loop.supervisors.limits import Limits
 from .rules import PERFORMANCE_RULES, PerformanceRules, PushRules, Timing, look_up
 
 STOP_SPEED = 20.0

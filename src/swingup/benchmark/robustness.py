@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import one_of
-from ..control.registry import has_estimator
-from ..errors import SwingupError
-from ..physics.angles import UPRIGHT, wrap_difference
-from ..physics.integrate import stable_substeps
-from ..physics.plant import LEADERBOARD, Plant, PlantLike, load_plant
-from ..robots import Robot, get_robot
-from ..version import __version__
+from ..common.checks import one_of
+from ..common.errors import SwingupError
+from ..common.version import __version__
+from ..controllers.registry import has_estimator
+from ..dynamics.angles import UPRIGHT, wrap_difference
+from ..dynamics.integrate import stable_substeps
+from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
+from ..plant.robots import Robot, get_robot
 from .grid import Case, make_cases
 from .interval import Interval, mean_interval
 from .own_units import robustness_in_own_units

@@ -14,23 +14,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..control.controller import AbstractController
-from ..physics.integrate import rk4_steps
-from ..physics.plant import Plant
-from ..plants.loop import LOOP_DT
-from ..tasks.clock import Times, start_times
-from ..tasks.disturbance import (
-    Disturbance,
-    Past,
-    measured_state,
-    motor_torques,
-    remember,
-    step_noise,
-    step_period,
-)
-from ..tasks.supervisor import AbstractSupervisor, Intervention, no_intervention
-from ..tasks.throws import PID, Throws, is_thrown, start_pid, throw
-from ..types import Count, Flag, Scalar, State, Torque
+from ..common.types import Count, Flag, Scalar, State, Torque
+from ..controllers.interface.controller import AbstractController
+from ..dynamics.integrate import rk4_steps
+from ..loop.clock import Times, start_times
+from ..loop.disturbance import Disturbance, Past, measured_state, motor_torques, remember, step_noise, step_period
+from ..loop.loop import LOOP_DT
+from ..loop.supervisors.supervisor import AbstractSupervisor, Intervention, no_intervention
+from ..loop.supervisors.throws import PID, Throws, is_thrown, start_pid, throw
+from ..plant.plant import Plant
 
 Rows = Array | np.ndarray
 

@@ -7,11 +7,11 @@ from typing import TypeVar
 
 import numpy as np
 
-from ..checks import one_of
-from ..robots import Robot
-from ..tasks.cell import CellSettings
-from ..tasks.limits import Limits
-from ..tasks.throws import THROWER, Thrower
+from ..common.checks import one_of
+from ..loop.supervisors.cell import CellSettings
+from ..loop.supervisors.limits import Limits
+from ..loop.supervisors.throws import THROWER, Thrower
+from ..plant.robots import Robot
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class ModelSweep:
     """Values of one parameter of the plant; the controller keeps the nominal model."""
 
     parameter: str
-    """Field of :class:`~swingup.physics.plant.Plant` that changes."""
+    """Field of :class:`~swingup.plant.plant.Plant` that changes."""
     sweep: Sweep
     relative: bool = False
     """The values are factors on the nominal one; otherwise they are added to it."""

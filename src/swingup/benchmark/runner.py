@@ -13,18 +13,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..control.controller import AbstractController, check_interface, check_robot, split
-from ..control.python_controller import PythonController
-from ..control.registry import Controller
-from ..control.switch import AbstractExpensiveController
-from ..errors import SwingupError
-from ..foreign import blaming
-from ..physics.plant import Plant
-from ..policy.jax_backend.controller import PolicyController, plant_of, policy_of
-from ..policy.jax_backend.estimator import EstimatingController
-from ..policy.jax_backend.regulator import RegulatingController
+from ..common.errors import SwingupError
+from ..common.foreign import blaming
+from ..controllers.baselines.switch import AbstractExpensiveController
+from ..controllers.interface.controller import AbstractController, check_interface, check_robot, split
+from ..controllers.interface.python_controller import PythonController
+from ..controllers.registry import Controller
+from ..controllers.stack.controller import PolicyController, plant_of, policy_of
+from ..controllers.stack.estimator import EstimatingController
+from ..controllers.stack.regulator import RegulatingController
+from ..plant.plant import Plant
+from ..plant.robots import Robot
 from ..policy.plant_facts import plant_difference
-from ..robots import Robot
 from .host import HostRun, simulate_on_host
 from .rollout import Scenario, SimulationEnd, Trajectory, simulate
 

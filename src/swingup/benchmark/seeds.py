@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from ..checks import whole_number
+from ..common.checks import whole_number
 
 LARGEST_SEED = 2**31 - 1
 """Noise keys hold a seed in 32 bits."""

@@ -7,13 +7,13 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..control.registry import has_estimator
-from ..physics.plant import PlantLike
-from ..plants.domain import Domain
-from ..plants.on_plant import loop_around
-from ..robots import Robot, get_robot
-from ..tasks.draw import draw
-from ..version import __version__
+from ..common.version import __version__
+from ..controllers.registry import has_estimator
+from ..loop.domain import Domain
+from ..loop.draw import draw
+from ..loop.on_plant import loop_around
+from ..plant.plant import PlantLike
+from ..plant.robots import Robot, get_robot
 from .criteria import Criteria, judge, tip_is_up
 from .interval import Interval, share_interval
 from .own_units import sim2real_in_own_units

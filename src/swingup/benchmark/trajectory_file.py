@@ -1,7 +1,7 @@
 """Trajectories as CSV files in RealAIGym's format: a header line and comma-separated columns, found by name.
 
 What the leaderboards score is read and written: time, positions, velocities and torques. Other columns, such as
-feedback gains, are ignored; ``control/trajectory_csv.py`` has those.
+feedback gains, are ignored; ``controllers/swingups/trajectory_csv.py`` has those.
 """
 
 from pathlib import Path
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..table import read_columns, write_columns
+from ..common.table import read_columns, write_columns
 from .rollout import Trajectory
 
 FILE_COLUMNS = ("time", "pos_meas1", "pos_meas2", "vel_meas1", "vel_meas2", "tau_con1", "tau_con2")

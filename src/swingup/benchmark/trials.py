@@ -8,14 +8,14 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..control.registry import has_estimator
-from ..physics.plant import Plant
-from ..plants.domain import Domain, load_domain
-from ..robots import Robot, get_robot
-from ..tasks.disturbance import Pushes
-from ..tasks.draw import draw
-from ..tasks.limits import Stop
-from ..version import __version__
+from ..common.version import __version__
+from ..controllers.registry import has_estimator
+from ..loop.disturbance import Pushes
+from ..loop.domain import Domain, load_domain
+from ..loop.draw import draw
+from ..loop.supervisors.limits import Stop
+from ..plant.plant import Plant
+from ..plant.robots import Robot, get_robot
 from .criteria import Criteria, failed, judge
 from .grid import draw_pushes
 from .interval import Interval, mean_interval, share_interval

@@ -9,15 +9,15 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from ..control.registry import has_estimator
-from ..errors import SwingupError
-from ..physics.integrate import stable_substeps
-from ..physics.plant import LEADERBOARD, Plant, PlantLike, load_plant
-from ..plants.domain import Domain, load_domain
-from ..robots import Robot, get_robot
-from ..tasks.throws import Throws
-from ..text import quoted
-from ..version import __version__
+from ..common.errors import SwingupError
+from ..common.text import quoted
+from ..common.version import __version__
+from ..controllers.registry import has_estimator
+from ..dynamics.integrate import stable_substeps
+from ..loop.domain import Domain, load_domain
+from ..loop.supervisors.throws import Throws
+from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
+from ..plant.robots import Robot, get_robot
 from .criteria import tip_is_up
 from .interval import Interval, mean_interval
 from .own_units import uptime_in_own_units

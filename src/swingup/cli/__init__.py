@@ -6,7 +6,7 @@ import threading
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import SwingupError
+from ..common.errors import SwingupError
 
 if TYPE_CHECKING:
     from .commands import Boards

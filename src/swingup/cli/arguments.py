@@ -9,14 +9,14 @@ from tyro.conf import FlagCreatePairsOff, OmitArgPrefixes, Positional, arg
 
 from ..benchmark.disturbances import make_disturbance
 from ..benchmark.rules import PushRules
-from ..control.registry import BUILT_IN, has_estimator
-from ..errors import SwingupError
-from ..physics.plant import LEADERBOARD, SHIPPED_PLANTS, Plant, load_plant
-from ..physics.units import torque_over_gravity
-from ..policy.jax_backend.controller import PolicyController
-from ..policy.jax_backend.regulator import RegulatingController
-from ..robots import ROBOTS, Robot, get_robot
-from ..tasks.disturbance import Disturbance
+from ..common.errors import SwingupError
+from ..controllers.registry import BUILT_IN, has_estimator
+from ..controllers.stack.controller import PolicyController
+from ..controllers.stack.regulator import RegulatingController
+from ..loop.disturbance import Disturbance
+from ..plant.plant import LEADERBOARD, SHIPPED_PLANTS, Plant, load_plant
+from ..plant.robots import ROBOTS, Robot, get_robot
+from ..plant.units import torque_over_gravity
 
 RobotName = Positional[Annotated[str, arg(metavar="ROBOT", help="acrobot or pendubot.")]]
 RobotOrNone = Positional[Annotated[str | None, arg(metavar="[ROBOT]", help="acrobot or pendubot.")]]

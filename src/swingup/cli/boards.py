@@ -14,12 +14,12 @@ from ..benchmark.plausibility import examine
 from ..benchmark.recorded_uptime import RecordedUptime, recorded_uptime
 from ..benchmark.rules import UptimeRules
 from ..benchmark.trajectory_file import load_trajectory
-from ..checks import one_of
-from ..control.check import check_controller
-from ..control.registry import designs_for, get_controller
-from ..errors import SwingupError
+from ..common.checks import one_of
+from ..common.errors import SwingupError
+from ..controllers.interface.check import check_controller
+from ..controllers.registry import designs_for, get_controller
+from ..plant.robots import get_robot
 from ..policy.shipped import DEFAULT
-from ..robots import get_robot
 from . import tables
 from .arguments import (
     NO_PLANT,

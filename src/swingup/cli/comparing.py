@@ -4,16 +4,16 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from ..errors import SwingupError
-from ..files import check_writable
-from ..physics.plant import SHIPPED_PLANTS
-from ..plants.on_plant import plant_as_domain
+from ..common.errors import SwingupError
+from ..common.files import check_writable
+from ..common.text import one_line
+from ..loop.on_plant import plant_as_domain
+from ..plant.plant import SHIPPED_PLANTS
 from ..report.compare import Comparison, compare
 from ..report.compare_study import study_of
 from ..report.files import check_suffix
 from ..report.save_study import STUDY_FORMATS, save_study
 from ..report.study import shown
-from ..text import one_line
 from .output import foreign_prints_apart, tell, tell_json
 
 LogFile = Positional[Annotated[str, arg(metavar="LOG.csv")]]

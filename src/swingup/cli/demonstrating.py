@@ -10,16 +10,16 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from ..benchmark.board_rows import paper_score
-from ..control.registry import get_controller
-from ..errors import SwingupError
-from ..files import write_atomically
+from ..common.errors import SwingupError
+from ..common.files import write_atomically
+from ..controllers.registry import get_controller
+from ..controllers.stack.controller import PolicyController
 from ..learner.policy_files import BEST
 from ..learner.report import TrainingReport
 from ..learner.run import Run
-from ..policy.jax_backend.controller import PolicyController
+from ..plant.robots import Robot, get_robot
 from ..report.page import page_tools, render_page
 from ..report.trained import trained_section
-from ..robots import Robot, get_robot
 from .output import progress_shown, tell
 from .parsing import program_typed
 from .progress import duration

@@ -5,12 +5,12 @@ from typing import Annotated, Literal
 
 from tyro.conf import arg
 
-from ..files import check_writable
-from ..identification.excitation import Excitation
-from ..identification.excite import excite
-from ..identification.prior import prior_around
-from ..physics.plant import load_plant
-from ..plants.domain import Domain, load_domain
+from ..common.files import check_writable
+from ..identification.excite.excitation import Excitation
+from ..identification.excite.excite import excite
+from ..identification.excite.prior import prior_around
+from ..loop.domain import Domain, load_domain
+from ..plant.plant import load_plant
 from .arguments import PLANT_HELP
 from .output import tell, tell_json
 

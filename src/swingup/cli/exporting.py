@@ -10,22 +10,22 @@ from typing import Annotated, Any
 
 from tyro.conf import Positional, arg
 
-from ..checks import one_of
-from ..control.baselines import BASELINES
-from ..errors import SwingupError
-from ..files import write_atomically
-from ..physics.plant import Plant
-from ..policy.c_backend.header import c_header
-from ..policy.export_cloudpendulum import cloudpendulum_guard, cloudpendulum_notes, export_cloudpendulum
-from ..policy.export_folder import export_realaigym
+from ..common.checks import one_of
+from ..common.errors import SwingupError
+from ..common.files import write_atomically
+from ..common.text import quoted
+from ..controllers.baselines.baselines import BASELINES
+from ..export.c_backend.header import c_header
+from ..export.export_cloudpendulum import cloudpendulum_guard, cloudpendulum_notes, export_cloudpendulum
+from ..export.export_folder import export_realaigym
+from ..export.onnx_backend.graph import onnx_model
+from ..export.template import NAME
+from ..plant.plant import Plant
 from ..policy.guard import GUARD
-from ..policy.onnx_backend.graph import onnx_model
 from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
 from ..policy.plant_facts import PLANT, policy_plant
 from ..policy.settings import GuardSettings, choose_guard
 from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, load_policy, shipped_file
-from ..policy.template import NAME
-from ..text import quoted
 from .arguments import NO_PLANT, PlantFlags
 from .output import tell
 

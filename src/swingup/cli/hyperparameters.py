@@ -10,7 +10,7 @@ from tyro.conf import FlagCreatePairsOff, arg
 
 from ..areapo.config import NO_SCHEDULE, Config, words_of
 from ..areapo.words import format_value, parse_value
-from ..errors import SwingupError
+from ..common.errors import SwingupError
 from ..learner.presets import PENDULUM_PRESET, PRESETS
 
 

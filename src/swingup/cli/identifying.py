@@ -6,13 +6,13 @@ from typing import Annotated
 from rich.console import Console
 from tyro.conf import Positional, arg
 
-from ..errors import SwingupError
-from ..files import check_writable
+from ..common.errors import SwingupError
+from ..common.files import check_writable
+from ..common.text import quoted
 from ..identification.identify import Identification, identify
 from ..report.files import check_suffix
 from ..report.identification_study import study_of_identification
 from ..report.save_study import STUDY_FORMATS, save_study
-from ..text import quoted
 from .output import printable, tell, tell_json
 
 Logs = Positional[Annotated[tuple[str, ...], arg(metavar="LOG.csv...", help="logs to fit.")]]

@@ -14,16 +14,12 @@ from ..benchmark.runner import Progress
 from ..benchmark.sim2real import Sim2Real
 from ..benchmark.trajectory_file import save_trajectory
 from ..benchmark.trials import Trials
-from ..control.registry import Controller, designs_for, get_controller
-from ..files import check_writable
-from ..physics.plant import LEADERBOARD, Plant
-from ..plants.domain import Domain
-from ..robots import Robot, get_robot
-from .arguments import (
-    DisturbanceOptions,
-    EstimatorOptions,
-    judged_name,
-)
+from ..common.files import check_writable
+from ..controllers.registry import Controller, designs_for, get_controller
+from ..loop.domain import Domain
+from ..plant.plant import LEADERBOARD, Plant
+from ..plant.robots import Robot, get_robot
+from .arguments import DisturbanceOptions, EstimatorOptions, judged_name
 from .output import foreign_prints_apart, progress_shown, tell, tell_json
 from .results import evaluation_lines, sim2real_lines, trials_lines
 

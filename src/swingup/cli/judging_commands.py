@@ -15,11 +15,11 @@ from ..benchmark.robustness import Robustness
 from ..benchmark.rules import CRITERIA
 from ..benchmark.runner import Progress
 from ..benchmark.uptime import Uptime
-from ..checks import one_of
-from ..control.registry import Controller
-from ..plants.on_plant import loop_around
+from ..common.checks import one_of
+from ..controllers.registry import Controller
+from ..loop.on_plant import loop_around
+from ..plant.robots import Robot
 from ..policy.shipped import DEFAULT
-from ..robots import Robot
 from .arguments import (
     NO_PLANT,
     ControllerName,

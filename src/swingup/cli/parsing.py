@@ -13,10 +13,10 @@ from pathlib import Path
 
 import tyro
 
-from ..checks import suggestion
-from ..errors import SwingupError
-from ..other_names import our_name
-from ..text import one_line, quoted
+from ..common.checks import suggestion
+from ..common.errors import SwingupError
+from ..common.other_names import our_name
+from ..common.text import one_line, quoted
 
 PROGRAM = "swingup"
 REPEATABLE = {"--set"}

@@ -5,8 +5,8 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from ..control.registry import designs_for, get_controller
-from ..files import check_writable, write_atomically
+from ..common.files import check_writable, write_atomically
+from ..controllers.registry import designs_for, get_controller
 from ..report.animate import FPS, SIZE
 from ..report.make import make_section
 from ..report.page import render_page

@@ -6,13 +6,13 @@ from typing import Annotated, Literal
 from tyro.conf import arg
 
 from ..benchmark.seeds import check_seeds
-from ..control.baselines import design_of
-from ..control.own_units import in_real_units
-from ..control.reference import save_reference
-from ..control.trajectory_csv import save_reference_csv
-from ..files import check_writable
+from ..common.files import check_writable
+from ..controllers.baselines.baselines import design_of
+from ..controllers.baselines.own_units import in_real_units
+from ..controllers.swingups.reference import save_reference
+from ..controllers.swingups.trajectory_csv import save_reference_csv
+from ..plant.robots import get_robot
 from ..policy.plant_facts import write_plant
-from ..robots import get_robot
 from .arguments import NO_PLANT, PlantFlags, RobotName
 
 

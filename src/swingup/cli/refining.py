@@ -12,14 +12,14 @@ from rich.console import Console
 from tyro.conf import arg
 
 from ..benchmark.seeds import check_seeds
-from ..checks import one_of
-from ..files import check_writable
-from ..policy.jax_backend.controller import policy_alone, save_controller
+from ..common.checks import one_of
+from ..common.files import check_writable
+from ..common.version import __version__
+from ..controllers.stack.controller import policy_alone, save_controller
+from ..plant.robots import get_robot
 from ..policy.shipped import AR_EAPO, GLOBAL, load_policy
 from ..refine.around import parts_around
 from ..refine.recipe import ADAPT, RECIPES, RefinementReport, run_recipe
-from ..robots import get_robot
-from ..version import __version__
 from .arguments import NO_PLANT, PlantFlags, RobotName
 from .output import SECONDS_BETWEEN_LINES, tell
 

@@ -7,8 +7,8 @@ from tyro.conf import Positional, arg
 from ..benchmark.columns import COLUMNS, PERFORMANCE
 from ..benchmark.rules import PERFORMANCE_RULES
 from ..benchmark.trajectory_file import save_trajectory
-from ..checks import one_of, positive_number
-from ..files import check_writable
+from ..common.checks import one_of, positive_number
+from ..common.files import check_writable
 from ..rehearsal.process import CALLING
 from ..rehearsal.rehearse import RECORDED, rehearse
 from ..rehearsal.result import Rehearsal, spread

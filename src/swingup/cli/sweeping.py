@@ -11,10 +11,10 @@ from rich.markup import escape
 from rich.table import Table
 from tyro.conf import UseAppendAction, arg
 
-from ..arrays import finite
-from ..checks import whole_number
-from ..errors import SwingupError
-from ..files import make_folder, write_atomically
+from ..common.arrays import finite
+from ..common.checks import whole_number
+from ..common.errors import SwingupError
+from ..common.files import make_folder, write_atomically
 from ..learner.rates import shown_rate
 from ..sweep.executors import executor_for
 from ..sweep.jobs import JobOutcome, run_jobs

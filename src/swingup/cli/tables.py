@@ -15,7 +15,7 @@ from rich.table import Table
 from ..benchmark.board_rows import ON_ROBOT, OURS, Row
 from ..benchmark.columns import COLUMNS
 from ..benchmark.leaderboard import Board
-from ..text import one_line
+from ..common.text import one_line
 from .arguments import plant_note
 from .output import printable
 

@@ -6,8 +6,8 @@ from typing import Annotated, Any
 from tyro.conf import OmitArgPrefixes, arg
 
 from ..areapo.config import config_from_dict
-from ..checks import whole_number
-from ..errors import SwingupError
+from ..common.checks import whole_number
+from ..common.errors import SwingupError
 from ..learner.cores import share_cores
 from ..learner.policy_files import BEST, LAST, result_on_disk
 from ..learner.presets import PRESETS, choose_preset, get_preset
@@ -15,7 +15,7 @@ from ..learner.rates import describe_rates
 from ..learner.run import Run
 from ..learner.run_settings import RunSettings, default_intervals, read_run_settings
 from ..learner.start import resume_run, start_run
-from ..robots import get_robot
+from ..plant.robots import get_robot
 from .arguments import NO_PLANT, PlantFlags, RobotOrNone
 from .hyperparameters import HyperparameterOptions, given_hyperparameters
 from .judging import judge_performance

@@ -8,22 +8,22 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..errors import SwingupError
-from ..physics.plant import NAMES as PLANT_NAMES
-from ..physics.plant import Plant, PlantLike, load_plant
-from .bootstrap import draw_solutions
-from .estimate import Problem, fit_all, fit_start, refit
-from .fit import Fit
-from .holdout import clear_of, held_out
-from .known import known_entries, session_numbers
+from ..common.errors import SwingupError
+from ..plant.plant import NAMES as PLANT_NAMES
+from ..plant.plant import Plant, PlantLike, load_plant
+from .fit.bootstrap import draw_solutions
+from .fit.estimate import Problem, fit_all, fit_start, refit
+from .fit.fit import Fit
+from .fit.holdout import clear_of, held_out
+from .fit.known import known_entries, session_numbers
+from .fit.prediction import INDEX, NAMES, Setting, setting_of, vector_of
+from .fit.regression import check_joints
+from .fit.scoring import LENGTH, Errors, prediction_errors, score_windows, summarise
+from .log.recording import Recording, read_recording, sensors
+from .log.windows import FIT_LENGTH, Windows, cut_windows, join
 from .notes import make_notes
 from .plant_file import domain_of, representative, write_plant_files
-from .prediction import INDEX, NAMES, Setting, setting_of, vector_of
-from .recording import Recording, read_recording, sensors
-from .regression import check_joints
 from .results import TITLES, Estimates, read_solution
-from .scoring import LENGTH, Errors, prediction_errors, score_windows, summarise
-from .windows import FIT_LENGTH, Windows, cut_windows, join
 
 
 @dataclass(frozen=True)

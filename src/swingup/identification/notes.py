@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from .estimate import Problem
-from .model import MASSES
-from .recording import Recording
+from .fit.estimate import Problem
+from .fit.model import MASSES
+from .log.recording import Recording
 from .results import DEAD_TIME, NARROW, OFFSET_SIZE, TITLES, Estimates
 
 FEW_WINDOWS = 10

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..plants.domain import Domain
-from ..plants.loop import LOOP_DT
-from .estimate import LATENCY, Problem, fit_start
-from .prediction import INDEX, LEAST_LAG, NAMES, Setting, predict, setting_of, vector_of
-from .recording import Recording
-from .scoring import HORIZONS, prediction_errors, score_windows
-from .smoothing import REACH, smooth
-from .windows import FIT_LENGTH, INTERVAL, Windows, cut_windows
+from ..loop.domain import Domain
+from ..loop.loop import LOOP_DT
+from .fit.estimate import LATENCY, Problem, fit_start
+from .fit.prediction import INDEX, LEAST_LAG, NAMES, Setting, predict, setting_of, vector_of
+from .fit.scoring import HORIZONS, prediction_errors, score_windows
+from .log.recording import Recording
+from .log.smoothing import REACH, smooth
+from .log.windows import FIT_LENGTH, INTERVAL, Windows, cut_windows
 
 LONGEST_HORIZON = 1.0
 """The longest horizon (s)."""

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import SwingupError
-from ..files import write_atomically
-from ..physics.plant import NAMES, Plant, validated
-from ..plants.domain import make_domain
-from ..text import one_line
-from ..version import __version__
-from .prediction import LEAST_LAG
+from ..common.errors import SwingupError
+from ..common.files import write_atomically
+from ..common.text import one_line
+from ..common.version import __version__
+from ..loop.domain import make_domain
+from ..plant.plant import NAMES, Plant, validated
+from .fit.prediction import LEAST_LAG
 
 Range = tuple[float, float]
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ..physics.base_parameters import BASE_NAMES
-from .bootstrap import interval
-from .model import Unknowns
-from .prediction import INDEX, NAMES
+from ..plant.base_parameters import BASE_NAMES
+from .fit.bootstrap import interval
+from .fit.model import Unknowns
+from .fit.prediction import INDEX, NAMES
 
 TITLES = {
     "A": "I1 + m2 l1^2",

@@ -10,11 +10,11 @@ import numpy as np
 
 from ..areapo.checkpoint import load_checkpoint, read_metadata, save_checkpoint
 from ..areapo.config import Config, config_from_dict
-from ..checks import whole_number
-from ..errors import SwingupError
-from ..physics.plant import LEADERBOARD, Plant, PlantLike, load_plant
-from ..policy.jax_backend.policy import Policy, remember
-from ..robots import ROBOTS
+from ..common.checks import whole_number
+from ..common.errors import SwingupError
+from ..controllers.stack.policy import Policy, remember
+from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
+from ..plant.robots import ROBOTS
 from ..tasks.adapters import as_task
 from ..tasks.task import AbstractTask
 from .backend import batched

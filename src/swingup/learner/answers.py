@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float32
 
-from ..errors import SwingupError
-from ..text import quoted
+from ..common.errors import SwingupError
+from ..common.text import quoted
 
 RESET = ("observations", "infos")
 STEP = ("observations", "rewards", "terminated", "truncated", "infos")

@@ -9,9 +9,9 @@ from jaxtyping import Float, Shaped
 
 from ..areapo.config import Config
 from ..areapo.state import LearnerState, Metrics
-from ..errors import SwingupError
-from ..policy.jax_backend.observation import AbstractStage
-from ..policy.jax_backend.policy import Policy
+from ..common.errors import SwingupError
+from ..controllers.stack.policy import Policy
+from ..tasks.observation import AbstractStage
 from .evaluators import AbstractEvaluator
 
 

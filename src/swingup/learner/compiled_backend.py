@@ -13,7 +13,7 @@ from jaxtyping import Shaped
 from ..areapo import train
 from ..areapo.config import Config
 from ..areapo.state import LearnerState, Metrics
-from ..policy.jax_backend.policy import Policy
+from ..controllers.stack.policy import Policy
 from ..tasks.task import AbstractTask
 from .backend import AbstractBackend, portable_policy
 from .evaluators import AbstractEvaluator

@@ -21,11 +21,11 @@ from gymnasium.spaces import Box, Discrete, MultiDiscrete
 from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 from jaxtyping import Bool, Float32, Shaped
 
-from ..checks import whole_number
-from ..errors import SwingupError
-from ..foreign import attribute
+from ..common.checks import whole_number
+from ..common.errors import SwingupError
+from ..common.foreign import attribute
+from ..common.text import one_line, quoted
 from ..tasks.task import Spaces
-from ..text import one_line, quoted
 from .answers import Answers
 from .made_environment import copies_of
 from .step_time import step_time

@@ -11,15 +11,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..benchmark.evaluate import evaluate
-from ..physics.plant import LEADERBOARD, Plant
-from ..policy.jax_backend.controller import PolicyController, save_controller
-from ..policy.jax_backend.observation import AbstractStage
-from ..policy.jax_backend.policy import Policy, save_policy
+from ..common.types import Key, Scalar
+from ..controllers.stack.controller import PolicyController, save_controller
+from ..controllers.stack.policy import Policy, save_policy
+from ..plant.plant import LEADERBOARD, Plant
 from ..policy.plant_facts import policy_plant
 from ..tasks.adapted import AbstractAdaptedTask
+from ..tasks.observation import AbstractStage
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.task import AbstractTask
-from ..types import Key, Scalar
 from .rates import rates
 from .step_time import step_time
 

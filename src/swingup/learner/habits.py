@@ -6,9 +6,9 @@ from typing import Any
 
 import jax
 
-from ..checks import one_of, suggestion
-from ..errors import SwingupError
-from ..text import quoted
+from ..common.checks import one_of, suggestion
+from ..common.errors import SwingupError
+from ..common.text import quoted
 
 POLICIES = ("MlpPolicy", "CnnPolicy", "MultiInputPolicy", "MlpLstmPolicy", "CnnLstmPolicy")
 LOG_NAME = "AREAPO"

@@ -12,7 +12,7 @@ from ..areapo.config import Config
 from ..areapo.initial import begin_episodes, init_learner
 from ..areapo.keys import initial_keys
 from ..areapo.state import LearnerState, Metrics
-from ..policy.jax_backend.policy import Policy
+from ..controllers.stack.policy import Policy
 from ..tasks.task import Spaces
 from .backend import AbstractBackend, portable_policy
 from .environments import make_environments

@@ -16,8 +16,8 @@ from ..areapo.keys import iteration_keys
 from ..areapo.networks import AbstractActor
 from ..areapo.normalise import RunningStatistics
 from ..areapo.state import LearnerState, Metrics, Rollout
-from ..fetch import fetch
-from ..types import Key
+from ..common.fetch import fetch
+from ..common.types import Key
 from .environments import Environments, HostStep
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 
 from ..areapo.networks import CategoricalActor
-from ..errors import SwingupError
-from ..policy.jax_backend.policy import Policy, remember, save_policy
+from ..common.errors import SwingupError
+from ..controllers.stack.policy import Policy, remember, save_policy
 from ..tasks.adapters import as_task
 from ..tasks.task import AbstractTask, Spaces
 from .environments import Environments, make_environments

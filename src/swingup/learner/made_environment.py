@@ -13,9 +13,9 @@ from typing import Any
 import gymnasium
 from gymnasium.vector import VectorEnv
 
-from ..errors import SwingupError
-from ..foreign import attribute, blaming
-from ..text import one_line, quoted
+from ..common.errors import SwingupError
+from ..common.foreign import attribute, blaming
+from ..common.text import one_line, quoted
 
 _LOGGER = logging.getLogger(__name__)
 

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from ..errors import SwingupError
+from ..common.errors import SwingupError
 from ..tasks.adapted import AbstractAdaptedTask
 from ..tasks.adapters import as_task
 from ..tasks.pendulum import AbstractPendulumTask

@@ -6,7 +6,7 @@ import os
 import jax
 
 from ..areapo.config import Config
-from ..errors import SwingupError
+from ..common.errors import SwingupError
 from ..tasks.task import Spaces
 
 FLOAT = 4

@@ -10,9 +10,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from ..checks import whole_number
-from ..errors import SwingupError
-from ..files import write_atomically
+from ..common.checks import whole_number
+from ..common.errors import SwingupError
+from ..common.files import write_atomically
 
 METRICS_FILE = "metrics.jsonl"
 

@@ -5,11 +5,11 @@ import math
 from pathlib import Path
 from typing import Any
 
-from ..checks import finite_number
-from ..errors import SwingupError
-from ..policy.jax_backend.policy import load_any_policy
-from ..text import one_line
-from ..version import __version__
+from ..common.checks import finite_number
+from ..common.errors import SwingupError
+from ..common.text import one_line
+from ..common.version import __version__
+from ..controllers.stack.policy import load_any_policy
 from .progress import TrainingProgress
 from .run_settings import RunSettings
 

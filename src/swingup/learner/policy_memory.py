@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import SwingupError
-from ..policy.jax_backend.policy import Policy
-from ..text import quoted
+from ..common.errors import SwingupError
+from ..common.text import quoted
+from ..controllers.stack.policy import Policy
 
 
 def memory_before(policy: Policy[Any], state: Any, episode_start: Any, count: int) -> np.ndarray | None:

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..areapo.config import Config
-from ..checks import one_of
-from ..errors import SwingupError
-from ..robots import ROBOTS
+from ..common.checks import one_of
+from ..common.errors import SwingupError
+from ..plant.robots import ROBOTS
 from ..tasks.pendulum import AbstractPendulumTask
 
 

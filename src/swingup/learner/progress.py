@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..areapo.state import LearnerState
-from ..checks import finite_number, whole_number
-from ..errors import SwingupError
-from ..text import one_line
+from ..common.checks import finite_number, whole_number
+from ..common.errors import SwingupError
+from ..common.text import one_line
 from .run_settings import MALFORMED, RunSettings, run_settings_from_dict
 
 

@@ -8,7 +8,7 @@ process would continue, and only the caller starts it anew.
 from collections.abc import Mapping
 from typing import Any
 
-from ..checks import is_number
+from ..common.checks import is_number
 
 REWARD_RATE, REWARD_PER_SECOND = "reward_rate", "reward_per_second"
 RESETS = "resets_per_1000_steps"

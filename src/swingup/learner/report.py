@@ -6,7 +6,7 @@ from typing import Any
 import jax
 
 from ..areapo.state import Metrics
-from ..arrays import finite
+from ..common.arrays import finite
 from .progress import TrainingProgress
 from .run_settings import RunSettings
 

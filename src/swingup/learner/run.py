@@ -18,9 +18,9 @@ import jax
 import numpy as np
 
 from ..areapo.state import LearnerState, Metrics
-from ..checks import whole_number
-from ..errors import SwingupError
-from ..policy.jax_backend.policy import Policy
+from ..common.checks import whole_number
+from ..common.errors import SwingupError
+from ..controllers.stack.policy import Policy
 from .backend import AbstractBackend
 from .metrics import MetricsWriter
 from .policy_files import BEST, best_name, last_name, provenance

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..areapo.checkpoint import load_checkpoint, save_checkpoint
-from ..errors import SwingupError
+from ..common.errors import SwingupError
 
 CHECKPOINTS_KEPT = 2
 """The newest and one to go back to, if that is damaged."""

@@ -8,16 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from ..areapo.config import Config, config_from_dict
-from ..checks import whole_number
-from ..errors import SwingupError
-from ..files import write_atomically
-from ..physics.plant import FRICTIONLESS, LEADERBOARD, SHIPPED_PLANTS, Plant, is_plant_name, load_plant, make_plant
-from ..robots import get_robot
+from ..common.checks import whole_number
+from ..common.errors import SwingupError
+from ..common.files import write_atomically
+from ..common.text import one_line, quoted
+from ..common.version import __version__
+from ..plant.plant import FRICTIONLESS, LEADERBOARD, SHIPPED_PLANTS, Plant, is_plant_name, load_plant, make_plant
+from ..plant.robots import get_robot
 from ..tasks.adapted import AbstractAdaptedTask
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.presets import get_task
-from ..text import one_line, quoted
-from ..version import __version__
 from .presets import get_preset, preset_name
 
 SETTINGS_FILE = "config.json"

@@ -8,8 +8,8 @@ from typing import Any
 import jax
 
 from ..areapo.state import LearnerState
-from ..checks import whole_number
-from ..errors import SwingupError
+from ..common.checks import whole_number
+from ..common.errors import SwingupError
 from .backend import AbstractBackend
 from .make_backend import make_backend
 from .policy_files import best_scores_on_disk

@@ -7,15 +7,15 @@ is therefore a part of the plant.
 
 from typing import Any, NamedTuple
 
-from ..physics.damped import Friction
-from ..physics.equations import Pair
+from ..plant.damped import Friction
+from ..plant.equations import Pair
 
 LEAST_GAIN = 0.6
 """The undriven joint's motor is asked for as much as if it delivered at least this share."""
 
 
 class Compensation(NamedTuple):
-    """Friction of both joints, as pairs (N m s/rad; N m) for ``physics.equations.friction``."""
+    """Friction of both joints, as pairs (N m s/rad; N m) for ``plant.equations.friction``."""
 
     asked: Friction
     """Of which the motors are asked for the counterpart: never negative."""

@@ -33,9 +33,9 @@ within its limit; both torques are NaN if the state seen is not finite.
 import math
 from typing import NamedTuple, Protocol, TypeAlias
 
-from ..physics.damped import Friction
-from ..physics.equations import Lumped, Number, friction
-from ..physics.maths import Maths
+from ..plant.damped import Friction
+from ..plant.equations import Lumped, Number, friction
+from ..plant.maths import Maths
 from . import identifier
 from .identifier import Array, Found, IdentifierState
 from .identifier_settings import LONGEST_STEP

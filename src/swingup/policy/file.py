@@ -11,10 +11,10 @@ from typing import Any, get_args
 
 import numpy as np
 
-from ..arrays import load_arrays, save_arrays
-from ..checks import one_of
-from ..errors import SwingupError
-from ..text import quoted
+from ..common.arrays import load_arrays, save_arrays
+from ..common.checks import one_of
+from ..common.errors import SwingupError
+from ..common.text import quoted
 from .network import RELU, Activation, Layer, Network, Norm, Recurrence
 from .stages import ARRAYS, STAGES, Stage, make_stage
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..physics.base_parameters import BASE
+from ..plant.base_parameters import BASE
 from .network import Layer, Network
 
 
@@ -17,7 +17,7 @@ def fold(network: Network, base: np.ndarray) -> Network:
 
     Args:
         network: any network; one that does not see its plant is returned as it is.
-        base: base parameters θ (9,) of the plant, as ``physics.base_parameters.base_parameters`` gives them.
+        base: base parameters θ (9,) of the plant, as ``plant.base_parameters.base_parameters`` gives them.
 
     Raises:
         SwingupError: a base parameter is NaN.

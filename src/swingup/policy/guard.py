@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Annotated, Any, ClassVar, NamedTuple, TypeAlias
 
-from ..errors import SwingupError
-from ..settings import Range, check_ranges
+from ..common.errors import SwingupError
+from ..common.settings import Range, check_ranges
 
 GUARD = "guard"
 """Key of the guard's settings in a policy file's metadata."""

@@ -1,6 +1,6 @@
 """Online identification of the plant's base parameters from measured angles and commanded torques, in Python.
 
-At each measurement, with the rows Y of ``physics.momentum`` for the last angles and the torques of that time:
+At each measurement, with the rows Y of ``plant.momentum`` for the last angles and the torques of that time:
 
 1. z ← (Y, u̇, -v, u) through three first-order low-passes of equal pole, all columns alike. Now
    Y (θ, κ) + u̇ λ - v γ = u holds for the low-passed columns: κ stands for the offsets of the angles, λ (s) is a lag
@@ -37,11 +37,11 @@ Control 15, 1970).
 import math
 from typing import Any, NamedTuple, Protocol
 
-from ..physics.base_parameters import BASE, Geometry, friction_of, lumped, share_allowed
-from ..physics.damped import Friction
-from ..physics.equations import Lumped, Number, Pair
-from ..physics.maths import Maths
-from ..physics.momentum import momentum_rows
+from ..plant.base_parameters import BASE, Geometry, friction_of, lumped, share_allowed
+from ..plant.damped import Friction
+from ..plant.equations import Lumped, Number, Pair
+from ..plant.maths import Maths
+from ..plant.momentum import momentum_rows
 from .compensation import compensation, predicted
 from .identifier_settings import (
     AGE_CAUTION,

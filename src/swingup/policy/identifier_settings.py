@@ -10,10 +10,10 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from ..errors import SwingupError
-from ..physics.base_parameters import BASE, Spread, base_covariance, base_parameters
-from ..physics.plant import Plant
-from ..settings import Range, check_ranges, read_settings
+from ..common.errors import SwingupError
+from ..common.settings import Range, check_ranges, read_settings
+from ..plant.base_parameters import BASE, Spread, base_covariance, base_parameters
+from ..plant.plant import Plant
 from .settings import EstimatorSettings
 
 UNKNOWNS = BASE + 4

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..errors import SwingupError
+from ..common.errors import SwingupError
 from .stages import NormaliseStage, PendulumStage, PlantStage, Stage
 
 SUM_GROUP = 64

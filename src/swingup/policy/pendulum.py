@@ -5,13 +5,13 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..checks import finite_number
-from ..errors import SwingupError
-from ..physics.base_parameters import base_parameters
-from ..physics.plant import Plant
-from ..robots import ROBOTS, Robot, get_robot
-from ..settings import read_settings
-from ..text import quoted
+from ..common.checks import finite_number
+from ..common.errors import SwingupError
+from ..common.settings import read_settings
+from ..common.text import quoted
+from ..plant.base_parameters import base_parameters
+from ..plant.plant import Plant
+from ..plant.robots import ROBOTS, Robot, get_robot
 from .file import read_network, write_network
 from .fold import fold
 from .guard import GuardSettings

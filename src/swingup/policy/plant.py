@@ -1,15 +1,15 @@
 """The estimator's model in plain floats.
 
-The state is x = [q1, q2, dq1, dq2] (rad, rad/s). The equations of motion stand in ``physics/equations.py``. The
+The state is x = [q1, q2, dq1, dq2] (rad, rad/s). The equations of motion stand in ``plant/equations.py``. The
 estimator calls them for one state at a time, where a dozen numbers are fastest as Python's own.
 """
 
 import math
 
-from ..physics import equations
-from ..physics.damped import Friction, damped_midpoint_step
-from ..physics.equations import Lumped, StateFloats
-from ..physics.maths import NUMPY
+from ..plant import equations
+from ..plant.damped import Friction, damped_midpoint_step
+from ..plant.equations import Lumped, StateFloats
+from ..plant.maths import NUMPY
 
 
 def acceleration(plant: Lumped, x: StateFloats, u1: float, u2: float) -> tuple[float, float]:

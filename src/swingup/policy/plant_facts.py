@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import LARGEST, finite_number, suggestion
-from ..errors import SwingupError
-from ..physics.base_parameters import BASE_NAMES, FRICTIONS, base_parameters
-from ..physics.plant import LEADERBOARD, NAMES, Plant, validated
-from ..robots import Robot
-from ..text import quoted
+from ..common.checks import LARGEST, finite_number, suggestion
+from ..common.errors import SwingupError
+from ..common.text import quoted
+from ..plant.base_parameters import BASE_NAMES, FRICTIONS, base_parameters
+from ..plant.plant import LEADERBOARD, NAMES, Plant, validated
+from ..plant.robots import Robot
 from .stages import PlantStage
 
 PLANT = "plant"

@@ -17,9 +17,9 @@ limit, K = bᵀ P A / (R + bᵀ P b), and NaN if the state is not finite.
 import math
 from typing import Any, NamedTuple, Protocol
 
-from ..physics.base_parameters import Geometry
-from ..physics.equations import Number
-from ..physics.maths import Maths
+from ..plant.base_parameters import Geometry
+from ..plant.equations import Number
+from ..plant.maths import Maths
 from .regulator_settings import RegulatorSettings, bounds
 from .upright import Discrete, upright_step
 

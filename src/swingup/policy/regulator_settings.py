@@ -5,10 +5,10 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from ..errors import SwingupError
-from ..physics.base_parameters import base_parameters, friction_of, geometry_of
-from ..physics.plant import Plant
-from ..settings import Range, check_ranges
+from ..common.errors import SwingupError
+from ..common.settings import Range, check_ranges
+from ..plant.base_parameters import base_parameters, friction_of, geometry_of
+from ..plant.plant import Plant
 from .riccati import solve_riccati
 from .upright import upright_step
 

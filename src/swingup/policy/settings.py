@@ -5,9 +5,9 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from ..physics.plant import Plant
-from ..physics.units import scales_of
-from ..settings import Range, check_ranges, read_settings
+from ..common.settings import Range, check_ranges, read_settings
+from ..plant.plant import Plant
+from ..plant.units import scales_of
 from .guard import GUARD, GuardChoice
 from .guard import GuardSettings as GuardSettings
 from .riccati import solve_riccati
@@ -59,7 +59,7 @@ def default_estimator(plant: Plant) -> EstimatorSettings:
         plant: the plant.
 
     Raises:
-        SwingupError: as :func:`swingup.physics.units.scales_of`.
+        SwingupError: as :func:`swingup.plant.units.scales_of`.
     """
     scales, usual = scales_of(plant), EstimatorSettings()
     return replace(

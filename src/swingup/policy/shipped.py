@@ -4,10 +4,10 @@ from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
 
-from ..arrays import SUFFIX
-from ..checks import one_of
-from ..errors import SwingupError
-from ..robots import Robot, get_robot
+from ..common.arrays import SUFFIX
+from ..common.checks import one_of
+from ..common.errors import SwingupError
+from ..plant.robots import Robot, get_robot
 from .pendulum import PendulumPolicy, read_pendulum_policy
 
 ADAPTIVE = "adaptive"

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import finite_number, one_of
-from ..errors import SwingupError
-from ..physics.base_parameters import BASE
-from ..text import quoted
+from ..common.checks import finite_number, one_of
+from ..common.errors import SwingupError
+from ..common.text import quoted
+from ..plant.base_parameters import BASE
 
 ANGLES = ("wrapped", "sincos")
 """Encodings of the angles."""
@@ -82,7 +82,7 @@ class NormaliseStage:
 class PlantStage:
     """The observation, then the plant's base parameters θ: (θ - centre) / scale, clipped to ± clip.
 
-    It is the last stage of a pendulum's policy. ``physics/base_parameters.py`` says what θ is.
+    It is the last stage of a pendulum's policy. ``plant/base_parameters.py`` says what θ is.
     """
 
     centre: np.ndarray

@@ -10,8 +10,8 @@ c cf is the damping (N m s/rad) that stands for it. Python's floats and JAX's ar
 
 from typing import Any, NamedTuple
 
-from ..physics.base_parameters import Geometry, friction_of, lumped
-from ..physics.equations import Number, mass_entries
+from ..plant.base_parameters import Geometry, friction_of, lumped
+from ..plant.equations import Number, mass_entries
 
 
 class Discrete(NamedTuple):
@@ -27,7 +27,7 @@ def upright_step(theta: Any, geometry: Geometry, driven: int, coulomb_damping: N
     """A = I + h A_c + h² A_c² / 2 and b = h b_c + h² A_c b_c / 2 of the linear equations.
 
     Args:
-        theta: θ in the order of ``physics.base_parameters.BASE_NAMES``; its mass matrix is positive definite.
+        theta: θ in the order of ``plant.base_parameters.BASE_NAMES``; its mass matrix is positive definite.
         geometry: of the plant.
         driven: place of the driven joint.
         coulomb_damping: c (s/rad).

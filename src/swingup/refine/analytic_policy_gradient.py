@@ -16,11 +16,11 @@ from ..areapo.networks import Actor
 from ..benchmark.rollout import Scenario, simulate
 from ..benchmark.rules import PERFORMANCE_RULES
 from ..benchmark.runner import cores
-from ..control.controller import AbstractController
-from ..physics.integrate import stable_substeps
-from ..physics.plant import LEADERBOARD, Plant, PlantLike, load_plant
-from ..policy.jax_backend.controller import PolicyController
-from ..types import Scalar, State
+from ..common.types import Scalar, State
+from ..controllers.interface.controller import AbstractController
+from ..controllers.stack.controller import PolicyController
+from ..dynamics.integrate import stable_substeps
+from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from .episodes import EpisodeBatch
 from .objective import EpisodeWeights, Measures, bound_adjoint, measure_episode
 

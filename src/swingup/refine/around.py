@@ -3,10 +3,10 @@
 from dataclasses import asdict, replace
 from typing import Any, NamedTuple
 
-from ..control.controller import AbstractController
+from ..controllers.interface.controller import AbstractController
+from ..controllers.stack.controller import PolicyController, behind_estimator, plant_of
+from ..controllers.stack.told import depends_on_plant
 from ..policy.identifier_settings import IdentifierSettings, default_identifier
-from ..policy.jax_backend.controller import PolicyController, behind_estimator, plant_of
-from ..policy.jax_backend.told import depends_on_plant
 from ..policy.regulator_settings import RegulatorSettings
 from ..policy.settings import EstimatorSettings, default_estimator
 

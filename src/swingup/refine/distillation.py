@@ -20,16 +20,16 @@ import optax
 from jaxtyping import Array, Float, Int
 
 from ..areapo.networks import Actor, init_actor
-from ..control.continuation import SwingUps, continue_swingups, nominal_swingups
-from ..control.continuation_settings import ContinuationSettings
-from ..physics.base_parameters import BASE, base_parameters
-from ..physics.plant import LEADERBOARD, Plant
-from ..policy.jax_backend.controller import PolicyController
-from ..policy.jax_backend.observation import PendulumObservation, PlantObservation
-from ..policy.jax_backend.policy import Policy
-from ..policy.jax_backend.told import told_base
-from ..robots import Robot
-from ..types import Key, Scalar, State
+from ..common.types import Key, Scalar, State
+from ..controllers.baselines.continuation import SwingUps, continue_swingups, nominal_swingups
+from ..controllers.baselines.continuation_settings import ContinuationSettings
+from ..controllers.stack.controller import PolicyController
+from ..controllers.stack.policy import Policy
+from ..controllers.stack.told import told_base
+from ..plant.base_parameters import BASE, base_parameters
+from ..plant.plant import LEADERBOARD, Plant
+from ..plant.robots import Robot
+from ..tasks.observation import PendulumObservation, PlantObservation
 from .analytic_policy_gradient import PolicyGradientSettings, batch_cost, single_precision, with_actor
 from .distillation_settings import DistillationSettings, plant_scale
 from .lessons import Lessons, lessons_anywhere, lessons_of_runs, swings_up

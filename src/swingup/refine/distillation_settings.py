@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..physics.base_parameters import BASE
+from ..plant.base_parameters import BASE
 from .objective import EpisodeWeights
 from .plant_draws import PlantDraws
 

@@ -9,11 +9,11 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..checks import finite_number, whole_number
-from ..errors import SwingupError
-from ..physics.plant import LEADERBOARD, PlantLike, load_plant
-from ..robots import Robot
-from ..tasks.throws import thrown_states
+from ..common.checks import finite_number, whole_number
+from ..common.errors import SwingupError
+from ..loop.supervisors.throws import thrown_states
+from ..plant.plant import LEADERBOARD, PlantLike, load_plant
+from ..plant.robots import Robot
 
 EPISODE_KINDS = ("nominal", "anywhere", "thrown")
 """Kinds of episodes, by where they start."""

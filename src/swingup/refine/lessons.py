@@ -7,14 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..physics.base_parameters import BASE_NAMES
-from ..physics.integrate import rk4_steps
-from ..physics.plant import LEADERBOARD
-from ..policy.jax_backend.controller import PolicyController
-from ..policy.jax_backend.told import told_base
-from ..robots import Robot
-from ..tasks.throws import thrown_states
-from ..types import Flag, Key, Scalar, State
+from ..common.types import Flag, Key, Scalar, State
+from ..controllers.stack.controller import PolicyController
+from ..controllers.stack.told import told_base
+from ..dynamics.integrate import rk4_steps
+from ..loop.supervisors.throws import thrown_states
+from ..plant.base_parameters import BASE_NAMES
+from ..plant.plant import LEADERBOARD
+from ..plant.robots import Robot
 from .distillation_settings import DistillationSettings
 from .teacher import ARRIVED, Teachers, taught, top_cost
 

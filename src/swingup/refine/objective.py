@@ -11,10 +11,10 @@ from jaxtyping import Array, Float
 
 from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import PerformanceRules
-from ..physics.dynamics import tip_height
-from ..physics.plant import Plant
+from ..common.types import Scalar, State
+from ..dynamics.dynamics import tip_height
+from ..plant.plant import Plant
 from ..tasks.recovery import UP_LINE_WIDTH
-from ..types import Scalar, State
 
 GOAL_WIDTH = 0.3
 """Width of the goal's neighbourhood (rad)."""

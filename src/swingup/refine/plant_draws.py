@@ -7,9 +7,9 @@ import numpy as np
 
 from ..benchmark.grid import vary
 from ..benchmark.rules import ROBUSTNESS_RULES, ModelSweep
-from ..physics.plant import LEADERBOARD, NAMES, Plant
-from ..plants.domain import load_domain
-from ..robots import Robot
+from ..loop.domain import load_domain
+from ..plant.plant import LEADERBOARD, NAMES, Plant
+from ..plant.robots import Robot
 
 SWEEPS = ROBUSTNESS_RULES["v2"].model
 """The parameters that change, and their ranges."""

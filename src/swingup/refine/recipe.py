@@ -13,13 +13,13 @@ import numpy as np
 
 from ..benchmark.criteria import Criteria
 from ..benchmark.evaluate import evaluate
-from ..errors import SwingupError
-from ..physics.base_parameters import base_parameters
-from ..physics.plant import LEADERBOARD, Plant, PlantLike, load_plant
-from ..policy.jax_backend.controller import PolicyController, plant_of
-from ..policy.jax_backend.told import depends_on_plant
+from ..common.errors import SwingupError
+from ..controllers.stack.controller import PolicyController, plant_of
+from ..controllers.stack.told import depends_on_plant
+from ..plant.base_parameters import base_parameters
+from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
+from ..plant.robots import Robot
 from ..policy.plant_facts import plant_difference, policy_plant
-from ..robots import Robot
 from .analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings
 from .around import judged
 from .distillation import distil

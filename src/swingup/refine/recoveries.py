@@ -8,12 +8,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..benchmark.rollout import Scenario
-from ..physics.angles import UPRIGHT
-from ..physics.plant import LEADERBOARD, Plant
-from ..policy.jax_backend.controller import PolicyController
-from ..policy.jax_backend.told import told_base
-from ..tasks.throws import thrown_states
-from ..types import Key, Scalar, State
+from ..common.types import Key, Scalar, State
+from ..controllers.stack.controller import PolicyController
+from ..controllers.stack.told import told_base
+from ..dynamics.angles import UPRIGHT
+from ..loop.supervisors.throws import thrown_states
+from ..plant.plant import LEADERBOARD, Plant
 from .analytic_policy_gradient import SCORE_RULES, PolicyGradientSettings, run_episode
 from .distillation_settings import DistillationSettings
 from .teacher import Teachers

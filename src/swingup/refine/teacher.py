@@ -10,14 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..control.continuation import SwingUps
-from ..control.known_plant import friction_gain, plants_lqr
-from ..physics.angles import UPRIGHT, nearest, wrap_difference
-from ..physics.base_parameters import base_parameters
-from ..physics.dynamics import acceleration
-from ..physics.plant import LEADERBOARD, NAMES, Plant, validated
-from ..policy.jax_backend.controller import PolicyController
-from ..types import Scalar, State
+from ..common.types import Scalar, State
+from ..controllers.baselines.continuation import SwingUps
+from ..controllers.baselines.known_plant import friction_gain, plants_lqr
+from ..controllers.stack.controller import PolicyController
+from ..dynamics.angles import UPRIGHT, nearest, wrap_difference
+from ..dynamics.dynamics import acceleration
+from ..plant.base_parameters import base_parameters
+from ..plant.plant import LEADERBOARD, NAMES, Plant, validated
 from .analytic_policy_gradient import single_precision
 
 APART = 4

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import SwingupError
-from ..policy.export_folder import PACKAGE
+from ..common.errors import SwingupError
+from ..export.export_folder import PACKAGE
 
 PATTERNS = {"realaigym": "con_*.py", "cloudpendulum": "controller_*.py"}
 """Forms of exported folders, and the file that each has."""

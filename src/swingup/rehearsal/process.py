@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import SwingupError
-from ..text import one_line
+from ..common.errors import SwingupError
+from ..common.text import one_line
 from .folder import Folder
 
 LOADING = 60.0

@@ -12,16 +12,16 @@ from ..benchmark.robot_rules import SIM2REAL_RULES
 from ..benchmark.rollout import Scenario
 from ..benchmark.rules import PERFORMANCE_RULES, PerformanceRules
 from ..benchmark.runner import run_one
-from ..checks import positive_number, whole_number
-from ..control.python_controller import PythonController
-from ..errors import SwingupError
-from ..physics.plant import PlantLike
-from ..plants.domain import Domain
-from ..plants.on_plant import loop_around
+from ..common.checks import positive_number, whole_number
+from ..common.errors import SwingupError
+from ..controllers.interface.python_controller import PythonController
+from ..loop.domain import Domain
+from ..loop.draw import draw
+from ..loop.on_plant import loop_around
+from ..plant.plant import PlantLike
+from ..plant.robots import Robot, get_robot
 from ..policy.plant_facts import plant_difference
 from ..policy.shipped import load_policy
-from ..robots import Robot, get_robot
-from ..tasks.draw import draw
 from .folder import Folder, find_folder
 from .loop import FolderController, PacedController
 from .process import CALLING, FolderProcess

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..benchmark.criteria import Criteria, TipHistory
 from ..benchmark.rollout import Trajectory
-from ..plants.domain import Domain
+from ..loop.domain import Domain
 from .folder import Folder
 from .loop import Timing
 

@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 
 from ..benchmark.rollout import Trajectory
-from ..checks import finite_number, positive_number, whole_number
+from ..common.checks import finite_number, positive_number, whole_number
+from ..common.errors import SwingupError
+from ..common.files import write_atomically
+from ..common.text import one_line
 from ..drawing import draw_frame
-from ..errors import SwingupError
-from ..files import write_atomically
-from ..physics.plant import LEADERBOARD, PlantLike, load_plant
-from ..robots import Robot, get_robot
-from ..text import one_line
+from ..plant.plant import LEADERBOARD, PlantLike, load_plant
+from ..plant.robots import Robot, get_robot
 from .files import check_suffix, check_trajectory
 from .gif import RgbFrames, encode_gif
 

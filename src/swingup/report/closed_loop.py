@@ -10,11 +10,11 @@ from ..benchmark.criteria import Criteria, TipHistory, follow_tip, judge
 from ..benchmark.rollout import Scenario, Trajectory
 from ..benchmark.rules import PERFORMANCE_RULES, PerformanceRules
 from ..benchmark.runner import prepare, run_one
-from ..errors import SwingupError
-from ..identification.recording import Recording
-from ..plants.domain import Domain
-from ..robots import ROBOTS, Robot
-from ..tasks.draw import draw
+from ..common.errors import SwingupError
+from ..identification.log.recording import Recording
+from ..loop.domain import Domain
+from ..loop.draw import draw
+from ..plant.robots import ROBOTS, Robot
 
 LONGEST = 120.0
 """Longest simulated run (s)."""

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..control.registry import designs_for, get_controller
-from ..errors import SwingupError
+from ..common.errors import SwingupError
+from ..controllers.registry import designs_for, get_controller
+from ..identification.log.recording import Recording, read_recording
 from ..identification.open_loop import OpenLoop, Stretches, predict_log, stretches
-from ..identification.recording import Recording, read_recording
-from ..plants.domain import Domain
-from ..plants.on_plant import loop_around
-from ..robots import Robot, get_robot
+from ..loop.domain import Domain
+from ..loop.on_plant import loop_around
+from ..plant.robots import Robot, get_robot
 from .closed_loop import ClosedLoop, close_loop, driven_robot, starts_hanging
 
 MOST_PLANTS = 4

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ..identification.estimate import LATENCY
+from ..identification.fit.estimate import LATENCY
+from ..identification.fit.prediction import INDEX
 from ..identification.open_loop import ErrorRow, OpenLoop, Stretches, smoothed
-from ..identification.prediction import INDEX
 from .closed_loop import ClosedLoop, Run
 from .compare import Comparison
 from .study import DASHED, LINE, MEASURED, STEPS, THIN, Curve, Panel, Part, Study, Table, shown

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..benchmark.rollout import Trajectory
-from ..errors import SwingupError
-from ..physics.plant import NAMES, Plant
-from ..policy.javascript_backend.page import policy_data
+from ..common.errors import SwingupError
+from ..common.text import one_line, quoted
+from ..export.javascript_backend.page import policy_data
+from ..plant.plant import NAMES, Plant
+from ..plant.robots import get_robot
 from ..policy.pendulum import PendulumPolicy
-from ..robots import get_robot
-from ..text import one_line, quoted
 
 if TYPE_CHECKING:
     from ..benchmark.leaderboard import Board

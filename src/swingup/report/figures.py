@@ -17,7 +17,7 @@ from bokeh.models.renderers import DataRenderer, GlyphRenderer
 from bokeh.plotting import figure
 from bokeh.resources import Resources
 
-from ..physics.plant import Plant
+from ..plant.plant import Plant
 
 if TYPE_CHECKING:
     from ..benchmark.board_rows import Row

@@ -11,12 +11,12 @@ import numpy as np
 
 from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import CRITERIA
-from ..checks import finite_number, whole_number
-from ..errors import SwingupError
-from ..files import read_bytes
+from ..common.checks import finite_number, whole_number
+from ..common.errors import SwingupError
+from ..common.files import read_bytes
+from ..common.text import quoted
 from ..learner.metrics import METRICS_FILE, read_metrics
-from ..robots import ROBOTS, Robot
-from ..text import quoted
+from ..plant.robots import ROBOTS, Robot
 
 CURVE_KEYS = ("reward", "score")
 """The values of a row of metrics that learning curves show; a run has one of them."""

@@ -12,8 +12,8 @@ from typing import IO, TYPE_CHECKING, TypeAlias
 import numpy as np
 from jaxtyping import UInt8
 
+from ..common.errors import SwingupError
 from ..drawing import BASE, DRIVEN, GREEN, GUIDE, LINK_1, LINK_2, PAPER
-from ..errors import SwingupError
 
 if TYPE_CHECKING:
     from PIL.Image import Image

@@ -2,12 +2,12 @@
 
 import numpy as np
 
+from ..identification.fit.prediction import INDEX
+from ..identification.fit.scoring import LENGTH, prediction_errors
 from ..identification.identify import Identification
+from ..identification.log.windows import INTERVAL, Windows
 from ..identification.open_loop import SPEED_HORIZON, fastest_speeds, predicted_stretches, smoothed
-from ..identification.prediction import INDEX
 from ..identification.results import NARROW, OFFSET_SIZE
-from ..identification.scoring import LENGTH, prediction_errors
-from ..identification.windows import INTERVAL, Windows
 from .compare_study import PERIOD, STATES, motion_panels
 from .study import BAND, DOTS, LINE, THIN, Curve, Panel, Part, Study, Table, shown
 

@@ -9,13 +9,13 @@ from ..benchmark.leaderboard import ENTRANTS, RowProgress, entrants_for, leaderb
 from ..benchmark.own_units import scaled_pushes
 from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import PushRules
-from ..errors import SwingupError
-from ..physics.plant import LEADERBOARD, Plant, PlantLike, load_plant
-from ..physics.units import scales_of
+from ..common.errors import SwingupError
+from ..common.text import one_line
+from ..loop.disturbance import Disturbance
+from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
+from ..plant.robots import Robot, get_robot
+from ..plant.units import scales_of
 from ..policy.shipped import DEFAULT, load_policy
-from ..robots import Robot, get_robot
-from ..tasks.disturbance import Disturbance
-from ..text import one_line
 from .content import Section, Show
 
 SHOWN_CONTROLLERS = (DEFAULT, *ENTRANTS)

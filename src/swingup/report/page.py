@@ -15,12 +15,12 @@ import numpy as np
 
 from ..benchmark.columns import COLUMNS
 from ..benchmark.rules import CRITERIA
-from ..errors import SwingupError
-from ..physics.plant import LEADERBOARD
-from ..policy.javascript_backend.page import policy_script
-from ..robots import get_robot
-from ..text import one_line
-from ..version import __version__
+from ..common.errors import SwingupError
+from ..common.text import one_line
+from ..common.version import __version__
+from ..export.javascript_backend.page import policy_script
+from ..plant.plant import LEADERBOARD
+from ..plant.robots import get_robot
 from .content import Section, Show, encode_section
 
 if TYPE_CHECKING:

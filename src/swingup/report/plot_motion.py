@@ -8,8 +8,8 @@ import numpy as np
 from ..benchmark.evaluate import score
 from ..benchmark.rollout import Trajectory
 from ..drawing import BASE, DRIVEN, GREEN, LINK_1, LINK_2
-from ..physics.plant import LEADERBOARD, PlantLike, load_plant
-from ..robots import Robot, get_robot
+from ..plant.plant import LEADERBOARD, PlantLike, load_plant
+from ..plant.robots import Robot, get_robot
 from .files import check_trajectory, require_some
 from .style import RING, STAR, legend_below, line_look, new_figure, plain, styled, tick_angles
 

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from ..errors import SwingupError
+from ..common.errors import SwingupError
 from .study import BAND, DASHED, DOTS, MEASURED, STEPS, Curve, Panel, Part, Study
 from .style import COLOURS, legend_below, new_figure, plain, styled
 

@@ -5,11 +5,11 @@ from pathlib import Path
 
 from ..benchmark.rollout import Trajectory
 from ..benchmark.trajectory_file import load_trajectory
-from ..checks import one_of
-from ..errors import SwingupError
-from ..files import write_atomically
-from ..physics.plant import LEADERBOARD, PlantLike
-from ..robots import Robot, get_robot
+from ..common.checks import one_of
+from ..common.errors import SwingupError
+from ..common.files import write_atomically
+from ..plant.plant import LEADERBOARD, PlantLike
+from ..plant.robots import Robot, get_robot
 from .animate import FASTEST, FPS, SIZE, animate
 from .files import check_suffix, infer_robot, make_labels, read_curve, read_robustness
 from .plot import plot_curves, plot_phase, plot_robustness, plot_trajectories

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from ..files import write_atomically
+from ..common.files import write_atomically
 from .files import check_suffix
 from .plot_study import plot_study
 from .study import Study

@@ -8,7 +8,7 @@ from bokeh.models import ColumnDataSource, CrosshairTool, FixedTicker, HoverTool
 from bokeh.models.annotations import Span
 from bokeh.plotting import figure
 
-from ..text import one_line
+from ..common.text import one_line
 from .figures import embedded, new_plot, script
 from .study import BAND, DASHED, DOTS, LINE, STEPS, Curve, Panel, Part
 

@@ -5,8 +5,8 @@ Names from files become one printable line each, and the template escapes them.
 
 from typing import Any
 
-from ..text import one_line
-from ..version import __version__
+from ..common.text import one_line
+from ..common.version import __version__
 from .page import asset, json_for_script, page_tools
 from .study import Curve, Part, Study, Table
 

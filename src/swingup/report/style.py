@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..common.errors import SwingupError
+from ..common.text import one_line
 from ..drawing import BASE, DRIVEN, GREEN, GUIDE, LINK_1
-from ..errors import SwingupError
-from ..text import one_line
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

@@ -7,11 +7,11 @@ from ..benchmark.board_rows import OURS
 from ..benchmark.board_rules import BOARD_RULES
 from ..benchmark.leaderboard import Board, RowProgress, leaderboard
 from ..benchmark.rules import DEFAULT_RULES
-from ..control.registry import get_controller
-from ..physics.plant import LEADERBOARD
-from ..policy.jax_backend.controller import PolicyController, policy_of
+from ..controllers.registry import get_controller
+from ..controllers.stack.controller import PolicyController, policy_of
+from ..plant.plant import LEADERBOARD
+from ..plant.robots import Robot
 from ..policy.shipped import AR_EAPO, DEFAULT
-from ..robots import Robot
 from .content import Section, Show
 from .make import describe_disturbance, make_show
 

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
-from ..checks import whole_number
-from ..errors import SwingupError
+from ..common.checks import whole_number
+from ..common.errors import SwingupError
 from .local_workers import LocalWorkers
 
 MOST_WORKERS = 1024

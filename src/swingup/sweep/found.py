@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..areapo.words import format_value
-from ..arrays import finite
-from ..files import write_atomically
+from ..common.arrays import finite
+from ..common.files import write_atomically
 from ..learner.run_settings import run_settings_from_dict
 from .search_plan import SearchPlan
 from .study import chosen_values, latest_trials

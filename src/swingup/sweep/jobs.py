@@ -9,15 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..errors import SwingupError
-from ..files import write_atomically
+from ..common.errors import SwingupError
+from ..common.files import write_atomically
+from ..common.text import one_line
 from ..learner.metrics import METRICS_FILE, read_metrics
 from ..learner.rates import RESETS, REWARD_RATE
 from ..learner.run import Run
 from ..learner.run_folder import RunFolder
 from ..learner.run_settings import read_run_settings, run_settings_from_dict
 from ..learner.start import resume_run, start_run
-from ..text import one_line
 from .signals import in_progress
 
 PRUNED = "pruned"

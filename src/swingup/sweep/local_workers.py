@@ -7,7 +7,7 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPool
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
-from ..errors import SwingupError
+from ..common.errors import SwingupError
 from .signals import stop_on_signals
 
 ATTEMPTS = 2

@@ -9,8 +9,8 @@ from typing import Any
 
 from ..areapo.config import config_from_dict
 from ..areapo.words import format_value
-from ..checks import whole_number
-from ..errors import SwingupError
+from ..common.checks import whole_number
+from ..common.errors import SwingupError
 from ..learner.presets import get_preset
 from ..learner.run_settings import RunSettings
 from .jobs import Job

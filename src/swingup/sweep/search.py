@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..areapo.words import format_value
-from ..checks import whole_number
-from ..errors import SwingupError
+from ..common.checks import whole_number
+from ..common.errors import SwingupError
+from ..common.text import quoted
 from ..learner.presets import choose_preset
 from ..learner.run_folder import RunFolder
 from ..learner.run_settings import default_intervals
-from ..physics.plant import LEADERBOARD, PlantLike, load_plant
-from ..robots import ROBOTS
-from ..text import quoted
+from ..plant.plant import LEADERBOARD, PlantLike, load_plant
+from ..plant.robots import ROBOTS
 from .executors import workers_for
 from .found import SearchResult, found, write_found
 from .jobs import PRUNED, Job, JobOutcome, train_one

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..checks import whole_number
+from ..common.checks import whole_number
 from ..learner.run_settings import check_gru
 from .jobs import Job
 from .plan import MOST_RUNS, common_length, plan_variant

@@ -7,10 +7,10 @@ from typing import Any
 
 from ..areapo.config import Config, check_hyperparameter, check_value
 from ..areapo.words import format_value, parse_value
-from ..checks import is_number
-from ..errors import SwingupError
+from ..common.checks import is_number
+from ..common.errors import SwingupError
+from ..common.text import quoted
 from ..learner.presets import preset_name
-from ..text import quoted
 
 LOG = "log"
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from ..areapo.config import Config
 from ..areapo.words import format_value, parse_value
-from ..errors import SwingupError
-from ..text import quoted
+from ..common.errors import SwingupError
+from ..common.text import quoted
 from .space import Range, Space
 
 if TYPE_CHECKING:

@@ -7,10 +7,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..errors import SwingupError
-from ..foreign import attribute, blaming
-from ..text import one_line, quoted
-from ..types import Observation
+from ..common.errors import SwingupError
+from ..common.foreign import attribute, blaming
+from ..common.text import one_line, quoted
+from ..common.types import Observation
 from .space_actions import SpaceActions
 from .task import AbstractTask, Step
 

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from ..foreign import attribute
+from ..common.foreign import attribute
 from .envelope_task import EnvelopeTask
 from .gymnax_task import GymnaxTask
 from .task import AbstractTask

@@ -11,10 +11,10 @@ from typing import Any
 import equinox as eqx
 import jax
 
-from ..errors import SwingupError
-from ..foreign import attribute, blaming
-from ..text import one_line
-from ..types import Action, Key
+from ..common.errors import SwingupError
+from ..common.foreign import attribute, blaming
+from ..common.text import one_line
+from ..common.types import Action, Key
 from .adapted import AbstractAdaptedTask, AdaptedState, arrays_of, check_hash, shape_of_observation
 from .space_actions import SpaceActions, space_actions
 from .task import Step

@@ -11,12 +11,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..physics.angles import UPRIGHT, wrap
-from ..physics.integrate import rk4_steps
-from ..physics.plant import Plant
-from ..policy.jax_backend.observation import PendulumObservation
-from ..robots import Robot
-from ..types import Action, Count, Key, Observation, Scalar, State, Torque
+from ..common.types import Action, Count, Key, Observation, Scalar, State, Torque
+from ..dynamics.angles import UPRIGHT, wrap
+from ..dynamics.integrate import rk4_steps
+from ..plant.plant import Plant
+from ..plant.robots import Robot
+from .observation import PendulumObservation
 from .task import AbstractTask, Step
 
 DIVERGED = 1000.0

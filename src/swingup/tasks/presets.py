@@ -6,15 +6,15 @@ from collections.abc import Callable
 import jax.numpy as jnp
 import numpy as np
 
-from ..checks import one_of
-from ..errors import SwingupError
-from ..physics.plant import LEADERBOARD, PlantLike, load_plant
-from ..physics.units import scales_of
-from ..policy.jax_backend.observation import PendulumObservation
-from ..robots import Robot, get_robot
+from ..common.checks import one_of
+from ..common.errors import SwingupError
+from ..loop.supervisors.throws import thrown_states
+from ..plant.plant import LEADERBOARD, PlantLike, load_plant
+from ..plant.robots import Robot, get_robot
+from ..plant.units import scales_of
+from .observation import PendulumObservation
 from .pendulum import AbstractPendulumTask, PendulumTask
 from .recovery import UP_LINE_WIDTH, RecoveryTask
-from .throws import thrown_states
 from .units import in_own_units
 
 STARTS_SEED = 0

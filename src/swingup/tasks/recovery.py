@@ -5,8 +5,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..physics.dynamics import tip_height
-from ..types import Action, Key, Observation, Scalar, State, Torque
+from ..common.types import Action, Key, Observation, Scalar, State, Torque
+from ..dynamics.dynamics import tip_height
 from .pendulum import AbstractPendulumTask, PendulumState, hold_torque
 from .task import Step
 

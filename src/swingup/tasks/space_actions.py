@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Shaped
 
-from ..errors import SwingupError
-from ..foreign import attribute
-from ..text import one_line
+from ..common.errors import SwingupError
+from ..common.foreign import attribute
+from ..common.text import one_line
 
 
 class SpaceActions(eqx.Module):

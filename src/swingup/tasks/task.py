@@ -6,7 +6,7 @@ from typing import Generic, TypeVar
 
 import equinox as eqx
 
-from ..types import Action, Flag, Key, Observation, Scalar
+from ..common.types import Action, Flag, Key, Observation, Scalar
 
 StateT = TypeVar("StateT")
 

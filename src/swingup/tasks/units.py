@@ -1,6 +1,6 @@
 """A task in the units of its own plant: the numbers that suit design C.1, scaled to another pendulum.
 
-With the scales of time T, torque limit and length of :mod:`swingup.physics.units`, numbers of a task become
+With the scales of time T, torque limit and length of :mod:`swingup.plant.units`, numbers of a task become
 
     dt: T          velocities that are observed, that cost, and that an episode starts with: 1/T
     Q: 1 for angles, T² for velocities          R: 1 / torque limit²
@@ -12,9 +12,9 @@ in an episode and all other settings have no unit.
 import dataclasses
 from typing import TypeVar
 
-from ..errors import SwingupError
-from ..physics.integrate import stable_substeps
-from ..physics.units import scales_of
+from ..common.errors import SwingupError
+from ..dynamics.integrate import stable_substeps
+from ..plant.units import scales_of
 from .pendulum import AbstractPendulumTask
 
 TaskT = TypeVar("TaskT", bound=AbstractPendulumTask)
@@ -24,7 +24,7 @@ def in_own_units(task: TaskT) -> TaskT:
     """The task with its numbers scaled from C.1's units to those of its plant; the same numbers for C.1.
 
     Raises:
-        SwingupError: the driven joint has no torque, or as :func:`swingup.physics.units.scales_of`.
+        SwingupError: the driven joint has no torque, or as :func:`swingup.plant.units.scales_of`.
     """
     driven = ("tl1", "tl2")[task.robot.joint]
     if not getattr(task.parameters, driven) > 0:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...robots import Robot
+from ...plant.robots import Robot
 from ..guard import GuardChoice
 from ..pendulum import PendulumPolicy
 from ..settings import choose_guard, default_estimator

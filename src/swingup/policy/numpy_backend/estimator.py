@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from ...physics.equations import lump
-from ...physics.maths import NUMPY
-from ...physics.plant import Plant
+from ...plant.equations import lump
+from ...plant.maths import NUMPY
+from ...plant.plant import Plant
 from .. import estimator
 from ..estimator import Model
 from ..plant import model_step, torque_response

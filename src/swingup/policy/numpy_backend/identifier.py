@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from ...physics.base_parameters import geometry_of
-from ...physics.equations import Pair
-from ...physics.maths import NUMPY
-from ...physics.plant import Plant
+from ...plant.base_parameters import geometry_of
+from ...plant.equations import Pair
+from ...plant.maths import NUMPY
+from ...plant.plant import Plant
 from .. import identifier
 from ..identifier import Found, IdentifierState
 from ..identifier_settings import IdentifierSettings, prior

@@ -9,8 +9,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ...physics.base_parameters import BASE
-from ...physics.maths import TURN
+from ...plant.base_parameters import BASE
+from ...plant.maths import TURN
 from ..network import NORM_EPSILON, Activation, Network, Norm
 from ..pendulum import PendulumPolicy
 from ..stages import NormaliseStage, PendulumStage, Stage

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...physics.base_parameters import base_parameters, geometry_of
-from ...physics.maths import NUMPY
-from ...physics.plant import Plant
+from ...plant.base_parameters import base_parameters, geometry_of
+from ...plant.maths import NUMPY
+from ...plant.plant import Plant
 from .. import regulator
 from ..regulator_settings import RegulatorSettings, fixed_point
 

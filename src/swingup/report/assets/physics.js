@@ -1,5 +1,5 @@
 /*
- * The double pendulum: M(q) q̈ = G(q) + u - C(q, q̇) q̇ - F(q̇), as in physics/dynamics.py, and its RK4 step.
+ * The double pendulum: M(q) q̈ = G(q) + u - C(q, q̇) q̇ - F(q̇), as in dynamics/dynamics.py, and its RK4 step.
  * A state is [q1, q2, dq1, dq2] (rad, rad/s; q1 from hanging down, q2 relative to link 1), a torque [u1, u2] (N m).
  */
 (function (swingup) {

@@ -1,1 +1,0 @@
-"""Controllers: one interface with explicit state, and the learned policy behind it."""

@@ -1,0 +1,1 @@
+"""Controllers: the interface, baselines, swing-ups and the stack of a policy."""

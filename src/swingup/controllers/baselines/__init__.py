@@ -1,0 +1,1 @@
+"""The optimal-control baselines, and swing-ups continued to other plants."""

@@ -1,0 +1,182 @@
+"""Optimal swing-ups of many plants at once, continued from the nominal plant's.
+
+A swing-up is optimal for the cost of ``optimal``, and the nominal plant's is shipped. Each plant p(λ) moves along
+the line from the leaderboards' plant, λ = 0, to its target, λ = 1. At each step iterative LQR starts from the
+swing-up of the plant before, followed by feedback on the new plant. A plant has a step of its own: it grows after a
+swing-up that ends upright, and falls after one that does not. Plants lie side by side in one compiled program.
+
+The result is the local optimum that the nominal one turns into. It proves nothing where a plant is not reached:
+another swing-up may exist. Steps are single ones of RK4, so that stiff Coulomb friction, for which
+``dynamics.integrate.stable_substeps`` is above 1, cannot be reached.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from ...common.errors import SwingupError
+from ...common.types import Scalar
+from ...dynamics.angles import UPRIGHT
+from ...plant.plant import LEADERBOARD, NAMES, Plant, validated
+from ...plant.robots import Robot, get_robot
+from ..swingups.design import SwingupProblem, followed, motion, solve_from_rest
+from ..swingups.ilqr import feedback_gains
+from ..swingups.reference import Reference
+from ..swingups.transition import PendulumTransition
+from .baselines import shipped_reference
+from .continuation_settings import ContinuationSettings, next_step
+from .optimal import OPTIMAL
+
+
+class SwingUps(eqx.Module):
+    """A swing-up for each of n plants, from hanging at rest."""
+
+    robot: Robot = eqx.field(static=True)
+    dt: float = eqx.field(static=True)
+    """Time between rows (s)."""
+    plants: Plant
+    """The plants at which they stand, leaves of shape (n,): the targets where they were reached."""
+    reached: Float[Any, "n"]
+    """λ of these plants: 1 at the target, 0 at the nominal plant."""
+    cost: Float[Any, "n"]
+    """NaN where no step was taken."""
+    states: Float[Any, "n rows+1 4"]
+    """[q1, q2, dq1, dq2] (rad, rad/s)"""
+    torque: Float[Any, "n rows"]
+    """N m"""
+    gains: Float[Any, "n rows 4"]
+    """K (N m/rad, N m s/rad) of u + K (x - x_i)."""
+
+    def reference(self, index: int) -> Reference:
+        """One plant's swing-up as a trajectory to follow or to save."""
+        return Reference(self.robot, self.dt, self.states[index, :-1], self.torque[index], self.gains[index])
+
+
+def continue_swingups(
+    robot: Robot | str,
+    targets: Plant,
+    settings: ContinuationSettings | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> SwingUps:
+    """Compute optimal swing-ups of many plants.
+
+    Args:
+        robot: which joint is driven.
+        targets: the plants, leaves of shape (n,).
+        settings: None for the default ones.
+        progress: called with the number of plants that are done, reached or given up, and of all.
+
+    Raises:
+        SwingupError: there is no such robot, the leaves have other shapes, or values make no pendulum.
+    """
+    robot, settings = get_robot(robot), settings or ContinuationSettings()
+    targets = _checked(targets)
+    number = np.size(targets.m1)
+    found, steps = nominal_swingups(robot, number, settings), np.full(number, settings.first_step)
+    for _ in range(settings.rounds):
+        pending = np.flatnonzero((found.reached < 1.0) & (steps >= settings.smallest_step))
+        if progress is not None:
+            progress(number - len(pending), number)
+        if not len(pending):
+            break
+        for start in range(0, len(pending), settings.batch):
+            part = pending[start : start + settings.batch]
+            tried = _try_step(found, part, steps[part], targets, settings)
+            good = counts(tried, settings)
+            steps[part] = next_step(steps[part], good, settings)
+            found = jax.tree.map(lambda old, new, to=part[good], by=good: _put(old, to, new[by]), found, tried)
+    return found
+
+
+def counts(tried: SwingUps, settings: ContinuationSettings) -> np.ndarray:
+    """Which swing-ups count: finite, cheap, slow, upright in the end, and with torques that the motor has."""
+    error = np.abs(tried.states[:, -1] - UPRIGHT)
+    upright = np.all(error < np.array(settings.max_error), axis=1)
+    able = np.all(np.abs(tried.torque) <= _torque_limit(tried)[:, None], axis=1)
+    slow = np.abs(tried.states[..., 2:]).max(axis=(1, 2)) <= settings.max_speed
+    # A comparison with NaN is false: a motion that diverged does not count.
+    return (tried.cost < settings.max_cost) & slow & upright & able & np.isfinite(tried.gains).all(axis=(1, 2))
+
+
+def nominal_swingups(robot: Robot, number: int, settings: ContinuationSettings) -> SwingUps:
+    """The shipped swing-up of the leaderboards' plant, resting upright for the extra time, for each of n plants."""
+    reference = shipped_reference(robot, "score")[0]
+    more = _problem(robot, settings).steps - len(reference.torque)
+    states = np.concatenate([reference.states, np.tile(UPRIGHT, (more + 1, 1))])
+    torque = np.append(reference.torque, np.zeros(more))
+    gains = np.concatenate([reference.gains, np.tile(reference.gains[-1], (more, 1))])
+    nominal = jax.tree.map(lambda value: np.full(number, float(value)), LEADERBOARD.driven(robot))
+    rows = [np.tile(array, (number,) + (1,) * array.ndim) for array in (states, torque, gains)]
+    return SwingUps(robot, reference.dt, nominal, np.zeros(number), np.full(number, np.nan), *rows)
+
+
+def _try_step(
+    found: SwingUps, part: np.ndarray, steps: np.ndarray, targets: Plant, settings: ContinuationSettings
+) -> SwingUps:
+    """Swing-ups of the plants one step on, from those found so far; whether they count is not asked."""
+    near, ends = jax.tree.map(lambda leaf: leaf[part], (found, targets))
+    reached = np.minimum(near.reached + steps, 1.0)
+    nominal = LEADERBOARD.driven(found.robot)
+    # Written so that λ = 1 is the target to the last bit.
+    plants = jax.tree.map(lambda start, end: (1.0 - reached) * start + reached * end, nominal, ends)
+    moved = replace(near, plants=plants, reached=reached)
+    # A call that is smaller than a batch repeats its plants.
+    filled = jax.tree.map(lambda leaf: leaf[np.arange(settings.batch) % len(part)], moved)
+    with jax.enable_x64(True):
+        optimised = _optimised(filled, settings)
+        return jax.tree.map(lambda leaf: np.asarray(leaf)[: len(part)], optimised)
+
+
+@jax.jit(static_argnames="settings")
+def _optimised(swingups: SwingUps, settings: ContinuationSettings) -> SwingUps:
+    """Swing-ups of other plants, improved for these."""
+    robot, dt = swingups.robot, swingups.dt
+    problem = _problem(robot, settings)
+    cost, leaving = problem.cost(problem.steps), problem.pendulum_cost(problem.steps, settings.gain_final)
+    leaving = replace(leaving, state_weights=leaving.state_weights + np.array(settings.gain_weights))
+
+    def one(swingup: SwingUps, limit: Scalar) -> SwingUps:
+        pendulum = PendulumTransition(swingup.plants, robot.joint, dt)
+        first = followed(pendulum, leaving, swingup.states[:-1], swingup.torque, swingup.gains, limit)
+        solution = solve_from_rest(problem.transition(pendulum), cost, first, settings.solver)
+        x, u = motion(solution)
+        gains = feedback_gains(pendulum, leaving, x, u)
+        return replace(swingup, cost=solution.cost, states=x, torque=u, gains=gains)
+
+    return jax.vmap(one)(swingups, _torque_limit(swingups))
+
+
+def _problem(robot: Robot, settings: ContinuationSettings) -> SwingupProblem:
+    problem = OPTIMAL[robot.name].swingup
+    steps = problem.steps + round(settings.extra / problem.dt)
+    return replace(problem, steps=steps, weights=replace(problem.weights, final=settings.final))
+
+
+def _torque_limit(swingups: SwingUps) -> Float[Any, "n"]:
+    """The driven joint's (N m), of each plant."""
+    return swingups.plants.limit(swingups.robot.joint)
+
+
+def _put(rows: np.ndarray, where: np.ndarray, new: np.ndarray) -> np.ndarray:
+    copied = rows.copy()
+    copied[where] = new
+    return copied
+
+
+def _checked(targets: Plant) -> Plant:
+    """The plants in NumPy, each of them a pendulum."""
+    arrays: dict[str, Any] = {name: np.asarray(getattr(targets, name), np.float64) for name in NAMES}
+    shape = arrays[NAMES[0]].shape
+    for name, array in arrays.items():
+        if array.ndim != 1 or not len(array) or array.shape != shape:
+            raise SwingupError(
+                f"parameter {name} has shape {array.shape}: give every parameter one value for each plant"
+            )
+    for values in zip(*arrays.values(), strict=True):
+        validated(Plant(*values))
+    return Plant(**arrays)

@@ -1,0 +1,54 @@
+"""A controller that is told its plant: the plant's own optimal swing-up, then the plant's own LQR.
+
+It follows the swing-up by time and does not recover from throws. It shows what can be had where the plant is known.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from ...plant.plant import Plant
+from ..swingups.reference import Reference
+from .continuation_settings import ContinuationSettings
+from .lqr import LQR, LQRSettings, disturbance_gain, upright_lqr
+from .switch import LatchingSwitch
+from .tracking import riccati_controller
+
+TOP = LQRSettings(state_weights=(1.0, 1.0, 0.1, 0.1), torque_weight=1.0, max_cost_to_go=1000.0)
+"""The best of those that were tried, with the friction of :func:`damped` (``benchmarks/README.md``)."""
+
+HAND_OVER = ContinuationSettings().max_error
+"""|errors| below which the LQR takes over (rad, rad/s): no accepted swing-up ends farther away. A third and two
+thirds of it held one or two plants fewer of 240 drawn ones, of both robots."""
+
+
+def known_plant_controller(plant: Plant, reference: Reference) -> LatchingSwitch:
+    """Follow a swing-up of a plant and hand over to the plant's LQR.
+
+    Args:
+        plant: the pendulum, as Python floats.
+        reference: a swing-up for it, as ``continuation.SwingUps.reference`` gives it.
+    """
+    following = riccati_controller(reference, plant)
+    return LatchingSwitch(following, plants_lqr(plant, reference), np.array(HAND_OVER), reference.robot)
+
+
+def plants_lqr(plant: Plant, reference: Reference) -> LQR:
+    """The LQR at the top that is designed for a plant with its friction."""
+    return upright_lqr(damped(plant), reference.robot, TOP)
+
+
+def friction_gain(plant: Plant, regulator: LQR) -> float:
+    """Torque (N m) that this regulator of a plant adds against all of the undriven joint's Coulomb friction.
+
+    Where the joint moves forwards, friction is a constant torque backwards (``lqr.disturbance_gain``).
+    """
+    return disturbance_gain(damped(plant), regulator) * float((plant.cf2, plant.cf1)[regulator.robot.joint])
+
+
+def damped(plant: Plant) -> Plant:
+    """The plant with Coulomb friction as damping: cf arctan(100 q̇) becomes cf q̇ / (1 rad/s).
+
+    Its slope at rest is a hundred times as large, by which a regulator would take the joint for frozen.
+    """
+    return dataclasses.replace(plant, b1=plant.b1 + plant.cf1, b2=plant.b2 + plant.cf2, cf1=0.0, cf2=0.0)

@@ -1,0 +1,112 @@
+"""A checker for controllers that others plug in: it finds faults before a benchmark shows them in numbers."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ...common.checks import finite_number
+from ...common.errors import SwingupError
+from ...common.foreign import attribute, blaming
+from ...plant.robots import Robot, get_robot
+from .controller import AbstractController, check_interface, check_robot, split
+from .python_controller import DT, PythonController, call_in_turn, trial_states
+
+
+def check_controller(source: Any, robot: Robot | str) -> list[str]:
+    """Try a controller on a few dozen states and name its faults.
+
+    It looks for errors, wrong shapes, fields that cannot be compiled, torques that are not finite, torque on the
+    passive joint above the controller's attribute ``passive_limit`` (N m; 0 where it has none), a memory that
+    changes its structure, that ``reset()`` and ``init()`` do not clear or that copies share, and measurements that
+    are altered in place.
+
+    Args:
+        source: a controller in JAX, an object with ``get_control_output(x, t)``, or a function of (x, t).
+        robot: which joint is driven.
+
+    Returns:
+        One line for every finding; none if all is well.
+
+    Raises:
+        SwingupError: there is no such robot, or this is no controller at all.
+    """
+    robot = get_robot(robot)
+    if not isinstance(source, AbstractController | PythonController):
+        source = PythonController(source)
+    findings: list[str] = []
+    try:
+        check_robot(source, robot)
+        if isinstance(source, AbstractController):
+            torques = _try_compiled(source)
+        else:
+            findings, torques = _try_plain(source)
+        passive = _try_passive(source, torques[:, 1 - robot.joint], 2 - robot.joint)
+    except SwingupError as error:
+        return [str(error)]
+    return findings + passive
+
+
+def _try_passive(source: Any, torques: np.ndarray, joint: int) -> list[str]:
+    """Whether the torques (n,) of the passive joint, 1 or 2, are as the controller declares them.
+
+    Raises:
+        SwingupError: its declaration raised an error, or is no torque.
+    """
+    controller = source.source if isinstance(source, PythonController) else source
+    declared = finite_number("its attribute passive_limit", attribute(controller, "passive_limit", 0.0), 0.0)
+    largest = float(np.abs(torques).max())
+    if largest <= declared:
+        return []
+    finding = f"it commands up to {largest:g} N m on the passive joint {joint}"
+    if declared:
+        return [f"{finding}, and its passive_limit is {declared:g}: clip the torque, or declare more"]
+    return [f"{finding}: return 0 there, or declare what compensates its friction as passive_limit"]
+
+
+def _try_compiled(controller: AbstractController[Any]) -> np.ndarray:
+    """Torques along the trial states, from a program compiled in the way of the benchmark's simulations."""
+    states = trial_states()
+    with jax.enable_x64(True):
+        check_interface(controller)
+        with blaming("running it"):
+            torques = np.asarray(_run(*split(controller), jnp.arange(len(states)) * DT, jnp.asarray(states)))
+    faulty = np.flatnonzero(~np.isfinite(torques).all(axis=1))
+    if faulty.size:
+        x = np.round(states[faulty[0]], 3).tolist()
+        raise SwingupError(f"its torque is not finite for x = {x}: correct it there")
+    return torques
+
+
+@jax.jit(static_argnames="static")
+def _run(numbers: Any, static: Any, times: jax.Array, states: jax.Array) -> jax.Array:
+    """Call a controller that :func:`split` cut in two, as the benchmark's runner does; torques (n, 2)."""
+    controller = eqx.combine(numbers, static)
+
+    def call(memory: Any, now: tuple[jax.Array, jax.Array]) -> tuple[Any, jax.Array]:
+        return controller(memory, *now)
+
+    return jax.lax.scan(call, controller.init(), (times, states))[1]
+
+
+def _try_plain(controller: PythonController) -> tuple[list[str], np.ndarray]:
+    states, findings = trial_states(), []
+    first = call_in_turn([controller], states)[0]
+    copies = controller.copies(2)
+    if not np.array_equal(call_in_turn([controller], states)[0], first):
+        findings.append("it answers otherwise when run again: clear its memory in reset() or init(), and seed it")
+    # One cause, one finding: copies also disagree where the memory is not cleared.
+    elif len(copies) == 1:
+        findings.append(
+            "it has no independent copies, so that its simulations run one by one: let copy.deepcopy copy it, and "
+            "keep memory in the object, not in globals or its class"
+        )
+    x = states[-1].copy()
+    with blaming("calling it"):
+        # Called directly: answer() passes a copy, which would hide the change.
+        controller.start()(x, 0.0)
+    if not np.array_equal(x, states[-1]):
+        findings.append("it changes the measurement that it is given: copy x before altering it")
+    return findings, first

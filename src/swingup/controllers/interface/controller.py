@@ -1,0 +1,87 @@
+"""The one interface of all controllers: explicit state, so that whole closed loops compile and batch."""
+
+import abc
+from typing import Any, Generic, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from ...common.errors import SwingupError
+from ...common.foreign import attribute, blaming
+from ...common.text import one_line
+from ...common.types import Scalar, State, Torque
+from ...plant.robots import Robot
+
+Carry = TypeVar("Carry")
+
+
+class AbstractController(eqx.Module, Generic[Carry]):
+    """A controller of the double pendulum: ``init() -> carry``, then ``(carry, t, x) -> (carry, u)``."""
+
+    @abc.abstractmethod
+    def init(self) -> Carry:
+        """What the controller remembers before the first step."""
+
+    @abc.abstractmethod
+    def __call__(self, carry: Carry, t: Scalar, x: State) -> tuple[Carry, Torque]:
+        """The torques [u1, u2] (N m) for the state x measured at time t (s), and what to remember."""
+
+
+def check_interface(controller: AbstractController[Any]) -> None:
+    """Trace one call of a controller in JAX without running it; call this in 64-bit mode, as the judge runs it.
+
+    Raises:
+        SwingupError: it raised an error, it cannot be an argument of a compiled function, its torque is not real or
+            not of shape (2,), or its memory changes its structure.
+    """
+    _check_hashable(controller)
+    try:
+        start = controller.init()
+        answer = jax.eval_shape(lambda memory, t, x: controller(memory, t, x), start, jnp.zeros(()), jnp.zeros(4))
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # whatever a foreign controller raises
+        reason = f"{type(error).__name__}: {one_line(error)}"
+        raise SwingupError(f"tracing it raised {reason}; correct it there") from error
+    if not isinstance(answer, tuple) or len(answer) != 2:
+        raise SwingupError("a call of it must return two things: what to remember, and the torques [u1, u2]")
+    after, command = answer
+    if getattr(command, "shape", None) != (2,):
+        shape = getattr(command, "shape", type(command).__name__)
+        raise SwingupError(f"its torque has shape {shape}: return [u1, u2] of shape (2,) in N m")
+    if jnp.issubdtype(command.dtype, jnp.complexfloating):
+        raise SwingupError(f"its torque is {command.dtype}: return real numbers [u1, u2] in N m")
+    if _structure(after) != _structure(start):
+        raise SwingupError("its memory changes shape or dtype in a call: keep what init() returns")
+
+
+def split(controller: AbstractController[Any]) -> tuple[Any, Any]:
+    """Split into the numbers, which are arguments of compiled programs, and the rest, such as activations.
+
+    The rest is static: it is compiled into the program.
+    """
+    return eqx.partition(controller, eqx.is_array_like)
+
+
+def check_robot(source: Any, robot: Robot) -> None:
+    """Refuse a controller that says it is for another robot.
+
+    Raises:
+        SwingupError: it does, or its attribute raised an error.
+    """
+    meant = attribute(source, "robot")
+    if isinstance(meant, Robot) and meant != robot:
+        raise SwingupError(f"it is for the {meant.name}, not the {robot.name}: judge it there")
+
+
+def _check_hashable(controller: AbstractController[Any]) -> None:
+    """Refuse fields by which JAX cannot tell one compiled program from another: lists, sets, static arrays."""
+    _, static = split(controller)
+    with blaming("hashing its fields", "make lists and sets tuples, and keep arrays in fields that are not static"):
+        hash(static)
+
+
+def _structure(memory: Any) -> tuple[Any, list[tuple[tuple[int, ...], Any]]]:
+    leaves, structure = jax.tree.flatten(memory)
+    return structure, [(jnp.shape(leaf), jnp.result_type(leaf)) for leaf in leaves]

@@ -1,0 +1,123 @@
+"""Controllers by name: a built-in one, a policy file, or ``module:object``."""
+
+import contextlib
+import importlib
+import inspect
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+from ..common.checks import suggestion
+from ..common.errors import SwingupError
+from ..common.foreign import described
+from ..common.text import quoted
+from ..plant.plant import LEADERBOARD, PlantLike, load_plant
+from ..plant.robots import Robot, get_robot
+from ..policy.shipped import SHIPPED_POLICIES, is_policy, load_policy
+from .baselines.baselines import BASELINES, baseline
+from .interface.controller import AbstractController
+from .interface.python_controller import PythonController
+from .stack.controller import make_controller
+from .stack.estimator import EstimatingController, with_estimator
+
+BUILT_IN = (*SHIPPED_POLICIES, *BASELINES)
+"""Names of the controllers that the package ships."""
+
+Controller = AbstractController[Any] | PythonController
+
+
+def get_controller(
+    name: str, robot: Robot | str, estimator: bool | None = None, plant: PlantLike = LEADERBOARD
+) -> Controller:
+    """Find a controller by its name, with or without a state estimator before it.
+
+    Args:
+        name: a built-in name, the path of a policy file, or ``module:object`` with a module from the working folder
+            or the Python path, and an object, or a class without arguments, that is a controller in JAX, has
+            ``get_control_output(x, t)``, or is a function of (x, t).
+        robot: which joint is driven.
+        estimator: never (False), always (True), or where the policy file has its settings (None). Without settings
+            in the file it has the defaults.
+        plant: what a baseline is designed for, and the model of an estimator before it: a plant, its name
+            or its file. A policy has one of its own.
+
+    Raises:
+        SwingupError: there is no such controller or plant, it cannot be loaded, it is for another robot, it is in
+            plain Python and an estimator was requested, or it is a policy and a plant was given.
+    """
+    robot = get_robot(robot)
+    if is_policy(name):
+        if load_plant(plant) != LEADERBOARD:
+            raise SwingupError(
+                f"policy {quoted(name)} has a plant of its own: leave plant out here, and judge it on any plant"
+            )
+        return make_controller(load_policy(name, robot), estimator)
+    found = baseline(name, robot, plant) if name in BASELINES else _imported(name)
+    # An imported controller may bring its own estimator; a second one would estimate an estimate.
+    if isinstance(found, EstimatingController):
+        return found.controller if estimator is False else found
+    if not estimator:
+        return found
+    if isinstance(found, PythonController):
+        raise SwingupError(
+            f"controller {quoted(name)} is in plain Python: an estimator goes only before policies and controllers "
+            "in JAX"
+        )
+    try:
+        return with_estimator(found, robot, load_plant(plant).driven(robot))
+    except SwingupError as error:
+        raise SwingupError(f"controller {quoted(name)}: {error}") from error
+
+
+def designs_for(name: str, plant: PlantLike) -> PlantLike:
+    """The plant that a controller is designed for where one is judged; the default for a policy, with its own."""
+    return LEADERBOARD if is_policy(name) else plant
+
+
+def has_estimator(controller: Any) -> bool:
+    """Whether a state estimator stands before the controller."""
+    return isinstance(controller, EstimatingController)
+
+
+def _imported(name: str) -> Controller:
+    """An object of a module, or of a class of it without arguments."""
+    module_name, colon, object_name = name.partition(":")
+    if not colon:
+        known = f"{', '.join(BUILT_IN)}, a policy file (.safetensors) or module:object"
+        near = suggestion(name, BUILT_IN)
+        hint = f"; for an object of a module: {name.removesuffix('.py')}:NAME" if name.endswith(".py") else near
+        raise SwingupError(f"unknown controller {quoted(name)}: use {known}{hint}")
+    try:
+        with _working_folder_first():
+            found: Any = importlib.import_module(module_name)
+            for attribute in object_name.split("."):
+                found = getattr(found, attribute)
+            if inspect.isclass(found):
+                found = found()
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # whatever a foreign module raises
+        raise SwingupError(
+            f"cannot load controller {quoted(name)}: {described(error)}; write module:object with an object, or a "
+            "class without arguments, of a module that can be imported"
+        ) from error
+    try:
+        return found if isinstance(found, AbstractController) else PythonController(found)
+    except SwingupError as error:
+        raise SwingupError(f"controller {quoted(name)}: {error}") from error
+
+
+@contextlib.contextmanager
+def _working_folder_first() -> Iterator[None]:
+    """Search the working folder first, as ``python`` itself does, during one import.
+
+    Afterwards the folder comes last, for what the module imports when it is called. There it hides no package: a
+    ``json.py`` in the working folder does not replace Python's.
+    """
+    sys.path.insert(0, "")
+    try:
+        yield
+    finally:
+        sys.path.remove("")
+        if "" not in sys.path:
+            sys.path.append("")

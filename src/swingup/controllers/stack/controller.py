@@ -1,0 +1,128 @@
+"""A policy as a controller of the pendulum in JAX, from its file to the loop."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from ...areapo.networks import Actor
+from ...common.types import Scalar, State, Torque
+from ...plant.base_parameters import base_parameters
+from ...plant.plant import LEADERBOARD, Plant
+from ...plant.robots import Robot
+from ...policy.identifier_settings import IdentifierSettings
+from ...policy.pendulum import PendulumPolicy, write_pendulum_policy
+from ...policy.regulator_settings import RegulatorSettings
+from ...policy.settings import EstimatorSettings
+from ..interface.controller import AbstractController
+from .estimator import EstimatingController, with_estimator
+from .identifier import make_identifier
+from .policy import Policy, make_policy, network_of
+from .regulator import RegulatingController, with_regulator
+
+
+class PolicyController(AbstractController[None]):
+    """The deterministic policy, called at whatever rate the loop runs."""
+
+    policy: Policy[Actor]
+    """From a state [q1, q2, dq1, dq2] to an action in [-1, 1]."""
+    torque_limit: float
+    """Torque of an action of 1 (N m)."""
+    robot: Robot = eqx.field(static=True)
+    """Which joint is driven."""
+    plant: Plant = eqx.field(static=True, default=LEADERBOARD)
+    """The plant that the policy was made for."""
+
+    def init(self) -> None:
+        """It remembers nothing."""
+
+    def __call__(self, carry: None, t: Scalar, x: State) -> tuple[None, Torque]:
+        """The policy's torque on the driven joint, NaN if anything seen is not finite."""
+        torque = self.torque_limit * self.policy(x).astype(x.dtype)[0]
+        # The clips of the observation must not hide it.
+        torque = jnp.where(jnp.isfinite(x).all(), torque, jnp.nan)
+        return None, torque * jnp.array(self.robot.actuation, x.dtype)
+
+
+def make_controller(
+    policy: PendulumPolicy, estimator: bool | None = None
+) -> PolicyController | RegulatingController | EstimatingController:
+    """Make a controller of a policy, with its regulator if the file has one.
+
+    Args:
+        policy: what the file holds.
+        estimator: where the file has one (None), never (False) or always (True). Settings that the file lacks have
+            their defaults. Its model is the policy's plant, or what the identifier in the file finds.
+    """
+    alone, regulator = policy_alone(policy), policy.regulator
+    if policy.estimator is not None if estimator is None else estimator:
+        return behind_estimator(alone, policy.estimator, policy.identifier, regulator)
+    return alone if regulator is None else regulated(alone, regulator)
+
+
+def behind_estimator(
+    controller: PolicyController,
+    settings: EstimatorSettings | None = None,
+    identifier: IdentifierSettings | None = None,
+    regulator: RegulatorSettings | None = None,
+) -> EstimatingController:
+    """A policy behind an estimator whose model is the policy's plant.
+
+    Args:
+        controller: the policy alone.
+        settings: what to expect of measurement and loop.
+        identifier: settings of an identifier of that plant; None for the plant itself.
+        regulator: settings of a regulator that takes over near the top, for the plant found; None for none.
+
+    Raises:
+        SwingupError: the identifier does not fit the estimator, or no regulator holds the plant.
+    """
+    model = plant_of(controller)
+    found = None if identifier is None else make_identifier(controller.robot, model, identifier)
+    acting = controller if regulator is None else regulated(controller, regulator)
+    return with_estimator(acting, controller.robot, model, settings, found)
+
+
+def regulated(controller: PolicyController, settings: RegulatorSettings) -> RegulatingController:
+    """A policy with a regulator, which holds the policy's plant until another one is told.
+
+    Args:
+        controller: the policy alone.
+        settings: weights, recursion and bounds.
+
+    Raises:
+        SwingupError: no regulator holds the plant.
+    """
+    limit = float(controller.torque_limit)
+    return with_regulator(controller, controller.robot, plant_of(controller), settings, limit)
+
+
+def plant_of(controller: PolicyController) -> Plant:
+    """The plant that a policy was made for."""
+    return controller.plant.driven(controller.robot)
+
+
+def policy_of(controller: PolicyController) -> PendulumPolicy:
+    """What a file holds of a controller, without an estimator."""
+    network, limit = network_of(controller.policy), float(controller.torque_limit)
+    return PendulumPolicy(network, controller.robot, limit, plant_of(controller))
+
+
+def save_controller(path: str | Path, controller: PolicyController, provenance: Mapping[str, Any]) -> None:
+    """Write a controller as a policy file, with the robot, the torque limit and where it comes from.
+
+    An ``estimator`` in the provenance holds the settings of an estimator before the policy, an ``identifier`` those
+    of an identifier in it, a ``regulator`` those of a regulator that takes over near the top.
+
+    Raises:
+        SwingupError: the file cannot be written.
+    """
+    write_pendulum_policy(path, policy_of(controller), provenance)
+
+
+def policy_alone(policy: PendulumPolicy) -> PolicyController:
+    """A policy without what stands around it; one that sees its plant is for the plant of its file."""
+    network = make_policy(policy.network, base_parameters(policy.plant))
+    return PolicyController(network, policy.torque_limit, policy.robot, policy.plant)

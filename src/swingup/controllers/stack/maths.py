@@ -1,0 +1,37 @@
+"""What equations that are written once need of JAX."""
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import jax
+import jax.numpy as jnp
+
+from ...common.types import Flag
+from ...dynamics.trigonometry import arctan, sine_cosine
+from ...plant.maths import Maths
+from ..swingups.scalar_algebra import unpack
+
+TreeT = TypeVar("TreeT")
+
+
+def choose(condition: Flag, yes: Callable[[], TreeT], no: TreeT) -> TreeT:
+    """What a function returns, or another pytree of the same structure, as compiled loops choose."""
+    chosen: TreeT = jax.tree.map(lambda one, other: jnp.where(condition, one, other), yes(), no)
+    return chosen
+
+
+JAX = Maths(
+    xp=jnp,
+    sine_cosine=sine_cosine,
+    arctan=arctan,
+    log1p=jnp.log1p,
+    root=jnp.sqrt,
+    minimum=jnp.minimum,
+    maximum=jnp.maximum,
+    where=jnp.where,
+    numbers=unpack,
+    vector=jnp.stack,
+    window=lambda rows, start, size: jax.lax.dynamic_slice_in_dim(rows, start, size),
+    choose=choose,
+)
+"""Of JAX, in the precision of what it is given."""

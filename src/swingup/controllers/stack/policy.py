@@ -1,0 +1,195 @@
+"""A policy in JAX: observation stages followed by the actor, from a file's arrays and back."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Shaped
+
+from ...areapo.act import decide
+from ...areapo.layers import LayerNorm, Linear
+from ...areapo.networks import AbstractActor, Actor, CategoricalActor, Memory
+from ...areapo.recurrence import GRU
+from ...common.errors import SwingupError
+from ...common.types import Action, Key, Observation
+from ...policy.file import read_network, write_network
+from ...policy.network import Layer, Network, Norm, Recurrence
+from ...policy.stages import NormaliseStage, PendulumStage, PlantStage, Stage
+from ...tasks.observation import AbstractStage, Normalise, PendulumObservation, PlantObservation
+
+ActorT = TypeVar("ActorT", bound=AbstractActor)
+
+
+class Policy(eqx.Module, Generic[ActorT]):
+    """Observation stages, then the actor."""
+
+    stages: tuple[AbstractStage, ...]
+    actor: ActorT
+
+    def observe(self, observation: Observation) -> Observation:
+        """Apply the stages; their result has the dtype of what they are given."""
+        observation = jnp.asarray(observation)
+        dtype = observation.dtype
+        for stage in self.stages:
+            observation = stage(observation)
+        # Statistics in double precision would raise the precision of the network's input.
+        return observation.astype(dtype)
+
+    def __call__(self, observation: Observation) -> Action:
+        """The deterministic action: each entry in [-1, 1], or a whole number if actions are discrete.
+
+        The network's weights are float32 numbers; its arithmetic has the observation's precision. In double
+        precision, as in the judge, all back ends give the same torque, except for the rounding of short sums in
+        single precision (:class:`swingup.areapo.networks.Linear`).
+        """
+        return self.actor.mode(self.observe(observation))
+
+    def step(self, memory: Memory, observation: Observation) -> tuple[Memory, Action]:
+        """The memory after an observation, and the deterministic action; for policies with and without memory."""
+        after, features = self.actor.step(memory, self.observe(observation))
+        return after, self.actor.choose(features)
+
+    @property
+    def memory_size(self) -> int:
+        """Numbers that the policy remembers; 0 for a policy without memory."""
+        return 0 if self.actor.gru is None else self.actor.gru.width
+
+    def start(self, *batch: int) -> Memory:
+        """The memory at the start of episodes: 0, or None for a policy without memory."""
+        return jnp.zeros((*batch, self.memory_size)) if self.memory_size else None
+
+
+def save_policy(path: str | Path, policy: Policy[Any], metadata: Mapping[str, Any]) -> None:
+    """Write a policy atomically; ``metadata`` (JSON values) is kept under its own names.
+
+    Raises:
+        SwingupError: the file cannot be written.
+    """
+    write_network(path, network_of(policy), metadata)
+
+
+def load_any_policy(path: str | Path) -> tuple[Policy[Any], dict[str, Any]]:
+    """Read a policy and its metadata.
+
+    Raises:
+        SwingupError: the file cannot be read, is truncated, is not a policy file of this version, or is one of a
+            policy that sees its plant.
+    """
+    network, metadata = read_network(path)
+    return make_policy(network), metadata
+
+
+def make_policy(network: Network, base: np.ndarray | None = None) -> Policy[Any]:
+    """The policy that a file holds.
+
+    Args:
+        network: its stages and layers.
+        base: base parameters θ (9,) of the plant, for a policy that sees it.
+
+    Raises:
+        SwingupError: the policy sees its plant, and there is none.
+    """
+    stages, std = tuple(_stage(stage, base) for stage in network.stages), network.std
+    trunk, head = tuple(map(_linear, network.trunk)), _linear(network.head)
+    norms = tuple(LayerNorm(each.weight, each.bias) for each in network.norms)  # type: ignore[arg-type]  # as NumPy's
+    found, deviation = network.gru, None if std is None else _linear(std)
+    gru = None if found is None else GRU(_linear(found.inputs), _linear(found.hidden))
+    if network.choices is not None:
+        return Policy(stages, CategoricalActor(trunk, norms, network.activation, gru, head, network.choices))
+    return Policy(stages, Actor(trunk, norms, network.activation, gru, head, deviation))
+
+
+def network_of(policy: Policy[Any]) -> Network:
+    """What a file holds of a policy.
+
+    Raises:
+        SwingupError: a stage is none that a file can hold.
+    """
+    actor, stages = policy.actor, tuple(map(_stage_of, policy.stages))
+    trunk = tuple(map(_layer_of, actor.trunk))
+    norms = tuple(Norm(np.asarray(norm.weight), np.asarray(norm.bias)) for norm in actor.norms)
+    if isinstance(actor, CategoricalActor):
+        head, std, choices = actor.logits_head, None, actor.choices
+    else:
+        head, std, choices = actor.mean_head, actor.std_head, None
+    deviation = None if std is None else _layer_of(std)
+    gru = None if actor.gru is None else Recurrence(_layer_of(actor.gru.inputs), _layer_of(actor.gru.hidden))
+    return Network(stages, trunk, _layer_of(head), deviation, choices, actor.activation, norms, gru)
+
+
+def act(
+    policy: Policy[Any], observations: Float[np.ndarray, "b n"], key: Key | None = None
+) -> Shaped[np.ndarray, "b m"]:
+    """A policy's actions for a batch of observations: its mode, or samples if there is a key."""
+    return np.asarray(_modes(policy, observations) if key is None else _samples(policy, observations, key))
+
+
+def remember(
+    policy: Policy[Any], memory: Any, observations: Float[np.ndarray, "b n"], key: Key | None = None
+) -> tuple[Memory, Shaped[np.ndarray, "b m"]]:
+    """The memory after a batch of observations, None for a policy without one, and the actions as ``act``."""
+    if memory is None:
+        return None, act(policy, observations, key)
+    steps = _steps(policy, memory, observations) if key is None else _sampled(policy, memory, observations, key)
+    return steps[0], np.asarray(steps[1])
+
+
+@jax.jit
+def _modes(policy: Policy[Any], observations: Float[Array, "b n"]) -> Shaped[Array, "b m"]:
+    return jax.vmap(policy)(observations)
+
+
+@jax.jit
+def _samples(policy: Policy[Any], observations: Float[Array, "b n"], key: Key) -> Shaped[Array, "b m"]:
+    return _sampled(policy, None, observations, key)[1]
+
+
+@jax.jit
+def _steps(
+    policy: Policy[Any], memory: Float[Array, "b w"], observations: Float[Array, "b n"]
+) -> tuple[Memory, Shaped[Array, "b m"]]:
+    return jax.vmap(policy.step)(memory, observations)
+
+
+@jax.jit
+def _sampled(
+    policy: Policy[Any], memory: Float[Array, "b w"] | None, observations: Float[Array, "b n"], key: Key
+) -> tuple[Memory, Shaped[Array, "b m"]]:
+    noise = policy.actor.noise(key, observations.shape[:1])
+    chosen = decide(policy.actor, jax.vmap(policy.observe)(observations), noise, memory)
+    return chosen.memory, chosen.actions
+
+
+def _stage(stage: Stage, base: np.ndarray | None) -> AbstractStage:
+    if isinstance(stage, PendulumStage):
+        return PendulumObservation(stage.velocity_scale, stage.angles)  # type: ignore[arg-type]  # checked
+    if isinstance(stage, PlantStage):
+        if base is None:
+            raise SwingupError("the policy sees its plant: use swingup.get_controller")
+        return PlantObservation(stage.centre, stage.scale, base, stage.clip)  # type: ignore[arg-type]  # as NumPy's
+    return Normalise(stage.mean, stage.variance, stage.clip, stage.epsilon)  # type: ignore[arg-type]  # as NumPy's
+
+
+def _stage_of(stage: AbstractStage) -> Stage:
+    if isinstance(stage, PendulumObservation):
+        return PendulumStage(stage.angles, float(stage.velocity_scale))
+    if isinstance(stage, Normalise):
+        mean, variance = (np.asarray(values, np.float64) for values in (stage.mean, stage.variance))
+        return NormaliseStage(mean, variance, float(stage.clip), float(stage.epsilon))
+    if isinstance(stage, PlantObservation):
+        centre, scale = (np.asarray(values, np.float64) for values in (stage.centre, stage.scale))
+        return PlantStage(centre, scale, float(stage.clip))
+    known = "PendulumObservation, Normalise and PlantObservation"
+    raise SwingupError(f"a policy file has no stage {type(stage).__name__}: use {known}")
+
+
+def _linear(layer: Layer) -> Linear:
+    return Linear(layer.weight, layer.bias)  # type: ignore[arg-type]  # JAX takes NumPy's arrays
+
+
+def _layer_of(linear: Linear) -> Layer:
+    return Layer(np.asarray(linear.weight), np.asarray(linear.bias))

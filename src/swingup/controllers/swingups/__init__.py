@@ -1,0 +1,1 @@
+"""Swing-ups by iterative LQR: the problem, its solver, its search and its files."""

@@ -1,0 +1,77 @@
+"""Swing-up trajectories to follow, and their documented files without pickle."""
+
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+
+from ...common.arrays import load_arrays, save_arrays
+from ...common.checks import positive_number
+from ...common.errors import SwingupError
+from ...common.version import __version__
+from ...plant.robots import Robot, get_robot
+
+REFERENCE_FORMAT = "swingup trajectory"
+REFERENCE_VERSION = 1
+
+RECOMPUTE = "compute it again with swingup trajectory"
+
+
+class Reference(eqx.Module):
+    """A trajectory x_{n+1} = f(x_n, u_n) of the driven joint's torques, with feedback gains along it."""
+
+    robot: Robot = eqx.field(static=True)
+    dt: float
+    """Time between rows (s)."""
+    states: Float[Any, "rows 4"]
+    """[q1, q2, dq1, dq2] (rad, rad/s)"""
+    torque: Float[Any, "rows"]
+    """N m"""
+    gains: Float[Any, "rows 4"]
+    """K (N m/rad, N m s/rad) of u + K (x - x_i)."""
+
+    @property
+    def time(self) -> Float[np.ndarray, "rows"]:
+        """Time of each row (s)."""
+        return self.dt * np.arange(len(self.torque))
+
+
+REFERENCE_ARRAYS = ("states", "torque", "gains")
+
+
+def save_reference(path: str | Path, reference: Reference, provenance: dict[str, Any]) -> None:
+    """Write a trajectory file; ``provenance`` (JSON values) is kept under its own names, but for robot and dt.
+
+    Raises:
+        SwingupError: the file cannot be written.
+    """
+    head = {"robot": reference.robot.name, "dt": reference.dt, "version": __version__}
+    arrays = {name: np.asarray(getattr(reference, name), np.float64) for name in REFERENCE_ARRAYS}
+    save_arrays(path, REFERENCE_FORMAT, REFERENCE_VERSION, {**provenance, **head}, arrays)
+
+
+def load_reference(path: str | Path) -> tuple[Reference, dict[str, Any]]:
+    """Read a trajectory file and its metadata.
+
+    Raises:
+        SwingupError: the file cannot be read, is truncated, or is no trajectory file of this version.
+    """
+    metadata, arrays = load_arrays(path, REFERENCE_FORMAT, REFERENCE_VERSION, REFERENCE_ARRAYS.__contains__)
+    missing = [name for name in ("robot", "dt") if name not in metadata]
+    missing += [name for name in REFERENCE_ARRAYS if name not in arrays]
+    if missing:
+        raise SwingupError(f"trajectory file {path} lacks {', '.join(missing)}: {RECOMPUTE}")
+    dt, rows = metadata["dt"], arrays["torque"].shape
+    dt = positive_number(f"trajectory file {path} has dt", dt, 1.0, "s")
+    for name in REFERENCE_ARRAYS:
+        array, shape = arrays[name], rows if name == "torque" else (*rows, 4)
+        if len(rows) != 1 or rows[0] < 2 or array.shape != shape:
+            raise SwingupError(f"trajectory file {path} has {name} of shape {array.shape}: {RECOMPUTE}")
+        if array.dtype.kind != "f" or not np.isfinite(array).all():
+            raise SwingupError(
+                f"trajectory file {path} has values in {name} that are not finite numbers: {RECOMPUTE}"
+            )
+    fields = {name: arrays[name].astype(np.float64) for name in REFERENCE_ARRAYS}
+    return Reference(robot=get_robot(metadata["robot"]), dt=dt, **fields), metadata

@@ -1,0 +1,1 @@
+"""The equations of motion on JAX: accelerations and integrators."""

@@ -1,0 +1,93 @@
+"""The double pendulum's dynamics in JAX: equations of motion, energies, tip height and linearisation.
+
+The state is x = [q1, q2, dq1, dq2] and the torque u = [u1, u2] acts on both joints; a joint without a motor gets a
+zero. Functions carry no batch axis and follow the dtype of their inputs. The equations are in ``equations``.
+
+Here plants become pytrees: whoever traces one computes its motion.
+"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..common.types import Scalar, State, Torque
+from ..plant import equations
+from ..plant.equations import lump
+from ..plant.plant import NAMES, Plant
+from .trigonometry import arctan, sine_cosine
+
+# Without the name, by which plants of equal structure would differ.
+jax.tree_util.register_dataclass(Plant, data_fields=NAMES, meta_fields=(), drop_fields=("name",))
+
+
+def mass_matrix(plant: Plant, x: State) -> Float[Array, "2 2"]:
+    """M(q) (kg m²), with the motors' inertia."""
+    m11, m12, m22 = equations.mass_entries(lump(plant), jnp.cos(x[1]))
+    return jnp.array([[m11, m12], [m12, m22]])
+
+
+def coriolis_torque(plant: Plant, x: State) -> Torque:
+    """C(q, q̇) q̇ (N m)."""
+    return jnp.array(equations.coriolis(lump(plant), sine_cosine(x[1])[0], x[2], x[3]))
+
+
+def gravity_torque(plant: Plant, x: State) -> Torque:
+    """G(q) (N m), the torque with which gravity drives each joint."""
+    sin1, sin12 = sine_cosine(x[0])[0], sine_cosine(x[0] + x[1])[0]
+    return jnp.array(equations.gravity(lump(plant), sin1, sin12))
+
+
+def friction_torque(plant: Plant, x: State) -> Torque:
+    """F(q̇) (N m), viscous and Coulomb friction."""
+    return jnp.array(_losses(plant, x))
+
+
+def acceleration(plant: Plant, x: State, u: Torque) -> Float[Array, "2"]:
+    """q̈ (rad/s²) under the joint torques u (N m)."""
+    q1, q2, dq1, dq2 = x
+    sin2, cos2 = sine_cosine(q2)
+    sines, losses = (sine_cosine(q1)[0], sin2, sine_cosine(q1 + q2)[0]), _losses(plant, x)
+    # A vector: for two scalars XLA computes all sines twice, which doubles the time in double precision.
+    found: Float[Array, 2] = equations.acceleration(
+        lump(plant), sines, cos2, (dq1, dq2), u, losses, stack=jnp.array
+    )
+    return found
+
+
+def derivative(plant: Plant, x: State, u: Torque) -> State:
+    """ẋ = [q̇, q̈] under the joint torques u (N m)."""
+    return jnp.concatenate([x[2:], acceleration(plant, x, u)])
+
+
+def kinetic_energy(plant: Plant, x: State) -> Scalar:
+    """½ q̇ᵀ M(q) q̇ (J), with the motors' rotors."""
+    rates = x[2:]
+    return 0.5 * rates @ mass_matrix(plant, x) @ rates
+
+
+def potential_energy(plant: Plant, x: State) -> Scalar:
+    """Energy of the two masses in gravity (J), zero at the height of the shoulder."""
+    p, (q1, q2, _, _) = plant, x
+    y1 = -p.r1 * jnp.cos(q1)
+    y2 = -p.l1 * jnp.cos(q1) - p.r2 * jnp.cos(q1 + q2)
+    return p.g * (p.m1 * y1 + p.m2 * y2)
+
+
+def total_energy(plant: Plant, x: State) -> Scalar:
+    """Kinetic and potential energy (J); conserved without friction and torque."""
+    return kinetic_energy(plant, x) + potential_energy(plant, x)
+
+
+def tip_height(plant: Plant, x: State) -> Scalar:
+    """Height of the end effector over the shoulder (m)."""
+    return -plant.l1 * jnp.cos(x[0]) - plant.l2 * jnp.cos(x[0] + x[1])
+
+
+def linearise(plant: Plant, x: State, u: Torque) -> tuple[Float[Array, "4 4"], Float[Array, "4 2"]]:
+    """A = ∂ẋ/∂x and B = ∂ẋ/∂u of the continuous-time dynamics at (x, u)."""
+    return jax.jacfwd(derivative, argnums=(1, 2))(plant, x, u)
+
+
+def _losses(plant: Plant, x: State) -> tuple[Scalar, Scalar]:
+    p, (_, _, dq1, dq2) = plant, x
+    return equations.friction(p.b1, p.cf1, dq1, arctan), equations.friction(p.b2, p.cf2, dq2, arctan)

@@ -1,0 +1,208 @@
+"""What the C runtime is told of a policy. Names are those of the runtime: numbers are macros, arrays constants."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...common.errors import SwingupError
+from ...plant.base_parameters import BASE, base_parameters, geometry_of, lumped
+from ...plant.equations import COULOMB_STEEPNESS, mass_entries
+from ...plant.momentum import CLOSE
+from ...policy.compensation import LEAST_GAIN
+from ...policy.guard import BRAKED, PUSHING, SENTENCES, STANDSTILLS, GuardSettings, Reason
+from ...policy.identifier_settings import (
+    AGE_CAUTION,
+    FARTHEST,
+    LONGEST_STEP,
+    MOST_DEVIATION,
+    MOST_OFFSET,
+    SHORTEST_STEP,
+    STUDENT,
+    UNEVEN_FADING,
+    UNEVEN_STEP,
+    IdentifierSettings,
+    prior,
+)
+from ...policy.pendulum import PendulumPolicy
+from ...policy.regulator_settings import RegulatorSettings, fixed_point
+from ...policy.settings import LOST, PIECES, EstimatorSettings, kalman_gains
+from ...policy.stages import NormaliseStage, PendulumStage, PlantStage, Stage
+
+Data = dict[str, int | float | str | np.ndarray]
+"""Numbers, texts and arrays by their names, without the prefix."""
+
+
+def runtime_data(policy: PendulumPolicy) -> dict[str, Data]:
+    """All that the runtime needs, part by part.
+
+    Raises:
+        SwingupError: the runtime cannot compute the policy's observation.
+    """
+    parts = {
+        "ESTIMATOR": policy.estimator,
+        "IDENTIFIER": policy.identifier,
+        "REGULATOR": policy.regulator,
+        "GUARD": policy.guard,
+    }
+    reasons: Data = {f"GUARD_{reason.name}": reason.value for reason in Reason}
+    found: dict[str, Data] = {
+        "the switches": {f"HAS_{name}": int(part is not None) for name, part in parts.items()},
+        "the plant": plant_data(policy),
+        "the network": network_data(policy),
+        "the guard's reasons": reasons | {"GUARD_SENTENCES": ", ".join(f'"{text}"' for text in SENTENCES)},
+    }
+    if policy.estimator is not None:
+        found["the estimator"] = estimator_data(policy.estimator)
+    if policy.identifier is not None:
+        found["the identifier"] = identifier_data(policy.identifier, policy)
+    if policy.regulator is not None:
+        found["the regulator"] = regulator_data(policy.regulator, policy)
+    if policy.guard is not None:
+        found["the guard"] = guard_data(policy.guard, policy)
+    return found
+
+
+def plant_data(policy: PendulumPolicy) -> Data:
+    """What the policy's plant is, in its base parameters, and what its motors can."""
+    plant = policy.plant
+    return {
+        "DRIVEN": policy.robot.joint,
+        "L1": plant.l1,
+        "GRAVITY": plant.g,
+        "GEAR": plant.gr,
+        "STEEPNESS": COULOMB_STEEPNESS,
+        "theta": base_parameters(plant),
+        "limits": np.array(policy.torque_limits),
+    }
+
+
+def network_data(policy: PendulumPolicy) -> Data:
+    """The network and its observation: folded for the plant, unless an identifier tells it another one."""
+    told = policy.identifier is not None and policy.network.plant_stage is not None
+    network = policy.network if told else policy.folded
+    layers = network.layers
+    widths = [layers[0].weight.shape[1], *(len(layer.bias) for layer in layers)]
+    shapes = [(index, *layer.weight.T.shape, int(index < len(layers) - 1)) for index, layer in enumerate(layers)]
+    data: Data = {
+        "TORQUE_LIMIT": policy.torque_limit,
+        "INPUTS": widths[0],
+        "WIDEST": max(widths),
+        # Index, inputs, outputs, and whether a rectifier follows.
+        "LAYERS(APPLY)": " ".join(f"APPLY{shape}" for shape in shapes),
+    }
+    for index, layer in enumerate(layers):
+        data |= {f"weight_{index}": layer.weight.T, f"bias_{index}": layer.bias.astype(np.float64)}
+    return _observation_data(network.stages) | data
+
+
+def _observation_data(stages: Sequence[Stage]) -> Data:
+    """The stages: angles and velocities, perhaps normalised, perhaps with the plant behind them."""
+    angles, *others = stages
+    kinds = [type(stage) for stage in others]
+    normalise = next((stage for stage in others if isinstance(stage, NormaliseStage)), None)
+    plant = next((stage for stage in others if isinstance(stage, PlantStage)), None)
+    # At most one of each, in this order.
+    if not isinstance(angles, PendulumStage) or kinds != [k for k in (NormaliseStage, PlantStage) if k in kinds]:
+        names = ", ".join(type(stage).__name__ for stage in stages)
+        raise SwingupError(f"a header cannot have the observation stages {names}: export to NumPy")
+    data: Data = {
+        "WRAPPED": int(angles.angles == "wrapped"),
+        "VELOCITY_SCALE": angles.velocity_scale,
+        "STATE_INPUTS": angles.size(4),
+        "NORMALISED": int(normalise is not None),
+        "SEES_PLANT": int(plant is not None),
+    }
+    if normalise is not None:
+        data |= {"INPUT_CLIP": normalise.clip, "input_mean": normalise.mean, "input_deviation": normalise.deviation}
+    if plant is not None:
+        data |= {"PLANT_CLIP": plant.clip, "plant_centre": plant.centre, "plant_scale": plant.scale}
+    return data
+
+
+def estimator_data(settings: EstimatorSettings) -> Data:
+    """What the estimator expects of the loop, and the gains of its filters."""
+    return {
+        "DT": settings.dt,
+        "DELAYS": settings.max_delay_steps + 1,
+        "PIECES": PIECES,
+        "FADING": math.exp(-settings.dt / settings.memory),
+        "RESIDUAL_SQUARED": settings.residual_scale**2,
+        "CAUTION": settings.caution,
+        "LOST_RATE": LOST * settings.velocity_noise,
+        "gains": kalman_gains(settings),
+    }
+
+
+def identifier_data(s: IdentifierSettings, policy: PendulumPolicy) -> Data:
+    """What the identifier begins with, about the policy's plant, and how it learns."""
+    plant, driven = policy.plant, np.arange(2) == policy.robot.joint
+    mean, covariance = prior(plant, s)
+    deviation = np.where(driven, s.driven_deviation, s.passive_deviation)
+    nominal = lumped(mean[:BASE], geometry_of(plant))
+    return {
+        "SPAN": s.span,
+        "COMMANDS": s.past,
+        "POLE": s.pole,
+        "RELATIVE_FLOOR": s.relative_floor,
+        "GATE_SQUARED": s.gate**2,
+        "HOLD": s.hold,
+        "STUDENT": STUDENT,
+        "ALIKE": s.alike,
+        "RISE": 1.0 - math.exp(-s.dt / s.rise),
+        "FALL": 1.0 - math.exp(-s.dt / s.fall),
+        "MARGIN": s.margin,
+        "FARTHEST": FARTHEST,
+        "LONGEST_STEP": LONGEST_STEP * s.dt,
+        "SHORTEST_STEP": SHORTEST_STEP * s.dt,
+        "CLOSE_RATES": CLOSE,
+        "TILT_RATIO": mean[2] / mean[3],
+        "PASSIVE_LIMIT": s.passive_limit,
+        "LEAST_GAIN": LEAST_GAIN,
+        "MOST_OFFSET": MOST_OFFSET,
+        "AGE_CAUTION": AGE_CAUTION,
+        "UNEVEN_FADING": UNEVEN_FADING,
+        "UNEVEN_SQUARED": UNEVEN_STEP**2,
+        "mean": mean,
+        "prior": covariance,
+        "drift": s.walk**2 * s.dt * np.diagonal(covariance),
+        "first_variance": deviation**2,
+        "least_variance": np.where(driven, s.driven_floor, s.passive_floor) ** 2,
+        "most_variance": (MOST_DEVIATION * deviation) ** 2,
+        # Stretched and folded: M11, M12, M22.
+        "nominal_mass": np.array([mass_entries(nominal, cos2) for cos2 in (1.0, -1.0)]),
+    }
+
+
+def regulator_data(settings: RegulatorSettings, policy: PendulumPolicy) -> Data:
+    """The regulator's costs and bounds, and the cost-to-go of the policy's plant."""
+    weights, torque_weight = settings.step_weights
+    return {
+        "COULOMB_DAMPING": settings.coulomb_damping,
+        "RICCATI_STEP": settings.riccati_step,
+        "RICCATI_STEPS": settings.riccati_steps,
+        "TORQUE_WEIGHT": torque_weight,
+        "ENTER": settings.enter,
+        "LEAVE": settings.leave,
+        "ENTER_COULOMB": settings.enter_coulomb,
+        "LEAVE_COULOMB": settings.leave_coulomb,
+        "state_weights": np.array(weights),
+        "cost_to_go": fixed_point(policy.plant, policy.robot.joint, settings),
+    }
+
+
+def guard_data(settings: GuardSettings, policy: PendulumPolicy) -> Data:
+    """The guard's limits."""
+    return {
+        "GUARD_PERIOD": settings.dt,
+        "ANGLE_LIMIT": settings.angle_limit,
+        "VELOCITY_LIMIT": settings.velocity_limit,
+        "LONGEST_PAUSE": settings.longest_pause,
+        "STANDSTILLS": STANDSTILLS,
+        "STALE_TIME": settings.stale_time,
+        "STUCK_TIME": settings.stuck_time,
+        "TORQUE_RATE": settings.rate(policy.torque_limits[policy.robot.joint]),
+        "PUSHING": PUSHING,
+        "BRAKING": settings.braking,
+        "BRAKED_RATE": BRAKED * settings.velocity_limit,
+    }

@@ -1,0 +1,232 @@
+"""Controllers with the interface that RealAIGym's simulator and its real-robot loop call, with NumPy alone.
+
+Nothing is inherited from its package, so that it need not be installed. The order is RealAIGym's: the outer
+``get_control_output`` filters the measurement, calls the controller, which adds friction compensation before its
+guard, and keeps the histories; wrappers (combined and testing controllers) call the inner forms, whose names end in
+an underscore.
+"""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..common.checks import is_number
+from ..common.errors import SwingupError
+from ..common.files import make_folder, write_atomically
+from ..common.text import quoted
+from ..plant.equations import friction
+from ..plant.robots import Robot
+from ..policy.contract import LoopController
+from ..policy.guard import Fault
+from ..policy.numpy_backend.controller import NumpyController
+from ..policy.numpy_backend.guard import NumpyGuard
+
+SAVED = "controller_swingup.json"
+"""Where ``save`` writes."""
+
+
+class Filter:
+    """A filter of measurements with the interface of RealAIGym's, and its histories."""
+
+    def __init__(self, inner: Any = None) -> None:
+        """Wrap an object with ``get_filtered_state(x, u)`` or a function of (x, u); None changes nothing."""
+        self._inner, self._call = inner, getattr(inner, "get_filtered_state", inner)
+        self.init()
+
+    def init(self) -> None:
+        """Begin a run, and call the filter's own ``init()`` if it has one."""
+        self.x_hist: list[np.ndarray] = []
+        """Measurements so far."""
+        self.x_filt_hist: list[np.ndarray] = []
+        """What the controller saw."""
+        if hasattr(self._inner, "init"):
+            self._inner.init()
+
+    def get_filtered_state(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """What the controller sees for the measurement x (4,) after the torques u (2,)."""
+        self.x_hist.append(x)
+        seen = x.copy() if self._call is None else np.array(self._call(x.copy(), u), np.float64)
+        self.x_filt_hist.append(seen)
+        return seen
+
+
+class RealAIGymController:
+    """A controller as RealAIGym calls it.
+
+    ``init()`` begins a run: it clears memory and histories. ``reset()`` also removes the friction compensation, as
+    RealAIGym's own controllers do; call ``init()`` after it.
+    """
+
+    def __init__(
+        self,
+        controller: LoopController,
+        robot: Robot,
+        about: dict[str, Any],
+        dt: float = 0.002,
+        guard: NumpyGuard | None = None,
+    ) -> None:
+        """Wrap a controller.
+
+        Args:
+            controller: the controller.
+            robot: which joint is driven.
+            about: what ``save`` writes, JSON values.
+            dt: time between calls (s), for callers that give no time.
+            guard: the safety guard inside the controller, if it has one.
+        """
+        self.robot = robot
+        self.disturbance_intervals: list[Any] = []
+        """Intervals in which the run is disturbed on purpose: none."""
+        self._controller, self._about, self._dt = controller, about, dt
+        self.guard = guard
+        """The safety guard inside the controller; None without one."""
+        self.filter = Filter()
+        """What filters measurements, with its histories."""
+        self.reset()
+        self.init()
+
+    @property
+    def passive_limit(self) -> float:
+        """Largest torque that the controller itself has for the passive joint (N m)."""
+        return float(getattr(self._controller, "passive_limit", 0.0))
+
+    def init(self) -> None:
+        """Begin a run."""
+        self.filter.init()
+        self.x_hist: list[np.ndarray] = []
+        """Measurements so far."""
+        self.u_hist: list[np.ndarray] = [np.zeros(2)]
+        """Zeros, then the torques so far: one entry more than there were steps."""
+        self.u_fric_hist: list[np.ndarray] = []
+        """Friction compensation so far (N m)."""
+        self.u_grav_hist: list[np.ndarray] = []
+        """Gravity compensation so far: zeros."""
+        self.init_()
+
+    def init_(self) -> None:
+        """Clear the controller's own memory."""
+        self._steps = 0
+        self._controller.reset()
+
+    def reset(self) -> None:
+        """No friction compensation, and no memory."""
+        self.set_friction_compensation()
+        self.reset_()
+
+    def reset_(self) -> None:
+        """Clear the controller's own memory."""
+        self.init_()
+
+    def get_control_output(self, x: Sequence[float] | np.ndarray, t: float | None = None) -> np.ndarray:
+        """The torques [u1, u2] (N m), a new float64 array, for the state x measured at time t (s)."""
+        measured = np.array(x, np.float64)
+        self.x_hist.append(measured)
+        seen = self.filter.get_filtered_state(measured, self.u_hist[-1])
+        compensation = friction(self._damping, self._coulomb, seen[2:], np.arctan)
+        u = self._act(seen, t, measured, compensation)
+        if self.fault is not None:
+            compensation = np.zeros(2)
+        self.u_fric_hist.append(compensation)
+        self.u_grav_hist.append(np.zeros(2))
+        self.u_hist.append(u)
+        # RealAIGym's loop adds to the result and clips it in place: the history must not change with it.
+        return u.copy()
+
+    def get_control_output_(self, x: Sequence[float] | np.ndarray, t: float | None = None) -> np.ndarray:
+        """The controller's own torques; without a time, calls are counted as steps."""
+        state = np.array(x, np.float64)
+        return self._act(state, t, state)
+
+    @property
+    def fault(self) -> Fault | None:
+        """Why the safety guard stopped the controller; None while it acts, or without a guard."""
+        return None if self.guard is None else self.guard.fault
+
+    def save(self, directory: str | Path) -> None:
+        """Write what this controller is to ``controller_swingup.json`` in a folder.
+
+        Raises:
+            SwingupError: the folder cannot be made or written.
+        """
+        self.save_(directory)
+
+    def save_(self, directory: str | Path) -> None:
+        """The same, as wrappers call it."""
+        settings = {"damping": self._damping.tolist(), "coulomb_fric": self._coulomb.tolist()}
+        text = json.dumps({"robot": self.robot.name, **self._about, **settings}, indent=2)
+        make_folder(directory)
+        write_atomically(Path(directory) / SAVED, (text + "\n").encode())
+
+    def set_filter(self, filter: Any = None) -> None:
+        """Filter measurements from now on, after ``reset()`` as well.
+
+        A policy behind a state estimator needs no filter.
+
+        Args:
+            filter: an object with ``get_filtered_state(x, u)``, as RealAIGym's, or a function of (x, u): the
+                measurement and the last torques; None for no filter.
+        """
+        self.filter = Filter(filter)
+
+    def set_friction_compensation(
+        self, damping: Sequence[float] = (0.0, 0.0), coulomb_fric: Sequence[float] = (0.0, 0.0)
+    ) -> None:
+        """Add damping q̇ + coulomb_fric arctan(100 q̇) to the torques, for both joints (N m s/rad, N m).
+
+        A guard limits the sum to the motors' limits; without one nothing does.
+
+        Raises:
+            SwingupError: these are not two finite numbers each.
+        """
+        self._damping, self._coulomb = _two("damping", damping), _two("coulomb_fric", coulomb_fric)
+
+    def set_gravity_compensation(self, plant: Any = None) -> None:
+        """Nothing: these controllers take gravity into account."""
+
+    def set_filter_args(self, *arguments: Any, **settings: Any) -> None:
+        """Nothing: RealAIGym's own filters need its package; see ``set_filter``."""
+
+    def set_parameters(self, *arguments: Any, **parameters: Any) -> None:
+        """Nothing: a policy has none."""
+
+    def set_start(self, x: Any) -> None:
+        """Nothing: the policy starts from anywhere."""
+
+    def set_goal(self, x: Any) -> None:
+        """Nothing: the goal is upright."""
+
+    def get_forecast(self) -> tuple[list[Any], list[Any], list[Any]]:
+        """Nothing is forecast."""
+        return [], [], []
+
+    def get_init_trajectory(self) -> tuple[list[Any], list[Any], list[Any]]:
+        """Nothing is planned beforehand."""
+        return [], [], []
+
+    def _act(
+        self, x: np.ndarray, t: float | None, measured: np.ndarray, added: np.ndarray | None = None
+    ) -> np.ndarray:
+        now = self._steps * self._dt if t is None else float(t)
+        self._steps += 1
+        return np.array(self._controller(x, now, measured, added), np.float64)
+
+
+def wrap_policy(controller: NumpyController, name: str) -> RealAIGymController:
+    """A loaded policy as RealAIGym calls it."""
+    policy = controller.policy
+    about = {"controller": name, "torque_limit": policy.torque_limit}
+    origin = {key: policy.metadata[key] for key in ("version", "command", "seed") if key in policy.metadata}
+    period = {} if policy.period is None else {"dt": policy.period}
+    return RealAIGymController(
+        controller, policy.robot, about | {"policy": origin}, guard=controller.guard, **period
+    )
+
+
+def _two(name: str, given: Any) -> np.ndarray:
+    values = list(given) if isinstance(given, list | tuple | np.ndarray) else []
+    if len(values) != 2 or not all(map(is_number, values)):
+        raise SwingupError(f"{name} = {quoted(given)}: two finite numbers are needed, for shoulder and elbow")
+    return np.array(values, np.float64)

@@ -1,0 +1,1 @@
+"""Motions that show the parameters, within limits that are checked over a prior."""

@@ -1,0 +1,131 @@
+"""From a prior and limits to an excitation: the fixed motion whose log tells most, as strong as the limits allow.
+
+The plant in the middle of the prior follows each motion by feedback; its torques and its motion, with the same
+feedback, are what a robot plays. So other plants move alike. Each is played on plants drawn from the prior and on
+the corners of its ranges, and made smaller until all of them keep the limits. Of what is left, the excitation has
+the largest determinant of Yᵀ Y, with the matrix Y of the linear regression that ``identify`` starts from
+(D-optimality).
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from ...common.checks import finite_number, one_of, whole_number
+from ...common.errors import SwingupError
+from ...loop.domain import Domain
+from ...plant.units import scales_of
+from ..fit.prediction import NAMES, Setting, setting_of
+from ..fit.regression import OFFSETS, SPAN, Spans, regression_matrix
+from ..log.windows import INTERVAL
+from .excitation import Excitation, Limits
+from .prior import corner_models, draw_models
+from .rollouts import Sequences, simulate
+from .waves import PERIOD, multisines
+
+JOINTS = {"both": (1.0, 1.0), "shoulder": (1.0, 0.0), "elbow": (0.0, 1.0)}
+"""Joints that are driven."""
+DURATIONS = (3.0, 60.0)
+"""Shortest and longest excitation (s)."""
+SPEED = 20.0
+"""Largest speed of a joint (rad/s) on design C.1 if none is given: the public loop stops there. It scales."""
+OWN = 0.75
+"""Frequency of small swings (Hz) on design C.1. It scales, too."""
+CHECKED_PLANTS = 64
+"""Plants drawn from the prior on which the limits must hold, beside its corners."""
+STRENGTHS = np.geomspace(1.0, 0.1, 10)
+"""Multiples of a motion that are tried, until one keeps the limits."""
+STIFFNESS, DAMPING = 2.0, 0.5
+"""Feedback: kp as a multiple of gravity's torque per radian; kd as the damping ratio of a joint alone."""
+
+
+def excite(
+    domain: Domain,
+    duration: float = 10.0,
+    joint: str = "both",
+    torque: float | None = None,
+    speed: float | None = None,
+    angle: float = 3.0,
+    seed: int = 0,
+    alone: bool = False,
+) -> Excitation:
+    """Find an excitation.
+
+    Args:
+        domain: ranges of the plant and its loop before it is identified.
+        duration: of the excitation (s), 3 to 60; rounded to 0.05 s.
+        joint: ``both``, or the one joint that is driven: ``shoulder`` or ``elbow``.
+        torque: largest torque (N m); None for that of the motors.
+        speed: largest speed of a joint (rad/s); None for 20 rad/s on design C.1, other plants in their own units.
+        angle: largest angle of a joint from hanging (rad).
+        seed: of the prior's draws; equal seeds give equal excitations.
+        alone: whether the torques will be played without feedback; plants that differ then move apart.
+
+    Raises:
+        SwingupError: an argument makes no sense, or no motion keeps the limits on all plants.
+    """
+    limits, plant = _limits(domain, joint, torque, speed, angle), domain.nominal_plant
+    length = INTERVAL * round(finite_number("duration", duration, *DURATIONS, "s") / INTERVAL)
+    drawn = draw_models(domain, CHECKED_PLANTS, whole_number("seed", seed, 0, 2**32 - 1))
+    setting, models = setting_of(plant).coarse, np.concatenate([drawn, corner_models(domain)])
+    own = OWN * scales_of(plant).velocity
+    motions = multisines(length, own, min(limits.angle, np.pi), np.array(JOINTS[joint]))
+    candidates = _within_limits(setting, models, motions, limits, alone)
+    if not candidates:
+        raise SwingupError(
+            f"no motion keeps all plants of {domain.name} within {limits.angle:g} rad and {limits.speed:g} rad/s: "
+            "allow more, narrow the prior, or ask for a shorter excitation"
+        )
+    return max(candidates, key=lambda each: _information(setting, each.state))
+
+
+def _limits(domain: Domain, joint: str, torque: float | None, speed: float | None, angle: float) -> Limits:
+    driven = JOINTS[one_of("joint", joint, JOINTS)]
+    motors = [float(domain.nominal_plant.tl1), float(domain.nominal_plant.tl2)]
+    most = [motor if torque is None else finite_number("torque", torque, 1e-6, motor, "N m") for motor in motors]
+    usual = SPEED * scales_of(domain.nominal_plant).velocity
+    return Limits(
+        torque=(most[0] * driven[0], most[1] * driven[1]),
+        speed=usual if speed is None else finite_number("speed", speed, 0.1, 1e3, "rad/s"),
+        angle=finite_number("angle", angle, 0.1, 100.0, "rad"),
+    )
+
+
+def _within_limits(
+    setting: Setting, models: np.ndarray, motions: np.ndarray, limits: Limits, alone: bool
+) -> list[Excitation]:
+    """Each motion as strong as the limits allow on all models; without those that are too fast even when small."""
+    feedback, torque, found = _feedback(setting, models[0]), np.array(limits.torque), []
+    played = np.zeros((2, 2)) if alone else feedback
+    for strength in STRENGTHS:
+        rest = np.zeros((*motions.shape[:2], 2))
+        middle = simulate(setting, models[:1], Sequences(rest, strength * motions, feedback, torque), keep=True)
+        assert middle.torque is not None
+        sequences = Sequences(middle.torque[:, 0], middle.states[:, 0], played, torque)
+        rollouts = simulate(setting, models, sequences)
+        holds = rollouts.holds(limits.angle, limits.speed)
+        for row in np.flatnonzero(holds):
+            angle, speed = float(rollouts.angle[row].max()), float(rollouts.speed[row].max())
+            tau, motion = sequences.torque[row], sequences.reference[row]
+            found.append(Excitation(tau, motion, played, limits, angle, speed, len(models)))
+        motions = motions[~holds]
+        if not len(motions):
+            break
+    return found
+
+
+def _feedback(setting: Setting, model: np.ndarray) -> np.ndarray:
+    """Kp and kd of both joints, for the inertia of each while the other is stiff."""
+    m = dict(zip(NAMES, model, strict=True))
+    elbow = m["B"] + setting.geometry.gr**2 * m["Ir"]
+    straight = m["A"] - m["B"] + 2 * setting.geometry.l1 * m["m2r2"] + elbow
+    stiffness = np.full(2, STIFFNESS * setting.geometry.g * m["k"])
+    return np.stack([stiffness, DAMPING * 2 * np.sqrt(stiffness * np.array([straight, elbow]))])
+
+
+def _information(setting: Setting, states: Float[np.ndarray, "rows 4"]) -> float:
+    """The logarithm of det(Yᵀ Y), which falls with the volume of the parameters' covariance."""
+    time = PERIOD * np.arange(len(states))
+    points = SPAN * np.arange(1, int(time[-1] / SPAN))[:, None] + OFFSETS
+    spans = np.stack([np.interp(points, time, column) for column in states.T], axis=-1)
+    matrix = regression_matrix(setting, Spans(spans, np.zeros((len(spans), 2))))
+    return float(np.linalg.slogdet(matrix.T @ matrix)[1])

@@ -1,0 +1,1 @@
+"""Parameters from recordings: prediction, regression, fit, intervals and scores."""

@@ -1,0 +1,139 @@
+"""The unknowns of a fit: which entries of the sessions' models are free, shared or known, and what is expected.
+
+All sessions share the plant. Offsets, torque gain, delay and lag belong to a session. A free entry is
+
+    value = centre + scale z,
+
+where z is 0 for the starting plant and of the order of 1. The expectation z ~ N(0, spread²) is so weak that a few
+seconds of motion outweigh it; it decides only on what the logs leave open, and the intervals show how wide it is.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ...plant.base_parameters import BASE_NAMES
+from .prediction import INDEX, LEAST_LAG, NAMES, Setting
+
+SHARED = BASE_NAMES
+"""Entries of the plant, the same in all sessions."""
+MASSES = ("A", "B", "m2r2", "k", "Ir")
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """What is expected of one entry before any log is read."""
+
+    centre: float
+    scale: float
+    spread: float
+    """Standard deviation of the expectation, in scales."""
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """The vector z of a fit and how the sessions' models follow from it."""
+
+    names: tuple[str, ...]
+    """Of each unknown: an entry of the model, with the session's number behind an @ except in the first."""
+    entries: Int[np.ndarray, "unknowns"]
+    """Place of each unknown in the model's vector; ``gain1`` stands for both gains."""
+    place: Int[np.ndarray, "sessions 15"]
+    """Unknown behind each entry of each session's model, or -1."""
+    fixed: Float[np.ndarray, "sessions 15"]
+    """Values of the entries that are not unknown."""
+    centre: Float[np.ndarray, "unknowns"]
+    scale: Float[np.ndarray, "unknowns"]
+    spread: Float[np.ndarray, "unknowns"]
+    low: Float[np.ndarray, "unknowns"]
+    """Bounds of z."""
+    high: Float[np.ndarray, "unknowns"]
+
+    def models(self, z: Float[np.ndarray, "unknowns"]) -> Float[np.ndarray, "sessions 15"]:
+        """The model's vector of each session."""
+        # One value more, so that -1 is a place also where nothing is unknown.
+        values = np.append(self.centre + self.scale * z, 0.0)
+        return np.where(self.place >= 0, values[self.place], self.fixed)
+
+    def derivative(self, session: int) -> Float[np.ndarray, "15 unknowns"]:
+        """Of a session's model with respect to z."""
+        chosen = self.place[session][:, None] == np.arange(len(self.names))
+        return chosen * self.scale
+
+    def position(self, models: Float[np.ndarray, "sessions 15"]) -> Float[np.ndarray, "unknowns"]:
+        """The position z of models, within the bounds; of a shared entry, that of the first session."""
+        z = np.zeros(len(self.names))
+        for session in reversed(range(len(self.place))):
+            free = self.place[session] >= 0
+            z[self.place[session][free]] = models[session][free]
+        inner = 1e-3 * (self.high - self.low)
+        return np.clip((z - self.centre) / self.scale, self.low + inner, self.high - inner)
+
+
+def expectations(setting: Setting, start: Float[np.ndarray, "15"], commanded: bool) -> dict[str, Expectation]:
+    """What is expected around a starting plant.
+
+    Friction is measured by the torque of gravity on the shoulder: 5 % of it is Coulomb friction of one scale.
+    """
+    m = dict(zip(NAMES, start, strict=True))
+    geometry = setting.geometry
+    torque = 0.05 * geometry.g * m["k"]
+    speed = 2.0 * math.sqrt(geometry.g / (geometry.l1 + m["B"] / m["m2r2"]))
+    rotor = max(m["Ir"], 0.1 * m["B"] / geometry.gr**2)
+    found = {name: Expectation(m[name], m[name], 1.0, 0.1 * m[name], 10.0 * m[name]) for name in MASSES[:4]}
+    found["Ir"] = Expectation(m["Ir"], rotor, 2.0, 0.0, m["Ir"] + 10.0 * rotor)
+    for joint in ("1", "2"):
+        b, cf = m[f"b{joint}"], m[f"cf{joint}"]
+        found[f"b{joint}"] = Expectation(b, torque / speed, 2.0, min(b, 0.0), b + 20 * torque / speed)
+        found[f"cf{joint}"] = Expectation(cf, torque, 2.0, min(cf, 0.0), cf + 20 * torque)
+        found[f"offset{joint}"] = Expectation(0.0, 0.02, 2.5, -0.25, 0.25)
+    found["gain1"] = Expectation(1.0, 0.2, 1.5, 0.2, 3.0)
+    # Measured torques may be later than those that act.
+    found["delay"] = Expectation(0.003 if commanded else 0.0, 0.004, 1.5, 0.0 if commanded else -0.015, 0.025)
+    found["lag"] = Expectation(0.0025, 0.002, 1.0, LEAST_LAG, 0.015)
+    return found
+
+
+def make_unknowns(
+    expected: Sequence[Mapping[str, Expectation]],
+    start: Float[np.ndarray, "15"],
+    free: Sequence[Sequence[str]],
+    known: Mapping[str, float],
+) -> Unknowns:
+    """The unknowns of several sessions.
+
+    Args:
+        expected: for each session.
+        start: the starting plant's vector: values of what is neither free nor known.
+        free: for each session the entries that are free; those of the plant count in the first session.
+        known: entries with values that the user knows.
+    """
+    names: list[str] = []
+    rows: list[Expectation] = []
+    entries: list[int] = []
+    place, fixed = np.full((len(free), len(NAMES)), -1), np.tile(start, (len(free), 1))
+    for name, value in known.items():
+        fixed[:, _places(name)] = value
+    for session, wanted in enumerate(free):
+        for name in wanted:
+            if name in known or (name in SHARED and session > 0):
+                continue
+            place[slice(None) if name in SHARED else session, _places(name)] = len(names)
+            names.append(name if session == 0 else f"{name}@{session + 1}")
+            rows.append(expected[session][name])
+            entries.append(INDEX[name])
+    centre, scale, spread, low, high = (
+        np.array([(row.centre, row.scale, row.spread, row.low, row.high) for row in rows]).reshape(-1, 5).T
+    )
+    low, high = (low - centre) / scale, (high - centre) / scale
+    return Unknowns(tuple(names), np.array(entries, int), place, fixed, centre, scale, spread, low, high)
+
+
+def _places(name: str) -> list[int]:
+    """Where an unknown or a known value stands in the model's vector: both motors have one gain."""
+    return [INDEX[name], INDEX["gain2"]] if name == "gain1" else [INDEX[name]]

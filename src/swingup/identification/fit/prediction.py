@@ -1,0 +1,167 @@
+"""Open-loop predictions over windows, and their derivatives with respect to the model's parameters.
+
+The plant is its base parameters θ (``plant.base_parameters``), which is all that motion and torques can tell of
+masses, centres of mass and inertias. The torque that acts is gain times the command, ``delay`` late, through a
+first-order lag:
+
+    lag du/dt = gain command(t - delay) - u.
+
+Angles are measured with constant offsets: q = measured - offset.
+"""
+
+import functools
+import math
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ...dynamics.implicit_friction import advance
+from ...plant.base_parameters import BASE_NAMES, Geometry, base_parameters, friction_of, geometry_of, lumped
+from ...plant.equations import COULOMB_STEEPNESS
+from ...plant.plant import Plant
+from ..log.windows import HISTORY, INTERVAL, TORQUE_STEP, Windows
+
+NAMES = (*BASE_NAMES, "offset1", "offset2", "gain1", "gain2", "delay", "lag")
+"""Entries of a model's vector, in order: θ, and the loop (rad, s)."""
+INDEX = {name: place for place, name in enumerate(NAMES)}
+
+CHUNK = 128
+"""Windows that one call of the compiled program predicts; fewer are filled up, so that it compiles once."""
+THREADS = os.cpu_count() or 1
+LONGEST_LAG = 0.03
+"""Time that a lag remembers (s)."""
+LEAST_LAG = 3e-4
+"""Shortest lag of a model (s)."""
+
+
+class Setting(NamedTuple):
+    """What of a plant is known, and how its motion is integrated; hashable, it is compiled in."""
+
+    geometry: Geometry
+    steepness: float
+    """Slope of the smoothed Coulomb friction (s/rad)."""
+    step: float
+    """Step of integration (s); an interval holds a whole number of them."""
+
+    @property
+    def coarse(self) -> "Setting":
+        """The same with steps twice as long, for the first stages of a fit."""
+        return self._replace(step=2.0 * self.step)
+
+
+def setting_of(p: Plant) -> Setting:
+    """The setting for a plant: 1 ms on C.1, 0.5 ms on links of 5 cm.
+
+    Speeds of a pendulum grow with sqrt(g / l). The friction's slope is per speed, and steps are per time. With
+    steps twice as long, predictions over 0.25 s change by 1e-4 rad, a third of the angles' quantum.
+    """
+    scale = min(1.0, math.sqrt(float(p.l1 + p.l2) / 0.5 * 9.81 / float(p.g)))
+    step = TORQUE_STEP * min(2, max(1, round(0.001 * scale / TORQUE_STEP)))
+    return Setting(geometry_of(p), COULOMB_STEEPNESS * scale, step)
+
+
+def vector_of(p: Plant, delay: float = 0.004, lag: float = 0.002) -> Float[np.ndarray, "15"]:
+    """A model's vector from a plant's parameters, with offsets of 0 and gains of 1."""
+    return np.append(base_parameters(p), [0.0, 0.0, 1.0, 1.0, delay, lag])
+
+
+def predict(setting: Setting, model: np.ndarray, windows: Windows) -> Float[np.ndarray, "windows outputs 4"]:
+    """States at the windows' output times, predicted from their starts."""
+    return _predicted(setting, False, model, windows)
+
+
+def predict_with_jacobian(
+    setting: Setting, model: np.ndarray, windows: Windows
+) -> tuple[Float[np.ndarray, "windows outputs 4"], Float[np.ndarray, "windows outputs 4 15"]]:
+    """The same with derivatives with respect to the model's vector."""
+    both = _predicted(setting, True, model, windows)
+    return both[..., 0], both[..., 1:]
+
+
+def _predicted(setting: Setting, derivatives: bool, model: np.ndarray, windows: Windows) -> np.ndarray:
+    if not len(windows):
+        shape = windows.reference.shape
+        return np.zeros((*shape, 1 + len(NAMES)) if derivatives else shape)
+    program = _compiled(setting, windows.reference.shape[1], derivatives)
+    (found,) = in_chunks(
+        CHUNK, len(windows), lambda rows: (program(model, windows.start[rows], windows.impulse[rows]),)
+    )
+    return found
+
+
+def in_chunks(size: int, count: int, run: Callable[[np.ndarray], Any]) -> list[np.ndarray]:
+    """Run a compiled program on ``size`` rows of ``count`` at a time, on a thread for each core.
+
+    The last chunk is filled up with the first row, so that the program compiles once.
+    """
+
+    def part(first: int) -> list[np.ndarray]:
+        rows = np.arange(first, first + size)
+        with jax.enable_x64(True):  # a setting of the thread
+            found = run(np.where(rows < count, rows, 0))
+        return [np.asarray(each)[: count - first] for each in found]
+
+    with ThreadPoolExecutor(THREADS) as pool:
+        parts = list(pool.map(part, range(0, count, size)))
+    return [np.concatenate(each) for each in zip(*parts, strict=True)]
+
+
+@functools.lru_cache(maxsize=16)
+def _compiled(setting: Setting, outputs: int, derivatives: bool) -> Callable[..., Any]:
+    def rollout(model: Array, start: Array, impulse: Array) -> Array:
+        return predict_window(setting, outputs, model, start, impulse)
+
+    def both(model: Array, start: Array, impulse: Array) -> Array:
+        pushed = functools.partial(jax.jvp, lambda each: rollout(each, start, impulse), (model,))
+        states, slopes = jax.vmap(lambda tangent: pushed((tangent,)), out_axes=(None, -1))(jnp.eye(len(NAMES)))
+        return jnp.concatenate([states[..., None], slopes], axis=-1)
+
+    return jax.jit(jax.vmap(both if derivatives else rollout, (None, 0, 0)))
+
+
+def predict_window(setting: Setting, outputs: int, model: Array, start: Array, impulse: Array) -> Array:
+    """States at the output times of one window, in measured angles."""
+    m = dict(zip(NAMES, model, strict=True))
+    plant, friction = lumped(model, setting.geometry), friction_of(model)
+    torques = acting_torques(setting, outputs, m["delay"], m["lag"], impulse)
+    torques = torques * jnp.stack([m["gain1"], m["gain2"]])
+    x = (start[0] - m["offset1"], start[1] - m["offset2"], start[2], start[3])
+
+    def step(x: Any, u: Array) -> Any:
+        return advance(plant, friction, x, (u[0], u[1]), setting.step, setting.steepness), None
+
+    def interval(x: Any, u: Array) -> Any:
+        x, _ = jax.lax.scan(step, x, u)
+        return x, jnp.stack(x)
+
+    _, states = jax.lax.scan(interval, x, torques.reshape(outputs, -1, 2))
+    return states + jnp.stack([m["offset1"], m["offset2"], jnp.zeros(()), jnp.zeros(())])
+
+
+def acting_torques(
+    setting: Setting, outputs: int, delay: Array, lag: Array, impulse: Float[Array, "grid 2"]
+) -> Float[Array, "steps 2"]:
+    """Mean torque of each step (N m): the command, late and through the lag, from its integral on a grid."""
+    stride, memory = round(setting.step / TORQUE_STEP), round(LONGEST_LAG / setting.step)
+    steps = outputs * round(INTERVAL / setting.step)
+    # The first step that is needed starts a memory's length before the window, and a delay earlier.
+    shift = (HISTORY - memory * setting.step - delay) / TORQUE_STEP
+    whole = jnp.floor(shift)
+    part = shift - whole
+    length = (steps + memory) * stride + 2
+    near = jax.lax.dynamic_slice_in_dim(impulse, whole.astype(jnp.int32), length)
+    total = (1.0 - part) * near[:-1] + part * near[1:]
+    mean = jnp.diff(total[::stride], axis=0) / setting.step
+    # The lag's response to a step of torque, averaged over each of the steps that follow.
+    a = setting.step / lag
+    after = jnp.exp(-a * jnp.arange(memory))
+    weights = jnp.concatenate([(1.0 - (1.0 - jnp.exp(-a)) / a)[None], (1.0 - jnp.exp(-a)) ** 2 / a * after])
+    weights = weights / weights.sum()
+    rows = jnp.arange(steps)[:, None] + memory - jnp.arange(memory + 1)
+    return jnp.einsum("k,skj->sj", weights, mean[rows])

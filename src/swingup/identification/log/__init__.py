@@ -1,0 +1,1 @@
+"""Recordings: read, checked, smoothed and cut into windows."""

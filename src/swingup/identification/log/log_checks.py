@@ -1,0 +1,165 @@
+"""What a log shows before any model is fitted: units, joints that rest, motors that saturate, time that jumps."""
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ...common.errors import SwingupError
+
+SHORTEST_LOG = 0.8
+"""Least duration of a log (s): a window of prediction lasts 0.5 s."""
+LEAST_ROWS = 6
+"""Rows with a measurement of their own that a smoother needs: its cubic has four coefficients."""
+SLOWEST_PERIOD = 0.1
+"""Longest median period (s): a pendulum moves too far between rows."""
+LEAST_MOTION = 2e-3
+"""Least range of an angle (rad)."""
+LARGEST_SPEED = 150.0
+"""Largest speed of a joint (rad/s); in degrees a second it is common."""
+SATURATED_SHARE = 0.25
+"""Share of rows at the largest torque from which a motor counts as saturated."""
+GAP, GAP_PERIODS = 0.06, 20.0
+"""A longer time between rows, in s and in median periods, is a gap that no prediction crosses."""
+MISMATCH = 1.5
+"""Ratio of the angles' slopes to recorded velocities, or its inverse, that noise does not explain."""
+
+_JOINTS = ("1", "2")
+
+
+def check_time(name: str, time: Float[np.ndarray, "rows"]) -> None:
+    """Refuse a time that is not in seconds, and a log that is too short.
+
+    Raises:
+        SwingupError: the median period is above 0.1 s, or the log is shorter than 0.8 s.
+    """
+    period = float(np.median(np.diff(time)))
+    if period > SLOWEST_PERIOD:
+        raise SwingupError(
+            f"{name}: rows are {period:g} s apart (median): write time in seconds, and record at 33 Hz or faster"
+        )
+    if time[-1] < SHORTEST_LOG:
+        raise SwingupError(
+            f"{name} lasts {time[-1]:g} s: at least {SHORTEST_LOG:g} s are needed, with time in seconds"
+        )
+
+
+def check_fresh(name: str, fresh: Bool[np.ndarray, "rows"]) -> None:
+    """Refuse a log with too few measurements.
+
+    Raises:
+        SwingupError: fewer than 6 rows differ from the one before.
+    """
+    count = int(np.count_nonzero(fresh))
+    if count < LEAST_ROWS:
+        raise SwingupError(
+            f"{name} has {count} different rows, the others repeat the one before: at least {LEAST_ROWS} are needed"
+        )
+
+
+def check_motion(
+    name: str,
+    time: Float[np.ndarray, "rows"],
+    q: Float[np.ndarray, "rows 2"],
+    dq: Float[np.ndarray, "rows 2"] | None,
+) -> None:
+    """Refuse a joint that never moves, angles in degrees, and velocities that are not those of the angles.
+
+    Raises:
+        SwingupError: with what was seen.
+    """
+    slopes = _slopes(time, q)
+    for joint, label in enumerate(_JOINTS):
+        reach = float(np.ptp(q[:, joint]))
+        if reach < LEAST_MOTION:
+            raise SwingupError(
+                f"{name}: joint {label} never moves (its angle stays within {reach:.2g} rad): check the encoder, "
+                "or leave this log out"
+            )
+        # Slopes of angles in degrees may look slower: their jumps were taken for turns.
+        speeds = slopes[:, joint] if dq is None else np.concatenate([slopes[:, joint], dq[:, joint]])
+        fastest = float(np.quantile(np.abs(speeds), 0.99))
+        if fastest > LARGEST_SPEED:
+            raise SwingupError(
+                f"{name}: joint {label} moves at {fastest:.0f} rad/s: convert degrees to rad (57.3 to 1)"
+            )
+    if dq is not None:
+        _check_velocities(name, slopes, dq)
+
+
+def _check_velocities(name: str, slopes: np.ndarray, dq: np.ndarray) -> None:
+    gains = np.array([[_gain(slopes[:, i], dq[:, j]) for j in (0, 1)] for i in (0, 1)])
+    matches = np.array([[_correlation(slopes[:, i], dq[:, j]) for j in (0, 1)] for i in (0, 1)])
+    straight, crossed = np.abs(np.diag(matches)).min(), np.abs(matches[[0, 1], [1, 0]]).min()
+    if crossed > 0.9 and straight < 0.8:
+        raise SwingupError(f"{name}: the velocities of joints 1 and 2 are swapped: exchange their columns")
+    for joint, label in enumerate(_JOINTS):
+        # Without a clear relation the velocities are noise: the fit does not use them.
+        if abs(matches[joint, joint]) < 0.8:
+            continue
+        gain = gains[joint, joint]
+        if gain < 0:
+            raise SwingupError(
+                f"{name}: velocity {label} has the opposite sign of its angle's slope: reverse one of them"
+            )
+        if max(gain, 1 / gain) > MISMATCH:
+            unit = " (degrees?)" if 40 < max(gain, 1 / gain) < 80 else ""
+            raise SwingupError(
+                f"{name}: velocity {label} is {1 / gain:.3g} times its angle's slope{unit}: use rad and rad/s"
+            )
+
+
+def find_warnings(
+    name: str,
+    time: Float[np.ndarray, "rows"],
+    u: Float[np.ndarray, "rows 2"],
+    measured: Float[np.ndarray, "rows 2"] | None,
+    fresh: Bool[np.ndarray, "rows"],
+) -> tuple[str, ...]:
+    """What a user should know of a log that can be used: one line for each finding."""
+    found = []
+    periods = np.diff(time)
+    period, longest = float(np.median(periods)), float(periods.max())
+    if longest > longest_step(period):
+        at = float(time[int(periods.argmax())])
+        found.append(f"{name}: time jumps by {longest:.3g} s at {at:.3g} s: no prediction crosses the gap")
+    if not np.any(u):
+        found.append(f"{name}: the torques are all zero: it counts as a free fall")
+    for joint, label in enumerate(_JOINTS):
+        peak = float(np.abs(u[:, joint]).max())
+        share = float(np.mean(np.abs(u[:, joint]) > 0.995 * peak)) if peak > 0 else 0.0
+        if share > SATURATED_SHARE:
+            found.append(f"{name}: torque {label} stands at ±{peak:.3g} N m in {share:.0%} of the rows: saturated")
+        if measured is not None and peak > 0:
+            delivered = float(np.abs(measured[:, joint]).max())
+            at_most = float(np.mean(np.abs(measured[:, joint]) > 0.98 * delivered))
+            if delivered < 0.8 * peak and at_most > 0.05:
+                found.append(
+                    f"{name}: motor {label} delivers at most {delivered:.3g} of {peak:.3g} N m: clip the log's "
+                    "commands to that"
+                )
+    if (repeated := float(np.mean(~fresh))) > 0.05:
+        found.append(f"{name}: {repeated:.0%} of the rows repeat the one before: they are left out")
+    return tuple(found)
+
+
+def longest_step(period: float) -> float:
+    """The longest time between rows that is no gap (s), for a median ``period`` (s)."""
+    return max(GAP, GAP_PERIODS * period)
+
+
+def _slopes(time: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Mean velocities over about 20 ms around each row (rad/s)."""
+    reach = max(1, round(0.01 / float(np.median(np.diff(time)))))
+    rows = np.arange(len(time))
+    after, before = np.minimum(rows + reach, len(time) - 1), np.maximum(rows - reach, 0)
+    return (q[after] - q[before]) / (time[after] - time[before])[:, None]
+
+
+def _gain(slope: np.ndarray, recorded: np.ndarray) -> float:
+    """The factor from recorded velocities to slopes, with noise in both: the ratio of their spreads, signed."""
+    sign = 1.0 if float(slope @ recorded) >= 0 else -1.0
+    return sign * float(np.linalg.norm(slope)) / max(float(np.linalg.norm(recorded)), 1e-12)
+
+
+def _correlation(first: np.ndarray, second: np.ndarray) -> float:
+    scale = float(np.linalg.norm(first) * np.linalg.norm(second))
+    return float(first @ second) / scale if scale > 0 else 0.0

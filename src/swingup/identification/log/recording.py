@@ -1,0 +1,178 @@
+"""Recordings of a double pendulum: what RealAIGym's and CloudPendulum's logs say, as arrays.
+
+A log is read by the names of its columns. Periods may be uneven, and rows may repeat. Velocities and torques may be
+missing. What cannot be used is refused here; what can be used with care is a warning of the recording.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ...common.errors import SwingupError
+from ...common.table import read_columns
+from .log_checks import check_fresh, check_motion, check_time, find_warnings, longest_step
+
+_POSITIONS = (("pos_meas1", "pos_meas2"), ("pos1", "pos2"))
+_VELOCITIES = (("vel_meas1", "vel_meas2"), ("vel1", "vel2"), ())
+_COMMANDS = (("tau_con1", "tau_con2"), ("tau1", "tau2"), ("tau_meas1", "tau_meas2"), ())
+_PUSHES = (("tau_pert1", "tau_pert2"), ())
+_MEASURED = (("tau_meas1", "tau_meas2"), ())
+# An empty choice is always complete: what it stands for may be missing.
+_GROUPS = ((("time",),), _POSITIONS, _VELOCITIES, _COMMANDS, _PUSHES, _MEASURED)
+
+MEASURED_NOISE = 0.01
+"""Peak of a measured torque (N m) below which it is the noise of a motor that drives nothing."""
+
+DIFFERENCES = 1e-3
+"""Median distance (rad/s) up to which recorded velocities are backward differences of the angles."""
+
+REPEAT_MOTION = 0.25
+"""Motion between two rows, in steps of an encoder, with which they should differ: of four such rows one does."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One log, with joints in columns: shoulder, elbow."""
+
+    name: str
+    """The file's name."""
+    time: Float[np.ndarray, "rows"]
+    """s, from 0, increasing; periods may be uneven."""
+    q: Float[np.ndarray, "rows 2"]
+    """Angles as measured (rad), without the jumps of encoders that wrap."""
+    dq: Float[np.ndarray, "rows 2"]
+    """Velocities as recorded (rad/s); differences of the angles where the log has none."""
+    u: Float[np.ndarray, "rows 2"]
+    """Torques that were asked for, pushes included, within the limits (N m); else measured ones."""
+    measured_torque: Float[np.ndarray, "rows 2"] | None
+    """As the motors report it (N m), if they do."""
+    fresh: Bool[np.ndarray, "rows"]
+    """Rows with a new measurement: false where a row repeats the one before although the pendulum moves."""
+    quantum: tuple[float, float]
+    """Step of each encoder (rad); 0 where the angles have none."""
+    period: float
+    """Median time between rows (s)."""
+    driven: tuple[bool, bool]
+    """Joints on which a torque acts."""
+    commanded: bool
+    """Whether ``u`` was asked for; otherwise it was measured, or the log has no torques."""
+    warnings: tuple[str, ...] = ()
+    """What a user should know of this log, one line each."""
+
+    @property
+    def duration(self) -> float:
+        """Time from the first row to the last (s)."""
+        return float(self.time[-1])
+
+    @property
+    def gaps(self) -> Bool[np.ndarray, "intervals"]:
+        """Intervals between rows that are too long to predict across."""
+        return np.diff(self.time) > longest_step(self.period)
+
+
+def read_recording(path: str | Path, torque_limits: tuple[float, float] | None = None) -> Recording:
+    """Read a log by its columns.
+
+    Args:
+        path: a CSV file with ``time``, ``pos_meas1``, ``pos_meas2`` (or ``pos1``, ``pos2``), and as far as known
+            ``vel_meas*``, ``tau_con*``, ``tau_pert*`` and ``tau_meas*``, in SI units.
+        torque_limits: of both motors (N m), where the loop clips commands after the log's columns were written.
+
+    Raises:
+        SwingupError: the file cannot be read, lacks a column, or holds what no pendulum's log can.
+    """
+    columns = read_columns(path, _GROUPS)
+    name = Path(path).name
+    time = columns["time"] - columns["time"][0]
+    check_time(name, time)
+    angles = _first(columns, _POSITIONS)
+    if angles is None:
+        raise SwingupError(f"{name} lacks pos_meas1, pos_meas2: name its comma-separated columns in the first line")
+    q = np.unwrap(angles, axis=0)
+    quantum = (_quantum(angles[:, 0]), _quantum(angles[:, 1]))
+    dq, commands, measured = (_first(columns, group) for group in (_VELOCITIES, _COMMANDS, _MEASURED))
+    fresh = _fresh_rows(q, quantum, time, dq, measured)
+    check_fresh(name, fresh)
+    check_motion(name, time[fresh], q[fresh], None if dq is None else dq[fresh])
+    dq = _differences(time, q) if dq is None else dq
+    commanded = commands is not None and "tau_meas1" not in _names(columns, _COMMANDS)
+    u = np.zeros_like(q) if commands is None else commands
+    if commanded:
+        u = u + (0.0 if (pushes := _first(columns, _PUSHES)) is None else pushes)
+    if torque_limits is not None:
+        u = np.clip(u, -np.asarray(torque_limits), np.asarray(torque_limits))
+    peak = np.abs(u).max(axis=0)
+    driven = peak > (0.0 if commanded else MEASURED_NOISE)
+    return Recording(
+        name=name,
+        time=time,
+        q=q,
+        dq=dq,
+        u=u,
+        measured_torque=measured,
+        fresh=fresh,
+        quantum=quantum,
+        period=float(np.median(np.diff(time))),
+        driven=(bool(driven[0]), bool(driven[1])),
+        commanded=commanded,
+        warnings=find_warnings(name, time, u, measured if commanded else None, fresh),
+    )
+
+
+def sensors(recordings: Sequence[Recording]) -> dict[str, float | str]:
+    """What a domain says of the sensors: the coarsest quanta, and whether velocities are differences of angles."""
+    quanta = np.max([recording.quantum for recording in recordings], axis=0)
+    slack = np.median([np.median(np.abs(each.dq - _differences(each.time, each.q))) for each in recordings])
+    source = "differences" if slack < DIFFERENCES else "driver"
+    return {"quantum1": float(quanta[0]), "quantum2": float(quanta[1]), "velocities": source}
+
+
+def _names(columns: dict[str, np.ndarray], group: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:
+    """The first complete choice of a group."""
+    return next((names for names in group if set(names) <= set(columns)), ())
+
+
+def _first(columns: dict[str, np.ndarray], group: tuple[tuple[str, ...], ...]) -> np.ndarray | None:
+    names = _names(columns, group)
+    return np.column_stack([columns[name] for name in names]) if names else None
+
+
+def _quantum(angle: np.ndarray) -> float:
+    """The encoder's step (rad): the smallest change of which most changes are multiples; otherwise 0."""
+    changes = np.abs(np.diff(angle))
+    # Single precision leaves differences of 1e-7 between equal angles of several turns.
+    changes = changes[changes > 2e-6]
+    if changes.size == 0:
+        return 0.0
+    smallest = float(changes.min())
+    step = float(np.median(changes[changes < 1.5 * smallest]))
+    small = changes[changes < 20 * step]
+    steps = small / step
+    return step if np.mean(np.abs(steps - np.round(steps)) < 0.05) > 0.9 else 0.0
+
+
+def _fresh_rows(
+    q: np.ndarray,
+    quantum: tuple[float, float],
+    time: np.ndarray,
+    dq: np.ndarray | None,
+    measured: np.ndarray | None,
+) -> np.ndarray:
+    """False where a row repeats all measurements although the pendulum moves."""
+    parts = [part for part in (q, dq, measured) if part is not None]
+    same = np.all([np.all(np.diff(part, axis=0) == 0, axis=1) for part in parts], axis=0)
+    # The mean speed over five rows to each side: one repeated row alone would show no speed.
+    reach = min(5, len(time) // 2)
+    rows = np.arange(len(time))
+    after, before = np.minimum(rows + reach, len(time) - 1), np.maximum(rows - reach, 0)
+    speed = np.abs(q[after] - q[before]) / (time[after] - time[before])[:, None]
+    moved = speed[1:] * np.diff(time)[:, None] > REPEAT_MOTION * np.maximum(np.asarray(quantum), 1e-6)
+    return np.concatenate([[True], ~(same & moved.any(axis=1))])
+
+
+def _differences(time: np.ndarray, q: np.ndarray) -> np.ndarray:
+    backward = np.diff(q, axis=0) / np.diff(time)[:, None]
+    return np.concatenate([backward[:1], backward])

@@ -1,0 +1,197 @@
+"""Everything between a controller and the pendulum as data: sensors, noise, delay, motors, pushes and the clock.
+
+A :class:`Disturbance` is a pytree of reals: batch it with ``vmap`` to run many at once. The functions follow the
+order of one step of the public RealAIGym benchmark: :func:`measured_state`, the controller, :func:`motor_torques`,
+the plant.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, UInt32
+
+from ..common.types import Count, Scalar, State, Torque
+from .clock import Clock, Times
+from .motors import Drive, Motor
+from .sensor import Sensor
+
+Past = Float[Array, "depth 4"]
+"""The last states as a ring: row k mod depth holds the state before step k, and the oldest is overwritten."""
+
+
+class Pushes(eqx.Module):
+    """Gaussian torque pushes on each joint."""
+
+    centre: Float[Array | np.ndarray, "2 n"]
+    """Time of each push's peak (s)."""
+    width: Float[Array | np.ndarray, "2 n"]
+    """Standard deviation of each push (s)."""
+    amplitude: Float[Array | np.ndarray, "2 n"]
+    """Torque at each push's peak (N m)."""
+
+    def torque(self, t: Scalar) -> Torque:
+        """Σ a exp(-(t - μ)² / 2σ²) of each joint at time t (s)."""
+        distance = (t - jnp.asarray(self.centre)) / jnp.asarray(self.width)
+        return jnp.sum(jnp.asarray(self.amplitude) * jnp.exp(-0.5 * distance**2), axis=1)
+
+
+class Disturbance(eqx.Module):
+    """Everything that disturbs one simulation, besides an error of the model."""
+
+    velocity_noise: float | Scalar
+    """Standard deviation of the noise on both measured velocities (rad/s)."""
+    torque_noise: float | Scalar
+    """Standard deviation of the noise on a motor's torque (N m)."""
+    response: float | Scalar
+    """Motor response k in u_applied = u_before + k (u - u_before); 1 is a perfect motor."""
+    delay_steps: int | Count
+    """Age of the measured state (steps), below the depth of the past that is kept."""
+    pushes: Pushes
+    """Torques that act beside the motor's, and may exceed its limit."""
+    noise: UInt32[Array | np.ndarray, "2"]
+    """The two words of a threefry key, which fixes the noise."""
+    motor: Motor | None = None
+    """None for motors without torque-rate limit and ripple."""
+    sensor: Sensor | None = None
+    """None for angles without steps and offsets, and true velocities but for their noise."""
+    clock: Clock | None = None
+    """None for periods that are all equal."""
+    drive: Drive | None = None
+    """None for motors without lag that deliver what they are asked for."""
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether the loop has to keep its own time: its periods vary, or velocities are differences over it."""
+        return self.clock is not None or (self.sensor is not None and self.sensor.differences)
+
+
+def undisturbed(pushes: int = 1) -> Disturbance:
+    """A disturbance that changes nothing, with room for ``pushes`` pushes a joint."""
+    nothing = np.zeros((2, pushes))
+    # Widths of 1, since the pushes divide by them.
+    return Disturbance(0.0, 0.0, 1.0, 0, Pushes(nothing, nothing + 1.0, nothing), np.zeros(2, np.uint32))
+
+
+def disturbance_as_dict(disturbance: Disturbance) -> dict[str, Any]:
+    """A disturbance as JSON values: its numbers, the words of its noise's key, and its pushes, if any."""
+    names = ("velocity_noise", "torque_noise", "response")
+    numbers: dict[str, Any] = {name: float(getattr(disturbance, name)) for name in names}
+    pushes = {name: np.asarray(values).tolist() for name, values in vars(disturbance.pushes).items()}
+    given = {"pushes": pushes} if np.any(np.asarray(disturbance.pushes.amplitude)) else {}
+    numbers["delay_steps"] = int(disturbance.delay_steps)
+    return numbers | {"noise": np.asarray(disturbance.noise).tolist()} | given
+
+
+def step_noise(disturbance: Disturbance, step: Count, dtype: jnp.dtype) -> tuple[Float[Array, "2"], Torque]:
+    """The noise of one step: on the two measured velocities (rad/s) and on the torques (N m).
+
+    The benchmark has one driven joint, and draws once for its torque; with motors on both each has its own.
+    """
+    # Named, since a program may have another default, with keys of another size.
+    key = jax.random.wrap_key_data(jnp.asarray(disturbance.noise), impl="threefry2x32")
+    torques = 1 if disturbance.motor is None else 2
+    # A function of seed, simulation and step: parts of a grid repeat what the whole grid draws.
+    normal = jax.random.normal(jax.random.fold_in(key, step), (2 + torques,), dtype)
+    return disturbance.velocity_noise * normal[:2], disturbance.torque_noise * jnp.broadcast_to(normal[2:], (2,))
+
+
+def remember(past: Past, step: Count, x: State) -> Past:
+    """The past with the state before this step."""
+    return past.at[step % past.shape[0]].set(x)
+
+
+def step_period(disturbance: Disturbance, step: Count, dt: float, dtype: jnp.dtype) -> float | Scalar:
+    """The time (s) from one step to the next."""
+    if disturbance.clock is None:
+        return dt
+    key = jax.random.wrap_key_data(jnp.asarray(disturbance.noise), impl="threefry2x32")
+    # Apart from the keys of the noise, which are those of the steps.
+    late_key = jax.random.fold_in(jax.random.fold_in(key, step), 1)
+    return disturbance.clock.period(jax.random.uniform(late_key, (), dtype), dt)
+
+
+def measured_state(
+    disturbance: Disturbance,
+    past: Past,
+    step: Count,
+    velocity_noise: Float[Array, "2"],
+    times: Times | None = None,
+) -> State:
+    """The state that the controller receives: delayed, as the sensors see it, then noise on the velocities.
+
+    Before the run is as old as the delay, the first state is measured: start with it in all rows of the past.
+
+    Args:
+        disturbance: delay and sensors.
+        past: the last states, deeper than the delay; with velocities from differences one deeper than that.
+        step: number of the present step.
+        velocity_noise: the noise of this step (rad/s).
+        times: when the states were measured; needed for differences.
+    """
+    seen = step - jnp.asarray(disturbance.delay_steps)
+    measured = past[seen % past.shape[0]]
+    if disturbance.sensor is not None:
+        before = past[(seen - 1) % past.shape[0]]
+        measured = disturbance.sensor.read(measured, before, 1.0 if times is None else times.age(seen))
+    return measured.at[2:].add(velocity_noise)
+
+
+def motor_torques(
+    disturbance: Disturbance,
+    command: Torque,
+    before: Torque,
+    t: Scalar,
+    torque_noise: Torque,
+    limits: Torque,
+    q: Float[Array, "2"],
+    dt: float | Scalar,
+) -> tuple[Torque, Torque]:
+    """The torques that act on the joints at time t (s), and the torques that the motors start from next.
+
+    In the public benchmark the motor moves from the torque that acted before towards the command, takes noise and
+    is clipped to its limits; the push comes on top. With a ``motor`` it moves from its own torque, within its rate
+    limit and its limits, and ripple, noise and push come on top. A joint with limit 0 is passive: nothing acts on
+    it, not even its pushes, as in the public benchmark. With a ``drive`` the push is asked of the motors of both
+    joints, as on the robot: it is added to the command after the limits.
+
+    Args:
+        disturbance: response, pushes, motor and drive of the loop.
+        command: the controller's torques (N m).
+        before: torques that the motors start from (N m): the second result of the step before, 0 at first.
+        t: time (s).
+        torque_noise: the noise of this step (N m).
+        limits: torque limits of the two motors (N m).
+        q: angles of the joints (rad), for the motors' ripple.
+        dt: time of the step (s), for their rate limit and lag.
+    """
+    # Pushes drawn for the passive joint have no effect: the benchmark's published numbers contain this.
+    driven, pushes = limits > 0, disturbance.pushes.torque(t)
+    noise, push = (jnp.where(driven, added, 0.0) for added in (torque_noise, pushes))
+    ripple = jnp.zeros(2) if disturbance.motor is None else disturbance.motor.ripple_torque(q)
+    ripple = jnp.where(driven, ripple, 0.0)
+    if disturbance.drive is not None:
+        asked = jnp.clip(command, -limits, limits) + pushes
+        delivered, own = _lagging_torques(disturbance, disturbance.drive, asked, before, dt)
+        return delivered + ripple + noise, own
+    torque = before + disturbance.response * (command - before)
+    if disturbance.motor is None:
+        acting = jnp.clip(torque + noise, -limits, limits) + push
+        # The push is part of what the motor starts from, as in the benchmark.
+        return acting, acting
+    own = jnp.clip(disturbance.motor.follow(torque, before, dt), -limits, limits)
+    # The motors continue from their own torques: from the sums, ripple at rest would be integrated, and a push
+    # would let them exceed their limits.
+    return own + ripple + noise + push, own
+
+
+def _lagging_torques(
+    disturbance: Disturbance, drive: Drive, asked: Torque, before: Torque, dt: float | Scalar
+) -> tuple[Torque, Torque]:
+    """What motors with a lag deliver on the mean of a step, and their own torques at its end (N m)."""
+    mean, own = drive.follow(before + disturbance.response * (asked - before), before, dt)
+    if disturbance.motor is not None:
+        mean, own = (disturbance.motor.follow(torque, before, dt) for torque in (mean, own))
+    return jnp.asarray(drive.gain) * mean, own

@@ -1,0 +1,261 @@
+"""Domains: a plant whose values may be ranges, and the loop around it; each episode draws its own values.
+
+A range of one value is a known fact; wider ranges are domain randomisation. A plant's file is a domain as it is.
+The package's domains are files in ``loop/domains``, with the source of every number.
+"""
+
+import dataclasses
+import functools
+import itertools
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+
+from ..common.checks import suggestion
+from ..common.errors import SwingupError
+from ..common.text import one_line, quoted
+from ..common.yaml_map import read_map
+from ..dynamics.integrate import stable_substeps
+from ..plant.plant import LEADERBOARD, NAMES, SHIPPED_PLANTS, Plant, base_plant, load_plant, make_plant, validated
+from ..plant.robots import Robot
+from .loop import LONGEST_PERIOD, LOOP_DT, PERFECT_LOOP, VALUES, Loop
+
+MOTORS = ("tl1", "tl2")
+"""Torque limits of the plant's motors."""
+
+TORQUE_LIMIT = "torque_limit"
+"""A domain may give one limit for both motors; the loop's ``passive_limit`` replaces it on the passive joint."""
+
+PLANT = tuple(name for name in NAMES if name not in MOTORS)
+"""The other parameters of the plant."""
+
+MASSES = ("m2", "l1", "r2", "I1", "I2", "Ir", "gr")
+"""Parameters in the mass matrix, which must be positive definite for all their combinations."""
+
+IDENTIFIED = "C.1"
+"""The plant of a domain that names none: what it leaves out is as identified there."""
+
+SESSIONS = ("excitation", "acrobot", "pendubot", "acrobot-pushed", "acrobot-iros", "pendubot-iros")
+"""Sessions of the robot of design C.1, each with its fitted plant and loop: the domains ``session-...``."""
+
+SHIPPED = ("identified", "randomised", "recorded", "cells", *(f"session-{name}" for name in SESSIONS))
+"""Domains that the package ships."""
+
+
+class PlantInLoop(NamedTuple):
+    """A plant and the loop around it: one end of a domain."""
+
+    plant: Plant
+    loop: Loop
+
+    def value(self, name: str) -> float:
+        """A number by the name that a domain's file has for it."""
+        name = MOTORS[0] if name == TORQUE_LIMIT else name
+        return float(getattr(self.loop if name in VALUES else self.plant, name))
+
+
+@dataclass(frozen=True)
+class Domain:
+    """Plants in their loops, from the lowest values to the highest; hashable."""
+
+    low: PlantInLoop
+    high: PlantInLoop
+    names: tuple[str, ...]
+    """What the source gives, in its order, in which draws take their random numbers. The rest is the base plant's
+    or a perfect loop's."""
+    name: str = field(default="DOMAIN.yml", compare=False)
+    """The name or the file that ``load_domain`` read. Not compared, so that equal ranges compile once."""
+    plant: Plant | None = None
+    """The base plant that the source names or makes; None for C.1 as identified."""
+
+    def __post_init__(self) -> None:
+        """Refuse plants that cannot move.
+
+        Raises:
+            SwingupError: a combination of the values makes no pendulum.
+        """
+        for corner in self.corners():
+            validated(corner)
+
+    @functools.cached_property
+    def base(self) -> Plant:
+        """The plant where no range changes it."""
+        return _base(self.plant)
+
+    @property
+    def ranges(self) -> tuple[tuple[str, float, float], ...]:
+        """What the source gives: names with their lowest and highest values."""
+        return tuple((name, self.low.value(name), self.high.value(name)) for name in self.names)
+
+    @property
+    def order(self) -> list[int]:
+        """Places of the numbers among the leaves of ``low``, in the order in which draws take random numbers."""
+        places = {name: place for place, name in enumerate((*NAMES, *VALUES))}
+        first = [places[MOTORS[0] if name == TORQUE_LIMIT else name] for name in self.names]
+        return list(dict.fromkeys([*first, *places.values()]))
+
+    @property
+    def design_plant(self) -> Plant:
+        """What controllers are designed for: its plant, or the leaderboards' where it names none."""
+        return LEADERBOARD if self.plant is None else self.plant
+
+    def corners(self) -> Iterator[Plant]:
+        """Plants at the ends of the ranges: all combinations of the masses', and both ends of the others.
+
+        Draws may pair any ends of the masses' ranges, and some pairs make no pendulum though both ends alone do.
+        """
+        # dict.fromkeys: a range of one value has one end.
+        pairs = [dict.fromkeys(getattr(end.plant, name) for end in (self.low, self.high)) for name in MASSES]
+        for end, masses in itertools.product((self.low, self.high), itertools.product(*pairs)):
+            yield end.plant.changed(**dict(zip(MASSES, masses, strict=True)))
+
+    def has(self, *names: str) -> bool:
+        """Whether one of these values of the loop may differ from a perfect loop's."""
+        ends = self.low.loop, self.high.loop
+        return any(getattr(loop, name) != getattr(PERFECT_LOOP, name) for loop in ends for name in names)
+
+    @property
+    def differences(self) -> bool:
+        """Whether measured velocities are differences of positions: by choice, or where angles have a quantum."""
+        chosen = self.low.loop.velocities
+        return self.has("quantum1", "quantum2") if chosen is None else chosen == "differences"
+
+    @property
+    def depth(self) -> int:
+        """Number of states that the loop remembers, enough for the longest delay and a difference before it."""
+        return whole_delay_steps(self.high.value("delay")) + 1 + self.differences
+
+    @functools.cached_property
+    def substeps(self) -> int:
+        """Steps of RK4 in a step of the loop, so that friction stays stable on all of its plants."""
+        longest = LOOP_DT * (LONGEST_PERIOD if self.has("late") else 1.0)
+        return max(stable_substeps(corner, longest) for corner in self.corners())
+
+    @property
+    def nominal(self) -> PlantInLoop:
+        """The middle of all ranges."""
+        middle: PlantInLoop = jax.tree.map(lambda low, high: 0.5 * (low + high), self.low, self.high)
+        return middle
+
+    @property
+    def nominal_plant(self) -> Plant:
+        """The plant in the middle of the ranges, with the name of the base plant."""
+        return dataclasses.replace(self.nominal.plant, name=self.base.name)
+
+    def known_plant(self, robot: Robot) -> Plant | None:
+        """The nominal plant with the robot's one motor, if the domain names its plant; None for the leaderboards'.
+
+        Controllers in a loop around C.1 as identified, which names no plant, are those of the leaderboards' plant.
+        """
+        return None if self.plant is None else self.nominal_plant.driven(robot)
+
+    def __str__(self) -> str:
+        """Its name and its ranges."""
+        return f"{self.name} {self.as_dict()}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        named = {} if self.plant is None else {"plant": self.plant.name}
+        option = {} if self.low.loop.velocities is None else {"velocities": self.low.loop.velocities}
+        return {**named, **option, **{name: [low, high] for name, low, high in self.ranges}}
+
+
+def whole_delay_steps(delay: float) -> int:
+    """Whole loop steps in a delay (s); 1e-4 of a step is added, since rounding may lose a whole one."""
+    return int(delay / LOOP_DT + 1e-4)
+
+
+def make_domain(content: Mapping[str, Any], name: str = "DOMAIN.yml", folder: str | Path = ".") -> Domain:
+    """A domain from values by name: a number, or a range of two.
+
+    Args:
+        content: the values; also ``plant``, a plant or the name or file of one, and ``velocities``.
+        name: of the domain.
+        folder: where a plant's file is looked for.
+
+    Raises:
+        SwingupError: a name is unknown, a value is no number or beyond its range, or there is no such plant.
+    """
+    values = dict(content)
+    named, velocities = values.pop("plant", None), values.pop("velocities", None)
+    ranges = {each: _range(each, value) for each, value in values.items()}
+    given = ranges | (dict.fromkeys(MOTORS, ranges[TORQUE_LIMIT]) if TORQUE_LIMIT in ranges else {})
+    if named is not None:
+        plant = named if isinstance(named, Plant) else base_plant(named, folder)
+    elif given.keys() >= set(PLANT):
+        middles = {each: 0.5 * (low + high) for each, (low, high) in given.items()}
+        plant = make_plant(middles, f"domain {name}", name)
+    else:
+        plant = None
+    low, high = (
+        PlantInLoop(
+            _base(plant).changed(**{each: given[each][end] for each in given if each in NAMES}),
+            Loop(**{each: given[each][end] for each in given if each in VALUES}, velocities=velocities),
+        )
+        for end in (0, 1)
+    )
+    return Domain(low, high, tuple(ranges), name, plant)
+
+
+def _base(plant: Plant | None) -> Plant:
+    return load_plant(IDENTIFIED) if plant is None else plant
+
+
+def load_domain(source: str | Path) -> Domain:
+    """A domain by its name, or from a YAML file of ``name: value`` and ``name: [low, high]``.
+
+    Args:
+        source: a domain that the package ships, a file of ranges or of a plant's facts, or a shipped plant's name.
+
+    Raises:
+        SwingupError: there is no such domain, the file cannot be read, or its content makes none.
+    """
+    source = str(source)
+    if source in SHIPPED:
+        with resources.as_file(resources.files(__package__) / "domains" / f"{source}.yml") as path:
+            return make_domain(read_map(path, "domain"), source)
+    if source in SHIPPED_PLANTS:
+        return make_domain({"plant": source}, source)
+    if not source.endswith((".yml", ".yaml")):
+        near = suggestion(source, (*SHIPPED, *SHIPPED_PLANTS))
+        raise SwingupError(
+            f"unknown domain {quoted(source)}: use {', '.join(SHIPPED)}, a plant's name or a YAML file (.yml){near}"
+        )
+    try:
+        return make_domain(read_map(source, "domain"), source, Path(source).parent)
+    except SwingupError as error:
+        raise SwingupError(f"domain {one_line(source)}: {error}") from error
+
+
+def _range(name: str, value: Any) -> tuple[float, float]:
+    """The lowest and the highest value of an entry.
+
+    Raises:
+        SwingupError: the name is unknown, or the entry is neither a number nor a range, or beyond what may be.
+    """
+    known = (*NAMES, TORQUE_LIMIT, *VALUES)
+    if name not in known:
+        raise SwingupError(f"unknown name {quoted(name)}: use some of {', '.join(known)}{suggestion(name, known)}")
+    ends = value if isinstance(value, list | tuple) else [value, value]
+    numbers = [number for number in map(_number, ends) if number is not None]
+    if len(ends) != 2 or len(numbers) != 2:
+        raise SwingupError(f"{name} = {quoted(value)} must be a number, or a range [low, high]")
+    low, high = numbers
+    if not low <= high:
+        raise SwingupError(f"{name} = [{low:g}, {high:g}] must be a range from low to high")
+    allowed = VALUES.get(name)
+    if allowed is not None and not allowed.least <= low <= high <= allowed.most:
+        raise SwingupError(f"{name} = [{low:g}, {high:g}] must lie between {allowed.least:g} and {allowed.most:g}")
+    return low, high
+
+
+def _number(value: Any) -> float | None:
+    """A number, or a text that is one: YAML's 4e-5 has no point."""
+    try:
+        return None if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        return None

@@ -1,0 +1,75 @@
+"""Draws from a domain: one plant and the disturbance of its loop, each number evenly from its range."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..common.types import Key
+from ..plant.plant import Plant
+from ..plant.robots import Robot
+from .clock import Clock
+from .disturbance import Disturbance, Pushes
+from .domain import Domain, PlantInLoop
+from .loop import LOOP_DT, Loop
+from .motors import Drive, Motor
+from .sensor import Sensor
+
+PUSH_WIDTH = 0.05
+"""Standard deviation of a push (s), the benchmark's shortest."""
+PUSH_TIME = 2.0
+"""The peak of an episode's push comes at most this long after its start (s)."""
+
+
+def draw(domain: Domain, key: Key, robot: Robot) -> tuple[Plant, Disturbance]:
+    """A plant and the disturbance of its loop, each number drawn evenly from its range in the domain."""
+    value_key, push_key, noise_key = jax.random.split(key, 3)
+    plant, loop = _draw_values(domain, value_key)
+    driven = jnp.array(robot.actuation)
+    limits = jnp.where(driven > 0, jnp.stack([plant.tl1, plant.tl2]), loop.passive_limit)
+    disturbance = Disturbance(
+        velocity_noise=loop.velocity_noise,
+        torque_noise=loop.torque_noise,
+        response=loop.response,
+        # As whole_delay_steps, for a drawn delay.
+        delay_steps=jnp.floor(loop.delay / LOOP_DT + 1e-4).astype(int),
+        pushes=_pushes(loop, push_key, robot),
+        # Two words for threefry; other implementations of JAX's keys have four.
+        noise=jax.random.key_data(noise_key).astype(jnp.uint32)[-2:],
+        motor=Motor(loop.rate_limit, loop.ripple, loop.ripple_periods),
+        # Parts that a domain cannot have are left out: they would cost time in each step.
+        sensor=_sensor(domain, loop),
+        clock=Clock(loop.late, loop.lateness) if domain.has("late") else None,
+        drive=_drive(loop) if domain.has("lag", "gain1", "gain2", "passive_push") else None,
+    )
+    return dataclasses.replace(plant, tl1=limits[0], tl2=limits[1]), disturbance
+
+
+def _draw_values(domain: Domain, key: Key) -> PlantInLoop:
+    ends, order = (domain.low, domain.high), np.array(domain.order)
+    low, high = (jnp.array(jax.tree.leaves(end))[order] for end in ends)
+    drawn = jax.random.uniform(key, low.shape, low.dtype, low, jnp.maximum(high, low))
+    values: PlantInLoop = jax.tree.unflatten(jax.tree.structure(domain.low), list(drawn[np.argsort(order)]))
+    return values
+
+
+def _drive(loop: Loop) -> Drive:
+    return Drive(jnp.stack([loop.gain1, loop.gain2]), loop.lag)
+
+
+def _sensor(domain: Domain, loop: Loop) -> Sensor | None:
+    """None where angles are exact and velocities the motors' own."""
+    if not domain.has("quantum1", "quantum2", "offset1", "offset2") and not domain.differences:
+        return None
+    quantum, offset = jnp.stack([loop.quantum1, loop.quantum2]), jnp.stack([loop.offset1, loop.offset2])
+    return Sensor(quantum, offset, domain.differences)
+
+
+def _pushes(loop: Loop, key: Key, robot: Robot) -> Pushes:
+    """One push on each joint, at a time and with a peak that are drawn."""
+    time, size = jax.random.uniform(key, (2, 2, 1))
+    driven = jnp.array(robot.actuation)[:, None]
+    # Multiplied first: the draws of domains without a push on the passive joint keep their bits.
+    peak = loop.push * (2 * size - 1) * driven + loop.passive_push * (2 * size - 1) * (1 - driven)
+    return Pushes(PUSH_TIME * time, jnp.full((2, 1), PUSH_WIDTH), peak)

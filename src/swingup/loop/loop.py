@@ -1,0 +1,93 @@
+"""The loop between a controller and the plant as data: sensors, motors and clock, and the values they may have."""
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Annotated, TypeAlias, get_type_hints
+
+import jax
+
+from ..common.checks import LARGEST, one_of
+from ..common.settings import Range
+from ..common.types import Scalar
+
+LOOP_DT = 0.002
+"""Time of a step of loop and plant (s)."""
+
+LONGEST_PERIOD = 3.0
+"""Nominal periods in the longest one. Chosen: longer ones come in some recordings, about once in 1,000 periods."""
+
+VELOCITIES = ("differences", "driver")
+"""Sources of measured velocities: backward differences of measured positions over recorded times, or the motors'
+own drivers."""
+
+TORQUE, TORQUE_RATE, VELOCITY = "torque", "torque rate", "velocity"
+"""Units of values that change with the pendulum; all others, as delays and angles, stay around any pendulum."""
+
+
+Number: TypeAlias = float | Scalar
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Loop:
+    """What stands between a controller and a plant; the defaults are a perfect loop."""
+
+    passive_limit: Annotated[Number, Range(0.0, LARGEST), TORQUE] = 0.0
+    """Torque limit of the motor of the passive joint, which compensates friction (N m)."""
+    delay: Annotated[Number, Range(0.0, 0.2)] = 0.0
+    """Age of a measurement (s)."""
+    velocity_noise: Annotated[Number, Range(0.0, 10.0), VELOCITY] = 0.0
+    """Standard deviation of the noise on measured velocities (rad/s)."""
+    torque_noise: Annotated[Number, Range(0.0, 10.0), TORQUE] = 0.0
+    """Standard deviation of the noise on a motor's torque (N m)."""
+    response: Annotated[Number, Range(0.0, 2.0)] = 1.0
+    """Part of a change of torque that a motor makes within a step; 1 is a perfect motor."""
+    rate_limit: Annotated[Number, Range(0.0, LARGEST), TORQUE_RATE] = 1e6
+    """Fastest change of a motor's torque (N m/s)."""
+    ripple: Annotated[Number, Range(0.0, LARGEST), TORQUE] = 0.0
+    """Amplitude of the torque ripple (N m)."""
+    ripple_periods: Annotated[Number, Range(0.0, LARGEST)] = 36.0
+    """Periods of the ripple in a turn of the joint."""
+    push: Annotated[Number, Range(0.0, LARGEST), TORQUE] = 0.0
+    """Largest peak of the one push on the driven joint (N m)."""
+    quantum1: Annotated[Number, Range(0.0, 0.1)] = 0.0
+    """Step of the shoulder's measured angle (rad)."""
+    quantum2: Annotated[Number, Range(0.0, 0.1)] = 0.0
+    """Step of the elbow's measured angle (rad)."""
+    offset1: Annotated[Number, Range(-1.0, 1.0)] = 0.0
+    """Measured angle of the shoulder where the true one is 0 (rad)."""
+    offset2: Annotated[Number, Range(-1.0, 1.0)] = 0.0
+    """Measured angle of the elbow where the true one is 0 (rad)."""
+    late: Annotated[Number, Range(0.0, 1.0)] = 0.0
+    """Share of periods that are longer than the nominal one."""
+    lateness: Annotated[Number, Range(0.0, 0.1)] = 0.0
+    """Mean excess of the late periods (s)."""
+    lag: Annotated[Number, Range(0.0, 0.1)] = 0.0
+    """Time constant of the motors' first-order lag (s)."""
+    gain1: Annotated[Number, Range(0.0, 10.0)] = 1.0
+    """Delivered over asked torque of the shoulder's motor."""
+    gain2: Annotated[Number, Range(0.0, 10.0)] = 1.0
+    """Delivered over asked torque of the elbow's motor."""
+    passive_push: Annotated[Number, Range(0.0, LARGEST), TORQUE] = 0.0
+    """Largest peak of the one push on the passive joint (N m)."""
+    velocities: str | None = dataclasses.field(default=None, metadata={"static": True})
+    """One of :data:`VELOCITIES`; None for differences where an angle has a quantum, and the drivers elsewhere."""
+
+    def __post_init__(self) -> None:
+        """Refuse an unknown source of velocities. Numbers may be traced: ``make_domain`` checks them."""
+        if self.velocities is not None:
+            one_of("velocities", self.velocities, VELOCITIES)
+
+
+_ANNOTATED = {
+    name: hint.__metadata__
+    for name, hint in get_type_hints(Loop, include_extras=True).items()
+    if hasattr(hint, "__metadata__")
+}
+VALUES: dict[str, Range] = {name: annotated[0] for name, annotated in _ANNOTATED.items()}
+"""Least and largest value of each number of a loop, by name."""
+UNITS: dict[str, str | None] = {name: next(iter(annotated[1:]), None) for name, annotated in _ANNOTATED.items()}
+"""Their units, of those that change with the pendulum."""
+
+PERFECT_LOOP = Loop()
+"""No delay, no noise, and motors that do what they are asked for."""

@@ -1,0 +1,61 @@
+"""The loop of a domain around another plant, in that pendulum's own units."""
+
+import dataclasses
+from pathlib import Path
+
+from ..plant.plant import PlantLike, load_plant
+from ..plant.units import scales_of
+from .domain import Domain, PlantInLoop, load_domain, make_domain
+from .loop import TORQUE, TORQUE_RATE, UNITS, VALUES, VELOCITY
+
+
+def loop_around(plant: PlantLike | Domain | None, domain: Domain | str | None) -> Domain:
+    """The loop of a domain around a plant, as every command means its options ``--plant`` and ``--domain``.
+
+    Torques, their rates and velocities are in the pendulum's own units, relative to the plant that the domain is
+    made for; delays, periods, angles and shares stay. What the plant's file says of its own loop has the last word,
+    and its motors keep their limits. Values of the domain's own plant have no effect.
+
+    Args:
+        plant: a plant, its name, or its file, which may have ranges and a loop; or all as a domain.
+            None for the domain's own.
+        domain: the loop, by itself or by name; None for a perfect loop.
+
+    Raises:
+        SwingupError: there is no such plant or domain, or a plant has no units.
+    """
+    domain = load_domain(domain) if isinstance(domain, str) else domain
+    if plant is None:
+        return make_domain({}, "a perfect loop") if domain is None else domain
+    facts = plant if isinstance(plant, Domain) else plant_as_domain(plant)
+    if domain is None:
+        return facts
+    own, others = scales_of(facts.nominal_plant), scales_of(domain.base)
+    torque, velocity = own.torque_limit / others.torque_limit, own.velocity / others.velocity
+    scale = {None: 1.0, TORQUE: torque, TORQUE_RATE: torque * velocity, VELOCITY: velocity}
+    added = [name for name in domain.names if name in VALUES and name not in facts.names]
+
+    def around(mine: PlantInLoop, other: PlantInLoop) -> PlantInLoop:
+        values = {name: scale[UNITS[name]] * other.value(name) for name in added}
+        velocities = mine.loop.velocities or other.loop.velocities
+        return mine._replace(loop=dataclasses.replace(mine.loop, **values, velocities=velocities))
+
+    return dataclasses.replace(
+        facts,
+        low=around(facts.low, domain.low),
+        high=around(facts.high, domain.high),
+        names=(*facts.names, *added),
+        name=f"{facts.name} in the loop of {domain.name}",
+    )
+
+
+def plant_as_domain(plant: PlantLike) -> Domain:
+    """A plant as a domain; its file may have a loop and ranges as well.
+
+    Raises:
+        SwingupError: there is no such plant, or its file makes none.
+    """
+    if isinstance(plant, str | Path) and Path(plant).suffix in (".yml", ".yaml") and Path(plant).is_file():
+        return load_domain(plant)
+    found = load_plant(plant)
+    return make_domain({"plant": found}, found.name)

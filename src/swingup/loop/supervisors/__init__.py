@@ -1,0 +1,1 @@
+"""What stands beside a controller in a loop and stops, throws, moves or kicks the pendulum."""

@@ -1,0 +1,43 @@
+"""Limits of angle and speed, beyond which a robot stops or throws its pendulum."""
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from ...common.types import Flag, Scalar, State, Torque
+from .supervisor import AbstractSupervisor, Intervention
+
+BRAKE = 1.0
+"""Torque of the brake over the speed of a joint (N m s/rad). Source: the public loop of RealAIGym's robots."""
+
+
+class Limits(eqx.Module):
+    """The largest angle and speed of either joint."""
+
+    angle: float | Scalar
+    """rad; angles are not wrapped."""
+    speed: float | Scalar
+    """rad/s"""
+
+    def exceeded(self, x: State) -> Flag:
+        """Whether either joint of a state is beyond a limit."""
+        return jnp.any(jnp.abs(x[:2]) > self.angle) | jnp.any(jnp.abs(x[2:]) > self.speed)
+
+
+class Stop(AbstractSupervisor[Flag]):
+    """Stops the run and brakes once a measured state is beyond the limits."""
+
+    limits: Limits
+
+    def start(self, dtype: jnp.dtype) -> Flag:
+        """Not stopped."""
+        return jnp.array(False)
+
+    def __call__(self, memory: Flag, t: Scalar, x: State) -> tuple[Flag, Intervention]:
+        """Brake from the first state beyond the limits on."""
+        stopped = memory | self.limits.exceeded(x)
+        return stopped, Intervention(stopped, brake(x), jnp.zeros_like(x[:2]), stopped)
+
+
+def brake(x: State) -> Torque:
+    """Torques (N m) against the measured velocities."""
+    return -BRAKE * x[2:]

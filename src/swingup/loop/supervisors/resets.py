@@ -1,0 +1,129 @@
+"""Resets: throws by a PID that come at planned times, and at once when the pendulum exceeds a limit.
+
+Source: the rules of ICRA 2025 on the real robot. A reset at a limit is inserted before the planned ones, which it
+delays. The rules' quirks are kept: the delay counts from the time for which the reset before was planned, not from
+its end, and the PID's errors continue from reset to reset.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ...common.types import Count, Flag, Scalar, State, Torque
+from ...plant.plant import Plant
+from .limits import Limits, Stop
+from .supervisor import AbstractSupervisor, Intervention
+from .throws import PID, Thrower, start_pid, throwing_torque
+
+
+class Resets(eqx.Module):
+    """When resets are planned, where they aim, when they end, and the limits at which they come unplanned."""
+
+    plan: Float[Array | np.ndarray, "resets"]
+    """Planned times, in order (s)."""
+    target: Float[Array | np.ndarray, "goals 2"]
+    """Angles that one reset after another aims at (rad)."""
+    duration: float | Scalar
+    """A reset ends when its clock is above this (s) ..."""
+    clean: int | Count
+    """... and none of so many samples in a row, the present one included, exceeded a limit."""
+    limits: Limits
+    """Beyond these a reset begins at once."""
+    thrower: Thrower
+    """The PID."""
+    model: Plant
+    """The model with which it compensates gravity."""
+
+
+class ResetMemory(eqx.Module):
+    """What the resets remember from call to call."""
+
+    active: Flag
+    """A reset runs: the PID has both joints."""
+    begun: Count
+    """Resets so far, planned or inserted."""
+    planned: Count
+    """Planned ones so far."""
+    delay: Scalar
+    """Time by which inserted resets delay the rest of the plan (s)."""
+    before: Scalar
+    """Time for which the last reset was planned, or at which it was inserted (s)."""
+    clock: Scalar
+    """Time of the present reset (s)."""
+    t: Scalar
+    """Time of the last call (s)."""
+    clean: Count
+    """Samples since the last that exceeded a limit."""
+    pid: PID
+
+
+class ResetSupervisor(AbstractSupervisor[tuple[ResetMemory, Flag]]):
+    """Resets the pendulum by plan and at limits, and stops the run at wider limits."""
+
+    resets: Resets
+    stop: Stop
+
+    def start(self, dtype: jnp.dtype) -> tuple[ResetMemory, Flag]:
+        """No reset so far, and not stopped."""
+        return start_resets(self.resets, dtype), self.stop.start(dtype)
+
+    def __call__(
+        self, memory: tuple[ResetMemory, Flag], t: Scalar, x: State
+    ) -> tuple[tuple[ResetMemory, Flag], Intervention]:
+        """The PID drives during a reset, the brake after a stop."""
+        resets, torque = step_resets(self.resets, memory[0], t, x)
+        stopped, end = self.stop(memory[1], t, x)
+        done = Intervention(resets.active | stopped, jnp.where(stopped, end.torque, torque), end.push, stopped)
+        return (resets, stopped), done
+
+
+def start_resets(resets: Resets, dtype: jnp.dtype) -> ResetMemory:
+    """The resets before the first call of a run."""
+    zero, nothing = jnp.zeros((), dtype), jnp.zeros((), int)
+    return ResetMemory(
+        active=jnp.array(False),
+        begun=nothing,
+        planned=nothing,
+        delay=zero,
+        before=zero,
+        clock=zero,
+        t=zero,
+        # As if samples before the run had been clean.
+        clean=jnp.asarray(resets.clean, int),
+        pid=start_pid(dtype),
+    )
+
+
+def step_resets(resets: Resets, memory: ResetMemory, t: Scalar, x: State) -> tuple[ResetMemory, Torque]:
+    """One call: begin or end a reset at time t (s) for the measured state x, and compute the PID's torque (N m).
+
+    A reset that is due counts as planned, though a limit is exceeded as well. The torque drives both joints where a
+    reset is active afterwards.
+    """
+    exceeded = resets.limits.exceeded(x)
+    clean = jnp.where(exceeded, 0, memory.clean + 1)
+    plan = jnp.append(jnp.asarray(resets.plan), jnp.inf)[memory.planned] + memory.delay
+    due = t >= plan
+    begins = ~memory.active & (due | exceeded)
+    clock = jnp.where(begins, 0.0, memory.clock)
+    # Never in the call that begins it, since the clock is 0 then.
+    active = (memory.active | begins) & ~((clock > resets.duration) & (clean >= resets.clean))
+    begun = memory.begun + begins
+    target = jnp.asarray(resets.target)[jnp.maximum(begun - 1, 0)]
+    thrown, torque = throwing_torque(resets.thrower, resets.model, memory.pid, target, x)
+    after = ResetMemory(
+        active=active,
+        begun=begun,
+        planned=memory.planned + (begins & due),
+        # The first reset has none before it: `before` is 0 then.
+        delay=jnp.where(begins & ~due, memory.delay + (t - memory.before), memory.delay),
+        before=jnp.where(begins, jnp.where(due, plan, t), memory.before),
+        clock=clock + jnp.where(active, t - memory.t, 0.0),
+        t=jnp.asarray(t, memory.t.dtype),
+        clean=clean,
+        # Between resets the PID rests.
+        pid=jax.tree.map(lambda new, old: jnp.where(active, new, old), thrown, memory.pid),
+    )
+    return after, torque

@@ -1,0 +1,167 @@
+"""Throws: at times a PID takes both joints from the controller and drives them to a random configuration.
+
+Source: the rules of the global-policy benchmark (ICRA 2025). They include the PID's quirks: its error is not
+wrapped, its error sum and its last error continue from throw to throw, and its period is not the loop's.
+"""
+
+import dataclasses
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ...common.types import Count, Flag, Scalar, State, Torque
+from ...dynamics.dynamics import gravity_torque
+from ...dynamics.integrate import rk4_steps, stable_substeps
+from ...plant.plant import Plant
+from ...plant.units import Scales, scales_of
+
+WITHOUT_DERIVATIVE = 2
+"""First calls of the run in which the PID takes its derivative for 0."""
+
+TURNS = ((0.1, 0.4, 0.4, 0.1), (0.1, 0.8, 0.1))
+"""Chosen: probabilities of q1 = -3π, -π, π or 3π and of q2 = -2π, 0 or 2π upright before a throw."""
+
+
+class Thrower(eqx.Module):
+    """Gains of the PID that throws."""
+
+    kp: float | Scalar = 10.0
+    """N m/rad"""
+    ki: float | Scalar = 0.1
+    """N m/(rad s)"""
+    kd: float | Scalar = 1.0
+    """N m s/rad"""
+    dt: float | Scalar = 0.001
+    """The PID's period in its own formula (s); it is called every 0.002 s."""
+    limit: float | Scalar = 6.0
+    """Torque limit of the PID, and of each of the two motors (N m)."""
+    proportional_limit: float | Scalar | None = None
+    """Limit of its proportional part alone (N m); None for none."""
+
+
+THROWER = Thrower()
+"""The benchmark's."""
+
+
+def scaled_thrower(thrower: Thrower, scales: Scales) -> Thrower:
+    """A PID for a pendulum of other units, with gains in proportion to its torque limit; its period stays."""
+    limit, time = scales.torque_limit, scales.time
+    part = thrower.proportional_limit
+    return dataclasses.replace(
+        thrower,
+        kp=thrower.kp * limit,
+        ki=thrower.ki * limit / time,
+        kd=thrower.kd * limit * time,
+        limit=thrower.limit * limit,
+        proportional_limit=None if part is None else part * limit,
+    )
+
+
+class Throws(eqx.Module):
+    """When the pendulum is thrown, where to, and the PID that does it."""
+
+    number: Int[Array | np.ndarray, "steps"]
+    """Number of the throw at each step, -1 between throws."""
+    target: Float[Array | np.ndarray, "throws 2"]
+    """Angles that each throw aims at (rad)."""
+    thrower: Thrower = THROWER
+
+
+class PID(eqx.Module):
+    """The PID's memory between calls."""
+
+    calls: Count
+    total: Float[Array, "2"]
+    """Sum of the errors so far (rad)."""
+    last: Float[Array, "2"]
+    """Error of the last call (rad)."""
+
+
+def start_pid(dtype: jnp.dtype) -> PID:
+    """A PID before its first call."""
+    return PID(jnp.zeros((), int), jnp.zeros(2, dtype), jnp.zeros(2, dtype))
+
+
+def is_thrown(throws: Throws, step: Count) -> Flag:
+    """Whether the PID drives the joints at this step: the controller is then neither called nor told."""
+    return jnp.asarray(throws.number)[step] >= 0
+
+
+def throw(throws: Throws, parameters: Plant, pid: PID, step: Count, x: State) -> tuple[PID, Torque]:
+    """The PID's torque (N m) at this step, minus the gravity torque, before the motors' limits."""
+    target = jnp.asarray(throws.target)[jnp.asarray(throws.number)[step]]
+    return throwing_torque(throws.thrower, parameters, pid, target, x)
+
+
+def throwing_torque(
+    thrower: Thrower, parameters: Plant, pid: PID, target: Float[Array, "2"], x: State
+) -> tuple[PID, Torque]:
+    """One call of the PID towards a target (rad): its torque, minus the gravity torque of a model (N m)."""
+    error = target - x[:2]
+    total = pid.total + error
+    derivative = jnp.where(pid.calls < WITHOUT_DERIVATIVE, 0.0, (error - pid.last) / thrower.dt)
+    proportional = thrower.kp * error
+    if thrower.proportional_limit is not None:
+        proportional = jnp.clip(proportional, -thrower.proportional_limit, thrower.proportional_limit)
+    u = proportional + thrower.ki * thrower.dt * total + thrower.kd * derivative
+    # Clipped before the gravity torque; the motors clip the sum once more (benchmark).
+    command = jnp.clip(u, -thrower.limit, thrower.limit) - gravity_torque(parameters, x)
+    return PID(pid.calls + 1, total, error), command
+
+
+def thrown_states(
+    random: np.random.Generator, plant: Plant, number: int, steps: int = 100, dt: float = 0.002
+) -> Float[np.ndarray, "number 4"]:
+    """States after throws of an upright pendulum, from which a controller has to recover; in the plant's own units.
+
+    Args:
+        random: source of the numbers.
+        plant: the plant.
+        number: number of states.
+        steps: length of a throw.
+        dt: time of a step for design C.1 (s).
+    """
+    scales = scales_of(plant)
+    dt = dt * scales.time
+    substeps = stable_substeps(plant, dt)
+    turns = [random.choice(len(odds), number, p=odds) - len(odds) // 2 for odds in TURNS]
+    # Full turns matter: the PID's error is not wrapped.
+    upright = np.stack([np.pi * (2 * turns[0] + 1), 2 * np.pi * turns[1]], axis=1)
+    noise = 0.05 * random.normal(size=(number, 4)) * [1.0, 1.0, scales.velocity, scales.velocity]
+    x0 = np.concatenate([upright, np.zeros((number, 2))], axis=1) + noise
+    # Any last error: the throw before it aimed elsewhere, so that the first derivative saturates.
+    targets, last = random.uniform(-np.pi, np.pi, (number, 2)), random.uniform(-6.0, 6.0, (number, 2))
+    starts = jnp.asarray(targets), jnp.asarray(last), jnp.asarray(x0)
+    # Here the loop's period scales, and so the PID's own does as well.
+    thrower = dataclasses.replace(scaled_thrower(THROWER, scales), dt=THROWER.dt * scales.time)
+    x = _thrown(thrower, plant, *starts, steps, dt, substeps)
+    return np.array(x)
+
+
+@functools.partial(jax.jit, static_argnums=(5, 6, 7))
+@functools.partial(jax.vmap, in_axes=(None, None, 0, 0, 0, None, None, None))
+def _thrown(
+    thrower: Thrower,
+    plant: Plant,
+    target: Float[Array, "2"],
+    last: Float[Array, "2"],
+    x: State,
+    steps: int,
+    dt: float,
+    substeps: int,
+) -> State:
+    """State after one throw by a PID whose throw before ended with the error ``last``."""
+
+    def step(carry: tuple[State, PID], _: None) -> tuple[tuple[State, PID], None]:
+        x, pid = carry
+        pid, u = throwing_torque(thrower, plant, pid, target, x)
+        return (rk4_steps(plant, x, jnp.clip(u, -thrower.limit, thrower.limit), dt, substeps), pid), None
+
+    # Past the first two calls of the run, as in all throws but the first.
+    pid = PID(jnp.array(WITHOUT_DERIVATIVE), jnp.zeros_like(last), last)
+    (x, _), _ = jax.lax.scan(step, (x, pid), length=steps)
+    return x

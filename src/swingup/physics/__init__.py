@@ -1,1 +1,0 @@
-"""The double pendulum: parameters (SI), equations of motion, energy and integrators, in pure JAX."""

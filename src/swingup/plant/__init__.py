@@ -1,0 +1,1 @@
+"""The double pendulum: its numbers, its files and its equations. NumPy alone."""

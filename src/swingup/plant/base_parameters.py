@@ -1,0 +1,131 @@
+"""The base parameters: the fewest numbers in which the equations of motion are linear.
+
+    θ = [A, B, m2 r2, k, b1, b2, cf1, cf2, Ir],   A = I1 + I2 + m2 l1²,   B = I2,   k = m1 r1 + m2 l1
+
+Lengths, gear ratio and gravity are known. The coupling of the links is l1 m2 r2, and gravity's torques are g k and
+g m2 r2. Motion alone does not tell one common factor on θ and on the torque: the commanded torque sets the scale.
+A motor that delivers 85 % of its command therefore shows as a θ that is 1/0.85 of the true one; the motion is the
+same.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from ..common.settings import Range, check_ranges
+from .damped import Friction
+from .equations import Lumped, Number, mass_entries
+from .plant import Plant
+
+BASE_NAMES = ("A", "B", "m2r2", "k", "b1", "b2", "cf1", "cf2", "Ir")
+"""Entries of θ: kg m², kg m², kg m, kg m, N m s/rad (two), N m (two), kg m²."""
+BASE = len(BASE_NAMES)
+FRICTIONS = slice(4, 8)
+"""Places of b1 to cf2 in θ."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How far plants may lie from the nominal one: standard deviations of its independent parameters."""
+
+    PART: ClassVar[str] = "identifier spread"
+    inertial: Annotated[float, Range(1e-9, 1e3)] = 0.25
+    """Of I1, I2, m2, r1 and r2, as a share of each."""
+    damping: Annotated[float, Range(1e-9, 1e3)] = 0.1
+    """Of b1 and b2 (N m s/rad)."""
+    coulomb: Annotated[float, Range(1e-9, 1e3)] = 0.2
+    """Of cf1 and cf2 (N m)."""
+    rotor: Annotated[float, Range(1e-9, 1e3)] = 1e-4
+    """Of Ir (kg m²)."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot work: deviations are reported relative to these.
+
+        Raises:
+            SwingupError: a value is not a number of its range.
+        """
+        check_ranges(self)
+
+
+class Geometry(NamedTuple):
+    """What equations in base parameters take as known of a plant."""
+
+    l1: float
+    """Length of link 1 (m)."""
+    g: float
+    """Gravity (m/s²)."""
+    gr: float
+    """Gear ratio of the motors."""
+
+
+def geometry_of(plant: Plant) -> Geometry:
+    """The lengths, gravity and gear ratio of a plant."""
+    return Geometry(float(plant.l1), float(plant.g), float(plant.gr))
+
+
+def base_parameters(p: Plant, xp: Any = np) -> Any:
+    """θ (9,) of a plant.
+
+    Args:
+        p: the plant, whose numbers may be traced for JAX.
+        xp: ``numpy`` for double precision, or ``jax.numpy`` for the precision of the plant's numbers.
+    """
+    inertial = p.I1 + p.I2 + p.m2 * p.l1**2, p.I2, p.m2 * p.r2, p.m1 * p.r1 + p.m2 * p.l1
+    return xp.array([*inertial, p.b1, p.b2, p.cf1, p.cf2, p.Ir], float if xp is np else None)
+
+
+def base_covariance(p: Plant, spread: Spread) -> np.ndarray:
+    """Covariance (9, 9) of θ over plants about a nominal one, J diag(σ²) Jᵀ with the derivatives J of θ.
+
+    A heavier second link raises A, m2 r2 and k together: the correlations say so.
+    """
+    l1, share = p.l1, spread.inertial
+    jacobian = np.zeros((BASE, 10))
+    jacobian[0, :3] = p.I1 * share, p.I2 * share, p.m2 * l1**2 * share
+    jacobian[1, 1] = p.I2 * share
+    jacobian[2, 2] = jacobian[2, 4] = p.m2 * p.r2 * share
+    jacobian[3, 2:4] = p.m2 * l1 * share, p.m1 * p.r1 * share
+    own = spread.damping, spread.damping, spread.coulomb, spread.coulomb, spread.rotor
+    jacobian[range(4, BASE), range(5, 10)] = own
+    return jacobian @ jacobian.T
+
+
+def lumped(theta: Any, geometry: Geometry) -> Lumped:
+    """The combinations in which the equations of motion are written, for θ."""
+    shoulder, elbow, second, first, rotor = theta[0], theta[1], theta[2], theta[3], theta[8]
+    l1, g, gr = geometry
+    geared = gr * rotor
+    return Lumped(shoulder, elbow, l1 * second, g * first, g * second, gr * geared, geared, rotor)
+
+
+def friction_of(theta: Any) -> Friction:
+    """The friction of both joints, for θ."""
+    return Friction((theta[4], theta[5]), (theta[6], theta[7]))
+
+
+def share_allowed(theta: Any, nominal: Any, geometry: Geometry, margin: float, minimum: Any, root: Any) -> Number:
+    """The largest share s in [0, 1] of the step θ0 + s (θ - θ0) whose mass matrix is at least margin M(θ0).
+
+    M is linear in θ, so that the eigenvalues of M(θ0)⁻¹ M go straight from 1 to those of θ. For any θ the least of
+    them over all q2 lies at cos q2 = ±1, where the determinant, concave in cos q2, is smallest.
+
+    Args:
+        theta: θ.
+        nominal: θ0, of a pendulum.
+        geometry: of the plant.
+        margin: in (0, 1).
+        minimum: the smaller of two numbers of this kind.
+        root: the square root of a number of this kind.
+    """
+    share: Number = 1.0
+    for cos2 in (1.0, -1.0):
+        n11, n12, n22 = mass_entries(lumped(nominal, geometry), cos2)
+        m11, m12, m22 = mass_entries(lumped(theta, geometry), cos2)
+        determinant = n11 * n22 - n12 * n12
+        half = 0.5 * (n22 * m11 - 2 * n12 * m12 + n11 * m22) / determinant
+        product = (m11 * m22 - m12 * m12) / determinant
+        # Both eigenvalues are real; rounding may not make the root's argument negative.
+        least = half - root(abs(half * half - product))
+        share = minimum(share, (1.0 - margin) / (1.0 - minimum(least, margin)))
+    return share

@@ -1,1 +1,0 @@
-"""Plants: which double pendulum a command simulates, by name or from a file."""

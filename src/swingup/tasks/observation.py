@@ -1,0 +1,90 @@
+"""The stages of an observation in JAX; the same code serves training, judging and control."""
+
+import abc
+from typing import Literal, get_args
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..common.checks import one_of
+from ..common.types import Observation
+
+Angles = Literal["wrapped", "sincos"]
+
+
+class AbstractStage(eqx.Module):
+    """One stage of a policy's observation: a pure function from a vector to a vector."""
+
+    @abc.abstractmethod
+    def __call__(self, observation: Observation) -> Observation:
+        """What the next stage sees."""
+
+
+class PendulumObservation(AbstractStage):
+    """Scaled angles and velocities of the double pendulum, the first stage of its policies.
+
+    ``wrapped`` is the paper's [(q1 mod 2π - π)/π, (q2 mod 2π - π)/π, dq1/s, dq2/s] (after Zhang et al.): upright
+    lies on its jump at q2 = 0. ``sincos`` is [sin q1, cos q1, sin q2, cos q2, dq1/s, dq2/s], which has no jump.
+    Velocities are clipped to ±s first.
+    """
+
+    velocity_scale: float = 20.0
+    """s: velocities are clipped to ± this and divided by it (rad/s)."""
+    angles: Angles = eqx.field(static=True, default="wrapped")
+    """How the angles are encoded."""
+
+    def __check_init__(self) -> None:
+        """Refuse an unknown encoding."""
+        one_of("angle encoding", self.angles, get_args(Angles))
+
+    @property
+    def size(self) -> int:
+        """Length of the observation."""
+        return 4 if self.angles == "wrapped" else 6
+
+    def __call__(self, observation: Observation) -> Observation:
+        """Observe a state [q1, q2, dq1, dq2] (rad, rad/s); every entry of the result lies in [-1, 1]."""
+        q, rates = observation[:2], observation[2:]
+        velocities = jnp.clip(rates, -self.velocity_scale, self.velocity_scale) / self.velocity_scale
+        if self.angles == "wrapped":
+            angles = (jnp.mod(q, 2 * jnp.pi) - jnp.pi) / jnp.pi
+        else:
+            # Interleaved: sine and cosine of q1, then those of q2.
+            angles = jnp.stack([jnp.sin(q), jnp.cos(q)], axis=1).reshape(-1)
+        return jnp.concatenate([angles, velocities])
+
+
+class PlantObservation(AbstractStage):
+    """The observation, then the plant's base parameters θ: (θ - centre) / scale, clipped.
+
+    θ is an array among the policy's: replace it and the policy is that of another plant.
+    """
+
+    centre: Float[Array, "9"]
+    scale: Float[Array, "9"]
+    base: Float[Array, "9"]
+    """θ in the order of ``plant.base_parameters.BASE_NAMES``."""
+    clip: float = 10.0
+    """What is appended is clipped to ± this."""
+
+    def __call__(self, observation: Observation) -> Observation:
+        """Append the plant to an observation (n,)."""
+        inputs = jnp.clip((self.base - self.centre) / self.scale, -self.clip, self.clip)
+        return jnp.concatenate([observation, inputs])
+
+
+class Normalise(AbstractStage):
+    """(observation - mean) / sqrt(variance + ε), clipped; the observation may have leading axes."""
+
+    mean: Float[Array, "n"]
+    variance: Float[Array, "n"]
+    clip: float = 10.0
+    """The result is clipped to ± this."""
+    epsilon: float = 1e-8
+    """ε."""
+
+    def __call__(self, observation: Observation) -> Observation:
+        """Normalise and clip."""
+        scaled = (observation - self.mean) / jnp.sqrt(self.variance + self.epsilon)
+        return jnp.clip(scaled, -self.clip, self.clip)

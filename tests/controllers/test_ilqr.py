@@ -1,0 +1,197 @@
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from swingup.controllers.swingups.ilqr import (
+    ILQRSettings,
+    Status,
+    feedback_gains,
+    ilqr_iteration,
+    initial_state,
+    solve,
+)
+from swingup.controllers.swingups.riccati_passes import Cost
+from swingup.controllers.swingups.scalar_algebra import dot, unpack
+from swingup.controllers.swingups.transition import AbstractTransition, PendulumTransition
+from swingup.plant.plant import LEADERBOARD
+from swingup.plant.robots import ROBOTS
+
+N = 20
+RANDOM = np.random.default_rng(0)
+A = np.eye(4) + 0.1 * RANDOM.normal(size=(4, 4))
+B = RANDOM.normal(size=4)
+X0 = RANDOM.normal(size=4)
+WEIGHTS = np.array([1.0, 0.5, 2.0, 0.1]), 0.3, np.array([5.0, 4.0, 3.0, 2.0])
+TARGETS = RANDOM.normal(size=(N, 4)), RANDOM.normal(size=N), RANDOM.normal(size=4)
+PLAIN = ILQRSettings(
+    max_iterations=50,
+    tolerance=1e-9,
+    regularisation=0.0,
+    min_regularisation=0.0,
+    max_regularisation=1e6,
+    torque_limit=np.inf,
+)
+
+
+class Linear(AbstractTransition):
+    """x' = A x + B u, and a Jacobian that may be wrong."""
+
+    sign: float = 1.0
+
+    def step(self, x, u):
+        return tuple(dot(tuple(map(float, row)), x) + float(b) * u for row, b in zip(A, B, strict=True))
+
+    def jacobian(self, x, u):
+        columns = [*A.T, self.sign * B]
+        return tuple(tuple(jnp.full_like(u, entry) for entry in column) for column in columns)
+
+
+def linear_cost():
+    states, torque, final = TARGETS
+    return Cost(WEIGHTS[0], WEIGHTS[1], WEIGHTS[2], states, torque, final)
+
+
+def dense_solution():
+    """The linear-quadratic problem as one least-squares problem in all torques."""
+    powers = [np.linalg.matrix_power(A, i) for i in range(N + 1)]
+    G = np.zeros((N + 1, 4, N))
+    for i in range(N + 1):
+        for j in range(i):
+            G[i, :, j] = powers[i - 1 - j] @ B
+    free = np.array([power @ X0 for power in powers])
+    q, p, f = np.sqrt(WEIGHTS[0] / N), np.sqrt(WEIGHTS[1] / N), np.sqrt(WEIGHTS[2])
+    rows = [*(q[:, None] * G[i] for i in range(N)), f[:, None] * G[N], p * np.eye(N)]
+    aims = [*(q * (TARGETS[0][i] - free[i]) for i in range(N)), f * (TARGETS[2] - free[N]), p * TARGETS[1]]
+    M, y = np.concatenate(rows), np.concatenate(aims)
+    u = np.linalg.lstsq(M, y)[0]
+    return u, np.sum((M @ u - y) ** 2)
+
+
+def run(transition, cost, settings, x0=X0, torque=None, idle=False):
+    torque = np.zeros(len(cost.torque)) if torque is None else torque
+    return jax.jit(lambda x0, u: solve(transition, cost, x0, u, settings, idle))(
+        jnp.asarray(x0), jnp.asarray(torque)
+    )
+
+
+def swing(limit, **changes):
+    """A swing of 1 s with few steps, far from linear."""
+    robot = ROBOTS["pendubot"]
+    goal = np.array([np.pi, 0.0, 0.0, 0.0])
+    weights = np.array([1.0, 1.0, 0.1, 0.1]), 0.01, np.array([50.0, 50.0, 5.0, 5.0])
+    cost = Cost(*weights, np.tile(goal, (100, 1)), np.zeros(100), goal)
+    settings = dataclasses.replace(
+        PLAIN, regularisation=1.0, min_regularisation=1e-4, tolerance=1e-6, torque_limit=limit, **changes
+    )
+    return PendulumTransition(LEADERBOARD.driven(robot), robot.joint, 0.01, exact=False), cost, settings
+
+
+def test_one_iteration_solves_a_linear_quadratic_problem(x64):
+    u, least = dense_solution()
+    once = run(Linear(), linear_cost(), dataclasses.replace(PLAIN, max_iterations=1))
+    np.testing.assert_allclose(once.torque, u, atol=1e-9)
+    assert once.cost == pytest.approx(least, rel=1e-10)
+    assert once.status == Status.ITERATION_LIMIT
+    solution = run(Linear(), linear_cost(), PLAIN)
+    assert (solution.status, solution.iterations) == (Status.CONVERGED, 2)
+    np.testing.assert_allclose(
+        solution.states[1:], np.asarray(solution.states[:-1]) @ A.T + np.outer(u, B), atol=1e-9
+    )
+
+
+def test_gains_against_an_independent_recursion(x64):
+    for mu in (0.0, 3.0):
+        gains = feedback_gains(Linear(), linear_cost(), jnp.zeros((N + 1, 4)), jnp.zeros(N), mu)
+        P = np.diag(2 * WEIGHTS[2])
+        for i in reversed(range(N)):
+            K = -(B @ P @ A) / (2 * WEIGHTS[1] / N + B @ P @ B + mu)
+            np.testing.assert_allclose(gains[i], K, rtol=1e-9)
+            # The cost of u = K x, whether K is optimal or not.
+            closed = A + np.outer(B, K)
+            P = np.diag(2 * WEIGHTS[0] / N) + 2 * WEIGHTS[1] / N * np.outer(K, K) + closed.T @ P @ closed
+
+
+def test_regularisation_only_slows_it_down(x64):
+    settings = dataclasses.replace(PLAIN, regularisation=10.0, max_iterations=200, tolerance=1e-13)
+    solution = run(Linear(), linear_cost(), settings)
+    assert solution.status == Status.CONVERGED
+    assert solution.iterations > 5
+    np.testing.assert_allclose(solution.torque, dense_solution()[0], atol=1e-5)
+
+
+def test_wrong_derivatives_stall(x64):
+    solution = run(Linear(sign=-1.0), linear_cost(), dataclasses.replace(PLAIN, regularisation=1.0))
+    untouched = run(Linear(), linear_cost(), PLAIN, idle=True)
+    assert solution.status == Status.STALLED
+    # Doubled from 1 until 2^20 is clipped to 10^6, where the last attempt failed too.
+    assert (solution.iterations, solution.regularisation) == (21, 1e6)
+    assert solution.cost == untouched.cost
+    np.testing.assert_array_equal(solution.torque, 0.0)
+
+
+def test_idle_does_nothing(x64):
+    solution = run(Linear(), linear_cost(), PLAIN, torque=TARGETS[1], idle=True)
+    assert solution.iterations == 0
+    np.testing.assert_array_equal(solution.torque, TARGETS[1])
+
+
+@functools.cache
+def swing_iterations():
+    """60 iterations on a swing with torques of up to 1.5 N m: before, after, and each one's cost, μ and torque."""
+    transition, cost, settings = swing(limit=1.5)
+
+    def step(now, _):
+        after = ilqr_iteration(transition, cost, now, settings)
+        return after, (after.trajectory.cost, after.regularisation, jnp.abs(after.trajectory.u).max())
+
+    first = initial_state(transition, cost, jnp.zeros(4), jnp.full(100, 0.1), settings)
+    return transition, first, *jax.jit(lambda now: jax.lax.scan(step, now, length=60))(first)
+
+
+def test_the_cost_falls_and_the_limit_holds(x64):
+    _, first, _, (costs, mu, largest) = swing_iterations()
+    costs, mu = np.append(first.trajectory.cost, costs), np.append(first.regularisation, mu)
+    accepted = mu[1:] < mu[:-1]
+    assert 10 < accepted.sum() < 60
+    assert (np.diff(costs)[accepted] < 0).all()
+    assert (np.diff(costs)[mu[1:] > mu[:-1]] == 0).all()
+    assert costs[-1] < 0.4 * costs[0]
+    assert largest.max() == 1.5
+
+
+def test_states_are_those_of_the_torques(x64):
+    transition, _, last, _ = swing_iterations()
+    states, torque = (*last.trajectory.x, last.trajectory.last), last.trajectory.u
+    x = np.column_stack([np.append(rows, end) for rows, end in zip(states[:4], states[4], strict=True)])
+    following = jax.jit(transition.step)(unpack(jnp.asarray(x[:-1])), torque)
+    np.testing.assert_allclose(x[1:], np.transpose(following), atol=1e-12)
+
+
+def test_line_search_keeps_the_cheapest_step(x64):
+    # Of a linear-quadratic problem the full step is the best one, in whatever order they are tried.
+    def cost_after(*sizes):
+        settings = dataclasses.replace(PLAIN, max_iterations=1, step_sizes=sizes)
+        return float(run(Linear(), linear_cost(), settings).cost)
+
+    least = dense_solution()[1]
+    assert cost_after(0.1) > 1.1 * least
+    assert cost_after(0.1, 1.0, 1.5) == pytest.approx(least, rel=1e-10)
+
+
+def test_a_batch_equals_single_problems(x64):
+    starts, idle = jnp.asarray(RANDOM.normal(size=(3, 4))), jnp.array([False, True, False])
+    settings = dataclasses.replace(PLAIN, regularisation=1.0)
+
+    def one(x0, idle):
+        return solve(Linear(), linear_cost(), x0, jnp.zeros(N), settings, idle)
+
+    batch, single = jax.jit(jax.vmap(one))(starts, idle), jax.jit(one)
+    for index in range(3):
+        alone = single(starts[index], idle[index])
+        assert batch.iterations[index] == alone.iterations
+        np.testing.assert_allclose(batch.torque[index], alone.torque, atol=1e-9)
+    assert batch.iterations[1] == 0

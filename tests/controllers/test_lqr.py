@@ -1,0 +1,95 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.linalg import solve_continuous_are, solve_discrete_are
+
+from swingup.controllers.baselines.lqr import disturbance_gain, linearised, riccati_recursion, upright_lqr
+from swingup.controllers.baselines.published import PUBLISHED
+from swingup.dynamics.angles import UPRIGHT
+from swingup.dynamics.integrate import rk4_step
+from swingup.plant.plant import LEADERBOARD
+from swingup.plant.robots import ROBOTS
+
+RANDOM = np.random.default_rng(0)
+
+
+@pytest.fixture
+def lqr(robot):
+    return upright_lqr(LEADERBOARD.driven(robot), robot, PUBLISHED[robot.name].lqr)
+
+
+@pytest.fixture
+def upright_system(robot):
+    A, B = linearised(LEADERBOARD.driven(robot), robot, UPRIGHT[None], np.zeros(1))
+    return A[0], B[0]
+
+
+def test_riccati_equation_holds(robot, lqr, upright_system):
+    (A, B), S, settings = upright_system, lqr.cost_to_go, PUBLISHED[robot.name].lqr
+    Q, R = np.diag(settings.state_weights), settings.torque_weight
+    residual = A.T @ S + S @ A - np.outer(S @ B, S @ B) / R + Q
+    assert np.abs(residual).max() < 1e-9 * np.abs(S).max()
+    np.testing.assert_allclose(lqr.gains, B @ S / R)
+    assert np.linalg.eigvals(A - np.outer(B, lqr.gains)).real.max() < 0
+
+
+def test_gain_of_a_disturbance_is_that_of_a_regulator_whose_state_it_is(robot, lqr, upright_system):
+    (A, B), settings = upright_system, PUBLISHED[robot.name].lqr
+    other = ROBOTS["pendubot" if robot.name == "acrobot" else "acrobot"]
+    _, (D,) = linearised(LEADERBOARD.driven(robot), other, UPRIGHT[None], np.zeros(1))
+    # The disturbance fades, but slowly: one that stays has no finite cost.
+    with_it = np.block([[A, D[:, None]], [np.zeros((1, 4)), -1e-7 * np.eye(1)]])
+    driving, Q = np.append(B, 0.0), np.diag([*settings.state_weights, 0.0])
+    S = solve_continuous_are(with_it, driving[:, None], Q, [[settings.torque_weight]])
+    gains = driving @ S / settings.torque_weight
+    np.testing.assert_allclose(gains[:4], lqr.gains, rtol=1e-6)
+    assert disturbance_gain(LEADERBOARD.driven(robot), lqr) == pytest.approx(gains[4], rel=1e-4)
+
+
+def test_linearisation_of_the_step_agrees(x64, robot, upright_system):
+    A, B = upright_system
+    p = LEADERBOARD.driven(robot)
+    step = jax.jit(jax.jacfwd(lambda x, u: rk4_step(p, x, u, 1e-5), argnums=(0, 1)))
+    by_x, by_u = step(jnp.asarray(UPRIGHT), jnp.zeros(2))
+    np.testing.assert_allclose((by_x - np.eye(4)) / 1e-5, A, atol=1e-2)
+    np.testing.assert_allclose(by_u[:, robot.joint] / 1e-5, B, atol=1e-2)
+
+
+def test_balances_and_gives_up_far_away(x64, robot, lqr):
+    p = LEADERBOARD.driven(robot)
+
+    def step(x, _):
+        _, u = lqr(None, jnp.zeros(()), x)
+        return rk4_step(p, x, u, 0.002), u
+
+    turns = jnp.array([2 * np.pi, -2 * np.pi, 0.0, 0.0])
+    start = jnp.asarray(UPRIGHT) + turns + jnp.array([0.02, -0.02, 0.1, -0.1])
+    x, u = jax.jit(lambda x: jax.lax.scan(step, x, length=4000))(start)
+    assert jnp.abs(u[:, robot.joint]).max() <= 6.0
+    assert (u[:, 1 - robot.joint] == 0.0).all()
+    np.testing.assert_allclose(x, UPRIGHT + turns, atol=1e-3)
+    far_away = jnp.array([0.0, 0.0, 30.0, 0.0])
+    assert (lqr(None, jnp.zeros(()), far_away)[1] == 0.0).all()
+
+
+def test_recursion_against_an_independent_one():
+    # In another form: P ← Q + Aᵀ (P⁻¹ + B R⁻¹ Bᵀ)⁻¹ A, which needs no gains.
+    n, R = 30, 0.7
+    A, B = np.eye(4) + 0.1 * RANDOM.normal(size=(n, 4, 4)), RANDOM.normal(size=(n, 4))
+    Q, P = np.diag([1.0, 2.0, 0.3, 0.1]), np.diag([5.0, 1.0, 1.0, 2.0])
+    gains = riccati_recursion(A, B, Q, R, P)
+    for i in reversed(range(n)):
+        inner = np.linalg.inv(np.linalg.inv(P) + np.outer(B[i], B[i]) / R)
+        # R⁻¹ Bᵀ (P⁻¹ + B R⁻¹ Bᵀ)⁻¹ = (R + Bᵀ P B)⁻¹ Bᵀ P
+        np.testing.assert_allclose(gains[i], B[i] @ inner @ A[i] / R, rtol=1e-9, atol=1e-12)
+        P = Q + A[i].T @ inner @ A[i]
+
+
+def test_recursion_converges_to_the_algebraic_solution(upright_system):
+    A, B = np.eye(4) + 0.01 * upright_system[0], 0.01 * upright_system[1]
+    Q, R = np.diag([0.64, 0.56, 0.13, 0.037]), 0.82
+    P = solve_discrete_are(A, B[:, None], Q, [[R]])
+    n = 3000
+    gains = riccati_recursion(np.tile(A, (n, 1, 1)), np.tile(B, (n, 1)), Q, R, np.eye(4))
+    np.testing.assert_allclose(gains[0], B @ P @ A / (R + B @ P @ B), rtol=1e-6)

@@ -1,0 +1,83 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from swingup.controllers.baselines.baselines import baseline, shipped_reference
+from swingup.controllers.baselines.mpc import MPC
+from swingup.controllers.baselines.switch import LatchingSwitch
+from swingup.dynamics.angles import UPRIGHT
+from swingup.plant.robots import ROBOTS
+
+ACROBOT = ROBOTS["acrobot"]
+RANDOM = np.random.default_rng(0)
+
+
+@pytest.fixture(scope="module")
+def mpc():
+    """The shipped one, but along the trajectory itself, not its fit with jumps."""
+    controller, (reference, _) = baseline("ilqr-mpc", ACROBOT), shipped_reference(ACROBOT)
+    assert isinstance(controller, LatchingSwitch)
+    shipped = controller.first
+    return MPC(shipped.transition, reference.states[::2], reference.torque[::2], shipped.settings, ACROBOT)
+
+
+@pytest.fixture(scope="module")
+def answer(mpc):
+    """One compiled call for a batch: times are common, states, plans and idleness are each lane's own."""
+    batched = jax.jit(jax.vmap(mpc.control, in_axes=(0, None, 0, 0)))
+
+    def call(plans, t, states, idle):
+        with jax.enable_x64(True):
+            return jax.tree.map(np.asarray, batched(jnp.asarray(plans), t, jnp.asarray(states), jnp.asarray(idle)))
+
+    return call
+
+
+def lanes(mpc, row, errors):
+    return np.tile(mpc.torque[row : row + 99], (len(errors), 1)), mpc.states[row] + errors
+
+
+def test_on_the_trajectory_it_returns_about_its_torque(mpc, answer):
+    # At row 1800 it is fast, and hurries: the published goal is where the trajectory is a step after the horizon.
+    for row, tolerance in ((0, 0.02), (700, 0.02), (1800, 0.25)):
+        guess, states = lanes(mpc, row, np.zeros((3, 4)))
+        plans, u = answer(guess, 0.002 * row, states, [False] * 3)
+        np.testing.assert_allclose(u[:, 1], mpc.torque[row], atol=tolerance)
+        np.testing.assert_array_equal(u[:, 0], 0.0)
+        # The rest of the plan, then the trajectory's torque a horizon on.
+        assert plans.shape == (3, 99)
+        np.testing.assert_array_equal(plans[:, -1], mpc.torque[row + 99])
+
+
+@pytest.mark.slow
+def test_a_batch_equals_single_calls_and_the_idle_do_not_plan(mpc, answer):
+    errors = RANDOM.normal(size=(3, 4)) * [0.05, 0.05, 0.3, 0.3]
+    guess, states = lanes(mpc, 700, errors)
+    plans, u = answer(guess, 1.4, states, [False, True, False])
+    with jax.enable_x64(True):
+        single = jax.jit(lambda *inputs: mpc.control(*inputs))
+        for lane in (0, 2):
+            plan, torque = single(jnp.asarray(guess[lane]), 1.4, jnp.asarray(states[lane]), jnp.array(False))
+            np.testing.assert_allclose(plans[lane], plan, atol=1e-6)
+            np.testing.assert_allclose(u[lane], torque, atol=1e-6)
+    np.testing.assert_array_equal(plans[1, :-1], guess[1, 1:])
+    assert np.abs(plans[0, :-1] - guess[0, 1:]).max() > 1e-2
+
+
+def test_after_the_trajectory_it_stays_upright(mpc, answer):
+    aside = np.array([0.02, 0.0, 0.0, 0.0])
+    states = np.array([UPRIGHT, UPRIGHT + aside, UPRIGHT - aside])
+    for t in (5.9, 8.0):
+        plans, u = answer(np.zeros((3, 99)), t, states, [False] * 3)
+        assert u[0, 1] == pytest.approx(0.0, abs=1e-3)
+        assert u[1, 1] == pytest.approx(-u[2, 1], abs=1e-2)
+        assert abs(u[1, 1]) > 0.01
+        np.testing.assert_array_equal(plans[:, -1], 0.0)
+
+
+def test_answers_are_finite_whatever_it_sees(mpc, answer):
+    states = np.array([[1e3, -1e3, 1e3, -1e3], [0, 0, 1e6, 0], [np.pi, 0, 0, 1e9]])
+    plans, u = answer(np.zeros((3, 99)), 1.0, states, [False] * 3)
+    assert np.isfinite(plans).all()
+    assert (np.abs(u) <= 6.0).all()

@@ -1,0 +1,189 @@
+"""Baselines that are designed for other plants."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import swingup
+from swingup.common.errors import SwingupError
+from swingup.controllers.baselines import baselines
+from swingup.controllers.baselines.baselines import baseline, design_of, shipped_reference
+from swingup.controllers.baselines.optimal import OPTIMAL
+from swingup.controllers.baselines.own_units import in_real_units, optimal_for, published_for, similar_plant
+from swingup.controllers.baselines.published import PUBLISHED
+from swingup.controllers.swingups import design
+from swingup.controllers.swingups.ilqr import Solution
+from swingup.controllers.swingups.model import model_of
+from swingup.controllers.swingups.reference import Reference
+from swingup.controllers.swingups.transition import PendulumTransition
+from swingup.dynamics.angles import UPRIGHT
+from swingup.dynamics.dynamics import acceleration
+from swingup.dynamics.integrate import rk4_step
+from swingup.plant.plant import LEADERBOARD, load_plant
+from swingup.plant.robots import get_robot
+from swingup.plant.units import scales_of
+
+
+def drawn_plant(seed):
+    """A pendulum with 0.1 to 10 times C.1's masses, lengths and torque limits."""
+    plant, random = load_plant("C.1"), np.random.default_rng(seed)
+    mass1, mass2, length1, length2, torque = 10 ** random.uniform(-1, 1, 5)
+    factors = {
+        "m1": mass1, "m2": mass2, "l1": length1, "r1": length1, "l2": length2, "r2": length2,
+        "I1": mass1 * length1**2, "I2": mass2 * length2**2, "tl1": torque, "tl2": torque,
+    }  # fmt: skip
+    return dataclasses.replace(plant, **{name: getattr(plant, name) * by for name, by in factors.items()})
+
+
+def test_on_c1_the_plant_and_its_settings_are_c1s(robot):
+    plant = LEADERBOARD.driven(robot)
+    assert similar_plant(plant, scales_of(plant)) == plant
+    published, optimal = PUBLISHED[robot.name], OPTIMAL[robot.name]
+    found = published_for(published, 1.0)
+    steps = dataclasses.replace(found.swingup, search=None, settings=published.swingup.common.settings)
+    assert dataclasses.replace(found, swingup=steps) == published
+    found = optimal_for(optimal, 1.0)
+    assert (found.swingup.dt, found.swingup.steps) == (0.002, 5 * found.swingup.search.steps)
+    search = dataclasses.replace(found.swingup.search, durations=(1.0,))
+    assert dataclasses.replace(found, swingup=dataclasses.replace(found.swingup, search=search)) == optimal
+
+
+def test_a_step_keeps_its_real_length(robot):
+    found = published_for(PUBLISHED[robot.name], 0.5)
+    assert (found.swingup.dt, found.swingup.steps) == (0.002, 3000)
+    assert (found.mpc.dt, found.mpc.horizon) == (0.004, 50)
+    # A coarse step is a whole number of fine ones, here 2 instead of 5.
+    score = optimal_for(OPTIMAL[robot.name], 0.5).swingup
+    assert (score.dt, score.steps) == (0.004, 2 * score.search.steps)
+    assert score.dt * score.steps == pytest.approx(0.002 * OPTIMAL[robot.name].swingup.steps, abs=0.004)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_plant_moves_as_the_similar_one(x64, robot, seed):
+    # Coulomb friction has a velocity of its own, and is in no model.
+    plant, random = model_of(drawn_plant(seed), robot), np.random.default_rng(seed)
+    scales = scales_of(plant)
+    rates = np.array([1.0, 1.0, scales.time, scales.time])
+    similar = similar_plant(plant, scales)
+    assert max(similar.tl1, similar.tl2) == pytest.approx(6.0)
+    x, u = random.normal(size=4), random.normal(size=2)
+    expected = acceleration(similar, x * rates, u / scales.torque_limit) / scales.time**2
+    np.testing.assert_allclose(acceleration(plant, x, u), expected, rtol=1e-9)
+
+
+def test_a_plant_like_the_leaderboards_has_the_shipped_design(robot):
+    assert design_of(robot, load_plant("C.1").frictionless()).shipped
+    assert not design_of(robot, "C.1").shipped
+
+
+def test_plants_that_move_alike_have_the_same_controller(robot, similar, x64):
+    """T × 0.5 and torques × 0.025: the shipped one's torque, in the plant's own units."""
+    plant = LEADERBOARD.driven(robot)
+    published, own = (baseline("lqr", robot, each) for each in (LEADERBOARD, similar(plant)))
+    for error in np.random.default_rng(0).normal(size=(5, 4)) * 0.01:
+        x = UPRIGHT + error
+        u, expected = own(None, 0.0, x * [1, 1, 2, 2])[1], published(None, 0.0, x)[1]
+        np.testing.assert_allclose(u, 0.025 * expected, rtol=1e-8)
+
+
+def test_a_swing_up_is_saved_in_real_units(x64, robot, similar):
+    """It is a motion of the plant itself."""
+    plant = similar(LEADERBOARD.driven(robot))
+    shipped = shipped_reference(robot, "score")[0]
+    own = in_real_units(shipped, scales_of(plant))
+    assert own.dt == 0.001
+    u = own.torque[:, None] * np.array(robot.actuation)
+    following = jax.jit(jax.vmap(lambda x, u: rk4_step(plant, x, u, 0.001)))(own.states[:-1], u[:-1])
+    np.testing.assert_allclose(own.states[1:], following, atol=1e-9)
+    # A feedback of q1 by 1 rad is as large a share of the limit; one of dq1 by 1 rad/s is half of that.
+    np.testing.assert_allclose(own.gains, shipped.gains * [0.025, 0.025, 0.0125, 0.0125], rtol=1e-8)
+
+
+def test_coulomb_friction_stays_out_of_the_model(robot):
+    real = load_plant("C.1").driven(robot)
+    model = model_of("C.1", robot)
+    assert (model.cf1, model.cf2) == (0.0, 0.0)
+    assert (model.b1, model.Ir) == (real.b1, real.Ir)
+
+
+def test_a_search_gets_longer_until_it_comes_up(monkeypatch, x64):
+    robot, durations = get_robot("acrobot"), []
+
+    def solved(transition, cost, torques, settings):
+        durations.append(transition.dt * len(torques[0]))
+        states = np.zeros((len(torques), len(torques[0]) + 1, 4))
+        states[:, -1] = UPRIGHT if len(durations) == 2 else 0.0
+        other = np.zeros(len(torques))
+        return Solution(states, torques, other, other, other, other)
+
+    monkeypatch.setattr(design, "_solve_all", solved)
+    monkeypatch.setattr(design, "_gains", lambda *_: np.zeros((450, 4)))
+    monkeypatch.setattr(design, "followed", lambda pendulum, cost, x, u, gains, limit: u)
+    own = design_of(robot, "C.0")
+    problem = own.published.swingup
+    found, torque = design._searched(problem, problem.search, own.model, robot, 3)
+    assert durations == pytest.approx([problem.dt * problem.steps, 1.5 * problem.dt * problem.steps], abs=0.01)
+    assert len(torque) == found.steps == round(1.5 * problem.steps)
+    # The leaderboards' plant keeps the one duration that was chosen for it.
+    assert OPTIMAL[robot.name].swingup.search.durations == (1.0,)
+
+
+@pytest.mark.slow
+def test_a_search_comes_up_and_a_finer_grid_follows_it(x64):
+    robot = get_robot("acrobot")
+    own = design_of(robot, load_plant("C.0").frictionless())
+    problem = own.published.swingup
+    search = dataclasses.replace(problem.search, starts=1)
+    found, torque = design._searched(problem, search, own.model, robot, seed=0)
+    assert (found.steps, len(torque)) == (problem.steps, problem.steps)  # the first duration was enough
+    assert np.abs(torque).max() <= 5.0
+    step = jax.jit(PendulumTransition(own.model, robot.joint, problem.dt).step)
+    x = (0.0, 0.0, 0.0, 0.0)
+    # Its last part is unstable: feedback has held it there, and the torques alone drift away.
+    for u in torque[: problem.steps // 10]:
+        x = step(x, u)
+    assert np.isfinite(np.array(x)).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "seeds"),
+    [
+        ("lqr", 4), ("tvlqr", 4), ("ilqr-riccati", 4), ("tvlqr-score", 2),
+        pytest.param("ilqr-mpc", 1, marks=pytest.mark.slow),  # it compiles for 20 s
+    ],
+)  # fmt: skip
+def test_baselines_command_what_the_plants_own_motor_has_and_no_more(name, seeds, robot, x64, monkeypatch):
+    def resting(design, problem):
+        rows = np.zeros((400, 4))
+        return Reference(design.robot, 0.001, rows, rows[:, 0], np.ones_like(rows))
+
+    # Any trajectory does: a swing-up takes a minute to compute.
+    monkeypatch.setattr(baselines, "_computed_reference", resting)
+    for plant in map(drawn_plant, range(seeds)):
+        limit = (plant.tl1, plant.tl2)[robot.joint]
+        controller = baseline(name, robot, plant)
+        random = np.random.default_rng(0)
+        # From errors that hardly count to those that ask for more than any motor has; near upright for the LQR.
+        sizes = 10 ** random.uniform(-4, 5, (2000, 1)) * [1, 1, 1, 1]
+        states = UPRIGHT * (name == "lqr") + sizes * random.normal(size=(2000, 4)) * [name != "lqr", 1, 1, 1]
+        call = jax.vmap(lambda x, c=controller: c(c.init(), jnp.zeros(()), x)[1])
+        torques = np.asarray(jax.jit(call)(jnp.asarray(states)))
+        assert np.abs(torques[:, robot.joint]).max() == limit
+        assert not torques[:, 1 - robot.joint].any()
+
+
+def test_a_motor_without_torque_is_refused():
+    weak = dataclasses.replace(load_plant("B.0"), tl2=0.0)
+    with pytest.raises(SwingupError, match="the acrobot's motor has a torque limit of 0: raise tl2"):
+        baseline("lqr", "acrobot", weak)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["tvlqr", "ilqr-mpc", "tvlqr-score"])
+def test_baselines_swing_up_other_plants(name):
+    plant = load_plant("C.0").frictionless()
+    assert scales_of(plant).time == pytest.approx(0.971, abs=1e-3)
+    assert swingup.evaluate(baseline(name, "acrobot", plant), "acrobot", plant=plant).criteria.success

@@ -1,0 +1,142 @@
+import dataclasses
+import functools
+
+import jax
+import numpy as np
+import pytest
+
+from swingup.common.arrays import save_arrays
+from swingup.common.errors import SwingupError
+from swingup.controllers.baselines.baselines import shipped_reference
+from swingup.controllers.baselines.own_units import SEARCH
+from swingup.controllers.baselines.published import PUBLISHED
+from swingup.controllers.swingups import design
+from swingup.controllers.swingups.design import compute_reference
+from swingup.controllers.swingups.ilqr import feedback_gains
+from swingup.controllers.swingups.reference import (
+    REFERENCE_ARRAYS,
+    REFERENCE_FORMAT,
+    REFERENCE_VERSION,
+    Reference,
+    load_reference,
+    save_reference,
+)
+from swingup.controllers.swingups.transition import PendulumTransition
+from swingup.dynamics.angles import UPRIGHT
+from swingup.dynamics.integrate import rk4_step
+from swingup.plant.plant import LEADERBOARD
+from swingup.plant.robots import ROBOTS
+
+ACROBOT = ROBOTS["acrobot"]
+
+
+def short_problem():
+    problem = PUBLISHED["acrobot"].swingup
+    return dataclasses.replace(problem, steps=60, settings=dataclasses.replace(problem.settings, max_iterations=3))
+
+
+def test_shipped_trajectories_obey_the_equations_of_motion(x64, robot):
+    reference, metadata = shipped_reference(robot)
+    assert reference.robot == robot
+    assert (reference.dt, len(reference.torque), reference.time[-1]) == (0.001, 5999, pytest.approx(5.998))
+    p, u = LEADERBOARD.driven(robot), reference.torque[:, None] * np.array(robot.actuation)
+    following = jax.jit(jax.vmap(lambda x, u: rk4_step(p, x, u, 0.001)))(reference.states[:-1], u[:-1])
+    np.testing.assert_allclose(reference.states[1:], following, atol=1e-12)
+    np.testing.assert_array_equal(reference.states[0], 0.0)
+    np.testing.assert_allclose(reference.states[-1], [np.pi, 0, 0, 0], atol=2e-3)
+    assert np.abs(reference.torque).max() < 5.0
+    assert {"seed", "cost", "iterations", "status", "version", "command"} <= set(metadata)
+
+
+def test_shipped_trajectories_have_the_published_figures(robot):
+    # Published torques reach 2.6 and 1.6 N m, velocity costs are 105.8 and 211.1.
+    reference, _ = shipped_reference(robot)
+    largest, velocity_cost = {"acrobot": (2.6, 105.83), "pendubot": (1.6, 211.12)}[robot.name]
+    assert np.abs(reference.torque).max() == pytest.approx(largest, abs=0.06)
+    assert np.sum(reference.states[:, 2:] ** 2) * 0.001 == pytest.approx(velocity_cost, abs=0.5)
+
+
+def test_regularised_gains_are_weak(x64, robot):
+    reference, _ = shipped_reference(robot)
+    cost = PUBLISHED[robot.name].swingup.cost(len(reference.torque))
+    transition = PendulumTransition(LEADERBOARD.driven(robot), robot.joint, reference.dt, exact=False)
+    states = np.concatenate([reference.states, UPRIGHT[None]])
+    free = jax.jit(lambda x, u: feedback_gains(transition, cost, x, u, 0.0))(states, reference.torque)
+    assert np.abs(reference.gains).mean() < 0.2 * np.abs(free).mean()
+
+
+@pytest.mark.slow
+def test_a_shipped_trajectory_can_be_recomputed():
+    """The acrobot's; the pendubot's takes more than four times as many iterations of the same program."""
+    shipped, metadata = shipped_reference(ACROBOT)
+    reference, provenance = compute_reference(ACROBOT, PUBLISHED["acrobot"].swingup, metadata["seed"])
+    assert provenance["cost"] == pytest.approx(metadata["cost"], rel=1e-6)
+    np.testing.assert_allclose(reference.torque, shipped.torque, atol=1e-3)
+
+
+@pytest.mark.slow
+def test_the_optimiser_stays_at_the_pendubots_trajectory(monkeypatch):
+    pendubot = ROBOTS["pendubot"]
+    shipped, metadata = shipped_reference(pendubot)
+    problem = dataclasses.replace(PUBLISHED["pendubot"].swingup, search=SEARCH)
+    # A search that finds it at once.
+    monkeypatch.setattr(design, "_searched", lambda *_: (problem, shipped.torque))
+    found, provenance = compute_reference(pendubot, problem, metadata["seed"])
+    assert (provenance["status"], provenance["iterations"]) == ("converged", 1)
+    assert provenance["cost"] == pytest.approx(metadata["cost"], rel=1e-6)
+    np.testing.assert_allclose(found.torque, shipped.torque, atol=1e-5)
+    np.testing.assert_allclose(found.states, shipped.states, atol=1e-3)
+    np.testing.assert_allclose(found.gains, shipped.gains, atol=1e-3 * np.abs(shipped.gains).max())
+
+
+@pytest.mark.slow
+def test_computing_is_repeatable_and_seeded(monkeypatch):
+    # The slow test above has the exact Jacobian, which takes seconds to compile.
+    monkeypatch.setattr(design, "PendulumTransition", functools.partial(PendulumTransition, exact=False))
+    reference, provenance = compute_reference(ACROBOT, short_problem(), seed=3)
+    again, _ = compute_reference(ACROBOT, short_problem(), seed=3)
+    other, _ = compute_reference(ACROBOT, short_problem(), seed=4)
+    np.testing.assert_array_equal(reference.torque, again.torque)
+    assert np.abs(reference.torque - other.torque).max() > 0
+    assert (provenance["status"], provenance["iterations"], provenance["seed"]) == ("iteration_limit", 3, 3)
+
+
+def test_files_keep_everything(tmp_path):
+    rows = np.random.default_rng(0).normal(size=(2, 7, 4))
+    reference = Reference(ACROBOT, 0.001, rows[0], rows[0, :, 0], rows[1])
+    # What the file says itself wins over what the provenance, such as another file's metadata, says of that.
+    save_reference(tmp_path / "a.safetensors", reference, {"command": "this test", "dt": 9.0, "robot": "pendubot"})
+    loaded, metadata = load_reference(tmp_path / "a.safetensors")
+    assert (loaded.robot, loaded.dt) == (reference.robot, reference.dt)
+    for name in REFERENCE_ARRAYS:
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(reference, name))
+        assert getattr(loaded, name).dtype == np.float64
+    assert metadata["command"] == "this test"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"torque": None}, "lacks torque"),
+        ({"states": np.zeros((5, 3))}, "states of shape"),
+        ({"gains": np.zeros((4, 4))}, "gains of shape"),
+        ({"torque": np.zeros(())}, "of shape"),
+        ({"torque": np.array([0, 0, np.nan, 0, 0])}, "not finite"),
+        ({"states": np.zeros((5, 4), int)}, "not finite"),
+        ({"dt": 0.0}, "dt = 0.0"),
+        ({"dt": "fast"}, "dt = 'fast'"),
+        ({"dt": None}, "lacks dt"),
+        ({"robot": "cartpole"}, "unknown robot"),
+    ],
+)
+def test_faulty_files_are_refused(tmp_path, change, message):
+    metadata = {"robot": "acrobot", "dt": 0.001}
+    arrays = {name: np.zeros(5) if name == "torque" else np.zeros((5, 4)) for name in REFERENCE_ARRAYS}
+    for name, value in change.items():
+        target = metadata if name in metadata else arrays
+        target[name] = value
+    metadata, arrays = ({k: v for k, v in each.items() if v is not None} for each in (metadata, arrays))
+    save_arrays(tmp_path / "a.safetensors", REFERENCE_FORMAT, REFERENCE_VERSION, metadata, arrays)
+    with pytest.raises(SwingupError, match=message) as caught:
+        load_reference(tmp_path / "a.safetensors")
+    assert "\n" not in str(caught.value)

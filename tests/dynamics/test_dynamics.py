@@ -1,0 +1,246 @@
+import dataclasses
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from swingup.dynamics import dynamics
+from swingup.plant.plant import LEADERBOARD, NAMES, Plant, load_plant
+from swingup.plant.robots import ROBOTS
+
+DATA = Path(__file__).parent / "data"
+PLANTS = {"identified": load_plant("C.1"), "leaderboard": LEADERBOARD.driven(ROBOTS["acrobot"])}
+
+acceleration = jax.jit(jax.vmap(dynamics.acceleration, (None, 0, 0)))
+total_energy = jax.jit(jax.vmap(dynamics.total_energy, (None, 0)))
+mass_matrix = jax.jit(jax.vmap(dynamics.mass_matrix, (None, 0)))
+kinetic_energy = jax.jit(jax.vmap(dynamics.kinetic_energy, (None, 0)))
+derivative = jax.jit(dynamics.derivative)
+linearise = jax.jit(dynamics.linearise)
+
+pytestmark = pytest.mark.usefixtures("x64")
+
+
+@pytest.fixture(params=PLANTS.values(), ids=PLANTS)
+def plant(request):
+    return request.param
+
+
+def random_states(count=50, seed=0):
+    generator = np.random.default_rng(seed)
+    x = generator.uniform([-7, -7, -12, -12], [7, 7, 12, 12], (count, 4))
+    u = generator.uniform(-6, 6, (count, 2))
+    return jnp.array(x), jnp.array(u)
+
+
+def test_accelerations_and_energies_are_those_of_the_reference(robot):
+    table = np.genfromtxt(DATA / f"dynamics-{robot.name}-friction.csv", delimiter=",", names=True)
+    x, u, expected = (
+        jnp.stack([table[name] for name in names.split()], axis=1)
+        for names in ("q1 q2 dq1 dq2", "u1 u2", "ddq1 ddq2")
+    )
+    np.testing.assert_allclose(acceleration(load_plant("C.1"), x, u), expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(total_energy(load_plant("C.1"), x), table["energy"], rtol=0, atol=1e-9)
+
+
+def energies_from_positions(plant, q, dq):
+    """T and V from the Cartesian motion of the two bodies and the spin of the two rotors."""
+    p = plant
+
+    def centres(q):
+        elbow = p.l1 * jnp.array([jnp.sin(q[0]), -jnp.cos(q[0])])
+        along_2 = jnp.array([jnp.sin(q[0] + q[1]), -jnp.cos(q[0] + q[1])])
+        return jnp.stack([p.r1 / p.l1 * elbow, elbow + p.r2 * along_2])
+
+    position, velocity = jax.jvp(centres, (q,), (dq,))
+    masses = jnp.array([p.m1, p.m2])
+    # Inertias about the joints become those about the centres of mass. Both motors sit in link 1's base: the
+    # elbow's rotor turns backwards relative to link 1, gr times as fast as the elbow.
+    spins = jnp.array([dq[0], dq[0] + dq[1], p.gr * dq[0], dq[0] - p.gr * dq[1]])
+    inertias = jnp.array([p.I1 - p.m1 * p.r1**2, p.I2 - p.m2 * p.r2**2, p.Ir, p.Ir])
+    kinetic = 0.5 * (masses @ jnp.sum(velocity**2, axis=1) + inertias @ spins**2)
+    return kinetic, p.g * masses @ position[:, 1]
+
+
+def euler_lagrange_acceleration(plant, x, u):
+    """Solve d/dt ∂L/∂q̇ - ∂L/∂q = u - F(q̇) for q̈, all derivatives by automatic differentiation."""
+
+    def lagrangian(q, dq):
+        kinetic, potential = energies_from_positions(plant, q, dq)
+        return kinetic - potential
+
+    q, dq = x[:2], x[2:]
+    momentum = jax.grad(lagrangian, argnums=1)
+    mass, drift = jax.jacfwd(momentum, 1)(q, dq), jax.jacfwd(momentum, 0)(q, dq) @ dq
+    friction = jnp.array([plant.b1, plant.b2]) * dq + jnp.array([plant.cf1, plant.cf2]) * jnp.arctan(100 * dq)
+    return jnp.linalg.solve(mass, u - friction - drift + jax.grad(lagrangian)(q, dq))
+
+
+def test_acceleration_solves_the_euler_lagrange_equations():
+    # A different plant for each state: every parameter varies by up to 20 % around the identified one,
+    # with the rotor's inertia and the viscous friction large enough to count.
+    x, u = random_states()
+    centre = dataclasses.replace(load_plant("C.1"), Ir=1e-3, b1=0.1, b2=0.05)
+    factors = np.random.default_rng(1).uniform(0.8, 1.2, (len(NAMES), len(x)))
+    values = {name: getattr(centre, name) * jnp.array(row) for name, row in zip(NAMES, factors, strict=True)}
+    plants = Plant(**values)
+    expected = jax.jit(jax.vmap(euler_lagrange_acceleration))(plants, x, u)
+    found = jax.jit(jax.vmap(dynamics.acceleration))(plants, x, u)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_energies_are_those_of_the_bodies_motion(plant):
+    x, _ = random_states()
+    kinetic, potential = jax.jit(jax.vmap(energies_from_positions, (None, 0, 0)))(plant, x[:, :2], x[:, 2:])
+    np.testing.assert_allclose(kinetic_energy(plant, x), kinetic, rtol=1e-12)
+    np.testing.assert_allclose(total_energy(plant, x), kinetic + potential, rtol=1e-12, atol=1e-12)
+
+
+def test_mass_matrix_is_symmetric_and_positive_definite(plant):
+    matrices = np.asarray(mass_matrix(plant, random_states()[0]))
+    np.testing.assert_array_equal(matrices, matrices.transpose(0, 2, 1))
+    assert np.linalg.eigvalsh(matrices).min() > 0
+
+
+def test_mass_matrix_by_hand():
+    # m2 l1 r2 = 1.5, I1 = 2, I2 = 3, m2 l1² = 2, gr = 6, Ir = 0.1; q2 = π/3, cos q2 = 0.5:
+    # M11 = 2 + 3 + 2 + 2 * 1.5 * 0.5 + 3.6 + 0.1 = 12.2, M12 = 3 + 0.75 - 0.6 = 3.15, M22 = 3 + 3.6 = 6.6.
+    plant = dataclasses.replace(load_plant("C.1"), m2=2.0, l1=1.0, r2=0.75, I1=2.0, I2=3.0, gr=6.0, Ir=0.1)
+    found = dynamics.mass_matrix(plant, jnp.array([0.3, np.pi / 3, 1.0, 2.0]))
+    np.testing.assert_allclose(found, [[12.2, 3.15], [3.15, 6.6]], rtol=1e-12)
+
+
+def test_power_balance(plant):
+    # dE/dt = q̇ᵀ (u - F): what the motors bring in and friction takes out, along the motion.
+    def energy_rate(x, u):
+        flow = dynamics.derivative(plant, x, u)
+        return jax.jvp(lambda x: dynamics.total_energy(plant, x), (x,), (flow,))[1]
+
+    def power(x, u):
+        return x[2:] @ (u - dynamics.friction_torque(plant, x))
+
+    rates, powers = jax.jit(jax.vmap(lambda x, u: (energy_rate(x, u), power(x, u))))(*random_states())
+    np.testing.assert_allclose(rates, powers, rtol=1e-9, atol=1e-9)
+
+
+def test_friction_by_hand():
+    # b1 dq1 + cf1 arctan(100 dq1): 0.1 * 0.01 + 0.16 * π/4 at dq1 = 0.01; far above, cf saturates at cf π/2.
+    plant = dataclasses.replace(load_plant("C.1"), b1=0.1, cf1=0.16, b2=0.0, cf2=0.12)
+    found = dynamics.friction_torque(plant, jnp.array([1.0, 2.0, 0.01, -1e9]))
+    np.testing.assert_allclose(found, [0.001 + 0.04 * np.pi, -0.06 * np.pi], rtol=1e-9)
+
+
+@pytest.mark.parametrize("q", [(0.0, 0.0), (np.pi, 0.0), (0.0, np.pi), (np.pi, np.pi)])
+def test_rest_where_both_links_are_vertical(plant, q):
+    x = jnp.array([*q, 0.0, 0.0])
+    np.testing.assert_allclose(dynamics.derivative(plant, x, jnp.zeros(2)), np.zeros(4), atol=1e-13)
+
+
+def test_torque_that_holds_the_arm_out():
+    # Both links level: each joint carries the weights beyond it times their levers.
+    p = load_plant("C.1")
+    shoulder, elbow = p.g * (p.m1 * p.r1 + p.m2 * (p.l1 + p.r2)), p.g * p.m2 * p.r2
+    level = jnp.array([np.pi / 2, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(dynamics.gravity_torque(p, level), [-shoulder, -elbow], rtol=1e-12)
+    found = dynamics.acceleration(p, level, jnp.array([shoulder, elbow]))
+    np.testing.assert_allclose(found, [0.0, 0.0], atol=1e-12)
+    # Link 1 level and link 2 hanging from it: the elbow carries nothing, the shoulder link 2 at the elbow.
+    bent = jnp.array([np.pi / 2, -np.pi / 2, 0.0, 0.0])
+    expected = [-p.g * (p.m1 * p.r1 + p.m2 * p.l1), 0.0]
+    np.testing.assert_allclose(dynamics.gravity_torque(p, bent), expected, rtol=1e-12, atol=1e-12)
+
+
+def test_eigenfrequencies_of_two_equal_point_masses():
+    # The textbook's double pendulum, equal masses on equal massless rods: ω² = (2 ± √2) g / l.
+    length = 0.7
+    inertia = 1.3 * length**2
+    rods = {"l1": length, "l2": length, "r1": length, "r2": length, "m1": 1.3, "m2": 1.3}
+    plant = dataclasses.replace(LEADERBOARD.driven(ROBOTS["acrobot"]), **rods, I1=inertia, I2=inertia)
+    A, _ = linearise(plant, jnp.zeros(4), jnp.zeros(2))
+    eigenvalues = np.linalg.eigvals(np.asarray(A))
+    np.testing.assert_allclose(eigenvalues.real, 0, atol=1e-10)
+    expected = np.sqrt((2 + np.sqrt(2) * np.array([-1, -1, 1, 1])) * 9.81 / length)
+    np.testing.assert_allclose(np.sort(abs(eigenvalues.imag)), expected, rtol=1e-10)
+
+
+def balanced_plant():
+    """A double pendulum whose second link is balanced on the elbow: gravity and link 1 cannot turn it."""
+    return dataclasses.replace(LEADERBOARD.driven(ROBOTS["acrobot"]), r2=0.0)
+
+
+def test_balanced_second_link_leaves_a_single_pendulum():
+    # q̈1 = -(m1 r1 + m2 l1) g sin q1 / (I1 + m2 l1²); link 2 keeps its absolute rate, so that q̈2 = -q̈1.
+    p, (x, _) = balanced_plant(), random_states()
+    ddq1 = -(p.m1 * p.r1 + p.m2 * p.l1) * p.g * np.sin(x[:, 0]) / (p.I1 + p.m2 * p.l1**2)
+    expected = np.stack([ddq1, -ddq1], axis=1)
+    np.testing.assert_allclose(acceleration(p, x, jnp.zeros((len(x), 2))), expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("q1", "q2", "height"),
+    # -0.2 cos q1 - 0.3 cos(q1 + q2)
+    [
+        (0.0, 0.0, -0.5),
+        (np.pi, 0.0, 0.5),
+        (np.pi, np.pi, -0.1),
+        (np.pi / 2, np.pi / 2, 0.3),
+        (np.pi / 3, 0.0, -0.25),
+    ],
+)
+def test_tip_height_by_hand(q1, q2, height):
+    found = dynamics.tip_height(load_plant("C.1"), jnp.array([q1, q2, 1.0, 2.0]))
+    assert float(found) == pytest.approx(height, abs=1e-12)
+
+
+def test_linearisation_agrees_with_central_differences(plant):
+    # Away from rest, where the Coulomb friction's slope of 100 makes finite differences poor.
+    x, u, step = jnp.array([0.4, -1.1, 2.0, -3.0]), jnp.array([1.0, -0.5]), 1e-5
+    A, B = linearise(plant, x, u)
+
+    def difference(e):
+        ahead = derivative(plant, x + step * e[:4], u + step * e[4:])
+        behind = derivative(plant, x - step * e[:4], u - step * e[4:])
+        return (ahead - behind) / (2 * step)
+
+    columns = np.stack([difference(e) for e in np.eye(6)], axis=1)
+    np.testing.assert_allclose(np.hstack([A, B]), columns, rtol=1e-6, atol=1e-6)
+
+
+def test_linearised_input_is_the_inverse_mass_matrix(plant):
+    x = jnp.array([0.4, -1.1, 2.0, -3.0])
+    _, B = linearise(plant, x, jnp.zeros(2))
+    np.testing.assert_allclose(B[:2], np.zeros((2, 2)), atol=0)
+    np.testing.assert_allclose(dynamics.mass_matrix(plant, x) @ B[2:], np.eye(2), atol=1e-12)
+
+
+def test_mirrored_motion_is_a_motion(plant):
+    x, u = random_states()
+    np.testing.assert_allclose(acceleration(plant, -x, -u), -acceleration(plant, x, u), rtol=1e-12)
+
+
+def test_jit_and_vmap_change_nothing_and_gradients_are_finite():
+    plant = load_plant("C.1")
+    x, u = random_states(count=5)
+    compiled = acceleration(plant, x, u)
+    one_by_one = [dynamics.acceleration(plant, x[k], u[k]) for k in range(len(x))]
+    np.testing.assert_allclose(compiled, jnp.stack(one_by_one), rtol=1e-12)
+    gradient = jax.jit(jax.grad(lambda p: dynamics.acceleration(p, x[0], u[0])[0]))(plant)
+    # The shoulder's damping acts as the torque -b1 dq1: ∂q̈1/∂b1 = -dq1 (M⁻¹)11 = -dq1 M22 / det M.
+    M = np.asarray(mass_matrix(plant, x)[0])
+    assert float(gradient.b1) == pytest.approx(-float(x[0, 2]) * M[1, 1] / np.linalg.det(M), rel=1e-9)
+    assert all(np.isfinite(leaf) for leaf in jax.tree.leaves(gradient))
+
+
+OF_STATE = "mass_matrix coriolis_torque gravity_torque friction_torque kinetic_energy potential_energy total_energy"
+OF_STATE_AND_TORQUE = "acceleration derivative linearise"
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("name", [*OF_STATE.split(), "tip_height", *OF_STATE_AND_TORQUE.split()])
+def test_results_have_the_dtype_of_the_state(name, dtype):
+    x, u = jnp.array([0.1, 0.2, 0.3, 0.4], dtype), jnp.array([0.5, 0.6], dtype)
+    arguments = (x, u) if name in OF_STATE_AND_TORQUE.split() else (x,)
+    results = jax.eval_shape(getattr(dynamics, name), load_plant("C.1"), *arguments)
+    assert {leaf.dtype.name for leaf in jax.tree.leaves(results)} == {dtype}

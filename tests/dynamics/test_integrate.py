@@ -1,0 +1,180 @@
+import dataclasses
+import functools
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.special import ellipk
+
+from swingup.dynamics import dynamics
+from swingup.dynamics.dynamics import mass_matrix
+from swingup.dynamics.integrate import friction_rate, midpoint_step, rk4_step, rk4_steps, stable_substeps
+from swingup.plant.plant import LEADERBOARD, load_plant
+from swingup.plant.robots import ROBOTS
+
+DATA = Path(__file__).parent / "data"
+FRICTIONLESS = LEADERBOARD.driven(ROBOTS["acrobot"])
+
+one_step = jax.jit(jax.vmap(rk4_step, (None, 0, 0, None)))
+
+pytestmark = pytest.mark.usefixtures("x64")
+
+
+@jax.jit
+def follow(plant, x, torques, dt):
+    """States before each of the torques, by RK4, and the last one."""
+
+    def step(x, u):
+        return rk4_step(plant, x, u, dt), x
+
+    last, states = jax.lax.scan(step, x, torques)
+    return states, last
+
+
+def test_one_step_is_that_of_the_reference(robot):
+    table = np.genfromtxt(DATA / f"dynamics-{robot.name}-friction.csv", delimiter=",", names=True)
+    x, u, expected = (
+        jnp.stack([table[name] for name in names.split()], axis=1)
+        for names in ("q1 q2 dq1 dq2", "u1 u2", "q1_next q2_next dq1_next dq2_next")
+    )
+    found = one_step(load_plant("C.1"), x, u, 0.002)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+
+
+def test_open_loop_run_is_that_of_the_reference(robot):
+    table = np.loadtxt(DATA / f"openloop-{robot.name}.csv", delimiter=",", skiprows=1)
+    assert table.shape == (501, 5)
+    t = 0.002 * np.arange(2501)
+    u = np.outer(3 * np.sin(2 * np.pi * t) + 1.5 * np.sin(5.1 * t), robot.actuation)
+    states, _ = follow(LEADERBOARD.driven(robot), jnp.zeros(4), jnp.array(u), 0.002)
+    error = np.abs(states[::5] - table[:, 1:]).max(axis=1)
+    # The motion is chaotic: two correct implementations part by some 4e-10 in 2 s and 4e-7 in 5 s.
+    for until, tolerance in [(1.0, 1e-11), (2.0, 1e-9), (5.0, 1e-5)]:
+        assert error[table[:, 0] <= until + 1e-9].max() < tolerance
+    np.testing.assert_allclose(table[:, 0], t[::5], atol=1e-12)
+
+
+def test_energy_is_conserved_without_friction_and_torque():
+    # From link 1 level; RK4's drift falls with dt⁴ and is 2e-9 J here, while 4 J are exchanged.
+    x0 = jnp.array([np.pi / 2, 0.3, 0.0, 0.0])
+    states, _ = follow(FRICTIONLESS, x0, jnp.zeros((2501, 2)), 0.001)
+    energy = jax.vmap(dynamics.total_energy, (None, 0))(FRICTIONLESS, states)
+    kinetic = jax.vmap(dynamics.kinetic_energy, (None, 0))(FRICTIONLESS, states)
+    assert float(kinetic.max()) > 1.0
+    np.testing.assert_allclose(energy, energy[0], rtol=0, atol=2e-8)
+
+
+def test_energy_changes_by_the_work_of_torque_and_friction():
+    plant, dt = load_plant("C.1"), 0.001
+    t = dt * np.arange(2501)
+    u = jnp.array(np.stack([np.sin(3 * t), 0.5 * np.cos(2 * t)], axis=1))
+    states, last = follow(plant, jnp.array([0.5, 0.3, 4.0, -3.0]), u, dt)
+    states = jnp.concatenate([states, last[None]])
+    energy = jax.vmap(dynamics.total_energy, (None, 0))(plant, states)
+    # Torque is held over a step, so that its work is uᵀ Δq exactly; friction's by the trapezoidal rule.
+    friction = np.asarray(jax.vmap(dynamics.friction_torque, (None, 0))(plant, states) * states[:, 2:])
+    work = jnp.sum(u * jnp.diff(states[:, :2], axis=0))
+    loss = np.sum((friction[1:] + friction[:-1]) / 2) * dt
+    assert loss > 0.5
+    assert float(energy[-1] - energy[0]) == pytest.approx(float(work) - loss, abs=1e-3)
+
+
+def test_large_swing_has_the_period_of_the_elliptic_integral():
+    # A second link balanced on the elbow (r2 = 0) leaves a single pendulum of inertia I1 + m2 l1². From rest at
+    # 2.5 rad it hangs straight after a quarter of its period 4 K(sin²(θ/2)) / ω.
+    p = FRICTIONLESS
+    plant = dataclasses.replace(p, r2=0.0)
+    omega = np.sqrt((p.m1 * p.r1 + p.m2 * p.l1) * p.g / (p.I1 + p.m2 * p.l1**2))
+    quarter = ellipk(np.sin(2.5 / 2) ** 2) / omega
+    _, last = follow(plant, jnp.array([2.5, 0.0, 0.0, 0.0]), jnp.zeros((2501, 2)), quarter / 2501)
+    # At the bottom all potential energy has become ½ θ̇²: θ̇ = -2 ω sin(θ0 / 2).
+    np.testing.assert_allclose(last[:3], [0.0, 2.5, -2 * omega * np.sin(1.25)], atol=1e-9)
+
+
+@pytest.mark.parametrize(("method", "order"), [(rk4_step, 4), (midpoint_step, 2)], ids=["rk4", "midpoint"])
+def test_error_falls_with_the_order_of_the_method(method, order):
+    plant, x0, u = FRICTIONLESS, np.array([0.5, -0.4, 0.0, 0.0]), np.array([0.0, 0.5])
+
+    @jax.jit
+    def state_after(steps, duration=0.4):
+        dt = duration / steps
+        return jax.lax.fori_loop(0, steps, lambda _, x: method(plant, x, jnp.array(u), dt), jnp.array(x0))
+
+    flow = jax.jit(lambda x: dynamics.derivative(plant, x, jnp.array(u)))
+    exact = solve_ivp(lambda _, x: flow(x), (0, 0.4), x0, method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+    counts = np.array([100, 200, 400])
+    errors = [np.abs(state_after(int(count)) - exact).max() for count in counts]
+    orders = -np.diff(np.log(errors)) / np.diff(np.log(counts))
+    np.testing.assert_allclose(orders, order, atol=0.1)
+
+
+def test_jit_and_vmap_change_nothing():
+    x = jnp.array([[0.1, 0.2, 3.0, -4.0], [2.0, -1.0, 0.5, 0.0]])
+    u = jnp.array([[0.0, 1.0], [2.0, 0.0]])
+    one_by_one = [rk4_step(load_plant("C.1"), x[k], u[k], 0.01) for k in range(2)]
+    np.testing.assert_allclose(one_step(load_plant("C.1"), x, u, 0.01), jnp.stack(one_by_one), rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_gradient_through_many_steps_agrees_with_differences():
+    # Back-propagation through 100 steps, of the last shoulder angle by the elbow torque held all the while.
+    @jax.jit
+    def last_angle(torque):
+        torques = jnp.tile(jnp.array([0.0, 1.0]) * torque, (100, 1))
+        return follow(FRICTIONLESS, jnp.array([0.3, 0.1, 0.0, 0.0]), torques, 0.002)[1][0]
+
+    step = 1e-5
+    difference = (last_angle(0.7 + step) - last_angle(0.7 - step)) / (2 * step)
+    assert abs(float(difference)) > 1e-2
+    assert float(jax.jit(jax.grad(last_angle))(0.7)) == pytest.approx(float(difference), rel=1e-7)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("method", [rk4_step, midpoint_step])
+def test_steps_keep_the_dtype_of_the_state(method, dtype):
+    x, u = jnp.zeros(4, dtype), jnp.zeros(2, dtype)
+    assert jax.eval_shape(lambda x, u: method(load_plant("C.1"), x, u, 0.01), x, u).dtype == dtype
+
+
+def small_link():
+    """Two rods of 5 cm and 0.1 kg, with I = m l²/3, and the friction of small motors: λ dt is 5.2 at 2 ms."""
+    rods = {"m1": 0.1, "m2": 0.1, "l1": 0.05, "l2": 0.05, "r1": 0.025, "r2": 0.025, "I1": 8.33e-5, "I2": 8.33e-5}
+    frictions = {"b1": 1e-5, "b2": 1e-5, "cf1": 7e-4, "cf2": 4e-4, "Ir": 0.0}
+    return dataclasses.replace(load_plant("C.1"), **rods, **frictions)
+
+
+@pytest.mark.parametrize("name", ["A.0", "B.0", "C.0", "C.1", "small link"])
+def test_friction_rate_is_the_largest_eigenvalue(name):
+    plant = small_link() if name == "small link" else load_plant(name)
+    damping = np.diag([plant.b1 + 100 * plant.cf1, plant.b2 + 100 * plant.cf2])
+    angles = np.arccos(np.linspace(-1, 1, 9))
+    masses = [np.asarray(mass_matrix(plant, jnp.array([0.0, q2, 0.0, 0.0]))) for q2 in angles]
+    expected = max(np.linalg.eigvals(np.linalg.solve(mass, damping)).max() for mass in masses)
+    assert friction_rate(plant) == pytest.approx(expected, rel=1e-9)
+
+
+def test_stiff_plants_take_more_steps():
+    counts = {name: stable_substeps(load_plant(name), 0.002) for name in ("B.0", "C.0", "C.1")}
+    assert counts == {"B.0": 2, "C.0": 1, "C.1": 1}
+    assert stable_substeps(load_plant("B.0").frictionless(), 0.1) == 1
+
+
+def test_halved_steps_agree_where_single_ones_do_not():
+    """A joint that rests under a small torque: one step of RK4 rings about rest, stable ones stay."""
+    plant = small_link()
+    number = stable_substeps(plant, 0.002)
+    assert number >= 2
+
+    @functools.partial(jax.jit, static_argnums=0)
+    def speeds(substeps):
+        def step(x, _):
+            return (after := rk4_steps(plant, x, jnp.array([4e-4, 0.0]), 0.002, substeps)), after[2:]
+
+        return jax.lax.scan(step, jnp.array([0.0, 0.0, 0.005, -0.005]), length=60)[1]
+
+    single, chosen, halved = (np.asarray(speeds(count)) for count in (1, number, 2 * number))
+    np.testing.assert_allclose(chosen[20:], halved[20:], atol=2e-4)
+    assert np.abs(single[20:] - halved[20:]).max() > 20 * np.abs(chosen[20:] - halved[20:]).max()

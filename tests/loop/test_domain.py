@@ -1,0 +1,160 @@
+"""Domains: what plants and loops are drawn from, and what is refused."""
+
+import jax
+import numpy as np
+import pytest
+
+from swingup.common.errors import SwingupError
+from swingup.dynamics.integrate import stable_substeps
+from swingup.loop.domain import PLANT, SHIPPED, load_domain, make_domain
+from swingup.loop.draw import draw
+from swingup.loop.loop import LOOP_DT, VALUES
+from swingup.plant.plant import load_plant
+from swingup.plant.robots import get_robot
+
+ACROBOT = get_robot("acrobot")
+
+
+draw_one = jax.jit(draw, static_argnums=(0, 2))
+
+
+def drawn(domain, number=200, robot=ACROBOT):
+    """Plants and disturbances with a leading axis."""
+    keys = jax.random.split(jax.random.key(0), number)
+    return jax.jit(jax.vmap(lambda key: draw(domain, key, robot)))(keys)
+
+
+def test_the_identified_domain_is_the_identified_plant(robot):
+    domain = load_domain("identified")
+    assert all(low == high for _, low, high in domain.ranges)
+    with jax.enable_x64(True):
+        plant, loop = draw_one(domain, jax.random.key(3), robot)
+    for name in PLANT:
+        assert float(getattr(plant, name)) == getattr(load_plant("C.1"), name)
+    limits = [float(plant.tl1), float(plant.tl2)]
+    assert (limits[robot.joint], limits[1 - robot.joint]) == (6.0, 0.5)
+    assert (int(loop.delay_steps), float(loop.velocity_noise)) == (5, 0.1)  # 10 ms in steps of 2 ms
+    assert not np.any(loop.pushes.amplitude)
+
+
+def test_every_number_of_the_package_says_where_it_comes_from():
+    from importlib import resources
+
+    text = (resources.files("swingup.loop") / "domains" / "identified.yml").read_text(encoding="utf-8")
+    rows = [line for line in text.splitlines() if line and not line.startswith("#")]
+    assert {row.partition(":")[0] for row in rows} <= {"torque_limit", *VALUES}
+    assert all("Source:" in row or "Chosen" in row for row in rows)
+
+
+def test_draws_fill_their_ranges():
+    domain = load_domain("randomised")
+    plant, loop = drawn(domain)
+    ranges = {name: (low, high) for name, low, high in domain.ranges}
+    found = {name: getattr(plant, name) for name in PLANT}
+    found |= {name: getattr(loop, name) for name in ("velocity_noise", "torque_noise", "response")}
+    found |= {name: getattr(loop.motor, name) for name in ("rate_limit", "ripple", "ripple_periods")}
+    for name, values in found.items():
+        low, high = ranges.get(name, (None, None))
+        if low == high:
+            assert np.ptp(values) == 0
+        else:
+            assert low * 0.9999 <= values.min() < low + 0.1 * (high - low)
+            assert high * 1.0001 >= values.max() > high - 0.1 * (high - low)
+    assert set(np.unique(loop.delay_steps)) == {3, 4, 5, 6}  # 6 to 14 ms, 14 ms at the edge alone
+    assert domain.depth == 8
+    pushes = loop.pushes.amplitude
+    assert 0.5 < pushes[:, 1].max() <= 1.0
+    assert -1.0 <= pushes[:, 1].min() < -0.5
+    assert not pushes[:, 0].any()  # the acrobot's shoulder has no motor to push
+
+
+def test_what_is_left_out_is_perfect():
+    plant, loop = drawn(make_domain({"m1": 0.5}), 2)
+    assert plant.m1.tolist() == [0.5, 0.5]
+    assert (loop.delay_steps.tolist(), loop.response.tolist(), loop.torque_noise.tolist()) == (
+        [0, 0],
+        [1, 1],
+        [0, 0],
+    )
+    assert plant.tl1.tolist() == [0, 0]
+
+
+def test_a_file_of_ones_own(tmp_path):
+    path = tmp_path / "mine.yml"
+    path.write_text("delay: [0, 0.004]\nb1: 0.02\nIr: [4e-5, 9.0e-5]\n")  # without a point, YAML reads a text
+    assert load_domain(path).as_dict() == {"delay": [0.0, 0.004], "b1": [0.02, 0.02], "Ir": [4e-5, 9e-5]}
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("nothing: 1", "unknown name 'nothing': use some of m1, "),
+        ("delay: [0.02, 0.01]", r"delay = \[0.02, 0.01\] must be a range from low to high"),
+        ("delay: [0.0, 1.0]", r"delay = \[0, 1\] must lie between 0 and 0.2"),
+        ("velocity_noise: -0.1", r"velocity_noise = \[-0.1, -0.1\] must lie between 0 and 10"),
+        ("m1: [0.1, 0.2, 0.3]", r"m1 = \[0.1, 0.2, 0.3\] must be a number, or a range \[low, high\]"),
+        ("m1: heavy", "m1 = 'heavy' must be a number"),
+        ("m1: .nan", r"m1 = \[nan, nan\] must be a range from low to high"),
+        ("m1: [0.0, 0.5]", "parameter m1 = 0 must be positive"),
+        ("I2: 1.0e-6", "mass matrix is not positive definite"),
+        ("m2: [0.3, 1.0]\nI2: [0.02, 0.08]", "mass matrix is not positive definite"),
+        ("m1: true", "m1 = True must be a number"),
+        ("m1: 0.5\nm2: 0.6\nm1: 0.4", "gives m1 2 times: keep one of its values"),
+        ("- 1", "is not a map: write one 'name: value' a line"),
+        ("m1: [", "is not YAML"),
+    ],
+)
+def test_bad_domains(tmp_path, content, message):
+    path = tmp_path / "bad.yml"
+    path.write_text(content)
+    with pytest.raises(SwingupError, match=message) as caught:
+        load_domain(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_unknown_domains(tmp_path):
+    with pytest.raises(SwingupError, match="unknown domain 'moon': use identified, randomised, recorded,"):
+        load_domain("moon")
+    with pytest.raises(SwingupError, match="No such file or directory; check the path"):
+        load_domain(tmp_path / "none.yml")
+
+
+def test_domains_are_hashable():
+    assert hash(load_domain("B.0")) == hash(make_domain({"plant": "B.0"}, "mine.yml"))
+    assert load_domain("B.0") == make_domain({"plant": "B.0"}, "mine.yml") != load_domain("C.0")
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_steps_are_stable_on_all_plants_of_a_domain(name):
+    domain = load_domain(name)
+    period = LOOP_DT * (3 if domain.has("late") else 1)
+    assert domain.substeps == max(stable_substeps(corner, period) for corner in domain.corners())
+
+
+def test_facts_decide_about_the_steps_and_not_how_a_file_says_them():
+    """The same plants, with or without their plant's name: Coulomb friction of 0.5 N m needs 4 steps."""
+    assert load_domain("identified").substeps == 1
+    assert load_domain("randomised").substeps == 2
+    assert (
+        make_domain({"cf2": [0.0, 0.5]}).substeps == make_domain({"plant": "C.1", "cf2": [0.0, 0.5]}).substeps == 4
+    )
+
+
+def test_draws_take_their_random_numbers_in_the_order_of_the_file():
+    """The first two draws of one key, by whichever names: boards keep their numbers where fields move."""
+    domains = (
+        make_domain({"m1": [0.5, 0.6], "delay": [0.0, 0.1]}),
+        make_domain({"lag": [0.0, 0.1], "m1": [0.5, 0.6]}),
+    )
+    (plant, _), (other, loop) = (draw_one(domain, jax.random.key(0), ACROBOT) for domain in domains)
+    assert float(plant.m1 - 0.5) == pytest.approx(float(loop.drive.lag), rel=1e-4)
+    assert plant.m1 != other.m1
+
+
+def test_nominal_values_are_the_middle():
+    domain = make_domain({"torque_limit": 5.0, "m2": [0.6, 0.7], "lag": [0.001, 0.003]})
+    plant, loop = domain.nominal
+    assert (plant.tl1, plant.tl2, plant.m2, loop.lag) == pytest.approx((5.0, 5.0, 0.65, 0.002))
+    assert domain.known_plant(ACROBOT) is None
+    known = make_domain({"plant": "C.1", "m2": [0.6, 0.7]}).known_plant(ACROBOT)
+    assert (known.m2, known.tl1, known.tl2) == pytest.approx((0.65, 0.0, 6.0))

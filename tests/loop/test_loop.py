@@ -1,0 +1,150 @@
+"""The robot's own loop, element by element, against numbers derived by hand."""
+
+import dataclasses
+import math
+from importlib import resources
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from swingup.loop.clock import Clock, Times, start_times
+from swingup.loop.disturbance import Pushes, measured_state, motor_torques, step_period, undisturbed
+from swingup.loop.domain import PLANT, SESSIONS, load_domain, make_domain
+from swingup.loop.draw import draw
+from swingup.loop.loop import LONGEST_PERIOD, VALUES
+from swingup.loop.motors import Drive, Motor
+from swingup.loop.sensor import Sensor
+from swingup.plant.plant import NAMES
+from swingup.plant.robots import get_robot
+
+DT = 0.002
+
+
+def array(*numbers):
+    return np.array(numbers)
+
+
+def test_angles_are_rounded_to_their_quantum_after_the_offset():
+    """1.2 + 0.1 = 1.3 is 2.6 steps of 0.5, so 3 of them; the second joint has no step: 0.3 - 0.2 = 0.1."""
+    sensor = Sensor(quantum=array(0.5, 0.0), offset=array(0.1, -0.2))
+    np.testing.assert_allclose(sensor.angles(jnp.array([1.2, 0.3])), [1.5, 0.1], rtol=1e-6)
+
+
+@pytest.mark.parametrize(("differences", "rates"), [(True, [5.0, 4.0]), (False, [7.0, 8.0])])
+def test_velocities(differences, rates):
+    """From 0.9 + 0.1 = 2 steps to 3 steps of 0.5 in 0.1 s: 5 rad/s; from -0.3 to 0.1: 4 rad/s. Or the true ones."""
+    sensor = Sensor(array(0.5, 0.0), array(0.1, -0.2), differences)
+    seen = sensor.read(jnp.array([1.2, 0.3, 7.0, 8.0]), jnp.array([0.9, -0.1, 0.0, 0.0]), 0.1)
+    np.testing.assert_allclose(seen, [1.5, 0.1, *rates], rtol=1e-5)
+
+
+def test_differences_are_over_recorded_times_and_as_old_as_the_measurement():
+    """Steps 0 to 3 at 0, 2, 5 and 9 ms: one period late, step 3 sees step 2 and the 3 ms before it."""
+    disturbance = dataclasses.replace(undisturbed(), delay_steps=1, sensor=Sensor(np.zeros(2), np.zeros(2)))
+    assert disturbance.is_timed
+    times, past = start_times(3, DT, jnp.dtype("float32")), jnp.zeros((3, 4))
+    seen = []
+    for step, (now, q) in enumerate([(0.0, 0.0), (0.002, 0.1), (0.005, 0.4), (0.009, 0.9)]):
+        times = Times(jnp.asarray(now), times.past).remember(step)
+        past = past.at[step % 3].set(jnp.array([q, -q, 0.0, 0.0]))
+        seen.append(measured_state(disturbance, past, step, jnp.zeros(2), times))
+    np.testing.assert_allclose(seen[0], np.zeros(4))  # before the run: at rest
+    np.testing.assert_allclose(seen[2], [0.1, -0.1, 50.0, -50.0], rtol=1e-4)
+    np.testing.assert_allclose(seen[3], [0.4, -0.4, 100.0, -100.0], rtol=1e-4)
+
+
+def test_late_periods():
+    """Half of the periods are late: a draw of 0.25 is at the half of them, whose excess is ln 2 of the mean."""
+    clock = Clock(late=0.5, lateness=0.001)
+    found = [float(clock.period(jnp.asarray(u), DT)) for u in (0.25, 0.5, 0.9, 0.0)]
+    np.testing.assert_allclose(found, [DT + 0.001 * math.log(2), DT, DT, LONGEST_PERIOD * DT], rtol=1e-5)
+    assert float(Clock(0.0, 0.001).period(jnp.asarray(0.0), DT)) == pytest.approx(DT)
+    late = dataclasses.replace(undisturbed(), clock=Clock(0.1, 0.0005))
+    periods = jax.vmap(lambda k: step_period(late, k, DT, jnp.dtype("float32")))(jnp.arange(20_000))
+    # 2,000 late ones, give or take 42; their excess is cut at 4 ms, where exp(-8) are left.
+    excess = np.asarray(periods)[np.asarray(periods) > DT * 1.0001] - DT
+    assert (len(excess) / 20_000, excess.mean()) == pytest.approx((0.1, 0.0005), rel=0.12)
+    assert step_period(undisturbed(), 3, DT, jnp.dtype("float32")) == DT
+
+
+def test_a_lag_is_an_exponential_with_its_impulse():
+    """After one time constant 1/e is missing, and (1 - 1/e) of the change on the mean of that time."""
+    drive = Drive(gain=np.ones(2), lag=DT)
+    mean, after = drive.follow(jnp.array([6.0, 0.0]), jnp.array([0.0, 3.0]), DT)
+    np.testing.assert_allclose(after, [6 - 6 / math.e, 3 / math.e], rtol=1e-6)
+    np.testing.assert_allclose(mean, [6 / math.e, 3 * (1 - 1 / math.e)], rtol=1e-6)
+    # All in all the impulse lags by lag times the change.
+    missing, torque = 0.0, jnp.zeros(2)
+    for _ in range(30):
+        mean, torque = Drive(np.ones(2), 0.003).follow(jnp.array([6.0, 0.0]), torque, DT)
+        missing += DT * (6.0 - float(mean[0]))
+    assert missing == pytest.approx(0.003 * 6.0, rel=1e-5)
+    for torque in Drive(np.ones(2), 0.0).follow(jnp.array([6.0, 0.0]), jnp.zeros(2), DT):
+        np.testing.assert_allclose(torque, [6.0, 0.0], atol=1e-4)
+
+
+def test_gains_act_on_commands_and_pushes_alike():
+    """Asked: 9 N m cut to 6 and a push of 1; the passive motor, of limit 0, has its push of 2. Gains 0.8, 0.5."""
+    pushes = Pushes(np.zeros((2, 1)), np.ones((2, 1)), array([1.0], [2.0]))
+    disturbance = dataclasses.replace(undisturbed(), pushes=pushes, drive=Drive(array(0.8, 0.5), 0.0))
+    args = (jnp.array([9.0, 9.0]), jnp.zeros(2), jnp.zeros(()), jnp.full(2, 0.1), array(6.0, 0.0), jnp.zeros(2), DT)
+    acting, own = motor_torques(disturbance, *args)
+    np.testing.assert_allclose(acting, [0.8 * 7.0 + 0.1, 0.5 * 2.0], rtol=1e-4)  # noise where a motor is driven
+    np.testing.assert_allclose(own, [7.0, 2.0], rtol=1e-4)  # the motor knows nothing of its gain
+    limited = dataclasses.replace(disturbance, motor=Motor(500.0, 0.0, 36.0))
+    np.testing.assert_allclose(motor_torques(limited, *args)[1], [1.0, 1.0], rtol=1e-4)  # 500 N m/s for 2 ms
+
+
+def test_domains_have_the_elements_that_they_name():
+    with jax.enable_x64(True):
+        robot = get_robot("acrobot")
+        for name in ("identified", "randomised"):
+            _, loop = draw(load_domain(name), jax.random.key(0), robot)
+            assert (loop.sensor, loop.clock, loop.drive) == (None, None, None)
+        _, loop = draw(make_domain({"lag": 0.0, "late": 0.0, "offset1": 0.0}), jax.random.key(0), robot)
+        assert (loop.sensor, loop.clock, loop.drive) == (None, None, None)  # a value decides, not its name
+        lagging = make_domain({"lag": 0.003, "gain2": 0.8, "passive_push": 2.0, "offset1": -0.1})
+        _, loop = draw(lagging, jax.random.key(0), robot)
+        assert (float(loop.drive.lag), loop.drive.gain.tolist()) == (0.003, [1.0, 0.8])
+        assert (loop.sensor.offset.tolist(), loop.sensor.differences, lagging.depth) == ([-0.1, 0.0], False, 1)
+        peaks = loop.pushes.amplitude[:, 0]
+        assert 0 < abs(float(peaks[0])) <= 2.0  # the acrobot's shoulder is passive
+        assert float(peaks[1]) == 0.0
+    timed = make_domain({"quantum1": 1e-3, "late": 0.1, "lateness": 1e-3})
+    assert (timed.differences, timed.depth) == (True, 2)
+    assert timed.substeps == 3  # λ of C.1 is 1,132 a second, and the longest period 6 ms: 6.8 / 2.5
+    assert not make_domain({"quantum1": 1e-3, "velocities": "driver"}).differences
+
+
+def test_every_number_of_the_recorded_domain_says_where_it_comes_from():
+    text = (resources.files("swingup.loop") / "domains" / "recorded.yml").read_text(encoding="utf-8")
+    rows = [line for line in text.splitlines() if line and not line.startswith("#")]
+    assert {row.partition(":")[0] for row in rows} - {"velocities"} <= {*NAMES, "torque_limit", *VALUES}
+    assert all("Source:" in row or "Chosen" in row for row in rows)
+
+
+@pytest.mark.parametrize("name", SESSIONS)
+def test_sessions_have_facts(name):
+    domain = load_domain(f"session-{name}")
+    assert set(domain.names) >= {*PLANT, "delay", "lag", "quantum1", "offset2"}
+    assert all(low == high for _, low, high in domain.ranges)
+
+
+def test_the_recorded_ranges_are_as_wide_as_the_recordings():
+    """Base parameters relative to the identified plant, where m2 and l1 keep their values."""
+    domain = load_domain("recorded")
+    ends = {name: array(low, high) for name, low, high in domain.ranges}
+    base = domain.base
+    first = (ends["m1"] * ends["r1"] + base.m2 * base.l1) / (base.m1 * base.r1 + base.m2 * base.l1)
+    widest = {
+        "m1 r1 + m2 l1": (first, 0.87, 1.02), "m2 r2": (ends["r2"] / base.r2, 0.95, 1.05),
+        "I2": (ends["I2"] / base.I2, 0.95, 1.05), "Ir": (ends["Ir"], 6e-5, 1.4e-4),
+        "gain1": (ends["gain1"], 0.77, 1.0), "gain2": (ends["gain2"], 0.77, 1.0), "cf1": (ends["cf1"], 0.07, 0.16),
+        "cf2": (ends["cf2"], 0.06, 0.125), "b1": (ends["b1"], 0.0, 0.012), "b2": (ends["b2"], 0.0, 0.012),
+        "dead time": (ends["lag"] + ends["delay"], 0.003, 0.006), "quantum1": (ends["quantum1"], 3.81e-4, 3.81e-4),
+    }  # fmt: skip
+    for name, ((low, high), least, most) in widest.items():
+        assert low <= least * (1 + 1e-3), name
+        assert high >= most * (1 - 1e-3), name

@@ -1,0 +1,138 @@
+"""The regression on base parameters, against motions of the equations of motion and against quadrature."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from swingup.plant import equations
+from swingup.plant.base_parameters import (
+    BASE,
+    BASE_NAMES,
+    Spread,
+    base_covariance,
+    base_parameters,
+    friction_of,
+    geometry_of,
+    lumped,
+    share_allowed,
+)
+from swingup.plant.maths import NUMPY
+from swingup.plant.momentum import mean_arctan, momentum_rows
+from swingup.plant.plant import load_plant
+
+PLANT = dataclasses.replace(load_plant("C.1"), b1=0.02, b2=-0.03, cf1=0.1, cf2=-0.05)
+GEOMETRY = geometry_of(PLANT)
+RATIO = PLANT.m2 * PLANT.r2 / (PLANT.m1 * PLANT.r1 + PLANT.m2 * PLANT.l1)
+MATHS = NUMPY._replace(
+    sine_cosine=lambda angle: (np.sin(angle), np.cos(angle)), arctan=np.arctan, log1p=np.log1p, where=np.where
+)
+
+
+def slope(x, u):
+    """ẋ by the equations of motion."""
+    friction = friction_of(base_parameters(PLANT))
+    losses = tuple(equations.friction(b, cf, rate, math.atan) for b, cf, rate in zip(*friction, x[2:], strict=True))
+    sines = math.sin(x[0]), math.sin(x[1]), math.sin(x[0] + x[1])
+    found = equations.acceleration(equations.lump(PLANT), sines, math.cos(x[1]), (x[2], x[3]), u, losses)
+    return np.array([x[2], x[3], *found])
+
+
+def motion(times, u):
+    """Angles at some times from a swinging start, with constant torques; RK4 in steps of 0.1 ms."""
+    x, now, angles = np.array([0.7, -0.4, 3.0, -5.0]), 0.0, []
+    for time in times:
+        for _ in range(round((time - now) / 1e-4)):
+            k1 = slope(x, u)
+            k2 = slope(x + 5e-5 * k1, u)
+            k3 = slope(x + 5e-5 * k2, u)
+            x = x + 1e-4 / 6 * (k1 + 2 * k2 + 2 * k3 + slope(x + 1e-4 * k3, u))
+        now = time
+        angles.append((x[0], x[1]))
+    return angles
+
+
+@pytest.mark.parametrize("step", [0.002, 0.008])
+def test_rows_give_the_torque(step):
+    torque = (1.3, -0.4)
+    angles = motion((0.02 - step, 0.02, 0.02 + step), torque)
+    rows = np.array(momentum_rows(*angles, (step, step), GEOMETRY, RATIO, MATHS))
+    assert rows.shape == (2, BASE + 2)
+    # Second order: the error grows with the square of the step, from 3e-3 N m at 8 ms.
+    assert rows[:, :BASE] @ base_parameters(PLANT) == pytest.approx(torque, abs=4e-3 * (step / 0.008) ** 2)
+
+
+@pytest.mark.parametrize("times", [(0.008, 0.011), (0.011, 0.008)])
+def test_rows_give_the_torque_over_unequal_times(times):
+    torque = (1.3, -0.4)
+    angles = motion((0.02 - times[0], 0.02, 0.02 + times[1]), torque)
+    base = np.append(base_parameters(PLANT), [0.0, 0.0])  # no offsets
+    # As if both times were alike, the error is 3 N m.
+    assert np.array(momentum_rows(*angles, times, GEOMETRY, RATIO, MATHS)) @ base == pytest.approx(torque, abs=4e-3)
+    assert (
+        np.abs(np.array(momentum_rows(*angles, (0.0095, 0.0095), GEOMETRY, RATIO, MATHS)) @ base - torque).max() > 1
+    )
+
+
+@pytest.mark.parametrize("wrong", [(0.002, 0.0), (0.0, 0.002), (0.002, -0.003)])
+def test_rows_take_offsets_into_account(wrong):
+    """Offsets (rad) that are too small for their squares; without κ1 and κ2 the torque is wrong by more."""
+    torque, times, base = (1.3, -0.4), (0.002, 0.002), base_parameters(PLANT)
+    angles = np.array(motion((0.018, 0.02, 0.022), torque))
+    tilts = base[3] * wrong[0], base[2] * sum(wrong)
+    rows = np.array(momentum_rows(*(angles + wrong), times, GEOMETRY, RATIO, MATHS))
+    true = np.array(momentum_rows(*angles, times, GEOMETRY, RATIO, MATHS))[:, :BASE] @ base
+    assert rows @ np.append(base, tilts) == pytest.approx(true, abs=1e-4)
+    assert np.abs(rows[:, :BASE] @ base - true).max() > 2e-3
+
+
+@pytest.mark.parametrize(("start", "end"), [(-0.3, 0.2), (0.01, 0.02), (5.0, 5.0002), (0.004, 0.004), (-2.0, 2.0)])
+def test_mean_of_friction(start, end):
+    rates = np.linspace(start, end, 200_001)
+    assert mean_arctan(start, end, MATHS) == pytest.approx(np.arctan(100 * rates).mean(), abs=3e-4)
+
+
+def test_base_parameters_hold_the_plant():
+    theta = base_parameters(PLANT)
+    assert len(theta) == len(BASE_NAMES)
+    assert lumped(theta, GEOMETRY) == pytest.approx(equations.lump(PLANT), rel=1e-14)
+
+
+def test_covariance_of_drawn_plants():
+    """The derivatives are exact in single changes: θ is linear in each parameter but r2, m2 and r1 together."""
+    columns = []
+    for name in ("I1", "I2", "m2", "r1", "r2"):
+        changed = dataclasses.replace(PLANT, **{name: 1.25 * getattr(PLANT, name)})
+        columns.append(base_parameters(changed) - base_parameters(PLANT))
+    own = np.diag([0.1, 0.1, 0.2, 0.2, 1e-4])
+    jacobian = np.column_stack([*columns, np.vstack([np.zeros((4, 5)), own])])
+    np.testing.assert_allclose(base_covariance(PLANT, Spread()), jacobian @ jacobian.T, rtol=1e-12, atol=1e-18)
+
+
+def least_eigenvalue(theta, nominal):
+    """Of M(θ0)⁻¹ M(θ), the least over many elbow angles."""
+    least = math.inf
+    for cos2 in np.linspace(-1, 1, 41):
+        (n11, n12, n22), (m11, m12, m22) = (
+            equations.mass_entries(lumped(plant, GEOMETRY), cos2) for plant in (nominal, theta)
+        )
+        ratio = np.linalg.solve([[n11, n12], [n12, n22]], [[m11, m12], [m12, m22]])
+        least = min(least, np.linalg.eigvals(ratio).real.min())
+    return least
+
+
+def test_mass_matrix_stays_positive_definite():
+    random, nominal = np.random.default_rng(3), base_parameters(PLANT)
+    cut = 0
+    for _ in range(50):
+        theta = nominal * (1 + random.normal(size=BASE))
+        share = share_allowed(theta, nominal, GEOMETRY, 0.2, min, math.sqrt)
+        allowed = nominal + share * (theta - nominal)
+        assert 0 < share <= 1
+        # Exactly as far as it may, or all the way.
+        assert least_eigenvalue(allowed, nominal) >= 0.2 - 1e-9
+        if share < 1:
+            cut += 1
+            assert least_eigenvalue(allowed, nominal) == pytest.approx(0.2, abs=1e-9)
+    assert 5 < cut < 50

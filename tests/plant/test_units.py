@@ -1,0 +1,78 @@
+"""The pendulum's own units: closed forms, similarity, and exactly 1 for the leaderboards' plant."""
+
+import dataclasses
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from swingup.common.errors import SwingupError
+from swingup.dynamics.integrate import rk4_step
+from swingup.plant.plant import LEADERBOARD, SHIPPED_PLANTS, load_plant
+from swingup.plant.robots import ROBOTS
+from swingup.plant.units import REFERENCE, Scales, scales_of, torque_over_gravity
+
+
+def test_leaderboards_plant_has_units_of_exactly_1(either_robot):
+    for plant in (LEADERBOARD.driven(either_robot), load_plant("C.1").driven(either_robot)):
+        assert scales_of(plant) == Scales(time=1.0, torque=1.0, torque_limit=1.0, length=1.0)
+    assert scales_of(load_plant("C.1")).inertia == 1.0
+
+
+def test_units_of_two_point_masses():
+    # 1 kg at 0.5 m and 2 kg at 0.5 + 0.3 m: J = 0.25 + 2 · 0.64 = 1.53, Γ = (0.5 + 1.6) · 10 = 21.
+    plant = dataclasses.replace(
+        LEADERBOARD.driven(ROBOTS["acrobot"]),
+        m1=1.0, m2=2.0, l1=0.5, l2=0.3, r1=0.5, r2=0.3, I1=0.25, I2=0.18, g=10.0, tl2=42.0,
+    )  # fmt: skip
+    assert REFERENCE[0] * scales_of(plant).time == pytest.approx(math.sqrt(1.53 / 21))
+    assert torque_over_gravity(plant) == pytest.approx(2.0)
+
+
+def test_units_of_a_similar_pendulum(similar):
+    found = scales_of(similar(LEADERBOARD.driven(ROBOTS["acrobot"])))
+    # T ~ √(l/g), Γ ~ m l g.
+    assert dataclasses.astuple(found) == pytest.approx((0.5, 0.025, 0.025, 0.25), rel=1e-12)
+    assert (found.velocity, found.acceleration, found.inertia) == pytest.approx((2.0, 4.0, 0.1 / 16))
+
+
+def test_a_similar_pendulum_moves_alike_in_its_own_units(either_robot, similar):
+    big = LEADERBOARD.driven(either_robot)
+    small = similar(big)
+    units = scales_of(small)
+    torques = np.random.default_rng(0).uniform(-6.0, 6.0, (40, 1)) * either_robot.actuation
+    in_units = jnp.array([1.0, 1.0, units.velocity, units.velocity])
+    step = jax.jit(rk4_step)
+    with jax.enable_x64(True):
+        x = jnp.array([0.3, -0.2, 4.0, -6.0])
+        y, farthest = x * in_units, 0.0
+        for u in torques:
+            x = step(big, x, jnp.asarray(u), 0.01)
+            y = step(small, y, jnp.asarray(u * units.torque), 0.01 * units.time)
+            farthest = max(farthest, float(jnp.abs(x[:2]).max()))
+        assert farthest > 0.5
+        np.testing.assert_allclose(y, x * in_units, rtol=1e-10)
+
+
+def test_shipped_plants_have_the_known_ratios():
+    # Of torque to gravity: 1.6 for C.1 and 0.96 for B.0.
+    ratios = {name: round(torque_over_gravity(load_plant(name)), 2) for name in SHIPPED_PLANTS}
+    assert ratios == {
+        "A.0": 1.33,
+        "B.0": 0.96,
+        "C.0": 1.45,
+        "C.1": 1.57,
+        "cloudpendulum": 1.1,
+        "cloudpendulum-rods": 1.59,
+        "leaderboard": 1.57,
+    }
+
+
+def test_units_need_gravity_and_inertia():
+    plant = LEADERBOARD.driven(ROBOTS["acrobot"])
+    with pytest.raises(SwingupError, match="level arm is -"):
+        scales_of(dataclasses.replace(plant, r1=-1.0))
+    with pytest.raises(SwingupError, match="inertia is -"):
+        scales_of(dataclasses.replace(plant, I1=-1.0, Ir=1.0))
