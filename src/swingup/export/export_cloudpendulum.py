@@ -41,9 +41,6 @@ def export_cloudpendulum(policy: PendulumPolicy, source: Path, folder: str | Pat
 
     Returns:
         The entry, ``controller_NAME.py``.
-
-    Raises:
-        SwingupError: the folder is not empty or cannot be written, or the name does not fit.
     """
     check_export_name(name)
     values = readme_values(policy, name)

@@ -63,9 +63,6 @@ def export_realaigym(
 
     Returns:
         The entry's file, ``con_NAME.py``.
-
-    Raises:
-        SwingupError: the folder is not empty or cannot be written, or a name does not fit the entry.
     """
     check_export_name(name)
     if not username.isprintable() or any(sign in username for sign in '"\\,') or not 0 < len(username) <= 60:
@@ -91,9 +88,6 @@ def write_folder(folder: str | Path, name: str, interface: str, source: Path, te
 
     Returns:
         The folder.
-
-    Raises:
-        SwingupError: the folder is not empty or cannot be written.
     """
     target, root = Path(folder).resolve(), resources.files("swingup")
     if target.exists() and (not target.is_dir() or any(target.iterdir())):

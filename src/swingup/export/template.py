@@ -12,11 +12,7 @@ NAME = "swingup"
 
 
 def check_export_name(name: str) -> str:
-    """A name for an export, which must fit files, Python and C.
-
-    Raises:
-        SwingupError: it does not fit.
-    """
+    """A name for an export, which must fit files, Python and C."""
     if not re.fullmatch(r"[a-z][a-z0-9_]{0,39}", name):
         raise SwingupError(f"name {quoted(name)}: use up to 40 small letters, digits and _, a letter first")
     return name

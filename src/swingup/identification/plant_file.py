@@ -26,11 +26,7 @@ MARGIN = 1.05
 
 
 def representative(base: Mapping[str, float], start: Plant) -> Plant:
-    """A pendulum with these base parameters and frictions; lengths, gravity and limits are the start's.
-
-    Raises:
-        SwingupError: no such pendulum has a positive definite mass matrix.
-    """
+    """A pendulum with these base parameters and frictions; lengths, gravity and limits are the start's."""
     l1 = float(start.l1)
     shoulder = base["A"] - base["B"]
     least = MARGIN * base["m2r2"] ** 2 / base["B"]
@@ -56,9 +52,6 @@ def domain_of(plant: Plant, ranges: Mapping[str, Range], others: Mapping[str, An
         plant: the representative.
         ranges: of the base parameters, ``delay`` and ``lag`` (s); instead of A, of I1 + m2 l1² = A - B.
         others: entries of the domain as they are: offsets, quanta, torque gains, and where velocities come from.
-
-    Raises:
-        SwingupError: not even the plant alone makes a domain.
     """
     for narrowing in (1.0, 0.7, 0.5, 0.3, 0.15):
         content = {**_content(plant, ranges, narrowing), **(others or {})}
@@ -94,11 +87,7 @@ def _content(p: Plant, ranges: Mapping[str, Range], narrowing: float) -> dict[st
 
 
 def write_plant_files(path: str | Path, plant: Plant, domain: Mapping[str, Any], logs: Sequence[str]) -> Path:
-    """Write a plant's file, and its domain's beside it: ``mine.yml`` and ``mine-domain.yml``.
-
-    Raises:
-        SwingupError: a file cannot be written.
-    """
+    """Write a plant's file, and its domain's beside it: ``mine.yml`` and ``mine-domain.yml``."""
     target = Path(path)
     beside = target.with_name(f"{target.stem}-domain{target.suffix}")
     source = f"# Source: swingup {__version__} identify, from {one_line(', '.join(logs), 500)}."

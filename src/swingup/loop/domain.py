@@ -176,9 +176,6 @@ def make_domain(content: Mapping[str, Any], name: str = "DOMAIN.yml", folder: st
         content: the values; also ``plant``, a plant or the name or file of one, and ``velocities``.
         name: of the domain.
         folder: where a plant's file is looked for.
-
-    Raises:
-        SwingupError: a name is unknown, a value is no number or beyond its range, or there is no such plant.
     """
     values = dict(content)
     named, velocities = values.pop("plant", None), values.pop("velocities", None)
@@ -232,11 +229,7 @@ def load_domain(source: str | Path) -> Domain:
 
 
 def _range(name: str, value: Any) -> tuple[float, float]:
-    """The lowest and the highest value of an entry.
-
-    Raises:
-        SwingupError: the name is unknown, or the entry is neither a number nor a range, or beyond what may be.
-    """
+    """The lowest and the highest value of an entry."""
     known = (*NAMES, TORQUE_LIMIT, *VALUES)
     if name not in known:
         raise SwingupError(f"unknown name {quoted(name)}: use some of {', '.join(known)}{suggestion(name, known)}")

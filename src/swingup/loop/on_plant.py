@@ -20,9 +20,6 @@ def loop_around(plant: PlantLike | Domain | None, domain: Domain | str | None) -
         plant: a plant, its name, or its file, which may have ranges and a loop; or all as a domain.
             None for the domain's own.
         domain: the loop, by itself or by name; None for a perfect loop.
-
-    Raises:
-        SwingupError: there is no such plant or domain, or a plant has no units.
     """
     domain = load_domain(domain) if isinstance(domain, str) else domain
     if plant is None:
@@ -50,11 +47,7 @@ def loop_around(plant: PlantLike | Domain | None, domain: Domain | str | None) -
 
 
 def plant_as_domain(plant: PlantLike) -> Domain:
-    """A plant as a domain; its file may have a loop and ranges as well.
-
-    Raises:
-        SwingupError: there is no such plant, or its file makes none.
-    """
+    """A plant as a domain; its file may have a loop and ranges as well."""
     if isinstance(plant, str | Path) and Path(plant).suffix in (".yml", ".yaml") and Path(plant).is_file():
         return load_domain(plant)
     found = load_plant(plant)

@@ -40,11 +40,7 @@ class Spread:
     """Of Ir (kg m²)."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot work: deviations are reported relative to these.
-
-        Raises:
-            SwingupError: a value is not a number of its range.
-        """
+        """Refuse what cannot work: deviations are reported relative to these."""
         check_ranges(self)
 
 

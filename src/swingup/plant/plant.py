@@ -171,11 +171,7 @@ def is_plant_name(name: str) -> bool:
 
 
 def base_plant(source: object, folder: str | Path) -> Plant:
-    """The plant that a file's entry ``plant`` names: a shipped one, or a file with all values, seen from a folder.
-
-    Raises:
-        SwingupError: there is no such plant, or its file lacks values.
-    """
+    """The plant that a file's entry ``plant`` names: a shipped one, or a file with all values."""
     if isinstance(source, str) and source in SHIPPED_PLANTS:
         return _shipped_plant(source)
     if not isinstance(source, str) or not source.endswith((".yml", ".yaml")):
@@ -186,11 +182,7 @@ def base_plant(source: object, folder: str | Path) -> Plant:
 
 
 def make_plant(values: Mapping[str, Any], source: str, name: str = "") -> Plant:
-    """A plant from values by name; other names are ignored. Errors name the ``source``.
-
-    Raises:
-        SwingupError: a value is missing, or the values make no pendulum.
-    """
+    """A plant from values by name; other names are ignored. Errors name the ``source``."""
     missing = [each for each in NAMES if each not in values]
     if missing:
         raise SwingupError(f"{source} lacks {', '.join(missing)}: add them in SI units")
@@ -201,10 +193,6 @@ def validated(plant: Plant) -> Plant:
     """The plant with Python's floats, if they describe a pendulum.
 
     Negative friction and inertias below m r² are allowed: the robustness benchmark contains both.
-
-    Raises:
-        SwingupError: a value is not finite, a mass, length or g is not positive, a torque limit is negative, or
-            the mass matrix is not positive definite in every configuration.
     """
     found = plant.changed(**{name: _real(name, value) for name, value in plant.values().items()})
     for name in ("m1", "m2", "l1", "l2", "g"):

@@ -27,11 +27,7 @@ TORQUE_LIMIT = 6.0
 
 
 def get_robot(name: str | Robot) -> Robot:
-    """Find a robot by its name; a ``Robot`` is returned as it is.
-
-    Raises:
-        SwingupError: there is no such robot.
-    """
+    """Find a robot by its name; a ``Robot`` is returned as it is."""
     if isinstance(name, Robot):
         return name
     return ROBOTS[one_of("robot", name, ROBOTS)]

@@ -34,11 +34,7 @@ KNOWN = re.compile(
 
 
 def read_network(path: str | Path) -> tuple[Network, dict[str, Any]]:
-    """Read a policy and its metadata; statistics are float64, weights float32.
-
-    Raises:
-        SwingupError: the file cannot be read, is truncated, or is not a policy file of this version.
-    """
+    """Read a policy and its metadata; statistics are float64, weights float32."""
     metadata, found = load_arrays(path, FORMAT, FORMAT_VERSION, lambda name: bool(KNOWN.fullmatch(name)))
     try:
         arrays = {name: _checked(name, array) for name, array in found.items()}
@@ -48,11 +44,7 @@ def read_network(path: str | Path) -> tuple[Network, dict[str, Any]]:
 
 
 def write_network(path: str | Path, network: Network, metadata: Mapping[str, Any]) -> None:
-    """Write a policy atomically; ``metadata`` (JSON values) is kept under its own names, but for the network's.
-
-    Raises:
-        SwingupError: the file cannot be written.
-    """
+    """Write a policy atomically; ``metadata`` (JSON values) is kept under its own names, but for the network's."""
     arrays: dict[str, np.ndarray] = {}
     stages: list[dict[str, Any]] = []
     for index, stage in enumerate(network.stages):

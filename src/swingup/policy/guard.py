@@ -102,11 +102,7 @@ class GuardSettings:
     """Damping kd of a stopped joint (N m s/rad): its torque is -kd q̇ within its limit. At 0 all torques are 0."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot work.
-
-        Raises:
-            SwingupError: a value is no number of its range.
-        """
+        """Refuse what cannot work."""
         check_ranges(self)
         if self.longest_pause < self.dt:
             raise SwingupError(

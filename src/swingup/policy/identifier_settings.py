@@ -126,9 +126,6 @@ def prior(plant: Plant, settings: IdentifierSettings) -> tuple[np.ndarray, np.nd
     Args:
         plant: the plant.
         settings: with deviations, and how far plants lie from the nominal one.
-
-    Raises:
-        SwingupError: gravity acts on one joint alone, so that an offset would be a quotient of zeros.
     """
     mean, covariance = np.zeros(UNKNOWNS), np.zeros((UNKNOWNS, UNKNOWNS))
     mean[:BASE] = base = base_parameters(plant)
@@ -167,9 +164,6 @@ def read_identifier(metadata: Mapping[str, Any], estimator: EstimatorSettings | 
     Args:
         metadata: the file's.
         estimator: the file's.
-
-    Raises:
-        SwingupError: they are not an object, or one is unknown or out of range.
     """
     given = metadata.get(IdentifierSettings.PART)
     if isinstance(given, Mapping) and estimator is not None:
@@ -184,11 +178,7 @@ def default_identifier(estimator: EstimatorSettings) -> IdentifierSettings:
 
 
 def check_identifier(settings: IdentifierSettings, estimator: EstimatorSettings | None) -> None:
-    """Refuse an identifier without an estimator, or with another period or shorter delays than its estimator's.
-
-    Raises:
-        SwingupError: it is one.
-    """
+    """Refuse an identifier without an estimator, or with another period or shorter delays than its estimator's."""
     if estimator is None:
         raise SwingupError("identifier without an estimator: add estimator, {} for its defaults")
     if settings.dt != estimator.dt or settings.max_delay_steps < estimator.max_delay_steps:

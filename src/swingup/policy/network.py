@@ -59,11 +59,7 @@ class Recurrence:
         return int(self.hidden.weight.shape[1])
 
     def size(self, inputs: int) -> int:
-        """The output's size.
-
-        Raises:
-            SwingupError: a matrix does not fit.
-        """
+        """The output's size."""
         wanted = (3 * self.width, inputs), (3 * self.width, self.width)
         if (self.inputs.weight.shape, self.hidden.weight.shape) != wanted:
             shapes = f"{self.inputs.weight.shape} and {self.hidden.weight.shape}"
@@ -90,12 +86,7 @@ class Network:
     """After the hidden layers, if the policy has a memory."""
 
     def __post_init__(self) -> None:
-        """Follow one observation through the stages and the layers.
-
-        Raises:
-            SwingupError: a size or the order of the stages does not fit, or weights are so large that a feature
-                overflows.
-        """
+        """Follow one observation through the stages and the layers."""
         _check_order(self.stages)
         size = _input_size(self)
         for stage in self.stages:
@@ -183,9 +174,6 @@ def check_plain(network: Network, program: str) -> None:
     Args:
         network: the policy's.
         program: what runs ReLU alone, as the start of a sentence.
-
-    Raises:
-        SwingupError: another activation, or a layer normalisation.
     """
     if network.activation == RELU and not network.norms:
         return

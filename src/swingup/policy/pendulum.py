@@ -90,10 +90,6 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
     Args:
         path: the policy file.
         robot: the robot that it must be for, if any.
-
-    Raises:
-        SwingupError: the file cannot be read, is no policy of a pendulum, has an estimator that cannot work, or is
-            for another robot.
     """
     network, metadata = read_network(path)
     missing = [name for name in ("robot", "torque_limit") if name not in metadata]
@@ -134,9 +130,6 @@ def write_pendulum_policy(path: str | Path, policy: PendulumPolicy, provenance: 
         provenance: where the policy comes from, JSON values. The policy's own robot, torque limit, plant and
             ``PARTS`` replace those in it. A part that the policy has not is taken from it, unless the policy's own
             metadata has that part: then it was removed, and is not written.
-
-    Raises:
-        SwingupError: the file cannot be written.
     """
     parts = {name: getattr(policy, name) for name in PARTS}
     own: dict[str, Any] = {"robot": policy.robot.name, "torque_limit": float(policy.torque_limit)}

@@ -19,11 +19,7 @@ PLANT = "plant"
 
 
 def policy_plant(plant: Plant, robot: Robot) -> Plant:
-    """The plant of a policy file: the passive joint has no torque.
-
-    Raises:
-        SwingupError: the values make no pendulum, or the driven joint has no torque.
-    """
+    """The plant of a policy file: the passive joint has no torque."""
     found = validated(plant.driven(robot))
     if found.limit(robot.joint) <= 0:
         limit = ("tl1", "tl2")[robot.joint]
@@ -32,11 +28,7 @@ def policy_plant(plant: Plant, robot: Robot) -> Plant:
 
 
 def read_plant(metadata: Mapping[str, Any], robot: Robot) -> Plant:
-    """The plant in a policy file's metadata, or the leaderboards'.
-
-    Raises:
-        SwingupError: it is no object of the parameters, or they make no pendulum.
-    """
+    """The plant in a policy file's metadata, or the leaderboards'."""
     if PLANT not in metadata:
         return LEADERBOARD.driven(robot)
     given = metadata[PLANT]

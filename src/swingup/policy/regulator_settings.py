@@ -78,9 +78,6 @@ def fixed_point(plant: Plant, driven: int, settings: RegulatorSettings) -> np.nd
         plant: the plant.
         driven: place of the driven joint.
         settings: the regulator's.
-
-    Raises:
-        SwingupError: there is none.
     """
     h, (weights, torque_weight) = settings.riccati_step, settings.step_weights
     theta, geometry = base_parameters(plant), geometry_of(plant)

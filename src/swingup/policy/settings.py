@@ -57,9 +57,6 @@ def default_estimator(plant: Plant) -> EstimatorSettings:
 
     Args:
         plant: the plant.
-
-    Raises:
-        SwingupError: as :func:`swingup.plant.units.scales_of`.
     """
     scales, usual = scales_of(plant), EstimatorSettings()
     return replace(
@@ -98,9 +95,6 @@ def choose_guard(choice: GuardChoice, own: GuardSettings | None, dt: float | Non
         choice: what the caller wants.
         own: the policy file's.
         dt: time between calls that the policy expects (s); None for any.
-
-    Raises:
-        SwingupError: a setting of the caller is unknown or out of range.
     """
     if choice is None or choice is False:
         return own if choice is None else None

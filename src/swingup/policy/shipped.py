@@ -33,9 +33,6 @@ def shipped_file(robot: Robot | str, name: str = DEFAULT) -> Traversable:
     Args:
         robot: which joint is driven.
         name: one of :data:`SHIPPED_POLICIES`.
-
-    Raises:
-        SwingupError: there is no such robot or policy, or the package lacks the file.
     """
     robot = get_robot(robot)
     one_of("policy", name, SHIPPED_POLICIES)

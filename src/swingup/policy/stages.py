@@ -26,11 +26,7 @@ class PendulumStage:
     """Velocities are clipped to ± this and divided by it (rad/s)."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot work.
-
-        Raises:
-            SwingupError: the encoding is unknown or the scale out of range.
-        """
+        """Refuse what cannot work."""
         one_of("angle encoding", self.angles, ANGLES)
         scale = finite_number("velocity_scale", self.velocity_scale, 1e-6, unit="rad/s")
         # The class is frozen; this keeps the checked value, a float.
@@ -51,22 +47,14 @@ class NormaliseStage:
     epsilon: float = 1e-8
 
     def __post_init__(self) -> None:
-        """Refuse what cannot work, in double or in single precision.
-
-        Raises:
-            SwingupError: a variance is negative or a setting out of range.
-        """
+        """Refuse what cannot work, in double or in single precision."""
         object.__setattr__(self, "clip", finite_number("clip", self.clip, 1e-6))
         object.__setattr__(self, "epsilon", finite_number("epsilon", self.epsilon, 1e-30))
         if np.any(self.variance < 0):
             raise SwingupError("a variance is negative")
 
     def size(self, before: int) -> int:
-        """Length of the result, that of the observation.
-
-        Raises:
-            SwingupError: the arrays do not fit it.
-        """
+        """Length of the result, that of the observation."""
         if not self.mean.shape == self.variance.shape == (before,):
             shapes = f"{self.mean.shape} and {self.variance.shape}"
             raise SwingupError(f"mean and variance have shapes {shapes}, the observation {(before,)}")
@@ -92,11 +80,7 @@ class PlantStage:
     clip: float = 10.0
 
     def __post_init__(self) -> None:
-        """Refuse what cannot work, in double or in single precision.
-
-        Raises:
-            SwingupError: an array has another length, or a number is out of range.
-        """
+        """Refuse what cannot work, in double or in single precision."""
         object.__setattr__(self, "clip", finite_number("clip", self.clip, 1e-6))
         if not self.centre.shape == self.scale.shape == (BASE,):
             shapes = f"{self.centre.shape} and {self.scale.shape}"
@@ -129,11 +113,7 @@ ARRAYS: dict[str, tuple[str, ...]] = {
 
 
 def make_stage(entry: Any, arrays: Mapping[str, np.ndarray]) -> Stage:
-    """A stage from its entry in the metadata and its arrays, by their names without the prefix.
-
-    Raises:
-        SwingupError: the entry is none of a stage, or what it holds cannot work.
-    """
+    """A stage from its entry in the metadata and its arrays, by their names without the prefix."""
     name = entry.get("name") if isinstance(entry, Mapping) else None
     if not isinstance(name, str) or name not in STAGES:
         shown = quoted(entry if name is None else name)

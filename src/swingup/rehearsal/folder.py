@@ -32,9 +32,6 @@ def find_folder(path: str | Path) -> Folder:
 
     Args:
         path: the folder, or the file in it where it has several.
-
-    Raises:
-        SwingupError: there is no such folder, or it holds none or several.
     """
     place = Path(path)
     if not place.exists():

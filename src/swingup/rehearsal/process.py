@@ -48,9 +48,6 @@ class FolderProcess:
             simulated_clock: whether a controller that measures the time itself is given the simulation's.
             loading: longest time of the import (s).
             calling: longest time of a call (s).
-
-        Raises:
-            SwingupError: the folder cannot be imported, or defines no controller.
         """
         if os.name != "posix":
             raise SwingupError("a rehearsal needs a POSIX system to share a connection: run it on Linux or macOS")
@@ -96,9 +93,6 @@ class FolderProcess:
         """The answer to what was sent; None if it is not there ``wait`` seconds from now.
 
         Without ``wait`` the answer must come.
-
-        Raises:
-            SwingupError: the call took too long, failed, or ended the process.
         """
         end = self._sent + self._calling
         if wait is not None and time.perf_counter() + wait < end and not self._connection.poll(max(0.0, wait)):

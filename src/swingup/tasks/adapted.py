@@ -73,11 +73,7 @@ class AbstractAdaptedTask(AbstractTask[AdaptedState]):
         return Step(state, _flat(last), jnp.asarray(reward, jnp.float32).reshape(()), terminated, truncated)
 
     def check_steps(self, method: str, arguments: str) -> None:
-        """Refuse a step that changes the observation's shape, or the structure or the types of the state.
-
-        Raises:
-            SwingupError: it does; or the environment's method fails or returns what no step can be made of.
-        """
+        """Refuse a step that changes the observation's shape, or the structure or the types of the state."""
         start = jax.eval_shape(self.reset, jax.random.key(0))
         action = jnp.zeros(self.action_size, jnp.int32 if self.choices else jnp.float32)
         with blaming(f"{method}({arguments})"):
@@ -94,11 +90,7 @@ class AbstractAdaptedTask(AbstractTask[AdaptedState]):
 
 
 def arrays_of(name: str, tree: Any) -> Any:
-    """The parameters of an environment, with arrays as leaves.
-
-    Raises:
-        SwingupError: a leaf is no number.
-    """
+    """The parameters of an environment, with arrays as leaves."""
 
     def array(leaf: Any) -> jax.Array:
         try:
@@ -112,11 +104,7 @@ def arrays_of(name: str, tree: Any) -> Any:
 
 
 def check_hash(name: str, static: Any) -> None:
-    """Refuse what JAX cannot compile by.
-
-    Raises:
-        SwingupError: it has no hash.
-    """
+    """Refuse what JAX cannot compile by."""
     try:
         hash(static)
     except TypeError as error:
@@ -127,11 +115,7 @@ def check_hash(name: str, static: Any) -> None:
 
 
 def shape_of_observation(observation: Any, name: str) -> tuple[int, ...]:
-    """The shape of a named environment's observation, of which the shape and type are given.
-
-    Raises:
-        SwingupError: it is not one array, or an image.
-    """
+    """The shape of a named environment's observation, of which the shape and type are given."""
     shape = attribute(observation, "shape")
     if shape is None or 0 in shape:
         raise SwingupError(f"{name} shows {one_line(observation, 100)}: make it one array with an entry")

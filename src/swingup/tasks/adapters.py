@@ -12,9 +12,6 @@ def as_task(env: Any) -> Any:
     """A task for an environment of gymnax's or of envelope's interface; anything else as it is.
 
     An environment of gymnax's may come with its parameters in a pair, as ``gymnax.make`` returns them.
-
-    Raises:
-        SwingupError: the environment has one of these interfaces and cannot be trained on.
     """
     alone, params = env if isinstance(env, tuple) and len(env) == 2 else (env, None)
     if isinstance(alone, type | AbstractTask):

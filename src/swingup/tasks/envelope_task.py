@@ -71,11 +71,7 @@ class EnvelopeTask(AbstractAdaptedTask):
 
 
 def _check_spaces(env: Any, name: str) -> None:
-    """Refuse several environments in one, and spaces of several arrays.
-
-    Raises:
-        SwingupError: with the wrapper that helps.
-    """
+    """Refuse several environments in one, and spaces of several arrays."""
     if attribute(env.action_space, "batch_size") is not None:
         raise SwingupError(f"{name} is several environments in one: pass one alone, and num_envs to the learner")
     for what, space, wrappers in (
@@ -88,12 +84,7 @@ def _check_spaces(env: Any, name: str) -> None:
 
 
 def _observation_shape(env: Any, name: str) -> tuple[int, ...]:
-    """The shape of the observation, from a trace of ``init``.
-
-    Raises:
-        SwingupError: ``init`` fails or returns something else than state and information; a wrapper does what the
-            learner does; or the observation is none that networks here can see.
-    """
+    """The shape of the observation, from a trace of ``init``."""
     with blaming(f"{name}.init(key)"):
         answer = jax.eval_shape(env.init, jax.random.key(0))
     if not isinstance(answer, tuple) or len(answer) != 2:

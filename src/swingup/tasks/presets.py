@@ -84,9 +84,6 @@ def get_task(name: str, robot: Robot, plant: PlantLike = LEADERBOARD) -> Abstrac
         name: the variant.
         robot: which joint is driven.
         plant: the pendulum, in whose units the task is; the leaderboards' by default.
-
-    Raises:
-        SwingupError: there is no such variant or plant.
     """
     return TASKS[one_of("task", name, TASKS)](robot, plant)
 
@@ -98,10 +95,6 @@ def find_task(task: str | AbstractPendulumTask, robot: str, plant: PlantLike = L
         task: name of a variant, or a task, which must be the robot's.
         robot: its name.
         plant: the pendulum, in whose units a named task is; the leaderboards' by default.
-
-    Raises:
-        SwingupError: there is no such robot, variant or plant, or the task that was passed in is another robot's
-            or comes with a plant.
     """
     if not isinstance(task, str) and load_plant(plant) != LEADERBOARD:
         raise SwingupError(f"a {type(task).__name__} has a plant of its own: pass the task's name with plant=")

@@ -44,11 +44,7 @@ class SpaceActions(eqx.Module):
 
 
 def space_actions(space: Any) -> SpaceActions:
-    """The actions of a space of gymnax or envelope, which has either ``n`` or ``low`` and ``high``.
-
-    Raises:
-        SwingupError: the space has neither, is empty, of whole numbers, or without bounds.
-    """
+    """The actions of a space of gymnax or envelope, which has either ``n`` or ``low`` and ``high``."""
     shown = f"actions {one_line(space, 100)}"
     number = attribute(space, "n")
     if number is not None:

@@ -21,11 +21,7 @@ TaskT = TypeVar("TaskT", bound=AbstractPendulumTask)
 
 
 def in_own_units(task: TaskT) -> TaskT:
-    """The task with its numbers scaled from C.1's units to those of its plant; the same numbers for C.1.
-
-    Raises:
-        SwingupError: the driven joint has no torque, or as :func:`swingup.plant.units.scales_of`.
-    """
+    """The task with its numbers scaled from C.1's units to those of its plant; the same numbers for C.1."""
     driven = ("tl1", "tl2")[task.robot.joint]
     if not getattr(task.parameters, driven) > 0:
         limit = float(getattr(task.parameters, driven))

@@ -68,11 +68,7 @@ class Design:
 
 
 def design_of(robot: Robot, plant: PlantLike) -> Design:
-    """Settings for a plant; for the leaderboards' the published ones and the shipped swing-ups.
-
-    Raises:
-        SwingupError: there is no such plant, or it has no units.
-    """
+    """Settings for a plant; for the leaderboards' the published ones and the shipped swing-ups."""
     model, published, optimal = model_of(plant, robot), PUBLISHED[robot.name], OPTIMAL[robot.name]
     scales = scales_of(model)
     if model == model_of(LEADERBOARD, robot):
@@ -134,9 +130,6 @@ def shipped_reference(robot: Robot | str, problem: str = "published") -> tuple[R
     Args:
         robot: which joint is driven.
         problem: "published" for the one that the published baselines follow, "score" for that of ``tvlqr-score``.
-
-    Raises:
-        SwingupError: there is no such robot or problem.
     """
     robot = get_robot(robot)
     if problem not in SHIPPED_TRAJECTORIES:

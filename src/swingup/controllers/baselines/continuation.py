@@ -70,9 +70,6 @@ def continue_swingups(
         targets: the plants, leaves of shape (n,).
         settings: None for the default ones.
         progress: called with the number of plants that are done, reached or given up, and of all.
-
-    Raises:
-        SwingupError: there is no such robot, the leaves have other shapes, or values make no pendulum.
     """
     robot, settings = get_robot(robot), settings or ContinuationSettings()
     targets = _checked(targets)

@@ -50,11 +50,7 @@ def check_controller(source: Any, robot: Robot | str) -> list[str]:
 
 
 def _try_passive(source: Any, torques: np.ndarray, joint: int) -> list[str]:
-    """Whether the torques (n,) of the passive joint, 1 or 2, are as the controller declares them.
-
-    Raises:
-        SwingupError: its declaration raised an error, or is no torque.
-    """
+    """Whether the torques (n,) of the passive joint, 1 or 2, are as the controller declares them."""
     controller = source.source if isinstance(source, PythonController) else source
     declared = finite_number("its attribute passive_limit", attribute(controller, "passive_limit", 0.0), 0.0)
     largest = float(np.abs(torques).max())

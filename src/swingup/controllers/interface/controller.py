@@ -29,12 +29,7 @@ class AbstractController(eqx.Module, Generic[Carry]):
 
 
 def check_interface(controller: AbstractController[Any]) -> None:
-    """Trace one call of a controller in JAX without running it; call this in 64-bit mode, as the judge runs it.
-
-    Raises:
-        SwingupError: it raised an error, it cannot be an argument of a compiled function, its torque is not real or
-            not of shape (2,), or its memory changes its structure.
-    """
+    """Trace one call of a controller in JAX without running it; call this in 64-bit mode, as the judge runs it."""
     _check_hashable(controller)
     try:
         start = controller.init()
@@ -65,11 +60,7 @@ def split(controller: AbstractController[Any]) -> tuple[Any, Any]:
 
 
 def check_robot(source: Any, robot: Robot) -> None:
-    """Refuse a controller that says it is for another robot.
-
-    Raises:
-        SwingupError: it does, or its attribute raised an error.
-    """
+    """Refuse a controller that says it is for another robot."""
     meant = attribute(source, "robot")
     if isinstance(meant, Robot) and meant != robot:
         raise SwingupError(f"it is for the {meant.name}, not the {robot.name}: judge it there")

@@ -24,11 +24,7 @@ class PythonController:
     """
 
     def __init__(self, source: Any) -> None:
-        """Wrap a function or an object.
-
-        Raises:
-            SwingupError: it is not callable and lacks ``get_control_output``, or one of its attributes raised.
-        """
+        """Wrap a function or an object."""
         # A class is callable, too, but a call of it makes an object.
         if inspect.isclass(source) or not callable(attribute(source, "get_control_output", source)):
             raise SwingupError(
@@ -39,11 +35,7 @@ class PythonController:
         self.robot = attribute(source, "robot")
 
     def start(self) -> Answer:
-        """Clear the memory and return what to call with x (4,) (rad, rad/s) and t (s).
-
-        Raises:
-            SwingupError: ``reset()``, ``init()`` or an attribute raised an error.
-        """
+        """Clear the memory and return what to call with x (4,) (rad, rad/s) and t (s)."""
         for name in ("reset", "init"):
             method = attribute(self.source, name)
             if callable(method):
@@ -63,11 +55,7 @@ class PythonController:
 
 
 def answer(call: Answer, x: np.ndarray, t: float) -> np.ndarray:
-    """One call, checked: the torques [u1, u2] (N m) as float64.
-
-    Raises:
-        SwingupError: the controller raised an error, or its answer is not two finite real numbers.
-    """
+    """One call, checked: the torques [u1, u2] (N m) as float64."""
     try:
         given = call(x.copy(), t)
         u = np.asarray(given)
@@ -85,11 +73,7 @@ def answer(call: Answer, x: np.ndarray, t: float) -> np.ndarray:
 
 
 def call_in_turn(controllers: Sequence[PythonController], states: np.ndarray) -> list[np.ndarray]:
-    """Start controllers anew and call them in turn, state by state (n, 4); the answers (n, 2) of each.
-
-    Raises:
-        SwingupError: one failed to answer.
-    """
+    """Start controllers anew and call them in turn, state by state (n, 4); the answers (n, 2) of each."""
     calls = [controller.start() for controller in controllers]
     answers = [[answer(call, x, step * DT) for call in calls] for step, x in enumerate(states)]
     return [np.array([row[index] for row in answers]) for index in range(len(calls))]

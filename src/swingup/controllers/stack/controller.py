@@ -75,9 +75,6 @@ def behind_estimator(
         settings: what to expect of measurement and loop.
         identifier: settings of an identifier of that plant; None for the plant itself.
         regulator: settings of a regulator that takes over near the top, for the plant found; None for none.
-
-    Raises:
-        SwingupError: the identifier does not fit the estimator, or no regulator holds the plant.
     """
     model = plant_of(controller)
     found = None if identifier is None else make_identifier(controller.robot, model, identifier)
@@ -91,9 +88,6 @@ def regulated(controller: PolicyController, settings: RegulatorSettings) -> Regu
     Args:
         controller: the policy alone.
         settings: weights, recursion and bounds.
-
-    Raises:
-        SwingupError: no regulator holds the plant.
     """
     limit = float(controller.torque_limit)
     return with_regulator(controller, controller.robot, plant_of(controller), settings, limit)
@@ -115,9 +109,6 @@ def save_controller(path: str | Path, controller: PolicyController, provenance: 
 
     An ``estimator`` in the provenance holds the settings of an estimator before the policy, an ``identifier`` those
     of an identifier in it, a ``regulator`` those of a regulator that takes over near the top.
-
-    Raises:
-        SwingupError: the file cannot be written.
     """
     write_pendulum_policy(path, policy_of(controller), provenance)
 

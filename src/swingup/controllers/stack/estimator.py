@@ -125,10 +125,6 @@ def with_estimator(
         parameters: the model, with the motor's torque limit.
         settings: what to expect of measurement and loop; the defaults in the model's units if None.
         identifier: finds the plant, whose model the estimator then has; None for the nominal model.
-
-    Raises:
-        SwingupError: the controller is for the other robot, the model has no units of its own, or the identifier
-            is for another loop.
     """
     check_robot(controller, robot)
     settings = default_estimator(parameters) if settings is None else settings

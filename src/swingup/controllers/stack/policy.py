@@ -64,21 +64,12 @@ class Policy(eqx.Module, Generic[ActorT]):
 
 
 def save_policy(path: str | Path, policy: Policy[Any], metadata: Mapping[str, Any]) -> None:
-    """Write a policy atomically; ``metadata`` (JSON values) is kept under its own names.
-
-    Raises:
-        SwingupError: the file cannot be written.
-    """
+    """Write a policy atomically; ``metadata`` (JSON values) is kept under its own names."""
     write_network(path, network_of(policy), metadata)
 
 
 def load_any_policy(path: str | Path) -> tuple[Policy[Any], dict[str, Any]]:
-    """Read a policy and its metadata.
-
-    Raises:
-        SwingupError: the file cannot be read, is truncated, is not a policy file of this version, or is one of a
-            policy that sees its plant.
-    """
+    """Read a policy and its metadata."""
     network, metadata = read_network(path)
     return make_policy(network), metadata
 
@@ -89,9 +80,6 @@ def make_policy(network: Network, base: np.ndarray | None = None) -> Policy[Any]
     Args:
         network: its stages and layers.
         base: base parameters θ (9,) of the plant, for a policy that sees it.
-
-    Raises:
-        SwingupError: the policy sees its plant, and there is none.
     """
     stages, std = tuple(_stage(stage, base) for stage in network.stages), network.std
     trunk, head = tuple(map(_linear, network.trunk)), _linear(network.head)
@@ -104,11 +92,7 @@ def make_policy(network: Network, base: np.ndarray | None = None) -> Policy[Any]
 
 
 def network_of(policy: Policy[Any]) -> Network:
-    """What a file holds of a policy.
-
-    Raises:
-        SwingupError: a stage is none that a file can hold.
-    """
+    """What a file holds of a policy."""
     actor, stages = policy.actor, tuple(map(_stage_of, policy.stages))
     trunk = tuple(map(_layer_of, actor.trunk))
     norms = tuple(Norm(np.asarray(norm.weight), np.asarray(norm.bias)) for norm in actor.norms)

@@ -98,9 +98,6 @@ def with_regulator(
         plant: the plant until another one is told.
         settings: weights, recursion and bounds.
         limit: largest torque of the regulator (N m).
-
-    Raises:
-        SwingupError: no regulator holds the plant.
     """
     start, base = fixed_point(plant, robot.joint, settings)[TRIANGLE], base_parameters(plant)
     return RegulatingController(controller, base, start, limit, geometry_of(plant), settings, robot)

@@ -154,9 +154,6 @@ def compute_reference(
 
     Returns:
         The trajectory, and its provenance: JSON values for the file.
-
-    Raises:
-        SwingupError: there is no such plant, or no first torque led to a finite cost.
     """
     robot = get_robot(robot)
     model = model_of(plant, robot)

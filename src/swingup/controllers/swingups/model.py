@@ -9,9 +9,5 @@ from ...plant.robots import Robot
 
 
 def model_of(plant: PlantLike, robot: Robot) -> Plant:
-    """A robot's plant without Coulomb friction.
-
-    Raises:
-        SwingupError: there is no such plant.
-    """
+    """A robot's plant without Coulomb friction."""
     return load_plant(plant).driven(robot).changed(cf1=0.0, cf2=0.0)

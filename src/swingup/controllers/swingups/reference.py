@@ -42,22 +42,14 @@ REFERENCE_ARRAYS = ("states", "torque", "gains")
 
 
 def save_reference(path: str | Path, reference: Reference, provenance: dict[str, Any]) -> None:
-    """Write a trajectory file; ``provenance`` (JSON values) is kept under its own names, but for robot and dt.
-
-    Raises:
-        SwingupError: the file cannot be written.
-    """
+    """Write a trajectory file; ``provenance`` (JSON values) is kept under its own names, but for robot and dt."""
     head = {"robot": reference.robot.name, "dt": reference.dt, "version": __version__}
     arrays = {name: np.asarray(getattr(reference, name), np.float64) for name in REFERENCE_ARRAYS}
     save_arrays(path, REFERENCE_FORMAT, REFERENCE_VERSION, {**provenance, **head}, arrays)
 
 
 def load_reference(path: str | Path) -> tuple[Reference, dict[str, Any]]:
-    """Read a trajectory file and its metadata.
-
-    Raises:
-        SwingupError: the file cannot be read, is truncated, or is no trajectory file of this version.
-    """
+    """Read a trajectory file and its metadata."""
     metadata, arrays = load_arrays(path, REFERENCE_FORMAT, REFERENCE_VERSION, REFERENCE_ARRAYS.__contains__)
     missing = [name for name in ("robot", "dt") if name not in metadata]
     missing += [name for name in REFERENCE_ARRAYS if name not in arrays]

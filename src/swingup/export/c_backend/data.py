@@ -34,11 +34,7 @@ Data = dict[str, int | float | str | np.ndarray]
 
 
 def runtime_data(policy: PendulumPolicy) -> dict[str, Data]:
-    """All that the runtime needs, part by part.
-
-    Raises:
-        SwingupError: the runtime cannot compute the policy's observation.
-    """
+    """All that the runtime needs, part by part."""
     parts = {
         "ESTIMATOR": policy.estimator,
         "IDENTIFIER": policy.identifier,

@@ -50,10 +50,6 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
     Args:
         policy: what the policy file holds.
         name: what all names in it begin with; headers with different names go into one program.
-
-    Raises:
-        SwingupError: the name is no identifier, or the policy has an observation or hidden layers that the runtime
-            does not compute.
     """
     check_export_name(name)
     check_plain(policy.network, "a C header")
@@ -64,11 +60,7 @@ def c_header(policy: PendulumPolicy, name: str = NAME) -> str:
 
 
 def c_data(policy: PendulumPolicy) -> str:
-    """The data of a policy in C, which the runtime expects before it.
-
-    Raises:
-        SwingupError: the runtime cannot compute the policy's observation.
-    """
+    """The data of a policy in C, which the runtime expects before it."""
     # A name may be anything: no end of a comment may come from a file.
     plant = re.sub(r"[^\w. -]", "_", policy.plant.name, flags=re.ASCII)[:60] or "that of the policy"
     lines = [f"/* The plant is {plant}. */"]

@@ -21,9 +21,6 @@ def policy_data(policy: PendulumPolicy) -> dict[str, Any]:
 
     It is the network alone, folded for the policy's plant: a page has no estimator,
     identifier, regulator or guard.
-
-    Raises:
-        SwingupError: the script does not run such hidden layers.
     """
     check_plain(policy.network, "a page")
     network = policy.folded

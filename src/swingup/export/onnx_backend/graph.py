@@ -27,9 +27,6 @@ def onnx_model(policy: PendulumPolicy) -> bytes:
 
     It is the network alone, folded for the policy's plant: estimator, identifier, regulator and guard would need a
     memory.
-
-    Raises:
-        SwingupError: the package onnx is not installed, or the policy's hidden layers are not those of a graph.
     """
     check_plain(policy.network, "an ONNX graph")
     try:

@@ -64,9 +64,6 @@ class Excitation:
         """Write time, motion, torques and gains K of u = tau + K (x - motion), under RealAIGym's names.
 
         CloudPendulum's desired motions have the same names of time, pos, vel and acc.
-
-        Raises:
-            SwingupError: the file cannot be written.
         """
         columns = {"time": self.time}
         columns |= dict(zip(("pos1", "pos2", "vel1", "vel2"), self.state.T, strict=True))

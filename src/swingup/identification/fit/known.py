@@ -15,11 +15,7 @@ KNOWN = {
 
 
 def known_entries(known: Mapping[str, float] | None) -> dict[str, float]:
-    """The model's entries that the user knows.
-
-    Raises:
-        SwingupError: a name is unknown, or a value is no number in its range.
-    """
+    """The model's entries that the user knows."""
     entries = {}
     for name, value in (known or {}).items():
         entry = KNOWN[one_of("known value", name.replace(" ", ""), KNOWN)]
@@ -30,11 +26,7 @@ def known_entries(known: Mapping[str, float] | None) -> dict[str, float]:
 
 
 def session_numbers(labels: Sequence[str] | None, logs: int) -> list[int]:
-    """The session of each log, counted from 0 in the order in which they first appear.
-
-    Raises:
-        SwingupError: there is not one label for each log.
-    """
+    """The session of each log, counted from 0 in the order in which they first appear."""
     if not labels:
         return [0] * logs
     if len(labels) != logs:

@@ -99,11 +99,7 @@ def regress(setting: Setting, spans: Spans, start: Float[np.ndarray, "15"], driv
 
 
 def check_joints(recordings: Sequence[Recording], setting: Setting, start: Float[np.ndarray, "15"]) -> None:
-    """Refuse logs whose columns explain the motion much better in another order, sign or unit.
-
-    Raises:
-        SwingupError: with the log and what was seen.
-    """
+    """Refuse logs whose columns explain the motion much better in another order, sign or unit."""
     for recording in recordings:
         spans, driven = cut_spans(recording), any(recording.driven)
         if len(spans.states) < LEAST_SPANS:

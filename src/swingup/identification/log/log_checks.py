@@ -26,11 +26,7 @@ _JOINTS = ("1", "2")
 
 
 def check_time(name: str, time: Float[np.ndarray, "rows"]) -> None:
-    """Refuse a time that is not in seconds, and a log that is too short.
-
-    Raises:
-        SwingupError: the median period is above 0.1 s, or the log is shorter than 0.8 s.
-    """
+    """Refuse a time that is not in seconds, and a log that is too short."""
     period = float(np.median(np.diff(time)))
     if period > SLOWEST_PERIOD:
         raise SwingupError(
@@ -43,11 +39,7 @@ def check_time(name: str, time: Float[np.ndarray, "rows"]) -> None:
 
 
 def check_fresh(name: str, fresh: Bool[np.ndarray, "rows"]) -> None:
-    """Refuse a log with too few measurements.
-
-    Raises:
-        SwingupError: fewer than 6 rows differ from the one before.
-    """
+    """Refuse a log with too few measurements."""
     count = int(np.count_nonzero(fresh))
     if count < LEAST_ROWS:
         raise SwingupError(
@@ -61,11 +53,7 @@ def check_motion(
     q: Float[np.ndarray, "rows 2"],
     dq: Float[np.ndarray, "rows 2"] | None,
 ) -> None:
-    """Refuse a joint that never moves, angles in degrees, and velocities that are not those of the angles.
-
-    Raises:
-        SwingupError: with what was seen.
-    """
+    """Refuse a joint that never moves, angles in degrees, and velocities that are not those of the angles."""
     slopes = _slopes(time, q)
     for joint, label in enumerate(_JOINTS):
         reach = float(np.ptp(q[:, joint]))

@@ -33,9 +33,6 @@ class NumpyController:
             estimator: where the file has one (None), never (False) or always (True). Settings that the file lacks
                 have their defaults, in the units of its plant.
             guard: where the file has one (None), never (False), always (True), or its settings.
-
-        Raises:
-            SwingupError: a setting of the guard is unknown or out of range.
         """
         self.policy = policy
         settings = policy.estimator or default_estimator(policy.plant)

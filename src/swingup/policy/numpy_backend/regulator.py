@@ -22,9 +22,6 @@ class NumpyRegulator:
             plant: the plant until another one is told.
             joint: index of the driven joint.
             limit: largest torque (N m).
-
-        Raises:
-            SwingupError: no regulator holds the plant.
         """
         self.settings, self.geometry, self.joint, self.torque_limit = settings, geometry_of(plant), joint, limit
         weights, torque_weight = settings.step_weights
