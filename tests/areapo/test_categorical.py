@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from array_files import change_file
 from swingup.areapo.categorical import Categoricals
 from swingup.areapo.networks import init_policy
 from swingup.common.errors import SwingupError
@@ -77,6 +78,7 @@ def test_the_policy_file_keeps_the_policy(policy, tmp_path):
     [([3, 3], "has 5 outputs"), ([], "must be a list"), ([3.5], "must be a list"), ("32", "must be a list")],
 )
 def test_bad_choices(policy, tmp_path, choices, message):
-    save_policy(tmp_path / "p.safetensors", policy, {"choices": choices})
+    save_policy(tmp_path / "p.safetensors", policy, {})
+    change_file(tmp_path / "p.safetensors", {"choices": choices})
     with pytest.raises(SwingupError, match=message):
         load_any_policy(tmp_path / "p.safetensors")

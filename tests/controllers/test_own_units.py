@@ -43,7 +43,7 @@ def test_on_c1_the_plant_and_its_settings_are_c1s(robot):
     assert similar_plant(plant, scales_of(plant)) == plant
     published, optimal = PUBLISHED[robot.name], OPTIMAL[robot.name]
     found = published_for(published, 1.0)
-    steps = dataclasses.replace(found.swingup, search=None, settings=published.swingup.common.settings)
+    steps = dataclasses.replace(found.swingup, search=None, settings=published.swingup.settings)
     assert dataclasses.replace(found, swingup=steps) == published
     found = optimal_for(optimal, 1.0)
     assert (found.swingup.dt, found.swingup.steps) == (0.002, 5 * found.swingup.search.steps)

@@ -8,7 +8,7 @@ from swingup.cli import exciting, main
 from swingup.common.errors import SwingupError
 from swingup.controllers.swingups.trajectory_csv import load_reference_csv
 from swingup.dynamics.implicit_friction import implicit_friction_step
-from swingup.identification.excite.excite import excite as search
+from swingup.identification.excite import excite as search
 from swingup.identification.excite.prior import corner_models, draw_models, prior_around
 from swingup.identification.excite.rollouts import Rollouts, Sequences, simulate
 from swingup.identification.excite.waves import PERIOD, REST, SHARES, TILTS, multisines

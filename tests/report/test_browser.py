@@ -291,10 +291,10 @@ def test_pushes_act_on_both_joints_and_pass(page):
 def test_a_force_is_a_joint_torque_by_the_jacobian(page):
     # Power of the force on the point's velocity = power of the torques on the joints' rates.
     power = page.evaluate("""() => {
-        const p = swingup.plant.robots.acrobot.parameters, x = [0.3, -1.1, 2.0, -3.0], force = [1.5, -0.7];
+        const p = swingup.robots.acrobot.parameters, x = [0.3, -1.1, 2.0, -3.0], force = [1.5, -0.7];
         return [[0, 0.12], [1, 0.25]].map(([link, along]) => {
-            const { velocity } = swingup.dynamics.pointOn(p, x, link, along);
-            const torque = swingup.dynamics.torqueOfForce(p, x, link, along, force);
+            const { velocity } = swingup.physics.pointOn(p, x, link, along);
+            const torque = swingup.physics.torqueOfForce(p, x, link, along, force);
             return [velocity[0] * force[0] + velocity[1] * force[1], x[2] * torque[0] + x[3] * torque[1]];
         });
     }""")
@@ -336,7 +336,7 @@ def test_one_step_is_pythons(page):
     parameters = load_plant("C.1")  # with frictions and the motors' inertia
     values = {name: float(getattr(parameters, name)) for name in NAMES}
     ours = page.evaluate(
-        "([p, x, u, dt]) => x.map((state, i) => swingup.dynamics.rk4Step(p, state, u[i], dt))",
+        "([p, x, u, dt]) => x.map((state, i) => swingup.physics.rk4Step(p, state, u[i], dt))",
         [values, x.tolist(), u.tolist(), DT],
     )
     with jax.enable_x64(True):
@@ -446,8 +446,8 @@ def test_an_arrow_key_pushes_the_tip(page, robot, key, force):
     assert picture(page, f"#{robot.name} .live canvas") != before  # the push shows
     expected = page.evaluate(
         """([robot, x, force]) => {
-            const p = swingup.plant.robots[robot].parameters;
-            return swingup.dynamics.rk4Step(p, x, swingup.dynamics.torqueOfForce(p, x, 1, p.l2, force), 0.002);
+            const p = swingup.robots[robot].parameters;
+            return swingup.physics.rk4Step(p, x, swingup.physics.torqueOfForce(p, x, 1, p.l2, force), 0.002);
         }""",
         [robot.name, start, force],
     )
