@@ -66,6 +66,32 @@ def test_imports_go_down(path):
         assert home in ONE_PLACE.get(words[0], {home}), f"{home} imports {name}"
 
 
+def test_no_two_folders_import_from_one_another():
+    """Not within a layer either: ``controllers/baselines`` and ``controllers/swingups``, for example."""
+    modules = {"swingup." + ".".join(path.relative_to(ROOT).with_suffix("").parts): path.parent for path in FILES}
+    pairs = {
+        (path.parent, modules[module])
+        for path in FILES
+        for name in imports(path)
+        for module in (name, name.rpartition(".")[0])
+        if modules.get(module, path.parent) != path.parent
+    }
+    assert len(pairs) > 50
+    assert {pair for pair in pairs if pair[::-1] in pairs} == set()
+
+
+def test_one_class_has_the_numbers_of_a_plant():
+    numbers = {"m1", "m2", "l1", "l2", "r1", "r2"}
+    found = [
+        f"{path.relative_to(ROOT)}: {node.name}"
+        for path in FILES
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef)
+        and numbers <= {each.target.id for each in node.body if isinstance(each, ast.AnnAssign)}
+    ]
+    assert found == ["plant/plant.py: Plant"]
+
+
 def test_every_part_has_a_layer():
     assert {home_of(path) for path in FILES} == set(LAYERS)
 
