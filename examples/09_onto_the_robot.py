@@ -13,10 +13,10 @@ from swingup.policy.settings import default_guard
 from swingup.policy.shipped import load_policy
 from swingup.realaigym import load_controller
 
-ROBOT, NAME, SEEDS = "acrobot", "robot", 5
+ROBOT, NAME, DOMAIN, SEEDS = "acrobot", "adaptive", "recorded", 5
 
 # Friction, motor inertia, a delay of 10 ms, noisy velocities, imperfect motors: docs/sim2real.md.
-result = swingup.sim2real(swingup.get_controller(NAME, ROBOT), ROBOT, NAME, seeds=SEEDS)
+result = swingup.sim2real(swingup.get_controller(NAME, ROBOT), ROBOT, DOMAIN, seeds=SEEDS)
 print(f"{NAME} on the {ROBOT}'s plant: {result.successes} of {SEEDS} swing-ups held")
 
 # The robot's loop calls this object, which needs NumPy alone. Its input here is the first of these runs.
