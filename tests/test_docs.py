@@ -25,7 +25,7 @@ from swingup.cli import commands, main, pictures
 from swingup.cli.parsing import parse as parse_words
 from swingup.common.errors import SwingupError
 from swingup.controllers.baselines.baselines import Design, shipped_reference
-from swingup.identification.excite.excite import excite
+from swingup.identification.excite import excite
 from swingup.policy.shipped import shipped_file
 from swingup.report import make
 
