@@ -161,7 +161,7 @@ def test_command_lines_run_in_their_order(tmp_path, monkeypatch, small_grid, bri
     monkeypatch.syspath_prepend(tmp_path)
     with resources.as_file(shipped_file("acrobot", "ar-eapo")) as source:
         shutil.copy(source, "best.safetensors")
-    shutil.copy(ROOT / "src" / "swingup" / "plants" / "domains" / "identified.yml", "mine.yml")
+    shutil.copy(ROOT / "src" / "swingup" / "loop" / "domains" / "identified.yml", "mine.yml")
     Path("mine.py").write_text(MINE, encoding="utf-8")
     logs = ROOT / "examples" / "logs"
     shutil.copytree(logs, "examples/logs")
