@@ -79,7 +79,7 @@ def test_a_guard_that_stops_the_folder_is_reported(tmp_path):
 
 @pytest.mark.slow
 def test_the_command_in_real_time(tmp_path, capsys):
-    folder, rows = export(tmp_path / "entry", "realaigym", name="robot"), tmp_path / "run.csv"
+    folder, rows = export(tmp_path / "entry", "realaigym"), tmp_path / "run.csv"
     begin = time.monotonic()
     options = ["--plant", "A.0", "--duration", "0.1", "--real-time", "--json", "--save", str(rows)]
     assert main(["rehearse", str(folder), *options]) == 0
