@@ -12,7 +12,7 @@ from pathlib import Path
 gc.disable()  # until all tests are collected: nearly all that is imported stays
 
 COMPILED = tempfile.TemporaryDirectory(prefix="swingup-tests-")
-"""What several tests and their commands need is compiled once a worker. JAX reads this when it is imported."""
+"""Compiled programs, once a worker, unless the user names a folder. JAX reads the variable when it is imported."""
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", COMPILED.name)
 os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
 CHEAP = ["--xla_backend_optimization_level=0", "--xla_cpu_parallel_codegen_split_count=1"]
