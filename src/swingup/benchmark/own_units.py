@@ -7,10 +7,9 @@ loop, the length of a run, the costs' normalisers and all shares stay as the rul
 from dataclasses import replace
 
 from ..loop.domain import Domain
-from ..loop.supervisors.throws import scaled_thrower
 from ..plant.plant import LEADERBOARD, PlantLike, load_plant
 from ..plant.robots import Robot
-from ..plant.units import Scales, scales_of
+from ..plant.units import PLANT_UNITS, Scales, scaled, scales_of
 from .robot_rules import Sim2RealRules
 from .rules import ModelSweep, PushRules, RobustnessRules, Sweep, UptimeRules
 
@@ -29,7 +28,7 @@ def robustness_in_own_units(
         rules,
         model={name: _model(model, scales) for name, model in rules.model.items()},
         velocity_noise=_sweep(rules.velocity_noise, scales.velocity),
-        torque_noise=_sweep(rules.torque_noise, scales.torque_limit),
+        torque_noise=_sweep(rules.torque_noise, scales.torque),
         delay=_sweep(rules.delay, scales.time),
         perturbations=scaled_pushes(rules.perturbations, scales),
         tolerance=(angle1, angle2, rate1 * scales.velocity, rate2 * scales.velocity),
@@ -47,7 +46,7 @@ def uptime_in_own_units(rules: UptimeRules, robot: Robot, plant: PlantLike = LEA
     return replace(
         rules,
         throw_duration=rules.throw_duration * scales.time,
-        thrower=scaled_thrower(rules.thrower, scales),
+        thrower=scaled(rules.thrower, scales),
     )
 
 
@@ -68,14 +67,14 @@ def scaled_pushes(pushes: PushRules, scales: Scales) -> PushRules:
     return replace(
         pushes,
         width=(short * scales.time, long * scales.time),
-        amplitude=(least * scales.torque_limit, most * scales.torque_limit),
+        amplitude=(least * scales.torque, most * scales.torque),
     )
 
 
 def _model(model: ModelSweep, scales: Scales) -> ModelSweep:
     if model.relative:
         return model
-    return replace(model, sweep=_sweep(model.sweep, scales.plant_units()[model.parameter]))
+    return replace(model, sweep=_sweep(model.sweep, scales.of(PLANT_UNITS[model.parameter])))
 
 
 def _sweep(sweep: Sweep, scale: float) -> Sweep:

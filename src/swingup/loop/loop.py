@@ -9,6 +9,7 @@ import jax
 from ..common.checks import LARGEST, one_of
 from ..common.settings import Range
 from ..common.types import Scalar
+from ..plant.units import NUMBER, TORQUE, TORQUE_RATE, VELOCITY, Unit
 
 LOOP_DT = 0.002
 """Time of a step of loop and plant (s)."""
@@ -19,9 +20,6 @@ LONGEST_PERIOD = 3.0
 VELOCITIES = ("differences", "driver")
 """Sources of measured velocities: backward differences of measured positions over recorded times, or the motors'
 own drivers."""
-
-TORQUE, TORQUE_RATE, VELOCITY = "torque", "torque rate", "velocity"
-"""Units of values that change with the pendulum; all others, as delays and angles, stay around any pendulum."""
 
 
 Number: TypeAlias = float | Scalar
@@ -86,8 +84,8 @@ _ANNOTATED = {
 }
 VALUES: dict[str, Range] = {name: annotated[0] for name, annotated in _ANNOTATED.items()}
 """Least and largest value of each number of a loop, by name."""
-UNITS: dict[str, str | None] = {name: next(iter(annotated[1:]), None) for name, annotated in _ANNOTATED.items()}
-"""Their units, of those that change with the pendulum."""
+UNITS: dict[str, Unit] = {name: next(iter(annotated[1:]), NUMBER) for name, annotated in _ANNOTATED.items()}
+"""Their units. Delays and periods are real time and have none: they stay around any pendulum."""
 
 PERFECT_LOOP = Loop()
 """No delay, no noise, and motors that do what they are asked for."""

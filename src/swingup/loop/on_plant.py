@@ -6,7 +6,7 @@ from pathlib import Path
 from ..plant.plant import PlantLike, load_plant
 from ..plant.units import scales_of
 from .domain import Domain, PlantInLoop, load_domain, make_domain
-from .loop import TORQUE, TORQUE_RATE, UNITS, VALUES, VELOCITY
+from .loop import UNITS, VALUES
 
 
 def loop_around(plant: PlantLike | Domain | None, domain: Domain | str | None) -> Domain:
@@ -28,12 +28,10 @@ def loop_around(plant: PlantLike | Domain | None, domain: Domain | str | None) -
     if domain is None:
         return facts
     own, others = scales_of(facts.nominal_plant), scales_of(domain.base)
-    torque, velocity = own.torque_limit / others.torque_limit, own.velocity / others.velocity
-    scale = {None: 1.0, TORQUE: torque, TORQUE_RATE: torque * velocity, VELOCITY: velocity}
     added = [name for name in domain.names if name in VALUES and name not in facts.names]
 
     def around(mine: PlantInLoop, other: PlantInLoop) -> PlantInLoop:
-        values = {name: scale[UNITS[name]] * other.value(name) for name in added}
+        values = {name: own.of(UNITS[name]) / others.of(UNITS[name]) * other.value(name) for name in added}
         velocities = mine.loop.velocities or other.loop.velocities
         return mine._replace(loop=dataclasses.replace(mine.loop, **values, velocities=velocities))
 

@@ -1,18 +1,23 @@
-"""A pendulum's own units, relative to those of the leaderboards' plant (design C.1).
+"""A pendulum's own units, relative to those of the leaderboards' plant (design C.1), and what is scaled to them.
 
 Stretched (q2 = 0) and without its motors' rotors, the pendulum is one rigid body. Its inertia about the shoulder is
 J = M11, and the torque of gravity on it when level is Γ:
 
     J = I1 + I2 + m2 l1² + 2 m2 l1 r2,    Γ = (m1 r1 + m2 l1 + m2 r2) g,    T = √(J / Γ)
 
-The body's small swings have the angular frequency 1/T, and its fall from upright grows e-fold in T. In units of
-time T and torque Γ every pendulum has J = Γ = 1. Ratios remain: two pendulums move alike only if their other
+The body's small swings have the angular frequency 1/T, and its fall from upright grows e-fold in T. T is the unit
+of time, and the motor's torque limit that of torque. Ratios remain: two pendulums move alike only if their other
 parameters are equal in these units.
+
+Numbers are written down for C.1, with their units in their fields' annotations: :func:`scaled` multiplies them, and
+:func:`similar_plant` divides a plant's own. Nothing else scales, except that controllers of a similar plant convert
+state, time and torque (``controllers/baselines/own_units.py``). The loop's real period stays everywhere.
 """
 
+import dataclasses
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from ..common.errors import SwingupError
 from .equations import lump
@@ -21,44 +26,59 @@ from .robots import TORQUE_LIMIT
 if TYPE_CHECKING:
     from .plant import Plant
 
-REFERENCE = (0.2119482605847436, 3.8235349329950976, TORQUE_LIMIT, 0.5)
-"""T (s), Γ (N m), torque limit (N m) and length (m) of the leaderboards' plant, to the last digit."""
+RecordT = TypeVar("RecordT")
+
+REFERENCE = (0.2119482605847436, TORQUE_LIMIT, 0.5)
+"""T (s), torque limit (N m) and length (m) of the leaderboards' plant, to the last digit."""
+
+
+class Unit(NamedTuple):
+    """A unit by its powers of a pendulum's units of torque, time and length."""
+
+    torque: int = 0
+    time: int = 0
+    length: int = 0
+
+
+NUMBER = Unit()
+"""Angles and shares: the same number for every pendulum."""
+TIME, VELOCITY, ACCELERATION = Unit(time=1), Unit(time=-1), Unit(time=-2)
+TORQUE, TORQUE_RATE, DAMPING, INERTIA = Unit(1), Unit(1, -1), Unit(1, 1), Unit(1, 2)
+LENGTH = Unit(length=1)
+STATE = (NUMBER, NUMBER, VELOCITY, VELOCITY)
+"""[q1, q2, dq1, dq2]."""
+
+PLANT_UNITS = {
+    **dict.fromkeys(("m1", "m2", "I1", "I2", "Ir"), INERTIA), "b1": DAMPING, "b2": DAMPING, "g": ACCELERATION,
+    **dict.fromkeys(("cf1", "cf2", "tl1", "tl2"), TORQUE),
+}  # fmt: skip
+"""Units of a plant's numbers by name. Lengths keep their own: a longer arm of the same inertia moves alike."""
 
 
 @dataclass(frozen=True)
 class Scales:
-    """A pendulum's units as multiples of C.1's; a number of C.1's tasks times its scale suits the pendulum."""
+    """A pendulum's units as multiples of C.1's."""
 
     time: float
     """Unit of time, T."""
     torque: float
-    """Unit of torque and of energy, Γ."""
-    torque_limit: float
-    """Larger of the two torque limits, relative to 6 N m."""
+    """Unit of torque: the larger of the two torque limits, relative to 6 N m."""
     length: float
     """Length l1 + l2."""
 
     @property
     def velocity(self) -> float:
         """Unit of angular velocity, 1/T."""
-        return 1 / self.time
+        return self.of(VELOCITY)
+
+    def of(self, unit: Unit) -> float:
+        """A unit as a multiple of C.1's."""
+        return self.torque**unit.torque * self.time**unit.time * self.length**unit.length
 
     @property
-    def acceleration(self) -> float:
-        """Unit of angular acceleration, 1/T²."""
-        return 1 / self.time**2
-
-    @property
-    def inertia(self) -> float:
-        """Unit of inertia, J = Γ T²."""
-        return self.torque * self.time**2
-
-    def plant_units(self) -> dict[str, float]:
-        """Units of a plant's numbers by name, with the torque limit as the unit of torque; lengths keep theirs."""
-        time, torque = self.time, self.torque_limit
-        units = dict.fromkeys(("m1", "m2", "I1", "I2", "Ir"), torque * time**2)
-        units |= {"b1": torque * time, "b2": torque * time, "g": 1 / time**2}
-        return units | dict.fromkeys(("cf1", "cf2", "tl1", "tl2"), torque)
+    def state(self) -> tuple[float, ...]:
+        """Units of [q1, q2, dq1, dq2]."""
+        return tuple(map(self.of, STATE))
 
 
 def scales_of(parameters: "Plant") -> Scales:
@@ -71,7 +91,9 @@ def scales_of(parameters: "Plant") -> Scales:
     Raises:
         SwingupError: gravity does not pull its stretched arm down, or its inertia is not positive.
     """
-    return Scales(*(value / unit for value, unit in zip(_absolute(parameters), REFERENCE, strict=True)))
+    time, _ = _time_and_gravity(parameters)
+    absolute = time, float(max(parameters.tl1, parameters.tl2)), float(parameters.l1 + parameters.l2)
+    return Scales(*(value / unit for value, unit in zip(absolute, REFERENCE, strict=True)))
 
 
 def torque_over_gravity(parameters: "Plant") -> float:
@@ -80,12 +102,46 @@ def torque_over_gravity(parameters: "Plant") -> float:
     Raises:
         SwingupError: as :func:`scales_of`.
     """
-    _, gravity, limit, _ = _absolute(parameters)
-    return limit / gravity
+    return float(max(parameters.tl1, parameters.tl2)) / _time_and_gravity(parameters)[1]
 
 
-def _absolute(p: "Plant") -> tuple[float, float, float, float]:
-    """T (s), Γ (N m), the torque limit (N m) and the length (m)."""
+def similar_plant(plant: "Plant", scales: Scales) -> "Plant":
+    """The pendulum of the same lengths that moves as a plant does, in C.1's units of time and torque."""
+    return plant.changed(**{name: getattr(plant, name) / scales.of(unit) for name, unit in PLANT_UNITS.items()})
+
+
+def scaled(record: RecordT, scales: Scales) -> RecordT:
+    """A record of numbers that suit C.1, for a pendulum of other units.
+
+    Args:
+        record: a dataclass. Fields whose annotations have a :class:`Unit` are multiplied by it, or the numbers of a
+            tuple by one each; None stays. Records in other fields are scaled as well.
+        scales: the pendulum's units.
+    """
+    changes: dict[str, Any] = {}
+    for field in dataclasses.fields(record):  # type: ignore[arg-type]  # a dataclass
+        value, units = getattr(record, field.name), units_of(field)
+        if units and value is not None:
+            changes[field.name] = _times(value, units, scales)
+        elif dataclasses.is_dataclass(value):
+            changes[field.name] = scaled(value, scales)
+    return dataclasses.replace(record, **changes)  # type: ignore[type-var]
+
+
+def units_of(field: "dataclasses.Field[Any]") -> tuple[Unit, ...]:
+    """The units in a field's annotation: none, one, or one for each number of a tuple."""
+    return tuple(note for note in getattr(field.type, "__metadata__", ()) if isinstance(note, Unit))
+
+
+def _times(value: Any, units: tuple[Unit, ...], scales: Scales) -> Any:
+    if not isinstance(value, tuple):
+        return value * scales.of(*units)
+    each = units * len(value) if len(units) == 1 else units
+    return tuple(number * scales.of(unit) for number, unit in zip(value, each, strict=True))
+
+
+def _time_and_gravity(p: "Plant") -> tuple[float, float]:
+    """T (s) and Γ (N m)."""
     plant = lump(p)
     inertia, gravity = float(plant.shoulder + 2 * plant.coupling), float(plant.gravity1 + plant.gravity2)
     # Negated, so that NaN is refused as well.
@@ -95,4 +151,4 @@ def _absolute(p: "Plant") -> tuple[float, float, float, float]:
         )
     if not inertia > 0:
         raise SwingupError(f"the stretched arm's inertia is {inertia:g} kg m² without rotors: raise I1 or I2")
-    return math.sqrt(inertia / gravity), gravity, float(max(p.tl1, p.tl2)), float(p.l1 + p.l2)
+    return math.sqrt(inertia / gravity), gravity

@@ -1,13 +1,13 @@
 """Settings of the estimator, and the choice of a safety guard."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
 
 from ..common.settings import Range, check_ranges, read_settings
 from ..plant.plant import Plant
-from ..plant.units import scales_of
+from ..plant.units import ACCELERATION, VELOCITY, scaled, scales_of
 from .guard import GUARD, GuardChoice
 from .guard import GuardSettings as GuardSettings
 from .riccati import solve_riccati
@@ -30,9 +30,9 @@ class EstimatorSettings:
     """Time between calls (s). After a longer pause the estimator restarts from the measurement."""
     position_noise: Annotated[float, Range(1e-6, 1e3)] = 1e-4
     """Standard deviation of the measured angles (rad): that of an encoder of 2^14 counts is 1.1e-4."""
-    velocity_noise: Annotated[float, Range(1e-6, 1e3)] = 0.25
+    velocity_noise: Annotated[float, Range(1e-6, 1e3), VELOCITY] = 0.25
     """Standard deviation of the measured velocities (rad/s)."""
-    acceleration_noise: Annotated[float, Range(1e-6, 1e3)] = 50.0
+    acceleration_noise: Annotated[float, Range(1e-6, 1e3), ACCELERATION] = 50.0
     """Standard deviation of what the model does not know of the accelerations (rad/s²)."""
     max_delay_steps: Annotated[int, Range(0, 1000)] = 25
     """Longest delay of the loop that is considered (steps)."""
@@ -58,12 +58,7 @@ def default_estimator(plant: Plant) -> EstimatorSettings:
     Args:
         plant: the plant.
     """
-    scales, usual = scales_of(plant), EstimatorSettings()
-    return replace(
-        usual,
-        velocity_noise=usual.velocity_noise * scales.velocity,
-        acceleration_noise=usual.acceleration_noise * scales.acceleration,
-    )
+    return scaled(EstimatorSettings(), scales_of(plant))
 
 
 def kalman_gains(settings: EstimatorSettings) -> np.ndarray:

@@ -120,7 +120,7 @@ def describe_disturbance(seed: int, plant: Plant = LEADERBOARD) -> str:
 def _sizes(plant: Plant) -> tuple[float, float, PushRules]:
     """Noise of velocities and torque, and the pushes, in the units of a plant."""
     scales = scales_of(plant)
-    return VELOCITY_NOISE * scales.velocity, TORQUE_NOISE * scales.torque_limit, scaled_pushes(SHOW_PUSHES, scales)
+    return VELOCITY_NOISE * scales.velocity, TORQUE_NOISE * scales.torque, scaled_pushes(SHOW_PUSHES, scales)
 
 
 def thin(trajectory: Trajectory) -> Trajectory:

@@ -1,7 +1,7 @@
 """The stages of an observation in JAX; the same code serves training, judging and control."""
 
 import abc
-from typing import Literal, get_args
+from typing import Annotated, Literal, get_args
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 
 from ..common.checks import one_of
 from ..common.types import Observation
+from ..plant.units import VELOCITY
 
 Angles = Literal["wrapped", "sincos"]
 
@@ -29,7 +30,7 @@ class PendulumObservation(AbstractStage):
     Velocities are clipped to ±s first.
     """
 
-    velocity_scale: float = 20.0
+    velocity_scale: Annotated[float, VELOCITY] = 20.0
     """s: velocities are clipped to ± this and divided by it (rad/s)."""
     angles: Angles = eqx.field(static=True, default="wrapped")
     """How the angles are encoded."""

@@ -6,6 +6,7 @@ quadratic reward. The variants differ in their first states, in what a step simu
 
 import abc
 import math
+from typing import Annotated
 
 import equinox as eqx
 import jax
@@ -16,6 +17,7 @@ from ..dynamics.angles import UPRIGHT, wrap
 from ..dynamics.integrate import rk4_steps
 from ..plant.plant import Plant
 from ..plant.robots import Robot
+from ..plant.units import NUMBER, TIME, VELOCITY, Unit
 from .observation import PendulumObservation
 from .task import AbstractTask, Step
 
@@ -35,8 +37,9 @@ class PendulumState(eqx.Module):
 class AbstractPendulumTask(AbstractTask[PendulumState]):
     """Swing up and balance; truncated at random and by a limit, never terminated.
 
-    The numbers suit the leaderboards' plant, design C.1; :mod:`.units` scales them to other plants. Source: AR-EAPO
-    paper, section IV.
+    The numbers suit the leaderboards' plant, design C.1. By their units :func:`swingup.plant.units.scaled` makes
+    them suit another plant: a similar pendulum has the same Markov decision process, step for step. The temperature
+    and the number of steps in an episode have no unit. Source: AR-EAPO paper, section IV.
     """
 
     robot: Robot = eqx.field(static=True)
@@ -45,25 +48,25 @@ class AbstractPendulumTask(AbstractTask[PendulumState]):
     """The plant; the torque limit of the driven joint scales the action."""
     observation: PendulumObservation = PendulumObservation()
     """What the policy sees."""
-    dt: float = 0.01
+    dt: Annotated[float, TIME] = 0.01
     """Time of one action (s): 100 Hz."""
     substeps: int = eqx.field(static=True, default=1)
     """Steps of RK4 in an action: more than one where friction is stiff."""
-    state_cost: tuple[float, float, float, float] = (50.0, 50.0, 4.0, 2.0)
+    state_cost: Annotated[tuple[float, ...], NUMBER, NUMBER, Unit(time=2), Unit(time=2)] = (50.0, 50.0, 4.0, 2.0)
     """Diagonal of Q (1/rad², s²/rad²)."""
-    torque_cost: float = 1.0
+    torque_cost: Annotated[float, Unit(torque=-2)] = 1.0
     """R (1/(N m)²)."""
     reward_scale: float = 0.001
     """α."""
     reset_noise: float = 0.01
     """Standard deviation of the initial state around hanging (rad, and rad/s times ``reset_rate``)."""
-    reset_rate: float = 1.0
+    reset_rate: Annotated[float, VELOCITY] = 1.0
     """Standard deviation of the initial velocities per that of the angles (1/s)."""
     truncation_probability: float = 1e-3
     """p_trunc: probability of a random truncation at each step."""
     max_steps: int = eqx.field(static=True, default=1000)
     """Steps after which the task is truncated in any case."""
-    cost_velocity_limit: float = math.inf
+    cost_velocity_limit: Annotated[float, VELOCITY] = math.inf
     """Velocities count in the reward only up to ± this (rad/s). Not in the paper: if a policy spins the pendulum
     faster than it can observe, costs without bound would ruin the critic for millions of frames."""
 

@@ -2,20 +2,23 @@
 
 import dataclasses
 from collections.abc import Callable
+from typing import TypeVar
 
 import jax.numpy as jnp
 import numpy as np
 
 from ..common.checks import one_of
 from ..common.errors import SwingupError
+from ..dynamics.integrate import stable_substeps
 from ..loop.supervisors.throws import thrown_states
 from ..plant.plant import LEADERBOARD, PlantLike, load_plant
 from ..plant.robots import Robot, get_robot
-from ..plant.units import scales_of
+from ..plant.units import scaled, scales_of
 from .observation import PendulumObservation
 from .pendulum import AbstractPendulumTask, PendulumTask
-from .recovery import UP_LINE_WIDTH, RecoveryTask
-from .units import in_own_units
+from .recovery import RecoveryTask
+
+TaskT = TypeVar("TaskT", bound=AbstractPendulumTask)
 
 STARTS_SEED = 0
 """Seed of the states that the global task begins in."""
@@ -23,19 +26,12 @@ STARTS_SEED = 0
 
 def paper_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> PendulumTask:
     """The paper's task to the letter (paper, section IV), in the units of its plant."""
-    return in_own_units(PendulumTask(robot=robot, parameters=load_plant(plant).driven(robot)))
+    return _in_own_units(PendulumTask(robot=robot, parameters=load_plant(plant).driven(robot)))
 
 
 def smooth_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> PendulumTask:
     """The paper's task without its two edges: angles observed as sines and cosines, costs of velocities bounded."""
-    observation = PendulumObservation(angles="sincos")
-    task = PendulumTask(
-        robot=robot,
-        parameters=load_plant(plant).driven(robot),
-        observation=observation,
-        cost_velocity_limit=observation.velocity_scale,
-    )
-    return in_own_units(task)
+    return _in_own_units(_smooth(robot, plant))
 
 
 def short_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> PendulumTask:
@@ -45,26 +41,37 @@ def short_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> PendulumTask:
 
 def global_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> RecoveryTask:
     """The smooth task's pendulum, to be back up soon: mostly after throws, also from anywhere and from hanging."""
-    smooth = smooth_task(robot, plant)
-    scales, random = scales_of(smooth.parameters), np.random.default_rng(STARTS_SEED)
+    smooth, random = _smooth(robot, plant), np.random.default_rng(STARTS_SEED)
     thrown = thrown_states(random, smooth.parameters, 14_000)
     rates = random.uniform(0, 10, (3000, 1)) * random.normal(size=(3000, 2))
     anywhere = np.concatenate([random.uniform(-np.pi, np.pi, (3000, 2)), rates], axis=1)
     hanging = 0.05 * random.normal(size=(3000, 4))
-    chosen = np.concatenate([anywhere, hanging]) * [1.0, 1.0, scales.velocity, scales.velocity]
-    starts = np.concatenate([thrown, chosen])
+    starts = np.concatenate([thrown, np.concatenate([anywhere, hanging]) * scales_of(smooth.parameters).state])
     starts[:, :2] = (starts[:, :2] + np.pi) % (2 * np.pi) - np.pi  # full turns cost digits in single precision
-    return RecoveryTask(
-        **(vars(smooth) | {"max_steps": 300}),
-        starts=jnp.asarray(starts, jnp.float32),
-        up_line_width=UP_LINE_WIDTH * scales.length,
-    )
+    task = RecoveryTask(**(vars(smooth) | {"max_steps": 300}), starts=jnp.asarray(starts, jnp.float32))
+    return _in_own_units(task)
 
 
 def anywhere_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> RecoveryTask:
     """The smooth task's quadratic cost, from the global task's first states: small networks learn it in minutes."""
     # Saturated later than the global task's, where a motion is far too fast; no step where the tip is up.
     return dataclasses.replace(global_task(robot, plant), saturation=1.0, down_weight=0.0)
+
+
+def _smooth(robot: Robot, plant: PlantLike) -> PendulumTask:
+    """The smooth task, its numbers in C.1's units."""
+    observation, parameters = PendulumObservation(angles="sincos"), load_plant(plant).driven(robot)
+    return PendulumTask(robot, parameters, observation, cost_velocity_limit=observation.velocity_scale)
+
+
+def _in_own_units(task: TaskT) -> TaskT:
+    """The task with its numbers scaled from C.1's units to those of its plant."""
+    limit = float(task.parameters.limit(task.robot.joint))
+    if not limit > 0:
+        name = f"tl{task.robot.joint + 1}"
+        raise SwingupError(f"the {task.robot.name}'s torque limit {name} = {limit:g} N m must be positive")
+    own = scaled(task, scales_of(task.parameters))
+    return dataclasses.replace(own, substeps=stable_substeps(own.parameters, own.dt))
 
 
 TASKS: dict[str, Callable[[Robot, PlantLike], AbstractPendulumTask]] = {

@@ -1,5 +1,7 @@
 """Recover from throws as soon as possible: a task for the global-policy score."""
 
+from typing import Annotated
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -7,6 +9,7 @@ from jaxtyping import Array, Float
 
 from ..common.types import Action, Key, Observation, Scalar, State, Torque
 from ..dynamics.dynamics import tip_height
+from ..plant.units import LENGTH
 from .pendulum import AbstractPendulumTask, PendulumState, hold_torque
 from .task import Step
 
@@ -29,7 +32,7 @@ class RecoveryTask(AbstractPendulumTask):
     """s: a quadratic cost that is already large."""
     down_weight: float = 0.5
     """w: share of the reward that depends only on whether the tip is up."""
-    up_line_width: float = eqx.field(kw_only=True, static=True, default=UP_LINE_WIDTH)
+    up_line_width: Annotated[float, LENGTH] = eqx.field(kw_only=True, static=True, default=UP_LINE_WIDTH)
     """Width of the smooth step at the line (m)."""
 
     def reset(self, key: Key) -> PendulumState:

@@ -13,7 +13,7 @@ from ...dynamics.angles import UPRIGHT
 from ...plant.equations import StateFloats
 from ...plant.plant import LEADERBOARD, Plant, PlantLike
 from ...plant.robots import Robot, get_robot
-from ...plant.units import Scales, scales_of
+from ...plant.units import Scales, scales_of, similar_plant
 from ..interface.controller import AbstractController
 from ..swingups.design import compute_reference
 from ..swingups.model import model_of
@@ -21,7 +21,7 @@ from ..swingups.reference import Reference, load_reference
 from .lqr import LQR, upright_lqr
 from .mpc import mpc
 from .optimal import OPTIMAL, Optimal
-from .own_units import in_own_units, optimal_for, published_for, similar_plant
+from .own_units import in_own_units, optimal_for, published_for
 from .published import PUBLISHED, Published
 from .switch import LatchingSwitch
 from .tracking import riccati_controller, tvlqr
@@ -73,7 +73,7 @@ def design_of(robot: Robot, plant: PlantLike) -> Design:
     scales = scales_of(model)
     if model == model_of(LEADERBOARD, robot):
         return Design(robot, model, scales, published, optimal, shipped=True)
-    if not scales.torque_limit > 0:
+    if not scales.torque > 0:
         raise SwingupError(f"the {robot.name}'s motor has a torque limit of 0: raise tl{robot.joint + 1}")
     settings = published_for(published, scales.time), optimal_for(optimal, scales.time)
     return Design(robot, similar_plant(model, scales), scales, *settings, shipped=False)

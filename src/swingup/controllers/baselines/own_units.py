@@ -51,11 +51,6 @@ FINE_ITERATIONS = 60
 """Most iterations of that swing-up on its fine grid, after the search on a coarse one."""
 
 
-def similar_plant(plant: Plant, scales: Scales) -> Plant:
-    """The pendulum of the same lengths that moves as a plant does, in C.1's units of time and torque."""
-    return plant.changed(**{name: getattr(plant, name) / unit for name, unit in scales.plant_units().items()})
-
-
 def published_for(published: Published, time: float) -> Published:
     """The published settings for a similar pendulum whose unit of time is this multiple of C.1's."""
     # With a line search fewer iterations are enough.
@@ -84,10 +79,10 @@ def optimal_for(optimal: Optimal, time: float) -> Optimal:
 def in_real_units(reference: Reference, scales: Scales) -> Reference:
     """A swing-up of a similar pendulum as that of the plant itself."""
     rates = np.array([1.0, 1.0, scales.time, scales.time])
-    states, gains = reference.states / rates, reference.gains * rates * scales.torque_limit
+    states, gains = reference.states / rates, reference.gains * rates * scales.torque
     # A step's length is a round number of real time.
     dt = round(reference.dt * scales.time, 12)
-    return Reference(reference.robot, dt, states, reference.torque * scales.torque_limit, gains)
+    return Reference(reference.robot, dt, states, reference.torque * scales.torque, gains)
 
 
 class InOwnUnits(AbstractController[Any]):
@@ -115,4 +110,4 @@ class InOwnUnits(AbstractController[Any]):
 
 def in_own_units(controller: AbstractController[Any], plant: Plant, robot: Robot, scales: Scales) -> InOwnUnits:
     """The controller of a similar pendulum, for the plant itself."""
-    return InOwnUnits(controller, scales.time, scales.torque_limit, float(plant.limit(robot.joint)), robot)
+    return InOwnUnits(controller, scales.time, scales.torque, float(plant.limit(robot.joint)), robot)

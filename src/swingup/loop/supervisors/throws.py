@@ -4,8 +4,8 @@ Source: the rules of the global-policy benchmark (ICRA 2025). They include the P
 wrapped, its error sum and its last error continue from throw to throw, and its period is not the loop's.
 """
 
-import dataclasses
 import functools
+from typing import Annotated
 
 import equinox as eqx
 import jax
@@ -17,7 +17,7 @@ from ...common.types import Count, Flag, Scalar, State, Torque
 from ...dynamics.dynamics import gravity_torque
 from ...dynamics.integrate import rk4_steps, stable_substeps
 from ...plant.plant import Plant
-from ...plant.units import Scales, scales_of
+from ...plant.units import DAMPING, TORQUE, TORQUE_RATE, scales_of, similar_plant
 
 WITHOUT_DERIVATIVE = 2
 """First calls of the run in which the PID takes its derivative for 0."""
@@ -29,36 +29,22 @@ TURNS = ((0.1, 0.4, 0.4, 0.1), (0.1, 0.8, 0.1))
 class Thrower(eqx.Module):
     """Gains of the PID that throws."""
 
-    kp: float | Scalar = 10.0
+    kp: Annotated[float | Scalar, TORQUE] = 10.0
     """N m/rad"""
-    ki: float | Scalar = 0.1
+    ki: Annotated[float | Scalar, TORQUE_RATE] = 0.1
     """N m/(rad s)"""
-    kd: float | Scalar = 1.0
+    kd: Annotated[float | Scalar, DAMPING] = 1.0
     """N m s/rad"""
     dt: float | Scalar = 0.001
-    """The PID's period in its own formula (s); it is called every 0.002 s."""
-    limit: float | Scalar = 6.0
+    """The PID's period in its own formula (s); it is called every 0.002 s. It is real time for every pendulum."""
+    limit: Annotated[float | Scalar, TORQUE] = 6.0
     """Torque limit of the PID, and of each of the two motors (N m)."""
-    proportional_limit: float | Scalar | None = None
+    proportional_limit: Annotated[float | Scalar | None, TORQUE] = None
     """Limit of its proportional part alone (N m); None for none."""
 
 
 THROWER = Thrower()
 """The benchmark's."""
-
-
-def scaled_thrower(thrower: Thrower, scales: Scales) -> Thrower:
-    """A PID for a pendulum of other units, with gains in proportion to its torque limit; its period stays."""
-    limit, time = scales.torque_limit, scales.time
-    part = thrower.proportional_limit
-    return dataclasses.replace(
-        thrower,
-        kp=thrower.kp * limit,
-        ki=thrower.ki * limit / time,
-        kd=thrower.kd * limit * time,
-        limit=thrower.limit * limit,
-        proportional_limit=None if part is None else part * limit,
-    )
 
 
 class Throws(eqx.Module):
@@ -118,6 +104,8 @@ def thrown_states(
 ) -> Float[np.ndarray, "number 4"]:
     """States after throws of an upright pendulum, from which a controller has to recover; in the plant's own units.
 
+    It is the similar pendulum that is thrown: the periods of the PID and of the loop scale here, too.
+
     Args:
         random: source of the numbers.
         plant: the plant.
@@ -126,20 +114,15 @@ def thrown_states(
         dt: time of a step for design C.1 (s).
     """
     scales = scales_of(plant)
-    dt = dt * scales.time
-    substeps = stable_substeps(plant, dt)
+    similar = similar_plant(plant, scales)
     turns = [random.choice(len(odds), number, p=odds) - len(odds) // 2 for odds in TURNS]
     # Full turns matter: the PID's error is not wrapped.
     upright = np.stack([np.pi * (2 * turns[0] + 1), 2 * np.pi * turns[1]], axis=1)
-    noise = 0.05 * random.normal(size=(number, 4)) * [1.0, 1.0, scales.velocity, scales.velocity]
-    x0 = np.concatenate([upright, np.zeros((number, 2))], axis=1) + noise
+    x0 = np.concatenate([upright, np.zeros((number, 2))], axis=1) + 0.05 * random.normal(size=(number, 4))
     # Any last error: the throw before it aimed elsewhere, so that the first derivative saturates.
     targets, last = random.uniform(-np.pi, np.pi, (number, 2)), random.uniform(-6.0, 6.0, (number, 2))
     starts = jnp.asarray(targets), jnp.asarray(last), jnp.asarray(x0)
-    # Here the loop's period scales, and so the PID's own does as well.
-    thrower = dataclasses.replace(scaled_thrower(THROWER, scales), dt=THROWER.dt * scales.time)
-    x = _thrown(thrower, plant, *starts, steps, dt, substeps)
-    return np.array(x)
+    return np.asarray(_thrown(THROWER, similar, *starts, steps, dt, stable_substeps(similar, dt))) * scales.state
 
 
 @functools.partial(jax.jit, static_argnums=(5, 6, 7))
