@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from array_files import change_file
+from policies import load_any_policy
 from swingup.areapo.categorical import Categoricals
 from swingup.areapo.networks import init_policy
 from swingup.common.errors import SwingupError
-from swingup.controllers.stack.policy import Policy, load_any_policy, save_policy
+from swingup.controllers.stack.policy import Policy, save_policy
 from swingup.tasks.observation import Normalise
 from swingup.tasks.task import Spaces
 

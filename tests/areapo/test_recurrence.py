@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from policies import load_any_policy
 from swingup.areapo import train
 from swingup.areapo.act import decide, forget
 from swingup.areapo.config import Config
@@ -16,7 +17,7 @@ from swingup.areapo.recurrence import GRU
 from swingup.areapo.state import Rollout
 from swingup.areapo.unroll import unroll
 from swingup.common.errors import SwingupError
-from swingup.controllers.stack.policy import Policy, load_any_policy, remember, save_policy
+from swingup.controllers.stack.policy import Policy, remember, save_policy
 from swingup.tasks.task import Spaces
 
 from .probes import Probe

@@ -12,9 +12,9 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from safetensors import safe_open
 
+from policies import load_any_policy
 from swingup import AREAPO
 from swingup.common.errors import SwingupError
-from swingup.controllers.stack.policy import load_any_policy
 from swingup.learner.metrics import read_metrics
 from swingup.plant.robots import ROBOTS
 from swingup.tasks.presets import global_task, smooth_task

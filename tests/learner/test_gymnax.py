@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from policies import load_any_policy
 from swingup import AREAPO
 from swingup.common.errors import SwingupError
-from swingup.controllers.stack.policy import load_any_policy
 
 from .corridors import Corridor, Params, Turns
 

@@ -6,12 +6,13 @@ import jax
 import numpy as np
 import pytest
 
+from policies import load_any_policy
 from swingup import AREAPO
 from swingup.areapo.config import Config
 from swingup.areapo.layers import LayerKind
 from swingup.areapo.networks import init_policy
 from swingup.common.errors import SwingupError
-from swingup.controllers.stack.policy import Policy, load_any_policy
+from swingup.controllers.stack.policy import Policy
 from swingup.learner.policy_memory import memory_before
 from swingup.learner.run_settings import RunSettings
 from swingup.learner.start import resume_run, start_run

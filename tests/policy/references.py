@@ -158,7 +158,7 @@ def sighted_policy(layers=(16, 12)):
     # Inputs from -0.15 to 0.15, except the last, which is clipped.
     centre, scale = base * np.linspace(1.3, 0.7, 9), 2 * np.abs(base)
     scale[8] = 0.01 * base[8]
-    stages = (PendulumObservation(20.0, "sincos"), PlantObservation(centre, scale, base, clip=1.0))
+    stages = (PendulumObservation(20.0, "sincos"), PlantObservation(centre, scale, clip=1.0))
     return PolicyController(Policy(stages, actor), 3.0, get_robot("acrobot"), plant=plant)
 
 

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from array_files import change_file, write_file
+from policies import load_any_policy
 from swingup.areapo.networks import init_actor
 from swingup.common.errors import SwingupError
-from swingup.controllers.stack.policy import Policy, load_any_policy, network_of, save_policy
+from swingup.controllers.stack.policy import Policy, network_of, save_policy
 from swingup.policy.file import read_network, write_network
 from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
 from swingup.policy.shipped import load_policy

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from array_files import change_file
-from policies import lone_policy
+from policies import load_any_policy, lone_policy
 from swingup.common.errors import SwingupError
-from swingup.controllers.stack.controller import behind_estimator, policy_of
+from swingup.controllers.interface.controller import AbstractPlantController
+from swingup.controllers.stack.controller import policy_of
 from swingup.controllers.stack.estimator import with_estimator
 from swingup.controllers.stack.identifier import make_identifier
-from swingup.controllers.stack.policy import load_any_policy
-from swingup.controllers.stack.told import depends_on_plant, told, told_base
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.plant import LEADERBOARD, Plant, load_plant
+from swingup.plant.robots import get_robot
 from swingup.policy.fold import fold
 from swingup.policy.network import Layer, Network
 from swingup.policy.numpy_backend.network import NumpyNetwork
@@ -77,8 +77,8 @@ def test_round_trip(file):
     np.testing.assert_array_equal([stage.centre, stage.scale], [other.centre, other.scale])
     assert stage.clip == other.clip == 1.0
     controller, _ = lone_policy(file)
-    assert depends_on_plant(controller)
-    np.testing.assert_array_equal(controller.policy.stages[-1].base, base_parameters(found.plant))
+    assert controller.policy.sees_plant
+    assert (controller.plant, controller.base) == (found.plant, None)
 
 
 def test_told_plants_are_those_of_files(file):
@@ -89,8 +89,8 @@ def test_told_plants_are_those_of_files(file):
     @jax.jit
     @jax.vmap
     def torques(parameters: Plant):
-        one = told(controller, parameters)
-        return jax.vmap(lambda x: one(None, jnp.zeros(()), x)[1][controller.robot.joint])(jnp.asarray(states))
+        base, joint = base_parameters(parameters, jnp), controller.robot.joint
+        return jax.vmap(lambda x: controller.control(None, jnp.zeros(()), x, base)[1][joint])(jnp.asarray(states))
 
     with jax.enable_x64(True):
         found = np.asarray(torques(jax.tree.map(lambda *each: jnp.array(each), *plants)))
@@ -108,37 +108,40 @@ def test_base_parameters_in_jax():
 
 
 def test_a_policy_that_sees_the_state_alone_is_the_same_for_all_plants():
-    controller = small_policy()
-    assert not depends_on_plant(controller)
-    found = told_base(controller, jnp.zeros(9))
-    assert jax.tree.structure(found) == jax.tree.structure(controller)
-    assert all(one is other for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(controller), strict=True))
+    controller, x = small_policy(), jnp.array([0.5, -0.4, 1.0, 2.0])
+    assert not controller.policy.sees_plant
+    told = controller.control(None, 0.0, x, jnp.zeros(9))[1]
+    np.testing.assert_array_equal(told, controller(None, 0.0, x)[1])
 
 
-def test_a_policy_behind_an_estimator_is_told(file):
-    controller = behind_estimator(lone_policy(file)[0])
-    assert depends_on_plant(controller)
-    found = told_base(controller, jnp.arange(9.0))
-    np.testing.assert_array_equal(found.controller.policy.stages[-1].base, np.arange(9.0))
-    assert found.parameters == controller.parameters
+class Shown(AbstractPlantController):
+    """Remembers the base parameters that it is told."""
+
+    def init(self):
+        return jnp.zeros(9)
+
+    def control(self, carry, t, x, base):
+        return base.astype(carry.dtype), jnp.zeros(2, x.dtype)
 
 
-def test_an_identifier_tells_what_it_found(file):
-    controller, p = lone_policy(file)[0], load_plant("C.1")
-    whole = with_estimator(controller, controller.robot, p, identifier=make_identifier(controller.robot, p))
+def test_an_identifier_tells_what_it_found():
+    robot, p = get_robot("acrobot"), load_plant("C.1")
+    whole = with_estimator(Shown(), robot, p, identifier=make_identifier(robot, p))
     memory = whole.init()
     found = jnp.linspace(0.9, 1.1, 9) * base_parameters(p)
     identified = memory.estimator.identified._replace(
         unknowns=memory.estimator.identified.unknowns.at[:9].set(found)
     )
-    told_one = whole.informed(whole.identifier.found(identified))
+    memory = memory._replace(estimator=memory.estimator._replace(identified=identified))
+    told = whole(memory, jnp.zeros(()), jnp.zeros(4))[0].controller
     # Without the friction, which is compensated.
-    np.testing.assert_allclose(told_one.policy.stages[-1].base, found.at[4:8].set(0.0), rtol=1e-5)
+    np.testing.assert_allclose(told, found.at[4:8].set(0.0), rtol=1e-5)
 
 
 def test_a_policy_needs_its_plant(file):
+    policy, _ = load_any_policy(file)
     with pytest.raises(SwingupError, match=r"sees its plant: use swingup\.get_controller"):
-        load_any_policy(file)
+        policy(jnp.zeros(4))
 
 
 PENDULUM, PLANT = {"name": "pendulum", "angles": "sincos"}, {"name": "plant"}

@@ -17,7 +17,6 @@ from swingup.controllers.baselines.continuation import nominal_swingups
 from swingup.controllers.baselines.continuation_settings import ContinuationSettings
 from swingup.controllers.stack.controller import PolicyController
 from swingup.controllers.stack.policy import Policy
-from swingup.controllers.stack.told import depends_on_plant
 from swingup.dynamics.dynamics import acceleration, gravity_torque
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.plant import LEADERBOARD, NAMES, Plant
@@ -168,7 +167,7 @@ def test_lessons_are_joined_in_order():
 
 def test_a_new_student_sees_the_plant_in_units_of_its_ranges():
     student = new_student(small(), FEW, np.random.default_rng(0))
-    assert depends_on_plant(student)
+    assert student.policy.sees_plant
     nominal = LEADERBOARD.driven(ACROBOT)
     for sweep in SWEEPS.values():
         value = sweep.sweep.high * (getattr(nominal, sweep.parameter) if sweep.relative else 1.0)
@@ -222,7 +221,7 @@ def test_a_student_learns_and_sees_its_plant():
     recovery, rounds = lone_policy("global", "acrobot")[0], []
     student = distil(recovery, FEW, np.random.default_rng(0), lambda now, number: rounds.append((now, number)))
     assert [number for _, number in rounds] == [1, 2, 3]
-    assert depends_on_plant(student)
+    assert student.policy.sees_plant
     _, teacher = a_teacher(ACROBOT)
     # The rows that teach: at the top the LQR does.
     rows = np.asarray(teacher.at_rest) == 0

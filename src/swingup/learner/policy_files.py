@@ -9,7 +9,7 @@ from ..common.checks import finite_number
 from ..common.errors import SwingupError
 from ..common.text import one_line
 from ..common.version import __version__
-from ..controllers.stack.policy import load_any_policy
+from ..policy.file import read_network
 from .progress import TrainingProgress
 from .run_settings import RunSettings
 
@@ -65,7 +65,7 @@ def result_on_disk(path: Path, measure: str) -> dict[str, Any]:
         SwingupError: the file cannot be read, or holds no result of this measure.
     """
     try:
-        return dict(load_any_policy(path)[1]["scores"][measure])
+        return dict(read_network(path)[1]["scores"][measure])
     except (KeyError, TypeError, ValueError) as error:
         raise SwingupError(f"{path} holds no result of {measure}: train again") from error
 
@@ -75,7 +75,7 @@ def _score_on_disk(path: Path, settings: RunSettings, measure: str) -> float:
         return -math.inf
     try:
         # Loaded whole: a file with sound metadata and damaged weights is no best policy.
-        metadata = load_any_policy(path)[1]
+        metadata = read_network(path)[1]
         trained_on = metadata.get("robot", settings.robot)
         if trained_on != settings.robot:
             raise SwingupError(f"it is a policy for {one_line(trained_on, 40)}")

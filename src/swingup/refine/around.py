@@ -4,8 +4,7 @@ from dataclasses import asdict, replace
 from typing import Any, NamedTuple
 
 from ..controllers.interface.controller import AbstractController
-from ..controllers.stack.controller import PolicyController, behind_estimator, plant_of
-from ..controllers.stack.told import depends_on_plant
+from ..controllers.stack.controller import PolicyController, make_controller, plant_of, policy_of
 from ..policy.identifier_settings import IdentifierSettings, default_identifier
 from ..policy.regulator_settings import RegulatorSettings
 from ..policy.settings import EstimatorSettings, default_estimator
@@ -35,7 +34,7 @@ class Around(NamedTuple):
 def parts_around(controller: PolicyController) -> Around:
     """The parts in a refined policy's file: an estimator, and for a policy that sees its plant what finds that."""
     estimator = default_estimator(plant_of(controller))
-    if not depends_on_plant(controller):
+    if not controller.policy.sees_plant:
         return Around(estimator)
     estimator = replace(estimator, acceleration_noise=ACCELERATION_NOISE)
     return Around(estimator, default_identifier(estimator), HAND_OVER[controller.robot.name])
@@ -44,4 +43,6 @@ def parts_around(controller: PolicyController) -> Around:
 def judged(controller: PolicyController) -> AbstractController[Any]:
     """What progress is judged by: the policy alone, or with all of its parts if it sees its plant."""
     parts = parts_around(controller)
-    return controller if parts.identifier is None else behind_estimator(controller, *parts)
+    if parts.identifier is None:
+        return controller
+    return make_controller(replace(policy_of(controller), **parts._asdict()))

@@ -25,7 +25,6 @@ from ..controllers.baselines.continuation import SwingUps, continue_swingups, no
 from ..controllers.baselines.continuation_settings import ContinuationSettings
 from ..controllers.stack.controller import PolicyController
 from ..controllers.stack.policy import Policy
-from ..controllers.stack.told import told_base
 from ..plant.base_parameters import BASE, base_parameters
 from ..plant.plant import LEADERBOARD, Plant
 from ..plant.robots import Robot
@@ -97,7 +96,7 @@ def new_student(
     """A policy with random weights that sees the state and the plant."""
     nominal = base_parameters(LEADERBOARD.driven(recovery.robot))
     centre, scale = (jnp.asarray(each, jnp.float32) for each in (nominal, plant_scale(nominal)))
-    stages = PendulumObservation(angles="sincos"), PlantObservation(centre, scale, centre, clip=3.0)
+    stages = PendulumObservation(angles="sincos"), PlantObservation(centre, scale, clip=3.0)
     actor = init_actor(_key(random), stages[0].size + BASE, 1, settings.layers, 0.0)
     policy = Policy(stages, replace(actor, std_head=None))
     return PolicyController(policy, recovery.torque_limit, recovery.robot, recovery.plant)
@@ -173,7 +172,7 @@ def _descend(
     plant, others = LEADERBOARD.driven(student.robot), eqx.tree_at(lambda c: c.policy.actor, student, None)
 
     def observe(x: State, base: Array) -> Array:
-        return told_base(student, base).policy.observe(x)
+        return student.policy.observe(x, base)
 
     def loss(actor: Actor, key: Key) -> Scalar:
         rows_key, size_key, start_key = jax.random.split(key, 3)

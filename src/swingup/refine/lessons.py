@@ -9,7 +9,6 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..common.types import Flag, Key, Scalar, State
 from ..controllers.stack.controller import PolicyController
-from ..controllers.stack.told import told_base
 from ..dynamics.integrate import rk4_steps
 from ..loop.supervisors.throws import thrown_states
 from ..plant.base_parameters import BASE_NAMES
@@ -108,10 +107,8 @@ def _cheapest(student: PolicyController, teachers: Teachers, steps: int) -> Floa
     driven = jnp.array(student.robot.actuation, jnp.float32)
 
     def one(teacher: Teachers) -> Scalar:
-        knowing = told_base(student, teacher.base)
-
         def step(x: State, _: None) -> tuple[State, Scalar]:
-            u = knowing(None, jnp.zeros(()), x)[1] * driven
+            u = student.control(None, jnp.zeros(()), x, teacher.base)[1] * driven
             return rk4_steps(teacher.plant, x, u, DT, 1), top_cost(teacher, x)
 
         return jnp.min(jax.lax.scan(step, jnp.zeros(4, jnp.float32), None, steps)[1])
@@ -169,7 +166,7 @@ def _runs(
             u, distance = taught(teacher, recovery, settings.tube, x)
             known = jnp.clip(time / jnp.maximum(known_after, DT), 0, 1)
             base = teacher.nominal + known * (teacher.base - teacher.nominal)
-            own = told_base(student, base)(None, time, x)[1][joint]
+            own = student.control(None, time, x, base)[1][joint]
             # The noise ends before the run does: it should come to rest.
             noise = settings.noise * drift * (time < 0.6 * settings.steps * DT)
             torque = jnp.where(acts, own, u) * driven + noise

@@ -15,7 +15,6 @@ from ..benchmark.criteria import Criteria
 from ..benchmark.evaluate import evaluate
 from ..common.errors import SwingupError
 from ..controllers.stack.controller import PolicyController, plant_of
-from ..controllers.stack.told import depends_on_plant
 from ..plant.base_parameters import base_parameters
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..plant.robots import Robot
@@ -96,7 +95,7 @@ def run_recipe(
         SwingupError: there is no such plant, the weights are no longer finite, or a stage does not take such a
             policy or plant.
     """
-    if depends_on_plant(controller) and any(not isinstance(stage, DistillationSettings) for stage in stages):
+    if controller.policy.sees_plant and any(not isinstance(stage, DistillationSettings) for stage in stages):
         raise SwingupError("the policy sees its plant, which only the recipe adapt trains: give the one before it")
     start, found = time.perf_counter(), load_plant(plant)
     if found == LEADERBOARD:

@@ -1,5 +1,6 @@
 """Recoveries on many plants, from throws and near the top: a cost that ends a distillation by its gradient."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -10,7 +11,6 @@ from jaxtyping import Array, Float
 from ..benchmark.rollout import Scenario
 from ..common.types import Key, Scalar, State
 from ..controllers.stack.controller import PolicyController
-from ..controllers.stack.told import told_base
 from ..dynamics.angles import UPRIGHT
 from ..loop.supervisors.throws import thrown_states
 from ..plant.plant import LEADERBOARD, Plant
@@ -69,7 +69,7 @@ def recovery_cost(
     limit = PolicyGradientSettings().adjoint_limit * weights.down / number
 
     def one(plant: Plant, base: Float[Array, "9"], start: State) -> Scalar:
-        return weights.cost(run_episode(Scenario(plant), told_base(student, base), start, steps, limit))
+        return weights.cost(run_episode(Scenario(plant), replace(student, base=base), start, steps, limit))
 
     costs = jax.vmap(one)(jax.tree.map(lambda leaf: leaf[chosen], recoveries.plant), recoveries.base[chosen], x0)
     # A pendulum that became too fast for its time step teaches nothing.

@@ -1,13 +1,14 @@
 """The stages of an observation in JAX; the same code serves training, judging and control."""
 
 import abc
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..common.checks import one_of
+from ..common.errors import SwingupError
 from ..common.types import Observation
 from ..plant.units import VELOCITY
 
@@ -18,8 +19,13 @@ class AbstractStage(eqx.Module):
     """One stage of a policy's observation: a pure function from a vector to a vector."""
 
     @abc.abstractmethod
-    def __call__(self, observation: Observation) -> Observation:
-        """What the next stage sees."""
+    def __call__(self, observation: Observation, base: Float[Any, "9"] | None = None) -> Observation:
+        """What the next stage sees.
+
+        Args:
+            observation: what the stage before saw.
+            base: base parameters θ of the plant by ``plant.base_parameters.BASE_NAMES``, for a stage that shows it.
+        """
 
 
 class PendulumObservation(AbstractStage):
@@ -44,7 +50,7 @@ class PendulumObservation(AbstractStage):
         """Length of the observation."""
         return 4 if self.angles == "wrapped" else 6
 
-    def __call__(self, observation: Observation) -> Observation:
+    def __call__(self, observation: Observation, base: Float[Any, "9"] | None = None) -> Observation:
         """Observe a state [q1, q2, dq1, dq2] (rad, rad/s); every entry of the result lies in [-1, 1]."""
         q, rates = observation[:2], observation[2:]
         velocities = jnp.clip(rates, -self.velocity_scale, self.velocity_scale) / self.velocity_scale
@@ -57,21 +63,18 @@ class PendulumObservation(AbstractStage):
 
 
 class PlantObservation(AbstractStage):
-    """The observation, then the plant's base parameters θ: (θ - centre) / scale, clipped.
-
-    θ is an array among the policy's: replace it and the policy is that of another plant.
-    """
+    """The observation, then the plant's base parameters θ: (θ - centre) / scale, clipped."""
 
     centre: Float[Array, "9"]
     scale: Float[Array, "9"]
-    base: Float[Array, "9"]
-    """θ in the order of ``plant.base_parameters.BASE_NAMES``."""
     clip: float = 10.0
     """What is appended is clipped to ± this."""
 
-    def __call__(self, observation: Observation) -> Observation:
+    def __call__(self, observation: Observation, base: Float[Any, "9"] | None = None) -> Observation:
         """Append the plant to an observation (n,)."""
-        inputs = jnp.clip((self.base - self.centre) / self.scale, -self.clip, self.clip)
+        if base is None:
+            raise SwingupError("the policy sees its plant: use swingup.get_controller")
+        inputs = jnp.clip((base - self.centre) / self.scale, -self.clip, self.clip)
         return jnp.concatenate([observation, inputs])
 
 
@@ -85,7 +88,7 @@ class Normalise(AbstractStage):
     epsilon: float = 1e-8
     """ε."""
 
-    def __call__(self, observation: Observation) -> Observation:
+    def __call__(self, observation: Observation, base: Float[Any, "9"] | None = None) -> Observation:
         """Normalise and clip."""
         scaled = (observation - self.mean) / jnp.sqrt(self.variance + self.epsilon)
         return jnp.clip(scaled, -self.clip, self.clip)

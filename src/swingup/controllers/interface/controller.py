@@ -28,6 +28,34 @@ class AbstractController(eqx.Module, Generic[Carry]):
         """The torques [u1, u2] (N m) for the state x measured at time t (s), and what to remember."""
 
 
+class AbstractPlantController(AbstractController[Carry]):
+    """A controller that depends on its plant: a call may say which plant it is for.
+
+    Subclasses implement ``control``; a call is ``control`` for the controller's own plant. Plants may be traced or
+    batched, one for each pendulum.
+    """
+
+    @abc.abstractmethod
+    def control(self, carry: Carry, t: Scalar, x: State, base: Any) -> tuple[Carry, Torque]:
+        """Do what a call does, for a plant with base parameters θ (9,), by ``plant.base_parameters.BASE_NAMES``.
+
+        With None it is the controller's own plant.
+        """
+
+    def __call__(self, carry: Carry, t: Scalar, x: State) -> tuple[Carry, Torque]:
+        """The torques [u1, u2] (N m) for the state x measured at time t (s), and the memory for the next call."""
+        return self.control(carry, t, x, None)
+
+
+def call_for_plant(
+    controller: AbstractController[Any], carry: Any, t: Scalar, x: State, base: Any
+) -> tuple[Any, Torque]:
+    """A call of any controller; one that depends on its plant is told θ."""
+    if isinstance(controller, AbstractPlantController):
+        return controller.control(carry, t, x, base)
+    return controller(carry, t, x)
+
+
 def check_interface(controller: AbstractController[Any]) -> None:
     """Trace one call of a controller in JAX without running it; call this in 64-bit mode, as the judge runs it."""
     _check_hashable(controller)

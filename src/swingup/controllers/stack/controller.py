@@ -6,24 +6,22 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
+from jaxtyping import Float
 
 from ...areapo.networks import Actor
 from ...common.types import Scalar, State, Torque
 from ...plant.base_parameters import base_parameters
 from ...plant.plant import LEADERBOARD, Plant
 from ...plant.robots import Robot
-from ...policy.identifier_settings import IdentifierSettings
 from ...policy.pendulum import PendulumPolicy, write_pendulum_policy
-from ...policy.regulator_settings import RegulatorSettings
-from ...policy.settings import EstimatorSettings
-from ..interface.controller import AbstractController
+from ..interface.controller import AbstractPlantController
 from .estimator import EstimatingController, with_estimator
 from .identifier import make_identifier
 from .policy import Policy, make_policy, network_of
 from .regulator import RegulatingController, with_regulator
 
 
-class PolicyController(AbstractController[None]):
+class PolicyController(AbstractPlantController[None]):
     """The deterministic policy, called at whatever rate the loop runs."""
 
     policy: Policy[Actor]
@@ -34,13 +32,16 @@ class PolicyController(AbstractController[None]):
     """Which joint is driven."""
     plant: Plant = eqx.field(static=True, default=LEADERBOARD)
     """The plant that the policy was made for."""
+    base: Float[Any, "9"] | None = None
+    """θ of the plant that it sees where a call does not say; None for that of ``plant``."""
 
     def init(self) -> None:
         """It remembers nothing."""
 
-    def __call__(self, carry: None, t: Scalar, x: State) -> tuple[None, Torque]:
+    def control(self, carry: None, t: Scalar, x: State, base: Float[Any, "9"] | None) -> tuple[None, Torque]:
         """The policy's torque on the driven joint, NaN if anything seen is not finite."""
-        torque = self.torque_limit * self.policy(x).astype(x.dtype)[0]
+        own = base_parameters(self.plant) if self.base is None else self.base
+        torque = self.torque_limit * self.policy(x, own if base is None else base).astype(x.dtype)[0]
         # The clips of the observation must not hide it.
         torque = jnp.where(jnp.isfinite(x).all(), torque, jnp.nan)
         return None, torque * jnp.array(self.robot.actuation, x.dtype)
@@ -56,41 +57,19 @@ def make_controller(
         estimator: where the file has one (None), never (False) or always (True). Settings that the file lacks have
             their defaults. Its model is the policy's plant, or what the identifier in the file finds.
     """
-    alone, regulator = policy_alone(policy), policy.regulator
-    if policy.estimator is not None if estimator is None else estimator:
-        return behind_estimator(alone, policy.estimator, policy.identifier, regulator)
-    return alone if regulator is None else regulated(alone, regulator)
+    robot, plant = policy.robot, policy.plant.driven(policy.robot)
+    acting: PolicyController | RegulatingController = policy_alone(policy)
+    if policy.regulator is not None:
+        acting = with_regulator(acting, robot, plant, policy.regulator, float(policy.torque_limit))
+    if not (policy.estimator is not None if estimator is None else estimator):
+        return acting
+    identifier = None if policy.identifier is None else make_identifier(robot, plant, policy.identifier)
+    return with_estimator(acting, robot, plant, policy.estimator, identifier)
 
 
-def behind_estimator(
-    controller: PolicyController,
-    settings: EstimatorSettings | None = None,
-    identifier: IdentifierSettings | None = None,
-    regulator: RegulatorSettings | None = None,
-) -> EstimatingController:
-    """A policy behind an estimator whose model is the policy's plant.
-
-    Args:
-        controller: the policy alone.
-        settings: what to expect of measurement and loop.
-        identifier: settings of an identifier of that plant; None for the plant itself.
-        regulator: settings of a regulator that takes over near the top, for the plant found; None for none.
-    """
-    model = plant_of(controller)
-    found = None if identifier is None else make_identifier(controller.robot, model, identifier)
-    acting = controller if regulator is None else regulated(controller, regulator)
-    return with_estimator(acting, controller.robot, model, settings, found)
-
-
-def regulated(controller: PolicyController, settings: RegulatorSettings) -> RegulatingController:
-    """A policy with a regulator, which holds the policy's plant until another one is told.
-
-    Args:
-        controller: the policy alone.
-        settings: weights, recursion and bounds.
-    """
-    limit = float(controller.torque_limit)
-    return with_regulator(controller, controller.robot, plant_of(controller), settings, limit)
+def policy_alone(policy: PendulumPolicy) -> PolicyController:
+    """A policy without what stands around it; one that sees its plant is for the plant of its file."""
+    return PolicyController(make_policy(policy.network), policy.torque_limit, policy.robot, policy.plant)
 
 
 def plant_of(controller: PolicyController) -> Plant:
@@ -99,7 +78,7 @@ def plant_of(controller: PolicyController) -> Plant:
 
 
 def policy_of(controller: PolicyController) -> PendulumPolicy:
-    """What a file holds of a controller, without an estimator."""
+    """What a file holds of a controller, without what stands around it."""
     network, limit = network_of(controller.policy), float(controller.torque_limit)
     return PendulumPolicy(network, controller.robot, limit, plant_of(controller))
 
@@ -111,9 +90,3 @@ def save_controller(path: str | Path, controller: PolicyController, provenance: 
     of an identifier in it, a ``regulator`` those of a regulator that takes over near the top.
     """
     write_pendulum_policy(path, policy_of(controller), provenance)
-
-
-def policy_alone(policy: PendulumPolicy) -> PolicyController:
-    """A policy without what stands around it; one that sees its plant is for the plant of its file."""
-    network = make_policy(policy.network, base_parameters(policy.plant))
-    return PolicyController(network, policy.torque_limit, policy.robot, policy.plant)

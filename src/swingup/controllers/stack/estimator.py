@@ -21,10 +21,9 @@ from ...policy.estimator import EstimatorState, Model
 from ...policy.identifier import Found
 from ...policy.identifier_settings import check_identifier
 from ...policy.settings import EstimatorSettings, default_estimator, kalman_gains
-from ..interface.controller import AbstractController, check_robot
+from ..interface.controller import AbstractController, call_for_plant, check_robot
 from .identifier import Identifier
 from .maths import JAX
-from .told import told_base
 
 
 class EstimatorMemory(NamedTuple):
@@ -39,7 +38,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
     """A controller that sees an estimate of the state instead of its measurement."""
 
     controller: AbstractController[Any]
-    """The controller behind."""
+    """The controller behind; one that depends on its plant is told what the identifier finds."""
     parameters: Plant
     """The model."""
     gains: Float[np.ndarray, "2 2"]
@@ -79,8 +78,10 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         now = jnp.asarray(t, carry.estimator.time.dtype)
         state, seen = estimator.observe(JAX, self, carry.estimator, self.found(carry), now, x)
         found = self.found(EstimatorMemory(state, None))
-        inner, u = self.informed(found)(carry.controller, t, seen)
-        if found is not None:
+        if found is None:
+            inner, u = self.controller(carry.controller, t, seen)
+        else:
+            inner, u = call_for_plant(self.controller, carry.controller, t, seen, jnp.stack(found.told))
             u = u + estimator.compensation(JAX, self, found.asked, seen).astype(u.dtype)
         return EstimatorMemory(estimator.remember(JAX, self, state, u), inner), u
 
@@ -88,10 +89,6 @@ class EstimatingController(AbstractController[EstimatorMemory]):
         """What the identifier has found of the plant; None without one."""
         identified = memory.estimator.identified
         return None if self.identifier is None or identified is None else self.identifier.found(identified)
-
-    def informed(self, found: Found | None) -> AbstractController[Any]:
-        """The controller behind; a policy that sees its plant is told the identified one."""
-        return self.controller if found is None else told_base(self.controller, jnp.stack(found.told))
 
     def step(self, model: Model, x: State, torque: Scalar, dt: Scalar) -> State:
         """The state a time dt (s) after x under the driven joint's torque (N m)."""

@@ -61,10 +61,6 @@ class Identifier(eqx.Module):
         delay_steps = jnp.asarray(delay_steps, memory.delay_steps.dtype)
         return identifier.observe(JAX, self, memory, q, delay_steps, jnp.asarray(step, memory.steps.dtype))
 
-    def interval(self, memory: IdentifierState, step: Scalar) -> Scalar:
-        """Time between the angles of the memory and the next ones (s), a step (s) after the last call."""
-        return identifier.interval(JAX, memory, step)
-
     def found(self, memory: IdentifierState) -> Found:
         """What it has found of the plant."""
         return identifier.found(JAX, self, memory)

@@ -16,7 +16,7 @@ from ...areapo.networks import AbstractActor, Actor, CategoricalActor, Memory
 from ...areapo.recurrence import GRU
 from ...common.errors import SwingupError
 from ...common.types import Action, Key, Observation
-from ...policy.file import read_network, write_network
+from ...policy.file import write_network
 from ...policy.network import Layer, Network, Norm, Recurrence
 from ...policy.stages import NormaliseStage, PendulumStage, PlantStage, Stage
 from ...tasks.observation import AbstractStage, Normalise, PendulumObservation, PlantObservation
@@ -30,23 +30,28 @@ class Policy(eqx.Module, Generic[ActorT]):
     stages: tuple[AbstractStage, ...]
     actor: ActorT
 
-    def observe(self, observation: Observation) -> Observation:
-        """Apply the stages; their result has the dtype of what they are given."""
+    @property
+    def sees_plant(self) -> bool:
+        """Whether it depends on its plant."""
+        return any(isinstance(stage, PlantObservation) for stage in self.stages)
+
+    def observe(self, observation: Observation, base: Float[Any, "9"] | None = None) -> Observation:
+        """Apply the stages, with θ of the plant where they show it; the result has the observation's dtype."""
         observation = jnp.asarray(observation)
         dtype = observation.dtype
         for stage in self.stages:
-            observation = stage(observation)
+            observation = stage(observation, base)
         # Statistics in double precision would raise the precision of the network's input.
         return observation.astype(dtype)
 
-    def __call__(self, observation: Observation) -> Action:
+    def __call__(self, observation: Observation, base: Float[Any, "9"] | None = None) -> Action:
         """The deterministic action: each entry in [-1, 1], or a whole number if actions are discrete.
 
         The network's weights are float32 numbers; its arithmetic has the observation's precision. In double
         precision, as in the judge, all back ends give the same torque, except for the rounding of short sums in
         single precision (:class:`swingup.areapo.networks.Linear`).
         """
-        return self.actor.mode(self.observe(observation))
+        return self.actor.mode(self.observe(observation, base))
 
     def step(self, memory: Memory, observation: Observation) -> tuple[Memory, Action]:
         """The memory after an observation, and the deterministic action; for policies with and without memory."""
@@ -68,20 +73,9 @@ def save_policy(path: str | Path, policy: Policy[Any], metadata: Mapping[str, An
     write_network(path, network_of(policy), metadata)
 
 
-def load_any_policy(path: str | Path) -> tuple[Policy[Any], dict[str, Any]]:
-    """Read a policy and its metadata."""
-    network, metadata = read_network(path)
-    return make_policy(network), metadata
-
-
-def make_policy(network: Network, base: np.ndarray | None = None) -> Policy[Any]:
-    """The policy that a file holds.
-
-    Args:
-        network: its stages and layers.
-        base: base parameters θ (9,) of the plant, for a policy that sees it.
-    """
-    stages, std = tuple(_stage(stage, base) for stage in network.stages), network.std
+def make_policy(network: Network) -> Policy[Any]:
+    """The policy that a file holds."""
+    stages, std = tuple(map(_stage, network.stages)), network.std
     trunk, head = tuple(map(_linear, network.trunk)), _linear(network.head)
     norms = tuple(LayerNorm(each.weight, each.bias) for each in network.norms)  # type: ignore[arg-type]  # as NumPy's
     found, deviation = network.gru, None if std is None else _linear(std)
@@ -148,13 +142,11 @@ def _sampled(
     return chosen.memory, chosen.actions
 
 
-def _stage(stage: Stage, base: np.ndarray | None) -> AbstractStage:
+def _stage(stage: Stage) -> AbstractStage:
     if isinstance(stage, PendulumStage):
         return PendulumObservation(stage.velocity_scale, stage.angles)  # type: ignore[arg-type]  # checked
     if isinstance(stage, PlantStage):
-        if base is None:
-            raise SwingupError("the policy sees its plant: use swingup.get_controller")
-        return PlantObservation(stage.centre, stage.scale, base, stage.clip)  # type: ignore[arg-type]  # as NumPy's
+        return PlantObservation(stage.centre, stage.scale, stage.clip)  # type: ignore[arg-type]  # as NumPy's
     return Normalise(stage.mean, stage.variance, stage.clip, stage.epsilon)  # type: ignore[arg-type]  # as NumPy's
 
 

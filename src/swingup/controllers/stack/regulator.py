@@ -17,7 +17,7 @@ from ...policy import regulator
 from ...policy.regulator import RegulatorState
 from ...policy.regulator_settings import RegulatorSettings, fixed_point
 from ...policy.upright import Discrete
-from ..interface.controller import AbstractController
+from ..interface.controller import AbstractController, AbstractPlantController, call_for_plant
 from ..swingups.scalar_algebra import Matrix, Vector, dot, symmetric_times, unpack
 from .maths import JAX
 
@@ -33,13 +33,13 @@ class RegulatorMemory(NamedTuple):
     """What the policy remembers."""
 
 
-class RegulatingController(AbstractController[RegulatorMemory]):
+class RegulatingController(AbstractPlantController[RegulatorMemory]):
     """A policy, and near the top u = -K e of the linear quadratic regulator."""
 
     controller: AbstractController[Any]
     """The policy; it is called always."""
     base: Float[Any, "9"]
-    """θ in the order of ``plant.base_parameters.BASE_NAMES``."""
+    """θ of the plant that it holds, where a call does not say."""
     start: Float[np.ndarray, "10"]
     """P at first, its upper triangle."""
     torque_limit: float
@@ -58,10 +58,13 @@ class RegulatingController(AbstractController[RegulatorMemory]):
         """The policy acts."""
         return RegulatorMemory(regulator.begin(JAX, self), self.controller.init())
 
-    def __call__(self, carry: RegulatorMemory, t: Scalar, x: State) -> tuple[RegulatorMemory, Torque]:
+    def control(
+        self, carry: RegulatorMemory, t: Scalar, x: State, base: Float[Any, "9"] | None
+    ) -> tuple[RegulatorMemory, Torque]:
         """The torque of the one that acts (N m); NaN if the state is not finite."""
-        inner, u = self.controller(carry.controller, t, x)
-        held = regulator.held(self, unpack(jnp.asarray(self.base, carry.regulator.cost_to_go.dtype)))
+        base = self.base if base is None else base
+        inner, u = call_for_plant(self.controller, carry.controller, t, x, base)
+        held = regulator.held(self, unpack(jnp.asarray(base, carry.regulator.cost_to_go.dtype)))
         state, torque = regulator.regulate(JAX, self, carry.regulator, held, x)
         regulated = torque.astype(u.dtype) * jnp.array(self.robot.actuation, u.dtype)
         return RegulatorMemory(state, inner), jnp.where(state.acting, regulated, u)
@@ -95,7 +98,7 @@ def with_regulator(
     Args:
         controller: the policy.
         robot: which joint is driven.
-        plant: the plant until another one is told.
+        plant: its own plant.
         settings: weights, recursion and bounds.
         limit: largest torque of the regulator (N m).
     """
