@@ -12,7 +12,6 @@ from swingup.benchmark.board_rules import BoardRules
 from swingup.benchmark.evaluate import evaluate, evaluate_recorded, score
 from swingup.benchmark.grid import make_cases
 from swingup.benchmark.leaderboard import leaderboard
-from swingup.benchmark.own_units import robustness_in_own_units, uptime_in_own_units
 from swingup.benchmark.plausibility import examine
 from swingup.benchmark.robustness import robustness
 from swingup.benchmark.rollout import Trajectory
@@ -24,6 +23,7 @@ from swingup.controllers.registry import get_controller
 from swingup.dynamics.integrate import friction_rate, stable_substeps
 from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.plant.robots import get_robot
+from swingup.plant.units import scaled, scales_of
 
 ACROBOT = get_robot("acrobot")
 B0 = load_plant("B.0").frictionless()
@@ -103,7 +103,8 @@ def test_the_grid_is_around_the_plant():
 def test_disturbances_are_in_the_plants_own_units(similar):
     """A pendulum of T × 0.5 and torques × 0.025."""
     plant = similar(LEADERBOARD.driven(ACROBOT))
-    grid = robustness_in_own_units(ROBUSTNESS_RULES["v2"], ACROBOT, plant)
+    units = scales_of(plant)
+    grid = ROBUSTNESS_RULES["v2"].in_units(units)
     ends = {name: grid.model[name].sweep.high for name in ("Ir", "b1", "cf2", "m2")}
     assert ends == pytest.approx(
         {"Ir": 1e-4 * 0.025 * 0.25, "b1": 0.1 * 0.025 * 0.5, "cf2": 0.2 * 0.025, "m2": 1.25}
@@ -113,20 +114,20 @@ def test_disturbances_are_in_the_plants_own_units(similar):
     assert grid.perturbations.amplitude == pytest.approx((0.0125, 0.125))
     assert grid.perturbations.width == pytest.approx((0.025, 0.05))
     assert grid.tolerance == pytest.approx((0.35, 0.35, 2.0, 2.0))
-    thrown = uptime_in_own_units(UPTIME_RULES["v3"], ACROBOT, plant)
+    thrown = scaled(UPTIME_RULES["v3"], units)
     pid = thrown.thrower
     # kp θ and kd θ / T are torques; ki has one more 1/T.
     assert (pid.kp, pid.ki, pid.kd, pid.limit) == pytest.approx((0.25, 0.005, 0.0125, 0.15))
     assert (pid.dt, thrown.throw_duration) == pytest.approx((0.001, 0.1))
     # The real robot's PID has a limit of 3 N m for its proportional part.
-    robots = uptime_in_own_units(UPTIME_RULES["icra-real"], ACROBOT, plant)
+    robots = scaled(UPTIME_RULES["icra-real"], units)
     assert robots.thrower.proportional_limit == pytest.approx(0.075)
 
 
 def test_disturbances_on_c1_are_the_boards():
-    ideal = load_plant("C.1").frictionless()
-    assert robustness_in_own_units(ROBUSTNESS_RULES["v2"], ACROBOT, ideal) == ROBUSTNESS_RULES["v2"]
-    assert vars(uptime_in_own_units(UPTIME_RULES["v3"], ACROBOT, ideal)) == vars(UPTIME_RULES["v3"])
+    units = scales_of(load_plant("C.1").frictionless().driven(ACROBOT))
+    assert ROBUSTNESS_RULES["v2"].in_units(units) == ROBUSTNESS_RULES["v2"]
+    assert vars(scaled(UPTIME_RULES["v3"], units)) == vars(UPTIME_RULES["v3"])
 
 
 def test_boards_of_another_plant_have_our_rows_alone():

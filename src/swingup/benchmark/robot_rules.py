@@ -3,8 +3,10 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Annotated
 
 from ..loop.supervisors.limits import Limits
+from ..plant.units import VELOCITY
 from .rules import PERFORMANCE_RULES, PerformanceRules, PushRules, Timing, look_up
 
 STOP_SPEED = 20.0
@@ -22,7 +24,7 @@ class Sim2RealRules(Timing):
     """How its costs are scored."""
     hold: float = 2.0
     """Last part of the run in which the tip must be up (s). Chosen."""
-    speed: float = STOP_SPEED
+    speed: Annotated[float, VELOCITY] = STOP_SPEED
     """Speed of a joint at which the robot stops (rad/s)."""
     angle: float = STOP_ANGLE
     """Angle of a joint at which it stops (rad)."""

@@ -15,9 +15,9 @@ from ..dynamics.angles import UPRIGHT, wrap_difference
 from ..dynamics.integrate import stable_substeps
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..plant.robots import Robot, get_robot
+from ..plant.units import scales_of
 from .grid import Case, make_cases
 from .interval import Interval, mean_interval
-from .own_units import robustness_in_own_units
 from .rollout import Scenario
 from .rules import CRITERIA, DEFAULT_RULES, RANDOM, RobustnessRules, get_robustness_rules
 from .runner import Progress, prepare, run_many, stack
@@ -112,7 +112,8 @@ def robustness(
     robot, rules = get_robot(robot), get_robustness_rules(rules)
     every, chosen = check_seeds(seed, seeds), check_criteria(criteria)
     found = load_plant(plant)
-    rules, nominal = robustness_in_own_units(rules, robot, found), found.driven(robot)
+    nominal = found.driven(robot)
+    rules = rules.in_units(scales_of(nominal))
     estimator, controller = has_estimator(controller), prepare(controller, robot, name, nominal)
     cases = [case for criterion in chosen for case in make_cases(robot, rules, criterion, every[0], found)]
     # The other criteria do not depend on the seed: one simulation of each is enough.

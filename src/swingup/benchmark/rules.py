@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from ..loop.supervisors.cell import CellSettings
 from ..loop.supervisors.limits import Limits
 from ..loop.supervisors.throws import THROWER, Thrower
 from ..plant.robots import Robot
+from ..plant.units import NUMBER, PLANT_UNITS, STATE, TIME, TORQUE, VELOCITY, Scales, scaled
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,10 @@ class Sweep:
         """The values."""
         return np.linspace(self.low, self.high, self.count).tolist()
 
+    def __mul__(self, factor: float) -> "Sweep":
+        """The sweep of values that are so many times as large."""
+        return replace(self, low=self.low * factor, high=self.high * factor)
+
 
 @dataclass(frozen=True)
 class ModelSweep:
@@ -88,19 +93,27 @@ class ModelSweep:
     mass: str | None = None
     """If given, the sweep is of the product of this mass and the parameter: m1 r1 or m2 r2."""
 
+    def in_units(self, scales: Scales) -> "ModelSweep":
+        """The sweep for another pendulum: factors stay."""
+        unit = NUMBER if self.relative else PLANT_UNITS[self.parameter]
+        return replace(self, sweep=self.sweep * scales.of(unit))
+
 
 @dataclass(frozen=True)
 class PushRules:
-    """Random profiles of Gaussian pushes, as many on each joint."""
+    """Random profiles of Gaussian pushes, as many on each joint.
+
+    The time between them is real for every pendulum, as the length of a run is.
+    """
 
     profiles: int = 50
     pushes: int = 3
     """Pushes on each joint."""
     apart: float = 1.0
     """Least time between the centres of any two (s)."""
-    width: tuple[float, float] = (0.05, 0.1)
+    width: Annotated[tuple[float, float], TIME] = (0.05, 0.1)
     """Range of the standard deviations (s)."""
-    amplitude: tuple[float, float] = (0.5, 5.0)
+    amplitude: Annotated[tuple[float, float], TORQUE] = (0.5, 5.0)
     """Range of the absolute amplitudes (N m)."""
 
 
@@ -139,13 +152,18 @@ class RobustnessRules(Timing):
     """The grid of simulations of the robustness score, and the condition of success."""
 
     model: Mapping[str, ModelSweep] = field(default_factory=lambda: dict(MODEL_SWEEPS))
-    velocity_noise: Sweep = Sweep(0.0, 0.5, repetitions=10)
-    torque_noise: Sweep = Sweep(0.0, 1.1, repetitions=10)
+    velocity_noise: Annotated[Sweep, VELOCITY] = Sweep(0.0, 0.5, repetitions=10)
+    torque_noise: Annotated[Sweep, TORQUE] = Sweep(0.0, 1.1, repetitions=10)
     torque_response: Sweep = Sweep(0.1, 2.0)
-    delay: Sweep = Sweep(0.0, 0.04)
+    delay: Annotated[Sweep, TIME] = Sweep(0.0, 0.04)
     perturbations: PushRules = PushRules()
-    tolerance: tuple[float, float, float, float] = (0.35, 0.35, 1.0, 1.0)
+    tolerance: Annotated[tuple[float, ...], *STATE] = (0.35, 0.35, 1.0, 1.0)
     """Success: the last state is strictly within this of upright at rest (rad, rad, rad/s, rad/s)."""
+
+    def in_units(self, scales: Scales) -> "RobustnessRules":
+        """The grid for another pendulum; responses and all counts stay."""
+        model = {name: each.in_units(scales) for name, each in self.model.items()}
+        return replace(scaled(self, scales), model=model)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,7 +178,7 @@ class UptimeRules(Timing):
     """Mean time of the first throw (s). The mean time of the last throw is as long before the end."""
     jitter: float = 1.0
     """Throws come at uniform random times within this of their mean times (s)."""
-    throw_duration: float = 0.2
+    throw_duration: Annotated[float, TIME] = 0.2
     """s"""
     thrower: Thrower = THROWER
     """The PID that throws."""

@@ -14,9 +14,9 @@ from ..loop.draw import draw
 from ..loop.on_plant import loop_around
 from ..plant.plant import PlantLike
 from ..plant.robots import Robot, get_robot
+from ..plant.units import scaled, scales_of
 from .criteria import Criteria, judge, tip_is_up
 from .interval import Interval, share_interval
-from .own_units import sim2real_in_own_units
 from .robot_rules import SIM2REAL_RULES, Sim2RealRules
 from .rollout import Scenario, Trajectory
 from .runner import Progress, prepare, run_many, stack
@@ -124,8 +124,10 @@ def sim2real(
             other robot.
     """
     robot, domain = get_robot(robot), loop_around(plant, domain)
-    rules, every = sim2real_in_own_units(rules, domain, robot), check_seeds(seed, seeds)
-    estimator, controller = has_estimator(controller), prepare(controller, robot, name, domain.known_plant(robot))
+    every, known = check_seeds(seed, seeds), domain.known_plant(robot)
+    if known is not None:
+        rules = scaled(rules, scales_of(known))
+    estimator, controller = has_estimator(controller), prepare(controller, robot, name, known)
     runs: list[Sim2RealRun] = []
     first = None
     for group in in_groups(every, SWINGUPS_AT_ONCE):

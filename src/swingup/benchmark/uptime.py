@@ -18,9 +18,9 @@ from ..loop.domain import Domain, load_domain
 from ..loop.supervisors.throws import Throws
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..plant.robots import Robot, get_robot
+from ..plant.units import scaled, scales_of
 from .criteria import tip_is_up
 from .interval import Interval, mean_interval
-from .own_units import uptime_in_own_units
 from .recording import recorded, stopped_at
 from .robot_minute import recorded_share, robot_minute
 from .rollout import Scenario, Trajectory
@@ -132,7 +132,7 @@ def uptime(
     # What is known of a robot is the plant that its domain starts from.
     nominal = (found if drawn is None else drawn.design_plant).driven(robot)
     estimator, controller = has_estimator(controller), prepare(controller, robot, name, nominal)
-    rules = uptime_in_own_units(rules, robot, found)
+    rules = scaled(rules, scales_of(found.driven(robot)))
     runs: list[_Run] = []
     first = None
     for group in in_groups(every, MINUTES_AT_ONCE):

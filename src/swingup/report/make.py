@@ -6,7 +6,6 @@ from typing import Any
 from ..benchmark.disturbances import make_disturbance
 from ..benchmark.evaluate import evaluate
 from ..benchmark.leaderboard import ENTRANTS, RowProgress, entrants_for, leaderboard
-from ..benchmark.own_units import scaled_pushes
 from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import PushRules
 from ..common.errors import SwingupError
@@ -14,7 +13,7 @@ from ..common.text import one_line
 from ..loop.disturbance import Disturbance
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..plant.robots import Robot, get_robot
-from ..plant.units import scales_of
+from ..plant.units import scaled, scales_of
 from ..policy.shipped import DEFAULT, load_policy
 from .content import Section, Show
 
@@ -120,7 +119,7 @@ def describe_disturbance(seed: int, plant: Plant = LEADERBOARD) -> str:
 def _sizes(plant: Plant) -> tuple[float, float, PushRules]:
     """Noise of velocities and torque, and the pushes, in the units of a plant."""
     scales = scales_of(plant)
-    return VELOCITY_NOISE * scales.velocity, TORQUE_NOISE * scales.torque, scaled_pushes(SHOW_PUSHES, scales)
+    return VELOCITY_NOISE * scales.velocity, TORQUE_NOISE * scales.torque, scaled(SHOW_PUSHES, scales)
 
 
 def thin(trajectory: Trajectory) -> Trajectory:
