@@ -2,12 +2,12 @@
 
 import os
 import signal
+import time
 
 
-def end_of_worker(marker, deaths):
-    """Kill the process that calls this, so many times."""
-    with marker.open("a") as file:
-        file.write("x")
-    if len(marker.read_text()) <= deaths:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return deaths
+def die():
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def sleep(seconds):
+    time.sleep(seconds)

@@ -1,42 +1,42 @@
-"""Sweeps: what is planned, what is not repeated, what resumes, what survives the loss of a worker."""
+"""Sweeps and searches: what is planned, what is not repeated, what goes on, what survives a kill."""
 
 import json
+import math
 import multiprocessing
-import os
+import re
+import shlex
 import shutil
 import signal
 import subprocess
 import sys
-import threading
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-from sweep_jobs import end_of_worker
-from swingup.areapo.config import Config
+import swingup
+from sweep_jobs import die, sleep
 from swingup.areapo.words import format_value
 from swingup.benchmark.interval import bootstrap_interval, interquartile_mean
 from swingup.cli import main
-from swingup.cli.sweeping import rows_as_json, show_variants
 from swingup.common.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.run import Run
 from swingup.learner.run_folder import RunFolder
-from swingup.learner.run_settings import run_settings_from_dict
+from swingup.learner.run_settings import read_run_settings, run_settings_from_dict
 from swingup.learner.start import start_run
-from swingup.sweep.executors import executor_for
+from swingup.sweep import search as search_module
 from swingup.sweep.jobs import Job, JobOutcome, run_jobs, train_one
-from swingup.sweep.plan import parse_grid, plan_jobs
+from swingup.sweep.plan import base_settings, parse_alternatives, plan_jobs, split_assignments
 from swingup.sweep.summary import summarise_variants
+from swingup.sweep.workers import workers_for
 
 SIZES = {"num_envs": [2], "num_steps": [16], "num_epochs": [1], "batch_size": [32]}
 TINY = SIZES | {"policy_layers": [(8,)], "value_layers": [(8,)]}
-BASE = {
-    "robot": None, "env": "CartPole-v1", "preset": "mujoco", "evaluate_every": 64, "checkpoint_every": 128,
-    "evaluation_episodes": 1,
-}  # fmt: skip
+SIZE_WORDS = [f"{name}={format_value(values[0])}" for name, values in TINY.items()]
+INTERVALS = {"evaluate_every": 64, "checkpoint_every": 128, "evaluation_episodes": 1}
+BASE = base_settings("CartPole-v1", **INTERVALS)
 
 
 def jobs_of(out, seeds=(0,), frames=256, **grid):
@@ -46,6 +46,11 @@ def jobs_of(out, seeds=(0,), frames=256, **grid):
 def inline(jobs):
     with ThreadPoolExecutor(1) as executor:
         return run_jobs(jobs, executor)
+
+
+def scores(outcomes):
+    assert [outcome.error for outcome in outcomes] == [""] * len(outcomes)
+    return [outcome.number("score") for outcome in outcomes]
 
 
 def test_a_plan_has_every_combination(tmp_path):
@@ -60,89 +65,53 @@ def test_a_plan_has_every_combination(tmp_path):
     assert jobs[0].variant == "learning_rate=0.001 preset=ppo"
 
 
-@pytest.mark.parametrize(
-    ("grid", "frames", "message"),
-    [
-        (
-            {"preset": ["mujoco", "default"]},
-            None,
-            r"\(mujoco 1,000,000, default 12,000,000 frames\): give --frames",
-        ),
-        ({"temperature": [1.0, 1.0]}, 64, "temperature=1.0/seed-0 would hold 2 runs: give each alternative"),
-        (
-            {"learning_rate": [1e-3 * step for step in range(1, 10_002)]},
-            64,
-            "this sweep has 10,001 runs, of at most",
-        ),
-        ({}, 0, "frames = 0: use a whole number of at least 1"),
-    ],
-)
-def test_plans_that_are_refused(tmp_path, grid, frames, message):
-    with pytest.raises(SwingupError, match=message):
-        plan_jobs(BASE, grid, (0,), tmp_path, frames)
-
-
 def test_words_become_values():
-    words = ["learning_rate=3e-4", "policy-layers=64x64,8", "popart=true", "num_envs=4", "preset=ppo"]
-    words += ["adaptive-reset-cost=auto,false"]
-    grid = parse_grid([*words, "learning_rate=5e-4"])
-    assert grid == {
-        "learning_rate": [3e-4, 5e-4], "policy_layers": [(64, 64), (8,)], "popart": [True], "num_envs": [4],
-        "preset": ["ppo"], "adaptive_reset_cost": ["auto", False],
+    texts = split_assignments(["learning_rate=3e-4", "policy-layers=64x64,8", "preset=ppo", "learning_rate=5e-4"])
+    assert {name: parse_alternatives(name, text) for name, text in texts.items()} == {
+        "learning_rate": [3e-4, 5e-4], "policy_layers": [(64, 64), (8,)], "preset": ["ppo"],
     }  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ("learning_rate", "write NAME=VALUE,VALUE"),
-        ("learnig_rate=3", "unknown hyperparameter 'learnig_rate'; did you mean learning_rate?"),
-        ("presett=ppo", "did you mean preset?"),
-        ("rate=3", "--set 'rate=3': unknown hyperparameter 'rate'"),
-        ("learning_rate=fast", "learning_rate = 'fast': use a number"),
-        ("popart=perhaps", "popart = 'perhaps': use True or False"),
-        ("policy_layers=64-64", "policy_layers = '64-64': use integers such as"),
-    ],
-)
-def test_bad_words(words, message):
-    with pytest.raises(SwingupError, match=message):
-        parse_grid([words])
 
 
 def test_a_sweep_repeats_nothing_and_resumes(tmp_path):
     jobs = jobs_of(tmp_path, seeds=(0, 1))
     first = inline(jobs)
-    assert all(outcome.reward_rate == 1.0 for outcome in first)  # CartPole pays 1 a step
-    assert [outcome.error for outcome in first] == ["", ""]
-    files = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("last.safetensors")}
-    assert len(files) == 2
-    # One run is cut off after its first checkpoint, one killed before it had any.
+    assert [outcome.number("reward_rate") for outcome in first] == [1.0, 1.0]  # CartPole pays 1 a step
+    untouched = Path(jobs[1].folder, "last.safetensors")
+    written = untouched.stat().st_mtime_ns
+    # One run is cut off after its first checkpoint.
     cut = start_run(run_settings_from_dict(jobs[0].settings), tmp_path / "cut", 128)
     list(cut.advance())
     shutil.rmtree(jobs[0].folder)
     shutil.copytree(tmp_path / "cut", jobs[0].folder)
-    again = inline(jobs)
-    assert [(o.score, o.best_score) for o in again] == [(o.score, o.best_score) for o in first]
+    assert [outcome.row["score"] for outcome in inline(jobs)] == scores(first)
     assert read_metrics(f"{jobs[0].folder}/metrics.jsonl")[-1]["frames"] == 256
-    untouched = f"{jobs[1].folder}/last.safetensors"
-    assert all(path.stat().st_mtime_ns == time_ for path, time_ in files.items() if str(path) == untouched)
+    assert untouched.stat().st_mtime_ns == written
+    # Killed before it had a checkpoint.
     for path in (tmp_path / "cut" / "checkpoints").iterdir():
         path.unlink()
     assert train_one(Job("", jobs[0].settings, str(tmp_path / "cut"), 64)).error == ""
 
 
-def test_a_run_that_fails_does_not_stop_the_others(tmp_path):
-    jobs = jobs_of(tmp_path, learning_rate=[1e-3, 1e12], frames=64)
-    (tmp_path / "full").mkdir()
-    good, bad = inline(jobs)
-    assert good.error == ""
-    assert "diverged" in bad.error
-    rows = summarise_variants([good, bad])
-    assert [(row.runs, row.failed) for row in rows] == [(1, 0), (0, 1)]
+def test_a_shorter_sweep_reports_its_own_length(tmp_path):
+    (cut_off,), (short,) = jobs_of(tmp_path, frames=10**9), jobs_of(tmp_path, frames=256)
+    run = start_run(run_settings_from_dict(cut_off.settings), cut_off.folder, cut_off.frames)
+    for report in run.advance():
+        if report.frames >= 128:
+            run.stop()
+    # Not trained on to the goal of the longer sweep.
+    expected = inline(jobs_of(tmp_path / "other", frames=256))
+    assert scores([train_one(short)]) == scores(expected)
+    assert RunFolder(short.folder).newest_frames() == 256
+    # A longer run stays; of it the shorter sweep reports its own length, and no length that was not recorded.
+    longer = train_one(jobs_of(tmp_path, frames=512)[0])
+    assert longer.row["frames"] == 512
+    assert train_one(short).row["frames"] == 256
+    assert scores([train_one(short)]) == scores(expected)
+    assert "stands at 512 already" in train_one(jobs_of(tmp_path, frames=96)[0]).error
 
 
 @pytest.mark.parametrize("raised", [ValueError("no"), OSError(28, "No space left on device")])
-def test_whatever_a_run_raises_is_its_outcome(tmp_path, monkeypatch, raised):
+def test_a_run_that_fails_does_not_stop_the_others(tmp_path, monkeypatch, raised):
     jobs, closed = jobs_of(tmp_path, seeds=(0, 1), frames=64), []
 
     def advance(run):
@@ -153,8 +122,9 @@ def test_whatever_a_run_raises_is_its_outcome(tmp_path, monkeypatch, raised):
     original, close = Run.advance, Run.close
     monkeypatch.setattr(Run, "advance", advance)
     monkeypatch.setattr(Run, "close", lambda run: (closed.append(run), close(run)))
-    bad, good = inline(jobs)
+    bad, good = outcomes = inline(jobs)
     assert (bad.error, good.error) == (f"{type(raised).__name__}: {raised}", "")
+    assert [(row.runs, row.failed) for row in summarise_variants(outcomes)] == [(1, 1)]
     assert len(closed) == 2
 
 
@@ -168,31 +138,34 @@ def test_what_an_executor_raises_is_an_outcome(tmp_path):
     with GivesUp(1) as executor:
         (outcome,) = run_jobs(jobs_of(tmp_path), executor)
     assert outcome.error == "KeyError: 'killed'"
-    assert outcome.score != outcome.score
 
 
-def test_a_finished_run_without_metrics_says_so(tmp_path):
-    (job,) = jobs_of(tmp_path, frames=64)
-    inline([job])
-    (Path(job.folder) / "metrics.jsonl").write_text("")
-    assert "holds no metrics: remove it" in train_one(job).error
-
-
-def test_a_folder_that_another_process_begins_is_left_alone(tmp_path):
+def test_folders_that_are_left_alone(tmp_path):
     (job,) = jobs_of(tmp_path, frames=64)
     with RunFolder(job.folder).exclusive():
-        (Path(job.folder) / "config.json").write_text("theirs")
+        Path(job.folder, "config.json").write_text("theirs")
         assert "another process trains in" in train_one(job).error
-    assert (Path(job.folder) / "config.json").read_text() == "theirs"
+    assert Path(job.folder, "config.json").read_text() == "theirs"
     assert train_one(job).error == ""
+    other = Job("", jobs_of(tmp_path, frames=64, seeds=(5,))[0].settings, job.folder, 64)
+    assert "other settings: choose another --out" in train_one(other).error
+    Path(job.folder, "metrics.jsonl").write_text("")
+    assert "remove it to train again" in train_one(job).error
 
 
-def test_an_interrupted_sweep_begins_nothing_more():
+def test_local_workers_die_alone_and_end_with_an_interrupt():
+    with workers_for(count=2) as pool:
+        dead, alive = pool.executor.submit(die), pool.executor.submit(abs, -3)
+        assert alive.result() == 3
+        assert "abruptly" in str(dead.exception())
+        assert pool.executor.submit(abs, -4).result() == 4
     futures = []
 
     def interrupted():
-        with executor_for(None, 1) as executor:
-            futures.extend(executor.submit(time.sleep, 600) for _ in range(4))
+        with workers_for(count=1) as pool:
+            futures.extend(pool.executor.submit(sleep, 600) for _ in range(3))
+            while not multiprocessing.active_children():
+                time.sleep(0.01)
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -201,99 +174,70 @@ def test_an_interrupted_sweep_begins_nothing_more():
     assert not multiprocessing.active_children()
 
 
-def test_a_local_worker_that_is_killed_takes_nothing_with_it(tmp_path):
-    with executor_for(None, 2) as executor:
-        once, always, never = (
-            executor.submit(end_of_worker, tmp_path / str(deaths), deaths) for deaths in (1, 9, 0)
-        )
-        assert (once.result(), never.result()) == (1, 0)
-        with pytest.raises(SwingupError, match="its worker died 2 times"):
-            always.result()
-        # The processes that are left take further jobs.
-        assert executor.submit(abs, -3).result() == 3
-    assert not multiprocessing.active_children()
+def workers_of(pid):
+    """The worker processes that a process started."""
+    shown = subprocess.run(
+        ["ps", "-ww", "-eo", "pid=,ppid=,args="], capture_output=True, text=True, check=True
+    ).stdout
+    rows = [line.split(None, 2) for line in shown.splitlines()]
+    return [int(row[0]) for row in rows if row[1] == str(pid) and "spawn_main" in row[2]]
+
+
+def is_running(pid):
+    stat = Path(f"/proc/{pid}/stat")
+    return stat.exists() and stat.read_text().rpartition(")")[2].split()[0] != "Z"
 
 
 @pytest.mark.slow
-def test_a_killed_run_resumes_in_a_fresh_worker_and_the_sweep_goes_on(tmp_path):
-    jobs, killed = jobs_of(tmp_path / "killed", seeds=(0, 1, 2), frames=128 * 40), []
-
-    def kill_the_worker():
-        while not list(Path(jobs[0].folder).glob("checkpoints/000000000128.safetensors")):
-            time.sleep(0.01)
-        (worker,) = multiprocessing.active_children()
-        killed.append(worker.pid)
-        os.kill(worker.pid, signal.SIGKILL)
-
-    with executor_for(None, 1) as executor:
-        killer = threading.Thread(target=kill_the_worker)
-        killer.start()
-        outcomes = run_jobs(jobs, executor)
-        killer.join()
-    assert len(killed) == 1
-    assert [outcome.error for outcome in outcomes] == [""] * 3
-    expected = inline(jobs_of(tmp_path / "here", seeds=(0, 1, 2), frames=128 * 40))
-    assert [outcome.score for outcome in outcomes] == [outcome.score for outcome in expected]
-
-
-@pytest.mark.slow
-def test_interrupted_workers_save_their_runs(tmp_path):
-    words = [
-        "--env",
-        "CartPole-v1",
-        "--seeds",
-        "3",
-        "--workers",
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
+@pytest.mark.parametrize(
+    ("number", "search"),
+    [(signal.SIGKILL, False), (signal.SIGTERM, False), (signal.SIGINT, False), (signal.SIGKILL, True)],
+)
+def test_a_command_that_is_killed_takes_its_workers_along_and_goes_on(tmp_path, number, search):
+    words = ["sweep", "--env", "CartPole-v1", "--workers", "2", "--evaluate-every", "64", "--seeds", "2"]
+    words += [
+        "--checkpoint-every",
+        "64",
+        "--evaluation-episodes",
         "1",
-        "--frames",
-        "100000000",
+        "--out",
+        str(tmp_path),
         "--set",
-        "learning_rate=0.001",
+        *SIZE_WORDS,
     ]
-    words += ["--set", *SIZE_WORDS, "--evaluate-every", "64", "--out", str(tmp_path / "s")]
-    process = subprocess.Popen([sys.executable, "-m", "swingup", "sweep", *words])
-    deadline = time.monotonic() + 120
-    while not any(path.stat().st_size for path in tmp_path.rglob("metrics.jsonl")) and time.monotonic() < deadline:
-        time.sleep(0.1)
-    process.send_signal(signal.SIGINT)  # to the command alone, which tells its workers
-    assert process.wait(timeout=60) == 130
-    (metrics,) = tmp_path.rglob("metrics.jsonl")
-    frames = read_metrics(metrics)[-1]["frames"]
-    assert (metrics.parent / "checkpoints" / f"{frames:012d}.safetensors").exists()
-
-
-def test_a_folder_of_other_settings_is_left_alone(tmp_path):
-    job = jobs_of(tmp_path, frames=64)[0]
-    inline([job])
-    other = Job("", jobs_of(tmp_path, frames=64, seeds=(5,))[0].settings, job.folder, 64)
-    assert "other settings: choose another --out" in train_one(other).error
+    words += ["learning_rate=1e-4:1e-2", "--trials", "2", "--frames", "6400"] if search else ["--frames", "6400"]
+    command = [sys.executable, "-m", "swingup", *words]
+    process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    while not any(path.stat().st_size for path in tmp_path.rglob("metrics.jsonl")):
+        assert process.poll() is None
+        time.sleep(0.05)
+    workers = workers_of(process.pid)
+    assert workers
+    process.send_signal(number)  # to the command alone
+    assert process.wait(timeout=5) == (130 if number == signal.SIGINT else -number)
+    deadline = time.monotonic() + 5
+    while any(map(is_running, workers)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not any(map(is_running, workers))
+    checkpoints = {path.parent: RunFolder(path.parent).newest_frames() for path in tmp_path.rglob("checkpoints")}
+    done = subprocess.run([*command, "--json"], capture_output=True, text=True, timeout=200)
+    assert done.returncode == 0, done.stderr
+    assert checkpoints
+    assert [row.get("runs", row.get("state")) for row in json.loads(done.stdout)] == (
+        ["complete", "complete"] if search else [2]
+    )
 
 
 def test_rows_summarise_by_hand():
-    jobs = [Job("a", {"seed": seed}, "", 1) for seed in range(8)]
     # The middle half of 0, 0, 1, 2, 3, 4, 100, 100 is 1, 2, 3, 4.
-    scores = [100.0, 0.0, 3.0, 1.0, 4.0, 2.0, 0.0, 100.0]
-    (row,) = summarise_variants(
-        [JobOutcome(job, score, score + 1.0) for job, score in zip(jobs, scores, strict=True)]
-    )
-    assert (row.score, row.best, row.runs) == (2.5, 3.5, 8)
+    each = [100.0, 0.0, 3.0, 1.0, 4.0, 2.0, 0.0, 100.0]
+    jobs = [Job("a", {"seed": seed}, "", 1) for seed in range(8)]
+    metrics = [{"score": score, "best_score": score + 1.0, "reward_rate": 2.0} for score in each]
+    (row,) = summarise_variants([JobOutcome(*pair) for pair in zip(jobs, metrics, strict=True)])
+    assert (row.score, row.best, row.runs, row.reward_rate) == (2.5, 3.5, 8, 2.0)
     assert row.interval[0] < 2.5 < row.interval[1]
-
-
-def test_rates_of_runs_that_lack_some_are_not_those_of_the_others(capsys):
-    job = Job("a", {"seed": 0}, "", 1)
-    outcomes = [JobOutcome(job, 1.0, 1.0, reward_rate=2.0, resets_per_1000_steps=resets) for resets in (0.5, 1.5)]
-    (row,) = summarise_variants(outcomes)
-    assert (row.reward_rate, row.resets_per_1000_steps) == (2.0, 1.0)
-    (lacking,) = summarise_variants([*outcomes, JobOutcome(job, 1.0, 1.0)])  # read from a file of an older version
-    show_variants([row, lacking])
-    text = capsys.readouterr().out
-    assert "Reward" in text
-    cells = [line.split() for line in text.splitlines()]
-    assert [line[-2:] for line in cells if line[:1] == ["a"]] == [["2", "1"], ["–", "–"]]
-    assert json.loads(rows_as_json([lacking]))[0]["reward_rate"] is None
-    show_variants([lacking])
-    assert "Reward" not in capsys.readouterr().out
+    assert math.isnan(row.resets_per_1000_steps)
 
 
 def test_intervals():
@@ -307,32 +251,22 @@ def test_intervals():
     assert (high - low) / 2 == pytest.approx(0.031, rel=0.3)
 
 
-SIZE_WORDS = [f"{name}={format_value(values[0])}" for name, values in TINY.items()]
-WORDS = ["--set", "learning_rate=0.001,0.0001", "--set", *SIZE_WORDS]
-"""One option names several; given again, it adds to them."""
-
-
 @pytest.mark.slow
 def test_the_command_on_local_processes(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    common = [
-        "sweep",
-        "--env",
-        "CartPole-v1",
-        "--seeds",
-        "2",
-        "--frames",
-        "64",
-        "--evaluation-episodes",
-        "1",
-        *WORDS,
-    ]
-    assert main([*common, "--workers", "1", "--json"]) == 0
+    words = ["sweep", "--env", "CartPole-v1", "--seeds", "2", "--frames", "64", "--evaluation-episodes", "1"]
+    words += ["--set", "learning_rate=0.001,0.0001", "--set", *SIZE_WORDS, "--workers", "1"]
+    assert main([*words, "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert [row["runs"] for row in rows] == [2, 2]
     assert rows[0]["variant"].startswith("learning_rate=0.001 num_envs=2")
     assert json.loads((tmp_path / "sweeps/CartPole-v1-mujoco/sweep.json").read_text()) == rows
+    assert main(words) == 0
+    assert "Reward rate" in capsys.readouterr().out
+
+
+SEARCH = "sweep --env CartPole-v1 --trials 3"
 
 
 @pytest.mark.parametrize(
@@ -341,16 +275,215 @@ def test_the_command_on_local_processes(tmp_path, capsys, monkeypatch):
         ("sweep", "robot = None and env = None: give one of the two"),
         ("sweep acrobot --seeds 2147483648", "this sweep has 2,147,483,648 runs"),
         ("sweep acrobot --seeds 0", "seeds = 0: use a whole number from 1"),
-        ("sweep acrobot --set batch_size=1000", "batch_size = 1000 does not divide"),
-        ("sweep acrobot --set gru_width=8 shared_trunk=true", "gru_width = 8 does not go with the acrobot, whose"),
+        ("sweep acrobot --frames 0", "frames = 0: use a whole number of at least 1"),
         ("sweep acrobot --workers 0", "workers = 0: use a whole number from 1"),
+        ("sweep acrobot --no-pruning", "--no-pruning goes with --trials"),
+        ("sweep acrobot --set learning_rate=1,1 --frames 64", "give each alternative and each seed once"),
+        ("sweep acrobot --set batch_size=1000", "batch_size = 1000 does not divide"),
+        ("sweep acrobot --set num_epochs=1:3", "num_epochs=1:3 is a range: give --trials"),
+        ("sweep acrobot --set learning_rate", "write NAME=VALUE,VALUE"),
+        ("sweep acrobot --set learnig_rate=3", "did you mean learning_rate?"),
+        ("sweep acrobot --set presett=ppo", "did you mean preset?"),
+        ("sweep acrobot --set learning_rate=fast", "learning_rate = 'fast': use a number"),
+        ("sweep acrobot --set policy_layers=64-64", "policy_layers = '64-64': use integers such as"),
+        ("sweep acrobot --set discount=1.5", "discount = 1.5: use a number from 0 to 1"),
+        ("sweep --env CartPole-v1 --set preset=mujoco,default", "give --frames for all of them"),
+        (SEARCH, "nothing varies"),
+        ("sweep acrobot --trials 0 --set num_epochs=1:3", "trials = 0: use a whole number from 1"),
+        (f"{SEARCH} --set num_epochs=1:3 num_epochs=4", "num_epochs = '1:3,4': write LOW:HIGH"),
+        (f"{SEARCH} --set preset=a:b", "unknown preset 'a'"),
+        (f"{SEARCH} --set learning_rate=1e-4:1e-2:lin", "write LOW:HIGH or LOW:HIGH:log"),
+        (f"{SEARCH} --set learning_rate=1e-2:1e-4", "learning_rate = '1e-2:1e-4': "),
+        (f"{SEARCH} --set learning_rate=0:1:log", "learning_rate = '0:1:log': "),
+        (f"{SEARCH} --set learning_rate=fast:1", "learning_rate = 'fast': use a number"),
+        (f"{SEARCH} --set discount=0.9:1.5", "discount = 1.5: use a number from 0 to 1"),
+        (f"{SEARCH} --set activation=relu,tahn", "did you mean tanh?"),
+        (f"{SEARCH} --set n_epochs=1:3", "here it is num_epochs"),
     ],
 )
-def test_bad_sweeps(arguments, message, capsys, tmp_path, monkeypatch):
+def test_bad_sweeps_and_searches(arguments, message, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(arguments.split()) == 2
-    assert message in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert message in error
     assert not list(tmp_path.iterdir())
+
+
+# Searches
+
+SPACE = {"learning_rate": "1e-4:1e-2:log", "num_epochs": "1:9", "policy_layers": "8,16x8"}
+
+
+class StandIn:
+    """Trains in no time: the score is best at a learning rate of 1e-3. It notes what it trained."""
+
+    def __init__(self, cut_off=None):
+        self.trained, self.cut_off = [], cut_off
+
+    def __call__(self, job, is_hopeless):
+        number, settings = trial_of(job), run_settings_from_dict(job.settings)
+        self.trained.append(number)
+        if number == self.cut_off:
+            raise KeyboardInterrupt
+        return JobOutcome(job, {"score": -abs(math.log10(settings.config.learning_rate) + 3.0) + settings.seed})
+
+
+def trial_of(job):
+    return int(Path(job.folder).parent.name.removeprefix("trial-"))
+
+
+@pytest.fixture
+def searched(monkeypatch):
+    pytest.importorskip("optuna")
+
+    class Inline(ThreadPoolExecutor):
+        """Without threads, so that an interrupt of a run is one of the search."""
+
+        def submit(self, function, *arguments):
+            future = Future()
+            try:
+                future.set_result(function(*arguments))
+            except Exception as error:
+                future.set_exception(error)
+            return future
+
+    def run(out, trials, train, space=SPACE, **options):
+        monkeypatch.setattr(search_module, "train_one", train)
+        options = {"frames": 1000, "executor": Inline()} | INTERVALS | options
+        return swingup.search("CartPole-v1", space, trials, out, **options)
+
+    return run
+
+
+def test_the_best_trial_becomes_settings(tmp_path, searched):
+    told = []
+    result = searched(tmp_path, 6, StandIn(), seed=5, progress=told.append)
+    each = [row.score for row in result.rows]
+    assert [row.trial for row in result.rows] == list(range(6))
+    assert told == result.rows
+    best = result.best
+    assert (best.score, best.trial) == (max(each), each.index(max(each)))
+    # The score's formula gives the rate back: the best score is that of the best hyperparameters.
+    rate = best.hyperparameters["learning_rate"]
+    assert best.score == pytest.approx(5.0 - abs(math.log10(rate) + 3.0))
+    assert 1e-4 <= rate <= 1e-2
+    assert best.hyperparameters["policy_layers"] in [(8,), (16, 8)]
+    assert best.command.startswith("swingup train --env CartPole-v1 --preset mujoco --frames 1000 --seed 5 ")
+    assert f"--learning-rate {rate}" in best.command
+    assert json.loads((tmp_path / "best.json").read_text())["command"] == best.command
+    assert [row["score"] for row in json.loads((tmp_path / "search.json").read_text())] == each
+
+
+def test_a_search_that_was_cut_off_goes_on(tmp_path, searched):
+    # Twelve trials: after ten Optuna's suggestions follow from the scores.
+    first, second, third = StandIn(cut_off=3), StandIn(), StandIn()
+    expected = searched(tmp_path / "whole", 12, StandIn())
+    with pytest.raises(KeyboardInterrupt):
+        searched(tmp_path / "cut", 12, first)
+    (tmp_path / "cut" / "best.json").unlink()
+    result = searched(tmp_path / "cut", 12, second)
+    # What had ended is not trained again, and the fourth trial is continued in its folder.
+    assert (first.trained, second.trained) == ([0, 1, 2, 3], list(range(3, 12)))
+    assert result.rows == expected.rows
+    assert json.loads((tmp_path / "cut" / "best.json").read_text())["trial"] == result.best.trial
+    # More trials continue the same search; as many as there are train nothing.
+    assert searched(tmp_path / "cut", 12, third).rows == expected.rows
+    assert third.trained == []
+    assert len(searched(tmp_path / "cut", 13, third).rows) == 13
+
+
+@pytest.mark.parametrize("pruning", [True, False])
+def test_trials_below_the_median_are_cut_short(tmp_path, searched, pruning):
+    """Five trials first; then one that is worse half way, and one that is better."""
+    cut_short = []
+
+    def train(job, is_hopeless):
+        middle = {5: 0.0, 6: 2.0}.get(trial_of(job), 1.0)
+        for frames, score in (
+            (99, -9.0),
+            (500, middle),
+            (550, -9.0),
+        ):  # a tenth is 100 frames; its first score counts
+            if is_hopeless({"frames": frames, "score": score}):
+                cut_short.append((trial_of(job), frames))
+                return JobOutcome(job, {"score": middle}, pruned=True)
+        assert not is_hopeless({"frames": 1000, "score": -9.0})
+        return JobOutcome(job, {"score": 3.0})
+
+    result = searched(tmp_path, 7, train, pruning=pruning)
+    sixth = ("pruned", 0.0) if pruning else ("complete", 3.0)
+    assert cut_short == ([(5, 500)] if pruning else [])
+    assert [(row.state, row.score) for row in result.rows] == [("complete", 3.0)] * 5 + [sixth, ("complete", 3.0)]
+
+
+def test_trials_that_fail(tmp_path, searched):
+    result = searched(tmp_path / "a", 8, StandIn(), {"batch_size": "128,1000"})
+    for row in result.rows:
+        assert ("does not divide a rollout" in row.error) is (row.state == "fail") is ("1000" in row.settings)
+    assert {row.state for row in result.rows} == {"complete", "fail"}
+    errors = ["", "training diverged"]
+    result = searched(tmp_path / "b", 2, lambda job, _: JobOutcome(job, {"score": None}, errors[trial_of(job)]))
+    assert [row.error for row in result.rows] == ["scores = [nan]: leave out runs without a score", errors[1]]
+    assert result.best is None
+    assert json.loads((tmp_path / "b" / "search.json").read_text())[0]["score"] is None
+
+
+def test_the_score_of_a_trial_is_that_of_its_seeds(tmp_path, searched):
+    (row,) = searched(tmp_path, 1, StandIn(), seeds=2).rows
+    rate = float(re.search("learning_rate=([^ ]*)", row.settings)[1])
+    # The seeds 0 and 1 are added to the stand-in's score: their mean is 0.5.
+    assert row.score == pytest.approx(0.5 - abs(math.log10(rate) + 3.0))
+
+
+def test_searches_that_are_refused(tmp_path, searched, monkeypatch):
+    def refused(message, space=SPACE, **options):
+        with pytest.raises(SwingupError, match=message):
+            searched(tmp_path, 2, StandIn(), space, **options)
+
+    searched(tmp_path, 1, StandIn())
+    refused(r"other settings \(set num_epochs, frames\): choose", SPACE | {"num_epochs": "1:8"}, frames=999)
+    refused("a search with other settings", preset="ppo")
+    with RunFolder(tmp_path).exclusive():
+        refused("another process trains in")
+    storage = tmp_path / "study.db"
+    whole = storage.read_bytes()
+    for content in (b"no database", whole[:5000], whole.replace(b"CREATE TABLE", b"CREATE TABEL")):
+        storage.write_bytes(content)
+        refused(r"cannot read .*study\.db .*: restore it, or choose another --out")
+    refused("nothing varies", ["learning_rate"])
+    refused(r"seed = 1\.5", seed=1.5)
+    with pytest.raises(SwingupError, match="name a Gymnasium id"):
+        swingup.search(lambda: None, SPACE, 1, tmp_path)
+    monkeypatch.setitem(sys.modules, "optuna", None)
+    refused(r"a search needs Optuna: pip install 'swingup\[optuna\]'")
+
+
+@pytest.mark.slow
+def test_the_command_searches_goes_on_and_its_best_settings_train(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    words = ["sweep", "--env", "CartPole-v1", "--frames", "256", "--evaluate-every", "64", "--workers", "2"]
+    words += ["--evaluation-episodes", "1", "--set", *SIZE_WORDS, "learning_rate=1e-4:1e-2:log"]
+    assert main([*words, "--trials", "2"]) == 0
+    assert "2 trials complete, 0 pruned, 0 failed" in capsys.readouterr().out
+    folder = tmp_path / "searches" / "CartPole-v1-mujoco"
+    written = {path: path.stat().st_mtime_ns for path in folder.rglob("last.safetensors")}
+    assert len(written) == 2
+    assert main([*words, "--trials", "3", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [(row["trial"], row["state"]) for row in rows] == [(0, "complete"), (1, "complete"), (2, "complete")]
+    assert all(path.stat().st_mtime_ns == then for path, then in written.items())
+    best = json.loads((folder / "best.json").read_text())
+    assert main([*shlex.split(best["command"])[1:], "--out", "again"]) == 0
+    # The command's run is the trial's, bit for bit.
+    again, seed = tmp_path / "again", Path(best["folder"]) / "seed-0"
+    assert read_run_settings(again)[0] == read_run_settings(seed)[0]
+    rows = [read_metrics(run / "metrics.jsonl") for run in (again, seed)]
+    assert [row["score"] for row in rows[0]] == [row["score"] for row in rows[1]]
+
+
+# Dask
 
 
 @pytest.fixture
@@ -378,7 +511,6 @@ def cluster(tmp_path):
 @pytest.mark.filterwarnings("default")
 def test_a_dask_worker_is_killed_and_no_run_is_lost(cluster, tmp_path):
     address, workers = cluster
-    jobs = jobs_of(tmp_path / "dask", seeds=(0, 1, 2, 3), frames=128 * 6)
     killed = []
 
     def kill_one(outcome):
@@ -386,29 +518,19 @@ def test_a_dask_worker_is_killed_and_no_run_is_lost(cluster, tmp_path):
             killed.append(workers[0].pid)
             workers[0].kill()
 
-    with executor_for(address, None) as executor:
-        outcomes = run_jobs(jobs, executor, kill_one)
+    with workers_for(address) as pool:
+        assert pool.count == 2
+        outcomes = run_jobs(jobs_of(tmp_path / "dask", (0, 1, 2, 3), 128 * 6), pool.executor, kill_one)
     assert killed
-    assert [outcome.error for outcome in outcomes] == [""] * 4
-    expected = inline(jobs_of(tmp_path / "here", seeds=(0, 1, 2, 3), frames=128 * 6))
-    assert [outcome.score for outcome in outcomes] == [outcome.score for outcome in expected]
+    assert scores(outcomes) == scores(inline(jobs_of(tmp_path / "here", (0, 1, 2, 3), 128 * 6)))
+    space = {"learning_rate": "1e-4:1e-2:log"} | {name: format_value(values[0]) for name, values in TINY.items()}
+    result = swingup.search("CartPole-v1", space, 2, tmp_path / "s", frames=256, scheduler=address, **INTERVALS)
+    assert [row.state for row in result.rows] == ["complete", "complete"]
 
 
 def test_no_scheduler_there(monkeypatch):
     distributed = pytest.importorskip("distributed")
     patient = distributed.Client
     monkeypatch.setattr(distributed, "Client", lambda address, timeout: patient(address, timeout=timeout / 10))
-    with (
-        pytest.raises(SwingupError, match="no Dask scheduler answers"),
-        executor_for("tcp://127.0.0.1:1", None),
-    ):
+    with pytest.raises(SwingupError, match="no Dask scheduler answers"), workers_for("tcp://127.0.0.1:1"):
         pass
-
-
-def test_settings_travel(tmp_path):
-    """A job's settings are JSON values, from which the same settings come back."""
-    job = jobs_of(tmp_path)[0]
-    settings = run_settings_from_dict(json.loads(json.dumps(job.settings)))
-    assert settings.as_dict() == job.settings
-    assert settings.config.policy_layers == (8,)
-    assert isinstance(settings.config, Config)

@@ -14,7 +14,7 @@ from swingup.learner import cores
 def test_as_many_cores_as_share_the_seeds_evenly(monkeypatch, seeds, there, expected):
     asked = {}
     monkeypatch.setattr(jax.config, "update", lambda name, value: asked.update({name: value}))
-    monkeypatch.setattr(os, "cpu_count", lambda: there)
+    monkeypatch.setattr(cores, "cores", lambda: there)
     monkeypatch.setenv("XLA_FLAGS", "")
     cores.share_cores(seeds)
     dispatch = {"jax_cpu_enable_async_dispatch": False}
@@ -23,7 +23,7 @@ def test_as_many_cores_as_share_the_seeds_evenly(monkeypatch, seeds, there, expe
 
 def test_the_users_number_of_devices_stays(monkeypatch):
     monkeypatch.setattr(jax.config, "update", lambda *_: pytest.fail("the configuration was changed"))
-    monkeypatch.setattr(os, "cpu_count", lambda: 8)
+    monkeypatch.setattr(cores, "cores", lambda: 8)
     monkeypatch.setenv("XLA_FLAGS", "--xla_force_host_platform_device_count=2")
     cores.share_cores(4)
 
@@ -37,7 +37,7 @@ def test_after_the_first_computation_nothing_changes():
 
 @pytest.mark.slow
 def test_a_program_trains_on_the_cores_that_it_asked_for():
-    program = "import os; os.cpu_count = lambda: 2\nfrom swingup.learner.cores import share_cores\nshare_cores(4)\n"
+    program = "from swingup.learner import cores\ncores.cores = lambda: 2\ncores.share_cores(4)\n"
     program += "import jax; print(jax.device_count())"
     environment = os.environ | {"XLA_FLAGS": "", "JAX_PLATFORMS": "cpu"}
     shown = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True)

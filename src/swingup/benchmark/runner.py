@@ -2,7 +2,6 @@
 
 import functools
 import logging
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..common.cores import cores
 from ..common.errors import SwingupError
 from ..common.foreign import blaming
 from ..controllers.baselines.switch import AbstractExpensiveController
@@ -222,12 +222,6 @@ def _run_compiled(
 
 def _not_finite(step: int, dt: float) -> str:
     return f"it gave a torque that is not finite at t = {step * dt:g} s: correct it there"
-
-
-def cores() -> int:
-    """Cores that this process may use."""
-    affinity = getattr(os, "sched_getaffinity", None)  # not on every system
-    return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
 def _is_sparing(controller: AbstractController[Any]) -> bool:

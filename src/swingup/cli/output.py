@@ -4,17 +4,24 @@ import contextlib
 import json
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
+from rich.measure import Measurement
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
 
 from ..benchmark.leaderboard import RowProgress
 
 SECONDS_BETWEEN_LINES = 10.0
 """Between lines of progress where there is no terminal for a bar."""
+
+
+WIDEST = 1000
+"""No table needs more columns of text than this."""
 
 
 def printable(text: str) -> str:
@@ -26,6 +33,26 @@ def tell(*lines: str) -> None:
     """Print lines of results; names in them may come from anywhere."""
     for line in lines:
         print(printable(line))
+
+
+def log(line: str) -> None:
+    """Print a line of progress, which is not a result, on standard error."""
+    print(printable(line), file=sys.stderr, flush=True)
+
+
+def show_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Print a table with words in its first column and numbers in the others."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    table.add_column(headings[0], no_wrap=True)
+    for heading in headings[1:]:
+        table.add_column(heading, justify="right", no_wrap=True)
+    for row in rows:
+        table.add_row(*map(escape, row))
+    console = Console()
+    if not console.is_terminal:  # a file or a pipe has no width to keep to
+        console.width = WIDEST
+        console.width = Measurement.get(console, console.options, table).maximum
+    console.print(table)
 
 
 def tell_json(result: Mapping[str, Any], indent: int | None = None) -> None:

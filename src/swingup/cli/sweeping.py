@@ -1,33 +1,30 @@
-"""The command ``sweep``: many runs, one table."""
+"""The command ``sweep``: many runs and one table, or a search with Optuna."""
 
-import dataclasses
-import json
 import math
+from dataclasses import asdict
+from pathlib import Path
 from typing import Annotated, Any
 
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 from tyro.conf import UseAppendAction, arg
 
-from ..common.arrays import finite
 from ..common.checks import whole_number
 from ..common.errors import SwingupError
-from ..common.files import make_folder, write_atomically
+from ..common.files import write_atomically
 from ..learner.rates import shown_rate
-from ..sweep.executors import executor_for
+from ..learner.run_folder import RunFolder
+from ..plant.robots import get_robot
 from ..sweep.jobs import JobOutcome, run_jobs
-from ..sweep.plan import parse_grid, plan_jobs
-from ..sweep.search_plan import plan_search
-from ..sweep.space import parse_space
-from ..sweep.summary import VariantRow, summarise_variants
+from ..sweep.plan import base_settings, parse_alternatives, plan_jobs, split_assignments
+from ..sweep.search import SearchResult, TrialRow, search
+from ..sweep.summary import VariantRow, as_json, summarise_variants
+from ..sweep.workers import workers_for
 from .arguments import NO_PLANT, PlantFlags, RobotOrNone
-from .searching import show_search
-from .training import default_options
+from .output import log, show_table, tell
 
-RATE_HEADINGS = ("Reward rate", "Resets per 1,000 steps")
-"""Columns of tasks that are judged by episodes: of the last policies' evaluations."""
+TRIALS_SHOWN = 10
+"""Trials in the table: the best ones."""
+ENDED = {"pruned": "pruned", "fail": "failed"}
+"""Optuna's states of trials without a score, in words."""
 
 Assignments = Annotated[
     UseAppendAction[tuple[tuple[str, ...], ...]],
@@ -67,19 +64,17 @@ def sweep(
     With --trials Optuna suggests the settings, from ranges and alternatives. best.json then has the best.
 
     Args:
-        robot: the robot; none with --env.
+        robot: the robot; leave it out with --env.
         env: Gymnasium id of another task.
-        assignments: what varies, such as learning_rate=3e-4,5e-4 policy_layers=64x64,128x128; with --trials also
-            ranges, such as learning_rate=1e-4:1e-2:log num_epochs=2:20.
+        assignments: what varies, such as learning_rate=3e-4,5e-4 policy_layers=64x64,128x128.
         preset: named settings that the runs share.
         trials: search with so many trials instead, those of earlier calls included; needs swingup[optuna].
         no_pruning: with --trials, train all runs to their end, also those that are worse than the median.
-        seeds: seeds of each combination, default 8; of each trial, default 1.
+        seeds: seeds per setting (default 8; with --trials 1).
         seed: the first seed.
         frames: frames of each run; default: the preset's.
         out: folder of the sweep; default sweeps/ROBOT-PRESET, or searches/ROBOT-PRESET with --trials.
-        workers: local processes; default one for every two cores. With --scheduler and --trials: runs side by
-            side.
+        workers: runs side by side; default one for every two cores.
         scheduler: address of a Dask scheduler to run on instead; it needs to see the same files.
         plant: the pendulum to train on, in whose units the task is.
         evaluate_every: frames between evaluations; default as for train.
@@ -87,57 +82,63 @@ def sweep(
         evaluation_episodes: episodes of an evaluation with --env; default 5.
         json: print JSON instead of the table.
     """
-    if seeds is not None:
-        whole_number("seeds", seeds, 1, 2**32)
-    options: dict[str, Any] = {"robot": robot, "env": env, "preset": preset, "evaluate_every": evaluate_every}
-    options |= {"checkpoint_every": checkpoint_every, "evaluation_episodes": evaluation_episodes}
-    options["plant"] = plant.make()
-    base = default_options(options)
+    if (robot is None) == (env is None):
+        raise SwingupError(f"robot = {robot!r} and env = {env!r}: give one of the two")
+    task = env or get_robot(str(robot)).name
+    given: dict[str, Any] = {"preset": preset, "plant": plant.make(), "evaluate_every": evaluate_every}
+    given |= {"checkpoint_every": checkpoint_every, "evaluation_episodes": evaluation_episodes}
+    base = base_settings(task, **given)
     # Ids of Gymnasium environments may contain slashes.
-    name = f"{str(robot or env).replace('/', '-')}-{base['preset']}"
-    given = [word for words in assignments for word in words]
+    name = f"{task.replace('/', '-')}-{base['preset']}"
+    texts = split_assignments([word for words in assignments for word in words])
+
+    def tell_run(run: JobOutcome) -> None:
+        log(f"{run.job.variant} seed {run.job.settings['seed']}: {run.error or format(run.number('score'), '.6g')}")
+
+    def tell_trial(row: TrialRow) -> None:
+        outcome = row.error or ("pruned" if row.state == "pruned" else f"{row.score:.6g}")
+        log(f"trial {row.trial}, {row.settings}: {outcome}")
+
     if trials is not None:
-        plan = plan_search(base, parse_space(given), out or f"searches/{name}", frames, seed, seeds or 1)
-        return show_search(plan, trials, not no_pruning, scheduler, workers, json)
+        result = search(
+            task, texts, trials, out or f"searches/{name}", frames=frames, seed=seed,
+            seeds=1 if seeds is None else seeds, pruning=not no_pruning, workers=workers, scheduler=scheduler,
+            progress=tell_trial, **given,
+        )  # fmt: skip
+        print(as_json([asdict(row) for row in result.rows]).decode(), end="") if json else _show_search(result)
+        return 0 if result.best is not None else 1
     if no_pruning:
         raise SwingupError("--no-pruning goes with --trials: a sweep trains all runs to their end")
-    folder = out or f"sweeps/{name}"
-    jobs = plan_jobs(base, parse_grid(given), range(seed, seed + (seeds or 8)), folder, frames)
-    console = Console(stderr=True)
-
-    def tell(outcome: JobOutcome) -> None:
-        name = f"{outcome.job.variant} seed {outcome.job.settings['seed']}".strip()
-        console.print(escape(f"{name}: {outcome.error or f'{outcome.score:.6g}'}"), soft_wrap=True, highlight=False)
-
-    with executor_for(scheduler, workers) as executor:
-        make_folder(folder)
-        rows = summarise_variants(run_jobs(jobs, executor, tell))
-    # In a function of its own: here the option json hides the module.
-    text = rows_as_json(rows)
-    write_atomically(f"{folder}/sweep.json", (text + "\n").encode())
-    if json:
-        print(text)
-    else:
-        show_variants(rows)
+    grid = {each: parse_alternatives(each, text) for each, text in texts.items()}
+    number = whole_number("seeds", 8 if seeds is None else seeds, 1, 2**32)
+    folder = Path(out or f"sweeps/{name}")
+    jobs = plan_jobs(base, grid, range(seed, seed + number), folder, frames)
+    with workers_for(scheduler, workers) as pool, RunFolder(folder).exclusive():
+        rows = summarise_variants(run_jobs(jobs, pool.executor, tell_run))
+        content = as_json([asdict(row) for row in rows])
+        write_atomically(folder / "sweep.json", content)
+    print(content.decode(), end="") if json else _show_variants(rows)
     return 1 if any(row.failed for row in rows) else 0
 
 
-def rows_as_json(rows: list[VariantRow]) -> str:
-    """One list of rows."""
-    return json.dumps(finite([dataclasses.asdict(row) for row in rows]), indent=2)
-
-
-def show_variants(rows: list[VariantRow]) -> None:
-    """Print one line a variant."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    table.add_column("Settings", no_wrap=True)
-    # Tasks that are not judged by episodes have no rates, and neither have runs of older versions.
+def _show_variants(rows: list[VariantRow]) -> None:
+    # Only tasks that are judged by episodes have rates.
     rated = any(not math.isnan(row.reward_rate) for row in rows)
-    for heading in ("Runs", "Score (IQM)", "95 % interval", "Best", *(RATE_HEADINGS if rated else ())):
-        table.add_column(heading, justify="right")
+    headings = ["Settings", "Runs", "Score (IQM)", "95 % interval", "Best"]
+    cells = []
     for row in rows:
         low, high = row.interval
-        cells = (str(row.runs), f"{row.score:.4g}", f"{low:.4g} to {high:.4g}", f"{row.best:.4g}")
-        rates = (shown_rate(row.reward_rate), shown_rate(row.resets_per_1000_steps))
-        table.add_row(escape(row.variant or "as the preset has it"), *cells, *(rates if rated else ()))
-    Console().print(table)
+        cells.append([row.variant or "as the preset has it", str(row.runs), f"{row.score:.4g}"])
+        cells[-1] += [f"{low:.4g} to {high:.4g}", f"{row.best:.4g}"]
+        cells[-1] += [shown_rate(row.reward_rate), shown_rate(row.resets_per_1000_steps)] if rated else []
+    show_table(headings + (["Reward rate", "Resets per 1,000 steps"] if rated else []), cells)
+
+
+def _show_search(result: SearchResult) -> None:
+    complete = sorted((row for row in result.rows if row.state == "complete"), key=lambda row: -row.score)
+    cells = [[row.settings, str(row.trial), f"{row.score:.4g}"] for row in complete[:TRIALS_SHOWN]]
+    show_table(["Settings", "Trial", "Score"], cells)
+    counts = [f"{sum(row.state == state for row in result.rows)} {word}" for state, word in ENDED.items()]
+    tell(f"{len(complete)} trials complete, {', '.join(counts)}")
+    if result.best is not None:
+        tell("The best one again, with another --seed or more --frames:", result.best.command)

@@ -5,6 +5,8 @@ import os
 
 import jax
 
+from ..common.cores import cores
+
 COUNT_FLAG = "xla_force_host_platform_device_count"
 
 
@@ -18,7 +20,7 @@ def share_cores(seeds: int) -> None:
     has one for each core. With asynchronous dispatch, programs on one device, such as evaluations, hold these
     threads, too; without it they run in the thread that calls them.
     """
-    count = max(each for each in range(1, (os.cpu_count() or 1) + 1) if seeds % each == 0)
+    count = max(each for each in range(1, cores() + 1) if seeds % each == 0)
     if count == 1 or COUNT_FLAG in os.environ.get("XLA_FLAGS", ""):
         return
     with contextlib.suppress(RuntimeError):

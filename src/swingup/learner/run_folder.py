@@ -82,6 +82,10 @@ class RunFolder:
         """Whether there is a checkpoint to continue from."""
         return bool(self._checkpoints())
 
+    def newest_frames(self, default: int = 0) -> int:
+        """The frames of the newest checkpoint; ``default`` without one."""
+        return max((int(path.stem) for path in self._checkpoints()), default=default)
+
     def load_checkpoint(self, like: Any) -> tuple[Any, dict[str, Any]]:
         """Read the newest checkpoint.
 
@@ -109,7 +113,7 @@ class RunFolder:
         """
         with self.exclusive():
             # Between the reading and the lock another process may have trained here.
-            newest = max((int(path.stem) for path in self._checkpoints()), default=frames)
+            newest = self.newest_frames(frames)
             if newest > frames:
                 raise SwingupError(
                     f"{self.path} has moved on to {newest} frames: continue it with --resume {self.path}"

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from ..areapo.networks import Actor
 from ..benchmark.rollout import Scenario, simulate
 from ..benchmark.rules import PERFORMANCE_RULES
-from ..benchmark.runner import cores
+from ..common.cores import cores
 from ..common.types import Scalar, State
 from ..controllers.interface.controller import AbstractController
 from ..controllers.stack.controller import PolicyController
@@ -71,14 +71,15 @@ class AnalyticPolicyGradient:
         self._settings = settings
         self._optimiser = _optimiser(settings)
         self._apply = jax.jit(self._updated)
-        self._parts = cores() if jax.default_backend() == "cpu" else 1
         actor = single_precision(controller.policy.actor)
         self.state = OptimisationState(actor, self._optimiser.init(actor))
 
     def step(self, episodes: EpisodeBatch) -> Measures:
         """Take one step, and return the episodes' measures (leading axis: episode)."""
         # One compiled batch keeps one core busy; threads share the batch out.
-        cuts = np.linspace(0, len(episodes.x0), self._parts + 1).astype(int)
+        number = len(episodes.x0)
+        parts = min(cores(), number) if jax.default_backend() == "cpu" else 1
+        cuts = np.linspace(0, number, parts + 1).astype(int)
         pieces = [slice(*ends) for ends in itertools.pairwise(cuts)]
 
         def run(piece: slice) -> tuple[tuple[Scalar, Measures], Actor]:
@@ -86,7 +87,7 @@ class AnalyticPolicyGradient:
             gradient = _gradient(self.state.actor, self._controller, x0, self._settings, self._plant)
             return jax.block_until_ready(gradient)
 
-        with ThreadPoolExecutor(self._parts) as pool:
+        with ThreadPoolExecutor(parts) as pool:
             results = list(pool.map(run, pieces))
         # Parts may differ by an episode: each mean counts by its share of the batch.
         shares = np.diff(cuts) / cuts[-1]

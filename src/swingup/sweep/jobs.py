@@ -2,26 +2,21 @@
 
 import contextlib
 import math
-import signal
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, field
 from typing import Any
 
 from ..common.errors import SwingupError
-from ..common.files import write_atomically
 from ..common.text import one_line
 from ..learner.metrics import METRICS_FILE, read_metrics
-from ..learner.rates import RESETS, REWARD_RATE
 from ..learner.run import Run
 from ..learner.run_folder import RunFolder
-from ..learner.run_settings import read_run_settings, run_settings_from_dict
+from ..learner.run_settings import RunSettings, read_run_settings, run_settings_from_dict
 from ..learner.start import resume_run, start_run
-from .signals import in_progress
 
-PRUNED = "pruned"
-"""An empty file in a run's folder that asks for the run's end."""
+Row = Mapping[str, Any]
+"""A row of a run's metrics."""
 
 
 @dataclass(frozen=True)
@@ -40,17 +35,17 @@ class JobOutcome:
     """The result of a job."""
 
     job: Job
-    score: float
-    """Score of the last policy."""
-    best_score: float
+    row: Row = field(default_factory=dict)
+    """The last metrics of the run."""
     error: str = ""
     """The reason why there is no score; empty where there is one."""
-    reward_rate: float = math.nan
-    """Of the last policy's evaluation; NaN where the score is none of episodes."""
-    resets_per_1000_steps: float = math.nan
-    """Likewise."""
     pruned: bool = False
-    """Whether the run was ended early, since a search expects no more from it."""
+    """Whether the run was ended early, since a search expects no more of it."""
+
+    def number(self, name: str) -> float:
+        """One of the last metrics; NaN where it was not recorded."""
+        value = self.row.get(name)
+        return math.nan if value is None else float(value)
 
 
 def run_jobs(
@@ -62,89 +57,78 @@ def run_jobs(
         jobs: the jobs.
         executor: a process pool, Dask's ``Client.get_executor()``, submitit's, or any other.
         progress: called with each outcome as it comes.
-
-    Raises:
-        SwingupError: the executor lost its workers; the same sweep continues from the checkpoints.
     """
-    futures = {executor.submit(train_one, job): index for index, job in enumerate(jobs)}
-    outcomes: dict[int, JobOutcome] = {}
+    futures = {executor.submit(train_one, job): job for job in jobs}
+    outcomes: dict[str, JobOutcome] = {}
     for future in as_completed(futures):
-        outcomes[futures[future]] = outcome = outcome_of(future, jobs[futures[future]])
+        job = futures[future]
+        outcomes[job.folder] = outcome = _outcome(future, job)
         if progress is not None:
             progress(outcome)
-    return [outcomes[index] for index in sorted(outcomes)]
+    return [outcomes[job.folder] for job in jobs]
 
 
-def outcome_of(future: Future[JobOutcome], job: Job) -> JobOutcome:
-    """The outcome of a job that has ended on an executor.
+def train_one(job: Job, is_hopeless: Callable[[Row], bool] | None = None) -> JobOutcome:
+    """Run one job, or the rest of it, in the calling process; errors become part of the outcome.
 
-    Raises:
-        SwingupError: the executor lost its workers.
+    Args:
+        job: the job.
+        is_hopeless: called with the metrics of each evaluation; the run ends early once it returns true.
     """
     try:
-        return future.result()
-    except BrokenExecutor as error:
-        raise SwingupError("a worker of the sweep died: give the same command again, it goes on") from error
-    except Exception as error:  # train_one returns its errors: this one is the executor's
-        return _failed(job, error)
-
-
-def train_one(job: Job) -> JobOutcome:
-    """Run one job, or the rest of it, in the calling process; errors become part of the outcome."""
-    try:
-        with contextlib.closing(_open(job)) as run:
-            in_progress.append(run)
-            try:
-                for _ in run.advance():
-                    if is_pruned(job):
+        folder, settings = RunFolder(job.folder), run_settings_from_dict(job.settings)
+        row, pruned = _row_at_end(folder, settings, job.frames), False
+        if row is None:
+            with contextlib.closing(_open(folder, settings, job.frames)) as run:
+                for report in run.advance():
+                    row = report.rows[0]
+                    if is_hopeless is not None and is_hopeless(row):
                         run.stop()
-            finally:
-                in_progress.remove(run)
-        early = run.frames < job.frames
-        # A signal stopped it in a local worker, which ends now that the run is saved.
-        if early and not is_pruned(job):
-            signal.raise_signal(signal.SIGTERM)
-        rows = read_metrics(Path(job.folder) / METRICS_FILE)
-        if not rows:
-            raise SwingupError(f"{job.folder} holds no metrics: remove it to train again")
-        last = rows[-1]
-        scores = _number(last["score"]), _number(last["best_score"])
-        # A file of an older version, and one of the pendulum, has no rates.
-        return JobOutcome(job, *scores, "", _number(last.get(REWARD_RATE)), _number(last.get(RESETS)), early)
+                        pruned = True
+        if row is None:
+            raise SwingupError(f"{folder} is complete but its metrics are not: remove it to train again")
+        return JobOutcome(job, row, pruned=pruned)
     except Exception as error:
-        return _failed(job, error)
+        return JobOutcome(job, error=describe_error(error))
 
 
-def prune(job: Job) -> None:
-    """Ask for the end of a job, on whatever worker it runs, after the chunk in progress."""
-    write_atomically(Path(job.folder) / PRUNED, b"")
+def describe_error(error: BaseException) -> str:
+    """Why a run has no score."""
+    if isinstance(error, BrokenExecutor):
+        return "its worker died (was memory short?): the same command continues it"
+    return str(error) if isinstance(error, SwingupError) else f"{type(error).__name__}: {one_line(error)}"
 
 
-def is_pruned(job: Job) -> bool:
-    """Whether the end of a job was asked for."""
-    return (Path(job.folder) / PRUNED).exists()
+def _outcome(future: Future[JobOutcome], job: Job) -> JobOutcome:
+    try:
+        return future.result()
+    except Exception as error:  # train_one returns its errors: this one is the executor's
+        return JobOutcome(job, error=describe_error(error))
 
 
-def _failed(job: Job, error: Exception) -> JobOutcome:
-    words = str(error) if isinstance(error, SwingupError) else f"{type(error).__name__}: {one_line(error)}"
-    return JobOutcome(job, float("nan"), float("nan"), words)
+def _row_at_end(folder: RunFolder, settings: RunSettings, frames: int) -> Row | None:
+    """The metrics after so many frames of a run that got there, and perhaps further; None if it has to be trained.
+
+    Raises:
+        SwingupError: the folder holds a run with other settings, or its metrics cannot be read.
+    """
+    if not folder.has_checkpoint():
+        return None
+    if read_run_settings(folder.path)[0] != settings:
+        raise SwingupError(f"{folder} holds a run with other settings: choose another --out")
+    path, rollout = folder.path / METRICS_FILE, settings.config.rollout_size
+    end = math.ceil(frames / rollout) * rollout
+    # Metrics are written before their checkpoint: a run that was killed between the two has to go on.
+    if folder.newest_frames() < end or not path.exists():
+        return None
+    return next((row for row in read_metrics(path) if row["frames"] == end), None)
 
 
-def _open(job: Job) -> Run:
+def _open(folder: RunFolder, settings: RunSettings, frames: int) -> Run:
     """A new run, or the one in the folder from its checkpoint."""
-    folder, settings = RunFolder(job.folder), run_settings_from_dict(job.settings)
     # Two workers must not start the same run. Training then takes the lock itself.
     with folder.exclusive():
         if not folder.has_checkpoint():
             folder.clear()  # killed before its first checkpoint
-            return start_run(settings, folder.path, job.frames)
-    if read_run_settings(folder.path)[0].as_dict() != job.settings:
-        raise SwingupError(f"{folder} holds a run with other settings: choose another --out")
-    run = resume_run(folder.path)
-    if run.frames < job.frames:
-        run.extend(job.frames - run.frames)
-    return run
-
-
-def _number(value: float | None) -> float:
-    return float("nan") if value is None else float(value)
+            return start_run(settings, folder.path, frames)
+    return resume_run(folder.path, frames)

@@ -1,31 +1,35 @@
 """The table of a sweep: one row for each variant, over its seeds."""
 
+import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from ..benchmark.interval import Interval, bootstrap_interval, interquartile_mean
+from ..common.arrays import finite
+from ..learner.rates import RESETS, REWARD_RATE
 from .jobs import JobOutcome
 
 
 @dataclass(frozen=True)
 class VariantRow:
-    """A variant's runs."""
+    """A variant's runs; each number is an interquartile mean, or NaN where a run lacks it."""
 
     variant: str
     runs: int
     """Runs with a score."""
     failed: int
     score: float
-    """Interquartile mean of the last scores."""
+    """Mean of the last scores."""
     interval: Interval
     """Its 95 % bootstrap interval."""
     best: float
-    """Interquartile mean of the best scores."""
+    """Mean of the best scores."""
     reward_rate: float
-    """Interquartile mean of the last policies' reward rates; NaN where none was recorded."""
+    """Mean of the last policies' reward rates."""
     resets_per_1000_steps: float
-    """Likewise of their resets per 1,000 steps."""
+    """Mean of the last policies' resets."""
 
 
 def summarise_variants(outcomes: Sequence[JobOutcome]) -> list[VariantRow]:
@@ -33,24 +37,21 @@ def summarise_variants(outcomes: Sequence[JobOutcome]) -> list[VariantRow]:
     rows = []
     for variant in dict.fromkeys(outcome.job.variant for outcome in outcomes):
         mine = [outcome for outcome in outcomes if outcome.job.variant == variant]
-        # A failed run has the score NaN, which differs from itself.
-        good = [outcome for outcome in mine if outcome.score == outcome.score]
-        scores, best = [o.score for o in good], [o.best_score for o in good]
-        rows.append(
-            VariantRow(
-                variant=variant,
-                runs=len(good),
-                failed=len(mine) - len(good),
-                score=_middle(scores),
-                interval=bootstrap_interval(scores) if scores else (math.nan, math.nan),
-                best=_middle(best),
-                reward_rate=_middle([o.reward_rate for o in good]),
-                resets_per_1000_steps=_middle([o.resets_per_1000_steps for o in good]),
-            )
+        good = [outcome for outcome in mine if not math.isnan(outcome.number("score"))]
+        scores, *others = (
+            [outcome.number(name) for outcome in good] for name in ("score", "best_score", REWARD_RATE, RESETS)
         )
+        interval = bootstrap_interval(scores) if scores else (math.nan, math.nan)
+        failed = len(mine) - len(good)
+        rows.append(VariantRow(variant, len(good), failed, _middle(scores), interval, *map(_middle, others)))
     return rows
 
 
+def as_json(content: Any) -> bytes:
+    """JSON, in which null stands for NaN."""
+    return (json.dumps(finite(content), indent=2) + "\n").encode()
+
+
 def _middle(values: Sequence[float]) -> float:
-    """The interquartile mean; NaN where a run lacks the value: a mean of the others would hide it."""
+    # A mean of the runs that have the value would hide the others.
     return interquartile_mean(values) if values and not any(map(math.isnan, values)) else math.nan

@@ -11,7 +11,6 @@ Angles are measured with constant offsets: q = measured - offset.
 
 import functools
 import math
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
@@ -21,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...common.cores import cores
 from ...dynamics.implicit_friction import advance
 from ...plant.base_parameters import BASE_NAMES, Geometry, base_parameters, friction_of, geometry_of, lumped
 from ...plant.equations import COULOMB_STEEPNESS
@@ -33,7 +33,7 @@ INDEX = {name: place for place, name in enumerate(NAMES)}
 
 CHUNK = 128
 """Windows that one call of the compiled program predicts; fewer are filled up, so that it compiles once."""
-THREADS = os.cpu_count() or 1
+THREADS = cores()
 LONGEST_LAG = 0.03
 """Time that a lag remembers (s)."""
 LEAST_LAG = 3e-4

@@ -1,0 +1,98 @@
+"""The workers of a sweep: local processes, or those of a Dask cluster."""
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from typing import Any
+
+from ..common.checks import whole_number
+from ..common.cores import cores
+from ..common.errors import SwingupError
+
+MOST_WORKERS = 1024
+
+
+@dataclass(frozen=True)
+class Workers:
+    """An executor, and how many runs it does side by side."""
+
+    executor: Executor
+    count: int
+
+
+@contextlib.contextmanager
+def workers_for(scheduler: str | None = None, count: int | None = None) -> Iterator[Workers]:
+    """A Dask cluster's executor if an address is given, else local processes.
+
+    Args:
+        scheduler: address of a running Dask scheduler, such as ``tcp://10.0.0.1:8786``.
+        count: local processes, by default one for every two cores, since a run uses about two; with a scheduler,
+            the trials of a search that run side by side, by default one for each of the workers' threads.
+
+    Raises:
+        SwingupError: Dask is not installed, its scheduler does not answer, or ``count`` is out of range.
+    """
+    if count is not None:
+        whole_number("workers", count, 1, MOST_WORKERS)
+    if scheduler is None:
+        count = count or max(1, cores() // 2)
+        with _local_processes(count) as executor:
+            yield Workers(executor, count)
+        return
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise SwingupError("--scheduler needs Dask: pip install 'swingup[dask]'") from error
+    try:
+        client = Client(scheduler, timeout=5)
+    except (OSError, ValueError) as error:
+        raise SwingupError(f"no Dask scheduler answers at {scheduler}: start one with dask scheduler") from error
+    with client, client.get_executor() as executor:
+        try:
+            yield Workers(executor, count or max(1, sum(client.nthreads().values())))
+        except BaseException:
+            executor.shutdown(wait=False)  # cancels the runs that have not started
+            raise
+
+
+@contextlib.contextmanager
+def _local_processes(count: int) -> Iterator[Executor]:
+    """Threads that run each call in a fresh process; the processes end with an interrupt and with this process."""
+    context = multiprocessing.get_context("spawn")  # JAX does not survive a fork
+    # Nothing is ever sent. The system closes our end when this process dies, even by SIGKILL.
+    lifeline, ours = context.Pipe(duplex=False)
+
+    def in_fresh_process(function: Callable[..., Any], *arguments: Any) -> Any:
+        # A process that dies, for example by its need for memory, breaks this pool and no other run.
+        with ProcessPoolExecutor(1, context, _begin_worker, (lifeline,)) as pool:
+            return pool.submit(function, *arguments).result()
+
+    class FreshProcesses(ThreadPoolExecutor):
+        def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+            return super().submit(in_fresh_process, fn, *args, **kwargs)
+
+    with lifeline, ours, FreshProcesses(count) as executor:
+        try:
+            yield executor
+        except BaseException:  # Ctrl-C is not an Exception
+            ours.close()
+            executor.shutdown(cancel_futures=True)
+            raise
+
+
+def _begin_worker(lifeline: Connection) -> None:
+    """Let a worker leave Ctrl-C to the process that started it, and end with it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
+
+
+def _end_with(lifeline: Connection) -> None:
+    with contextlib.suppress(EOFError, OSError):
+        lifeline.recv_bytes()
+    os._exit(1)  # the run resumes from its checkpoint
