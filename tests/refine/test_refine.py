@@ -19,6 +19,7 @@ from swingup.controllers.stack.policy import Policy
 from swingup.dynamics.angles import UPRIGHT
 from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.plant.robots import get_robot
+from swingup.refine import analytic_policy_gradient
 from swingup.refine.analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings, batch_cost
 from swingup.refine.episodes import EpisodeBatch, EpisodeSettings, sample_episodes
 from swingup.refine.objective import EpisodeWeights, Measures, bound_adjoint, measure_episode
@@ -160,18 +161,21 @@ def test_the_gradient_through_an_episode_is_that_of_finite_differences(x64):
 
 
 @pytest.mark.slow
-def test_gradient_steps_lower_the_cost_and_do_not_depend_on_how_the_batch_is_split():
+@pytest.mark.parametrize("cores", [2, 16])
+def test_gradient_steps_lower_the_cost_and_do_not_depend_on_the_cores(monkeypatch, cores):
+    """More cores than episodes once divided by zero."""
     x0 = UPRIGHT + 0.1 * np.random.default_rng(0).normal(size=(8, 4))
     episodes = EpisodeBatch(x0.astype(np.float32), np.zeros(8, bool))
     settings = dataclasses.replace(SHORT, iterations=16, learning_rate=3e-3)
-    one, two = AnalyticPolicyGradient(small(), settings), AnalyticPolicyGradient(small(), settings)
-    one._parts, two._parts = 1, 2
+    one, many = AnalyticPolicyGradient(small(), settings), AnalyticPolicyGradient(small(), settings)
+    monkeypatch.setattr(analytic_policy_gradient, "cores", lambda: 1)
     first = one.step(episodes)
-    assert np.allclose(two.step(episodes).away, first.away, atol=1e-6)
-    for leaf, other in zip(jax.tree.leaves(one.state), jax.tree.leaves(two.state), strict=True):
+    monkeypatch.setattr(analytic_policy_gradient, "cores", lambda: cores)
+    assert np.allclose(many.step(episodes).away, first.away, atol=1e-6)
+    for leaf, other in zip(jax.tree.leaves(one.state), jax.tree.leaves(many.state), strict=True):
         assert np.allclose(leaf, other, atol=1e-5)
     for _ in range(15):
-        last = one.step(episodes)
+        last = many.step(episodes)
     assert np.mean(last.away) < np.mean(first.away)
 
 

@@ -262,9 +262,9 @@ def _write_result(plan: SearchPlan, study: "Study") -> SearchResult:
 
 def _best(plan: SearchPlan, ended: "Sequence[FrozenTrial]") -> BestTrial | None:
     complete = [(trial.value, -trial.number, trial) for trial in ended if trial.state.name == "COMPLETE"]
-    if not complete:
+    score, _, best = max(complete, default=(None, 0, None))  # of two equal ones the earlier
+    if score is None or best is None:
         return None
-    score, _, best = max(complete)  # of two equal ones the earlier
     chosen = _values(best.params)
     job = plan.jobs(chosen, best.number)[0]
     settings = run_settings_from_dict(job.settings)
