@@ -10,8 +10,7 @@ from swingup.controllers.baselines.baselines import baseline, shipped_reference
 from swingup.controllers.baselines.optimal import OPTIMAL
 from swingup.controllers.swingups.design import RESTING, _cheapest, compute_reference
 from swingup.controllers.swingups.ilqr import Solution
-from swingup.controllers.swingups.torque_rate import TorqueRateTransition
-from swingup.controllers.swingups.transition import PendulumTransition
+from swingup.controllers.swingups.transition import PendulumTransition, TorqueRateTransition
 from swingup.dynamics.integrate import rk4_step
 from swingup.plant.plant import LEADERBOARD
 from swingup.plant.robots import ROBOTS

@@ -15,8 +15,8 @@ from swingup.controllers.baselines.optimal import OPTIMAL
 from swingup.controllers.baselines.own_units import in_real_units, optimal_for, published_for
 from swingup.controllers.baselines.published import PUBLISHED
 from swingup.controllers.swingups import design
+from swingup.controllers.swingups.design import model_of
 from swingup.controllers.swingups.ilqr import Solution
-from swingup.controllers.swingups.model import model_of
 from swingup.controllers.swingups.reference import Reference
 from swingup.controllers.swingups.transition import PendulumTransition
 from swingup.dynamics.angles import UPRIGHT

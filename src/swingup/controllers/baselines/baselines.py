@@ -15,8 +15,7 @@ from ...plant.plant import LEADERBOARD, Plant, PlantLike
 from ...plant.robots import Robot, get_robot
 from ...plant.units import Scales, scales_of, similar_plant
 from ..interface.controller import AbstractController
-from ..swingups.design import compute_reference
-from ..swingups.model import model_of
+from ..swingups.design import compute_reference, model_of
 from ..swingups.reference import Reference, load_reference
 from .lqr import LQR, upright_lqr
 from .mpc import mpc

@@ -19,8 +19,7 @@ from ...dynamics.angles import UPRIGHT, wrap
 from ...dynamics.dynamics import linearise
 from ...plant.plant import Plant
 from ...plant.robots import ROBOTS, Robot
-from ..interface.actuation import joint_torques
-from ..interface.controller import AbstractController
+from ..interface.controller import AbstractController, joint_torques
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from ...common.types import Flag, Scalar, State, Torque
 from ...dynamics.angles import UPRIGHT
 from ...plant.plant import Plant
 from ...plant.robots import Robot
-from ..interface.actuation import joint_torques
+from ..interface.controller import joint_torques
 from ..swingups.ilqr import solve
 from ..swingups.reference import Reference
 from ..swingups.transition import PendulumTransition

@@ -16,8 +16,7 @@ from ...common.types import Scalar, State, Torque
 from ...plant.plant import Plant
 from ...plant.robots import Robot
 from ...plant.units import Scales
-from ..interface.actuation import joint_torques
-from ..interface.controller import AbstractController
+from ..interface.controller import AbstractController, joint_torques
 from ..swingups.design import Search
 from ..swingups.ilqr import ILQRSettings
 from ..swingups.reference import Reference

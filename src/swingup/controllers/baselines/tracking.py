@@ -14,8 +14,7 @@ from ...common.types import Scalar, State, Torque
 from ...dynamics.angles import wrap_difference
 from ...plant.plant import Plant
 from ...plant.robots import Robot
-from ..interface.actuation import joint_torques
-from ..interface.controller import AbstractController
+from ..interface.controller import AbstractController, joint_torques
 from ..swingups.reference import Reference
 from .lqr import linearised, riccati_recursion
 from .piecewise_cubic import PiecewiseCubic, fit_piecewise_cubic

@@ -56,6 +56,11 @@ def call_for_plant(
     return controller(carry, t, x)
 
 
+def joint_torques(u: Scalar, robot: Robot, limit: Scalar | float) -> Torque:
+    """Both joints' torques (N m): u, clipped to the limit, on the driven joint and 0 on the passive one."""
+    return jnp.clip(u, -limit, limit) * jnp.array(robot.actuation, u.dtype)
+
+
 def check_interface(controller: AbstractController[Any]) -> None:
     """Trace one call of a controller in JAX without running it; call this in 64-bit mode, as the judge runs it."""
     _check_hashable(controller)

@@ -19,15 +19,13 @@ from ...common.errors import SwingupError
 from ...common.types import Scalar
 from ...dynamics.angles import UPRIGHT
 from ...plant.equations import StateFloats
-from ...plant.plant import LEADERBOARD, Plant, PlantLike
+from ...plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ...plant.robots import Robot, get_robot
 from .ilqr import ILQRSettings, Solution, Status, feedback_gains, solve
-from .model import model_of
 from .reference import Reference
 from .riccati_passes import Cost, forward
 from .scalar_algebra import unpack
-from .torque_rate import TorqueRateTransition
-from .transition import PendulumTransition
+from .transition import PendulumTransition, TorqueRateTransition
 
 NEAR = 0.05
 """A search is over when a motion ends this close to upright, in both angles (rad)."""
@@ -139,6 +137,15 @@ class SwingupProblem:
         """The problem with a longer duration."""
         search = self.search and replace(self.search, steps=round(self.search.steps * factor))
         return replace(self, steps=round(self.steps * factor), search=search)
+
+
+def model_of(plant: PlantLike, robot: Robot) -> Plant:
+    """The model that baselines are designed with: a robot's plant without Coulomb friction, which no plan can use.
+
+    Its slope at rest would appear in a linear model as a damping of some 10 N m s/rad, by which a regulator would
+    take the joint for frozen. Rotors and viscous friction stay.
+    """
+    return load_plant(plant).driven(robot).changed(cf1=0.0, cf2=0.0)
 
 
 def compute_reference(

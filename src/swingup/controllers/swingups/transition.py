@@ -72,6 +72,24 @@ class PendulumTransition(AbstractTransition):
         return (dq1, dq2, *acceleration(lump(p), sines, cos2, (dq1, dq2), torques, losses))
 
 
+class TorqueRateTransition(AbstractTransition):
+    """[x, u] → [f(x, u), u + v dt]: states [q1, q2, dq1, dq2, u] (rad, rad/s, N m), input v (N m/s).
+
+    The torque is a fifth state and its rate the input, so that a cost can weigh the rate.
+    """
+
+    pendulum: PendulumTransition
+
+    def step(self, x: Vector, u: Number) -> Vector:
+        """The next state and torque. The torque is held over the step; the rate changes the next torque."""
+        *state, torque = x
+        return (*self.pendulum.step(tuple(state), torque), torque + self.pendulum.dt * u)
+
+    def jacobian(self, x: Vector, u: Number) -> Matrix:
+        """Columns by q1, q2, dq1, dq2, the torque and its rate."""
+        return differentiate(self.step, x, u)
+
+
 def runge_kutta(derivative: Callable[[Vector, Number], Vector], dt: float, x: Vector, u: Number) -> Vector:
     """The state after dt (s) by one step of the classical fourth-order method, with the torque held over it."""
     half = 0.5 * dt
