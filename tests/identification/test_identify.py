@@ -8,8 +8,8 @@ from synthetic import HEADER, OFFSETS, TRUTH, simulate, write
 
 import swingup
 from swingup.cli import main
-from swingup.identification.fit.model import expectations, make_unknowns
 from swingup.identification.fit.prediction import INDEX, setting_of, vector_of
+from swingup.identification.fit.unknowns import expectations, make_unknowns
 from swingup.loop.domain import load_domain
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.plant import load_plant
@@ -114,8 +114,8 @@ def test_a_second_session_has_its_own_torque_gain(tmp_path, logs):
 def test_a_known_gain_is_that_of_both_motors():
     vector = vector_of(TRUTH)
     expected = expectations(setting_of(TRUTH), vector, commanded=True)
-    unknowns = make_unknowns([expected] * 2, vector, [["m2r2"], ["m2r2", "gain1"]], {"gain1": 0.8})
-    assert unknowns.names == ("m2r2",)
+    unknowns = make_unknowns([expected] * 2, vector, [["m2r2"], ["m2r2", "gain1"]], {"gain1": 0.8}, [0, 1])
+    assert unknowns.entries.tolist() == [INDEX["m2r2"]]
     gains = [INDEX["gain1"], INDEX["gain2"]]
     np.testing.assert_array_equal(unknowns.models(np.zeros(1))[:, gains], 0.8)
 

@@ -3,7 +3,7 @@ import pytest
 from synthetic import TRUTH, simulate, write
 
 from swingup.identification.fit.prediction import predict, setting_of, vector_of
-from swingup.identification.fit.scoring import score_windows, summarise
+from swingup.identification.fit.scoring import ErrorRow, score_windows, summarise
 from swingup.identification.log.recording import read_recording
 from swingup.plant.plant import load_plant
 
@@ -15,9 +15,11 @@ def test_errors_by_hand():
     summary = summarise(errors)
     assert list(summary) == ["0.1", "0.25", "0.5"]
     # Four angles, (9 + 0 + 0 + 1) / 4.
-    assert summary["0.1"] == {"angle": pytest.approx(np.sqrt(2.5)), "velocity": pytest.approx(1.0)}
-    assert summary["0.25"] == {"angle": 0.0, "velocity": pytest.approx(2.0)}
-    assert summarise(errors[:0])["0.5"] == {"angle": None, "velocity": None}
+    assert (summary["0.1"].angle, summary["0.1"].velocity) == pytest.approx((np.sqrt(2.5), 1.0))
+    assert (summary["0.25"].angle, summary["0.25"].velocity) == pytest.approx((0.0, 2.0))
+    # The windows' own errors are sqrt(9 / 2) and sqrt(1 / 2); the median is that of their squares.
+    assert summary["0.1"].angle_median == pytest.approx(np.sqrt(2.5))
+    assert summarise(errors[:0])["0.5"] == ErrorRow(0, None, None, None, None)
 
 
 def test_windows_start_every_tenth_of_a_second_where_a_joint_is_fast(tmp_path):
@@ -26,9 +28,9 @@ def test_windows_start_every_tenth_of_a_second_where_a_joint_is_fast(tmp_path):
     q1 = np.where(time < 2, 0.0, 1.5 * (time - 2)) + 0.01 * np.sin(time)
     table = np.column_stack([time, q1, 0.01 * np.sin(time)])
     windows = score_windows([read_recording(write(tmp_path / "log.csv", table, "time,pos1,pos2"))])
-    assert windows.time[0] == pytest.approx(1.5, abs=0.11)
-    np.testing.assert_allclose(np.diff(windows.time), 0.1)
-    assert windows.time[-1] == pytest.approx(3.4)
+    assert windows.start[0] == pytest.approx(1.5, abs=0.11)
+    np.testing.assert_allclose(np.diff(windows.start), 0.1)
+    assert windows.start[-1] == pytest.approx(3.4)
 
 
 def test_the_true_plant_predicts_a_simulation(tmp_path):
@@ -36,7 +38,7 @@ def test_the_true_plant_predicts_a_simulation(tmp_path):
     windows = score_windows([recording])
     model = vector_of(TRUTH, 0.003, 3e-4)
     model[9:11] = 0.012, -0.02
-    errors = predict(setting_of(TRUTH), model, windows) - windows.reference
+    errors = predict(setting_of(TRUTH), model, windows) - windows.states[:, 1:]
     assert np.median(np.abs(errors[:, 4]), axis=0) == pytest.approx(0.0, abs=0.03)
-    wrong = predict(setting_of(TRUTH), vector_of(load_plant("C.1")), windows) - windows.reference
+    wrong = predict(setting_of(TRUTH), vector_of(load_plant("C.1")), windows) - windows.states[:, 1:]
     assert np.median(np.abs(wrong[:, 4, :2])) > 5 * np.median(np.abs(errors[:, 4, :2]))

@@ -10,10 +10,10 @@ import yaml
 
 from swingup.cli import main
 from swingup.common.errors import SwingupError
-from swingup.identification.fit.scoring import prediction_errors, score_windows, summarise
+from swingup.identification.fit.scoring import error_row, prediction_errors, score_windows, summarise
 from swingup.identification.log.recording import read_recording
-from swingup.identification.log.windows import Windows
-from swingup.identification.open_loop import by_speed, error_row, predict_log, stretches
+from swingup.identification.log.segments import INTERVAL, Segments, cut_windows
+from swingup.identification.open_loop import by_speed, predict_log, predicted_curves
 from swingup.loop.domain import make_domain
 from swingup.plant.robots import ROBOTS
 from swingup.report.closed_loop import close_loop, driven_robot
@@ -61,7 +61,7 @@ def test_errors_up_to_half_a_second_are_those_of_the_fixed_scoring(comparison):
     for each in comparison.predictions:
         scored = summarise(prediction_errors(each.setting, each.model[None], windows))
         for key, row in scored.items():
-            assert (each.horizons[key].angle, each.horizons[key].velocity) == pytest.approx(tuple(row.values()))
+            assert each.horizons[key] == row
 
 
 def test_rows_of_errors_by_hand():
@@ -76,7 +76,8 @@ def test_windows_are_grouped_by_their_fastest_joint():
     start = np.zeros((8, 4))
     start[:, 3] = [8, 7, 6, 5, 4, 3, 2, 1]
     nothing = np.zeros((8, 10, 4))
-    windows = Windows(np.zeros(8, int), np.arange(8.0), start, np.zeros((8, 1, 2)), nothing)
+    states = np.concatenate([start[:, None], nothing], axis=1)
+    windows = Segments(np.zeros(8, int), np.arange(8.0), INTERVAL * np.arange(11), states, np.zeros((8, 1, 2)))
     errors = nothing + start[:, None, 3:]
     rows = by_speed(windows, errors)
     assert [(row.slowest, row.fastest, row.errors.windows) for row in rows] == [
@@ -98,11 +99,12 @@ def test_delay_and_lag_that_nobody_says_are_fitted(log):
     assert found.as_dict()["model"]["delay"] + found.as_dict()["model"]["lag"] < 1.5e-3
 
 
-def test_drawn_stretches_pass_through_the_log(comparison):
+def test_drawn_predictions_pass_through_the_log(comparison):
     recording, right = comparison.recording, comparison.predictions[0]
-    drawn = stretches(recording, right.setting, right.model, 0.5)
-    row = np.searchsorted(recording.time, drawn.time[0, 7])  # between two predicted states
-    assert drawn.x[0, 7, :2] == pytest.approx(recording.q[row], abs=0.02)
+    windows = cut_windows(recording, 0.5, stride=0.5, least_speed=0.0)
+    drawn = predicted_curves(right.setting, right.model, windows)
+    row = np.searchsorted(recording.time, drawn.times[0, 7])  # between two predicted states
+    assert drawn.states[0, 7, :2] == pytest.approx(recording.q[row], abs=0.02)
 
 
 def test_the_robot_of_a_log_is_that_of_its_torque(log, tmp_path):

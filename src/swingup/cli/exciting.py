@@ -6,8 +6,7 @@ from typing import Annotated, Literal
 from tyro.conf import arg
 
 from ..common.files import check_writable
-from ..identification.excite.excitation import Excitation
-from ..identification.excite.excite import excite
+from ..identification.excite.excite import Excitation, excite
 from ..identification.excite.prior import prior_around
 from ..loop.domain import Domain, load_domain
 from ..plant.plant import load_plant

@@ -90,7 +90,7 @@ def identification_lines(found: Identification) -> list[str]:
     lines += ["", f"  held-out errors after{'':<8}angle (rad): fitted, {found.start_name}    velocity (rad/s)"]
     for horizon, row in found.errors["fitted"].items():
         start = found.errors["start"][horizon]
-        pairs = [f"{_shown(row[name])} {_shown(start[name])}" for name in ("angle", "velocity")]
+        pairs = [f"{_shown(getattr(row, name))} {_shown(getattr(start, name))}" for name in ("angle", "velocity")]
         lines.append(f"  {horizon + ' s':<28}{pairs[0]:>20}{pairs[1]:>24}")
     return [*lines, "", *(f"  {note}" for note in found.notes)]
 

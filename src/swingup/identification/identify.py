@@ -9,21 +9,20 @@ import numpy as np
 from jaxtyping import Float
 
 from ..common.errors import SwingupError
-from ..plant.plant import NAMES as PLANT_NAMES
 from ..plant.plant import Plant, PlantLike, load_plant
 from .fit.bootstrap import draw_solutions
-from .fit.estimate import Problem, fit_all, fit_start, refit
-from .fit.fit import Fit
-from .fit.holdout import clear_of, held_out
-from .fit.known import known_entries, session_numbers
-from .fit.prediction import INDEX, NAMES, Setting, setting_of, vector_of
+from .fit.fit import Fit, fit_all, fit_start, refit
+from .fit.prediction import NAMES, Setting, setting_of, vector_of
+from .fit.problem import Problem, known_entries, session_numbers
 from .fit.regression import check_joints
-from .fit.scoring import LENGTH, Errors, prediction_errors, score_windows, summarise
+from .fit.scoring import Errors, hold_out, prediction_errors, score_windows, summarise
 from .log.recording import Recording, read_recording, sensors
-from .log.windows import FIT_LENGTH, Windows, cut_windows, join
-from .notes import make_notes
+from .log.segments import FIT_LENGTH, Segments, cut_windows, join
 from .plant_file import domain_of, representative, write_plant_files
-from .results import TITLES, Estimates, read_solution
+from .results import TITLES, Estimates, make_notes, read_solution
+
+REPORTED = ("angle", "velocity")
+"""Errors of a row that results report."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,7 @@ class Identification:
     estimates: Estimates
     """Estimates, intervals, and which of them the logs determine."""
     errors: Mapping[str, Errors]
-    """Of the fitted model and of the starting plant, on held-out motion."""
+    """Errors of the fitted model and of the starting plant, on held-out motion."""
     domain: Mapping[str, Any]
     """Ranges of plant and loop: what was not determined stays wide."""
     notes: Sequence[str]
@@ -45,20 +44,22 @@ class Identification:
     recordings: Sequence[Recording]
     """Those that were fitted, then those that were held out."""
     models: Float[np.ndarray, "logs 15"]
-    """The fitted model of each recording, ``prediction.NAMES``; without the held-out motion."""
+    """The fitted model of each recording, ``prediction.NAMES``, from motion that is not held out."""
     start_models: Float[np.ndarray, "logs 15"]
-    """The starting plant with its best delay and lag, likewise."""
-    windows: Windows
+    """The model of the starting plant with its best delay and lag."""
+    windows: Segments
     """The held-out windows that the errors are of."""
 
     def as_dict(self) -> dict[str, Any]:
         """As JSON values: parameters, intervals, determined and errors."""
-        plant = {name: float(getattr(self.plant, name)) for name in PLANT_NAMES}
         return {
-            "parameters": {**plant, **self.estimates.values},
+            "parameters": self.plant.values() | dict(self.estimates.values),
             "intervals": {name: list(pair) for name, pair in self.estimates.intervals.items()},
             "determined": dict(self.estimates.determined),
-            "errors": {name: {key: dict(row) for key, row in rows.items()} for name, rows in self.errors.items()},
+            "errors": {
+                name: {horizon: {each: getattr(row, each) for each in REPORTED} for horizon, row in rows.items()}
+                for name, rows in self.errors.items()
+            },
         }
 
     def save(self, path: str | Path) -> Path:
@@ -94,77 +95,54 @@ def identify(
     """
     if not files:
         raise SwingupError("no logs: give at least one CSV file")
-    plant = load_plant(start)
-    recordings = [read_recording(path) for path in files]
-    tests = [read_recording(path) for path in test]
+    plant, recordings, tests = load_plant(start), [*map(read_recording, files)], [*map(read_recording, test)]
     numbers = session_numbers(sessions, len(recordings) + len(tests))
-    problem = _pose(plant, recordings, tests, numbers, known)
-    setting = problem.setting
+    setting, vector = setting_of(plant), vector_of(plant)
+    check_joints([*recordings, *tests], setting, vector)
+    problem = Problem(setting, vector, recordings, numbers[: len(recordings)], known_entries(known))
+    if max(numbers) > max(problem.sessions):
+        raise SwingupError("a test log has a session of its own: fit at least one log of each session")
     windows = join([cut_windows(each, FIT_LENGTH, log=log) for log, each in enumerate(recordings)])
     if tests:
         judged, kept = score_windows(tests), windows
-        owners = numbers[len(recordings) :]
+        judged = replace(judged, log=judged.log + len(recordings))
     else:
-        judged, kept = _hold_out(recordings, windows)
-        owners = numbers
-    start_models = fit_start(problem, kept)
-    solution = fit_all(problem, kept, start_models)
-    errors = {
-        "fitted": summarise(prediction_errors(setting, solution.models[owners], judged)),
-        "start": summarise(prediction_errors(setting, start_models[owners], judged)),
-    }
+        judged, kept = hold_out(score_windows(recordings), windows)
+    start_fit = fit_start(problem, kept)
+    solution = fit_all(problem, kept, start_fit)
+    models, start_models = solution.models[numbers], start_fit[numbers]
     final = solution if tests or not len(kept) else refit(problem, windows, solution)
-    estimates, domain, fitted = _read(problem, final, windows, plant, seed)
+    estimates = read_solution(problem, final.unknowns, final.z, draw_solutions(final, windows, seed), seed)
+    fitted, domain = _plant_and_domain(problem, final, estimates, plant)
     return Identification(
         plant=fitted,
         estimates=estimates,
-        errors=errors,
+        errors={
+            "fitted": summarise(prediction_errors(setting, models, judged)),
+            "start": summarise(prediction_errors(setting, start_models, judged)),
+        },
         domain=domain,
         notes=make_notes([*recordings, *tests], problem, estimates, len(kept), len(judged)),
         start_name=plant.name,
         setting=setting,
         recordings=[*recordings, *tests],
-        models=solution.models[numbers],
-        start_models=start_models[numbers],
-        windows=judged if not tests else replace(judged, log=judged.log + len(recordings)),
+        models=models,
+        start_models=start_models,
+        windows=judged,
     )
 
 
-def _pose(
-    start: Plant,
-    recordings: Sequence[Recording],
-    tests: Sequence[Recording],
-    numbers: Sequence[int],
-    known: Mapping[str, float] | None,
-) -> Problem:
-    """What the fits share, after checks of the logs and their sessions."""
-    setting, vector = setting_of(start), vector_of(start)
-    check_joints([*recordings, *tests], setting, vector)
-    problem = Problem(setting, vector, recordings, numbers[: len(recordings)], known_entries(known))
-    if max(numbers) >= problem.count:
-        raise SwingupError("a test log has a session of its own: fit at least one log of each session")
-    return problem
-
-
-def _hold_out(recordings: Sequence[Recording], windows: Windows) -> tuple[Windows, Windows]:
-    """The windows to judge, and those of the fit that share no time with them."""
-    everything = score_windows(recordings)
-    judged = everything.take(np.flatnonzero(held_out(everything)))
-    return judged, windows.take(np.flatnonzero(clear_of(windows, judged, FIT_LENGTH, LENGTH)))
-
-
-def _read(
-    problem: Problem, final: Fit, windows: Windows, start: Plant, seed: int
-) -> tuple[Estimates, dict[str, Any], Plant]:
-    """Intervals, the domain and the plant of a solution."""
-    draws = draw_solutions(final, windows, seed)
-    estimates = read_solution(final.unknowns, final.z, draws, problem.has_scale, list(problem.known), seed)
-    model = dict(zip(NAMES, np.maximum(final.models[0], 0.0), strict=True))
+def _plant_and_domain(
+    problem: Problem, final: Fit, estimates: Estimates, start: Plant
+) -> tuple[Plant, dict[str, Any]]:
+    """A pendulum with the fitted base parameters, and ranges around it and its loop."""
+    model = dict(zip(NAMES, np.maximum(final.models[0], 0.0).tolist(), strict=True))
     fitted = representative(model, start)
     model["A"] -= model["B"]  # as in the estimates
-    value = {name: (float(model[name]), float(model[name])) for name in INDEX}
-    ranges = {name: estimates.intervals.get(TITLES.get(name, name), value[name]) for name in value}
+    ranges = {
+        name: estimates.intervals.get(TITLES.get(name, name), (value, value)) for name, value in model.items()
+    }
     loop = {name: list(ranges[name]) for name in ("offset1", "offset2")}
     if ranges["gain1"] != (1.0, 1.0):
         loop |= {name: list(ranges["gain1"]) for name in ("gain1", "gain2")}
-    return estimates, domain_of(fitted, ranges, loop | sensors(problem.recordings)), fitted
+    return fitted, domain_of(fitted, ranges, loop | sensors(problem.recordings))

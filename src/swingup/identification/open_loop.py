@@ -4,21 +4,23 @@ Up to 0.5 s the windows are those of the fixed scoring, so that the errors are t
 After 1 s an error says less: where the motion is unstable any plant is lost by then, and medians say more.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from scipy.interpolate import CubicHermiteSpline
 
 from ..loop.domain import Domain
 from ..loop.loop import LOOP_DT
-from .fit.estimate import LATENCY, Problem, fit_start
+from .fit.fit import fit_start
 from .fit.prediction import INDEX, LEAST_LAG, NAMES, Setting, predict, setting_of, vector_of
-from .fit.scoring import HORIZONS, prediction_errors, score_windows
+from .fit.problem import LATENCY, Problem
+from .fit.scoring import ErrorRow, Errors, error_row, prediction_errors, score_windows, summarise
 from .log.recording import Recording
+from .log.segments import FIT_LENGTH, INTERVAL, Segments, cut_windows
 from .log.smoothing import REACH, smooth
-from .log.windows import FIT_LENGTH, INTERVAL, Windows, cut_windows
 
 LONGEST_HORIZON = 1.0
 """The longest horizon (s)."""
@@ -26,21 +28,10 @@ SPEED_HORIZON = 0.25
 """Horizon of the errors by speed (s)."""
 SPEED_GROUPS = 4
 """Groups of equally many windows, from slow to fast."""
-
-
-@dataclass(frozen=True)
-class ErrorRow:
-    """Errors of some windows after one time."""
-
-    windows: int
-    angle: float | None
-    """Root mean square over windows and joints (rad); None without windows."""
-    velocity: float | None
-    """Likewise (rad/s)."""
-    angle_median: float | None
-    """Median over windows of the root mean square over joints (rad)."""
-    velocity_median: float | None
-    """Likewise (rad/s)."""
+DRAWN_STEP = 0.01
+"""Time between the states of a curve (s)."""
+LARGEST_DRAWN = 1e3
+"""A state beyond this (rad, rad/s) has diverged: it is not drawn."""
 
 
 @dataclass(frozen=True)
@@ -59,14 +50,13 @@ class OpenLoop:
     """What a plant predicts of a log."""
 
     name: str
-    """Of the plant."""
+    """Name of the plant."""
     setting: Setting
     model: Float[np.ndarray, "15"]
     """``prediction.NAMES``"""
     fitted: tuple[str, ...]
-    """Of delay and lag, those that were fitted to this log, since plant and domain do not say them."""
-    horizons: Mapping[str, ErrorRow]
-    """By horizon (s), as in "0.25"."""
+    """Those of delay and lag that were fitted to this log, since plant and domain do not say them."""
+    horizons: Errors
     speeds: Sequence[SpeedRow]
 
     def as_dict(self) -> dict[str, Any]:
@@ -79,24 +69,11 @@ class OpenLoop:
         }
 
 
-@dataclass(frozen=True)
-class Stretches:
-    """Predictions one after another, each from the smoothed measurement."""
-
-    time: Float[np.ndarray, "stretches rows"]
-    """s"""
-    x: Float[np.ndarray, "stretches rows 4"]
-
-
 def predict_log(recording: Recording, domain: Domain, name: str) -> OpenLoop:
     """Predict a log with a plant, in the middle of the domain's ranges, and compare.
 
-    Delay and lag that the domain does not say are those that predict the log best.
-
-    Args:
-        recording: the log.
-        domain: plant and loop.
-        name: of the plant in the result.
+    Delay and lag that the domain does not say are those that predict the log best. The result gives the plant this
+    ``name``.
     """
     plant = domain.nominal_plant
     setting, start = setting_of(plant), _start(domain, vector_of(plant))
@@ -105,24 +82,12 @@ def predict_log(recording: Recording, domain: Domain, name: str) -> OpenLoop:
     problem = Problem(setting, start, [recording], [0], known)
     model = fit_start(problem, cut_windows(recording, FIT_LENGTH))[0] if fitted else start
     short, long = score_windows([recording]), cut_windows(recording, LONGEST_HORIZON)
-    models, rows = model[None], {}
-    near, far = prediction_errors(setting, models, short), prediction_errors(setting, models, long)
-    for horizon in (*HORIZONS, LONGEST_HORIZON):
-        errors = far if horizon == LONGEST_HORIZON else near
-        rows[f"{horizon:g}"] = error_row(errors[:, round(horizon / INTERVAL) - 1])
-    return OpenLoop(name, setting, model, fitted, rows, by_speed(short, near))
+    near, far = (prediction_errors(setting, model[None], windows) for windows in (short, long))
+    errors = {**summarise(near), **summarise(far, [LONGEST_HORIZON])}
+    return OpenLoop(name, setting, model, fitted, errors, by_speed(short, near))
 
 
-def error_row(errors: Float[np.ndarray, "windows 4"]) -> ErrorRow:
-    """Summarise the errors of windows after one time: of both angles, and of both velocities."""
-    if not len(errors):
-        return ErrorRow(0, None, None, None, None)
-    squares = np.stack([np.mean(errors[:, :2] ** 2, axis=1), np.mean(errors[:, 2:] ** 2, axis=1)])
-    means, medians = np.sqrt(squares.mean(axis=1)), np.sqrt(np.median(squares, axis=1))
-    return ErrorRow(len(errors), float(means[0]), float(means[1]), float(medians[0]), float(medians[1]))
-
-
-def by_speed(windows: Windows, errors: Float[np.ndarray, "windows outputs 4"]) -> list[SpeedRow]:
+def by_speed(windows: Segments, errors: Float[np.ndarray, "windows outputs 4"]) -> list[SpeedRow]:
     """Errors after 0.25 s of equally many slow and fast windows."""
     output = round(SPEED_HORIZON / INTERVAL) - 1
     speeds = fastest_speeds(windows, output + 1)
@@ -135,43 +100,27 @@ def by_speed(windows: Windows, errors: Float[np.ndarray, "windows outputs 4"]) -
     ]
 
 
-def fastest_speeds(windows: Windows, outputs: int) -> Float[np.ndarray, "windows"]:
+def fastest_speeds(windows: Segments, outputs: int) -> Float[np.ndarray, "windows"]:
     """The largest speed of a joint in each window up to an output (rad/s)."""
-    states = np.concatenate([windows.start[:, None], windows.reference[:, :outputs]], axis=1)
-    speeds: np.ndarray = np.abs(states[..., 2:]).max(axis=(1, 2), initial=0.0)
+    speeds: np.ndarray = np.abs(windows.states[:, : outputs + 1, 2:]).max(axis=(1, 2), initial=0.0)
     return speeds
 
 
-def stretches(recording: Recording, setting: Setting, model: Float[np.ndarray, "15"], length: float) -> Stretches:
-    """Predictions of ``length`` (s) over a whole log, one after another, as smooth curves."""
-    return predicted_stretches(setting, model, cut_windows(recording, length, stride=length, least_speed=0.0))
-
-
-def predicted_stretches(setting: Setting, model: Float[np.ndarray, "15"], windows: Windows) -> Stretches:
-    """Predictions over windows as smooth curves."""
-    if not len(windows):
-        return Stretches(np.zeros((0, 1)), np.zeros((0, 1, 4)))
-    states = np.concatenate([windows.start[:, None], predict(setting, model, windows)], axis=1)
-    part = np.arange(0, states.shape[1] - 1 + 1e-9, 0.2)
-    return Stretches(windows.time[:, None] + INTERVAL * part, _interpolate(states, part))
+def predicted_curves(setting: Setting, model: Float[np.ndarray, "15"], windows: Segments) -> Segments:
+    """Predictions over windows as smooth curves: cubics between the states, with their velocities as slopes."""
+    offsets = DRAWN_STEP * np.arange(round(windows.offsets[-1] / DRAWN_STEP) + 1)
+    states = np.concatenate([windows.states[:, :1], predict(setting, model, windows)], axis=1)
+    # A spline refuses NaN.
+    states = np.nan_to_num(states, nan=1e9, posinf=1e9, neginf=-1e9)
+    curve = CubicHermiteSpline(windows.offsets, states[..., :2], states[..., 2:], axis=1)
+    found = np.concatenate([curve(offsets), curve.derivative()(offsets)], axis=-1)
+    return replace(windows, offsets=offsets, states=np.where(np.abs(found) < LARGEST_DRAWN, found, np.nan))
 
 
 def smoothed(recording: Recording, period: float) -> tuple[np.ndarray, np.ndarray]:
     """Times (s) and smoothed states of a log at even periods, to draw or to compare with."""
     times = np.arange(REACH, recording.duration - REACH, period)
     return times, smooth(recording, times)
-
-
-def _interpolate(states: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """Cubics between states 50 ms apart, with their velocities as slopes; NaN where the prediction diverged."""
-    before = np.minimum(part.astype(int), states.shape[1] - 2)
-    s = (part - before)[:, None]
-    x0, x1 = states[:, before], states[:, before + 1]
-    q0, q1, v0, v1 = x0[..., :2], x1[..., :2], INTERVAL * x0[..., 2:], INTERVAL * x1[..., 2:]
-    q = q0 + s * v0 + s**2 * (3 * (q1 - q0) - 2 * v0 - v1) + s**3 * (2 * (q0 - q1) + v0 + v1)
-    v = v0 + 2 * s * (3 * (q1 - q0) - 2 * v0 - v1) + 3 * s**2 * (2 * (q0 - q1) + v0 + v1)
-    found = np.concatenate([q, v / INTERVAL], axis=-1)
-    return np.where(np.abs(found) < 1e3, found, np.nan)
 
 
 def _says(domain: Domain, name: str) -> bool:

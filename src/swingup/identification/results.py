@@ -1,4 +1,4 @@
-"""What a fit found, under the names of results: estimates, intervals, and which of them the logs determine."""
+"""What a fit found, under the names of results: estimates, intervals, and what the logs leave open."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,9 +7,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ..plant.base_parameters import BASE_NAMES
-from .fit.bootstrap import interval
-from .fit.model import Unknowns
 from .fit.prediction import INDEX, NAMES
+from .fit.problem import Problem
+from .fit.unknowns import MASSES, Unknowns
+from .log.recording import Recording
 
 TITLES = {
     "A": "I1 + m2 l1^2",
@@ -22,13 +23,18 @@ TITLES = {
 DEAD_TIME = "delay + lag"
 RATIOS = tuple(name for name in BASE_NAMES if name != "k")
 """Entries that a free fall determines only as multiples of m1 r1 + m2 l1."""
+OWN = (*NAMES[9:12], *NAMES[13:])
+"""Entries that each session has: offsets, the gain of both motors, delay and lag."""
 
+LEVEL = 0.95
+"""Probability of an interval."""
 NARROW = 0.25
 """An interval as wide as this part of its value, or narrower, is determined."""
 OFFSET_SIZE = 0.1
 """What the interval of an offset is measured by (rad): its value may be 0."""
 SCALE_SPREAD = 0.5
 """Standard deviation of the logarithm of a common factor that no torque fixes."""
+FEW_WINDOWS = 10
 
 Interval = tuple[float, float]
 
@@ -40,55 +46,54 @@ class Estimates:
     values: Mapping[str, float]
     intervals: Mapping[str, Interval]
     determined: Mapping[str, bool]
-    """Of every name, and of what logs never determine."""
+    """Whether the logs determine a value: of every name, and of what logs never determine."""
 
 
 def read_solution(
+    problem: Problem,
     unknowns: Unknowns,
     z: Float[np.ndarray, "unknowns"],
     draws: Float[np.ndarray, "draws unknowns"],
-    has_scale: bool,
-    known: Sequence[str],
     seed: int = 0,
 ) -> Estimates:
     """Read a solution and its draws.
 
     Args:
+        problem: what the fit knew.
         unknowns: of the fit.
         z: the solution.
         draws: solutions of the bootstrap.
-        has_scale: whether a torque or a known value fixes the common factor of masses and torques.
-        known: entries that the user knows.
         seed: of the common factor's draws, where nothing fixes it.
     """
-    values, spread = _entries(unknowns, z[None])[0], _entries(unknowns, draws)
-    places = _places(len(unknowns.place))
+    values, spread, places = _entries(unknowns, z), _entries(unknowns, draws), _places(len(unknowns.place))
     found = {name: float(values[place]) for name, place in places.items()}
     sampled = {name: spread[:, *place] for name, place in places.items()}
     free = {name for name, place in places.items() if unknowns.place[place] >= 0}
     if TITLES["B"] in free:
         free.add(TITLES["A"])  # as A - B, also where the user knows A
     for session in range(len(unknowns.place)):
-        tail = _tail(session)
-        total, delay, lag = DEAD_TIME + tail, f"delay{tail}", f"lag{tail}"
+        total, delay, lag = (name + _tail(session) for name in (DEAD_TIME, "delay", "lag"))
         found[total], sampled[total] = found[delay] + found[lag], sampled[delay] + sampled[lag]
         sampled[lag] = np.maximum(sampled[lag], 0.0)
         if {delay, lag} & free:
             free.add(total)
-    if not has_scale:
+    if not problem.has_scale:
         _add_ratios(found, sampled, free, seed)
-    intervals = {name: interval(sampled[name]) for name in found if name in free}
+    ends = [0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL]
+    intervals = {name: tuple(np.quantile(sampled[name], ends).tolist()) for name in found if name in free}
     determined = {name: _is_determined(name, found[name], intervals[name]) for name in intervals}
-    determined |= {TITLES.get(name, name): True for name in known if name != "A"}
-    return Estimates(found, intervals, determined | _never_determined(found, determined))
+    determined |= {TITLES.get(name, name): True for name in problem.known if name != "A"}
+    # Logs tell products of these, and a first session's torque gain is 1 by convention.
+    determined |= dict.fromkeys(("m1", "m2", "r1", "r2", "I1"), False)
+    determined.setdefault(TITLES["gain1"], False)
+    return Estimates(found, intervals, determined)
 
 
 def _places(sessions: int) -> dict[str, tuple[int, int]]:
     """Session and entry of each name: the plant's once, those of a session with its number."""
-    own = (*NAMES[9:12], *NAMES[13:])
-    places = {TITLES.get(name, name): (0, INDEX[name]) for name in (*NAMES[:9], *own)}
+    places = {TITLES.get(name, name): (0, INDEX[name]) for name in (*BASE_NAMES, *OWN)}
     for session in range(1, sessions):
-        places |= {TITLES.get(name, name) + _tail(session): (session, INDEX[name]) for name in own}
+        places |= {TITLES.get(name, name) + _tail(session): (session, INDEX[name]) for name in OWN}
     return places
 
 
@@ -97,9 +102,8 @@ def _tail(session: int) -> str:
 
 
 def _entries(unknowns: Unknowns, z: np.ndarray) -> np.ndarray:
-    """Models of many solutions, with A - B for A: by solution, session and entry."""
-    values = np.pad(unknowns.centre + unknowns.scale * z, ((0, 0), (0, 1)))
-    entries: np.ndarray = np.where(unknowns.place >= 0, values[:, unknowns.place], unknowns.fixed)
+    """The models of solutions, with A - B for A."""
+    entries: np.ndarray = unknowns.models(z)
     entries[..., INDEX["A"]] -= entries[..., INDEX["B"]]
     return entries
 
@@ -123,10 +127,47 @@ def _is_determined(name: str, value: float, found: Interval) -> bool:
     return found[1] - found[0] <= NARROW * size
 
 
-def _never_determined(found: Mapping[str, float], determined: Mapping[str, bool]) -> dict[str, bool]:
-    """Products' factors, and a reference session's torque gain, which is 1 by convention."""
-    never = dict.fromkeys(("m1", "m2", "r1", "r2", "I1"), False)
-    gain = TITLES["gain1"]
-    if gain in found and gain not in determined:
-        never[gain] = False
-    return never
+def make_notes(
+    recordings: Sequence[Recording], problem: Problem, estimates: Estimates, fitted: int, judged: int
+) -> tuple[str, ...]:
+    """What a user should know, one line each: the warnings of all logs, and what the fit leaves open and why.
+
+    Args:
+        recordings: all logs.
+        problem: what the fit knew.
+        estimates: what it found.
+        fitted: number of windows of the fit.
+        judged: number of held-out windows.
+    """
+    notes = [warning for recording in recordings for warning in recording.warnings]
+    if fitted < FEW_WINDOWS:
+        notes.append(f"only {fitted} windows have a joint faster than 1 rad/s: the logs determine next to nothing")
+    if not judged:
+        notes.append("no held-out window has a joint faster than 1 rad/s: there are no errors to report")
+    notes.append("of masses and centres of mass, motion tells m1 r1 + m2 l1, m2 r2 and I1 + m2 l1^2 alone")
+    notes.append(_scale(problem))
+    delay, lag, total = (estimates.determined.get(name, False) for name in ("delay", "lag", DEAD_TIME))
+    if total and not (delay and lag):
+        notes.append("of delay and lag the logs determine the sum, not the parts")
+    unknown = [name for name, sure in estimates.determined.items() if not sure and name in estimates.intervals]
+    if unknown:
+        limits = f"{100 * NARROW:g} % of the value, or {1e3 * NARROW * OFFSET_SIZE:g} mrad of an offset"
+        notes.append(f"not determined (interval wider than {limits}): {', '.join(unknown)}")
+    return tuple(notes)
+
+
+def _scale(problem: Problem) -> str:
+    if problem.knows_mass:
+        masses = ", ".join(TITLES.get(name, name) for name in MASSES if name in problem.known)
+        return f"the known {masses} fixes the scale"
+    if not problem.has_scale:
+        return (
+            "free fall determines ratios alone: m1 r1 + m2 l1 is the starting plant's (fix one scale with --known, "
+            "or add a log with torques)"
+        )
+    if "gain1" in problem.known:
+        return "the known torque gain fixes the scale of masses, inertias and frictions"
+    return (
+        "masses, inertias and frictions are relative to the torque: if the motors deliver less than the log says, "
+        "all are smaller by that factor (fix one scale with --known)"
+    )

@@ -8,7 +8,8 @@ from typing import Any
 from ..common.errors import SwingupError
 from ..controllers.registry import designs_for, get_controller
 from ..identification.log.recording import Recording, read_recording
-from ..identification.open_loop import OpenLoop, Stretches, predict_log, stretches
+from ..identification.log.segments import Segments, cut_windows
+from ..identification.open_loop import OpenLoop, predict_log, predicted_curves
 from ..loop.domain import Domain
 from ..loop.on_plant import loop_around
 from ..plant.robots import Robot, get_robot
@@ -26,7 +27,7 @@ class Comparison:
 
     recording: Recording
     predictions: Sequence[OpenLoop]
-    drawn: Sequence[Stretches]
+    drawn: Sequence[Segments]
     """Of each plant: predictions of 0.5 s one after another."""
     runs: Mapping[str, ClosedLoop]
     """By plant; empty without a controller."""
@@ -85,5 +86,6 @@ def compare(
             found = get_controller(controller, driven, plant=designs_for(controller, domain.nominal_plant))
             runs[name] = close_loop(recording, found, controller, driven, around, seed)
     predictions = [predict_log(recording, domain, name) for name, domain in plants.items()]
-    drawn = [stretches(recording, each.setting, each.model, DRAWN_LENGTH) for each in predictions]
+    windows = cut_windows(recording, DRAWN_LENGTH, stride=DRAWN_LENGTH, least_speed=0.0)
+    drawn = [predicted_curves(each.setting, each.model, windows) for each in predictions]
     return Comparison(recording, predictions, drawn, runs)

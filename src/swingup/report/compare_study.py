@@ -6,9 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ..identification.fit.estimate import LATENCY
 from ..identification.fit.prediction import INDEX
-from ..identification.open_loop import ErrorRow, OpenLoop, Stretches, smoothed
+from ..identification.fit.problem import LATENCY
+from ..identification.fit.scoring import ErrorRow
+from ..identification.log.segments import Segments
+from ..identification.open_loop import OpenLoop, smoothed
 from .closed_loop import ClosedLoop, Run
 from .compare import Comparison
 from .study import DASHED, LINE, MEASURED, STEPS, THIN, Curve, Panel, Part, Study, Table, shown
@@ -38,14 +40,14 @@ def study_of(comparison: Comparison) -> Study:
 
 
 def motion_panels(
-    times: np.ndarray, states: np.ndarray, drawn: Sequence[tuple[str, Stretches]], labels: Sequence[str] = STATES
+    times: np.ndarray, states: np.ndarray, drawn: Sequence[tuple[str, Segments]], labels: Sequence[str] = STATES
 ) -> list[Panel]:
     """Angles and velocities over time, with predictions that are interrupted where one ends."""
     panels = []
     for place, label in enumerate(labels):
         curves = [Curve("log", times, states[:, place], MEASURED)]
         for number, (name, part) in enumerate(drawn):
-            curves.append(Curve(name, _broken(part.time), _broken(part.x[..., place]), number, THIN))
+            curves.append(Curve(name, _broken(part.times), _broken(part.states[..., place]), number, THIN))
         panels.append(Panel(TIME, label, curves))
     return panels
 

@@ -5,8 +5,8 @@ import numpy as np
 from ..identification.fit.prediction import INDEX
 from ..identification.fit.scoring import LENGTH, prediction_errors
 from ..identification.identify import Identification
-from ..identification.log.windows import INTERVAL, Windows
-from ..identification.open_loop import SPEED_HORIZON, fastest_speeds, predicted_stretches, smoothed
+from ..identification.log.segments import INTERVAL, Segments
+from ..identification.open_loop import SPEED_HORIZON, fastest_speeds, predicted_curves, smoothed
 from ..identification.results import NARROW, OFFSET_SIZE
 from .compare_study import PERIOD, STATES, motion_panels
 from .study import BAND, DOTS, LINE, THIN, Curve, Panel, Part, Study, Table, shown
@@ -55,7 +55,10 @@ def _errors(found: Identification) -> Part:
         *(f"{title}: {name}" for title in quantities.values() for name in ("fitted", found.start_name)),
     ]
     rows = [
-        [horizon, *(shown(errors[horizon][quantity]) for quantity in quantities for errors in (fitted, start))]
+        [
+            horizon,
+            *(shown(getattr(errors[horizon], quantity)) for quantity in quantities for errors in (fitted, start)),
+        ]
         for horizon in fitted
     ]
     note = f"Root mean square over {len(found.windows)} held-out windows and both joints."
@@ -69,7 +72,7 @@ def _windows(found: Identification) -> list[Part]:
         recording = found.recordings[log]
         windows = _apart(found.windows.take(np.flatnonzero(found.windows.log == log)))
         drawn = [
-            (name, predicted_stretches(found.setting, models[log], windows))
+            (name, predicted_curves(found.setting, models[log], windows))
             for name, models in (("fitted", found.models), (found.start_name, found.start_models))
         ]
         panels = motion_panels(*smoothed(recording, PERIOD), drawn)
@@ -80,11 +83,11 @@ def _windows(found: Identification) -> list[Part]:
     return parts
 
 
-def _apart(windows: Windows) -> Windows:
-    """Those windows that do not overlap."""
+def _apart(windows: Segments) -> Segments:
+    """The windows that do not overlap."""
     kept: list[int] = []
-    for row, time in enumerate(windows.time):
-        if not kept or time >= windows.time[kept[-1]] + LENGTH - 1e-9:
+    for row, time in enumerate(windows.start):
+        if not kept or time >= windows.start[kept[-1]] + LENGTH - 1e-9:
             kept.append(row)
     return windows.take(np.array(kept, int))
 

@@ -7,17 +7,21 @@ the largest determinant of Yᵀ Y, with the matrix Y of the linear regression th
 (D-optimality).
 """
 
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float
 
 from ...common.checks import finite_number, one_of, whole_number
 from ...common.errors import SwingupError
+from ...common.table import write_columns
 from ...loop.domain import Domain
 from ...plant.units import scales_of
 from ..fit.prediction import NAMES, Setting, setting_of
-from ..fit.regression import OFFSETS, SPAN, Spans, regression_matrix
-from ..log.windows import INTERVAL
-from .excitation import Excitation, Limits
+from ..fit.regression import OFFSETS, SPAN, regression_matrix
+from ..log.segments import INTERVAL
 from .prior import corner_models, draw_models
 from .rollouts import Sequences, simulate
 from .waves import PERIOD, multisines
@@ -28,7 +32,7 @@ DURATIONS = (3.0, 60.0)
 """Shortest and longest excitation (s)."""
 SPEED = 20.0
 """Largest speed of a joint (rad/s) on design C.1 if none is given: the public loop stops there. It scales."""
-OWN = 0.75
+NATURAL_FREQUENCY = 0.75
 """Frequency of small swings (Hz) on design C.1. It scales, too."""
 CHECKED_PLANTS = 64
 """Plants drawn from the prior on which the limits must hold, beside its corners."""
@@ -36,6 +40,68 @@ STRENGTHS = np.geomspace(1.0, 0.1, 10)
 """Multiples of a motion that are tried, until one keeps the limits."""
 STIFFNESS, DAMPING = 2.0, 0.5
 """Feedback: kp as a multiple of gravity's torque per radian; kd as the damping ratio of a joint alone."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the robot may do."""
+
+    torque: tuple[float, float]
+    """Largest torque of each motor (N m); 0 on a joint that is not driven."""
+    speed: float
+    """Largest speed of either joint (rad/s)."""
+    angle: float
+    """Largest angle of either joint from hanging (rad)."""
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """Torques, the motion they make in the middle of the prior, and the feedback around it."""
+
+    torque: Float[np.ndarray, "rows 2"]
+    """N m, rows ``PERIOD`` apart."""
+    state: Float[np.ndarray, "rows 4"]
+    """Motion of the plant in the middle of the prior (rad, rad/s)."""
+    feedback: Float[np.ndarray, "2 2"]
+    """kp of both joints (N m/rad), kd of both (N m s/rad); 0 where the torques are played alone."""
+    limits: Limits
+    angle: float
+    """Largest angle over all checked plants (rad)."""
+    speed: float
+    """Largest speed over all checked plants (rad/s)."""
+    plants: int
+    """Number of checked plants."""
+
+    @property
+    def time(self) -> Float[np.ndarray, "rows"]:
+        """Times of the rows (s)."""
+        return PERIOD * np.arange(len(self.torque))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Ready for JSON."""
+        torque = np.abs(self.torque).max(axis=0).tolist()
+        return {
+            "duration": len(self.torque) * PERIOD,
+            "limits": vars(self.limits) | {"torque": list(self.limits.torque)},
+            "reached": {"torque": torque, "speed": self.speed, "angle": self.angle},
+            "plants": self.plants,
+            "feedback": {"kp": self.feedback[0].tolist(), "kd": self.feedback[1].tolist()},
+        }
+
+    def save(self, path: str | Path) -> None:
+        """Write time, motion, torques and gains K of u = tau + K (x - motion), under RealAIGym's names.
+
+        CloudPendulum's desired motions have the same names of time, pos, vel and acc.
+        """
+        acceleration = np.gradient(self.state[:, 2:], PERIOD, axis=0)
+        table = np.column_stack([self.time, self.state, acceleration, self.torque])
+        names = ["time", *(f"{each}{joint}" for each in ("pos", "vel", "acc", "tau") for joint in (1, 2))]
+        columns = dict(zip(names, table.T, strict=True))
+        for joint in (0, 1):
+            gains = np.zeros(4)
+            gains[[joint, 2 + joint]] = -self.feedback[:, joint]
+            columns |= {f"K{joint + 1}{entry + 1}": np.full(len(table), gains[entry]) for entry in range(4)}
+        write_columns(path, columns)
 
 
 def excite(
@@ -52,20 +118,23 @@ def excite(
 
     Args:
         domain: ranges of the plant and its loop before it is identified.
-        duration: of the excitation (s), 3 to 60; rounded to 0.05 s.
+        duration: length of the excitation (s), 3 to 60; rounded to 0.05 s.
         joint: ``both``, or the one joint that is driven: ``shoulder`` or ``elbow``.
         torque: largest torque (N m); None for that of the motors.
         speed: largest speed of a joint (rad/s); None for 20 rad/s on design C.1, other plants in their own units.
         angle: largest angle of a joint from hanging (rad).
-        seed: of the prior's draws; equal seeds give equal excitations.
+        seed: seed of the prior's draws; equal seeds give equal excitations.
         alone: whether the torques will be played without feedback; plants that differ then move apart.
+
+    Raises:
+        SwingupError: an argument makes no sense, or no motion keeps the limits.
     """
     limits, plant = _limits(domain, joint, torque, speed, angle), domain.nominal_plant
     length = INTERVAL * round(finite_number("duration", duration, *DURATIONS, "s") / INTERVAL)
     drawn = draw_models(domain, CHECKED_PLANTS, whole_number("seed", seed, 0, 2**32 - 1))
     setting, models = setting_of(plant).coarse, np.concatenate([drawn, corner_models(domain)])
-    own = OWN * scales_of(plant).velocity
-    motions = multisines(length, own, min(limits.angle, np.pi), np.array(JOINTS[joint]))
+    frequency = NATURAL_FREQUENCY * scales_of(plant).velocity
+    motions = multisines(length, frequency, min(limits.angle, np.pi), np.array(JOINTS[joint]))
     candidates = _within_limits(setting, models, motions, limits, alone)
     if not candidates:
         raise SwingupError(
@@ -76,10 +145,10 @@ def excite(
 
 
 def _limits(domain: Domain, joint: str, torque: float | None, speed: float | None, angle: float) -> Limits:
-    driven = JOINTS[one_of("joint", joint, JOINTS)]
-    motors = [float(domain.nominal_plant.tl1), float(domain.nominal_plant.tl2)]
+    driven, plant = JOINTS[one_of("joint", joint, JOINTS)], domain.nominal_plant
+    motors = [float(plant.tl1), float(plant.tl2)]
     most = [motor if torque is None else finite_number("torque", torque, 1e-6, motor, "N m") for motor in motors]
-    usual = SPEED * scales_of(domain.nominal_plant).velocity
+    usual = SPEED * scales_of(plant).velocity
     return Limits(
         torque=(most[0] * driven[0], most[1] * driven[1]),
         speed=usual if speed is None else finite_number("speed", speed, 0.1, 1e3, "rad/s"),
@@ -97,13 +166,14 @@ def _within_limits(
         rest = np.zeros((*motions.shape[:2], 2))
         middle = simulate(setting, models[:1], Sequences(rest, strength * motions, feedback, torque), keep=True)
         assert middle.torque is not None
+        assert middle.states is not None
         sequences = Sequences(middle.torque[:, 0], middle.states[:, 0], played, torque)
-        rollouts = simulate(setting, models, sequences)
-        holds = rollouts.holds(limits.angle, limits.speed)
+        reached = simulate(setting, models, sequences)
+        angle, speed = reached.angle.max(axis=1), reached.speed.max(axis=1)
+        holds = (angle <= limits.angle) & (speed <= limits.speed)
         for row in np.flatnonzero(holds):
-            angle, speed = float(rollouts.angle[row].max()), float(rollouts.speed[row].max())
             tau, motion = sequences.torque[row], sequences.reference[row]
-            found.append(Excitation(tau, motion, played, limits, angle, speed, len(models)))
+            found.append(Excitation(tau, motion, played, limits, float(angle[row]), float(speed[row]), len(models)))
         motions = motions[~holds]
         if not len(motions):
             break
@@ -124,5 +194,5 @@ def _information(setting: Setting, states: Float[np.ndarray, "rows 4"]) -> float
     time = PERIOD * np.arange(len(states))
     points = SPAN * np.arange(1, int(time[-1] / SPAN))[:, None] + OFFSETS
     spans = np.stack([np.interp(points, time, column) for column in states.T], axis=-1)
-    matrix = regression_matrix(setting, Spans(spans, np.zeros((len(spans), 2))))
+    matrix = regression_matrix(setting, spans)
     return float(np.linalg.slogdet(matrix.T @ matrix)[1])

@@ -8,8 +8,8 @@ from jaxtyping import Float
 from ...loop.domain import Domain, make_domain
 from ...plant.plant import NAMES as PLANT_NAMES
 from ...plant.plant import Plant
-from ..fit.model import MASSES
 from ..fit.prediction import INDEX, LEAST_LAG, vector_of
+from ..fit.unknowns import MASSES
 from ..plant_file import domain_of
 
 BASE_SPREAD = 0.2

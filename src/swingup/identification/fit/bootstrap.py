@@ -3,16 +3,17 @@
 Errors of neighbouring windows are alike, so that windows are drawn in blocks of 1 s. A draw gives each block a
 weight from Exp(1). Each log, and each output time and state of the predictions, gets a weight with a quarter of its
 variance: where short and long predictions, or angles and velocities, disagree on an unknown, the model is not exact
-and the interval is wider. A draw also has its own expectation of each unknown: what the logs leave open is then as
-wide as before. Sources: Rubin, The Bayesian bootstrap (Annals of Statistics 9, 1981); the gradients of few blocks
-are corrected for their leverage as in Bell and McCaffrey (Survey Methodology 28, 2002).
+and the interval is wider. Each draw also has its own expectation of each unknown, so that an unknown
+which the logs leave open keeps the width of its expectation. Sources: Rubin, The Bayesian bootstrap (Annals of
+Statistics 9, 1981); the gradients of few blocks are corrected for their leverage as in Bell and McCaffrey (Survey
+Methodology 28, 2002).
 """
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from scipy.optimize import lsq_linear
 
-from ..log.windows import Windows
+from ..log.segments import Segments
 from .fit import Fit
 from .prediction import INDEX
 
@@ -24,17 +25,20 @@ DRAWS = 400
 WIDENING = 1.75
 """Factor on the draws' distance from the solution. The bootstrap does not see what all windows have in common:
 errors of the smoother and of the integration. Chosen on simulated pendulums that are not among those reported."""
-LEVEL = 0.95
+LARGEST_LEVERAGE = 0.99
+"""Largest share of what is known of a direction that counts as one block's. A single block has all of it: without
+this bound the correction would divide by the expectation's weight alone."""
 
 
-def draw_solutions(fit: Fit, windows: Windows, seed: int = 0) -> Float[np.ndarray, "draws unknowns"]:
+def draw_solutions(fit: Fit, windows: Segments, seed: int = 0) -> Float[np.ndarray, "draws unknowns"]:
     """Solutions z for other logs and blocks that might have been recorded."""
     random = np.random.default_rng(seed)
     unknowns, count = fit.unknowns, len(fit.z)
-    blocks = _blocks(windows)
-    normal, gradient = _by_block(fit, blocks)
-    logs = _first_of_each(windows.log, blocks)
-    weights = random.exponential(size=(DRAWS, len(normal)))
+    numbers = windows.log * 1_000_000 + np.floor(windows.start / BLOCK).astype(int)
+    _, first, blocks = np.unique(numbers, return_index=True, return_inverse=True)
+    normal, gradient = _by_block(fit, blocks, len(first))
+    logs = windows.log[first]
+    weights = random.exponential(size=(DRAWS, len(first)))
     weights *= random.gamma(SHAPE, 1.0 / SHAPE, (DRAWS, int(logs.max(initial=0)) + 1))[:, logs]
     kinds = random.gamma(SHAPE, 1.0 / SHAPE, (DRAWS, fit.residual.shape[1]))
     expected = random.normal(size=(DRAWS, count)) * unknowns.spread
@@ -52,26 +56,9 @@ def draw_solutions(fit: Fit, windows: Windows, seed: int = 0) -> Float[np.ndarra
     return np.clip(fit.z + WIDENING * solutions, low, high)
 
 
-def interval(values: Float[np.ndarray, "draws"]) -> tuple[float, float]:
-    """The central 95 % of the draws."""
-    low, high = np.quantile(values, [0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL])
-    return float(low), float(high)
-
-
-def _blocks(windows: Windows) -> Int[np.ndarray, "windows"]:
-    """A number for each window's block, from 0."""
-    numbers = windows.log * 1_000_000 + np.floor(windows.time / BLOCK).astype(int)
-    return np.unique(numbers, return_inverse=True)[1]
-
-
-def _first_of_each(logs: np.ndarray, blocks: np.ndarray) -> np.ndarray:
-    found: np.ndarray = logs[np.unique(blocks, return_index=True)[1]]
-    return found
-
-
-def _by_block(fit: Fit, blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _by_block(fit: Fit, blocks: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Normal matrix and gradient of each block and kind of error, with the weights of the robust loss."""
-    count, (_, kinds, unknowns) = int(blocks.max(initial=-1)) + 1, fit.jacobian.shape
+    _, kinds, unknowns = fit.jacobian.shape
     robust = 1.0 / np.sqrt(1.0 + fit.residual**2)
     normal, gradient = np.zeros((count, kinds, unknowns, unknowns)), np.zeros((count, kinds, unknowns))
     for block in range(count):
@@ -85,13 +72,17 @@ def _by_block(fit: Fit, blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _without_leverage(normal: np.ndarray, gradient: np.ndarray, prior: np.ndarray, pull: np.ndarray) -> np.ndarray:
     """Gradients as they would be had each block not drawn the solution towards itself.
 
-    (1 - N_b N⁻¹)⁻¹ g_b for each block b, shifted so that the solution stays where it is.
+    (1 - N_b N⁻¹)⁻¹ g_b for each block b, shifted so that the solution stays where it is. With N = R Rᵀ the
+    leverages are the eigenvalues of R⁻¹ N_b R⁻ᵀ.
     """
     if not len(normal):
         return gradient
-    inverse = np.linalg.inv(normal.sum(axis=(0, 1)) + prior)
-    apart = np.eye(len(inverse)) - normal.sum(axis=1) @ inverse
-    corrected = np.linalg.solve(apart[:, None], gradient[..., None])[..., 0]
+    root = np.linalg.cholesky(normal.sum(axis=(0, 1)) + prior)
+    inverse = np.linalg.inv(root)
+    leverage, vectors = np.linalg.eigh(inverse @ normal.sum(axis=1) @ inverse.T)
+    factor = 1.0 / (1.0 - np.minimum(leverage, LARGEST_LEVERAGE))
+    spread = root @ (vectors * factor[:, None]) @ np.swapaxes(vectors, 1, 2) @ inverse
+    corrected = np.einsum("bij,bkj->bki", spread, gradient)
     shift: np.ndarray = corrected - (corrected.sum(axis=(0, 1)) + pull) / corrected[..., 0].size
     return shift
 

@@ -13,12 +13,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from scipy.optimize import least_squares
 
-from ..log.windows import Windows
-from .model import Unknowns
-from .prediction import Setting, predict_with_jacobian
+from ..log.segments import Segments, join
+from .prediction import INDEX, Setting, predict_with_jacobian
+from .problem import Problem
+from .regression import cut_spans, regress
+from .unknowns import Unknowns
 
 
 @dataclass(frozen=True)
@@ -28,24 +30,20 @@ class Stage:
     outputs: int
     """Number of output times that count, the first ones."""
     evaluations: int
-    """The most of them."""
+    """Largest number of evaluations of the errors."""
     coarse: bool
     """Whether steps of integration are twice as long."""
 
 
 STAGES = (Stage(2, 12, True), Stage(5, 20, True), Stage(5, 8, False))
+START_STAGES = (Stage(5, 15, True),)
+WARM_STAGES = (Stage(5, 10, False),)
 LARGEST_ERROR = 1e3
 """An error that is not finite counts as this (rad, rad/s)."""
 LEAST_WINDOWS = 10
 """Windows of a log from which it has a spread of its own."""
-
-
-@dataclass(frozen=True)
-class Data:
-    """Windows of all logs, and the session of each."""
-
-    windows: Windows
-    session: Int[np.ndarray, "windows"]
+LEAST_SPREAD = np.array([1e-4, 1e-4, 1e-2, 1e-2])
+"""Least spread of an error of each state (rad, rad/s): some encoders' steps, which no model explains."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,7 @@ class Fit:
     residual: Float[np.ndarray, "windows errors"]
     """r / sigma of each window."""
     jacobian: Float[np.ndarray, "windows errors unknowns"]
-    """Of ``residual`` with respect to z."""
+    """Derivatives of ``residual`` with respect to z."""
 
     @property
     def models(self) -> Float[np.ndarray, "sessions 15"]:
@@ -65,9 +63,44 @@ class Fit:
         return self.unknowns.models(self.z)
 
 
+def fit_start(problem: Problem, windows: Segments) -> Float[np.ndarray, "sessions 15"]:
+    """The starting plant with the delay and lag that predict best."""
+    unknowns = problem.unknowns(plant=False)
+    if not len(windows) or not len(unknowns):
+        return unknowns.models(unknowns.start)
+    return fit(problem.setting, windows, unknowns, unknowns.start, START_STAGES).models
+
+
+def fit_all(problem: Problem, windows: Segments, start: Float[np.ndarray, "sessions 15"]) -> Fit:
+    """All unknowns, from the better of the starting plant and the linear regression."""
+    unknowns = problem.unknowns(plant=True)
+    if not len(windows):
+        return linearise(Evaluator(problem.setting, windows, unknowns), unknowns.start)
+    candidates = [unknowns.position(models) for models in (start, _regressed(problem, start))]
+    evaluate = Evaluator(problem.setting.coarse, windows, unknowns)
+    costs = [start_cost(evaluate, z) for z in candidates]
+    return fit(problem.setting, windows, unknowns, candidates[int(np.argmin(costs))])
+
+
+def refit(problem: Problem, windows: Segments, before: Fit) -> Fit:
+    """The same with more windows, from a solution."""
+    return fit(problem.setting, windows, before.unknowns, before.z, WARM_STAGES)
+
+
+def _regressed(problem: Problem, models: np.ndarray) -> np.ndarray:
+    """The start's models with the plant that linear least squares find."""
+    spans = join([cut_spans(recording) for recording in problem.recordings])
+    if not len(spans):
+        return models
+    found, changed = regress(problem.setting, spans, problem.start, problem.driven), models.copy()
+    for name, value in found.values.items():
+        changed[:, INDEX[name]] = value
+    return changed
+
+
 def fit(
     setting: Setting,
-    data: Data,
+    windows: Segments,
     unknowns: Unknowns,
     start: Float[np.ndarray, "unknowns"],
     stages: Sequence[Stage] = STAGES,
@@ -76,15 +109,15 @@ def fit(
     z = start
     for stage in stages:
         chosen = setting.coarse if stage.coarse else setting
-        z = _solve(Evaluator(chosen, data, unknowns), z, stage)
-    return linearise(Evaluator(setting, data, unknowns), z)
+        z = _solve(Evaluator(chosen, windows, unknowns), z, stage)
+    return linearise(Evaluator(setting, windows, unknowns), z)
 
 
 class Evaluator:
     """Errors of all windows and their derivatives; the latest evaluation is kept, since SciPy asks twice."""
 
-    def __init__(self, setting: Setting, data: Data, unknowns: Unknowns) -> None:
-        self.setting, self.data, self.unknowns = setting, data, unknowns
+    def __init__(self, setting: Setting, windows: Segments, unknowns: Unknowns) -> None:
+        self.setting, self.windows, self.unknowns = setting, windows, unknowns
         self._latest: tuple[bytes, np.ndarray, np.ndarray] = (b"", np.zeros(0), np.zeros(0))
 
     def __call__(self, z: Float[np.ndarray, "unknowns"]) -> tuple[np.ndarray, np.ndarray]:
@@ -94,14 +127,14 @@ class Evaluator:
         return self._latest[1:]
 
     def _evaluate(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        windows, models = self.data.windows, self.unknowns.models(z)
-        errors = np.zeros_like(windows.reference)
+        windows, models = self.windows, self.unknowns.models(z)
+        owners = self.unknowns.sessions[windows.log]
+        errors = np.zeros_like(windows.states[:, 1:])
         slopes = np.zeros((*errors.shape, len(z)))
-        for session in np.unique(self.data.session):
-            rows = np.flatnonzero(self.data.session == session)
-            part = windows.take(rows)
-            states, derivatives = predict_with_jacobian(self.setting, models[session], part)
-            errors[rows] = states - part.reference
+        for session in np.unique(owners):
+            rows = owners == session
+            states, derivatives = predict_with_jacobian(self.setting, models[session], windows.take(rows))
+            errors[rows] = states - windows.states[rows, 1:]
             slopes[rows] = derivatives @ self.unknowns.derivative(int(session))
         bad = ~(np.isfinite(errors) & np.isfinite(slopes).all(axis=-1))
         errors[bad], slopes[bad] = LARGEST_ERROR, 0.0
@@ -111,29 +144,26 @@ class Evaluator:
 def linearise(evaluate: Evaluator, z: Float[np.ndarray, "unknowns"]) -> Fit:
     """A solution as it is, with its errors and their derivatives in units of their spreads."""
     errors, slopes = evaluate(z)
-    sigma = spreads(evaluate.data.windows, errors)
-    shape = (len(errors), errors[0:1].size if len(errors) else 0)
-    return Fit(
-        evaluate.unknowns, z, (errors / sigma).reshape(shape), (slopes / sigma[..., None]).reshape(*shape, len(z))
-    )
+    sigma, (count, outputs, states) = spreads(evaluate.windows, errors), errors.shape
+    residual, jacobian = errors / sigma, slopes / sigma[..., None]
+    shape = count, outputs * states
+    return Fit(evaluate.unknowns, z, residual.reshape(shape), jacobian.reshape(*shape, len(z)))
 
 
 def start_cost(evaluate: Evaluator, z: Float[np.ndarray, "unknowns"]) -> float:
     """How badly a position predicts the first 50 ms: median errors, each relative to the median motion."""
-    windows, first = evaluate.data.windows, np.abs(evaluate(z)[0][:, 0])
-    moved = np.abs(windows.reference[:, 0] - windows.start)
+    states, first = evaluate.windows.states, np.abs(evaluate(z)[0][:, 0])
+    moved = np.abs(states[:, 1] - states[:, 0])
     return float(np.sum(np.median(first, axis=0) / np.maximum(np.median(moved, axis=0), 1e-6)))
 
 
-def spreads(
-    windows: Windows, errors: Float[np.ndarray, "windows outputs 4"]
-) -> Float[np.ndarray, "windows outputs 4"]:
+def spreads(windows: Segments, errors: Float[np.ndarray, "windows outputs 4"]) -> np.ndarray:
     """The spread of each error: of its time and state over all windows, times how much worse its log fits."""
     if not len(errors):
         return np.ones_like(errors)
     size = np.abs(errors)
-    floor = np.array([1e-4, 1e-4, 1e-2, 1e-2])
-    common = np.maximum(1.48 * np.median(size, axis=0), floor)
+    # The median of |error| is 1/1.48 of the standard deviation of a normal distribution.
+    common = np.maximum(1.48 * np.median(size, axis=0), LEAST_SPREAD)
     # Errors grow with time: the spread at a later time is never below that at an earlier one.
     common = np.maximum.accumulate(common, axis=0)
     sigma = np.tile(common, (len(windows), 1, 1))
@@ -146,7 +176,7 @@ def spreads(
 
 def _solve(evaluate: Evaluator, z: np.ndarray, stage: Stage) -> np.ndarray:
     """One stage: sigma as it is at the start, then the least squares."""
-    unknowns, sigma = evaluate.unknowns, spreads(evaluate.data.windows, evaluate(z)[0])
+    unknowns, sigma = evaluate.unknowns, spreads(evaluate.windows, evaluate(z)[0])
     weight = (np.arange(sigma.shape[1]) < stage.outputs)[:, None] / sigma
     expected = np.diag(1.0 / unknowns.spread)
     solution = least_squares(
@@ -159,6 +189,7 @@ def _solve(evaluate: Evaluator, z: np.ndarray, stage: Stage) -> np.ndarray:
         xtol=1e-4,
         ftol=1e-4,
     )
+    # The next stage has to start strictly within the bounds.
     inner = 1e-6 * (unknowns.high - unknowns.low)
     found: np.ndarray = np.clip(solution.x, unknowns.low + inner, unknowns.high - inner)
     return found

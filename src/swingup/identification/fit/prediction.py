@@ -25,7 +25,7 @@ from ...dynamics.implicit_friction import advance
 from ...plant.base_parameters import BASE_NAMES, Geometry, base_parameters, friction_of, geometry_of, lumped
 from ...plant.equations import COULOMB_STEEPNESS
 from ...plant.plant import Plant
-from ..log.windows import HISTORY, INTERVAL, TORQUE_STEP, Windows
+from ..log.segments import HISTORY, INTERVAL, TORQUE_STEP, Segments
 
 NAMES = (*BASE_NAMES, "offset1", "offset2", "gain1", "gain2", "delay", "lag")
 """Entries of a model's vector, in order: θ, and the loop (rad, s)."""
@@ -71,27 +71,25 @@ def vector_of(p: Plant, delay: float = 0.004, lag: float = 0.002) -> Float[np.nd
     return np.append(base_parameters(p), [0.0, 0.0, 1.0, 1.0, delay, lag])
 
 
-def predict(setting: Setting, model: np.ndarray, windows: Windows) -> Float[np.ndarray, "windows outputs 4"]:
-    """States at the windows' output times, predicted from their starts."""
+def predict(setting: Setting, model: Float[np.ndarray, "15"], windows: Segments) -> np.ndarray:
+    """The windows' states after the start, [windows, outputs, 4], predicted from their first states."""
     return _predicted(setting, False, model, windows)
 
 
 def predict_with_jacobian(
-    setting: Setting, model: np.ndarray, windows: Windows
-) -> tuple[Float[np.ndarray, "windows outputs 4"], Float[np.ndarray, "windows outputs 4 15"]]:
-    """The same with derivatives with respect to the model's vector."""
+    setting: Setting, model: Float[np.ndarray, "15"], windows: Segments
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same with derivatives with respect to the model's vector, [windows, outputs, 4, 15]."""
     both = _predicted(setting, True, model, windows)
     return both[..., 0], both[..., 1:]
 
 
-def _predicted(setting: Setting, derivatives: bool, model: np.ndarray, windows: Windows) -> np.ndarray:
+def _predicted(setting: Setting, derivatives: bool, model: np.ndarray, windows: Segments) -> np.ndarray:
+    outputs = len(windows.offsets) - 1
     if not len(windows):
-        shape = windows.reference.shape
-        return np.zeros((*shape, 1 + len(NAMES)) if derivatives else shape)
-    program = _compiled(setting, windows.reference.shape[1], derivatives)
-    (found,) = in_chunks(
-        CHUNK, len(windows), lambda rows: (program(model, windows.start[rows], windows.impulse[rows]),)
-    )
+        return np.zeros((0, outputs, 4, 1 + len(NAMES)) if derivatives else (0, outputs, 4))
+    program, start = _compiled(setting, outputs, derivatives), windows.states[:, 0]
+    (found,) = in_chunks(CHUNK, len(windows), lambda rows: (program(model, start[rows], windows.impulse[rows]),))
     return found
 
 

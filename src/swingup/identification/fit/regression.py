@@ -5,8 +5,8 @@ needed, and no start is guessed, so the same equations tell joints that are swap
 Noise in the regressors makes the estimate a start for the fit, no more than that.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -17,8 +17,8 @@ from ...plant.base_parameters import BASE, BASE_NAMES
 from ...plant.maths import NUMPY
 from ...plant.momentum import momentum_rows
 from ..log.recording import Recording
-from ..log.smoothing import REACH, smooth
-from ..log.windows import LEAST_SPEED, cumulative_torque
+from ..log.segments import Segments, cut
+from ..log.smoothing import REACH
 from .prediction import INDEX, Setting
 
 SPAN = 0.05
@@ -49,15 +49,6 @@ LEAST_SPANS = 15
 
 
 @dataclass(frozen=True)
-class Spans:
-    """Short stretches of motion: states within each, and the impulses of the torques."""
-
-    states: Float[np.ndarray, "spans points 4"]
-    impulse: Float[np.ndarray, "spans 2"]
-    """N m s"""
-
-
-@dataclass(frozen=True)
 class Solution:
     """A solution of the regression."""
 
@@ -66,30 +57,19 @@ class Solution:
     """Share of the sum of squares of all impulses that is left."""
 
 
-def cut_spans(recording: Recording) -> Spans:
-    """Stretches of 50 ms in which a joint moves."""
+def cut_spans(recording: Recording) -> Segments:
+    """Segments of 50 ms in which a joint moves, with the impulse at both ends."""
     starts = np.arange(2 * REACH, recording.duration - SPAN - REACH, SPAN)
-    grid = starts[:, None] + OFFSETS
-    states = smooth(recording, grid.ravel()).reshape(*grid.shape, 4)
     age = COMMAND_AGE if recording.commanded else 0.0
-    total = cumulative_torque(recording, np.stack([starts, starts + SPAN], axis=1) - age)
-    moving = np.abs(states[..., 2:]).max(axis=(1, 2)) > LEAST_SPEED
-    rows = np.flatnonzero(recording.gaps)
-    for begins, ends in zip(recording.time[rows], recording.time[rows + 1], strict=True):
-        moving &= (starts + SPAN + REACH < begins) | (starts - REACH > ends)
-    return Spans(states[moving], (total[:, 1] - total[:, 0])[moving])
+    return cut(recording, starts, OFFSETS, (np.array([0.0, SPAN]), age), OFFSETS, SPAN)
 
 
-def regress(setting: Setting, spans: Spans, start: Float[np.ndarray, "15"], driven: bool) -> Solution:
+def regress(setting: Setting, spans: Segments, start: Float[np.ndarray, "15"], driven: bool) -> Solution:
     """Base parameters within a factor of 5 of the start's, and friction.
 
-    Args:
-        setting: the lengths, gravity and gear ratio.
-        spans: of one or several recordings.
-        start: the starting plant's vector.
-        driven: whether torques set the scale; otherwise m1 r1 + m2 l1 is the start's.
+    Torques set the scale; without any, m1 r1 + m2 l1 is the start's.
     """
-    matrix, right = regression_matrix(setting, spans), spans.impulse.ravel()
+    matrix, right = regression_matrix(setting, spans.states), np.diff(spans.impulse, axis=1).ravel()
     low, high = _bounds(setting, start, driven)
     size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-30)
     found = np.clip(lsq_linear(matrix / size, right, (low * size, high * size)).x / size, low, high)
@@ -102,16 +82,14 @@ def check_joints(recordings: Sequence[Recording], setting: Setting, start: Float
     """Refuse logs whose columns explain the motion much better in another order, sign or unit."""
     for recording in recordings:
         spans, driven = cut_spans(recording), any(recording.driven)
-        if len(spans.states) < LEAST_SPANS:
+        if len(spans) < LEAST_SPANS:
             continue
         plain = regress(setting, spans, start, driven).unexplained
         if plain < SUSPICIOUS:
             continue
         # Without torques, angles that are too small by a factor of 57 fit any plant at rest.
-        hypotheses = {text: read for text, read in _HYPOTHESES.items() if driven or read is not _radians}
-        others = {
-            text: regress(setting, read(spans), start, driven).unexplained for text, read in hypotheses.items()
-        }
+        texts = [text for text in _HYPOTHESES if driven or text != _DEGREES]
+        others = {text: regress(setting, _read_as(spans, text), start, driven).unexplained for text in texts}
         best = min(others, key=lambda text: others[text])
         if others[best] < min(BETTER * plain, GOOD):
             raise SwingupError(
@@ -126,6 +104,12 @@ def check_joints(recordings: Sequence[Recording], setting: Setting, start: Float
             )
 
 
+def _read_as(spans: Segments, hypothesis: str) -> Segments:
+    joints, shift, torques = _HYPOTHESES[hypothesis]
+    states = spans.states @ np.kron(np.eye(2), joints) + np.array([shift, 0.0, 0.0, 0.0])
+    return replace(spans, states=states, impulse=spans.impulse @ torques)
+
+
 def _bounds(setting: Setting, start: np.ndarray, driven: bool) -> tuple[np.ndarray, np.ndarray]:
     masses, k = start[:4], start[INDEX["k"]]
     torque = setting.geometry.g * k
@@ -137,46 +121,28 @@ def _bounds(setting: Setting, start: np.ndarray, driven: bool) -> tuple[np.ndarr
     return low, high
 
 
-def regression_matrix(setting: Setting, spans: Spans) -> Float[np.ndarray, "rows 9"]:
-    """Rows: both joints of each span; columns: the impulses for a unit of each base parameter."""
-    q1, q2 = spans.states[..., 0], spans.states[..., 1]
+def regression_matrix(setting: Setting, states: Float[np.ndarray, "spans points 4"]) -> np.ndarray:
+    """The matrix Y: both joints of each span in rows, and in columns the impulses for a unit of each parameter."""
+    q1, q2 = states[..., 0], states[..., 1]
     before, middle, after = ((q1[:, k : k + POINTS], q2[:, k : k + POINTS]) for k in (0, 1, 2))
     rows = momentum_rows(before, middle, after, (STEP, STEP), setting.geometry, 0.0, ARRAYS)
     columns = [[np.sum(entry, axis=1) * STEP for entry in row[:BASE]] for row in rows]
     return np.transpose(columns, (2, 0, 1)).reshape(-1, BASE)
 
 
-def _signs(q1: float, q2: float, u1: float, u2: float) -> Callable[[Spans], Spans]:
-    return lambda spans: Spans(spans.states * np.array([q1, q2, q1, q2]), spans.impulse * np.array([u1, u2]))
-
-
-def _swapped(spans: Spans) -> Spans:
-    return Spans(spans.states[..., [1, 0, 3, 2]], spans.impulse[:, ::-1])
-
-
-def _shifted(spans: Spans) -> Spans:
-    return Spans(spans.states + np.array([np.pi, 0.0, 0.0, 0.0]), spans.impulse)
-
-
-def _relative(spans: Spans) -> Spans:
-    q1, q2, dq1, dq2 = np.moveaxis(spans.states, -1, 0)
-    return Spans(np.stack([q1, q2 - q1, dq1, dq2 - dq1], axis=-1), spans.impulse)
-
-
-def _radians(spans: Spans) -> Spans:
-    return Spans(np.radians(spans.states), spans.impulse)
-
-
-_HYPOTHESES: dict[str, Callable[[Spans], Spans]] = {
-    "joints 1 and 2 look swapped": _swapped,
-    "the angle of joint 2 looks absolute, not relative to link 1": _relative,
-    "the angle of joint 1 looks measured from upright, not from hanging": _shifted,
-    "the angles look like degrees": _radians,
-    "the angle of joint 1 looks reversed": _signs(-1, 1, 1, 1),
-    "the angle of joint 2 looks reversed": _signs(1, -1, 1, 1),
-    "the torque of joint 1 looks reversed": _signs(1, 1, -1, 1),
-    "the torque of joint 2 looks reversed": _signs(1, 1, 1, -1),
-    "both torques look reversed": _signs(1, 1, -1, -1),
-    "joint 2, with its torque, looks reversed": _signs(1, -1, 1, -1),
+_SAME, _SWAP, _TURN1, _TURN2 = np.eye(2), np.eye(2)[::-1], np.diag([-1.0, 1.0]), np.diag([1.0, -1.0])
+_DEGREES = "the angles look like degrees"
+_HYPOTHESES: dict[str, tuple[np.ndarray, float, np.ndarray]] = {
+    "joints 1 and 2 look swapped": (_SWAP, 0.0, _SWAP),
+    "the angle of joint 2 looks absolute, not relative to link 1": (np.array([[1, -1], [0, 1]]), 0.0, _SAME),
+    "the angle of joint 1 looks measured from upright, not from hanging": (_SAME, np.pi, _SAME),
+    _DEGREES: (np.radians(_SAME), 0.0, _SAME),
+    "the angle of joint 1 looks reversed": (_TURN1, 0.0, _SAME),
+    "the angle of joint 2 looks reversed": (_TURN2, 0.0, _SAME),
+    "the torque of joint 1 looks reversed": (_SAME, 0.0, _TURN1),
+    "the torque of joint 2 looks reversed": (_SAME, 0.0, _TURN2),
+    "both torques look reversed": (_SAME, 0.0, -_SAME),
+    "joint 2, with its torque, looks reversed": (_TURN2, 0.0, _TURN2),
 }
-"""Ways to read the columns that a log may have been written in."""
+"""Other ways to read a log's columns: a matrix on the joints' angles and rates, an angle that is added to the
+shoulder's (rad), and a matrix on their torques."""

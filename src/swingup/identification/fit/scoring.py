@@ -6,12 +6,13 @@ mean square over all windows and both joints.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ..log.recording import Recording
-from ..log.windows import INTERVAL, Windows, cut_windows, join
+from ..log.segments import FIT_LENGTH, INTERVAL, Segments, cut_windows, join
 from .prediction import Setting, predict
 
 HORIZONS = (0.1, 0.25, 0.5)
@@ -19,35 +20,85 @@ HORIZONS = (0.1, 0.25, 0.5)
 LENGTH = max(HORIZONS)
 LARGEST_ERROR = 1e3
 """An error that is larger or not finite counts as this (rad, rad/s)."""
+WHOLE_LOGS = 3
+"""From this number of logs on, one is held out whole."""
+HELD_SHARE = 0.25
+"""Share of the windows of each log that are held out, at its end, where there are fewer logs."""
 
-Errors = Mapping[str, Mapping[str, float | None]]
-"""By horizon and quantity: {"0.1": {"angle": rad, "velocity": rad/s}, ...}; None where there are no windows."""
+
+@dataclass(frozen=True)
+class ErrorRow:
+    """Errors of some windows after one time."""
+
+    windows: int
+    angle: float | None
+    """Root mean square over windows and joints (rad); None without windows."""
+    velocity: float | None
+    """The same of velocities (rad/s)."""
+    angle_median: float | None
+    """Median over windows of the root mean square over joints (rad)."""
+    velocity_median: float | None
+    """The same of velocities (rad/s)."""
 
 
-def score_windows(recordings: Sequence[Recording]) -> Windows:
+Errors = Mapping[str, ErrorRow]
+"""By horizon (s), as in "0.25"."""
+
+
+def score_windows(recordings: Sequence[Recording]) -> Segments:
     """The windows that the scoring looks at."""
     return join([cut_windows(recording, LENGTH, log=log) for log, recording in enumerate(recordings)])
 
 
 def prediction_errors(
-    setting: Setting, models: Float[np.ndarray, "logs 15"], windows: Windows
+    setting: Setting, models: Float[np.ndarray, "logs 15"], windows: Segments
 ) -> Float[np.ndarray, "windows outputs 4"]:
     """Predicted minus smoothed states; each log has its model."""
-    errors = np.zeros_like(windows.reference)
+    errors = np.zeros_like(windows.states[:, 1:])
     for log in np.unique(windows.log):
-        rows = np.flatnonzero(windows.log == log)
-        part = windows.take(rows)
-        errors[rows] = predict(setting, models[log], part) - part.reference
+        rows = windows.log == log
+        errors[rows] = predict(setting, models[log], windows.take(rows)) - windows.states[rows, 1:]
     return np.clip(np.nan_to_num(errors, nan=LARGEST_ERROR), -LARGEST_ERROR, LARGEST_ERROR)
 
 
-def summarise(errors: Float[np.ndarray, "windows outputs 4"]) -> Errors:
-    """Root mean squares by horizon, of angles (rad) and velocities (rad/s)."""
-    summary = {}
-    for horizon in HORIZONS:
-        output = round(horizon / INTERVAL) - 1
-        parts = {"angle": errors[:, output, :2], "velocity": errors[:, output, 2:]}
-        summary[f"{horizon:g}"] = {
-            name: float(np.sqrt(np.mean(part**2))) if part.size else None for name, part in parts.items()
-        }
-    return summary
+def summarise(errors: Float[np.ndarray, "windows outputs 4"], horizons: Sequence[float] = HORIZONS) -> Errors:
+    """Errors by horizon."""
+    return {f"{horizon:g}": error_row(errors[:, round(horizon / INTERVAL) - 1]) for horizon in horizons}
+
+
+def error_row(errors: Float[np.ndarray, "windows 4"]) -> ErrorRow:
+    """Summarise the errors of windows after one time: of both angles, and of both velocities."""
+    if not len(errors):
+        return ErrorRow(0, None, None, None, None)
+    squares = np.stack([np.mean(errors[:, :2] ** 2, axis=1), np.mean(errors[:, 2:] ** 2, axis=1)])
+    means, medians = np.sqrt(squares.mean(axis=1)), np.sqrt(np.median(squares, axis=1))
+    return ErrorRow(len(errors), float(means[0]), float(means[1]), float(medians[0]), float(medians[1]))
+
+
+def hold_out(everything: Segments, windows: Segments) -> tuple[Segments, Segments]:
+    """What is judged, some windows of the scoring, and what is fitted: windows that share no time with them.
+
+    Args:
+        everything: windows of the scoring, of all logs.
+        windows: windows of the fit.
+    """
+    judged = everything.take(_held_out(everything))
+    free = np.ones(len(windows), bool)
+    for log in np.unique(judged.log):
+        held, starts = judged.start[judged.log == log], windows.start[:, None]
+        apart = (starts + FIT_LENGTH <= held) | (starts >= held + LENGTH)
+        free &= (windows.log != log) | apart.all(axis=1)
+    return judged, windows.take(free)
+
+
+def _held_out(windows: Segments) -> Bool[np.ndarray, "windows"]:
+    logs, counts = np.unique(windows.log, return_counts=True)
+    if len(logs) >= WHOLE_LOGS:
+        # A log with few windows, such as a swing-up, may be the last: the one with the median number is held out.
+        middle = logs[np.argsort(counts, kind="stable")[len(logs) // 2]]
+        return np.asarray(windows.log == middle)
+    held = np.zeros(len(windows), bool)
+    for log in logs:
+        rows = np.flatnonzero(windows.log == log)
+        held[rows[len(rows) - max(1, round(HELD_SHARE * len(rows))) :]] = True
+    return held

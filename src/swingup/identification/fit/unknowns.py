@@ -11,6 +11,7 @@ seconds of motion outweigh it; it decides only on what the logs leave open, and 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -18,13 +19,10 @@ from jaxtyping import Float, Int
 from ...plant.base_parameters import BASE_NAMES
 from .prediction import INDEX, LEAST_LAG, NAMES, Setting
 
-SHARED = BASE_NAMES
-"""Entries of the plant, the same in all sessions."""
 MASSES = ("A", "B", "m2r2", "k", "Ir")
 
 
-@dataclass(frozen=True)
-class Expectation:
+class Expectation(NamedTuple):
     """What is expected of one entry before any log is read."""
 
     centre: float
@@ -39,8 +37,8 @@ class Expectation:
 class Unknowns:
     """The vector z of a fit and how the sessions' models follow from it."""
 
-    names: tuple[str, ...]
-    """Of each unknown: an entry of the model, with the session's number behind an @ except in the first."""
+    sessions: Int[np.ndarray, "logs"]
+    """Session of each recording."""
     entries: Int[np.ndarray, "unknowns"]
     """Place of each unknown in the model's vector; ``gain1`` stands for both gains."""
     place: Int[np.ndarray, "sessions 15"]
@@ -54,23 +52,32 @@ class Unknowns:
     """Bounds of z."""
     high: Float[np.ndarray, "unknowns"]
 
-    def models(self, z: Float[np.ndarray, "unknowns"]) -> Float[np.ndarray, "sessions 15"]:
+    def __len__(self) -> int:
+        return len(self.entries)
+
+    @property
+    def start(self) -> Float[np.ndarray, "unknowns"]:
+        """The position of the starting plant, within the bounds."""
+        return np.clip(np.zeros(len(self)), self.low, self.high)
+
+    def models(self, z: Float[np.ndarray, "*draws unknowns"]) -> Float[np.ndarray, "*draws sessions 15"]:
         """The model's vector of each session."""
         # One value more, so that -1 is a place also where nothing is unknown.
-        values = np.append(self.centre + self.scale * z, 0.0)
-        return np.where(self.place >= 0, values[self.place], self.fixed)
+        values = np.append(self.centre + self.scale * z, np.zeros((*z.shape[:-1], 1)), axis=-1)
+        return np.where(self.place >= 0, values[..., self.place], self.fixed)
 
     def derivative(self, session: int) -> Float[np.ndarray, "15 unknowns"]:
-        """Of a session's model with respect to z."""
-        chosen = self.place[session][:, None] == np.arange(len(self.names))
+        """The derivative of a session's model with respect to z."""
+        chosen = self.place[session][:, None] == np.arange(len(self))
         return chosen * self.scale
 
     def position(self, models: Float[np.ndarray, "sessions 15"]) -> Float[np.ndarray, "unknowns"]:
         """The position z of models, within the bounds; of a shared entry, that of the first session."""
-        z = np.zeros(len(self.names))
+        z = np.zeros(len(self))
         for session in reversed(range(len(self.place))):
             free = self.place[session] >= 0
             z[self.place[session][free]] = models[session][free]
+        # SciPy's method starts strictly within the bounds.
         inner = 1e-3 * (self.high - self.low)
         return np.clip((z - self.centre) / self.scale, self.low + inner, self.high - inner)
 
@@ -104,6 +111,7 @@ def make_unknowns(
     start: Float[np.ndarray, "15"],
     free: Sequence[Sequence[str]],
     known: Mapping[str, float],
+    sessions: Sequence[int],
 ) -> Unknowns:
     """The unknowns of several sessions.
 
@@ -112,26 +120,24 @@ def make_unknowns(
         start: the starting plant's vector: values of what is neither free nor known.
         free: for each session the entries that are free; those of the plant count in the first session.
         known: entries with values that the user knows.
+        sessions: of the recordings.
     """
-    names: list[str] = []
     rows: list[Expectation] = []
     entries: list[int] = []
     place, fixed = np.full((len(free), len(NAMES)), -1), np.tile(start, (len(free), 1))
     for name, value in known.items():
         fixed[:, _places(name)] = value
-    for session, wanted in enumerate(free):
-        for name in wanted:
-            if name in known or (name in SHARED and session > 0):
+    for session, names in enumerate(free):
+        for name in names:
+            if name in known or (name in BASE_NAMES and session > 0):
                 continue
-            place[slice(None) if name in SHARED else session, _places(name)] = len(names)
-            names.append(name if session == 0 else f"{name}@{session + 1}")
+            place[slice(None) if name in BASE_NAMES else session, _places(name)] = len(rows)
             rows.append(expected[session][name])
             entries.append(INDEX[name])
-    centre, scale, spread, low, high = (
-        np.array([(row.centre, row.scale, row.spread, row.low, row.high) for row in rows]).reshape(-1, 5).T
-    )
+    centre, scale, spread, low, high = np.array(rows).reshape(-1, 5).T
     low, high = (low - centre) / scale, (high - centre) / scale
-    return Unknowns(tuple(names), np.array(entries, int), place, fixed, centre, scale, spread, low, high)
+    owners = np.array(sessions, int)
+    return Unknowns(owners, np.array(entries, int), place, fixed, centre, scale, spread, low, high)
 
 
 def _places(name: str) -> list[int]:

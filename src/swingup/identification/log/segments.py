@@ -1,0 +1,129 @@
+"""Segments of recordings: states at equal times after a start, and the impulse of the torques that drive them.
+
+A window of a fit, a span of the regression and a prediction that is drawn are segments of different lengths.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .recording import Recording
+from .smoothing import REACH, smooth
+
+STRIDE = 0.1
+"""Time between the starts of two windows (s)."""
+FIT_LENGTH = 0.25
+"""Length of the windows of a fit (s)."""
+INTERVAL = 0.05
+"""Time between the states of a window (s)."""
+LEAST_SPEED = 1.0
+"""A segment in which no joint is faster (rad/s) says little: it is left out."""
+
+TORQUE_STEP = 0.0005
+"""Spacing of the torques' integral over a window (s)."""
+HISTORY = 0.06
+"""Torques before the start of a window that are kept (s): the largest delay, and what a lag remembers."""
+AHEAD = 0.02
+"""Torques after the end of a window that are kept (s): measured torques may be late."""
+
+
+@dataclass(frozen=True)
+class Segments:
+    """Segments of equal length, of one recording or several."""
+
+    log: Int[np.ndarray, "segments"]
+    """Which recording each segment comes from."""
+    start: Float[np.ndarray, "segments"]
+    """Start of each segment in its recording (s)."""
+    offsets: Float[np.ndarray, "points"]
+    """Times of the states after the start (s)."""
+    states: Float[np.ndarray, "segments points 4"]
+    """[q1, q2, dq1, dq2] (rad, rad/s): smoothed, or predicted from the smoothed first one."""
+    impulse: Float[np.ndarray, "segments grid 2"]
+    """Integral of the torques since the recording's first row (N m s)."""
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    @property
+    def times(self) -> Float[np.ndarray, "segments points"]:
+        """Times of the states in their recording (s)."""
+        return self.start[:, None] + self.offsets
+
+    def take(self, rows: np.ndarray) -> "Segments":
+        """Some of the segments, by their numbers or by truth values."""
+        names = ("log", "start", "states", "impulse")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+
+
+def cut_windows(
+    recording: Recording, length: float, stride: float = STRIDE, log: int = 0, least_speed: float = LEAST_SPEED
+) -> Segments:
+    """Windows of ``length`` (s) every ``stride`` (s), with states ``INTERVAL`` apart.
+
+    The first window starts one stride after the first row. The impulse is given ``TORQUE_STEP`` apart, from
+    ``HISTORY`` before the start to ``AHEAD`` after the end.
+    """
+    last = recording.duration - length - REACH
+    starts = stride * np.arange(1, max(1, int(last / stride + 1e-9) + 1))
+    offsets = INTERVAL * np.arange(round(length / INTERVAL) + 1)
+    grid = TORQUE_STEP * np.arange(round((HISTORY + length + AHEAD) / TORQUE_STEP) + 1)
+    # Speeds every 10 ms: a joint may be fast between two states.
+    looks = 0.01 * np.arange(round(length / 0.01) + 1)
+    return cut(recording, starts, offsets, (grid, HISTORY), looks, length, log, least_speed)
+
+
+def cut(
+    recording: Recording,
+    starts: Float[np.ndarray, "starts"],
+    offsets: Float[np.ndarray, "points"],
+    grid: tuple[Float[np.ndarray, "grid"], float],
+    looks: Float[np.ndarray, "looks"],
+    length: float,
+    log: int = 0,
+    least_speed: float = LEAST_SPEED,
+) -> Segments:
+    """Segments with these starts (s) that cross no gap and in which a joint is faster than ``least_speed``.
+
+    Args:
+        recording: what is cut.
+        starts: all starts in question.
+        offsets: times of the states after a start (s).
+        grid: times of the impulse (s), after a start that is so much (s) earlier than that of the states.
+        looks: times after a start at which speeds are looked at (s).
+        length: of a segment (s), in which no gap may be.
+        log: the recording's number.
+        least_speed: rad/s.
+    """
+    gaps = np.flatnonzero(recording.gaps)
+    for begin, end in zip(recording.time[gaps], recording.time[gaps + 1], strict=True):
+        # The smoother looks beyond both ends.
+        starts = starts[(end <= starts - REACH) | (begin >= starts + length + REACH)]
+    speeds = np.abs(_smoothed(recording, starts[:, None] + looks)[..., 2:]).max(axis=(1, 2), initial=0.0)
+    starts = starts[speeds > least_speed]
+    states = _smoothed(recording, starts[:, None] + offsets)
+    impulse = cumulative_torque(recording, starts[:, None] + grid[0] - grid[1])
+    return Segments(np.full(len(starts), log), starts, offsets, states, impulse)
+
+
+def join(parts: Sequence[Segments]) -> Segments:
+    """The segments of several recordings, in order."""
+    names = ("log", "start", "states", "impulse")
+    return replace(parts[0], **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+
+def _smoothed(recording: Recording, times: Float[np.ndarray, "segments points"]) -> np.ndarray:
+    return smooth(recording, times.ravel()).reshape(*times.shape, 4)
+
+
+def cumulative_torque(recording: Recording, times: Float[np.ndarray, "*times"]) -> Float[np.ndarray, "*times 2"]:
+    """Integral of the torques from the first row to any times (N m s): each row's torque holds until the next."""
+    time, u = recording.time, recording.u * np.asarray(recording.driven)
+    total = np.concatenate([np.zeros((1, 2)), np.cumsum(u[:-1] * np.diff(time)[:, None], axis=0)])
+    # Beyond the rows the last torque holds; before them there is none.
+    time = np.append(time, time[-1] + 1.0)
+    total = np.append(total, total[-1:] + u[-1:], axis=0)
+    columns = [np.interp(times.ravel(), time, total[:, joint]).reshape(times.shape) for joint in (0, 1)]
+    return np.stack(columns, axis=-1)
