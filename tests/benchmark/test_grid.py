@@ -1,5 +1,6 @@
 """The grid, against the benchmark's definition."""
 
+import dataclasses
 import json
 import math
 
@@ -9,7 +10,7 @@ import pytest
 import swingup
 from swingup.benchmark.grid import change_grid, draw_pushes, make_cases
 from swingup.benchmark.robustness import robustness
-from swingup.benchmark.rules import CRITERIA, RANDOM, PushRules, Sweep
+from swingup.benchmark.rules import CRITERIA, RANDOM, PushRules, Sweep, get_performance_rules
 from swingup.common.errors import SwingupError
 from swingup.plant.plant import LEADERBOARD
 
@@ -170,6 +171,16 @@ def test_grids_that_are_no_disturbance(text, message):
 def test_disturbances_out_of_range(options, message):
     with pytest.raises(SwingupError, match=message):
         swingup.make_disturbance(**options)
+
+
+def test_a_disturbance_has_the_steps_and_the_duration_of_its_rules():
+    rules = dataclasses.replace(get_performance_rules("v2"), dt=0.005, duration=4.0)
+    disturbance = swingup.make_disturbance(delay=0.01, pushes=PushRules(apart=0.5), rules=rules)
+    assert disturbance.delay_steps == 2  # 0.01 s; five steps of 2 ms would be 25 ms
+    # Seven gaps of at least 0.5 s, at both ends too.
+    assert np.all((disturbance.pushes.centre >= 0.5) & (disturbance.pushes.centre <= 3.5))
+    with pytest.raises(SwingupError, match="do not fit into 4 s"):
+        swingup.make_disturbance(pushes=PushRules(), rules=rules)
 
 
 def test_a_result_tells_what_disturbed_it():

@@ -209,7 +209,8 @@ def test_disturbed_runs_differ_and_repeat(capsys):
     policy = ("evaluate", "pendubot", "--controller", "ar-eapo", "--json")
     options = shlex.split("--velocity-noise 0.1 --torque-noise 0.2 --torque-response 0.8 --delay 0.004 --pushes")
     v2 = BOARD_RULES["v2"]
-    boards = Boards({"v2": dataclasses.replace(v2, performance=dataclasses.replace(v2.performance, duration=5.0))})
+    # Seven gaps of 1 s between the pushes.
+    boards = Boards({"v2": dataclasses.replace(v2, performance=dataclasses.replace(v2.performance, duration=7.5))})
     calm = json.loads(run(capsys, *policy, boards=boards))
     first = json.loads(run(capsys, *policy, *options, "--seed", "1", boards=boards))
     again = json.loads(run(capsys, *policy, *options, "--seed", "1", boards=boards))

@@ -8,7 +8,7 @@ from ..common.checks import finite_number
 from ..common.errors import SwingupError
 from ..loop.disturbance import Disturbance, undisturbed
 from .grid import draw_pushes, floored_delay_steps
-from .rules import DEFAULT_RULES, PushRules, get_robustness_rules
+from .rules import DEFAULT_RULES, PerformanceRules, PushRules, get_performance_rules
 from .seeds import check_seeds
 
 LARGEST_DISTURBANCE = 999.0
@@ -22,6 +22,7 @@ def make_disturbance(
     delay: float = 0.0,
     pushes: PushRules | None = None,
     seed: int = 0,
+    rules: PerformanceRules | str = DEFAULT_RULES,
 ) -> Disturbance:
     """A disturbance of a run of :func:`swingup.evaluate`.
 
@@ -32,9 +33,11 @@ def make_disturbance(
         delay: age of what the controller measures (s).
         pushes: random pushes, as ``PushRules()`` of the robustness board or others; None for none.
         seed: of the noise and the pushes.
+        rules: those of the run, or their name: a delay is rounded down to their steps, and pushes come within
+            their duration.
 
     Raises:
-        SwingupError: a value is out of range.
+        SwingupError: a value is out of range, or there are no such rules.
     """
     if isinstance(pushes, bool):
         raise SwingupError(f"pushes = {pushes} are no rules: use PushRules() for those of the robustness board")
@@ -42,7 +45,7 @@ def make_disturbance(
     numbers = {name: finite_number(name, value, 0.0, LARGEST_DISTURBANCE) for name, value in noises.items()}
     response = finite_number("torque_response", torque_response, -LARGEST_DISTURBANCE, LARGEST_DISTURBANCE)
     first = check_seeds(seed, 1)[0]
-    rules = get_robustness_rules(DEFAULT_RULES)
+    rules = get_performance_rules(rules)
     calm = undisturbed() if pushes is None else undisturbed(pushes.pushes)
     return dataclasses.replace(
         calm,

@@ -8,7 +8,7 @@ from typing import Annotated
 from tyro.conf import FlagCreatePairsOff, OmitArgPrefixes, Positional, arg
 
 from ..benchmark.disturbances import make_disturbance
-from ..benchmark.rules import PushRules
+from ..benchmark.rules import PerformanceRules, PushRules
 from ..common.errors import SwingupError
 from ..controllers.registry import BUILT_IN, has_estimator
 from ..controllers.stack.controller import PolicyController
@@ -52,15 +52,15 @@ class DisturbanceOptions:
     seed: int = 0
     """Seed of the noise and the pushes."""
 
-    def make(self) -> Disturbance | None:
-        """The disturbance, or None if nothing disturbs.
+    def make(self, rules: PerformanceRules) -> Disturbance | None:
+        """The disturbance of a run by some rules, or None if nothing disturbs.
 
         Raises:
             SwingupError: a value is out of range.
         """
         numbers = {name: value for name, value in vars(self).items() if name != "pushes"}
         # Made in any case, so that a bad seed is refused even when nothing is disturbed.
-        made = make_disturbance(**numbers, pushes=PushRules() if self.pushes else None)
+        made = make_disturbance(**numbers, pushes=PushRules() if self.pushes else None, rules=rules)
         return None if self == DisturbanceOptions(seed=self.seed) else made
 
 

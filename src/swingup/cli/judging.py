@@ -82,7 +82,7 @@ def judge_performance(
     """The command ``evaluate``, on a plant that was read before."""
 
     def judge(found: Controller, chosen: Robot, progress: Progress) -> Evaluation:
-        return performance_of.evaluate(found, chosen, controller, rules, disturbance.make(), plant)
+        return performance_of.evaluate(found, chosen, controller, rules, disturbance.make(rules), plant)
 
     def lines(result: Evaluation, judged: str) -> list[str]:
         return evaluation_lines(result, judged, rules.name)
