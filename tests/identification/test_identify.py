@@ -8,6 +8,7 @@ from synthetic import HEADER, OFFSETS, TRUTH, simulate, write
 
 import swingup
 from swingup.cli import main
+from swingup.identification.fit import bootstrap
 from swingup.identification.fit.prediction import INDEX, setting_of, vector_of
 from swingup.identification.fit.unknowns import expectations, make_unknowns
 from swingup.loop.domain import load_domain
@@ -109,6 +110,16 @@ def test_a_second_session_has_its_own_torque_gain(tmp_path, logs):
     found = swingup.identify([*logs, write(tmp_path / "weak.csv", weak)], sessions=["a", "a", "b"])
     assert found.estimates.values["torque gain @2"] == pytest.approx(0.8, rel=0.01)
     assert found.estimates.values["m2 r2"] == pytest.approx(EXPECTED["m2 r2"], rel=0.01)
+
+
+def test_a_block_that_knows_everything_moves_no_draw_far():
+    """One block has all of the leverage: (1 - 0.99)⁻¹ bounds its correction, and the draws stay finite and near."""
+    normal, gradient = np.array([[[[1e8]]]]), np.array([[[3.0]]])
+    prior, pull = np.eye(1), np.zeros(1)
+    found = bootstrap._without_leverage(normal, gradient, prior, pull)
+    assert found == pytest.approx(np.zeros((1, 1, 1)))  # shifted: the solution stays where it is
+    two = bootstrap._without_leverage(np.full((1, 2, 1, 1), 5e7), np.array([[[3.0], [-3.0]]]), prior, pull)
+    assert two.ravel() == pytest.approx([300.0, -300.0])
 
 
 def test_a_known_gain_is_that_of_both_motors():

@@ -29,7 +29,12 @@ Numbers: TypeAlias = tuple[Number, Number, Number, Number]
 
 
 NEWTON_STEPS = 4
-"""From rest; each squares the error once it is near."""
+"""From rest; each squares the error once it is near. No residual is checked.
+
+Against 40 steps, the rates after 1 ms (small links: 0.5 ms) differ by at most 5e-5 rad/s on A.0, B.0, C.1 and
+CloudPendulum, and after twice that by 2e-3 rad/s. With five times their Coulomb friction they differ by up to 0.05
+and 0.2 rad/s. Measured on 200,000 random states and torques of each.
+"""
 
 
 def implicit_friction_step(
