@@ -221,3 +221,12 @@ def _check_stopped(error):
 
 def _lines(path):
     return os.path.exists(path) and os.path.getsize(path) > 0
+
+
+@pytest.mark.parametrize("command", ["train", "sweep", "export"])
+def test_the_help_shows_no_default_that_nobody_types(command, capsys):
+    with pytest.raises(SystemExit):
+        main([command, "--help"])
+    shown = capsys.readouterr().out
+    assert "None" not in shown
+    assert "(default: " in shown

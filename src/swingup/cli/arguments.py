@@ -97,7 +97,7 @@ EstimatorFlags = OmitArgPrefixes[EstimatorOptions]
 class PlantOptions:
     """Which plant; by default the leaderboards', design C.1 without friction and rotors' inertia."""
 
-    plant: Annotated[str | None, arg(metavar="PLANT", help=PLANT_HELP)] = None
+    plant: Annotated[str | None, arg(metavar="PLANT", help=PLANT_HELP, help_behavior_hint="")] = None
     frictionless: FlagCreatePairsOff[bool] = False
     """Leave the plant's friction and rotors' inertia out, as the leaderboards do."""
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import functools
+import inspect
 import io
 import re
 import shlex
@@ -10,8 +11,10 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Annotated, get_type_hints
 
 import tyro
+from tyro.conf import DisallowNone, arg
 
 from ..common.checks import suggestion
 from ..common.errors import SwingupError
@@ -72,13 +75,22 @@ def _run_tyro(commands: Mapping[str, Command], arguments: Sequence[str], descrip
         def bound(*values: object, **options: object) -> Ready:
             return functools.partial(function, *values, **options)
 
+        # None is not a value that anybody types: the help says in words what an option does when it is left out.
+        hints, signature = get_type_hints(function, include_extras=True), inspect.signature(function)
+        for name, parameter in signature.parameters.items():
+            if parameter.default is None:
+                hints[name] = Annotated[hints[name], arg(help_behavior_hint="")]
+        parameters = [each.replace(annotation=hints[name]) for name, each in signature.parameters.items()]
+        del bound.__wrapped__  # tyro would read the annotations there
+        bound.__annotations__ = hints
+        vars(bound)["__signature__"] = signature.replace(parameters=parameters)
         if next(iter(arguments), "") not in commands:  # the list of commands, with one sentence for each
             bound.__doc__ = (function.__doc__ or "").partition("\n\n")[0]
         return bound
 
     bound = {name: bind(function) for name, function in commands.items()}
     ready: Ready = tyro.extras.subcommand_cli_from_dict(
-        bound, prog=PROGRAM, description=description, args=list(arguments)
+        bound, prog=PROGRAM, description=description, args=list(arguments), config=(DisallowNone,)
     )
     return ready
 
