@@ -14,6 +14,7 @@ from swingup.controllers.stack.controller import make_controller
 from swingup.export.c_backend.header import c_header
 from swingup.export.javascript_backend.page import policy_data, policy_script
 from swingup.export.onnx_backend.graph import onnx_model
+from swingup.plant.base_parameters import base_parameters
 from swingup.policy.numpy_backend.controller import NumpyController
 
 from . import compiled
@@ -26,12 +27,13 @@ class Jax:
     def __init__(self, policy, folder):
         self._whole = make_controller(policy)
         self._policy = make_controller(without_regulator(policy), estimator=False).policy
-        self._limit = policy.torque_limit
+        self._limit, self._base = policy.torque_limit, base_parameters(policy.plant)
 
     def alone(self, states):
         finite = np.isfinite(states).all(axis=1)
         with jax.enable_x64(True):
-            actions = np.asarray(jax.jit(jax.vmap(self._policy))(np.where(finite[:, None], states, 0.0)))[:, 0]
+            shown = np.where(finite[:, None], states, 0.0)
+            actions = np.asarray(jax.jit(jax.vmap(lambda x: self._policy(x, self._base)))(shown))[:, 0]
         return np.where(finite, self._limit * actions, np.nan)
 
     def run(self, times, states):

@@ -318,7 +318,7 @@ def alone(name, states, exact=True):
     """The torques (n,) of the driven joint that the policy alone must give."""
     made = make_controller(without_regulator(policy(name)), estimator=False)
     found = in_double(made) if exact else made
-    bare = PolicyController(found.policy, found.torque_limit, found.robot)
+    bare = PolicyController(found.policy, found.torque_limit, found.robot, found.plant)
     with jax.enable_x64(True):
         return np.asarray(_alone(bare, jnp.asarray(states)))[:, found.robot.joint]
 
