@@ -19,7 +19,7 @@ from swingup.controllers.stack.estimator import EstimatingController
 from swingup.plant.base_parameters import BASE, base_parameters
 from swingup.plant.plant import LEADERBOARD, Plant, validated
 from swingup.plant.robots import Robot
-from swingup.policy.identifier_settings import UNKNOWNS
+from swingup.policy.identifier.settings import UNKNOWNS
 from swingup.policy.pendulum import PendulumPolicy
 
 GRID, MIDPOINTS, JOINT = "grid", "midpoints", "joint draws"
@@ -104,8 +104,7 @@ def tell_everything(controller: EstimatingController, plant: Plant) -> Estimatin
         raise SwingupError("the controller has no identifier: choose one with it, as adaptive")
     # No offsets, no lag, and nothing that the undriven joint's motor delivers.
     mean = jnp.concatenate([base_parameters(plant, jnp), jnp.zeros(UNKNOWNS - BASE)])
-    sure = dataclasses.replace(controller.identifier, mean=mean, covariance=jnp.zeros((UNKNOWNS, UNKNOWNS)))
-    return dataclasses.replace(controller, identifier=sure, parameters=plant)
+    return dataclasses.replace(controller, prior=(mean, jnp.zeros((UNKNOWNS, UNKNOWNS))))
 
 
 class Judge:

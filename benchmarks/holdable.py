@@ -32,7 +32,7 @@ from swingup.loop.domain import Domain, load_domain
 from swingup.loop.draw import draw
 from swingup.plant.robots import ROBOTS, Robot
 from swingup.policy.pendulum import PendulumPolicy
-from swingup.policy.regulator_settings import RegulatorSettings, fixed_point
+from swingup.policy.regulator.settings import RegulatorSettings, fixed_point
 from swingup.policy.shipped import ADAPTIVE, load_policy
 
 OFF = np.array([0.005, 0.0, 0.0, 0.0])
@@ -68,7 +68,7 @@ def held(policy: PendulumPolicy, scenarios: list[Scenario], depth: int) -> np.nd
     )
     controller = make_controller(replace(policy, regulator=regulator))
     assert isinstance(controller, EstimatingController)
-    costs = [fixed_point(each.parameters, policy.robot.joint, regulator)[TRIANGLE] for each in scenarios]
+    costs = [fixed_point(each.parameters, policy.robot.joint)[TRIANGLE] for each in scenarios]
     steps = round(TIME / 0.002)
 
     @jax.jit

@@ -27,11 +27,12 @@ from swingup.controllers.stack.controller import policy_alone
 from swingup.export.c_backend.header import c_header
 from swingup.export.onnx_backend.graph import onnx_model
 from swingup.plant.plant import load_plant
-from swingup.policy.identifier_settings import IdentifierSettings
-from swingup.policy.numpy_backend.controller import NumpyController
+from swingup.policy.estimator.settings import EstimatorSettings
+from swingup.policy.guard.settings import GuardSettings
+from swingup.policy.identifier.settings import IdentifierSettings
+from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.numpy_backend.network import NumpyNetwork
 from swingup.policy.plant_facts import policy_plant
-from swingup.policy.settings import EstimatorSettings, GuardSettings
 from swingup.policy.shipped import ADAPTIVE, AR_EAPO, load_policy
 from swingup.runtime import load_controller
 
@@ -117,7 +118,7 @@ def main(robot: str) -> None:
     guard = GuardSettings(angle_limit=1e6, velocity_limit=1e6)
     plant = policy_plant(load_plant("C.1"), policy.robot)
     everything = dataclasses.replace(policy, guard=guard, plant=plant)
-    watched = NumpyController(everything)
+    watched = numpy_controller(everything)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     session = onnxruntime.InferenceSession(onnx_model(policy), options, providers=["CPUExecutionProvider"])

@@ -9,7 +9,7 @@ import numpy as np
 
 import swingup
 from swingup.export.c_backend.header import c_header
-from swingup.policy.settings import default_guard
+from swingup.policy.guard.settings import default_guard
 from swingup.policy.shipped import load_policy
 from swingup.realaigym import load_controller
 

@@ -14,11 +14,10 @@ from .common.errors import SwingupError
 from .export.realaigym import RealAIGymController as RealAIGymController
 from .export.realaigym import wrap_policy
 from .plant.robots import TORQUE_LIMIT, Robot, get_robot
-from .policy.guard import GuardChoice
-from .policy.numpy_backend.controller import NumpyController
-from .policy.numpy_backend.guard import GuardedController, NumpyGuard
-from .policy.settings import choose_guard
-from .policy.shipped import is_policy, load_policy
+from .policy.contract import LoopController
+from .policy.guard.settings import GuardChoice, choose_guard
+from .policy.numpy_backend.controller import load_controller as load_policy_controller
+from .policy.shipped import is_policy
 
 
 def load_controller(
@@ -41,17 +40,15 @@ def load_controller(
             cannot work.
     """
     if is_policy(name):
-        return wrap_policy(NumpyController(load_policy(name, robot), estimator, guard), str(name))
+        return wrap_policy(load_policy_controller(name, robot, estimator, guard), str(name))
     if robot is None:
         raise SwingupError(f"controller {str(name)!r} needs a robot: name acrobot or pendubot")
     robot = get_robot(robot)
-    settings = choose_guard(guard, None, None)
-    controller, about = _Compiled(str(name), robot, estimator), {"controller": str(name)}
-    if settings is None:
-        return RealAIGymController(controller, robot, about)
     limits = TORQUE_LIMIT * robot.actuation[0], TORQUE_LIMIT * robot.actuation[1]
-    watch = NumpyGuard(settings, robot.joint, limits)
-    return RealAIGymController(GuardedController(controller, watch), robot, about, guard=watch)
+    compiled = LoopController(
+        _Compiled(str(name), robot, estimator), robot, limits, choose_guard(guard, None, None)
+    )
+    return RealAIGymController(compiled, {"controller": str(name)})
 
 
 class _Compiled:
@@ -77,7 +74,7 @@ class _Compiled:
             self._call: Any = eqx.filter_jit(found)
             self._start = found.init()
         self.reset()
-        self(np.zeros(4), 0.0)  # compiled now, not in the loop
+        self.act(np.zeros(4), 0.0)  # compiled now, not in the loop
         self.reset()
 
     def __deepcopy__(self, known: dict[int, Any]) -> "_Compiled":
@@ -85,15 +82,14 @@ class _Compiled:
         return copy.copy(self)
 
     def reset(self) -> None:
+        """Nothing seen yet."""
         self._memory: Any = self._start
 
-    def __call__(
-        self,
-        x: np.ndarray,
-        t: float,
-        measured: np.ndarray | None = None,
-        added: np.ndarray | None = None,
-    ) -> np.ndarray:
+    def act(self, x: np.ndarray, t: float) -> np.ndarray:
+        """The torques (2,) (N m)."""
         with self._x64(True):
             self._memory, u = self._call(self._memory, np.float64(t), x)
-            return np.asarray(u, np.float64) + (0.0 if added is None else added)
+            return np.asarray(u, np.float64)
+
+    def given(self, u: np.ndarray) -> None:
+        """Its memory holds what it asked for itself."""

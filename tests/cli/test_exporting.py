@@ -26,16 +26,16 @@ sys.meta_path.insert(0, Only())
 sys.path.insert(0, {folder!r})
 import numpy as np
 from con_swingup import controller, leaderboard_config
-from swingup_controller.physics.equations import lump
-from swingup_controller.physics.plant import LEADERBOARD
-from swingup_controller.policy.plant import acceleration
+from swingup_controller.plant.equations import acceleration, lump
+from swingup_controller.plant.plant import LEADERBOARD
 
 assert not [name for name in sys.modules if name.partition(".")[0] in ("jax", "equinox", "swingup", "yaml")]
 print(leaderboard_config)
 plant, dt, limit = lump(LEADERBOARD), 0.002, 6.0 * np.array({driven})
 
 def rates(x, u):
-    return np.array([*x[2:], *acceleration(plant, tuple(x.tolist()), *u.tolist())])
+    sines = np.sin(x[0]), np.sin(x[1]), np.sin(x[0] + x[1])
+    return np.array([*x[2:], *acceleration(plant, sines, np.cos(x[1]), x[2:], u)])
 
 x, rows = np.zeros(4), []
 controller.reset()
@@ -212,18 +212,3 @@ def test_an_exported_folder_stops_at_a_fault(tmp_path):
     assert first.endswith("None")
     said = "[0. 0.] a measured angle or velocity is not a finite number (elbow, nan, at t = 0.002 s)"
     assert (second, third) == (said, "[0. 0.]")
-
-
-def test_a_file_without_a_plant_gets_one(tmp_path, capsys):
-    """The estimator's model and the torque limit of B.0 in a C header; a file that has a plant keeps it."""
-    header, folder = tmp_path / "policy.h", tmp_path / "entry"
-    words = ["export", "global", "--robot", "acrobot", "--plant", "cloudpendulum-rods"]
-    assert main([*words, "--to", "c", "--out", str(header)]) == 0
-    assert "swingup_limits[2] = {0.e+00, 1.3e-01};" in header.read_text()
-    assert main([*words, "--to", "cloudpendulum", "--out", str(folder)]) == 0
-    (file,) = folder.rglob("policy.safetensors")
-    capsys.readouterr()
-    controller, _ = lone_policy(file)
-    assert (controller.plant.name, controller.plant.l1) == ("cloudpendulum-rods", 0.05)
-    assert main(["export", str(file), "--plant", "A.0", "--to", "c", "--out", str(header)]) == 2
-    assert "the policy's file has a plant, 'cloudpendulum-rods'" in capsys.readouterr().err

@@ -6,7 +6,7 @@ import pytest
 from policies import lone_policy
 from swingup.cli import main, refining
 from swingup.common.settings import read_settings
-from swingup.policy.settings import EstimatorSettings
+from swingup.policy.estimator.settings import EstimatorSettings
 from swingup.refine.analytic_policy_gradient import PolicyGradientSettings
 from swingup.refine.episodes import EpisodeSettings
 from swingup.refine.recipe import GradientStage

@@ -16,7 +16,7 @@ from swingup.controllers.interface.controller import AbstractController
 from swingup.controllers.interface.python_controller import PythonController, answer
 from swingup.controllers.registry import get_controller
 from swingup.plant.robots import get_robot
-from swingup.policy.numpy_backend.controller import NumpyController
+from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.shipped import load_policy
 from swingup.realaigym import load_controller
 
@@ -198,11 +198,11 @@ def test_good_controllers_in_jax(robot):
 
 
 def test_a_policy_that_compensates_friction_declares_it(robot):
-    found = NumpyController(load_policy("adaptive", robot))
+    found = numpy_controller(load_policy("adaptive", robot))
     assert check_controller(found, robot) == []
     assert found.passive_limit == get_controller("adaptive", robot).passive_limit == 0.5
     assert load_controller("adaptive", robot).passive_limit == 0.5
-    assert NumpyController(load_policy("ar-eapo", robot)).passive_limit == 0
+    assert numpy_controller(load_policy("ar-eapo", robot)).passive_limit == 0
 
 
 @pytest.mark.slow  # JAX compiles identifier and regulator for seconds

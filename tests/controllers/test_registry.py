@@ -15,7 +15,7 @@ from swingup.controllers.stack.controller import PolicyController, save_controll
 from swingup.controllers.stack.estimator import EstimatingController
 from swingup.plant.plant import LEADERBOARD
 from swingup.policy import shipped
-from swingup.policy.settings import EstimatorSettings
+from swingup.policy.estimator.settings import EstimatorSettings
 
 MODULE = """
 import jax.numpy as jnp
@@ -48,7 +48,7 @@ def files(tmp_path, monkeypatch):
     kept = {"scores": metadata["scores"]}
     save_controller(tmp_path / "alone.safetensors", policy, kept)
     save_controller(tmp_path / "defaults.safetensors", policy, kept | {"estimator": {}})
-    save_controller(tmp_path / "own.safetensors", policy, kept | {"estimator": {"caution": 7, "memory": 2.5}})
+    save_controller(tmp_path / "own.safetensors", policy, kept | {"estimator": {"dt": 0.004, "max_delay_steps": 7}})
     (tmp_path / "some_controllers.py").write_text(MODULE)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -64,7 +64,7 @@ def settings(controller):
 
 
 def test_policy_files_say_whether_an_estimator_is_meant(files):
-    own, defaults = EstimatorSettings(caution=7, memory=2.5), EstimatorSettings()
+    own, defaults = EstimatorSettings(dt=0.004, max_delay_steps=7), EstimatorSettings()
     expected = {
         "alone.safetensors": {None: None, False: None, True: defaults},
         "defaults.safetensors": {None: defaults, False: None, True: defaults},
@@ -80,13 +80,13 @@ def test_policy_files_say_whether_an_estimator_is_meant(files):
 def test_the_model_is_the_leaderboards(files, robot):
     controller = get_controller("tvlqr", robot, estimator=True)
     assert controller.robot == robot
-    assert controller.parameters.values() == LEADERBOARD.driven(robot).values()
+    assert controller.plant.values() == LEADERBOARD.driven(robot).values()
 
 
 def test_load_policy_gives_the_policy_alone(files):
     controller, metadata = lone_policy("own.safetensors")
     assert isinstance(controller, PolicyController)
-    assert metadata["estimator"] == {"caution": 7, "memory": 2.5}
+    assert metadata["estimator"] == {"dt": 0.004, "max_delay_steps": 7}
 
 
 @pytest.mark.parametrize(
@@ -176,9 +176,9 @@ def test_the_global_policy(files, monkeypatch, robot):
         get_controller("global", robot)
     policy = lone_policy("alone.safetensors", "acrobot")[0]
     policy = PolicyController(policy.policy, 5.0, robot)
-    save_controller(files / f"{robot.name}-global.safetensors", policy, {"estimator": {"caution": 3}})
+    save_controller(files / f"{robot.name}-global.safetensors", policy, {"estimator": {"max_delay_steps": 3}})
     found = get_controller("global", robot)
-    assert (found.settings.caution, found.controller.torque_limit) == (3, 5.0)
+    assert (found.settings.max_delay_steps, found.controller.torque_limit) == (3, 5.0)
     assert not has_estimator(get_controller("global", robot, False))
 
 
@@ -189,4 +189,4 @@ def test_where_the_shipped_files_are(robot):
 
 
 def test_the_metadata_stays_json(files):
-    assert read_metadata("own.safetensors")["estimator"] == {"caution": 7, "memory": 2.5}
+    assert read_metadata("own.safetensors")["estimator"] == {"dt": 0.004, "max_delay_steps": 7}

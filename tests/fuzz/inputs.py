@@ -127,7 +127,7 @@ def policy(random):
         metadata["observation"].append({"name": "normalise", "clip": 10.0, "epsilon": 1e-8})
         arrays |= {"observation.1.mean": np.zeros(4), "observation.1.variance": np.ones(4)}
     if random.random() < 0.3:
-        names = ["dt", "position_noise", "velocity_noise", "max_delay_steps", "longest_delay", "caution", "x"]
+        names = ["dt", "velocity_noise", "acceleration_noise", "max_delay_steps", "longest_delay", "x"]
         metadata["estimator"] = {random.choice(names): random.choice([*EXTREMES, 1e-6, 1000])}
     if random.random() < 0.3:
         names = ["dt", "angle_limit", "velocity_limit", "longest_pause", "torque_rate", "braking", "x"]
@@ -135,11 +135,11 @@ def policy(random):
     if random.random() < 0.3:
         metadata["plant"] = PLANT | {random.choice([*PLANT, "name", "x"]): random.choice(EXTREMES)}
     if random.random() < 0.3:
-        names, value = ["dt", "span", "bandwidth", "gate", "spread", "x"], random.choice([*EXTREMES, {"rotor": 1}])
+        names, value = ["passive_limit", "x"], random.choice([*EXTREMES, {"rotor": 1}])
         metadata["identifier"] = {random.choice(names): value}
         metadata.setdefault("estimator", {})
     if random.random() < 0.3:
-        names = ["state_weights", "torque_weight", "riccati_step", "riccati_steps", "enter", "leave", "x"]
+        names = ["enter", "leave", "enter_coulomb", "leave_coulomb", "x"]
         value = random.choice([*EXTREMES, [1.0, 1.0, 0.1, 0.1], [1e9, 1, 1, 1], 100])
         metadata["regulator"] = {random.choice(names): value}
     return _file(random, metadata, arrays)

@@ -14,8 +14,7 @@ from swingup.controllers.stack.controller import make_controller
 from swingup.export.c_backend.header import c_header
 from swingup.export.javascript_backend.page import policy_data, policy_script
 from swingup.export.onnx_backend.graph import onnx_model
-from swingup.plant.base_parameters import base_parameters
-from swingup.policy.numpy_backend.controller import NumpyController
+from swingup.policy.numpy_backend.controller import numpy_controller
 
 from . import compiled
 from .references import TOLERANCE, replay, without_regulator
@@ -26,15 +25,14 @@ class Jax:
 
     def __init__(self, policy, folder):
         self._whole = make_controller(policy)
-        self._policy = make_controller(without_regulator(policy), estimator=False).policy
-        self._limit, self._base = policy.torque_limit, base_parameters(policy.plant)
+        self._alone = make_controller(without_regulator(policy), estimator=False)
 
     def alone(self, states):
         finite = np.isfinite(states).all(axis=1)
         with jax.enable_x64(True):
-            shown = np.where(finite[:, None], states, 0.0)
-            actions = np.asarray(jax.jit(jax.vmap(lambda x: self._policy(x, self._base)))(shown))[:, 0]
-        return np.where(finite, self._limit * actions, np.nan)
+            act = jax.jit(jax.vmap(lambda x: self._alone(None, 0.0, x)[1][self._alone.robot.joint]))
+            torques = np.asarray(act(np.where(finite[:, None], states, 0.0)))
+        return np.where(finite, torques, np.nan)
 
     def run(self, times, states):
         return replay(self._whole, times, states)
@@ -45,8 +43,8 @@ class Jax:
 
 class Numpy:
     def __init__(self, policy, folder):
-        self.controller = NumpyController(policy)
-        self._alone = self.controller._network
+        self.controller = numpy_controller(policy)
+        self._alone = self.controller.inner._network
 
     def alone(self, states):
         return np.array([self._alone(x) for x in states])
@@ -57,10 +55,10 @@ class Numpy:
 
     def follow(self, times, states, given):
         self.controller.reset()
-        estimator, joint, torques = self.controller._estimator, self.controller.robot.joint, []
+        inner, joint, torques = self.controller.inner, self.controller.robot.joint, []
         for x, t, u in zip(states, times, given, strict=True):
             torques.append(self.controller(x, t))
-            estimator.state.torques[0], estimator.identifier.state.torques[0] = u[joint], u
+            inner.state.torques[0], inner.state.identified.torques[0] = u[joint], u
         return np.array(torques)
 
 

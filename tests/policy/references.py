@@ -14,18 +14,19 @@ from swingup.controllers.stack.controller import PolicyController, make_controll
 from swingup.controllers.stack.policy import Policy
 from swingup.dynamics.integrate import rk4_step
 from swingup.plant.base_parameters import base_parameters
+from swingup.plant.damped import damped_midpoint_step
 from swingup.plant.equations import lump
+from swingup.plant.maths import NUMPY
 from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.plant.robots import get_robot
-from swingup.policy.identifier_settings import default_identifier
-from swingup.policy.network import Layer
-from swingup.policy.numpy_backend.controller import NumpyController
-from swingup.policy.plant import model_step
+from swingup.policy.estimator.settings import EstimatorSettings
+from swingup.policy.identifier.settings import IdentifierSettings
+from swingup.policy.network.layers import Layer
+from swingup.policy.network.stages import PlantStage
+from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.plant_facts import policy_plant
-from swingup.policy.regulator_settings import RegulatorSettings
-from swingup.policy.settings import EstimatorSettings
+from swingup.policy.regulator.settings import RegulatorSettings
 from swingup.policy.shipped import ADAPTIVE, AR_EAPO, SHIPPED_POLICIES, load_policy
-from swingup.policy.stages import PlantStage
 from swingup.tasks.observation import Normalise, PendulumObservation, PlantObservation
 
 DT = 0.002
@@ -126,7 +127,7 @@ def policy(name):
     if name == TOLD:
         near = RegulatorSettings(enter=5.0, leave=50.0, enter_coulomb=0.1, leave_coulomb=0.05)
         estimator = EstimatorSettings()
-        identifier = default_identifier(estimator)
+        identifier = IdentifierSettings()
         return dataclasses.replace(policy(SIGHTED), estimator=estimator, identifier=identifier, regulator=near)
     if name == SIGHTED:
         return policy_of(sighted_policy())
@@ -171,7 +172,7 @@ def identified_policy():
     trunk = (Layer(np.concatenate([first.weight, sight], axis=1), first.bias), *found.network.trunk[1:])
     stages = (*found.network.stages, PlantStage(base, np.abs(base)))
     network = dataclasses.replace(found.network, stages=stages, trunk=trunk)
-    return dataclasses.replace(found, network=network, plant=plant, identifier=default_identifier(found.estimator))
+    return dataclasses.replace(found, network=network, plant=plant, identifier=IdentifierSettings())
 
 
 def in_double(controller):
@@ -242,7 +243,7 @@ def _loops(found, *columns):
 @functools.cache
 def numpy_run(name, period=DT, shift=0.0):
     """A closed loop in NumPy alone, without a compiler: times (n,), measurements (n, 4) and torques (n, 2)."""
-    return numpy_loop(NumpyController(policy(name)), period, shift)
+    return numpy_loop(numpy_controller(policy(name)), period, shift)
 
 
 def numpy_loop(found, period=DT, shift=0.0, start=(0.0, 0.0, 0.0, 0.0), steps=1000, plant=None, wrong=(0.0, 0.0)):
@@ -250,12 +251,12 @@ def numpy_loop(found, period=DT, shift=0.0, start=(0.0, 0.0, 0.0, 0.0), steps=10
 
     Another plant may move, and measured angles may be wrong by offsets (rad).
     """
-    plant, noise, x = plant or found.policy.plant, np.random.default_rng(0).normal(size=(steps, 2)), start
+    plant, noise, x = plant or found.inner.policy.plant, np.random.default_rng(0).normal(size=(steps, 2)), start
     lumped, rows = lump(plant), []
     for k in range(steps):
         t, measured = k * period, np.add(x, [*wrong, *(0.02 * noise[k])])
         rows.append((t, measured, found(measured, t + shift)))
-        x = model_step(lumped, plant.friction, x, *rows[-1][2].tolist(), period)
+        x = damped_midpoint_step(lumped, plant.friction, x, rows[-1][2].tolist(), period, NUMPY)
     return [np.array(column) for column in zip(*rows, strict=True)]
 
 

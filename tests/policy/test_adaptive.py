@@ -8,8 +8,8 @@ import swingup
 from swingup.benchmark.rules import PERFORMANCE_RULES
 from swingup.controllers.registry import get_controller
 from swingup.export.export_folder import readme_values
+from swingup.policy.network.stages import PlantStage
 from swingup.policy.shipped import ADAPTIVE, DEFAULT, SHIPPED_POLICIES, load_policy
-from swingup.policy.stages import PlantStage
 from swingup.runtime import load_controller
 
 SCORES = {"acrobot": 0.699, "pendubot": 0.694}

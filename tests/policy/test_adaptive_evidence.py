@@ -14,13 +14,15 @@ import swingup
 from swingup.benchmark.rules import get_robustness_rules
 from swingup.controllers.stack.controller import PolicyController, policy_of
 from swingup.controllers.stack.estimator import EstimatingController
+from swingup.controllers.stack.maths import JAX
 from swingup.controllers.stack.regulator import RegulatingController
 from swingup.plant.base_parameters import BASE, BASE_NAMES
 from swingup.plant.plant import LEADERBOARD
 from swingup.plant.robots import get_robot
-from swingup.policy.identifier_settings import IdentifierSettings
-from swingup.policy.regulator_settings import RegulatorSettings
-from swingup.policy.settings import EstimatorSettings
+from swingup.policy.estimator.settings import EstimatorSettings
+from swingup.policy.identifier import core as identifier
+from swingup.policy.identifier.settings import IdentifierSettings
+from swingup.policy.regulator.settings import RegulatorSettings
 
 from .references import sighted_policy
 
@@ -98,7 +100,12 @@ def test_each_variant_lacks_one_part(scripts):
     behind = {name: made.controller for name, made in variants.items() if isinstance(made, EstimatingController)}
     assert set(variants) - set(behind) == {plants.NO_MEMORY}
     assert isinstance(variants[plants.NO_MEMORY], RegulatingController)
-    assert {name for name in behind if variants[name].identifier} == {plants.FULL, plants.TOLD, plants.NO_REGULATOR}
+    finding = {name for name in behind if variants[name].loop.finding}
+    assert finding == {
+        plants.FULL,
+        plants.TOLD,
+        plants.NO_REGULATOR,
+    }
     assert {name for name in behind if isinstance(behind[name], PolicyController)} == {plants.NO_REGULATOR}
 
 
@@ -107,12 +114,12 @@ def test_a_controller_is_told_the_whole_plant(scripts):
     robot = full_policy().robot
     plant = dataclasses.replace(LEADERBOARD.driven(robot), b1=-0.05, cf2=0.1, I2=0.06)
     with jax.enable_x64(True):
-        identifier = plants.tell_everything(plants.make_variants(full_policy())[plants.TOLD], plant).identifier
-        memory = identifier.init()
+        loop = plants.tell_everything(plants.make_variants(full_policy())[plants.TOLD], plant).loop.finding
+        memory = identifier.begin(JAX, loop)
         for angle in np.random.default_rng(0).normal(size=60):
-            memory = identifier.observe(memory, jnp.array([angle, 0.0]), jnp.array(0), jnp.array(0.002))
+            memory = identifier.observe(JAX, loop, memory, jnp.array([angle, 0.0]), jnp.array(0), jnp.array(0.002))
         # Whatever is measured: inertias, the friction that drives, and none where the motor compensates it.
-        found = identifier.found(memory)
+        found = identifier.found(JAX, loop, memory)
         assert np.array(found.theta)[[1, 4, 7]] == pytest.approx([0.06, -0.05, 0.1])
         assert np.array(found.told)[[4, 7]] == pytest.approx([-0.05, 0.0])
         assert np.array(found.asked)[:, 1] == pytest.approx([0.0, 0.1])

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from swingup.export.c_backend.header import c_header
+from swingup.policy.guard.settings import default_guard
 from swingup.policy.numpy_backend.network import NumpyNetwork
-from swingup.policy.settings import default_guard
 from swingup.policy.shipped import load_policy
 
 from . import references

@@ -7,11 +7,12 @@ import pytest
 
 from swingup.export.c_backend.header import c_header
 from swingup.plant.base_parameters import base_parameters
+from swingup.plant.damped import damped_midpoint_step
 from swingup.plant.equations import lump
+from swingup.plant.maths import NUMPY
 from swingup.plant.plant import LEADERBOARD
-from swingup.policy.numpy_backend.controller import NumpyController
+from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.numpy_backend.network import NumpyNetwork
-from swingup.policy.plant import model_step
 
 from .compiled import compile_program, needs_gcc, pointer, torques
 from .references import DT, IDENTIFIED, faults, policy, random_states
@@ -59,18 +60,18 @@ OTHER = LEADERBOARD.driven(policy(IDENTIFIED).robot)
 @functools.cache
 def motion(steps=900):
     """Times (n,) and measurements (n, 4) of a loop with that plant; NumPy's torques (n, 2) and θ (n, 9)."""
-    controller, random, x = NumpyController(policy(IDENTIFIED)), np.random.default_rng(0), (0.0,) * 4
+    controller, random, x = numpy_controller(policy(IDENTIFIED)), np.random.default_rng(0), (0.0,) * 4
     rows = []
     for k in range(steps):
         measured = np.array(x) + random.normal(size=4) * [0, 0, 0.2, 0.2]
         rows.append((k * DT, measured, *answer(controller, measured, k * DT)))
-        x = model_step(lump(OTHER), OTHER.friction, x, *rows[-1][2].tolist(), DT)
+        x = damped_midpoint_step(lump(OTHER), OTHER.friction, x, rows[-1][2].tolist(), DT, NUMPY)
     return [np.array(column) for column in zip(*rows, strict=True)]
 
 
 def answer(controller, x, t):
     """Torques, and θ after the call."""
-    return controller(x, t), np.array(controller._identifier.found.theta)
+    return controller(x, t), np.array(controller.inner.found.theta)
 
 
 @pytest.fixture(scope="module")
@@ -113,7 +114,7 @@ def test_faults_do_as_in_numpy(library):
     times = np.concatenate([times, times[-1] + DT + later, times[-1] + 1 + times[:200]])
     states = np.concatenate([states, broken, states[-200:]])
     states[300, 0] = 1e7
-    controller = NumpyController(policy(IDENTIFIED))
+    controller = numpy_controller(policy(IDENTIFIED))
     expected, theta = map(np.array, zip(*map(functools.partial(answer, controller), states, times), strict=True))
     u, base = run(library, times, states, expected)
     driven = policy(IDENTIFIED).robot.joint
@@ -127,7 +128,7 @@ def test_with_an_uneven_clock_as_in_numpy(library):
     """Periods from almost none to more than the estimator, and than the identifier, follow."""
     _, states, *_ = motion()
     ratios = np.random.default_rng(0).choice([1e-6, 0.7, 1.0, 1.2, 1.7, 3.5, 4.5], len(states), p=PROBABILITIES)
-    times, controller = np.cumsum(ratios) * DT, NumpyController(policy(IDENTIFIED))
+    times, controller = np.cumsum(ratios) * DT, numpy_controller(policy(IDENTIFIED))
     expected, theta = map(np.array, zip(*map(functools.partial(answer, controller), states, times), strict=True))
     u, base = run(library, times, states, expected)
     np.testing.assert_allclose(u, expected, rtol=0, atol=1e-9)

@@ -7,7 +7,7 @@ import subprocess
 import pytest
 
 from swingup.export.c_backend.header import RUNTIME, c_data, runtime
-from swingup.policy.settings import default_guard
+from swingup.policy.guard.settings import default_guard
 
 from .compiled import CAREFUL, STRICT, needs_gcc
 from .references import DT, TOLD, policy

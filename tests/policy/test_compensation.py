@@ -9,13 +9,13 @@ import pytest
 
 from swingup.common.errors import SwingupError
 from swingup.plant.base_parameters import base_parameters
-from swingup.plant.damped import Friction
+from swingup.plant.damped import Friction, damped_midpoint_step
 from swingup.plant.equations import friction, lump
+from swingup.plant.maths import NUMPY
 from swingup.plant.plant import load_plant
-from swingup.policy.compensation import LEAST_GAIN, compensation, predicted
-from swingup.policy.identifier_settings import GAIN, IdentifierSettings, offsets, prior
-from swingup.policy.numpy_backend.identifier import NumpyIdentifier
-from swingup.policy.plant import model_step
+from swingup.policy.identifier import core
+from swingup.policy.identifier.compensation import LEAST_GAIN, compensation, predicted
+from swingup.policy.identifier.settings import GAIN, IdentifierSettings, offsets, prior
 from swingup.policy.plant_facts import policy_plant
 
 DT, FINE = 0.002, 4
@@ -76,7 +76,7 @@ def test_gravity_on_no_link_tells_no_offset():
     plant = load_plant("C.1").values()
     for name, value in (("r2", 0.0), ("r1", -plant["m2"] * plant["l1"] / plant["m1"])):
         with pytest.raises(SwingupError, match="gives an identifier nothing to find the offsets by"):
-            prior(SimpleNamespace(**{**plant, name: value}), IdentifierSettings())
+            prior(SimpleNamespace(**{**plant, name: value}))
 
 
 def moved(robot, plant, gain=1.0, wrong=(0.0, 0.0), steps=1200):
@@ -86,19 +86,20 @@ def moved(robot, plant, gain=1.0, wrong=(0.0, 0.0), steps=1200):
     (rad).
     """
     nominal = policy_plant(load_plant("C.1"), robot)
-    identifier = NumpyIdentifier(IdentifierSettings(), nominal, robot.joint)
-    lumped, x, passive, limit = lump(plant), (0.0,) * 4, 1 - robot.joint, identifier.settings.passive_limit
+    loop = core.make_loop(nominal, robot.joint, DT, 25, IdentifierSettings())
+    lumped, x, passive, limit = lump(plant), (0.0,) * 4, 1 - robot.joint, loop.passive_limit
+    state = core.begin(NUMPY, loop)
     for step in range(steps):
         t, u = step * DT, np.zeros(2)
-        identifier.observe(x[0] + wrong[0], x[1] + wrong[1], 0, DT)
+        state = core.observe(NUMPY, loop, state, np.add(x[:2], wrong), 0, DT)
         u[robot.joint] = 1.5 * math.sin(6.5 * t) + math.sin(15 * t + 1)
-        b, cf = (pair[passive] for pair in identifier.found.asked)
+        b, cf = (pair[passive] for pair in core.found(NUMPY, loop, state).asked)
         u[passive] = np.clip(friction(b, cf, x[2 + passive], math.atan), -limit, limit)
-        identifier.remember(u.tolist())
+        state = core.remember(NUMPY, state, u.copy())
         u[passive] *= gain
         for _ in range(FINE):
-            x = model_step(lumped, plant.friction, x, *u.tolist(), DT / FINE)
-    return identifier
+            x = damped_midpoint_step(lumped, plant.friction, x, u.tolist(), DT / FINE, NUMPY)
+    return state, core.found(NUMPY, loop, state)
 
 
 def changed(robot, passive):
@@ -110,19 +111,19 @@ def changed(robot, passive):
 
 def test_it_finds_the_offsets(either_robot):
     plant, wrong = changed(either_robot, 0.15), (0.03, -0.02)
-    identifier = moved(either_robot, plant, wrong=wrong)
-    np.testing.assert_allclose(identifier.found.offsets, wrong, rtol=0, atol=0.002)
-    np.testing.assert_allclose(identifier.found.theta[:4], base_parameters(plant)[:4], rtol=0.01)
+    _, found = moved(either_robot, plant, wrong=wrong)
+    np.testing.assert_allclose(found.offsets, wrong, rtol=0, atol=0.002)
+    np.testing.assert_allclose(found.theta[:4], base_parameters(plant)[:4], rtol=0.01)
 
 
 @pytest.mark.parametrize("gain", [0.85, 0.0])
 def test_it_finds_the_gain_of_the_undriven_joints_motor(either_robot, gain):
     """A dead motor leaves all friction, a live one none: policy and regulator are told so."""
     plant, passive = changed(either_robot, 0.3), 1 - either_robot.joint
-    identifier = moved(either_robot, plant, gain)
-    assert identifier.state.unknowns[GAIN] == pytest.approx(gain, abs=0.05)
-    assert identifier.found.theta[6 + passive] == pytest.approx(0.3, abs=0.015)
-    told, remaining = identifier.found.told, identifier.found.friction
+    state, found = moved(either_robot, plant, gain)
+    assert state.unknowns[GAIN] == pytest.approx(gain, abs=0.05)
+    assert found.theta[6 + passive] == pytest.approx(0.3, abs=0.015)
+    told, remaining = found.told, found.friction
     assert told[6 + passive] == pytest.approx(0.0 if gain else 0.3, abs=0.02)
     assert told[7 - passive] == pytest.approx(0.0, abs=1e-12)
     assert remaining.coulomb[passive] == pytest.approx(told[6 + passive], abs=1e-12)

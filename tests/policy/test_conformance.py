@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from swingup.dynamics.angles import UPRIGHT
-from swingup.policy.numpy_backend.controller import NumpyController
+from swingup.policy.numpy_backend.controller import numpy_controller
 
 from .backends import BACK_ENDS
 from .references import (
@@ -172,7 +172,7 @@ def test_compensation_in_c_is_numpys(made, name):
     both = looped(made("c", name), name, times, states, expected)
     np.testing.assert_allclose(both, expected, rtol=0, atol=FOLLOWED)
     assert np.abs(expected[:, 1 - joint]).max() > 0.1
-    assert np.abs(found._identifier.found.offsets).min() > 0.002
+    assert np.abs(found.inner.found.offsets).min() > 0.002
 
 
 BOTH_ESTIMATED = [ESTIMATED[0], pytest.param(ESTIMATED[1], marks=pytest.mark.slow)]
@@ -234,7 +234,7 @@ def test_the_regulator_is_told_what_is_found_alike(made, back_end):
     np.testing.assert_allclose(found, replay(controller(TOLD), times, states), rtol=0, atol=1e-8)
     others = [dataclasses.replace(policy(TOLD), **{part: None}) for part in ("identifier", "regulator")]
     for other in others:
-        untold = NumpyController(other)
+        untold = numpy_controller(other)
         torques = np.array([untold(x, t) for x, t in zip(states, times, strict=True)])
         assert np.median(np.abs(found - torques)[:, 1]) > 1.0
 
@@ -263,5 +263,5 @@ def test_the_estimator_tries_several_delays(made):
     found.reset()
     for t, x in zip(times, states, strict=True):
         found(x, t)
-        delays.add(int(found._estimator.state.delay_steps))
+        delays.add(int(found.inner.state.delay_steps))
     assert len(delays) > 2

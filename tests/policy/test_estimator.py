@@ -17,7 +17,8 @@ from swingup.dynamics.dynamics import acceleration
 from swingup.dynamics.integrate import rk4_step
 from swingup.plant.plant import LEADERBOARD
 from swingup.plant.robots import ROBOTS
-from swingup.policy.settings import EstimatorSettings, default_estimator, kalman_gains
+from swingup.policy.estimator import core
+from swingup.policy.estimator.settings import POSITION_NOISE, EstimatorSettings, default_estimator, kalman_gains
 
 DT, STEPS, PAST = 0.002, 1500, 32
 UP = np.array([np.pi, 0.0, 0.0, 0.0])
@@ -126,7 +127,7 @@ def alone(states):
 
 @pytest.mark.parametrize(
     "changes",
-    [{}, {"position_noise": 1e-3, "velocity_noise": 0.1}, {"dt": 0.01, "acceleration_noise": 5.0}],
+    [{}, {"velocity_noise": 0.1}, {"dt": 0.01, "acceleration_noise": 5.0}],
 )
 def test_kalman_gains(changes):
     settings = EstimatorSettings(**changes)
@@ -134,7 +135,7 @@ def test_kalman_gains(changes):
     A = np.array([[1, dt], [0, 1]])
     # A constant acceleration over a step moves the angle by dt²/2 of it, and the rate by dt.
     Q = settings.acceleration_noise**2 * np.array([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]])
-    R = np.diag([settings.position_noise, settings.velocity_noise]) ** 2
+    R = np.diag([POSITION_NOISE, settings.velocity_noise]) ** 2
     P = np.eye(2)
     for _ in range(3000):
         K = P @ np.linalg.inv(P + R)
@@ -145,7 +146,7 @@ def test_kalman_gains(changes):
 
 @pytest.mark.parametrize("noise", [1e-6, 1e-3, 1000.0])
 def test_kalman_gains_of_extreme_noise_are_finite(noise):
-    settings = EstimatorSettings(position_noise=1e-6, velocity_noise=noise, acceleration_noise=1000.0, dt=0.1)
+    settings = EstimatorSettings(velocity_noise=noise, acceleration_noise=1000.0, dt=0.1)
     assert np.isfinite(kalman_gains(settings)).all()
 
 
@@ -160,7 +161,7 @@ def test_a_perfect_measurement_is_believed():
 
 
 def by_the_document(settings, p, measurements, torques):
-    """What a controller is shown, by the equations of ``policy/estimator.py``; ``torques`` are what it answers."""
+    """What a controller is shown, by the equations of ``estimator/core.py``; ``torques`` are what it answers."""
     dt, N, limit = settings.dt, settings.max_delay_steps, p.tl1
     gains = kalman_gains(settings)
 
@@ -185,10 +186,10 @@ def by_the_document(settings, p, measurements, torques):
             for n in range(N + 1):
                 a = (u[n] - u[m]) * b
                 d[n] = [*(d[n, :2] + dt * d[n, 2:] + dt**2 / 2 * a), *(d[n, 2:] + dt * a)]
-                far = np.sum((e - d[n])[:2] ** 2) / settings.residual_scale**2
-                S[n] = np.exp(-dt / settings.memory) * S[n] + np.log(1 + far)
+                far = np.sum((e - d[n])[:2] ** 2) / core.RESIDUAL**2
+                S[n] = np.exp(-dt / core.MEMORY) * S[n] + np.log(1 + far)
                 d[n] -= correct(d[n])
-            m = int(np.argmin(S + settings.caution * np.arange(N + 1)))
+            m = int(np.argmin(S + core.CAUTION * np.arange(N + 1)))
             estimate, d = p_next + correct(e) + d[m], d - d[m]
             seen = estimate
             U = np.concatenate([[0.0], np.cumsum(u)])
@@ -200,9 +201,12 @@ def by_the_document(settings, p, measurements, torques):
     return [np.array(each) for each in zip(*shown, strict=True)]
 
 
-def test_it_does_what_the_document_says(x64):
+def test_it_does_what_the_document_says(x64, monkeypatch):
     robot = ROBOTS["pendubot"]
-    settings = EstimatorSettings(max_delay_steps=5, caution=0.1, memory=0.05)
+    settings = EstimatorSettings(max_delay_steps=5)
+    # So that the delay changes within some calls.
+    monkeypatch.setattr(core, "CAUTION", 0.1)
+    monkeypatch.setattr(core, "MEMORY", 0.05)
     p, steps = LEADERBOARD.driven(robot), 60
     controller = with_estimator(Watching(Lively(Constant(1.0), 7.0)), robot, p, settings)
     random = np.random.default_rng(3)
@@ -345,14 +349,12 @@ def test_a_controller_of_the_other_robot_is_refused():
     [
         ("dt", 0, "dt = 0: use a number from 1e-06 to 0.1"),
         ("dt", 2, "dt = 2: use a number from 1e-06 to 0.1"),
-        ("position_noise", "1", "position_noise = '1': use a number from 1e-06 to 1000"),
+        ("velocity_noise", "1", "velocity_noise = '1': use a number from 1e-06 to 1000"),
         ("velocity_noise", float("nan"), "velocity_noise = nan"),
         ("acceleration_noise", float("inf"), "acceleration_noise = inf"),
         ("max_delay_steps", 2.5, "max_delay_steps = 2.5: use a whole number"),
         ("max_delay_steps", 1001, "max_delay_steps = 1001"),
-        ("residual_scale", True, "residual_scale = True"),
-        ("caution", -1, "caution = -1: use a number from 0 to 1000"),
-        ("memory", None, "memory = None"),
+        ("velocity_noise", None, "velocity_noise = None"),
     ],
 )
 def test_settings_refuse_bad_values(name, value, message):
@@ -364,10 +366,10 @@ def test_settings_refuse_bad_values(name, value, message):
 def test_settings_of_a_policy_file():
     assert read_settings({"robot": "acrobot"}, EstimatorSettings) is None
     assert read_settings({"estimator": {}}, EstimatorSettings) == EstimatorSettings()
-    some = {"caution": 0, "max_delay_steps": 0, "dt": 0.004}
-    expected = EstimatorSettings(dt=0.004, max_delay_steps=0, caution=0)
+    some = {"max_delay_steps": 0, "dt": 0.004}
+    expected = EstimatorSettings(dt=0.004, max_delay_steps=0)
     assert read_settings({"estimator": some}, EstimatorSettings) == expected
-    with pytest.raises(SwingupError, match="unknown estimator setting 'delay': use some of dt, position_noise"):
+    with pytest.raises(SwingupError, match="unknown estimator setting 'delay': use some of dt, velocity_noise"):
         read_settings({"estimator": {"delay": 3}}, EstimatorSettings)
     for other in (True, None, [], "default"):
         with pytest.raises(SwingupError, match="is not an object of settings"):

@@ -13,8 +13,10 @@ from policies import load_any_policy
 from swingup.areapo.networks import init_actor
 from swingup.common.errors import SwingupError
 from swingup.controllers.stack.policy import Policy, network_of, save_policy
+from swingup.plant.plant import LEADERBOARD
 from swingup.policy.file import read_network, write_network
 from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
+from swingup.policy.plant_facts import write_plant
 from swingup.policy.shipped import load_policy
 from swingup.tasks.observation import Normalise, PendulumObservation
 
@@ -56,6 +58,7 @@ def write_by_hand(path, rng, std=False, **metadata):
         "format_version": 1,
         "robot": "acrobot",
         "torque_limit": 6.0,
+        "plant": write_plant(LEADERBOARD.driven("acrobot")),
         "observation": [
             {"name": "pendulum", "angles": "wrapped", "velocity_scale": 20.0},
             {"name": "normalise", "clip": 10.0, "epsilon": 1e-8},

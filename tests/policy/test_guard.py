@@ -8,10 +8,9 @@ import pytest
 from swingup import realaigym
 from swingup.common.errors import SwingupError
 from swingup.export.c_backend.header import c_header
-from swingup.policy.guard import Reason
-from swingup.policy.numpy_backend.controller import NumpyController
+from swingup.policy.guard.settings import GuardSettings, Reason, choose_guard
+from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
-from swingup.policy.settings import GuardSettings, choose_guard
 from swingup.runtime import load_controller
 
 from . import compiled
@@ -115,7 +114,7 @@ def test_faults(fault, name):
     """The guard stops the controller at the call of the fault, for good; before, it changes no torque."""
     change, reason, joint, expected = FAULTS[fault]
     times, states = changed(change)
-    controller, plain = NumpyController(guarded(name, stale_time=0.021)), NumpyController(policy(name))
+    controller, plain = numpy_controller(guarded(name, stale_time=0.021)), numpy_controller(policy(name))
     torques, stop = run(controller, times, states)
     found = controller.guard.fault
     assert stop == expected
@@ -154,7 +153,7 @@ def in_c(tmp_path_factory):
 @pytest.mark.parametrize("fault", FAULTS)
 def test_c_does_the_same(in_c, name, fault):
     times, states = changed(FAULTS[fault][0])
-    controller = NumpyController(guarded(name, **BRAKING))
+    controller = numpy_controller(guarded(name, **BRAKING))
     torques, stop = run(controller, times, states)
     found, reasons, last, said = compiled.watch(in_c(name), times, states)
     np.testing.assert_allclose(found, torques, rtol=0, atol=1e-9)
@@ -169,29 +168,29 @@ def test_c_does_the_same(in_c, name, fault):
 
 def test_a_joint_that_stands_still_under_a_large_torque():
     """A broken encoder may show rest: the torque tells. 0.2 s are exceeded in the 101st repeated call."""
-    controller = NumpyController(guarded("pendubot-ar-eapo"))
-    controller._network = lambda x: 3.1  # above half of 6 N m
+    controller = numpy_controller(guarded("pendubot-ar-eapo"))
+    controller.inner._network = lambda x: 3.1  # above half of 6 N m
     for call in range(102):
         assert controller.guard.fault is None, call
         u = controller(np.array([0.1, 0.2, 0.0, 0.0]), DT * call)
     assert not u.any()
     assert (controller.guard.fault.reason, controller.guard.fault.joint) == (Reason.STALE, 0)
-    controller._network = lambda x: 2.9
+    controller.inner._network = lambda x: 2.9
     controller.reset()
     assert all(controller(np.array([0.1, 0.2, 0.0, 0.0]), DT * call).any() for call in range(200))
 
 
 def test_a_torque_that_is_not_finite():
-    controller = NumpyController(guarded("pendubot-ar-eapo"))
-    controller._network = lambda x: np.nan
+    controller = numpy_controller(guarded("pendubot-ar-eapo"))
+    controller.inner._network = lambda x: np.nan
     assert not controller(np.zeros(4), 0.0).any()
     assert controller.guard.fault.reason == Reason.TORQUE
 
 
 def test_the_torque_changes_no_faster_than_allowed():
     """150 N m/s for 2 ms are 0.3 N m; a call after 4 ms may change it by 0.6 N m."""
-    controller = NumpyController(guarded("pendubot-ar-eapo", torque_rate=150.0))
-    controller._network = lambda x: wanted.pop(0)
+    controller = numpy_controller(guarded("pendubot-ar-eapo", torque_rate=150.0))
+    controller.inner._network = lambda x: wanted.pop(0)
     wanted = [1.0, 1.0, 1.0, 1.0, -9.0, -9.0]
     times = [0.0, 0.002, 0.004, 0.006, 0.008, 0.012]
     states = calm()[1]
@@ -201,21 +200,45 @@ def test_the_torque_changes_no_faster_than_allowed():
 
 
 def test_the_torques_are_within_the_motors_limits():
-    controller = NumpyController(guarded("pendubot-ar-eapo"))
-    controller._network = lambda x: 7.5
+    controller = numpy_controller(guarded("pendubot-ar-eapo"))
+    controller.inner._network = lambda x: 7.5
     assert controller(np.zeros(4), 0.0).tolist() == [6.0, 0.0]
 
 
+@pytest.mark.parametrize("guard", [True, False])
+@pytest.mark.parametrize("name", ["acrobot-adaptive", "pendubot-adaptive", "acrobot-estimated", "pendubot-global"])
+def test_no_torque_of_a_wrapped_controller_is_beyond_its_motors_limit(name, guard):
+    """Whatever is measured, filtered, compensated and called: by RealAIGym's interface and by CloudPendulum's."""
+    found = numpy_controller(policy(name), guard=guard)
+    random, limits = np.random.default_rng(0), np.array(policy(name).torque_limits)
+    wrapped = realaigym.wrap_policy(found, "wrapped")
+    wrapped.set_friction_compensation(damping=[5.0, -5.0], coulomb_fric=[20.0, 30.0])
+    broken, acted = [0.0, 1e6, -1e9, 1e300, np.nan, np.inf], 0
+    for call in range(600):
+        if call % 50 == 0:
+            wrapped.init()
+            wrapped.set_filter(random.choice([None, lambda x, u: 3 * x, lambda x, u: x - u[0]]))
+        x = random.normal(size=4) * [3.0, 3.0, 30.0, 30.0]
+        if random.uniform() < 0.05:
+            x[random.integers(4)] = random.choice(broken)
+        with np.errstate(all="ignore"):
+            u = wrapped.get_control_output(x, call * DT)
+        # NaN is for a broken measurement without a guard alone.
+        assert (np.abs(u) <= limits).all() or (not guard and np.isnan(u).any() and not (np.abs(u) > limits).any())
+        acted += np.abs(u).max() == limits.max()
+    assert acted > 10 or guard
+
+
 def test_the_estimator_knows_what_the_motor_was_given():
-    controller = NumpyController(guarded("acrobot-estimated", torque_rate=10.0))
-    controller._network = lambda x: 5.0
+    controller = numpy_controller(guarded("acrobot-estimated", torque_rate=10.0))
+    controller.inner._network = lambda x: 5.0
     controller(np.zeros(4), 0.0)
-    assert controller._estimator.state.torques[0] == 0.02  # 10 N m/s for 2 ms
+    assert controller.inner.state.torques[0] == 0.02  # 10 N m/s for 2 ms
 
 
 def test_braking():
     """-kd q̇ on the driven joint within its limit, until the measurement is unsound; then nothing, for good."""
-    controller = NumpyController(guarded("pendubot-ar-eapo", braking=0.2, velocity_limit=10.0))
+    controller = numpy_controller(guarded("pendubot-ar-eapo", braking=0.2, velocity_limit=10.0))
     # (velocity of the shoulder, torque): 0.2 · 11 = 2.2; 20 is still believed, 20.1 is beyond twice the limit.
     rows = [(11.0, -2.2), (-8.0, 1.6), (20.0, -4.0), (20.1, 0.0), (5.0, -1.0), (np.nan, 0.0), (5.0, 0.0)]
     for call, (rate, torque) in enumerate(rows):

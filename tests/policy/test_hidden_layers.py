@@ -19,8 +19,8 @@ from swingup.controllers.stack.policy import Policy
 from swingup.export.c_backend.header import c_header
 from swingup.export.javascript_backend.page import policy_data
 from swingup.export.onnx_backend.graph import onnx_model
-from swingup.policy.network import Layer, Network, Norm, check_plain, largest_feature
-from swingup.policy.numpy_backend.controller import NumpyController
+from swingup.policy.network.layers import Layer, Network, Norm, check_plain, largest_feature
+from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.pendulum import read_pendulum_policy
 
 from .references import random_states, small_policy
@@ -53,7 +53,7 @@ def test_a_policy_file_in_jax_and_in_numpy(tmp_path, activation):
     layer_norm = activation in ("relu", "silu")
     save_controller(tmp_path / "p.safetensors", of_kind(activation, layer_norm), {})
     found, states = read_pendulum_policy(tmp_path / "p.safetensors"), random_states()[:5]
-    numpy, network = NumpyController(found), found.network
+    numpy, network = numpy_controller(found), found.network
     loaded, _ = lone_policy(tmp_path / "p.safetensors", "pendubot")
     with jax.enable_x64(True):
         judge = jax.jit(jax.vmap(lambda x: (loaded.policy.observe(x), 3.0 * loaded.policy(x)[0])))

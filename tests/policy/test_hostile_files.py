@@ -13,7 +13,7 @@ from swingup.export.c_backend.header import c_header
 from swingup.plant.plant import load_plant
 from swingup.plant.robots import get_robot
 from swingup.policy.file import FORMAT, FORMAT_VERSION
-from swingup.policy.numpy_backend.controller import NumpyController
+from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.pendulum import read_pendulum_policy
 from swingup.policy.plant_facts import policy_plant, write_plant
 
@@ -23,7 +23,7 @@ METADATA = {
     "robot": "acrobot",
     "torque_limit": 6.0,
     "observation": [{"name": "pendulum", "angles": "sincos"}, {"name": "normalise", "clip": 10.0, "epsilon": 1e-8}],
-    "estimator": {"caution": 20.0, "max_delay_steps": 25},
+    "estimator": {"velocity_noise": 0.25, "max_delay_steps": 25},
     "plant": write_plant(policy_plant(load_plant("C.1"), get_robot("acrobot"))),
     "guard": {"velocity_limit": 1000.0, "torque_rate": 500.0, "braking": 0.1},
 }
@@ -56,7 +56,7 @@ def try_it(path):
     assert refusal.isprintable()
     if refusal:
         return False
-    controller = NumpyController(policy)
+    controller = numpy_controller(policy)
     torques = [controller(np.array([0.1 * k, 0.2, 300.0, -0.1]), 0.002 * k) for k in range(3)]
     assert np.isfinite(torques).all()
     text = c_header(policy)
@@ -128,9 +128,9 @@ def test_metadata_of_wrong_kinds(tmp_path, place, value):
 @pytest.mark.parametrize("value", WRONG, ids=lambda value: repr(value)[:20])
 def test_settings_of_wrong_kinds(tmp_path, value):
     for part, names in (
-        ("estimator", ("dt", "position_noise", "max_delay_steps", "memory")),
-        ("identifier", ("dt", "span", "gate", "spread")),
-        ("regulator", ("state_weights", "torque_weight", "riccati_step", "riccati_steps", "leave")),
+        ("estimator", ("dt", "velocity_noise", "max_delay_steps")),
+        ("identifier", ("passive_limit",)),
+        ("regulator", ("enter", "leave")),
     ):
         for name in names:
             write(tmp_path / "p.safetensors", METADATA | {part: {name: value}}, arrays())

@@ -11,14 +11,13 @@ from swingup.controllers.stack.controller import (
     policy_of,
     save_controller,
 )
-from swingup.plant.base_parameters import Spread
-from swingup.policy.identifier_settings import IdentifierSettings, default_identifier
+from swingup.policy.estimator.settings import EstimatorSettings
+from swingup.policy.identifier.settings import IdentifierSettings
 from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
-from swingup.policy.settings import EstimatorSettings
 
 from .references import sighted_policy
 
-OTHER = IdentifierSettings(dt=0.0025, span=3, max_delay_steps=30, spread=Spread(inertial=0.1, rotor=2e-4))
+OTHER = IdentifierSettings(passive_limit=0.2)
 
 
 @pytest.fixture
@@ -34,11 +33,10 @@ def file(tmp_path):
 
 
 def test_the_loop_is_the_estimators(file):
-    found = read_pendulum_policy(file(estimator={}, identifier={}))
+    found = read_pendulum_policy(file(estimator={"dt": 0.004, "max_delay_steps": 7}, identifier={}))
     assert found.identifier == IdentifierSettings()
-    found = read_pendulum_policy(file(estimator={"dt": 0.004, "max_delay_steps": 7}, identifier={"gate": 4}))
-    assert found.identifier == IdentifierSettings(dt=0.004, max_delay_steps=7, gate=4.0)
-    assert default_identifier(found.estimator) == dataclasses.replace(found.identifier, gate=3.0)
+    loop = make_controller(found).loop.finding
+    assert (loop.period, loop.max_delay_steps) == (0.004, 7)
     assert read_pendulum_policy(file(estimator={})).identifier is None
 
 
@@ -59,16 +57,17 @@ def test_a_plant_without_gravity_on_a_link_is_refused(file):
 def test_round_trip(file, tmp_path):
     estimator = EstimatorSettings(dt=0.0025)
     policy = dataclasses.replace(policy_of(sighted_policy()), estimator=estimator, identifier=OTHER)
-    write_pendulum_policy(tmp_path / "q.safetensors", policy, {"identifier": {"span": 7}})
+    write_pendulum_policy(tmp_path / "q.safetensors", policy, {"identifier": {"passive_limit": 0.7}})
     found = read_pendulum_policy(tmp_path / "q.safetensors")
     assert (found.estimator, found.identifier) == (estimator, OTHER)
     # From JAX, with the old metadata as provenance, as refine writes.
     save_controller(tmp_path / "again.safetensors", *lone_policy(tmp_path / "q.safetensors"))
     assert read_pendulum_policy(tmp_path / "again.safetensors").identifier == OTHER
     made = make_controller(found)
-    assert made.identifier.settings == OTHER
-    # 10 % of m2 r2 from m2 and from r2.
-    assert made.identifier.covariance[2, 2] == pytest.approx(2 * (0.1 * found.plant.m2 * found.plant.r2) ** 2)
+    assert made.loop.finding.passive_limit == OTHER.passive_limit
+    # 25 % of m2 r2 from m2 and from r2.
+    variance = 2 * (0.25 * found.plant.m2 * found.plant.r2) ** 2
+    assert made.loop.finding.covariance[2, 2] == pytest.approx(variance)
     assert make_controller(found, estimator=False).policy is not None
 
 
@@ -77,22 +76,11 @@ def test_round_trip(file, tmp_path):
     [
         ({}, "identifier without an estimator: add estimator, {} for its defaults"),
         ({"estimator": {}, "identifier": None}, "identifier None is not an object of settings"),
-        ({"estimator": {}, "identifier": {"spam": 1}}, "unknown identifier setting 'spam': use some of dt, span,"),
-        ({"estimator": {}, "identifier": {"span": 2.5}}, "identifier setting span = 2.5: use a whole number"),
+        (
+            {"estimator": {}, "identifier": {"gate": 1}},
+            "unknown identifier setting 'gate': use some of passive_limit",
+        ),
         ({"estimator": {}, "identifier": {"passive_limit": -1}}, "setting passive_limit = -1: use a number from 0"),
-        ({"estimator": {}, "identifier": {"offset": 0}}, "identifier setting offset = 0: use a number from 1e-06"),
-        ({"estimator": {}, "identifier": {"gate": "3"}}, "identifier setting gate = '3': use a number from"),
-        (
-            {"estimator": {}, "identifier": {"dt": 0.004}},
-            "has dt = 0.004 s and max_delay_steps = 25",
-        ),
-        ({"estimator": {}, "identifier": {"max_delay_steps": 3}}, "give the identifier the estimator's"),
-        ({"estimator": {}, "identifier": {"spread": 0.1}}, "identifier spread 0.1 is not an object of settings"),
-        (
-            {"estimator": {}, "identifier": {"spread": {"rotors": 1}}},
-            "unknown identifier spread setting 'rotors'",
-        ),
-        ({"estimator": {}, "identifier": {"spread": {"rotor": 0}}}, "identifier spread setting rotor = 0: use a"),
     ],
 )
 def test_what_cannot_work(file, metadata, message):

@@ -14,11 +14,11 @@ from swingup.controllers.registry import get_controller
 from swingup.dynamics.dynamics import acceleration
 from swingup.dynamics.integrate import midpoint_step
 from swingup.export import realaigym
-from swingup.plant.equations import lump
+from swingup.plant.maths import NUMPY
 from swingup.plant.plant import LEADERBOARD
-from swingup.policy import plant
-from swingup.policy.numpy_backend.controller import NumpyController
-from swingup.policy.settings import EstimatorSettings
+from swingup.policy.estimator import core as estimator
+from swingup.policy.estimator.settings import EstimatorSettings
+from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.shipped import load_policy
 from swingup.runtime import load_controller
 
@@ -34,7 +34,7 @@ def test_the_period_is_the_estimators():
     assert policy.period is None
     behind = dataclasses.replace(policy, estimator=EstimatorSettings(dt=0.001))
     assert behind.period == 0.001
-    counted, timed = (realaigym.wrap_policy(NumpyController(behind), "memory") for _ in range(2))
+    counted, timed = (realaigym.wrap_policy(numpy_controller(behind), "memory") for _ in range(2))
     for step in range(5):
         x = np.full(4, 0.1 * step)
         np.testing.assert_array_equal(counted.get_control_output(x), timed.get_control_output(x, 0.001 * step))
@@ -60,20 +60,20 @@ def test_the_estimates_are_the_judges(x64):
     for t, measured in zip(*faults(), strict=True):
         memory, expected = call(memory, jnp.asarray(t), jnp.asarray(measured))
         np.testing.assert_allclose(found(measured, t)[1], expected[1], rtol=0, atol=1e-7)
-        np.testing.assert_allclose(found._estimator.state.state, memory.estimator.state, rtol=1e-12, atol=1e-9)
-        assert found._estimator.state.delay_steps == memory.estimator.delay_steps
+        np.testing.assert_allclose(found.inner.state.state, memory.estimator.state, rtol=1e-12, atol=1e-9)
+        assert found.inner.state.delay_steps == memory.estimator.delay_steps
 
 
-def test_the_plant_is_the_leaderboards(robot, x64):
-    p, numbers = LEADERBOARD.driven(robot), lump(LEADERBOARD)
-    for x, u in zip(random_states()[:20], np.random.default_rng(1).uniform(-6, 6, (20, 2)), strict=True):
-        state, (u1, u2) = tuple(x.tolist()), u.tolist()
-        np.testing.assert_allclose(plant.acceleration(numbers, state, u1, u2), acceleration(p, x, u), rtol=1e-12)
-        np.testing.assert_allclose(
-            plant.midpoint_step(numbers, state, u1, u2, 0.01), midpoint_step(p, x, u, 0.01), rtol=1e-12
-        )
+def test_the_model_is_the_leaderboards(robot, x64):
+    """NumPy's step and response, against JAX's equations of motion."""
+    p, loop = LEADERBOARD.driven(robot), estimator.make_loop(EstimatorSettings(), LEADERBOARD, robot.joint)
+    for x, torque in zip(random_states()[:20], np.random.default_rng(1).uniform(-6, 6, 20), strict=True):
+        u = torque * np.array(robot.actuation)
+        stepped = estimator.step(NUMPY, loop, loop.model, x, float(torque), 0.01)
+        np.testing.assert_allclose(stepped, midpoint_step(p, x, u, 0.01), rtol=1e-12)
         response = acceleration(p, x, u) - acceleration(p, x, 0 * u)
-        np.testing.assert_allclose(plant.torque_response(numbers, state, u1, u2), response, rtol=1e-9)
+        found = torque * estimator.response(NUMPY, loop, loop.model, x)
+        np.testing.assert_allclose(found, response, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -12,19 +12,20 @@ from swingup.export.export_cloudpendulum import export_cloudpendulum
 from swingup.export.export_folder import export_realaigym
 from swingup.loop.clock import Clock
 from swingup.plant.base_parameters import base_parameters
+from swingup.plant.damped import damped_midpoint_step
 from swingup.plant.equations import lump
+from swingup.plant.maths import NUMPY
 from swingup.plant.plant import load_plant
 from swingup.plant.robots import get_robot
-from swingup.policy import identifier
-from swingup.policy.identifier_settings import IdentifierSettings
-from swingup.policy.network import Layer, Network
-from swingup.policy.numpy_backend.controller import NumpyController
+from swingup.policy.estimator.settings import EstimatorSettings
+from swingup.policy.identifier import settings
+from swingup.policy.identifier.settings import IdentifierSettings
+from swingup.policy.network.layers import Layer, Network
+from swingup.policy.network.stages import PendulumStage, PlantStage
+from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.numpy_backend.network import NumpyNetwork
 from swingup.policy.pendulum import PendulumPolicy, read_pendulum_policy, write_pendulum_policy
-from swingup.policy.plant import model_step
 from swingup.policy.plant_facts import policy_plant
-from swingup.policy.settings import EstimatorSettings
-from swingup.policy.stages import PendulumStage, PlantStage
 
 from .references import DT, random_states
 
@@ -66,24 +67,24 @@ def run(controller, plant, steps=STEPS, spoilt=(), periods=None, late=False):
         torque = 1.5 * math.sin(6.5 * t) + math.sin(15 * t + 1)
         # As if the policy had commanded it; what is not finite it has commanded itself.
         if np.isfinite(rows[-1]).all():
-            controller._identifier.state.torques[0] = 0.0, torque
-            controller._estimator.state.torques[0] = torque
+            controller.inner.state.identified.torques[0] = 0.0, torque
+            controller.inner.state.torques[0] = torque
         for _ in range(FINE):
-            x = model_step(lumped, plant.friction, x, 0.0, torque, period / FINE)
+            x = damped_midpoint_step(lumped, plant.friction, x, (0.0, torque), period / FINE, NUMPY)
     return np.array(rows)
 
 
 def test_it_finds_a_changed_plant(policy):
-    plant, controller = changed(policy.plant), NumpyController(policy)
+    plant, controller = changed(policy.plant), numpy_controller(policy)
     first = run(controller, plant)
     true, nominal = base_parameters(plant), base_parameters(policy.plant)
-    theta = np.array(controller._identifier.found.theta)
+    theta = np.array(controller.inner.found.theta)
     assert (np.abs(nominal / true - 1)[:4] > 0.015).sum() >= 3
     np.testing.assert_allclose(theta[:4], true[:4], rtol=0.015)
     np.testing.assert_allclose(theta[6:8], true[6:8], atol=0.01)
     # After a reset it answers the same, bit for bit.
     controller.reset()
-    assert controller._identifier.found.theta == tuple(nominal)
+    assert controller.inner.found.theta == tuple(nominal)
     np.testing.assert_array_equal(run(controller, plant, 200), first[:200])
 
 
@@ -96,9 +97,9 @@ def uneven_periods():
 @pytest.mark.parametrize("clock", ["recorded", "400 Hz"])
 def test_it_finds_the_plant_at_other_periods(policy, clock):
     periods = uneven_periods() if clock == "recorded" else np.full(STEPS, 0.0025)
-    plant, controller = changed(policy.plant), NumpyController(policy)
+    plant, controller = changed(policy.plant), numpy_controller(policy)
     run(controller, plant, periods=periods)
-    true, theta = base_parameters(plant), np.array(controller._identifier.found.theta)
+    true, theta = base_parameters(plant), np.array(controller.inner.found.theta)
     np.testing.assert_allclose(theta[:4], true[:4], rtol=0.02)
     np.testing.assert_allclose(theta[6:8], true[6:8], atol=0.01)
 
@@ -106,18 +107,18 @@ def test_it_finds_the_plant_at_other_periods(policy, clock):
 @pytest.mark.parametrize(("late", "even"), [(True, False), (False, False), (True, True), (False, True)])
 def test_uneven_calls_tell_the_age_of_the_angles(policy, late, even):
     """Even calls tell nothing: a call's age is then a delay like any other."""
-    controller = NumpyController(policy)
+    controller = numpy_controller(policy)
     run(controller, changed(policy.plant), periods=None if even else uneven_periods(), late=late)
-    assert controller._identifier.state.age == (late and not even)
+    assert controller.inner.state.identified.age == (late and not even)
 
 
 def test_the_age_makes_late_angles_as_good_as_present_ones(policy, monkeypatch):
     plant, errors = changed(policy.plant), []
-    for caution in (identifier.AGE_CAUTION, math.inf):  # with the second, the age stays 0
-        monkeypatch.setattr(identifier, "AGE_CAUTION", caution)
-        controller = NumpyController(policy)
+    for caution in (settings.AGE_CAUTION, math.inf):  # with the second, the age stays 0
+        monkeypatch.setattr(settings, "AGE_CAUTION", caution)
+        controller = numpy_controller(policy)
         run(controller, plant, periods=uneven_periods(), late=True)
-        errors.append(np.abs(np.array(controller._identifier.found.theta) / base_parameters(plant) - 1)[:4].max())
+        errors.append(np.abs(np.array(controller.inner.found.theta) / base_parameters(plant) - 1)[:4].max())
     assert errors[0] < 0.005
     assert errors[1] > 5 * errors[0]
 
@@ -125,10 +126,10 @@ def test_the_age_makes_late_angles_as_good_as_present_ones(policy, monkeypatch):
 def test_a_pause_interrupts(policy):
     """After a longer one the motion before is forgotten; a period that is too short is none."""
     for pause, calls in ((3.9 * DT, 31), (4.1 * DT, 1), (-DT, 1), (1e-9, 31)):
-        controller = NumpyController(policy)
+        controller = numpy_controller(policy)
         run(controller, policy.plant, 30)
         controller(np.zeros(4), 29 * DT + pause)
-        state = controller._identifier.state
+        state = controller.inner.state.identified
         assert state.calls == calls
         assert 0.5 * DT <= min(state.steps) <= max(state.steps) < 4 * DT
 
@@ -157,18 +158,18 @@ def test_without_hidden_layers_too(policy):
 
 
 def test_without_an_estimator_nothing_is_identified(policy):
-    alone = NumpyController(policy, estimator=False)
+    alone = numpy_controller(policy, estimated=False)
     x = np.array([0.3, -0.2, 1.0, 2.0])
     assert alone(x, 0.0)[1] == NumpyNetwork(policy)(x)
 
 
 def test_what_is_not_finite_is_left_out(policy):
     """An angle, a rate that the identifier does not use, and an angle that no encoder gives."""
-    plant, controller = changed(policy.plant), NumpyController(policy)
+    plant, controller = changed(policy.plant), numpy_controller(policy)
     spoilt = {300: (np.nan,) * 4, 400: (0.1, 0.2, np.inf, 0.0), 401: (0.1, 0.2, 0.0, np.nan), 500: (1e200, 0, 0, 0)}
     torques = run(controller, plant, spoilt=spoilt.items())
     assert np.flatnonzero(np.isnan(torques[:, 1])).tolist() == [300, 400, 401]
-    np.testing.assert_allclose(controller._identifier.found.theta[:4], base_parameters(plant)[:4], rtol=0.03)
+    np.testing.assert_allclose(controller.inner.found.theta[:4], base_parameters(plant)[:4], rtol=0.03)
 
 
 IDENTIFY = """
@@ -198,7 +199,7 @@ def test_exported_controllers_identify_their_plant(policy, tmp_path):
     code = IDENTIFY.format(folder=str(folder), rows=str(rows))
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (result.returncode, result.stderr) == (0, "")
-    controller = NumpyController(policy)
+    controller = numpy_controller(policy)
     expected = [controller(x, DT * step) for step, x in enumerate(measured)]
     np.testing.assert_array_equal(np.load(rows), expected)
-    assert controller._identifier.found.theta != tuple(base_parameters(policy.plant))
+    assert controller.inner.found.theta != tuple(base_parameters(policy.plant))

@@ -13,16 +13,16 @@ from swingup.common.errors import SwingupError
 from swingup.controllers.interface.controller import AbstractPlantController
 from swingup.controllers.stack.controller import policy_of
 from swingup.controllers.stack.estimator import with_estimator
-from swingup.controllers.stack.identifier import make_identifier
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.plant import LEADERBOARD, Plant, load_plant
 from swingup.plant.robots import get_robot
-from swingup.policy.fold import fold
-from swingup.policy.network import Layer, Network
+from swingup.policy.identifier.settings import IdentifierSettings
+from swingup.policy.network.fold import fold
+from swingup.policy.network.layers import Layer, Network
+from swingup.policy.network.stages import PendulumStage, PlantStage
 from swingup.policy.numpy_backend.network import NumpyNetwork
 from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
 from swingup.policy.plant_facts import policy_plant
-from swingup.policy.stages import PendulumStage, PlantStage
 
 from .references import in_double, random_states, sighted_policy, small_policy
 
@@ -126,7 +126,7 @@ class Shown(AbstractPlantController):
 
 def test_an_identifier_tells_what_it_found():
     robot, p = get_robot("acrobot"), load_plant("C.1")
-    whole = with_estimator(Shown(), robot, p, identifier=make_identifier(robot, p))
+    whole = with_estimator(Shown(), robot, p, finding=IdentifierSettings())
     memory = whole.init()
     found = jnp.linspace(0.9, 1.1, 9) * base_parameters(p)
     identified = memory.estimator.identified._replace(

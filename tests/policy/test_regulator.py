@@ -15,18 +15,21 @@ from swingup.controllers.baselines.lqr import linearised
 from swingup.controllers.interface.controller import AbstractController, check_interface
 from swingup.controllers.stack.controller import make_controller, policy_of
 from swingup.controllers.stack.estimator import with_estimator
-from swingup.controllers.stack.identifier import make_identifier
 from swingup.controllers.stack.regulator import TRIANGLE, with_regulator
 from swingup.dynamics.angles import UPRIGHT
 from swingup.dynamics.integrate import rk4_step
 from swingup.plant.base_parameters import base_parameters, geometry_of
+from swingup.plant.maths import NUMPY
 from swingup.plant.plant import LEADERBOARD
 from swingup.plant.robots import ROBOTS
-from swingup.policy.numpy_backend.regulator import NumpyRegulator
+from swingup.policy.identifier.settings import IdentifierSettings
+from swingup.policy.numpy_backend.regulator import held, regulator_loop
 from swingup.policy.pendulum import PARTS, read_pendulum_policy, write_pendulum_policy
 from swingup.policy.plant_facts import policy_plant
-from swingup.policy.regulator_settings import RegulatorSettings, fixed_point
-from swingup.policy.upright import upright_step
+from swingup.policy.regulator import core
+from swingup.policy.regulator import settings as chosen
+from swingup.policy.regulator.settings import STATE_WEIGHTS, TORQUE_WEIGHT, RegulatorSettings, fixed_point
+from swingup.policy.regulator.upright import upright_step
 
 from .references import UNSOUND, sighted_policy
 
@@ -61,13 +64,29 @@ def regulated(robot, settings=SETTINGS, torque=7.0):
     return with_regulator(Marked(torque), robot, own, settings, own.limit(robot.joint))
 
 
-def gains(plant, robot, settings):
+def gains(plant, robot):
     """K of the recursion's fixed point."""
-    driven, h = robot.joint, settings.riccati_step
     theta, geometry = base_parameters(plant), geometry_of(plant)
-    a, b = map(np.array, upright_step(theta, geometry, driven, settings.coulomb_damping, h))
-    P = fixed_point(plant, driven, settings)
-    return b @ P @ a / (settings.step_weights[1] + b @ P @ b)
+    step = chosen.COULOMB_DAMPING, chosen.RICCATI_STEP
+    a, b = map(np.array, upright_step(theta, geometry, robot.joint, *step))
+    P = fixed_point(plant, robot.joint)
+    return b @ P @ a / (chosen.R + b @ P @ b)
+
+
+class NumpyRegulator:
+    """NumPy's regulator of one pendulum, with its memory."""
+
+    def __init__(self, settings, plant, robot):
+        self._loop = regulator_loop(settings, plant, robot.joint, plant.limit(robot.joint))
+        self._state = core.begin(NUMPY, self._loop)
+
+    def tell(self, base):
+        self._held = held(self._loop, base.tolist())
+
+    def __call__(self, x):
+        """The torque where it acts, else None."""
+        self._state, torque = core.regulate(NUMPY, self._loop, self._state, self._held, x)
+        return torque if self._state.acting else None
 
 
 @pytest.fixture(autouse=True)
@@ -79,23 +98,26 @@ def _double():
 @pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda robot: robot.name)
 def test_the_fixed_point_is_scipys(robot):
     for plant in plants(robot):
-        h, (weights, torque_weight) = SETTINGS.riccati_step, SETTINGS.step_weights
+        h = chosen.RICCATI_STEP
         A, B = linearised(damped(plant), robot, UPRIGHT[None], np.zeros(1))
         a = np.eye(4) + h * A[0] + 0.5 * h**2 * A[0] @ A[0]
         b = h * B[0] + 0.5 * h**2 * A[0] @ B[0]
-        expected = solve_discrete_are(a, b[:, None], np.diag(weights), [[torque_weight]])
-        np.testing.assert_allclose(fixed_point(plant, robot.joint, SETTINGS), expected, rtol=1e-7)
+        expected = solve_discrete_are(a, b[:, None], h * np.diag(STATE_WEIGHTS), [[h * TORQUE_WEIGHT]])
+        np.testing.assert_allclose(fixed_point(plant, robot.joint), expected, rtol=1e-7)
 
 
 @pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda robot: robot.name)
-def test_gains_converge_to_those_in_continuous_time(robot):
+def test_gains_converge_to_those_in_continuous_time(robot, monkeypatch):
     """The difference is that of a torque which is held for a step: it halves with the step."""
     for plant in plants(robot):
         A, B = linearised(damped(plant), robot, UPRIGHT[None], np.zeros(1))
-        S = solve_continuous_are(A[0], B[0][:, None], np.diag(SETTINGS.state_weights), [[SETTINGS.torque_weight]])
-        expected, errors = B[0] @ S / SETTINGS.torque_weight, []
+        S = solve_continuous_are(A[0], B[0][:, None], np.diag(STATE_WEIGHTS), [[TORQUE_WEIGHT]])
+        expected, errors = B[0] @ S / TORQUE_WEIGHT, []
         for h in (0.005, 0.0025, 0.00125):
-            found = gains(plant, robot, dataclasses.replace(SETTINGS, riccati_step=h))
+            monkeypatch.setattr(chosen, "RICCATI_STEP", h)
+            monkeypatch.setattr(chosen, "Q", tuple(h * weight for weight in STATE_WEIGHTS))
+            monkeypatch.setattr(chosen, "R", h * TORQUE_WEIGHT)
+            found = gains(plant, robot)
             errors.append(np.abs(found / expected - 1).max())
         assert errors[0] < 0.12
         assert errors[2] < 0.55 * errors[1] < 0.55**2 * errors[0]
@@ -106,7 +128,7 @@ def test_the_cost_to_go_follows_the_plant(robot):
     """Within a tenth of a second, from the file's plant to the one that is told."""
     controller = regulated(robot)
     memory, told = controller.init(), dataclasses.replace(controller, base=base_parameters(plants(robot)[1]))
-    expected = fixed_point(plants(robot)[1], robot.joint, SETTINGS)[TRIANGLE]
+    expected = fixed_point(plants(robot)[1], robot.joint)[TRIANGLE]
     assert np.abs(memory.regulator.cost_to_go / expected - 1).max() > 0.5
 
     def call(carry, _):
@@ -145,7 +167,7 @@ def test_bounds():
     robot = ROBOTS["acrobot"]
     controller = regulated(robot)
     e = np.array([0.01, 0.02, -0.1, 0.05])
-    e /= np.sqrt(e @ fixed_point(plants(robot)[0], robot.joint, SETTINGS) @ e)
+    e /= np.sqrt(e @ fixed_point(plants(robot)[0], robot.joint) @ e)
     sizes = np.sqrt([1.1, 0.9, 9.0, np.nan, 9.9, 10.1, 9.9, 0.9, np.inf, 0.9])
     memory, acting, torques = controller.init(), [], []
     for size in sizes:
@@ -156,7 +178,7 @@ def test_bounds():
     # The policy's torques while it acts, its number of calls always.
     assert [torque.tolist() == [7.0, 7.0] for torque in torques] == [not one for one in acting]
     assert int(memory.controller) == len(sizes)
-    K = gains(plants(robot)[0], robot, SETTINGS)
+    K = gains(plants(robot)[0], robot)
     assert torques[1] == pytest.approx([0, -K @ e * sizes[1]], rel=1e-6)
     assert np.isnan([torques[3][1], torques[8][1]]).all()
     assert np.abs(torques[2]).max() == 6.0
@@ -171,10 +193,10 @@ def test_dry_friction_of_the_undriven_joint_lowers_the_bounds(robot, sign):
     base, settings = base_parameters(own), dataclasses.replace(SETTINGS, enter_coulomb=0.1, leave_coulomb=0.05)
     controller = dataclasses.replace(regulated(robot, settings), base=base)
     nominal = policy_plant(plants(robot)[0], robot)
-    other = NumpyRegulator(settings, nominal, robot.joint, nominal.limit(robot.joint))
-    other.tell(base.tolist())
+    other = NumpyRegulator(settings, nominal, robot)
+    other.tell(base)
     e = np.array([0.01, 0.02, -0.1, 0.05])
-    e /= np.sqrt(e @ fixed_point(own, robot.joint, settings) @ e)
+    e /= np.sqrt(e @ fixed_point(own, robot.joint) @ e)
     # At rest at the top until P has followed the plant.
     sizes = np.sqrt([*[0.0] * 200, 3.4, 3.6, 0.6, 0.4])
     states = UPRIGHT + sizes[:, None] * e
@@ -214,18 +236,15 @@ def test_it_belongs_behind_an_estimator(double):
     with jax.enable_x64(double):
         controller, plant = regulated(robot), plants(robot)[0]
         check_interface(controller)
-        check_interface(with_estimator(controller, robot, plant, identifier=make_identifier(robot, plant)))
+        check_interface(with_estimator(controller, robot, plant, finding=IdentifierSettings()))
 
 
 @pytest.mark.parametrize(
     ("values", "message"),
     [
         ({"enter": 2.0, "leave": 1.0}, "leave = 1 is below enter = 2"),
-        ({"state_weights": [1.0, 1.0]}, "use 4 numbers"),
-        ({"state_weights": (1.0, 1.0, 0.0, 1.0)}, "state_weights"),
-        ({"riccati_steps": 0}, "riccati_steps"),
-        ({"riccati_step": 1.0}, "riccati_step"),
-        ({"torque_weight": float("nan")}, "torque_weight"),
+        ({"enter": float("nan")}, "enter"),
+        ({"leave_coulomb": 0}, "leave_coulomb"),
     ],
 )
 def test_settings_that_cannot_work_are_refused(values, message):
@@ -247,8 +266,8 @@ def file(tmp_path):
 def test_files(file, tmp_path):
     assert read_pendulum_policy(file(regulator={})).regulator == SETTINGS
     assert read_pendulum_policy(file()).regulator is None
-    found = read_pendulum_policy(file(regulator={"enter": 2, "state_weights": [1, 2, 3, 4]}))
-    assert found.regulator == RegulatorSettings(enter=2.0, state_weights=(1.0, 2.0, 3.0, 4.0))
+    found = read_pendulum_policy(file(regulator={"enter": 2, "enter_coulomb": 3}))
+    assert found.regulator == RegulatorSettings(enter=2.0, enter_coulomb=3.0)
     write_pendulum_policy(tmp_path / "again.safetensors", found, {})
     assert read_pendulum_policy(tmp_path / "again.safetensors").regulator == found.regulator
     assert make_controller(found).settings == found.regulator
@@ -262,13 +281,15 @@ def changed(policy, tmp_path, **fields):
 
 
 def test_what_a_policy_has_wins_over_the_old_metadata(file, tmp_path):
-    old = read_pendulum_policy(file(estimator={"caution": 7}, identifier={"gate": 4}, regulator={"enter": 2}))
+    old = read_pendulum_policy(
+        file(estimator={"dt": 0.004}, identifier={"passive_limit": 0.4}, regulator={"enter": 2})
+    )
     assert changed(old, tmp_path).regulator == RegulatorSettings(enter=2.0)
     assert changed(old, tmp_path, regulator=RegulatorSettings(enter=3.0)).regulator.enter == 3.0
     assert changed(old, tmp_path, torque_limit=2.0).torque_limit == 2.0
     # With and without an identifier beside it.
     for kept in (old, changed(old, tmp_path, identifier=None)):
-        estimator = dataclasses.replace(old.estimator, caution=8.0)
+        estimator = dataclasses.replace(old.estimator, velocity_noise=0.3)
         found = changed(kept, tmp_path, estimator=estimator)
         assert (found.estimator, found.identifier) == (estimator, kept.identifier)
     bare = dataclasses.replace(policy_of(sighted_policy()), estimator=estimator)
@@ -292,8 +313,8 @@ def test_what_a_policy_has_no_more_is_not_written(file, tmp_path):
     ("metadata", "message"),
     [
         ({"regulator": None}, "regulator None is not an object of settings"),
-        ({"regulator": {"entre": 1}}, "unknown regulator setting 'entre': use some of state_weights, .*enter"),
-        ({"regulator": {"torque_weight": "1"}}, "regulator setting torque_weight = '1': use a number"),
+        ({"regulator": {"entre": 1}}, "unknown regulator setting 'entre': use some of enter"),
+        ({"regulator": {"leave": "1"}}, "regulator setting leave = '1': use a number"),
     ],
 )
 def test_files_that_cannot_work_are_refused(file, metadata, message):
@@ -305,10 +326,10 @@ def test_numpys_is_told_a_plant_like_jaxs():
     """Behind an identifier that finds the plant in two steps; the rows of the conformance table have one plant."""
     robot = ROBOTS["pendubot"]
     controller, own = regulated(robot), policy_plant(plants(robot)[0], robot)
-    other, memory = NumpyRegulator(SETTINGS, own, robot.joint, own.limit(robot.joint)), controller.init()
+    other, memory = NumpyRegulator(SETTINGS, own, robot), controller.init()
     x = UPRIGHT + np.array([0.01, -0.02, 0.05, 0.05])
     for base in (base_parameters(plants(robot)[1]), 1.05 * base_parameters(own)):
-        other.tell(base.tolist())
+        other.tell(base)
         for _ in range(3):
             memory, u = controller.control(memory, 0.0, jnp.asarray(x), base)
             assert other(x) == pytest.approx(float(u[robot.joint]), abs=1e-9)

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from swingup.plant.equations import friction
-from swingup.policy.numpy_backend.controller import NumpyController
+from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.numpy_backend.network import NumpyNetwork
-from swingup.policy.numpy_backend.regulator import NumpyRegulator
 
 from .references import ADAPTIVES, controller, numpy_loop, numpy_run, policy, replay, within
+from .test_regulator import NumpyRegulator
 
 SHIFT = 1000.0
 """By which a clock is ahead (s)."""
@@ -53,7 +53,7 @@ def test_a_shifted_clock_changes_no_bit_in_jax(name):
 
 @pytest.mark.parametrize("name", ADAPTIVES)
 def test_calls_before_a_reset_count_for_nothing(name):
-    found = NumpyController(policy(name))
+    found = numpy_controller(policy(name))
     numpy_loop(found, start=(np.pi, 0.05, 0.1, 0.0), steps=FEW // 2 + 1)
     found.reset()
     np.testing.assert_array_equal(numpy_loop(found, BINARY, SHIFT, steps=FEW)[2], numpy_run(name, BINARY)[2][:FEW])
@@ -61,25 +61,25 @@ def test_calls_before_a_reset_count_for_nothing(name):
 
 @pytest.mark.parametrize("name", ADAPTIVES)
 def test_the_number_of_calls_means_nothing_once_the_window_is_full(name):
-    found = NumpyController(policy(name))
-    identifier = found._identifier
-    identifier.state = identifier.state._replace(calls=10**9)
+    found = numpy_controller(policy(name))
+    state = found.inner.state
+    found.inner.state = state._replace(identified=state.identified._replace(calls=10**9))
     torques = numpy_loop(found, steps=FEW)[2]
     # Learning begins some calls earlier: at rest there is nothing to learn yet.
-    np.testing.assert_allclose(torques, numpy_loop(NumpyController(policy(name)), steps=FEW)[2], rtol=0, atol=0.05)
+    np.testing.assert_allclose(torques, numpy_loop(numpy_controller(policy(name)), steps=FEW)[2], rtol=0, atol=0.05)
 
 
 @pytest.mark.parametrize("name", ADAPTIVES)
 def test_torques_follow_from_estimate_plant_and_memory(name):
     """A network and a regulator that know no time give the same, from the estimates and the plants found."""
     p = policy(name)
-    found, joint, network = NumpyController(p), p.robot.joint, NumpyNetwork(p)
-    regulator = NumpyRegulator(p.regulator, p.plant, joint, p.torque_limit)
+    found, joint, network = numpy_controller(p), p.robot.joint, NumpyNetwork(p)
+    regulator = NumpyRegulator(p.regulator, p.plant, p.robot)
     shown, acted = watched(found), []
     _, _, torques = numpy_loop(found)
     for (estimate, base, against), u in zip(shown, torques, strict=True):
         network.tell(base)
-        regulator.tell(base)
+        regulator.tell(np.array(base))
         regulated = regulator(estimate)
         acted.append(regulated is not None)
         assert u[joint] == (network(estimate) if regulated is None else regulated) + against[joint]
@@ -89,23 +89,22 @@ def test_torques_follow_from_estimate_plant_and_memory(name):
 
 def watched(found):
     """The list to which the controller's estimates, plants θ and torques against friction go from now on."""
-    shown, observe = [], found._estimator.observe
+    shown, torque, inner = [], found.inner._torque, found.inner
 
-    def observed(t, x):
-        estimate, identifier = observe(t, x), found._identifier
-        pairs = zip(*identifier.found.asked, estimate[2:], strict=True)
+    def watching(estimate):
+        pairs = zip(*inner.found.asked, estimate[2:], strict=True)
         against = [friction(b, cf, rate, math.atan) for b, cf, rate in pairs]
-        shown.append((estimate.copy(), list(identifier.found.told), against))
-        return estimate
+        shown.append((estimate.copy(), list(inner.found.told), against))
+        return torque(estimate)
 
-    found._estimator.observe = observed
+    inner._torque = watching
     return shown
 
 
 @pytest.mark.parametrize("name", ADAPTIVES)
 def test_exact_zeros_mean_nothing(name):
     """A start at rest differs from one beside it by what the motion differs."""
-    _, others, beside = numpy_loop(NumpyController(policy(name)), start=(1e-9, 0, 0, 0), steps=FEW)
+    _, others, beside = numpy_loop(numpy_controller(policy(name)), start=(1e-9, 0, 0, 0), steps=FEW)
     _, states, at = numpy_run(name)
     np.testing.assert_allclose(others, states[:FEW], rtol=0, atol=1e-5)
     np.testing.assert_allclose(beside, at[:FEW], rtol=0, atol=1e-4)

@@ -15,8 +15,8 @@ from swingup.export.cloudpendulum import CloudPendulumController
 from swingup.export.export_cloudpendulum import cloudpendulum_guard, cloudpendulum_notes, export_cloudpendulum
 from swingup.export.export_folder import export_realaigym
 from swingup.plant.plant import LEADERBOARD, load_plant
-from swingup.policy.guard import GuardSettings
-from swingup.policy.numpy_backend.controller import NumpyController
+from swingup.policy.guard.settings import GuardSettings
+from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.plant_facts import policy_plant
 from swingup.policy.shipped import load_policy, shipped_file
 from swingup.rehearsal.loop import FolderController, PacedController
@@ -136,7 +136,7 @@ class Motor:
 def test_cloudpendulums_client_gives_no_time_and_gets_a_list():
     times = iter([100.0, 100.002, 100.004, 7.0, 7.002])
     inside, plain = (load_controller("ar-eapo", "acrobot", guard=True) for _ in range(2))
-    cloud = CloudPendulumController(inside, inside.robot, lambda: next(times), inside.guard)
+    cloud = CloudPendulumController(inside, lambda: next(times))
     states = [[0.1, -0.2, 0.5, 0.3], [0.101, -0.199, 0.5, 0.3], [0.102, -0.198, 0.5, 0.3]]
 
     def ask(x):
@@ -164,7 +164,7 @@ def test_the_cells_limits():
     identifier = dataclasses.replace(policy.identifier, passive_limit=0.005)
     fits = dataclasses.replace(policy, plant=cell, torque_limit=0.05, identifier=identifier)
     assert cloudpendulum_notes(fits) == []
-    controller = NumpyController(fits, guard=cloudpendulum_guard(fits.period))
+    controller = numpy_controller(fits, guard=cloudpendulum_guard(fits.period))
     assert controller.guard.settings.velocity_limit == 50.0
     # The compensation of C.1's friction exceeds what the cell's plant allows.
     torques = [controller(np.array([1.0, 1.0 + 0.08 * step, 40.0, 40.0]), 0.002 * step) for step in range(5)]

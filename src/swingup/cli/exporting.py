@@ -1,9 +1,6 @@
 """The command ``export``: a policy for other programs."""
 
-import contextlib
 import dataclasses
-import tempfile
-from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,20 +10,15 @@ from tyro.conf import Positional, arg
 from ..common.checks import one_of
 from ..common.errors import SwingupError
 from ..common.files import write_atomically
-from ..common.text import quoted
 from ..controllers.baselines.baselines import BASELINES
 from ..export.c_backend.header import c_header
 from ..export.export_cloudpendulum import cloudpendulum_guard, cloudpendulum_notes, export_cloudpendulum
 from ..export.export_folder import export_realaigym
 from ..export.onnx_backend.graph import onnx_model
 from ..export.template import NAME
-from ..plant.plant import Plant
-from ..policy.guard import GUARD
-from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
-from ..policy.plant_facts import PLANT, policy_plant
-from ..policy.settings import GuardSettings, choose_guard
+from ..policy.guard.settings import GUARD, GuardSettings, choose_guard
+from ..policy.pendulum import PendulumPolicy
 from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, load_policy, shipped_file
-from .arguments import NO_PLANT, PlantFlags
 from .output import tell
 
 FOLDERS = ("realaigym", "cloudpendulum")
@@ -44,7 +36,6 @@ def export(
     to: Annotated[str, arg(metavar="{realaigym,cloudpendulum,onnx,c}")],
     out: Annotated[str, arg(metavar="PATH")],
     robot: str | None = None,
-    plant: PlantFlags = NO_PLANT,
     username: str = "swingup",
     name: str = NAME,
     guard: bool = True,
@@ -61,7 +52,6 @@ def export(
             alone; or c, a C99 header.
         out: the folder, new or empty; or the file.
         robot: acrobot or pendubot; needed with a name, checked with a file.
-        plant: of a policy whose file names none: the model of its estimator, and its motor's torque limit.
         username: your name on RealAIGym's leaderboard.
         name: of the entry (con_NAME.py, controller_NAME.py), and what all names in a C header begin with, so that
             several go side by side; ONNX has none.
@@ -75,14 +65,12 @@ def export(
     one_of("format", to, FORMS)
     # Before the policy is read: that error would only list policies.
     _refuse_baselines(policy, robot)
-    on, found = plant.given(), load_policy(policy, robot)
-    if on is not None:
-        found = _with_plant(found, on)
+    found = load_policy(policy, robot)
     chosen = None if to == "onnx" else choose_guard(guard, _own_guard(found, to), found.period)
     found = dataclasses.replace(found, guard=_changed(chosen, velocity_limit, braking))
     if to in FOLDERS:
         file = shipped_file(found.robot, policy) if policy in SHIPPED_POLICIES else Path(policy)
-        with resources.as_file(file) as shipped, _source(found, shipped, on) as source:
+        with resources.as_file(file) as source:
             if to == "realaigym":
                 tell(str(export_realaigym(found, source, out, username, name)))
             else:
@@ -94,32 +82,6 @@ def export(
     if to == "onnx":
         tell(f"this is the network for the plant {found.plant.name} alone, without {_missing(found)}")
     return 0
-
-
-def _with_plant(policy: PendulumPolicy, plant: Plant) -> PendulumPolicy:
-    """A policy of a file of version 1, made for a plant.
-
-    Raises:
-        SwingupError: the file names a plant itself.
-    """
-    if PLANT in policy.metadata:
-        raise SwingupError(
-            f"the policy's file has a plant, {quoted(policy.plant.name)}: --plant is for files without; refine the "
-            "policy on another plant with swingup refine --plant"
-        )
-    return dataclasses.replace(policy, plant=policy_plant(plant, policy.robot))
-
-
-@contextlib.contextmanager
-def _source(policy: PendulumPolicy, file: Path, plant: Plant | None) -> Iterator[Path]:
-    """The policy's file, or a copy of it with another plant."""
-    if plant is None:
-        yield file
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "policy.safetensors"
-        write_pendulum_policy(path, policy, policy.metadata)
-        yield path
 
 
 def _missing(policy: PendulumPolicy) -> str:

@@ -7,14 +7,12 @@ the client's package, which is there only on its own machines.
 
 import time
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from ..plant.robots import Robot
 from ..policy.contract import LoopController
-from ..policy.guard import Fault
-from ..policy.numpy_backend.guard import NumpyGuard
+from ..policy.guard.settings import Fault
 
 WARM_UP = 20
 """Calls before the first one: NumPy's own first calls take milliseconds."""
@@ -35,22 +33,14 @@ class CloudPendulumController:
     The first call is at time 0, however long ago the object was made.
     """
 
-    def __init__(
-        self,
-        controller: LoopController,
-        robot: Robot,
-        clock: Callable[[], float] = time.perf_counter,
-        guard: NumpyGuard | None = None,
-    ) -> None:
+    def __init__(self, controller: LoopController[Any], clock: Callable[[], float] = time.perf_counter) -> None:
         """Wrap a controller.
 
         Args:
             controller: the controller.
-            robot: which joint is driven.
             clock: tells the time (s) of any origin; it must not go backward.
-            guard: the safety guard inside the controller, if it has one.
         """
-        self.robot, self.guard = robot, guard
+        self.robot, self.guard = controller.robot, controller.guard
         self._controller, self._clock = controller, clock
         for step in range(WARM_UP):
             controller(np.zeros(4), 0.002 * step)
@@ -64,7 +54,7 @@ class CloudPendulumController:
     @property
     def fault(self) -> Fault | None:
         """Why the safety guard stopped the controller; None while it acts, or without a guard."""
-        return None if self.guard is None else self.guard.fault
+        return self._controller.fault
 
     def get_control_output(self, state: Sequence[MotorState]) -> list[float]:
         """The torques [u1, u2] (N m) for the measured positions (rad) and velocities (rad/s) of both joints."""

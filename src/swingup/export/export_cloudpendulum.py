@@ -3,9 +3,8 @@
 import dataclasses
 from pathlib import Path
 
-from ..policy.guard import GuardSettings
+from ..policy.guard.settings import GuardSettings, default_guard
 from ..policy.pendulum import PendulumPolicy
-from ..policy.settings import default_guard
 from .export_folder import guard_entry, readme_values, write_folder
 from .template import NAME, asset, check_export_name, fill
 

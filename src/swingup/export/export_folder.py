@@ -6,33 +6,25 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import asdict
 from importlib import resources
+from importlib.resources.abc import Traversable
 from pathlib import Path
 
 from ..common.errors import SwingupError
 from ..common.files import write_atomically
 from ..common.text import quoted
 from ..common.version import __version__
-from ..policy.guard import GuardSettings
+from ..policy.guard.settings import GuardSettings
 from ..policy.pendulum import PendulumPolicy
 from .template import NAME, asset, check_export_name, fill
 
 PACKAGE = "{name}_controller"
 """Name of the copied source, so that an installed swingup or another entry is never meant."""
 
-SOURCES = (
-    *(f"common/{name}.py" for name in ("__init__", "arrays", "checks", "errors", "files", "settings", "text")),
-    "plant/__init__.py", "plant/robots.py", "plant/base_parameters.py", "plant/damped.py", "plant/equations.py",
-    "plant/maths.py", "plant/momentum.py", "plant/plant.py", "plant/units.py",
-    *(f"policy/{name}.py" for name in (
-        "__init__", "compensation", "contract", "estimator", "file", "fold", "guard", "identifier",
-        "identifier_settings", "network", "pendulum", "plant", "plant_facts", "regulator", "regulator_settings",
-        "riccati", "settings", "shipped", "stages", "upright",
-    )),
-    *(f"policy/numpy_backend/{name}.py" for name in (
-        "__init__", "controller", "estimator", "guard", "identifier", "network", "regulator",
-    )),
-)  # fmt: skip
-"""What the controller needs of this package, besides its interface; a test runs it without the rest."""
+COMMON = tuple(
+    f"common/{name}.py"
+    for name in ("__init__", "arrays", "checks", "errors", "files", "riccati", "settings", "text")
+)
+"""What the folders ``plant`` and ``policy`` need besides themselves; a test runs them without the rest."""
 
 GUARDED = (
     "It is behind a safety guard, whose settings are in the entry. `controller.fault` says why it stopped the\n"
@@ -97,7 +89,7 @@ def write_folder(folder: str | Path, name: str, interface: str, source: Path, te
         with tempfile.TemporaryDirectory(dir=target.parent, prefix=f".{target.name}.") as temporary:
             made = Path(temporary) / target.name
             package = made / PACKAGE.format(name=name)
-            for file in (*SOURCES, "export/__init__.py", f"export/{interface}.py"):
+            for file in (*_sources(root), "export/__init__.py", f"export/{interface}.py"):
                 _write(package / file, root.joinpath(*file.split("/")).read_bytes())
             _write(package / "__init__.py", ABOUT.encode())
             _write(package / "policy.safetensors", source.read_bytes())
@@ -113,6 +105,20 @@ def write_folder(folder: str | Path, name: str, interface: str, source: Path, te
             f"cannot write {folder}: {reason}; choose a place that exists and can be written"
         ) from error
     return target
+
+
+def _sources(root: Traversable) -> list[str]:
+    """Paths of what a controller needs of this package, besides its interface."""
+    found, folders = list(COMMON), ["plant", "policy"]
+    for folder in folders:
+        for each in (root / folder).iterdir():
+            path = f"{folder}/{each.name}"
+            if each.is_dir():
+                # The loop goes on with it.
+                folders.append(path)
+            elif path.endswith(".py"):
+                found.append(path)
+    return found
 
 
 def _write(path: Path, content: bytes) -> None:

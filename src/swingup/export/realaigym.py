@@ -3,7 +3,7 @@
 Nothing is inherited from its package, so that it need not be installed. The order is RealAIGym's: the outer
 ``get_control_output`` filters the measurement, calls the controller, which adds friction compensation before its
 guard, and keeps the histories; wrappers (combined and testing controllers) call the inner forms, whose names end in
-an underscore.
+an underscore. Histories hold at least the last minute of a loop at 500 Hz, which RealAIGym's runs last at most.
 """
 
 import json
@@ -20,12 +20,16 @@ from ..common.text import quoted
 from ..plant.equations import friction
 from ..plant.robots import Robot
 from ..policy.contract import LoopController
-from ..policy.guard import Fault
-from ..policy.numpy_backend.controller import NumpyController
-from ..policy.numpy_backend.guard import NumpyGuard
+from ..policy.guard.core import Guard
+from ..policy.guard.settings import Fault
+from ..policy.numpy_backend.controller import NumpyPolicy
 
 SAVED = "controller_swingup.json"
 """Where ``save`` writes."""
+KEPT = 30_000
+"""Entries of a history that are always kept; at most twice as many are."""
+NONE = np.zeros(2)
+"""Gravity compensation, of every call (N m)."""
 
 
 class Filter:
@@ -47,9 +51,8 @@ class Filter:
 
     def get_filtered_state(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """What the controller sees for the measurement x (4,) after the torques u (2,)."""
-        self.x_hist.append(x)
         seen = x.copy() if self._call is None else np.array(self._call(x.copy(), u), np.float64)
-        self.x_filt_hist.append(seen)
+        _keep((self.x_hist, x), (self.x_filt_hist, seen))
         return seen
 
 
@@ -60,38 +63,41 @@ class RealAIGymController:
     RealAIGym's own controllers do; call ``init()`` after it.
     """
 
-    def __init__(
-        self,
-        controller: LoopController,
-        robot: Robot,
-        about: dict[str, Any],
-        dt: float = 0.002,
-        guard: NumpyGuard | None = None,
-    ) -> None:
+    def __init__(self, controller: LoopController[Any], about: dict[str, Any], dt: float = 0.002) -> None:
         """Wrap a controller.
 
         Args:
             controller: the controller.
-            robot: which joint is driven.
             about: what ``save`` writes, JSON values.
             dt: time between calls (s), for callers that give no time.
-            guard: the safety guard inside the controller, if it has one.
         """
-        self.robot = robot
         self.disturbance_intervals: list[Any] = []
         """Intervals in which the run is disturbed on purpose: none."""
         self._controller, self._about, self._dt = controller, about, dt
-        self.guard = guard
-        """The safety guard inside the controller; None without one."""
         self.filter = Filter()
         """What filters measurements, with its histories."""
         self.reset()
         self.init()
 
     @property
+    def robot(self) -> Robot:
+        """Which joint is driven."""
+        return self._controller.robot
+
+    @property
+    def guard(self) -> Guard | None:
+        """The safety guard inside the controller; None without one."""
+        return self._controller.guard
+
+    @property
     def passive_limit(self) -> float:
-        """Largest torque that the controller itself has for the passive joint (N m)."""
-        return float(getattr(self._controller, "passive_limit", 0.0))
+        """Largest torque on the passive joint (N m)."""
+        return self._controller.passive_limit
+
+    @property
+    def fault(self) -> Fault | None:
+        """Why the safety guard stopped the controller; None while it acts, or without a guard."""
+        return self._controller.fault
 
     def init(self) -> None:
         """Begin a run."""
@@ -123,15 +129,12 @@ class RealAIGymController:
     def get_control_output(self, x: Sequence[float] | np.ndarray, t: float | None = None) -> np.ndarray:
         """The torques [u1, u2] (N m), a new float64 array, for the state x measured at time t (s)."""
         measured = np.array(x, np.float64)
-        self.x_hist.append(measured)
         seen = self.filter.get_filtered_state(measured, self.u_hist[-1])
         compensation = friction(self._damping, self._coulomb, seen[2:], np.arctan)
         u = self._act(seen, t, measured, compensation)
         if self.fault is not None:
             compensation = np.zeros(2)
-        self.u_fric_hist.append(compensation)
-        self.u_grav_hist.append(np.zeros(2))
-        self.u_hist.append(u)
+        _keep((self.x_hist, measured), (self.u_fric_hist, compensation), (self.u_grav_hist, NONE), (self.u_hist, u))
         # RealAIGym's loop adds to the result and clips it in place: the history must not change with it.
         return u.copy()
 
@@ -139,11 +142,6 @@ class RealAIGymController:
         """The controller's own torques; without a time, calls are counted as steps."""
         state = np.array(x, np.float64)
         return self._act(state, t, state)
-
-    @property
-    def fault(self) -> Fault | None:
-        """Why the safety guard stopped the controller; None while it acts, or without a guard."""
-        return None if self.guard is None else self.guard.fault
 
     def save(self, directory: str | Path) -> None:
         """Write what this controller is to ``controller_swingup.json`` in a folder.
@@ -176,7 +174,7 @@ class RealAIGymController:
     ) -> None:
         """Add damping q̇ + coulomb_fric arctan(100 q̇) to the torques, for both joints (N m s/rad, N m).
 
-        A guard limits the sum to the motors' limits; without one nothing does.
+        The sum is within the controller's limits, which on the passive joint may be 0.
 
         Raises:
             SwingupError: these are not two finite numbers each.
@@ -214,15 +212,21 @@ class RealAIGymController:
         return np.array(self._controller(x, now, measured, added), np.float64)
 
 
-def wrap_policy(controller: NumpyController, name: str) -> RealAIGymController:
+def wrap_policy(controller: LoopController[NumpyPolicy], name: str) -> RealAIGymController:
     """A loaded policy as RealAIGym calls it."""
-    policy = controller.policy
+    policy = controller.inner.policy
     about = {"controller": name, "torque_limit": policy.torque_limit}
     origin = {key: policy.metadata[key] for key in ("version", "command", "seed") if key in policy.metadata}
     period = {} if policy.period is None else {"dt": policy.period}
-    return RealAIGymController(
-        controller, policy.robot, about | {"policy": origin}, guard=controller.guard, **period
-    )
+    return RealAIGymController(controller, about | {"policy": origin}, **period)
+
+
+def _keep(*entries: tuple[list[np.ndarray], np.ndarray]) -> None:
+    """Add to histories, which must not grow for ever."""
+    for history, entry in entries:
+        history.append(entry)
+        if len(history) > 2 * KEPT:
+            del history[:KEPT]
 
 
 def _two(name: str, given: Any) -> np.ndarray:

@@ -28,13 +28,13 @@ class Friction(NamedTuple):
 
 
 def damped_midpoint_step(
-    plant: Lumped, friction: Friction, x: Any, torques: Any, dt: Number, maths: Maths
+    plant: Lumped, friction: Friction | None, x: Any, torques: Any, dt: Number, maths: Maths
 ) -> tuple[Number, Number, Number, Number]:
     """One step over dt (s).
 
     Args:
         plant: the plant.
-        friction: of its joints.
+        friction: of its joints; None for none.
         x: [q1, q2, dq1, dq2] (rad, rad/s).
         torques: u (N m).
         dt: the step (s).
@@ -50,7 +50,7 @@ def damped_midpoint_step(
 
 def _acceleration(
     plant: Lumped,
-    friction: Friction,
+    friction: Friction | None,
     angles: Pair,
     rates: Pair,
     first: Pair,
@@ -59,14 +59,17 @@ def _acceleration(
     maths: Maths,
 ) -> Pair:
     """q̈ (rad/s²) with friction linear about the rates, for a step (s) that starts from the first ones (rad/s)."""
+    (sin1, _), (sin2, cos2) = maths.sine_cosine(angles[0]), maths.sine_cosine(angles[1])
+    sines = sin1, sin2, maths.sine_cosine(angles[0] + angles[1])[0]
+    if friction is None:
+        free: Pair = equations.acceleration(plant, sines, cos2, rates, torques)
+        return free
     (b1, b2), (cf1, cf2) = friction
     slope1, loss1 = _linear(b1, cf1, rates[0], first[0], maths.arctan)
     slope2, loss2 = _linear(b2, cf2, rates[1], first[1], maths.arctan)
     # h D adds to the diagonal of M, where rotor inertia stands: `reflected` in M11 and M22, `rotor` in M11 alone.
     drag1, drag2 = step * slope1, step * slope2
     dragged = Lumped(*plant[:5], plant.reflected + drag2, plant.geared, plant.rotor + (drag1 - drag2))
-    (sin1, _), (sin2, cos2) = maths.sine_cosine(angles[0]), maths.sine_cosine(angles[1])
-    sines = sin1, sin2, maths.sine_cosine(angles[0] + angles[1])[0]
     found: Pair = equations.acceleration(dragged, sines, cos2, rates, torques, (loss1, loss2))
     return found
 

@@ -9,29 +9,81 @@ torques u = [u1, u2] (N m) of shoulder and elbow.
   identifier it is told the plant found so far, which depends on its own torques: 1e-9 holds where it reacts little
   to the plant. A strong reaction lets rounding grow in a replay, whose motion does not follow the torques. The
   shipped ``adaptive`` keeps to 1e-6 in double precision where the motors are given the same torques.
+- No torque is beyond its motor's limit, with and without a safety guard: the plant's of the driven joint; of the
+  passive joint the friction compensation's of an identifier, or 0.
 - The torque of the driven joint is NaN where the state is not finite, so that no clipping hides a broken sensor.
-  The passive joint has 0, or the friction compensation of an identifier.
-- Behind a safety guard no torque is ever NaN: the guard stops the controller instead (``policy/guard.py``).
+- Behind a safety guard no torque is ever NaN: the guard stops the controller instead (``policy/guard``).
 - ``reset()`` forgets the run: what follows repeats the first run bit for bit.
 
 ``tests/policy/test_conformance.py`` holds every back end to it, ``tests/policy/test_guard.py`` the guards in NumPy
-and in C. ONNX graphs and the page's JavaScript run the network alone, folded for the plant of the file: without
-estimator, identifier, regulator and guard. Hidden layers of ReLU run everywhere, others in JAX and NumPy alone
-(``policy/network.py: check_plain``). JAX has the same contract without hidden state, ``init() -> memory`` and
-``(memory, t, x) -> (memory, u)``; a C header has it as ``swingup_reset`` and ``swingup_control``. JAX has no guard:
-it judges.
+and in C. ONNX graphs and the page's JavaScript run the network alone, folded for the file's plant, with nothing
+around it. Hidden layers of ReLU run everywhere, others in JAX and NumPy alone (``policy/network/layers.py:
+check_plain``). JAX has the same contract without hidden state, ``init() -> memory`` and ``(memory, t, x) ->
+(memory, u)``; a C header has it as ``swingup_reset`` and ``swingup_control``. JAX has no guard: it judges.
 """
 
-from typing import Protocol
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
+from ..plant.robots import Robot
+from .guard.core import Guard
+from .guard.settings import Fault, GuardSettings
 
-class LoopController(Protocol):
-    """A controller as a loop calls it; one object serves one pendulum."""
+
+class Torques(Protocol):
+    """What computes torques for a loop, and knows nothing of limits and guards."""
 
     def reset(self) -> None:
         """Forget the run so far."""
+
+    def act(self, x: np.ndarray, t: float) -> np.ndarray:
+        """The torques (2,) (N m) for the state x (4,) at time t (s)."""
+
+    def given(self, u: np.ndarray) -> None:
+        """Note what the motors were given of the torques (2,) (N m)."""
+
+
+TorquesT = TypeVar("TorquesT", bound=Torques)
+
+
+class LoopController(Generic[TorquesT]):
+    """A controller as a loop calls it: torques within the motors' limits, perhaps behind a safety guard.
+
+    One object serves one pendulum.
+    """
+
+    def __init__(
+        self, inner: TorquesT, robot: Robot, limits: tuple[float, float], guard: GuardSettings | None = None
+    ) -> None:
+        """Prepare for a loop.
+
+        Args:
+            inner: what computes the torques.
+            robot: which joint is driven.
+            limits: torque limits of shoulder and elbow (N m).
+            guard: the safety guard's settings; None for none.
+        """
+        self.inner, self.robot, self.torque_limits = inner, robot, limits
+        self.guard = None if guard is None else Guard(guard, robot.joint, limits)
+        """What watches the loop."""
+        self._limits = np.array(limits)
+
+    @property
+    def fault(self) -> Fault | None:
+        """Why the safety guard stopped the controller; None while it acts, or without a guard."""
+        return None if self.guard is None else self.guard.fault
+
+    @property
+    def passive_limit(self) -> float:
+        """Largest torque on the passive joint (N m), which compensates friction."""
+        return self.torque_limits[1 - self.robot.joint]
+
+    def reset(self) -> None:
+        """Forget the run so far, and let a stopped controller act again."""
+        self.inner.reset()
+        if self.guard is not None:
+            self.guard.reset()
 
     def __call__(
         self,
@@ -40,8 +92,27 @@ class LoopController(Protocol):
         measured: np.ndarray | None = None,
         added: np.ndarray | None = None,
     ) -> np.ndarray:
-        """The torques (2,) for the state x (4,) at time t (s).
+        """The torques [u1, u2] (N m), float64, for the state x (4,) (rad, rad/s) at time t (s).
 
-        Where a filter made x of what was measured, ``measured`` is that (4,): a guard looks at it. ``added`` (2,)
-        are torques that the caller adds (N m), such as a friction compensation of its own: a guard limits the sum.
+        Args:
+            x: the state.
+            t: time.
+            measured: what a filter made x of (4,), if one did: the guard looks at it.
+            added: torques (2,) of the caller's (N m), such as a friction compensation of its own. The sum is
+                limited.
         """
+        x, t = np.asarray(x, np.float64), float(t)
+        if self.guard is not None and not self.guard.allows(t, x if measured is None else measured):
+            return self.guard.stopped()
+        own = self.inner.act(x, t)
+        extra = 0.0 if added is None else added
+        u = self._limited(own + extra) if self.guard is None else self.guard.limited(own + extra)
+        # An estimator needs what the motors were given. The caller's torques belong to the plant, which then seems
+        # to have less friction; else an identifier would compensate it once more.
+        self.inner.given(u if added is None else self._limited(u - extra))
+        return u
+
+    def _limited(self, u: np.ndarray) -> np.ndarray:
+        """Torques within the limits; NaN stays."""
+        limited: np.ndarray = np.minimum(np.maximum(u, -self._limits), self._limits)
+        return limited

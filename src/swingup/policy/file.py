@@ -15,8 +15,8 @@ from ..common.arrays import load_arrays, save_arrays
 from ..common.checks import one_of
 from ..common.errors import SwingupError
 from ..common.text import quoted
-from .network import RELU, Activation, Layer, Network, Norm, Recurrence
-from .stages import ARRAYS, STAGES, Stage, make_stage
+from .network.layers import RELU, Activation, Layer, Network, Norm, Recurrence
+from .network.stages import ARRAYS, STAGES, Stage, make_stage
 
 FORMAT = "swingup policy"
 FORMAT_VERSION = 1

@@ -12,15 +12,15 @@ from ..common.text import quoted
 from ..plant.base_parameters import base_parameters
 from ..plant.plant import Plant
 from ..plant.robots import ROBOTS, Robot, get_robot
+from .estimator.settings import EstimatorSettings
 from .file import read_network, write_network
-from .fold import fold
-from .guard import GuardSettings
-from .identifier_settings import IdentifierSettings, check_identifier, prior, read_identifier
-from .network import Network
+from .guard.settings import GuardSettings
+from .identifier.settings import IdentifierSettings, prior
+from .network.fold import fold
+from .network.layers import Network
+from .network.stages import PendulumStage
 from .plant_facts import PLANT, read_plant, write_plant
-from .regulator_settings import RegulatorSettings, fixed_point
-from .settings import EstimatorSettings
-from .stages import PendulumStage
+from .regulator.settings import RegulatorSettings, fixed_point
 
 PARTS = tuple(kind.PART for kind in (EstimatorSettings, GuardSettings, IdentifierSettings, RegulatorSettings))
 """What may stand around a network: keys of the metadata, and fields of a policy."""
@@ -52,14 +52,15 @@ class PendulumPolicy:
         """Refuse what cannot go together.
 
         Raises:
-            SwingupError: an identifier stands without an estimator or is for another loop or has a plant without
-                gravity on a joint, or no regulator holds the plant.
+            SwingupError: an identifier stands without an estimator or has a plant without gravity on a joint, or
+                no regulator holds the plant.
         """
         if self.identifier is not None:
-            check_identifier(self.identifier, self.estimator)
-            prior(self.plant, self.identifier)
+            if self.estimator is None:
+                raise SwingupError("identifier without an estimator: add estimator, {} for its defaults")
+            prior(self.plant)
         if self.regulator is not None:
-            fixed_point(self.plant, self.robot.joint, self.regulator)
+            fixed_point(self.plant, self.robot.joint)
 
     @property
     def folded(self) -> Network:
@@ -92,7 +93,7 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
         robot: the robot that it must be for, if any.
     """
     network, metadata = read_network(path)
-    missing = [name for name in ("robot", "torque_limit") if name not in metadata]
+    missing = [name for name in ("robot", "torque_limit", PLANT) if name not in metadata]
     if missing or not network.stages or not isinstance(network.stages[0], PendulumStage):
         what = f"metadata {', '.join(missing)}" if missing else "observation stage 'pendulum' at the start"
         raise SwingupError(f"policy file {path} lacks {what}: see docs/policy-format.md")
@@ -112,11 +113,21 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
         raise SwingupError(f"policy file {path} has {len(network.head.bias)} actions: one is needed")
     try:
         limit = finite_number("torque_limit", metadata["torque_limit"], 1e-6, 1e6, "N m")
-        estimator, guard = read_settings(metadata, EstimatorSettings), read_settings(metadata, GuardSettings)
-        plant = read_plant(metadata, ROBOTS[name])
-        regulator = read_settings(metadata, RegulatorSettings)
-        around = estimator, guard, read_identifier(metadata, estimator), regulator
-        return PendulumPolicy(network, ROBOTS[name], limit, plant, *around, metadata)
+        plant = read_plant(metadata[PLANT], ROBOTS[name])
+        motor = plant.limit(ROBOTS[name].joint)
+        if limit > motor:
+            raise SwingupError(f"torque_limit = {limit:g} N m is above its plant's motor's, {motor:g}: lower it")
+        return PendulumPolicy(
+            network,
+            ROBOTS[name],
+            limit,
+            plant,
+            estimator=read_settings(metadata, EstimatorSettings),
+            guard=read_settings(metadata, GuardSettings),
+            identifier=read_settings(metadata, IdentifierSettings),
+            regulator=read_settings(metadata, RegulatorSettings),
+            metadata=metadata,
+        )
     except SwingupError as error:
         raise SwingupError(f"policy file {path}: {error}; see docs/policy-format.md") from error
 

@@ -10,9 +10,9 @@ from ..common.checks import LARGEST, finite_number, suggestion
 from ..common.errors import SwingupError
 from ..common.text import quoted
 from ..plant.base_parameters import BASE_NAMES, FRICTIONS, base_parameters
-from ..plant.plant import LEADERBOARD, NAMES, Plant, validated
+from ..plant.plant import NAMES, Plant, validated
 from ..plant.robots import Robot
-from .stages import PlantStage
+from .network.stages import PlantStage
 
 PLANT = "plant"
 """Key of the plant in a policy file's metadata."""
@@ -27,16 +27,15 @@ def policy_plant(plant: Plant, robot: Robot) -> Plant:
     return found
 
 
-def read_plant(metadata: Mapping[str, Any], robot: Robot) -> Plant:
-    """The plant in a policy file's metadata, or the leaderboards'."""
-    if PLANT not in metadata:
-        return LEADERBOARD.driven(robot)
-    given = metadata[PLANT]
+def read_plant(given: Any, robot: Robot) -> Plant:
+    """The plant that a policy file's metadata holds."""
     if not isinstance(given, Mapping):
-        raise SwingupError(f"plant {quoted(given)} is no object of parameters: use those of docs/policy-format.md")
+        raise SwingupError(
+            f"plant {quoted(given)} is not an object of parameters: use those of docs/policy-format.md"
+        )
     name = given.get("name", "")
     if not isinstance(name, str):
-        raise SwingupError(f"plant name {quoted(name)} is no text")
+        raise SwingupError(f"plant name {quoted(name)} is not a text")
     for each in given:
         if each not in NAMES and each != "name":
             near = suggestion(each, NAMES)

@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 
 from ..controllers.interface.controller import AbstractController
 from ..controllers.stack.controller import PolicyController, make_controller, plant_of, policy_of
-from ..policy.identifier_settings import IdentifierSettings, default_identifier
-from ..policy.regulator_settings import RegulatorSettings
-from ..policy.settings import EstimatorSettings, default_estimator
+from ..policy.estimator.settings import EstimatorSettings, default_estimator
+from ..policy.identifier.settings import IdentifierSettings
+from ..policy.regulator.settings import RegulatorSettings
 
 HAND_OVER = {
     "acrobot": RegulatorSettings(),
@@ -37,7 +37,7 @@ def parts_around(controller: PolicyController) -> Around:
     if not controller.policy.sees_plant:
         return Around(estimator)
     estimator = replace(estimator, acceleration_noise=ACCELERATION_NOISE)
-    return Around(estimator, default_identifier(estimator), HAND_OVER[controller.robot.name])
+    return Around(estimator, IdentifierSettings(), HAND_OVER[controller.robot.name])
 
 
 def judged(controller: PolicyController) -> AbstractController[Any]:

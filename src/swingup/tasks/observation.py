@@ -11,6 +11,7 @@ from ..common.checks import one_of
 from ..common.errors import SwingupError
 from ..common.types import Observation
 from ..plant.units import VELOCITY
+from ..policy.network.core import normalised, pendulum_features, plant_features
 
 Angles = Literal["wrapped", "sincos"]
 
@@ -31,9 +32,7 @@ class AbstractStage(eqx.Module):
 class PendulumObservation(AbstractStage):
     """Scaled angles and velocities of the double pendulum, the first stage of its policies.
 
-    ``wrapped`` is the paper's [(q1 mod 2π - π)/π, (q2 mod 2π - π)/π, dq1/s, dq2/s] (after Zhang et al.): upright
-    lies on its jump at q2 = 0. ``sincos`` is [sin q1, cos q1, sin q2, cos q2, dq1/s, dq2/s], which has no jump.
-    Velocities are clipped to ±s first.
+    ``policy/network/core.py: pendulum_features`` has the equations.
     """
 
     velocity_scale: Annotated[float, VELOCITY] = 20.0
@@ -52,14 +51,7 @@ class PendulumObservation(AbstractStage):
 
     def __call__(self, observation: Observation, base: Float[Any, "9"] | None = None) -> Observation:
         """Observe a state [q1, q2, dq1, dq2] (rad, rad/s); every entry of the result lies in [-1, 1]."""
-        q, rates = observation[:2], observation[2:]
-        velocities = jnp.clip(rates, -self.velocity_scale, self.velocity_scale) / self.velocity_scale
-        if self.angles == "wrapped":
-            angles = (jnp.mod(q, 2 * jnp.pi) - jnp.pi) / jnp.pi
-        else:
-            # Interleaved: sine and cosine of q1, then those of q2.
-            angles = jnp.stack([jnp.sin(q), jnp.cos(q)], axis=1).reshape(-1)
-        return jnp.concatenate([angles, velocities])
+        return pendulum_features(jnp, observation, self.angles, self.velocity_scale)
 
 
 class PlantObservation(AbstractStage):
@@ -74,8 +66,8 @@ class PlantObservation(AbstractStage):
         """Append the plant to an observation (n,)."""
         if base is None:
             raise SwingupError("the policy sees its plant: use swingup.get_controller")
-        inputs = jnp.clip((base - self.centre) / self.scale, -self.clip, self.clip)
-        return jnp.concatenate([observation, inputs])
+        seen = plant_features(jnp, base, self.centre, self.scale, self.clip)
+        return jnp.concatenate([observation, seen])
 
 
 class Normalise(AbstractStage):
@@ -90,5 +82,4 @@ class Normalise(AbstractStage):
 
     def __call__(self, observation: Observation, base: Float[Any, "9"] | None = None) -> Observation:
         """Normalise and clip."""
-        scaled = (observation - self.mean) / jnp.sqrt(self.variance + self.epsilon)
-        return jnp.clip(scaled, -self.clip, self.clip)
+        return normalised(jnp, observation, self.mean, self.variance, self.clip, self.epsilon)

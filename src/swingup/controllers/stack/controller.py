@@ -16,7 +16,6 @@ from ...plant.robots import Robot
 from ...policy.pendulum import PendulumPolicy, write_pendulum_policy
 from ..interface.controller import AbstractPlantController
 from .estimator import EstimatingController, with_estimator
-from .identifier import make_identifier
 from .policy import Policy, make_policy, network_of
 from .regulator import RegulatingController, with_regulator
 
@@ -63,8 +62,7 @@ def make_controller(
         acting = with_regulator(acting, robot, plant, policy.regulator, float(policy.torque_limit))
     if not (policy.estimator is not None if estimator is None else estimator):
         return acting
-    identifier = None if policy.identifier is None else make_identifier(robot, plant, policy.identifier)
-    return with_estimator(acting, robot, plant, policy.estimator, identifier)
+    return with_estimator(acting, robot, plant, policy.estimator, policy.identifier)
 
 
 def policy_alone(policy: PendulumPolicy) -> PolicyController:

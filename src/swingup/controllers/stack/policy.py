@@ -17,8 +17,8 @@ from ...areapo.recurrence import GRU
 from ...common.errors import SwingupError
 from ...common.types import Action, Key, Observation
 from ...policy.file import write_network
-from ...policy.network import Layer, Network, Norm, Recurrence
-from ...policy.stages import NormaliseStage, PendulumStage, PlantStage, Stage
+from ...policy.network.layers import Layer, Network, Norm, Recurrence
+from ...policy.network.stages import NormaliseStage, PendulumStage, PlantStage, Stage
 from ...tasks.observation import AbstractStage, Normalise, PendulumObservation, PlantObservation
 
 ActorT = TypeVar("ActorT", bound=AbstractActor)

@@ -1,4 +1,4 @@
-"""The regulator of ``policy/regulator.py`` in JAX: a controller around a policy."""
+"""The regulator of ``policy/regulator/core.py`` in JAX: a controller around a policy."""
 
 from typing import Any, NamedTuple
 
@@ -13,10 +13,10 @@ from ...plant.base_parameters import Geometry, base_parameters, geometry_of
 from ...plant.equations import Number
 from ...plant.plant import Plant
 from ...plant.robots import Robot
-from ...policy import regulator
-from ...policy.regulator import RegulatorState
-from ...policy.regulator_settings import RegulatorSettings, fixed_point
-from ...policy.upright import Discrete
+from ...policy.regulator import core
+from ...policy.regulator.core import Loop, RegulatorState
+from ...policy.regulator.settings import RICCATI_STEPS, Q, R, RegulatorSettings, fixed_point
+from ...policy.regulator.upright import Discrete
 from ..interface.controller import AbstractController, AbstractPlantController, call_for_plant
 from ..swingups.scalar_algebra import Matrix, Vector, dot, symmetric_times, unpack
 from .maths import JAX
@@ -50,13 +50,14 @@ class RegulatingController(AbstractPlantController[RegulatorMemory]):
     """Which joint is driven."""
 
     @property
-    def joint(self) -> int:
-        """Index of the driven joint."""
-        return self.robot.joint
+    def loop(self) -> Loop:
+        """What the regulator knows."""
+        known = self.settings, self.geometry, self.robot.joint, self.torque_limit
+        return Loop(*known, self.start, advanced, cost, command)
 
     def init(self) -> RegulatorMemory:
         """The policy acts."""
-        return RegulatorMemory(regulator.begin(JAX, self), self.controller.init())
+        return RegulatorMemory(core.begin(JAX, self.loop), self.controller.init())
 
     def control(
         self, carry: RegulatorMemory, t: Scalar, x: State, base: Float[Any, "9"] | None
@@ -64,30 +65,10 @@ class RegulatingController(AbstractPlantController[RegulatorMemory]):
         """The torque of the one that acts (N m); NaN if the state is not finite."""
         base = self.base if base is None else base
         inner, u = call_for_plant(self.controller, carry.controller, t, x, base)
-        held = regulator.held(self, unpack(jnp.asarray(base, carry.regulator.cost_to_go.dtype)))
-        state, torque = regulator.regulate(JAX, self, carry.regulator, held, x)
+        held = core.held(self.loop, unpack(jnp.asarray(base, carry.regulator.cost_to_go.dtype)))
+        state, torque = core.regulate(JAX, self.loop, carry.regulator, held, x)
         regulated = torque.astype(u.dtype) * jnp.array(self.robot.actuation, u.dtype)
         return RegulatorMemory(state, inner), jnp.where(state.acting, regulated, u)
-
-    def advanced(self, P: Float[Array, "10"], step: Discrete) -> Float[Array, "10"]:
-        """P after the steps of one call."""
-        weights, torque_weight = self.settings.step_weights
-
-        def advance(_: int, P: Float[Array, "10"]) -> Float[Array, "10"]:
-            rows = _riccati(_symmetric(P), step, weights, torque_weight)
-            return jnp.stack([value for row in rows for value in row])
-
-        return jax.lax.fori_loop(0, self.settings.riccati_steps, advance, P)
-
-    def cost(self, P: Float[Array, "10"], e: Vector) -> Scalar:
-        """The cost-to-go eᵀ P e."""
-        found: Scalar = dot(e, symmetric_times(_symmetric(P), e))
-        return found
-
-    def command(self, P: Float[Array, "10"], step: Discrete, e: Vector) -> Scalar:
-        """The torque -K e (N m)."""
-        found: Scalar = -dot(_gains(_symmetric(P), step, self.settings.step_weights[1]), e)
-        return found
 
 
 def with_regulator(
@@ -99,11 +80,35 @@ def with_regulator(
         controller: the policy.
         robot: which joint is driven.
         plant: its own plant.
-        settings: weights, recursion and bounds.
+        settings: where it acts.
         limit: largest torque of the regulator (N m).
     """
-    start, base = fixed_point(plant, robot.joint, settings)[TRIANGLE], base_parameters(plant)
+    start, base = fixed_point(plant, robot.joint)[TRIANGLE], base_parameters(plant)
     return RegulatingController(controller, base, start, limit, geometry_of(plant), settings, robot)
+
+
+def advanced(P: Float[Array, "10"], step: Discrete) -> Float[Array, "10"]:
+    """P after the steps of one call."""
+
+    def advance(_: int, P: Float[Array, "10"]) -> Float[Array, "10"]:
+        return jnp.stack([value for row in _riccati(_symmetric(P), step) for value in row])
+
+    return jax.lax.fori_loop(0, RICCATI_STEPS, advance, P)
+
+
+def cost(P: Float[Array, "10"], e: Vector) -> Scalar:
+    """The cost-to-go eᵀ P e."""
+    found: Scalar = dot(e, symmetric_times(_symmetric(P), e))
+    return found
+
+
+def command(P: Float[Array, "10"], step: Discrete, e: Vector) -> Scalar:
+    """The torque -K e (N m), K = bᵀ P A / (R + bᵀ P b)."""
+    pushed = symmetric_times(_symmetric(P), step.b)
+    share = 1.0 / (R + dot(step.b, pushed))
+    gains = tuple(share * dot(pushed, column) for column in zip(*step.a, strict=True))
+    found: Scalar = -dot(gains, e)
+    return found
 
 
 def _symmetric(triangle: Float[Array, "10"]) -> Matrix:
@@ -112,22 +117,15 @@ def _symmetric(triangle: Float[Array, "10"]) -> Matrix:
     return values[:4], values[4:7], values[7:9], values[9:]
 
 
-def _riccati(P: Matrix, step: Discrete, weights: tuple[float, ...], torque_weight: float) -> Matrix:
+def _riccati(P: Matrix, step: Discrete) -> Matrix:
     """P ← Q + Aᵀ P A - (Aᵀ P b)(Aᵀ P b)ᵀ / (R + bᵀ P b)."""
     columns = tuple(zip(*step.a, strict=True))
     moved, pushed = [symmetric_times(P, column) for column in columns], symmetric_times(P, step.b)
     coupled = [dot(step.b, column) for column in moved]
-    share = 1.0 / (torque_weight + dot(step.b, pushed))
+    share = 1.0 / (R + dot(step.b, pushed))
 
     def entry(i: int, j: int) -> Number:
         value = dot(columns[i], moved[j]) - share * coupled[i] * coupled[j]
-        return value + weights[i] if i == j else value
+        return value + Q[i] if i == j else value
 
     return tuple(tuple(entry(i, j) for j in range(i, 4)) for i in range(4))
-
-
-def _gains(P: Matrix, step: Discrete, torque_weight: float) -> Vector:
-    """K = bᵀ P A / (R + bᵀ P b)."""
-    pushed = symmetric_times(P, step.b)
-    share = 1.0 / (torque_weight + dot(step.b, pushed))
-    return tuple(share * dot(pushed, column) for column in zip(*step.a, strict=True))

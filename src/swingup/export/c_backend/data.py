@@ -9,25 +9,14 @@ from ...common.errors import SwingupError
 from ...plant.base_parameters import BASE, base_parameters, geometry_of, lumped
 from ...plant.equations import COULOMB_STEEPNESS, mass_entries
 from ...plant.momentum import CLOSE
-from ...policy.compensation import LEAST_GAIN
-from ...policy.guard import BRAKED, PUSHING, SENTENCES, STANDSTILLS, GuardSettings, Reason
-from ...policy.identifier_settings import (
-    AGE_CAUTION,
-    FARTHEST,
-    LONGEST_STEP,
-    MOST_DEVIATION,
-    MOST_OFFSET,
-    SHORTEST_STEP,
-    STUDENT,
-    UNEVEN_FADING,
-    UNEVEN_STEP,
-    IdentifierSettings,
-    prior,
-)
+from ...policy.estimator import core as estimator
+from ...policy.estimator.settings import EstimatorSettings, kalman_gains
+from ...policy.guard.settings import BRAKED, PUSHING, SENTENCES, STANDSTILLS, GuardSettings, Reason
+from ...policy.identifier import settings as identifier
+from ...policy.identifier.compensation import LEAST_GAIN
+from ...policy.network.stages import NormaliseStage, PendulumStage, PlantStage, Stage
 from ...policy.pendulum import PendulumPolicy
-from ...policy.regulator_settings import RegulatorSettings, fixed_point
-from ...policy.settings import LOST, PIECES, EstimatorSettings, kalman_gains
-from ...policy.stages import NormaliseStage, PendulumStage, PlantStage, Stage
+from ...policy.regulator import settings as regulator
 
 Data = dict[str, int | float | str | np.ndarray]
 """Numbers, texts and arrays by their names, without the prefix."""
@@ -50,8 +39,8 @@ def runtime_data(policy: PendulumPolicy) -> dict[str, Data]:
     }
     if policy.estimator is not None:
         found["the estimator"] = estimator_data(policy.estimator)
-    if policy.identifier is not None:
-        found["the identifier"] = identifier_data(policy.identifier, policy)
+        if policy.identifier is not None:
+            found["the identifier"] = identifier_data(policy, policy.estimator)
     if policy.regulator is not None:
         found["the regulator"] = regulator_data(policy.regulator, policy)
     if policy.guard is not None:
@@ -121,69 +110,68 @@ def estimator_data(settings: EstimatorSettings) -> Data:
     return {
         "DT": settings.dt,
         "DELAYS": settings.max_delay_steps + 1,
-        "PIECES": PIECES,
-        "FADING": math.exp(-settings.dt / settings.memory),
-        "RESIDUAL_SQUARED": settings.residual_scale**2,
-        "CAUTION": settings.caution,
-        "LOST_RATE": LOST * settings.velocity_noise,
+        "PIECES": estimator.PIECES,
+        "FADING": math.exp(-settings.dt / estimator.MEMORY),
+        "RESIDUAL_SQUARED": estimator.RESIDUAL**2,
+        "CAUTION": estimator.CAUTION,
+        "LOST_RATE": estimator.LOST * settings.velocity_noise,
         "gains": kalman_gains(settings),
     }
 
 
-def identifier_data(s: IdentifierSettings, policy: PendulumPolicy) -> Data:
-    """What the identifier begins with, about the policy's plant, and how it learns."""
-    plant, driven = policy.plant, np.arange(2) == policy.robot.joint
-    mean, covariance = prior(plant, s)
-    deviation = np.where(driven, s.driven_deviation, s.passive_deviation)
-    nominal = lumped(mean[:BASE], geometry_of(plant))
+def identifier_data(policy: PendulumPolicy, loop: EstimatorSettings) -> Data:
+    """What the identifier begins with, about the policy's plant, and how it learns in an estimator's loop."""
+    i, plant, driven, dt = identifier, policy.plant, np.arange(2) == policy.robot.joint, loop.dt
+    mean, covariance = i.prior(plant)
+    deviation = np.where(driven, i.DRIVEN_DEVIATION, i.PASSIVE_DEVIATION)
+    nominal, (rise, fall) = lumped(mean[:BASE], geometry_of(plant)), i.follows(dt)
     return {
-        "SPAN": s.span,
-        "COMMANDS": s.past,
-        "POLE": s.pole,
-        "RELATIVE_FLOOR": s.relative_floor,
-        "GATE_SQUARED": s.gate**2,
-        "HOLD": s.hold,
-        "STUDENT": STUDENT,
-        "ALIKE": s.alike,
-        "RISE": 1.0 - math.exp(-s.dt / s.rise),
-        "FALL": 1.0 - math.exp(-s.dt / s.fall),
-        "MARGIN": s.margin,
-        "FARTHEST": FARTHEST,
-        "LONGEST_STEP": LONGEST_STEP * s.dt,
-        "SHORTEST_STEP": SHORTEST_STEP * s.dt,
+        "SPAN": i.SPAN,
+        "COMMANDS": i.commands(loop.max_delay_steps),
+        "POLE": i.pole(dt),
+        "RELATIVE_FLOOR": i.RELATIVE_FLOOR,
+        "GATE_SQUARED": i.GATE**2,
+        "HOLD": i.HOLD,
+        "STUDENT": i.STUDENT,
+        "ALIKE": i.alike(dt),
+        "RISE": rise,
+        "FALL": fall,
+        "MARGIN": i.MARGIN,
+        "FARTHEST": i.FARTHEST,
+        "LONGEST_STEP": i.LONGEST_STEP * dt,
+        "SHORTEST_STEP": i.SHORTEST_STEP * dt,
         "CLOSE_RATES": CLOSE,
         "TILT_RATIO": mean[2] / mean[3],
-        "PASSIVE_LIMIT": s.passive_limit,
+        "PASSIVE_LIMIT": policy.torque_limits[1 - policy.robot.joint],
         "LEAST_GAIN": LEAST_GAIN,
-        "MOST_OFFSET": MOST_OFFSET,
-        "AGE_CAUTION": AGE_CAUTION,
-        "UNEVEN_FADING": UNEVEN_FADING,
-        "UNEVEN_SQUARED": UNEVEN_STEP**2,
+        "MOST_OFFSET": i.MOST_OFFSET,
+        "AGE_CAUTION": i.AGE_CAUTION,
+        "UNEVEN_FADING": i.UNEVEN_FADING,
+        "UNEVEN_SQUARED": i.UNEVEN_STEP**2,
         "mean": mean,
         "prior": covariance,
-        "drift": s.walk**2 * s.dt * np.diagonal(covariance),
+        "drift": i.WALK**2 * dt * np.diagonal(covariance),
         "first_variance": deviation**2,
-        "least_variance": np.where(driven, s.driven_floor, s.passive_floor) ** 2,
-        "most_variance": (MOST_DEVIATION * deviation) ** 2,
+        "least_variance": np.where(driven, i.DRIVEN_FLOOR, i.PASSIVE_FLOOR) ** 2,
+        "most_variance": (i.MOST_DEVIATION * deviation) ** 2,
         # Stretched and folded: M11, M12, M22.
         "nominal_mass": np.array([mass_entries(nominal, cos2) for cos2 in (1.0, -1.0)]),
     }
 
 
-def regulator_data(settings: RegulatorSettings, policy: PendulumPolicy) -> Data:
+def regulator_data(settings: regulator.RegulatorSettings, policy: PendulumPolicy) -> Data:
     """The regulator's costs and bounds, and the cost-to-go of the policy's plant."""
-    weights, torque_weight = settings.step_weights
     return {
-        "COULOMB_DAMPING": settings.coulomb_damping,
-        "RICCATI_STEP": settings.riccati_step,
-        "RICCATI_STEPS": settings.riccati_steps,
-        "TORQUE_WEIGHT": torque_weight,
+        "COULOMB_DAMPING": regulator.COULOMB_DAMPING,
+        "RICCATI_STEP": regulator.RICCATI_STEP,
+        "RICCATI_STEPS": regulator.RICCATI_STEPS,
+        "TORQUE_WEIGHT": regulator.R,
         "ENTER": settings.enter,
         "LEAVE": settings.leave,
         "ENTER_COULOMB": settings.enter_coulomb,
         "LEAVE_COULOMB": settings.leave_coulomb,
-        "state_weights": np.array(weights),
-        "cost_to_go": fixed_point(policy.plant, policy.robot.joint, settings),
+        "state_weights": np.array(regulator.Q),
+        "cost_to_go": regulator.fixed_point(policy.plant, policy.robot.joint),
     }
 
 

@@ -9,7 +9,7 @@ from importlib import resources
 import numpy as np
 
 from ...common.version import __version__
-from ...policy.network import check_plain
+from ...policy.network.layers import check_plain
 from ...policy.pendulum import PendulumPolicy
 from ..template import NAME, check_export_name
 from .data import runtime_data

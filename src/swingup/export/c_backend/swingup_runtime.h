@@ -1,7 +1,7 @@
 /*
  * The runtime of a policy. All of its numbers stand before it, as swingup writes them: export/c_backend/data.py says
- * where each comes from. policy/estimator.py, identifier.py and regulator.py have the equations, and
- * docs/policy-format.md those of the guard. These switches, each 0 or 1, say what is around the network.
+ * where each comes from. the folders of swingup/policy have the
+ * equations: estimator/core.py, identifier/core.py, regulator/core.py and guard/core.py. These switches, each 0 or 1, say what is around the network.
  *
  *     SWINGUP_HAS_ESTIMATOR     a state estimator, which finds the loop's delay
  *     SWINGUP_HAS_IDENTIFIER    what finds the estimator's plant in the loop

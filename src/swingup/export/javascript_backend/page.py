@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ...policy.network import Layer, check_plain
+from ...policy.network.layers import Layer, check_plain
+from ...policy.network.stages import NormaliseStage, PendulumStage, Stage
 from ...policy.pendulum import PendulumPolicy
-from ...policy.stages import NormaliseStage, PendulumStage, Stage
 
 
 def policy_script() -> str:

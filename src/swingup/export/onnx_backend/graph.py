@@ -13,9 +13,9 @@ import numpy as np
 
 from ...common.errors import SwingupError
 from ...common.version import __version__
-from ...policy.network import STATE, SUM_GROUP, Layer, check_plain
+from ...policy.network.layers import STATE, SUM_GROUP, Layer, check_plain
+from ...policy.network.stages import NormaliseStage, PendulumStage
 from ...policy.pendulum import PendulumPolicy
-from ...policy.stages import NormaliseStage, PendulumStage
 
 OPSET = 17
 IR_VERSION = 8

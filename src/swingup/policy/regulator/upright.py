@@ -10,8 +10,8 @@ c cf is the damping (N m s/rad) that stands for it. Python's floats and JAX's ar
 
 from typing import Any, NamedTuple
 
-from ..plant.base_parameters import Geometry, friction_of, lumped
-from ..plant.equations import Number, mass_entries
+from ...plant.base_parameters import Geometry, friction_of, lumped
+from ...plant.equations import Number, mass_entries
 
 
 class Discrete(NamedTuple):

@@ -2,7 +2,7 @@
 
 e = (q1 - π, q2, q̇1, q̇2) are the errors, their angles to the nearest turn. ``upright`` has the linear equations
 e ← A e + b u of a step h, for the plant's base parameters θ: the file's plant, or what an identifier tells. With
-Q = h diag(q) and R = h r of the settings each call does a few steps of the Riccati equation's recursion,
+Q = h diag(q) and R = h r each call does a few steps of the Riccati equation's recursion,
 
     P ← Q + Aᵀ P A - (Aᵀ P b)(Aᵀ P b)ᵀ / (R + bᵀ P b),
 
@@ -10,17 +10,18 @@ so that the cost-to-go P follows θ within a tenth of a second. P starts at the 
 starts again if it is not finite. Neither time nor the number of calls enters.
 
 The regulator takes over where eᵀ P e is below a first bound, and acts while it is at most a second one
-(``regulator_settings.bounds``); a state that is not finite changes nothing. Its torque is u = -K e within the
+(``settings.bounds``); a state that is not finite changes nothing. Its torque is u = -K e within the
 limit, K = bᵀ P A / (R + bᵀ P b), and NaN if the state is not finite.
 """
 
 import math
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
-from ..plant.base_parameters import Geometry
-from ..plant.equations import Number
-from ..plant.maths import Maths
-from .regulator_settings import RegulatorSettings, bounds
+from ...plant.base_parameters import Geometry
+from ...plant.equations import Number
+from ...plant.maths import Maths
+from .settings import COULOMB_DAMPING, RICCATI_STEP, RegulatorSettings, bounds
 from .upright import Discrete, upright_step
 
 
@@ -44,37 +45,24 @@ class Held(NamedTuple):
     """Cost-to-go above which it gives up."""
 
 
-class Loop(Protocol):
+class Loop(NamedTuple):
     """What a regulator knows, and products of small matrices as they are fast for a kind of number."""
 
-    @property
-    def settings(self) -> RegulatorSettings:
-        """Weights, recursion and bounds."""
-
-    @property
-    def geometry(self) -> Geometry:
-        """What is known of the plant besides θ."""
-
-    @property
-    def joint(self) -> int:
-        """Index of the driven joint."""
-
-    @property
-    def torque_limit(self) -> float:
-        """Largest torque (N m)."""
-
-    @property
-    def start(self) -> Any:
-        """P at first."""
-
-    def advanced(self, P: Any, step: Any) -> Any:
-        """P after the steps of one call."""
-
-    def cost(self, P: Any, e: tuple[Number, ...]) -> Number:
-        """The cost-to-go eᵀ P e."""
-
-    def command(self, P: Any, step: Any, e: tuple[Number, ...]) -> Number:
-        """The torque -K e (N m)."""
+    settings: RegulatorSettings
+    geometry: Geometry
+    """What is known of the plant besides θ."""
+    joint: int
+    """Index of the driven joint."""
+    torque_limit: float
+    """Largest torque (N m)."""
+    start: Any
+    """P at first."""
+    advanced: Callable[[Any, Any], Any]
+    """P after the steps of one call, from P and the held step."""
+    cost: Callable[[Any, tuple[Number, ...]], Number]
+    """The cost-to-go eᵀ P e, from P and e."""
+    command: Callable[[Any, Any, tuple[Number, ...]], Number]
+    """The torque -K e (N m), from P, the held step and e."""
 
 
 def begin(maths: Maths, loop: Loop) -> RegulatorState:
@@ -84,9 +72,8 @@ def begin(maths: Maths, loop: Loop) -> RegulatorState:
 
 def held(loop: Loop, theta: Any) -> Held:
     """What to hold for base parameters θ (9,)."""
-    s = loop.settings
-    step: Discrete = upright_step(theta, loop.geometry, loop.joint, s.coulomb_damping, s.riccati_step)
-    return Held(step, *bounds(s, theta, loop.joint))
+    step: Discrete = upright_step(theta, loop.geometry, loop.joint, COULOMB_DAMPING, RICCATI_STEP)
+    return Held(step, *bounds(loop.settings, theta, loop.joint))
 
 
 def regulate(maths: Maths, loop: Loop, state: RegulatorState, plant: Held, x: Any) -> tuple[RegulatorState, Number]:

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..plant.base_parameters import BASE
-from .network import Layer, Network
+from ...plant.base_parameters import BASE
+from .layers import Layer, Network
 
 
 def fold(network: Network, base: np.ndarray) -> Network:

@@ -1,4 +1,4 @@
-"""The stages of an observation as a policy file holds them; a back end computes them."""
+"""The stages of an observation as a policy file holds them, and as NumPy computes them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ..common.checks import finite_number, one_of
-from ..common.errors import SwingupError
-from ..common.text import quoted
-from ..plant.base_parameters import BASE
+from ...common.checks import finite_number, one_of
+from ...common.errors import SwingupError
+from ...common.text import quoted
+from ...plant.base_parameters import BASE
+from .core import normalised, pendulum_features, plant_features
 
 ANGLES = ("wrapped", "sincos")
 """Encodings of the angles."""
@@ -35,6 +36,10 @@ class PendulumStage:
     def size(self, before: int) -> int:
         """Length of the result for a state, of length ``before``."""
         return before if self.angles == "wrapped" else before + 2
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """What the network sees of a state x (4,)."""
+        return pendulum_features(np, x, self.angles, self.velocity_scale)
 
 
 @dataclass(frozen=True)
@@ -65,6 +70,10 @@ class NormaliseStage:
         """The divisor."""
         return np.sqrt(self.variance + self.epsilon)
 
+    def __call__(self, observation: np.ndarray) -> np.ndarray:
+        """The observation, normalised."""
+        return normalised(np, observation, self.mean, self.variance, self.clip, self.epsilon)
+
 
 @dataclass(frozen=True)
 class PlantStage:
@@ -74,9 +83,8 @@ class PlantStage:
     """
 
     centre: np.ndarray
-    """One for each base parameter, in its unit."""
+    """One for each base parameter, in its unit; so is the scale."""
     scale: np.ndarray
-    """Likewise."""
     clip: float = 10.0
 
     def __post_init__(self) -> None:
@@ -96,7 +104,7 @@ class PlantStage:
     def inputs(self, base: np.ndarray) -> np.ndarray:
         """What is appended (9,) for base parameters θ (9,)."""
         with np.errstate(over="ignore"):
-            return np.clip((base - self.centre) / self.scale, -self.clip, self.clip)
+            return plant_features(np, base, self.centre, self.scale, self.clip)
 
 
 Stage = PendulumStage | NormaliseStage | PlantStage

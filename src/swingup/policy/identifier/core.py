@@ -25,7 +25,7 @@ changes by the opposite time, since their sum is what was found, and the low-pas
 
 Learning starts once the rows' angles and torques are known since the first call or the last pause. Numbers that are
 not finite after a call, and angles beyond 1e6 rad, change nothing. Other parts get θ0 + ς (θ - θ0) with the largest
-ς in [0, 1] for which the mass matrix is at least ``margin`` times that of the nominal θ0.
+ς in [0, 1] for which the mass matrix is at least ``MARGIN`` times that of the nominal θ0.
 
 The motor's torque is no part of the undriven joint's row. That row alone gives its part of θ up to scale, and noise
 of the motor and pushes on the driven joint do not enter it; the driven joint's row adds the scale. Rates are not
@@ -35,58 +35,47 @@ Control 15, 1970).
 """
 
 import math
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
-from ..plant.base_parameters import BASE, Geometry, friction_of, lumped, share_allowed
-from ..plant.damped import Friction
-from ..plant.equations import Lumped, Number, Pair
-from ..plant.maths import Maths
-from ..plant.momentum import momentum_rows
+from ...plant.base_parameters import BASE, Geometry, friction_of, geometry_of, lumped, share_allowed
+from ...plant.damped import Friction
+from ...plant.equations import Lumped, Number, Pair
+from ...plant.maths import Maths
+from ...plant.momentum import momentum_rows
+from ...plant.plant import Plant
+from . import settings as chosen
 from .compensation import compensation, predicted
-from .identifier_settings import (
-    AGE_CAUTION,
-    FARTHEST,
-    GAIN,
-    LAG,
-    MOST_DEVIATION,
-    POLES,
-    SHORTEST_STEP,
-    STUDENT,
-    TILT1,
-    TILT2,
-    UNEVEN_FADING,
-    UNEVEN_STEP,
-    UNKNOWNS,
-    IdentifierSettings,
-    offsets,
-)
+from .settings import LAG, POLES, SPAN, UNKNOWNS
 
 Array = Any
 """An array of NumPy or JAX; shapes are in the comments."""
 
 
-class Loop(Protocol):
+class Loop(NamedTuple):
     """What an identifier knows of its loop."""
 
-    @property
-    def settings(self) -> IdentifierSettings:
-        """What to expect of the plant, the measurement and the torques."""
+    joint: int
+    """Index of the driven joint."""
+    period: float
+    """Nominal time between calls (s)."""
+    max_delay_steps: int
+    """Longest delay that the identifier is told (steps)."""
+    passive_limit: float
+    """Largest torque that compensates the undriven joint's friction (N m); 0 for none."""
+    geometry: Geometry
+    """Of the plant."""
+    mean: Array
+    """θ of the nominal plant, no offsets, no lag, and a gain of 1 (13,)."""
+    covariance: Array
+    """Prior covariance (13, 13)."""
 
-    @property
-    def mean(self) -> Array:
-        """θ of the nominal plant, no offsets, no lag, and a gain of 1 (13,)."""
 
-    @property
-    def covariance(self) -> Array:
-        """Prior covariance (13, 13)."""
-
-    @property
-    def geometry(self) -> Geometry:
-        """Of the plant."""
-
-    @property
-    def joint(self) -> int:
-        """Index of the driven joint."""
+def make_loop(
+    plant: Plant, joint: int, period: float, max_delay_steps: int, settings: chosen.IdentifierSettings
+) -> Loop:
+    """What an identifier knows of a plant's loop, whose period (s) and longest delay (steps) are an estimator's."""
+    passive_limit = settings.passive_limit
+    return Loop(joint, period, max_delay_steps, passive_limit, geometry_of(plant), *chosen.prior(plant))
 
 
 class IdentifierState(NamedTuple):
@@ -137,13 +126,13 @@ class Found(NamedTuple):
 
 def begin(maths: Maths, loop: Loop) -> IdentifierState:
     """Nothing seen yet."""
-    xp, s = maths.xp, loop.settings
+    xp, past = maths.xp, chosen.commands(loop.max_delay_steps)
     zero = xp.zeros(())
     first, second = (zero + _deviation(loop, joint) ** 2 for joint in (0, 1))
     return IdentifierState(
-        angles=xp.zeros((2 * s.span + 1, 2)),
-        torques=xp.zeros((s.past, 2)),
-        steps=xp.full(s.past, s.dt),
+        angles=xp.zeros((2 * SPAN + 1, 2)),
+        torques=xp.zeros((past, 2)),
+        steps=xp.full(past, loop.period),
         calls=xp.array(0),
         delay_steps=xp.array(0),
         missed=(zero, zero),
@@ -161,7 +150,7 @@ def restart(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState
     xp = maths.xp
     return state._replace(
         torques=xp.zeros_like(state.torques),
-        steps=xp.full_like(state.steps, loop.settings.dt),
+        steps=xp.full_like(state.steps, loop.period),
         calls=0 * state.calls,
         filtered=(xp.zeros_like(state.filtered[0]),) * POLES,
     )
@@ -196,12 +185,12 @@ def observe(
         delay_steps: how old they are (steps).
         step: time since the last call (s); of no meaning after a restart.
     """
-    xp, dt, before, first = maths.xp, loop.settings.dt, state, state.calls == 0
+    xp, dt, before, first = maths.xp, loop.period, state, state.calls == 0
     newest = state.angles[0] + maths.nearest(q - state.angles[0])
     angles = xp.concatenate([newest[None], state.angles[:-1]])
-    step = maths.where(first, dt, maths.maximum(step, SHORTEST_STEP * dt))
+    step = maths.where(first, dt, maths.maximum(step, chosen.SHORTEST_STEP * dt))
     steps = xp.concatenate([maths.vector([step]), state.steps[:-1]])
-    missed, age = _age(maths, loop, state, angles, steps)
+    missed, age = _age(maths, state, angles, steps)
     delay_steps = maths.maximum(delay_steps, age)
 
     def shifted() -> tuple[Array, tuple[Array, ...]]:
@@ -230,36 +219,36 @@ def observe(
     finite = xp.isfinite(learned.unknowns).all() & xp.isfinite(learned.covariance).all()
     state = maths.choose(full & finite, lambda: learned, state)
     # A huge angle would stay in the differences; NaN fails the comparison.
-    near = (xp.abs(q) < FARTHEST).all()
+    near = (xp.abs(q) < chosen.FARTHEST).all()
     return maths.choose(~near, lambda: restart(maths, loop, before), state)
 
 
 def found(maths: Maths, loop: Loop, state: IdentifierState) -> Found:
     """What other parts need of the unknowns."""
-    x, s, joint = maths.numbers(state.unknowns), loop.settings, loop.joint
+    x, joint = maths.numbers(state.unknowns), loop.joint
     nominal = maths.numbers(maths.xp.asarray(loop.mean[:BASE], state.unknowns.dtype))
-    share = share_allowed(x, nominal, loop.geometry, s.margin, maths.minimum, maths.root)
+    share = share_allowed(x, nominal, loop.geometry, chosen.MARGIN, maths.minimum, maths.root)
     theta = tuple(n + share * (one - n) for one, n in zip(x[:BASE], nominal, strict=True))
     friction = friction_of(theta)
-    asked, left = compensation(friction, x[GAIN], joint, s.passive_limit, maths.maximum)
+    asked, left = compensation(friction, x[chosen.GAIN], joint, loop.passive_limit, maths.maximum)
     return Found(
         theta=theta,
         plant=lumped(theta, loop.geometry),
         friction=predicted(friction, left, joint, maths.maximum),
         asked=asked,
         told=(*theta[:4], *left.damping, *left.coulomb, theta[8]),
-        offsets=offsets(x[TILT1], x[TILT2], theta, maths.clip),
+        offsets=chosen.offsets(x[chosen.TILT1], x[chosen.TILT2], theta, maths.clip),
     )
 
 
 def _deviation(loop: Loop, joint: int) -> float:
     """The first one of what a joint's row leaves unexplained (N m)."""
-    return loop.settings.driven_deviation if joint == loop.joint else loop.settings.passive_deviation
+    return chosen.DRIVEN_DEVIATION if joint == loop.joint else chosen.PASSIVE_DEVIATION
 
 
-def _age(maths: Maths, loop: Loop, state: IdentifierState, angles: Array, steps: Array) -> tuple[Pair, Number]:
+def _age(maths: Maths, state: IdentifierState, angles: Array, steps: Array) -> tuple[Pair, Number]:
     """Weigh both ages of the angles: a longer step shows as a longer way in the same call, or in the next."""
-    whole = 2 * loop.settings.span
+    whole = 2 * SPAN
     (a1, a2), (b1, b2), (c1, c2), (z1, z2) = (maths.numbers(angles[place]) for place in (0, 1, 2, whole))
     time, (first, second, third) = steps[:whole].sum(), maths.numbers(steps[:3])
     rate1, rate2 = (a1 - z1) / time, (a2 - z2) / time
@@ -267,19 +256,19 @@ def _age(maths: Maths, loop: Loop, state: IdentifierState, angles: Array, steps:
 
     def faded(before: Number, longer: Number) -> Number:
         miss1, miss2 = bend1 - rate1 * longer, bend2 - rate2 * longer
-        now = maths.log1p((miss1 * miss1 + miss2 * miss2) / UNEVEN_STEP**2)
-        return UNEVEN_FADING * before + maths.where(state.calls > whole, now, 0.0)
+        now = maths.log1p((miss1 * miss1 + miss2 * miss2) / chosen.UNEVEN_STEP**2)
+        return chosen.UNEVEN_FADING * before + maths.where(state.calls > whole, now, 0.0)
 
     missed = faded(state.missed[0], first - second), faded(state.missed[1], second - third)
     more = missed[0] - missed[1]
-    return missed, maths.where(more > AGE_CAUTION, 1, maths.where(more < -AGE_CAUTION, 0, state.age))
+    return missed, maths.where(more > chosen.AGE_CAUTION, 1, maths.where(more < -chosen.AGE_CAUTION, 0, state.age))
 
 
 def _learn(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState:
     """The low-passes, both rows, and the drift."""
-    s, stages = loop.settings, [_columns(maths, loop, state)]
+    stages, weight = [_columns(maths, loop, state)], chosen.pole(loop.period)
     for stage in state.filtered:
-        stages.append(stage + s.pole * (stages[-1] - stage))
+        stages.append(stage + weight * (stages[-1] - stage))
     rows, unknowns, covariance = stages[-1], state.unknowns, state.covariance
     variances, holds = [], []
     for joint in (0, 1):
@@ -290,7 +279,7 @@ def _learn(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState:
         variances.append(variance)
         holds.append(held)
     prior_variance = maths.xp.asarray(loop.covariance, covariance.dtype).diagonal()
-    drift = s.walk**2 * s.dt * prior_variance
+    drift = chosen.WALK**2 * loop.period * prior_variance
     # No less sure than at the start: the drift must not exceed the prior.
     drift = maths.xp.where(covariance.diagonal() < prior_variance, drift, 0.0)
     return state._replace(
@@ -304,14 +293,14 @@ def _learn(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState:
 
 def _columns(maths: Maths, loop: Loop, state: IdentifierState) -> Array:
     """The newest rows (2, 14): Y, u̇, -v and u."""
-    span, joint = loop.settings.span, loop.joint
-    oldest, middle, newest = (maths.numbers(state.angles[place]) for place in (2 * span, span, 0))
-    acting = maths.window(state.torques, state.delay_steps, 2 * span)
-    steps = maths.window(state.steps, state.age, 2 * span)
+    joint = loop.joint
+    oldest, middle, newest = (maths.numbers(state.angles[place]) for place in (2 * SPAN, SPAN, 0))
+    acting = maths.window(state.torques, state.delay_steps, 2 * SPAN)
+    steps = maths.window(state.steps, state.age, 2 * SPAN)
     ages = maths.xp.concatenate([maths.xp.zeros(1, steps.dtype), maths.xp.cumsum(steps)])
     ends = maths.numbers(ages)
     ratio = maths.xp.asarray(loop.mean[2] / loop.mean[3], steps.dtype)[()]
-    halves = ends[-1] - ends[span], ends[span]
+    halves = ends[-1] - ends[SPAN], ends[SPAN]
     shoulder, elbow = momentum_rows(oldest, middle, newest, halves, loop.geometry, ratio, maths)
     mean, slope = hat_weights(maths.xp, steps, ages)
     torques, rates = maths.numbers(mean @ acting), maths.numbers(slope @ acting)
@@ -325,22 +314,21 @@ def _update(
     maths: Maths, loop: Loop, joint: int, columns: Array, unknowns: Array, covariance: Array, noise: Pair
 ) -> tuple[Array, Array, Pair]:
     """What a joint's row tells of the unknowns, and its noise: the errors' variance, and how long it is held."""
-    s, driven, (variance, held) = loop.settings, joint == loop.joint, noise
+    driven, (variance, held), (rise, fall) = joint == loop.joint, noise, chosen.follows(loop.period)
     row, target = columns[:UNKNOWNS], columns[UNKNOWNS]
     uncertain = covariance @ row
     unsure, error = row @ uncertain, target - row @ unknowns
     size = abs(target) + abs(row[:4]) @ abs(unknowns[:4])
-    floor = (s.driven_floor if driven else s.passive_floor) ** 2 + (s.relative_floor * size) ** 2
+    floor = (chosen.DRIVEN_FLOOR if driven else chosen.PASSIVE_FLOOR) ** 2 + (chosen.RELATIVE_FLOOR * size) ** 2
     r = maths.maximum(variance, floor)
     distance = error**2 / (unsure + r)
-    held = maths.where(distance > s.gate**2, s.hold, held - s.dt)
-    heavy = r * s.alike * maths.maximum(1.0, (STUDENT + distance) / (STUDENT + 1.0))
+    held = maths.where(distance > chosen.GATE**2, chosen.HOLD, held - loop.period)
+    heavy = r * chosen.alike(loop.period) * maths.maximum(1.0, (chosen.STUDENT + distance) / (chosen.STUDENT + 1.0))
     # A row that is held is infinitely heavy.
     gain = uncertain / maths.where(held > 0, math.inf, unsure + heavy)
     # A spoilt angle must not blind the identifier for seconds.
-    seen = maths.minimum(distance * r, (MOST_DEVIATION * _deviation(loop, joint)) ** 2)
-    follows = maths.where(seen > variance, 1.0 - math.exp(-s.dt / s.rise), 1.0 - math.exp(-s.dt / s.fall))
-    noise = variance + follows * (seen - variance), maths.maximum(held, 0.0)
+    seen = maths.minimum(distance * r, (chosen.MOST_DEVIATION * _deviation(loop, joint)) ** 2)
+    noise = variance + maths.where(seen > variance, rise, fall) * (seen - variance), maths.maximum(held, 0.0)
     return unknowns + gain * error, covariance - gain[:, None] * uncertain, noise
 
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Annotated, Any, ClassVar, NamedTuple, TypeAlias
 
-from ..common.errors import SwingupError
-from ..common.settings import Range, check_ranges
+from ...common.errors import SwingupError
+from ...common.settings import Range, check_ranges, read_settings
 
 GUARD = "guard"
 """Key of the guard's settings in a policy file's metadata."""
@@ -117,3 +117,25 @@ class GuardSettings:
 GuardChoice: TypeAlias = bool | GuardSettings | Mapping[str, Any] | None
 """A guard as callers choose it: where the policy file has one (None), never (False), always (True: with the file's
 settings, or the defaults), or always with settings of the caller."""
+
+
+def default_guard(dt: float | None = None) -> GuardSettings:
+    """The guard of a loop with ``dt`` (s) between calls; None for any. It bears ten missed or repeated calls."""
+    if dt is None:
+        return GuardSettings()
+    return GuardSettings(dt=dt, longest_pause=10 * dt, stale_time=10 * dt, stuck_time=100 * dt)
+
+
+def choose_guard(choice: GuardChoice, own: GuardSettings | None, dt: float | None) -> GuardSettings | None:
+    """The guard that a caller chose for a policy; None for none.
+
+    Args:
+        choice: what the caller wants.
+        own: the policy file's.
+        dt: time between calls that the policy expects (s); None for any.
+    """
+    if choice is None or choice is False:
+        return own if choice is None else None
+    if isinstance(choice, GuardSettings):
+        return choice
+    return own or default_guard(dt) if choice is True else read_settings({GUARD: choice}, GuardSettings)

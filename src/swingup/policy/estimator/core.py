@@ -31,48 +31,59 @@ within its limit; both torques are NaN if the state seen is not finite.
 """
 
 import math
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, TypeAlias
 
-from ..plant.damped import Friction
-from ..plant.equations import Lumped, Number, friction
-from ..plant.maths import Maths
-from . import identifier
-from .identifier import Array, Found, IdentifierState
-from .identifier_settings import LONGEST_STEP
-from .settings import LOST, PIECES, EstimatorSettings
+from ...plant import equations
+from ...plant.damped import Friction, damped_midpoint_step
+from ...plant.equations import Lumped, Number, friction, lump
+from ...plant.maths import Maths
+from ...plant.plant import Plant
+from ..identifier import core as identifier
+from ..identifier.core import Array, Found, IdentifierState
+from ..identifier.settings import LONGEST_STEP
+from .settings import EstimatorSettings, kalman_gains
 
-Model: TypeAlias = tuple[Lumped, Friction] | None
-"""The plant that was identified; None for the nominal one."""
+LOST = 100
+"""An estimated rate this many standard deviations off the measured one is lost: the measurement has jumped."""
+PIECES = 4
+"""Steps in which the estimate is carried ahead over the delay."""
+RESIDUAL = 1e-4
+"""s: far larger errors of a predicted angle count little more (rad); a push must not decide the delay."""
+CAUTION = 20.0
+"""c: log likelihood that a delay must gain for each step that it is longer."""
+MEMORY = 5.0
+"""T: time in which evidence on the delay fades (s)."""
+
+Model: TypeAlias = tuple[Lumped, Friction | None]
+"""A plant to predict with, and its friction if it has any."""
 
 
-class Loop(Protocol):
+class Loop(NamedTuple):
     """What an estimator knows of its loop."""
 
-    @property
-    def settings(self) -> EstimatorSettings:
-        """What to expect of measurement and loop."""
+    settings: EstimatorSettings
+    joint: int
+    """Index of the driven joint."""
+    model: Model
+    """The nominal plant."""
+    gains: Array
+    """Kalman gains (2, 2) of a joint, from the misses of its angle and its rate to corrections of both."""
+    finding: identifier.Loop | None = None
+    """Identifies the plant; None for the nominal model."""
 
-    @property
-    def gains(self) -> Array:
-        """Kalman gains (2, 2) of a joint, from the misses of its angle and its rate to corrections of both."""
 
-    @property
-    def limits(self) -> Array:
-        """Largest torques (2,) that are counted (N m): the motor's, infinite for the undriven joint."""
+def make_loop(
+    settings: EstimatorSettings, plant: Plant, joint: int, finding: identifier.Loop | None = None
+) -> Loop:
+    """What an estimator knows of a plant's loop.
 
-    @property
-    def joint(self) -> int:
-        """Index of the driven joint."""
-
-    @property
-    def identifier(self) -> identifier.Loop | None:
-        """Identifies the plant; None for the nominal model."""
-
-    def step(self, model: Model, x: Array, torque: Number, dt: Number) -> Array:
-        """The state (4,) a time dt (s) after x under the driven joint's torque (N m)."""
-
-    def response(self, model: Model, x: Array) -> Array:
-        """M⁻¹ times the torque of 1 N m on the driven joint (2,) (rad/s²)."""
+    Args:
+        settings: what to expect of measurement and loop.
+        plant: the nominal plant.
+        joint: index of the driven joint.
+        finding: what identifies the plant, which is the model then.
+    """
+    return Loop(settings, joint, (lump(plant), plant.friction), kalman_gains(settings), finding)
 
 
 class EstimatorState(NamedTuple):
@@ -104,7 +115,7 @@ def begin(maths: Maths, loop: Loop) -> EstimatorState:
         deviations=(xp.zeros((depth, 2)), xp.zeros((depth, 2))),
         surprise=xp.zeros(depth),
         delay_steps=xp.array(0),
-        identified=None if loop.identifier is None else identifier.begin(maths, loop.identifier),
+        identified=None if loop.finding is None else identifier.begin(maths, loop.finding),
     )
 
 
@@ -126,7 +137,7 @@ def observe(
     # The first call (an infinite pause) and a clock of NaN fail both comparisons.
     in_time = (pause >= 0) & (pause <= 1.5 * period)
     # Both branches below may be computed: a late call needs a finite step, too.
-    dt, model = maths.where(in_time & (pause > 0), pause, period), None
+    dt, model = maths.where(in_time & (pause > 0), pause, period), loop.model
     between, age = dt, 0
     if found is not None and state.identified is not None:
         x, model = x - maths.vector([*found.offsets, 0.0, 0.0]), (found.plant, found.friction)
@@ -151,8 +162,8 @@ def compensation(maths: Maths, loop: Loop, asked: Friction, seen: Array) -> Arra
         asked: what the identifier asks of the motors.
         seen: state (4,) that the controller sees.
     """
-    assert loop.identifier is not None  # the caller has what it found
-    most, finite = loop.identifier.settings.passive_limit, maths.xp.isfinite(seen).all()
+    assert loop.finding is not None  # the caller has what it found
+    most, finite = loop.finding.passive_limit, maths.xp.isfinite(seen).all()
     torques = []
     for joint, (b, cf, rate) in enumerate(zip(*asked, maths.numbers(seen[2:]), strict=True)):
         # The arctangent and the clip would make a finite torque of an infinite velocity.
@@ -162,13 +173,11 @@ def compensation(maths: Maths, loop: Loop, asked: Friction, seen: Array) -> Arra
 
 
 def remember(maths: Maths, loop: Loop, state: EstimatorState, u: Array) -> EstimatorState:
-    """Note the torques (2,) that both motors were asked for (N m)."""
-    # The model gets the torque that the motor can give.
-    given = maths.xp.minimum(maths.xp.maximum(u, -loop.limits), loop.limits)
-    torques = maths.xp.concatenate([given[loop.joint][None], state.torques[:-1]])
+    """Note the torques (2,) that both motors were asked for, within their limits (N m)."""
+    torques = maths.xp.concatenate([u[loop.joint][None], state.torques[:-1]])
     before = state.identified
     return state._replace(
-        torques=torques, identified=None if before is None else identifier.remember(maths, before, given)
+        torques=torques, identified=None if before is None else identifier.remember(maths, before, u)
     )
 
 
@@ -177,7 +186,7 @@ def _identify(maths: Maths, loop: Loop, state: EstimatorState, pause: Number, x:
 
     Rates are noisy and not needed.
     """
-    before, behind, period = state.identified, loop.identifier, loop.settings.dt
+    before, behind, period = state.identified, loop.finding, loop.settings.dt
     if behind is None or before is None:
         return None
     # It knows each step's time: the late calls of an uneven loop do not interrupt it.
@@ -199,21 +208,21 @@ def _follow(
     """One step of dt (s) of the filter in charge and of the bank, for angles of an age (calls)."""
     xp, s = maths.xp, loop.settings
     gains = xp.asarray(loop.gains, state.state.dtype)
-    torque = state.torques[state.delay_steps]
-    predicted = loop.step(model, state.state, torque, dt)
+    (torque,) = maths.numbers(state.torques[state.delay_steps][None])
+    predicted = step(maths, loop, model, state.state, torque, dt)
     miss = x - predicted
     angles, rates = maths.nearest(miss[:2]), miss[2:]
 
-    extra = (state.torques - torque)[:, None] * loop.response(model, state.state)
+    extra = (state.torques - torque)[:, None] * response(maths, loop, model, state.state)
     bank_angles, bank_rates = state.deviations
     bank_angles = bank_angles + dt * bank_rates + 0.5 * dt**2 * extra
     bank_rates = bank_rates + dt * extra
 
-    scaled = ((angles - bank_angles) ** 2).sum(axis=1) / s.residual_scale**2
-    surprise = math.exp(-s.dt / s.memory) * state.surprise + xp.log1p(scaled)
+    scaled = ((angles - bank_angles) ** 2).sum(axis=1) / RESIDUAL**2
+    surprise = math.exp(-s.dt / MEMORY) * state.surprise + xp.log1p(scaled)
     # A delay below the angles' own age cannot be.
     beyond = xp.arange(s.max_delay_steps + 1) - age
-    delay_steps = xp.argmin(xp.where(beyond < 0, math.inf, surprise + s.caution * beyond))
+    delay_steps = xp.argmin(xp.where(beyond < 0, math.inf, surprise + CAUTION * beyond))
 
     corrected = _correction(gains, bank_angles, bank_rates)
     bank_angles, bank_rates = bank_angles - corrected[0], bank_rates - corrected[1]
@@ -235,7 +244,7 @@ def _correction(gains: Array, angles: Array, rates: Array) -> tuple[Array, Array
 
 def _ahead(maths: Maths, loop: Loop, state: EstimatorState, dt: Number, model: Model) -> Array:
     """The state after the delay, steps of dt (s), in pieces with the mean of the torques that act in each."""
-    xp, steps = maths.xp, state.delay_steps / PIECES
+    xp, (steps,) = maths.xp, maths.numbers((state.delay_steps / PIECES)[None])
     # How much of each torque's step lies before a piece's ends: it began and will end so many steps ago.
     ages = xp.arange(loop.settings.max_delay_steps + 1)
     passed = xp.clip(xp.arange(PIECES, -1, -1)[:, None] * steps - ages, 0.0, 1.0)
@@ -243,5 +252,19 @@ def _ahead(maths: Maths, loop: Loop, state: EstimatorState, dt: Number, model: M
     torques = ((passed[:-1] - passed[1:]) * state.torques).sum(axis=1) / maths.maximum(steps, 1e-6)
     x = state.state
     for torque in maths.numbers(torques):
-        x = loop.step(model, x, torque, steps * dt)
+        x = step(maths, loop, model, x, torque, steps * dt)
     return x
+
+
+def step(maths: Maths, loop: Loop, model: Model, x: Array, torque: Number, dt: Number) -> Array:
+    """The state (4,) a time dt (s) after x under the driven joint's torque (N m)."""
+    plant, losses = model
+    u = (torque, 0.0) if loop.joint == 0 else (0.0, torque)
+    return maths.vector(damped_midpoint_step(plant, losses, maths.numbers(x), u, dt, maths))
+
+
+def response(maths: Maths, loop: Loop, model: Model, x: Array) -> Array:
+    """M⁻¹ times the torque of 1 N m on the driven joint (2,) (rad/s²)."""
+    driven = (1.0, 0.0) if loop.joint == 0 else (0.0, 1.0)
+    _, cos2 = maths.sine_cosine(maths.numbers(x)[1])
+    return maths.vector(equations.response(model[0], cos2, driven))

@@ -1,33 +1,36 @@
-"""Settings of the regulator near the top; every value is chosen, not identified."""
+"""Where the regulator near the top acts, its costs, and their fixed point; all is chosen, not identified."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from ..common.errors import SwingupError
-from ..common.settings import Range, check_ranges
-from ..plant.base_parameters import base_parameters, friction_of, geometry_of
-from ..plant.plant import Plant
-from .riccati import solve_riccati
+from ...common.errors import SwingupError
+from ...common.riccati import solve_riccati
+from ...common.settings import Range, check_ranges
+from ...plant.base_parameters import base_parameters, friction_of, geometry_of
+from ...plant.plant import Plant
 from .upright import upright_step
+
+STATE_WEIGHTS = (1.0, 1.0, 0.1, 0.1)
+"""q, of the errors of q1, q2 (1/rad²), dq1 and dq2 (s²/rad²) in the costs ∫ eᵀ diag(q) e + r u² dt."""
+TORQUE_WEIGHT = 1.0
+"""r (1/N²m²)."""
+COULOMB_DAMPING = 1.0
+"""Coulomb friction cf counts as damping of this times cf (s/rad)."""
+RICCATI_STEP = 0.005
+"""Step h of the recursion (s)."""
+RICCATI_STEPS = 4
+"""Steps of the recursion at each call."""
+Q, R = tuple(RICCATI_STEP * weight for weight in STATE_WEIGHTS), RICCATI_STEP * TORQUE_WEIGHT
+"""h q and h r: Q's diagonal and R of one step."""
 
 
 @dataclass(frozen=True)
 class RegulatorSettings:
-    """Costs ∫ eᵀ diag(q) e + r u² dt of the regulator, its recursion, and where it acts."""
+    """Where the regulator acts."""
 
     PART: ClassVar[str] = "regulator"
-    state_weights: Annotated[tuple[float, float, float, float], Range(1e-6, 1e6)] = (1.0, 1.0, 0.1, 0.1)
-    """q, of the errors of q1, q2 (1/rad²), dq1 and dq2 (s²/rad²)."""
-    torque_weight: Annotated[float, Range(1e-6, 1e6)] = 1.0
-    """r (1/N²m²)."""
-    coulomb_damping: Annotated[float, Range(0.0, 100.0)] = 1.0
-    """Coulomb friction cf counts as damping of this times cf (s/rad)."""
-    riccati_step: Annotated[float, Range(1e-4, 0.05)] = 0.005
-    """Step h of the recursion (s)."""
-    riccati_steps: Annotated[int, Range(1, 100)] = 4
-    """Steps of the recursion at each call."""
     enter: Annotated[float, Range(1e-6, 1e6)] = 1.0
     """The regulator takes over where its cost-to-go eᵀPe is below this."""
     leave: Annotated[float, Range(1e-6, 1e6)] = 10.0
@@ -38,22 +41,12 @@ class RegulatorSettings:
     """The same for the distance between ``enter`` and ``leave``."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot work, and make a tuple of a list.
-
-        Raises:
-            SwingupError: a value is no number of its range, or ``leave`` is below ``enter``.
-        """
+        """Refuse what cannot work."""
         check_ranges(self)
         if self.leave < self.enter:
             raise SwingupError(
                 f"regulator setting leave = {self.leave:g} is below enter = {self.enter:g}: use one from there on"
             )
-
-    @property
-    def step_weights(self) -> tuple[tuple[float, ...], float]:
-        """Q's diagonal and R of one step: h q and h r."""
-        h = self.riccati_step
-        return tuple(h * weight for weight in self.state_weights), h * self.torque_weight
 
 
 def bounds(settings: RegulatorSettings, theta: Any, driven: int) -> tuple[Any, Any]:
@@ -62,7 +55,7 @@ def bounds(settings: RegulatorSettings, theta: Any, driven: int) -> tuple[Any, A
     Dry friction of the undriven joint makes a linear regulator hunt about the top in growing cycles.
 
     Args:
-        settings: the regulator's.
+        settings: where it acts.
         theta: θ of its plant.
         driven: place of the driven joint.
     """
@@ -71,20 +64,18 @@ def bounds(settings: RegulatorSettings, theta: Any, driven: int) -> tuple[Any, A
     return enter, enter + (s.leave - s.enter) / (1.0 + dry / s.leave_coulomb)
 
 
-def fixed_point(plant: Plant, driven: int, settings: RegulatorSettings) -> np.ndarray:
+def fixed_point(plant: Plant, driven: int) -> np.ndarray:
     """The cost-to-go P (4, 4) at which the recursion for a plant stays.
 
     Args:
         plant: the plant.
         driven: place of the driven joint.
-        settings: the regulator's.
     """
-    h, (weights, torque_weight) = settings.riccati_step, settings.step_weights
     theta, geometry = base_parameters(plant), geometry_of(plant)
-    a, b = map(np.array, upright_step(theta, geometry, driven, settings.coulomb_damping, h))
+    a, b = map(np.array, upright_step(theta, geometry, driven, COULOMB_DAMPING, RICCATI_STEP))
     with np.errstate(all="ignore"):
         try:
-            found = solve_riccati(a, np.outer(b, b) / torque_weight, np.diag(weights))
+            found = solve_riccati(a, np.outer(b, b) / R, np.diag(Q))
         except np.linalg.LinAlgError:
             found = np.full((4, 4), np.nan)
     if not np.isfinite(found).all():

@@ -1,14 +1,13 @@
-"""The safety guard in plain floats: the steps of ``docs/policy-format.md``, which the C header repeats."""
+"""The safety guard in plain floats."""
 
 import math
 
 import numpy as np
 
-from ..contract import LoopController
-from ..guard import BRAKED, MOTION, PUSHING, STANDSTILLS, Fault, GuardSettings, Reason
+from .settings import BRAKED, MOTION, PUSHING, STANDSTILLS, Fault, GuardSettings, Reason
 
 
-class NumpyGuard:
+class Guard:
     """Watches one loop: at each call ``allows``, then ``limited`` for the torques, or ``stopped`` instead."""
 
     def __init__(self, settings: GuardSettings, joint: int, limits: tuple[float, float]) -> None:
@@ -117,28 +116,3 @@ class NumpyGuard:
             if self._repeated[i] > settings.stale_time:
                 return Fault(Reason.STALE, t, i, self._repeated[i])
         return Fault(Reason.STALE, t, joint, self._stuck) if self._stuck > settings.stuck_time else None
-
-
-class GuardedController:
-    """A guard around any controller of a loop, which then knows nothing of the torques that the guard changed."""
-
-    def __init__(self, controller: LoopController, guard: NumpyGuard) -> None:
-        """Put a guard around a controller."""
-        self._controller, self.guard = controller, guard
-
-    def reset(self) -> None:
-        """Forget the run so far, and let the controller act again."""
-        self.guard.reset()
-        self._controller.reset()
-
-    def __call__(
-        self,
-        x: np.ndarray,
-        t: float,
-        measured: np.ndarray | None = None,
-        added: np.ndarray | None = None,
-    ) -> np.ndarray:
-        """The torques (2,) (N m) for the state x (4,) (rad, rad/s) at time t (s); see ``policy/contract.py``."""
-        if not self.guard.allows(float(t), x if measured is None else measured):
-            return self.guard.stopped()
-        return self.guard.limited(np.array(self._controller(x, t, None, added), np.float64))

@@ -7,8 +7,8 @@ is therefore a part of the plant.
 
 from typing import Any, NamedTuple
 
-from ..plant.damped import Friction
-from ..plant.equations import Pair
+from ...plant.damped import Friction
+from ...plant.equations import Pair
 
 LEAST_GAIN = 0.6
 """The undriven joint's motor is asked for as much as if it delivered at least this share."""

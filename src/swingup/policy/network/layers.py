@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..common.errors import SwingupError
+from ...common.errors import SwingupError
 from .stages import NormaliseStage, PendulumStage, PlantStage, Stage
 
 SUM_GROUP = 64
@@ -14,10 +14,6 @@ STATE = 4
 """Length of a pendulum's state."""
 LARGEST_FEATURE = 1e30
 """No layer may reach more, for any observation: single precision ends at 3e38, and ∞ times 0 is no torque."""
-
-
-NORM_EPSILON = 1e-5
-"""Added to the variance of a layer normalisation."""
 
 Activation = Literal["relu", "tanh", "elu", "silu", "gelu"]
 """What follows a hidden layer; gelu is x (1 + tanh(√(2/π) (x + 0.044715 x³))) / 2, silu x / (1 + e^-x)."""
@@ -36,7 +32,7 @@ class Norm:
 class Layer:
     """y = weight x + bias, in float32; weight has the shape (outputs, inputs).
 
-    The bias that ``policy/fold.py`` makes is float64, as the sums that it replaces.
+    The bias that ``fold.py`` makes is float64, as the sums that it replaces.
     """
 
     weight: np.ndarray

@@ -1,0 +1,135 @@
+"""What the identifier expects of the plant, the measurement and the torques; all is chosen, not identified."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+
+from ...common.errors import SwingupError
+from ...common.settings import Range, check_ranges
+from ...plant.base_parameters import BASE, Spread, base_covariance, base_parameters
+from ...plant.plant import Plant
+
+UNKNOWNS = BASE + 4
+"""The base parameters, and behind them what the constants below are the places of."""
+TILT1, TILT2 = BASE, BASE + 1
+"""κ1 = k o1 and κ2 = m2 r2 (o1 + o2) (kg m), for measured angles that are o1 and o2 (rad) too large."""
+LAG = BASE + 2
+"""The torque's lag (s) behind the delay that the identifier is told."""
+GAIN = BASE + 3
+"""Part of its command that the undriven joint's motor delivers."""
+
+SPAN = 4
+"""Steps between the three angles of a row: rates resolve the encoder's step over this time."""
+BANDWIDTH = 60.0
+"""Of each pole of the low-pass on both sides of the equation (rad/s)."""
+POLES = 3
+"""First-order low-passes in a row: second differences of an encoder's steps need three."""
+PASSIVE_DEVIATION, PASSIVE_FLOOR = 0.012, 0.005
+"""First and least standard deviation of what an undriven joint's low-passed row leaves unexplained (N m)."""
+DRIVEN_DEVIATION, DRIVEN_FLOOR = 0.04, 0.01
+"""The same for the driven joint, whose motor is noisy and is pushed."""
+RELATIVE_FLOOR = 0.002
+"""Part of a floor that grows with the size of a row's terms: errors of the discretisation."""
+MOST_DEVIATION = 10.0
+"""Largest deviation that the residuals of a row raise its own to, in first ones."""
+RISE, FALL = 0.02, 0.1
+"""Times in which the deviation follows larger residuals and smaller ones (s)."""
+GATE = 3.0
+"""Residuals of more than this many of their standard deviations are pushes."""
+HOLD = 0.1
+"""Time after a push in which its row is not used (s)."""
+STUDENT = 4.0
+"""ν: degrees of freedom of the errors' distribution."""
+LAG_DEVIATION = 0.01
+"""Standard deviation of the torque's lag (s)."""
+OFFSET_DEVIATION = 0.03
+"""Standard deviation of the angles' offsets (rad)."""
+GAIN_DEVIATION = 0.5
+"""Standard deviation of the part of its command that the undriven joint's motor delivers; its mean is 1."""
+SPREAD = Spread()
+"""How far plants lie from the nominal one: the ranges of the robustness benchmark."""
+WALK = 0.01
+"""Drift of the unknowns, in prior standard deviations after 1 s."""
+MARGIN = 0.2
+"""The identified mass matrix is at least this share of the nominal one, in every configuration."""
+MOST_OFFSET = 0.1
+"""Largest offset of an angle that is believed (rad)."""
+FARTHEST = 1e6
+"""An angle beyond this is no measurement (rad): its digits do not tell the turn."""
+UNEVEN_STEP = 1e-3
+"""Angle (rad) by which a call's motion may miss what the time since the last call explains."""
+UNEVEN_FADING = 0.9995
+"""Factor on what was missed, at each call."""
+AGE_CAUTION = 4.0
+"""Evidence that it takes to believe that angles are a call old, or that they are not."""
+LONGEST_STEP = 4.0
+"""A call that comes more than this many periods after the last one restarts the identifier."""
+SHORTEST_STEP = 0.5
+"""A shorter step counts as this many periods: rates would have nothing but the encoder's step."""
+
+
+@dataclass(frozen=True)
+class IdentifierSettings:
+    """What a robot's owner may choose of the identifier; period and delays are the estimator's."""
+
+    PART: ClassVar[str] = "identifier"
+    passive_limit: Annotated[float, Range(0.0, 1e3)] = 0.5
+    """Largest torque that compensates the undriven joint's friction (N m); 0 for none."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot work."""
+        check_ranges(self)
+
+
+def pole(period: float) -> float:
+    """Weight of the newest value in each of the three first-order low-passes."""
+    return 1.0 - math.exp(-BANDWIDTH * period)
+
+
+def alike(period: float) -> float:
+    """n: successive low-passed rows that count as one observation, since their errors are alike."""
+    return max(1.0, POLES / (BANDWIDTH * period))
+
+
+def follows(period: float) -> tuple[float, float]:
+    """a: how much of a larger and of a smaller residual the deviation takes up at each call."""
+    return 1.0 - math.exp(-period / RISE), 1.0 - math.exp(-period / FALL)
+
+
+def commands(max_delay_steps: int) -> int:
+    """Commands to remember. Angles may be a call old whatever the longest delay is."""
+    return 2 * SPAN + max(max_delay_steps, 1)
+
+
+def prior(plant: Plant) -> tuple[np.ndarray, np.ndarray]:
+    """Mean (13,) and covariance (13, 13) of the unknowns before anything is measured, from a nominal plant."""
+    mean, covariance = np.zeros(UNKNOWNS), np.zeros((UNKNOWNS, UNKNOWNS))
+    mean[:BASE] = base = base_parameters(plant)
+    mean[GAIN] = 1.0
+    covariance[:BASE, :BASE] = base_covariance(plant, SPREAD)
+    second, first = base[2:4]
+    if first == 0 or second == 0:
+        raise SwingupError(
+            f"a plant with m1 r1 + m2 l1 = {first:g} and m2 r2 = {second:g} kg m gives an identifier nothing to "
+            "find the offsets by: give both links a centre of mass off their joint, or leave the identifier out"
+        )
+    others = OFFSET_DEVIATION * first, OFFSET_DEVIATION * second, LAG_DEVIATION, GAIN_DEVIATION
+    covariance[range(BASE, UNKNOWNS), range(BASE, UNKNOWNS)] = np.square(others)
+    return mean, covariance
+
+
+def offsets(tilt1: Any, tilt2: Any, theta: Any, clip: Callable[[Any, float, float], Any]) -> tuple[Any, Any]:
+    """How much the measured angles are too large (rad). Arithmetic for any kind of number.
+
+    Args:
+        tilt1: κ1 (kg m).
+        tilt2: κ2.
+        theta: the base parameters.
+        clip: a number within bounds.
+    """
+    both = clip(tilt2 / theta[2], -MOST_OFFSET, MOST_OFFSET)
+    first = clip(tilt1 / theta[3], -MOST_OFFSET, MOST_OFFSET)
+    return first, both - first
