@@ -13,12 +13,18 @@ from swingup.controllers.swingups.transition import PendulumTransition
 from swingup.dynamics import dynamics
 from swingup.plant import equations
 from swingup.plant.equations import lump
+from swingup.plant.maths import NUMPY
 from swingup.plant.plant import LEADERBOARD, load_plant
-from swingup.policy import plant as floats
 
 RANDOM = np.random.default_rng(0)
 STATES = RANDOM.uniform(-1, 1, (200, 4)) * [7, 7, 12, 12]
 TORQUES = RANDOM.uniform(-6, 6, 200)
+
+
+def floats(plant, x, *u):
+    """The formula in Python's floats, as the estimator's step calls it."""
+    (sin1, _), (sin2, cos2) = NUMPY.sine_cosine(x[0]), NUMPY.sine_cosine(x[1])
+    return equations.acceleration(plant, (sin1, sin2, NUMPY.sine_cosine(x[0] + x[1])[0]), cos2, x[2:], u)
 
 
 def numpys(parameters, x, u, sine=np.sin, cosine=np.cos):
@@ -48,7 +54,7 @@ def test_plain_floats_have_numpys_bits():
     plant = dataclasses.replace(load_plant("C.1"), b1=0.0, b2=0.0, cf1=0.0, cf2=0.0, Ir=0.0)
     torques = np.stack([TORQUES, TORQUES[::-1]])
     rows = zip(STATES.tolist(), *torques.tolist(), strict=True)
-    found = [floats.acceleration(lump(LEADERBOARD), tuple(x), *u) for x, *u in rows]
+    found = [floats(lump(LEADERBOARD), x, *u) for x, *u in rows]
     # The sines of the C library, bit for bit: NumPy has its own on some processors.
     sine, cosine = np.vectorize(math.sin), np.vectorize(math.cos)
     np.testing.assert_array_equal(found, numpys(plant, STATES, torques, sine, cosine))
@@ -57,6 +63,6 @@ def test_plain_floats_have_numpys_bits():
 def test_the_response_is_the_change_of_the_acceleration():
     plant = lump(LEADERBOARD)
     for x in STATES[:3].tolist():
-        driven, free = (np.array(floats.acceleration(plant, tuple(x), *u)) for u in ((2.0, -1.0), (0.0, 0.0)))
+        driven, free = (np.array(floats(plant, x, *u)) for u in ((2.0, -1.0), (0.0, 0.0)))
         response = equations.response(plant, np.cos(x[1]), (2.0, -1.0))
         np.testing.assert_allclose(driven - free, response, rtol=1e-10)
