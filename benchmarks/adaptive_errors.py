@@ -105,7 +105,7 @@ def follow_errors(
 
 def draw_errors(path: Path, time: np.ndarray, bands: np.ndarray) -> None:
     """A panel for each base parameter."""
-    from swingup.report.style import legend_below, line_look, new_figure, render, styled
+    from swingup.report.draw import legend_below, line_look, new_figure, render, styled
 
     with styled():
         figure = new_figure(7.8, 6.0)

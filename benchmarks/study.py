@@ -136,7 +136,7 @@ def draw(
     """
     from matplotlib.lines import Line2D
 
-    from swingup.report.style import legend_below, new_figure, render, styled
+    from swingup.report.draw import legend_below, new_figure, render, styled
 
     labels = [ylabel] * len(panels) if isinstance(ylabel, str) else ylabel
     columns = min(columns, len(panels))
@@ -162,7 +162,7 @@ def draw(
 
 def _draw_panel(axes: Any, lines: Mapping[str, Sequence[Curve]]) -> dict[str, Any]:
     """The curves of one panel; returns the line of each label's mean."""
-    from swingup.report.style import line_look
+    from swingup.report.draw import line_look
 
     entries = {}
     for k, (label, curves) in enumerate(lines.items()):

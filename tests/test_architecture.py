@@ -22,7 +22,6 @@ ONE_PLACE = {
     "gymnasium": {"gym", "learner"},
     "PIL": {"drawing", "report"},
     "matplotlib": {"report"},
-    "bokeh": {"report"},
     "onnx": {"export"},
     "jinja2": {"report"},
     "scipy": {"controllers", "benchmark", "identification"},

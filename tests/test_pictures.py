@@ -20,10 +20,10 @@ def figures(monkeypatch):
     monkeypatch.syspath_prepend(ROOT / "benchmarks")
     import study
 
-    from swingup.report import style
+    from swingup.report import draw
 
     kept = []
-    monkeypatch.setattr(style, "render", lambda figure, suffix: kept.append(figure) or b"")
+    monkeypatch.setattr(draw, "render", lambda figure, suffix: kept.append(figure) or b"")
     monkeypatch.setattr(study, "write_atomically", lambda path, content: None)
     yield kept
     for name in ("study", "ablations", "mujoco_learning", "paper_runs"):

@@ -158,7 +158,7 @@ def pretended(monkeypatch):
         Path(out).mkdir(parents=True)
         return SavingRun(Path(out))
 
-    monkeypatch.setattr(demonstrating, "page_tools", lambda name: None)
+    monkeypatch.setattr(demonstrating, "page_template", lambda: None)
     monkeypatch.setattr(demonstrating, "start_training", start)
     monkeypatch.setattr(demonstrating, "train_shown", lambda run, note: note(report(65_536, 0.64)) and 0)
     monkeypatch.setattr(demonstrating, "find_policy", lambda path, robot: path.name)
@@ -207,17 +207,17 @@ def test_an_interrupted_training_shows_no_result(pretended, monkeypatch, capsys)
     ],
 )
 def test_bad_options_train_nothing(words, message, capsys, monkeypatch):
-    monkeypatch.setattr(demonstrating, "page_tools", lambda name: None)
+    monkeypatch.setattr(demonstrating, "page_template", lambda: None)
     assert main(["demo", *words.split()]) == 2
     assert message in capsys.readouterr().err
     assert not Path("runs").exists()
 
 
 def test_without_its_libraries_nothing_is_trained(pretended, monkeypatch, capsys):
-    def missing(name):
-        raise SwingupError("a report needs Bokeh, which is missing: pip install swingup[report]")
+    def missing():
+        raise SwingupError("a report needs Jinja, which is missing: pip install swingup[report]")
 
-    monkeypatch.setattr(demonstrating, "page_tools", missing)
+    monkeypatch.setattr(demonstrating, "page_template", missing)
     assert main(["demo"]) == 2
     assert "pip install swingup[report]" in capsys.readouterr().err
     assert pretended == []
@@ -225,7 +225,7 @@ def test_without_its_libraries_nothing_is_trained(pretended, monkeypatch, capsys
 
 @pytest.mark.slow
 def test_a_short_demonstration_and_its_next_commands(capsys, monkeypatch, small_grid):
-    pytest.importorskip("bokeh", reason="Bokeh is not installed")
+    pytest.importorskip("jinja2", reason="Jinja is not installed")
     monkeypatch.setattr(sys, "argv", ["swingup"])
     boards = commands.Boards(BOARD_RULES | {"v2": small_grid}, ("ar-eapo",))
     assert main(["demo", "pendubot", "--frames", "150000"]) == 0

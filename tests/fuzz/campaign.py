@@ -24,7 +24,7 @@ from swingup.loop.domain import load_domain
 from swingup.plant.plant import load_plant
 from swingup.policy.file import read_network
 from swingup.policy.pendulum import read_pendulum_policy
-from swingup.report.files import read_curve, read_robustness
+from swingup.report.inputs import read_curve, read_robustness
 
 from .inputs import KINDS, LIKE
 

@@ -12,8 +12,8 @@ from swingup.benchmark.rollout import Trajectory
 from swingup.controllers.stack.controller import policy_of
 from swingup.plant.plant import LEADERBOARD
 from swingup.plant.robots import ROBOTS, Robot
-from swingup.report.content import Section, Show
 from swingup.report.make import LIVE_NOTE, describe_disturbance, make_show
+from swingup.report.page import Section, Show
 
 NASTY = "</script><img src=x onerror=alert(1)> $$x^2$$"
 """A controller's name that must be shown as it is."""
@@ -59,7 +59,7 @@ def make_section(robot: Robot) -> Section:
     ]
     return Section(
         robot=robot.name,
-        parameters=LEADERBOARD.driven(robot),
+        plant=LEADERBOARD.driven(robot),
         boards=[make_board(robot, measure) for measure in ("performance", "robustness")],
         shows=shows,
         disturbance=describe_disturbance(0),

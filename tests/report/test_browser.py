@@ -11,6 +11,7 @@ import pytest
 
 from policies import lone_policy
 from swingup.benchmark.evaluate import evaluate
+from swingup.benchmark.rules import CRITERIA
 from swingup.common.text import one_line
 from swingup.dynamics.dynamics import tip_height
 from swingup.dynamics.integrate import rk4_step
@@ -61,7 +62,6 @@ def open_page(browser, address, **options):
     page.on("dialog", lambda dialog: page.complaints.append(dialog.message))
     page.on("console", lambda note: note.type in ("error", "warning") and page.complaints.append(note.text))
     page.goto(address)
-    page.evaluate("swingup.ready.then(() => null)")
     return page
 
 
@@ -89,10 +89,21 @@ def picture(page, selector):
     return page.evaluate("(selector) => document.querySelector(selector).toDataURL()", selector)
 
 
-def models(page, expression):
-    """Evaluate an expression of ``all``, the models of all plots."""
-    gather = "const all = Bokeh.documents.flatMap((document) => [...document.all_models]);"
-    return page.evaluate(f"() => {{ {gather} return {expression}; }}")
+def drawn_numbers(page, figure, panel, name):
+    """The numbers of a curve as its path shows them, by the panel's scales."""
+    return np.array(
+        page.evaluate(
+            """([figure, panel, name]) => {
+                const { range, width, height, plot } = eval(figure).panels[panel];
+                const paths = [...plot.querySelectorAll("g[data-name] path")];
+                const path = paths.find((each) => each.parentNode.dataset.name === name);
+                const back = ([low, high], share) => low + share * (high - low);
+                return path.getAttribute("d").slice(1).split("L").map((pair) => pair.split(" ").map(Number))
+                    .map(([x, y]) => [back(range.x, (x - 58) / width), back(range.y, 1 - (y - 8) / height)]);
+            }""",
+            [figure, panel, name],
+        )
+    )
 
 
 def wait_until(condition, seconds=10.0):
@@ -102,30 +113,60 @@ def wait_until(condition, seconds=10.0):
         time.sleep(0.02)
 
 
-def test_tables_and_plots_are_rendered(page):
+def test_tables_and_plots_are_rendered(page, sections):
     # Two boards and two robots; published rows and two of ours.
     assert page.locator("table").count() == 4
     assert page.locator("tr.ours").count() == 8
     assert page.locator("tr.published").count() > 20
-    plots = page.evaluate("""async () => {
-        const canvases = (node) => [...node.querySelectorAll("*")].flatMap((element) => [
-            ...(element.tagName === "CANVAS" ? [element] : []),
-            ...(element.shadowRoot ? canvases(element.shadowRoot) : []),
-        ]);
-        const inked = (canvas) => canvas.width > 0 && canvas.height > 0 && canvas.getContext("2d")
-            .getImageData(0, 0, canvas.width, canvas.height).data.filter((_, i) => i % 4 === 3).some((a) => a > 0);
-        return [...document.querySelectorAll("[data-plot]")].map((plot) => {
-            plot.scrollIntoView({ behavior: "instant" });
-            return [plot.dataset.plot, canvases(plot).filter(inked).length];
-        });
-    }""")
-    assert [name for name, _ in plots] == 2 * ["robustness", "series", "phase-1", "phase-2"]
-    for name, inked in plots:
-        assert inked >= (4 if name == "series" else 1), name
-    # No plot is empty of data.
-    lengths = models(page, """all.filter((model) => model.name === "clean" && model.type === "ColumnDataSource")
-        .map((model) => model.data.t.length)""")  # fmt: skip
-    assert lengths == 6 * [1000]
+    names = page.locator("[data-plot]").evaluate_all("(all) => all.map((plot) => plot.dataset.plot)")
+    assert names == 2 * ["robustness", "series", "phases"]
+    bars = page.locator("#acrobot [data-plot=robustness] g[data-name='ar-eapo'] rect")
+    row = next(row for row in sections[0].boards[1].rows if row.controller == "ar-eapo")
+    height = page.evaluate("swingup.figures[0].panels[0].height")
+    percent = [float(bar.get_attribute("height")) / height * 105 for bar in bars.all()]
+    np.testing.assert_allclose(percent, [row.values[name] for name in CRITERIA], atol=1e-3)
+
+
+def test_curves_are_the_runs(page, sections):
+    rows = sections[0].shows[0].clean
+    for panel, (name, values) in enumerate({"tip": None, "q1": rows.x[:, 0], "dq2": rows.x[:, 3]}.items()):
+        if values is None:
+            values = -0.2 * np.cos(rows.x[:, 0]) - 0.3 * np.cos(rows.x[:, :2].sum(axis=1))
+        drawn = drawn_numbers(page, "swingup.players[0].figures.series", panel, f"{name}, undisturbed")
+        # Places are rounded to a tenth of a pixel.
+        np.testing.assert_allclose(drawn[:, 0], rows.time, atol=2e-3)
+        np.testing.assert_allclose(drawn[:, 1], values, atol=np.ptp(values) / 500)
+
+
+def test_a_drag_zooms_all_times_and_a_double_click_shows_the_whole(page):
+    series, svg = (
+        "swingup.players[0].figures.series",
+        page.locator("#acrobot [data-plot=series] .panel-plot").nth(1),
+    )
+    svg.scroll_into_view_if_needed()
+    box = svg.bounding_box()
+    left, width = box["x"] + 58, box["width"] - 72  # without the margins
+    page.mouse.move(left + 0.2 * width, box["y"] + 70)
+    page.mouse.down()
+    page.mouse.move(left + 0.4 * width, box["y"] + 70, steps=3)
+    page.mouse.up()
+    ranges = page.evaluate(f"{series}.panels.map(({{ range }}) => range.x)")
+    np.testing.assert_allclose(ranges, 4 * [[2, 4]], atol=0.02)
+    assert page.evaluate(f"{series}.back.hidden") is False
+    page.mouse.dblclick(left + 0.5 * width, box["y"] + 70)
+    np.testing.assert_allclose(page.evaluate(f"{series}.panels[0].range.x"), [0, 10], atol=0.02)
+
+
+def test_the_pointer_shows_the_values_at_its_time(page, sections):
+    svg = page.locator("#acrobot [data-plot=series] .panel-plot").nth(1)
+    svg.scroll_into_view_if_needed()
+    box = svg.bounding_box()
+    page.mouse.move(box["x"] + 58 + 0.3 * (box["width"] - 72), box["y"] + 50)
+    words = page.locator("#acrobot [data-plot=series] .tip div").all_inner_texts()
+    assert words[0].startswith("time (s): 3")
+    shown = dict(word.split(": ") for word in words[1:-1])
+    row = round(100 * float(words[0].split(": ")[1]))
+    assert float(shown["q1, undisturbed"]) == pytest.approx(sections[0].shows[0].clean.x[row, 0], rel=1e-3)
 
 
 def test_the_page_explains_its_words(page):
@@ -182,17 +223,19 @@ def test_the_slider_scrubs(page, sections, index):
     show = sections[index].shows[0]
     for row in (0, 137, 820):
         slider.fill(f"{row / 100:.2f}")
-        for run in ("clean", "disturbed"):
+        for run in ("undisturbed", "disturbed"):
             state = page.evaluate("([i, run]) => swingup.players[i].state(run)", [index, run])
-            rows = getattr(show, run)
+            rows = getattr(show, "clean" if run == "undisturbed" else run)
             # Times are rounded to single precision as well: up to 5e-7 s of a motion at some 20 rad/s.
             np.testing.assert_allclose(state["x"], rows.x[row], rtol=0, atol=2e-5)
             np.testing.assert_allclose(state["u"], rows.u[row], rtol=1e-6, atol=1e-6)
         assert slider.get_attribute("aria-valuetext") == f"{row / 100:.2f} seconds"
         assert page.locator(f"#{sections[index].robot} [data-time]").inner_text() == f"{row / 100:.2f} s"
-        # The markers in the time series and the phase portraits follow.
-        spans = models(page, 'all.filter((model) => model.name === "now").map((model) => model.location)')
-        assert sum(location == pytest.approx(row / 100) for location in spans) >= 4
+        # The marks in the time series and the phase portraits follow.
+        root = page.locator(f"#{sections[index].robot}")
+        assert root.locator("line.now").count() == 4
+        assert root.locator("circle.now").count() == 4
+        assert page.evaluate(f"swingup.players[{index}].figures.series.time") == pytest.approx(row / 100)
     slider.press("ArrowRight")
     assert page.evaluate(f"swingup.players[{index}].time") == pytest.approx(8.21)
 
@@ -200,19 +243,16 @@ def test_the_slider_scrubs(page, sections, index):
 def test_between_rows_states_are_interpolated(page, sections):
     page.evaluate("swingup.players[0].seek(0.505)")
     rows = sections[0].shows[0].clean
-    state = page.evaluate("swingup.players[0].state('clean')")
+    state = page.evaluate("swingup.players[0].state('undisturbed')")
     np.testing.assert_allclose(state["x"], (rows.x[50] + rows.x[51]) / 2, rtol=1e-5)
     np.testing.assert_allclose(state["u"], rows.u[50], rtol=1e-6)  # held
 
 
 def test_another_controller_changes_the_picture_and_the_plots(page, sections):
     page.locator("#acrobot .choice span", has_text=NASTY).click()
-    assert NASTY in page.locator("#acrobot [data-run=clean] canvas").get_attribute("aria-label")
-    expression = """all.filter((model) => model.name === "clean" && model.type === "ColumnDataSource")
-        .map((model) => Math.max(...model.data.q1.map(Math.abs)))"""
-    # It hangs, here in the series and two portraits; the other robot's still swing up.
-    assert sorted(models(page, expression))[:3] == [0, 0, 0]
-    assert sorted(models(page, expression))[3] > 3
+    assert NASTY in page.locator("#acrobot [data-run=undisturbed] canvas").get_attribute("aria-label")
+    drawn = drawn_numbers(page, "swingup.players[0].figures.series", 1, "q1, undisturbed")
+    assert np.abs(drawn[:, 1]).max() < 0.05  # it hangs
 
 
 def test_a_click_on_a_time_series_moves_the_time(page):
@@ -224,10 +264,12 @@ def test_a_click_on_a_time_series_moves_the_time(page):
 
 
 def test_the_legend_hides_bars(page):
-    page.locator("#acrobot [data-series='1']").uncheck()
-    visible = models(page, 'all.filter((model) => model.name === "bars-1").map((model) => model.visible)')
-    assert sorted(visible) == [False, True]
-    page.locator("#acrobot [data-series='1']").check()
+    bars = page.locator("#acrobot g[data-name='ar-eapo']")
+    assert bars.count() == 1
+    root = page.locator("#acrobot [data-plot=robustness] label:text-is('ar-eapo') input")
+    root.uncheck()
+    assert bars.count() == 0
+    root.check()
 
 
 @pytest.mark.parametrize("index", [0, 1], ids=list(ROBOTS))
@@ -394,29 +436,22 @@ def test_the_live_pendulum_hangs_until_it_is_asked(browser, address):
     page.close()
 
 
-TIPS = """() => {
-    const inside = (node) => [...node.querySelectorAll("*")].flatMap((element) =>
-        element.shadowRoot ? [element, ...inside(element.shadowRoot)] : [element]);
-    return inside(document).filter((element) => element.className === "bk-tooltip-row-value")
-        .map((element) => element.textContent.trim());
-}"""
-"""Values in the tips of the plots."""
-
-
 def test_foreign_names_run_no_code(browser, tmp_path):
     file = tmp_path / "evil.html"
     file.write_text(render_page([make_evil_section()], title=f"Evil {EVIL[0]}"), encoding="utf-8")
     page = open_page(browser, file.as_uri())
     for index in range(len(EVIL)):
         page.evaluate(f"document.querySelectorAll('.choice input')[{index}].click()")
-    plot = page.locator("[data-plot=robustness]")
+    plot = page.locator("[data-plot=robustness] .panel-plot")
     plot.scroll_into_view_if_needed()
     box = plot.bounding_box()
     tips = set()
     for x in range(70, 270, 8):  # the bars of the first criterion
         page.mouse.move(box["x"] + x, box["y"] + 0.6 * box["height"])
         page.wait_for_timeout(20)
-        tips.update(page.evaluate(TIPS))
+        tips.update(
+            text.rsplit(": ", 1)[0] for text in page.locator("[data-plot=robustness] .tip div").all_inner_texts()
+        )
     assert len(tips & {one_line(name) for name in EVIL}) >= 3  # as text, where names of ours stand alone
     assert page.evaluate("window.attacked") is None
     assert page.complaints == []

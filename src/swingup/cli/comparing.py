@@ -9,11 +9,10 @@ from ..common.files import check_writable
 from ..common.text import one_line
 from ..loop.on_plant import plant_as_domain
 from ..plant.plant import SHIPPED_PLANTS
-from ..report.compare import Comparison, compare
-from ..report.compare_study import study_of
-from ..report.files import check_suffix
-from ..report.save_study import STUDY_FORMATS, save_study
-from ..report.study import shown
+from ..report.compare import Comparison, compare, top_speed
+from ..report.inputs import check_suffix
+from ..report.log_report import report_comparison, shown
+from ..report.save import PAGE_FORMATS, save_log_report
 from .output import foreign_prints_apart, tell, tell_json
 
 LogFile = Positional[Annotated[str, arg(metavar="LOG.csv")]]
@@ -56,13 +55,13 @@ def compare_command(
         if controller is None and value is not None:
             raise SwingupError(f"{option} {one_line(value)} goes with a controller's runs: add --controller")
     if out is not None:
-        check_suffix(out, STUDY_FORMATS)
+        check_suffix(out, PAGE_FORMATS)
         check_writable(out)
     plants = {name: plant_as_domain(name) for name in plant}
     with foreign_prints_apart():
         found = compare(log, plants, controller, domain, robot, seed or 0)
     if out is not None:
-        save_study(study_of(found), out)
+        save_log_report(report_comparison(found), out)
     if json:
         tell_json(found.as_dict())
     else:
@@ -85,9 +84,11 @@ def comparison_lines(found: Comparison) -> list[str]:
                 for name in ("angle", "velocity")
             ]
             lines.append(f"  {title:<22}{pairs[0]:>28}{pairs[1]:>24}")
-    runs = [(f"{run.controller} on {name}", run.simulated) for name, run in found.runs.items()]
+    runs = [(f"{run.simulated.controller} on {name}", run.simulated) for name, run in found.runs.items()]
     recorded = [("log", run.recorded) for run in found.runs.values()][:1]
     for title, part in [*recorded, *runs]:
         outcome = "up" if part.criteria.success else part.tip.failure or "failure"
-        lines.append(f"  {title}: {outcome}, highest tip {part.tip.percent:.0f} %, speed {part.speed:.1f} rad/s")
+        lines.append(
+            f"  {title}: {outcome}, highest tip {part.tip.percent:.0f} %, speed {top_speed(part):.1f} rad/s"
+        )
     return [*lines, *(f"  {note}" for note in found.notes)]

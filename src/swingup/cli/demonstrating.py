@@ -18,7 +18,7 @@ from ..learner.policy_files import BEST
 from ..learner.report import TrainingReport
 from ..learner.run import Run
 from ..plant.robots import Robot, get_robot
-from ..report.page import page_tools, render_page
+from ..report.page import page_template, render_page
 from ..report.trained import trained_section
 from .output import progress_shown, tell
 from .parsing import program_typed
@@ -75,7 +75,7 @@ def demo(
         out: folder of the run, which does not exist yet; default runs/demo-ROBOT, with a number where that exists.
     """
     start, chosen = time.monotonic(), get_robot(robot)
-    page_tools("page.html")  # before the training: without its libraries there is no page
+    page_template()  # before the training: without its libraries there is no page
     options = {"robot": chosen.name, "preset": PRESET, "seed": seed}
     folder, paper = _new_folder(chosen, out), paper_score(chosen)
     tell(

@@ -10,9 +10,9 @@ from ..common.errors import SwingupError
 from ..common.files import check_writable
 from ..common.text import quoted
 from ..identification.identify import Identification, identify
-from ..report.files import check_suffix
-from ..report.identification_study import study_of_identification
-from ..report.save_study import STUDY_FORMATS, save_study
+from ..report.inputs import check_suffix
+from ..report.log_report import report_identification
+from ..report.save import PAGE_FORMATS, save_log_report
 from .output import printable, tell, tell_json
 
 Logs = Positional[Annotated[tuple[str, ...], arg(metavar="LOG.csv...", help="logs to fit.")]]
@@ -59,7 +59,7 @@ def identify_command(
         check_suffix(out, (".yml", ".yaml"))
         check_writable(out)
     if page is not None:
-        check_suffix(page, STUDY_FORMATS)
+        check_suffix(page, PAGE_FORMATS)
         check_writable(page)
     begun = time.monotonic()
     found = identify(logs, test, start, _known(known), sessions or None, seed)
@@ -73,7 +73,7 @@ def identify_command(
     else:
         tell(*identification_lines(found))
     if page is not None:
-        save_study(study_of_identification(found), page)
+        save_log_report(report_identification(found), page)
     if out is not None:
         domain = found.save(out)
         if not json:

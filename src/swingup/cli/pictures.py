@@ -7,7 +7,7 @@ from tyro.conf import Positional, arg
 
 from ..common.files import check_writable, write_atomically
 from ..controllers.registry import designs_for, get_controller
-from ..report.animate import FPS, SIZE
+from ..report.film import FPS, SIZE
 from ..report.make import make_section
 from ..report.page import render_page
 from ..report.save import save_plot
@@ -26,7 +26,7 @@ def plot(
     size: int = SIZE,
     speed: float = 1.0,
 ) -> int:
-    """Draw figures from files: .png, .svg or .pdf; animations: .gif, or .mp4 where an encoder is present.
+    """Draw figures from files: .png, .svg or .pdf; animations: .gif or .webp.
 
     Args:
         kind: trajectory, phase or animation, from CSV files; robustness, from the output of robustness --json; or
@@ -36,7 +36,7 @@ def plot(
         robot: the robot of the trajectories; by default the one whose driven joint alone has torque.
         plant: the trajectories' pendulum: its lengths and its torque limit.
         fps: frames a second of an animation.
-        size: width and height of an animation (pixels).
+        size: height of an animation (pixels).
         speed: speed of an animation; 1 is real time.
     """
     check_writable(out)

@@ -1,24 +1,52 @@
 """A log beside what plants predict of it, and beside a controller's simulated run."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import jax
+import numpy as np
+
+from ..benchmark.evaluate import Evaluation, evaluate_recorded
+from ..benchmark.rollout import Scenario, Trajectory
+from ..benchmark.rules import PERFORMANCE_RULES
+from ..benchmark.runner import prepare, run_one
 from ..common.errors import SwingupError
 from ..controllers.registry import designs_for, get_controller
 from ..identification.log.recording import Recording, read_recording
 from ..identification.log.segments import Segments, cut_windows
 from ..identification.open_loop import OpenLoop, predict_log, predicted_curves
 from ..loop.domain import Domain
+from ..loop.draw import draw
 from ..loop.on_plant import loop_around
-from ..plant.robots import Robot, get_robot
-from .closed_loop import ClosedLoop, close_loop, driven_robot, starts_hanging
+from ..plant.robots import ROBOTS, Robot, get_robot
 
 MOST_PLANTS = 4
 """So many colours can be told apart."""
 DRAWN_LENGTH = 0.5
 """Length of the predictions that are drawn (s)."""
+LONGEST_RUN = 120.0
+"""Longest simulated run (s)."""
+DOMINANT = 3.0
+"""A joint whose largest torque is this many times the other's is the driven one."""
+HANGING = 0.2
+"""Largest angle (rad) of a start that counts as hanging."""
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """The recorded run, and the controller's on a simulated plant in its loop, judged for as long."""
+
+    domain: Domain
+    recorded: Evaluation
+    simulated: Evaluation
+
+    def as_dict(self) -> dict[str, Any]:
+        """Ready for JSON."""
+        runs = {"recorded": self.recorded, "simulated": self.simulated}
+        head = {"domain": {"name": self.domain.name} | self.domain.as_dict()}
+        return head | {name: run.as_dict() | {"speed": top_speed(run)} for name, run in runs.items()}
 
 
 @dataclass(frozen=True)
@@ -28,7 +56,7 @@ class Comparison:
     recording: Recording
     predictions: Sequence[OpenLoop]
     drawn: Sequence[Segments]
-    """Of each plant: predictions of 0.5 s one after another."""
+    """For each plant predictions of 0.5 s, one after another."""
     runs: Mapping[str, ClosedLoop]
     """By plant; empty without a controller."""
 
@@ -38,7 +66,7 @@ class Comparison:
         found = list(self.recording.warnings)
         if not self.predictions[0].horizons["0.1"].windows:
             found.append("no window of 0.5 s has a joint faster than 1 rad/s: there are no errors to report")
-        if self.runs and not starts_hanging(self.recording):
+        if self.runs and np.abs(self.recording.q[0]).max() >= HANGING:
             found.append("the simulated run begins hanging at rest, the log does not")
         return found
 
@@ -89,3 +117,48 @@ def compare(
     windows = cut_windows(recording, DRAWN_LENGTH, stride=DRAWN_LENGTH, least_speed=0.0)
     drawn = [predicted_curves(each.setting, each.model, windows) for each in predictions]
     return Comparison(recording, predictions, drawn, runs)
+
+
+def driven_robot(recording: Recording) -> Robot:
+    """The robot of a log: its joint with torque, or with most of it where friction of the other is compensated.
+
+    Raises:
+        SwingupError: the log has no torque, or both joints have much.
+    """
+    size = np.abs(recording.u).max(axis=0)
+    joint = int(size.argmax())
+    if size[joint] == 0.0 or size[joint] < DOMINANT * size[1 - joint]:
+        seen = "has no torque" if size[joint] == 0.0 else "drives both joints"
+        raise SwingupError(f"{recording.name} {seen}: say --robot acrobot or pendubot for the closed loop")
+    return next(robot for robot in ROBOTS.values() if robot.joint == joint)
+
+
+def close_loop(
+    recording: Recording, controller: Any, name: str, robot: Robot, domain: Domain, seed: int = 0
+) -> ClosedLoop:
+    """Run a controller from hanging at rest on a plant in its loop, for as long as the log lasts.
+
+    Args:
+        recording: the log.
+        controller: a controller in JAX, an object with ``get_control_output(x, t)`` or a function of (x, t).
+        name: of the controller in the result.
+        robot: which joint is driven.
+        domain: plant and loop; one is drawn from its ranges.
+        seed: of all that is drawn.
+    """
+    rules = replace(PERFORMANCE_RULES["hardware"], duration=min(recording.duration, LONGEST_RUN))
+    with jax.enable_x64(True):
+        scenario = Scenario(*draw(domain, jax.random.key(seed), robot), substeps=domain.substeps)
+    simulated = run_one(prepare(controller, robot, name), scenario, rules.dt, rules.steps, domain.depth)
+    measured = Trajectory(recording.time, np.concatenate([recording.q, recording.dq], axis=1), recording.u)
+    plant = jax.tree.map(float, scenario.parameters)
+    return ClosedLoop(
+        domain,
+        evaluate_recorded(measured, robot, recording.name, rules, plant),
+        evaluate_recorded(simulated, robot, name, rules, plant),
+    )
+
+
+def top_speed(run: Evaluation) -> float:
+    """Largest speed of a joint (rad/s)."""
+    return float(np.abs(run.trajectory.x[:, 2:]).max())

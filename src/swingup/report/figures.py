@@ -1,193 +1,237 @@
-"""The page's interactive plots, made with Bokeh, which brings zoom, pan and hover.
+"""What figures show: motions over time, phase portraits, robustness by criterion, and learning curves."""
 
-Importing this file needs Bokeh. The page stores each trajectory once: here the sources of the time series and the
-phase portraits are empty, and the page's ``plots.js`` fills them. The tags of glyphs name the style sheet's
-variables for their colours, so that plots follow the page's light and dark themes.
-"""
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal, TypedDict
+import numpy as np
 
-from bokeh.embed import json_item
-from bokeh.layouts import gridplot
-from bokeh.model import Model
-from bokeh.models import ColumnDataSource, CrosshairTool, FixedTicker, HoverTool, Range1d
-from bokeh.models.annotations import Span
-from bokeh.models.renderers import DataRenderer, GlyphRenderer
-from bokeh.plotting import figure
-from bokeh.resources import Resources
+from ..benchmark.columns import COLUMNS
+from ..benchmark.evaluate import score
+from ..benchmark.rollout import Trajectory
+from ..benchmark.rules import CRITERIA
+from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
+from ..plant.robots import Robot, get_robot
+from .figure import BARS, DOTS, LINE, PALE_BARS, RING, STAR, THIN, Curve, Figure, Mark, Panel
+from .inputs import CURVE_KEYS, RESETS_KEY, Rows, check_curve, check_robustness, check_trajectory, require_some
 
-from ..plant.plant import Plant
-
-if TYPE_CHECKING:
-    from ..benchmark.board_rows import Row
-
-TOOLS = "pan,box_zoom,wheel_zoom,reset,save"
-RUN_COLUMNS = ("t", "q1", "q2", "dq1", "dq2", "u1", "u2", "height")
-RUNS: dict[str, dict[str, Any]] = {
-    "clean": {"line_width": 2.2},
-    "disturbed": {"line_width": 1.1, "line_alpha": 0.75},
-}
-"""Line styles of the two runs."""
-SERIES_HEIGHT = 150
-"""Height of one time series (pixels)."""
-GROUP_WIDTH = 0.84
-"""Width of all bars of one criterion, where criteria are 1 apart."""
+TIME = "time (s)"
+LINKS = ("link-1", "link-2")
+"""Colours of the joints' angles and velocities."""
+UP = 0.9
+"""Height of the goal line in units of l1 + l2."""
 
 
-class Curve(TypedDict):
-    """One line of a plot: its column and the style sheet's variable of its colour."""
+def trajectory_figure(
+    trajectories: Mapping[str, Trajectory], robot: Robot | str, plant: PlantLike = LEADERBOARD
+) -> Figure:
+    """Positions (rad), velocities (rad/s) and torques (N m) over time (s), a column for each trajectory.
 
-    column: str
-    colour: str
-
-
-def script() -> str:
-    """The core of Bokeh's JavaScript, from the installed package."""
-    return "\n".join(Resources(mode="inline", minified=True, components=["bokeh"], log_level="error").js_raw)
-
-
-def motion_figures(parameters: Plant, driven: int, duration: float) -> dict[str, Any]:
-    """Tip height, angles, velocities and torque over time, and a phase portrait of each joint, without data.
+    Angles are unwrapped from a start within half a turn of hanging. Green marks the goal nearest to the end, and
+    the time from which the tip stays up.
 
     Args:
-        parameters: the plant.
-        driven: index of the driven joint.
-        duration: length of the time axis (s).
+        trajectories: by name; the names become titles.
+        robot: which joint is driven; the other's torque is drawn in grey unless it is zero.
+        plant: gives the lengths of the links and the torque limit.
+
+    Raises:
+        SwingupError: there is no trajectory, or one is malformed.
     """
-    sources = _sources(RUN_COLUMNS)
-    others = ColumnDataSource({"t": [], "height": []}, name="others")
-    axis = Range1d(start=0.0, end=duration)
-    cross = Span(dimension="height", line_dash="dotted", tags=["--muted"])
-    reach = float(parameters.l1 + parameters.l2)
-    torque = ("u1", "u2")[driven]
-    joints: list[Curve] = [{"column": "q1", "colour": "--link-1"}, {"column": "q2", "colour": "--link-2"}]
-    rates: list[Curve] = [{"column": "dq1", "colour": "--link-1"}, {"column": "dq2", "colour": "--link-2"}]
-    rows = [
-        _time_series("Tip height (m)", [{"column": "height", "colour": "--link-2"}], sources, axis),
-        _time_series("Angles (rad)", joints, sources, axis),
-        _time_series("Velocities (rad/s)", rates, sources, axis),
-        _time_series("Torque (N m)", [{"column": torque, "colour": "--driven"}], sources, axis),
+    require_some(trajectories, "trajectory")
+    robot, found = get_robot(robot), load_plant(plant)
+    columns = []
+    for name, given in trajectories.items():
+        rows, up = check_trajectory(name, given), score(given, robot, plant=plant).swingup_time
+        title = name if up is None else f"{name}, up at {up:.2f} s"
+        _, *panels = motion_panels({"": rows}, robot, found, title)
+        columns.append([_with_time(panel, up) for panel in panels])
+    return Figure([panel for row in zip(*columns, strict=True) for panel in row], len(columns), shared=True)
+
+
+def motion_panels(
+    runs: Mapping[str, Rows], robot: Robot, plant: Plant, title: str = "", others: Sequence[Rows] = ()
+) -> list[Panel]:
+    """Tip height, positions, velocities and torques over time.
+
+    Args:
+        runs: by name, the main one first; the other ones are thin.
+        robot: which joint is driven.
+        plant: gives lengths and torque limit.
+        title: of the positions' panel.
+        others: trajectories of which only the tip is drawn, in grey.
+    """
+    heights = [Curve("other controllers", rows.time, tip_heights(rows.x, plant), "base", THIN) for rows in others]
+    positions, velocities, torques = [], [], []
+    for number, (run, rows) in enumerate(runs.items()):
+        end, look, q = f", {run}" if run else "", THIN if number else LINE, unwrapped(rows.x)
+        heights.append(Curve(f"tip{end}", rows.time, tip_heights(rows.x, plant), LINKS[1], look))
+        for joint, colour in enumerate(LINKS):
+            positions.append(Curve(f"q{joint + 1}{end}", rows.time, q[:, joint], colour, look))
+            velocities.append(Curve(f"dq{joint + 1}{end}", rows.time, rows.x[:, 2 + joint], colour, look))
+        for joint in (1 - robot.joint, robot.joint):
+            colour = "driven" if joint == robot.joint else "base"
+            if joint == robot.joint or rows.u[:, joint].any():
+                torques.append(Curve(f"u{joint + 1}{end}", rows.time, rows.u[:, joint], colour, look, steps=True))
+    first = next(iter(runs.values()))
+    limit, reach = plant.limit(robot.joint), plant.l1 + plant.l2
+    ends = (
+        float(first.time[0]),
+        float(2 * first.time[-1] - first.time[-2]),
+    )  # the last row lasts as long as the one before
+    goals = [Mark("goal", float(goal)) for goal in upright_near(unwrapped(first.x)[-1])]
+    limits = [Mark("limit", float(sign * limit), "base") for sign in (1, -1)]
+    return [
+        Panel(TIME, "tip height (m)", heights, [Mark("goal", UP * reach)], "", ends, (-1.1 * reach, 1.1 * reach)),
+        Panel(TIME, "position (rad)", positions, goals, title, ends, angles="y"),
+        Panel(TIME, "velocity (rad/s)", velocities, x_range=ends),
+        Panel(TIME, "torque (N m)", torques, limits, x_range=ends),
     ]
-    grey = rows[0].multi_line("t", "height", source=others, line_alpha=0.45, level="underlay", line_width=1.2)
-    grey.glyph.tags = ["--base"]
-    rows[0].y_range = Range1d(start=-1.1 * reach, end=1.1 * reach)
-    rows[0].add_layout(
-        Span(location=0.9 * reach, dimension="width", line_dash="dashed", line_width=1.5, tags=["--goal"])
-    )
-    for row in rows:
-        row.add_tools(CrosshairTool(overlay=cross, visible=False))  # one shared line
-    rows[-1].xaxis.visible = True
-    rows[-1].xaxis.axis_label = "Time (s)"
-    rows[-1].height = SERIES_HEIGHT + 42  # room for the axis
-    return {
-        "series": embedded(
-            gridplot([[row] for row in rows], sizing_mode="stretch_width", toolbar_location="above")
-        ),
-        "phase-1": embedded(_phase(1, "--link-1")),
-        "phase-2": embedded(_phase(2, "--link-2")),
+
+
+def _with_time(panel: Panel, up: float | None) -> Panel:
+    """The panel with a mark at the swing-up time, if there is one."""
+    return panel if up is None else replace(panel, marks=[*panel.marks, Mark("up", up, upright=True)])
+
+
+def phase_figure(
+    trajectories: Mapping[str, Trajectory] | Mapping[str, Rows],
+    robot: Robot | str,
+    colours: Sequence[str] | None = None,
+) -> Figure:
+    """The phase portrait of each joint, velocity (rad/s) over position (rad), with start and goal.
+
+    Angles are unwrapped from a start within half a turn of hanging; the goals are those nearest to the ends.
+
+    Args:
+        trajectories: by name, as in the legend.
+        robot: which joint is driven; its panel says so.
+        colours: of both joints; None for one of each trajectory. The lines after the first are then thin.
+
+    Raises:
+        SwingupError: there is no trajectory, or one is malformed.
+    """
+    require_some(trajectories, "trajectory")
+    robot, panels = get_robot(robot), []
+    checked = {name: check_trajectory(name, given) for name, given in trajectories.items()}
+    for joint, place in enumerate(("shoulder", "elbow")):
+        lines, ends = [], []
+        for k, (name, rows) in enumerate(checked.items()):
+            q, rate = unwrapped(rows.x), rows.x[:, 2 + joint]
+            colour, look = (k, LINE) if colours is None else (colours[joint], THIN if k else LINE)
+            lines.append(Curve(name, q[:, joint], rate, colour, look, time=rows.time))
+            goal = upright_near(q[-1])[joint : joint + 1]
+            ends += [
+                Curve("start", q[:1, joint], rate[:1], "ink", RING),
+                Curve("goal", goal, np.zeros(1), "goal", STAR),
+            ]
+        title = f"{place} ({'driven' if joint == robot.joint else 'passive'})"
+        labels = f"q{joint + 1} (rad)", f"dq{joint + 1} (rad/s)"
+        panels.append(Panel(*labels, [*lines, *ends], title=title, angles="x"))
+    return Figure(panels, columns=2)
+
+
+def unwrapped(x: np.ndarray) -> np.ndarray:
+    """Both angles (N, 2) of states (N, 4) without jumps, from a start within half a turn of 0 (rad)."""
+    q: np.ndarray = np.unwrap(x[:, :2], axis=0)
+    return q - 2 * np.pi * np.round(q[0] / (2 * np.pi))
+
+
+def upright_near(q: np.ndarray) -> np.ndarray:
+    """The upright angles (2,) nearest to some angles (2,) (rad)."""
+    upright = np.array([np.pi, 0.0])
+    return upright + 2 * np.pi * np.round((q - upright) / (2 * np.pi))
+
+
+def tip_heights(x: np.ndarray, plant: Plant) -> np.ndarray:
+    """Height of the tip over the shoulder (m) of states (N, 4)."""
+    return -plant.l1 * np.cos(x[:, 0]) - plant.l2 * np.cos(x[:, 0] + x[:, 1])
+
+
+def robustness_figure(results: Mapping[str, Mapping[str, Any]], pale: Sequence[str] = ()) -> Figure:
+    """The success (%) of several controllers in each criterion of the robustness score as bars.
+
+    Args:
+        results: outputs of ``Robustness.as_dict``, by name. The legend also shows overall scores of results with
+            intervals, and 95 % intervals become error bars.
+        pale: names of those that stand back.
+
+    Raises:
+        SwingupError: there is no result, or one has another form.
+    """
+    require_some(results, "robustness score")
+    for name, result in results.items():
+        check_robustness(name, result)
+    criteria = [name for name in CRITERIA if any(result.get(name) is not None for result in results.values())]
+    group = min(0.84, 0.35 + 0.15 * len(results))
+    width, curves = group / len(results), []
+    for k, (name, result) in enumerate(results.items()):
+        places = [p for p, key in enumerate(criteria) if result.get(key) is not None]
+        heights = np.array([float(result[criteria[p]]) for p in places])
+        known = result.get("intervals", {})
+        ends = [known.get(criteria[p]) or (height, height) for p, height in zip(places, heights, strict=True)]
+        curves.append(
+            Curve(
+                name + _overall(result), np.array(places) + (k + 0.5) * width - group / 2, heights, k,
+                PALE_BARS if name in pale else BARS, interval=np.array(ends) if known else None, width=0.92 * width,
+            )
+        )  # fmt: skip
+    names = [COLUMNS[key].label for key in criteria]
+    ranges = (-0.55, len(criteria) - 0.45), (0.0, 105.0)
+    return Figure([Panel("criterion", "success (%)", curves, (), "", *ranges, names)])
+
+
+def _overall(result: Mapping[str, Any]) -> str:
+    overall, interval = result.get("overall"), result.get("intervals", {}).get("overall")
+    if overall is None:
+        return ""
+    return f", {overall:.3f}" + (f" ({interval[0]:.3f}–{interval[1]:.3f})" if interval else "")
+
+
+def curves_figure(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
+    """Reward rate and score over frames (millions), one line for each seed of each run.
+
+    Dots are single evaluations; the line through them is the best so far. The score is the RealAI score of a double
+    pendulum, and the mean return of other tasks. Rewards, returns and scores have no unit.
+
+    Reward rate and resets are those of training, with the exploring policy. Where a run had resets, a third panel
+    shows them. It has no line of a run that did not record them; the legend then has a dash.
+
+    Args:
+        runs: rows of ``metrics.jsonl``, by name, as in the legend.
+
+    Raises:
+        SwingupError: there is no run, or one has no rows or a value that is not a number.
+    """
+    require_some(runs, "run")
+    for name, rows in runs.items():
+        check_curve(name, rows)
+    rewards: list[Curve] = []
+    resets: list[Curve] = []
+    scores: list[Curve] = []
+    recorded = {name for name, rows in runs.items() if any(row.get(RESETS_KEY) is not None for row in rows)}
+    with_resets = any((row.get(RESETS_KEY) or 0.0) > 0.0 for rows in runs.values() for row in rows)
+    for k, (name, rows) in enumerate(runs.items()):
+        seeds = list(dict.fromkeys(row.get("seed") for row in rows))
+        facts = [f"{len(seeds)} seeds"] if len(seeds) > 1 else []
+        facts += ["resets –"] if with_resets and name not in recorded else []
+        label, look = name + (f" ({', '.join(facts)})" if facts else ""), LINE if len(seeds) == 1 else THIN
+        for seed in seeds:
+            frames, reward, points, rate = _columns([row for row in rows if row.get("seed") == seed])
+            rewards.append(Curve(label, frames, reward, k, look))
+            resets.append(Curve(label, frames, 1000.0 * rate, k, look))
+            scores.append(Curve("one evaluation", frames, points, k, DOTS))
+            scores.append(Curve(label, frames, np.fmax.accumulate(points), k, look, steps=True))
+    returns = any("mean_length" in row for rows in runs.values() for row in rows)
+    panels = {
+        "reward rate per step (–)": rewards,
+        **({"resets per 1,000 steps (–)": resets} if with_resets else {}),
+        "best mean return (–)" if returns else "best RealAI score (0 to 1)": scores,
     }
+    return Figure([Panel("frames (millions)", label, curves) for label, curves in panels.items()], shared=True)
 
 
-def robustness_figure(rows: Sequence["Row"], labels: Sequence[str], criteria: dict[str, str]) -> dict[str, Any]:
-    """Bars of the successes (%) in each criterion; the bars of row i are the renderer ``bars-i``.
-
-    Args:
-        rows: the controllers.
-        labels: their names in the plot.
-        criteria: headings of the criteria by their column.
-    """
-    plot = new_plot(height=320, toolbar_location="above", name="robustness")
-    plot.x_range, plot.y_range = Range1d(start=-0.55, end=len(criteria) - 0.45), Range1d(start=0, end=106)
-    width = GROUP_WIDTH / len(rows)
-    for index, (row, label) in enumerate(zip(rows, labels, strict=True)):
-        # Criteria that were not measured have no bar.
-        shown = [(place, column) for place, column in enumerate(criteria) if row.values[column] is not None]
-        source = ColumnDataSource(
-            {
-                "x": [place - GROUP_WIDTH / 2 + (index + 0.5) * width for place, _ in shown],
-                "percent": [row.values[column] for _, column in shown],
-                "criterion": [criteria[column].replace("\n", " ") for _, column in shown],
-                "controller": [label] * len(shown),
-            }
-        )
-        alpha = 1.0 if row.source == "ours" else 0.45
-        bars = plot.vbar(
-            "x", top="percent", width=0.92 * width, source=source, fill_alpha=alpha, name=f"bars-{index}"
-        )
-        bars.glyph.tags = [f"--series-{index}"]
-    plot.add_tools(
-        HoverTool(
-            tooltips=[("controller", "@controller"), ("@criterion", "@percent{0.0} %")],
-            attachment="horizontal",
-            visible=False,
-        )
-    )
-    plot.xaxis.ticker = FixedTicker(ticks=list(range(len(criteria))))
-    plot.xaxis.major_label_overrides = dict(enumerate(criteria.values()))
-    plot.xaxis.axis_label, plot.yaxis.axis_label = "Criterion", "Successes (%)"
-    plot.xgrid.visible = False
-    return embedded(plot)
-
-
-def _time_series(
-    label: str, curves: Sequence[Curve], sources: dict[str, ColumnDataSource], axis: Range1d
-) -> figure:
-    plot = new_plot(height=SERIES_HEIGHT, x_range=axis, min_border_left=62, tags=["time"])
-    values = [(curve["column"], f"@{curve['column']}{{0.000}}") for curve in curves]
-    sides: dict[str, Literal["left", "right"]] = {"disturbed": "left", "clean": "right"}
-    for run, side in sides.items():
-        lines: list[DataRenderer] = [_line(plot, "t", curve, sources[run], run) for curve in curves]
-        tips = [("", "$name"), ("t", "@t{0.00} s"), *values]
-        plot.add_tools(HoverTool(renderers=lines[:1], mode="vline", tooltips=tips, attachment=side, visible=False))
-    plot.add_layout(
-        Span(location=0.0, dimension="height", line_width=1.6, level="overlay", name="now", tags=["--driven"])
-    )
-    plot.xaxis.visible = False
-    plot.yaxis.axis_label = label
-    return plot
-
-
-def _phase(joint: int, colour: str) -> figure:
-    plot = new_plot(height=300, toolbar_location="above")
-    # Each portrait has its own sources: Bokeh allows a source in one document only.
-    sources, dots = _sources(RUN_COLUMNS), _sources(RUN_COLUMNS[1:5], "-now")
-    q, rate = f"q{joint}", f"dq{joint}"
-    lines: list[DataRenderer] = [
-        _line(plot, q, {"column": rate, "colour": colour}, sources[run], run) for run in reversed(RUNS)
-    ]
-    for run, dot in dots.items():
-        size = 10 if run == "clean" else 7
-        now = plot.scatter(q, rate, source=dot, size=size, level="overlay", name=f"{run}, now")
-        now.glyph.tags = ["--driven"]
-    numbers = [("t", "@t{0.00} s"), (f"q{joint}", f"@{q}{{0.000}} rad"), (f"dq{joint}", f"@{rate}{{0.000}} rad/s")]
-    plot.add_tools(HoverTool(renderers=lines, tooltips=[("", "$name"), *numbers], visible=False))
-    plot.xaxis.axis_label, plot.yaxis.axis_label = f"q{joint} (rad)", f"dq{joint} (rad/s)"
-    return plot
-
-
-def _sources(columns: Sequence[str], suffix: str = "") -> dict[str, ColumnDataSource]:
-    """An empty source for each run, which the page's scripts find by its name."""
-    return {run: ColumnDataSource({name: [] for name in columns}, name=f"{run}{suffix}") for run in RUNS}
-
-
-def _line(plot: figure, x: str, curve: Curve, source: ColumnDataSource, run: str) -> GlyphRenderer:
-    line = plot.line(x, curve["column"], source=source, name=run, **RUNS[run])
-    line.glyph.tags = [curve["colour"]]
-    return line
-
-
-def new_plot(**options: Any) -> figure:
-    """An empty figure without frame and background: the page's style sheet provides both."""
-    plot = figure(sizing_mode="stretch_width", tools=TOOLS, active_drag="box_zoom", **options)
-    plot.background_fill_alpha = plot.border_fill_alpha = 0.0
-    plot.outline_line_color = None
-    plot.toolbar.logo = None
-    plot.axis.minor_tick_line_color = None
-    plot.axis.axis_label_text_font_style = "normal"
-    return plot
-
-
-def embedded(model: Model) -> dict[str, Any]:
-    """A plot as data of the page's scripts."""
-    return dict(json_item(model))
+def _columns(rows: Sequence[Mapping[str, Any]]) -> list[np.ndarray]:
+    """Frames (millions), rewards, scores and terminations a step; NaN where a row has none."""
+    frames = np.array([row["frames"] / 1e6 for row in rows])
+    return [frames, *(np.array([row.get(key, np.nan) for row in rows], float) for key in (*CURVE_KEYS, RESETS_KEY))]

@@ -1,6 +1,7 @@
 """Compute what a report shows of a robot: its boards and the swing-ups of each controller."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from ..benchmark.disturbances import make_disturbance
@@ -14,14 +15,16 @@ from ..loop.disturbance import Disturbance
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..plant.robots import Robot, get_robot
 from ..plant.units import scaled, scales_of
+from ..policy.pendulum import PARTS, PendulumPolicy
+from ..policy.plant_facts import policy_plant
 from ..policy.shipped import DEFAULT, load_policy
-from .content import Section, Show
+from .page import Section, Show
 
 SHOWN_CONTROLLERS = (DEFAULT, *ENTRANTS)
 """Controllers whose swing-ups the page shows: the default one and the paper's."""
 
 LIVE_NOTE = (
-    f"This policy is the network of {DEFAULT} alone, for the leaderboards' plant: its estimator, identifier and "
+    f"This policy is the network of {DEFAULT} alone, for this page's plant: its estimator, identifier and "
     "regulator, which run in Python and C only, are not in this page."
 )
 """What the page says of the policy that drives the live pendulum."""
@@ -61,7 +64,6 @@ def make_section(
         SwingupError: there is no such robot or plant. A controller that fails gets a note.
     """
     robot, found = get_robot(robot), load_plant(plant)
-    parameters = found.driven(robot)
     shown = entrants_for(robot, controllers or {}, entrants, plant=found)
 
     def tell(stage: str, done: int, total: int) -> None:
@@ -76,13 +78,19 @@ def make_section(
     tell("finished", len(shows), len(shown))
     return Section(
         robot=robot.name,
-        parameters=parameters,
+        plant=found.driven(robot),
         boards=boards,
         shows=shows,
-        disturbance=describe_disturbance(seed, parameters),
-        policy=load_policy(DEFAULT, robot),
+        disturbance=describe_disturbance(seed, found),
+        policy=live_policy(robot, found),
         policy_note=LIVE_NOTE,
     )
+
+
+def live_policy(robot: Robot, plant: Plant) -> PendulumPolicy:
+    """The shipped policy that sees its plant, told the page's plant, without what a page cannot run."""
+    alone: dict[str, Any] = dict.fromkeys(PARTS)
+    return replace(load_policy(DEFAULT, robot), plant=policy_plant(plant, robot), **alone)
 
 
 def make_show(name: str, controller: Any, robot: Robot, seed: int, plant: Plant = LEADERBOARD) -> Show:

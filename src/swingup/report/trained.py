@@ -12,8 +12,8 @@ from ..controllers.stack.controller import PolicyController, policy_of
 from ..plant.plant import LEADERBOARD
 from ..plant.robots import Robot
 from ..policy.shipped import AR_EAPO, DEFAULT
-from .content import Section, Show
 from .make import describe_disturbance, make_show
+from .page import Section, Show
 
 SHIPPED = (DEFAULT, AR_EAPO)
 """Shipped policies beside the new one."""
@@ -42,7 +42,7 @@ def trained_section(
         shows.append(make_show(each, controller, robot, seed))
     return Section(
         robot=robot.name,
-        parameters=LEADERBOARD.driven(robot),
+        plant=LEADERBOARD.driven(robot),
         boards=[board],
         shows=shows,
         disturbance=describe_disturbance(seed),

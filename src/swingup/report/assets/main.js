@@ -1,31 +1,30 @@
-/* Starts the page: one player, one live pendulum and the plots of each robot. */
+/* Starts the page: one player, one live pendulum and the figures of each robot, or the figures of a report about logs. */
 (function (swingup) {
   "use strict";
 
   const data = JSON.parse(document.getElementById("data").textContent);
-  const plots = [];
 
-  swingup.robots = {};
-  swingup.players = [];
-  swingup.live = {};
+  Object.assign(swingup, { robots: {}, players: [], live: {}, figures: [] });
 
   for (const section of data.sections) {
     const act = section.policy && swingup.makePolicy(section.policy, section.driven);
     const robot = { parameters: section.parameters, dt: section.dt, driven: section.driven, act };
     swingup.robots[section.robot] = robot;
     const root = document.getElementById(section.robot);
-    const [live, player, robustness] = [".live", ".player", ".robustness"].map((name) => root.querySelector(name));
+    const [live, player, robustness] = [".live", ".player", "[data-plot=robustness]"].map((name) => root.querySelector(name));
     if (live) {
       swingup.live[section.robot] = new swingup.Live(live, section, robot);
     }
     if (player) {
       swingup.players.push(new swingup.Player(player, section));
-      plots.push(swingup.plots.followPlayer(player, section.plots, swingup.players.at(-1)));
     }
     if (robustness) {
-      plots.push(swingup.plots.robustnessBars(robustness, section.plots.robustness));
+      swingup.figures.push(new swingup.Figure(robustness, section.robustness));
     }
   }
-
-  swingup.ready = Promise.all(plots);
+  data.figures.forEach((figure, part) => {
+    if (figure) {
+      swingup.figures.push(new swingup.Figure(document.getElementById(`plot-${part}`), figure));
+    }
+  });
 })((window.swingup = window.swingup || {}));

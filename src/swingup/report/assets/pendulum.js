@@ -5,7 +5,6 @@
   const MARGIN = 1.15; // half the width of the picture in units of l1 + l2
   const GOAL = 0.9; // height of the goal line in units of l1 + l2
   const FULL_ARC = (150 / 180) * Math.PI; // length of the arrow that stands for the largest torque
-  const LARGEST_TORQUE = 6; // N m
 
   /** The style sheet's colours, read again when the page turns dark or light. */
   function readColours() {
@@ -27,6 +26,7 @@
       this.canvas = canvas;
       this.parameters = parameters;
       this.driven = driven;
+      this.limit = Math.max(parameters.tl1, parameters.tl2); // N m
       this.context = canvas.getContext("2d");
     }
 
@@ -110,7 +110,7 @@
 
     /** An arrow that starts above the joint and turns with the torque, counter-clockwise if it is positive. */
     arrow([x, y], torque, unit) {
-      const sweep = FULL_ARC * Math.max(-1, Math.min(1, torque / LARGEST_TORQUE));
+      const sweep = FULL_ARC * Math.max(-1, Math.min(1, torque / this.limit));
       if (Math.abs(sweep) < 0.05) {
         return;
       }
@@ -157,7 +157,5 @@
     }
   }
 
-  /** A number with a proper minus sign. */
-  swingup.number = (value, digits) => value.toFixed(digits).replace("-", "\u2212");
   swingup.View = View;
 })((window.swingup = window.swingup || {}));

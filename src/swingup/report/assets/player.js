@@ -3,36 +3,17 @@
   "use strict";
 
   const TRAIL = 0.6; // s
-  const RUNS = ["clean", "disturbed"];
+  const RUNS = ["undisturbed", "disturbed"];
 
-  /** A run's rows as flat arrays: time, states row by row, torques row by row. */
+  /** A run's columns: time, four of states, two of torques. */
   function decodeRun(run) {
-    return run && { time: swingup.decode(run.time), x: swingup.decode(run.x), u: swingup.decode(run.u) };
-  }
-
-  /** Index of the last row that is not after t. */
-  function rowAt(run, t) {
-    let low = 0;
-    let high = run.time.length - 1;
-    while (low < high) {
-      const middle = (low + high + 1) >> 1;
-      if (run.time[middle] <= t + 1e-6) {
-        low = middle;
-      } else {
-        high = middle - 1;
-      }
-    }
-    return low;
+    return run && { time: swingup.array(run.time), x: run.x.map(swingup.array), u: run.u.map(swingup.array) };
   }
 
   /** State, interpolated between rows, and torque, held from row to row, at time t. */
   function sample(run, t) {
-    const row = rowAt(run, t);
-    const next = Math.min(row + 1, run.time.length - 1);
-    const span = run.time[next] - run.time[row];
-    const share = span > 0 ? Math.min(1, Math.max(0, (t - run.time[row]) / span)) : 0;
-    const between = (i) => (1 - share) * run.x[4 * row + i] + share * run.x[4 * next + i];
-    return { t, x: [0, 1, 2, 3].map(between), u: [run.u[2 * row], run.u[2 * row + 1]] };
+    const row = swingup.rowAt(run.time, t);
+    return { t, x: run.x.map((values) => swingup.valueAt(run.time, values, t)), u: run.u.map((values) => values[row]) };
   }
 
   class Player {
@@ -41,9 +22,9 @@
       this.section = section;
       this.shows = section.shows.map((show) => ({
         name: show.name,
-        runs: { clean: decodeRun(show.clean), disturbed: decodeRun(show.disturbed) },
+        runs: Object.fromEntries(RUNS.map((run) => [run, decodeRun(show.runs[run])])),
+        figures: show.figures,
       }));
-      this.watchers = []; // called as (player, "show" or "time")
       this.time = 0;
       this.speed = 1;
       this.playing = false;
@@ -65,6 +46,11 @@
         const view = new swingup.View(canvas, this.section.parameters, this.section.driven);
         return { run, stage, canvas, view, numbers: stage.querySelector("[data-state]") };
       });
+      const options = { legend: false, onPick: (t) => this.seek(t) };
+      const { figures } = this.shows[0];
+      this.figures = Object.fromEntries(
+        Object.keys(figures).map((name) => [name, new swingup.Figure(one(`[data-plot=${name}]`), figures[name], options)]),
+      );
     }
 
     listen() {
@@ -86,7 +72,7 @@
       return Math.max(...RUNS.map((run) => this.show.runs[run]).map((run) => (run ? run.time[run.time.length - 1] : 0)));
     }
 
-    /** {t, x, u} of a run ("clean" or "disturbed") at the player's time; null if there is no such run. */
+    /** {t, x, u} of a run ("undisturbed" or "disturbed") at the player's time; null if there is no such run. */
     state(run) {
       const rows = this.show.runs[run];
       return rows && sample(rows, this.time);
@@ -100,7 +86,7 @@
         canvas.setAttribute("aria-label", `${this.section.robot} driven by ${this.show.name}, ${run}`);
       }
       this.slider.max = this.duration.toFixed(2);
-      this.tell("show");
+      Object.entries(this.figures).forEach(([name, figure]) => figure.show(this.show.figures[name]));
       this.seek(Math.min(this.time, this.duration));
     }
 
@@ -110,7 +96,7 @@
       this.slider.setAttribute("aria-valuetext", `${this.time.toFixed(2)} seconds`);
       this.clock.textContent = `${this.time.toFixed(2)} s`;
       this.draw();
-      this.tell("time");
+      Object.values(this.figures).forEach((figure) => figure.setTime(this.time));
     }
 
     play() {
@@ -161,16 +147,12 @@
 
     trail(run) {
       const rows = this.show.runs[run];
-      const last = rowAt(rows, this.time);
+      const last = swingup.rowAt(rows.time, this.time);
       const points = [];
-      for (let row = rowAt(rows, this.time - TRAIL); row <= last; row++) {
-        points.push(swingup.physics.points(this.section.parameters, rows.x.subarray(4 * row, 4 * row + 4))[1]);
+      for (let row = swingup.rowAt(rows.time, this.time - TRAIL); row <= last; row++) {
+        points.push(swingup.physics.points(this.section.parameters, rows.x.map((values) => values[row]))[1]);
       }
       return points;
-    }
-
-    tell(what) {
-      this.watchers.forEach((watcher) => watcher(this, what));
     }
   }
 

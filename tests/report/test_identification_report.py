@@ -10,9 +10,8 @@ from swingup.identification.fit.scoring import prediction_errors, score_windows,
 from swingup.identification.identify import Identification
 from swingup.identification.log.recording import read_recording
 from swingup.identification.results import Estimates
-from swingup.report.identification_study import study_of_identification
-from swingup.report.study import BAND
-from swingup.report.study_page import render_study
+from swingup.report.log_report import report_identification
+from swingup.report.page import render_log_page
 
 from .logs import C1, write_log
 
@@ -45,23 +44,22 @@ def found(tmp_path_factory):
 
 
 def test_the_page_has_parameters_errors_windows_residuals_and_friction(found):
-    study = study_of_identification(found)
+    study = report_identification(found)
     titles = [part.title for part in study.parts]
     assert titles == ["Parameters", "Held-out errors", "Held-out windows: <log>.csv", "Residuals", "Friction"]
     rows = [list(row) for part in study.parts[:2] for table in part.tables for row in table.rows]
     assert rows[1] == ["b1", "0.002", "0.001 to 0.003", "no"]
     assert [row[0] for row in rows[3:]] == ["0.1", "0.25", "0.5"]
     assert all(float(row[2]) > 10 * float(row[1]) for row in rows[3:])  # the start's angle beside the fitted
-    markup = re.sub(r"<script.*?</script>|<style.*?</style>", "", render_study(study), flags=re.DOTALL)
+    markup = re.sub(r"<script.*?</script>|<style.*?</style>", "", render_log_page(study), flags=re.DOTALL)
     assert "one &lt;note&gt;" in markup
     assert "<log>" not in markup
 
 
 def test_friction_lies_within_its_band(found):
-    panel = study_of_identification(found).parts[-1].panels[0]
-    band, fitted, start = panel.curves
-    assert band.look == BAND
-    assert np.all((band.y <= fitted.y) & (fitted.y <= band.upper))
+    panel = report_identification(found).parts[-1].figure.panels[0]
+    fitted, start = panel.curves
+    assert np.all((fitted.interval[:, 0] <= fitted.y) & (fitted.y <= fitted.interval[:, 1]))
     fast = fitted.x[-1]
     slope = np.arctan(found.setting.steepness * fast)
     assert fitted.y[-1] == pytest.approx(0.002 * fast + 0.16 * slope)
@@ -69,7 +67,7 @@ def test_friction_lies_within_its_band(found):
 
 
 def test_residuals_of_the_right_plant_are_small(found):
-    residuals = study_of_identification(found).parts[-2]
-    for panel in residuals.panels:
+    residuals = report_identification(found).parts[-2]
+    for panel in residuals.figure.panels:
         start, fitted = (np.abs(curve.y) for curve in panel.curves)
         assert np.median(fitted) < 0.2 * np.median(start)

@@ -1,11 +1,11 @@
-"""The inputs of pictures: files and trajectories, checked, and their names for the legend."""
+"""What figures are made of: files and trajectories, checked, and their names for the legend."""
 
 import json
 import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,7 @@ CURVE_KEYS = ("reward", "score")
 """The values of a row of metrics that learning curves show; a run has one of them."""
 
 RESETS_KEY = "termination_rate"
-"""A further one, which older versions did not record."""
+"""A further one, of tasks whose steps may be cut at random."""
 
 LARGEST_DRAWN = 1e15
 """No count or score is larger; matplotlib's axes cannot show numbers near the largest of floating point."""
@@ -32,7 +32,16 @@ LARGEST_RESULT = 1_000_000
 
 ROBUSTNESS_REMEDY = "write it with swingup robustness --json"
 
-_Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+class Rows(NamedTuple):
+    """A trajectory that can be drawn."""
+
+    time: np.ndarray
+    """(N,), in s."""
+    x: np.ndarray
+    """(N, 4), in rad and rad/s."""
+    u: np.ndarray
+    """(N, 2), in N m."""
 
 
 def check_suffix(path: str | Path, known: Sequence[str]) -> str:
@@ -47,8 +56,8 @@ def check_suffix(path: str | Path, known: Sequence[str]) -> str:
     return suffix
 
 
-def check_trajectory(name: str, trajectory: Trajectory) -> _Rows:
-    """Time (s) (N,), states (N, 4) and torques (N m) (N, 2) of a trajectory, in float64.
+def check_trajectory(name: str, trajectory: Trajectory | Rows) -> Rows:
+    """A trajectory in float64.
 
     Raises:
         SwingupError: the shapes do not fit, there are fewer than three rows, a value is not finite or the time does
@@ -64,15 +73,11 @@ def check_trajectory(name: str, trajectory: Trajectory) -> _Rows:
         raise SwingupError(f"{name} holds values that are not finite: cut it before the first of them")
     if np.any(np.diff(time) <= 0):
         raise SwingupError(f"{name}: its time does not increase: give one run, its rows in order")
-    return time, x, u
+    return Rows(time, x, u)
 
 
 def require_some(given: Mapping[str, Any], what: str) -> None:
-    """Refuse an empty mapping of things to draw.
-
-    Raises:
-        SwingupError: there is nothing to draw.
-    """
+    """Refuse an empty mapping of things to draw."""
     if not given:
         raise SwingupError(f"nothing to draw: give at least one {what}")
 
@@ -107,16 +112,12 @@ def read_robustness(path: str | Path) -> dict[str, Any]:
 
 
 def check_robustness(name: str, result: Any) -> None:
-    """Refuse a value that is not of the form of ``Robustness.as_dict``.
-
-    Raises:
-        SwingupError: it is no object, has none of the criteria, or a percentage, interval or score is out of range.
-    """
+    """Refuse a value that is not of the form of ``Robustness.as_dict``."""
     if not isinstance(result, Mapping) or all(result.get(each) is None for each in CRITERIA):
         raise SwingupError(f"{name} holds no robustness score: {ROBUSTNESS_REMEDY}")
     intervals = result.get("intervals", {})
     if not isinstance(intervals, Mapping):
-        raise SwingupError(f"{name}: intervals = {quoted(intervals)} are no object: {ROBUSTNESS_REMEDY}")
+        raise SwingupError(f"{name}: intervals = {quoted(intervals)} is not an object: {ROBUSTNESS_REMEDY}")
     for criterion, largest in {**dict.fromkeys(CRITERIA, 100.0), "overall": 1.0}.items():
         value, interval = result.get(criterion), intervals.get(criterion)
         if value is not None:
@@ -124,9 +125,7 @@ def check_robustness(name: str, result: Any) -> None:
         if interval is None:
             continue
         if not isinstance(interval, list | tuple) or len(interval) != 2:
-            raise SwingupError(
-                f"{name}: interval of {criterion} = {quoted(interval)} is no pair: {ROBUSTNESS_REMEDY}"
-            )
+            raise SwingupError(f"{name}: interval of {criterion} = {quoted(interval)} is not a pair")
         for end in interval:
             finite_number(f"{name}: interval of {criterion}", end, 0.0, largest)
 
@@ -143,11 +142,7 @@ def read_curve(path: str | Path) -> list[dict[str, Any]]:
 
 
 def check_curve(name: str, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Refuse rows of metrics that cannot be drawn.
-
-    Raises:
-        SwingupError: there is no row, none has a score or a reward, or a value is no number.
-    """
+    """Refuse rows of metrics that cannot be drawn."""
     if not rows:
         raise SwingupError(f"{name} has no rows of metrics: give the {METRICS_FILE} of a run that has reported")
     if not any(row.get(key) is not None for row in rows for key in CURVE_KEYS):

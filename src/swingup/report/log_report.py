@@ -1,0 +1,333 @@
+"""Reports about logs: a comparison with plants, and an identification, as tables and figures under headings."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..benchmark.evaluate import Evaluation
+from ..benchmark.rollout import Trajectory
+from ..identification.fit.prediction import INDEX
+from ..identification.fit.problem import LATENCY
+from ..identification.fit.scoring import LENGTH, ErrorRow, prediction_errors
+from ..identification.identify import Identification
+from ..identification.log.recording import Recording
+from ..identification.log.segments import INTERVAL, Segments
+from ..identification.open_loop import (
+    SPEED_HORIZON,
+    OpenLoop,
+    fastest_speeds,
+    predicted_curves,
+    smoothed,
+)
+from ..identification.results import NARROW, OFFSET_SIZE
+from ..plant.robots import get_robot
+from .compare import ClosedLoop, Comparison, top_speed
+from .figure import DASHED, DOTS, LINE, THIN, Curve, Figure, Panel
+from .figures import TIME
+from .inputs import Rows
+
+PERIOD = 0.01
+"""Between drawn rows (s)."""
+STATES = ("q1 (rad)", "q2 (rad)", "dq1 (rad/s)", "dq2 (rad/s)")
+TORQUES = ("u1 (N m)", "u2 (N m)")
+ERRORS = ("Angle RMS (rad)", "median", "Velocity RMS (rad/s)", "median")
+MOST_LOGS = 3
+"""Logs whose held-out windows are drawn."""
+FITTED, START = 0, 1
+"""Series of the fitted plant, and of the one that the fit started from."""
+SPAN = 0.995
+"""Share of the rows whose speeds the friction curves span."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of text under headings; the first column names the rows."""
+
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a report under one heading."""
+
+    title: str
+    note: str
+    tables: Sequence[Table] = ()
+    figure: Figure | None = None
+
+
+@dataclass(frozen=True)
+class LogReport:
+    """What a page about logs shows."""
+
+    title: str
+    lead: str
+    parts: Sequence[Part]
+    notes: Sequence[str] = ()
+    """What a reader should know, one line each."""
+
+
+def shown(value: float | None, digits: int = 3) -> str:
+    """A number in a table; a dash where there is none."""
+    return "–" if value is None or not np.isfinite(value) else f"{value:.{digits}g}"
+
+
+def report_comparison(comparison: Comparison) -> LogReport:
+    """Lay a comparison out: predictions over time, errors by horizon and by speed, and simulated runs."""
+    recording = comparison.recording
+    names = ", ".join(each.name for each in comparison.predictions)
+    lead = (
+        f"A log of {recording.duration:.3g} s with rows every {1e3 * recording.period:.3g} ms, beside open-loop "
+        f"predictions of {names}. Each starts from the smoothed measurement, and the log's torques drive it."
+    )
+    parts = [
+        _motion(comparison),
+        _horizons(comparison.predictions),
+        _speeds(comparison.predictions),
+        *(_run(name, run) for name, run in comparison.runs.items()),
+    ]
+    return LogReport(f"{recording.name} beside {names}", lead, parts, comparison.notes)
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """What is drawn over time of a measurement, a prediction or a run."""
+
+    name: str
+    time: np.ndarray
+    x: np.ndarray
+    colour: str | int = "ink"
+    look: str = LINE
+
+
+def _states(series: Sequence[_Rows]) -> list[Panel]:
+    """Angles and velocities over time."""
+    return [
+        Panel(TIME, label, [Curve(each.name, each.time, each.x[:, k], each.colour, each.look) for each in series])
+        for k, label in enumerate(STATES)
+    ]
+
+
+def _log(recording: Recording) -> _Rows:
+    return _Rows("log", *smoothed(recording, PERIOD))
+
+
+def _predicted(name: str, part: Segments, number: int) -> _Rows:
+    """Predictions one after another, with a row of NaN between two of them."""
+    time = np.pad(part.times, ((0, 0), (0, 1)), constant_values=np.nan).ravel()
+    x = np.pad(part.states, ((0, 0), (0, 1), (0, 0)), constant_values=np.nan).reshape(-1, 4)
+    return _Rows(name, time, x, number, THIN)
+
+
+def _motion(comparison: Comparison) -> Part:
+    recording = comparison.recording
+    pairs = enumerate(zip(comparison.predictions, comparison.drawn, strict=True))
+    panels = _states([_log(recording), *(_predicted(each.name, part, k) for k, (each, part) in pairs)])
+    for joint in np.flatnonzero(recording.driven):
+        u = Curve("log", recording.time, recording.u[:, joint], look=THIN, steps=True)
+        panels.append(Panel(TIME, TORQUES[joint], [u]))
+    rows = [
+        [each.name, *(f"{1e3 * each.model[INDEX[name]]:.1f} ms{_fitted(each, name)}" for name in LATENCY)]
+        for each in comparison.predictions
+        if any(recording.driven)
+    ]
+    tables = [Table(("Plant", "Delay", "Lag"), rows)] if rows else []
+    note = "Predictions last 0.5 s, one after another. Where a curve leaves the log, the plant is wrong."
+    return Part("Predictions over time", note, tables, Figure(panels, shared=True))
+
+
+def _fitted(prediction: OpenLoop, name: str) -> str:
+    return " (best for this log)" if name in prediction.fitted else ""
+
+
+def _horizons(predictions: Sequence[OpenLoop]) -> Part:
+    rows = [[each.name, key, *_cells(row)] for each in predictions for key, row in each.horizons.items()]
+    places = [float(key) for key in predictions[0].horizons]
+    errors = [list(each.horizons.values()) for each in predictions]
+    figure = _error_figure("horizon (s)", predictions, places, errors, logarithmic=True)
+    note = (
+        "Windows start every 0.1 s where a joint is faster than 1 rad/s. RMS is over windows and joints, the "
+        "median over windows: it says more where the motion is unstable. Solid: RMS, dashed: median."
+    )
+    return Part("Errors by horizon", note, [Table(("Plant", "After (s)", "Windows", *ERRORS), rows)], figure)
+
+
+def _speeds(predictions: Sequence[OpenLoop]) -> Part:
+    groups = [[f"{row.slowest:.1f}–{row.fastest:.1f}" for row in each.speeds] for each in predictions]
+    rows = [
+        [each.name, label, *_cells(row.errors)]
+        for each, labels in zip(predictions, groups, strict=True)
+        for label, row in zip(labels, each.speeds, strict=True)
+    ]
+    errors = [[row.errors for row in each.speeds] for each in predictions]
+    places = [float(place) for place in range(len(groups[0]))]
+    label = "fastest joint (rad/s)"
+    figure = _error_figure(label, predictions, places, errors, ticks=groups[0])
+    note = "Errors after 0.25 s, of four groups of windows from slow to fast. Solid: RMS, dashed: median."
+    table = Table(("Plant", label.capitalize(), "Windows", *ERRORS), rows)
+    return Part("Errors by speed", note, [table] if rows else [], figure if rows else None)
+
+
+def _error_figure(
+    label: str,
+    predictions: Sequence[OpenLoop],
+    places: Sequence[float],
+    errors: Sequence[Sequence[ErrorRow]],
+    **axes: Any,
+) -> Figure:
+    """Angles and velocities side by side, a solid and a dashed curve for each plant."""
+    panels = []
+    for quantity, unit in (("angle", "rad"), ("velocity", "rad/s")):
+        curves = []
+        for number, (each, rows) in enumerate(zip(predictions, errors, strict=True)):
+            for title, look in ((quantity, LINE), (f"{quantity}_median", DASHED)):
+                values = np.array([getattr(row, title) for row in rows], float)  # None becomes NaN
+                curves.append(Curve(each.name if look == LINE else "", np.array(places), values, number, look))
+        panels.append(Panel(label, f"{quantity} error ({unit})", curves, **axes))
+    return Figure(panels, columns=2)
+
+
+def _cells(row: ErrorRow) -> list[str]:
+    values = (row.angle, row.angle_median, row.velocity, row.velocity_median)
+    return [str(row.windows), *map(shown, values)]
+
+
+def _run(name: str, found: ClosedLoop) -> Part:
+    runs = {"log": found.recorded, f"{name}, simulated": found.simulated}
+    robot = get_robot(found.simulated.robot)
+    heads = (
+        "Run", "Outcome", "Swing-up (s)", "Highest tip (%)", "Largest speed (rad/s)", "Energy (J)",
+        "Torque cost (N² m² s)",
+    )  # fmt: skip
+    looks: dict[str, Any] = dict(zip(runs, (("ink", LINE), (0, THIN)), strict=True))
+    rows = {title: _thinned(run.trajectory) for title, run in runs.items()}
+    panels = _states([_Rows(title, each.time, each.x, *looks[title]) for title, each in rows.items()])
+    torques = [Curve(title, each.time, each.u[:, robot.joint], *looks[title]) for title, each in rows.items()]
+    note = (
+        f"{found.simulated.controller} on the {robot.name}, from hanging at rest, simulated: {found.domain.name}. "
+        "Unstable motions differ in timing: compare how high, how fast and how still they are, not their rows."
+    )
+    table = Table(heads, [_outcome(title, run) for title, run in runs.items()])
+    figure = Figure([*panels, Panel(TIME, TORQUES[robot.joint], torques)], shared=True)
+    return Part(f"Closed loop: {name}", note, [table], figure)
+
+
+def _thinned(rows: Trajectory) -> Rows:
+    """Rows about half of ``PERIOD`` apart."""
+    every = max(1, round(PERIOD / float(np.median(np.diff(rows.time)))) // 2)
+    return Rows(*(np.asarray(part)[::every] for part in (rows.time, rows.x, rows.u)))
+
+
+def _outcome(name: str, run: Evaluation) -> list[str]:
+    criteria = run.criteria
+    outcome = "up" if criteria.success else run.tip.failure or "failure"
+    values = (criteria.swingup_time, run.tip.percent, top_speed(run), criteria.energy, criteria.torque_cost)
+    return [name, outcome, *map(shown, values)]
+
+
+def report_identification(found: Identification) -> LogReport:
+    """Lay an identification out: parameters, held-out errors and windows, residuals, and friction."""
+    logs = ", ".join(recording.name for recording in found.recordings)
+    lead = (
+        f"Parameters of a double pendulum and its loop, from {logs}. Errors are those of motion that the fit "
+        f"did not see, beside those of {found.start_name} with its best delay and lag."
+    )
+    parts = [_parameters(found), _errors(found), *_windows(found), _residuals(found), _friction(found)]
+    return LogReport("Identified double pendulum", lead, parts, found.notes)
+
+
+def _parameters(identification: Identification) -> Part:
+    found = identification.estimates
+    rows = [
+        [
+            name,
+            shown(found.values[name], 4),
+            f"{low:.4g} to {high:.4g}",
+            "yes" if found.determined.get(name) else "no",
+        ]
+        for name, (low, high) in found.intervals.items()
+    ]
+    note = (
+        f"SI units. Determined: the 95 % interval is no wider than {100 * NARROW:g} % of the value, or than "
+        f"{1e3 * NARROW * OFFSET_SIZE:g} mrad for an offset. Intervals come from a bootstrap over logs and blocks."
+    )
+    return Part("Parameters", note, [Table(("Parameter", "Value", "95 % interval", "Determined"), rows)])
+
+
+def _errors(found: Identification) -> Part:
+    quantities, names = {"angle": "Angle (rad)", "velocity": "Velocity (rad/s)"}, ("fitted", found.start_name)
+    heads = ["After (s)", *(f"{title}: {name}" for title in quantities.values() for name in names)]
+    errors = [found.errors[key] for key in ("fitted", "start")]
+    rows = [
+        [horizon, *(shown(getattr(each[horizon], quantity)) for quantity in quantities for each in errors)]
+        for horizon in errors[0]
+    ]
+    note = f"Root mean square over {len(found.windows)} held-out windows and both joints."
+    return Part("Held-out errors", note, [Table(heads, rows)])
+
+
+def _windows(found: Identification) -> list[Part]:
+    """Held-out windows of the first logs that have some, one after another."""
+    parts = []
+    for log in np.unique(found.windows.log)[:MOST_LOGS]:
+        recording = found.recordings[log]
+        windows = _apart(found.windows.take(np.flatnonzero(found.windows.log == log)))
+        models = (("fitted", found.models, FITTED), (found.start_name, found.start_models, START))
+        drawn = [
+            _predicted(name, predicted_curves(found.setting, each[log], windows), series)
+            for name, each, series in models
+        ]
+        figure = Figure(_states([_log(recording), *drawn]), shared=True)
+        note = (
+            "Predictions over 0.5 s from the smoothed measurement, where the fit saw nothing and the joints move."
+        )
+        parts.append(Part(f"Held-out windows: {recording.name}", note, (), figure))
+    return parts
+
+
+def _apart(windows: Segments) -> Segments:
+    """The windows that do not overlap."""
+    kept: list[int] = []
+    for row, time in enumerate(windows.start):
+        if not kept or time >= windows.start[kept[-1]] + LENGTH - 1e-9:
+            kept.append(row)
+    return windows.take(np.array(kept, int))
+
+
+def _residuals(found: Identification) -> Part:
+    windows, output = found.windows, round(SPEED_HORIZON / INTERVAL) - 1
+    speeds = fastest_speeds(windows, output + 1)
+    errors = {
+        (found.start_name, START): prediction_errors(found.setting, found.start_models, windows)[:, output],
+        ("fitted", FITTED): prediction_errors(found.setting, found.models, windows)[:, output],
+    }
+    panels = [
+        Panel("fastest joint in the window (rad/s)", f"error of {label}", [
+            Curve(name, speeds, rows[:, place], colour, DOTS) for (name, colour), rows in errors.items()
+        ])
+        for place, label in enumerate(STATES)
+    ]  # fmt: skip
+    note = "Predicted minus measured after 0.25 s, one dot a held-out window. A trend shows what the model lacks."
+    return Part("Residuals", note, (), Figure(panels, columns=2) if len(windows) else None)
+
+
+def _friction(found: Identification) -> Part:
+    estimates, start, panels = found.estimates, found.start_models[0], []
+    fastest = max(float(np.quantile(np.abs(recording.dq), SPAN)) for recording in found.recordings)
+    v = np.linspace(-fastest, fastest, 401)
+    slope = np.arctan(found.setting.steepness * v)
+    for joint in (1, 2):
+        names = (f"b{joint}", f"cf{joint}")
+        b, cf = (estimates.values[name] for name in names)
+        (b0, b1), (cf0, cf1) = (estimates.intervals.get(name, (estimates.values[name],) * 2) for name in names)
+        band = np.sort([b0 * v + cf0 * slope, b1 * v + cf1 * slope], axis=0).T
+        before = start[INDEX[names[0]]] * v + start[INDEX[names[1]]] * slope
+        panels.append(Panel(f"velocity of joint {joint} (rad/s)", f"friction of joint {joint} (N m)", [
+            Curve("fitted", v, b * v + cf * slope, FITTED, interval=band),
+            Curve(found.start_name, v, before, START, THIN),
+        ]))  # fmt: skip
+    note = "b dq + cf arctan(s dq). The band has both coefficients at the same ends of their 95 % intervals."
+    return Part("Friction", note, (), Figure(panels, columns=2))
