@@ -93,7 +93,7 @@ def test_whoever_loads_what_a_callback_saved_goes_on_as_the_saver_did(tmp_path):
 @pytest.mark.parametrize(
     ("raised", "seen", "message"),
     [
-        (ValueError("no\nway"), SwingupError, "the environment failed in a step: ValueError: no way"),
+        (ValueError("no\nway"), SwingupError, r"step\(\) of .* raised ValueError \(no way\)"),
         (KeyboardInterrupt("now"), KeyboardInterrupt, "now"),
     ],
 )
@@ -120,15 +120,38 @@ def test_a_callback_that_raises_lets_the_folder_go(tmp_path):
 
 
 @pytest.mark.parametrize("vector", [False, True])
-def test_a_task_without_an_end_is_scored_by_the_reward_of_a_step(tmp_path, vector):
+def test_policies_of_a_task_without_an_end_are_ranked_by_the_reward_rate(tmp_path, vector):
     env = gymnasium.vector.SyncVectorEnv([Endless] * 2) if vector else Endless
     episodes = {} if vector else {"evaluation_episodes": 0}
     model = AREAPO(env, folder=tmp_path / "run", **(TINY | episodes)).learn(64)
     row = read_metrics(tmp_path / "run" / "metrics.jsonl")[-1]
-    assert (row["score"], row["best_score"], row["episode_return"]) == (2.0, 2.0, None)
+    assert (row["score"], row["best_score"], row["episode_return"]) == (None, None, None)
     assert (row["reward_rate"], row["resets_per_1000_steps"], row["truncation_rate"]) == (2.0, 0.0, 0.0)
-    assert load_any_policy(tmp_path / "run" / "best.safetensors")[1]["scores"]["episodes"]["score"] == 2.0
+    assert load_any_policy(tmp_path / "run" / "best.safetensors")[1]["scores"]["episodes"]["reward_rate"] == 2.0
     model.close()
+    # A resumed run has the rank as well.
+    assert AREAPO.load(tmp_path / "run", env=env)._run.progress.best == ((False, 2.0),)
+
+
+class Costly(Stairs):
+    """Pays -1 a step; an episode has 40 steps."""
+
+    def step(self, action):
+        observation, *_, infos = super().step(action)
+        return observation, -1.0, False, self.steps == 40, infos
+
+
+def test_a_return_is_not_compared_with_the_reward_of_a_step(tmp_path):
+    """After 32 steps no episode has ended, and the reward of a step, -1, is above all returns, -40."""
+    reports = []
+    model = AREAPO(
+        Costly, folder=tmp_path / "run", **(TINY | {"evaluation_episodes": 0, "checkpoint_every": 10_000})
+    )
+    model.learn(192, lambda model, report: reports.append(report))
+    assert [report.score for report in reports] == [None, -40.0, -40.0]
+    assert [report.best_score for report in reports] == [None, -40.0, -40.0]
+    metadata = load_any_policy(tmp_path / "run" / "best.safetensors")[1]
+    assert (metadata["frames"], metadata["scores"]["episodes"]["score"]) == (128, -40.0)
 
 
 def test_a_policy_file_without_a_score_is_json(tmp_path):
@@ -167,11 +190,58 @@ def test_box_actions_have_the_bounds_of_the_space():
 def test_callbacks_see_reports_and_may_stop():
     frames = []
     model = AREAPO(Noisy, **TINY)
-    model.learn(1000, [lambda model, report: frames.append(report.frames), lambda _, report: report.frames < 128])
+    # NumPy's comparisons give numpy.False_.
+    model.learn(1000, [lambda _, report: frames.append(report.frames), lambda _, r: np.int64(r.frames) < 128])
     assert frames == [64, 128]
     assert model.frames == 128
     # Asked again it goes on.
-    assert model.learn(64).frames == 192
+    assert model.learn(64, lambda _, report: frames.append(str(report))).frames == 192
+    assert frames[2].startswith("192 frames, ")
+    with pytest.raises(SwingupError, match="callback = 3: pass a function"):
+        model.learn(64, 3)
+
+
+def test_seeds_train_as_each_does_alone(tmp_path):
+    model = AREAPO(Noisy, seed=3, seeds=2, folder=tmp_path / "run", **TINY)
+    reports = []
+    model.learn(192, lambda _, report: reports.append(report))
+    assert [row["seed"] for report in reports for row in report.rows] == [3, 4] * 3
+    last = [row["score"] for row in reports[-1].rows]
+    assert reports[-1].score == max(last)
+    best = [row["best_score"] for row in reports[-1].rows]
+    assert reports[-1].best_score == max(best)
+    alone = AREAPO(Noisy, seed=4, **TINY).learn(192)
+    pairs = zip(*(jax.tree.leaves(each.actor) for each in (model._run.policy(1), alone._run.policy())), strict=True)
+    assert all(np.array_equal(one, other) for one, other in pairs)
+    # The learner acts by the best seed, also where it was loaded.
+    assert model._run.progress.best_seed == best.index(max(best))
+    model.save(tmp_path / "model.safetensors")
+    model.export_policy(tmp_path / "policy.safetensors")
+    assert load_any_policy(tmp_path / "policy.safetensors")[1]["seed"] == 3 + best.index(max(best))
+    seen = np.random.default_rng(0).normal(size=(20, 2, 1))
+    for other in (AREAPO.load(tmp_path / "model.safetensors", Noisy), AREAPO.load(tmp_path / "run", Noisy)):
+        np.testing.assert_array_equal(other.predict(seen), model.predict(seen))
+        assert same_weights(other.learn(64), AREAPO.load(tmp_path / "model.safetensors", Noisy).learn(64))
+    with pytest.raises(SwingupError, match="seeds = 2, but a vector environment serves one"):
+        AREAPO(Chain(2, "cycle", AutoresetMode.SAME_STEP), seeds=2, **TINY)
+
+
+@pytest.mark.slow  # compiles with and without vmap
+def test_seeds_of_a_task_in_jax_train_side_by_side():
+    settings = TINY | {"temperature": 0.0, "num_steps": 64, "learning_rate": 0.01}
+    model = AREAPO(Lever(), seeds=3, **settings).learn(20_000)
+    assert model.predict([0.0]) == [2]
+    assert [score for _, score in model._run.progress.best] == [20.0] * 3
+
+
+def test_predict_as_stable_baselines3_calls_it(noisy):
+    """``evaluate_policy`` takes a pair apart, and gives it back the state."""
+    seen = np.zeros((3, 2, 1))
+    actions, state = noisy.predict(seen, state=None, episode_start=np.ones(3, bool), deterministic=True)
+    np.testing.assert_array_equal(actions, noisy.predict(seen))
+    assert state is None
+    with pytest.raises(SwingupError, match="state = False, but a policy has no memory"):
+        noisy.predict(seen, False)
 
 
 def test_a_folder_holds_what_the_command_writes(tmp_path):
@@ -229,7 +299,7 @@ def test_evaluation_refuses_other_actions_and_closes_what_it_made(monkeypatch):
     model = AREAPO(Chain(2, "cycle", AutoresetMode.SAME_STEP), **TINY)
     with pytest.raises(SwingupError, match="policy's actions are 1 choices of 3, the environment's are 2 num"):
         model.evaluate(3, env=Stairs)
-    assert len(closed) == 1 + 3  # the one that was tried, and those that were made
+    assert len(closed) == 3
     for episodes in (0, -1, 1.5, "2"):
         with pytest.raises(SwingupError, match=f"episodes = {episodes!r}: use"):
             model.evaluate(episodes, env=Stairs)
@@ -247,6 +317,34 @@ def test_a_robot_by_name():
     assert (model.settings.preset, model.settings.robot) == ("default", "pendubot")
     assert model.predict(np.zeros(4)).shape == (1,)
     assert 0.0 <= model.evaluate()["score"] < 0.1
+    with pytest.raises(SwingupError, match="episodes = 100, but a robot is scored by one episode"):
+        model.evaluate(100)
+
+
+class Long(Lever):
+    """Ends after 3,000 steps; each pays 1."""
+
+    def step(self, state, action, key):
+        step = super().step(state, action, key)
+        return Step(step.state, step.observation, jnp.array(1.0), jnp.array(False), step.state >= 3000.0)
+
+
+class HostLong(Stairs):
+    """The same, stepped by the host."""
+
+    def step(self, action):
+        observation, *_, infos = super().step(action)
+        return observation, 1.0, False, self.steps == 3000, infos
+
+
+def test_an_evaluation_means_the_same_on_both_back_ends():
+    for env in (Long(), HostLong):
+        model = AREAPO(env, **TINY)
+        assert model.evaluate(2) == {
+            "score": 2000.0, "mean_length": 2000.0, "reward_rate": 1.0, "resets_per_1000_steps": 0.0,
+        }  # fmt: skip
+    with pytest.raises(SwingupError, match="evaluation_episodes = 0, but a task in JAX is scored by episodes"):
+        AREAPO(Lever(), **(TINY | {"evaluation_episodes": 0}))
 
 
 def test_no_preset_is_guessed_for_a_pendulum_task():
@@ -295,13 +393,13 @@ def test_the_family_trains_on_a_gymnasium_id(preset):
         ({"learning_rat": 0.1}, "unknown hyperparameter 'learning_rat'; did you mean learning_rate"),
         ({"sed": 1}, "unknown hyperparameter 'sed'; did you mean seed"),
         ({"batch_size": 1000}, "batch_size = 1000 does not divide"),
-        ({"env": "NoSuchTask-v0"}, "cannot make"),
+        ({"env": "NoSuchTask-v0"}, "making 2 of 'NoSuchTask-v0' raised"),
         ({"seed": -1}, "seed = -1"),
         ({"evaluation_episodes": -1}, "evaluation_episodes = -1"),
         ({"evaluate_every": 0}, "evaluate_every = 0: use a whole number of at least 1"),
         ({"checkpoint_every": 0}, "checkpoint_every = 0: use a whole number of at least 1"),
         ({"seed": "3"}, "seed = '3': use a whole number"),
-        ({"env": "no_such_mod:Task-v0"}, "cannot make 'no_such_mod:Task-v0': ModuleNotFoundError"),
+        ({"env": "no_such_mod:Task-v0"}, "making 2 of 'no_such_mod:Task-v0' raised ModuleNotFound"),
         ({"policy_layers": 64}, r"policy_layers = 64: use integers such as \(64, 64\)"),
         ({"policy_layers": ("8",)}, r"policy_layers = \('8',\): use integers"),
         ({"num_envs": 2.0}, "num_envs = 2.0: use an integer"),

@@ -5,11 +5,13 @@ import functools
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.spaces import Box, Dict, Discrete, MultiDiscrete
-from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
+from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
+from gymnasium.wrappers import TimeLimit
 
 from swingup.common.errors import SwingupError
-from swingup.learner.environments import Actions, Environments, make_environments
+from swingup.learner.environments import Environments, make_environments
+from swingup.tasks.space_actions import space_actions
 
 from .environments import Chain, Noisy, Stairs
 
@@ -54,22 +56,22 @@ def test_next_step_spends_a_row_on_the_reset(kind):
 
 
 def test_actions_are_scaled_to_the_bounds():
-    actions = Actions(Box(np.array([-2.0, 0.0], np.float32), np.array([2.0, 1.0], np.float32)))
+    actions = space_actions(Box(np.array([-2.0, 0.0], np.float32), np.array([2.0, 1.0], np.float32)))
     np.testing.assert_allclose(
         actions(np.array([[-1.0, -1.0], [0.0, 0.0], [1.0, 1.0], [0.5, 0.5]])),
         [[-2.0, 0.0], [0.0, 0.5], [2.0, 1.0], [1.0, 0.75]],
     )
     assert (actions.size, actions.choices) == (2, ())
-    grid = Actions(Box(-1.0, 1.0, (2, 3), np.float64))
+    grid = space_actions(Box(-1.0, 1.0, (2, 3), np.float64))
     assert grid.size == 6
     assert grid(np.zeros((4, 6))).shape == (4, 2, 3)
 
 
 def test_discrete_actions_count_from_their_start():
-    one = Actions(Discrete(3, start=5))
+    one = space_actions(Discrete(3, start=5))
     np.testing.assert_array_equal(one(np.array([[0], [2]])), [5, 7])
     assert (one.size, one.choices) == (1, (3,))
-    several = Actions(MultiDiscrete([3, 2], start=[1, 5]))
+    several = space_actions(MultiDiscrete([3, 2], start=[1, 5]))
     np.testing.assert_array_equal(several(np.array([[0, 1], [2, 0]])), [[1, 6], [3, 5]])
     assert (several.size, several.choices) == (2, (3, 2))
 
@@ -88,38 +90,33 @@ def test_observations_are_flat_and_in_single_precision():
 
 
 class Odd(Stairs):
-    """An environment with other spaces, or with rewards that are no numbers."""
+    """An environment with other spaces."""
 
-    def __init__(self, observations=None, actions=None, reward=0.0):
+    def __init__(self, observations=None, actions=None):
         super().__init__()
         self.observation_space = observations or self.observation_space
         self.action_space = actions or self.action_space
-        self.reward = reward
 
-    def step(self, action):
-        observation, _, *rest = super().step(action)
-        return observation, self.reward, *rest
+
+ONE = Stairs()
 
 
 @pytest.mark.parametrize(
     ("env", "message"),
     [
-        ("NoSuchTask-v0", "cannot make 'NoSuchTask-v0'.*use a Gymnasium id"),
+        ("NoSuchTask-v0", "making 2 of 'NoSuchTask-v0' raised .*use a Gymnasium id"),
         (3, "int 3 cannot be trained on: use a Gymnasium id"),
-        (Stairs(), "pass the function that makes it"),
+        (ONE, "pass the function that makes it"),
+        (lambda: ONE, "returned the same environment again"),
         (lambda: 3, "made a int: it must make a gymnasium.Env"),
-        (
-            functools.partial(Odd, Dict({"a": Discrete(2)})),
-            "is not supported: wrap it in .*FlattenObservation|not a Box",
-        ),
-        (functools.partial(Odd, Discrete(2)), "observations .* are not a Box"),
+        (functools.partial(Odd, Dict({"a": Discrete(2)})), "observations .* are not a Box: wrap it in .*Flatten"),
+        (functools.partial(Odd, Box(-1, 1, (0,))), "observations .* are empty"),
+        (functools.partial(Odd, Box(0, 255, (8, 8, 3), np.uint8)), "are images, which these networks cannot see"),
+        (functools.partial(Odd, None, Box(-1, 1, (0,))), "actions .* are empty"),
         (functools.partial(Odd, None, Box(-np.inf, np.inf, (1,))), "have no bounds to scale to"),
         (functools.partial(Odd, None, Box(-LARGEST, LARGEST, (1,))), "have no bounds to scale to"),
-        (functools.partial(Odd, None, Box(0, 9, (1,), np.int64)), "are whole numbers in a Box: make them a Multi"),
-        (
-            functools.partial(Odd, None, Dict({"a": Discrete(2)})),
-            "are not supported: use a bounded Box, Discrete or",
-        ),
+        (functools.partial(Odd, None, Box(0, 9, (1,), np.int64)), "are whole numbers in a Box"),
+        (functools.partial(Odd, None, MultiBinary(3)), "are not supported: use a bounded Box, Discrete or"),
         (Chain(3, "cycle", AutoresetMode.SAME_STEP), "num_envs = 2, but the vector environment has 3"),
         (Chain(2, "cycle", None), "autoreset_mode = None"),
     ],
@@ -129,11 +126,11 @@ def test_what_cannot_be_trained_on(env, message):
         make_environments(env, 2)
 
 
-def test_an_environment_that_returns_no_number():
-    environments = make_environments(functools.partial(Odd, reward=float("nan")), 2)
-    environments.reset(0)
-    with pytest.raises(SwingupError, match="not finite"):
-        environments.step(ZEROS)
+def test_an_environment_that_gymnasium_made_is_made_again_with_its_arguments():
+    made = TimeLimit(gymnasium.make("Pendulum-v1", g=3.0, render_mode="rgb_array"), 7)
+    several = make_environments(made, 2)._env.envs
+    assert [each.unwrapped.g for each in several] == [3.0, 3.0]
+    assert made.unwrapped not in [each.unwrapped for each in several]
 
 
 def test_vector_environments_of_gymnasium_keep_their_mode():
@@ -141,3 +138,125 @@ def test_vector_environments_of_gymnasium_keep_their_mode():
     environments = Environments(env)
     assert not environments.all_count
     assert environments.spaces.choices == (2,)
+
+
+ENVS = 4
+ENDED = np.ones(ENVS, bool)
+
+
+def begin_and_step(environments, actions, steps=1):
+    environments.reset(0)
+    for _ in range(steps):
+        environments.step(actions)
+
+
+class Foreign(VectorEnv):
+    """Shows 0, pays 0 and never ends, but for what it is made to return."""
+
+    metadata = {"autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012 - as Gymnasium has it
+
+    def __init__(self, **returned):
+        self.num_envs = ENVS
+        self.single_observation_space = Box(-1, 1, (3,), np.float32)
+        self.single_action_space = Box(-1, 1, (1,), np.float32)
+        self.returned = returned
+
+    def reset(self, *, seed=None, options=None):
+        return self.returned.get("reset", (self.returned.get("start", np.zeros((ENVS, 3))), {}))
+
+    def step(self, actions):
+        names = ("observations", "rewards", "terminated", "truncated", "infos")
+        usual = (np.zeros((ENVS, 3), np.float32), np.zeros(ENVS), np.zeros(ENVS, bool), np.zeros(ENVS, bool), {})
+        parts = dict(zip(names, usual, strict=True)) | self.returned
+        return self.returned.get("step", tuple(parts[name] for name in names))
+
+
+@pytest.mark.parametrize(
+    ("returned", "message"),
+    [
+        ({"start": np.zeros((2, 3))}, r"gave observations .* of shape \(2, 3\): return numbers of shape \(4, 3\)"),
+        ({"start": np.full((ENVS, 3), np.nan)}, r"gave observations that are not finite, nan"),
+        ({"start": None}, r"gave observations None, object"),
+        ({"reset": np.zeros((ENVS, 3))}, r"reset\(\) of Foreign gave .*: return \(observations, infos\)"),
+        ({"observations": np.array([["a"] * 3] * ENVS)}, "<U1 of shape"),
+        ({"observations": np.full((ENVS, 3), 1e300)}, r"observations that are not finite, 1e\+300"),
+        ({"observations": [[0, 1], [2]]}, r"gave observations \[\[0, 1\], \[2\]\], list"),
+        ({"rewards": 0.0}, r"gave rewards 0.0, float64 of shape \(\)"),
+        ({"rewards": np.zeros((ENVS, 1))}, r"gave rewards .* of shape \(4, 1\): return numbers of shape \(4,\)"),
+        ({"rewards": [None] * ENVS}, "gave rewards .*object"),
+        ({"rewards": np.array([0, 0, np.inf, 0])}, r"gave rewards that are not finite, inf"),
+        # Any number that is not 0 would count as an end.
+        ({"terminated": np.full(ENVS, np.nan)}, "gave terminated .* float64 .*: return booleans"),
+        ({"truncated": "no"}, "gave truncated 'no', <U2"),
+        ({"step": (0, 0, 0, {})}, r"step\(\) of Foreign gave \(0, 0, 0, {}\): return \(observations, rewards, "),
+        ({"terminated": ENDED}, r"gave final_obs\[0\] None, object"),
+        ({"terminated": ENDED, "infos": None}, r"gave final_obs\[0\] None"),
+        ({"terminated": ENDED, "infos": {"final_obs": [np.zeros(3)]}}, r"gave final_obs\[1\] None"),
+        ({"terminated": ENDED, "infos": {"final_obs": [np.zeros(7)] * ENVS}}, r"gave final_obs.* of shape \(7,\)"),
+    ],
+    ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
+)
+def test_what_no_environment_should_return(returned, message):
+    environments = Environments(Foreign(**returned))
+    with pytest.raises(SwingupError, match=message) as error:
+        begin_and_step(environments, np.zeros((ENVS, 1), np.float32))
+    assert "Foreign" in str(error.value)
+    assert len(str(error.value)) < 400
+    assert str(error.value).isprintable()
+
+
+def test_lists_are_as_good_as_arrays_and_buffers_are_copied():
+    buffer = np.zeros((ENVS, 3), np.float32)
+    environments = Environments(Foreign(start=buffer, observations=buffer, rewards=[1, 2, 3, 4]))
+    first = environments.reset(0)
+    step = environments.step(np.zeros((ENVS, 1), np.float32))
+    buffer += 1
+    assert not first.any()
+    assert not step.following.any()
+    assert step.rewards.tolist() == [1, 2, 3, 4]
+    assert (step.rewards.dtype, step.true_next.dtype) == (np.float32, np.float32)
+
+
+class Failing(Stairs):
+    """As before Gymnasium, or it ends the process, or its second start is not finite."""
+
+    def __init__(self, fault):
+        super().__init__()
+        self.fault, self.started = fault, False
+
+    def reset(self, *, seed=None, options=None):
+        observation, infos = super().reset(seed=seed)
+        start = observation * np.nan if self.fault == "start" and self.started else observation
+        self.started = True
+        return start, infos
+
+    def step(self, action):
+        if self.fault == "exit":
+            raise SystemExit(3)
+        observation, reward, *_, infos = answer = super().step(action)
+        return (observation, reward, False, infos) if self.fault == "old" else answer
+
+
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        ("old", r"Gymnasium's returns \(observation, reward, terminated, truncated, info\)"),
+        ("exit", r"step\(\) of .* raised SystemExit \(3\): correct it there"),
+        ("start", "gave observations that are not finite"),
+    ],
+)
+def test_environments_that_fail(fault, message):
+    environments = make_environments(functools.partial(Failing, fault), 2)
+    with pytest.raises(SwingupError, match=message):
+        begin_and_step(environments, ZEROS, steps=4)
+
+
+def test_attributes_that_raise():
+    class Raising(Foreign):
+        def __getattribute__(self, name):
+            if name == "single_action_space":
+                raise ValueError("not\ntoday")
+            return object.__getattribute__(self, name)
+
+    with pytest.raises(SwingupError, match=r"its attribute single_action_space raised ValueError \(not today\)"):
+        Environments(Raising())

@@ -37,11 +37,21 @@ SMOOTH = dataclasses.replace(smooth_task(ROBOTS["acrobot"]), truncation_probabil
 ACROBOT = PendulumEnvironment("acrobot", SMOOTH)
 
 
+class Bare:
+    """The corridor without ``step``."""
+
+    def __init__(self):
+        self.inner = Corridor()
+        for name in ("default_params", "action_space", "observation_space", "reset", "step_env", "is_truncated"):
+            setattr(self, name, getattr(self.inner, name))
+
+
 @pytest.mark.parametrize(
     ("env", "params", "endings"),
     [
         pytest.param(Corridor(), None, [RUN, STAND], id="box"),
         pytest.param(Logged(Corridor()), None, [RUN, STAND], id="wrapper"),
+        pytest.param(Bare(), None, [RUN, STAND], id="step_env"),
         pytest.param(Turns(), Params(door=2.25), CHOICES, id="discrete"),
     ],
 )
@@ -70,13 +80,9 @@ class Doubled(Corridor):
         return seen, state, 2.0 * reward, *rest
 
 
-def test_step_env_is_called_where_step_adds_only_a_reset():
-    assert not GymnaxTask(Corridor()).resets_itself
-    assert not GymnaxTask(ACROBOT).resets_itself  # one class defines both
-    # A wrapper's step_env is that of the environment inside, whose states are others.
-    assert GymnaxTask(Logged(Corridor())).resets_itself
+def test_step_is_called_where_there_is_one():
+    """A subclass or a wrapper may change it."""
     task = GymnaxTask(Doubled())
-    assert task.resets_itself
     # 1 is 3 of [-1, 3], paid twice.
     assert task.step(task.reset(jax.random.key(0)), jnp.ones(1), jax.random.key(1)).reward == 6.0
 
@@ -92,7 +98,7 @@ def test_parameters_are_arguments():
         # 1 is 3 of [-1, 3].
         return task.step(state, jnp.ones(1), jax.random.key(1)).state.inner.place - state.inner.place
 
-    moved = [float(move(GymnaxTask(env, Params(pace=pace)))) for pace in (1.0, 2.0)]
+    moved = [float(move(GymnaxTask(env, Params(pace=pace, door=1e6)))) for pace in (1.0, 2.0)]
     np.testing.assert_allclose(moved, [3.0, 6.0], rtol=1e-6)
     assert len(compilations) == 1
 
@@ -105,22 +111,17 @@ def test_what_is_taken_for_a_gymnax_environment():
         assert as_task(other) is other
 
 
-class Merged(Corridor):
-    def step_env(self, *arguments):
-        return super().step_env(*arguments)[:4]
-
-
-class Hiding(Logged):
-    def step(self, *arguments):
-        return *super().step(*arguments)[:5], {}
-
-
-class Before(Logged):
+class Merged(Logged):
     """As before gymnax 1.0, with ``done``."""
 
     def step(self, *arguments):
         seen, state, reward, terminated, truncated, info = super().step(*arguments)
         return seen, state, reward, terminated | truncated, info
+
+
+class Hiding(Logged):
+    def step(self, *arguments):
+        return *super().step(*arguments)[:5], {}
 
 
 class Growing(Corridor):
@@ -148,14 +149,13 @@ class Broken(Corridor):
     ("env", "params", "message"),
     [
         (Corridor(Box(-np.inf, 1.0, (1,))), None, "have no bounds to scale to"),
-        (Corridor(Box(0, 3, (1,), jnp.int32)), None, "whole numbers in a Box: make them a Discrete"),
+        (Corridor(Box(0, 3, (1,), jnp.int32)), None, "whole numbers in a Box: make them discrete"),
         (Corridor(Box(0.0, 3.0, (0,))), None, "are empty: give them an entry"),
         (Corridor(Discrete(0)), None, "are empty: give them a choice"),
-        (Corridor({"left": Discrete(2)}), None, "actions .* are not supported: use a Discrete or a bounded Box"),
-        (Corridor(observations=Discrete(4)), None, "observations .* of Corridor are no Box"),
+        (Corridor({"left": Discrete(2)}), None, "actions .* are not supported: use a bounded Box"),
+        (Corridor(observations=Discrete(4)), None, "observations .* of Corridor are not a Box"),
         (Camera(), None, "of Camera are images, which these networks cannot see"),
-        (Merged(), None, "Merged.step_env returns 4 values, not gymnax 1.0's 5"),
-        (Before(Corridor()), None, "Before.step returns 5 values, not gymnax 1.0's 6 that tell terminated"),
+        (Merged(Corridor()), None, "Merged.step returns 5 values, not gymnax 1.0's 6 that tell terminated"),
         (Hiding(Corridor()), None, "hides the last observation: put it in info"),
         (Growing(), None, "changes an entry of the state from .*int32.* to .*float32"),
         (Equal(), None, "has no hash"),

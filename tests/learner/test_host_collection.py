@@ -31,11 +31,12 @@ def learn(kind, mode, **changes):
     config = Config(**(vars(SMALL) | {"num_envs": 64, "num_steps": 8} | changes))
     fine = Config(**(vars(config) | {"learning_rate": config.learning_rate / 10, "gain_step_size": 0.01}))
     env = Chain(config.num_envs, kind, mode)
-    first, second = (HostBackend(env, kind, c, 0, 0) for c in (config, fine))
+    first, second = (HostBackend(env, kind, c, [0], 0) for c in (config, fine))
     state = first.begin(first.init(), 0)
-    state, _, _ = first.train(state, 120)
-    state, _, _ = second.train(second.begin(state, 120), 50)
-    return second.train(state, 60)
+    state, _ = first.train(state, 120)
+    state, _ = second.train(second.begin(state, 120), 50)
+    state, (row,) = second.train(state, 60)
+    return state, row
 
 
 def values(state, observations):
@@ -53,18 +54,18 @@ def test_gain_bias_and_policy_of_a_cycle(mode):
     temperature = 0.4
     weights = np.exp(np.arange(3) / temperature)
     best = weights / weights.sum()
-    state, metrics, extras = learn("cycle", mode, temperature=temperature)
-    assert metrics.gain + metrics.entropy_gain == pytest.approx(1.0 + temperature * np.log(weights.sum()), rel=0.02)
-    assert metrics.gain == pytest.approx(1.0 + best @ [0, 1, 2], rel=0.02)
-    assert metrics.reward == pytest.approx(8 / 9 + best @ [0, 1, 2], rel=0.02)
+    state, row = learn("cycle", mode, temperature=temperature)
+    assert row["gain"] + row["entropy_gain"] == pytest.approx(1.0 + temperature * np.log(weights.sum()), rel=0.02)
+    assert row["gain"] == pytest.approx(1.0 + best @ [0, 1, 2], rel=0.02)
+    assert row["reward"] == pytest.approx(8 / 9 + best @ [0, 1, 2], rel=0.02)
     stage = state.statistics.stage(10.0)
     policies = [np.asarray(jax.nn.softmax(state.actor(stage(jnp.array([s]))).logits)) for s in (0.0, 1.0)]
     np.testing.assert_allclose(policies, [best, best], atol=0.02)
     # v(0) = r(0) - ρ + v(1) and v(1) = r(1) - ρ + v(0), so that v(1) - v(0) = (r(1) - r(0)) / 2 of this policy.
     zero, one = values(state, [0.0, 1.0])[:, 0]
     assert one - zero == pytest.approx(1.0 + (policies[1] - policies[0]) @ [0, 1, 2] / 2, rel=0.02)
-    assert extras["episode_length"] == 9.0
-    assert extras["episode_return"] == pytest.approx(9 * metrics.reward, rel=0.02)
+    assert row["episode_length"] == 9.0
+    assert row["episode_return"] == pytest.approx(9 * row["reward"], rel=0.02)
 
 
 @pytest.mark.slow  # what a termination costs in a rollout has default tests
@@ -72,16 +73,16 @@ def test_gain_bias_and_policy_of_a_cycle(mode):
 def test_a_termination_costs_and_goes_on_from_a_new_start(mode):
     # Uniform choices (no reward difference would do; here a high temperature): the walk pays 1 + E[choice] a step,
     # and 10 at its end after four: ρ = 1 + E - 10 / 4 and v(k+1) - v(k) = ρ - (1 + E) = -2.5.
-    state, metrics, _ = learn("walk", mode, temperature=0.8)
+    state, row = learn("walk", mode, temperature=0.8)
     weights = np.exp(np.arange(3) / 0.8)
     mean_choice = weights @ [0, 1, 2] / weights.sum()
-    assert metrics.gain == pytest.approx(1.0 + mean_choice - 2.5, abs=0.02)
+    assert row["gain"] == pytest.approx(1.0 + mean_choice - 2.5, abs=0.02)
     np.testing.assert_allclose(np.diff(values(state, [0.0, 1.0, 2.0, 3.0])[:, 0]), -2.5, rtol=0.03)
 
 
 def test_rows_of_a_reset_do_not_count():
     config = Config(**(vars(SMALL) | {"num_envs": 2, "num_steps": 12, "batch_size": 24}))
-    backend = HostBackend(Chain(2, "walk", AutoresetMode.NEXT_STEP), "walk", config, 0, 0)
+    backend = HostBackend(Chain(2, "walk", AutoresetMode.NEXT_STEP), "walk", config, [0], 0)
     state = backend.begin(backend.init(), 0)
     environments = make_environments(Chain(2, "walk", AutoresetMode.NEXT_STEP), 2)
     environments.reset(0)
@@ -133,10 +134,10 @@ def test_a_rollout_holds_what_the_actor_saw_and_did(mode):
 
 
 def test_nothing_is_compiled_twice():
-    backend = HostBackend(Noisy, "noisy", TINY, 0, 0)
-    state, _, _ = backend.train(backend.begin(backend.init(), 0), 1)
+    backend = HostBackend(Noisy, "noisy", TINY, [0], 0)
+    state, _ = backend.train(backend.begin(backend.init(), 0), 1)
     compiled = (host._decide, host._advance, host._update, host._keys)
     before = [function._cache_size() for function in compiled]
-    state, _, _ = backend.train(state, 2)
+    state, _ = backend.train(state, 2)
     backend.train(backend.begin(state, 3), 1)
     assert [function._cache_size() for function in compiled] == before

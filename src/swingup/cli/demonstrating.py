@@ -51,7 +51,7 @@ class Watch:
         if not first.exists():
             result = {"score": report.rows[0]["score"], "frames": report.frames}
             self._run.save_policy(first, 0, self._run.policy(0), result)
-        if self.passed is None and report.best_score >= self._paper:
+        if self.passed is None and (report.best_score or 0.0) >= self._paper:
             self.passed = time.monotonic() - self._start
         when = "" if self.passed is None else f" at {self.passed:.0f} s"
         return f"paper's {self._paper:.3f}{when}"

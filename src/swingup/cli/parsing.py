@@ -18,7 +18,7 @@ from tyro.conf import DisallowNone, arg
 
 from ..common.checks import suggestion
 from ..common.errors import SwingupError
-from ..common.other_names import our_name
+from ..common.other_names import OTHER_NAMES
 from ..common.text import one_line, quoted
 
 PROGRAM = "swingup"
@@ -114,10 +114,9 @@ def _explain(commands: Mapping[str, Command], arguments: Sequence[str], told: st
     known = _known_options(commands, command)
     unknown = [name for name in _options(arguments) if name not in known]
     if unknown:
-        ours = our_name(unknown[0].removeprefix("--").replace("-", "_"), _as_option)
-        # An option of another command would be no help.
-        fits = set(re.findall(r"--[a-z-]+", ours)) <= set(known)
-        near = (ours if fits else "") or suggestion(unknown[0], known) or f"; {help_line}"
+        ours = _as_option(OTHER_NAMES.get(unknown[0].removeprefix("--").replace("-", "_"), ""))
+        # An option of another command would not help.
+        near = f": here it is {ours}" if ours in known else suggestion(unknown[0], known) or f"; {help_line}"
         return f"{PROGRAM} {command} has no option {one_line(unknown[0], 60)}{near}"
     rows = _rows(told)
     # tyro indents the names of missing arguments by four.

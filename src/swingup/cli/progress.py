@@ -35,7 +35,7 @@ def progress_line(report: TrainingReport, goal: int, seeds: int, width: int = WI
         "reward": f"reward {_mean(report, 'reward'):.3f}",
         "resets": _resets(report),
         "score": f"score {_mean(report, 'score'):.3f}",
-        "best": f"best {report.best_score:.3f}",
+        "best": "" if report.best_score is None else f"best {report.best_score:.3f}",
         "note": note,
     }
     parts = {name: words for name, words in parts.items() if words}

@@ -11,7 +11,7 @@ from ..common.errors import SwingupError
 from ..learner.cores import share_cores
 from ..learner.policy_files import BEST, LAST, result_on_disk
 from ..learner.presets import PRESETS, choose_preset, get_preset
-from ..learner.rates import describe_rates
+from ..learner.rates import describe_rates, shown_rate
 from ..learner.run import Run
 from ..learner.run_settings import RunSettings, default_intervals, read_run_settings
 from ..learner.start import resume_run, start_run
@@ -58,7 +58,7 @@ def train_command(
         resume: folder of a run to continue from its last checkpoint, bit for bit.
         evaluate_every: frames between evaluations, metrics and progress; default 65536.
         checkpoint_every: frames between checkpoints; default 1048576, or 262144 with --env.
-        evaluation_episodes: episodes of an evaluation with --env; default 5.
+        evaluation_episodes: episodes of an evaluation with --env; default 5. 0: training episodes give the score.
         plant: the pendulum to train on, in whose units the task is.
         hyperparameters: those that are left out are the preset's. In brackets: the value in the preset default,
             then in presets that differ. "ppo --env" is the preset's value with --env.
@@ -135,7 +135,7 @@ def _score(run: Run) -> int:
     """Print the score of the best policy; judge that of a robot."""
     if run.settings.robot is None:
         name = BEST if (run.folder / BEST).exists() else LAST
-        print(f"best score {run.best_score:.6g}, policy {run.folder / name}")
+        print(f"best score {shown_rate(run.best_score)}, policy {run.folder / name}")
         print(describe_rates(result_on_disk(run.folder / name, run.backend.evaluator.measure)))
         return 0
     return judge_performance(run.settings.robot, str(run.folder / BEST), run.settings.plant)

@@ -1,29 +1,36 @@
-"""The interface of a back end, which steps the environments of a run and has an evaluator for its policies."""
+"""The interface of a back end, which steps the environments of a run's seeds and evaluates its policies."""
 
 import abc
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, TypeVar
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Shaped
 
 from ..areapo.config import Config
-from ..areapo.state import LearnerState, Metrics
+from ..areapo.state import LearnerState
 from ..common.errors import SwingupError
 from ..controllers.stack.policy import Policy
 from ..tasks.observation import AbstractStage
 from .evaluators import AbstractEvaluator
 
+TreeT = TypeVar("TreeT")
+
 
 class AbstractBackend(abc.ABC):
-    """A task to train on, compiled or stepped by the host."""
+    """A task to train on with one or several seeds, compiled or stepped by the host.
+
+    The state of several seeds has a leading axis.
+    """
 
     evaluator: AbstractEvaluator
     """Scores and saves the policies."""
 
     @abc.abstractmethod
     def init(self) -> LearnerState:
-        """The state before the first iteration; of several seeds, with a leading axis."""
+        """The state before the first iteration."""
 
     @abc.abstractmethod
     def compile(self, state: LearnerState) -> None:
@@ -37,12 +44,16 @@ class AbstractBackend(abc.ABC):
         """
 
     @abc.abstractmethod
-    def train(self, state: LearnerState, iterations: int) -> tuple[LearnerState, Metrics, dict[str, Any]]:
-        """Run iterations; return the metrics' means (leading axis: seeds, if several) and more figures by name."""
+    def train(self, state: LearnerState, iterations: int) -> tuple[LearnerState, list[dict[str, Any]]]:
+        """Run iterations; also the figures of each seed by name, which are means over the iterations."""
 
     @abc.abstractmethod
     def policy(self, member: LearnerState) -> Policy[Any]:
         """The policy of one seed."""
+
+    @abc.abstractmethod
+    def evaluate(self, policies: Sequence[Policy[Any]]) -> list[dict[str, Any]]:
+        """The results of the policies of all seeds, by which :func:`.rank` compares them."""
 
     @abc.abstractmethod
     def find_fault(self) -> str:
@@ -55,6 +66,29 @@ class AbstractBackend(abc.ABC):
     @abc.abstractmethod
     def close(self) -> None:
         """Free the environments."""
+
+
+def split_seeds(tree: TreeT, seeds: int) -> list[TreeT]:
+    """The states or metrics of the seeds one by one, in NumPy where there are several.
+
+    Where devices share the seeds, an index in JAX would be a program on all of them for every leaf. Many such
+    programs, started at once, can wait for each other without end on a CPU.
+    """
+
+    def rows(leaf: jax.Array) -> Any:
+        if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
+            return [jax.random.wrap_key_data(row) for row in np.asarray(jax.random.key_data(leaf))]
+        return list(np.asarray(leaf))
+
+    if seeds == 1:
+        return [tree]
+    leaves, structure = jax.tree.flatten(tree)
+    return [jax.tree.unflatten(structure, member) for member in zip(*map(rows, leaves), strict=True)]
+
+
+def join_seeds(members: Sequence[LearnerState]) -> LearnerState:
+    """The inverse of ``split_seeds``."""
+    return members[0] if len(members) == 1 else jax.tree.map(lambda *leaves: jnp.stack(leaves), *members)
 
 
 def portable_policy(stages: tuple[AbstractStage, ...], state: LearnerState, config: Config) -> Policy[Any]:
@@ -77,7 +111,7 @@ def batched(observation: Any, shape: tuple[int, ...]) -> tuple[Float[np.ndarray,
     try:
         values = np.asarray(observation, np.float32)
     except (TypeError, ValueError) as error:
-        raise SwingupError(f"observation is no array of numbers: pass one of shape {shape}") from error
+        raise SwingupError(f"observation is not an array of numbers: pass one of shape {shape}") from error
     if values.shape != shape and values.shape[1:] != shape:
         raise SwingupError(
             f"observation has shape {values.shape}: pass {shape}, or one axis more in front for several"

@@ -1,7 +1,8 @@
 """The back end of tasks in JAX: environments are compiled with the learner, seeds train side by side."""
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import jax
@@ -15,9 +16,8 @@ from ..areapo.config import Config
 from ..areapo.state import LearnerState, Metrics
 from ..controllers.stack.policy import Policy
 from ..tasks.task import AbstractTask
-from .backend import AbstractBackend, portable_policy
+from .backend import AbstractBackend, portable_policy, split_seeds
 from .evaluators import AbstractEvaluator
-from .progress import member
 
 # Compiled once for all runs of a program. A single seed runs without vmap, which is slower on a CPU.
 # The state is not donated: an interrupted run can continue from the state before the chunk.
@@ -70,20 +70,28 @@ class CompiledBackend(AbstractBackend):
         state = self.begin(state, 0)
         # One iteration stands for any number, since the number is traced.
         self._advance.lower(state, self._task, self._config, 1).compile()
-        first = state if len(self._seeds) == 1 else member(state, 0)
-        self.evaluator.evaluate(self.policy(first))
+        self.evaluator.evaluate(self.policy(split_seeds(state, len(self._seeds))[0]))
 
     def begin(self, state: LearnerState, iterations: int) -> LearnerState:
         """Share the seeds among the devices. Nothing is reset: a checkpoint holds everything."""
         return state if len(self._seeds) == 1 else spread(state, len(self._seeds))
 
-    def train(self, state: LearnerState, iterations: int) -> tuple[LearnerState, Metrics, dict[str, Any]]:
+    def train(self, state: LearnerState, iterations: int) -> tuple[LearnerState, list[dict[str, Any]]]:
         """Run some iterations in one compiled call."""
-        return *self._advance(state, self._task, self._config, iterations), {}
+        state, metrics = self._advance(state, self._task, self._config, iterations)
+        return state, [each.as_dict() for each in split_seeds(metrics, len(self._seeds))]
 
     def policy(self, member: LearnerState) -> Policy[Any]:
         """The policy of one seed."""
         return portable_policy(self.evaluator.stages, member, self._config)
+
+    def evaluate(self, policies: Sequence[Policy[Any]]) -> list[dict[str, Any]]:
+        """The results of the policies of all seeds."""
+        if len(policies) == 1:
+            return [self.evaluator.evaluate(policies[0])]
+        # A simulation is a chain of small steps, which a second core does not shorten: each seed has a thread.
+        with ThreadPoolExecutor(len(policies)) as pool:
+            return list(pool.map(self.evaluator.evaluate, policies))
 
     def find_fault(self) -> str:
         """Whether resets of the task give observations that are not finite."""

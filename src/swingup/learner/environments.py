@@ -10,8 +10,8 @@ Every step yields the observation to act on next (after a reset, where there was
 - ``DISABLED``: it resets those that ended when its ``reset`` is called with a mask.
 """
 
-import contextlib
-from collections.abc import Callable, Iterator, Mapping
+import functools
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,17 +23,19 @@ from jaxtyping import Bool, Float32, Shaped
 
 from ..common.checks import whole_number
 from ..common.errors import SwingupError
-from ..common.foreign import attribute
+from ..common.foreign import attribute, blaming
 from ..common.text import one_line, quoted
+from ..tasks.space_actions import space_actions
 from ..tasks.task import Spaces
-from .answers import Answers
-from .made_environment import copies_of
 from .step_time import step_time
 
 MAKES_SENSE = (
     "a Gymnasium id, a function that makes a gymnasium.Env, a gymnasium.vector.VectorEnv, "
     "a gymnax or envelope environment, or a task in JAX"
 )
+RESET = ("observations", "infos")
+STEP = ("observations", "rewards", "terminated", "truncated", "infos")
+"""What Gymnasium's methods return."""
 
 
 @dataclass(frozen=True)
@@ -56,54 +58,6 @@ class HostStep:
         return self.terminated | self.truncated
 
 
-class Actions:
-    """Converts the policy's actions to those of an action space, and knows their sizes.
-
-    Box: entries in [-1, 1] are scaled to its bounds. Discrete, MultiDiscrete: integers count from its start.
-    """
-
-    def __init__(self, space: Any) -> None:
-        """Read a space.
-
-        Raises:
-            SwingupError: it is none of the three, or a Box of integers or without bounds.
-        """
-        self._shape, self._dtype = attribute(space, "shape") or (), attribute(space, "dtype")
-        self.size = int(np.prod(self._shape))
-        if self.size == 0:
-            raise SwingupError(f"actions {space} are empty: give them an entry")
-        self.choices: tuple[int, ...] = ()
-        if isinstance(space, Box) and not np.issubdtype(space.dtype, np.floating):
-            raise SwingupError(f"actions {space} are whole numbers in a Box: make them a MultiDiscrete")
-        if isinstance(space, Box):
-            with np.errstate(over="ignore"):  # bounds whose difference overflows are no bounds either
-                span = np.float32(space.high) - np.float32(space.low)
-            if not np.isfinite(span).all():
-                raise SwingupError(
-                    f"actions {space} have no bounds to scale to: give them some in a "
-                    f"gymnasium.wrappers.TransformAction"
-                )
-            self._low, self._high = space.low, space.high
-        elif isinstance(space, Discrete | MultiDiscrete):
-            self.choices = tuple(int(n) for n in np.ravel(space.n if isinstance(space, Discrete) else space.nvec))
-            self._start = space.start
-        else:
-            raise SwingupError(f"actions {space} are not supported: use a bounded Box, Discrete or MultiDiscrete")
-
-    def __call__(self, actions: Shaped[np.ndarray, "*b m"]) -> Shaped[np.ndarray, "..."]:
-        """Actions of the space, with the same leading axes."""
-        shaped = actions.reshape(*actions.shape[:-1], *self._shape)
-        if self.choices:
-            return shaped.astype(self._dtype) + self._start
-        return (self._low + 0.5 * (shaped + 1.0) * (self._high - self._low)).astype(self._dtype)
-
-    def describe(self) -> dict[str, Any]:
-        """The entries of a policy file about the actions, as JSON values."""
-        if self.choices:
-            return {"action_start": np.asarray(self._start).tolist()}
-        return {"action_low": self._low.tolist(), "action_high": self._high.tolist()}
-
-
 class Environments:
     """Environments side by side, with flat observations in single precision."""
 
@@ -118,7 +72,7 @@ class Environments:
             SwingupError: its spaces or its autoreset mode are not supported.
         """
         name = type(env).__name__ if name is None else name
-        space = attribute(env, "single_observation_space")
+        space, actions = (attribute(env, f"single_{each}_space") for each in ("observation", "action"))
         if not isinstance(space, Box) or 0 in space.shape:
             what = "empty" if isinstance(space, Box) else "not a Box"
             raise SwingupError(
@@ -130,18 +84,21 @@ class Environments:
                 f"observations {one_line(space, 200)} of {name} are images, which these networks cannot see: make "
                 "features of them in a gymnasium.wrappers.TransformObservation, or say FlattenObservation"
             )
+        if not isinstance(actions, Box | Discrete | MultiDiscrete):
+            raise SwingupError(
+                f"actions {one_line(actions, 200)} are not supported: use a bounded Box, Discrete or MultiDiscrete"
+            )
         metadata = attribute(env, "metadata")
         mode = metadata.get("autoreset_mode") if isinstance(metadata, dict) else metadata
         if not isinstance(mode, AutoresetMode):
             raise SwingupError(
                 f"{name} says autoreset_mode = {quoted(mode)} in its metadata: it must be an AutoresetMode"
             )
-        self.observation_space, self.actions = space, Actions(attribute(env, "single_action_space"))
+        self.observation_space, self.actions = space, space_actions(actions)
         self.num_envs = whole_number(f"num_envs of {name}", attribute(env, "num_envs"), 1)
-        self._answers = Answers(f"environment {name}", self.num_envs, space.shape)
         # Only environments of this process are asked: a worker process would not survive an attribute it lacks.
         self.step_time = step_time(env.envs[0] if isinstance(env, SyncVectorEnv) else env)
-        self._env, self._mode = env, mode
+        self._env, self._mode, self._name = env, mode, name
         self._resetting = np.zeros(self.num_envs, np.bool_)
         self._starts = np.zeros((self.num_envs, self.spaces.observation_size), np.float32)
 
@@ -161,10 +118,8 @@ class Environments:
         Raises:
             SwingupError: an environment failed, or an observation is not finite or of another shape.
         """
-        with _blaming("the environment failed in its reset"):
-            answer = self._env.reset(seed=seed)
+        self._starts = self._begin(seed=seed)
         self._resetting = np.zeros(self.num_envs, np.bool_)
-        self._starts = self._answers.reset(answer)
         return self._starts.copy()
 
     def step(self, actions: Shaped[np.ndarray, "envs m"]) -> HostStep:
@@ -174,19 +129,24 @@ class Environments:
             SwingupError: an environment failed, or returned a value that is not finite or of another length, shape
                 or kind.
         """
-        counted = ~self._resetting
-        chosen = self.actions(actions)
-        with _blaming("the environment failed in a step"):
-            answer = self._env.step(chosen)
-        observations, rewards, terminated, truncated, infos = self._answers.step(answer)
+        counted, each = ~self._resetting, (self.num_envs,)
+        returned = self._call("step", STEP, self.actions(actions))
+        observations = self._observations(returned["observations"])
+        rewards = self._numbers("rewards", returned["rewards"], each)
         # A row that was spent on a reset belongs to no episode: it neither ends one nor earns a reward.
-        terminated, truncated = terminated & counted, truncated & counted
-        following, true_next = self._around_resets(observations, terminated | truncated, infos)
+        terminated, truncated = (
+            self._array(end, returned[end], each, "b") & counted for end in ("terminated", "truncated")
+        )
+        following, true_next = self._around_resets(observations, terminated | truncated, returned["infos"])
         rewards = np.where(counted, rewards, np.float32(0.0))
         return HostStep(following, true_next, rewards, terminated, truncated, counted)
 
+    def close(self) -> None:
+        """Close the environments."""
+        self._env.close()
+
     def _around_resets(
-        self, seen: Float32[np.ndarray, "envs n"], ended: Bool[np.ndarray, "envs"], infos: Mapping[str, Any]
+        self, seen: Float32[np.ndarray, "envs n"], ended: Bool[np.ndarray, "envs"], infos: Any
     ) -> tuple[Float32[np.ndarray, "envs n"], Float32[np.ndarray, "envs n"]]:
         """The observations to act on next and the true next ones, from those that a step returned."""
         if self._mode is AutoresetMode.NEXT_STEP:
@@ -200,18 +160,57 @@ class Environments:
             other[ended] = self._starts[ended]
             return other, seen
         if self._mode is AutoresetMode.DISABLED:
-            with _blaming("the environment failed in its reset"):
-                # Gymnasium's option for vector environments that do not reset themselves.
-                answer = self._env.reset(options={"reset_mask": ended})
-            other[ended] = self._answers.reset(answer)[ended]
+            # Gymnasium's option for vector environments that do not reset themselves.
+            other[ended] = self._begin(options={"reset_mask": ended})[ended]
             return other, seen
-        for index in np.flatnonzero(ended):
-            other[index] = self._answers.final(infos, int(index))
+        for index in np.flatnonzero(ended).tolist():
+            final = infos.get("final_obs") if isinstance(infos, Mapping) else None
+            last = final[index] if isinstance(final, np.ndarray | list | tuple) and index < len(final) else None
+            other[index] = self._numbers(f"final_obs[{index}]", last, self.observation_space.shape).ravel()
         return seen, other
 
-    def close(self) -> None:
-        """Close the environments."""
-        self._env.close()
+    def _begin(self, **arguments: Any) -> Float32[np.ndarray, "envs n"]:
+        """The observations of a reset."""
+        return self._observations(self._call("reset", RESET, **arguments)["observations"])
+
+    def _call(self, method: str, names: tuple[str, ...], *arguments: Any, **options: Any) -> dict[str, Any]:
+        """Call a method of the environment; what it returns, by name."""
+        with blaming(f"{method}() of {self._name}"):
+            returned = getattr(self._env, method)(*arguments, **options)
+        if not isinstance(returned, tuple) or len(returned) != len(names):
+            raise SwingupError(f"{method}() of {self._name} gave {quoted(returned)}: return ({', '.join(names)})")
+        return dict(zip(names, returned, strict=True))
+
+    def _observations(self, given: Any) -> Float32[np.ndarray, "envs n"]:
+        shape = (self.num_envs, *self.observation_space.shape)
+        return self._numbers("observations", given, shape).reshape(self.num_envs, -1)
+
+    def _numbers(self, what: str, given: Any, shape: tuple[int, ...]) -> Float32[np.ndarray, "..."]:
+        """Finite numbers in single precision."""
+        array = self._array(what, given, shape, "fiub")
+        with np.errstate(over="ignore"):  # an overflow is an infinity, which is refused below
+            # Also a copy: environments may use their buffers again.
+            single = array.astype(np.float32)
+        if not np.isfinite(single).all():
+            bad = array[~np.isfinite(single)][0]
+            raise SwingupError(f"{self._name} gave {what} that are not finite, {bad}: correct it there")
+        return single
+
+    def _array(self, what: str, given: Any, shape: tuple[int, ...], kinds: str) -> np.ndarray:
+        """An array of a shape and of NumPy's kinds.
+
+        NumPy would broadcast a reward of the wrong length, turn a text into a number, and take any number that is
+        not 0 for an end: training would continue with values that no environment meant.
+        """
+        try:
+            array = np.asarray(given)
+        except Exception:  # ragged lists, and what a foreign __array__ raises
+            array = None
+        if array is None or array.dtype.kind not in kinds or array.shape != shape:
+            wanted = f"{'booleans' if kinds == 'b' else 'numbers'} of shape {shape}"
+            kind = type(given).__name__ if array is None else f"{array.dtype} of shape {array.shape}"
+            raise SwingupError(f"{self._name} gave {what} {quoted(given)}, {kind}: return {wanted}")
+        return array
 
 
 def make_environments(env: Any, num_envs: int) -> Environments:
@@ -226,70 +225,55 @@ def make_environments(env: Any, num_envs: int) -> Environments:
                 f"num_envs = {num_envs}, but the vector environment has {env.num_envs}: make them equal"
             )
         return Environments(env)
-    make = _maker(env)
-    with _blaming(f"cannot make {num_envs} of {_short(env)}"):
+    make, name = _maker(env), one_line(env, 200)
+    with blaming(f"making {num_envs} of {quoted(env, 200)}", f"use {MAKES_SENSE}"):
         # SAME_STEP spends no row on a reset.
-        several = SyncVectorEnv([lambda: _WithoutInfos(make())] * num_envs, autoreset_mode=AutoresetMode.SAME_STEP)
+        several = SyncVectorEnv([lambda: _one(make)] * num_envs, autoreset_mode=AutoresetMode.SAME_STEP)
     try:
-        return Environments(several, _short(env))
+        if len({id(each.unwrapped) for each in several.envs}) < num_envs:
+            raise SwingupError(f"{name} returned the same environment again: make a new one in each call")
+        return Environments(several, name)
     except SwingupError:
         # The caller never sees these environments and cannot close them.
         several.close()
         raise
 
 
+def _maker(env: Any) -> Callable[[], Any]:
+    """A function that makes one environment."""
+    if isinstance(env, gymnasium.Env):
+        spec = attribute(env, "spec")
+        if spec is None:
+            raise SwingupError(
+                f"{one_line(env, 200)} was not made by gymnasium.make, so there is no second one: pass the "
+                "function that makes it, as in AREAPO(lambda: MyEnv(...))"
+            )
+        # One window is for people; eight of them and five for the evaluation are not.
+        window = {"render_mode": None} if spec.kwargs.get("render_mode") == "human" else {}
+        return functools.partial(gymnasium.make, spec, **window)
+    if isinstance(env, str):
+        return functools.partial(gymnasium.make, env)
+    if callable(env):
+        return env
+    raise SwingupError(f"{type(env).__name__} {one_line(env, 200)} cannot be trained on: use {MAKES_SENSE}")
+
+
+def _one(make: Callable[[], Any]) -> gymnasium.Env[Any, Any]:
+    made = make()
+    if not isinstance(made, gymnasium.Env):
+        raise SwingupError(f"{one_line(make, 200)} made a {type(made).__name__}: it must make a gymnasium.Env")
+    return _WithoutInfos(made)
+
+
 class _WithoutInfos(gymnasium.Wrapper[Any, Any, Any, Any]):
     """An environment with empty infos: nobody reads them, and to merge those of several costs a tenth of a step."""
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """The environment's answer, as it is where it is none."""
-        answer = self.env.step(action)
-        return (*answer[:4], {}) if isinstance(answer, tuple) and len(answer) == 5 else answer
-
-
-def _maker(env: Any) -> Callable[[], gymnasium.Env[Any, Any]]:
-    """A function that makes one environment, tried once."""
-    if isinstance(env, str):
-        make: Callable[[], gymnasium.Env[Any, Any]] = lambda: gymnasium.make(env)  # noqa: E731
-    elif isinstance(env, gymnasium.Env):
-        make = copies_of(env)
-    elif callable(env):
-        make = env
-    else:
-        kind = type(env).__name__
-        raise SwingupError(f"{kind} {_short(env)} cannot be trained on: use {MAKES_SENSE}")
-    try:
-        first = make()
-    except SwingupError:
-        raise
-    except gymnasium.error.DependencyNotInstalled as error:
-        raise SwingupError(f"{env}: {_short(error)}; for MuJoCo: pip install 'swingup[mujoco]'") from error
-    except (Exception, SystemExit) as error:
-        kind = "" if isinstance(error, gymnasium.error.Error) else f"{type(error).__name__}: "
-        raise SwingupError(f"cannot make {quoted(env, 200)}: {kind}{_short(error)}; use {MAKES_SENSE}") from error
-    if not isinstance(first, gymnasium.Env):
-        raise SwingupError(f"{_short(env)} made a {type(first).__name__}: it must make a gymnasium.Env")
-    with _blaming(f"cannot close {_short(env)}"):
-        first.close()
-
-    def another() -> gymnasium.Env[Any, Any]:
-        made = make()
-        if isinstance(made, gymnasium.Env) and made.unwrapped is first.unwrapped:
-            raise SwingupError(f"{_short(env)} returns the same environment again: make a new one in each call")
-        return made
-
-    return another
-
-
-@contextlib.contextmanager
-def _blaming(what: str) -> Iterator[None]:
-    """Turn an error of foreign code into one line."""
-    try:
-        yield
-    # SystemExit too: an environment that calls sys.exit would end training without a message.
-    except (Exception, SystemExit) as error:
-        raise SwingupError(f"{what}: {type(error).__name__}: {_short(error)}; correct it and go on") from error
-
-
-def _short(value: object) -> str:
-    return one_line(value, 200)
+        """The environment's step, without its infos."""
+        returned = self.env.step(action)
+        if not isinstance(returned, tuple) or len(returned) != len(STEP):
+            raise SwingupError(
+                f"step() of {one_line(self.env, 100)} gave {quoted(returned)}: Gymnasium's returns (observation, "
+                "reward, terminated, truncated, info)"
+            )
+        return (*returned[:4], {})

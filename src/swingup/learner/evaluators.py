@@ -11,7 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..benchmark.evaluate import evaluate
-from ..common.types import Key, Scalar
+from ..common.errors import SwingupError
+from ..common.types import Flag, Key
 from ..controllers.stack.controller import PolicyController, save_controller
 from ..controllers.stack.policy import Policy, save_policy
 from ..plant.plant import LEADERBOARD, Plant
@@ -23,8 +24,11 @@ from ..tasks.task import AbstractTask
 from .rates import rates
 from .step_time import step_time
 
-EPISODE_STEPS = 1000
-"""Longest episode of an evaluation of a task in JAX (steps)."""
+EPISODE_STEPS = 2000
+"""Longest episode of an evaluation (steps), so that an endless task is scored, too.
+
+No task of Gymnasium that these networks can see has a higher limit: BipedalWalkerHardcore-v3 has this one.
+"""
 
 
 class AbstractEvaluator(abc.ABC):
@@ -60,7 +64,13 @@ class SwingUpEvaluator(AbstractEvaluator):
         self._plant = dataclasses.replace(task.parameters, name="the task's" if own else plant.name)
 
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
-        """The criteria; ``episodes`` has no effect, since there is one deterministic episode."""
+        """The criteria of the one deterministic episode.
+
+        Raises:
+            SwingupError: another number of episodes is given.
+        """
+        if episodes not in (None, 1):
+            raise SwingupError(f"episodes = {episodes}, but a robot is scored by one episode: leave it out")
         return dataclasses.asdict(evaluate(self._controller(policy), self._robot, plant=self._plant).criteria)
 
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
@@ -73,7 +83,7 @@ class SwingUpEvaluator(AbstractEvaluator):
 
 
 class ReturnEvaluator(AbstractEvaluator):
-    """Evaluates by the mean return of episodes of any task, cut after 1,000 steps; they are the same each time."""
+    """Evaluates by the mean return of episodes of any task in JAX; they are the same each time."""
 
     measure = "episodes"
     stages = ()
@@ -117,22 +127,22 @@ def summarise_episodes(
 @jax.jit
 def _episodes(policy: Policy[Any], task: AbstractTask[Any], keys: Key) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Returns, lengths and terminations of the deterministic policy's episodes, one a key."""
+    reset_keys, step_keys = jax.vmap(jax.random.split, out_axes=1)(keys)
+    none = jnp.zeros(len(keys), jnp.int32)
 
-    def episode(key: Key) -> tuple[Scalar, Scalar, Scalar]:
-        reset_key, steps_key = jax.random.split(key)
+    def goes_on(carry: tuple[Any, ...]) -> Flag:
+        time, _, running, *_ = carry
+        return (time < EPISODE_STEPS) & jnp.any(running)
 
-        def advance(carry: tuple[Any, ...], key: Key) -> tuple[tuple[Any, ...], None]:
-            state, running, total, length, resets, memory = carry
-            memory, action = policy.step(memory, task.observe(state))
-            step = task.step(state, action, key)
-            # A scan has a fixed length: an episode that ended is still stepped, but no longer counted.
-            after = (total + running * step.reward, length + running, resets + (running & step.terminated), memory)
-            return (step.state, running & ~(step.terminated | step.truncated), *after), None
+    def advance(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+        time, state, running, total, length, resets, memory = carry
+        memory, action = jax.vmap(policy.step)(memory, jax.vmap(task.observe)(state))
+        step = jax.vmap(task.step)(state, action, jax.vmap(jax.random.fold_in, (0, None))(step_keys, time))
+        # An episode that ended is still stepped until the last one ends, but no longer counted.
+        total = jnp.where(running, total + step.reward, total)
+        after = (total, length + running, resets + (running & step.terminated), memory)
+        return time + 1, step.state, running & ~(step.terminated | step.truncated), *after
 
-        none = jnp.array(0)
-        start = (task.reset(reset_key), jnp.array(True), jnp.zeros(()), none, none, policy.start())
-        (_, _, *counts, _), _ = jax.lax.scan(advance, start, jax.random.split(steps_key, EPISODE_STEPS))
-        total, length, resets = counts
-        return total, length, resets
-
-    return jax.vmap(episode)(keys)
+    start = (jax.vmap(task.reset)(reset_keys), none == 0, none * 0.0, none, none, policy.start(len(keys)))
+    _, _, _, total, length, resets, _ = jax.lax.while_loop(goes_on, advance, (jnp.array(0), *start))
+    return total, length, resets

@@ -1,101 +1,127 @@
 """The back end of Gymnasium: the host steps the environments, and the learner is compiled."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import jax
 import numpy as np
-from gymnasium import Env
 from gymnasium.vector import VectorEnv
 from jaxtyping import Shaped
 
 from ..areapo.config import Config
 from ..areapo.initial import begin_episodes, init_learner
 from ..areapo.keys import initial_keys
-from ..areapo.state import LearnerState, Metrics
+from ..areapo.state import LearnerState
+from ..common.errors import SwingupError
 from ..controllers.stack.policy import Policy
 from ..tasks.task import Spaces
-from .backend import AbstractBackend, portable_policy
-from .environments import make_environments
+from .backend import AbstractBackend, join_seeds, portable_policy, split_seeds
+from .environments import Environments, make_environments
 from .host_collection import compile_iteration, host_iteration, new_tally
-from .host_evaluators import EpisodeEvaluator, TrainingEvaluator
-from .made_environment import tell_changes
+from .host_evaluators import EpisodeEvaluator
 from .memory import check_memory
-from .rates import rates
+from .rates import rates, unknown_rates
 
 
 class HostBackend(AbstractBackend):
-    """Environments of Gymnasium, one seed at a time."""
+    """Environments of Gymnasium. Each seed has its own; in a chunk the seeds train one after another.
 
-    evaluator: EpisodeEvaluator | TrainingEvaluator
+    The host steps one environment at a time in any case, and so each seed trains bit for bit as it does alone.
+    """
 
-    def __init__(self, env: Any, name: str, config: Config, seed: int, episodes: int) -> None:
+    evaluator: EpisodeEvaluator
+
+    def __init__(self, env: Any, name: str, config: Config, seeds: Sequence[int], episodes: int) -> None:
         """Make the environments.
 
         Args:
             env: an id, an environment or a function that makes one, or a vector environment.
             name: its name in policy files.
             config: the hyperparameters.
-            seed: the environments' seeds follow from it and the iteration.
+            seeds: the environments' seeds follow from them and the iteration.
             episodes: of an evaluation; with 0, the episodes of training give the score.
 
         Raises:
             SwingupError: there is no such environment, its spaces are not supported, or memory is short.
         """
-        check_memory(config, Spaces(1, 1))  # before so many environments are made
-        self.environments = make_environments(env, config.num_envs)
-        check_memory(config, self.environments.spaces)
-        if isinstance(env, Env):
-            tell_changes(env)
-        self._passed_in = isinstance(env, VectorEnv)
-        self._config, self._seed = config, seed
-        self._tally = new_tally(config.num_envs)
-        elsewhere = EpisodeEvaluator(env, name, self.environments, seed, episodes)
+        passed_in = isinstance(env, VectorEnv)
+        if passed_in and len(seeds) > 1:
+            raise SwingupError(
+                f"seeds = {len(seeds)}, but a vector environment serves one: pass a function that makes one"
+            )
+        check_memory(config, Spaces(1, 1), len(seeds))  # before so many environments are made
+        self._environments = [make_environments(env, config.num_envs) for _ in seeds]
+        first = self._environments[0]
+        check_memory(config, first.spaces, len(seeds))
+        self._config, self._seeds = config, seeds
+        self._to_close = [] if passed_in else self._environments  # its owner closes what was passed in
+        self._tallies = [new_tally(config.num_envs) for _ in seeds]
+        self.evaluator = EpisodeEvaluator(env, name, first, seeds[0], episodes)
         # A vector environment cannot be made again, and resetting it would disturb training.
-        by_training = self._passed_in or not episodes
-        self.evaluator = TrainingEvaluator(elsewhere, not self._passed_in) if by_training else elsewhere
+        self._scored_by_training = passed_in or not episodes
+        # Before the first step.
+        self._training_results: list[dict[str, Any]] = [
+            {"score": None, "mean_length": None, **unknown_rates()} for _ in seeds
+        ]
 
     def init(self) -> LearnerState:
         """The state before the first iteration; the environments are not reset yet."""
-        return _init(jax.random.key(self._seed), self.environments.spaces, self._config)
+        spaces = self._environments[0].spaces
+        return join_seeds([_init(jax.random.key(seed), spaces, self._config) for seed in self._seeds])
 
     def compile(self, state: LearnerState) -> None:
         """Compile an iteration, the start of new episodes, and the policy for an evaluation."""
-        compile_iteration(state, self._config, self.environments.all_count)
-        _begin.lower(state, np.zeros(state.observations.shape, np.float32), self._config).compile()
-        if isinstance(self.evaluator, EpisodeEvaluator):
-            self.evaluator.compile(self.policy(state))
+        member = split_seeds(state, len(self._seeds))[0]
+        compile_iteration(member, self._config, self._environments[0].all_count)
+        _begin.lower(member, np.zeros(member.observations.shape, np.float32), self._config).compile()
+        if not self._scored_by_training:
+            self.evaluator.compile(self.policy(member))
 
     def begin(self, state: LearnerState, iterations: int) -> LearnerState:
-        """Reset the environments, with seeds that follow from the run's seed and the iterations."""
-        # Mixed, not added: environment i takes seed + i, and sums of nearby seeds and iterations coincide.
-        seed = int(np.random.SeedSequence([self._seed, iterations]).generate_state(1)[0] >> 1)
-        self._tally = new_tally(self._config.num_envs)
-        return _begin(state, self.environments.reset(seed), self._config)
+        """Reset the environments, with seeds that follow from the run's seeds and the iterations."""
 
-    def train(self, state: LearnerState, iterations: int) -> tuple[LearnerState, Metrics, dict[str, Any]]:
-        """Run some iterations; reports the mean return and length of the episodes that ended."""
-        tally = self._tally
+        def begin(member: LearnerState, environments: Environments, seed: int) -> LearnerState:
+            # Mixed, not added: environment i takes seed + i, and sums of nearby seeds and iterations coincide.
+            mixed = int(np.random.SeedSequence([seed, iterations]).generate_state(1)[0] >> 1)
+            return _begin(member, environments.reset(mixed), self._config)
+
+        self._tallies = [new_tally(self._config.num_envs) for _ in self._seeds]
+        members = split_seeds(state, len(self._seeds))
+        return join_seeds(list(map(begin, members, self._environments, self._seeds)))
+
+    def train(self, state: LearnerState, iterations: int) -> tuple[LearnerState, list[dict[str, Any]]]:
+        """Run some iterations of each seed; also reports the episodes that ended."""
+        members, rows = split_seeds(state, len(self._seeds)), []
+        for index in range(len(members)):
+            members[index], row = self._train_seed(members[index], index, iterations)
+            rows.append(row)
+        return join_seeds(members), rows
+
+    def _train_seed(self, state: LearnerState, index: int, iterations: int) -> tuple[LearnerState, dict[str, Any]]:
+        environments, tally = self._environments[index], self._tallies[index]
         tally.returns.clear()
         tally.finished.clear()
         rows = []
         for _ in range(iterations):
-            state, metrics = host_iteration(state, self.environments, tally, self._config)
+            state, metrics = host_iteration(state, environments, tally, self._config)
             rows.append(jax.device_get(metrics))
-        mean = jax.tree.map(lambda *leaves: np.mean(leaves, dtype=np.float32), *rows)
-        reward, resets = float(mean.reward), float(mean.termination_rate)
+        row = jax.tree.map(lambda *leaves: np.mean(leaves, dtype=np.float32), *rows).as_dict()
         # Perhaps no episode ended since the last report; an endless task never ends one.
         episode_return = float(np.mean(tally.returns)) if tally.returns else None
         episode_length = float(np.mean(tally.finished)) if tally.returns else None
-        if isinstance(self.evaluator, TrainingEvaluator):
-            score = reward if episode_return is None else episode_return
-            # Of all steps since the last report, also those of episodes that go on.
-            measured = rates(reward, resets, self.environments.step_time)
-            self.evaluator.update({"score": score, "mean_length": episode_length, **measured})
-        return state, mean, {"episode_return": episode_return, "episode_length": episode_length}
+        # The rates are those of all steps since the last report, also of episodes that go on.
+        measured = rates(row["reward"], row["termination_rate"], environments.step_time)
+        self._training_results[index] = {"score": episode_return, "mean_length": episode_length, **measured}
+        return state, row | {"episode_return": episode_return, "episode_length": episode_length}
 
     def policy(self, member: LearnerState) -> Policy[Any]:
         """The policy of an observation, flattened."""
         return portable_policy((), member, self._config)
+
+    def evaluate(self, policies: Sequence[Policy[Any]]) -> list[dict[str, Any]]:
+        """The results of all seeds: of episodes that are played, or of the training since the last report."""
+        # In the caller's thread, on which an environment may depend.
+        return self._training_results if self._scored_by_training else list(map(self.evaluator.evaluate, policies))
 
     def find_fault(self) -> str:
         """Empty: every observation and reward of the host's environments was checked when it came."""
@@ -103,13 +129,13 @@ class HostBackend(AbstractBackend):
 
     def to_actions(self, actions: Shaped[np.ndarray, "b m"]) -> Shaped[np.ndarray, "b ..."]:
         """Actions of the environment's space."""
-        return self.environments.actions(actions)
+        return np.asarray(self._environments[0].actions(actions))
 
     def close(self) -> None:
-        """Close the environments, except a vector environment that was passed in: its owner closes it."""
+        """Close the environments, except a vector environment that was passed in."""
         self.evaluator.close()
-        if not self._passed_in:
-            self.environments.close()
+        for each in self._to_close:
+            each.close()
 
 
 _begin = jax.jit(begin_episodes)

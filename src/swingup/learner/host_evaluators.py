@@ -13,11 +13,7 @@ from ..controllers.stack.policy import Policy, remember, save_policy
 from ..tasks.adapters import as_task
 from ..tasks.task import AbstractTask, Spaces
 from .environments import Environments, make_environments
-from .evaluators import AbstractEvaluator, ReturnEvaluator, summarise_episodes
-from .rates import unknown_rates
-
-MAX_EPISODE_STEPS = 10_000
-"""An evaluation cuts an episode after this (steps)."""
+from .evaluators import EPISODE_STEPS, AbstractEvaluator, ReturnEvaluator, summarise_episodes
 
 
 class EpisodeEvaluator(AbstractEvaluator):
@@ -30,7 +26,7 @@ class EpisodeEvaluator(AbstractEvaluator):
         """Prepare; environments are made when they are first needed.
 
         Args:
-            env: an id or a function that makes an environment.
+            env: an id or a function that makes an environment, or a vector environment, which cannot be evaluated.
             name: what policy files call it.
             environments: those of training, which have the same spaces.
             seed: of the episodes.
@@ -45,9 +41,11 @@ class EpisodeEvaluator(AbstractEvaluator):
         """Means over the episodes.
 
         Raises:
-            SwingupError: an environment cannot be made or fails.
+            SwingupError: an environment cannot be made or fails, or training needs the only one.
         """
-        count = episodes or self._episodes
+        count = self._episodes if episodes is None else episodes
+        if isinstance(self._env, VectorEnv):
+            raise SwingupError("a vector environment trains and cannot evaluate: pass evaluate another as env")
         if count not in self._made:
             self._made[count] = make_environments(self._env, count)
         return play(policy, self._made[count], self._seed)
@@ -66,53 +64,6 @@ class EpisodeEvaluator(AbstractEvaluator):
         for environments in self._made.values():
             environments.close()
         self._made = {}
-
-
-class TrainingEvaluator(AbstractEvaluator):
-    """The mean return of the episodes that ended in training since the last report.
-
-    If none ended, it is the mean reward of a step. It serves vector environments that were passed in, since there
-    is only one, and runs with ``evaluation_episodes`` = 0.
-    """
-
-    measure = "episodes"
-    stages = ()
-
-    def __init__(self, other: EpisodeEvaluator, has_others: bool) -> None:
-        """Evaluate by the last result given to ``update``.
-
-        Args:
-            other: evaluates an explicit number of episodes, and saves.
-            has_others: whether environments other than those of training can be made for it.
-        """
-        self.observation_shape = other.observation_shape
-        self._other, self._has_others = other, has_others
-        # Before the first step, so that any score is better.
-        self._result: dict[str, Any] = {"score": -np.inf, "mean_length": None, **unknown_rates()}
-
-    def update(self, result: dict[str, Any]) -> None:
-        """Keep the result of the training since the last report."""
-        self._result = result
-
-    def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
-        """The result of training; with ``episodes``, that of as many in other environments.
-
-        Raises:
-            SwingupError: ``episodes`` is given and there are no other environments.
-        """
-        if episodes is None:
-            return self._result
-        if not self._has_others:
-            raise SwingupError("a vector environment trains and cannot evaluate: pass evaluate another as env")
-        return self._other.evaluate(policy, episodes)
-
-    def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
-        """Write a policy file that names the environment and the bounds of its actions."""
-        self._other.save(path, policy, provenance)
-
-    def close(self) -> None:
-        """Close the environments that were made here."""
-        self._other.close()
 
 
 def play_once(policy: Policy[Any], env: Any, episodes: int, seed: int) -> dict[str, Any]:
@@ -145,7 +96,7 @@ def play(policy: Policy[Any], environments: Environments, seed: int) -> dict[str
     running = np.ones(environments.num_envs, np.bool_)
     returns, lengths = np.zeros(running.size), np.zeros(running.size, np.int64)
     terminations, memory = 0, policy.start(environments.num_envs)
-    for _ in range(MAX_EPISODE_STEPS):
+    for _ in range(EPISODE_STEPS):
         memory, actions = remember(policy, memory, observations)
         step = environments.step(actions)
         # Environments that ended start another episode by themselves; it does not count.

@@ -34,19 +34,15 @@ def make_backend(settings: RunSettings, env: Any = None) -> AbstractBackend:
         return CompiledBackend(pendulum, config, seed, seeds, by_scores)
     if isinstance(env, AbstractTask):
         check_memory(config, env.spaces, seeds)
-        # With 0 episodes the score would come from training, which only the host's back end can do.
-        by_returns = ReturnEvaluator(env, seed, max(1, settings.evaluation_episodes))
+        episodes = settings.evaluation_episodes
+        if not episodes:
+            raise SwingupError("evaluation_episodes = 0, but a task in JAX is scored by episodes: use 1 or more")
         to_actions = env.actions if isinstance(env, AbstractAdaptedTask) else None
-        return CompiledBackend(env, config, seed, seeds, by_returns, to_actions)
-    if seeds > 1:
-        raise SwingupError(
-            f"seeds = {seeds}, but Gymnasium environments train one seed at a time: use swingup sweep"
-        )
+        return CompiledBackend(env, config, seed, seeds, ReturnEvaluator(env, seed, episodes), to_actions)
     if env is None and is_description(settings.name):
         raise SwingupError(f"this run's environment was passed in ({settings.name}): pass it again as env")
     # Imported here: Gymnasium is slow to load, and the pendulum does not need it.
     from .host_backend import HostBackend
 
-    return HostBackend(
-        settings.env if env is None else env, settings.name, config, seed, settings.evaluation_episodes
-    )
+    made_from = settings.env if env is None else env
+    return HostBackend(made_from, settings.name, config, range(seed, seed + seeds), settings.evaluation_episodes)

@@ -1,21 +1,16 @@
-"""A run's policy files: their names, where their policies come from, and the score of the best one on disk."""
+"""A run's policy files: their names, where their policies come from, and the rank of the best one on disk."""
 
-import logging
-import math
 from pathlib import Path
 from typing import Any
 
-from ..common.checks import finite_number
 from ..common.errors import SwingupError
 from ..common.text import one_line
 from ..common.version import __version__
 from ..policy.file import read_network
-from .progress import TrainingProgress
-from .run_settings import RunSettings
+from .progress import UNRANKED, Rank, TrainingProgress, rank
+from .run_settings import MALFORMED, RunSettings
 
 BEST, LAST = "best.safetensors", "last.safetensors"
-
-_LOGGER = logging.getLogger(__name__)
 
 
 def best_name(settings: RunSettings, index: int) -> str:
@@ -44,17 +39,17 @@ def provenance(
     }
 
 
-def best_scores_on_disk(folder: Path, settings: RunSettings, measure: str) -> list[float]:
-    """Score of each seed's best policy file, which may be newer than the checkpoint; -inf without one.
+def best_on_disk(folder: Path, settings: RunSettings, measure: str) -> list[Rank]:
+    """Rank of each seed's best policy file, which may be newer than the checkpoint.
 
-    A damaged or foreign file is set aside, with a line in the log: it must neither keep the run from resuming
-    nor be overwritten.
+    Raises:
+        SwingupError: a file is damaged or is not a policy of this run. It must not be overwritten.
     """
     if settings.seeds > 1:
-        # Only to set a foreign file aside: the score of the best of all is one of the seeds' scores.
-        _score_on_disk(folder / BEST, settings, measure)
+        # Only to refuse a foreign file: the best of all is one of the seeds' best policies.
+        _rank_on_disk(folder / BEST, settings, measure)
     return [
-        _score_on_disk(folder / best_name(settings, index), settings, measure) for index in range(settings.seeds)
+        _rank_on_disk(folder / best_name(settings, index), settings, measure) for index in range(settings.seeds)
     ]
 
 
@@ -70,29 +65,19 @@ def result_on_disk(path: Path, measure: str) -> dict[str, Any]:
         raise SwingupError(f"{path} holds no result of {measure}: train again") from error
 
 
-def _score_on_disk(path: Path, settings: RunSettings, measure: str) -> float:
+def _rank_on_disk(path: Path, settings: RunSettings, measure: str) -> Rank:
     if not path.exists():
-        return -math.inf
+        return UNRANKED
     try:
-        # Loaded whole: a file with sound metadata and damaged weights is no best policy.
+        # Loaded whole: a file with sound metadata and damaged weights is not a best policy.
         metadata = read_network(path)[1]
         trained_on = metadata.get("robot", settings.robot)
         if trained_on != settings.robot:
-            raise SwingupError(f"it is a policy for {one_line(trained_on, 40)}")
-        return finite_number("score", metadata["scores"][measure]["score"])
-    except (SwingupError, KeyError, TypeError, AttributeError) as error:
-        aside = _set_aside(path)
-        reason = str(error) if isinstance(error, SwingupError) else "it holds no score of this run's measure"
-        _LOGGER.warning("swingup: %s is no policy of this run (%s): moved to %s", path, reason, aside.name)
-        return -math.inf
-
-
-def _set_aside(path: Path) -> Path:
-    """Rename a file to a name that nothing has and no run writes."""
-    number = 1
-    while (aside := path.with_name(f"{path.name}.aside-{number}")).exists():
-        number += 1
-    try:
-        return path.rename(aside)
-    except OSError as error:
-        raise SwingupError(f"cannot move {path} aside: {error.strerror}; move it away to resume") from error
+            raise SwingupError(f"it is for {one_line(trained_on, 40)}")
+        found = rank(metadata["scores"][measure])
+        if found == UNRANKED:
+            raise SwingupError(f"it has no score of {measure}")
+        return found
+    except (SwingupError, *MALFORMED) as error:
+        reason = one_line(error, 200)
+        raise SwingupError(f"{path} is not a policy of this run ({reason}): move it away to resume") from error

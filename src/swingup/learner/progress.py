@@ -1,18 +1,24 @@
 """The progress of a run as one value, with exactly the content of a checkpoint."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ..areapo.state import LearnerState
-from ..common.checks import finite_number, whole_number
+from ..common.checks import finite_number, is_number, whole_number
 from ..common.errors import SwingupError
 from ..common.text import one_line
+from .backend import split_seeds
+from .rates import REWARD_RATE
 from .run_settings import MALFORMED, RunSettings, run_settings_from_dict
+
+Rank = tuple[bool, float]
+"""Whether a policy has a score, and the score, or else its reward rate: the greater, the better."""
+UNRANKED: Rank = (False, -math.inf)
 
 
 @dataclass(frozen=True)
@@ -20,21 +26,21 @@ class TrainingProgress:
     """The state of training after some iterations."""
 
     state: LearnerState
-    """Of several seeds, with a leading axis."""
-    best: tuple[float, ...]
-    """Best score of each seed; -inf before the first evaluation."""
+    """State of the learner; of several seeds, with a leading axis."""
+    best: tuple[Rank, ...]
+    """Rank of each seed's best policy."""
     iterations: int = 0
     seconds: float = 0.0
     """Time spent so far, compilation and files included (s)."""
 
     @property
-    def best_score(self) -> float:
-        """Best score of any seed."""
-        return max(self.best)
+    def best_seed(self) -> int:
+        """Index of the seed with the best policy; 0 before the first evaluation."""
+        return max(range(len(self.best)), key=self.best.__getitem__)
 
     def member(self, index: int) -> LearnerState:
         """The state of one seed."""
-        return self.state if len(self.best) == 1 else member(self.state, index)
+        return split_seeds(self.state, len(self.best))[index]
 
     def metadata(self, settings: RunSettings) -> dict[str, Any]:
         """The metadata of a checkpoint."""
@@ -42,28 +48,32 @@ class TrainingProgress:
             "settings": settings.as_dict(),
             "iterations": self.iterations,
             "seconds": self.seconds,
-            "best": list(self.best),
+            "best": [list(rank) for rank in self.best],
         }
 
 
-def member(state: LearnerState, index: int) -> LearnerState:
-    """The state of one of several seeds, in NumPy.
+def rank(result: Mapping[str, Any]) -> Rank:
+    """The rank of a policy by the result of its evaluation.
 
-    Where devices share the seeds, an index in JAX would be a program on all of them for every leaf. Many such
-    programs, started at once, can wait for each other without end on a CPU.
+    A task that is scored by episodes of training has no score while no episode ends; policies are then compared by
+    their reward rates. Any score ranks above any rate: the reward of a step and the return of an episode do not
+    compare.
     """
+    score: Any = result["score"]
+    rate: Any = result.get(REWARD_RATE)
+    if is_number(score):
+        return True, float(score)
+    return (False, float(rate)) if is_number(rate) else UNRANKED
 
-    def row(leaf: jax.Array) -> Any:
-        if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
-            return jax.random.wrap_key_data(np.asarray(jax.random.key_data(leaf))[index])
-        return np.asarray(leaf)[index]
 
-    return jax.tree.map(row, state)
+def score_of(best: Rank) -> float | None:
+    """The score in a rank; None where there is none yet."""
+    return best[1] if best[0] else None
 
 
 def initial_progress(state: LearnerState, seeds: int) -> TrainingProgress:
     """Before the first iteration."""
-    return TrainingProgress(state, (-math.inf,) * seeds)
+    return TrainingProgress(state, (UNRANKED,) * seeds)
 
 
 def read_progress(
@@ -82,8 +92,7 @@ def read_progress(
     """
     try:
         saved = run_settings_from_dict(metadata["settings"])
-        # JSON has no infinities: a best score of -inf was written as null.
-        best = tuple(-math.inf if score is None else finite_number("best", score) for score in metadata["best"])
+        best = tuple(_read_rank(*each) for each in metadata["best"])
         iterations = whole_number("iterations", metadata["iterations"], 0)
         seconds = finite_number("seconds", metadata["seconds"], 0.0)
     except (*MALFORMED, SwingupError) as error:
@@ -96,6 +105,11 @@ def read_progress(
     if saved.as_dict() != settings.as_dict() or len(best) != settings.seeds:
         raise SwingupError(f"{source} is of another configuration than config.json: restore one of them")
     return TrainingProgress(state, best, iterations, seconds)
+
+
+def _read_rank(scored: Any, value: Any) -> Rank:
+    # JSON has no infinities: that of a seed without an evaluation was written as null.
+    return UNRANKED if value is None else (bool(scored), finite_number("best", value, -math.inf, math.inf))
 
 
 def is_finite(tree: Any) -> bool:

@@ -3,34 +3,41 @@
 from dataclasses import dataclass
 from typing import Any
 
-import jax
-
-from ..areapo.state import Metrics
 from ..common.arrays import finite
-from .progress import TrainingProgress
+from .progress import TrainingProgress, score_of
+from .rates import shown_rate, training_resets
 from .run_settings import RunSettings
 
 
 @dataclass(frozen=True)
 class TrainingReport:
-    """The progress of a run after a chunk."""
+    """The progress of a run after a chunk; its text is one line."""
 
     frames: int
     """Frames of each seed so far."""
     frames_per_second: float
-    """Of all seeds together, since the last report, evaluation and files included."""
+    """Frames of all seeds together in a second, since the last report, evaluation and files included."""
     rows: list[dict[str, Any]]
     """The rows of metrics.jsonl: one for each seed."""
-    best_score: float
+    score: float | None
+    """Score of the best seed in this report; None where no episode ended that gives one."""
+    best_score: float | None
     """Best score of any seed so far."""
+
+    def __str__(self) -> str:
+        row = self.rows[0]
+        return (
+            f"{self.frames:,} frames, {self.frames_per_second:.0f}/s, reward {shown_rate(row['reward'])}, "
+            f"gain {shown_rate(row['gain'])}, resets per 1,000 steps {shown_rate(training_resets(row))}, "
+            f"score {shown_rate(self.score)}, best {shown_rate(self.best_score)}"
+        )
 
 
 def make_report(
     settings: RunSettings,
     progress: TrainingProgress,
     rate: float,
-    metrics: Metrics,
-    extras: dict[str, Any],
+    figures: list[dict[str, Any]],
     evaluations: list[dict[str, Any]],
 ) -> TrainingReport:
     """The report of a chunk.
@@ -39,24 +46,22 @@ def make_report(
         settings: of the run.
         progress: after the chunk.
         rate: frames of all seeds per second.
-        metrics: means over the chunk; of several seeds, with a leading axis.
-        extras: further figures of the back end.
+        figures: each seed's means over the chunk.
         evaluations: results of each seed's policy.
     """
     frames = progress.iterations * settings.config.rollout_size
     rows = []
-    for index, result in enumerate(evaluations):
-        mine = metrics if settings.seeds == 1 else jax.tree.map(lambda leaf, i=index: leaf[i], metrics)
+    for index, (figure, result) in enumerate(zip(figures, evaluations, strict=True)):
         row = {
             "seed": settings.seed + index,
             "frames": frames,
             "seconds": round(progress.seconds, 3),
             "frames_per_second": round(rate, 1),
-            **mine.as_dict(),
-            **extras,
+            **figure,
             **result,
-            "best_score": progress.best[index],
+            "best_score": score_of(progress.best[index]),
         }
         # JSON has no NaN: numbers that are not finite become null.
         rows.append(finite(row))
-    return TrainingReport(frames, rate, rows, progress.best_score)
+    score = max((row["score"] for row in rows if row["score"] is not None), default=None)
+    return TrainingReport(frames, rate, rows, score, score_of(max(progress.best)))

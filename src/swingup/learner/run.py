@@ -9,22 +9,18 @@ import contextlib
 import math
 import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import jax
-import numpy as np
-
-from ..areapo.state import LearnerState, Metrics
+from ..areapo.state import LearnerState
 from ..common.checks import whole_number
 from ..common.errors import SwingupError
 from ..controllers.stack.policy import Policy
-from .backend import AbstractBackend
+from .backend import AbstractBackend, split_seeds
 from .metrics import MetricsWriter
 from .policy_files import BEST, best_name, last_name, provenance
-from .progress import TrainingProgress, is_finite
+from .progress import TrainingProgress, is_finite, rank, score_of
 from .report import TrainingReport, make_report
 from .run_folder import RunFolder
 from .run_settings import RunSettings, write_run_settings
@@ -78,9 +74,13 @@ class Run:
         return self.progress.iterations * self.settings.config.rollout_size
 
     @property
-    def best_score(self) -> float:
-        """Best score of any seed so far; -inf before the first evaluation."""
-        return self.progress.best_score
+    def best_score(self) -> float | None:
+        """Best score of any seed so far; None where there is none yet."""
+        return score_of(max(self.progress.best))
+
+    def policies(self) -> list[Policy[Any]]:
+        """The policies of all seeds as they stand."""
+        return [self.backend.policy(member) for member in split_seeds(self.progress.state, self.settings.seeds)]
 
     def policy(self, index: int = 0) -> Policy[Any]:
         """The policy of one seed as it stands."""
@@ -134,13 +134,13 @@ class Run:
         with self._locked(), self._metrics_writer() as writer:
             mark, saved, self._fresh = time.perf_counter(), True, True
             while (before := self.progress.iterations) < target and not self._stopping:
-                metrics, extras = self._train_chunk(self.settings.next_stop(before, target) - before)
+                figures = self._train_chunk(self.settings.next_stop(before, target) - before)
                 evaluations = self._evaluate_all()
                 mark, elapsed = (now := time.perf_counter()), now - mark
                 self.progress = replace(self.progress, seconds=self.progress.seconds + elapsed)
                 frames = (self.progress.iterations - before) * self.settings.config.rollout_size
                 rate = frames * self.settings.seeds / elapsed
-                report = make_report(self.settings, self.progress, rate, metrics, extras, evaluations)
+                report = make_report(self.settings, self.progress, rate, figures, evaluations)
                 if writer is not None:
                     writer.write(report.rows)
                 at_end = self.progress.iterations >= target or self._stopping
@@ -172,42 +172,34 @@ class Run:
             return contextlib.nullcontext()
         return MetricsWriter(self._folder.path, after_frames=self.frames)
 
-    def _train_chunk(self, count: int) -> tuple[Metrics, dict[str, Any]]:
+    def _train_chunk(self, count: int) -> list[dict[str, Any]]:
         state, before = self.progress.state, self.progress.iterations
         if self._fresh:
             state = self.backend.begin(state, before)
         self._fresh = True  # until the chunk is whole
-        state, metrics, extras = self.backend.train(state, count)
-        metrics = jax.tree.map(np.asarray, metrics)
+        state, figures = self.backend.train(state, count)
         # Before the chunk counts, so that a run that diverged keeps its last good state.
-        self._check_finite(metrics, "metrics are")
+        self._check_finite(figures, "metrics are")
         self.progress, self._fresh = replace(self.progress, state=state, iterations=before + count), False
-        return metrics, extras
+        return figures
 
     def _evaluate_all(self) -> list[dict[str, Any]]:
         """Evaluate the deterministic policy of each seed; keep those that are their seeds' best."""
-        policies = [self.policy(index) for index in range(self.settings.seeds)]
-        # A simulation is a chain of small steps, which a second core does not shorten: each seed has a thread.
-        # One seed stays in the caller's thread, on which an environment of the host may depend.
-        evaluate = self.backend.evaluator.evaluate
-        if len(policies) == 1:
-            results = [evaluate(policies[0])]
-        else:
-            with ThreadPoolExecutor(len(policies)) as pool:
-                results = list(pool.map(evaluate, policies))
+        policies = self.policies()
+        results = self.backend.evaluate(policies)
         for index, (policy, result) in enumerate(zip(policies, results, strict=True)):
             self._keep_best(index, policy, result)
         return results
 
     def _keep_best(self, index: int, policy: Policy[Any], result: dict[str, Any]) -> None:
-        score, best = result["score"], self.progress.best
-        if score > best[index]:
+        found, best = rank(result), self.progress.best
+        if found > best[index]:
             # BEST first: if the run is killed before the seed's own file, resuming finds the record again.
-            if score > self.best_score:
+            if found > max(best):
                 self._save_policy(BEST, index, policy, result)
             if self.settings.seeds > 1:
                 self._save_policy(best_name(self.settings, index), index, policy, result)
-            self.progress = replace(self.progress, best=(*best[:index], score, *best[index + 1 :]))
+            self.progress = replace(self.progress, best=(*best[:index], found, *best[index + 1 :]))
 
     def _save_policy(self, name: str, index: int, policy: Policy[Any], result: dict[str, Any]) -> None:
         if self._folder is not None:
@@ -219,8 +211,8 @@ class Run:
             # Resuming keeps the rows up to the checkpoint: they must be on the disk before it.
             writer.sync()
         self.save_checkpoint()
-        for index, result in enumerate(evaluations):
-            self._save_policy(last_name(self.settings, index), index, self.policy(index), result)
+        for index, (policy, result) in enumerate(zip(self.policies(), evaluations, strict=True)):
+            self._save_policy(last_name(self.settings, index), index, policy, result)
 
     def _check_finite(self, tree: Any, subject: str) -> None:
         if is_finite(tree):

@@ -54,7 +54,7 @@ class RunSettings:
     env: str | None = None
     """Gymnasium id of another task than the pendulum's, or a description of an object that was passed in."""
     evaluation_episodes: int = field(default=5, metadata=FROM_0)
-    """Episodes of an evaluation on another task; 0 for none, where the host steps the environments."""
+    """Episodes of an evaluation on another task; 0: training episodes give the score, where the host steps them."""
     plant: Plant = LEADERBOARD
     """The pendulum, in whose units the task is."""
 
@@ -202,15 +202,13 @@ def read_run_settings(folder: Path) -> tuple[RunSettings, int]:
 
 
 def check_gru(robot: str | None, width: int) -> None:
-    """Refuse a recurrent policy on the pendulum.
+    """Refuse a recurrent policy.
 
     Raises:
-        SwingupError: there is a robot, and the policy would have a memory.
+        SwingupError: the policy would have a memory.
     """
-    if robot is not None and width:
-        raise SwingupError(
-            f"gru_width = {width} does not go with the {robot}, whose controllers have no such memory: leave it out"
-        )
+    if width:
+        raise SwingupError(f"gru_width = {width}, but policies have no memory here: leave it out")
 
 
 def default_intervals(robot: str | None) -> dict[str, int]:

@@ -12,7 +12,7 @@ from ..common.checks import whole_number
 from ..common.errors import SwingupError
 from .backend import AbstractBackend
 from .make_backend import make_backend
-from .policy_files import best_scores_on_disk
+from .policy_files import best_on_disk
 from .progress import initial_progress, is_finite, read_progress
 from .run import Run, Snapshot
 from .run_folder import RunFolder
@@ -63,7 +63,7 @@ def resume_run(folder: str | Path, frames: int | None = None, env: Any = None) -
     run = Run(settings, backend, progress, goal, place)
     if frames is not None and goal < run.frames:
         raise SwingupError(f"frames = {goal}, but {folder} stands at {run.frames} already: ask for more")
-    on_disk = best_scores_on_disk(place.path, settings, backend.evaluator.measure)
+    on_disk = best_on_disk(place.path, settings, backend.evaluator.measure)
     # A policy may be newer than the checkpoint; a worse one must not replace it.
     run.progress = replace(progress, best=tuple(map(max, progress.best, on_disk)))
     write_run_settings(place.path, settings, goal)

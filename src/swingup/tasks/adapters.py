@@ -17,20 +17,13 @@ def as_task(env: Any) -> Any:
     if isinstance(alone, type | AbstractTask):
         return env
     # In Gymnasium and envelope the spaces are attributes, in gymnax they are methods.
-    steps = _has_method(alone, "step") or _has_method(alone, "step_env")
-    if steps and all(_has_method(alone, name) for name in ("reset", "action_space", "observation_space")):
+    if _has_methods(alone, "reset", "action_space", "observation_space"):
         return GymnaxTask(alone, params)
     # Gymnasium's environments have no init.
-    spaces = (attribute(env, name) for name in ("action_space", "observation_space"))
-    if _has_method(env, "init") and _has_method(env, "step") and all(map(_is_space, spaces)):
+    if _has_methods(env, "init", "step") and attribute(env, "action_space") is not None:
         return EnvelopeTask(env)
     return env
 
 
-def _has_method(env: Any, name: str) -> bool:
-    return callable(attribute(env, name))
-
-
-def _is_space(space: Any) -> bool:
-    """Whether it has attributes of envelope's spaces: Discrete, Continuous, PyTreeSpace or BatchedSpace."""
-    return any(attribute(space, name) is not None for name in ("n", "low", "tree", "batch_size"))
+def _has_methods(env: Any, *names: str) -> bool:
+    return all(callable(attribute(env, name)) for name in names)

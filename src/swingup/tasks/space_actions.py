@@ -1,11 +1,10 @@
-"""Actions of a JAX environment's action space, made from the policy's."""
+"""Actions of an environment's action space, made from the policy's; for Gymnasium, gymnax and envelope alike."""
 
 from typing import Any
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Shaped
+from jaxtyping import Float, Shaped
 
 from ..common.errors import SwingupError
 from ..common.foreign import attribute
@@ -13,56 +12,59 @@ from ..common.text import one_line
 
 
 class SpaceActions(eqx.Module):
-    """Scales numbers in [-1, 1] to the bounds of a box, or passes the numbers of choices on."""
+    """Scales numbers in [-1, 1] to the bounds of a box, or counts choices from the first; in NumPy and in JAX."""
 
     shape: tuple[int, ...] = eqx.field(static=True)
     """Shape of the environment's action."""
     dtype: str = eqx.field(static=True)
     choices: tuple[int, ...] = eqx.field(static=True)
     """Number of alternatives; empty for a box."""
-    low: Float[Array, "..."]
-    """Lower bounds, in the shape of the action; 0 for choices."""
-    high: Float[Array, "..."]
+    low: Float[np.ndarray, "..."]
+    """Lower bounds, in the shape of the action; of choices, the number of the first."""
+    high: Float[np.ndarray, "..."]
 
     @property
     def size(self) -> int:
         """Length of the policy's action."""
         return int(np.prod(self.shape))
 
-    def __call__(self, actions: Shaped[Array, "*b m"]) -> Shaped[Array, "..."]:
+    def __call__(self, actions: Shaped[Any, "*b m"]) -> Shaped[Any, "..."]:
         """Actions of the environment, with the same leading axes."""
         shaped = actions.reshape(*actions.shape[:-1], *self.shape)
         if self.choices:
-            return shaped.astype(self.dtype)
+            return (shaped + self.low).astype(self.dtype)
         return (self.low + 0.5 * (shaped + 1.0) * (self.high - self.low)).astype(self.dtype)
 
     def describe(self) -> dict[str, Any]:
         """The entries of a policy file about the actions, as JSON values."""
-        if self.choices:
-            return {"action_start": 0}
-        return {"action_low": np.asarray(self.low).tolist(), "action_high": np.asarray(self.high).tolist()}
+        low, high = np.asarray(self.low).tolist(), np.asarray(self.high).tolist()
+        return {"action_start": low} if self.choices else {"action_low": low, "action_high": high}
 
 
 def space_actions(space: Any) -> SpaceActions:
-    """The actions of a space of gymnax or envelope, which has either ``n`` or ``low`` and ``high``."""
-    shown = f"actions {one_line(space, 100)}"
-    number = attribute(space, "n")
-    if number is not None:
-        counts = np.asarray(number)
+    """The actions of a space that has ``n`` or ``nvec``, or ``low`` and ``high``.
+
+    Raises:
+        SwingupError: it has neither, is empty, or is a box of whole numbers or without bounds.
+    """
+    shown = f"actions {one_line(space, 200)}"
+    counts = attribute(space, "n", attribute(space, "nvec"))
+    if counts is not None:
+        counts, kind = np.asarray(counts), np.dtype(attribute(space, "dtype", np.int32))
         if counts.size == 0 or counts.min() < 1:
             raise SwingupError(f"{shown} are empty: give them a choice")
-        dtype, nothing = np.dtype(attribute(space, "dtype", np.int32)), jnp.zeros(())
-        return SpaceActions(counts.shape, dtype.name, tuple(map(int, np.ravel(counts))), nothing, nothing)
+        start = np.broadcast_to(np.asarray(attribute(space, "start", 0)), counts.shape)
+        return SpaceActions(counts.shape, kind.name, tuple(map(int, counts.ravel())), start, start)
     if any(attribute(space, name) is None for name in ("low", "high", "shape")):
-        raise SwingupError(f"{shown} are not supported: use a Discrete or a bounded Box")
-    shape, dtype = tuple(map(int, space.shape)), np.dtype(attribute(space, "dtype", np.float32))
+        raise SwingupError(f"{shown} are not supported: use a bounded Box, Discrete or MultiDiscrete")
+    shape, kind = tuple(map(int, space.shape)), np.dtype(attribute(space, "dtype", np.float32))
     if 0 in shape:
         raise SwingupError(f"{shown} are empty: give them an entry")
-    if not np.issubdtype(dtype, np.floating):
-        raise SwingupError(f"{shown} are whole numbers in a Box: make them a Discrete")
-    low, high = (np.broadcast_to(np.asarray(bound, np.float32), shape) for bound in (space.low, space.high))
-    with np.errstate(over="ignore"):  # bounds whose difference overflows are no bounds either
-        bounded = bool(np.isfinite(high - low).all())
+    if not np.issubdtype(kind, np.floating):
+        raise SwingupError(f"{shown} are whole numbers in a Box: make them discrete")
+    low, high = (np.broadcast_to(np.asarray(bound, kind), shape) for bound in (space.low, space.high))
+    with np.errstate(over="ignore"):  # bounds whose difference overflows are not bounds either
+        bounded = bool(np.isfinite(np.float32(high) - np.float32(low)).all())
     if not bounded:
-        raise SwingupError(f"{shown} have no bounds to scale to: give its action_space finite low and high")
-    return SpaceActions(shape, dtype.name, (), jnp.asarray(low), jnp.asarray(high))
+        raise SwingupError(f"{shown} have no bounds to scale to: give the space finite low and high")
+    return SpaceActions(shape, kind.name, (), low, high)
