@@ -19,10 +19,13 @@ class TrainingReport:
     """Frames of all seeds together in a second, since the last report, evaluation and files included."""
     rows: list[dict[str, Any]]
     """The rows of metrics.jsonl: one for each seed."""
-    score: float | None
-    """Score of the best seed in this report; None where no episode ended that gives one."""
     best_score: float | None
     """Best score of any seed so far."""
+
+    @property
+    def score(self) -> float | None:
+        """Score of the best seed in this report; None where no episode ended that gives one."""
+        return max((row["score"] for row in self.rows if row["score"] is not None), default=None)
 
     def __str__(self) -> str:
         row = self.rows[0]
@@ -63,5 +66,4 @@ def make_report(
         }
         # JSON has no NaN: numbers that are not finite become null.
         rows.append(finite(row))
-    score = max((row["score"] for row in rows if row["score"] is not None), default=None)
-    return TrainingReport(frames, rate, rows, score, score_of(max(progress.best)))
+    return TrainingReport(frames, rate, rows, score_of(max(progress.best)))
