@@ -91,6 +91,18 @@ def test_one_class_has_the_numbers_of_a_plant():
     assert found == ["plant/plant.py: Plant"]
 
 
+def test_one_tuple_names_the_base_parameters():
+    base = {"A", "B", "m2r2", "k", "cf1", "Ir"}
+    found = [
+        str(path.relative_to(ROOT))
+        for path in FILES
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Tuple)
+        and base <= {each.value for each in node.elts if isinstance(each, ast.Constant)}
+    ]
+    assert found == ["plant/base_parameters.py"]
+
+
 def test_every_part_has_a_layer():
     assert {home_of(path) for path in FILES} == set(LAYERS)
 

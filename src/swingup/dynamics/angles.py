@@ -20,10 +20,5 @@ def wrap(x: State) -> State:
 
 
 def wrap_difference(angle: Angle) -> Angle:
-    """A difference of angles (rad) as the signed difference in [-π, π) of their directions; arrays of any shape."""
+    """Wrap differences of angles (rad) to [-π, π). Small ones lose digits, unlike in ``Maths.nearest``."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
-
-
-def nearest(angle: Array) -> Array:
-    """A difference of angles (rad), less full turns; small ones keep all digits, unlike in `wrap_difference`."""
-    return angle - 2 * jnp.pi * jnp.round(angle / (2 * jnp.pi))

@@ -14,7 +14,8 @@ from ..common.types import Scalar, State
 from ..controllers.baselines.continuation import SwingUps
 from ..controllers.baselines.known_plant import friction_gain, plants_lqr
 from ..controllers.stack.controller import PolicyController
-from ..dynamics.angles import UPRIGHT, nearest, wrap_difference
+from ..controllers.stack.maths import JAX
+from ..dynamics.angles import UPRIGHT, wrap_difference
 from ..dynamics.dynamics import acceleration
 from ..plant.base_parameters import base_parameters
 from ..plant.plant import LEADERBOARD, NAMES, Plant, validated
@@ -100,7 +101,7 @@ def taught(one: Teachers, recovery: PolicyController, tube: float | Scalar, x: S
     """
     limit = recovery.torque_limit
     off = x - one.states
-    off = off.at[:, :2].set(nearest(off[:, :2]))
+    off = off.at[:, :2].set(JAX.nearest(off[:, :2]))
     squares = jnp.sum((off * jnp.array(WEIGHTS, x.dtype)) ** 2, axis=1) + one.at_rest
     row = jnp.argmin(squares)
     distance = jnp.sqrt(squares[row])
@@ -121,7 +122,7 @@ def top_cost(one: Teachers, x: State) -> Scalar:
 
 def _from_upright(x: State) -> State:
     error = x - jnp.asarray(UPRIGHT, x.dtype)
-    return error.at[:2].set(nearest(error[:2]))
+    return error.at[:2].set(JAX.nearest(error[:2]))
 
 
 def matched_torque(policy: PolicyController, plant: Plant, x: State) -> Scalar:
