@@ -12,7 +12,8 @@ gc.disable()  # until all tests are collected: nearly all that is imported stays
 
 COMPILED = Path(__file__).parents[1] / ".pytest_cache" / "jax"
 """Compiled programs, which all workers and later runs share, unless the user names a folder. JAX reads the variable
-when it is imported. What a killed process left half-written is compiled anew: pyproject.toml ignores that warning."""
+when it is imported. What a killed process left half-written is compiled anew: pyproject.toml ignores that
+warning."""
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(COMPILED))
 os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
 CHEAP = ["--xla_backend_optimization_level=0", "--xla_cpu_parallel_codegen_split_count=1"]
