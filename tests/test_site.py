@@ -160,7 +160,7 @@ def test_pages_show_their_pictures_and_the_notebook_its_outputs(site, pages):
         for source in re.findall(r'<img [^>]*src="([^":]+)"', html)
     }
     assert {f"benchmarks/{name}.png" for name in ("ablations", "curves", "mujoco")} <= shown
-    assert {"film-strip.png", "robustness.png", "first-steps-1.png", "first-steps-2.png"} <= shown
+    assert {"swing-up.gif", "robustness.png", "first-steps-1.png", "first-steps-2.png"} <= shown
     assert [name for name in sorted(shown) if not (site / name).is_file()] == []
     assert "shipped: score 0.695" in pages["first-steps.html"]
 
