@@ -63,7 +63,7 @@ SMOOTHED = 9
 
 def train(name: str, seed: int, frames: int, folder: Path) -> list[tuple[int, float, float]]:
     """Train one run, or the rest of it; frames, score and seconds of its evaluations."""
-    base = dataclasses.replace(get_preset("default").config, schedule_frames=0)
+    base = dataclasses.replace(get_preset("default").config, schedule="constant")
     config, task = CHANGES[name](base, smooth_task(ROBOTS["acrobot"]))
     if (folder / "config.json").exists():
         run = resume_run(folder, env=task)

@@ -15,7 +15,7 @@ from typing import Any
 
 import jax
 
-from swingup.areapo import train
+from swingup.areapo import algorithm
 from swingup.areapo.config import Config
 from swingup.benchmark.board_rows import paper_score
 from swingup.learner.metrics import read_metrics
@@ -37,8 +37,8 @@ ITERATIONS = 64
 def workload_speed() -> float:
     """Frames a second of a training with small networks, after compilation."""
     task = get_task("smooth", get_robot("acrobot"))
-    state = train.init(jax.random.key(0), task, WORKLOAD)
-    advance = jax.jit(train.train)
+    state = algorithm.init(jax.random.key(0), task, WORKLOAD)
+    advance = jax.jit(algorithm.train)
     jax.block_until_ready(advance(state, task, WORKLOAD, 1))
     start = time.perf_counter()
     jax.block_until_ready(advance(state, task, WORKLOAD, ITERATIONS))

@@ -129,7 +129,7 @@ def with_fixed_cost(cost: float) -> Callable[[str, int, int], Iterator[Point]]:
     """Ours, with a fixed reset cost in units of the reward."""
 
     def learner(task: str, seed: int, frames: int) -> Iterator[Point]:
-        fixed = {"reset_cost": cost, "relative_reset_cost": False, "adaptive_reset_cost": False}
+        fixed = {"reset_cost": cost, "terminations": "reset_cost"}
         yield from trained_areapo(task, seed, frames, "mujoco", **fixed)
 
     return learner

@@ -17,7 +17,7 @@ import pytest
 
 import swingup
 from sweep_jobs import die, sleep
-from swingup.areapo.words import format_value
+from swingup.areapo.config import format_value
 from swingup.benchmark.interval import bootstrap_interval, interquartile_mean
 from swingup.cli import main
 from swingup.common.errors import SwingupError
@@ -61,7 +61,7 @@ def test_a_plan_has_every_combination(tmp_path):
         (1e-3, "ppo", 3), (1e-3, "ppo", 4), (1e-3, "mujoco", 3),
     ]  # fmt: skip
     # The preset's hyperparameters come with it.
-    assert (configs[0].config.average_reward, configs[2].config.average_reward) == (False, True)
+    assert (configs[0].config.gain, configs[2].config.gain) == ("none", "td")
     assert jobs[0].variant == "learning_rate=0.001 preset=ppo"
 
 
@@ -286,7 +286,7 @@ SEARCH = "sweep --env CartPole-v1 --trials 3"
         ("sweep acrobot --set presett=ppo", "did you mean preset?"),
         ("sweep acrobot --set learning_rate=fast", "learning_rate = 'fast': use a number"),
         ("sweep acrobot --set policy_layers=64-64", "policy_layers = '64-64': use integers such as"),
-        ("sweep acrobot --set discount=1.5", "discount = 1.5: use a number from 0 to 1"),
+        ("sweep acrobot --set log_std_init=3", "log_std_init = 3.0: use a number from -20 to 2"),
         ("sweep --env CartPole-v1 --set preset=mujoco,default", "give --frames for all of them"),
         (SEARCH, "nothing varies"),
         ("sweep acrobot --trials 0 --set num_epochs=1:3", "trials = 0: use a whole number from 1"),
@@ -296,7 +296,7 @@ SEARCH = "sweep --env CartPole-v1 --trials 3"
         (f"{SEARCH} --set learning_rate=1e-2:1e-4", "learning_rate = '1e-2:1e-4': "),
         (f"{SEARCH} --set learning_rate=0:1:log", "learning_rate = '0:1:log': "),
         (f"{SEARCH} --set learning_rate=fast:1", "learning_rate = 'fast': use a number"),
-        (f"{SEARCH} --set discount=0.9:1.5", "discount = 1.5: use a number from 0 to 1"),
+        (f"{SEARCH} --set log_std_init=-1:3", "log_std_init = 3.0: use a number from -20 to 2"),
         (f"{SEARCH} --set activation=relu,tahn", "did you mean tanh?"),
         (f"{SEARCH} --set n_epochs=1:3", "here it is num_epochs"),
     ],

@@ -15,6 +15,8 @@ class Probe(AbstractTask):
 
     max_steps: int = eqx.field(static=True, default=10)
     terminates: bool = eqx.field(static=True, default=False)
+    offset: float = 0.0
+    """Added to every reward."""
 
     observation_size = 1
     action_size = 1
@@ -37,7 +39,7 @@ class Probe(AbstractTask):
         return Step(
             after,
             self.observe(after),
-            reward,
+            reward + self.offset,
             terminated=ended if self.terminates else never,
             truncated=never if self.terminates else ended,
         )

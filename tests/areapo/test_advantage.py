@@ -1,92 +1,89 @@
+import types
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.areapo.advantage import Gains, advantages, init_gains, update_gains
+from swingup.areapo.algorithm import lambda_advantages, update_gains
 from swingup.areapo.config import Config
+from swingup.areapo.state import LearnerState
+
+ROLLOUT = types.SimpleNamespace(counted=None)
 
 
-def plain_gae(rewards, values, next_values, cuts, gain, discount, gae_lambda):
+def gains(reward=0.0, entropy=0.0, trace=0.0):
+    """A state of which only the gains matter."""
+    others = dict.fromkeys(LearnerState.__dataclass_fields__)
+    return LearnerState(**others | {"gains": jnp.array([reward, entropy]), "gain_trace": jnp.array(trace)})
+
+
+def plain_gae(deltas, cuts, discount, gae_lambda):
     """The estimator as sums over the future: A_t = Σ_k (γλ)^k δ_{t+k}, until the first cut."""
-    steps, envs = rewards.shape
-    result = np.zeros_like(rewards)
-    for env in range(envs):
-        for start in range(steps):
-            weight = 1.0
-            for t in range(start, steps):
-                delta = rewards[t, env] - gain + discount * next_values[t, env] - values[t, env]
-                result[start, env] += weight * delta
+    result = np.zeros_like(deltas)
+    for start in range(len(deltas)):
+        for env in range(deltas.shape[1]):
+            weight = np.ones(2)
+            for t in range(start, len(deltas)):
+                result[start, env] += weight * deltas[t, env]
                 if cuts[t, env]:
                     break
-                weight *= discount * gae_lambda
+                weight = weight * discount * gae_lambda
     return result
 
 
-@pytest.mark.parametrize("discount", [1.0, 0.9])
-@pytest.mark.parametrize("gae_lambda", [0.0, 0.6, 0.8, 1.0])
+@pytest.mark.parametrize("discount", [(1.0, 1.0), (0.9, 0.8)])
+@pytest.mark.parametrize("gae_lambda", [(0.0, 1.0), (0.8, 0.6)])
 def test_advantages_equal_a_plain_loop(discount, gae_lambda):
     rng = np.random.default_rng(0)
-    rewards, values, next_values = rng.normal(size=(3, 17, 5))
-    cuts = rng.random((17, 5)) < 0.2
+    deltas, cuts = rng.normal(size=(17, 5, 2)), rng.random((17, 5)) < 0.2
     with jax.enable_x64(True):
-        result = advantages(rewards, values, next_values, cuts, jnp.array(0.3), discount, gae_lambda)
-    np.testing.assert_allclose(
-        result, plain_gae(rewards, values, next_values, cuts, 0.3, discount, gae_lambda), atol=1e-12
-    )
+        found = lambda_advantages(deltas, cuts, Config(discount=discount, gae_lambda=gae_lambda))
+    expected = plain_gae(deltas, cuts, np.array(discount), np.array(gae_lambda))
+    np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
-def test_exact_values_leave_no_advantage():
-    # Rewards 0, 2, 0, 2, ...: ρ = 1 and v = -½, ½ solve the Bellman equation v + ρ = r + v'.
-    values = jnp.array([-0.5, 0.5, -0.5, 0.5])[:, None]
-    next_values = jnp.array([0.5, -0.5, 0.5, -0.5])[:, None]
-    rewards = jnp.array([0.0, 2.0, 0.0, 2.0])[:, None]
-    result = advantages(rewards, values, next_values, jnp.zeros((4, 1), bool), jnp.array(1.0), 1.0, 0.8)
-    np.testing.assert_allclose(result, 0.0, atol=1e-7)
+def history(rewards, config):
+    """ρ after rollouts of one constant reward each, for values that stay at 0."""
+    state, found = gains(), []
+    for reward in rewards:
+        deltas = jnp.full((config.num_steps, 1, 2), reward) - state.gains
+        if config.gain == "advantage":
+            deltas = lambda_advantages(deltas, jnp.zeros(deltas.shape[:2], bool), config)
+        state = update_gains(state, deltas, ROLLOUT, config)
+        found.append(float(state.gains[0]))
+    return found
 
 
-def gains_under_constant_reward(config, updates):
-    """ρ after each update, for reward 1 and values that stay at 0."""
-    zeros = jnp.zeros((config.num_steps, 1))
-
-    @jax.jit
-    def update(gains):
-        result = advantages(zeros + 1.0, zeros, zeros, zeros > 0, gains.reward, 1.0, config.gae_lambda)
-        return update_gains(gains, result, 0.0 * result, config)
-
-    gains, history = init_gains(), []
-    for _ in range(updates):
-        gains = update(gains)
-        history.append(float(gains.reward))
-    return history
-
-
-def test_gain_starts_at_full_step_with_the_trace():
+def test_the_authors_gain_starts_at_full_step():
     # Over 128 steps mean(Σ 0.8^k) = 4.844: ρ_1 = 4.84, ρ_2 = 4.84 + 0.5025 · 4.84 (1 - 4.84) = -4.51, and so on.
-    history = gains_under_constant_reward(Config(), 5)
-    np.testing.assert_allclose(history, [4.84, -4.51, 4.48, 0.20, 0.99], atol=0.01)
+    found = history([1.0] * 200, Config())
+    np.testing.assert_allclose(found[:5], [4.84, -4.51, 4.48, 0.20, 0.99], atol=0.01)
+    assert found[-1] == pytest.approx(1.0, abs=1e-4)
 
 
-def test_gain_without_the_trace_takes_the_papers_step():
-    # ρ_1 = η · 4.844 = 0.04844.
-    assert gains_under_constant_reward(Config(gain_trace=False), 1)[0] == pytest.approx(0.04844, abs=1e-5)
+@pytest.mark.parametrize("gae_lambda", [0.0, 0.8, 0.98, 1.0])
+def test_the_gain_of_errors_starts_at_the_mean_reward(gae_lambda):
+    """Exactly 1 from the first rollout on, for every λ: mean(δ) = 1 - ρ with values that stay at 0."""
+    found = history([1.0] * 4, Config(gain="td", gae_lambda=(gae_lambda, 0.6)))
+    np.testing.assert_allclose(found, 1.0, atol=1e-6)
 
 
-def test_gain_is_the_mean_reward_in_the_end():
-    assert gains_under_constant_reward(Config(), 200)[-1] == pytest.approx(1.0, abs=1e-4)
+def test_the_gain_of_errors_is_a_mean_that_forgets():
+    # η = 0.5: traces 0.5, 0.75, 0.875; steps 1, 2/3, 4/7. ρ = 0, then 2/3 · 3 = 2, then 2 + 4/7 (9 - 2) = 6.
+    found = history([0.0, 3.0, 9.0], Config(gain="td", gain_step_size=0.5))
+    np.testing.assert_allclose(found, [0.0, 2.0, 6.0], atol=1e-6)
 
 
 def test_both_gains_share_the_trace():
-    config = Config(gain_step_size=0.5)
-    ones = jnp.ones((2, 1))
-    gains = update_gains(Gains(jnp.array(1.0), jnp.array(2.0), jnp.array(0.5)), ones, 3 * ones, config)
+    errors = jnp.broadcast_to(jnp.array([1.0, 3.0]), (2, 1, 2))
+    after = update_gains(gains(1.0, 2.0, 0.5), errors, ROLLOUT, Config(gain_step_size=0.5))
     # trace = 0.5 + 0.5 · 0.5 = 0.75; the step is 0.5 / 0.75 = 2/3.
-    assert gains.trace == pytest.approx(0.75)
-    assert gains.reward == pytest.approx(1.0 + 2 / 3)
-    assert gains.entropy == pytest.approx(2.0 + 2.0)
+    assert after.gain_trace == pytest.approx(0.75)
+    np.testing.assert_allclose(after.gains, [1.0 + 2 / 3, 2.0 + 2.0], rtol=1e-6)
 
 
-def test_discounted_learning_has_no_gain():
-    config = Config(average_reward=False, discount=0.99, entropy_discount=0.99)
-    gains = update_gains(init_gains(), jnp.ones((2, 1)), jnp.ones((2, 1)), config)
-    assert (float(gains.reward), float(gains.entropy), float(gains.trace)) == (0.0, 0.0, 0.0)
+def test_rows_that_do_not_count_move_no_gain():
+    errors = jnp.array([[[1.0, 1.0]], [[100.0, 100.0]]])
+    rollout = types.SimpleNamespace(counted=jnp.array([[1.0], [0.0]]))
+    np.testing.assert_allclose(update_gains(gains(), errors, rollout, Config()).gains, 1.0, rtol=1e-6)

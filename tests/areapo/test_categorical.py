@@ -7,7 +7,7 @@ import pytest
 
 from array_files import change_file
 from policies import load_any_policy
-from swingup.areapo.categorical import Categoricals
+from swingup.areapo.distributions import Categoricals
 from swingup.areapo.networks import init_policy
 from swingup.common.errors import SwingupError
 from swingup.controllers.stack.policy import Policy, save_policy

@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.areapo.gaussian import SquashedGaussian
+from swingup.areapo.distributions import SquashedGaussian
 from swingup.areapo.networks import init_actor
 
 

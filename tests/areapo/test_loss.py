@@ -3,13 +3,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.areapo import loss as losses
+from swingup.areapo import algorithm
+from swingup.areapo.average import standardise
 from swingup.areapo.config import Config
-from swingup.areapo.loss import Frames
 from swingup.areapo.networks import init_actor, init_critic
+from swingup.areapo.state import Frames
 
 # One program each costs less than compiling operation by operation.
-loss, gradient = jax.jit(losses.loss), jax.jit(jax.grad(losses.loss, has_aux=True))
+loss, gradient = jax.jit(algorithm.loss), jax.jit(jax.grad(algorithm.loss, has_aux=True))
 log_probs = jax.jit(lambda actor, o, z: jax.vmap(lambda o, z: actor(o).log_prob(z))(o, z))
 NETWORKS = jax.jit(lambda a, c: (init_actor(a, 3, 1, (8,), -1.0), init_critic(c, 3, (8,))))(
     jax.random.key(0), jax.random.key(1)
@@ -45,10 +46,11 @@ def test_surrogate_is_clipped_pessimistically():
 
 
 def test_clipped_frames_have_no_gradient():
+    """Two frames of each sign: those that gained are clipped above 1 + ε, those that lost below 1 - ε."""
+
     def policy_gradient(ratio):
-        frames = batch(log_ratios=jnp.log(ratio), advantages=(1.0, 1.0, 1.0, 1.0))
-        config = Config(num_envs=2, num_steps=2, batch_size=4, normalise_advantages=False)
-        actor_gradient = gradient(NETWORKS, frames, config)[0][0]
+        log_ratios = jnp.log(jnp.array([ratio, 1 / ratio, ratio, 1 / ratio]))
+        actor_gradient = gradient(NETWORKS, batch(log_ratios=log_ratios), CONFIG)[0][0]
         return max(float(np.max(np.abs(leaf))) for leaf in jax.tree.leaves(actor_gradient))
 
     assert policy_gradient(1.2) == 0.0
@@ -57,14 +59,13 @@ def test_clipped_frames_have_no_gradient():
 
 def test_gradient_at_ratio_one_is_the_policy_gradient():
     advantages = jnp.array([0.3, -1.0, 2.0, 0.7])
-    config = Config(num_envs=2, num_steps=2, batch_size=4, normalise_advantages=False)
 
     def reinforce(actor):
-        return -jnp.mean(log_probs(actor, OBSERVATIONS, LATENTS) * advantages)
+        return -jnp.mean(log_probs(actor, OBSERVATIONS, LATENTS) * standardise(advantages))
 
     expected = jax.jit(jax.grad(reinforce))(NETWORKS[0])
     frames = batch(advantages=advantages)
-    actual = gradient(NETWORKS, frames, config)[0][0]
+    actual = gradient(NETWORKS, frames, CONFIG)[0][0]
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-6), actual, expected)
 
 

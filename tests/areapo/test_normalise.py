@@ -3,14 +3,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.areapo.normalise import init_statistics
+from swingup.areapo.normalise import observation_statistics
 from swingup.tasks.observation import Normalise
 
 
 def test_statistics_equal_those_of_all_data_at_once():
     data = np.random.default_rng(0).normal(3.0, [0.1, 1.0, 10.0], size=(50, 8, 3))
     with jax.enable_x64(True):
-        statistics = init_statistics(3)
+        statistics = observation_statistics(3)
         for batch in data:
             statistics = statistics.update(jnp.asarray(batch))
         everything = data.reshape(-1, 3)

@@ -4,6 +4,7 @@ By default one task of each kind of action is learned, here, and by the host loo
 without and one with terminations; what an ending means for a single rollout is in ``test_train.py``.
 """
 
+import dataclasses
 import functools
 
 import jax
@@ -11,8 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.areapo import train
+from swingup.areapo import algorithm, reset_cost
 from swingup.areapo.config import Config
+from swingup.learner.presets import PRESETS
 
 from .probes import Bowl, Constant, Cycle, Lever, Levers, Switch, Trap, Walk, best_squashed_gaussian
 
@@ -26,8 +28,8 @@ SMALL = Config(
 def learn(task, iterations=300, **changes):
     """Train with a high learning rate, then with a low one to settle; the metrics are the mean of the last part."""
     config = Config(**(vars(SMALL) | changes))
-    advance = jax.jit(train.train)
-    state = jax.jit(train.init)(jax.random.key(0), task, config)
+    advance = jax.jit(algorithm.train)
+    state = jax.jit(algorithm.init)(jax.random.key(0), task, config)
     state, _ = advance(state, task, config, iterations)
     fine = Config(**(vars(config) | {"learning_rate": config.learning_rate / 10, "gain_step_size": 0.01}))
     state, _ = advance(state, task, fine, 100)
@@ -36,7 +38,7 @@ def learn(task, iterations=300, **changes):
 
 def values(state, observations):
     """[v, v_H] at raw observations."""
-    stage = state.statistics.stage(10.0)
+    stage = state.statistics.stage()
     return np.asarray(jax.vmap(lambda o: state.critic(stage(o)))(jnp.asarray(observations)[:, None]))
 
 
@@ -45,6 +47,34 @@ def test_constant_reward_has_gain_one_and_no_bias():
     state, metrics = learn(Constant(), temperature=0.1)
     assert metrics.gain == pytest.approx(1.0, rel=0.01)
     assert values(state, [0.0])[0, 0] == pytest.approx(0.0, abs=0.02)
+
+
+@pytest.mark.parametrize("preset", [name for name, each in PRESETS.items() if each.config.gain == "td"])
+def test_the_gain_is_right_after_three_rollouts(preset):
+    """For each λ, length of a rollout and step size that is shipped, with any constant in the rewards."""
+    cheap = {"num_envs": 4, "num_epochs": 1, "policy_layers": (8,), "value_layers": (8,)}
+    config = PRESETS[preset].config
+    # Scaled rewards would be constant ones here, in units of their own.
+    cheap |= {"batch_size": 4 * config.num_steps, "normalise_rewards": False}
+    config = dataclasses.replace(config, **cheap)
+    for offset in (0.0, 1000.0):
+        task = Constant(offset=offset)
+        state = jax.jit(algorithm.init)(jax.random.key(0), task, config)
+        state, _ = jax.jit(algorithm.train)(state, task, config, 3)
+        assert float(state.gains[0]) == pytest.approx(1.0 + offset, rel=0.05)
+
+
+@pytest.mark.slow
+def test_a_constant_added_to_the_rewards_changes_no_policy():
+    """1,024 is a power of two: the rewards lose only digits that the gain has, and the same numbers are learned."""
+    config = Config(**(vars(SMALL) | {"gain": "td", "gain_step_size": 0.2, "temperature": 0.1}))
+    advance, actors = jax.jit(algorithm.train), []
+    for offset in (0.0, 1024.0):
+        task = Bowl(offset=offset)
+        state = jax.jit(algorithm.init)(jax.random.key(0), task, config)
+        actors.append(advance(state, task, config, 30)[0].actor)
+    for one, other in zip(*map(jax.tree.leaves, actors), strict=True):
+        np.testing.assert_allclose(one, other, atol=0.05)
 
 
 @pytest.mark.slow
@@ -64,8 +94,8 @@ def test_discounted_values_of_a_terminating_task():
     # Three steps of reward 1 and the end: v(s0) = 1 + γ + γ² with γ = 0.5. The probe's one state hides the step,
     # so that its value is the mean over the three steps: (1.75 + 1.5 + 1) / 3.
     state, _ = learn(
-        Constant(max_steps=3, terminates=True), temperature=0.0, average_reward=False, centre_values=False,
-        discount=0.5, entropy_discount=0.5, num_steps=30, batch_size=96,
+        Constant(max_steps=3, terminates=True), temperature=0.0, gain="none", terminations="end",
+        centre_values=False, discount=(0.5, 0.5), num_steps=30, batch_size=96,
     )  # fmt: skip
     assert values(state, [0.0])[0, 0] == pytest.approx((1.75 + 1.5 + 1.0) / 3, rel=0.02)
 
@@ -108,7 +138,7 @@ def test_soft_gain_where_actions_choose_states():
     assert metrics.gain + metrics.entropy_gain == pytest.approx(objective, rel=0.02)
     assert mean > 0.3
     # v(1) - v(0) = 1 + (p(1) - p(0)) (v(1) - v(0)) with p(s) = P(a > 0 | s) = Φ(mean / σ) of the policy as it is.
-    stage = state.statistics.stage(10.0)
+    stage = state.statistics.stage()
     policy = jax.vmap(lambda o: state.actor(stage(o)))(jnp.array([[0.0], [1.0]]))
     p_zero, p_one = np.asarray(jax.scipy.stats.norm.cdf(policy.mean / jnp.exp(policy.log_std)))[:, 0]
     zero, one = values(state, [0.0, 1.0])[:, 0]
@@ -145,7 +175,7 @@ def test_maximum_entropy_policy_of_two_levers():
     best, objective = softmax_policy([0.0, 1.0], 0.5)
     state, metrics = learn(Levers(), temperature=0.5)
     assert metrics.gain + metrics.entropy_gain == pytest.approx(objective + 0.5 * np.log(4.0), rel=0.02)
-    stage = state.statistics.stage(10.0)
+    stage = state.statistics.stage()
     logits = state.actor(stage(jnp.array([1.0]))).logits
     np.testing.assert_allclose(jax.nn.softmax(logits[:2]), best, atol=0.02)
     np.testing.assert_allclose(jax.nn.softmax(logits[2:]), 0.25, atol=0.02)
@@ -174,44 +204,18 @@ def test_a_bootstrapped_termination_is_a_time_limit():
 
 
 @pytest.mark.slow
-def test_popart_learns_the_same_values():
-    # Rewards of 1000 and the end after four steps, γ = 0.5: v(s_3) = 1000, v(s_k) = 1000 + v(s_k+1) / 2.
-    class Rich(Walk):
-        def outcome(self, value, action):
-            return jnp.array(1000.0), value + 1.0
-
-    state, _ = learn(
-        Rich(max_steps=4, terminates=True), temperature=0.0, average_reward=False, centre_values=False,
-        discount=0.5, entropy_discount=0.5, popart=True,
-    )  # fmt: skip
-    raw = state.value_scale.denormalise(values(state, [0.0, 1.0, 2.0, 3.0]))[:, 0]
-    np.testing.assert_allclose(raw, [1875.0, 1750.0, 1500.0, 1000.0], rtol=0.02)
+def test_a_reset_cost_is_the_multiplier_of_a_rate_of_terminations():
+    # The best policy at a cost c has the odds exp((1 - c) / τ) of the trap: c = 1 - τ log(f / (1 - f)) for f.
+    rate, temperature = 0.1, 0.5
+    cost = 1 - temperature * np.log(rate / (1 - rate))
+    _, metrics = learn(Trap(), temperature=temperature, reset_cost=cost)
+    assert metrics.reward == pytest.approx(rate, rel=0.05)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("first", [0.0, 5.0])
-def test_the_reset_cost_becomes_the_multiplier_of_the_target(first):
-    # The best policy at a cost c has the odds exp((1 - c) / τ) of the trap. They meet a target f where
-    # c = 1 - τ log(f / (1 - f)).
-    target, temperature = 0.1, 0.5
-    state, metrics = learn(
-        Trap(), temperature=temperature, adaptive_reset_cost=True, termination_target=target, reset_cost=first,
-        reset_cost_step=0.02,
-    )  # fmt: skip
-    assert float(state.reset_cost) == pytest.approx(1 - temperature * np.log(target / (1 - target)), rel=0.05)
-    assert metrics.reward == pytest.approx(target, rel=0.05)
-
-
-@pytest.mark.slow
-def test_the_reset_cost_ends_at_zero_where_the_target_permits_the_best_policy():
+def test_the_reset_cost_ends_at_zero_where_the_target_permits_the_best_policy(monkeypatch):
+    monkeypatch.setattr(reset_cost, "TERMINATION_TARGET", 0.95)
     # Without a cost the odds are exp(1 / 0.5), a probability of 0.88.
-    state, metrics = learn(
-        Trap(),
-        temperature=0.5,
-        adaptive_reset_cost=True,
-        termination_target=0.95,
-        reset_cost=1.0,
-        reset_cost_step=0.5,
-    )
+    state, metrics = learn(Trap(), temperature=0.5, terminations="adaptive_cost", reset_cost=1.0)
     assert float(state.reset_cost) == 0.0
     assert metrics.reward == pytest.approx(1 / (1 + np.exp(-2)), rel=0.02)

@@ -4,59 +4,42 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from swingup.areapo.config import Config, config_from_dict
-from swingup.areapo.schedule import at_iteration
-from swingup.areapo.words import format_value, parse_value
-from swingup.common.errors import SwingupError
+from swingup.areapo.config import Config
+from swingup.areapo.schedule import scheduled
 
 CONFIG = Config(
-    num_envs=8, num_steps=128, batch_size=1024, learning_rate=1e-3, clip_range=0.2, temperature=2.0,
-    schedule_frames=8192, learning_rate_schedule=(0.25, 1.0, 0.75, 0.1), temperature_schedule=(0.5, 0.5),
+    num_envs=8, num_steps=125, batch_size=1000, learning_rate=1e-3, clip_range=0.2, temperature=2.0,
+    schedule="anneal", schedule_frames=100_000,
 )  # fmt: skip
+"""A cycle has 100 iterations."""
+
+
+@pytest.mark.parametrize("start", [0, 100, 10**6])
+@pytest.mark.parametrize(
+    ("done", "rate", "clip"),
+    [(0, 1.0, 1.0), (50, 1.0, 1.0), (75, 0.1**0.5, 0.15**0.5), (99, 0.1**0.98, 0.15**0.98)],
+)
+def test_learning_rate_and_clip_range_fall_by_the_same_factor_in_equal_times(start, done, rate, clip):
+    found = jax.jit(scheduled)(CONFIG, jnp.array(start + done))
+    assert float(found.learning_rate) == pytest.approx(1e-3 * rate, rel=1e-4)
+    assert float(found.clip_range) == pytest.approx(0.2 * clip, rel=1e-4)
+    assert float(found.temperature) == 2.0
 
 
 @pytest.mark.parametrize(
-    ("iterations", "learning_rate"), [(0, 1e-3), (2, 1e-3), (3, 0.775e-3), (5, 0.325e-3), (6, 1e-4), (10**6, 1e-4)]
+    ("done", "factor"), [(0, 1.0), (15, 0.55), (40, 0.55), (52.5, 0.775), (65, 1.0), (99, 1.0)]
 )
-def test_a_schedule_is_a_line_through_its_pairs(iterations, learning_rate):
-    found = jax.jit(at_iteration)(CONFIG, jnp.array(iterations))
-    assert float(found.learning_rate) == pytest.approx(learning_rate, rel=1e-5)
-    assert float(found.temperature) == pytest.approx(1.0)
-    assert (found.clip_range, found.gae_lambda, found.num_epochs) == (0.2, CONFIG.gae_lambda, CONFIG.num_epochs)
+def test_the_temperature_is_lower_for_a_while(done, factor):
+    config = dataclasses.replace(CONFIG, schedule="anneal_entropy", schedule_frames=200_000)
+    found = jax.jit(scheduled)(config, jnp.array(int(2 * done)))
+    assert float(found.temperature) == pytest.approx(2.0 * factor, rel=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("iterations", "learning_rate"), [(3, 0.775e-3), (7, 1e-4), (8, 1e-3), (11, 0.775e-3), (8003, 0.775e-3)]
-)
-def test_a_schedule_begins_anew(iterations, learning_rate):
-    found = jax.jit(at_iteration)(dataclasses.replace(CONFIG, schedule_repeats=True), jnp.array(iterations))
-    assert float(found.learning_rate) == pytest.approx(learning_rate, rel=1e-5)
+def test_a_run_of_one_cycle_ends_before_the_next_begins():
+    config = dataclasses.replace(CONFIG, schedule_frames=99_001)  # 100 iterations, rounded up
+    assert float(scheduled(config, jnp.array(99)).learning_rate) < 2e-4
 
 
-def test_without_frames_nothing_changes():
-    config = Config(learning_rate_schedule=(0.0, 0.5))
-    assert at_iteration(config, jnp.array(5)) is config
-
-
-@pytest.mark.parametrize(
-    ("pairs", "message"),
-    [
-        ((0.5,), "has a part without a factor"),
-        ((0.5, 1.0, 0.5, 2.0), "its parts must rise"),
-        ((-0.1, 1.0), "a part in clip_range_schedule"),
-        ((0.1, -1.0), "a factor in clip_range_schedule"),
-        ((0.1, float("nan")), "a factor in clip_range_schedule"),
-        ((0.1, True), "use pairs of numbers such as 0.5 1 1 0.1"),
-        (0.1, "use pairs of numbers such as 0.5 1 1 0.1"),
-    ],
-)
-def test_a_schedule_that_cannot_work_is_refused(pairs, message):
-    with pytest.raises(SwingupError, match=message):
-        Config(clip_range_schedule=pairs)
-
-
-def test_a_schedule_as_text_and_from_json():
-    pairs = (0.5, 1.0, 1.0, 0.1)
-    assert parse_value("temperature_schedule", "0.5 1 1 0.1") == pairs
-    assert parse_value("temperature_schedule", format_value(pairs)) == pairs
-    assert config_from_dict({"temperature_schedule": list(pairs)}).temperature_schedule == pairs
+def test_a_constant_schedule_changes_nothing():
+    config = dataclasses.replace(CONFIG, schedule="constant")
+    assert scheduled(config, jnp.array(5)) is config

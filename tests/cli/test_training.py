@@ -3,7 +3,6 @@
 import math
 
 import pytest
-import tyro
 
 from swingup.areapo.config import Config, hyperparameters
 from swingup.cli import main
@@ -62,32 +61,14 @@ def test_one_spelling_of_several_numbers_and_two_that_are_understood(words):
 
 def test_only_what_was_given():
     assert given_hyperparameters(HyperparameterOptions()) == {}
-    options = HyperparameterOptions(learning_rate="3e-4", no_popart=True, gain_trace=True, num_envs="8")
+    options = HyperparameterOptions(
+        learning_rate="3e-4", no_centre_values=True, state_dependent_std=True, num_envs="8"
+    )
     assert given_hyperparameters(options) == {
-        "learning_rate": 3e-4, "popart": False, "gain_trace": True, "num_envs": 8,
+        "learning_rate": 3e-4, "centre_values": False, "state_dependent_std": True, "num_envs": 8,
     }  # fmt: skip
-    with pytest.raises(SwingupError, match="--popart and --no-popart exclude each other"):
-        given_hyperparameters(HyperparameterOptions(popart=True, no_popart=True))
-
-
-@pytest.mark.parametrize(
-    ("words", "value"),
-    [
-        ("--adaptive-reset-cost", True),
-        ("--adaptive-reset-cost auto", "auto"),
-        ("--adaptive-reset-cost false", False),
-        ("--no-adaptive-reset-cost", False),
-    ],
-)
-def test_a_word_may_follow_a_flag(words, value):
-    options = tyro.cli(HyperparameterOptions, args=words.split())
-    assert given_hyperparameters(options) == {"adaptive_reset_cost": value}
-
-
-def test_a_flag_with_a_word_excludes_its_opposite():
-    options = HyperparameterOptions(adaptive_reset_cost=("auto",), no_adaptive_reset_cost=True)
-    with pytest.raises(SwingupError, match="--adaptive-reset-cost and --no-adaptive-reset-cost exclude each other"):
-        given_hyperparameters(options)
+    with pytest.raises(SwingupError, match="--centre-values and --no-centre-values exclude each other"):
+        given_hyperparameters(HyperparameterOptions(centre_values=True, no_centre_values=True))
 
 
 def test_help_has_every_hyperparameter_with_its_defaults(capsys):
@@ -97,10 +78,8 @@ def test_help_has_every_hyperparameter_with_its_defaults(capsys):
     for name in hyperparameters():
         assert f"--{name.replace('_', '-')} " in text
     assert isinstance(Config().learning_rate, float)
-    assert (
-        "Adam's step size. (0.0005; small, fast: 0.001; apo --env, eapo --env, ppo --env, mujoco: 0.0003)" in text
-    )
-    assert "(256x256; global: 128x128; small, fast, apo --env, eapo --env, ppo --env, mujoco: 64x64)" in text
+    assert "Adam's step size. (0.0005; small, fast: 0.001; ppo, mujoco: 0.0003)" in text
+    assert "(256x256; global: 128x128; small, fast, ppo, mujoco: 64x64)" in text
 
 
 @pytest.mark.parametrize(
@@ -111,7 +90,7 @@ def test_help_has_every_hyperparameter_with_its_defaults(capsys):
         ("--policy-layers 64 wide", "policy_layers = '64 wide': use integers"),
         ("--preset globall", "did you mean global?"),
         ("--terminations ends", "did you mean end?"),
-        ("--adaptive-reset-cost often", "adaptive_reset_cost = 'often': use True, False or auto"),
+        ("--gain often", "'often'"),
     ],
 )
 def test_bad_options_get_a_line(words, message, capsys, tmp_path, monkeypatch):

@@ -8,7 +8,6 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from swingup.areapo.config import Config
 from swingup.areapo.initial import begin_episodes, init_learner
-from swingup.areapo.keys import initial_keys
 from swingup.learner import host_collection as host
 from swingup.learner.environments import make_environments
 from swingup.learner.host_backend import HostBackend
@@ -86,7 +85,7 @@ def test_rows_of_a_reset_do_not_count():
     state = backend.begin(backend.init(), 0)
     environments = make_environments(Chain(2, "walk", AutoresetMode.NEXT_STEP), 2)
     environments.reset(0)
-    _, rollout = collect_on_host(state, environments, new_tally(2), jax.random.key(0), config)
+    _, rollout = collect_on_host(state, environments, new_tally(2), config)
     # Four steps, of which the last ends, then the reset.
     np.testing.assert_array_equal(rollout.counted[:, 0], [1, 1, 1, 1, 0, 1, 1, 1, 1, 0, 1, 1])
     np.testing.assert_array_equal(np.flatnonzero(rollout.terminated[:, 0]), [3, 8])
@@ -115,9 +114,9 @@ def test_killed_and_resumed_equals_uninterrupted(tmp_path):
 def test_a_rollout_holds_what_the_actor_saw_and_did(mode):
     config = Config(**(vars(SMALL) | {"num_envs": 3, "num_steps": 10, "batch_size": 30}))
     environments = make_environments(SyncVectorEnv([Stairs] * 3, autoreset_mode=mode), 3)
-    state = init_learner(initial_keys(jax.random.key(0)), environments.spaces, config)
-    state = begin_episodes(state, environments.reset(0), config)
-    after, rollout = collect_on_host(state, environments, new_tally(3), jax.random.key(1), config)
+    state = init_learner(jax.random.key(0), environments.spaces, config)
+    state = begin_episodes(state, environments.reset(0))
+    after, rollout = collect_on_host(state, environments, new_tally(3), config)
     log_prob = jax.jit(jax.vmap(jax.vmap(lambda o, z: state.actor(o).log_prob(z))))
     log_probs = log_prob(rollout.observations, rollout.latents)
     np.testing.assert_allclose(log_probs, rollout.log_probs, atol=1e-5)
@@ -136,7 +135,7 @@ def test_a_rollout_holds_what_the_actor_saw_and_did(mode):
 def test_nothing_is_compiled_twice():
     backend = HostBackend(Noisy, "noisy", TINY, [0], 0)
     state, _ = backend.train(backend.begin(backend.init(), 0), 1)
-    compiled = (host._decide, host._advance, host._update, host._keys)
+    compiled = (host._sample, host._noise, host._advance, host._update)
     before = [function._cache_size() for function in compiled]
     state, _ = backend.train(state, 2)
     backend.train(backend.begin(state, 3), 1)

@@ -47,7 +47,7 @@ def test_the_command_refuses_them_in_a_line(words, tmp_path, monkeypatch, capsys
     assert main(["train", *words.split()]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "this training needs about" in line
-    assert "GiB: reduce policy_layers, value_layers, gru_width, num_envs, num_steps or seeds" in line
+    assert "GiB: reduce policy_layers, value_layers, num_envs, num_steps or seeds" in line
     assert not list(tmp_path.iterdir())
 
 

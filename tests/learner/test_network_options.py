@@ -23,12 +23,10 @@ FRAMES = 32
 """Frames of one iteration."""
 OPTIONS = {
     "activation": {"activation": "tanh"},
-    "layer_norm": {"layer_norm": True},
-    "shared_trunk": {"shared_trunk": True},
     "normalise_rewards": {"normalise_rewards": True},
     "one deviation": {"state_dependent_std": False},
-    "adaptive": {"adaptive_reset_cost": "auto", "reset_cost": 2.0},
-    "all": {"activation": "silu", "layer_norm": True, "shared_trunk": True, "normalise_rewards": True},
+    "adaptive": {"terminations": "adaptive_cost", "reset_cost": 2.0},
+    "schedule": {"schedule": "anneal_entropy", "schedule_frames": 160},
 }
 ON = {
     "host": lambda config: (RunSettings(None, "mujoco", 3, 1, 64, 128, config, "<noisy>", 2), Noisy),
@@ -40,8 +38,7 @@ ON = {
 @pytest.mark.parametrize("back_end", ON)
 @pytest.mark.parametrize("option", OPTIONS)
 def test_killed_and_resumed_equals_uninterrupted(tmp_path, option, back_end):
-    changes = OPTIONS[option]
-    settings, env = ON[back_end](dataclasses.replace(TINY, **changes))
+    settings, env = ON[back_end](dataclasses.replace(TINY, **OPTIONS[option]))
     list(start_run(settings, tmp_path / "whole", 8 * FRAMES, env).advance())
     run = start_run(settings, tmp_path / "part", 8 * FRAMES, env)
     for report in run.advance():
@@ -56,31 +53,8 @@ def test_killed_and_resumed_equals_uninterrupted(tmp_path, option, back_end):
     assert (len(costs) > 1) == (option == "adaptive")
     loaded, _ = load_any_policy(tmp_path / "whole" / "last.safetensors")
     kept = run.policy().actor
-    assert (loaded.actor.activation, len(loaded.actor.norms)) == (kept.activation, 2 * ("layer_norm" in changes))
+    assert loaded.actor.activation == kept.activation
     # A file does not say that the deviation's weights were not to learn: they are 0.
     for found, expected in zip(jax.tree.leaves(loaded.actor), jax.tree.leaves(kept), strict=True):
         np.testing.assert_array_equal(found, expected)
     assert bool(run.progress.state.critic.trunk) == ("shared_trunk" not in changes)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("back_end", ON)
-def test_schedules_work(tmp_path, back_end):
-    """Entropy counts nothing, the first of two iterations clips almost everything, and the second moves nothing."""
-    config = dataclasses.replace(
-        TINY, num_epochs=2, learning_rate=0.01, schedule_frames=2 * FRAMES,
-        learning_rate_schedule=(0.0, 1.0, 0.25, 0.0), clip_range_schedule=(0.0, 0.01),
-        temperature_schedule=(0.0, 0.0),
-    )  # fmt: skip
-    settings, env = ON[back_end](config)
-    run = start_run(settings, None, 2 * FRAMES, env)
-    state = run.backend.begin(run.progress.state, 0)
-    first, (row,) = run.backend.train(state, 1)
-    second, (later,) = run.backend.train(first, 1)
-    run.close()
-    # Each minibatch after the first sees other ratios than 1, which leave any range this narrow.
-    assert row["clip_fraction"] > 0.5
-    assert later["clip_fraction"] == 0.0
-    assert row["entropy_gain"] == later["entropy_gain"] == 0.0
-    assert not np.array_equal(state.actor.trunk[0].weight, first.actor.trunk[0].weight)
-    jax.tree.map(np.testing.assert_array_equal, first.actor, second.actor)

@@ -107,23 +107,6 @@ STAGES = [{"name": "pendulum"}, {"name": "normalise"}]
     [
         ({"format": "swingup checkpoint"}, {}, "a 'swingup checkpoint' file"),
         ({"activation": "step"}, {}, "unknown activation 'step': use one of relu, tanh"),
-        ({"gru": True}, {}, "array network.gru.inputs.weight is missing"),
-        (
-            {"gru": True},
-            {
-                f"network.gru.{part}.{name}": np.zeros(shape, np.float32)
-                for part, rows in (("inputs", 256), ("hidden", 7))
-                for name, shape in (("weight", (24, rows)), ("bias", 24))
-            },
-            r"a GRU of 7 after 256 values has weights \(24, 256\) and \(24, 7\)",
-        ),
-        ({"layer_norm": 1}, {}, "layer_norm = 1: use true or false"),
-        ({"layer_norm": True}, {}, "array network.norm.0.weight is missing"),
-        (
-            {"layer_norm": True},
-            {f"network.norm.{i}.{part}": np.ones(3, np.float32) for i in (0, 1) for part in ("weight", "bias")},
-            r"a norm has shapes \(3,\) and \(3,\), its layer \(256,\)",
-        ),
         ({"format_version": 2}, {}, "format version 2, this program reads 1"),
         ({"format_version": True}, {}, "format version True, this program reads 1"),
         ({"observation": [{"name": "kalman"}, *STAGES]}, {}, "unknown observation stage 'kalman'"),
@@ -176,13 +159,13 @@ def test_foreign_files(tmp_path, content):
         load_any_policy(tmp_path / "p.safetensors")
 
 
-@pytest.mark.parametrize("foreign", [{}, {"observation": [{"name": "plant"}], "choices": [3], "gru": True}])
+@pytest.mark.parametrize("foreign", [{}, {"observation": [{"name": "plant"}], "choices": [3]}])
 def test_metadata_of_another_network_does_not_change_this_one(tmp_path, foreign):
     network = network_of(make_policy())
     write_network(tmp_path / "p.safetensors", network, {"format": "x", "robot": "acrobot"} | foreign)
     found, metadata = read_network(tmp_path / "p.safetensors")
     assert [type(stage) for stage in found.stages] == [type(stage) for stage in network.stages]
-    assert (found.choices, found.gru, metadata["robot"]) == (None, None, "acrobot")
+    assert (found.choices, metadata["robot"]) == (None, "acrobot")
 
 
 def test_a_folded_policy_is_written_with_its_own_metadata(tmp_path):

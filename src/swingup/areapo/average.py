@@ -25,10 +25,13 @@ def mean(values: Float[Array, "..."], weights: Weights = None, axis: Axes = None
     return jnp.sum(values * weights, axis=axis) / jnp.maximum(total, 1.0)
 
 
+def pair_mean(pairs: Float[Array, "steps envs 2"], weights: Weights = None) -> Float[Array, "2"]:
+    """Mean of each objective over the frames of a rollout that count."""
+    return mean(pairs, None if weights is None else weights[..., None], axis=(0, 1))
+
+
 def standardise(values: Float[Array, "*frames"], weights: Weights = None) -> Float[Array, "*frames"]:
     """Shift and scale to mean 0 and standard deviation 1 over the frames that count."""
-    if weights is None:
-        # 1e-8 keeps frames of equal values finite: they all become 0.
-        return (values - jnp.mean(values)) / (jnp.std(values) + 1e-8)
     centred = values - mean(values, weights)
+    # 1e-8 keeps frames of equal values finite: they all become 0.
     return centred / (jnp.sqrt(mean(centred**2, weights)) + 1e-8)

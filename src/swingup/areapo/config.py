@@ -1,11 +1,10 @@
 """The algorithm's hyperparameters; the strings under the fields are the command line's help.
 
 Fields marked static fix shapes and are compiled in; the others are leaves of the pytree, so that learning rates or
-temperatures can be batched with ``vmap``. Defaults are Table I of the paper, to the letter.
+temperatures can be batched with ``vmap``. A pair is [reward, entropy]. Defaults are Table I of the paper.
 """
 
 import dataclasses
-import itertools
 from collections.abc import Iterable
 from numbers import Integral, Real
 from typing import Any, Literal, get_args
@@ -18,144 +17,94 @@ from ..common.checks import finite_number, one_of, suggestion, whole_number
 from ..common.errors import SwingupError
 from ..common.other_names import our_name
 from ..common.text import quoted
-from ..policy.network import Activation
+from ..policy.network.layers import Activation
 
 TINY, HUGE = 1e-12, 1e12
 LARGEST_COUNT = 2**31 - 1
 """Frames and units are indexed in 32 bits."""
-NO_SCHEDULE: tuple[float, ...] = ()
-"""The default of all schedules, which tells them from layers."""
 
-Terminations = Literal["auto", "end", "reset_cost", "bootstrap"]
-AUTO = "auto"
+Gain = Literal["td", "advantage", "none"]
+Terminations = Literal["reset_cost", "adaptive_cost", "bootstrap", "end"]
+Schedule = Literal["constant", "anneal", "anneal_entropy"]
+Pair = tuple[float, float]
+"""Of the reward objective and of the entropy objective."""
 
 
-def _number(default: float, least: float, most: float) -> Any:
-    """A real number, a leaf of the pytree, and its range; traced values are not checked."""
+def _number(default: float | Pair, least: float, most: float) -> Any:
+    """A real number, or a pair of them, and its range: leaves of the pytree, unchecked where they are traced."""
     return eqx.field(default=default, metadata={"range": (least, most)})
 
 
-def _static(default: Any) -> Any:
-    """A value that is compiled in."""
-    return eqx.field(static=True, default=default)
+def _static(default: Any, least: float = 0, most: float = LARGEST_COUNT) -> Any:
+    """A number, a truth value or widths of layers that is compiled in; the range is a number's."""
+    return eqx.field(static=True, default=default, metadata={"range": (least, most)})
 
 
-def _schedule() -> Any:
-    """Pairs of numbers that are compiled in, without any by default."""
-    return eqx.field(static=True, default=NO_SCHEDULE, metadata={"schedule": True})
-
-
-def _word(default: str | bool, words: tuple[str, ...]) -> Any:
-    """One of some words, which is compiled in; also True or False if the default is."""
-    return eqx.field(static=True, default=default, metadata={"words": words})
-
-
-def _count(default: int) -> Any:
-    """A whole number of at least 1 that is compiled in."""
-    return eqx.field(static=True, default=default, metadata={"range": (1, LARGEST_COUNT)})
+def _word(default: str, words: Any) -> Any:
+    """One of the words of a ``Literal``, which is compiled in."""
+    return eqx.field(static=True, default=default, metadata={"words": get_args(words)})
 
 
 class Config(eqx.Module):
     """Hyperparameters of AR-EAPO (paper, Table I) and of its relatives."""
 
-    num_envs: int = _count(64)
+    num_envs: int = _static(64, 1)
     """Environments side by side."""
-    num_steps: int = _count(128)
+    num_steps: int = _static(128, 1)
     """Steps of each environment in a rollout."""
-    num_epochs: int = _count(6)
+    num_epochs: int = _static(6, 1)
     """Passes over a rollout."""
-    batch_size: int = _count(1024)
+    batch_size: int = _static(1024, 1)
     """Frames in a minibatch."""
-    policy_layers: tuple[int, ...] = _static((256, 256))
+    policy_layers: tuple[int, ...] = _static((256, 256), 1)
     """Widths of the policy's hidden layers."""
-    value_layers: tuple[int, ...] = _static((512, 512))
+    value_layers: tuple[int, ...] = _static((512, 512), 1)
     """Widths of the hidden layers that both value heads share."""
-    activation: Activation = _word("relu", get_args(Activation))
+    activation: Activation = _word("relu", Activation)
     """Activation of all hidden layers: relu, tanh, elu, silu or gelu. C, ONNX and pages run relu alone."""
-    layer_norm: bool = _static(False)
-    """Whether each hidden layer normalises its features before the activation (arXiv 1607.06450)."""
-    shared_trunk: bool = _static(False)
-    """Whether the value heads read the policy's hidden layers; value_layers then has no effect."""
-    gru_width: int = eqx.field(static=True, default=0, metadata={"range": (0, LARGEST_COUNT)})
-    """Numbers that a recurrent layer (GRU) after the hidden layers remembers; 0: none. It needs shared_trunk, and a
-    batch_size that is a multiple of num_steps."""
     state_dependent_std: bool = _static(True)
     """Whether the standard deviation of continuous actions depends on the state, as in the paper. Without it each
     action has one that learns, as in Stable-Baselines3 and CleanRL. Discrete actions have none."""
-    average_reward: bool = _static(True)
-    """Subtract the gains (average reward); without it, the discounts below 1 bound the values."""
-    gain_trace: bool = _static(True)
-    """Divide the gains' step by its trace, which removes the bias of their start at 0 (authors' code). Not with a λ
-    near 1: λ-advantages scale the step by about 1 / (1 - λ), and the first estimates overshoot more and more."""
-    centre_values: bool = _static(False)
-    """Fix the values' free constant: after each rollout, subtract their mean from the heads' biases."""
-    normalise_rewards: bool = _static(False)
-    """Divide rewards by their running standard deviation, the cost of a reset included. The temperature is then in
-    units of it; metrics and gains stay in the task's."""
-    normalise_advantages: bool = _static(True)
-    """Normalise the soft advantages in each minibatch."""
-    terminations: Terminations = _word("auto", get_args(Terminations))
-    """The meaning of a termination. end: nothing follows, the value beyond is 0; reset_cost: a new start, at a cost
-    (ATRPO, arXiv 2106.07329); bootstrap: the value of the last state, as at a time limit; auto: reset_cost with
-    average reward, end without."""
-    popart: bool = _static(False)
-    """Learn the values on a normalised scale that follows the returns (PopArt)."""
+    log_std_init: float = _number(-1.0, -20.0, 2.0)
+    """Logarithm of the policy's initial standard deviation (before tanh)."""
     temperature: float = _number(2.0, 0.0, HUGE)
     """Temperature τ of the entropy reward -τ log π."""
-    discount: float = _number(1.0, 0.0, 1.0)
-    """Discount γ of the reward objective."""
-    entropy_discount: float = _number(1.0, 0.0, 1.0)
-    """Discount γ_H of the entropy objective."""
-    gae_lambda: float = _number(0.8, 0.0, 1.0)
-    """λ of the reward advantages."""
-    entropy_gae_lambda: float = _number(0.6, 0.0, 1.0)
-    """λ_e of the entropy advantages."""
+    discount: Pair = _number((1.0, 1.0), 0.0, 1.0)
+    """Discounts γ of the reward and of the entropy objective."""
+    gae_lambda: Pair = _number((0.8, 0.6), 0.0, 1.0)
+    """λ of the reward advantages and λ_e of the entropy advantages."""
+    gain: Gain = _word("advantage", Gain)
+    """What moves the gains. td: the mean error δ of a step, right for every λ; advantage: the mean λ-advantage (the
+    authors' code), which overshoots where λ is near 1; none: no gains, and discounts below 1 bound the values."""
     gain_step_size: float = _number(0.01, TINY, 1.0)
-    """Step size η of both gains."""
+    """Step size η of both gains, which then follow some 1/η rollouts."""
+    centre_values: bool = _static(False)
+    """Fix the values' free constant: after each rollout, subtract their mean from the heads' biases."""
     clip_range: float = _number(0.05, TINY, 1.0)
     """ε of the clipped surrogate."""
     learning_rate: float = _number(5e-4, 0.0, HUGE)
     """Adam's step size."""
-    adam_epsilon: float = _number(1e-5, TINY, HUGE)
-    """Adam's ε."""
     max_grad_norm: float = _number(10.0, TINY, HUGE)
     """Joint norm to which the gradients are clipped."""
-    target_kl: float = eqx.field(static=True, default=0.0, metadata={"range": (0.0, HUGE)})
-    """The steps on a rollout end before a minibatch whose KL divergence from the policy that collected it is above
-    this; 0: they never end early."""
-    value_coefficient: float = _number(0.25, 0.0, HUGE)
-    """Weight of the value loss."""
-    entropy_value_coefficient: float = _number(0.5, 0.0, HUGE)
-    """c2: weight of the entropy value's loss within the value loss."""
-    schedule_frames: int = eqx.field(static=True, default=0, metadata={"range": (0, LARGEST_COUNT)})
-    """Frames of a seed over which the schedules run; 0: nothing changes."""
-    schedule_repeats: bool = _static(False)
-    """Whether the schedules begin anew after these frames (warm restarts, arXiv 1608.03983) or stay as they end."""
-    learning_rate_schedule: tuple[float, ...] = _schedule()
-    """Pairs of a part of schedule_frames and a factor on the learning rate, as 0.5 1 1 0.1: linear between them."""
-    clip_range_schedule: tuple[float, ...] = _schedule()
-    """Likewise for the clip range."""
-    temperature_schedule: tuple[float, ...] = _schedule()
-    """Likewise for the temperature."""
-    log_std_init: float = _number(-1.0, -20.0, 2.0)
-    """Logarithm of the policy's initial standard deviation (before tanh)."""
-    observation_clip: float = _number(10.0, TINY, HUGE)
-    """Normalised observations are clipped to ± this."""
+    target_kl: float = _static(0.0, 0.0, HUGE)
+    """Stop updating on a rollout when a minibatch's KL divergence from the policy that collected it exceeds this;
+    0: never."""
+    value_coefficient: Pair = _number((0.25, 0.125), 0.0, HUGE)
+    """Weights of both values' losses; Table I has c2 = 0.5 for the second over the first."""
+    terminations: Terminations = _word("reset_cost", Terminations)
+    """What a termination means. reset_cost: a new start, at a fixed cost; adaptive_cost: at a cost that holds
+    terminations at one in 1,000 steps; bootstrap: as a time limit; end: nothing follows, without gains alone."""
     reset_cost: float = _number(10.0, 0.0, HUGE)
-    """Subtracted from the reward where a task terminates, with terminations = reset_cost (10 in arXiv 2501.06937's
-    continuing MuJoCo tasks). The first value where it adapts."""
-    relative_reset_cost: bool = _static(False)
-    """Whether the reset cost and its step are numbers of steps: a reset then costs what so many earn at present,
-    and nothing where their mean is negative. A discount γ has such a cost, of 1 / (1 - γ) steps."""
-    adaptive_reset_cost: bool | Literal["auto"] = _word(False, (AUTO,))
-    """Whether the reset cost rises while terminations exceed their target, and falls otherwise (after RVI-SAC).
-    auto: wherever a termination costs something, and nowhere else."""
-    termination_target: float = _number(1e-3, TINY, 1.0)
-    """Terminations a step that the adaptive reset cost permits (1e-3 in RVI-SAC, arXiv 2408.01972)."""
-    reset_cost_step: float = _number(0.1, 0.0, HUGE)
-    """The most by which a rollout changes the adaptive reset cost, in the units of reset_cost."""
-    popart_step_size: float = _number(0.1, TINY, 1.0)
-    """Weight of a rollout's returns in PopArt's running moments."""
+    """The cost of a reset, in units of the reward. With adaptive_cost its first value, in steps: a reset then costs
+    what so many earn at present."""
+    normalise_rewards: bool = _static(False)
+    """Divide rewards by their running standard deviation, the cost of a reset included. The temperature is then in
+    units of it; metrics stay in the task's."""
+    schedule: Schedule = _word("constant", Schedule)
+    """What changes over schedule_frames, again and again. anneal: learning rate and clip range fall to 0.1 and 0.15
+    of themselves in the second half; anneal_entropy: before that, the temperature is lower for a while."""
+    schedule_frames: int = _static(12_000_000, 1)
+    """Frames of a seed in a cycle of the schedule."""
 
     def __check_init__(self) -> None:
         """Refuse what cannot work, before anything is traced."""
@@ -167,64 +116,24 @@ class Config(eqx.Module):
                 f"batch_size = {self.batch_size} does not divide a rollout of num_envs x num_steps = "
                 f"{self.num_envs} x {self.num_steps} = {self.rollout_size} frames: choose a divisor"
             )
-        if self.average_reward and self.terminations == "end":
+        if self.gain != "none" and self.terminations == "end":
             raise SwingupError(
-                "terminations = 'end' does not go with average_reward, whose task goes on: "
-                "use reset_cost or bootstrap"
+                f"terminations = 'end' does not go with gain = {self.gain!r}, whose task goes on: use reset_cost, "
+                f"adaptive_cost or bootstrap"
             )
-        if self.adapts_reset_cost and self.ending != "reset_cost":
+        # Traced or batched values cannot be compared here.
+        discounts = [value for value in self.discount if isinstance(value, int | float)]
+        if self.gain == "none" and any(value >= 1.0 for value in discounts):
+            raise SwingupError(f"discount = {self.discount} must be below 1 with gain = 'none'")
+        if self.centre_values and any(value < 1.0 for value in discounts):
             raise SwingupError(
-                f"adaptive_reset_cost has no effect with terminations = {self.terminations!r}"
-                f"{'' if self.average_reward else ' and without average_reward'}: use terminations = 'reset_cost'"
+                f"centre_values does not go with discount = {self.discount}: such a value has no free constant"
             )
-        if self.centre_values and self.popart:
-            raise SwingupError("centre_values does not go with popart, which centres as well: choose one")
-        self._check_gru()
-        if self.normalise_rewards and self.popart:
-            raise SwingupError("normalise_rewards does not go with popart, which scales as well: choose one")
-        for name in ("discount", "entropy_discount"):
-            value = getattr(self, name)
-            # Traced or batched values cannot be compared here.
-            # Without a gain, only a discount below 1 bounds the values.
-            if not self.average_reward and isinstance(value, int | float) and value >= 1.0:
-                raise SwingupError(f"{name} = {value} must be below 1 without average_reward")
-            if self.centre_values and isinstance(value, int | float) and value < 1.0:
-                raise SwingupError(
-                    f"centre_values does not go with {name} = {value}: such a value has no free constant"
-                )
-
-    def _check_gru(self) -> None:
-        if self.gru_width and not self.shared_trunk:
-            raise SwingupError(
-                f"gru_width = {self.gru_width} needs shared_trunk: the values read the policy's memory"
-            )
-        if self.gru_width and self.batch_size % self.num_steps:
-            raise SwingupError(
-                f"batch_size = {self.batch_size} is no multiple of num_steps = {self.num_steps}: with gru_width a "
-                f"minibatch has whole rollouts of some environments, so choose a multiple"
-            )
-
-    @property
-    def ending(self) -> Literal["end", "reset_cost", "bootstrap"]:
-        """What follows a termination, with ``auto`` resolved."""
-        if self.terminations == "auto":
-            return "reset_cost" if self.average_reward else "end"
-        return self.terminations
-
-    @property
-    def adapts_reset_cost(self) -> bool:
-        """Whether the reset cost adapts, with ``auto`` resolved."""
-        return self.ending == "reset_cost" if self.adaptive_reset_cost == AUTO else bool(self.adaptive_reset_cost)
 
     @property
     def rollout_size(self) -> int:
         """Frames of one iteration."""
         return self.num_envs * self.num_steps
-
-    @property
-    def num_minibatches(self) -> int:
-        """Minibatches of one pass over a rollout."""
-        return self.rollout_size // self.batch_size
 
 
 def config_from_dict(values: dict[str, Any], others: Iterable[str] = ()) -> Config:
@@ -262,7 +171,7 @@ def check_value(name: str, value: Any) -> None:
     Raises:
         SwingupError: it is of another kind, or outside the hyperparameter's range.
     """
-    _check_field(next(field for field in dataclasses.fields(Config) if field.name == name), value)
+    _check_field(_field(name), value)
 
 
 def hyperparameters() -> list[str]:
@@ -270,19 +179,49 @@ def hyperparameters() -> list[str]:
     return [field.name for field in dataclasses.fields(Config)]
 
 
-def words_of(name: str) -> tuple[str, ...]:
-    """The words that a hyperparameter may be; none for numbers."""
-    return next(field.metadata.get("words", ()) for field in dataclasses.fields(Config) if field.name == name)
-
-
 def kind_of(name: str) -> str:
     """What values of a hyperparameter are, in words."""
-    default, words = getattr(Config, name), words_of(name)
-    if default == NO_SCHEDULE:
-        return "pairs of numbers such as 0.5 1 1 0.1"
-    flags = f"True, False or {' or '.join(words)}" if words else "True or False"
-    kinds = {bool: flags, int: "an integer", float: "a number", tuple: "integers such as (64, 64)"}
-    return kinds.get(type(default), "a word")
+    default, words = getattr(Config, name), _field(name).metadata.get("words")
+    if words:
+        return f"one of {', '.join(words)}"
+    if is_pair(name):
+        return "two numbers, of the reward and of the entropy, such as 0.8 0.6"
+    return {bool: "True or False", int: "an integer", float: "a number", tuple: "integers such as (64, 64)"}[
+        type(default)
+    ]
+
+
+def is_pair(name: str) -> bool:
+    """Whether a hyperparameter is a number for each objective."""
+    return _field(name).type == Pair
+
+
+def parse_value(name: str, text: str) -> Any:
+    """A hyperparameter from text: 3e-4, true or false, 64x64 or 64 64 or 64,64, 0.8 0.6, or a word.
+
+    Raises:
+        SwingupError: the name is unknown, or the text is not a value of the hyperparameter's type.
+    """
+    default = getattr(Config, check_hyperparameter(name))
+    try:
+        if isinstance(default, bool):
+            return {"true": True, "false": False}[text.lower()]
+        if isinstance(default, tuple):
+            number = float if is_pair(name) else int
+            return tuple(number(part) for part in text.replace("x", " ").replace(",", " ").split())
+        return type(default)(text)
+    except (KeyError, ValueError) as error:
+        raise SwingupError(f"{name} = {quoted(text)}: use {kind_of(name)}") from error
+
+
+def format_value(value: Any) -> str:
+    """A value as ``parse_value`` reads it."""
+    # Joined by x: a sweep separates its alternatives by commas.
+    return "x".join(map(str, value)) if isinstance(value, tuple) else str(value)
+
+
+def _field(name: str) -> Any:
+    return next(field for field in dataclasses.fields(Config) if field.name == name)
 
 
 def _to_python(value: Any) -> Any:
@@ -295,56 +234,37 @@ def _to_python(value: Any) -> Any:
 
 def _check_field(field: Any, value: Any) -> None:
     """Refuse a value of another kind than the default's, or that the field cannot have; numbers may be traced."""
-    name, default, words = field.name, field.default, field.metadata.get("words", ())
-    if isinstance(default, bool) and isinstance(value, str) and value in words:
+    name, default = field.name, field.default
+    if "words" in field.metadata:
+        one_of(name, value, field.metadata["words"])
         return
-    if not _is_of_kind(value, default):
-        # Elsewhere a schedule is a function in the number's place.
-        schedule = f"{name}_schedule"
-        changing = f", and {schedule} to change it" if callable(value) and schedule in hyperparameters() else ""
-        raise SwingupError(f"{name} = {quoted(value)}: use {kind_of(name)}{changing}")
-    if isinstance(default, str):
-        one_of(name, value, words)
-    elif "schedule" in field.metadata:
-        _check_schedule(name, value)
-    elif isinstance(default, tuple):
-        if not value:
-            raise SwingupError(f"{name} = (): name at least one layer, such as 64")
-        for width in value:
-            whole_number(name, width, 1, LARGEST_COUNT)
-    elif "range" in field.metadata and isinstance(default, int):
-        whole_number(name, value, *field.metadata["range"])
-    elif "range" in field.metadata and isinstance(value, Real):
-        finite_number(name, value, *field.metadata["range"])
+    if not _is_of_kind(value, default, is_pair(name)):
+        raise SwingupError(f"{name} = {quoted(value)}: use {kind_of(name)}")
+    bounds = field.metadata["range"]
+    for each in value if isinstance(value, tuple) else (value,):
+        if isinstance(default, float) or is_pair(name):
+            if isinstance(each, Real):
+                finite_number(name, each, *bounds)
+        elif not isinstance(default, bool):
+            whole_number(name, each, *bounds)
 
 
-def _check_schedule(name: str, pairs: tuple[float, ...]) -> None:
-    """Refuse pairs whose parts do not rise from 0 to 1, or whose factors are negative or endless."""
-    parts, factors = pairs[0::2], pairs[1::2]
-    if len(parts) != len(factors):
-        raise SwingupError(f"{name} = {quoted(pairs)} has a part without a factor: use pairs such as 0.5 1 1 0.1")
-    for part, factor in zip(parts, factors, strict=True):
-        finite_number(f"a part in {name}", part, 0.0, 1.0)
-        finite_number(f"a factor in {name}", factor, 0.0, HUGE)
-    if any(later <= part for part, later in itertools.pairwise(parts)):
-        raise SwingupError(f"{name} = {quoted(pairs)}: its parts must rise, as 0.5 and 1 do in 0.5 1 1 0.1")
-
-
-def _is_of_kind(value: Any, default: Any) -> bool:
+def _is_of_kind(value: Any, default: Any, pair: bool) -> bool:
     # Before int: in Python a bool is an int.
     if isinstance(default, bool):
         return isinstance(value, bool | np.bool_)
-    if isinstance(default, int):
-        return _is_integer(value)
-    if isinstance(default, float):
-        return isinstance(value, Real | np.ndarray | jax.Array) and not isinstance(value, bool)
+    if isinstance(value, bool):
+        return False
+    if pair:
+        return isinstance(value, tuple) and len(value) == 2 and all(_is_number(each) for each in value)
     if isinstance(default, tuple):
-        kind = Real if default == NO_SCHEDULE else Integral
-        return isinstance(value, tuple) and all(
-            isinstance(each, kind) and not isinstance(each, bool) for each in value
-        )
-    return True
+        return isinstance(value, tuple) and bool(value) and all(map(_is_integer, value))
+    return _is_integer(value) if isinstance(default, int) else _is_number(value)
 
 
 def _is_integer(value: Any) -> bool:
     return isinstance(value, Integral) and not isinstance(value, bool)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, Real | np.ndarray | jax.Array) and not isinstance(value, bool)

@@ -1,60 +1,56 @@
-"""The learner's state before its first iteration, and at the start of new episodes."""
+"""The learner's state before its first iteration, and at the start of new episodes; its optimiser."""
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
+import optax
 from jaxtyping import Array, Float
 
+from ..common.types import Key
 from ..tasks.task import Spaces
-from .act import update_statistics
-from .advantage import init_gains
 from .config import Config
-from .keys import InitialKeys
-from .layers import LayerKind
-from .networks import init_critic, init_policy, init_shared_critic
-from .normalise import init_statistics
-from .optimiser import make_optimiser
-from .popart import init_value_scale
-from .reward_scale import init_reward_scale
+from .networks import init_critic, init_policy
+from .normalise import observation_statistics, reward_statistics
 from .state import LearnerState
 
+ADAM_EPSILON = 1e-5
+"""Adam's ε (authors' code)."""
 
-def init_learner(keys: InitialKeys, spaces: Spaces, config: Config) -> LearnerState:
-    """The state of a learner that has observed no environment yet."""
-    kind = LayerKind(config.activation, config.layer_norm, config.gru_width)
+
+def init_learner(key: Key, spaces: Spaces, config: Config) -> LearnerState:
+    """The state of a learner that has observed no environment yet; gains and their trace start at 0."""
+    actor_key, critic_key, state_key = jax.random.split(key, 3)
     actor = init_policy(
-        keys.actor, spaces, config.policy_layers, config.log_std_init, kind, config.state_dependent_std
+        actor_key, spaces, config.policy_layers, config.log_std_init, config.activation, config.state_dependent_std
     )
-    if config.shared_trunk:
-        critic = init_shared_critic(keys.critic, kind.width(config.policy_layers))
-    else:
-        critic = init_critic(keys.critic, spaces.observation_size, config.value_layers, kind)
+    critic = init_critic(critic_key, spaces.observation_size, config.value_layers, config.activation)
     return LearnerState(
         actor=actor,
         critic=critic,
-        # One optimiser for both networks: their gradients are clipped by their joint norm.
         optimiser=make_optimiser(config).init((actor, critic)),
-        gains=init_gains(),
-        statistics=init_statistics(spaces.observation_size),
+        gains=jnp.zeros(2),
+        gain_trace=jnp.zeros(()),
+        statistics=observation_statistics(spaces.observation_size),
         task_states=None,
         observations=jnp.zeros((config.num_envs, spaces.observation_size)),
-        key=keys.state,
+        key=state_key,
         iterations=jnp.array(0),
-        value_scale=init_value_scale() if config.popart else None,
-        reset_cost=jnp.asarray(config.reset_cost, jnp.float32) if config.adapts_reset_cost else None,
-        reward_scale=init_reward_scale() if config.normalise_rewards else None,
-        memory=_no_memories(config),
+        reset_cost=jnp.asarray(config.reset_cost, jnp.float32),
+        reward_statistics=reward_statistics(),
     )
 
 
-def begin_episodes(state: LearnerState, observations: Float[Array, "envs n"], config: Config) -> LearnerState:
+def begin_episodes(state: LearnerState, observations: Float[Array, "envs n"]) -> LearnerState:
     """The learner at the start of new episodes, given their first observations (not normalised)."""
-    statistics, normalise = update_statistics(state.statistics, observations, config.observation_clip)
-    return dataclasses.replace(
-        state, statistics=statistics, observations=normalise(observations), memory=_no_memories(config)
+    statistics = state.statistics.update(observations)
+    return dataclasses.replace(state, statistics=statistics, observations=statistics.stage()(observations))
+
+
+def make_optimiser(config: Config) -> optax.GradientTransformation:
+    """One Adam for both networks, whose gradients are first clipped by their joint norm."""
+    return optax.chain(
+        optax.clip_by_global_norm(config.max_grad_norm),
+        optax.scale_by_adam(eps=ADAM_EPSILON),
+        optax.scale(-config.learning_rate),
     )
-
-
-def _no_memories(config: Config) -> Float[Array, "envs w"] | None:
-    """The memories of a recurrent policy at the start of episodes."""
-    return jnp.zeros((config.num_envs, config.gru_width)) if config.gru_width else None

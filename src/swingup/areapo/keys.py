@@ -1,30 +1,26 @@
-"""The learner's random keys. They are split only here, into names that are each used once."""
+"""Random keys and their purposes. A key is folded with each purpose once, and what comes out is used once.
 
+``fold_in(key, i)`` is also the i-th key of ``split(key, n)``: a key that is folded is never split.
+"""
+
+from enum import IntEnum
 from typing import NamedTuple
 
 import jax
 
 from ..common.types import Key
 
-
-class InitialKeys(NamedTuple):
-    """The keys that initialise a learner."""
-
-    actor: Key
-    critic: Key
-    reset: Key
-    """For the first states of the environments."""
-    state: Key
-    """Kept in the state; every iteration's keys follow from it."""
+COLLECT, IMPROVE, NEXT = range(3)
+"""Purposes of the key of an iteration; the last one gives the key of the next iteration."""
 
 
-class IterationKeys(NamedTuple):
-    """The keys of one iteration."""
+class Purpose(IntEnum):
+    """The consumers of a seed, each with a root of its own."""
 
-    collect: Key
-    improve: Key
-    following: Key
-    """Kept in the state for the next iteration."""
+    TRAINING = 0
+    EVALUATION = 1
+    PREDICTION = 2
+    FAULT_SEARCH = 3
 
 
 class RolloutKeys(NamedTuple):
@@ -38,14 +34,9 @@ class RolloutKeys(NamedTuple):
     """One for each environment at each step."""
 
 
-def initial_keys(key: Key) -> InitialKeys:
-    """The keys that a seed's key starts with."""
-    return InitialKeys(*jax.random.split(key, 4))
-
-
-def iteration_keys(key: Key) -> IterationKeys:
-    """The keys of the iteration that starts with the key of the state."""
-    return IterationKeys(*jax.random.split(key, 3))
+def root_key(seed: int, purpose: Purpose) -> Key:
+    """The key from which all randomness of a consumer follows."""
+    return jax.random.fold_in(jax.random.key(seed), purpose)
 
 
 def rollout_keys(key: Key, steps: int, envs: int) -> RolloutKeys:

@@ -1,4 +1,6 @@
-"""The cost of a reset as a dual variable: it rises while terminations exceed their target, and falls below it."""
+"""The cost of a reset where the task ends itself and goes on from a new start (ATRPO, arXiv 2106.07329)."""
+
+from dataclasses import replace
 
 import jax.numpy as jnp
 
@@ -7,28 +9,34 @@ from .average import mean
 from .config import Config
 from .state import LearnerState, Rollout, termination_rate
 
+TERMINATION_TARGET = 1e-3
+"""f*: terminations a step that the adaptive cost permits (RVI-SAC, arXiv 2408.01972)."""
+COST_STEP = 2.0
+"""η_c: the most by which a rollout changes the adaptive cost (steps)."""
 
-def reset_cost(state: LearnerState, rollout: Rollout, config: Config) -> Scalar:
-    """What a termination in a rollout costs, in units of the reward; 0 where it means something else.
 
-    A relative cost is what a number of steps earns in this rollout, and 0 where they earn less than nothing.
+def charge_resets(state: LearnerState, rollout: Rollout, config: Config) -> tuple[LearnerState, Rollout, Scalar]:
+    """Subtract the cost of a reset from the rewards of terminated steps; also the cost (units of the reward).
+
+    A fixed cost is in units of the reward, as in arXiv 2501.06937's continuing MuJoCo tasks. An adaptive cost is a
+    number of steps: a reset costs what so many earn in this rollout, and nothing where they earn less than 0. A
+    discount γ has such a cost, of 1 / (1 - γ) steps. With any other meaning of a termination nothing changes.
     """
-    if config.ending != "reset_cost":
-        return jnp.zeros(())
-    cost = jnp.asarray(config.reset_cost if state.reset_cost is None else state.reset_cost, jnp.float32)
-    if config.relative_reset_cost:
-        return cost * jnp.maximum(0.0, mean(rollout.rewards, rollout.counted))
-    return cost
+    if config.terminations == "reset_cost":
+        cost = state.reset_cost
+    elif config.terminations == "adaptive_cost":
+        cost = state.reset_cost * jnp.maximum(0.0, mean(rollout.rewards, rollout.counted))
+        state = replace(state, reset_cost=adapted_cost(state.reset_cost, termination_rate(rollout)))
+    else:
+        return state, rollout, jnp.zeros(())
+    charged = jnp.where(rollout.terminated, rollout.rewards - cost, rollout.rewards)
+    return state, replace(rollout, rewards=charged), cost
 
 
-def adapt_reset_cost(cost: Scalar | None, rollout: Rollout, config: Config) -> Scalar | None:
-    """The cost after a rollout, c ← max(0, c + η_c min(f / f* - 1, 1)); None, a fixed cost, stays None.
+def adapted_cost(cost: Scalar, rate: Scalar) -> Scalar:
+    """The cost after a rollout with f terminations a step, c ← max(0, c + η_c min(f / f* - 1, 1)).
 
-    The rollout has f terminations a step, and their target is f*. The cost never changes by more than η_c: a policy
+    The cost is the multiplier of the constraint f ≤ f* (after RVI-SAC). It never changes by more than η_c: a policy
     that has learnt nothing yet falls a hundred times too often, and would make it so high that it stands still.
-    The idea is that of RVI-SAC (arXiv 2408.01972): the cost is the multiplier of the constraint f ≤ f*.
     """
-    if cost is None:
-        return None
-    excess = termination_rate(rollout) / config.termination_target - 1.0
-    return jnp.maximum(0.0, cost + config.reset_cost_step * jnp.minimum(excess, 1.0))
+    return jnp.maximum(0.0, cost + COST_STEP * jnp.minimum(rate / TERMINATION_TARGET - 1.0, 1.0))

@@ -1,33 +1,32 @@
-"""Schedules: hyperparameters that change with the frames of a run."""
+"""Schedules: hyperparameters that change with the frames of a run, in cycles that begin anew (warm restarts)."""
 
 from dataclasses import replace
-from typing import Any
 
-import jax.numpy as jnp
+import optax
 
 from ..common.types import Count
 from .config import Config
 
-SCHEDULED = ("learning_rate", "clip_range", "temperature")
-"""Hyperparameters that have a schedule, the field NAME_schedule."""
 
+def scheduled(config: Config, iterations: Count) -> Config:
+    """The hyperparameters of the iteration after so many, as ``config.schedule`` says.
 
-def at_iteration(config: Config, iterations: Count) -> Config:
-    """The hyperparameters of the iteration after so many: each with a schedule is multiplied by its factor.
-
-    A schedule is a line through its pairs of a part of ``schedule_frames`` and a factor; outside it is constant.
-    After ``schedule_frames`` it stays at its end, or begins anew with ``schedule_repeats``.
+    ``anneal``: in the second half of each cycle the learning rate falls to 0.1 of itself and the clip range to
+    0.15, by the same factor in equal times: late policies fall less often. ``anneal_entropy``: before, with 0.55 of
+    the temperature from 0.15 to 0.4 of a cycle, a better swing-up is found. Warm restarts: arXiv 1608.03983.
     """
-    if not config.schedule_frames:
+    if config.schedule == "constant":
         return config
-    # As real numbers: a long run has more frames than 32 bits count.
-    part = config.rollout_size * jnp.asarray(iterations, jnp.float32) / config.schedule_frames
-    if config.schedule_repeats:
-        part %= 1
-    changed: dict[str, Any] = {}
-    for name in SCHEDULED:
-        pairs = getattr(config, f"{name}_schedule")
-        if pairs:
-            factor = jnp.interp(part, jnp.array(pairs[0::2]), jnp.array(pairs[1::2]))
-            changed[name] = getattr(config, name) * factor
-    return replace(config, **changed)
+    # Rounded up: a run of just one cycle ends before the next begins.
+    cycle = -(-config.schedule_frames // config.rollout_size)
+    done, half = iterations % cycle, max(1, cycle // 2)
+    rate = optax.exponential_decay(1.0, half, 0.1, transition_begin=cycle - half)(done)
+    clip = optax.exponential_decay(1.0, half, 0.15, transition_begin=cycle - half)(done)
+    config = replace(config, learning_rate=config.learning_rate * rate, clip_range=config.clip_range * clip)
+    if config.schedule == "anneal":
+        return config
+    falling, rising = (
+        optax.linear_schedule(*line) for line in [(1.0, 0.55, 0.15 * cycle), (0.55, 1.0, 0.25 * cycle)]
+    )
+    entropy = optax.join_schedules([falling, rising], [0.4 * cycle])(done)
+    return replace(config, temperature=config.temperature * entropy)

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import FlagCreatePairsOff, arg
 
-from ..areapo.config import NO_SCHEDULE, Config, words_of
-from ..areapo.words import format_value, parse_value
+from ..areapo.config import Config, format_value, is_pair, parse_value
 from ..common.errors import SwingupError
 from ..learner.presets import PENDULUM_PRESET, PRESETS
 
@@ -26,20 +25,13 @@ def _field_help() -> dict[str, str]:
 
 
 def _defaults(name: str) -> str:
-    """The value of a hyperparameter in every preset, as ``2.0; global: 0.4; apo, ppo: 0.0; ppo --env: 0.0``."""
+    """The value of a hyperparameter in every preset, as ``2.0; global: 0.4; ppo: 0.0``."""
     by_value: dict[str, list[str]] = {}
     for preset, each in PRESETS.items():
-        by_value.setdefault(_shown(getattr(each.config, name)), []).append(preset)
-        if each.elsewhere is not None and getattr(each.elsewhere.config, name) != getattr(each.config, name):
-            by_value.setdefault(_shown(getattr(each.elsewhere.config, name)), []).append(f"{preset} --env")
-    usual = _shown(getattr(PRESETS[PENDULUM_PRESET].config, name))
+        by_value.setdefault(format_value(getattr(each.config, name)), []).append(preset)
+    usual = format_value(getattr(PRESETS[PENDULUM_PRESET].config, name))
     others = [f"{', '.join(presets)}: {value}" for value, presets in by_value.items() if value != usual]
     return "; ".join([usual, *others])
-
-
-def _shown(value: Any) -> str:
-    """A value in the help: an empty schedule is none."""
-    return format_value(value) or "none"
 
 
 def _options() -> list[tuple[str, Any, Any]]:
@@ -50,24 +42,16 @@ def _options() -> list[tuple[str, Any, Any]]:
         if isinstance(field.default, bool):
             # Two flags, so that neither of them means the preset's value.
             off = arg(help=f"Without {name.replace('_', ' ')}.", help_behavior_hint="")
-            fields.append(_on(name, help_, note))
+            on = arg(help=help_, help_behavior_hint=note)
+            fields.append((name, Annotated[FlagCreatePairsOff[bool], on], False))
             fields.append((f"no_{name}", Annotated[FlagCreatePairsOff[bool], off], False))
             continue
         metavar = {int: "INT", float: "FLOAT", tuple: "INT..."}.get(type(field.default), "WORD")
-        metavar = "FLOAT..." if field.default == NO_SCHEDULE else metavar
+        metavar = "FLOAT FLOAT" if is_pair(name) else metavar
         kind = tuple[str, ...] if isinstance(field.default, tuple) else str
         option = arg(metavar=metavar, help=help_, help_behavior_hint=note)
         fields.append((name, Annotated[kind | None, option], None))
     return fields
-
-
-def _on(name: str, help_: str, note: str) -> tuple[str, Any, Any]:
-    """The option that turns something on: a flag, which a word may follow where it has more values than two."""
-    words = words_of(name)
-    if not words:
-        return name, Annotated[FlagCreatePairsOff[bool], arg(help=help_, help_behavior_hint=note)], False
-    option = arg(metavar=f"[{'|'.join(words)}]", help=help_, help_behavior_hint=note)
-    return name, Annotated[tuple[str, ...] | None, option], None
 
 
 # Type checkers cannot follow fields that are computed.
@@ -87,8 +71,7 @@ def given_hyperparameters(options: HyperparameterOptions) -> dict[str, Any]:
     for name, value in vars(options).items():
         if value is None or value is False:
             continue
-        alone = value == () and words_of(name)  # a flag that no word follows
-        if value is not True and not alone:
+        if value is not True:
             given[name] = parse_value(name, value if isinstance(value, str) else " ".join(value))
             continue
         flag = name.removeprefix("no_")

@@ -103,7 +103,7 @@ def start_training(frames: int | None, options: dict[str, Any], out: str | None,
         SwingupError: an option is wrong, or the folder holds something or cannot be written.
     """
     chosen = default_options(options)
-    preset = get_preset(chosen["preset"], chosen["robot"] is not None)
+    preset = get_preset(chosen["preset"])
     settings = RunSettings(config=config_from_dict(vars(preset.config) | changes), **chosen)
     # Ids of Gymnasium may contain signs that a folder's name cannot.
     name = settings.name.replace("/", "-").replace(":", "-")

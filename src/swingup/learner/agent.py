@@ -10,6 +10,7 @@ import numpy as np
 
 from ..areapo.checkpoint import load_checkpoint, read_metadata, save_checkpoint
 from ..areapo.config import Config, config_from_dict
+from ..areapo.keys import Purpose, root_key
 from ..common.checks import whole_number
 from ..common.errors import SwingupError
 from ..common.text import quoted
@@ -18,7 +19,7 @@ from ..plant.plant import LEADERBOARD, PlantLike, load_plant
 from ..plant.robots import ROBOTS
 from ..tasks.adapters import as_task
 from .backend import batched
-from .presets import choose_preset, get_preset, is_pendulum
+from .presets import choose_preset, get_preset
 from .report import TrainingReport
 from .run import Run
 from .run_settings import RunSettings, default_intervals, describe_env, run_settings_from_dict
@@ -33,12 +34,9 @@ OPTIONS = (
 )  # fmt: skip
 """Keywords of the class besides the hyperparameters, to suggest for a misspelt one."""
 
-SAMPLING = 2**32 - 1
-"""Number of the random stream from which sampled actions come: they do not change what is learned."""
-
 
 class AREAPO:
-    """AR-EAPO on your own task; its presets include PPO, EAPO and APO.
+    """AR-EAPO on your own task; one of its presets is PPO.
 
     Example:
         >>> from swingup import AREAPO
@@ -90,7 +88,7 @@ class AREAPO:
         env = as_task(env)
         robot = env if isinstance(env, str) and env in ROBOTS else None
         chosen = choose_preset(preset, env)
-        defaults = get_preset(chosen, is_pendulum(env))
+        defaults = get_preset(chosen)
         intervals = {"evaluate_every": evaluate_every, "checkpoint_every": checkpoint_every}
         given = {name: value for name, value in intervals.items() if value is not None}
         settings = RunSettings(
@@ -131,7 +129,7 @@ class AREAPO:
 
     def _use(self, run: Run) -> None:
         self._run = run
-        self._sampling = jax.random.fold_in(jax.random.key(run.settings.seed), SAMPLING)
+        self._sampling = root_key(run.settings.seed, Purpose.PREDICTION)
         self._cached: tuple[int, Policy[Any]] | None = None
 
     @property

@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Shaped
 
-from ..areapo.config import Config
 from ..areapo.state import LearnerState
 from ..common.errors import SwingupError
 from ..controllers.stack.policy import Policy
@@ -91,12 +90,12 @@ def join_seeds(members: Sequence[LearnerState]) -> LearnerState:
     return members[0] if len(members) == 1 else jax.tree.map(lambda *leaves: jnp.stack(leaves), *members)
 
 
-def portable_policy(stages: tuple[AbstractStage, ...], state: LearnerState, config: Config) -> Policy[Any]:
+def portable_policy(stages: tuple[AbstractStage, ...], state: LearnerState) -> Policy[Any]:
     """A policy of NumPy arrays: the stages, the present normalisation, the actor.
 
     Stages and normalisation are in double precision, which the judge uses, although training is in single.
     """
-    everything = (*stages, state.statistics.stage(config.observation_clip))
+    everything = (*stages, state.statistics.stage())
     # Done here, in NumPy: outside a local x64 context, JAX would round them to float32.
     everything = jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), everything)
     return Policy(everything, jax.tree.map(np.asarray, state.actor))

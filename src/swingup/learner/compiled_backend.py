@@ -11,9 +11,11 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Shaped
 
-from ..areapo import train
+from ..areapo import algorithm
 from ..areapo.config import Config
-from ..areapo.state import LearnerState, Metrics
+from ..areapo.keys import Purpose, root_key
+from ..areapo.metrics import Metrics
+from ..areapo.state import LearnerState
 from ..controllers.stack.policy import Policy
 from ..tasks.task import AbstractTask
 from .backend import AbstractBackend, portable_policy, split_seeds
@@ -21,9 +23,9 @@ from .evaluators import AbstractEvaluator
 
 # Compiled once for all runs of a program. A single seed runs without vmap, which is slower on a CPU.
 # The state is not donated: an interrupted run can continue from the state before the chunk.
-_init = jax.jit(train.init)
-_init_seeds = jax.jit(jax.vmap(train.init, in_axes=(0, None, None)))
-_train = jax.jit(train.train)
+_init = jax.jit(algorithm.init)
+_init_seeds = jax.jit(jax.vmap(algorithm.init, in_axes=(0, None, None)))
+_train = jax.jit(algorithm.train)
 
 AXIS = "seeds"
 """Along which devices share the seeds."""
@@ -59,7 +61,7 @@ class CompiledBackend(AbstractBackend):
 
     def init(self) -> LearnerState:
         """The state before the first iteration."""
-        keys = [jax.random.key(seed) for seed in self._seeds]
+        keys = [root_key(seed, Purpose.TRAINING) for seed in self._seeds]
         if len(keys) == 1:
             return _init(keys[0], self._task, self._config)
         return _init_seeds(jnp.stack(keys), self._task, self._config)
@@ -83,7 +85,7 @@ class CompiledBackend(AbstractBackend):
 
     def policy(self, member: LearnerState) -> Policy[Any]:
         """The policy of one seed."""
-        return portable_policy(self.evaluator.stages, member, self._config)
+        return portable_policy(self.evaluator.stages, member)
 
     def evaluate(self, policies: Sequence[Policy[Any]]) -> list[dict[str, Any]]:
         """The results of the policies of all seeds."""
@@ -95,7 +97,7 @@ class CompiledBackend(AbstractBackend):
 
     def find_fault(self) -> str:
         """Whether resets of the task give observations that are not finite."""
-        keys = jax.random.split(jax.random.key(self._seeds[0]), RESETS_TRIED)
+        keys = jax.random.split(root_key(self._seeds[0], Purpose.FAULT_SEARCH), RESETS_TRIED)
         observations = np.asarray(_first_observations(self._task, keys))
         broken = int(np.sum(~np.isfinite(observations).all(axis=-1)))
         if not broken:
@@ -127,8 +129,8 @@ def _train_shared(mesh: Mesh) -> Any:
 
     def train_own(state: LearnerState, *rest: Any) -> tuple[LearnerState, Metrics]:
         if state.iterations.shape[0] > 1:
-            return jax.vmap(train.train, in_axes=(0, None, None, None))(state, *rest)
-        trained = train.train(jax.tree.map(lambda leaf: leaf[0], state), *rest)
+            return jax.vmap(algorithm.train, in_axes=(0, None, None, None))(state, *rest)
+        trained = algorithm.train(jax.tree.map(lambda leaf: leaf[0], state), *rest)
         return jax.tree.map(lambda leaf: leaf[None], trained)
 
     own, common = PartitionSpec(AXIS), PartitionSpec()

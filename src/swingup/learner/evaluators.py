@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..areapo.keys import Purpose, root_key
 from ..benchmark.evaluate import evaluate
 from ..common.errors import SwingupError
 from ..common.types import Flag, Key
@@ -99,7 +100,7 @@ class ReturnEvaluator(AbstractEvaluator):
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
         """Means over the episodes."""
         # The same episodes each time, so that scores differ by the policy alone.
-        keys = jax.random.split(jax.random.key(self._seed), episodes or self._episodes)
+        keys = jax.random.split(root_key(self._seed, Purpose.EVALUATION), episodes or self._episodes)
         total, length, resets = jax.device_get(_episodes(policy, self._task, keys))
         return summarise_episodes(total.tolist(), length.tolist(), int(resets.sum()), self._step_time)
 
@@ -135,14 +136,14 @@ def _episodes(policy: Policy[Any], task: AbstractTask[Any], keys: Key) -> tuple[
         return (time < EPISODE_STEPS) & jnp.any(running)
 
     def advance(carry: tuple[Any, ...]) -> tuple[Any, ...]:
-        time, state, running, total, length, resets, memory = carry
-        memory, action = jax.vmap(policy.step)(memory, jax.vmap(task.observe)(state))
+        time, state, running, total, length, resets = carry
+        action = jax.vmap(policy)(jax.vmap(task.observe)(state))
         step = jax.vmap(task.step)(state, action, jax.vmap(jax.random.fold_in, (0, None))(step_keys, time))
         # An episode that ended is still stepped until the last one ends, but no longer counted.
         total = jnp.where(running, total + step.reward, total)
-        after = (total, length + running, resets + (running & step.terminated), memory)
+        after = (total, length + running, resets + (running & step.terminated))
         return time + 1, step.state, running & ~(step.terminated | step.truncated), *after
 
-    start = (jax.vmap(task.reset)(reset_keys), none == 0, none * 0.0, none, none, policy.start(len(keys)))
-    _, _, _, total, length, resets, _ = jax.lax.while_loop(goes_on, advance, (jnp.array(0), *start))
+    start = (jax.vmap(task.reset)(reset_keys), none == 0, none * 0.0, none, none)
+    _, _, _, total, length, resets = jax.lax.while_loop(goes_on, advance, (jnp.array(0), *start))
     return total, length, resets

@@ -10,7 +10,7 @@ from jaxtyping import Shaped
 
 from ..areapo.config import Config
 from ..areapo.initial import begin_episodes, init_learner
-from ..areapo.keys import initial_keys
+from ..areapo.keys import Purpose, root_key
 from ..areapo.state import LearnerState
 from ..common.errors import SwingupError
 from ..controllers.stack.policy import Policy
@@ -67,13 +67,13 @@ class HostBackend(AbstractBackend):
     def init(self) -> LearnerState:
         """The state before the first iteration; the environments are not reset yet."""
         spaces = self._environments[0].spaces
-        return join_seeds([_init(jax.random.key(seed), spaces, self._config) for seed in self._seeds])
+        return join_seeds([_init(root_key(seed, Purpose.TRAINING), spaces, self._config) for seed in self._seeds])
 
     def compile(self, state: LearnerState) -> None:
         """Compile an iteration, the start of new episodes, and the policy for an evaluation."""
         member = split_seeds(state, len(self._seeds))[0]
         compile_iteration(member, self._config, self._environments[0].all_count)
-        _begin.lower(member, np.zeros(member.observations.shape, np.float32), self._config).compile()
+        _begin.lower(member, np.zeros(member.observations.shape, np.float32)).compile()
         if not self._scored_by_training:
             self.evaluator.compile(self.policy(member))
 
@@ -83,7 +83,7 @@ class HostBackend(AbstractBackend):
         def begin(member: LearnerState, environments: Environments, seed: int) -> LearnerState:
             # Mixed, not added: environment i takes seed + i, and sums of nearby seeds and iterations coincide.
             mixed = int(np.random.SeedSequence([seed, iterations]).generate_state(1)[0] >> 1)
-            return _begin(member, environments.reset(mixed), self._config)
+            return _begin(member, environments.reset(mixed))
 
         self._tallies = [new_tally(self._config.num_envs) for _ in self._seeds]
         members = split_seeds(state, len(self._seeds))
@@ -116,7 +116,7 @@ class HostBackend(AbstractBackend):
 
     def policy(self, member: LearnerState) -> Policy[Any]:
         """The policy of an observation, flattened."""
-        return portable_policy((), member, self._config)
+        return portable_policy((), member)
 
     def evaluate(self, policies: Sequence[Policy[Any]]) -> list[dict[str, Any]]:
         """The results of all seeds: of episodes that are played, or of the training since the last report."""
@@ -139,6 +139,4 @@ class HostBackend(AbstractBackend):
 
 
 _begin = jax.jit(begin_episodes)
-_init = jax.jit(
-    lambda key, spaces, config: init_learner(initial_keys(key), spaces, config), static_argnames="spaces"
-)
+_init = jax.jit(init_learner, static_argnames="spaces")

@@ -7,15 +7,15 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
-from ..areapo import train
-from ..areapo.act import Decisions, decide, forget, update_statistics
+from ..areapo import algorithm
 from ..areapo.config import Config
-from ..areapo.keys import iteration_keys
-from ..areapo.networks import AbstractActor
+from ..areapo.keys import COLLECT
+from ..areapo.metrics import Metrics
+from ..areapo.networks import AbstractActor, ActionSample, sample_actions
 from ..areapo.normalise import RunningStatistics
-from ..areapo.state import LearnerState, Metrics, Rollout
+from ..areapo.state import LearnerState, Rollout
 from ..common.fetch import fetch
 from ..common.types import Key
 from .environments import Environments, HostStep
@@ -51,64 +51,45 @@ def new_tally(num_envs: int) -> EpisodeTally:
 def host_iteration(
     state: LearnerState, environments: Environments, tally: EpisodeTally, config: Config
 ) -> tuple[LearnerState, Metrics]:
-    """One iteration, as :func:`swingup.areapo.train.iteration` of a compiled task."""
-    keys = _keys(state.key)
-    state, rollout = collect_on_host(state, environments, tally, keys.collect, config)
-    return _update(state, rollout, keys, config)
+    """One iteration, as :func:`swingup.areapo.algorithm.iteration` of a compiled task."""
+    state, rollout = collect_on_host(state, environments, tally, config)
+    return _update(state, rollout, config)
 
 
 def compile_iteration(state: LearnerState, config: Config, all_count: bool) -> None:
     """Compile the functions that an iteration calls, from shapes alone; no environment is stepped."""
-    keys = _keys(state.key)
     observations = np.zeros(state.observations.shape, np.float32)
-    memory: Any = None if state.memory is None else np.zeros(state.memory.shape, np.float32)
-    noise = np.zeros(_noise.lower(state.actor, keys.collect, config).compile().out_info.shape[1:], np.float32)
-    chosen = _decide.lower(state.actor, observations, noise, memory).compile().out_info
-    clip = np.float32(config.observation_clip)
-    flags = np.zeros(config.num_envs, np.bool_)
+    noise = np.zeros(_noise.lower(state.actor, state.key, config).compile().out_info.shape[1:], np.float32)
+    chosen = _sample.lower(state.actor, observations, noise).compile().out_info
     for true_next in (None, observations):
-        given = observations, true_next, noise, clip, memory, flags
-        _advance.lower(state.actor, state.statistics, *given).compile()
-    rewards = np.zeros(config.num_envs, np.float32)
+        _advance.lower(state.actor, state.statistics, observations, true_next, noise).compile()
+    flags, rewards = np.zeros(config.num_envs, np.bool_), np.zeros(config.num_envs, np.float32)
     step = HostStep(observations, observations, rewards, flags, flags, flags)
     latents = np.zeros(chosen.latents.shape, chosen.latents.dtype)
     row = (observations, latents, rewards, observations, step)
-    rollout = replace(_rollout([row] * config.num_steps, all_count), memory=memory)
-    _update.lower(state, rollout, keys, config).compile()
+    _update.lower(state, _rollout([row] * config.num_steps, all_count), config).compile()
 
 
 def collect_on_host(
-    state: LearnerState, environments: Environments, tally: EpisodeTally, key: Key, config: Config
+    state: LearnerState, environments: Environments, tally: EpisodeTally, config: Config
 ) -> tuple[LearnerState, Rollout]:
-    """Act for ``num_steps`` in every environment, as :func:`swingup.areapo.train.collect` does."""
+    """Act for ``num_steps`` in every environment, as :func:`swingup.areapo.algorithm.collect` does."""
     actor, statistics, seen = state.actor, state.statistics, np.asarray(state.observations)
-    start: Any = None if state.memory is None else np.asarray(state.memory)
-    memory = start
-    noise = fetch(_noise(actor, key, config))
-    chosen = fetch(_decide(actor, seen, noise[0], memory))
-    # NumPy's types, as in compile_iteration: Python's numbers have other types for JAX and compile again.
-    clip = np.float32(config.observation_clip)
+    noise = fetch(_noise(actor, state.key, config))
+    chosen = fetch(_sample(actor, seen, noise[0]))
     rows = []
     for index in range(1, config.num_steps + 1):
         step = environments.step(chosen.actions)
         tally.add(step)
         true_next = None if step.true_next is step.following else step.true_next
-        forgets = step.ended | ~step.counted
-        statistics, *answer = _advance(
-            actor, statistics, step.following, true_next, noise[index], clip, chosen.memory, forgets
-        )
-        following, true_next, memory, following_chosen = fetch(answer)
+        statistics, *answer = _advance(actor, statistics, step.following, true_next, noise[index])
+        following, true_next, following_chosen = fetch(answer)
         true_next = following if true_next is None else true_next
         rows.append((seen, chosen.latents, chosen.log_probs, true_next, step))
         seen, chosen = following, following_chosen
     # The last decision is dropped: the next rollout decides with its own key and the improved actor.
-    after = replace(
-        state,
-        statistics=statistics,
-        observations=jnp.asarray(seen),
-        memory=None if memory is None else jnp.asarray(memory),
-    )
-    return after, replace(_rollout(rows, environments.all_count), memory=start)
+    after = replace(state, statistics=statistics, observations=jnp.asarray(seen))
+    return after, _rollout(rows, environments.all_count)
 
 
 def _rollout(rows: list[tuple[Any, ...]], all_count: bool) -> Rollout:
@@ -134,18 +115,8 @@ def _stack(arrays: Iterable[np.ndarray]) -> Any:
 @jax.jit
 def _noise(actor: AbstractActor, key: Key, config: Config) -> Float[Array, "decisions k envs"]:
     """The noise of all decisions of a rollout: drawn at each step, it would take a quarter of the step's call."""
-    each = jax.vmap(lambda index: actor.noise(jax.random.fold_in(key, index), (config.num_envs,)))
-    return each(jnp.arange(config.num_steps + 1, dtype=jnp.uint32))
-
-
-@jax.jit
-def _decide(
-    actor: AbstractActor,
-    seen: Float[Array, "envs n"],
-    noise: Float[Array, "k envs"],
-    memory: Float[Array, "envs w"] | None,
-) -> Decisions:
-    return decide(actor, seen, noise, memory)
+    keys = jax.random.split(jax.random.fold_in(key, COLLECT), config.num_steps + 1)
+    return jax.vmap(lambda each: actor.noise(each, (config.num_envs,)))(keys)
 
 
 @jax.jit
@@ -155,26 +126,16 @@ def _advance(
     following: Float[Array, "envs n"],
     true_next: Float[Array, "envs n"] | None,
     noise: Float[Array, "k envs"],
-    clip: float,
-    memory: Float[Array, "envs w"] | None,
-    forgets: Bool[Array, "envs"],
-) -> tuple[
-    RunningStatistics,
-    Float[Array, "envs n"],
-    Float[Array, "envs n"] | None,
-    Float[Array, "envs w"] | None,
-    Decisions,
-]:
+) -> tuple[RunningStatistics, Float[Array, "envs n"], Float[Array, "envs n"] | None, ActionSample]:
     """Update the statistics with a step's observations and sample the next actions; one call saves overhead.
 
-    True next observations of None, where no episode ended, stay None: they are the following ones. A recurrent
-    policy's memory is 0 where an episode starts. Without one, ``forgets`` has no effect.
+    True next observations of None, where no episode ended, stay None: they are the following ones.
     """
-    statistics, normalise = update_statistics(statistics, following, clip)
+    statistics = statistics.update(following)
+    normalise = statistics.stage()
     seen, seen_next = normalise(following), None if true_next is None else normalise(true_next)
-    kept = forget(memory, forgets)
-    return statistics, seen, seen_next, kept, decide(actor, seen, noise, kept)
+    return statistics, seen, seen_next, sample_actions(actor, seen, noise)
 
 
-_keys = jax.jit(iteration_keys)
-_update = jax.jit(train.update)
+_sample = jax.jit(sample_actions)
+_update = jax.jit(algorithm.update)

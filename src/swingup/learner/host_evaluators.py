@@ -9,7 +9,7 @@ from gymnasium.vector import VectorEnv
 
 from ..areapo.networks import CategoricalActor
 from ..common.errors import SwingupError
-from ..controllers.stack.policy import Policy, remember, save_policy
+from ..controllers.stack.policy import Policy, act, save_policy
 from ..tasks.adapters import as_task
 from ..tasks.task import AbstractTask, Spaces
 from .environments import Environments, make_environments
@@ -57,7 +57,7 @@ class EpisodeEvaluator(AbstractEvaluator):
     def compile(self, policy: Policy[Any]) -> None:
         """Compile the policy for the default number of episodes."""
         observations = np.zeros((self._episodes, int(np.prod(self.observation_shape))), np.float32)
-        remember(policy, policy.start(self._episodes), observations)
+        act(policy, observations)
 
     def close(self) -> None:
         """Close the environments that were made here."""
@@ -95,10 +95,9 @@ def play(policy: Policy[Any], environments: Environments, seed: int) -> dict[str
     observations = environments.reset(seed)
     running = np.ones(environments.num_envs, np.bool_)
     returns, lengths = np.zeros(running.size), np.zeros(running.size, np.int64)
-    terminations, memory = 0, policy.start(environments.num_envs)
+    terminations = 0
     for _ in range(EPISODE_STEPS):
-        memory, actions = remember(policy, memory, observations)
-        step = environments.step(actions)
+        step = environments.step(act(policy, observations))
         # Environments that ended start another episode by themselves; it does not count.
         returns += running * step.rewards
         lengths += running

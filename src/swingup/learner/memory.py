@@ -30,7 +30,7 @@ def check_memory(config: Config, spaces: Spaces, seeds: int = 1) -> None:
         raise SwingupError(
             f"this training needs about {_gib(weights + rollouts)} GiB (networks and optimiser {_gib(weights)}, "
             f"rollouts {_gib(rollouts)}), and there are {_gib(available)} GiB: reduce policy_layers, value_layers, "
-            f"gru_width, num_envs, num_steps or seeds"
+            f"num_envs, num_steps or seeds"
         )
 
 
@@ -39,15 +39,9 @@ def training_bytes(config: Config, spaces: Spaces) -> tuple[int, int]:
     # Of a continuous action: mean and standard deviation.
     outputs = sum(spaces.choices) or 2 * spaces.action_size
     weights = _layers(spaces.observation_size, config.policy_layers, outputs)
-    width = config.gru_width
-    weights += 3 * width * (config.policy_layers[-1] + width + 2)
-    if not config.shared_trunk:
-        weights += _layers(spaces.observation_size, config.value_layers, 2)
-    widest = max(config.policy_layers if config.shared_trunk else config.value_layers)
+    weights += _layers(spaces.observation_size, config.value_layers, 2)
     # The critic is evaluated on a whole rollout at once: its widest layer counts with its input.
-    frame = 2 * spaces.observation_size + spaces.action_size + 2 * widest + FRAME_NUMBERS
-    # A recurrent layer's gates, and its memory before and after each frame.
-    frame += 5 * width
+    frame = 2 * spaces.observation_size + spaces.action_size + 2 * max(config.value_layers) + FRAME_NUMBERS
     # Random bits and the order that sorts them, for each epoch.
     frame += 2 * config.num_epochs
     return COPIES * FLOAT * weights, FLOAT * frame * config.rollout_size

@@ -74,7 +74,6 @@ class RunSettings:
                 number = whole_number(each.name, getattr(self, each.name), each.metadata["least"])
                 object.__setattr__(self, each.name, number)
         object.__setattr__(self, "config", config_from_dict(vars(self.config)))  # NumPy's numbers become Python's
-        check_gru(self.robot, self.config.gru_width)
         # JAX's keys take seeds of 32 bits; the last seed is seed + seeds - 1.
         whole_number("seed", self.seed, 0, 2**32 - self.seeds)
 
@@ -122,12 +121,10 @@ class RunSettings:
 
     def _changed(self) -> dict[str, Any]:
         """Hyperparameters that differ from the preset's, then intervals and episodes that are not the defaults."""
-        # What was passed in may be a pendulum's task or another: what one of the two does not have is named.
-        kinds = [True, False] if is_description(self.name) else [self.robot is not None]
         usual = default_intervals(self.robot) | {"evaluation_episodes": RunSettings.evaluation_episodes}
-        defaults = [vars(get_preset(self.preset, pendulum).config) | usual for pendulum in kinds]
-        mine = {name: (vars(self.config) | vars(self))[name] for name in defaults[0]}
-        return {name: value for name, value in mine.items() if any(value != each[name] for each in defaults)}
+        defaults = vars(get_preset(self.preset).config) | usual
+        mine = {name: (vars(self.config) | vars(self))[name] for name in defaults}
+        return {name: value for name, value in mine.items() if value != defaults[name]}
 
     def as_dict(self) -> dict[str, Any]:
         """As JSON values."""
@@ -199,16 +196,6 @@ def read_run_settings(folder: Path) -> tuple[RunSettings, int]:
     except (*MALFORMED, SwingupError) as error:
         reason = one_line(error, 200)
         raise SwingupError(f"{path} is malformed ({reason}): restore it or train again") from error
-
-
-def check_gru(robot: str | None, width: int) -> None:
-    """Refuse a recurrent policy.
-
-    Raises:
-        SwingupError: the policy would have a memory.
-    """
-    if width:
-        raise SwingupError(f"gru_width = {width}, but policies have no memory here: leave it out")
 
 
 def default_intervals(robot: str | None) -> dict[str, int]:

@@ -15,19 +15,19 @@ from ..common.arrays import load_arrays, save_arrays
 from ..common.checks import one_of
 from ..common.errors import SwingupError
 from ..common.text import quoted
-from .network.layers import RELU, Activation, Layer, Network, Norm, Recurrence
+from .network.layers import RELU, Activation, Layer, Network
 from .network.stages import ARRAYS, STAGES, Stage, make_stage
 
 FORMAT = "swingup policy"
 FORMAT_VERSION = 1
-ACTIVATION, LAYER_NORM, GRU = "activation", "layer_norm", "gru"
-"""Keys of the metadata that say what follows hidden layers; all are left out for ReLU alone."""
+ACTIVATION = "activation"
+"""Key of what follows hidden layers; left out for ReLU."""
 CHOICES = "choices"
 """Key of the numbers of choices; left out where actions are numbers."""
 
 MOST_STAGES = 10
 KNOWN = re.compile(
-    r"network\.((trunk|norm)\.\d{1,2}|gru\.(inputs|hidden)|mean|std|logits)\.(weight|bias)"
+    r"network\.(trunk\.\d{1,2}|mean|std|logits)\.(weight|bias)"
     r"|observation\.\d\.(mean|variance|centre|scale)"
 )
 """Names of the arrays that are read; all others are left alone."""
@@ -53,21 +53,16 @@ def write_network(path: str | Path, network: Network, metadata: Mapping[str, Any
         stages.append({"name": name} | {key: getattr(stage, key) for key in settings})
         arrays |= {f"observation.{index}.{key}": getattr(stage, key) for key in ARRAYS[name]}
     head = "mean" if network.choices is None else "logits"
-    layers: dict[str, Layer | Norm] = {f"trunk.{index}": layer for index, layer in enumerate(network.trunk)}
+    layers: dict[str, Layer] = {f"trunk.{index}": layer for index, layer in enumerate(network.trunk)}
     layers |= {head: network.head}
     layers |= {} if network.std is None else {"std": network.std}
-    layers |= {f"norm.{index}": norm for index, norm in enumerate(network.norms)}
-    if network.gru is not None:
-        layers |= {"gru.inputs": network.gru.inputs, "gru.hidden": network.gru.hidden}
     for name, layer in layers.items():
         arrays |= {f"network.{name}.weight": layer.weight, f"network.{name}.bias": layer.bias}
     own: dict[str, Any] = {"observation": stages}
     own |= {} if network.choices is None else {CHOICES: list(network.choices)}
     own |= {} if network.activation == RELU else {ACTIVATION: network.activation}
-    own |= {LAYER_NORM: True} if network.norms else {}
-    own |= {} if network.gru is None else {GRU: True}
     # The metadata may be another file's, whose entries of its own network do not fit this one.
-    theirs = ("observation", CHOICES, ACTIVATION, LAYER_NORM, GRU)
+    theirs = ("observation", CHOICES, ACTIVATION)
     given = {key: value for key, value in metadata.items() if key not in theirs}
     save_arrays(path, FORMAT, FORMAT_VERSION, own | given, arrays)
 
@@ -98,38 +93,12 @@ def _network(metadata: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> N
         std=_layer(arrays, "network.std") if "network.std.weight" in arrays else None,
         choices=choices,
         activation=_activation(metadata),
-        norms=_norms(metadata, arrays, depth),
-        gru=_gru(arrays) if _flag(metadata, GRU) else None,
     )
 
 
 def _activation(metadata: Mapping[str, Any]) -> Activation:
     name = metadata.get(ACTIVATION, RELU)
     return one_of(ACTIVATION, name, get_args(Activation))  # type: ignore[return-value]  # one of them
-
-
-def _norms(metadata: Mapping[str, Any], arrays: Mapping[str, np.ndarray], depth: int) -> tuple[Norm, ...]:
-    names = [f"network.norm.{index}" for index in range(depth if _flag(metadata, LAYER_NORM) else 0)]
-    return tuple(Norm(*_vectors(arrays, name)) for name in names)
-
-
-def _gru(arrays: Mapping[str, np.ndarray]) -> Recurrence:
-    return Recurrence(_layer(arrays, "network.gru.inputs"), _layer(arrays, "network.gru.hidden"))
-
-
-def _flag(metadata: Mapping[str, Any], key: str) -> bool:
-    value = metadata.get(key, False)
-    if not isinstance(value, bool):
-        raise SwingupError(f"{key} = {quoted(value)}: use true or false")
-    return value
-
-
-def _vectors(arrays: Mapping[str, np.ndarray], name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Weight and bias of a part."""
-    missing = [f"{name}.{part}" for part in ("weight", "bias") if f"{name}.{part}" not in arrays]
-    if missing:
-        raise SwingupError(f"array {missing[0]} is missing")
-    return arrays[f"{name}.weight"], arrays[f"{name}.bias"]
 
 
 def _stage(index: int, entry: Any, arrays: Mapping[str, np.ndarray]) -> Stage:
@@ -139,7 +108,10 @@ def _stage(index: int, entry: Any, arrays: Mapping[str, np.ndarray]) -> Stage:
 
 
 def _layer(arrays: Mapping[str, np.ndarray], name: str) -> Layer:
-    weight, bias = _vectors(arrays, name)
+    missing = [f"{name}.{part}" for part in ("weight", "bias") if f"{name}.{part}" not in arrays]
+    if missing:
+        raise SwingupError(f"array {missing[0]} is missing")
+    weight, bias = arrays[f"{name}.weight"], arrays[f"{name}.bias"]
     if weight.ndim != 2 or bias.shape != weight.shape[:1] or weight.size == 0:
         raise SwingupError(f"{name} has weight {weight.shape} and bias {bias.shape}: expected (out, in), (out,)")
     return Layer(weight, bias)

@@ -102,11 +102,6 @@ def read_pendulum_policy(path: str | Path, robot: Robot | str | None = None) -> 
         raise SwingupError(f"policy file {path} is for robot {quoted(name)}: {' or '.join(ROBOTS)} is needed")
     if robot is not None and name != get_robot(robot).name:
         raise SwingupError(f"policy file {path} is for {name!r}, not the {get_robot(robot).name}")
-    if network.gru is not None:
-        raise SwingupError(
-            f"policy file {path} has a memory (gru), which a pendulum's controllers have not: train one without "
-            f"gru_width"
-        )
     if network.choices is not None:
         raise SwingupError(f"policy file {path} has discrete actions: a pendulum needs a torque")
     if len(network.head.bias) != 1:

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..areapo.config import check_hyperparameter, check_value, config_from_dict
-from ..areapo.words import format_value, parse_value
+from ..areapo.config import check_hyperparameter, check_value, config_from_dict, format_value, parse_value
 from ..common.checks import whole_number
 from ..common.errors import SwingupError
 from ..common.text import quoted
@@ -85,7 +84,7 @@ def common_length(base: Mapping[str, Any], presets: Sequence[str], frames: int |
     if frames is not None:
         return whole_number("frames", frames, 1)
     # One length for all: a table of runs of different lengths would compare lengths.
-    lengths = {get_preset(name, base["robot"] is not None).frames for name in presets or [base["preset"]]}
+    lengths = {get_preset(name).frames for name in presets or [base["preset"]]}
     if len(lengths) > 1:
         raise SwingupError(f"these presets train for {sorted(lengths)} frames: give --frames for all of them")
     return lengths.pop()
@@ -101,7 +100,7 @@ def plan_variant(
     """
     preset = chosen.get("preset", base["preset"])
     changes = {name: value for name, value in chosen.items() if name != "preset"}
-    config = config_from_dict(vars(get_preset(preset, base["robot"] is not None).config) | changes)
+    config = config_from_dict(vars(get_preset(preset).config) | changes)
     jobs = []
     for seed in seeds:
         settings = RunSettings(**{**base, "preset": preset, "seed": seed, "seeds": 1}, config=config)

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..areapo.config import Config
-from ..areapo.words import format_value, parse_value
+from ..areapo.config import Config, format_value, parse_value
 from ..benchmark.interval import interquartile_mean
 from ..common.checks import is_number, whole_number
 from ..common.errors import SwingupError

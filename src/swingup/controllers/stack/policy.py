@@ -10,14 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Shaped
 
-from ...areapo.act import decide
-from ...areapo.layers import LayerNorm, Linear
-from ...areapo.networks import AbstractActor, Actor, CategoricalActor, Memory
-from ...areapo.recurrence import GRU
+from ...areapo.networks import AbstractActor, Actor, CategoricalActor, Linear, sample_actions
 from ...common.errors import SwingupError
 from ...common.types import Action, Key, Observation
 from ...policy.file import write_network
-from ...policy.network.layers import Layer, Network, Norm, Recurrence
+from ...policy.network.layers import Layer, Network
 from ...policy.network.stages import NormaliseStage, PendulumStage, PlantStage, Stage
 from ...tasks.observation import AbstractStage, Normalise, PendulumObservation, PlantObservation
 
@@ -49,23 +46,9 @@ class Policy(eqx.Module, Generic[ActorT]):
 
         The network's weights are float32 numbers; its arithmetic has the observation's precision. In double
         precision, as in the judge, all back ends give the same torque, except for the rounding of short sums in
-        single precision (:class:`swingup.areapo.networks.Linear`).
+        single precision (:func:`swingup.areapo.networks.product`).
         """
         return self.actor.mode(self.observe(observation, base))
-
-    def step(self, memory: Memory, observation: Observation) -> tuple[Memory, Action]:
-        """The memory after an observation, and the deterministic action; for policies with and without memory."""
-        after, features = self.actor.step(memory, self.observe(observation))
-        return after, self.actor.choose(features)
-
-    @property
-    def memory_size(self) -> int:
-        """Numbers that the policy remembers; 0 for a policy without memory."""
-        return 0 if self.actor.gru is None else self.actor.gru.width
-
-    def start(self, *batch: int) -> Memory:
-        """The memory at the start of episodes: 0, or None for a policy without memory."""
-        return jnp.zeros((*batch, self.memory_size)) if self.memory_size else None
 
 
 def save_policy(path: str | Path, policy: Policy[Any], metadata: Mapping[str, Any]) -> None:
@@ -77,26 +60,21 @@ def make_policy(network: Network) -> Policy[Any]:
     """The policy that a file holds."""
     stages, std = tuple(map(_stage, network.stages)), network.std
     trunk, head = tuple(map(_linear, network.trunk)), _linear(network.head)
-    norms = tuple(LayerNorm(each.weight, each.bias) for each in network.norms)  # type: ignore[arg-type]  # as NumPy's
-    found, deviation = network.gru, None if std is None else _linear(std)
-    gru = None if found is None else GRU(_linear(found.inputs), _linear(found.hidden))
     if network.choices is not None:
-        return Policy(stages, CategoricalActor(trunk, norms, network.activation, gru, head, network.choices))
-    return Policy(stages, Actor(trunk, norms, network.activation, gru, head, deviation))
+        return Policy(stages, CategoricalActor(trunk, network.activation, head, network.choices))
+    return Policy(stages, Actor(trunk, network.activation, head, None if std is None else _linear(std)))
 
 
 def network_of(policy: Policy[Any]) -> Network:
     """What a file holds of a policy."""
     actor, stages = policy.actor, tuple(map(_stage_of, policy.stages))
     trunk = tuple(map(_layer_of, actor.trunk))
-    norms = tuple(Norm(np.asarray(norm.weight), np.asarray(norm.bias)) for norm in actor.norms)
     if isinstance(actor, CategoricalActor):
         head, std, choices = actor.logits_head, None, actor.choices
     else:
         head, std, choices = actor.mean_head, actor.std_head, None
     deviation = None if std is None else _layer_of(std)
-    gru = None if actor.gru is None else Recurrence(_layer_of(actor.gru.inputs), _layer_of(actor.gru.hidden))
-    return Network(stages, trunk, _layer_of(head), deviation, choices, actor.activation, norms, gru)
+    return Network(stages, trunk, _layer_of(head), deviation, choices, actor.activation)
 
 
 def act(
@@ -106,16 +84,6 @@ def act(
     return np.asarray(_modes(policy, observations) if key is None else _samples(policy, observations, key))
 
 
-def remember(
-    policy: Policy[Any], memory: Any, observations: Float[np.ndarray, "b n"], key: Key | None = None
-) -> tuple[Memory, Shaped[np.ndarray, "b m"]]:
-    """The memory after a batch of observations, None for a policy without one, and the actions as ``act``."""
-    if memory is None:
-        return None, act(policy, observations, key)
-    steps = _steps(policy, memory, observations) if key is None else _sampled(policy, memory, observations, key)
-    return steps[0], np.asarray(steps[1])
-
-
 @jax.jit
 def _modes(policy: Policy[Any], observations: Float[Array, "b n"]) -> Shaped[Array, "b m"]:
     return jax.vmap(policy)(observations)
@@ -123,23 +91,8 @@ def _modes(policy: Policy[Any], observations: Float[Array, "b n"]) -> Shaped[Arr
 
 @jax.jit
 def _samples(policy: Policy[Any], observations: Float[Array, "b n"], key: Key) -> Shaped[Array, "b m"]:
-    return _sampled(policy, None, observations, key)[1]
-
-
-@jax.jit
-def _steps(
-    policy: Policy[Any], memory: Float[Array, "b w"], observations: Float[Array, "b n"]
-) -> tuple[Memory, Shaped[Array, "b m"]]:
-    return jax.vmap(policy.step)(memory, observations)
-
-
-@jax.jit
-def _sampled(
-    policy: Policy[Any], memory: Float[Array, "b w"] | None, observations: Float[Array, "b n"], key: Key
-) -> tuple[Memory, Shaped[Array, "b m"]]:
     noise = policy.actor.noise(key, observations.shape[:1])
-    chosen = decide(policy.actor, jax.vmap(policy.observe)(observations), noise, memory)
-    return chosen.memory, chosen.actions
+    return sample_actions(policy.actor, jax.vmap(policy.observe)(observations), noise).actions
 
 
 def _stage(stage: Stage) -> AbstractStage:

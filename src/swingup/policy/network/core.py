@@ -1,4 +1,4 @@
-"""What a network computes, once for NumPy and JAX: the stages of an observation, and a layer's normalisation.
+"""What a network computes, once for NumPy and JAX: the stages of an observation.
 
 Arguments are arrays of NumPy or JAX, ``xp`` is their module. The linear maps and the activations stand with each
 back end: JAX's have gradients of their own and a form for batches, NumPy's work in buffers.
@@ -10,9 +10,6 @@ from typing import Any
 from ...plant.maths import TURN
 
 Array = Any
-
-NORM_EPSILON = 1e-5
-"""Added to the variance of a layer normalisation."""
 
 
 def pendulum_features(xp: Any, x: Array, angles: str, scale: float) -> Array:
@@ -37,12 +34,6 @@ def normalised(xp: Any, observation: Array, mean: Array, variance: Array, clip: 
 def plant_features(xp: Any, base: Array, centre: Array, scale: Array, clip: float) -> Array:
     """What a network sees of base parameters θ (9,): (θ - centre) / scale within ± clip."""
     return clipped(xp, (base - centre) / scale, clip)
-
-
-def layer_norm(xp: Any, x: Array, weight: Array, bias: Array) -> Array:
-    """Y = w (x - mean) / sqrt(var + 1e-5) + b, moments over the first axis (arXiv 1607.06450)."""
-    centred = x - xp.mean(x, axis=0)
-    return weight * (centred / xp.sqrt(xp.mean(centred**2, axis=0) + NORM_EPSILON)) + bias
 
 
 def clipped(xp: Any, values: Array, most: float) -> Array:

@@ -29,9 +29,6 @@ def fold(network: Network, base: np.ndarray) -> Network:
     if network.trunk:
         first, *others = network.trunk
         return replace(network, stages=stages, trunk=(_absorb(first, inputs), *others))
-    if network.gru is not None:
-        gru = replace(network.gru, inputs=_absorb(network.gru.inputs, inputs))
-        return replace(network, stages=stages, gru=gru)
     std = None if network.std is None else _absorb(network.std, inputs)
     return replace(network, stages=stages, head=_absorb(network.head, inputs), std=std)
 

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...plant.base_parameters import BASE
-from ..network.core import layer_norm
-from ..network.layers import Activation, Norm
+from ..network.layers import Activation
 from ..pendulum import PendulumPolicy
 
 Activate = Callable[[np.ndarray], np.ndarray]
@@ -33,8 +32,7 @@ class NumpyNetwork:
             (layer.weight.astype(np.float64), layer.bias.astype(np.float64), np.empty(layer.bias.shape))
             for layer in network.trunk
         ]
-        norms = network.norms or (None,) * len(network.trunk)
-        self._activate = [_after(network.activation, norm) for norm in norms]
+        self._activate = ACTIVATIONS[network.activation]
         self._head, self._offset = network.head.weight[0].astype(np.float64), network.head.bias.astype(np.float64)
         # The biases of the first layer, which take up what the plant adds (``network/fold.py``).
         self._told = self._layers[0][1] if self._layers else self._offset
@@ -54,20 +52,11 @@ class NumpyNetwork:
         features = np.asarray(x, np.float64)
         for stage in self._stages:
             features = stage(features)
-        for (weight, bias, result), activate in zip(self._layers, self._activate, strict=True):
+        for weight, bias, result in self._layers:
             np.dot(weight, features, out=result)
             np.add(result, bias, out=result)
-            features = activate(result)
+            features = self._activate(result)
         return self._torque_limit * math.tanh(float(np.dot(self._head, features) + self._offset[0]))
-
-
-def _after(name: Activation, norm: Norm | None) -> Activate:
-    """What follows the linear map of a hidden layer."""
-    activate = ACTIVATIONS[name]
-    if norm is None:
-        return activate
-    weight, bias = norm.weight.astype(np.float64), norm.bias.astype(np.float64)
-    return lambda x: activate(layer_norm(np, x, weight, bias))
 
 
 def _relu(x: np.ndarray) -> np.ndarray:

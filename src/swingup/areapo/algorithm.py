@@ -1,0 +1,199 @@
+"""AR-EAPO on one page, in the order of the paper (section III): ``init``, ``train`` and ``iteration``.
+
+Everything is a pure function of a :class:`LearnerState` for one seed; ``vmap`` runs seeds side by side. Equations
+have the paper's numbers; where it is silent, its authors' public implementation decides. Reward and entropy are one
+axis of 2: gains, values, discounts, λ and advantages are pairs [reward, entropy].
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import optax
+from jaxtyping import Array, Bool, Float
+
+from ..common.types import Count, Key, Scalar
+from ..tasks.task import AbstractTask
+from .average import mean, pair_mean, standardise
+from .bootstrap import values_after
+from .config import Config
+from .initial import begin_episodes, init_learner, make_optimiser
+from .keys import COLLECT, IMPROVE, NEXT, RolloutKeys, rollout_keys
+from .metrics import LossMetrics, Metrics, make_metrics
+from .networks import AbstractActor, Critic, sample_actions
+from .reset_cost import charge_resets
+from .reward_scale import scale_rewards
+from .schedule import scheduled
+from .shuffle import shuffled
+from .state import Frames, LearnerState, Rollout, reset_ended
+
+Task = AbstractTask[Any]
+Pair = Float[Array, "2"]
+Pairs = Float[Array, "steps envs 2"]
+
+
+def init(key: Key, task: Task, config: Config) -> LearnerState:
+    """The state before the first iteration."""
+    learner_key, reset_key = jax.random.split(key)
+    task_states = jax.vmap(task.reset)(jax.random.split(reset_key, config.num_envs))
+    state = replace(init_learner(learner_key, task.spaces, config), task_states=task_states)
+    return begin_episodes(state, jax.vmap(task.observe)(task_states))
+
+
+def train(state: LearnerState, task: Task, config: Config, iterations: Count | int) -> tuple[LearnerState, Metrics]:
+    """Run a chunk of iterations (at least one); the metrics are their mean."""
+
+    def add_iteration(_: int, carry: tuple[LearnerState, Metrics]) -> tuple[LearnerState, Metrics]:
+        state, metrics = iteration(carry[0], task, config)
+        return state, jax.tree.map(jnp.add, carry[1], metrics)
+
+    # The number of iterations is traced: chunks of any length share one compiled program.
+    # Metrics are therefore summed, since stacking them would need a static length.
+    shapes = jax.eval_shape(lambda state: iteration(state, task, config)[1], state)
+    zeros = jax.tree.map(lambda shape: jnp.zeros(shape.shape, shape.dtype), shapes)
+    state, total = jax.lax.fori_loop(0, iterations, add_iteration, (state, zeros))
+    return state, jax.tree.map(lambda metric: metric / iterations, total)
+
+
+def iteration(state: LearnerState, task: Task, config: Config) -> tuple[LearnerState, Metrics]:
+    """One iteration: collect a rollout and learn from it."""
+    return update(*collect(state, task, config), config)
+
+
+def collect(state: LearnerState, task: Task, config: Config) -> tuple[LearnerState, Rollout]:
+    """Act for ``num_steps`` in every environment; reset those that ended."""
+
+    def act(carry: tuple[Any, ...], keys: RolloutKeys) -> tuple[tuple[Any, ...], Rollout]:
+        task_states, observations, statistics = carry
+        chosen = sample_actions(state.actor, observations, state.actor.noise(keys.sample, (config.num_envs,)))
+        step = jax.vmap(task.step)(task_states, chosen.actions, keys.step)
+        following = reset_ended(task, step.terminated | step.truncated, step.state, keys.reset)
+        seen = jax.vmap(task.observe)(following)
+        # The statistics take in the states after the resets before they normalise, as in the authors' code.
+        statistics = statistics.update(seen)
+        normalise = statistics.stage()
+        row = (observations, chosen.latents, chosen.log_probs, step.reward, normalise(step.observation))
+        return (following, normalise(seen), statistics), Rollout(*row, step.terminated, step.truncated)
+
+    carry = (state.task_states, state.observations, state.statistics)
+    keys = rollout_keys(jax.random.fold_in(state.key, COLLECT), config.num_steps, config.num_envs)
+    (task_states, observations, statistics), rollout = jax.lax.scan(act, carry, keys)
+    return replace(state, task_states=task_states, observations=observations, statistics=statistics), rollout
+
+
+def update(state: LearnerState, rollout: Rollout, config: Config) -> tuple[LearnerState, Metrics]:
+    """Learn from a rollout of any back end: estimate soft advantages and gains, then improve actor and critic."""
+    config = scheduled(config, state.iterations)
+    state, charged, cost = charge_resets(state, rollout, config)
+    state, scaled = scale_rewards(state, charged, config)
+    state, frames, value_means = estimate(state, scaled, config)
+    state, losses, gradient_norm = improve(state, frames, config)
+    metrics = make_metrics(state, rollout, cost, value_means, losses, gradient_norm)
+    return replace(state, key=jax.random.fold_in(state.key, NEXT), iterations=state.iterations + 1), metrics
+
+
+def estimate(state: LearnerState, rollout: Rollout, config: Config) -> tuple[LearnerState, Frames, Pair]:
+    """Soft advantages (eq. 6 to 8), λ-returns and gains of a rollout; also the mean of each value."""
+    state, values, next_values, means = bias_values(state, rollout, config)
+    # The entropy reward of eq. 4. τ enters here, so that v_H and ρ_H are in units of the reward.
+    rewards = jnp.stack([rollout.rewards, -config.temperature * rollout.log_probs], axis=-1)
+    # δ + ρ of eq. 11 and 12. Without temperature there is no entropy objective, whatever an untrained v_H says.
+    errors = rewards + jnp.asarray(config.discount) * next_values - values
+    errors = jnp.where(jnp.asarray([1.0, config.temperature]) > 0.0, errors, 0.0)
+    if config.gain == "td":
+        state = update_gains(state, errors - state.gains, rollout, config)
+    advantages = lambda_advantages(errors - state.gains, rollout.terminated | rollout.truncated, config)
+    if config.gain == "advantage":
+        state = update_gains(state, advantages, rollout, config)
+    soft_advantages, returns = jnp.sum(advantages, axis=-1), advantages + values
+    known = (rollout.observations, rollout.latents, rollout.log_probs)
+    return state, Frames(*known, soft_advantages, returns, rollout.counted), means
+
+
+def bias_values(state: LearnerState, rollout: Rollout, config: Config) -> tuple[LearnerState, Pairs, Pairs, Pair]:
+    """[v, v_H] of the states before and after each step (eq. 2 and 5), and the means of the former."""
+    values = jax.vmap(jax.vmap(state.critic))(rollout.observations)
+    last = jax.vmap(state.critic)(state.observations)
+    next_values = values_after(state.critic, rollout, jnp.concatenate([values[1:], last[None]]), config)
+    means = pair_mean(values, rollout.counted)
+    if config.centre_values:
+        # Eq. 2 and 5 leave a constant free, on which no advantage depends with γ = 1, and which would drift.
+        state = replace(state, critic=state.critic.with_values(jnp.ones(2), means))
+        values, next_values = values - means, next_values - means
+    return state, values, next_values, means
+
+
+def lambda_advantages(deltas: Pairs, cuts: Bool[Array, "steps envs"], config: Config) -> Pairs:
+    """Estimates of A and A_H (eq. 11 and 12), A_t = δ_t + γ λ (1 - cut_t) A_{t+1} (GAE, arXiv 1506.02438).
+
+    Args:
+        deltas: δ_t = r_t - ρ + γ v(s'_t) - v(s_t); s'_t is the state after the step and before any reset.
+        cuts: true where s_{t+1} is not s'_t, because the task was reset.
+        config: γ and λ.
+    """
+    # v(s') counts at a cut, too: a truncation does not end the process, only the recursion stops.
+    decays = jnp.asarray(config.discount) * jnp.asarray(config.gae_lambda) * (1.0 - cuts[..., None])
+
+    def backwards(following: Array, step: tuple[Array, Array]) -> tuple[Array, Array]:
+        advantage = step[0] + step[1] * following
+        return advantage, advantage
+
+    # The sum starts at 0: what follows the rollout is in v(s') of the last δ.
+    return jax.lax.scan(backwards, jnp.zeros_like(deltas[0]), (deltas, decays), reverse=True)[1]
+
+
+def update_gains(state: LearnerState, errors: Pairs, rollout: Rollout, config: Config) -> LearnerState:
+    """ρ ← ρ + (η / z) mean(A) after z ← z + η (1 - z), for both gains (eq. 13 and 14; z is the authors' trace).
+
+    The first step has size 1: ρ is a plain mean of some 1/η rollouts, then an exponential one. With ``gain = td``
+    the errors are δ, and the gains move first: with γ = 1 the values cancel but for a rollout's ends, so that ρ
+    starts at the mean reward. With ``advantage`` they are λ-advantages, up to 1 / (1 - λ) times as large.
+    """
+    trace = state.gain_trace + config.gain_step_size * (1.0 - state.gain_trace)
+    gains = state.gains + config.gain_step_size / trace * pair_mean(errors, rollout.counted)
+    return replace(state, gains=gains, gain_trace=trace)
+
+
+def improve(state: LearnerState, frames: Frames, config: Config) -> tuple[LearnerState, LossMetrics, Scalar]:
+    """Several epochs of minibatch gradient steps on actor and critic with one Adam; ``target_kl`` may end them."""
+    optimiser = make_optimiser(config)
+    flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), frames)
+
+    def step(carry: tuple[Any, ...], rows: Array) -> tuple[tuple[Any, ...], tuple[LossMetrics, Scalar]]:
+        networks, optimiser_state, ended = carry
+        minibatch = jax.tree.map(lambda leaf: leaf[rows], flat)
+        gradients, metrics = jax.grad(loss, has_aux=True)(networks, minibatch, config)
+        updates, following = optimiser.update(gradients, optimiser_state)
+        after = (optax.apply_updates(networks, updates), following)
+        if config.target_kl:
+            ended |= metrics.approximate_kl > config.target_kl
+            after = jax.tree.map(lambda old, new: jnp.where(ended, old, new), (networks, optimiser_state), after)
+        return (*after, ended), (metrics, optax.tree.norm(gradients))
+
+    # The batch size divides the rollout: no minibatch has frames of two epochs.
+    orders = shuffled(jax.random.fold_in(state.key, IMPROVE), config.num_epochs, config.rollout_size)
+    carry = ((state.actor, state.critic), state.optimiser, jnp.array(False))
+    ((actor, critic), optimiser_state, _), found = jax.lax.scan(step, carry, orders.reshape(-1, config.batch_size))
+    losses, gradient_norm = jax.tree.map(jnp.mean, found)
+    return replace(state, actor=actor, critic=critic, optimiser=optimiser_state), losses, gradient_norm
+
+
+def loss(networks: tuple[AbstractActor, Critic], frames: Frames, config: Config) -> tuple[Scalar, LossMetrics]:
+    """-L(θ) + c · [MSE_v, MSE_vH], with L(θ) = mean min(r A, clip(r, 1 - ε, 1 + ε) A) (eq. 15), A the soft ones."""
+    actor, critic = networks
+    # Features first: XLA has fast CPU kernels for the products of this form (see networks).
+    observations = frames.observations.T
+    log_ratios = actor(observations).log_prob(frames.latents.T) - frames.log_probs
+    ratios = jnp.exp(log_ratios)
+    # Normalised after the sum of both objectives and in each minibatch, as in the authors' code.
+    soft_advantages = standardise(frames.advantages, frames.weights)
+    clipped = jnp.clip(ratios, 1.0 - config.clip_range, 1.0 + config.clip_range)
+    policy_loss = -mean(jnp.minimum(ratios * soft_advantages, clipped * soft_advantages), frames.weights)
+    # No entropy bonus: the entropy is in the advantages. Values are not clipped, as in the authors' code.
+    value_losses = mean((critic(observations) - frames.returns.T) ** 2, frames.weights, axis=1)
+    # The mean of r - 1 - log r under π_old is KL(π_old, π_θ), and no sample is negative, unlike -log r.
+    kl = mean(ratios - 1.0 - log_ratios, frames.weights)
+    clip_fraction = mean(jnp.abs(ratios - 1.0) > config.clip_range, frames.weights)
+    total = policy_loss + jnp.asarray(config.value_coefficient) @ value_losses
+    return total, LossMetrics(policy_loss, value_losses[0], value_losses[1], kl, clip_fraction)
