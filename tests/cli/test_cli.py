@@ -111,8 +111,7 @@ def test_train_another_task_and_resume(capsys):
     [
         ("train", "robot = None and env = None: give one of the two"),
         ("train acrobot --env CartPole-v1", "give one of the two"),
-        ("train --env NoSuchTask-v0", "cannot make 'NoSuchTask-v0'"),
-        ("train --env CartPole-v1 --seeds 2", "one seed at a time: use swingup sweep"),
+        ("train --env NoSuchTask-v0", "making 4 of 'NoSuchTask-v0' raised NameNotFound"),
         ("evaluate cartpole", "unknown robot 'cartpole'"),
         ("evaluate acrobot --controller no-such", "unknown controller 'no-such'"),
         ("evaluate acrobot --controller missing.safetensors", "no such file: missing.safetensors"),
