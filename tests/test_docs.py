@@ -16,9 +16,11 @@ import types
 from importlib import resources
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import swingup
+from swingup.areapo.config import Config
 from swingup.benchmark.board_rules import BOARD_RULES
 from swingup.benchmark.leaderboard import leaderboard
 from swingup.cli import commands, main, pictures
@@ -26,6 +28,7 @@ from swingup.cli.parsing import parse as parse_words
 from swingup.common.errors import SwingupError
 from swingup.controllers.baselines.baselines import Design, shipped_reference
 from swingup.identification.excite import excite
+from swingup.learner.presets import PRESETS
 from swingup.policy.shipped import shipped_file
 from swingup.report import make
 
@@ -207,6 +210,21 @@ def test_fenced_blocks_are_of_known_languages():
 def test_the_api_page_has_every_public_name():
     documented = set(re.findall(r"^::: swingup\.(\w+)$", (ROOT / "docs" / "api.md").read_text(), re.MULTILINE))
     assert documented == set(swingup.__all__) - {"__version__"}
+
+
+def test_the_page_of_hyperparameters_has_every_value():
+    lines = (ROOT / "docs" / "hyperparameters.md").read_text(encoding="utf-8").splitlines()
+    rows = [[cell.strip("` ") for cell in line.strip("|").split("|")] for line in lines if line.startswith("| `")]
+    fields = [field.name for field in dataclasses.fields(Config)]
+    assert [row[0] for row in rows] == fields * 2  # once with its effect, once with its values
+    for name, *cells in rows[len(fields) :]:
+        for cell, preset in zip(cells, PRESETS.values(), strict=True):
+            value = getattr(preset.config, name)
+            if isinstance(value, bool | str):
+                assert cell == {True: "yes", False: "no"}.get(value, value), name
+            else:
+                numbers = [float(each) for each in cell.replace(" 000", "000").replace(" 000", "000").split(", ")]
+                np.testing.assert_array_equal(numbers, np.atleast_1d(value), err_msg=name)
 
 
 def test_links_to_code_name_what_is_there():
