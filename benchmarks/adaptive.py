@@ -23,6 +23,7 @@ import argparse
 import json
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import fmean
@@ -34,9 +35,9 @@ from adaptive_errors import TIMES, draw_errors, error_lines, error_rows, follow_
 from adaptive_failing import failing_lines, failing_rows
 from adaptive_plants import ALL, FULL, GRID, JOINT, MIDPOINTS, NOMINAL_CRITERIA, OFF, TOLD, Judge
 
+from swingup.benchmark.boards import ROBUSTNESS
 from swingup.benchmark.interval import mean_interval, share_interval
-from swingup.benchmark.robustness import summarise
-from swingup.benchmark.rules import RANDOM, get_robustness_rules
+from swingup.benchmark.rules import RANDOM
 from swingup.common.errors import SwingupError
 from swingup.common.files import write_atomically
 from swingup.controllers.registry import get_controller
@@ -66,7 +67,7 @@ def models(judge: Judge) -> Section:
     """Successes on plants that are not the nominal one, and cells of the grid that fail."""
     rows: Rows = []
     for name, cases in judge.sets.items():
-        settings = [case.settings | {"plants": name} for case in cases]
+        settings = [{**case.settings, "plants": name} for case in cases]
         held = judge.held(FULL, name).tolist()
         rows += [{**each, "success": success} for each, success in zip(settings, held, strict=True)]
     return rows, models_text(rows)
@@ -100,7 +101,7 @@ def ablations(judge: Judge) -> Section:
     rows: Rows = []
     for variant in judge.variants:
         found: dict[str, float] = {name: 100 * float(judge.held(variant, name).mean()) for name in judge.sets}
-        found |= judge.nominal(variant).percent
+        found |= _percent(judge, variant)
         overall = fmean([found["grid"], *(found[name] for name in NOMINAL_CRITERIA)]) / 100
         rows.append({"variant": variant, **found, "overall": overall})
     names = [name for name in rows[0] if name not in ("variant", "overall")]
@@ -130,16 +131,20 @@ def holds(row: dict[str, Any]) -> bool:
 
 def nominal(judge: Judge) -> Section:
     """Adaptation on against off where the plant is the nominal one, seed by seed."""
-    by_seed = {
-        variant: [summarise(judge.nominal(variant).results, [seed])[0] for seed in judge.seeds]
-        for variant in (FULL, OFF)
-    }
+    by_seed = {variant: [_percent(judge, variant, seed) for seed in judge.seeds] for variant in (FULL, OFF)}
     rows: Rows = [
         {"criterion": name, "seed": seed, "on": on[name], "off": off[name]}
         for name in NOMINAL_CRITERIA
         for seed, on, off in zip(judge.seeds, by_seed[FULL], by_seed[OFF], strict=True)
     ]
     return rows, nominal_table(rows)
+
+
+def _percent(judge: Judge, variant: str, seed: int | None = None) -> dict[str, float]:
+    """The criteria (%) where the plant is the nominal one, with all seeds or with one."""
+    seeds = list(judge.seeds) if seed is None else [seed]
+    values = replace(ROBUSTNESS, criteria=NOMINAL_CRITERIA).summarise(judge.nominal(variant).runs, seeds)[0]
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def nominal_table(rows: Rows) -> str:
@@ -201,7 +206,7 @@ def run_sections(options: argparse.Namespace) -> None:
         SwingupError: the controller's file cannot be used.
     """
     policy = read_pendulum_policy(options.controller, options.robot)
-    judge = Judge(policy, get_robustness_rules("v2"), options.seed, options.seeds)
+    judge = Judge(policy, ROBUSTNESS, options.seed, options.seeds)
     options.out.mkdir(parents=True, exist_ok=True)
     picture = options.out / f"{options.robot}-errors.png"
     run: dict[str, Callable[[Judge], Section]] = {

@@ -7,9 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from swingup.benchmark.grid import Case
+from swingup.benchmark.board import Case
+from swingup.benchmark.robustness_board import RobustnessBoard
 from swingup.benchmark.rollout import Scenario, apply_torque, initial_loop, measure
-from swingup.benchmark.rules import RobustnessRules
 from swingup.benchmark.runner import stack
 from swingup.common.files import write_atomically
 from swingup.controllers.interface.controller import AbstractController
@@ -27,7 +27,7 @@ STRIDE = 0.05
 """Time between the rows that are kept (s)."""
 
 
-def identified_bases(controller: AbstractController[Any], cases: list[Case], rules: RobustnessRules) -> np.ndarray:
+def identified_bases(controller: AbstractController[Any], cases: list[Case], rules: RobustnessBoard) -> np.ndarray:
     """Base parameters that the identifier has found after each step, shape (cases, steps, 9).
 
     Args:
@@ -95,7 +95,7 @@ def error_rows(time: np.ndarray, bands: np.ndarray) -> list[dict[str, Any]]:
 
 
 def follow_errors(
-    controller: AbstractController[Any], cases: list[Case], rules: RobustnessRules
+    controller: AbstractController[Any], cases: list[Case], rules: RobustnessBoard
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times (s), and the percentiles of the errors over the plants (%) as :func:`error_bands` has them."""
     found = identified_bases(controller, cases, rules)

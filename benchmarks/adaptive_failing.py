@@ -7,11 +7,11 @@ from adaptive_plants import ALL, FULL, TOLD, Judge
 from holding_range import holding_range
 from upper_bound import simulated
 
-from swingup.benchmark.criteria import judge as judge_rows
-from swingup.benchmark.grid import Case
-from swingup.benchmark.robustness import upright
+from swingup.benchmark.board import Case
+from swingup.benchmark.boards import PERFORMANCE
+from swingup.benchmark.criteria import compute_criteria
+from swingup.benchmark.robustness_board import RobustnessBoard, upright
 from swingup.benchmark.rollout import Trajectory
-from swingup.benchmark.rules import PERFORMANCE_RULES, RobustnessRules
 from swingup.benchmark.runner import stack
 from swingup.controllers.baselines.continuation import continue_swingups
 from swingup.controllers.baselines.known_plant import known_plant_controller
@@ -30,7 +30,7 @@ class Optimum(NamedTuple):
     """Whether the continuation came to the plant; else it is the swing-up of the last one on the way."""
     held: bool
     score: float
-    """RealAI score by the rules v2 (0 to 1), 0 without success."""
+    """RealAI score (0 to 1), 0 without success."""
 
 
 def failing_rows(judge: Judge) -> list[dict[str, Any]]:
@@ -57,7 +57,7 @@ def failing_rows(judge: Judge) -> list[dict[str, Any]]:
     ]
 
 
-def optima(robot: Robot, cases: list[Case], rules: RobustnessRules) -> list[Optimum]:
+def optima(robot: Robot, cases: list[Case], rules: RobustnessBoard) -> list[Optimum]:
     """Each plant's swing-up by iterative LQR, followed with feedback and then held by the plant's LQR."""
     if not cases:
         return []
@@ -74,7 +74,7 @@ def optima(robot: Robot, cases: list[Case], rules: RobustnessRules) -> list[Opti
 
 def _score(plant: Plant, rows: Trajectory, index: int) -> float:
     time, x, u = (np.asarray(each)[index] for each in (rows.time, rows.x, rows.u))
-    return judge_rows(time, x, u, float(plant.l1), float(plant.l2), PERFORMANCE_RULES["v2"]).score
+    return compute_criteria(time, x, u, float(plant.l1), float(plant.l2), PERFORMANCE).score
 
 
 def failing_lines(rows: list[dict[str, Any]]) -> list[list[str]]:

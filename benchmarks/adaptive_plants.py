@@ -7,10 +7,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from swingup.benchmark.grid import Case, make_cases, vary
-from swingup.benchmark.robustness import Robustness, robustness, upright
+from swingup.benchmark.board import Case
+from swingup.benchmark.grid import make_cases, vary
+from swingup.benchmark.judge import judge
+from swingup.benchmark.result import Result
+from swingup.benchmark.robustness_board import RobustnessBoard, upright
 from swingup.benchmark.rollout import Scenario, simulate
-from swingup.benchmark.rules import SWEPT, ModelSweep, RobustnessRules, Sweep
+from swingup.benchmark.rules import SWEPT, ModelSweep, Sweep
 from swingup.benchmark.runner import run_many, stack
 from swingup.common.errors import SwingupError
 from swingup.controllers.interface.controller import AbstractController
@@ -38,7 +41,7 @@ FULL, OFF, TOLD = "adaptive", "identification off", "told the true plant"
 NO_REGULATOR, NO_MEMORY = "regulator off", "memory off"
 
 
-def midpoint_rules(rules: RobustnessRules) -> RobustnessRules:
+def midpoint_rules(rules: RobustnessBoard) -> RobustnessBoard:
     """Rules whose model errors lie midway between neighbouring values of these rules' sweeps."""
 
     def between(model: ModelSweep) -> ModelSweep:
@@ -50,7 +53,7 @@ def midpoint_rules(rules: RobustnessRules) -> RobustnessRules:
     return dataclasses.replace(rules, name=f"{rules.name}, midpoints", model=model)
 
 
-def joint_cases(robot: Robot, rules: RobustnessRules) -> list[Case]:
+def joint_cases(robot: Robot, rules: RobustnessBoard) -> list[Case]:
     """Plants with all parameters off, each drawn evenly from the inner half of its sweep's range."""
     random, nominal = np.random.default_rng(JOINT_SEED), LEADERBOARD.driven(robot)
     calm = make_cases(robot, rules, "model", 0)[0].scenario.disturbance
@@ -62,11 +65,11 @@ def joint_cases(robot: Robot, rules: RobustnessRules) -> list[Case]:
             values[name] = centre + SHARE * (random.uniform(model.sweep.low, model.sweep.high) - centre)
             plant = vary(plant, model, values[name])
         settings = {"parameter": ALL, "draw": draw, "values": values}
-        cases.append(Case("model", draw, settings, Scenario(validated(plant), calm)))
+        cases.append(Case(Scenario(validated(plant), calm), settings, "model", draw))
     return cases
 
 
-def plant_sets(robot: Robot, rules: RobustnessRules) -> dict[str, list[Case]]:
+def plant_sets(robot: Robot, rules: RobustnessBoard) -> dict[str, list[Case]]:
     """The board's grid, the midpoints between its values, and the joint draws."""
     return {
         GRID: make_cases(robot, rules, "model", 0),
@@ -110,7 +113,7 @@ def tell_everything(controller: EstimatingController, plant: Plant) -> Estimatin
 class Judge:
     """Simulates each variant on each set of plants once."""
 
-    def __init__(self, policy: PendulumPolicy, rules: RobustnessRules, seed: int, seeds: int) -> None:
+    def __init__(self, policy: PendulumPolicy, rules: RobustnessBoard, seed: int, seeds: int) -> None:
         """Make the plants and the variants.
 
         Args:
@@ -122,7 +125,7 @@ class Judge:
         self.policy, self.rules, self.seeds = policy, rules, range(seed, seed + seeds)
         self.variants, self.sets = make_variants(policy), plant_sets(policy.robot, rules)
         self._held: dict[str, dict[str, np.ndarray]] = {}
-        self._boards: dict[str, Robustness] = {}
+        self._boards: dict[str, Result] = {}
 
     def held(self, variant: str, plants: str) -> np.ndarray:
         """Whether each plant of a set ends upright, with the rules of the board."""
@@ -142,18 +145,19 @@ class Judge:
         answered = np.array([fault is None for fault in batch.faults])
         return upright(batch.final, rules.tolerance) & answered
 
-    def nominal(self, variant: str) -> Robustness:
+    def nominal(self, variant: str) -> Result:
         """The criteria of the board whose plant is the nominal one."""
         # There the true plant is the nominal one: telling it is switching identification off.
         variant = OFF if variant == TOLD else variant
         if variant not in self._boards:
             seed, seeds, found = self.seeds[0], len(self.seeds), self.variants[variant]
-            board = robustness(found, self.policy.robot, variant, self.rules, seed, seeds, NOMINAL_CRITERIA)
-            self._boards[variant] = board
+            board = dataclasses.replace(self.rules, criteria=NOMINAL_CRITERIA)
+            judged = judge(found, self.policy.robot, board, seeds, seed=seed, name=variant)
+            self._boards[variant] = judged
         return self._boards[variant]
 
 
-def _told_ends(controller: AbstractController[Any], scenarios: Scenario, rules: RobustnessRules) -> np.ndarray:
+def _told_ends(controller: AbstractController[Any], scenarios: Scenario, rules: RobustnessBoard) -> np.ndarray:
     """Last states (n, 4) with each plant told to the controller."""
     assert isinstance(controller, EstimatingController)
 

@@ -21,8 +21,8 @@ from adaptive import table
 from adaptive_boards import BOARDS
 from adaptive_plants import FULL, Judge
 
+from swingup.benchmark.boards import ROBUSTNESS
 from swingup.benchmark.interval import mean_interval
-from swingup.benchmark.rules import get_robustness_rules
 from swingup.common.errors import SwingupError
 from swingup.common.files import write_atomically
 from swingup.plant.robots import ROBOTS
@@ -50,7 +50,7 @@ def write_rows(path: Path, rows: Rows) -> None:
 def measures(robot: str, path: str) -> dict[str, Callable[[], float]]:
     """What a file is measured by: the boards, and the shares of plants held."""
     policy = read_pendulum_policy(path, robot)
-    judge = Judge(policy, get_robustness_rules("v2"), 0, 1)
+    judge = Judge(policy, ROBUSTNESS, 0, 1)
 
     def held(plants: str) -> float:
         return float(judge.held(FULL, plants).mean())

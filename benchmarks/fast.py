@@ -17,7 +17,7 @@ import jax
 
 from swingup.areapo import algorithm
 from swingup.areapo.config import Config
-from swingup.benchmark.board_rows import paper_score
+from swingup.benchmark.leaderboard import paper_score
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
 from swingup.plant.robots import get_robot

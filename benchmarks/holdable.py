@@ -21,9 +21,9 @@ import numpy as np
 from adaptive_plants import tell_everything
 from holding_range import holding_range
 
+from swingup.benchmark.judge import judge
 from swingup.benchmark.rollout import Scenario, simulate
 from swingup.benchmark.runner import stack
-from swingup.benchmark.sim2real import sim2real
 from swingup.controllers.stack.controller import make_controller
 from swingup.controllers.stack.estimator import EstimatingController
 from swingup.controllers.stack.regulator import TRIANGLE
@@ -99,7 +99,8 @@ def main() -> None:
         seeds = range(options.seed, options.seed + options.seeds)
         scenarios = [known_scenario(domain, robot, seed) for seed in seeds]
     told = held(policy, scenarios, domain.depth)
-    runs = sim2real(make_controller(policy), robot, options.controller, domain, options.seed, options.seeds).runs
+    judged = judge(make_controller(policy), robot, "sim2real", options.seeds, seed=options.seed, domain=domain)
+    runs = judged.runs
     own = np.array([run.success for run in runs])
     ranges = np.array([holding_range(each.parameters, robot) for each in scenarios])
     print("| error that the motor brings back (rad) | plants | held, told all | swing-ups, told nothing |")

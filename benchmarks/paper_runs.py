@@ -17,7 +17,7 @@ from statistics import median
 
 from study import Curve, draw, ends, smooth
 
-from swingup.benchmark.board_rows import published_rows
+from swingup.benchmark.leaderboard import published_rows
 from swingup.common.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
@@ -56,7 +56,7 @@ def read_runs(path: Path) -> list[Curve]:
 
 def papers_score(robot: str) -> float:
     """AR-EAPO's published score."""
-    rows = published_rows(ROBOTS[robot], "performance", "v2")
+    rows = published_rows(ROBOTS[robot], "performance")
     (row,) = (row for row in rows if (row.controller, row.source) == ("AR-EAPO", "paper"))
     score = row.values["score"]
     assert score is not None  # every published row has a score

@@ -18,7 +18,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from swingup.benchmark.evaluate import evaluate
+from swingup.benchmark.judge import judge
 from swingup.common.files import write_atomically
 from swingup.controllers.registry import get_controller
 from swingup.dynamics.angles import UPRIGHT
@@ -52,7 +52,7 @@ def train(preset: str, plant: str, robot: str, seed: int, frames: int, folder: P
         pass
     run.close()
     rows = read_metrics(folder / "metrics.jsonl")
-    found = evaluate(get_controller(str(folder / "best.safetensors"), robot), robot, plant=ideal).criteria
+    found = judge(get_controller(str(folder / "best.safetensors"), robot), robot, plant=ideal).criteria
     return {
         "preset": preset, "plant": plant, "robot": robot, "seed": seed, "frames": run.frames,
         "seconds": rows[-1]["seconds"], "score": found.score, "swingup_time": found.swingup_time,

@@ -13,9 +13,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from swingup.benchmark.boards import ROBUSTNESS
 from swingup.benchmark.grid import make_cases
-from swingup.benchmark.robustness import robustness
-from swingup.benchmark.rules import CRITERIA, get_robustness_rules
+from swingup.benchmark.judge import judge
+from swingup.benchmark.rules import CRITERIA
 from swingup.controllers.registry import get_controller
 from swingup.controllers.stack.controller import PolicyController
 from swingup.plant.plant import LEADERBOARD, Plant
@@ -72,7 +73,7 @@ def one_by_one(controller: PolicyController, steps: int) -> None:
 
 def main(robot_name: str = "acrobot", *controllers: str) -> None:
     """Print one line for each controller."""
-    robot, rules = get_robot(robot_name), get_robustness_rules("v2")
+    robot, rules = get_robot(robot_name), ROBUSTNESS
     simulations = sum(len(make_cases(robot, rules, criterion, 0)) for criterion in CRITERIA)
     policy = get_controller("ar-eapo", robot)
     assert isinstance(policy, PolicyController)
@@ -82,9 +83,9 @@ def main(robot_name: str = "acrobot", *controllers: str) -> None:
     for name in controllers or ("ar-eapo", "adaptive", "tvlqr", "ilqr-riccati"):
         controller = get_controller(name, robot)
         start = time.perf_counter()
-        robustness(controller, robot, name, dataclasses.replace(rules))
+        judge(controller, robot, dataclasses.replace(rules), name=name)
         first = time.perf_counter() - start
-        again = best_of(3, lambda: robustness(controller, robot, name, rules))  # noqa: B023 - used at once
+        again = best_of(3, lambda: judge(controller, robot, rules, name=name))  # noqa: B023 - used at once
         print(
             f"{name:<14}{again:7.2f} s  {peer / again:6.0f} times as fast as one by one (first run {first:.1f} s)"
         )

@@ -21,7 +21,7 @@ import jax
 import numpy as np
 import onnxruntime
 
-from swingup.benchmark.evaluate import evaluate
+from swingup.benchmark.judge import judge
 from swingup.controllers.registry import get_controller
 from swingup.controllers.stack.controller import policy_alone
 from swingup.export.c_backend.header import c_header
@@ -140,11 +140,9 @@ def main(robot: str) -> None:
     times["C with estimator and identifier"] = measure_c(c_header(identified), states)[1]
     times["C with estimator and guard"] = measure_c(c_header(everything), states)[1]
     # Its swing-up, again and again: the identifier would not learn from a drift that no pendulum can follow.
-    adaptive, swingup_states = (
-        load_controller(ADAPTIVE, robot),
-        evaluate(get_controller(ADAPTIVE, robot), robot).trajectory.x,
-    )
-    states = np.resize(swingup_states, states.shape)
+    adaptive, swing_up = load_controller(ADAPTIVE, robot), judge(get_controller(ADAPTIVE, robot), robot).trajectory
+    assert swing_up is not None
+    states = np.resize(swing_up.x, states.shape)
     times["adaptive, NumPy"] = measure(lambda k: adaptive(states[k], DT * k))
     times["adaptive, C"] = measure_c(c_header(load_policy(ADAPTIVE, robot)), states)[1]
     print("| one call | median [µs] | p99 [µs] | p99 / median |\n|---|---:|---:|---:|")

@@ -3,7 +3,7 @@
 Usage: python benchmarks/upper_bound.py ROBOT
 
 Each plant of the grid gets its own optimal swing-up (``controllers/baselines/continuation.py``) and its own LQR at
-the top (``controllers/baselines/known_plant.py``), and is judged by the board's rules v2. A plant that the
+the top (``controllers/baselines/known_plant.py``), and is judged by the board's rules. A plant that the
 continuation does not reach gets the swing-up of the nearest plant on its way. Prints a table in Markdown, and the
 cells that fail. This is no bound in the strict sense: another swing-up or regulator may hold a cell that fails
 here.
@@ -18,10 +18,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from swingup.benchmark.grid import Case, make_cases
-from swingup.benchmark.robustness import upright
+from swingup.benchmark.board import Case
+from swingup.benchmark.boards import ROBUSTNESS
+from swingup.benchmark.grid import make_cases
+from swingup.benchmark.robustness_board import RobustnessBoard, upright
 from swingup.benchmark.rollout import Scenario, Trajectory, simulate
-from swingup.benchmark.rules import RobustnessRules, get_robustness_rules
 from swingup.benchmark.runner import stack
 from swingup.controllers.baselines.continuation import SwingUps, continue_swingups
 from swingup.controllers.baselines.known_plant import known_plant_controller
@@ -32,7 +33,7 @@ from swingup.plant.robots import ROBOTS
 
 
 def simulated(
-    controllers: list[LatchingSwitch], plants: list[Plant], rules: RobustnessRules
+    controllers: list[LatchingSwitch], plants: list[Plant], rules: RobustnessBoard
 ) -> tuple[np.ndarray, Trajectory]:
     """Each controller on its own plant from hanging at rest: last states (n, 4), and rows with n in front."""
     static = split(controllers[0])[1]
@@ -71,7 +72,7 @@ def main() -> None:
     """Compute the swing-ups, judge them and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("robot", choices=list(ROBOTS))
-    robot, rules = ROBOTS[parser.parse_args().robot], get_robustness_rules("v2")
+    robot, rules = ROBOTS[parser.parse_args().robot], ROBUSTNESS
     cases = make_cases(robot, rules, "model", 0)
     plants = [case.scenario.parameters for case in cases]
     began = time.process_time()

@@ -13,8 +13,9 @@ def main() -> None:
     for robot in ("acrobot", "pendubot"):
         controller = swingup.get_controller("adaptive", robot)
         card = swingup.load_policy("adaptive", robot).metadata
-        result = swingup.evaluate(controller, robot, name=card["command"])
+        result = swingup.judge(controller, robot, name=card["command"])
         criteria, trajectory = result.criteria, result.trajectory
+        assert trajectory is not None
         print(f"{robot}: score {criteria.score:.3f}, up after {criteria.swingup_time:.2f} s")
         print(f"  made by: {result.controller}")
         q1, q2 = trajectory.x[-1, :2]

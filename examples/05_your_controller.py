@@ -1,10 +1,13 @@
 """Judge a controller of your own in plain Python and in JAX: the same tables at two speeds."""
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 import swingup
+from swingup.benchmark.boards import ROBUSTNESS
 from swingup.common.types import Scalar, State, Torque
 
 
@@ -34,9 +37,12 @@ class JaxSwing(swingup.AbstractController[Array]):
         return carry, jnp.array([1.0, 0.0]) * carry
 
 
+DELAYS = dataclasses.replace(ROBUSTNESS, criteria=("delay",))
+
 for swing in (PlainSwing(), JaxSwing()):
     name = type(swing).__name__
     print(name, "findings of the checker:", swingup.check_controller(swing, "pendubot"))
-    result = swingup.evaluate(swing, "pendubot", name)
-    delays = swingup.robustness(swing, "pendubot", name, criteria=["delay"])
-    print(f"  score {result.criteria.score:.3f}, energy {result.criteria.energy:.2f} J, {delays.percent}")
+    result = swingup.judge(swing, "pendubot", name=name)
+    delays = swingup.judge(swing, "pendubot", DELAYS, name=name)
+    costs = result.criteria
+    print(f"  score {costs.score:.3f}, energy {costs.energy:.2f} J, {delays.successes} of 21 delays")

@@ -5,12 +5,11 @@ from collections import Counter
 import swingup
 
 controller = swingup.get_controller("ar-eapo", "pendubot")
-result = swingup.robustness(controller, "pendubot", "ar-eapo", seed=1)
-for criterion, percent in result.percent.items():
-    print(f"{criterion:<16}{percent:6.1f} %")
-print(f"{'overall':<16}{result.overall:8.3f}")
+result = swingup.judge(controller, "pendubot", "robustness", seed=1, name="ar-eapo")
+for column, value in result.values.items():
+    print(f"{column:<16}{value:8.3f}")  # percentages, and the score from 0 to 1
 
-failed = [entry.as_dict() for entry in result.results if not entry.success]
+failed = [run.as_dict() for run in result.runs if not run.success]
 print("failures:", dict(Counter(entry["criterion"] for entry in failed)))
 print("model errors with which it fails:")
 for entry in failed:

@@ -16,7 +16,7 @@ from swingup.realaigym import load_controller
 ROBOT, NAME, DOMAIN, SEEDS = "acrobot", "adaptive", "recorded", 5
 
 # Friction, motor inertia, a delay of 10 ms, noisy velocities, imperfect motors: docs/sim2real.md.
-result = swingup.sim2real(swingup.get_controller(NAME, ROBOT), ROBOT, DOMAIN, seeds=SEEDS)
+result = swingup.judge(swingup.get_controller(NAME, ROBOT), ROBOT, "sim2real", SEEDS, domain=DOMAIN)
 print(f"{NAME} on the {ROBOT}'s plant: {result.successes} of {SEEDS} swing-ups held")
 
 # The robot's loop calls this object, which needs NumPy alone. Its input here is the first of these runs.
@@ -24,6 +24,7 @@ controller = load_controller(NAME, ROBOT, guard=True)
 controller.reset()
 controller.init()
 rows, took = result.trajectory, []
+assert rows is not None
 for t, x in zip(np.asarray(rows.time), np.asarray(rows.x), strict=True):
     start = time.perf_counter()
     u = controller.get_control_output(x=x, t=t)

@@ -18,10 +18,10 @@ for model, errors in result["errors"].items():
     print(f"held-out error of the {model} model after 0.25 s: {errors['0.25']['angle']:.3f} rad")
 
 domain = found.save("mine.yml")  # the plant, and the ranges that the logs leave beside it
-print(f"wrote mine.yml and {domain}: swingup sim2real acrobot --domain {domain}")
+print(f"wrote mine.yml and {domain}: swingup evaluate acrobot --board sim2real --domain {domain}")
 
 # adaptive finds its plant while it swings up, in a loop as the recorded robot has it.
 SEEDS = 5
 policy = swingup.get_controller("adaptive", "acrobot")
-trials = swingup.sim2real(policy, "acrobot", "recorded", plant="mine.yml", seeds=SEEDS)
+trials = swingup.judge(policy, "acrobot", "sim2real", SEEDS, domain="recorded", plant="mine.yml")
 print(f"adaptive on it: {trials.successes} of {SEEDS} swing-ups held")

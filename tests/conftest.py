@@ -26,8 +26,7 @@ os.environ.setdefault("XLA_FLAGS", " ".join(CHEAP))
 import jax  # noqa: E402
 import pytest  # noqa: E402
 
-from swingup.benchmark import rules  # noqa: E402
-from swingup.benchmark.board_rules import BOARD_RULES  # noqa: E402
+from swingup.benchmark.boards import ROBUSTNESS, UPTIME  # noqa: E402
 from swingup.benchmark.grid import change_grid  # noqa: E402
 from swingup.plant.robots import ROBOTS  # noqa: E402
 
@@ -69,7 +68,7 @@ def x64():
 @pytest.fixture(scope="session")
 def small_grid():
     """Rules of IROS 2024 with all six criteria, but fewer values and repetitions: 52 simulations, each of 4 s."""
-    grid = rules.ROBUSTNESS_RULES["v2"]
+    grid = ROBUSTNESS
     texts = ["velocity_noise=0:0.5:3:3", "torque_noise=0:1.1:3:3", "torque_response=0.1:2:3", "delay=0:0.04:3"]
     for text in [*texts, "perturbations=8"]:
         grid = change_grid(grid, text)
@@ -78,15 +77,13 @@ def small_grid():
         for name, each in grid.model.items()
     }
     pushes = dataclasses.replace(grid.perturbations, apart=0.5)
-    brief = dataclasses.replace(grid, name="v2", duration=4.0, model=model, perturbations=pushes)
-    return dataclasses.replace(BOARD_RULES["v2"], robustness=brief)
+    return dataclasses.replace(grid, name="robustness", duration=4.0, model=model, perturbations=pushes)
 
 
 @pytest.fixture(scope="session")
 def brief_minute():
     """Rules of ICRA 2025 with 9 s of the minute and two throws, of which the first comes as late as ever."""
-    brief = dataclasses.replace(rules.UPTIME_RULES["v3"], duration=9.0, throws=2)
-    return dataclasses.replace(BOARD_RULES["v3"], uptime=brief)
+    return dataclasses.replace(UPTIME, duration=9.0, throws=2)
 
 
 TRIM = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None

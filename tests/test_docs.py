@@ -5,7 +5,6 @@ Comments in the pages' source, which readers do not see, say what a block needs.
 tests, and ``<!-- not run: REASON -->`` excludes it. Each block runs by itself, in an empty folder.
 """
 
-import dataclasses
 import functools
 import json
 import re
@@ -21,9 +20,10 @@ import pytest
 
 import swingup
 from swingup.areapo.config import Config
-from swingup.benchmark.board_rules import BOARD_RULES
+from swingup.benchmark.boards import BOARDS
 from swingup.benchmark.leaderboard import leaderboard
 from swingup.cli import commands, main, pictures
+from swingup.cli.judging import JudgingCommands
 from swingup.cli.parsing import parse as parse_words
 from swingup.common.errors import SwingupError
 from swingup.controllers.baselines.baselines import Design, shipped_reference
@@ -116,7 +116,7 @@ SHORTER = {
 """Options that are shortened before a command line runs."""
 ADDED = {
     "--frames": ("16384", ("demo", "train", "sweep")),
-    "--seeds": ("1", ("sim2real",)),
+    "--seeds": ("1", ("evaluate",)),
 }
 """Options that are added to some commands where a line leaves them out: the defaults take long."""
 MINE = """
@@ -153,11 +153,12 @@ def brief_searches(monkeypatch):
 def test_command_lines_run_in_their_order(tmp_path, monkeypatch, small_grid, brief_minute):
     """All run in one folder, since some read what others wrote; two trainings may have the same folder."""
     pytest.importorskip("mujoco", reason="mujoco is not installed")
-    long = dataclasses.replace(small_grid.robustness, duration=10.0)  # --pushes need their time
-    small = {"v2": dataclasses.replace(small_grid, robustness=long), "v3": brief_minute}
+    small = {"robustness": small_grid, "uptime": brief_minute}
     few = ("ar-eapo", "tvlqr")  # test_the_papers_boards has everybody
-    boards = commands.Boards(BOARD_RULES | small, few)
-    monkeypatch.setattr(make, "leaderboard", functools.partial(leaderboard, rules=small["v2"], entrants=few))
+    boards = JudgingCommands(BOARDS | small, few)
+    monkeypatch.setattr(
+        make, "leaderboard", functools.partial(leaderboard, boards=("performance", small_grid), entrants=few)
+    )
     monkeypatch.setattr(pictures, "make_section", functools.partial(make.make_section, entrants=few))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))  # of the sweeps' workers

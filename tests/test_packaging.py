@@ -31,7 +31,7 @@ from swingup.runtime import load_controller
 assert main("export adaptive --robot acrobot --to realaigym --out entry".split()) == 0
 assert main("export adaptive --robot acrobot --to c --out policy.h".split()) == 0
 scores = [
-    swingup.evaluate(controller, "acrobot").criteria.score
+    swingup.judge(controller, "acrobot").criteria.score
     for controller in (swingup.get_controller("ar-eapo", "acrobot"), swingup.baseline("tvlqr-score", "acrobot"))
 ]
 torque = load_controller("adaptive", "pendubot")([0.1, 0.0, 0.0, 0.0], 0.0)

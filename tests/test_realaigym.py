@@ -69,7 +69,7 @@ def test_a_policy_swings_up_in_the_simulator(robot):
 @pytest.mark.parametrize("name", ["tvlqr", "ilqr-riccati", "tvlqr-score"])
 def test_baselines_score_as_they_do_in_jax(name):
     controller = realaigym.load_controller(name, "pendubot")
-    ours, judged = (swingup.evaluate(each, "pendubot") for each in (controller, get_controller(name, "pendubot")))
+    ours, judged = (swingup.judge(each, "pendubot") for each in (controller, get_controller(name, "pendubot")))
     np.testing.assert_allclose(ours.trajectory.u, judged.trajectory.u, atol=1e-9)
     assert ours.criteria.score == pytest.approx(judged.criteria.score, abs=1e-9)
 

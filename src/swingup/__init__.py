@@ -10,14 +10,13 @@ from .common.errors import SwingupError
 from .common.version import __version__
 
 if TYPE_CHECKING:
-    from .benchmark.disturbances import make_disturbance
-    from .benchmark.evaluate import Evaluation, evaluate, score
-    from .benchmark.leaderboard import Board, leaderboard
-    from .benchmark.recorded_uptime import RecordedUptime, recorded_uptime
-    from .benchmark.robustness import Robustness, robustness
-    from .benchmark.sim2real import Sim2Real, sim2real
-    from .benchmark.trials import Trials, trials
-    from .benchmark.uptime import Uptime, uptime
+    from .benchmark.board import AbstractBoard
+    from .benchmark.boards import BOARDS
+    from .benchmark.disturbances import DisturbanceSettings
+    from .benchmark.judge import judge
+    from .benchmark.leaderboard import Table, leaderboard
+    from .benchmark.result import Result
+    from .benchmark.score import score
     from .controllers.baselines.baselines import baseline
     from .controllers.interface.check import check_controller
     from .controllers.interface.controller import AbstractController
@@ -32,68 +31,52 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "AREAPO": "learner.agent",
+    "AbstractBoard": "benchmark.board",
     "AbstractController": "controllers.interface.controller",
-    "Board": "benchmark.leaderboard",
-    "Evaluation": "benchmark.evaluate",
+    "BOARDS": "benchmark.boards",
+    "DisturbanceSettings": "benchmark.disturbances",
     "Plant": "plant.plant",
+    "Result": "benchmark.result",
+    "Table": "benchmark.leaderboard",
     "Rehearsal": "rehearsal.result",
-    "RecordedUptime": "benchmark.recorded_uptime",
-    "Sim2Real": "benchmark.sim2real",
-    "Trials": "benchmark.trials",
-    "Robustness": "benchmark.robustness",
-    "Uptime": "benchmark.uptime",
     "baseline": "controllers.baselines.baselines",
     "check_controller": "controllers.interface.check",
-    "evaluate": "benchmark.evaluate",
     "get_controller": "controllers.registry",
-    "recorded_uptime": "benchmark.recorded_uptime",
-    "sim2real": "benchmark.sim2real",
-    "trials": "benchmark.trials",
     "identify": "identification.identify",
     "Identification": "identification.identify",
+    "judge": "benchmark.judge",
     "leaderboard": "benchmark.leaderboard",
     "load_plant": "plant.plant",
     "load_policy": "policy.shipped",
-    "make_disturbance": "benchmark.disturbances",
     "rehearse": "rehearsal.rehearse",
-    "robustness": "benchmark.robustness",
-    "score": "benchmark.evaluate",
+    "score": "benchmark.score",
     "search": "sweep.search",
-    "uptime": "benchmark.uptime",
 }
 
 __all__ = [
     "AREAPO",
+    "BOARDS",
+    "AbstractBoard",
     "AbstractController",
-    "Board",
-    "Evaluation",
+    "DisturbanceSettings",
     "Identification",
     "Plant",
-    "RecordedUptime",
     "Rehearsal",
-    "Robustness",
-    "Sim2Real",
+    "Result",
     "SwingupError",
-    "Trials",
-    "Uptime",
+    "Table",
     "__version__",
     "baseline",
     "check_controller",
-    "evaluate",
     "get_controller",
     "identify",
+    "judge",
     "leaderboard",
     "load_plant",
     "load_policy",
-    "make_disturbance",
-    "recorded_uptime",
     "rehearse",
-    "robustness",
     "score",
     "search",
-    "sim2real",
-    "trials",
-    "uptime",
 ]  # fmt: skip
 
 

@@ -6,10 +6,10 @@ import math
 import jax.numpy as jnp
 import numpy as np
 
-from swingup.benchmark.rules import get_robustness_rules
+from swingup.benchmark.boards import ROBUSTNESS
 from swingup.controllers.interface.controller import AbstractController
 
-V2 = get_robustness_rules("v2")
+V2 = ROBUSTNESS
 BRIEF = dataclasses.replace(V2, name="brief", duration=0.8)
 """The whole grid, each run of 0.8 s, with pushes that fit into it."""
 BRIEF = dataclasses.replace(BRIEF, perturbations=dataclasses.replace(V2.perturbations, apart=0.1))

@@ -6,15 +6,15 @@ import jax
 import numpy as np
 import pytest
 
-from swingup.benchmark.robot_minute import draw_cell
-from swingup.benchmark.rules import get_uptime_rules
+from swingup.benchmark.boards import BOARDS
+from swingup.benchmark.uptime_board import draw_cell
 from swingup.loop.domain import load_domain
 from swingup.loop.supervisors.cell import Cell, CellSettings, Disturbances, example_disturbances
 from swingup.loop.supervisors.limits import Limits, Stop
 
 from .independent import gravity
 
-RULES, CELLS = get_uptime_rules("cloudpendulum"), load_domain("cells")
+RULES, CELLS = BOARDS["cloudpendulum"], load_domain("cells")
 CALLS = 4000
 
 
@@ -127,7 +127,7 @@ def test_a_cell_stops_at_its_speed_limit():
 
 
 def test_the_board_has_four_cells_of_thirty_seconds():
-    assert (RULES.trials, RULES.duration, RULES.domain) == (4, 30.0, "cells")
+    assert (RULES.runs, RULES.duration, RULES.domain) == (4, 30.0, "cells")
     assert "Ours" in RULES.note
     drawn = [draw_cell(RULES, CELLS.base, seed).disturbances.kick for seed in range(4)]
     assert len({each.tobytes() for each in drawn}) == 4

@@ -11,7 +11,7 @@ import pytest
 
 import swingup
 from swingup.benchmark.grid import change_grid, make_cases
-from swingup.benchmark.robustness import robustness
+from swingup.benchmark.judge import judge
 from swingup.benchmark.runner import run_many, stack
 from swingup.common.errors import SwingupError
 from swingup.controllers.interface.controller import AbstractController
@@ -32,10 +32,10 @@ class Breaking(AbstractController):
 
 
 def test_a_controller_that_breaks_loses_only_the_simulations_in_which_it_does():
-    loose = dataclasses.replace(BRIEF, duration=0.1, tolerance=(9.0, 9.0, 1e9, 1e9))
-    result = robustness(Breaking(), "acrobot", rules=loose, criteria=["delay"])
+    loose = dataclasses.replace(BRIEF, duration=0.1, tolerance=(9.0, 9.0, 1e9, 1e9), criteria=("delay",))
+    result = judge(Breaking(), "acrobot", loose)
     # With a delay of 11 steps or more the first state, at rest, is still seen at t = 0.022 s, in step 11.
-    assert [entry.success for entry in result.results] == [True] * 11 + [False] * 10
+    assert [run.success for run in result.runs] == [True] * 11 + [False] * 10
     assert len(result.faults) == 10
     assert "not finite" in result.faults[0].fault
     assert "fault" in result.as_dict()["details"][-1]
@@ -87,11 +87,10 @@ class Uncopyable(Counting):
 )
 def test_plain_python_gets_the_same_table(source, twin):
     rules = dataclasses.replace(BRIEF, duration=0.3, tolerance=(3.2, 2.0, 9.0, 9.0))
+    rules = dataclasses.replace(rules, criteria=("velocity_noise", "delay"))
     rules = change_grid(change_grid(rules, "velocity_noise=0:0.5:5:3"), "delay=0:0.04:5")
-    chosen = ["velocity_noise", "delay"]
-    found = robustness(source, "acrobot", rules=rules, criteria=chosen, seed=1)
-    expected = robustness(twin, "acrobot", rules=rules, criteria=chosen, seed=1)
-    assert [entry.success for entry in found.results] == [entry.success for entry in expected.results]
+    found, expected = (judge(each, "acrobot", rules, seed=1) for each in (source, twin))
+    assert [run.success for run in found.runs] == [run.success for run in expected.runs]
 
 
 def test_a_plain_controller_that_raises_loses_that_simulation():
@@ -101,10 +100,10 @@ def test_a_plain_controller_that_raises_loses_that_simulation():
         return [0.0, 0.0]
 
     rules = dataclasses.replace(BRIEF, duration=0.02, tolerance=(9.0, 9.0, 9.0, 9.0))
-    rules = change_grid(rules, "velocity_noise=0:0.5:2:2")
-    result = robustness(fragile, "acrobot", rules=rules, criteria=["velocity_noise"])
-    assert [entry.success for entry in result.results] == [True, True, False, False]
-    assert "RuntimeError (too fast) at t = " in result.results[3].fault
+    rules = dataclasses.replace(rules, criteria=("velocity_noise",))
+    result = judge(fragile, "acrobot", change_grid(rules, "velocity_noise=0:0.5:2:2"))
+    assert [run.success for run in result.runs] == [True, True, False, False]
+    assert "RuntimeError (too fast) at t = " in result.runs[3].fault
 
 
 class Network(AbstractController):
@@ -124,11 +123,11 @@ class Network(AbstractController):
 def test_controllers_may_hold_what_is_no_array():
     controller = Network(eqx.nn.MLP(4, 2, 8, 1, key=jax.random.key(0)), "mine")
     assert swingup.check_controller(controller, "acrobot")[0].startswith("it commands up to")
-    trajectory = swingup.evaluate(controller, "acrobot").trajectory
+    trajectory = judge(controller, "acrobot").trajectory
     assert np.isfinite(trajectory.x).all()
     assert np.ptp(trajectory.u[:, 1]) > 0  # it is the network that acts; where it spins the pendulum to is chaos
-    rules = dataclasses.replace(BRIEF, duration=0.1, tolerance=(9.0, 9.0, 1e9, 1e9))
-    assert robustness(controller, "acrobot", rules=rules, criteria="delay").percent["delay"] == 100.0
+    rules = dataclasses.replace(BRIEF, duration=0.1, tolerance=(9.0, 9.0, 1e9, 1e9), criteria=("delay",))
+    assert judge(controller, "acrobot", rules).values["delay"] == 100.0
 
 
 class Broken(AbstractController):
@@ -161,10 +160,10 @@ class Broken(AbstractController):
         ("alone", "a call of it must return two things"),
     ],
 )
-@pytest.mark.parametrize("judge", [swingup.evaluate, swingup.robustness, swingup.uptime])
-def test_controllers_that_cannot_be_compiled(judge, how, message):
+@pytest.mark.parametrize("board", ["performance", "robustness", "uptime"])
+def test_controllers_that_cannot_be_compiled(board, how, message):
     with pytest.raises(SwingupError, match=f"controller 'mine': {message}") as error:
-        judge(Broken(how), "acrobot", "mine")
+        judge(Broken(how), "acrobot", board, name="mine")
     assert "\n" not in str(error.value)
 
 
@@ -177,10 +176,7 @@ def test_plain_controllers_that_cannot_be_started():
             return [0.0, 0.0]
 
     with pytest.raises(SwingupError, match=r"controller 'mine': its reset\(\) raised OSError \(no device\)"):
-        swingup.evaluate(Starting(), "acrobot", "mine")
-    rules = dataclasses.replace(BRIEF, duration=0.01)
-    result = robustness(Starting(), "acrobot", rules=rules, criteria="delay")
-    assert len(result.faults) == 21
+        judge(Starting(), "acrobot", name="mine")
 
 
 @pytest.mark.slow
@@ -212,4 +208,4 @@ def test_an_infinite_torque_is_named_with_its_time():
 
     # inf times 0 is NaN on the passive joint; the driven joint's torque would be clipped to 6 N m.
     with pytest.raises(SwingupError, match=r"not finite at t = 0\.02 s"):
-        swingup.evaluate(Infinite("late"), "acrobot")
+        judge(Infinite("late"), "acrobot")

@@ -3,19 +3,22 @@ import math
 import numpy as np
 import pytest
 
-from swingup.benchmark.criteria import judge, realai_score
-from swingup.benchmark.evaluate import score
+from swingup.benchmark.board import Setting
+from swingup.benchmark.boards import BOARDS, PERFORMANCE
+from swingup.benchmark.criteria import compute_criteria, realai_score
 from swingup.benchmark.rollout import Trajectory
-from swingup.benchmark.rules import PERFORMANCE_RULES, Normalisers, PerformanceRules, get_performance_rules
-from swingup.common.errors import SwingupError
+from swingup.benchmark.rules import Normalisers
+from swingup.benchmark.score import score
+from swingup.benchmark.swing_up_board import SwingUpBoard
+from swingup.plant.plant import LEADERBOARD
 
-V2 = PERFORMANCE_RULES["v2"]
+V2 = PERFORMANCE
 L1, L2 = 0.2, 0.3
 NAMES = ("swingup_time", "energy", "torque_cost", "torque_smoothness", "velocity_cost")
 
 
 def rules(duration, height=0.9):
-    return PerformanceRules(name="test", normalisers=V2.normalisers, duration=duration, height=height)
+    return SwingUpBoard(name="test", normalisers=V2.normalisers, duration=duration, height=height)
 
 
 def judge_heights(up, duration=None, dt=0.1):
@@ -24,7 +27,7 @@ def judge_heights(up, duration=None, dt=0.1):
     x = np.zeros((len(up), 4))
     x[:, 0] = np.pi * np.array(up)
     run = rules(time[-1] if duration is None else duration)
-    return judge(time, x, np.zeros((len(up), 2)), L1, L2, run)
+    return compute_criteria(time, x, np.zeros((len(up), 2)), L1, L2, run)
 
 
 def test_five_rows_by_hand():
@@ -33,7 +36,7 @@ def test_five_rows_by_hand():
     q2 = [0.0, -0.5, 0.1, 0.0, 0.2]
     x = np.array([q1, q2, [0, 2, 3, -1, 9], [1, 0, -2, 0, 9]]).T
     u = np.array([[0, 0, 0, 0, 0], [2.0, -3, 1, -1, 5]]).T
-    found = judge(time, x, u, L1, L2, rules(0.5))
+    found = compute_criteria(time, x, u, L1, L2, rules(0.5))
     # Heights -0.2 cos q1 - 0.3 cos(q1 + q2): -0.5; -0.108 - 0.263; 0.198 + 0.3 = 0.498; 0.5; not looked at.
     # The line is 0.45, so that the tip is up from the third row on.
     assert found.success
@@ -56,7 +59,7 @@ def test_both_joints_count():
     motion = np.array([0.0, 0.5, 1.0])
     torque = np.array([1.0, 3.0, 1.0])
     x = np.stack([motion, motion, motion, motion], axis=1)
-    found = judge(time, x, np.stack([torque, torque], axis=1), L1, L2, rules(2.0))
+    found = compute_criteria(time, x, np.stack([torque, torque], axis=1), L1, L2, rules(2.0))
     assert found.energy == pytest.approx(2 * (0.5 + 1.5))
     assert found.torque_cost == pytest.approx(2 * (1 + 9))
     assert found.torque_smoothness == pytest.approx(2 * 2)
@@ -94,8 +97,8 @@ def test_up_means_strictly_above_the_line():
     # Upright the tip is at l1 + l2 = 2 exactly: not above a line at 2, above one just below.
     time, x = np.arange(4.0), np.array([[np.pi, 0, 0, 0]] * 4)
     u = np.zeros((4, 2))
-    assert not judge(time, x, u, 1.0, 1.0, rules(3.0, height=1.0)).success
-    assert judge(time, x, u, 1.0, 1.0, rules(3.0, height=math.nextafter(1, 0))).success
+    assert not compute_criteria(time, x, u, 1.0, 1.0, rules(3.0, height=1.0)).success
+    assert compute_criteria(time, x, u, 1.0, 1.0, rules(3.0, height=math.nextafter(1, 0))).success
 
 
 @pytest.mark.parametrize(("last", "success"), [(9.998, True), (9.9, True), (9.899, False), (12.0, True)])
@@ -149,7 +152,7 @@ def test_random_runs_agree_with_plain_loops():
         u = generator.normal(0, 0.05, (rows, 2))
         run = rules(time[-1] * generator.choice([1.0, 1.05]))
         expected, score = judge_in_plain_loops(time, x, u, L1, L2, run)
-        found = judge(time, x, u, L1, L2, run)
+        found = compute_criteria(time, x, u, L1, L2, run)
         assert found.success == (expected[0] is not None)
         for name, value in zip(NAMES, expected, strict=True):
             assert getattr(found, name) == (None if value is None else pytest.approx(value, rel=1e-10))
@@ -211,14 +214,14 @@ def test_each_criterion_has_its_own_normaliser():
 
 
 def test_rules_are_the_published_ones():
-    assert get_performance_rules("v2").normalisers == Normalisers(20.0, 60.0, 20.0, 0.1, 400.0)
-    assert get_performance_rules("hardware").normalisers == Normalisers(20.0, 60.0, 100.0, 4.0, 400.0)
+    assert BOARDS["performance"].normalisers == Normalisers(20.0, 60.0, 20.0, 0.1, 400.0)
+    assert BOARDS["hardware"].normalisers == Normalisers(20.0, 60.0, 100.0, 4.0, 400.0)
     assert (V2.duration, V2.dt, V2.height, V2.steps) == (10.0, 0.002, 0.9, 5000)
 
 
 def test_normalisers_of_runs_with_pushes_differ_by_robot(robot):
     """Both boards of the real robot: the acrobot's alone differ, in the torque's cost and smoothness."""
-    pushed, calm = (get_performance_rules(name).of(robot) for name in ("hardware-perturbed", "hardware"))
+    pushed, calm = (BOARDS[name].on(Setting(robot, LEADERBOARD)) for name in ("hardware-perturbed", "hardware"))
     assert (
         pushed.normalisers
         == {
@@ -237,15 +240,10 @@ def test_a_recording_with_pushes_is_scored_by_its_robots_normalisers(name, torqu
     x[0, 0] = 0.0
     u = np.zeros((1001, 2))
     u[:, {"acrobot": 1, "pendubot": 0}[name]] = signs
-    found = score(Trajectory(time, x, u), name, "hardware-perturbed")
+    found = score(Trajectory(time, x, u), name, "hardware-perturbed").criteria
     # Torque cost: 1 N²m² for 10 s. Differences are 2 and -2 in turn, half each: mean 0, deviation 2.
     # Energy: only the first row moves, by π about the shoulder; the torque there is the pendubot's 1 N m alone.
     energy = {"acrobot": 0.0, "pendubot": math.pi}[name]
     # Swing-up at the second row, 0.01 s; no row has a velocity.
     costs = (0.01 / 20, energy / 60, 10 / torque, 2 / smooth, 0.0)
     assert found.score == pytest.approx(1 - sum(math.tanh(math.pi * cost) for cost in costs) / 5, rel=1e-9)
-
-
-def test_unknown_rules_are_refused_with_the_choice():
-    with pytest.raises(SwingupError, match="unknown performance rules 'v9': use one of v2, hardware"):
-        get_performance_rules("v9")

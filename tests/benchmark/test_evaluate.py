@@ -25,11 +25,11 @@ class Failing(AbstractController):
 
 def test_a_torque_that_is_not_finite_is_named_with_its_time():
     with pytest.raises(SwingupError, match=r"controller 'mine': it gave a torque that is not finite at t = 0\.5 s"):
-        swingup.evaluate(Failing(0.5), "acrobot", name="mine")
+        swingup.judge(Failing(0.5), "acrobot", name="mine")
 
 
 def test_without_torque_the_pendulum_hangs():
-    result = swingup.evaluate(Failing(100.0), "pendubot")
+    result = swingup.judge(Failing(100.0), "pendubot")
     assert (result.robot, result.controller) == ("pendubot", "controller")
     assert result.criteria.score == 0.0
     assert result.criteria.swingup_time is None
@@ -41,7 +41,7 @@ def test_without_torque_the_pendulum_hangs():
 
 def test_the_passive_joint_gets_no_torque():
     controller, _ = lone_policy("ar-eapo", "acrobot")
-    trajectory = swingup.evaluate(controller, "acrobot").trajectory
+    trajectory = swingup.judge(controller, "acrobot").trajectory
     assert not np.any(trajectory.u[:, 0])
     assert 0.0 < np.abs(trajectory.u[:, 1]).max() <= 6.0
     assert trajectory.x.dtype == trajectory.u.dtype == np.float64
@@ -49,8 +49,8 @@ def test_the_passive_joint_gets_no_torque():
 
 def test_hardware_rules_score_the_same_run_otherwise():
     controller, _ = lone_policy("ar-eapo", "acrobot")
-    simulation = swingup.evaluate(controller, "acrobot")
-    hardware = swingup.score(simulation.trajectory, "acrobot", "hardware")
+    simulation = swingup.judge(controller, "acrobot")
+    hardware = swingup.score(simulation.trajectory, "acrobot", "hardware").criteria
     # Other normalisers for torque and smoothness alone: the criteria are equal, the score is higher.
     assert hardware.energy == simulation.criteria.energy
     assert hardware.score > simulation.criteria.score
@@ -71,13 +71,13 @@ def test_trajectories_that_cannot_be_scored(time, x, u, message):
 
 def test_a_policy_of_the_other_robot_is_refused():
     with pytest.raises(SwingupError, match="is for the pendubot, not the acrobot"):
-        swingup.evaluate(lone_policy("ar-eapo", "pendubot")[0], "acrobot")
+        swingup.judge(lone_policy("ar-eapo", "pendubot")[0], "acrobot")
 
 
 @pytest.mark.parametrize(
     ("robot", "rules", "message"),
-    [("hexapod", "v2", "unknown robot"), ("acrobot", "v1", "unknown performance rules")],
+    [("hexapod", "performance", "unknown robot"), ("acrobot", "v1", "unknown board")],
 )
 def test_unknown_names(robot, rules, message):
     with pytest.raises(SwingupError, match=message):
-        swingup.evaluate(Failing(0.0), robot, rules=rules)
+        swingup.judge(Failing(0.0), robot, rules)

@@ -7,10 +7,11 @@ import math
 import numpy as np
 import pytest
 
-import swingup
-from swingup.benchmark.grid import change_grid, draw_pushes, make_cases
-from swingup.benchmark.robustness import robustness
-from swingup.benchmark.rules import CRITERIA, RANDOM, PushRules, Sweep, get_performance_rules
+from swingup.benchmark.boards import PERFORMANCE
+from swingup.benchmark.disturbances import DisturbanceSettings, draw_pushes
+from swingup.benchmark.grid import change_grid, make_cases
+from swingup.benchmark.judge import judge
+from swingup.benchmark.rules import CRITERIA, RANDOM, PushRules, Sweep
 from swingup.common.errors import SwingupError
 from swingup.plant.plant import LEADERBOARD
 
@@ -111,7 +112,7 @@ def test_pushes_keep_the_benchmarks_distribution():
 def test_other_grids(text, field, expected):
     changed = change_grid(V2, text)
     assert getattr(changed, field) == expected
-    assert changed.name == f"v2 {text}"
+    assert changed.name == f"robustness {text}"
 
 
 def test_other_grids_of_the_model_and_of_pushes(robot):
@@ -151,7 +152,7 @@ def test_malformed_grids(text, message):
 )
 def test_grids_that_are_no_disturbance(text, message):
     with pytest.raises(SwingupError, match=message):
-        robustness(Swinging(), "acrobot", rules=change_grid(V2, text))
+        judge(Swinging(), "acrobot", change_grid(V2, text))
 
 
 @pytest.mark.parametrize(
@@ -162,32 +163,37 @@ def test_grids_that_are_no_disturbance(text, message):
         ({"pushes": True}, "pushes = True are no rules"),
         ({"velocity_noise": -0.1}, "velocity_noise = -0.1: use a number from 0 to 999"),
         ({"delay": math.nan}, "delay = nan"),
-        ({"seed": -1}, "seed = -1"),
-        ({"seed": 1.5}, "seed = 1.5"),
         ({"torque_noise": "0.1"}, "torque_noise = '0.1': use a number"),
         ({"torque_response": math.inf}, "torque_response = inf"),
     ],
 )
 def test_disturbances_out_of_range(options, message):
     with pytest.raises(SwingupError, match=message):
-        swingup.make_disturbance(**options)
+        DisturbanceSettings(**options).draw(0.002, 10.0, 0)
 
 
-def test_a_disturbance_has_the_steps_and_the_duration_of_its_rules():
-    rules = dataclasses.replace(get_performance_rules("v2"), dt=0.005, duration=4.0)
-    disturbance = swingup.make_disturbance(delay=0.01, pushes=PushRules(apart=0.5), rules=rules)
-    assert disturbance.delay_steps == 2  # 0.01 s; five steps of 2 ms would be 25 ms
+def test_a_disturbance_has_the_boards_own_period_and_duration():
+    settings = DisturbanceSettings(delay=0.01, pushes=PushRules(apart=0.5))
+    board = dataclasses.replace(PERFORMANCE, dt=0.005, duration=4.0)
+    result = judge(Swinging(), "acrobot", board, disturbance=settings, seed=3)
+    disturbance = result.as_dict()["details"][0]["disturbance"]
+    assert disturbance["delay_steps"] == 2  # 0.01 s; five steps of 2 ms would be 25 ms
     # Seven gaps of at least 0.5 s, at both ends too.
-    assert np.all((disturbance.pushes.centre >= 0.5) & (disturbance.pushes.centre <= 3.5))
+    centres = np.asarray(disturbance["pushes"]["centre"])
+    assert np.all((centres >= 0.5) & (centres <= 3.5))
     with pytest.raises(SwingupError, match="do not fit into 4 s"):
-        swingup.make_disturbance(pushes=PushRules(), rules=rules)
+        DisturbanceSettings(pushes=PushRules()).draw(0.005, 4.0, 0)
 
 
 def test_a_result_tells_what_disturbed_it():
-    disturbance = swingup.make_disturbance(velocity_noise=0.1, delay=0.004, pushes=PushRules(), seed=3)
-    row = json.loads(json.dumps(swingup.evaluate(Swinging(), "acrobot", disturbance=disturbance).as_dict()))
-    assert row["disturbance"]["velocity_noise"] == 0.1
-    assert row["disturbance"]["delay_steps"] == 2
-    assert row["disturbance"]["noise"] == [3, 0]
-    assert np.shape(row["disturbance"]["pushes"]["centre"]) == (2, 3)
-    assert "disturbance" not in swingup.evaluate(Swinging(), "acrobot").as_dict()
+    disturbance = DisturbanceSettings(velocity_noise=0.1, delay=0.004, pushes=PushRules())
+    row = json.loads(json.dumps(judge(Swinging(), "acrobot", disturbance=disturbance, seed=3).as_dict()))
+    (run,) = row["details"]
+    assert (row["seeds"], run["seed"]) == ([3], 3)
+    assert run["disturbance"]["velocity_noise"] == 0.1
+    assert run["disturbance"]["delay_steps"] == 2
+    assert run["disturbance"]["noise"] == [3, 0]
+    assert np.shape(run["disturbance"]["pushes"]["centre"]) == (2, 3)
+    calm = judge(Swinging(), "acrobot").as_dict()
+    assert calm["seeds"] == []
+    assert "disturbance" not in calm["details"][0]

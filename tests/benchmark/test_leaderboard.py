@@ -6,9 +6,7 @@ from statistics import fmean
 import jax.numpy as jnp
 import pytest
 
-from swingup.benchmark.board_rows import published_rows, shipped_robustness
-from swingup.benchmark.board_rules import get_board_rules
-from swingup.benchmark.columns import BOARDS
+from swingup.benchmark.boards import BOARDS, PERFORMANCE
 from swingup.benchmark.criteria import realai_score
 from swingup.benchmark.leaderboard import (
     ENTRANTS,
@@ -16,8 +14,10 @@ from swingup.benchmark.leaderboard import (
     default_entrants,
     entrants_for,
     leaderboard,
+    published_rows,
+    shipped_robustness,
 )
-from swingup.benchmark.rules import CRITERIA, PERFORMANCE_RULES
+from swingup.benchmark.rules import CRITERIA
 from swingup.common.errors import SwingupError
 from swingup.controllers.interface.controller import AbstractController
 from swingup.controllers.stack.controller import PolicyController
@@ -54,29 +54,28 @@ def ours(board):
 
 @pytest.mark.slow  # the command has a default test
 def test_boards_are_sorted_and_mark_what_is_ours(either_robot, small_grid):
-    performance, robustness = leaderboard(either_robot, {"hanging": Hanging()}, small_grid, **ONE)
-    assert (performance.measure, performance.seed) == ("performance", None)
-    assert (robustness.measure, robustness.seed) == ("robustness", 0)
+    performance, robustness = leaderboard(either_robot, {"hanging": Hanging()}, ("performance", small_grid), **ONE)
+    assert (performance.board, performance.seed) == ("performance", None)
+    assert (robustness.board, robustness.seed) == ("robustness", 0)
     for board in (performance, robustness):
         scores = [row.values[board.columns[-1]] for row in board.rows]
         assert scores == sorted(scores, reverse=True)
         assert set(ours(board)) == {AR_EAPO, "hanging"}
         assert {row.source for row in board.rows} == {"ours", "paper", "board"}
-        assert len(board.rows) == 2 + len(published_rows(either_robot, board.measure, "v2"))
+        assert len(board.rows) == 2 + len(published_rows(either_robot, board.board))
     assert ours(performance)["hanging"].remark == "no swing-up"
     assert ours(performance)["hanging"].values["swingup_time"] is None
-    assert ours(robustness)["hanging"].values["overall"] == 0.0
+    assert ours(robustness)["hanging"].values["score"] == 0.0
     rows = json.loads(json.dumps(robustness.as_dicts()))
-    assert {"robot", "measure", "rules", "seed", "controller", "source", "remark", *BOARDS["robustness"]} == set(
-        rows[0]
-    )
+    head = {"robot", "board", "seed", "plant", "torque_over_gravity", "controller", "source", "remark", "score"}
+    assert set(rows[0]) == {*head, *CRITERIA}
 
 
 @pytest.mark.slow
 def test_a_controller_that_fails_gets_a_row_that_says_so():
-    boards = leaderboard("acrobot", {"nan": Failing(), "raising": raising}, rules="hardware", **ONE)
+    boards = leaderboard("acrobot", {"nan": Failing(), "raising": raising}, boards=("hardware",), **ONE)
     rows = ours(boards[0])
-    assert [board.measure for board in boards] == ["performance"]
+    assert [board.board for board in boards] == ["hardware"]
     assert rows[AR_EAPO].values["score"] > 0.6
     assert "not finite at t = 0 s" in rows["nan"].remark
     assert "RuntimeError (no idea)" in rows["raising"].remark
@@ -86,10 +85,10 @@ def test_a_controller_that_fails_gets_a_row_that_says_so():
 @pytest.mark.slow
 def test_the_third_rules_have_a_board_of_their_own(either_robot, brief_minute):
     others, ours_too = {"raising": raising, "nan": Failing()}, (AR_EAPO, "lqr")
-    (board,) = leaderboard(either_robot, others, brief_minute, seed=4, entrants=ours_too)
-    assert (board.measure, board.rules, board.seed, board.columns) == ("uptime", "v3", 4, ("uptime",))
+    (board,) = leaderboard(either_robot, others, (brief_minute,), seed=4, entrants=ours_too)
+    assert (board.board, board.seed, board.columns) == ("uptime", 4, ("score",))
     assert len(board.rows) == 8  # four published ones
-    assert 0 < ours(board)[AR_EAPO].values["uptime"] < 1
+    assert 0 < ours(board)[AR_EAPO].values["score"] < 1
     assert "no idea" in ours(board)["raising"].remark
 
 
@@ -117,9 +116,9 @@ def test_names_of_our_further_controllers_are_taken(either_robot):
 def test_who_enters_which_boards():
     papers, ours = ("ar-eapo", "tvlqr", "ilqr-riccati", "ilqr-mpc"), ("adaptive", "tvlqr-score")
     assert (papers, ours) == (ENTRANTS, FURTHER)
-    for rules in ("v2", "hardware"):
-        assert default_entrants(get_board_rules(rules)) == papers + ours
-    assert default_entrants(get_board_rules("v3")) == (*papers, *ours, "global")
+    for name in ("performance", "robustness", "hardware"):
+        assert default_entrants(BOARDS[name]) == papers + ours
+    assert default_entrants(BOARDS["uptime"]) == (*papers, *ours, "global")
 
 
 @pytest.mark.slow
@@ -128,24 +127,24 @@ def test_our_own_trajectory_scores_more_than_the_policy(either_robot):
     rows = ours(
         leaderboard(
             either_robot,
-            rules="hardware",
+            boards=("hardware",),
             entrants=(AR_EAPO, "tvlqr-score"),
             progress=lambda *row: told.append(row),
         )[0]
     )
     assert rows["tvlqr-score"].values["score"] > rows[AR_EAPO].values["score"]
-    assert told == [("ar-eapo, performance", 0, 1), ("tvlqr-score, performance", 0, 1)]
+    assert told == [(f"{name}, hardware", *done) for name in (AR_EAPO, "tvlqr-score") for done in ((0, 1), (1, 1))]
 
 
 def test_the_global_policy_enters_the_uptime_board_alone(brief_minute):
     with pytest.raises(SwingupError, match="'global' is on the board already"):
-        leaderboard("acrobot", {"global": Hanging()}, brief_minute)
-    hardware = leaderboard("acrobot", {"global": Hanging()}, "hardware", entrants=())[0]
+        leaderboard("acrobot", {"global": Hanging()}, (brief_minute,))
+    hardware = leaderboard("acrobot", {"global": Hanging()}, ("hardware",), entrants=())[0]
     assert set(ours(hardware)) == {"global"}
 
 
 def test_our_own_boards_log_nothing_about_changed_names(caplog):
-    leaderboard("acrobot", {}, "hardware", **ONE)
+    leaderboard("acrobot", {}, ("hardware",), **ONE)
     assert not caplog.records
 
 
@@ -154,32 +153,32 @@ def test_names_on_the_board_are_taken():
         leaderboard("acrobot", {"ilqr-mpc": Hanging()})
 
 
-def test_unknown_rules():
-    with pytest.raises(SwingupError, match="unknown rules 'v9': use one of v2, hardware, hardware-perturbed, v3"):
-        leaderboard("acrobot", rules="v9")
+def test_unknown_boards():
+    with pytest.raises(SwingupError, match="unknown board 'v9': use one of performance, robustness"):
+        leaderboard("acrobot", boards=("v9",))
 
 
 def test_published_scores_follow_from_the_published_criteria(robot):
     # Criteria are printed with 2 or 3 digits: scores repeat to 0.01, and to 0.02 where smoothness has one digit.
-    normalisers = PERFORMANCE_RULES["v2"].normalisers
-    for row in published_rows(robot, "performance", "v2"):
+    normalisers = PERFORMANCE.normalisers
+    for row in published_rows(robot, "performance"):
         costs = {name: value for name, value in row.values.items() if name != "score"}
         assert realai_score(costs, normalisers) == pytest.approx(row.values["score"], abs=0.02), row.controller
-    for row in published_rows(robot, "robustness", "v2"):
-        assert fmean(row.values[name] for name in CRITERIA) / 100 == pytest.approx(row.values["overall"], abs=1e-3)
+    for row in published_rows(robot, "robustness"):
+        assert fmean(row.values[name] for name in CRITERIA) / 100 == pytest.approx(row.values["score"], abs=1e-3)
 
 
 def test_published_rows_belong_to_their_rules():
     acrobot = get_robot("acrobot")
-    assert published_rows(acrobot, "performance", "hardware") == []
-    assert len(published_rows(acrobot, "uptime", "v3")) == 4
+    assert published_rows(acrobot, "hardware") == []
+    assert len(published_rows(acrobot, "uptime")) == 4
 
 
 def test_the_shipped_row_says_how_it_was_made(robot):
     row = shipped_robustness(robot, "ilqr-mpc")
-    assert fmean(row.values[name] for name in CRITERIA) / 100 == pytest.approx(row.values["overall"])
+    assert fmean(row.values[name] for name in CRITERIA) / 100 == pytest.approx(row.values["score"])
     assert "seed 0" in row.remark
-    assert f"swingup robustness {robot.name} --controller=ilqr-mpc" in row.remark
+    assert f"swingup evaluate {robot.name} --board=robustness --controller=ilqr-mpc" in row.remark
 
 
 @pytest.mark.slow

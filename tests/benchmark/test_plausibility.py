@@ -8,9 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.benchmark.evaluate import score
+from swingup.benchmark.boards import BOARDS
 from swingup.benchmark.plausibility import examine
 from swingup.benchmark.rollout import Trajectory
+from swingup.benchmark.score import score
 from swingup.cli import main
 from swingup.common.errors import SwingupError
 from swingup.dynamics.integrate import rk4_step
@@ -59,8 +60,12 @@ def recorded():
     return dataclasses.replace(found, x=x, u=u)
 
 
-def names(trajectory, rules="v2"):
-    return [warning.name for warning in examine(trajectory, ROBOT, rules).warnings]
+def look(trajectory, board="performance"):
+    return examine(trajectory, ROBOT, BOARDS[board])
+
+
+def names(trajectory, board="performance"):
+    return [warning.name for warning in look(trajectory, board)]
 
 
 def with_rows(trajectory, rows):
@@ -74,9 +79,8 @@ def pose(q1=0.0, q2=0.0):
 
 def test_honest_runs_and_recordings_have_no_warning(honest, recorded):
     for trajectory in (honest, recorded, pose()):
-        found = examine(trajectory, ROBOT, "hardware")
-        assert found.warnings == ()
-        assert found.rate == pytest.approx(500, rel=0.02)
+        found = look(trajectory, "hardware")
+        assert found == []
 
 
 def test_angles_may_be_wrapped_or_full_turns_away(honest):
@@ -102,8 +106,8 @@ def test_other_velocities_than_those_of_the_positions(honest, factor):
 def test_a_jump_is_as_long_as_it_is(honest):
     x = honest.x.copy()
     x[2500:, 0] += 0.5  # once, by half a radian
-    found = examine(dataclasses.replace(honest, x=x), ROBOT)
-    slip = next(each for each in found.warnings if each.name == "positions_against_velocities")
+    found = look(dataclasses.replace(honest, x=x))
+    slip = next(each for each in found if each.name == "positions_against_velocities")
     assert slip.text.startswith("its positions move by 0.5 rad within 0.1 s")
 
 
@@ -112,9 +116,9 @@ def test_a_defect_is_as_large_as_it_is():
     still = pose()
     x = still.x.copy()
     x[-1, 2] = 2.0
-    found = examine(dataclasses.replace(still, x=x), ROBOT)
-    assert [each.name for each in found.warnings] == ["one_step_defect"]
-    assert found.warnings[0].text.startswith("its velocities change by 2 rad/s within 0.1 s beside")
+    found = look(dataclasses.replace(still, x=x))
+    assert [each.name for each in found] == ["one_step_defect"]
+    assert found[0].text.startswith("its velocities change by 2 rad/s within 0.1 s beside")
 
 
 def test_torques_beyond_the_limits():
@@ -150,9 +154,8 @@ def test_starting_upright_and_a_teleport():
 
 @pytest.mark.parametrize(("stride", "warns"), [(1, []), (2, ["rate"]), (5, ["rate"])])
 def test_rates(stride, warns):
-    found = examine(with_rows(pose(), slice(None, None, stride)), ROBOT)
-    assert [each.name for each in found.warnings] == warns
-    assert found.rate == pytest.approx(500 / stride)
+    found = look(with_rows(pose(), slice(None, None, stride)))
+    assert [each.name for each in found] == warns
 
 
 @pytest.mark.slow
@@ -183,12 +186,12 @@ def test_absurd_values_are_only_warned_of(value):
 @pytest.mark.slow
 def test_short_runs_score_nothing_and_say_so():
     up = pose(q1=np.pi)
-    assert score(up, ROBOT).success
+    assert score(up, ROBOT).successes
     for rows, warns in ((slice(0, 4951), False), (slice(0, 4950), True), (slice(50, None), True)):
         part = with_rows(up, rows)
-        assert score(part, ROBOT).success is not warns
+        assert score(part, ROBOT).successes == (not warns)
         assert ("short_span" in names(part)) is warns
-    text = examine(with_rows(up, slice(0, 2501)), ROBOT).warnings[0].text
+    text = look(with_rows(up, slice(0, 2501)))[0].text
     assert text == "it spans 5 s of 10 s: below 99% it scores 0"
 
 
@@ -202,7 +205,7 @@ def test_times_that_start_far_from_0_are_refused(start):
 @pytest.mark.parametrize("start", [-0.2, -0.01, 0.01, 0.06])
 def test_some_periods_of_offset_are_no_fault_and_no_gain(start):
     up = pose(q1=np.pi)
-    criteria = score(dataclasses.replace(up, time=up.time + start), ROBOT)
+    criteria = score(dataclasses.replace(up, time=up.time + start), ROBOT).criteria
     assert criteria.success
     assert criteria.swingup_time == pytest.approx(max(0.0, start) + 0.002)
     assert criteria.score <= 1.0
@@ -222,10 +225,8 @@ def test_command_shows_rate_and_warnings(tmp_path, capsys):
     path.write_text("\n".join(["time,pos1,pos2,vel1,vel2,tau1,tau2", *rows]), encoding="utf-8")
     assert main(["score", str(path), "--robot", "acrobot"]) == 0
     out = capsys.readouterr().out
-    assert "Rate of the log [Hz]           500" in out
     assert "  warning: positions_against_velocities: its positions move by 3.14 rad within 0.1 s" in out
     assert main(["score", str(path), "--robot", "acrobot", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
-    assert result["rate"] == pytest.approx(500)
-    assert [warning["name"] for warning in result["warnings"]] == ["positions_against_velocities"]
+    assert [each.partition(":")[0] for each in result["warnings"]] == ["positions_against_velocities"]
     assert result["score"] > 0.99  # as before: warnings inform

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from jaxtyping import Array
 
-from swingup.benchmark.criteria import judge
-from swingup.benchmark.evaluate import evaluate
+import swingup
+from swingup.benchmark.boards import PERFORMANCE
+from swingup.benchmark.criteria import compute_criteria
+from swingup.benchmark.judge import judge
 from swingup.benchmark.rollout import Scenario, simulate
-from swingup.benchmark.rules import PERFORMANCE_RULES
 from swingup.benchmark.runner import run_one
 from swingup.controllers.interface.controller import AbstractController
 from swingup.controllers.interface.python_controller import PythonController
@@ -191,7 +192,7 @@ def test_trajectory_has_the_dtype_of_the_first_state(robot, dtype):
 
 
 def test_evaluation_of_a_pendulum_that_hangs(robot):
-    evaluation = evaluate(Idle(), robot, name="idle")
+    evaluation = judge(Idle(), robot, name="idle")
     trajectory = evaluation.trajectory
     # 5,000 rows of the true state before each step: t = 0 to 9.998 s, in float64 whatever the caller's precision.
     assert trajectory.time.shape == (5000,)
@@ -200,22 +201,35 @@ def test_evaluation_of_a_pendulum_that_hangs(robot):
     assert all(isinstance(leaf, np.ndarray) for leaf in jax.tree.leaves(trajectory))
     assert jnp.zeros(1).dtype == jnp.float32
     np.testing.assert_array_equal(trajectory.x, 0)
-    assert evaluation.criteria == judge(
-        trajectory.time, trajectory.x, trajectory.u, 0.2, 0.3, PERFORMANCE_RULES["v2"]
+    assert evaluation.criteria == compute_criteria(
+        trajectory.time, trajectory.x, trajectory.u, 0.2, 0.3, PERFORMANCE
     )
-    assert json.loads(json.dumps(evaluation.as_dict())) == {
+    found = json.loads(json.dumps(evaluation.as_dict()))
+    costs = dict.fromkeys(("energy", "torque_cost", "torque_smoothness", "velocity_cost", "score"), 0.0)
+    assert found.pop("call_time") > 0
+    low, high = found.pop("success_interval")
+    assert low == 0.0 < high < 1.0
+    (run,) = found.pop("details")
+    assert found == costs | {
         "robot": robot.name,
         "controller": "idle",
+        "board": "performance",
         "plant": "leaderboard",
         "torque_over_gravity": pytest.approx(1.569, abs=1e-3),
         "estimator": False,
+        "seeds": [],
+        "version": swingup.__version__,
+        "runs": 1,
+        "successes": 0,
+        "swingup_time": None,
+        "intervals": {},
+        "warnings": [],
+    }
+    assert run == costs | {
         "success": False,
         "swingup_time": None,
-        "energy": 0.0,
-        "torque_cost": 0.0,
-        "torque_smoothness": 0.0,
-        "velocity_cost": 0.0,
-        "score": 0.0,
+        "speed": 0.0,
+        "angle": 0.0,
         # Hanging: both links down, l1 + l2 = 0.5 m below the shoulder.
         "highest_tip": -0.5,
         "highest_tip_percent": -100.0,

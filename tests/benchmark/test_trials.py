@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
+from swingup.benchmark.board import Setting
+from swingup.benchmark.boards import BOARDS, IROS_REAL
 from swingup.benchmark.criteria import realai_score
-from swingup.benchmark.evaluate import score
+from swingup.benchmark.judge import judge
 from swingup.benchmark.recording import recorded, stopped_at
-from swingup.benchmark.robot_rules import TRIAL_RULES, get_trial_rules
 from swingup.benchmark.rollout import Record, Trajectory
-from swingup.benchmark.trials import trial_pushes, trials
-from swingup.common.errors import SwingupError
+from swingup.benchmark.score import score
 from swingup.loop.disturbance import Pushes
 from swingup.loop.domain import make_domain
 from swingup.loop.supervisors.limits import Limits
@@ -23,13 +23,13 @@ from swingup.plant.robots import get_robot
 from .controllers import Swinging, swinging
 from .independent import rk4
 
-IROS = get_trial_rules("iros-real")
+IROS = IROS_REAL
 BRIEF = dataclasses.replace(
     IROS,
     duration=2.0,
     pushes={name: dataclasses.replace(each, apart=0.3) for name, each in IROS.pushes.items()},
     # With a line that the tip is above from the start, so that runs succeed.
-    performance=dataclasses.replace(IROS.performance, duration=2.0, height=-1.01),
+    height=-1.01,
 )
 FRICTION = make_domain({"passive_limit": 0.5})
 """The identified plant in a perfect loop."""
@@ -37,7 +37,7 @@ FRICTION = make_domain({"passive_limit": 0.5})
 
 @pytest.mark.parametrize(("name", "least", "most"), [("acrobot", 0.5, 0.75), ("pendubot", 0.2, 0.5)])
 def test_the_ten_sets_of_pushes(name, least, most):
-    sets = [trial_pushes(IROS, get_robot(name), trial) for trial in range(20)]
+    sets = [IROS.trial_pushes(get_robot(name), trial) for trial in range(20)]
     for pushes in sets:
         assert pushes.centre.shape == (2, 2)  # two on each of the two joints
         assert np.diff(np.sort(pushes.centre.ravel())).min() >= 1.0
@@ -68,16 +68,16 @@ def independent_trial(control, pushes, limits, steps):
 
 def test_a_trial_agrees_with_a_numpy_loop(robot):
     # The controller pumps beyond the robot's limits within 0.3 s.
-    rules = dataclasses.replace(BRIEF, stop=Limits(angle=1e3, speed=1e3))
-    found = trials(Swinging(), robot, rules=rules, domain=FRICTION, seed=4, seeds=1)
+    rules = dataclasses.replace(BRIEF, limits=Limits(angle=1e3, speed=1e3))
+    found = judge(Swinging(), robot, rules, 1, seed=4, domain=FRICTION)
     limits = np.where(np.array(robot.actuation) > 0, 6.0, 0.5)
-    rows = independent_trial(swinging, trial_pushes(BRIEF, robot, 4), limits, 1000)
+    rows = independent_trial(swinging, BRIEF.trial_pushes(robot, 4), limits, 1000)
     np.testing.assert_allclose(found.trajectory.x, rows[:, 1:5], rtol=1e-7, atol=1e-7)
     # What is recorded and scored is what was asked for, within the limits and without the pushes.
     np.testing.assert_allclose(found.trajectory.u, rows[:, 5:], rtol=1e-7, atol=1e-7)
-    expected = score(Trajectory(rows[:, 0], rows[:, 1:5], rows[:, 5:]), robot, BRIEF.performance)
+    expected = score(Trajectory(rows[:, 0], rows[:, 1:5], rows[:, 5:]), robot, BRIEF)
     assert found.score == pytest.approx(expected.score, rel=1e-6)
-    assert 0.2 < found.score == found.best < 1
+    assert 0.2 < found.score == found.values["best"] < 1
     assert (found.successes, found.runs[0].stop) == (1, None)
     # Calm, the trial goes otherwise: the pushes act.
     none = Pushes(np.zeros((2, 0)), np.zeros((2, 0)), np.zeros((2, 0)))
@@ -85,15 +85,15 @@ def test_a_trial_agrees_with_a_numpy_loop(robot):
 
 
 def test_a_robot_that_stops_scores_nothing():
-    rules = dataclasses.replace(BRIEF, stop=Limits(angle=4 * math.pi, speed=1.5))
-    found = trials(Swinging(), "acrobot", "fast", rules, FRICTION, seeds=1)
+    rules = dataclasses.replace(BRIEF, limits=Limits(angle=4 * math.pi, speed=1.5))
+    found = judge(Swinging(), "acrobot", rules, 1, domain=FRICTION)
     assert found.score == 0.0
     assert found.runs[0].stop is not None
     # The record ends before the state that exceeds the limit.
     assert np.abs(found.trajectory.x[:, 2:]).max() <= 1.5
     assert found.trajectory.time[-1] == pytest.approx(found.runs[0].stop - 0.002)
     row = json.loads(json.dumps(found.as_dict()))
-    assert (row["rules"], row["successes"], row["best"], row["score"]) == ("iros-real", 0, 0.0, 0.0)
+    assert (row["board"], row["successes"], row["best"], row["score"]) == ("iros-real", 0, 0.0, 0.0)
     assert row["details"][0]["stop"] == found.runs[0].stop
 
 
@@ -122,14 +122,11 @@ def test_a_record_ends_with_the_time_of_the_rules():
 def test_published_criteria_give_the_published_scores(name, criteria, best):
     """AR-EAPO's best runs of IROS 2024 on the robot, as its public board prints them."""
     names = ("swingup_time", "energy", "torque_cost", "torque_smoothness", "velocity_cost")
-    rules = IROS.performance.of(get_robot(name))
+    rules = IROS.on(Setting(get_robot(name), load_plant("C.1")))
     found = realai_score(dict(zip(names, criteria, strict=True)), rules.normalisers)
     assert found == pytest.approx(best, abs=0.001)
 
 
 def test_the_boards_differ_in_their_pushes_alone():
-    assert set(TRIAL_RULES) == {"iros-real", "v2-real"}
-    assert dataclasses.replace(IROS, name="v2-real", pushes={}) == TRIAL_RULES["v2-real"]
-    assert (IROS.trials, IROS.duration, IROS.stop.speed, IROS.stop.angle) == (10, 10.0, 20.0, 4 * math.pi)
-    with pytest.raises(SwingupError, match="unknown trial rules 'v2': use one of iros-real, v2-real"):
-        trials(Swinging(), "acrobot", rules="v2")
+    assert dataclasses.replace(IROS, name="v2-real", pushes={}) == BOARDS["v2-real"]
+    assert (IROS.runs, IROS.duration, IROS.limits.speed, IROS.limits.angle) == (10, 10.0, 20.0, 4 * math.pi)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from policies import lone_policy
-from swingup.benchmark.recorded_uptime import recorded_uptime
-from swingup.benchmark.robot_minute import draw_resets
-from swingup.benchmark.rules import get_uptime_rules
-from swingup.benchmark.uptime import draw_throws, uptime
+from swingup.benchmark.boards import ICRA_REAL, UPTIME
+from swingup.benchmark.judge import judge
+from swingup.benchmark.score import score
+from swingup.benchmark.uptime_board import draw_resets, draw_throws
 from swingup.common.errors import SwingupError
 from swingup.controllers.interface.controller import AbstractController
 from swingup.loop.domain import make_domain
@@ -23,7 +23,7 @@ from swingup.plant.robots import get_robot
 
 from .independent import ResetText, gravity, rk4
 
-V3 = get_uptime_rules("v3")
+V3 = UPTIME
 BRIEF = dataclasses.replace(V3, name="brief", duration=2.0, throws=3, first=0.4, jitter=0.1)
 
 
@@ -69,7 +69,7 @@ def independent_run(p, rules, throws, control):
 
 
 def test_a_run_agrees_with_a_numpy_loop(robot):
-    result = uptime(Counting(), robot, rules=BRIEF, seed=3)
+    result = judge(Counting(), robot, BRIEF, seed=3)
     plain = PlainCounting()
     plain.init()
     p = LEADERBOARD.driven(robot).values()
@@ -77,7 +77,7 @@ def test_a_run_agrees_with_a_numpy_loop(robot):
     np.testing.assert_allclose(result.trajectory.x, rows[:, :4], rtol=1e-7, atol=1e-7)
     np.testing.assert_allclose(result.trajectory.u, rows[:, 4:], rtol=1e-6, atol=1e-6)
     height = -0.2 * np.cos(rows[:, 0]) - 0.3 * np.cos(rows[:, 0] + rows[:, 1])
-    assert result.uptime == pytest.approx(np.mean(height > 0.45))
+    assert result.score == pytest.approx(np.mean(height > 0.45))
     # Both motors are there, for the controller too, and the throws saturate them.
     assert np.all(np.abs(result.trajectory.u).max(axis=0) == 6.0)
     assert not np.any(result.trajectory.u[1:, 0] == 0)
@@ -85,13 +85,13 @@ def test_a_run_agrees_with_a_numpy_loop(robot):
 
 @pytest.mark.slow
 def test_plain_python_is_neither_called_nor_told(robot):
-    found = uptime(PlainCounting(), robot, rules=BRIEF, seed=3, seeds=2)
-    expected = uptime(Counting(), robot, rules=BRIEF, seed=3, seeds=2)
-    assert found.uptimes == pytest.approx(expected.uptimes)
+    found = judge(PlainCounting(), robot, BRIEF, 2, seed=3)
+    expected = judge(Counting(), robot, BRIEF, 2, seed=3)
+    assert [run.score for run in found.runs] == pytest.approx([run.score for run in expected.runs])
     np.testing.assert_allclose(found.trajectory.x, expected.trajectory.x, rtol=1e-7, atol=1e-7)
 
 
-REAL = get_uptime_rules("icra-real")
+REAL = ICRA_REAL
 BRIEF_REAL = dataclasses.replace(
     REAL, name="brief", duration=3.0, throws=2, first=0.8, jitter=0.1, throw_duration=0.201, limits=Limits(3.0, 8.0)
 )
@@ -129,7 +129,7 @@ def independent_robot_run(p, resets, stop, duration, control, dt):
 )
 def test_the_robots_rules_agree_with_a_numpy_loop(make, name, stop):
     rules = dataclasses.replace(BRIEF_REAL, stop=Limits(4 * math.pi, stop))
-    found = uptime(make(), name, rules=rules, seed=5, seeds=1, domain=FRICTION)
+    found = judge(make(), name, rules, 1, seed=5, domain=FRICTION)
     planned = draw_resets(rules, FRICTION.base, 5).resets
     assert planned.target.shape == (101, 2)
     model, plain = LEADERBOARD.driven(get_robot(name)).values(), PlainCounting()
@@ -143,17 +143,12 @@ def test_the_robots_rules_agree_with_a_numpy_loop(make, name, stop):
     np.testing.assert_allclose(found.trajectory.time, rows[:, 0], rtol=1e-14)
     np.testing.assert_allclose(found.trajectory.x, rows[:, 1:5], rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(found.trajectory.u, rows[:, 5:], rtol=1e-5, atol=1e-5)
-    assert found.stops == ((None,) if stop == 25.0 else (pytest.approx(rows[-1, 0] + rules.dt),))
+    assert found.runs[0].stop == (None if stop == 25.0 else pytest.approx(rows[-1, 0] + rules.dt))
     height = -0.2 * np.cos(rows[:, 1]) - 0.3 * np.cos(rows[:, 1] + rows[:, 2])
     # The first row has no time before it, and what a stop cuts off counts as down.
-    assert found.uptime == pytest.approx(0.002 * np.sum(height[1:] > -0.485) / 3.0)
-    assert 0.05 < found.uptime < 0.95
-    assert recorded_uptime(found.trajectory, name, rules=rules).uptime == pytest.approx(found.uptime)
-
-
-def test_domains_are_for_rules_that_draw_plants():
-    with pytest.raises(SwingupError, match="the rules v3 draw no plants: leave the domain 'identified' out"):
-        uptime(Counting(), "acrobot", domain="identified")
+    assert found.score == pytest.approx(0.002 * np.sum(height[1:] > -0.485) / 3.0)
+    assert 0.05 < found.score < 0.95
+    assert score(found.trajectory, name, rules).score == pytest.approx(found.score)
 
 
 def test_the_real_boards_resets_come_at_their_times():
@@ -161,7 +156,7 @@ def test_the_real_boards_resets_come_at_their_times():
         plan = draw_resets(REAL, FRICTION.base, seed).resets.plan
         # Means at 60/11 s, 120/11 s, ..., 600/11 s, within 1 s; never the same.
         assert np.all(np.abs(plan - 60 / 11 * np.arange(1, 11)) <= 1.0)
-    assert (REAL.throw_duration, REAL.duration, REAL.trials) == (1.0, 60.0, 3)
+    assert (REAL.throw_duration, REAL.duration, REAL.runs) == (1.0, 60.0, 3)
     assert (REAL.thrower.kp, REAL.thrower.ki, REAL.thrower.kd, REAL.thrower.dt) == (2.0, 0.0, 0.3, 0.001)
 
 
@@ -182,31 +177,25 @@ def test_throws_come_at_their_times_and_last_a_hundred_steps_or_one_more():
 
 
 def test_result_as_json():
-    row = json.loads(json.dumps(uptime(Counting(), "acrobot", "mine", BRIEF, seed=1, seeds=3).as_dict()))
-    assert row["rules"] == "brief"
-    assert [entry["seed"] for entry in row["details"]] == [1, 2, 3]
-    assert row["uptime"] == pytest.approx(np.mean([entry["uptime"] for entry in row["details"]]))
-    assert row["interval"][0] <= row["uptime"] <= row["interval"][1]
+    row = json.loads(json.dumps(judge(Counting(), "acrobot", BRIEF, 3, seed=1).as_dict()))
+    assert (row["board"], row["runs"]) == ("brief", 3)
+    assert [entry["seed"] for entry in row["details"]] == row["seeds"] == [1, 2, 3]
+    assert row["score"] == pytest.approx(np.mean([entry["score"] for entry in row["details"]]))
+    low, high = row["intervals"]["score"]
+    assert low <= row["score"] <= high
 
 
 @pytest.mark.slow
 def test_the_shipped_policy_is_up_longer_than_it_is_thrown_down(either_robot):
-    result = uptime(lone_policy("ar-eapo", either_robot)[0], either_robot)
+    result = judge(lone_policy("ar-eapo", either_robot)[0], either_robot, "uptime")
     # It swings up within 2 s of the start: at least until the first throw at 2.75 s or later it is up.
-    assert result.uptime > 0.5 / 60
-    assert result.faults == (None,)
-    assert result.interval is None
+    assert result.score > 0.5 / 60
+    assert (result.faults, result.interval) == ([], None)
 
 
-def test_a_controller_that_fails_scores_nothing():
-    result = uptime(lambda x, t: [math.nan, 0.0], "acrobot", rules=BRIEF)
-    assert result.uptime == 0.0
-    assert "not finite" in result.faults[0]
-
-
-def test_unknown_rules():
-    with pytest.raises(SwingupError, match="unknown uptime rules 'v2': use one of v3, icra-real, cloudpendulum"):
-        uptime(Counting(), "acrobot", rules="v2")
+def test_a_controller_that_fails_in_every_run_is_refused():
+    with pytest.raises(SwingupError, match="not finite"):
+        judge(lambda x, t: [math.nan, 0.0], "acrobot", BRIEF)
 
 
 def test_thrown_states_are_ends_of_throws(robot):

@@ -8,11 +8,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from swingup.benchmark.board_rows import OURS, Row, paper_score, published_rows
-from swingup.benchmark.board_rules import BOARD_RULES
-from swingup.benchmark.leaderboard import Board
+from swingup.benchmark.boards import BOARDS
+from swingup.benchmark.leaderboard import OURS, Row, Table, paper_score, published_rows
 from swingup.cli import commands, demonstrating, main
 from swingup.cli.demonstrating import Watch
+from swingup.cli.judging import JudgingCommands
 from swingup.cli.parsing import program_typed
 from swingup.cli.progress import progress_line
 from swingup.cli.results import comparison_lines
@@ -49,9 +49,9 @@ def report(frames, best):
 
 def board(robot, mine, remark=None):
     """The published rows and one of ours, best first."""
-    ours = Row("your policy", OURS, {**published_rows(robot, "performance", "v2")[0].values, "score": mine}, remark)
-    rows = sorted([ours, *published_rows(robot, "performance", "v2")], key=lambda row: -row.values["score"])
-    return Board(robot.name, "performance", "v2", None, tuple(rows))
+    ours = Row("your policy", OURS, {**published_rows(robot, "performance")[0].values, "score": mine}, remark)
+    rows = sorted([ours, *published_rows(robot, "performance")], key=lambda row: -row.values["score"])
+    return Table(robot.name, "performance", BOARDS["performance"].columns, None, tuple(rows))
 
 
 def test_the_papers_scores():
@@ -118,7 +118,7 @@ def test_the_comparison_is_narrow_and_sorted(robot):
 
 def test_the_board_has_three_published_rows(monkeypatch):
     monkeypatch.setattr(trained, "leaderboard", lambda *_, **__: [board(ACROBOT, 0.64)])
-    rows = trained.trained_board(ACROBOT, "your policy", None).rows
+    rows = trained.trained_table(ACROBOT, "your policy", None).rows
     assert [row.controller for row in rows] == ["History SAC", "your policy", "AR-EAPO", "TVLQR"]
 
 
@@ -162,7 +162,7 @@ def pretended(monkeypatch):
     monkeypatch.setattr(demonstrating, "start_training", start)
     monkeypatch.setattr(demonstrating, "train_shown", lambda run, note: note(report(65_536, 0.64)) and 0)
     monkeypatch.setattr(demonstrating, "find_policy", lambda path, robot: path.name)
-    section = SimpleNamespace(boards=[board(ACROBOT, 0.64)])
+    section = SimpleNamespace(tables=[board(ACROBOT, 0.64)])
     monkeypatch.setattr(demonstrating, "trained_section", lambda *_: section)
     monkeypatch.setattr(demonstrating, "render_page", lambda sections, title: title)
     return given
@@ -227,7 +227,7 @@ def test_without_its_libraries_nothing_is_trained(pretended, monkeypatch, capsys
 def test_a_short_demonstration_and_its_next_commands(capsys, monkeypatch, small_grid):
     pytest.importorskip("jinja2", reason="Jinja is not installed")
     monkeypatch.setattr(sys, "argv", ["swingup"])
-    boards = commands.Boards(BOARD_RULES | {"v2": small_grid}, ("ar-eapo",))
+    boards = JudgingCommands(BOARDS | {"robustness": small_grid}, ("ar-eapo",))
     assert main(["demo", "pendubot", "--frames", "150000"]) == 0
     output = capsys.readouterr()
     assert "training pendubot (fast) to 150,000 frames in runs/demo-pendubot" in output.err
@@ -246,7 +246,7 @@ def test_a_short_demonstration_and_its_next_commands(capsys, monkeypatch, small_
     ]
     assert shown["policy"] is not None
     typed = [shlex.split(line) for line in output.out.splitlines()[-5::2]]
-    assert [words[1] for words in typed] == ["robustness", "demo", "leaderboard"]
+    assert [words[1] for words in typed] == ["evaluate", "demo", "leaderboard"]
     for words in typed:
         extra = ["--frames", "8192"] if words[1] == "demo" else []
         assert main([*words[1:], *extra], boards) == 0, words

@@ -62,7 +62,7 @@ def test_a_folder_for_realaigym_needs_numpy_alone(tmp_path, robot, capsys):
     assert (result.returncode, result.stderr) == (0, "")
     table = np.load(rows)
     trajectory = Trajectory(time=table[:, 0], x=table[:, 1:5], u=table[:, 5:])
-    judged = swingup.evaluate(get_controller("ar-eapo", robot), robot).criteria
+    judged = swingup.judge(get_controller("ar-eapo", robot), robot).criteria
     assert swingup.score(trajectory, robot).score == pytest.approx(judged.score, abs=1e-4)
 
     config = ast.literal_eval(result.stdout)

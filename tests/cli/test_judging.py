@@ -12,10 +12,10 @@ import pytest
 import yaml
 
 from policies import lone_policy
-from swingup.benchmark.board_rules import BOARD_RULES
+from swingup.benchmark.boards import BOARDS, PERFORMANCE, ROBUSTNESS
 from swingup.benchmark.rules import CRITERIA
 from swingup.cli import judging, main
-from swingup.cli.commands import Boards
+from swingup.cli.judging import JudgingCommands
 from swingup.common.errors import SwingupError
 from swingup.controllers.registry import BUILT_IN
 from swingup.controllers.stack.controller import save_controller
@@ -23,6 +23,8 @@ from swingup.plant.plant import load_plant
 
 CONTROLLERS = textwrap.dedent(
     """
+    import time
+
     import jax.numpy as jnp
     import numpy as np
     import swingup
@@ -41,6 +43,10 @@ CONTROLLERS = textwrap.dedent(
             return [0.0, -0.1 * x[3]]
 
     plain = Plain()
+
+    def slow(x, t):
+        time.sleep(0.003)
+        return [0.0, 0.0]
 
     def nan(x, t):
         return [0.0, np.nan]
@@ -62,9 +68,11 @@ def surroundings(tmp_path, monkeypatch):
 @pytest.fixture(scope="session")
 def brief_runs():
     """Boards of IROS 2024 with runs of half a second, for what does not depend on their end."""
-    v2 = BOARD_RULES["v2"]
-    brief = {name: dataclasses.replace(getattr(v2, name), duration=0.5) for name in ("performance", "robustness")}
-    return Boards(BOARD_RULES | {"v2": dataclasses.replace(v2, **brief)})
+    brief = {name: dataclasses.replace(BOARDS[name], duration=0.5) for name in ("performance", "robustness")}
+    return JudgingCommands(BOARDS | brief)
+
+
+ROBUST = ("--board", "robustness")
 
 
 def run(capsys, *arguments, status=0, boards=None):
@@ -74,47 +82,81 @@ def run(capsys, *arguments, status=0, boards=None):
 
 @pytest.mark.slow
 def test_robustness_as_json(capsys, small_grid):
-    boards = Boards({"v2": small_grid})
+    boards = JudgingCommands({"robustness": small_grid})
     options = ("--controller", "ar-eapo", "--seed", "3", "--criteria", "delay,perturbations")
-    result = json.loads(run(capsys, "robustness", "pendubot", "--json", *options, boards=boards))
-    assert list(result) == [
-        "command", "robot", "controller", "estimator", "rules", "seed", "version", "delay", "perturbations",
-        "overall", "details",
-    ]  # fmt: skip
-    names = ("robot", "controller", "rules", "seed")
-    assert [result[name] for name in names] == ["pendubot", "ar-eapo", "v2", 3]
-    assert result["overall"] is None
-    assert len(result["details"]) == 11  # 3 delays, 8 profiles of pushes
-    assert result["details"][0] == {"criterion": "delay", "value": 0.0, "success": True}
-    assert result["command"].startswith("swingup robustness pendubot --controller=ar-eapo --rules=v2 --seed=3")
+    result = json.loads(run(capsys, "evaluate", "pendubot", *ROBUST, "--json", *options, boards=boards))
+    names = ("robot", "controller", "board", "seeds", "runs", "score")
+    # 3 delays, 8 profiles of pushes
+    assert [result[name] for name in names] == ["pendubot", "ar-eapo", "robustness", [3], 11, None]
+    assert result["details"][0] == {"criterion": "delay", "value": 0.0, "success": True, "score": 1.0}
+    assert result["command"].startswith(
+        "swingup evaluate pendubot --board=robustness --controller=ar-eapo --seed=3"
+    )
     # The command that the result names prints the result again; it separates values by spaces.
-    again = json.loads(run(capsys, *result["command"].split()[1:], "--json", boards=boards))
-    assert again == result
+    again = json.loads(run(capsys, *shlex.split(result["command"])[1:], "--json", boards=boards))
+    assert {**again, "call_time": 0} == {**result, "call_time": 0}
 
 
 @pytest.mark.slow
 def test_robustness_as_text_with_intervals(capsys, brief_runs):
     out = run(
-        capsys, "robustness", "acrobot", "--controller", "lqr", "--seeds", "2", "--grid",
+        capsys, "evaluate", "acrobot", *ROBUST, "--controller", "lqr", "--seeds", "2", "--grid",
         "velocity_noise=0:0.5:3:3", "delay=0:0.01:2", "--criteria", "velocity_noise", "delay",
         boards=brief_runs,
     )  # fmt: skip
-    rules = "v2 velocity_noise=0:0.5:3:3 delay=0:0.01:2"
-    assert f"acrobot, lqr (rules {rules}, seed 0 to 1)" in out
-    assert " to " in out.splitlines()[1]
-    assert "20" in out  # 3 values, 3 repetitions, 2 seeds; 2 delays
+    name = "robustness velocity_noise=0:0.5:3:3 delay=0:0.01:2"
+    assert f"acrobot, lqr (board {name}, seed 0 to 1)" in out
+    assert "0 of 20" in out  # 3 values, 3 repetitions, 2 seeds; 2 delays
+
+
+def test_several_boards_share_one_form(capsys, brief_runs):
+    words = (
+        "evaluate",
+        "acrobot",
+        "--controller",
+        "others_controllers:plain",
+        "--board",
+        "performance",
+        "robustness",
+    )
+    brief = ("--criteria", "delay", "--grid", "delay=0:0:2")
+    performance, robustness = json.loads(run(capsys, *words, *brief, "--json", boards=brief_runs))
+    common = {
+        "command",
+        "robot",
+        "controller",
+        "estimator",
+        "board",
+        "seeds",
+        "runs",
+        "successes",
+        "score",
+        "details",
+    }
+    assert common <= set(performance) & set(robustness)
+    assert performance["call_time"] > 0
+    out = run(capsys, *words, *brief, boards=brief_runs)
+    assert out.count("Success") == out.count("One call [ms]") == 2
+
+
+def test_a_controller_slower_than_its_loop_does_not_pass_without_a_word(capsys, brief_runs):
+    name = "others_controllers:slow"
+    assert "one call takes" in run(capsys, "check", "acrobot", "--controller", name)
+    brief = JudgingCommands({"performance": dataclasses.replace(PERFORMANCE, duration=0.05)})
+    out = run(capsys, "evaluate", "acrobot", "--controller", name, boards=brief)
+    assert "warning: one call takes" in out
 
 
 @pytest.mark.parametrize("name", [pytest.param("jax_damping", marks=pytest.mark.slow), "plain"])
 def test_others_controllers(capsys, name, brief_runs):
     name = f"others_controllers:{name}"
     result = json.loads(run(capsys, "evaluate", "acrobot", "--controller", name, "--json", boards=brief_runs))
-    assert result["success"] is False
-    assert result["failure"].startswith("never up: the tip reached -0.500 m")
+    assert result["successes"] == 0
+    assert result["details"][0]["failure"].startswith("never up: the tip reached -0.500 m")
     assert "nothing wrong" in run(capsys, "check", "acrobot", "--controller", name)
     result = run(
-        capsys, "robustness", "acrobot", "--controller", name, "--criteria", "delay", "--grid", "delay=0:0:2",
-        boards=brief_runs,
+        capsys, "evaluate", "acrobot", *ROBUST, "--controller", name,
+        "--criteria", "delay", "--grid", "delay=0:0:2", boards=brief_runs,
     )  # fmt: skip
     assert "Time delay [%]" in result
     assert "0.0" in result
@@ -140,37 +182,36 @@ def test_with_and_without_an_estimator(capsys, meant, flags, judged, brief_runs)
     words = f"meant.safetensors, {'with estimator' if judged else 'policy alone'}"
     options = ("pendubot", "--controller", meant, *flags)
     assert json.loads(run(capsys, "evaluate", *options, "--json", boards=brief_runs))["estimator"] is judged
-    assert f"pendubot, {words} (rules v2)" in run(capsys, "evaluate", *options, boards=brief_runs)
+    assert f"pendubot, {words} (board performance)" in run(capsys, "evaluate", *options, boards=brief_runs)
     assert f"{words}: nothing wrong was found" in run(capsys, "check", *options)
 
 
 @pytest.mark.slow
 def test_robustness_with_an_estimator(capsys, meant):
-    v2 = BOARD_RULES["v2"]
     # Three seconds are enough for a swing-up.
-    boards = Boards({"v2": dataclasses.replace(v2, robustness=dataclasses.replace(v2.robustness, duration=3.0))})
+    boards = JudgingCommands({"robustness": dataclasses.replace(ROBUSTNESS, duration=3.0)})
     base = ("pendubot", "--controller", "ar-eapo")
     brief = ("pendubot", "--criteria", "delay", "--grid", "delay=0.03:0.04:2", "--json")
     alone, estimating = (
-        json.loads(run(capsys, "robustness", *brief, *base[1:], *flags, boards=boards))
+        json.loads(run(capsys, "evaluate", *brief, *ROBUST, *base[1:], *flags, boards=boards))
         for flags in ((), ("--estimator",))
     )
     assert (alone["estimator"], estimating["estimator"]) == (False, True)
     assert alone["delay"] < estimating["delay"]
     assert "estimator" not in alone["command"]
     assert " --estimator " in estimating["command"]
-    held = json.loads(run(capsys, "robustness", *brief, "--controller", meant, "--no-estimator", boards=boards))
+    held = json.loads(
+        run(capsys, "evaluate", *brief, *ROBUST, "--controller", meant, "--no-estimator", boards=boards)
+    )
     assert held["estimator"] is False
     assert " --no-estimator " in held["command"]
 
 
 @pytest.mark.slow
 def test_uptime_with_an_estimator(capsys, brief_minute):
-    boards = Boards(
-        {"v3": dataclasses.replace(brief_minute, uptime=dataclasses.replace(brief_minute.uptime, duration=8.0))}
-    )
-    base = ("uptime", "pendubot", "--controller", "lqr", "--estimator")
-    assert "lqr, with estimator (rules v3" in run(capsys, *base, boards=boards)
+    boards = JudgingCommands({"uptime": dataclasses.replace(brief_minute, duration=8.0)})
+    base = ("evaluate", "pendubot", "--board", "uptime", "--controller", "lqr", "--estimator")
+    assert "lqr, with estimator (board uptime" in run(capsys, *base, boards=boards)
     assert json.loads(run(capsys, *base, "--json", boards=boards))["estimator"] is True
 
 
@@ -181,25 +222,39 @@ def test_check_names_the_fault(capsys):
 
 @pytest.mark.slow
 def test_uptime(capsys, tmp_path, brief_minute):
-    boards = Boards({"v3": brief_minute})
-    options = ("uptime", "pendubot", "--controller", "ar-eapo", "--seeds", "2")
+    boards = JudgingCommands({"uptime": brief_minute})
+    options = ("evaluate", "pendubot", "--board", "uptime", "--controller", "ar-eapo", "--seeds", "2")
     out = run(capsys, *options, "--save", "minute.csv", boards=boards)
-    assert "Uptime score" in out
+    assert "Score" in out
     assert " to " in out
     assert len((tmp_path / "minute.csv").read_text().splitlines()) == 4_501  # rows, each of 2 ms, and a head
     result = json.loads(run(capsys, *options, "--json", boards=boards))
-    assert 0 < result["uptime"] < 1
-    assert result["seed"] == 0
+    assert 0 < result["score"] < 1
+    assert result["seeds"] == [0, 1]
 
 
 @pytest.mark.slow
 def test_sim2real(capsys, tmp_path):
-    out = run(capsys, "sim2real", "pendubot", "--controller", "lqr", "--seeds", "2", "--save", "run.csv")
-    assert "pendubot, lqr (domain identified, seed 0 to 1)" in out
+    out = run(
+        capsys,
+        "evaluate",
+        "pendubot",
+        "--board",
+        "sim2real",
+        "--controller",
+        "lqr",
+        "--seeds",
+        "2",
+        "--save",
+        "run.csv",
+    )
+    assert "pendubot, lqr (board sim2real, domain identified, seed 0 to 1)" in out
     assert "Swing-up time [s]                    –   (median of the successes)" in out
     assert "Success                         0 of 2   (0% to 66%)" in out
     assert len((tmp_path / "run.csv").read_text().splitlines()) == 5001
-    result = json.loads(run(capsys, "sim2real", "pendubot", "--controller", "lqr", "--seeds", "2", "--json"))
+    result = json.loads(
+        run(capsys, "evaluate", "pendubot", "--board", "sim2real", "--controller", "lqr", "--seeds", "2", "--json")
+    )
     assert (result["successes"], result["estimator"], result["domain"]["delay"]) == (0, False, [0.01, 0.01])
     assert [row["seed"] for row in result["details"]] == [0, 1]
 
@@ -208,32 +263,31 @@ def test_sim2real(capsys, tmp_path):
 def test_disturbed_runs_differ_and_repeat(capsys):
     policy = ("evaluate", "pendubot", "--controller", "ar-eapo", "--json")
     options = shlex.split("--velocity-noise 0.1 --torque-noise 0.2 --torque-response 0.8 --delay 0.004 --pushes")
-    v2 = BOARD_RULES["v2"]
     # Seven gaps of 1 s between the pushes.
-    boards = Boards({"v2": dataclasses.replace(v2, performance=dataclasses.replace(v2.performance, duration=7.5))})
+    boards = JudgingCommands({"performance": dataclasses.replace(PERFORMANCE, duration=7.5)})
     calm = json.loads(run(capsys, *policy, boards=boards))
     first = json.loads(run(capsys, *policy, *options, "--seed", "1", boards=boards))
     again = json.loads(run(capsys, *policy, *options, "--seed", "1", boards=boards))
     other = json.loads(run(capsys, *policy, *options, "--seed", "2", boards=boards))
-    assert first == again
+    assert first["details"] == again["details"]
     assert len({result["torque_smoothness"] for result in (calm, first, other)}) == 3
     assert first["torque_smoothness"] > 10 * calm["torque_smoothness"]
 
 
 def test_leaderboard_formats(capsys, small_grid):
     mine = ("--controller", "others_controllers:nan")
-    quick = Boards({"v2": small_grid, "hardware": BOARD_RULES["hardware"]}, ("lqr",))
+    quick = JudgingCommands(BOARDS | {"robustness": small_grid}, ("lqr",))
     rows = json.loads(run(capsys, "leaderboard", "acrobot", "--json", *mine, boards=quick))
-    assert {row["measure"] for row in rows} == {"performance", "robustness"}
+    assert {row["board"] for row in rows} == {"performance", "robustness"}
     assert {"AR-EAPO", "TVLQR", "iLQR Riccati", "iLQR MPC"} <= {
         r["controller"] for r in rows if r["source"] == "paper"
     }
     failed = [row for row in rows if row["controller"] == "others_controllers:nan"]
-    assert [row["measure"] for row in failed] == ["performance", "robustness"]
+    assert [row["board"] for row in failed] == ["performance", "robustness"]
     assert all("not finite" in row["remark"] for row in failed)
     # The other forms show the same boards; rules of one board, without a grid, will do.
-    boards = Boards(quick.rules, ("lqr", "tvlqr"))
-    brief = ("leaderboard", "acrobot", "--rules", "hardware", *mine)
+    boards = JudgingCommands(quick.boards, ("lqr", "tvlqr"))
+    brief = ("leaderboard", "acrobot", "--board", "hardware", *mine)
     rows = json.loads(run(capsys, *brief, "--json", boards=boards))
     table = list(csv.DictReader(io.StringIO(run(capsys, *brief, "--csv", boards=boards))))
     names = [row["controller"] for row in rows]
@@ -241,19 +295,19 @@ def test_leaderboard_formats(capsys, small_grid):
     assert names[0] == "tvlqr"
     assert set(names[1:]) == {"lqr", mine[1]}
     assert float(table[0]["score"]) == rows[0]["score"]
-    few = Boards(quick.rules, ("lqr",))
+    few = JudgingCommands(quick.boards, ("lqr",))
     markdown = run(capsys, *brief, "--markdown", boards=few)
-    assert "### Performance scores of the acrobot (rules hardware)" in markdown
+    assert "### Board hardware, acrobot" in markdown
     assert "| **lqr** | **ours** |" in markdown
     text = run(capsys, *brief, boards=few)
-    assert "Performance scores of the acrobot (rules hardware)" in text
+    assert "Board hardware, acrobot" in text
     assert "others_controllers:nan: " in text
 
 
 @pytest.mark.slow  # benchmark/test_leaderboard.py has this board, the test above the command
 def test_leaderboard_of_the_third_rules(capsys, brief_minute):
-    boards = Boards({"v3": brief_minute}, ("ar-eapo",))
-    rows = json.loads(run(capsys, "leaderboard", "--rules", "v3", "--seed", "1", "--json", boards=boards))
+    boards = JudgingCommands({"uptime": brief_minute}, ("ar-eapo",))
+    rows = json.loads(run(capsys, "leaderboard", "--board", "uptime", "--seed", "1", "--json", boards=boards))
     assert {row["robot"] for row in rows} == {"acrobot", "pendubot"}
     assert all(set(CRITERIA).isdisjoint(row) for row in rows)
     assert {row["controller"] for row in rows if row["robot"] == "pendubot"} >= {"ar-eapo", "VIMPPI"}
@@ -263,10 +317,8 @@ def test_leaderboard_of_the_third_rules(capsys, brief_minute):
 def test_several_values_of_one_option(capsys, values):
     names = [f"others_controllers:{name}" for name in ("plain", "nan")]
     words = [value.replace("plain", names[0]).replace("nan", names[1]) for value in values]
-    hardware = BOARD_RULES["hardware"]
-    brief = dataclasses.replace(hardware, performance=dataclasses.replace(hardware.performance, duration=0.5))
-    boards = Boards({"hardware": brief}, ())
-    words = ["leaderboard", "acrobot", "--controller", *words, "--rules", "hardware", "--json"]
+    boards = JudgingCommands({"hardware": dataclasses.replace(BOARDS["hardware"], duration=0.5)}, ())
+    words = ["leaderboard", "acrobot", "--controller", *words, "--board", "hardware", "--json"]
     assert [row["controller"] for row in json.loads(run(capsys, *words, boards=boards))] == names
 
 
@@ -280,7 +332,7 @@ def test_several_values_of_one_option(capsys, values):
         ),
         ("evalute acrobot", "unknown command 'evalute'"),
         ("evaluate", "swingup evaluate needs ROBOT: see swingup evaluate --help"),
-        ("", "a command is missing: use one of demo, evaluate, robustness"),
+        ("", "a command is missing: use one of demo, evaluate, leaderboard"),
         ("trajectory acrobot", "swingup trajectory needs --out FILE.safetensors"),
         ("trajectory acrobot --out x --problem foo", "--problem = 'foo': use one of 'published', 'score'"),
         ("evaluate acrobot --seed x", "--seed = 'x' is no whole number"),
@@ -288,9 +340,18 @@ def test_several_values_of_one_option(capsys, values):
         ("evaluate acrobot --seed", "--seed needs a value"),
         ("evaluate acrobot extra", "unexpected extra"),
         ("evaluate acrobot --controller lqr --controller tvlqr", "--controller is given twice"),
-        ("robustness acrobot --seeds 2147483648", "seeds = 2147483648: use a whole number from 1 to 9999"),
-        ("uptime acrobot --seeds 2147483648", "seeds = 2147483648: use a whole number from 1 to 9999"),
-        ("sim2real acrobot --seeds 2147483648", "seeds = 2147483648: use a whole number from 1 to 9999"),
+        (
+            "evaluate acrobot --board robustness --seeds 2147483648",
+            "seeds = 2147483648: use a whole number from 1 to 9999",
+        ),
+        (
+            "evaluate acrobot --board uptime --seeds 2147483648",
+            "seeds = 2147483648: use a whole number from 1 to 9999",
+        ),
+        (
+            "evaluate acrobot --board sim2real --seeds 2147483648",
+            "seeds = 2147483648: use a whole number from 1 to 9999",
+        ),
         ("evaluate acrobot --controller adaptiv", "module:object; did you mean adaptive?"),
     ],
 )
@@ -333,14 +394,14 @@ def test_hostile_names_reach_no_terminal(capsys, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ("robustness cartpole", "unknown robot 'cartpole'"),
-        ("robustness acrobot --criteria speed", "unknown criterion 'speed'"),
-        ("robustness acrobot --grid delay=0:1", "grid 'delay=0:1' is malformed"),
-        ("robustness acrobot --rules v3", "unknown robustness rules 'v3'"),
-        ("robustness acrobot --seed -1", "seed = -1"),
-        ("uptime acrobot --rules v2", "unknown uptime rules 'v2'"),
+        ("evaluate cartpole", "unknown robot 'cartpole'"),
+        ("evaluate acrobot --board robustness --criteria speed", "unknown criterion 'speed'"),
+        ("evaluate acrobot --board robustness --grid delay=0:1", "grid 'delay=0:1' is malformed"),
+        ("evaluate acrobot --board v3", "unknown board 'v3'"),
+        ("evaluate acrobot --board robustness --seed -1", "seed = -1"),
+        ("evaluate acrobot --criteria delay", "are those of --board robustness"),
         ("leaderboard cartpole", "unknown robot 'cartpole'"),
-        ("leaderboard acrobot --rules v9", "unknown rules 'v9'"),
+        ("leaderboard acrobot --board v9", "unknown board 'v9'"),
         ("leaderboard acrobot --json --csv", "--json and --csv exclude each other"),
         ("evaluate acrobot --controller others_controllers:nan", "not finite at t = 0 s"),
         ("evaluate acrobot --controller others_controllers:missing", "cannot load controller"),
@@ -373,7 +434,7 @@ def test_a_plant_is_named_with_the_ratio_of_its_torques(capsys, brief_runs, tmp_
     options = ("--controller", "others_controllers:plain")
     out = run(capsys, "evaluate", "acrobot", *options, "--plant", "B.0", "--frictionless", boards=brief_runs)
     assert out.startswith(
-        "acrobot, others_controllers:plain (rules v2, plant B.0, frictionless, torque/gravity 0.96)\n"
+        "acrobot, others_controllers:plain (board performance, plant B.0, frictionless, torque/gravity 0.96)\n"
     )
     (tmp_path / "mine.yml").write_text(yaml.safe_dump(load_plant("B.0").values()))
     result = json.loads(
@@ -385,8 +446,8 @@ def test_a_plant_is_named_with_the_ratio_of_its_torques(capsys, brief_runs, tmp_
     )
     out = run(capsys, "score", "run.csv", "--robot", "acrobot", "--plant", "B.0")
     assert "-0.700   (-100.0 % of l1 + l2)" in out
-    out = run(capsys, "score", "run.csv", "--robot", "acrobot", "--plant", "B.0", "--rules", "v3")
-    assert out.startswith("acrobot, run (rules v3, plant B.0, torque/gravity 0.96)\n")
+    out = run(capsys, "score", "run.csv", "--robot", "acrobot", "--plant", "B.0", "--board", "uptime")
+    assert out.startswith("acrobot, run (board uptime, plant B.0, torque/gravity 0.96)\n")
 
 
 @pytest.mark.parametrize(("domain", "plant"), [("identified", "leaderboard"), ("B.0", "B.0")])
@@ -395,13 +456,13 @@ def test_baselines_of_sim2real_are_designed_for_the_domains_plant(capsys, monkey
         raise SwingupError(f"designed for {plant}")
 
     monkeypatch.setattr(judging, "get_controller", found)
-    assert main(["sim2real", "acrobot", "--controller", "lqr", "--domain", domain]) == 2
+    assert main(["evaluate", "acrobot", "--board", "sim2real", "--controller", "lqr", "--domain", domain]) == 2
     assert f"designed for {plant}\n" in capsys.readouterr().err
 
 
 def test_the_command_of_a_result_names_its_plant(capsys, brief_runs):
     options = ("--controller", "lqr", "--plant", "A.0", "--criteria", "delay", "--grid", "delay=0:0:2", "--json")
-    result = json.loads(run(capsys, "robustness", "acrobot", *options, boards=brief_runs))
+    result = json.loads(run(capsys, "evaluate", "acrobot", *ROBUST, *options, boards=brief_runs))
     assert "--plant=A.0 --criteria delay" in result["command"]
     assert result["plant"] == "A.0"
 
@@ -410,16 +471,15 @@ def test_the_command_of_a_result_names_its_plant(capsys, brief_runs):
     ("words", "message"),
     [
         (("evaluate", "acrobot", "--frictionless"), "--frictionless needs --plant"),
-        (("uptime", "acrobot", "--plant", "B.9"), "unknown plant 'B.9': use A.0"),
+        (("evaluate", "acrobot", "--plant", "B.9"), "unknown plant 'B.9': use A.0"),
         (("score", "none.csv", "--robot", "acrobot", "--plant", "none.yml"), "none.csv"),
         (("check", "acrobot", "--plant", "none.yml"), "plant none.yml: cannot read"),
         (("report", "acrobot", "--plant", "bad.yml"), "plant bad.yml: parameter file bad.yml lacks m2"),
         (("trajectory", "acrobot", "--out", "x.safetensors", "--plant", "bad.yml"), "lacks m2"),
         (("refine", "acrobot", "--out", "x.safetensors", "--plant", "bad.yml"), "lacks m2"),
         (("train", "acrobot", "--plant", "bad.yml"), "lacks m2"),
-        (("uptime", "acrobot", "--domain", "recorded"), "leave the domain 'recorded' out"),
+        (("evaluate", "acrobot", "--domain", "recorded"), "leave the domain 'recorded' out"),
         (("plot", "phase", "none.csv", "--out", "x.png", "--plant", "bad.yml"), "lacks m2"),
-        (("export", "--robot", "acrobot", "--to", "c", "--out", "x.h", "--plant", "bad.yml"), "lacks m2"),
         (("leaderboard", "acrobot", "--plant", "bad.yml"), "lacks m2"),
     ],
 )

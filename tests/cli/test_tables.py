@@ -3,10 +3,10 @@ import io
 
 import pytest
 
-from swingup.benchmark.board_rows import Row, published_rows
+from swingup.benchmark.boards import BOARDS
 from swingup.benchmark.columns import COLUMNS
-from swingup.benchmark.leaderboard import Board
-from swingup.cli.tables import TABLE_FORMATS, show_boards
+from swingup.benchmark.leaderboard import Row, Table, published_rows
+from swingup.cli.tables import TABLE_FORMATS, show_tables
 from swingup.plant.robots import ROBOTS
 
 
@@ -16,8 +16,10 @@ def test_a_narrow_console_cuts_headings_and_no_number(measure, terminal, monkeyp
     monkeypatch.setenv("COLUMNS", "40")
     monkeypatch.setenv("TTY_COMPATIBLE", str(int(terminal)))
     monkeypatch.setenv("NO_COLOR", "1")
-    board = Board("acrobot", measure, "v2", None, tuple(published_rows(ROBOTS["acrobot"], measure, "v2")))
-    show_boards([board])
+    board = Table(
+        "acrobot", measure, BOARDS[measure].columns, None, tuple(published_rows(ROBOTS["acrobot"], measure))
+    )
+    show_tables([board])
     text = capsys.readouterr().out
     for row in board.rows:
         numbers = [COLUMNS[name].show(row.values[name]) for name in board.columns]
@@ -34,8 +36,8 @@ NAME = "a\nb\x1b[31m|<b>`*=1\udcff"
 @pytest.fixture
 def hostile():
     """A board on which a controller's name and remark would break tables and terminals."""
-    row = Row(NAME, "ours", {"uptime": 0.5}, remark=NAME)
-    return [Board("acrobot", "uptime", "v3", 0, (row,))]
+    row = Row(NAME, "ours", {"score": 0.5}, remark=NAME)
+    return [Table("acrobot", "uptime", ("score",), 0, (row,))]
 
 
 def test_hostile_names_in_markdown_are_text(hostile):
@@ -51,7 +53,7 @@ def test_line_ends_in_csv_are_quoted_and_escape_sequences_written_out(hostile):
 
 
 def test_hostile_names_on_a_terminal_are_one_line(hostile, capsys):
-    show_boards(hostile)
+    show_tables(hostile)
     text = capsys.readouterr().out
     assert "\x1b" not in text
     assert "a\\nb\\x1b[31m|<b>`*=1\\udcff: a\\nb" in text

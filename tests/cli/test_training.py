@@ -7,8 +7,9 @@ import pytest
 from swingup.areapo.config import Config, hyperparameters
 from swingup.cli import main
 from swingup.cli.hyperparameters import HyperparameterOptions, given_hyperparameters
-from swingup.cli.progress import duration, progress_line
+from swingup.cli.progress import progress_line
 from swingup.common.errors import SwingupError
+from swingup.common.text import duration
 from swingup.learner.report import TrainingReport
 
 

@@ -17,14 +17,14 @@ SWINGUP_TIME = {"acrobot": 4.05, "pendubot": 4.13}
 def test_scores(either_robot):
     robot = either_robot
     for name in ("tvlqr", "ilqr-riccati"):
-        criteria = swingup.evaluate(baseline(name, robot), robot).criteria
+        criteria = swingup.judge(baseline(name, robot), robot).criteria
         assert criteria.score >= LEAST_SCORES[name, robot.name]
         assert criteria.swingup_time == pytest.approx(SWINGUP_TIME[robot.name], abs=0.02)
 
 
 @pytest.mark.slow
 def test_score_of_the_mpc(robot):
-    criteria = swingup.evaluate(baseline("ilqr-mpc", robot), robot).criteria
+    criteria = swingup.judge(baseline("ilqr-mpc", robot), robot).criteria
     assert criteria.score >= {"acrobot": 0.34, "pendubot": 0.35}[robot.name]
 
 

@@ -327,7 +327,7 @@ def test_objects_that_cannot_even_be_wrapped(source, message):
     with pytest.raises(SwingupError, match=message):
         check_controller(source, "acrobot")
     with pytest.raises(SwingupError, match=message):
-        swingup.evaluate(source, "acrobot")
+        swingup.judge(source, "acrobot")
 
 
 def test_an_object_whose_copying_ends_the_process():
@@ -390,14 +390,14 @@ def test_fields_that_cannot_be_compiled(kind, label):
     assert finding.startswith("hashing its fields raised TypeError (")
     assert finding.endswith("make lists and sets tuples, and keep arrays in fields that are not static")
     with pytest.raises(SwingupError, match="controller 'controller': hashing its fields raised TypeError"):
-        swingup.evaluate(kind(label), "acrobot")
+        swingup.judge(kind(label), "acrobot")
 
 
 def test_a_controller_that_fails_when_it_runs():
     (finding,) = check_controller(Failing(), "acrobot")
     assert finding == "running it raised JaxRuntimeError (ValueError: host failed): correct it there"
     with pytest.raises(SwingupError, match="controller 'controller': running it raised "):
-        swingup.evaluate(Failing(), "acrobot")
+        swingup.judge(Failing(), "acrobot")
 
 
 class Complex(Static):

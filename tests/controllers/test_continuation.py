@@ -5,9 +5,9 @@ import jax
 import numpy as np
 import pytest
 
-from swingup.benchmark.robustness import upright
+from swingup.benchmark.boards import ROBUSTNESS
+from swingup.benchmark.robustness_board import upright
 from swingup.benchmark.rollout import Scenario
-from swingup.benchmark.rules import get_robustness_rules
 from swingup.benchmark.runner import run_one
 from swingup.common.errors import SwingupError
 from swingup.controllers.baselines import continuation
@@ -122,7 +122,7 @@ def test_three_plants_are_continued_and_end_upright_on_their_plant():
     shipped = shipped_reference(robot, "score")[0].states[:, None, :2]
     distance = np.abs(shipped - found.states[0, :, :2]).max(axis=2).min(axis=1)
     assert distance.max() < 0.1
-    rules = get_robustness_rules("v2")
+    rules = ROBUSTNESS
     for index, plant in enumerate((nominal, heavy, rough)):
         controller = known_plant_controller(plant, found.reference(index))
         rows = run_one(controller, Scenario(plant), rules.dt, rules.steps)

@@ -39,7 +39,7 @@ def test_shipped_trajectories_are_the_plants_own(x64, robot):
 
 
 def test_score(robot):
-    criteria = swingup.evaluate(baseline("tvlqr-score", robot), robot).criteria
+    criteria = swingup.judge(baseline("tvlqr-score", robot), robot).criteria
     assert criteria.score >= SCORES[robot.name] - 0.01
     # Lifting both links from hanging to upright takes 2 g (m1 r1 + m2 (l1 + r2)) = 7.65 J.
     assert 7.6 < criteria.energy < 7.9

@@ -186,4 +186,4 @@ def test_a_motor_without_torque_is_refused():
 def test_baselines_swing_up_other_plants(name):
     plant = load_plant("C.0").frictionless()
     assert scales_of(plant).time == pytest.approx(0.971, abs=1e-3)
-    assert swingup.evaluate(baseline(name, "acrobot", plant), "acrobot", plant=plant).criteria.success
+    assert swingup.judge(baseline(name, "acrobot", plant), "acrobot", plant=plant).criteria.success

@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 from swingup.areapo.checkpoint import load_checkpoint, read_metadata
-from swingup.benchmark.evaluate import score
+from swingup.benchmark.score import score
 from swingup.benchmark.trajectory_file import load_trajectory
 from swingup.common.errors import SwingupError
 from swingup.controllers.swingups.reference import load_reference

@@ -201,8 +201,9 @@ PERCENT = dict.fromkeys(
     ("model", "velocity_noise", "torque_noise", "torque_response", "delay", "perturbations"), 50.0
 )
 ROBUSTNESS = {
-    "robot": "acrobot", "controller": "x", "rules": "v2", "seed": 0, "seeds": [0, 1], **PERCENT, "overall": 0.5,
-    "intervals": {"velocity_noise": [1, 2], "overall": [0.1, 0.2]}, "details": [],
+    "robot": "acrobot", "controller": "x", "board": "robustness", "seed": 0, "seeds": [0, 1], **PERCENT,
+    "score": 0.5,
+    "intervals": {"velocity_noise": [1, 2], "score": [0.1, 0.2]}, "details": [],
 }  # fmt: skip
 
 

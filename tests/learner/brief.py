@@ -9,12 +9,12 @@ import dataclasses
 
 import pytest
 
-from swingup.benchmark.rules import PERFORMANCE_RULES
+from swingup.benchmark.boards import BOARDS
 
 
 @contextlib.contextmanager
 def briefly_judged():
     """Rules v2 of the performance board with 250 steps."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(PERFORMANCE_RULES, "v2", dataclasses.replace(PERFORMANCE_RULES["v2"], duration=0.5))
+        patch.setitem(BOARDS, "performance", dataclasses.replace(BOARDS["performance"], duration=0.5))
         yield

@@ -10,12 +10,12 @@ PROGRAM = """
 import dataclasses
 
 import jax
+from swingup.benchmark.boards import BOARDS
 from swingup.areapo.config import Config
-from swingup.benchmark.rules import PERFORMANCE_RULES
 from swingup.learner.run_settings import RunSettings
 from swingup.learner.start import start_run
 
-PERFORMANCE_RULES["v2"] = dataclasses.replace(PERFORMANCE_RULES["v2"], duration=0.5)
+BOARDS["performance"] = dataclasses.replace(BOARDS["performance"], duration=0.5)
 config = Config(num_envs=2, num_steps=8, num_epochs=1, batch_size=16, policy_layers=(8,), value_layers=(8,))
 run = start_run(RunSettings("acrobot", "default", 0, 4, 32, 64, config), None, 32)
 reports = list(run.advance())

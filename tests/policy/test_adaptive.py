@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 import swingup
-from swingup.benchmark.rules import PERFORMANCE_RULES
+from swingup.benchmark.boards import PERFORMANCE
 from swingup.controllers.registry import get_controller
 from swingup.export.export_folder import readme_values
 from swingup.policy.network.stages import PlantStage
@@ -41,18 +41,18 @@ def test_the_folders_readme_names_the_regulator_and_the_teachers():
 @pytest.mark.slow  # JAX compiles identifier and regulator for seconds
 def test_scores(either_robot):
     name = either_robot.name
-    score = swingup.evaluate(get_controller(ADAPTIVE, name), name).criteria.score
+    score = swingup.judge(get_controller(ADAPTIVE, name), name).criteria.score
     assert score > SCORES[name]
-    in_numpy = swingup.evaluate(load_controller(ADAPTIVE, name), name).criteria.score
+    in_numpy = swingup.judge(load_controller(ADAPTIVE, name), name).criteria.score
     assert in_numpy == pytest.approx(score, abs=1e-2)
 
 
 @pytest.mark.slow
 def test_a_brief_run_without_the_estimator_is_for_the_plant_of_the_file(either_robot):
     """On that plant the identifier changes little."""
-    name, rules = either_robot.name, dataclasses.replace(PERFORMANCE_RULES["v2"], duration=4.0)
+    name, rules = either_robot.name, dataclasses.replace(PERFORMANCE, duration=4.0)
     both = [
-        swingup.evaluate(load_controller(ADAPTIVE, name, estimator=wanted), name, rules=rules).criteria
+        swingup.judge(load_controller(ADAPTIVE, name, estimator=wanted), name, rules).criteria
         for wanted in (None, False)
     ]
     assert both[0].score == pytest.approx(both[1].score, abs=0.05)

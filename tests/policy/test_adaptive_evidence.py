@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import swingup
-from swingup.benchmark.rules import get_robustness_rules
+from swingup.benchmark.boards import ROBUSTNESS
 from swingup.controllers.stack.controller import PolicyController, policy_of
 from swingup.controllers.stack.estimator import EstimatingController
 from swingup.controllers.stack.maths import JAX
@@ -27,7 +27,7 @@ from swingup.policy.regulator.settings import RegulatorSettings
 from .references import sighted_policy
 
 BENCHMARKS = Path(swingup.__file__).parents[2] / "benchmarks"
-RULES = get_robustness_rules("v2")
+RULES = ROBUSTNESS
 SWEEPS = RULES.model
 
 pytestmark = pytest.mark.skipif(not BENCHMARKS.is_dir(), reason="the scripts are only in a checkout")

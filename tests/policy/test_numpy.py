@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import swingup
-from swingup.benchmark.rules import PERFORMANCE_RULES
+from swingup.benchmark.boards import PERFORMANCE
 from swingup.common.errors import SwingupError
 from swingup.controllers.registry import get_controller
 from swingup.dynamics.dynamics import acceleration
@@ -43,9 +43,9 @@ def test_the_period_is_the_estimators():
 @pytest.mark.slow
 def test_the_score_is_the_judges(either_robot):
     name = either_robot.name
-    rules = dataclasses.replace(PERFORMANCE_RULES["v2"], duration=4.0)  # a swing-up, and the way to hold
+    rules = dataclasses.replace(PERFORMANCE, duration=4.0)  # a swing-up, and the way to hold
     in_numpy, in_jax = (
-        swingup.evaluate(found, name, rules=rules).criteria.score
+        swingup.judge(found, name, rules).criteria.score
         for found in (load_controller("ar-eapo", name), get_controller("ar-eapo", name))
     )
     assert in_jax > 0.3

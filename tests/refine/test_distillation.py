@@ -10,8 +10,8 @@ import pytest
 
 from policies import lone_policy
 from swingup.areapo.networks import init_actor
+from swingup.benchmark.boards import ROBUSTNESS
 from swingup.benchmark.grid import make_cases
-from swingup.benchmark.rules import ROBUSTNESS_RULES
 from swingup.common.errors import SwingupError
 from swingup.controllers.baselines.continuation import nominal_swingups
 from swingup.controllers.baselines.continuation_settings import ContinuationSettings
@@ -105,7 +105,7 @@ def test_recoveries_begin_after_throws_and_near_the_top():
 def test_no_plant_is_on_the_grid_that_judges():
     drawn = {tuple(map(float, jax.tree.leaves(plant))) for plant in plants_of(
         draw_plants(np.random.default_rng(1), ACROBOT, PlantDraws(50, 5, 20, 5)))}  # fmt: skip
-    cases = make_cases(ACROBOT, ROBUSTNESS_RULES["v2"], "model", 0)
+    cases = make_cases(ACROBOT, ROBUSTNESS, "model", 0)
     assert not drawn & {tuple(map(float, jax.tree.leaves(case.scenario.parameters))) for case in cases}
 
 

@@ -10,9 +10,9 @@ import pytest
 
 from policies import lone_policy
 from swingup.areapo.networks import init_actor
-from swingup.benchmark.evaluate import evaluate
+from swingup.benchmark.boards import PERFORMANCE
+from swingup.benchmark.judge import judge
 from swingup.benchmark.rollout import Trajectory
-from swingup.benchmark.rules import PERFORMANCE_RULES
 from swingup.common.errors import SwingupError
 from swingup.controllers.stack.controller import PolicyController
 from swingup.controllers.stack.policy import Policy
@@ -26,7 +26,7 @@ from swingup.refine.objective import EpisodeWeights, Measures, bound_adjoint, me
 from swingup.refine.recipe import GradientStage, run_recipe
 from swingup.tasks.observation import PendulumObservation
 
-RULES = PERFORMANCE_RULES["v2"]
+RULES = PERFORMANCE
 ACROBOT = get_robot("acrobot")
 FEW = EpisodeSettings(nominal=4, anywhere=4, thrown=0)
 BALANCED = EpisodeWeights(score=0.5, down=0.5, away=0.5)
@@ -84,7 +84,7 @@ def test_episode_settings_without_a_meaning_are_refused(values, message):
 
 
 def test_the_smooth_score_is_nearly_the_judge_s(robot):
-    result = evaluate(lone_policy("ar-eapo", robot)[0], robot)
+    result = judge(lone_policy("ar-eapo", robot)[0], robot)
     measures = measure_episode(result.trajectory, LEADERBOARD.driven(robot), RULES.dt, RULES)
     # The smoothed line takes 0.7 % of the time upright for down.
     assert 0 < result.criteria.score - float(measures.score) < 3e-3

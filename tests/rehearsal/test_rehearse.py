@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import swingup
-from swingup.benchmark.rules import PERFORMANCE_RULES
+from swingup.benchmark.boards import PERFORMANCE
 from swingup.cli import main
 from swingup.export.cloudpendulum import CloudPendulumController
 from swingup.export.export_cloudpendulum import cloudpendulum_guard, cloudpendulum_notes, export_cloudpendulum
@@ -24,7 +24,7 @@ from swingup.rehearsal.process import Reply
 from swingup.rehearsal.rehearse import rehearse
 from swingup.runtime import load_controller
 
-BRIEF = dataclasses.replace(PERFORMANCE_RULES["v2"], duration=1.5)
+BRIEF = dataclasses.replace(PERFORMANCE, duration=1.5)
 BOARD = LEADERBOARD
 
 
@@ -39,12 +39,12 @@ def export(folder, form, guard=None, name="ar-eapo"):
 
 @pytest.fixture(scope="module")
 def judged():
-    return swingup.evaluate(load_controller("ar-eapo", "acrobot"), "acrobot", rules=BRIEF)
+    return swingup.judge(load_controller("ar-eapo", "acrobot"), "acrobot", BRIEF)
 
 
 @pytest.mark.parametrize("form", ["realaigym", "cloudpendulum"])
 def test_a_folder_scores_as_its_policy_does_in_the_judge(form, judged, tmp_path):
-    result = rehearse(export(tmp_path / "entry", form), BOARD, None, rules=BRIEF)
+    result = rehearse(export(tmp_path / "entry", form), BOARD, None, board=BRIEF)
     assert result.success
     assert (result.folder.form, result.robot, result.facts["packages"]) == (form, "acrobot", ["numpy"])
     assert result.criteria.score == pytest.approx(judged.criteria.score, abs=1e-9)
@@ -56,8 +56,8 @@ def test_a_folder_scores_as_its_policy_does_in_the_judge(form, judged, tmp_path)
 @pytest.mark.slow
 def test_the_adaptive_folder_scores_as_in_the_judge(tmp_path):
     rules = dataclasses.replace(BRIEF, duration=2.5)
-    judged = swingup.evaluate(load_controller("adaptive", "acrobot"), "acrobot", rules=rules)
-    result = rehearse(export(tmp_path / "entry", "realaigym", name="adaptive"), BOARD, None, rules=rules)
+    judged = swingup.judge(load_controller("adaptive", "acrobot"), "acrobot", rules)
+    result = rehearse(export(tmp_path / "entry", "realaigym", name="adaptive"), BOARD, None, board=rules)
     assert result.success
     assert result.criteria.score == pytest.approx(judged.criteria.score, abs=1e-6)
     assert result.facts["packages"] == ["numpy"]
@@ -65,7 +65,7 @@ def test_the_adaptive_folder_scores_as_in_the_judge(tmp_path):
 
 def test_a_guard_that_stops_the_folder_is_reported(tmp_path):
     folder = export(tmp_path / "entry", "realaigym", GuardSettings(velocity_limit=2.0))
-    result = rehearse(folder, BOARD, None, rules=BRIEF, duration=0.6)
+    result = rehearse(folder, BOARD, None, board=BRIEF, duration=0.6)
     stopped = result.facts["stopped"]
     assert "velocity is beyond the limit" in stopped["why"]
     # The loop is perfect: the guard sees the very state that passes its limit.

@@ -5,9 +5,8 @@ import dataclasses
 import numpy as np
 
 from policies import lone_policy
-from swingup.benchmark.board_rows import OURS, Row, published_rows
-from swingup.benchmark.columns import BOARDS
-from swingup.benchmark.leaderboard import Board
+from swingup.benchmark.boards import BOARDS
+from swingup.benchmark.leaderboard import OURS, Row, Table, published_rows
 from swingup.benchmark.rollout import Trajectory
 from swingup.controllers.stack.controller import policy_of
 from swingup.plant.plant import LEADERBOARD
@@ -37,16 +36,17 @@ EVIL = (
 HANGING = Trajectory(0.01 * np.arange(1000), np.zeros((1000, 4)), np.zeros((1000, 2)))
 
 
-def make_board(robot: Robot, measure: str) -> Board:
+def make_board(robot: Robot, measure: str) -> Table:
     """A board with made-up rows of ours beside the published ones."""
-    published = published_rows(robot, measure, "v2")
-    score = BOARDS[measure][-1]
+    published = published_rows(robot, measure)
+    score = "score"
     ours = [
         Row("ar-eapo", OURS, dict(published[0].values)),
-        Row(NASTY, OURS, dict.fromkeys(BOARDS[measure]) | {score: 0.0}, "it is <b>not</b> a controller"),
+        Row(NASTY, OURS, dict.fromkeys(BOARDS[measure].columns) | {score: 0.0}, "it is <b>not</b> a controller"),
     ]
     rows = sorted([*published, *ours], key=lambda row: -(row.values[score] or 0.0))
-    return Board(robot.name, measure, "v2", 0 if measure == "robustness" else None, tuple(rows))
+    columns = BOARDS[measure].columns
+    return Table(robot.name, measure, columns, 0 if measure == "robustness" else None, tuple(rows))
 
 
 def make_section(robot: Robot) -> Section:
@@ -60,7 +60,7 @@ def make_section(robot: Robot) -> Section:
     return Section(
         robot=robot.name,
         plant=LEADERBOARD.driven(robot),
-        boards=[make_board(robot, measure) for measure in ("performance", "robustness")],
+        tables=[make_board(robot, measure) for measure in ("performance", "robustness")],
         shows=shows,
         disturbance=describe_disturbance(0),
         policy=policy_of(policy),
@@ -70,17 +70,17 @@ def make_section(robot: Robot) -> Section:
 
 def make_evil_section() -> Section:
     """A section whose names, sources, remarks and notes all attack."""
-    boards = []
+    tables = []
     for measure in ("performance", "robustness"):
         value = 80.0 if measure == "robustness" else 0.5  # bars to hover over, in percent
         rows = [
-            Row(name, OURS if k % 2 else name, dict.fromkeys(BOARDS[measure], value), name)
+            Row(name, OURS if k % 2 else name, dict.fromkeys(BOARDS[measure].columns, value), name)
             for k, name in enumerate(EVIL)
         ]
-        boards.append(Board("acrobot", measure, "v2", 0, tuple(rows)))
+        tables.append(Table("acrobot", measure, BOARDS[measure].columns, 0, tuple(rows)))
     shows = [Show(name, HANGING, HANGING, name) for name in EVIL]
     parameters = LEADERBOARD.driven(ROBOTS["acrobot"])
-    return Section("acrobot", parameters, boards, shows, f"Disturbed {EVIL[0]}")
+    return Section("acrobot", parameters, tables, shows, f"Disturbed {EVIL[0]}")
 
 
 def make_sections() -> list[Section]:

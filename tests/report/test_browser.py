@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from policies import lone_policy
-from swingup.benchmark.evaluate import evaluate
+from swingup.benchmark.judge import judge
 from swingup.benchmark.rules import CRITERIA
 from swingup.common.text import one_line
 from swingup.dynamics.dynamics import tip_height
@@ -121,7 +121,7 @@ def test_tables_and_plots_are_rendered(page, sections):
     names = page.locator("[data-plot]").evaluate_all("(all) => all.map((plot) => plot.dataset.plot)")
     assert names == 2 * ["robustness", "series", "phases"]
     bars = page.locator("#acrobot [data-plot=robustness] g[data-name='ar-eapo'] rect")
-    row = next(row for row in sections[0].boards[1].rows if row.controller == "ar-eapo")
+    row = next(row for row in sections[0].tables[1].rows if row.controller == "ar-eapo")
     height = page.evaluate("swingup.figures[0].panels[0].height")
     percent = [float(bar.get_attribute("height")) / height * 105 for bar in bars.all()]
     np.testing.assert_allclose(percent, [row.values[name] for name in CRITERIA], atol=1e-3)
@@ -415,7 +415,7 @@ def in_double(controller):
 def test_the_closed_loop_is_pythons(page, robot):
     steps = 5000
     rows = page.evaluate("(robot) => swingup.simulate(robot, [0, 0, 0, 0], 5000)", robot.name)
-    expected = evaluate(in_double(lone_policy("ar-eapo", robot)[0]), robot).trajectory
+    expected = judge(in_double(lone_policy("ar-eapo", robot)[0]), robot).trajectory
     assert len(rows["x"]) == steps == len(expected.time)
     np.testing.assert_allclose(rows["time"], expected.time, rtol=0, atol=1e-12)
     # Both compute in double precision. A torque that is wrong by 1e-3 N m (4e-3 rad) or late by one step (0.2 rad)

@@ -32,7 +32,7 @@ def swing(turns=0.5, joint=1, rows=1001, dt=0.01):
 
 
 def result(value=50.0, **changes):
-    return {**dict.fromkeys(CRITERIA, value), "overall": value / 100, **changes}
+    return {**dict.fromkeys(CRITERIA, value), "score": value / 100, **changes}
 
 
 def curve(seed=0, offset=0.0):
@@ -197,7 +197,7 @@ def test_bars_are_as_high_as_the_percentages():
 
 
 def test_intervals_become_error_bars():
-    intervals = {"velocity_noise": [40.0, 70.0], "torque_noise": [50.0, 50.0], "overall": [0.45, 0.55]}
+    intervals = {"velocity_noise": [40.0, 70.0], "torque_noise": [50.0, 50.0], "score": [0.45, 0.55]}
     figure = plot_robustness({"ours": result(intervals=intervals)})
     ends = {tuple(path.vertices[:, 1]) for lines in figure.axes[0].collections for path in lines.get_paths()}
     assert ends == {(40.0, 70.0)}  # an interval without width is no bar
@@ -205,7 +205,7 @@ def test_intervals_become_error_bars():
 
 
 def test_only_measured_criteria_are_drawn():
-    figure = plot_robustness({"a": {"delay": 30.0, "overall": None}, "b": {"model": 20.0, "delay": 40.0}})
+    figure = plot_robustness({"a": {"delay": 30.0, "score": None}, "b": {"model": 20.0, "delay": 40.0}})
     axes = figure.axes[0]
     assert [label.get_text() for label in axes.get_xticklabels()] == ["Model", "Time\ndelay"]
     assert [[bar.get_height() for bar in bars] for bars in axes.containers] == [[30.0], [20.0, 40.0]]
@@ -228,7 +228,7 @@ def test_many_controllers_look_different():
         (result(delay=101.0), "delay = 101.0: use a number from 0 to 100"),
         (result(delay=math.nan), "delay = nan: use"),
         (result(model=True), "model = True: use"),
-        (result(overall=71.0), "overall = 71.0: use a number from 0 to 1"),
+        (result(score=71.0), "score = 71.0: use a number from 0 to 1"),
         (result(intervals=[1, 2]), r"intervals = \[1, 2\] is not an object"),
         (result(intervals={"model": 3}), "interval of model = 3 is not a pair"),
         (result(intervals={"model": [1, None]}), "interval of model = None: use a number from 0 to 100"),

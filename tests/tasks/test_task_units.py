@@ -8,12 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.benchmark.robot_rules import SIM2REAL_RULES
+from swingup.benchmark.board import Setting
+from swingup.benchmark.boards import SIM2REAL
 from swingup.common.errors import SwingupError
 from swingup.loop.domain import load_domain, make_domain
 from swingup.loop.supervisors.throws import thrown_states
 from swingup.plant.plant import LEADERBOARD, load_plant
-from swingup.plant.units import scaled, scales_of
 from swingup.tasks.presets import get_task, smooth_task
 
 STEPS = 60
@@ -85,11 +85,12 @@ def test_the_global_tasks_starts_and_line_are_in_the_plants_units(either_robot, 
 
 
 def test_the_rules_of_a_swing_up_are_in_the_units_of_the_domains_plant(either_robot):
-    assert load_domain("randomised").known_plant(either_robot) is None
+    around_c1 = load_domain("randomised")
+    assert SIM2REAL.on(Setting(either_robot, LEADERBOARD, around_c1)).limits == SIM2REAL.limits
     # T is 0.4258 of C.1's: speeds up to 20 / 0.4258 rad/s.
     small = make_domain({"plant": "cloudpendulum", "m1": [0.1, 0.11]})
-    units = scales_of(small.known_plant(either_robot))
-    assert scaled(SIM2REAL_RULES, units).speed == pytest.approx(46.97, abs=0.01)
+    board = SIM2REAL.on(Setting(either_robot, small.design_plant, small))
+    assert board.limits.speed == pytest.approx(46.97, abs=0.01)
 
 
 def test_a_scaled_task_needs_a_torque(either_robot):

@@ -1,18 +1,9 @@
-"""The boards' columns: what each board measures, in what unit, and how the paper prints it."""
+"""The boards' columns: their units, and how the paper prints them."""
 
 from dataclasses import dataclass
 
-from .rules import CRITERIA
-
 PERFORMANCE = ("swingup_time", "energy", "torque_cost", "torque_smoothness", "velocity_cost", "score")
-BOARDS = {
-    "performance": PERFORMANCE,
-    "robustness": (*CRITERIA, "overall"),
-    "uptime": ("uptime",),
-    "robot_uptime": ("best", "uptime"),
-    "robot_performance": ("successes", "best", "mean"),
-}
-"""What each board measures; its last column is the score that it is sorted by."""
+"""Columns of a board of swing-ups in a perfect loop."""
 
 
 @dataclass(frozen=True)
@@ -44,16 +35,13 @@ COLUMNS = {
     "torque_cost": Column("Torque cost", "Torque\ncost", "N²m²", ".2f"),
     "torque_smoothness": Column("Torque smoothness", "Smooth-\nness", "Nm", ".4f"),
     "velocity_cost": Column("Velocity cost", "Velocity\ncost", "m²/s²", ".2f"),
-    "score": Column("RealAI score", "RealAI\nscore", "", ".3f"),
+    "score": Column("Score", "Score", "", ".3f"),
     "model": Column("Model", "Model\n[%]", "%", ".1f"),
     "velocity_noise": Column("Velocity noise", "Vel.\nnoise", "%", ".1f"),
     "torque_noise": Column("Torque noise", "Torq.\nnoise", "%", ".1f"),
     "torque_response": Column("Torque step response", "Torq.\nresp.", "%", ".1f"),
     "delay": Column("Time delay", "Time\ndelay", "%", ".1f"),
     "perturbations": Column("Perturbations", "Per-\nturb.", "%", ".1f"),
-    "overall": Column("Overall robustness score", "Over-\nall", "", ".3f"),
-    "uptime": Column("Uptime score", "Uptime\nscore", "", ".3f"),
-    "successes": Column("Swing-ups", "Swing-\nups", "%", ".0f"),
+    "swingups": Column("Swing-ups", "Swing-\nups", "%", ".0f"),
     "best": Column("Best score", "Best\nscore", "", ".3f"),
-    "mean": Column("Mean score", "Mean\nscore", "", ".3f"),
 }

@@ -5,15 +5,31 @@ Sums run over the rows k = 0 .. N-2 with Δt_k = t_{k+1} - t_k, standard deviati
 
 import math
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from .rules import Normalisers, PerformanceRules
+from .rules import Normalisers
 
 # The benchmark's own limit: a file whose last time is below it fails.
 SHARE = 0.99
 """Part of the rules' duration that a run must span to score."""
+
+
+class SwingUpRules(Protocol):
+    """What the criteria need of a board."""
+
+    @property
+    def duration(self) -> float:
+        """Length of a run (s)."""
+
+    @property
+    def height(self) -> float:
+        """Fraction of l1 + l2 above which the tip counts as up."""
+
+    @property
+    def normalisers(self) -> Normalisers:
+        """Divisors of the criteria."""
 
 
 @dataclass(frozen=True)
@@ -57,10 +73,10 @@ class TipHistory:
         return {"highest_tip": self.highest, "highest_tip_percent": self.percent, "failure": self.failure}
 
 
-def judge(
-    time: np.ndarray, x: np.ndarray, u: np.ndarray, l1: float, l2: float, rules: PerformanceRules
+def compute_criteria(
+    time: np.ndarray, x: np.ndarray, u: np.ndarray, l1: float, l2: float, rules: SwingUpRules
 ) -> Criteria:
-    """Score a trajectory.
+    """The criteria and the score of a trajectory.
 
     Args:
         time: time of each row (s), shape (N,).
@@ -72,7 +88,7 @@ def judge(
     """
     dt = np.diff(time)
     swingup_time = _swingup_time(time, x, l1, l2, rules)
-    # The benchmark compares the last time. The callers in evaluate.py test the span as well.
+    # The benchmark compares the last time. The boards test the span as well.
     long_enough = bool(time[-1] >= SHARE * rules.duration)
     costs = {
         # Absolute values: the benchmark counts braking as work, too.
@@ -87,8 +103,8 @@ def judge(
     return Criteria(success=True, swingup_time=swingup_time, **costs, score=score)
 
 
-def follow_tip(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: PerformanceRules) -> TipHistory:
-    """How high the tip came, and why the run failed if it did; arguments as of :func:`judge`."""
+def follow_tip(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: SwingUpRules) -> TipHistory:
+    """How high the tip came, and why the run failed if it did; arguments as of :func:`compute_criteria`."""
     reach, height = l1 + l2, tip_heights(x, l1, l2)
     highest = float(height.max())
     # The benchmark looks neither at the first row nor at the last.
@@ -134,7 +150,7 @@ def tip_heights(x: np.ndarray, l1: float, l2: float) -> np.ndarray:
     return height
 
 
-def _swingup_time(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: PerformanceRules) -> float | None:
+def _swingup_time(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: SwingUpRules) -> float | None:
     # The benchmark looks neither at the first row nor at the last.
     up = tip_is_up(x, l1, l2, rules.height)[1:-1]
     if up.size == 0 or not up[-1]:

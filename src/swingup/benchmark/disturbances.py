@@ -1,4 +1,4 @@
-"""Disturbances of a single run: those that the robustness grid tries one at a time."""
+"""Disturbances of a loop that the robustness board tries one at a time: noise, delay, motor response and pushes."""
 
 import dataclasses
 
@@ -6,54 +6,100 @@ import numpy as np
 
 from ..common.checks import finite_number
 from ..common.errors import SwingupError
-from ..loop.disturbance import Disturbance, undisturbed
-from .grid import draw_pushes, floored_delay_steps
-from .rules import DEFAULT_RULES, PerformanceRules, PushRules, get_performance_rules
-from .seeds import check_seeds
+from ..loop.disturbance import Disturbance, Pushes, undisturbed
+from .rules import PushRules
 
 LARGEST_DISTURBANCE = 999.0
 """No disturbance of a pendulum comes near this, in SI units."""
+LONGEST_DELAY = 1000
+"""Steps; more past than this is refused."""
 
 
-def make_disturbance(
-    velocity_noise: float = 0.0,
-    torque_noise: float = 0.0,
-    torque_response: float = 1.0,
-    delay: float = 0.0,
-    pushes: PushRules | None = None,
-    seed: int = 0,
-    rules: PerformanceRules | str = DEFAULT_RULES,
-) -> Disturbance:
-    """A disturbance of a run of :func:`swingup.evaluate`.
+@dataclasses.dataclass(frozen=True)
+class DisturbanceSettings:
+    """What disturbs the runs of :func:`swingup.judge` in a perfect loop; the defaults disturb nothing."""
 
-    Args:
-        velocity_noise: standard deviation of the noise on measured velocities (rad/s).
-        torque_noise: standard deviation of the noise on the driven joint's torque (N m).
-        torque_response: motor response; 1 is a perfect motor.
-        delay: age of what the controller measures (s).
-        pushes: random pushes, as ``PushRules()`` of the robustness board or others; None for none.
-        seed: of the noise and the pushes.
-        rules: those of the run, or their name: a delay is rounded down to their steps, and pushes come within
-            their duration.
+    velocity_noise: float = 0.0
+    """Standard deviation of the noise on measured velocities (rad/s)."""
+    torque_noise: float = 0.0
+    """Standard deviation of the noise on the driven joint's torque (N m)."""
+    torque_response: float = 1.0
+    """Motor response; 1 is a perfect motor."""
+    delay: float = 0.0
+    """Age of what the controller measures (s)."""
+    pushes: PushRules | None = None
+    """Random pushes, as ``PushRules()`` of the robustness board or others; None for none."""
+
+    def __post_init__(self) -> None:
+        """Refuse values that are out of range.
+
+        Raises:
+            SwingupError: a value is out of range.
+        """
+        pushes: object = self.pushes
+        if isinstance(pushes, bool):
+            wanted = "use PushRules() for those of the robustness board"
+            raise SwingupError(f"pushes = {pushes} are no rules: {wanted}")
+        for name in ("velocity_noise", "torque_noise", "delay"):
+            finite_number(name, getattr(self, name), 0.0, LARGEST_DISTURBANCE)
+        finite_number("torque_response", self.torque_response, -LARGEST_DISTURBANCE, LARGEST_DISTURBANCE)
+
+    def draw(self, dt: float, duration: float, seed: int) -> Disturbance:
+        """The disturbance of one run of a duration (s) in steps of dt (s), with the noise and pushes of a seed.
+
+        Raises:
+            SwingupError: the delay has too many steps, or the pushes do not fit into the run.
+        """
+        calm = undisturbed() if self.pushes is None else undisturbed(self.pushes.pushes)
+        random = np.random.default_rng(seed)
+        return dataclasses.replace(
+            calm,
+            velocity_noise=float(self.velocity_noise),
+            torque_noise=float(self.torque_noise),
+            response=float(self.torque_response),
+            delay_steps=floored_delay_steps(self.delay, dt),
+            pushes=calm.pushes if self.pushes is None else draw_pushes(random, self.pushes, duration),
+            # The second word counts the simulations of a grid; a single run is its first.
+            noise=np.array([seed, 0], np.uint32),
+        )
+
+
+def floored_delay_steps(delay: float, dt: float) -> int:
+    """A delay (s) in steps of dt (s), rounded down in floating point as in the public benchmark.
 
     Raises:
-        SwingupError: a value is out of range, or there are no such rules.
+        SwingupError: it is longer than what is remembered.
     """
-    if isinstance(pushes, bool):
-        raise SwingupError(f"pushes = {pushes} are no rules: use PushRules() for those of the robustness board")
-    noises = {"velocity_noise": velocity_noise, "torque_noise": torque_noise, "delay": delay}
-    numbers = {name: finite_number(name, value, 0.0, LARGEST_DISTURBANCE) for name, value in noises.items()}
-    response = finite_number("torque_response", torque_response, -LARGEST_DISTURBANCE, LARGEST_DISTURBANCE)
-    first = check_seeds(seed, 1)[0]
-    rules = get_performance_rules(rules)
-    calm = undisturbed() if pushes is None else undisturbed(pushes.pushes)
-    return dataclasses.replace(
-        calm,
-        velocity_noise=numbers["velocity_noise"],
-        torque_noise=numbers["torque_noise"],
-        response=response,
-        delay_steps=floored_delay_steps(numbers["delay"], rules.dt),
-        pushes=calm.pushes if pushes is None else draw_pushes(np.random.default_rng(first), pushes, rules.duration),
-        # The second word counts the simulations of a grid; a single run is its first.
-        noise=np.array([first, 0], np.uint32),
+    steps = int(delay / dt)
+    if steps > LONGEST_DELAY:
+        raise SwingupError(f"delay = {delay:g} s is above {LONGEST_DELAY * dt:g} s: make it shorter")
+    return steps
+
+
+def draw_pushes(random: np.random.Generator, rules: PushRules, duration: float) -> Pushes:
+    """A random profile: peaks shuffled over both joints, at least ``apart`` from each other and both ends.
+
+    Args:
+        random: source of the numbers.
+        rules: how many pushes, and their ranges.
+        duration: length of the run (s).
+
+    Raises:
+        SwingupError: there are none, or more than fit into the run.
+    """
+    number = 2 * rules.pushes
+    if number < 1 or duration < (number + 1) * rules.apart:
+        raise SwingupError(f"{rules.pushes} pushes a joint {rules.apart:g} s apart do not fit into {duration:g} s")
+    # number + 1 gaps: between the peaks and at both ends.
+    slack = (duration - (number + 1) * rules.apart) / number
+    centres = np.cumsum(rules.apart + slack * random.uniform(size=number))
+    # Pushes on the passive joint are drawn although they have no effect: the published scores contain them.
+    shape = (2, rules.pushes)
+    least, most = rules.amplitude
+    # Drawn about 0 and moved outward by `least` below, as in the benchmark: no push is weaker.
+    amplitude = random.uniform(least - most, most - least, shape)
+    return Pushes(
+        centre=random.permutation(centres).reshape(shape),
+        width=random.uniform(*rules.width, shape),
+        amplitude=amplitude + np.copysign(least, amplitude),
     )

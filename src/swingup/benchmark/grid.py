@@ -2,38 +2,28 @@
 
 import dataclasses
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..common.errors import SwingupError
-from ..loop.disturbance import Disturbance, Pushes, undisturbed
+from ..loop.disturbance import Disturbance, undisturbed
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant, validated
 from ..plant.robots import Robot
+from .board import Case
+from .disturbances import draw_pushes, floored_delay_steps
 from .rollout import Scenario
-from .rules import CRITERIA, RANDOM, SWEPT, ModelSweep, PushRules, RobustnessRules, Sweep
+from .rules import CRITERIA, RANDOM, SWEPT, ModelSweep, Sweep
+
+if TYPE_CHECKING:
+    from .robustness_board import RobustnessBoard
 
 MOST_CASES = 10_000
 """Simulations of one criterion; more are refused."""
-LONGEST_DELAY = 1000
-"""Steps; more past than this is refused."""
-
-
-@dataclass(frozen=True)
-class Case:
-    """One simulation of the grid."""
-
-    criterion: str
-    group: int
-    """Cases of one group are repetitions: the group counts if more than half of them succeed."""
-    settings: dict[str, Any]
-    """What is changed, ready for JSON."""
-    scenario: Scenario
 
 
 def make_cases(
-    robot: Robot, rules: RobustnessRules, criterion: str, seed: int, plant: PlantLike = LEADERBOARD
+    robot: Robot, rules: "RobustnessBoard", criterion: str, seed: int, plant: PlantLike = LEADERBOARD
 ) -> list[Case]:
     """All simulations of one criterion.
 
@@ -65,13 +55,13 @@ def make_cases(
     return made
 
 
-def _model_cases(nominal: Plant, calm: Disturbance, rules: RobustnessRules) -> Iterator[Case]:
+def _model_cases(nominal: Plant, calm: Disturbance, rules: "RobustnessBoard") -> Iterator[Case]:
     group = 0
     for name, model in rules.model.items():
         for value in model.sweep.values():
             parameters = validated(vary(nominal, model, value))
             settings = {"parameter": name, "relative": model.relative, "value": value}
-            yield Case("model", group, settings, Scenario(parameters, calm))
+            yield Case(Scenario(parameters, calm), settings, "model", group)
             group += 1
 
 
@@ -87,7 +77,7 @@ def vary(nominal: Plant, model: ModelSweep, value: float) -> Plant:
     return nominal.changed(**{model.parameter: value})
 
 
-def _sweep_cases(nominal: Plant, calm: Disturbance, rules: RobustnessRules, criterion: str) -> Iterator[Case]:
+def _sweep_cases(nominal: Plant, calm: Disturbance, rules: "RobustnessBoard", criterion: str) -> Iterator[Case]:
     sweep: Sweep = getattr(rules, criterion)
     for group, value in enumerate(sweep.values()):
         # A negative response can be simulated; a negative deviation or delay has no meaning.
@@ -99,70 +89,29 @@ def _sweep_cases(nominal: Plant, calm: Disturbance, rules: RobustnessRules, crit
         scenario = Scenario(nominal, dataclasses.replace(calm, **change))
         for repetition in range(sweep.repetitions):
             settings = {"value": value} | ({"repetition": repetition} if sweep.repetitions > 1 else {})
-            yield Case(criterion, group, settings, scenario)
+            yield Case(scenario, settings, criterion, group)
 
 
-def floored_delay_steps(delay: float, dt: float) -> int:
-    """A delay (s) in steps of dt (s), rounded down in floating point as in the public benchmark.
-
-    Raises:
-        SwingupError: it is longer than what is remembered.
-    """
-    steps = int(delay / dt)
-    if steps > LONGEST_DELAY:
-        raise SwingupError(f"delay = {delay:g} s is above {LONGEST_DELAY * dt:g} s: make it shorter")
-    return steps
-
-
-def _push_cases(nominal: Plant, calm: Disturbance, rules: RobustnessRules, seed: int) -> Iterator[Case]:
+def _push_cases(nominal: Plant, calm: Disturbance, rules: "RobustnessBoard", seed: int) -> Iterator[Case]:
     random = np.random.default_rng(seed)
     for profile in range(rules.perturbations.profiles):
         pushes = draw_pushes(random, rules.perturbations, rules.duration)
         numbers = {name: getattr(pushes, name).tolist() for name in ("centre", "width", "amplitude")}
         scenario = Scenario(nominal, dataclasses.replace(calm, pushes=pushes))
-        yield Case("perturbations", profile, {"profile": profile, **numbers}, scenario)
-
-
-def draw_pushes(random: np.random.Generator, rules: PushRules, duration: float) -> Pushes:
-    """A random profile: peaks shuffled over both joints, at least ``apart`` from each other and both ends.
-
-    Args:
-        random: source of the numbers.
-        rules: how many pushes, and their ranges.
-        duration: length of the run (s).
-
-    Raises:
-        SwingupError: there are none, or more than fit into the run.
-    """
-    number = 2 * rules.pushes
-    if number < 1 or duration < (number + 1) * rules.apart:
-        raise SwingupError(f"{rules.pushes} pushes a joint {rules.apart:g} s apart do not fit into {duration:g} s")
-    # number + 1 gaps: between the peaks and at both ends.
-    slack = (duration - (number + 1) * rules.apart) / number
-    centres = np.cumsum(rules.apart + slack * random.uniform(size=number))
-    # Pushes on the passive joint are drawn although they have no effect: the published scores contain them.
-    shape = (2, rules.pushes)
-    least, most = rules.amplitude
-    # Drawn about 0 and moved outward by `least` below, as in the benchmark: no push is weaker.
-    amplitude = random.uniform(least - most, most - least, shape)
-    return Pushes(
-        centre=random.permutation(centres).reshape(shape),
-        width=random.uniform(*rules.width, shape),
-        amplitude=amplitude + np.copysign(least, amplitude),
-    )
+        yield Case(scenario, {"profile": profile, **numbers}, "perturbations", profile)
 
 
 def _seeded(case: Case, seed: int, index: int) -> Case:
     """The case with a noise of its own: no two of a grid, and no two seeds, share a key."""
     # The stride leaves room for the largest grid of each criterion.
-    key = np.array([seed, MOST_CASES * CRITERIA.index(case.criterion) + index], np.uint32)
+    key = np.array([seed, MOST_CASES * CRITERIA.index(str(case.criterion)) + index], np.uint32)
     assert case.scenario.disturbance is not None
     disturbance = dataclasses.replace(case.scenario.disturbance, noise=key)
     scenario = Scenario(case.scenario.parameters, disturbance)
     return dataclasses.replace(case, settings={**case.settings, "seed": seed}, scenario=scenario)
 
 
-def change_grid(rules: RobustnessRules, text: str) -> RobustnessRules:
+def change_grid(rules: "RobustnessBoard", text: str) -> "RobustnessBoard":
     """Rules with other values in one sweep, and a name that says so.
 
     Args:

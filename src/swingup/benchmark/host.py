@@ -1,15 +1,22 @@
 """The closed loop with controllers in plain Python: their calls between compiled half steps of many simulations."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from time import perf_counter
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ..common.errors import SwingupError
+from ..controllers.interface.call_time import middle
 from ..controllers.interface.python_controller import Answer, PythonController, answer
 from .rollout import LoopState, Record, Scenario, Trajectory, apply_torque, initial_loop, measure, record
+
+TIMED_STEPS = 52
+"""Steps after which the time of the whole batch can be told."""
+TIMED_CALLS = 1000
+"""Calls that are timed: the first ones, in which a controller that plans has most to do."""
 
 _measure = jax.jit(jax.vmap(measure, in_axes=(0, 0, None, None)))
 _record = jax.jit(jax.vmap(record))
@@ -26,12 +33,23 @@ class HostRun:
     """States after the last step, shape (n, 4)."""
     faults: list[str | None]
     """What was wrong with a controller's answer, if anything; its torque is 0 from then on."""
+    call_time: float | None
+    """Median wall time of the first calls (s)."""
 
 
 def simulate_on_host(
-    scenarios: Scenario, controllers: Sequence[PythonController], dt: float, steps: int, depth: int, keep: bool
+    scenarios: Scenario,
+    controllers: Sequence[PythonController],
+    dt: float,
+    steps: int,
+    depth: int,
+    keep: bool,
+    timed: Callable[[float, float], None] | None = None,
 ) -> HostRun:
-    """Run one controller in each of a batch of scenarios from hanging at rest; call it in 64-bit mode."""
+    """Run one controller in each of a batch of scenarios from hanging at rest; call it in 64-bit mode.
+
+    After a few steps ``timed`` is called with the wall times of a step and of a call (s).
+    """
     number = len(controllers)
     calls: list[Answer] = []
     faults: list[str | None] = [None] * number
@@ -50,7 +68,12 @@ def simulate_on_host(
     x, u = np.zeros((number, kept, 4)), np.zeros((number, kept, 2))
     # Rows that are never reached count as over.
     written = Record(np.zeros_like(x), np.zeros_like(u), np.ones((number, kept), bool))
+    took: list[float] = []
     for step in range(steps):
+        if step == 2:  # both halves are compiled
+            began = perf_counter()
+        if step == TIMED_STEPS and timed is not None:
+            timed((perf_counter() - began) / (TIMED_STEPS - 2), middle(took) or 0.0)
         if keep:
             x[:, step] = loop.x
         loop, state, called = _measure(scenarios, loop, np.int64(step), dt)
@@ -61,10 +84,13 @@ def simulate_on_host(
         able = np.asarray(called) & np.isfinite(measured).all(axis=1)
         for index, call in enumerate(calls):
             if faults[index] is None and able[index]:
+                before = perf_counter()
                 try:
                     command[index] = answer(call, measured[index], float(time[index, step]))
                 except SwingupError as error:
                     faults[index] = str(error)
+                if len(took) < TIMED_CALLS:
+                    took.append(perf_counter() - before)
         if None not in faults:
             break  # every controller has failed
         if keep and scenarios.supervisor is not None:
@@ -75,7 +101,7 @@ def simulate_on_host(
             u[:, step] = loop.u
     kept_record = None if scenarios.supervisor is None else written
     rows = Trajectory(time=time, x=x, u=u, record=kept_record) if keep else None
-    return HostRun(rows, np.asarray(loop.x), faults)
+    return HostRun(rows, np.asarray(loop.x), faults, middle(took))
 
 
 def _silent(x: np.ndarray, t: float) -> None:

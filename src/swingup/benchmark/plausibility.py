@@ -10,7 +10,6 @@ Sums over a window of 0.1 s stand for single rows where noise would hide the fau
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import numpy as np
@@ -18,12 +17,13 @@ from jaxtyping import Float
 
 from ..common.checks import LARGEST
 from ..dynamics.integrate import rk4_steps, stable_substeps
-from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
-from ..plant.robots import Robot, get_robot
+from ..plant.plant import LEADERBOARD, Plant, load_plant
+from ..plant.robots import Robot
 from ..plant.units import scales_of
+from .board import AbstractBoard
 from .criteria import SHARE
 from .rollout import Trajectory
-from .rules import DEFAULT_RULES, PerformanceRules, UptimeRules, get_performance_rules
+from .swing_up_board import SwingUpBoard
 
 COMPENSATION = 0.5
 """Torque that the rules leave the passive joint's motor, for the compensation of its friction (N m)."""
@@ -76,64 +76,41 @@ class Finding:
     """For readers, with the figure."""
 
 
-@dataclass(frozen=True)
-class Plausibility:
-    """What a recording looks like."""
-
-    rate: float
-    """Rows a second, from the median period (Hz)."""
-    warnings: tuple[Finding, ...]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Ready for JSON."""
-        return {"rate": self.rate, "warnings": [vars(warning) for warning in self.warnings]}
-
-
 def examine(
-    trajectory: Trajectory,
-    robot: Robot | str,
-    rules: PerformanceRules | UptimeRules | str = DEFAULT_RULES,
-    plant: PlantLike = LEADERBOARD,
-) -> Plausibility:
-    """Look at a trajectory that :func:`~swingup.benchmark.evaluate.score` accepts.
+    trajectory: Trajectory, robot: Robot, board: AbstractBoard, plant: Plant = LEADERBOARD
+) -> list[Finding]:
+    """Look at a trajectory that :func:`~swingup.benchmark.score.score` accepts.
 
     Args:
         trajectory: NumPy arrays in float64.
         robot: which joint is driven.
-        rules: rules of the performance board, or their name, or rules of a global-policy board.
-        plant: the recording's pendulum, with or without its friction; the
-            leaderboards' has that of design C.1.
-
-    Raises:
-        SwingupError: there is no such robot or plant, or there are no such rules.
+        board: a board that scores rows.
+        plant: the recording's pendulum, with or without its friction; the leaderboards' has that of design C.1.
     """
-    robot = get_robot(robot)
     plants = _possible_plants(plant, robot)
-    rules = get_performance_rules(rules) if isinstance(rules, str) else rules
-    scored = isinstance(rules, PerformanceRules)
+    scored = isinstance(board, SwingUpBoard)
     time, x, u = (np.asarray(rows, np.float64) for rows in (trajectory.time, trajectory.x, trajectory.u))
     period = np.diff(time)
     with np.errstate(all="ignore"):  # absurd values overflow and become findings
         slip = _slip(period, x)
         found = [
-            *_short_span(time, rules.duration, "it scores 0" if scored else "the rest counts as down"),
+            *_short_span(time, board.duration, "it scores 0" if scored else "the rest counts as down"),
             *_periods(period),
             # The uptime compares no row with the next, and its throws drive both joints.
-            *(_rate(period, rules.dt) if scored else ()),
+            *(_rate(period, board.dt) if scored else ()),
             *_start(x[0], HANGING[1] * scales_of(plants[1]).velocity),
             *_torques(u, robot, float(max(plants[0].tl1, plants[0].tl2)), thrown=not scored),
             *_positions(period, slip),
             *_defect(period, x, u, slip, plants),
         ]
-    return Plausibility(float(1 / np.median(period)), tuple(Finding(name, text) for name, text in found))
+    return [Finding(name, text) for name, text in found]
 
 
 _Found = Iterator[tuple[str, str]]
 
 
-def _possible_plants(plant: PlantLike, robot: Robot) -> tuple[Plant, Plant]:
+def _possible_plants(found: Plant, robot: Robot) -> tuple[Plant, Plant]:
     """A simulated recording has the frictionless plant, a robot's has friction."""
-    found = load_plant(plant)
     if found == LEADERBOARD:
         return found.driven(robot), load_plant("C.1")
     return found.frictionless().driven(robot), found

@@ -1,4 +1,4 @@
-"""Recordings of a run, from a simulation or a robot: the rows that every score refuses."""
+"""Recordings of a run, from a simulation or a robot: the rows that count, and those that every score refuses."""
 
 import numpy as np
 from jaxtyping import Float
@@ -37,21 +37,27 @@ def checked_rows(trajectory: Trajectory) -> CheckedRows:
 
 
 def recorded(rows: Trajectory, duration: float) -> Trajectory:
-    """What a robot recorded of one run: measured states, and torques asked for, until it stopped or time was up.
+    """What counts of one simulated run of a duration (s): rows until it diverged, it stopped, or time was up.
+
+    On a robot it is what the robot writes down: measured states, and the torques that were asked for.
 
     Args:
-        rows: one simulation with a record; late turns make it longer than the run.
+        rows: the simulation; late turns make it longer than the run.
         duration: length of the run (s).
     """
-    assert rows.record is not None
-    time = np.asarray(rows.time)
-    kept = ~np.asarray(rows.record.over) & (time < duration)
+    time, x, u = (np.asarray(part) for part in (rows.time, rows.x, rows.u))
+    kept = time < duration
+    if rows.record is not None:
+        x, u = np.asarray(rows.record.x), np.asarray(rows.record.u)
+        kept &= ~np.asarray(rows.record.over)
+    kept &= np.logical_and.accumulate(np.isfinite(x).all(axis=1))
     kept[:LEAST] = True
-    return Trajectory(time[kept], np.asarray(rows.record.x)[kept], np.asarray(rows.record.u)[kept])
+    return Trajectory(time[kept], x[kept], u[kept])
 
 
 def stopped_at(rows: Trajectory, duration: float) -> float | None:
     """When the robot stopped one run of a duration (s), if it did (s)."""
-    assert rows.record is not None
+    if rows.record is None:
+        return None
     times = np.asarray(rows.time)[np.asarray(rows.record.over)]
     return float(times[0]) if times.size and times[0] < duration else None

@@ -14,8 +14,9 @@ import numpy as np
 
 from ..common.cores import cores
 from ..common.errors import SwingupError
-from ..common.foreign import blaming
+from ..common.foreign import blaming, naming
 from ..controllers.baselines.switch import AbstractExpensiveController
+from ..controllers.interface.call_time import announce
 from ..controllers.interface.controller import AbstractController, check_interface, check_robot, split
 from ..controllers.interface.python_controller import PythonController
 from ..controllers.registry import Controller
@@ -68,6 +69,8 @@ class SimulatedBatch:
     """What was wrong with each controller's answers, if anything."""
     trajectory: Trajectory | None
     """With a leading axis; None if ``keep`` was false."""
+    call_time: float | None = None
+    """Median wall time of the calls of a controller in plain Python (s)."""
 
 
 def prepare(source: Any, robot: Robot, name: str, plant: Plant | None = None) -> Controller:
@@ -82,7 +85,7 @@ def prepare(source: Any, robot: Robot, name: str, plant: Plant | None = None) ->
     Raises:
         SwingupError: it is no controller, is for another robot, or cannot be compiled; the message names it.
     """
-    try:
+    with naming(name):
         controller = (
             source if isinstance(source, AbstractController | PythonController) else PythonController(source)
         )
@@ -90,8 +93,6 @@ def prepare(source: Any, robot: Robot, name: str, plant: Plant | None = None) ->
         if isinstance(controller, AbstractController):
             with jax.enable_x64(True):
                 check_interface(controller)
-    except SwingupError as error:
-        raise SwingupError(f"controller {name!r}: {error}") from error
     policy = controller.controller if isinstance(controller, EstimatingController) else controller
     policy = policy.controller if isinstance(policy, RegulatingController) else policy
     if plant is not None and isinstance(policy, PolicyController):
@@ -116,21 +117,11 @@ def run_one(controller: Controller, scenario: Scenario, dt: float, steps: int, d
     Raises:
         SwingupError: the controller failed, or its torque is not two finite numbers.
     """
-    with jax.enable_x64(True):
-        if isinstance(controller, PythonController):
-            run = simulate_on_host(stack([scenario]), [controller], dt, steps, depth, keep=True)
-            if run.faults[0] is not None:
-                raise SwingupError(run.faults[0])
-            return jax.tree.map(lambda rows: rows[0], run.trajectory)
-        arrays, static = split(controller)
-        with blaming("running it"):
-            # Awaited here: an error inside a compiled program appears only with its result.
-            end, trajectory = jax.block_until_ready(
-                _simulate(scenario, arrays, static, dt, steps, depth, keep=True, batched=False)
-            )
-        if end.fault >= 0:
-            raise SwingupError(_not_finite(int(end.fault), dt))
-        return jax.tree.map(np.asarray, trajectory)
+    batch = run_many(controller, stack([scenario]), dt, steps, depth, keep=True)
+    if batch.faults[0] is not None:
+        raise SwingupError(batch.faults[0])
+    rows: Trajectory = jax.tree.map(lambda each: each[0], batch.trajectory)
+    return rows
 
 
 def run_many(
@@ -159,7 +150,10 @@ def run_many(
             jax.tree.map(lambda *parts: np.concatenate(parts), *[run.trajectory for run in runs]) if keep else None
         )
         return SimulatedBatch(
-            np.concatenate([run.final for run in runs]), [fault for run in runs for fault in run.faults], rows
+            final=np.concatenate([run.final for run in runs]),
+            faults=[fault for run in runs for fault in run.faults],
+            trajectory=rows,
+            call_time=runs[0].call_time,
         )
     end, rows = _run_compiled(controller, scenarios, dt, steps, depth, keep, progress)
     faults = [None if step < 0 else _not_finite(int(step), dt) for step in end.fault]
@@ -185,12 +179,18 @@ def _run_compiled(
     keep: bool,
     progress: Progress | None,
 ) -> _Result:
-    """One batch on an accelerator; on a CPU batches of one shape in a thread for each core.
+    """One batch on an accelerator; on a CPU batches of one shape in a thread for each core, and one run alone.
 
     One batch hardly uses a second core. Controllers that can skip work get smaller batches: a batch takes as long
     as its slowest member, and neighbours in a grid mostly end in the same way.
     """
-    number = _length(scenarios)
+    number, (arrays, static) = _length(scenarios), split(controller)
+    if number == 1:
+        # Without a batch a controller skips the branch that it does not take.
+        alone = jax.tree.map(lambda leaf: leaf[0], scenarios)
+        with jax.enable_x64(True), blaming("running it"):
+            result = _simulate(alone, arrays, static, dt, steps, depth, keep, batched=False)
+            return jax.tree.map(lambda leaf: np.asarray(leaf)[None], result)
     on_cpu = jax.default_backend() == "cpu"
     threads = cores() if on_cpu else 1
     most = SMALLEST_BATCH if on_cpu and _is_sparing(controller) else -(-number // threads)
@@ -198,8 +198,6 @@ def _run_compiled(
     parts = -(-number // size)
     # Parts of one shape need one compilation: the last scenario fills up the last part.
     padded = jax.tree.map(lambda leaf: leaf[np.minimum(np.arange(parts * size), number - 1)], scenarios)
-
-    arrays, static = split(controller)
 
     def run(part: int) -> _Result:
         with jax.enable_x64(True):  # which is a setting of the thread
@@ -239,12 +237,18 @@ def _run_plain(
     keep: bool,
     progress: Progress | None,
 ) -> list[HostRun]:
-    number, runs = _length(scenarios), []
+    number, runs = _length(scenarios), list[HostRun]()
     copies = controller.copies(min(SIDE_BY_SIDE, number))
+
+    def timed(step: float, call: float) -> None:
+        announce(step * steps * -(-number // len(copies)), call, number)
+
     for start in range(0, number, len(copies)):
         part = jax.tree.map(lambda leaf, start=start: leaf[start : start + len(copies)], scenarios)
         with jax.enable_x64(True):
-            runs.append(simulate_on_host(part, copies[: _length(part)], dt, steps, depth, keep))
+            runs.append(
+                simulate_on_host(part, copies[: _length(part)], dt, steps, depth, keep, None if runs else timed)
+            )
         if progress is not None:
             progress(min(start + len(copies), number), number)
     return runs

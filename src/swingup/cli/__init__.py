@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING
 from ..common.errors import SwingupError
 
 if TYPE_CHECKING:
-    from .commands import Boards
+    from .judging import JudgingCommands
 
 ERROR = 2
 """Exit status of bad input."""
 
 
-def main(arguments: list[str] | None = None, boards: "Boards | None" = None) -> int:
+def main(arguments: list[str] | None = None, judging: "JudgingCommands | None" = None) -> int:
     """Run a command; bad input ends in one line on standard error and a non-zero status.
 
     Args:
         arguments: the words after the program's name; default: those of the process.
-        boards: rules and entrants of the boards; default: the published ones.
+        judging: the judging commands with boards of your own; default: with the published ones.
     """
     # XLA's warnings of slow compilation tell a user nothing. JAX reads this when it is imported.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
@@ -31,7 +31,7 @@ def main(arguments: list[str] | None = None, boards: "Boards | None" = None) -> 
         from .commands import run_command
 
         _use_compilation_cache()
-        status = run_command(sys.argv[1:] if arguments is None else arguments, boards)
+        status = run_command(sys.argv[1:] if arguments is None else arguments, judging)
         # A reader that has gone shows here, inside the try, and not at the interpreter's exit.
         sys.stdout.flush()
         return status

@@ -7,13 +7,12 @@ from typing import Annotated
 
 from tyro.conf import FlagCreatePairsOff, OmitArgPrefixes, Positional, arg
 
-from ..benchmark.disturbances import make_disturbance
-from ..benchmark.rules import PerformanceRules, PushRules
+from ..benchmark.disturbances import DisturbanceSettings
+from ..benchmark.rules import PushRules
 from ..common.errors import SwingupError
 from ..controllers.registry import BUILT_IN, has_estimator
 from ..controllers.stack.controller import PolicyController
 from ..controllers.stack.regulator import RegulatingController
-from ..loop.disturbance import Disturbance
 from ..plant.plant import LEADERBOARD, SHIPPED_PLANTS, Plant, load_plant
 from ..plant.robots import ROBOTS, Robot, get_robot
 from ..plant.units import torque_over_gravity
@@ -37,7 +36,7 @@ DomainOrNone = Annotated[str | None, arg(metavar="DOMAIN")]
 
 @dataclass(frozen=True)
 class DisturbanceOptions:
-    """Disturbances of a single run."""
+    """Disturbances of a swing-up."""
 
     velocity_noise: float = 0.0
     """Standard deviation of the noise on measured velocities (rad/s)."""
@@ -49,19 +48,25 @@ class DisturbanceOptions:
     """Age of what the controller measures (s)."""
     pushes: bool = False
     """Push the driven joint three times, as the robustness benchmark does."""
-    seed: int = 0
-    """Seed of the noise and the pushes."""
 
-    def make(self, rules: PerformanceRules) -> Disturbance | None:
-        """The disturbance of a run by some rules, or None if nothing disturbs.
+    def make(self) -> DisturbanceSettings | None:
+        """The disturbance, or None if nothing disturbs.
 
         Raises:
             SwingupError: a value is out of range.
         """
         numbers = {name: value for name, value in vars(self).items() if name != "pushes"}
-        # Made in any case, so that a bad seed is refused even when nothing is disturbed.
-        made = make_disturbance(**numbers, pushes=PushRules() if self.pushes else None, rules=rules)
-        return None if self == DisturbanceOptions(seed=self.seed) else made
+        made = DisturbanceSettings(**numbers, pushes=PushRules() if self.pushes else None)
+        return None if self == DisturbanceOptions() else made
+
+    @property
+    def flags(self) -> list[str]:
+        """The options as they were given."""
+        default = vars(DisturbanceOptions())
+        given = {name: value for name, value in vars(self).items() if value != default[name]}
+        return [
+            f"--{name.replace('_', '-')}" + ("" if value is True else f"={value}") for name, value in given.items()
+        ]
 
 
 @dataclass(frozen=True)

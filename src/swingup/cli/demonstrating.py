@@ -9,9 +9,10 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from ..benchmark.board_rows import paper_score
+from ..benchmark.leaderboard import paper_score
 from ..common.errors import SwingupError
 from ..common.files import write_atomically
+from ..common.text import duration
 from ..controllers.registry import get_controller
 from ..controllers.stack.controller import PolicyController
 from ..learner.policy_files import BEST
@@ -22,7 +23,6 @@ from ..report.page import page_template, render_page
 from ..report.trained import trained_section
 from .output import progress_shown, tell
 from .parsing import program_typed
-from .progress import duration
 from .results import comparison_lines
 from .showing import train_shown
 from .training import start_training
@@ -109,7 +109,7 @@ def _show_result(robot: Robot, run: Run, watch: Watch, start: float) -> int:
     page = folder / PAGE
     title = f"{robot.name.capitalize()}: your policy after {run.frames / 1e6:.3g} million frames"
     write_atomically(page, render_page([section], title).encode())
-    tell("", *comparison_lines(section.boards[0], TRAINED), "", _verdict(watch))
+    tell("", *comparison_lines(section.tables[0], TRAINED), "", _verdict(watch))
     tell(f"All of it took {duration(time.monotonic() - start)}.", "")
     tell(f"Policy  {folder / BEST}", f"Page    {page}: open it in a browser, and push the pendulum")
     tell("", "Next:", *next_lines(robot, folder / BEST))
@@ -134,7 +134,7 @@ def next_lines(robot: Robot, policy: Path) -> list[str]:
     program, other = program_typed(), {"acrobot": "pendubot", "pendubot": "acrobot"}[robot.name]
     return [
         "# 722 simulations of your policy, with noise, delay and pushes",
-        f"{program} robustness {robot.name} --controller {shlex.quote(str(policy))}",
+        f"{program} evaluate {robot.name} --board robustness --controller {shlex.quote(str(policy))}",
         "# the other robot",
         f"{program} demo {other}",
         "# every controller on the long boards",

@@ -77,7 +77,8 @@ def identify_command(
     if out is not None:
         domain = found.save(out)
         if not json:
-            tell("", f"wrote {out} and {domain}: try a controller with swingup sim2real ROBOT --domain {domain}")
+            command = f"swingup evaluate ROBOT --board sim2real --domain {domain}"
+            tell("", f"wrote {out} and {domain}: try a controller with {command}")
     return 0
 
 

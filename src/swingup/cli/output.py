@@ -15,6 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from ..benchmark.leaderboard import RowProgress
+from ..common.text import duration
 
 SECONDS_BETWEEN_LINES = 10.0
 """Between lines of progress where there is no terminal for a bar."""
@@ -55,9 +56,9 @@ def show_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     console.print(table)
 
 
-def tell_json(result: Mapping[str, Any], indent: int | None = None) -> None:
-    """Print a result as one JSON object."""
-    print(json.dumps(dict(result), indent=indent))
+def tell_json(result: Mapping[str, Any] | Sequence[Mapping[str, Any]], indent: int | None = None) -> None:
+    """Print a result as one JSON object, or several as a list."""
+    print(json.dumps(result, indent=indent))
 
 
 def foreign_prints_apart() -> contextlib.AbstractContextManager[object]:
@@ -95,19 +96,19 @@ def progress_shown() -> Iterator[RowProgress]:
     )
     with bar:
         task = bar.add_task("", total=None, visible=False)
-        label, shown = "", time.monotonic()
+        label, begun, shown = "", 0.0, time.monotonic()
 
         def tell_progress(name: str, done: int, total: int) -> None:
-            nonlocal label, shown
+            nonlocal label, begun, shown
+            now = time.monotonic()
             if name != label:
-                label = name
+                label, begun = name, now
                 bar.reset(task, total=total, description=escape(printable(name)), visible=True)
-            bar.update(task, completed=done, total=total)
-            due = time.monotonic() - shown >= SECONDS_BETWEEN_LINES
-            if due and not console.is_terminal:
-                shown = time.monotonic()
-                console.print(
-                    f"{printable(name)}: {done} of {total}", soft_wrap=True, highlight=False, markup=False
-                )
+            bar.update(task, total=total, completed=done)
+            if now - shown >= SECONDS_BETWEEN_LINES and not console.is_terminal:
+                shown = now
+                left = f", {duration((now - begun) * (total - done) / done)} left" if done else ""
+                line = f"{printable(name)}: {done} of {total}{left}"
+                console.print(line, soft_wrap=True, highlight=False, markup=False)
 
         yield tell_progress

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 
+from ..common.text import duration
 from ..learner.rates import training_resets
 from ..learner.report import TrainingReport
 
@@ -43,15 +44,6 @@ def progress_line(report: TrainingReport, goal: int, seeds: int, width: int = WI
         if name in parts and len("  ".join(parts.values())) > width:
             del parts[name]
     return "  ".join(parts.values())
-
-
-def duration(seconds: float) -> str:
-    """A time in the unit that suits it."""
-    seconds = max(0.0, seconds)
-    # From 99.5 on, rounding would show three digits.
-    if seconds < 99.5:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 99.5 * 60 else f"{seconds / 3600:.1f} h"
 
 
 def _mean(report: TrainingReport, name: str) -> float:

@@ -4,10 +4,10 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
+from ..benchmark.boards import swing_up_board
 from ..benchmark.columns import COLUMNS, PERFORMANCE
-from ..benchmark.rules import PERFORMANCE_RULES
 from ..benchmark.trajectory_file import save_trajectory
-from ..common.checks import one_of, positive_number
+from ..common.checks import positive_number
 from ..common.files import check_writable
 from ..rehearsal.process import CALLING
 from ..rehearsal.rehearse import RECORDED, rehearse
@@ -21,7 +21,7 @@ def rehearse_command(
     plant: Annotated[str | None, arg(metavar="PLANT")] = None,
     domain: Annotated[str, arg(metavar="DOMAIN")] = RECORDED,
     robot: str | None = None,
-    rules: str = "hardware",
+    board: str = "hardware",
     duration: float | None = None,
     seed: int = 0,
     real_time: bool = False,
@@ -39,15 +39,15 @@ def rehearse_command(
         plant: a plant's name or its file, with the loop that the file has.
         domain: the loop, and the plant if none is given: a domain's name or file, or none for a perfect loop.
         robot: acrobot or pendubot, where the folder does not say it.
-        rules: how the run is scored: v2 or hardware.
-        duration: length of the run (s); default: that of the rules, 10 s.
+        board: how the run is scored: performance, hardware or hardware-perturbed.
+        duration: length of the run (s); default: that of the board, 10 s.
         seed: seed of noise and plants.
         real_time: one step every 2 ms, with periods and missed deadlines measured.
         timeout: longest time of a call (s).
         json: print one JSON object.
         save: also write the trajectory to this CSV file.
     """
-    scored = PERFORMANCE_RULES[one_of("rules", rules, PERFORMANCE_RULES)]
+    scored = swing_up_board(board)
     longest = positive_number("timeout", timeout, 600.0, "s")
     if save is not None:
         check_writable(save)
@@ -58,11 +58,11 @@ def rehearse_command(
     if json:
         tell_json(result.as_dict())
     else:
-        tell(*rehearsal_lines(result, rules))
+        tell(*rehearsal_lines(result, board))
     return 0
 
 
-def rehearsal_lines(result: Rehearsal, rules: str) -> list[str]:
+def rehearsal_lines(result: Rehearsal, board: str) -> list[str]:
     """How the run went, what the guard did, and what was measured of the calls."""
     criteria = [
         (COLUMNS[name].title, COLUMNS[name].show(getattr(result.criteria, name)))
@@ -74,7 +74,7 @@ def rehearsal_lines(result: Rehearsal, rules: str) -> list[str]:
     guard = ("stopped it" if stopped else "quiet") if result.facts["guard"] else "none"
     beyond = "" if result.violation is None else f"at t = {result.violation:.3f} s, where the robot stops"
     return [
-        f"{result.robot}, {result.folder.entry.name} ({result.folder.form}, {result.domain.name}, rules {rules}, "
+        f"{result.robot}, {result.folder.entry.name} ({result.folder.form}, {result.domain.name}, board {board}, "
         f"seed {result.seed})",
         aligned("Swing-up", "success" if result.success else "failure", result.tip.failure or ""),
         *(aligned(title, value) for title, value in criteria),

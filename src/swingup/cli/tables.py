@@ -1,4 +1,4 @@
-"""Boards as text for a terminal, JSON, CSV or Markdown."""
+"""Tables of boards as text for a terminal, JSON, CSV or Markdown."""
 
 import csv
 import io
@@ -10,11 +10,10 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
 from rich.measure import Measurement
-from rich.table import Table
+from rich.table import Table as RichTable
 
-from ..benchmark.board_rows import ON_ROBOT, OURS, Row
 from ..benchmark.columns import COLUMNS
-from ..benchmark.leaderboard import Board
+from ..benchmark.leaderboard import ON_ROBOT, OURS, Row, Table
 from ..common.text import one_line
 from .arguments import plant_note
 from .output import printable
@@ -25,36 +24,36 @@ LONGEST_CELL = 1000
 """Characters of a Markdown cell; longer texts are cut."""
 
 
-def show_boards(boards: Sequence[Board]) -> None:
-    """Print boards for people."""
-    for board in boards:
-        table = Table(title=_title(board), title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
-        table.add_column("Controller", no_wrap=True)
-        table.add_column("Source", no_wrap=True)
-        for name in board.columns:
+def show_tables(tables: Sequence[Table]) -> None:
+    """Print tables for people."""
+    for table in tables:
+        shown = RichTable(title=_title(table), title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+        shown.add_column("Controller", no_wrap=True)
+        shown.add_column("Source", no_wrap=True)
+        for name in table.columns:
             # Headings may be cut where a terminal is narrow, numbers never.
-            longest = max(len(COLUMNS[name].show(row.values[name])) for row in board.rows)
-            table.add_column(escape(COLUMNS[name].heading), justify="right", min_width=longest)
-        for row in board.rows:
+            longest = max(len(COLUMNS[name].show(row.values[name])) for row in table.rows)
+            shown.add_column(escape(COLUMNS[name].heading), justify="right", min_width=longest)
+        for row in table.rows:
             style = "bold" if row.source == OURS else ""
-            table.add_row(escape(printable(row.controller)), row.source, *_cells(board, row), style=style)
+            shown.add_row(escape(printable(row.controller)), row.source, *_cells(table, row), style=style)
         console = Console()
-        needed = Measurement.get(console, console.options.update(max_width=WIDEST), table)
+        needed = Measurement.get(console, console.options.update(max_width=WIDEST), shown)
         # A file or a pipe has no width to keep to: there no cell is cut.
         console.width = max(console.width, needed.minimum if console.is_terminal else needed.maximum)
-        console.print(table)
-        for remark in _remarks(board):
+        console.print(shown)
+        for remark in _remarks(table):
             console.print(escape(printable(remark)), soft_wrap=True, highlight=False)
 
 
-def boards_as_json(boards: Sequence[Board]) -> str:
+def tables_as_json(tables: Sequence[Table]) -> str:
     """One list of rows."""
-    return json.dumps([row for board in boards for row in board.as_dicts()], indent=2)
+    return json.dumps([row for table in tables for row in table.as_dicts()], indent=2)
 
 
-def boards_as_csv(boards: Sequence[Board]) -> str:
+def tables_as_csv(tables: Sequence[Table]) -> str:
     """One table for all boards, with the columns of each."""
-    rows = [row for board in boards for row in board.as_dicts()]
+    rows = [row for table in tables for row in table.as_dicts()]
     columns = list(dict.fromkeys(name for row in rows for name in row if name != "remark"))
     text = io.StringIO()
     writer = csv.DictWriter(text, [*columns, "remark"], lineterminator="\n")
@@ -64,30 +63,30 @@ def boards_as_csv(boards: Sequence[Board]) -> str:
     return text.getvalue().rstrip("\n")
 
 
-def boards_as_markdown(boards: Sequence[Board]) -> str:
-    """One table for each board."""
-    return "\n\n".join(_markdown(board) for board in boards)
+def tables_as_markdown(tables: Sequence[Table]) -> str:
+    """One table for each table."""
+    return "\n\n".join(_markdown(table) for table in tables)
 
 
-TABLE_FORMATS: dict[str, Callable[[Sequence[Board]], str]] = {
-    "json": boards_as_json,
-    "csv": boards_as_csv,
-    "markdown": boards_as_markdown,
+TABLE_FORMATS: dict[str, Callable[[Sequence[Table]], str]] = {
+    "json": tables_as_json,
+    "csv": tables_as_csv,
+    "markdown": tables_as_markdown,
 }
 
 
-def _markdown(board: Board) -> str:
+def _markdown(table: Table) -> str:
     def line(cells: Sequence[str], mark: str = "") -> str:
         return "| " + " | ".join(f"{mark}{_markdown_text(text)}{mark}" for text in cells) + " |"
 
-    heads = ["Controller", "Source", *(COLUMNS[name].title for name in board.columns)]
-    rule = "|---|---|" + "---:|" * len(board.columns)
+    heads = ["Controller", "Source", *(COLUMNS[name].title for name in table.columns)]
+    rule = "|---|---|" + "---:|" * len(table.columns)
     rows = [
-        line([row.controller, row.source, *_cells(board, row)], "**" if row.source == OURS else "")
-        for row in board.rows
+        line([row.controller, row.source, *_cells(table, row)], "**" if row.source == OURS else "")
+        for row in table.rows
     ]
-    remarks = [f"\n{_markdown_text(remark)}" for remark in _remarks(board)]
-    return "\n".join([f"### {_title(board)}\n", line(heads), rule, *rows, *remarks])
+    remarks = [f"\n{_markdown_text(remark)}" for remark in _remarks(table)]
+    return "\n".join([f"### {_title(table)}\n", line(heads), rule, *rows, *remarks])
 
 
 def _csv_cell(value: object) -> object:
@@ -100,18 +99,17 @@ def _markdown_text(text: str) -> str:
     return re.sub(r"([\\`*_|\[\]])", r"\\\1", safe)
 
 
-def _cells(board: Board, row: Row) -> list[str]:
-    return [COLUMNS[name].show(row.values[name]) for name in board.columns]
+def _cells(table: Table, row: Row) -> list[str]:
+    return [COLUMNS[name].show(row.values[name]) for name in table.columns]
 
 
-def _remarks(board: Board) -> list[str]:
-    remarks = [f"{row.controller}: {row.remark}" for row in board.rows if row.remark]
-    if any(row.source == ON_ROBOT for row in board.rows):
+def _remarks(table: Table) -> list[str]:
+    remarks = [f"{row.controller}: {row.remark}" for row in table.rows if row.remark]
+    if any(row.source == ON_ROBOT for row in table.rows):
         remarks.append(f"Rows of source {ON_ROBOT!r} were measured on the real robot; ours are simulated.")
-    return remarks if board.note is None else [*remarks, board.note]
+    return remarks if table.note is None else [*remarks, table.note]
 
 
-def _title(board: Board) -> str:
-    seed = "" if board.seed is None else f", seed {board.seed}"
-    plant, measure = plant_note(board.plant, board.robot), board.measure.capitalize().replace("_", " ")
-    return f"{measure} scores of the {board.robot} (rules {board.rules}{seed}{plant})"
+def _title(table: Table) -> str:
+    seed = "" if table.seed is None else f", seed {table.seed}"
+    return f"Board {table.board}, {table.robot}{seed}{plant_note(table.plant, table.robot)}"

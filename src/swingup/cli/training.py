@@ -6,8 +6,10 @@ from typing import Annotated, Any
 from tyro.conf import OmitArgPrefixes, arg
 
 from ..areapo.config import config_from_dict
+from ..benchmark.judge import judge
 from ..common.checks import whole_number
 from ..common.errors import SwingupError
+from ..controllers.registry import get_controller
 from ..learner.cores import share_cores
 from ..learner.policy_files import BEST, LAST, result_on_disk
 from ..learner.presets import PRESETS, choose_preset, get_preset
@@ -16,9 +18,10 @@ from ..learner.run import Run
 from ..learner.run_settings import RunSettings, default_intervals, read_run_settings
 from ..learner.start import resume_run, start_run
 from ..plant.robots import get_robot
-from .arguments import NO_PLANT, PlantFlags, RobotOrNone
+from .arguments import NO_PLANT, PlantFlags, RobotOrNone, judged_name
 from .hyperparameters import HyperparameterOptions, given_hyperparameters
-from .judging import judge_performance
+from .output import tell
+from .results import result_lines
 from .showing import train_shown
 
 FROM_PRESET = HyperparameterOptions()
@@ -138,4 +141,8 @@ def _score(run: Run) -> int:
         print(f"best score {shown_rate(run.best_score)}, policy {run.folder / name}")
         print(describe_rates(result_on_disk(run.folder / name, run.backend.evaluator.measure)))
         return 0
-    return judge_performance(run.settings.robot, str(run.folder / BEST), run.settings.plant)
+    name = str(run.folder / BEST)
+    controller = get_controller(name, run.settings.robot)
+    result = judge(controller, run.settings.robot, name=name, plant=run.settings.plant)
+    tell(*result_lines(result, judged_name(name, controller)))
+    return 0

@@ -32,3 +32,12 @@ def quoted(value: object, length: int = LONGEST_QUOTE) -> str:
     except (Exception, SystemExit) as error:  # a foreign __repr__ may raise anything
         return f"<{type(value).__name__} whose repr raises {type(error).__name__}>"
     return one_line(text, length)
+
+
+def duration(seconds: float) -> str:
+    """A time in the unit that suits it."""
+    seconds = max(0.0, seconds)
+    # From 99.5 on, rounding would show three digits.
+    if seconds < 99.5:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 99.5 * 60 else f"{seconds / 3600:.1f} h"

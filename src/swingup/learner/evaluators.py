@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..areapo.keys import Purpose, root_key
-from ..benchmark.evaluate import evaluate
+from ..benchmark.judge import judge
 from ..common.errors import SwingupError
 from ..common.types import Flag, Key
 from ..controllers.stack.controller import PolicyController, save_controller
@@ -52,7 +52,7 @@ class AbstractEvaluator(abc.ABC):
 
 
 class SwingUpEvaluator(AbstractEvaluator):
-    """Evaluates by the criteria and the score of one deterministic episode on the task's plant (rules v2)."""
+    """Evaluates by the criteria and the score of one swing-up on the task's plant."""
 
     measure = "v2"
     observation_shape = (4,)
@@ -72,7 +72,7 @@ class SwingUpEvaluator(AbstractEvaluator):
         """
         if episodes not in (None, 1):
             raise SwingupError(f"episodes = {episodes}, but a robot is scored by one episode: leave it out")
-        return dataclasses.asdict(evaluate(self._controller(policy), self._robot, plant=self._plant).criteria)
+        return dataclasses.asdict(judge(self._controller(policy), self._robot, plant=self._plant).criteria)
 
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
         """Write a controller's policy file."""

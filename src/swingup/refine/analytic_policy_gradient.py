@@ -13,8 +13,8 @@ import optax
 from jaxtyping import Array, Float
 
 from ..areapo.networks import Actor
+from ..benchmark.boards import PERFORMANCE
 from ..benchmark.rollout import Scenario, simulate
-from ..benchmark.rules import PERFORMANCE_RULES
 from ..common.cores import cores
 from ..common.types import Scalar, State
 from ..controllers.interface.controller import AbstractController
@@ -24,7 +24,7 @@ from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from .episodes import EpisodeBatch
 from .objective import EpisodeWeights, Measures, bound_adjoint, measure_episode
 
-SCORE_RULES = PERFORMANCE_RULES["v2"]
+SCORE_RULES = PERFORMANCE
 """The rules whose score the objective smooths, and whose time step the episodes have."""
 
 

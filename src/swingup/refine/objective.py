@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..benchmark.rollout import Trajectory
-from ..benchmark.rules import PerformanceRules
+from ..benchmark.swing_up_board import SwingUpBoard
 from ..common.types import Scalar, State
 from ..dynamics.dynamics import tip_height
 from ..plant.plant import Plant
@@ -37,7 +37,7 @@ class Measures(eqx.Module):
     """Mean over the rows of the joints' squared velocities above ``FAST``, in units of it."""
 
 
-def measure_episode(trajectory: Trajectory, parameters: Plant, dt: float, rules: PerformanceRules) -> Measures:
+def measure_episode(trajectory: Trajectory, parameters: Plant, dt: float, rules: SwingUpBoard) -> Measures:
     """Measure an episode whose rows are dt (s) apart. The time after it counts as free of cost."""
     x, u = jnp.asarray(trajectory.x), jnp.asarray(trajectory.u)
     line = rules.height * parameters.length

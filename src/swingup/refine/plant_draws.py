@@ -6,12 +6,12 @@ import jax
 import numpy as np
 
 from ..benchmark.grid import vary
-from ..benchmark.rules import ROBUSTNESS_RULES, ModelSweep
+from ..benchmark.rules import MODEL_SWEEPS, ModelSweep
 from ..loop.domain import load_domain
 from ..plant.plant import LEADERBOARD, NAMES, Plant
 from ..plant.robots import Robot
 
-SWEEPS = ROBUSTNESS_RULES["v2"].model
+SWEEPS = MODEL_SWEEPS
 """The parameters that change, and their ranges."""
 ROBOT = "recorded"
 """The domain of the robot's plants."""

@@ -12,7 +12,7 @@ import jax
 import numpy as np
 
 from ..benchmark.criteria import Criteria
-from ..benchmark.evaluate import evaluate
+from ..benchmark.judge import judge
 from ..common.errors import SwingupError
 from ..controllers.stack.controller import PolicyController, plant_of
 from ..plant.base_parameters import base_parameters
@@ -66,7 +66,7 @@ class RefinementReport:
     controller: PolicyController
     """The policy so far."""
     criteria: Criteria
-    """Its performance by the rules v2."""
+    """Its performance on the board performance."""
     measures: dict[str, float] = field(default_factory=dict)
     """Means over the latest episodes: the score of the nominal ones, and the share of time down of the others."""
 
@@ -114,7 +114,7 @@ def run_recipe(
         def tell(
             now: PolicyController, iteration: int, of: int, measures: dict[str, float], number: int = number
         ) -> None:
-            criteria = evaluate(judged(now), robot, plant=found).criteria
+            criteria = judge(judged(now), robot, plant=found).criteria
             report(RefinementReport(number, iteration, of, time.perf_counter() - start, now, criteria, measures))
 
         if isinstance(stage, DistillationSettings):

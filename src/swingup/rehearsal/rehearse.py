@@ -7,11 +7,11 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..benchmark.criteria import follow_tip, judge
-from ..benchmark.robot_rules import SIM2REAL_RULES
+from ..benchmark.boards import HARDWARE, ROBOT_LIMITS
+from ..benchmark.criteria import compute_criteria, follow_tip
 from ..benchmark.rollout import Scenario
-from ..benchmark.rules import PERFORMANCE_RULES, PerformanceRules
 from ..benchmark.runner import run_one
+from ..benchmark.swing_up_board import SwingUpBoard
 from ..common.checks import positive_number, whole_number
 from ..common.errors import SwingupError
 from ..controllers.interface.python_controller import PythonController
@@ -38,7 +38,7 @@ def rehearse(
     plant: PlantLike | None = None,
     domain: Domain | str | None = RECORDED,
     robot: Robot | str | None = None,
-    rules: PerformanceRules = PERFORMANCE_RULES["hardware"],
+    board: SwingUpBoard = HARDWARE,
     duration: float | None = None,
     seed: int = 0,
     real_time: bool = False,
@@ -51,8 +51,8 @@ def rehearse(
         plant: the plant, with the loop that its file has; None for the domain's.
         domain: the loop that the plant's file lacks, and the plant if none is given; None for a perfect loop.
         robot: which joint is driven; None where the folder says it.
-        rules: how the run is scored.
-        duration: length of the run (s); None for that of the rules.
+        board: how the run is scored.
+        duration: length of the run (s); None for that of the board.
         seed: seed of everything that is drawn.
         real_time: one step a period, with the periods measured.
         calling: longest time of a call (s).
@@ -62,7 +62,7 @@ def rehearse(
             fails, hangs, prints, or gives no two finite torques.
     """
     if duration is not None:
-        rules = dataclasses.replace(rules, duration=positive_number("duration", duration, LONGEST_REHEARSAL, "s"))
+        board = dataclasses.replace(board, duration=positive_number("duration", duration, LONGEST_REHEARSAL, "s"))
     seed, found = whole_number("seed", seed, 0, 2**32 - 1), find_folder(folder)
     with FolderProcess(found, simulated_clock=not real_time, calling=calling) as process:
         driven = _robot(robot, process.facts["robot"], found)
@@ -70,11 +70,11 @@ def rehearse(
         with jax.enable_x64(True):
             scenario = Scenario(*draw(around, jax.random.key(seed), driven), substeps=around.substeps)
         controller = FolderController(process)
-        paced = PacedController(controller, process, rules.dt) if real_time else controller
+        paced = PacedController(controller, process, board.dt) if real_time else controller
         if real_time:
             # Compiled before the clock runs.
-            run_one(PythonController(_no_torque), scenario, rules.dt, 2, around.depth)
-        rows = run_one(PythonController(paced), scenario, rules.dt, rules.steps, around.depth)
+            run_one(PythonController(_no_torque), scenario, board.dt, 2, around.depth)
+        rows = run_one(PythonController(paced), scenario, board.dt, board.steps, around.depth)
         facts = process.facts | process.guard_report()
     time, x, u = (np.asarray(values) for values in (rows.time, rows.x, rows.u))
     lengths = float(scenario.parameters.l1), float(scenario.parameters.l2)
@@ -84,8 +84,8 @@ def rehearse(
         domain=around,
         seed=seed,
         real_time=real_time,
-        criteria=judge(time, x, u, *lengths, rules),
-        tip=follow_tip(time, x, *lengths, rules),
+        criteria=compute_criteria(time, x, u, *lengths, board),
+        tip=follow_tip(time, x, *lengths, board),
         difference=_difference(found, around, driven),
         limits=_limits(facts),
         timing=controller.timing,
@@ -115,7 +115,11 @@ def _difference(folder: Folder, domain: Domain, robot: Robot) -> str | None:
 def _limits(facts: dict[str, Any]) -> tuple[float, float]:
     """Largest angle (rad) and speed (rad/s): of the folder's guard, or where the loop on the robot stops."""
     given = facts["limits"]
-    return (SIM2REAL_RULES.angle, SIM2REAL_RULES.speed) if given is None else (given["angle"], given["speed"])
+    return (
+        (float(ROBOT_LIMITS.angle), float(ROBOT_LIMITS.speed))
+        if given is None
+        else (given["angle"], given["speed"])
+    )
 
 
 def _no_torque(x: np.ndarray, t: float) -> np.ndarray:

@@ -8,10 +8,11 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..benchmark.evaluate import Evaluation, evaluate_recorded
+from ..benchmark.boards import HARDWARE
+from ..benchmark.result import Result
 from ..benchmark.rollout import Scenario, Trajectory
-from ..benchmark.rules import PERFORMANCE_RULES
 from ..benchmark.runner import prepare, run_one
+from ..benchmark.score import score
 from ..common.errors import SwingupError
 from ..controllers.registry import designs_for, get_controller
 from ..identification.log.recording import Recording, read_recording
@@ -39,8 +40,8 @@ class ClosedLoop:
     """The recorded run, and the controller's on a simulated plant in its loop, judged for as long."""
 
     domain: Domain
-    recorded: Evaluation
-    simulated: Evaluation
+    recorded: Result
+    simulated: Result
 
     def as_dict(self) -> dict[str, Any]:
         """Ready for JSON."""
@@ -146,19 +147,20 @@ def close_loop(
         domain: plant and loop; one is drawn from its ranges.
         seed: of all that is drawn.
     """
-    rules = replace(PERFORMANCE_RULES["hardware"], duration=min(recording.duration, LONGEST_RUN))
+    board = replace(HARDWARE, duration=min(recording.duration, LONGEST_RUN))
     with jax.enable_x64(True):
         scenario = Scenario(*draw(domain, jax.random.key(seed), robot), substeps=domain.substeps)
-    simulated = run_one(prepare(controller, robot, name), scenario, rules.dt, rules.steps, domain.depth)
+    simulated = run_one(prepare(controller, robot, name), scenario, board.dt, board.steps, domain.depth)
     measured = Trajectory(recording.time, np.concatenate([recording.q, recording.dq], axis=1), recording.u)
     plant = jax.tree.map(float, scenario.parameters)
     return ClosedLoop(
         domain,
-        evaluate_recorded(measured, robot, recording.name, rules, plant),
-        evaluate_recorded(simulated, robot, name, rules, plant),
+        score(measured, robot, board, name=recording.name, plant=plant),
+        score(simulated, robot, board, name=name, plant=plant),
     )
 
 
-def top_speed(run: Evaluation) -> float:
+def top_speed(run: Result) -> float:
     """Largest speed of a joint (rad/s)."""
+    assert run.trajectory is not None
     return float(np.abs(run.trajectory.x[:, 2:]).max())

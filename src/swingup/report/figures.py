@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from ..benchmark.columns import COLUMNS
-from ..benchmark.evaluate import score
 from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import CRITERIA
+from ..benchmark.score import score
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..plant.robots import Robot, get_robot
 from .figure import BARS, DOTS, LINE, PALE_BARS, RING, STAR, THIN, Curve, Figure, Mark, Panel
@@ -42,7 +42,7 @@ def trajectory_figure(
     robot, found = get_robot(robot), load_plant(plant)
     columns = []
     for name, given in trajectories.items():
-        rows, up = check_trajectory(name, given), score(given, robot, plant=plant).swingup_time
+        rows, up = check_trajectory(name, given), score(given, robot, plant=plant).criteria.swingup_time
         title = name if up is None else f"{name}, up at {up:.2f} s"
         _, *panels = motion_panels({"": rows}, robot, found, title)
         columns.append([_with_time(panel, up) for panel in panels])
@@ -152,7 +152,7 @@ def robustness_figure(results: Mapping[str, Mapping[str, Any]], pale: Sequence[s
     """The success (%) of several controllers in each criterion of the robustness score as bars.
 
     Args:
-        results: outputs of ``Robustness.as_dict``, by name. The legend also shows overall scores of results with
+        results: outputs of ``Result.as_dict``, by name. The legend also shows overall scores of results with
             intervals, and 95 % intervals become error bars.
         pale: names of those that stand back.
 
@@ -182,7 +182,7 @@ def robustness_figure(results: Mapping[str, Mapping[str, Any]], pale: Sequence[s
 
 
 def _overall(result: Mapping[str, Any]) -> str:
-    overall, interval = result.get("overall"), result.get("intervals", {}).get("overall")
+    overall, interval = result.get("score"), result.get("intervals", {}).get("score")
     if overall is None:
         return ""
     return f", {overall:.3f}" + (f" ({interval[0]:.3f}–{interval[1]:.3f})" if interval else "")

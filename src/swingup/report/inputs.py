@@ -30,7 +30,7 @@ LARGEST_DRAWN = 1e15
 LARGEST_RESULT = 1_000_000
 """Most bytes of a file with a robustness score; the command writes about a thousand."""
 
-ROBUSTNESS_REMEDY = "write it with swingup robustness --json"
+ROBUSTNESS_REMEDY = "write it with swingup evaluate --board robustness --json"
 
 
 class Rows(NamedTuple):
@@ -112,13 +112,13 @@ def read_robustness(path: str | Path) -> dict[str, Any]:
 
 
 def check_robustness(name: str, result: Any) -> None:
-    """Refuse a value that is not of the form of ``Robustness.as_dict``."""
+    """Refuse a value that is not of the form of ``Result.as_dict``."""
     if not isinstance(result, Mapping) or all(result.get(each) is None for each in CRITERIA):
         raise SwingupError(f"{name} holds no robustness score: {ROBUSTNESS_REMEDY}")
     intervals = result.get("intervals", {})
     if not isinstance(intervals, Mapping):
         raise SwingupError(f"{name}: intervals = {quoted(intervals)} is not an object: {ROBUSTNESS_REMEDY}")
-    for criterion, largest in {**dict.fromkeys(CRITERIA, 100.0), "overall": 1.0}.items():
+    for criterion, largest in {**dict.fromkeys(CRITERIA, 100.0), "score": 1.0}.items():
         value, interval = result.get(criterion), intervals.get(criterion)
         if value is not None:
             finite_number(f"{name}: {criterion}", value, 0.0, largest)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..benchmark.evaluate import Evaluation
+from ..benchmark.result import Result
 from ..benchmark.rollout import Trajectory
 from ..identification.fit.prediction import INDEX
 from ..identification.fit.problem import LATENCY
@@ -203,7 +203,7 @@ def _run(name: str, found: ClosedLoop) -> Part:
         "Torque cost (N² m² s)",
     )  # fmt: skip
     looks: dict[str, Any] = dict(zip(runs, (("ink", LINE), (0, THIN)), strict=True))
-    rows = {title: _thinned(run.trajectory) for title, run in runs.items()}
+    rows = {title: _thinned(run.trajectory) for title, run in runs.items() if run.trajectory is not None}
     panels = _states([_Rows(title, each.time, each.x, *looks[title]) for title, each in rows.items()])
     torques = [Curve(title, each.time, each.u[:, robot.joint], *looks[title]) for title, each in rows.items()]
     note = (
@@ -221,7 +221,7 @@ def _thinned(rows: Trajectory) -> Rows:
     return Rows(*(np.asarray(part)[::every] for part in (rows.time, rows.x, rows.u)))
 
 
-def _outcome(name: str, run: Evaluation) -> list[str]:
+def _outcome(name: str, run: Result) -> list[str]:
     criteria = run.criteria
     outcome = "up" if criteria.success else run.tip.failure or "failure"
     values = (criteria.swingup_time, run.tip.percent, top_speed(run), criteria.energy, criteria.torque_cost)

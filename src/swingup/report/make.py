@@ -4,14 +4,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from ..benchmark.disturbances import make_disturbance
-from ..benchmark.evaluate import evaluate
+from ..benchmark.disturbances import DisturbanceSettings
+from ..benchmark.judge import judge
 from ..benchmark.leaderboard import ENTRANTS, RowProgress, entrants_for, leaderboard
 from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import PushRules
 from ..common.errors import SwingupError
 from ..common.text import one_line
-from ..loop.disturbance import Disturbance
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..plant.robots import Robot, get_robot
 from ..plant.units import scaled, scales_of
@@ -70,7 +69,7 @@ def make_section(
         if progress is not None:
             progress(f"{robot.name}: {one_line(stage)}", done, total)
 
-    boards = leaderboard(robot, controllers, seed=seed, progress=tell, plant=found)
+    tables = leaderboard(robot, controllers, seed=seed, progress=tell, plant=found)
     shows: list[Show] = []
     for name, controller in shown.items():
         tell(f"swing-ups of {name}", len(shows), len(shown))
@@ -79,7 +78,7 @@ def make_section(
     return Section(
         robot=robot.name,
         plant=found.driven(robot),
-        boards=boards,
+        tables=tables,
         shows=shows,
         disturbance=describe_disturbance(seed, found),
         policy=live_policy(robot, found),
@@ -97,9 +96,10 @@ def make_show(name: str, controller: Any, robot: Robot, seed: int, plant: Plant 
     """Simulate one controller without and with a disturbance; a failed run becomes a note."""
     runs: dict[str, Trajectory | None] = {}
     notes: dict[str, None] = {}
-    for run, disturbance in (("clean", None), ("disturbed", disturb(seed, plant))):
+    for run, disturbance in (("clean", None), ("disturbed", disturb(plant))):
         try:
-            result = evaluate(controller, robot, name, disturbance=disturbance, plant=plant)
+            result = judge(controller, robot, seed=seed, name=name, disturbance=disturbance, plant=plant)
+            assert result.trajectory is not None
             runs[run] = thin(result.trajectory)
         except SwingupError as error:
             runs[run] = None
@@ -107,10 +107,10 @@ def make_show(name: str, controller: Any, robot: Robot, seed: int, plant: Plant 
     return Show(name, runs["clean"], runs["disturbed"], "; ".join(notes) or None)
 
 
-def disturb(seed: int, plant: Plant = LEADERBOARD) -> Disturbance:
-    """The disturbance of the page's disturbed swing-ups; equal seeds give equal disturbances."""
+def disturb(plant: Plant = LEADERBOARD) -> DisturbanceSettings:
+    """The disturbance of the page's disturbed swing-ups."""
     velocity_noise, torque_noise, pushes = _sizes(plant)
-    return make_disturbance(velocity_noise=velocity_noise, torque_noise=torque_noise, pushes=pushes, seed=seed)
+    return DisturbanceSettings(velocity_noise=velocity_noise, torque_noise=torque_noise, pushes=pushes)
 
 
 def describe_disturbance(seed: int, plant: Plant = LEADERBOARD) -> str:

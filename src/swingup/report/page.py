@@ -30,8 +30,7 @@ from .inputs import Rows, check_trajectory
 from .log_report import LogReport
 
 if TYPE_CHECKING:
-    from ..benchmark.board_rows import Row
-    from ..benchmark.leaderboard import Board
+    from ..benchmark.leaderboard import Row, Table
 
 SCRIPTS = ("figure.js", "physics.js", "pendulum.js", "player.js", "live.js", "main.js")
 """The page's scripts in the order of their dependencies."""
@@ -72,7 +71,7 @@ class Section:
     robot: str
     plant: Plant
     """A torque limit of 0 makes a joint passive."""
-    boards: Sequence["Board"]
+    tables: Sequence["Table"]
     shows: Sequence[Show]
     disturbance: str
     """What disturbs the disturbed trajectories, in one sentence."""
@@ -154,7 +153,7 @@ def _encode(section: Section, data: PageData) -> dict[str, Any]:
         for show in section.shows
     }
     playable = {name: runs for name, runs in found.items() if runs}
-    entries = _series(section.boards)
+    entries = _series(section.tables)
     bars = {_label(row): {name: row.values[name] for name in CRITERIA} for row in entries}
     pale = [_label(row) for row in entries if row.source != "ours"]
     return {
@@ -213,12 +212,12 @@ def _describe(section: Section, encoded: dict[str, Any]) -> dict[str, Any]:
         "policy_note": None if section.policy_note is None else one_line(section.policy_note),
         "shows": [show["name"] for show in encoded["shows"]],
         "notes": [(one_line(show.name), one_line(show.note)) for show in section.shows if show.note],
-        "boards": [_table(board) for board in section.boards],
+        "tables": [_table(board) for board in section.tables],
         "robustness": encoded["robustness"] is not None,
     }
 
 
-def _table(board: "Board") -> dict[str, Any]:
+def _table(board: "Table") -> dict[str, Any]:
     """A board as text."""
     rows = [
         {
@@ -234,11 +233,11 @@ def _table(board: "Board") -> dict[str, Any]:
     seed = "" if board.seed is None else f" Seed {board.seed}."
     plant = "" if board.plant == LEADERBOARD else f" Plant {one_line(str(board.plant))}."
     return {
-        "measure": board.measure,
-        "title": TITLES.get(board.measure, board.measure),
+        "measure": board.board,
+        "title": TITLES.get(board.board, board.board),
         "heads": [(COLUMNS[name].label, COLUMNS[name].unit) for name in board.columns],
         "rows": rows,
-        "note": NOTES.get(board.measure, "") + f" Rules {board.rules}.{seed}{plant}",
+        "note": NOTES.get(board.board, "") + f"{seed}{plant}",
     }
 
 
@@ -251,9 +250,9 @@ def _label(row: "Row") -> str:
     return one_line(row.controller if row.source == "ours" else f"{row.controller} ({row.source})")
 
 
-def _series(boards: Sequence["Board"]) -> list["Row"]:
+def _series(boards: Sequence["Table"]) -> list["Row"]:
     """Rows of the robustness plot, in the board's order; one row for each published controller."""
-    board = next((board for board in boards if board.measure == "robustness"), None)
+    board = next((board for board in boards if board.board == "robustness"), None)
     measured = (
         [row for row in board.rows if any(row.values[name] is not None for name in CRITERIA)] if board else []
     )

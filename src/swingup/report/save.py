@@ -48,7 +48,7 @@ def save_plot(
 
     Args:
         kind: ``trajectory``, ``phase`` and ``animation`` read trajectories (CSV), ``robustness`` the JSON of
-            ``swingup robustness --json``, ``curve`` the ``metrics.jsonl`` of runs.
+            ``swingup evaluate --board robustness --json``, ``curve`` the ``metrics.jsonl`` of runs.
         files: the files to draw; those of an animation move side by side.
         out: the picture's file: ``.png``, ``.svg`` or ``.pdf``; ``.gif`` or ``.webp`` for an animation.
         robot: the robot of the trajectories; by default the one whose driven joint alone has torque.

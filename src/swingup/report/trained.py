@@ -3,10 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from ..benchmark.board_rows import OURS
-from ..benchmark.board_rules import BOARD_RULES
-from ..benchmark.leaderboard import Board, RowProgress, leaderboard
-from ..benchmark.rules import DEFAULT_RULES
+from ..benchmark.leaderboard import OURS, RowProgress, Table, leaderboard
 from ..controllers.registry import get_controller
 from ..controllers.stack.controller import PolicyController, policy_of
 from ..plant.plant import LEADERBOARD
@@ -34,7 +31,7 @@ def trained_section(
     """
     name, policy = next(iter(policies.items()))
     shown = {**policies, **{each: get_controller(each, robot) for each in SHIPPED}}
-    board = trained_board(robot, name, policy, progress)
+    table = trained_table(robot, name, policy, progress)
     shows: list[Show] = []
     for each, controller in shown.items():
         if progress is not None:
@@ -43,18 +40,17 @@ def trained_section(
     return Section(
         robot=robot.name,
         plant=LEADERBOARD.driven(robot),
-        boards=[board],
+        tables=[table],
         shows=shows,
         disturbance=describe_disturbance(seed),
         policy=policy_of(policy),
     )
 
 
-def trained_board(robot: Robot, name: str, policy: PolicyController, progress: RowProgress | None = None) -> Board:
+def trained_table(robot: Robot, name: str, policy: PolicyController, progress: RowProgress | None = None) -> Table:
     """The performance board with a policy, the shipped ones, and the published rows that matter most."""
-    rules = replace(BOARD_RULES[DEFAULT_RULES], robustness=None)  # 722 simulations a row are another command
     # Not as the boards' own entrants, which enter a second time without their estimators.
     policies = {name: policy, **{each: get_controller(each, robot) for each in SHIPPED}}
-    (board,) = leaderboard(robot, policies, rules, entrants=(), progress=progress)
-    rows = tuple(row for row in board.rows if row.source == OURS or (row.controller, row.source) in PUBLISHED)
-    return replace(board, rows=rows)
+    (table,) = leaderboard(robot, policies, ("performance",), entrants=(), progress=progress)
+    rows = tuple(row for row in table.rows if row.source == OURS or (row.controller, row.source) in PUBLISHED)
+    return replace(table, rows=rows)

@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,6 +10,7 @@ from ...common.checks import finite_number
 from ...common.errors import SwingupError
 from ...common.foreign import attribute, blaming
 from ...plant.robots import Robot, get_robot
+from .call_time import run_calls
 from .controller import AbstractController, check_interface, check_robot, split
 from .python_controller import DT, PythonController, call_in_turn, trial_states
 
@@ -68,23 +68,12 @@ def _try_compiled(controller: AbstractController[Any]) -> np.ndarray:
     with jax.enable_x64(True):
         check_interface(controller)
         with blaming("running it"):
-            torques = np.asarray(_run(*split(controller), jnp.arange(len(states)) * DT, jnp.asarray(states)))
+            torques = np.asarray(run_calls(*split(controller), jnp.arange(len(states)) * DT, jnp.asarray(states)))
     faulty = np.flatnonzero(~np.isfinite(torques).all(axis=1))
     if faulty.size:
         x = np.round(states[faulty[0]], 3).tolist()
         raise SwingupError(f"its torque is not finite for x = {x}: correct it there")
     return torques
-
-
-@jax.jit(static_argnames="static")
-def _run(numbers: Any, static: Any, times: jax.Array, states: jax.Array) -> jax.Array:
-    """Call a controller that :func:`split` cut in two, as the benchmark's runner does; torques (n, 2)."""
-    controller = eqx.combine(numbers, static)
-
-    def call(memory: Any, now: tuple[jax.Array, jax.Array]) -> tuple[Any, jax.Array]:
-        return controller(memory, *now)
-
-    return jax.lax.scan(call, controller.init(), (times, states))[1]
 
 
 def _try_plain(controller: PythonController) -> tuple[list[str], np.ndarray]:

@@ -1,0 +1,149 @@
+"""What every board is: how scenarios are drawn, runs are scored, and scores are summed up, as data."""
+
+import abc
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..loop.domain import Domain
+from ..plant.plant import Plant
+from ..plant.robots import Robot
+from .criteria import Criteria, TipHistory
+from .disturbances import DisturbanceSettings
+from .interval import Interval
+from .rollout import Scenario, Trajectory
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a controller is judged on."""
+
+    robot: Robot
+    plant: Plant
+    """The plant of all runs, or the one that the domain starts from."""
+    domain: Domain | None = None
+    """Plants and loops are drawn from it; None for the plant in the board's own loop."""
+    disturbance: DisturbanceSettings | None = None
+    """What disturbs the board's perfect loop, if anything."""
+
+    @property
+    def nominal(self) -> Plant:
+        """The plant with the robot's one motor."""
+        return self.plant.driven(self.robot)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One simulation of a board."""
+
+    scenario: Scenario
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """The seed where the case has one, and what is changed; ready for JSON."""
+    criterion: str | None = None
+    """Of a board with several criteria."""
+    group: int = 0
+    """Cases of one group are repetitions: the group counts if more than half of them succeed."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """How one simulation, or one recording, ended."""
+
+    case: Case
+    success: bool
+    score: float
+    fault: str | None = None
+    """What was wrong with the controller's answers, if anything."""
+    criteria: Criteria | None = None
+    """The costs of a swing-up; their own success and score do not know of faults, limits and stops."""
+    tip: TipHistory | None = None
+    """How high the tip came, and why a swing-up failed."""
+    speed: float | None = None
+    """Largest speed of a joint (rad/s), as the robot measured it where it keeps a record."""
+    angle: float | None = None
+    """Largest angle of a joint (rad), likewise."""
+    stop: float | None = None
+    """When the robot stopped the run (s), if it did."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Flat and ready for JSON; values that the board does not measure are left out."""
+        head = {} if self.case.criterion is None else {"criterion": self.case.criterion}
+        costs = {} if self.criteria is None else vars(self.criteria)
+        tip = {} if self.tip is None else self.tip.as_dict()
+        others = {name: getattr(self, name) for name in ("fault", "speed", "angle", "stop")}
+        measured = {name: value for name, value in others.items() if value is not None}
+        return {
+            **head,
+            **self.case.settings,
+            **costs,
+            **tip,
+            **measured,
+            "success": self.success,
+            "score": self.score,
+        }
+
+
+Summary = tuple[dict[str, float | None], dict[str, Interval]]
+"""Values by the board's columns, and 95 % intervals of those that several runs have."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AbstractBoard(abc.ABC):
+    """A board. ``dataclasses.replace`` makes another one, with shorter runs for example."""
+
+    name: str
+    duration: float = 10.0
+    """Length of a run (s)."""
+    dt: float = 0.002
+    """Time of one control and simulation step (s): 500 Hz."""
+    runs: int = 1
+    """Seeds of one judgement where no number is given."""
+    domain: str | None = None
+    """Plants and loops are drawn from this domain, or from another; None for one plant in a perfect loop."""
+    side_by_side: int = 100
+    """Seeds that are simulated side by side, as the memory for their rows permits."""
+    note: str | None = None
+    """What readers of a result should know."""
+
+    @property
+    def steps(self) -> int:
+        """Steps of a run."""
+        # Rounded: a quotient of decimals need not be whole.
+        return round(self.duration / self.dt)
+
+    @property
+    @abc.abstractmethod
+    def columns(self) -> tuple[str, ...]:
+        """Names of the values that the board shows; the last one is the score that it is sorted by."""
+
+    @property
+    @abc.abstractmethod
+    def keeps_rows(self) -> bool:
+        """Whether runs are scored by their rows; otherwise by the state after the last step alone."""
+
+    @abc.abstractmethod
+    def is_random(self, setting: Setting) -> bool:
+        """Whether runs depend on the seed."""
+
+    @abc.abstractmethod
+    def on(self, setting: Setting) -> "AbstractBoard":
+        """The board of one robot, in the units of the pendulum that is judged."""
+
+    @abc.abstractmethod
+    def cases(self, setting: Setting, seeds: Sequence[int]) -> list[Case]:
+        """The simulations of some seeds, with scenarios of one structure; call it in 64-bit mode."""
+
+    @abc.abstractmethod
+    def score(self, case: Case, rows: Trajectory, fault: str | None = None, stop: float | None = None) -> Run:
+        """Score one run.
+
+        Args:
+            case: what was simulated.
+            rows: what counts of it: states and torques, or the robot's record, or just the last state.
+            fault: what was wrong with the controller's answers, if anything.
+            stop: when the robot stopped the run (s), if it did.
+        """
+
+    @abc.abstractmethod
+    def summarise(self, runs: Sequence[Run], seeds: Sequence[int]) -> Summary:
+        """Sum the scores of all runs up."""

@@ -1,0 +1,167 @@
+"""The judge: simulate a controller's runs on a board, score each, and sum the scores up."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import numpy as np
+
+from ..common.cores import cores
+from ..common.errors import SwingupError
+from ..common.foreign import naming
+from ..common.text import quoted
+from ..controllers.interface.call_time import announce, call_time, slow_call
+from ..controllers.interface.controller import AbstractController
+from ..controllers.registry import Controller, has_estimator
+from ..loop.domain import Domain
+from ..loop.on_plant import loop_around
+from ..plant.plant import LEADERBOARD, PlantLike, load_plant
+from ..plant.robots import Robot, get_robot
+from .board import AbstractBoard, Case, Run, Setting
+from .boards import get_board
+from .disturbances import DisturbanceSettings
+from .recording import recorded, stopped_at
+from .result import Result
+from .rollout import Trajectory
+from .runner import Progress, SimulatedBatch, prepare, run_many, stack
+from .seeds import check_seeds, in_groups
+from .swing_up_board import SwingUpBoard
+from .uptime_board import UptimeBoard
+
+
+def judge(
+    controller: Any,
+    robot: Robot | str,
+    board: AbstractBoard | str = "performance",
+    seeds: int | None = None,
+    *,
+    seed: int = 0,
+    name: str = "controller",
+    plant: PlantLike | None = None,
+    domain: Domain | str | None = None,
+    disturbance: DisturbanceSettings | None = None,
+    progress: Progress | None = None,
+) -> Result:
+    """Simulate a controller's runs from hanging at rest in float64, and score them by the rules of a board.
+
+    Args:
+        controller: a controller in JAX (simulations run side by side), an object with
+            ``get_control_output(x, t)`` or a function of (x, t); called at every step, whatever rate it was
+            trained at.
+        robot: which joint is driven.
+        board: a board or its name, as ``performance``, ``robustness``, ``uptime``, ``sim2real`` or ``iros-real``.
+        seeds: number of seeds in a row; None for as many as the board has runs.
+        seed: the first seed of all that is drawn: noise, pushes, throws, plants and loops.
+        name: name of the controller in the result.
+        plant: what is simulated, with the board's disturbances in that pendulum's own units: a plant, its name or
+            its file; None for the leaderboards' plant, or for the domain's.
+        domain: ranges of plants and loops, for boards that draw them; None for the board's.
+        disturbance: noise, delay, motor response and pushes, for boards in a perfect loop.
+        progress: called with the number of finished simulations, and of all.
+
+    Raises:
+        SwingupError: there is no such robot, board, plant or domain, a value is out of range or does not go with
+            the board, the controller is for the other robot, or it failed in every run: it raised an error, or its
+            torque is not two finite numbers. A controller that fails in some runs loses those only.
+    """
+    board = get_board(board)
+    setting = make_setting(robot, board, plant, domain, disturbance)
+    every = check_seeds(seed, board.runs if seeds is None else seeds)
+    if not board.is_random(setting):
+        every = every[:1]
+    board = board.on(setting)
+    known = setting.nominal if setting.domain is None else setting.domain.known_plant(setting.robot)
+    estimator, controller = has_estimator(controller), prepare(controller, setting.robot, name, known)
+    with naming(name):
+        took = call_time(controller, board.dt) if isinstance(controller, AbstractController) else None
+    runs: list[Run] = []
+    first = None
+    for group in in_groups(every, board.side_by_side):
+        with jax.enable_x64(True):
+            cases = board.cases(setting, group)
+        before, total = len(runs), max(len(every), len(cases))
+        if took is not None and not runs:
+            announce(took * board.steps * total / cores(), took, total, bound="up to ")
+
+        def told(done: int, _: int, before: int = before, total: int = total) -> None:
+            if progress is not None:
+                progress(before + done, total)
+
+        with naming(name):
+            batch = run_cases(controller, board, setting, cases, told)
+        took = took or batch.call_time
+        for index, (case, fault) in enumerate(zip(cases, batch.faults, strict=True)):
+            rows, stop = _counted(batch, index, board)
+            runs.append(board.score(case, rows, fault, stop))
+            first = first or (rows if board.keeps_rows else None)
+    if all(run.fault is not None for run in runs):
+        raise SwingupError(f"controller {name!r}: {runs[0].fault}")
+    values, intervals = board.summarise(runs, every)
+    slow = slow_call(took, board.dt)
+    return Result(
+        robot=setting.robot.name,
+        controller=name,
+        board=board.name,
+        values=values,
+        intervals=intervals,
+        runs=tuple(runs),
+        trajectory=first,
+        plant=setting.plant,
+        seeds=tuple(every) if board.is_random(setting) else (),
+        domain=setting.domain,
+        estimator=estimator,
+        call_time=took,
+        warnings=() if slow is None else (slow,),
+        note=board.note,
+    )
+
+
+def make_setting(
+    robot: Robot | str,
+    board: AbstractBoard,
+    plant: PlantLike | None = None,
+    domain: Domain | str | None = None,
+    disturbance: DisturbanceSettings | None = None,
+) -> Setting:
+    """What a controller is judged on; arguments as of :func:`judge`.
+
+    Raises:
+        SwingupError: there is no such robot, plant or domain, or the board does not take one of them.
+    """
+    robot = get_robot(robot)
+    if disturbance is not None and (board.domain is not None or not isinstance(board, SwingUpBoard)):
+        raise SwingupError(f"the board {board.name} has disturbances of its own: leave yours out")
+    if board.domain is None:
+        if domain is not None:
+            given = domain.name if isinstance(domain, Domain) else domain
+            raise SwingupError(f"the board {board.name} draws no plants: leave the domain {quoted(given)} out")
+        return Setting(robot, load_plant(LEADERBOARD if plant is None else plant), None, disturbance)
+    if isinstance(board, UptimeBoard) and plant is not None and load_plant(plant) != LEADERBOARD:
+        raise SwingupError(f"the board {board.name} draws plants from a domain: give the plant as the domain")
+    around = None if isinstance(board, UptimeBoard) else plant
+    ranges = loop_around(around, board.domain if domain is None else domain)
+    return Setting(robot, ranges.design_plant, ranges)
+
+
+def run_cases(
+    controller: Controller,
+    board: AbstractBoard,
+    setting: Setting,
+    cases: Sequence[Case],
+    progress: Progress | None = None,
+) -> SimulatedBatch:
+    """Simulate cases of a board, as :func:`judge` does."""
+    disturbances = [case.scenario.disturbance for case in cases]
+    # One state more than the largest delay: the present one.
+    delays = [0 if each is None else int(each.delay_steps) for each in disturbances]
+    depth = 1 + max(delays) if setting.domain is None else setting.domain.depth
+    scenarios = stack([case.scenario for case in cases])
+    return run_many(controller, scenarios, board.dt, board.steps, depth, board.keeps_rows, progress)
+
+
+def _counted(batch: SimulatedBatch, index: int, board: AbstractBoard) -> tuple[Trajectory, float | None]:
+    """What a board scores of one simulation, and when the robot stopped it (s), if it did."""
+    if batch.trajectory is None:
+        return Trajectory(np.array([board.duration]), batch.final[index][None], np.zeros((1, 2))), None
+    rows = jax.tree.map(lambda each: np.asarray(each)[index], batch.trajectory)
+    return recorded(rows, board.duration), stopped_at(rows, board.duration)
