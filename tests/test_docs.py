@@ -5,6 +5,7 @@ Comments in the pages' source, which readers do not see, say what a block needs.
 tests, and ``<!-- not run: REASON -->`` excludes it. Each block runs by itself, in an empty folder.
 """
 
+import dataclasses
 import functools
 import json
 import re
