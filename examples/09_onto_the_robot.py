@@ -13,7 +13,7 @@ from swingup.policy.guard.settings import default_guard
 from swingup.policy.shipped import load_policy
 from swingup.realaigym import load_controller
 
-ROBOT, NAME, DOMAIN, SEEDS = "acrobot", "adaptive", "recorded", 5
+ROBOT, NAME, DOMAIN, SEEDS = "acrobot", "adaptive", "identified", 5
 
 # Friction, motor inertia, a delay of 10 ms, noisy velocities, imperfect motors: docs/sim2real.md.
 result = swingup.judge(swingup.get_controller(NAME, ROBOT), ROBOT, "sim2real", SEEDS, domain=DOMAIN)
