@@ -57,4 +57,3 @@ def test_killed_and_resumed_equals_uninterrupted(tmp_path, option, back_end):
     # A file does not say that the deviation's weights were not to learn: they are 0.
     for found, expected in zip(jax.tree.leaves(loaded.actor), jax.tree.leaves(kept), strict=True):
         np.testing.assert_array_equal(found, expected)
-    assert bool(run.progress.state.critic.trunk) == ("shared_trunk" not in changes)
