@@ -140,7 +140,7 @@ def test_prose_shows_no_raw_subscript(pages):
         found = re.findall(r"\S*[α-ωΑ-Ω]_\w*", " ".join(Prose(html).text))
         raw |= {name: found} if found else {}
     assert raw == {}
-    assert "Discount γ<sub>H</sub>" in pages["api.html"]  # of a docstring
+    assert "λ<sub>e</sub> of the entropy advantages" in pages["api.html"]  # of a docstring
 
 
 @pytest.mark.slow
