@@ -1,4 +1,4 @@
-"""The safety guard's settings, its reasons to stop, and who has one; ``docs/policy-format.md`` has its steps.
+"""The safety guard's settings, its reasons to stop, and who has one; ``core.py`` has its steps.
 
 A guard stands between a loop and a controller. It lets the controller act until a measurement, the clock or the
 controller's torque is unsound; from then on it commands safe torques, until ``reset()``, and says why.
