@@ -1,25 +1,50 @@
-"""Wheel and source distribution: all of the package is inside, nothing else, and the wheel works by itself."""
+"""Version, pins, wheel and source distribution: they agree, hold all of the package and work by themselves."""
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tarfile
+import tomllib
 import zipfile
 from pathlib import Path
 
 import pytest
+import yaml
+from packaging.requirements import Requirement
 
 import swingup
 
 ROOT = Path(swingup.__file__).parents[2]
 PACKAGE = ROOT / "src" / "swingup"
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not (ROOT / "pyproject.toml").exists(), reason="only a checkout can be built"),
-]
+pytestmark = pytest.mark.skipif(not (ROOT / "pyproject.toml").exists(), reason="only a checkout can be built")
+
+
+def test_one_version_and_pins_that_the_package_allows():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert project["version"] == citation["version"] == swingup.__version__
+
+    def requirements(texts):
+        for requirement in map(Requirement, texts):
+            if requirement.name == project["name"]:
+                for extra in requirement.extras:
+                    yield from requirements(project["optional-dependencies"][extra])
+            else:
+                yield requirement
+
+    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    pins = dict(line.split("==") for line in lines if not line.startswith("#"))
+    pins = {re.sub(r"[-_.]+", "-", name).lower(): version.strip() for name, version in pins.items()}
+    asked = [*requirements(project["dependencies"]), *requirements(project["optional-dependencies"]["dev"])]
+    assert len(asked) > 25
+    for requirement in asked:
+        pin = pins[re.sub(r"[-_.]+", "-", requirement.name).lower()]
+        assert requirement.specifier.contains(pin), f"{requirement} against {pin}"
+
 
 OUTSIDE = """
 import json
@@ -66,21 +91,12 @@ def ours():
     return {path.relative_to(PACKAGE.parent).as_posix() for path in files}
 
 
-def test_every_file_of_the_package_is_in_the_wheel(distributions):
+@pytest.mark.slow
+def test_both_hold_every_file_of_the_package_and_nothing_else(distributions):
     inside = {name for name in zipfile.ZipFile(distributions[0]).namelist() if ".dist-info/" not in name}
     assert inside == ours()
-    for ending in (
-        "py.typed",
-        ".safetensors",
-        ".csv",
-        ".yml",
-        "export/c_backend/swingup_runtime.h",
-        "report/assets/page.html",
-    ):
-        assert any(name.endswith(ending) for name in inside), ending
-
-
-def test_the_source_distribution_holds_the_package_and_what_builds_it(distributions):
+    endings = ("py.typed", ".safetensors", ".csv", ".yml", "c_backend/swingup_runtime.h", "report/assets/page.html")
+    assert [ending for ending in endings if not any(name.endswith(ending) for name in inside)] == []
     with tarfile.open(distributions[1]) as archive:
         names = {file.name.partition("/")[2] for file in archive if file.isfile()}
     inside = {name for name in names if ".egg-info/" not in name}
@@ -88,20 +104,11 @@ def test_the_source_distribution_holds_the_package_and_what_builds_it(distributi
     assert inside == built_by | {f"src/{name}" for name in ours()}
 
 
+@pytest.mark.slow
 def test_the_wheel_works_without_the_checkout(distributions, tmp_path):
     target = tmp_path / "site"
-    run(
-        sys.executable,
-        "-m",
-        "pip",
-        "install",
-        "--quiet",
-        "--no-deps",
-        "--no-index",
-        "--target",
-        target,
-        distributions[0],
-    )
+    options = ["--quiet", "--no-deps", "--no-index", "--target", target]
+    run(sys.executable, "-m", "pip", "install", *options, distributions[0])
     # The dependencies come from this environment; its own swingup, which may be the checkout's, comes later.
     code = f"import sys; sys.path.insert(0, {str(target)!r})\n{OUTSIDE}"
     kept = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}

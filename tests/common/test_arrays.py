@@ -65,7 +65,7 @@ def test_round_trip_is_exact(path):
         assert read_back[name].flags.writeable
 
 
-def test_safetensors_reads_what_is_written(path):
+def test_safetensors_reads_what_is_written_where_it_can_be_mapped(path):
     save_arrays(path, KIND, VERSION, {"frames": 12}, ARRAYS)
     for name, array in load_file(path).items():
         np.testing.assert_array_equal(array, ARRAYS[name])
@@ -73,6 +73,12 @@ def test_safetensors_reads_what_is_written(path):
     with safe_open(path, "np") as file:
         assert set(file.keys()) == ARRAYS.keys()
         assert json.loads(file.metadata()[METADATA]) == {**HEAD, "frames": 12}
+    content = path.read_bytes()
+    start = 8 + int.from_bytes(content[:8], "little")
+    header = json.loads(content[8:start])
+    assert start % 8 == 0
+    for name, array in ARRAYS.items():
+        assert header[name]["data_offsets"][0] % array.dtype.itemsize == 0
 
 
 def test_what_safetensors_writes_is_read(path):
@@ -90,16 +96,6 @@ def test_what_safetensors_writes_is_read(path):
 def test_metadata_of_another_file_is_passed_on_without_its_kind(path):
     save_arrays(path, KIND, VERSION, {"frames": 12, "format": "swingup other", "format_version": 7}, {})
     assert read(path) == ({**HEAD, "frames": 12}, {})
-
-
-def test_arrays_lie_where_others_can_map_them(path):
-    save_arrays(path, KIND, VERSION, {}, ARRAYS)
-    content = path.read_bytes()
-    start = 8 + int.from_bytes(content[:8], "little")
-    header = json.loads(content[8:start])
-    assert start % 8 == 0
-    for name, array in ARRAYS.items():
-        assert header[name]["data_offsets"][0] % array.dtype.itemsize == 0
 
 
 @pytest.mark.parametrize("array", [np.array(["text"]), np.array([{}], object), np.array([1j]), np.ones(2, "f4,f4")])
@@ -125,17 +121,14 @@ def peak_of(call):
 
 
 def test_no_more_than_the_bound_is_read(path):
+    size = 30_000_000
     entries = {
-        f"a{k}": {
-            "dtype": "F32",
-            "shape": [30_000_000 // 4],
-            "data_offsets": [30_000_000 * k, 30_000_000 * (k + 1)],
-        }
+        f"a{k}": {"dtype": "F32", "shape": [size // 4], "data_offsets": [size * k, size * (k + 1)]}
         for k in range(10)
     }
     write(path, entries)
     with path.open("ab") as file:
-        file.truncate(path.stat().st_size + 300_000_000)  # zeros that the disk does not hold
+        file.truncate(path.stat().st_size + 10 * size)  # zeros that the disk does not hold
     message, peak = peak_of(lambda: refusal(path))
     assert "holds 300 MB of arrays, where a swingup thing file may have 256 MB" in message
     assert peak < 1_000_000
@@ -143,104 +136,75 @@ def test_no_more_than_the_bound_is_read(path):
     assert peak < 100_000_000
 
 
-def test_the_header_is_bounded_as_well(path):
-    write(path, {"a": ENTRY, "__metadata__": TEXTS | {"x": " " * LARGEST_HEADER}}, bytes(16))
+HEADERS = [
+    b"", b"{", b"null", b"[]", b"1", b'"x"', b"[" * 100_000, b'{"a":' * 20_000, b"9" * 5000, b"\xff\xfe{}",
+    b' {"__metadata__": {}}', b"{}{}", b'{"a": ' + b"9" * 5000 + b"}",
+    json.dumps({"__metadata__": TEXTS, "a": ENTRY}).replace("}}", '}, "a": ' + json.dumps(ENTRY) + "}").encode(),
+    *({"a": entry} for entry in (None, 1, "x", [], {}, {"dtype": "F32"})),
+    *({"a": {"dtype": "F32", "shape": shape, "data_offsets": [0, 0]}} for shape in ([0, 2**70], [0] * 65)),
+    {"a": ENTRY, "__metadata__": TEXTS | {"x": " " * LARGEST_HEADER}},
+]  # fmt: skip
+"""Headers of something else, of an array "a" that is given twice, of entries that are none, and one too long."""
+CHANGES = [
+    {"dtype": "F31"}, {"dtype": "BF16"}, {"dtype": "f4"}, {"dtype": None}, {"dtype": ["F32"]}, {"dtype": {}},
+    {"dtype": "F64"}, {"shape": 4}, {"shape": [5]}, {"shape": [-4]}, {"shape": [4.0]}, {"shape": ["4"]},
+    {"shape": [True, 4]}, {"shape": [-2, -2]}, {"shape": [10**400]}, {"shape": [0]}, {"shape": [0, 10**400]},
+    {"shape": [1] * 70 + [4]}, {"shape": [1] * 5000}, {"shape": [2**62, 4]}, {"data_offsets": [0]},
+    {"data_offsets": [0, 16, 32]}, {"data_offsets": [16, 0]}, {"data_offsets": [-16, 0]},
+    {"data_offsets": [4, 20]}, {"data_offsets": [0.0, 16.0]}, {"data_offsets": None},
+    {"data_offsets": [0, 10**400]}, {"data_offsets": ["0", "16"]}, {"data_offsets": {"0": 16}}, {"x": 1},
+]  # fmt: skip
+"""Of the entry of a float32 array of four numbers."""
+
+
+def assert_foreign(path):
+    """The file is refused in little memory."""
     message, peak = peak_of(lambda: refusal(path))
-    assert "is not a swingup thing file, or it is truncated" in message
-    assert peak < 1_000_000
-
-
-@pytest.mark.parametrize(
-    "header",
-    [
-        b"", b"{", b"null", b"[]", b"1", b'"x"', b"[" * 100_000, b'{"a":' * 20_000, b"9" * 5000, b"\xff\xfe{}",
-        b' {"__metadata__": {}}', b"{}{}", b'{"a": ' + b"9" * 5000 + b"}",
-    ],
-    ids=lambda header: repr(header[:12]),
-)  # fmt: skip
-def test_headers_that_are_none(path, header):
-    write(path, header)
-    assert "is not a swingup thing file" in refusal(path)
-
-
-@pytest.mark.parametrize("length", [0, 1, 20, 10**6, 10**8, 2**63, 2**64 - 1])
-def test_lengths_of_the_header_that_lie(path, length):
-    write(path, {"a": ENTRY}, bytes(16), length)
-    message, peak = peak_of(lambda: refusal(path))
-    assert "is not a swingup thing file, or it is truncated: copy or make it anew" in message
+    assert "is not a swingup thing file" in message
     assert peak < 5_000_000
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"dtype": "F31"}, {"dtype": "BF16"}, {"dtype": "f4"}, {"dtype": None}, {"dtype": ["F32"]}, {"dtype": {}},
-        {"dtype": "F64"}, {"shape": 4}, {"shape": [5]}, {"shape": [-4]}, {"shape": [4.0]}, {"shape": ["4"]},
-        {"shape": [True, 4]}, {"shape": [-2, -2]}, {"shape": [10**400]}, {"shape": [0]}, {"shape": [0, 10**400]},
-        {"shape": [1] * 70 + [4]}, {"shape": [1] * 5000}, {"shape": [2**62, 4]}, {"data_offsets": [0]},
-        {"data_offsets": [0, 16, 32]}, {"data_offsets": [16, 0]}, {"data_offsets": [-16, 0]},
-        {"data_offsets": [4, 20]}, {"data_offsets": [0.0, 16.0]}, {"data_offsets": None},
-        {"data_offsets": [0, 10**400]}, {"data_offsets": ["0", "16"]}, {"data_offsets": {"0": 16}}, {"x": 1},
-    ],
-    ids=lambda change: str(change)[:40],
-)  # fmt: skip
-def test_entries_that_lie_or_cannot_be_read(path, change):
-    write(path, {"a": ENTRY | change}, bytes(16))
-    message, peak = peak_of(lambda: refusal(path))
-    assert "is not a swingup thing file, or it is truncated: copy or make it anew" in message
-    assert peak < 5_000_000
+def test_headers_and_entries_that_lie_or_cannot_be_read(path):
+    for header in HEADERS:
+        assert_foreign(write(path, header, bytes(16)))
+    for change in CHANGES:
+        assert_foreign(write(path, {"a": ENTRY | change}, bytes(16)))
+    for length in (0, 1, 20, 10**6, 10**8, 2**63, 2**64 - 1):
+        assert_foreign(write(path, {"a": ENTRY}, bytes(16), length))
 
 
-@pytest.mark.parametrize("entry", [None, 1, "x", [], {}, {"dtype": "F32"}])
-def test_entries_that_are_none(path, entry):
-    write(path, {"a": entry})
-    assert "or it is truncated" in refusal(path)
-
-
-def test_empty_arrays_of_absurd_shapes(path):
-    for shape in ([0, 2**70], [2**62, 0, 2**62], [0] * 65):
-        write(path, {"a": {"dtype": "F32", "shape": shape, "data_offsets": [0, 0]}})
-        assert "or it is truncated" in refusal(path)
-
-
-@pytest.mark.parametrize("offsets", [[0, 16], [8, 24], [12, 28], [20, 36], [32, 48]])
-def test_gaps_and_overlaps(path, offsets):
-    write(path, {"a": ENTRY, "b": ENTRY | {"data_offsets": offsets}}, bytes(max(offsets[1], 16)))
-    assert "or it is truncated" in refusal(path)
-
-
-def test_more_bytes_than_the_header_says(path):
-    write(path, {"a": ENTRY}, bytes(16))
-    assert list(read(path)[1]) == ["a"]
+def test_arrays_follow_each_other_without_gaps_to_the_files_end(path):
+    assert list(read(write(path, {"a": ENTRY}, bytes(16)))[1]) == ["a"]
     path.write_bytes(path.read_bytes() + b"x")
-    assert "or it is truncated" in refusal(path)
+    assert_foreign(path)
+    for start in (0, 8, 12, 20, 32):
+        header = {"a": ENTRY, "b": ENTRY | {"data_offsets": [start, start + 16]}}
+        assert_foreign(write(path, header, bytes(start + 16)))
 
 
-def test_a_name_that_is_given_twice(path):
-    text = json.dumps({"__metadata__": TEXTS, "a": ENTRY}).replace("}}", '}, "a": ' + json.dumps(ENTRY) + "}")
-    assert text.count('"a"') == 2
-    write(path, text.encode(), bytes(16))
-    assert "or it is truncated" in refusal(path)
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "", "{", "null", "[]", "1", '"x"', "[" * 100_000, '{"a":' * 20_000, "{}", '{"format": "swingup thing"}',
-        "9" * 5000, 3, None, {}, ["{}"],
-    ],
-    ids=lambda text: str(text)[:9],
-)  # fmt: skip
-def test_metadata_that_is_none(path, text):
-    for texts in ({METADATA: text}, {}, None, [], "text"):
-        write(path, {"__metadata__": texts})
-        assert "is not a swingup thing file: it lacks swingup's metadata" in refusal(path)
+def test_metadata_that_is_none(path):
+    texts = [
+        "",
+        "{",
+        "null",
+        "[]",
+        "1",
+        '"x"',
+        "[" * 100_000,
+        '{"a":' * 20_000,
+        "{}",
+        '{"format": "swingup thing"}',
+    ]
+    for text in [*texts, "9" * 5000, 3, None, {}, ["{}"]]:
+        for entry in ({METADATA: text}, {}, None, [], "text"):
+            write(path, {"__metadata__": entry})
+            assert "is not a swingup thing file: it lacks swingup's metadata" in refusal(path)
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"format": "a\nb" * 1000}, r"thing.safetensors is a 'a\\nba"),
+        ({"format": "a\nb" * 1000}, r"thing.safetensors is a 'a\nba"),
         ({"format": [["d"]]}, "is a [['d']] file: a swingup thing file is needed here"),
         ({"format_version": 4}, "has format version 4, this program reads 3: update swingup"),
         ({"format_version": 3.0}, "has format version 3.0, this program reads 3"),
@@ -249,7 +213,7 @@ def test_metadata_that_is_none(path, text):
 )
 def test_another_kind_or_version(path, changes, message):
     write(path, {"__metadata__": {METADATA: json.dumps(HEAD | changes)}})
-    assert message.replace("\\\\", "\\") in refusal(path)
+    assert message in refusal(path)
     assert len(refusal(path)) < 400
 
 
@@ -271,23 +235,16 @@ def test_a_flipped_bit_is_refused_or_in_a_name_or_a_number(path):
             assert array.nbytes == 40
 
 
-@pytest.mark.parametrize("size", [0, 1, 7, 8, 9, 100, -1, -22])
-def test_truncated(path, size):
+def test_truncated_and_other_files(path, tmp_path):
     save_arrays(path, KIND, VERSION, {}, {"a": np.arange(5.0)})
-    path.write_bytes(path.read_bytes()[:size])
-    assert "is not a swingup thing file, or it is truncated" in refusal(path)
-
-
-def test_what_is_no_file(tmp_path):
+    good = path.read_bytes()
+    for content in (
+        *(good[:size] for size in (0, 1, 7, 8, 9, 100, -1, -22)),
+        *(start + bytes(1000) for start in (b"PK\x03\x04 an archive", b"\x93NUMPY\x01\x00", b"\x80\x04. a pickle")),
+    ):
+        path.write_bytes(content)
+        assert_foreign(path)
     assert refusal(tmp_path / "none.safetensors").startswith("no such file: ")
     assert refusal(tmp_path).startswith("cannot read ")
     with pytest.raises(SwingupError, match="is not a swingup thing file"):
         read("a\x00b")
-
-
-@pytest.mark.parametrize(
-    "content", [b"PK\x03\x04 an archive", b"\x93NUMPY\x01\x00 an array", b"\x80\x04. a pickle"]
-)
-def test_files_of_other_formats(path, content):
-    path.write_bytes(content + bytes(1000))
-    assert "is not a swingup thing file, or it is truncated" in refusal(path)

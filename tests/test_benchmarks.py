@@ -1,0 +1,174 @@
+"""The scripts in benchmarks/: their tables and pictures from stored or made runs, and closed forms."""
+
+import dataclasses
+import json
+import runpy
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.optimize import brentq
+
+import swingup
+from swingup.controllers.baselines.lqr import linearised
+from swingup.dynamics.angles import UPRIGHT
+from swingup.plant.plant import LEADERBOARD
+from swingup.plant.robots import ROBOTS
+from swingup.report import draw
+
+BENCHMARKS = Path(swingup.__file__).parents[2] / "benchmarks"
+
+pytestmark = pytest.mark.skipif(not BENCHMARKS.is_dir(), reason="the scripts are only in a checkout")
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """Runs a script with options; gives the cells of the table's lines, and the figures, which are not written."""
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    import study
+
+    figures = []
+    monkeypatch.setattr(draw, "render", lambda figure, suffix: figures.append(figure) or b"")
+    monkeypatch.setattr(study, "write_atomically", lambda path, content: None)
+
+    def start(name, *options):
+        figures.clear()
+        monkeypatch.setattr(sys, "argv", [name, *map(str, options)])
+        __import__(name).main()
+        lines = capsys.readouterr().out.splitlines()
+        return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines], list(figures)
+
+    yield start
+    for name in ("study", "ablations", "mujoco_learning", "paper_runs"):
+        sys.modules.pop(name, None)
+
+
+@pytest.fixture
+def mujoco(run, tmp_path):
+    """The script of the study on MuJoCo's tasks, on last returns by task and learner."""
+
+    def start(returns, *options, **columns):
+        rows = [
+            {"run": list(run), "seed": seed, "frames": [9], "scores": [last], "seconds": [1.0], **columns}
+            for run, values in returns.items()
+            for seed, last in enumerate(values)
+        ]
+        (tmp_path / "runs.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+        tasks = dict.fromkeys(task for task, _ in returns)
+        # No seed is missing: nothing is trained.
+        return run("mujoco_learning", *tasks, "--seeds", "0", "--study", tmp_path / "runs.jsonl", *options)
+
+    return start
+
+
+def test_improvement_over_tasks_of_unequal_runs(mujoco):
+    found, _ = mujoco(
+        {
+            ("A-v1", "areapo"): [5.0, 5.0, 0.0],
+            ("A-v1", "sb3-ppo"): [1.0, 2.0],
+            ("B-v1", "areapo"): [10.0, 30.0],  # two runs: of A's three the first two count, which win 4 of 4 pairs
+            ("B-v1", "sb3-ppo"): [20.0, 20.0],  # 2 of 4 pairs
+        }
+    )
+    assert found[3][:3] == ["A-v1", "3 (0 to 5)", "2 (1 to 2, 2 seeds only)"]
+    # The interval: with two of B's runs at 10 (1 of 4 resamples) none of its pairs wins, with two at 30 all do.
+    assert found[-1][0].endswith("improves on sb3-ppo: 0.75 (0.50 to 1.00; 2 and 2 runs of 2 tasks)")
+    assert mujoco({("A-v1", "areapo"): [5.0, 6.0]})[0][-1][0].endswith("improves on sb3-ppo: not run")
+
+
+def test_rates_stand_beside_the_returns_where_they_were_recorded(mujoco):
+    runs, one = {("A-v1", "areapo"): [5.0, 5.0]}, ("--learners", "areapo", "--plot", "p.svg")
+    rows, (figure,) = mujoco(runs, *one, reward_rates=[1.25], resets=[0.5])
+    assert rows[3:6] == [
+        ["A-v1", "5 (5 to 5, 2 seeds only)"],
+        ["A-v1, reward rate (per step)", "1.250 (1.250 to 1.250, 2 seeds only)"],
+        ["A-v1, resets per 1,000 steps", "0.50 (0.50 to 0.50, 2 seeds only)"],
+    ]
+    assert len(figure.axes) == 3
+    rows, (figure,) = mujoco(runs, *one)
+    assert [row[1] for row in rows[4:6]] == ["–", "–"]
+    assert len(figure.axes) == 1
+
+
+def test_both_selections_of_the_papers_runs(run, tmp_path):
+    def write(seed, scores, last_frames):
+        """Evenly spaced evaluations, a second for each 10,000 frames, and a row without evaluation."""
+        rows = [{"seed": seed, "frames": 1, "seconds": 0.1}]
+        for k, score in enumerate(scores, start=1):
+            frames = last_frames * k // len(scores)
+            rows.append({"seed": seed, "frames": frames, "seconds": frames / 1e4, "score": score})
+        path = tmp_path / f"acrobot-paper-{seed}.jsonl"
+        path.write_text("".join(json.dumps(row) + "\n" for row in rows))
+        return path
+
+    # Twenty evaluations: the last tenth are two, whose medians are 0.55 and 0.2.
+    whole = write(0, [0.0] * 9 + [0.52, *[0.61] * 7, 0.64, 0.5, 0.6], 50_000_000)
+    short = write(1, [0.0] * 18 + [0.3, 0.1], 20_000_000)
+    rows, (figure,) = run("paper_runs", whole, short, "--plot", "picture.svg")
+    first, second, together = (row for row in rows if row[0].startswith("acrobot"))
+    assert first == [
+        "acrobot, seed 0", "50.0 M", "0.640 (45.0 M)", "0.550", "0.600",
+        "25.0 M (2,500 s)", "27.5 M (2,750 s)", "27.5 M (2,750 s)", "45.0 M (4,500 s)",
+    ]  # fmt: skip
+    assert second == [
+        "acrobot, seed 1", "20.0 M of 50 M, incomplete", "0.300 (19.0 M)", "0.200", "0.100", *["not reached"] * 4,
+    ]  # fmt: skip
+    # The best of all checkpoints; the median of 0.55 and 0.2; the paper's own score.
+    assert together == ["acrobot", "2 (1 incomplete)", "0.640", "0.375", "0.633"]
+    assert [len(line.get_xdata()) for line in figure.axes[0].get_lines()[:2]] == [20, 20]
+
+
+@pytest.mark.parametrize(("name", "panels"), [("ablations", 5), ("mujoco_learning", 6)])
+def test_pictures_of_the_stored_runs(run, name, panels):
+    rows = BENCHMARKS / "runs" / f"{name.removesuffix('_learning')}.jsonl"
+    options = ("--seeds", "0") if name == "mujoco_learning" else ()
+    _, (figure,) = run(name, "--study", rows, "--plot", "picture.svg", *options)
+    assert len(figure.axes) >= panels
+    assert {axes.get_xlabel() for axes in figure.axes} == {"frames (millions)"}
+
+
+# How far from upright a motor brings a pendulum back.
+
+
+@pytest.fixture(scope="module")
+def holding_range():
+    return runpy.run_path(str(BENCHMARKS / "holding_range.py"))["holding_range"]
+
+
+def gap(I1, plant):
+    """p (A - B + p l1) - k (B + p l1), with the inertias A = I1 + I2 + m2 l1² of the shoulder and B = I2."""
+    p, k = plant.m2 * plant.r2, plant.m1 * plant.r1 + plant.m2 * plant.l1
+    A, B = I1 + plant.I2 + plant.m2 * plant.l1**2, plant.I2
+    return p * (A - B + p * plant.l1) - k * (B + p * plant.l1)
+
+
+def test_an_acrobot_with_a_mode_that_its_motor_does_not_move_and_no_such_pendubot(holding_range):
+    plant, robot = LEADERBOARD.driven(ROBOTS["acrobot"]), ROBOTS["acrobot"]
+    critical = brentq(gap, 0.0, 1.0, args=(plant,))
+    ranges = [holding_range(dataclasses.replace(plant, I1=critical * k), robot) for k in (0.99, 1.0, 1.01)]
+    assert ranges[1] < 1e-9
+    assert min(ranges[0], ranges[2]) > 1e-3
+    plant, robot = LEADERBOARD.driven(ROBOTS["pendubot"]), ROBOTS["pendubot"]
+    for factor in np.linspace(0.5, 3.0, 11):
+        assert holding_range(dataclasses.replace(plant, I1=factor * plant.I1), robot) > 0.3
+
+
+def test_within_the_range_the_largest_torque_turns_the_slowest_mode_back(holding_range, robot):
+    plant = LEADERBOARD.driven(robot)
+    most, limit = holding_range(plant, robot), 6.0
+    (A,), (B,) = linearised(plant, robot, UPRIGHT[None], np.zeros(1))
+    # Of both unstable modes, the one with the least |w b| / λ.
+    rates, modes = np.linalg.eig(A.T)
+    scaled = np.abs(B @ (modes / modes[0])) * limit
+    which = int(np.argmin(np.where(rates > 0, np.abs(scaled - most * rates), np.inf)))
+    assert scaled[which] == pytest.approx(most * rates[which])
+    w = modes[:, which].real / modes[0, which].real
+    both = np.block([[A, B[:, None]], [np.zeros((1, 5))]])
+    for share, returns in ((0.99, True), (1.01, False)):
+        # A state of this mode alone: w e = share · most, and 0 along the other left eigenvectors.
+        start = np.linalg.inv(modes.T)[:, which].real
+        start *= share * most / (w @ start)
+        end = expm(0.05 * both) @ np.append(start, -np.sign(w @ B) * limit)
+        assert (abs(w @ end[:4]) < share * most) == returns
