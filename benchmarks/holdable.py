@@ -48,16 +48,14 @@ BOUNDS = (0.0, 0.125, 0.25, 0.5, np.inf)
 def known_scenario(domain: Domain, robot: Robot, seed: int) -> Scenario:
     """The plant and loop of a seed, without what a controller that knows them compensates."""
     parameters, disturbance = draw(domain, jax.random.key(seed), robot)
-    drive, sensor = disturbance.drive, disturbance.sensor
-    if drive is None or sensor is None:
+    if not (disturbance.effects.drive and disturbance.effects.sensors):
         sys.exit(
             "holdable.py: error: this domain has no motors with a gain, or no quanta: use recorded or a session"
         )
     limit = f"tl{robot.joint + 1}"
-    most = float(getattr(parameters, limit) * drive.gain[robot.joint])
+    most = float(getattr(parameters, limit) * getattr(disturbance.loop, f"gain{robot.joint + 1}"))
     plant = replace(jax.tree.map(float, parameters), b1=0.0, b2=0.0, cf1=0.0, cf2=0.0, **{limit: most})
-    known = replace(disturbance, drive=replace(drive, gain=np.ones(2)), sensor=replace(sensor, offset=np.zeros(2)))
-    return Scenario(plant, known)
+    return Scenario(plant, disturbance.changed(gain1=1.0, gain2=1.0, offset1=0.0, offset2=0.0))
 
 
 def held(policy: PendulumPolicy, scenarios: list[Scenario], depth: int) -> np.ndarray:

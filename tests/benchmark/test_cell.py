@@ -46,7 +46,7 @@ class Text:
         if self.now[0] == "kick":
             return "kick", np.array([self.now[1], 0.0])
         error = np.array([turned(self.now[1][i] - x[i]) for i in range(2)])
-        return "move", 0.1 * error - 0.004 * x[2:] - gravity(CELLS.base.values(), x)
+        return "move", 0.1 * error - 0.004 * x[2:] - gravity(CELLS.plant.values(), x)
 
 
 def turned(angle):
@@ -90,7 +90,7 @@ def test_call_by_call_as_the_example(seed):
     given = example_disturbances(np.random.default_rng(seed))
     times, states = visits(seed)
     with jax.enable_x64(True):
-        cell = Cell(given, CellSettings(), CELLS.base, Stop(Limits(math.inf, 50.0)))
+        cell = Cell(given, CellSettings(), CELLS.plant, Stop(Limits(math.inf, 50.0)))
         found = jax.tree.map(np.asarray, called(cell, times, states))
     text = Text(events_of(given))
     for k, (t, x) in enumerate(zip(times, states, strict=True)):
@@ -120,7 +120,7 @@ def test_the_examples_disturbances():
 def test_a_cell_stops_at_its_speed_limit():
     never = Disturbances(np.zeros((1, 2)), np.zeros(1), np.zeros(1, bool))
     with jax.enable_x64(True):
-        cell = Cell(never, CellSettings(), CELLS.base, Stop(Limits(math.inf, 50.0)))
+        cell = Cell(never, CellSettings(), CELLS.plant, Stop(Limits(math.inf, 50.0)))
         states = np.array([[900.0, 0, 49.9, 0], [0, 0, 0, -50.1], [0, 0, 0, 0]])
         found = jax.tree.map(np.asarray, called(cell, np.array([0.0, 0.002, 0.004]), states))
     assert found.stops.tolist() == found.takes.tolist() == [False, True, True]
@@ -129,5 +129,5 @@ def test_a_cell_stops_at_its_speed_limit():
 def test_the_board_has_four_cells_of_thirty_seconds():
     assert (RULES.runs, RULES.duration, RULES.domain) == (4, 30.0, "cells")
     assert "Ours" in RULES.note
-    drawn = [draw_cell(RULES, CELLS.base, seed).disturbances.kick for seed in range(4)]
+    drawn = [draw_cell(RULES, CELLS.plant, seed).disturbances.kick for seed in range(4)]
     assert len({each.tobytes() for each in drawn}) == 4

@@ -61,7 +61,7 @@ def test_model_errors_change_one_parameter_each(robot):
 def test_sweeps(robot, criterion, field, values):
     cases = make_cases(robot, V2, criterion, 3)
     disturbances = [case.scenario.disturbance for case in cases]
-    found = [getattr(disturbance, field) for disturbance in disturbances]
+    found = [getattr(each if criterion == "delay" else each.loop, field) for each in disturbances]
     if criterion == "delay":
         # Rounded down in floating point, as the benchmark's int(delay / dt) is.
         assert found == [int(value / 0.002) for value in np.linspace(0, 0.04, 21)]

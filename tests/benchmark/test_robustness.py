@@ -47,7 +47,7 @@ def test_the_batch_agrees_with_a_numpy_loop(robot, criterion):
             for i in range(3)
         ]
         world = World(
-            rules.steps, float(disturbance.response), int(disturbance.delay_steps), pushes,
+            rules.steps, float(disturbance.loop.response), int(disturbance.delay_steps), pushes,
             np.asarray(noise[0]), np.asarray(noise[1]),
         )  # fmt: skip
         rows = closed_loop(p, (robot.joint,), swinging, np.zeros(4), rules.dt, world)

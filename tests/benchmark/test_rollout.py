@@ -99,27 +99,27 @@ PUSHES = [
 ]
 
 DISTURBANCES = {
-    "velocity noise": ({"velocity_noise": 0.3}, {}),
-    "torque noise": ({"torque_noise": 0.9}, {}),
-    "slow motor": ({"response": 0.15}, {"response": 0.15}),
-    "overshooting motor": ({"response": 1.7}, {"response": 1.7}),
-    "delay": ({"delay_steps": 7}, {"delay": 7}),
-    "pushes": ({"pushes": Pushes(CENTRES, WIDTHS, AMPLITUDES)}, {"pushes": PUSHES}),
+    "velocity noise": ({"velocity_noise": 0.3}, {}, {}),
+    "torque noise": ({"torque_noise": 0.9}, {}, {}),
+    "slow motor": ({"response": 0.15}, {}, {"response": 0.15}),
+    "overshooting motor": ({"response": 1.7}, {}, {"response": 1.7}),
+    "delay": ({}, {"delay_steps": 7}, {"delay": 7}),
+    "pushes": ({}, {"pushes": Pushes(CENTRES, WIDTHS, AMPLITUDES)}, {"pushes": PUSHES}),
     "all at once": (
-        {
-            "velocity_noise": 0.2, "torque_noise": 0.4, "response": 0.6, "delay_steps": 3,
-            "pushes": Pushes(CENTRES, WIDTHS, AMPLITUDES),
-        },
+        {"velocity_noise": 0.2, "torque_noise": 0.4, "response": 0.6},
+        {"delay_steps": 3, "pushes": Pushes(CENTRES, WIDTHS, AMPLITUDES)},
         {"response": 0.6, "delay": 3, "pushes": PUSHES},
     ),
-}  # fmt: skip
+}
+"""Numbers of the loop, other changes, and what they are in the NumPy loop."""
 
 
 @pytest.mark.parametrize("name", DISTURBANCES)
 @pytest.mark.usefixtures("x64")
 def test_every_disturbance_agrees_with_a_numpy_loop(robot, name):
-    changes, world = DISTURBANCES[name]
-    disturbance = dataclasses.replace(undisturbed(), noise=np.array([5, 17], np.uint32), **changes)
+    numbers, changes, world = DISTURBANCES[name]
+    calm = undisturbed().changed(**numbers)
+    disturbance = dataclasses.replace(calm, noise=np.array([5, 17], np.uint32), **changes)
     velocity, torque = jax.vmap(lambda k: step_noise(disturbance, k, jnp.dtype(float)))(jnp.arange(STEPS))
     world = World(STEPS, velocity_noise=np.asarray(velocity), torque_noise=np.asarray(torque), **world)
     plant = LEADERBOARD.driven(robot)
@@ -146,7 +146,8 @@ def test_a_disturbance_of_nothing_changes_nothing(robot):
 @pytest.mark.usefixtures("x64")
 def test_a_late_loop_alike_in_jax_and_on_the_host(robot):
     """Times, states and torques; each state is the one before, one recorded period later."""
-    domain = make_domain({"quantum1": 1e-3, "late": 0.3, "lateness": 1e-3, "lag": 0.002, "delay": 0.002})
+    timing = {"late": 0.3, "lateness": 1e-3, "lag": 0.002, "delay": 0.002}
+    domain = make_domain({"plant": "C.1", "quantum1": 1e-3, **timing})
     scenario = Scenario(*draw(domain, jax.random.key(5), robot), substeps=domain.substeps)
     _, found = run(scenario, Feedback(jnp.array(GAIN)), jnp.zeros(4), DT, steps=50, depth=domain.depth)
     plain = PythonController(feedback())
@@ -165,9 +166,8 @@ def test_noise_is_standard_normal_and_differs_from_step_to_step_and_key_to_key()
     steps = 20_000
 
     def draw(key):
-        disturbance = dataclasses.replace(
-            undisturbed(), velocity_noise=0.5, torque_noise=2.0, noise=np.array(key, np.uint32)
-        )
+        noisy = undisturbed().changed(velocity_noise=0.5, torque_noise=2.0)
+        disturbance = dataclasses.replace(noisy, noise=np.array(key, np.uint32))
         velocity, torque = jax.vmap(lambda k: step_noise(disturbance, k, jnp.dtype(float)))(jnp.arange(steps))
         np.testing.assert_array_equal(torque[:, 0], torque[:, 1])  # one motor, one draw
         return np.column_stack([velocity, torque[:, 0]]) / [0.5, 0.5, 2.0]

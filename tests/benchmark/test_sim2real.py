@@ -18,6 +18,7 @@ from swingup.runtime import load_controller
 
 BRIEF = dataclasses.replace(SIM2REAL, duration=2.5)
 """Long enough for the domain's push, which comes within 2 s."""
+ROBOT = {"plant": "C.1", "design": "leaderboard"}
 UPRIGHT = np.array([np.pi, 0.0, 0.0, 0.0])
 
 
@@ -66,10 +67,10 @@ def test_a_pendulum_without_motors_fails_and_seeds_differ(either_robot):
     def judged(domain, seed, seeds):
         return judge(lambda x, t: [0.0, 0.0], either_robot, BRIEF, seeds, seed=seed, domain=domain)
 
-    quiet = judged(make_domain({"velocity_noise": 0.1}), 0, 2)
+    quiet = judged(make_domain(ROBOT | {"velocity_noise": 0.1}), 0, 2)
     assert (quiet.successes, quiet.score) == (0, 0.0)
     assert quiet.success_interval[0] == 0.0
-    pushed = make_domain({"push": 3.0, "torque_limit": 6.0})
+    pushed = make_domain(ROBOT | {"push": 3.0, "torque_limit": 6.0})
     one, two = (judged(pushed, seed, 1) for seed in (0, 1))
     assert np.abs(one.trajectory.x).max() > 0.01
     assert one.runs[0].speed != two.runs[0].speed
@@ -100,7 +101,13 @@ def test_a_controller_that_fails_in_some_runs_loses_those_only(robot):
         return [0.0, np.nan if t == 0.0 and x[2] > 0.01 else 0.0]
 
     short = dataclasses.replace(BRIEF, duration=0.02)
-    result = judge(broken, robot, short, 2, domain=make_domain({"velocity_noise": 0.1})).as_dict()
+    result = judge(
+        broken,
+        robot,
+        short,
+        2,
+        domain=make_domain(ROBOT | {"velocity_noise": 0.1}),
+    ).as_dict()
     first, second = json.loads(json.dumps(result))["details"]
     assert first["fault"].startswith("it gave a torque that is not finite")
     assert "fault" not in second

@@ -31,7 +31,7 @@ BRIEF = dataclasses.replace(
     # With a line that the tip is above from the start, so that runs succeed.
     height=-1.01,
 )
-FRICTION = make_domain({"passive_limit": 0.5})
+FRICTION = make_domain({"plant": "C.1", "design": "leaderboard", "passive_limit": 0.5})
 """The identified plant in a perfect loop."""
 
 

@@ -101,7 +101,7 @@ BRIEF_REAL = dataclasses.replace(BRIEF_REAL, height=-0.97)
 A throw lasts no whole number of steps of 2 ms. Else the rounding of its clock, a sum that each compilation
 rounds in its own way, decides whether it lasts one step more.
 """
-FRICTION = make_domain({"passive_limit": 0.5})
+FRICTION = make_domain({"plant": "C.1", "design": "leaderboard", "passive_limit": 0.5})
 """The identified plant in a perfect loop."""
 
 
@@ -130,7 +130,7 @@ def independent_robot_run(p, resets, stop, duration, control, dt):
 def test_the_robots_rules_agree_with_a_numpy_loop(make, name, stop):
     rules = dataclasses.replace(BRIEF_REAL, stop=Limits(4 * math.pi, stop))
     found = judge(make(), name, rules, 1, seed=5, domain=FRICTION)
-    planned = draw_resets(rules, FRICTION.base, 5).resets
+    planned = draw_resets(rules, FRICTION.plant, 5).resets
     assert planned.target.shape == (101, 2)
     model, plain = LEADERBOARD.driven(get_robot(name)).values(), PlainCounting()
     resets = ResetText(list(planned.plan), planned.target, model, (3.0, 8.0), rules.throw_duration)
@@ -153,7 +153,7 @@ def test_the_robots_rules_agree_with_a_numpy_loop(make, name, stop):
 
 def test_the_real_boards_resets_come_at_their_times():
     for seed in range(20):
-        plan = draw_resets(REAL, FRICTION.base, seed).resets.plan
+        plan = draw_resets(REAL, FRICTION.plant, seed).resets.plan
         # Means at 60/11 s, 120/11 s, ..., 600/11 s, within 1 s; never the same.
         assert np.all(np.abs(plan - 60 / 11 * np.arange(1, 11)) <= 1.0)
     assert (REAL.throw_duration, REAL.duration, REAL.runs) == (1.0, 60.0, 3)

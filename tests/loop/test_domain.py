@@ -33,7 +33,7 @@ def test_the_identified_domain_is_the_identified_plant(robot):
         assert float(getattr(plant, name)) == getattr(load_plant("C.1"), name)
     limits = [float(plant.tl1), float(plant.tl2)]
     assert (limits[robot.joint], limits[1 - robot.joint]) == (6.0, 0.5)
-    assert (int(loop.delay_steps), float(loop.velocity_noise)) == (5, 0.1)  # 10 ms in steps of 2 ms
+    assert (int(loop.delay_steps), float(loop.loop.velocity_noise)) == (5, 0.1)  # 10 ms in steps of 2 ms
     assert not np.any(loop.pushes.amplitude)
 
 
@@ -42,7 +42,7 @@ def test_every_number_of_the_package_says_where_it_comes_from():
 
     text = (resources.files("swingup.loop") / "domains" / "identified.yml").read_text(encoding="utf-8")
     rows = [line for line in text.splitlines() if line and not line.startswith("#")]
-    assert {row.partition(":")[0] for row in rows} <= {"torque_limit", *VALUES}
+    assert {row.partition(":")[0] for row in rows} <= {"plant", "design", "torque_limit", *VALUES}
     assert all("Source:" in row or "Chosen" in row for row in rows)
 
 
@@ -51,8 +51,7 @@ def test_draws_fill_their_ranges():
     plant, loop = drawn(domain)
     ranges = {name: (low, high) for name, low, high in domain.ranges}
     found = {name: getattr(plant, name) for name in PLANT}
-    found |= {name: getattr(loop, name) for name in ("velocity_noise", "torque_noise", "response")}
-    found |= {name: getattr(loop.motor, name) for name in ("rate_limit", "ripple", "ripple_periods")}
+    found |= {name: getattr(loop.loop, name) for name in VALUES if name in ranges and name not in ("delay", "push")}
     for name, values in found.items():
         low, high = ranges.get(name, (None, None))
         if low == high:
@@ -69,20 +68,23 @@ def test_draws_fill_their_ranges():
 
 
 def test_what_is_left_out_is_perfect():
-    plant, loop = drawn(make_domain({"m1": 0.5}), 2)
+    plant, loop = drawn(make_domain({"plant": "C.1", "m1": 0.5}), 2)
     assert plant.m1.tolist() == [0.5, 0.5]
-    assert (loop.delay_steps.tolist(), loop.response.tolist(), loop.torque_noise.tolist()) == (
-        [0, 0],
-        [1, 1],
-        [0, 0],
-    )
+    assert loop.delay_steps.tolist() == loop.loop.torque_noise.tolist() == [0, 0]
+    assert loop.loop.response.tolist() == [1, 1]
     assert plant.tl1.tolist() == [0, 0]
 
 
 def test_a_file_of_ones_own(tmp_path):
     path = tmp_path / "mine.yml"
-    path.write_text("delay: [0, 0.004]\nb1: 0.02\nIr: [4e-5, 9.0e-5]\n")  # without a point, YAML reads a text
-    assert load_domain(path).as_dict() == {"delay": [0.0, 0.004], "b1": [0.02, 0.02], "Ir": [4e-5, 9e-5]}
+    # Without a point, YAML reads a text.
+    path.write_text("plant: C.1\ndelay: [0, 0.004]\nb1: 0.02\nIr: [4e-5, 9.0e-5]\n")
+    assert load_domain(path).as_dict() == {
+        "plant": "C.1",
+        "delay": [0.0, 0.004],
+        "b1": [0.02, 0.02],
+        "Ir": [4e-5, 9e-5],
+    }
 
 
 @pytest.mark.parametrize(
@@ -95,9 +97,10 @@ def test_a_file_of_ones_own(tmp_path):
         ("m1: [0.1, 0.2, 0.3]", r"m1 = \[0.1, 0.2, 0.3\] must be a number, or a range \[low, high\]"),
         ("m1: heavy", "m1 = 'heavy' must be a number"),
         ("m1: .nan", r"m1 = \[nan, nan\] must be a range from low to high"),
-        ("m1: [0.0, 0.5]", "parameter m1 = 0 must be positive"),
-        ("I2: 1.0e-6", "mass matrix is not positive definite"),
-        ("m2: [0.3, 1.0]\nI2: [0.02, 0.08]", "mass matrix is not positive definite"),
+        ("delay: 0.01", "lacks its plant: add 'plant', one of A.0, B.0, "),
+        ("plant: C.1\nm1: [0.0, 0.5]", "parameter m1 = 0 must be positive"),
+        ("plant: C.1\nI2: 1.0e-6", "mass matrix is not positive definite"),
+        ("plant: C.1\nm2: [0.3, 1.0]\nI2: [0.02, 0.08]", "mass matrix is not positive definite"),
         ("m1: true", "m1 = True must be a number"),
         ("m1: 0.5\nm2: 0.6\nm1: 0.4", "gives m1 2 times: keep one of its values"),
         ("- 1", "is not a map: write one 'name: value' a line"),
@@ -127,34 +130,31 @@ def test_domains_are_hashable():
 @pytest.mark.parametrize("name", SHIPPED)
 def test_steps_are_stable_on_all_plants_of_a_domain(name):
     domain = load_domain(name)
-    period = LOOP_DT * (3 if domain.has("late") else 1)
+    period = LOOP_DT * (3 if domain.effects.late else 1)
     assert domain.substeps == max(stable_substeps(corner, period) for corner in domain.corners())
 
 
-def test_facts_decide_about_the_steps_and_not_how_a_file_says_them():
-    """The same plants, with or without their plant's name: Coulomb friction of 0.5 N m needs 4 steps."""
-    assert load_domain("identified").substeps == 1
-    assert load_domain("randomised").substeps == 2
-    assert (
-        make_domain({"cf2": [0.0, 0.5]}).substeps == make_domain({"plant": "C.1", "cf2": [0.0, 0.5]}).substeps == 4
-    )
+def test_facts_decide_about_the_steps():
+    """Coulomb friction of 0.5 N m needs 4 steps."""
+    assert (load_domain("identified").substeps, load_domain("randomised").substeps) == (1, 2)
+    assert make_domain({"plant": "C.1", "cf2": [0.0, 0.5]}).substeps == 4
 
 
 def test_draws_take_their_random_numbers_in_the_order_of_the_file():
     """The first two draws of one key, by whichever names: boards keep their numbers where fields move."""
     domains = (
-        make_domain({"m1": [0.5, 0.6], "delay": [0.0, 0.1]}),
-        make_domain({"lag": [0.0, 0.1], "m1": [0.5, 0.6]}),
+        make_domain({"plant": "C.1", "m1": [0.5, 0.6], "delay": [0.0, 0.1]}),
+        make_domain({"plant": "C.1", "lag": [0.0, 0.1], "m1": [0.5, 0.6]}),
     )
     (plant, _), (other, loop) = (draw_one(domain, jax.random.key(0), ACROBOT) for domain in domains)
-    assert float(plant.m1 - 0.5) == pytest.approx(float(loop.drive.lag), rel=1e-4)
+    assert float(plant.m1 - 0.5) == pytest.approx(float(loop.loop.lag), rel=1e-4)
     assert plant.m1 != other.m1
 
 
 def test_nominal_values_are_the_middle():
-    domain = make_domain({"torque_limit": 5.0, "m2": [0.6, 0.7], "lag": [0.001, 0.003]})
+    content = {"plant": "C.1", "torque_limit": 5.0, "m2": [0.6, 0.7], "lag": [0.001, 0.003]}
+    domain = make_domain(content)
     plant, loop = domain.nominal
     assert (plant.tl1, plant.tl2, plant.m2, loop.lag) == pytest.approx((5.0, 5.0, 0.65, 0.002))
-    assert domain.known_plant(ACROBOT) is None
-    known = make_domain({"plant": "C.1", "m2": [0.6, 0.7]}).known_plant(ACROBOT)
-    assert (known.m2, known.tl1, known.tl2) == pytest.approx((0.65, 0.0, 6.0))
+    assert (domain.design, domain.design.name) == (plant, "C.1")
+    assert make_domain(content | {"design": "B.0"}).design == load_plant("B.0")

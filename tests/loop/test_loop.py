@@ -9,17 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.loop.clock import Clock, Times, start_times
 from swingup.loop.disturbance import Pushes, measured_state, motor_torques, step_period, undisturbed
 from swingup.loop.domain import PLANT, SESSIONS, load_domain, make_domain
 from swingup.loop.draw import draw
-from swingup.loop.loop import LONGEST_PERIOD, VALUES
-from swingup.loop.motors import Drive, Motor
-from swingup.loop.sensor import Sensor
+from swingup.loop.effects import Effects, Times, lagging, late_period, measured_angles, sensed, start_times
+from swingup.loop.loop import LONGEST_PERIOD, VALUES, Loop
 from swingup.plant.plant import NAMES
 from swingup.plant.robots import get_robot
 
 DT = 0.002
+SHIFTED = Loop(quantum1=0.5, offset1=0.1, offset2=-0.2)
 
 
 def array(*numbers):
@@ -28,21 +27,21 @@ def array(*numbers):
 
 def test_angles_are_rounded_to_their_quantum_after_the_offset():
     """1.2 + 0.1 = 1.3 is 2.6 steps of 0.5, so 3 of them; the second joint has no step: 0.3 - 0.2 = 0.1."""
-    sensor = Sensor(quantum=array(0.5, 0.0), offset=array(0.1, -0.2))
-    np.testing.assert_allclose(sensor.angles(jnp.array([1.2, 0.3])), [1.5, 0.1], rtol=1e-6)
+    np.testing.assert_allclose(measured_angles(SHIFTED, jnp.array([1.2, 0.3])), [1.5, 0.1], rtol=1e-6)
 
 
 @pytest.mark.parametrize(("differences", "rates"), [(True, [5.0, 4.0]), (False, [7.0, 8.0])])
 def test_velocities(differences, rates):
     """From 0.9 + 0.1 = 2 steps to 3 steps of 0.5 in 0.1 s: 5 rad/s; from -0.3 to 0.1: 4 rad/s. Or the true ones."""
-    sensor = Sensor(array(0.5, 0.0), array(0.1, -0.2), differences)
-    seen = sensor.read(jnp.array([1.2, 0.3, 7.0, 8.0]), jnp.array([0.9, -0.1, 0.0, 0.0]), 0.1)
+    now, before = jnp.array([1.2, 0.3, 7.0, 8.0]), jnp.array([0.9, -0.1, 0.0, 0.0])
+    seen = sensed(SHIFTED, differences, now, before, 0.1)
     np.testing.assert_allclose(seen, [1.5, 0.1, *rates], rtol=1e-5)
 
 
 def test_differences_are_over_recorded_times_and_as_old_as_the_measurement():
     """Steps 0 to 3 at 0, 2, 5 and 9 ms: one period late, step 3 sees step 2 and the 3 ms before it."""
-    disturbance = dataclasses.replace(undisturbed(), delay_steps=1, sensor=Sensor(np.zeros(2), np.zeros(2)))
+    effects = Effects(sensors=True, differences=True)
+    disturbance = dataclasses.replace(undisturbed(), delay_steps=1, effects=effects)
     assert disturbance.is_timed
     times, past = start_times(3, DT, jnp.dtype("float32")), jnp.zeros((3, 4))
     seen = []
@@ -57,11 +56,11 @@ def test_differences_are_over_recorded_times_and_as_old_as_the_measurement():
 
 def test_late_periods():
     """Half of the periods are late: a draw of 0.25 is at the half of them, whose excess is ln 2 of the mean."""
-    clock = Clock(late=0.5, lateness=0.001)
-    found = [float(clock.period(jnp.asarray(u), DT)) for u in (0.25, 0.5, 0.9, 0.0)]
+    loop = Loop(late=0.5, lateness=0.001)
+    found = [float(late_period(loop, jnp.asarray(u), DT)) for u in (0.25, 0.5, 0.9, 0.0)]
     np.testing.assert_allclose(found, [DT + 0.001 * math.log(2), DT, DT, LONGEST_PERIOD * DT], rtol=1e-5)
-    assert float(Clock(0.0, 0.001).period(jnp.asarray(0.0), DT)) == pytest.approx(DT)
-    late = dataclasses.replace(undisturbed(), clock=Clock(0.1, 0.0005))
+    assert float(late_period(Loop(lateness=0.001), jnp.asarray(0.0), DT)) == pytest.approx(DT)
+    late = dataclasses.replace(undisturbed().changed(late=0.1, lateness=0.0005), effects=Effects(late=True))
     periods = jax.vmap(lambda k: step_period(late, k, DT, jnp.dtype("float32")))(jnp.arange(20_000))
     # 2,000 late ones, give or take 42; their excess is cut at 4 ms, where exp(-8) are left.
     excess = np.asarray(periods)[np.asarray(periods) > DT * 1.0001] - DT
@@ -71,57 +70,58 @@ def test_late_periods():
 
 def test_a_lag_is_an_exponential_with_its_impulse():
     """After one time constant 1/e is missing, and (1 - 1/e) of the change on the mean of that time."""
-    drive = Drive(gain=np.ones(2), lag=DT)
-    mean, after = drive.follow(jnp.array([6.0, 0.0]), jnp.array([0.0, 3.0]), DT)
+    mean, after = lagging(Loop(lag=DT), jnp.array([6.0, 0.0]), jnp.array([0.0, 3.0]), DT)
     np.testing.assert_allclose(after, [6 - 6 / math.e, 3 / math.e], rtol=1e-6)
     np.testing.assert_allclose(mean, [6 / math.e, 3 * (1 - 1 / math.e)], rtol=1e-6)
     # All in all the impulse lags by lag times the change.
     missing, torque = 0.0, jnp.zeros(2)
     for _ in range(30):
-        mean, torque = Drive(np.ones(2), 0.003).follow(jnp.array([6.0, 0.0]), torque, DT)
+        mean, torque = lagging(Loop(lag=0.003), jnp.array([6.0, 0.0]), torque, DT)
         missing += DT * (6.0 - float(mean[0]))
     assert missing == pytest.approx(0.003 * 6.0, rel=1e-5)
-    for torque in Drive(np.ones(2), 0.0).follow(jnp.array([6.0, 0.0]), jnp.zeros(2), DT):
+    for torque in lagging(Loop(), jnp.array([6.0, 0.0]), jnp.zeros(2), DT):
         np.testing.assert_allclose(torque, [6.0, 0.0], atol=1e-4)
 
 
 def test_gains_act_on_commands_and_pushes_alike():
     """Asked: 9 N m cut to 6 and a push of 1; the passive motor, of limit 0, has its push of 2. Gains 0.8, 0.5."""
     pushes = Pushes(np.zeros((2, 1)), np.ones((2, 1)), array([1.0], [2.0]))
-    disturbance = dataclasses.replace(undisturbed(), pushes=pushes, drive=Drive(array(0.8, 0.5), 0.0))
+    weak = undisturbed().changed(gain1=0.8, gain2=0.5)
+    disturbance = dataclasses.replace(weak, pushes=pushes, effects=Effects(drive=True))
     args = (jnp.array([9.0, 9.0]), jnp.zeros(2), jnp.zeros(()), jnp.full(2, 0.1), array(6.0, 0.0), jnp.zeros(2), DT)
     acting, own = motor_torques(disturbance, *args)
     np.testing.assert_allclose(acting, [0.8 * 7.0 + 0.1, 0.5 * 2.0], rtol=1e-4)  # noise where a motor is driven
     np.testing.assert_allclose(own, [7.0, 2.0], rtol=1e-4)  # the motor knows nothing of its gain
-    limited = dataclasses.replace(disturbance, motor=Motor(500.0, 0.0, 36.0))
+    limited = dataclasses.replace(disturbance.changed(rate_limit=500.0), effects=Effects(motors=True, drive=True))
     np.testing.assert_allclose(motor_torques(limited, *args)[1], [1.0, 1.0], rtol=1e-4)  # 500 N m/s for 2 ms
 
 
-def test_domains_have_the_elements_that_they_name():
+def test_domains_have_the_effects_that_they_need():
+    robot, motors = get_robot("acrobot"), Effects(motors=True)
+    for name in ("identified", "randomised"):
+        assert load_domain(name).effects == motors
+    # A value decides, not its name.
+    assert make_domain({"plant": "C.1", "lag": 0.0, "late": 0.0, "offset1": 0.0}).effects == motors
+    lagging = make_domain({"plant": "C.1", "lag": 0.003, "gain2": 0.8, "passive_push": 2.0, "offset1": -0.1})
     with jax.enable_x64(True):
-        robot = get_robot("acrobot")
-        for name in ("identified", "randomised"):
-            _, loop = draw(load_domain(name), jax.random.key(0), robot)
-            assert (loop.sensor, loop.clock, loop.drive) == (None, None, None)
-        _, loop = draw(make_domain({"lag": 0.0, "late": 0.0, "offset1": 0.0}), jax.random.key(0), robot)
-        assert (loop.sensor, loop.clock, loop.drive) == (None, None, None)  # a value decides, not its name
-        lagging = make_domain({"lag": 0.003, "gain2": 0.8, "passive_push": 2.0, "offset1": -0.1})
-        _, loop = draw(lagging, jax.random.key(0), robot)
-        assert (float(loop.drive.lag), loop.drive.gain.tolist()) == (0.003, [1.0, 0.8])
-        assert (loop.sensor.offset.tolist(), loop.sensor.differences, lagging.depth) == ([-0.1, 0.0], False, 1)
-        peaks = loop.pushes.amplitude[:, 0]
-        assert 0 < abs(float(peaks[0])) <= 2.0  # the acrobot's shoulder is passive
-        assert float(peaks[1]) == 0.0
-    timed = make_domain({"quantum1": 1e-3, "late": 0.1, "lateness": 1e-3})
-    assert (timed.differences, timed.depth) == (True, 2)
+        _, found = draw(lagging, jax.random.key(0), robot)
+    assert found.effects == Effects(motors=True, drive=True, sensors=True)
+    numbers = [float(getattr(found.loop, name)) for name in ("lag", "gain1", "gain2", "offset1")]
+    assert (numbers, lagging.depth) == ([0.003, 1.0, 0.8, -0.1], 1)
+    peaks = np.asarray(found.pushes.amplitude)[:, 0]
+    assert 0 < abs(float(peaks[0])) <= 2.0  # the acrobot's shoulder is passive
+    assert float(peaks[1]) == 0.0
+    timed = make_domain({"plant": "C.1", "quantum1": 1e-3, "late": 0.1, "lateness": 1e-3})
+    assert (timed.effects.differences, timed.depth) == (True, 2)
     assert timed.substeps == 3  # λ of C.1 is 1,132 a second, and the longest period 6 ms: 6.8 / 2.5
-    assert not make_domain({"quantum1": 1e-3, "velocities": "driver"}).differences
+    assert not make_domain({"plant": "C.1", "quantum1": 1e-3, "velocities": "driver"}).effects.differences
 
 
 def test_every_number_of_the_recorded_domain_says_where_it_comes_from():
     text = (resources.files("swingup.loop") / "domains" / "recorded.yml").read_text(encoding="utf-8")
     rows = [line for line in text.splitlines() if line and not line.startswith("#")]
-    assert {row.partition(":")[0] for row in rows} - {"velocities"} <= {*NAMES, "torque_limit", *VALUES}
+    known = {"plant", "design", "velocities", "torque_limit", *NAMES, *VALUES}
+    assert {row.partition(":")[0] for row in rows} <= known
     assert all("Source:" in row or "Chosen" in row for row in rows)
 
 
@@ -136,7 +136,7 @@ def test_the_recorded_ranges_are_as_wide_as_the_recordings():
     """Base parameters relative to the identified plant, where m2 and l1 keep their values."""
     domain = load_domain("recorded")
     ends = {name: array(low, high) for name, low, high in domain.ranges}
-    base = domain.base
+    base = domain.plant
     first = (ends["m1"] * ends["r1"] + base.m2 * base.l1) / (base.m1 * base.r1 + base.m2 * base.l1)
     widest = {
         "m1 r1 + m2 l1": (first, 0.87, 1.02), "m2 r2": (ends["r2"] / base.r2, 0.95, 1.05),

@@ -16,8 +16,7 @@ def values(plant, domain):
 
 def test_a_domain_alone_and_a_perfect_loop():
     assert loop_around(None, "identified").name == "identified"
-    assert values(None, None) == {}
-    assert values("C.1", None) == {"plant": "C.1"}
+    assert values(None, None) == values("C.1", None) == {"plant": "C.1"}
 
 
 def test_a_small_plant_in_the_loop_of_a_large_one():

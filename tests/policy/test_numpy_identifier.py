@@ -7,10 +7,10 @@ import sys
 
 import numpy as np
 import pytest
+from swingup.loop.clock import Clock
 
 from swingup.export.export_cloudpendulum import export_cloudpendulum
 from swingup.export.export_folder import export_realaigym
-from swingup.loop.clock import Clock
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.damped import damped_midpoint_step
 from swingup.plant.equations import lump

@@ -89,7 +89,7 @@ def test_the_rules_of_a_swing_up_are_in_the_units_of_the_domains_plant(either_ro
     assert SIM2REAL.on(Setting(either_robot, LEADERBOARD, around_c1)).limits == SIM2REAL.limits
     # T is 0.4258 of C.1's: speeds up to 20 / 0.4258 rad/s.
     small = make_domain({"plant": "cloudpendulum", "m1": [0.1, 0.11]})
-    board = SIM2REAL.on(Setting(either_robot, small.design_plant, small))
+    board = SIM2REAL.on(Setting(either_robot, small.design, small))
     assert board.limits.speed == pytest.approx(46.97, abs=0.01)
 
 

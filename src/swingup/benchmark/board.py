@@ -20,7 +20,7 @@ class Setting:
 
     robot: Robot
     plant: Plant
-    """The plant of all runs, or the one that the domain starts from."""
+    """The plant of all runs, or the one that controllers in the domain are designed for."""
     domain: Domain | None = None
     """Plants and loops are drawn from it; None for the plant in the board's own loop."""
     disturbance: DisturbanceSettings | None = None

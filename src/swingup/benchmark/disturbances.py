@@ -52,11 +52,9 @@ class DisturbanceSettings:
         """
         calm = undisturbed() if self.pushes is None else undisturbed(self.pushes.pushes)
         random = np.random.default_rng(seed)
+        noises = {name: float(getattr(self, name)) for name in ("velocity_noise", "torque_noise")}
         return dataclasses.replace(
-            calm,
-            velocity_noise=float(self.velocity_noise),
-            torque_noise=float(self.torque_noise),
-            response=float(self.torque_response),
+            calm.changed(**noises, response=float(self.torque_response)),
             delay_steps=floored_delay_steps(self.delay, dt),
             pushes=calm.pushes if self.pushes is None else draw_pushes(random, self.pushes, duration),
             # The second word counts the simulations of a grid; a single run is its first.

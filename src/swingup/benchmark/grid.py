@@ -83,10 +83,11 @@ def _sweep_cases(nominal: Plant, calm: Disturbance, rules: "RobustnessBoard", cr
         # A negative response can be simulated; a negative deviation or delay has no meaning.
         if criterion != "torque_response" and value < 0:
             raise SwingupError(f"{criterion} = {value:g} must not be negative: correct the grid")
-        change: dict[str, Any] = {"response" if criterion == "torque_response" else criterion: value}
         if criterion == "delay":
-            change = {"delay_steps": floored_delay_steps(value, rules.dt)}
-        scenario = Scenario(nominal, dataclasses.replace(calm, **change))
+            disturbed = dataclasses.replace(calm, delay_steps=floored_delay_steps(value, rules.dt))
+        else:
+            disturbed = calm.changed(**{"response" if criterion == "torque_response" else criterion: value})
+        scenario = Scenario(nominal, disturbed)
         for repetition in range(sweep.repetitions):
             settings = {"value": value} | ({"repetition": repetition} if sweep.repetitions > 1 else {})
             yield Case(scenario, settings, criterion, group)

@@ -70,8 +70,7 @@ def judge(
     if not board.is_random(setting):
         every = every[:1]
     board = board.on(setting)
-    known = setting.nominal if setting.domain is None else setting.domain.known_plant(setting.robot)
-    estimator, controller = has_estimator(controller), prepare(controller, setting.robot, name, known)
+    estimator, controller = has_estimator(controller), prepare(controller, setting.robot, name, setting.nominal)
     with naming(name):
         took = call_time(controller, board.dt) if isinstance(controller, AbstractController) else None
     runs: list[Run] = []
@@ -140,7 +139,7 @@ def make_setting(
         raise SwingupError(f"the board {board.name} draws plants from a domain: give the plant as the domain")
     around = None if isinstance(board, UptimeBoard) else plant
     ranges = loop_around(around, board.domain if domain is None else domain)
-    return Setting(robot, ranges.design_plant, ranges)
+    return Setting(robot, ranges.design, ranges)
 
 
 def run_cases(

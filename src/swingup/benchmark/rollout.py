@@ -17,8 +17,8 @@ from jaxtyping import Array, Bool, Float, Int
 from ..common.types import Count, Flag, Scalar, State, Torque
 from ..controllers.interface.controller import AbstractController
 from ..dynamics.integrate import rk4_steps
-from ..loop.clock import Times, start_times
 from ..loop.disturbance import Disturbance, Past, measured_state, motor_torques, remember, step_noise, step_period
+from ..loop.effects import Times, start_times
 from ..loop.loop import LOOP_DT
 from ..loop.supervisors.supervisor import AbstractSupervisor, Intervention, no_intervention
 from ..loop.supervisors.throws import PID, Throws, is_thrown, start_pid, throw

@@ -61,10 +61,9 @@ class SwingUpBoard(AbstractBoard):
         """The board with the robot's normalisers, and limits and pushes in the pendulum's own units."""
         normalisers = self.for_robots.get(setting.robot.name, self.normalisers)
         board = replace(self, normalisers=normalisers, for_robots={})
-        plant = setting.domain.known_plant(setting.robot) if setting.domain else None
-        if plant is None:
+        if setting.domain is None:
             return board
-        scales = scales_of(plant)
+        scales = scales_of(setting.nominal)
         limits = board.limits and replace(board.limits, speed=board.limits.speed * scales.velocity)
         return replace(
             board, limits=limits, pushes={name: scaled(each, scales) for name, each in board.pushes.items()}

@@ -86,9 +86,9 @@ class UptimeBoard(AbstractBoard):
         parameters, disturbance = draw(setting.domain, jax.random.key(seed), setting.robot)
         supervisor: AbstractSupervisor
         if self.cell is None:
-            supervisor = draw_resets(self, setting.domain.base, seed)
+            supervisor = draw_resets(self, setting.domain.plant, seed)
         else:
-            supervisor = draw_cell(self, setting.domain.base, seed)
+            supervisor = draw_cell(self, setting.domain.plant, seed)
             limit = max(float(parameters.tl1), float(parameters.tl2))
         parameters = replace(parameters, tl1=limit, tl2=limit)
         return Scenario(parameters, disturbance, supervisor=supervisor, substeps=setting.domain.substeps)

@@ -142,9 +142,9 @@ NO_PLANT = PlantOptions()
 """The default of the commands: the leaderboards' plant."""
 
 
-def plant_note(plant: Plant | None, robot: str) -> str:
+def plant_note(plant: Plant, robot: str) -> str:
     """What a result's headline says of its plant; nothing of the leaderboards'."""
-    if plant in (None, LEADERBOARD):
+    if plant == LEADERBOARD:
         return ""
     return f", plant {plant}, torque/gravity {torque_over_gravity(plant.driven(robot)):.2f}"
 

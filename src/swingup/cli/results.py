@@ -14,8 +14,7 @@ def result_lines(result: Result, judged: str) -> list[str]:
     """Successes, the board's values with their intervals, what else the runs show, and warnings."""
     drawn = "" if result.domain is None else f", domain {result.domain.name}"
     seeds = f", seed {result.seeds[0]}{to_last(result.seeds[0], len(result.seeds))}" if result.seeds else ""
-    known_plant = result.plant if result.domain is None else result.domain.plant
-    plant = plant_note(known_plant, result.robot)
+    plant = plant_note(result.plant, result.robot)
     values = []
     for name, value in result.values.items():
         column, interval = COLUMNS[name], result.intervals.get(name)

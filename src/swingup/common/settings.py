@@ -6,14 +6,15 @@ tuple of floats. A field may also be settings themselves. ``__post_init__`` call
 """
 
 from collections.abc import Mapping
-from dataclasses import fields
-from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_type_hints
+from dataclasses import Field, fields
+from typing import Any, NamedTuple, TypeVar, get_args
 
 from .checks import finite_number, suggestion, whole_number
 from .errors import SwingupError
 from .text import quoted
 
 SettingsT = TypeVar("SettingsT")
+NoteT = TypeVar("NoteT")
 
 
 class Range(NamedTuple):
@@ -21,6 +22,11 @@ class Range(NamedTuple):
 
     least: float
     most: float
+
+
+def notes(field: "Field[Any]", kind: type[NoteT]) -> tuple[NoteT, ...]:
+    """What a field's annotation says of one kind: its :class:`Range`, or its units."""
+    return tuple(each for each in getattr(field.type, "__metadata__", ()) if isinstance(each, kind))
 
 
 def check_ranges(settings: Any) -> None:
@@ -75,13 +81,9 @@ def _checked(name: str, value: Any, kind: Any, bounds: Range) -> Any:
 
 def _annotations(kind: Any) -> dict[str, tuple[Any, Range | None]]:
     """Kind and range of each field: a tuple's kind is that of its entries, and settings have no range."""
-    hints = get_type_hints(kind, include_extras=True)
     found: dict[str, tuple[Any, Range | None]] = {}
     for field in fields(kind):
-        hint = hints[field.name]
-        if not isinstance(hint, type(Annotated[int, 0])):
-            found[field.name] = hint, None
-            continue
-        inner, bounds = get_args(hint)[:2]
+        bounds = next(iter(notes(field, Range)), None)
+        inner = field.type if bounds is None else get_args(field.type)[0]
         found[field.name] = get_args(inner) if isinstance(field.default, tuple) else inner, bounds
     return found

@@ -5,6 +5,7 @@ order of one step of the public RealAIGym benchmark: :func:`measured_state`, the
 the plant.
 """
 
+import dataclasses
 from typing import Any
 
 import equinox as eqx
@@ -14,9 +15,8 @@ import numpy as np
 from jaxtyping import Array, Float, UInt32
 
 from ..common.types import Count, Scalar, State, Torque
-from .clock import Clock, Times
-from .motors import Drive, Motor
-from .sensor import Sensor
+from .effects import Effects, Times, lagging, late_period, rate_limited, ripple_torque, sensed
+from .loop import PERFECT_LOOP, Loop
 
 Past = Float[Array, "depth 4"]
 """The last states as a ring: row k mod depth holds the state before step k, and the oldest is overwritten."""
@@ -41,44 +41,38 @@ class Pushes(eqx.Module):
 class Disturbance(eqx.Module):
     """Everything that disturbs one simulation, besides an error of the model."""
 
-    velocity_noise: float | Scalar
-    """Standard deviation of the noise on both measured velocities (rad/s)."""
-    torque_noise: float | Scalar
-    """Standard deviation of the noise on a motor's torque (N m)."""
-    response: float | Scalar
-    """Motor response k in u_applied = u_before + k (u - u_before); 1 is a perfect motor."""
+    loop: Loop
+    """Numbers of sensors, motors and clock; its delay and its pushes count as ``delay_steps`` and ``pushes``."""
     delay_steps: int | Count
     """Age of the measured state (steps), below the depth of the past that is kept."""
     pushes: Pushes
     """Torques that act beside the motor's, and may exceed its limit."""
     noise: UInt32[Array | np.ndarray, "2"]
     """The two words of a threefry key, which fixes the noise."""
-    motor: Motor | None = None
-    """None for motors without torque-rate limit and ripple."""
-    sensor: Sensor | None = None
-    """None for angles without steps and offsets, and true velocities but for their noise."""
-    clock: Clock | None = None
-    """None for periods that are all equal."""
-    drive: Drive | None = None
-    """None for motors without lag that deliver what they are asked for."""
+    effects: Effects = eqx.field(static=True, default=Effects())
+    """Which of the loop's numbers act, besides noise and response, which always do."""
 
     @property
     def is_timed(self) -> bool:
         """Whether the loop has to keep its own time: its periods vary, or velocities are differences over it."""
-        return self.clock is not None or (self.sensor is not None and self.sensor.differences)
+        return self.effects.late or self.effects.differences
+
+    def changed(self, **values: Any) -> "Disturbance":
+        """With other numbers of the loop."""
+        return dataclasses.replace(self, loop=dataclasses.replace(self.loop, **values))
 
 
 def undisturbed(pushes: int = 1) -> Disturbance:
     """A disturbance that changes nothing, with room for ``pushes`` pushes a joint."""
     nothing = np.zeros((2, pushes))
     # Widths of 1, since the pushes divide by them.
-    return Disturbance(0.0, 0.0, 1.0, 0, Pushes(nothing, nothing + 1.0, nothing), np.zeros(2, np.uint32))
+    return Disturbance(PERFECT_LOOP, 0, Pushes(nothing, nothing + 1.0, nothing), np.zeros(2, np.uint32))
 
 
 def disturbance_as_dict(disturbance: Disturbance) -> dict[str, Any]:
-    """A disturbance as JSON values: its numbers, the words of its noise's key, and its pushes, if any."""
+    """A disturbance of the board's loop as JSON values: numbers, the words of its noise's key, and any pushes."""
     names = ("velocity_noise", "torque_noise", "response")
-    numbers: dict[str, Any] = {name: float(getattr(disturbance, name)) for name in names}
+    numbers: dict[str, Any] = {name: float(getattr(disturbance.loop, name)) for name in names}
     pushes = {name: np.asarray(values).tolist() for name, values in vars(disturbance.pushes).items()}
     given = {"pushes": pushes} if np.any(np.asarray(disturbance.pushes.amplitude)) else {}
     numbers["delay_steps"] = int(disturbance.delay_steps)
@@ -92,10 +86,10 @@ def step_noise(disturbance: Disturbance, step: Count, dtype: jnp.dtype) -> tuple
     """
     # Named, since a program may have another default, with keys of another size.
     key = jax.random.wrap_key_data(jnp.asarray(disturbance.noise), impl="threefry2x32")
-    torques = 1 if disturbance.motor is None else 2
+    loop, torques = disturbance.loop, 2 if disturbance.effects.motors else 1
     # A function of seed, simulation and step: parts of a grid repeat what the whole grid draws.
     normal = jax.random.normal(jax.random.fold_in(key, step), (2 + torques,), dtype)
-    return disturbance.velocity_noise * normal[:2], disturbance.torque_noise * jnp.broadcast_to(normal[2:], (2,))
+    return loop.velocity_noise * normal[:2], loop.torque_noise * jnp.broadcast_to(normal[2:], (2,))
 
 
 def remember(past: Past, step: Count, x: State) -> Past:
@@ -105,12 +99,12 @@ def remember(past: Past, step: Count, x: State) -> Past:
 
 def step_period(disturbance: Disturbance, step: Count, dt: float, dtype: jnp.dtype) -> float | Scalar:
     """The time (s) from one step to the next."""
-    if disturbance.clock is None:
+    if not disturbance.effects.late:
         return dt
     key = jax.random.wrap_key_data(jnp.asarray(disturbance.noise), impl="threefry2x32")
     # Apart from the keys of the noise, which are those of the steps.
     late_key = jax.random.fold_in(jax.random.fold_in(key, step), 1)
-    return disturbance.clock.period(jax.random.uniform(late_key, (), dtype), dt)
+    return late_period(disturbance.loop, jax.random.uniform(late_key, (), dtype), dt)
 
 
 def measured_state(
@@ -133,9 +127,9 @@ def measured_state(
     """
     seen = step - jnp.asarray(disturbance.delay_steps)
     measured = past[seen % past.shape[0]]
-    if disturbance.sensor is not None:
-        before = past[(seen - 1) % past.shape[0]]
-        measured = disturbance.sensor.read(measured, before, 1.0 if times is None else times.age(seen))
+    if disturbance.effects.sensors:
+        before, age = past[(seen - 1) % past.shape[0]], 1.0 if times is None else times.age(seen)
+        measured = sensed(disturbance.loop, disturbance.effects.differences, measured, before, age)
     return measured.at[2:].add(velocity_noise)
 
 
@@ -152,13 +146,13 @@ def motor_torques(
     """The torques that act on the joints at time t (s), and the torques that the motors start from next.
 
     In the public benchmark the motor moves from the torque that acted before towards the command, takes noise and
-    is clipped to its limits; the push comes on top. With a ``motor`` it moves from its own torque, within its rate
+    is clipped to its limits; the push comes on top. A robot's motor moves from its own torque, within its rate
     limit and its limits, and ripple, noise and push come on top. A joint with limit 0 is passive: nothing acts on
     it, not even its pushes, as in the public benchmark. With a ``drive`` the push is asked of the motors of both
     joints, as on the robot: it is added to the command after the limits.
 
     Args:
-        disturbance: response, pushes, motor and drive of the loop.
+        disturbance: the loop's numbers and effects, and the pushes.
         command: the controller's torques (N m).
         before: torques that the motors start from (N m): the second result of the step before, 0 at first.
         t: time (s).
@@ -168,30 +162,21 @@ def motor_torques(
         dt: time of the step (s), for their rate limit and lag.
     """
     # Pushes drawn for the passive joint have no effect: the benchmark's published numbers contain this.
-    driven, pushes = limits > 0, disturbance.pushes.torque(t)
+    loop, effects, driven, pushes = disturbance.loop, disturbance.effects, limits > 0, disturbance.pushes.torque(t)
     noise, push = (jnp.where(driven, added, 0.0) for added in (torque_noise, pushes))
-    ripple = jnp.zeros(2) if disturbance.motor is None else disturbance.motor.ripple_torque(q)
-    ripple = jnp.where(driven, ripple, 0.0)
-    if disturbance.drive is not None:
+    ripple = jnp.where(driven, ripple_torque(loop, q), 0.0) if effects.motors else jnp.zeros(2)
+    if effects.drive:
         asked = jnp.clip(command, -limits, limits) + pushes
-        delivered, own = _lagging_torques(disturbance, disturbance.drive, asked, before, dt)
-        return delivered + ripple + noise, own
-    torque = before + disturbance.response * (command - before)
-    if disturbance.motor is None:
+        mean, own = lagging(loop, before + loop.response * (asked - before), before, dt)
+        if effects.motors:
+            mean, own = (rate_limited(loop, torque, before, dt) for torque in (mean, own))
+        return jnp.stack([loop.gain1, loop.gain2]) * mean + ripple + noise, own
+    torque = before + loop.response * (command - before)
+    if not effects.motors:
         acting = jnp.clip(torque + noise, -limits, limits) + push
         # The push is part of what the motor starts from, as in the benchmark.
         return acting, acting
-    own = jnp.clip(disturbance.motor.follow(torque, before, dt), -limits, limits)
+    own = jnp.clip(rate_limited(loop, torque, before, dt), -limits, limits)
     # The motors continue from their own torques: from the sums, ripple at rest would be integrated, and a push
     # would let them exceed their limits.
     return own + ripple + noise + push, own
-
-
-def _lagging_torques(
-    disturbance: Disturbance, drive: Drive, asked: Torque, before: Torque, dt: float | Scalar
-) -> tuple[Torque, Torque]:
-    """What motors with a lag deliver on the mean of a step, and their own torques at its end (N m)."""
-    mean, own = drive.follow(before + disturbance.response * (asked - before), before, dt)
-    if disturbance.motor is not None:
-        mean, own = (disturbance.motor.follow(torque, before, dt) for torque in (mean, own))
-    return jnp.asarray(drive.gain) * mean, own

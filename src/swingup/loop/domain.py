@@ -20,8 +20,8 @@ from ..common.errors import SwingupError
 from ..common.text import one_line, quoted
 from ..common.yaml_map import read_map
 from ..dynamics.integrate import stable_substeps
-from ..plant.plant import LEADERBOARD, NAMES, SHIPPED_PLANTS, Plant, base_plant, load_plant, make_plant, validated
-from ..plant.robots import Robot
+from ..plant.plant import NAMES, SHIPPED_PLANTS, Plant, base_plant, make_plant, validated
+from .effects import Effects
 from .loop import LONGEST_PERIOD, LOOP_DT, PERFECT_LOOP, VALUES, Loop
 
 MOTORS = ("tl1", "tl2")
@@ -35,9 +35,6 @@ PLANT = tuple(name for name in NAMES if name not in MOTORS)
 
 MASSES = ("m2", "l1", "r2", "I1", "I2", "Ir", "gr")
 """Parameters in the mass matrix, which must be positive definite for all their combinations."""
-
-IDENTIFIED = "C.1"
-"""The plant of a domain that names none: what it leaves out is as identified there."""
 
 SESSIONS = ("excitation", "acrobot", "pendubot", "acrobot-pushed", "acrobot-iros", "pendubot-iros")
 """Sessions of the robot of design C.1, each with its fitted plant and loop: the domains ``session-...``."""
@@ -65,12 +62,14 @@ class Domain:
     low: PlantInLoop
     high: PlantInLoop
     names: tuple[str, ...]
-    """What the source gives, in its order, in which draws take their random numbers. The rest is the base plant's
-    or a perfect loop's."""
+    """What the source gives, in its order, in which draws take their random numbers. The rest is the plant's or a
+    perfect loop's."""
+    plant: Plant
+    """The plant that the source names, or the middle of the ranges where it gives all values."""
+    design: Plant
+    """The plant that controllers are designed for: the middle of the ranges, unless the source names another."""
     name: str = field(default="DOMAIN.yml", compare=False)
     """The name or the file that ``load_domain`` read. Not compared, so that equal ranges compile once."""
-    plant: Plant | None = None
-    """The base plant that the source names or makes; None for C.1 as identified."""
 
     def __post_init__(self) -> None:
         """Refuse plants that cannot move.
@@ -80,11 +79,6 @@ class Domain:
         """
         for corner in self.corners():
             validated(corner)
-
-    @functools.cached_property
-    def base(self) -> Plant:
-        """The plant where no range changes it."""
-        return _base(self.plant)
 
     @property
     def ranges(self) -> tuple[tuple[str, float, float], ...]:
@@ -98,11 +92,6 @@ class Domain:
         first = [places[MOTORS[0] if name == TORQUE_LIMIT else name] for name in self.names]
         return list(dict.fromkeys([*first, *places.values()]))
 
-    @property
-    def design_plant(self) -> Plant:
-        """What controllers are designed for: its plant, or the leaderboards' where it names none."""
-        return LEADERBOARD if self.plant is None else self.plant
-
     def corners(self) -> Iterator[Plant]:
         """Plants at the ends of the ranges: all combinations of the masses', and both ends of the others.
 
@@ -113,26 +102,33 @@ class Domain:
         for end, masses in itertools.product((self.low, self.high), itertools.product(*pairs)):
             yield end.plant.changed(**dict(zip(MASSES, masses, strict=True)))
 
-    def has(self, *names: str) -> bool:
-        """Whether one of these values of the loop may differ from a perfect loop's."""
-        ends = self.low.loop, self.high.loop
-        return any(getattr(loop, name) != getattr(PERFECT_LOOP, name) for loop in ends for name in names)
+    @functools.cached_property
+    def effects(self) -> Effects:
+        """The effects that a drawn loop may have: those in which one of the ends differs from a perfect loop."""
 
-    @property
-    def differences(self) -> bool:
-        """Whether measured velocities are differences of positions: by choice, or where angles have a quantum."""
-        chosen = self.low.loop.velocities
-        return self.has("quantum1", "quantum2") if chosen is None else chosen == "differences"
+        def may_have(*names: str) -> bool:
+            ends = self.low.loop, self.high.loop
+            return any(getattr(loop, name) != getattr(PERFECT_LOOP, name) for loop in ends for name in names)
+
+        chosen, quantised = self.low.loop.velocities, may_have("quantum1", "quantum2")
+        differences = quantised if chosen is None else chosen == "differences"
+        return Effects(
+            motors=True,
+            drive=may_have("lag", "gain1", "gain2", "passive_push"),
+            sensors=differences or quantised or may_have("offset1", "offset2"),
+            differences=differences,
+            late=may_have("late"),
+        )
 
     @property
     def depth(self) -> int:
         """Number of states that the loop remembers, enough for the longest delay and a difference before it."""
-        return whole_delay_steps(self.high.value("delay")) + 1 + self.differences
+        return whole_delay_steps(self.high.value("delay")) + 1 + self.effects.differences
 
     @functools.cached_property
     def substeps(self) -> int:
         """Steps of RK4 in a step of the loop, so that friction stays stable on all of its plants."""
-        longest = LOOP_DT * (LONGEST_PERIOD if self.has("late") else 1.0)
+        longest = LOOP_DT * (LONGEST_PERIOD if self.effects.late else 1.0)
         return max(stable_substeps(corner, longest) for corner in self.corners())
 
     @property
@@ -143,15 +139,8 @@ class Domain:
 
     @property
     def nominal_plant(self) -> Plant:
-        """The plant in the middle of the ranges, with the name of the base plant."""
-        return dataclasses.replace(self.nominal.plant, name=self.base.name)
-
-    def known_plant(self, robot: Robot) -> Plant | None:
-        """The nominal plant with the robot's one motor, if the domain names its plant; None for the leaderboards'.
-
-        Controllers in a loop around C.1 as identified, which names no plant, are those of the leaderboards' plant.
-        """
-        return None if self.plant is None else self.nominal_plant.driven(robot)
+        """The plant in the middle of the ranges, with the name of the domain's plant."""
+        return dataclasses.replace(self.nominal.plant, name=self.plant.name)
 
     def __str__(self) -> str:
         """Its name and its ranges."""
@@ -159,7 +148,9 @@ class Domain:
 
     def as_dict(self) -> dict[str, Any]:
         """As JSON values."""
-        named = {} if self.plant is None else {"plant": self.plant.name}
+        named = {"plant": self.plant.name}
+        if self.design != self.nominal_plant:
+            named["design"] = self.design.name
         option = {} if self.low.loop.velocities is None else {"velocities": self.low.loop.velocities}
         return {**named, **option, **{name: [low, high] for name, low, high in self.ranges}}
 
@@ -173,33 +164,35 @@ def make_domain(content: Mapping[str, Any], name: str = "DOMAIN.yml", folder: st
     """A domain from values by name: a number, or a range of two.
 
     Args:
-        content: the values; also ``plant``, a plant or the name or file of one, and ``velocities``.
+        content: the values, and ``plant``, a plant or the name or file of one; without it all values of a plant are
+            needed. Also ``design``, another plant for which controllers are designed, and ``velocities``.
         name: of the domain.
         folder: where a plant's file is looked for.
     """
     values = dict(content)
-    named, velocities = values.pop("plant", None), values.pop("velocities", None)
+    velocities = values.pop("velocities", None)
+    named, design = (
+        given if given is None or isinstance(given, Plant) else base_plant(given, folder)
+        for given in (values.pop("plant", None), values.pop("design", None))
+    )
     ranges = {each: _range(each, value) for each, value in values.items()}
     given = ranges | (dict.fromkeys(MOTORS, ranges[TORQUE_LIMIT]) if TORQUE_LIMIT in ranges else {})
-    if named is not None:
-        plant = named if isinstance(named, Plant) else base_plant(named, folder)
-    elif given.keys() >= set(PLANT):
-        middles = {each: 0.5 * (low + high) for each, (low, high) in given.items()}
-        plant = make_plant(middles, f"domain {name}", name)
-    else:
-        plant = None
+    if named is None and not given.keys() >= set(PLANT):
+        raise SwingupError(
+            f"domain {one_line(name)} lacks its plant: add 'plant', one of {', '.join(SHIPPED_PLANTS)} or a "
+            "parameter file (.yml), or all values of one"
+        )
+    middles = {each: 0.5 * (low + high) for each, (low, high) in given.items()}
+    plant = make_plant(middles, f"domain {name}", name) if named is None else named
     low, high = (
         PlantInLoop(
-            _base(plant).changed(**{each: given[each][end] for each in given if each in NAMES}),
+            plant.changed(**{each: given[each][end] for each in given if each in NAMES}),
             Loop(**{each: given[each][end] for each in given if each in VALUES}, velocities=velocities),
         )
         for end in (0, 1)
     )
-    return Domain(low, high, tuple(ranges), name, plant)
-
-
-def _base(plant: Plant | None) -> Plant:
-    return load_plant(IDENTIFIED) if plant is None else plant
+    made = Domain(low, high, tuple(ranges), plant, plant, name)
+    return dataclasses.replace(made, design=design or made.nominal_plant)
 
 
 def load_domain(source: str | Path) -> Domain:

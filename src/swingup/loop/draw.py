@@ -9,12 +9,9 @@ import numpy as np
 from ..common.types import Key
 from ..plant.plant import Plant
 from ..plant.robots import Robot
-from .clock import Clock
 from .disturbance import Disturbance, Pushes
 from .domain import Domain, PlantInLoop
 from .loop import LOOP_DT, Loop
-from .motors import Drive, Motor
-from .sensor import Sensor
 
 PUSH_WIDTH = 0.05
 """Standard deviation of a push (s), the benchmark's shortest."""
@@ -29,19 +26,13 @@ def draw(domain: Domain, key: Key, robot: Robot) -> tuple[Plant, Disturbance]:
     driven = jnp.array(robot.actuation)
     limits = jnp.where(driven > 0, jnp.stack([plant.tl1, plant.tl2]), loop.passive_limit)
     disturbance = Disturbance(
-        velocity_noise=loop.velocity_noise,
-        torque_noise=loop.torque_noise,
-        response=loop.response,
+        loop,
         # As whole_delay_steps, for a drawn delay.
         delay_steps=jnp.floor(loop.delay / LOOP_DT + 1e-4).astype(int),
         pushes=_pushes(loop, push_key, robot),
         # Two words for threefry; other implementations of JAX's keys have four.
         noise=jax.random.key_data(noise_key).astype(jnp.uint32)[-2:],
-        motor=Motor(loop.rate_limit, loop.ripple, loop.ripple_periods),
-        # Parts that a domain cannot have are left out: they would cost time in each step.
-        sensor=_sensor(domain, loop),
-        clock=Clock(loop.late, loop.lateness) if domain.has("late") else None,
-        drive=_drive(loop) if domain.has("lag", "gain1", "gain2", "passive_push") else None,
+        effects=domain.effects,
     )
     return dataclasses.replace(plant, tl1=limits[0], tl2=limits[1]), disturbance
 
@@ -52,18 +43,6 @@ def _draw_values(domain: Domain, key: Key) -> PlantInLoop:
     drawn = jax.random.uniform(key, low.shape, low.dtype, low, jnp.maximum(high, low))
     values: PlantInLoop = jax.tree.unflatten(jax.tree.structure(domain.low), list(drawn[np.argsort(order)]))
     return values
-
-
-def _drive(loop: Loop) -> Drive:
-    return Drive(jnp.stack([loop.gain1, loop.gain2]), loop.lag)
-
-
-def _sensor(domain: Domain, loop: Loop) -> Sensor | None:
-    """None where angles are exact and velocities the motors' own."""
-    if not domain.has("quantum1", "quantum2", "offset1", "offset2") and not domain.differences:
-        return None
-    quantum, offset = jnp.stack([loop.quantum1, loop.quantum2]), jnp.stack([loop.offset1, loop.offset2])
-    return Sensor(quantum, offset, domain.differences)
 
 
 def _pushes(loop: Loop, key: Key, robot: Robot) -> Pushes:

@@ -2,14 +2,14 @@
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Annotated, TypeAlias, get_type_hints
+from typing import Annotated, TypeAlias
 
 import jax
 
 from ..common.checks import LARGEST, one_of
-from ..common.settings import Range
+from ..common.settings import Range, notes
 from ..common.types import Scalar
-from ..plant.units import NUMBER, TORQUE, TORQUE_RATE, VELOCITY, Unit
+from ..plant.units import TORQUE, TORQUE_RATE, VELOCITY
 
 LOOP_DT = 0.002
 """Time of a step of loop and plant (s)."""
@@ -28,7 +28,10 @@ Number: TypeAlias = float | Scalar
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Loop:
-    """What stands between a controller and a plant; the defaults are a perfect loop."""
+    """What stands between a controller and a plant; the defaults are a perfect loop.
+
+    Numbers without a unit in their annotation are angles, shares, or real time, which stays around any pendulum.
+    """
 
     passive_limit: Annotated[Number, Range(0.0, LARGEST), TORQUE] = 0.0
     """Torque limit of the motor of the passive joint, which compensates friction (N m)."""
@@ -77,15 +80,8 @@ class Loop:
             one_of("velocities", self.velocities, VELOCITIES)
 
 
-_ANNOTATED = {
-    name: hint.__metadata__
-    for name, hint in get_type_hints(Loop, include_extras=True).items()
-    if hasattr(hint, "__metadata__")
-}
-VALUES: dict[str, Range] = {name: annotated[0] for name, annotated in _ANNOTATED.items()}
+VALUES: dict[str, Range] = {each.name: bounds for each in dataclasses.fields(Loop) for bounds in notes(each, Range)}
 """Least and largest value of each number of a loop, by name."""
-UNITS: dict[str, Unit] = {name: next(iter(annotated[1:]), NUMBER) for name, annotated in _ANNOTATED.items()}
-"""Their units. Delays and periods are real time and have none: they stay around any pendulum."""
 
 PERFECT_LOOP = Loop()
 """No delay, no noise, and motors that do what they are asked for."""

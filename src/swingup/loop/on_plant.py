@@ -4,9 +4,12 @@ import dataclasses
 from pathlib import Path
 
 from ..plant.plant import PlantLike, load_plant
-from ..plant.units import scales_of
+from ..plant.units import scaled, scales_of
 from .domain import Domain, PlantInLoop, load_domain, make_domain
-from .loop import UNITS, VALUES
+from .loop import VALUES
+
+ALONE = "C.1"
+"""The plant where neither a plant nor a domain is given: design C.1 as identified, in a perfect loop."""
 
 
 def loop_around(plant: PlantLike | Domain | None, domain: Domain | str | None) -> Domain:
@@ -23,16 +26,17 @@ def loop_around(plant: PlantLike | Domain | None, domain: Domain | str | None) -
     """
     domain = load_domain(domain) if isinstance(domain, str) else domain
     if plant is None:
-        return make_domain({}, "a perfect loop") if domain is None else domain
+        return plant_as_domain(ALONE) if domain is None else domain
     facts = plant if isinstance(plant, Domain) else plant_as_domain(plant)
     if domain is None:
         return facts
-    own, others = scales_of(facts.nominal_plant), scales_of(domain.base)
+    scales = scales_of(facts.nominal_plant).over(scales_of(domain.plant))
     added = [name for name in domain.names if name in VALUES and name not in facts.names]
 
     def around(mine: PlantInLoop, other: PlantInLoop) -> PlantInLoop:
-        values = {name: own.of(UNITS[name]) / others.of(UNITS[name]) * other.value(name) for name in added}
-        velocities = mine.loop.velocities or other.loop.velocities
+        loop = scaled(other.loop, scales)
+        values = {name: getattr(loop, name) for name in added}
+        velocities = mine.loop.velocities or loop.velocities
         return mine._replace(loop=dataclasses.replace(mine.loop, **values, velocities=velocities))
 
     return dataclasses.replace(

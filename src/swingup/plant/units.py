@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from ..common.errors import SwingupError
+from ..common.settings import notes
 from .equations import lump
 from .robots import TORQUE_LIMIT
 
@@ -75,6 +76,10 @@ class Scales:
         """A unit as a multiple of C.1's."""
         return self.torque**unit.torque * self.time**unit.time * self.length**unit.length
 
+    def over(self, other: "Scales") -> "Scales":
+        """These units as multiples of another pendulum's."""
+        return Scales(self.time / other.time, self.torque / other.torque, self.length / other.length)
+
     @property
     def state(self) -> tuple[float, ...]:
         """Units of [q1, q2, dq1, dq2]."""
@@ -120,17 +125,12 @@ def scaled(record: RecordT, scales: Scales) -> RecordT:
     """
     changes: dict[str, Any] = {}
     for field in dataclasses.fields(record):  # type: ignore[arg-type]  # a dataclass
-        value, units = getattr(record, field.name), units_of(field)
+        value, units = getattr(record, field.name), notes(field, Unit)
         if units and value is not None:
             changes[field.name] = _times(value, units, scales)
         elif dataclasses.is_dataclass(value):
             changes[field.name] = scaled(value, scales)
     return dataclasses.replace(record, **changes)  # type: ignore[type-var]
-
-
-def units_of(field: "dataclasses.Field[Any]") -> tuple[Unit, ...]:
-    """The units in a field's annotation: none, one, or one for each number of a tuple."""
-    return tuple(note for note in getattr(field.type, "__metadata__", ()) if isinstance(note, Unit))
 
 
 def _times(value: Any, units: tuple[Unit, ...], scales: Scales) -> Any:

@@ -66,7 +66,7 @@ def corner_models(domain: Domain) -> Float[np.ndarray, "corners 15"]:
 def _model(domain: Domain, values: dict[str, float], plant: Plant | None = None) -> np.ndarray:
     """A model's vector; loop values that the domain does not have are typical ones."""
     own = {name: value for name, value in values.items() if name in PLANT_NAMES}
-    vector = vector_of(domain.base.changed(**own) if plant is None else plant)
+    vector = vector_of(domain.plant.changed(**own) if plant is None else plant)
     for name in ("gain1", "gain2", "delay", "lag"):
         if name in values:
             vector[INDEX[name]] = values[name]

@@ -1,0 +1,107 @@
+"""What the sensors, the motors and the clock of a loop do: one formula for each number of a :class:`Loop`."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..common.types import Count, Scalar, State, Torque
+from .loop import LONGEST_PERIOD, Loop
+
+SHORTEST_LAG = 1e-9
+"""Shorter lags count as zero (s)."""
+
+JointAngles = Float[Array, "2"]
+"""q1 and q2 (rad)."""
+
+
+class Effects(NamedTuple):
+    """Which effects a compiled loop has; the others would cost time in each step. The public benchmark has none."""
+
+    motors: bool = False
+    """Motors as the robot has them: with a rate limit, a ripple, and noise of their own."""
+    drive: bool = False
+    """Motors lag, or deliver another torque than they were asked for."""
+    sensors: bool = False
+    """Angles have steps or offsets, or velocities are differences."""
+    differences: bool = False
+    """Velocities are differences of measured angles; otherwise the motors' drivers know the true ones."""
+    late: bool = False
+    """Periods vary."""
+
+
+def measured_angles(loop: Loop, q: JointAngles) -> JointAngles:
+    """Measured angles (rad): with the offset, rounded to the nearest step."""
+    shown = q + jnp.stack([loop.offset1, loop.offset2])
+    quantum = jnp.stack([loop.quantum1, loop.quantum2])
+    grid = jnp.where(quantum > 0, quantum, 1.0)
+    return jnp.where(quantum > 0, jnp.round(shown / grid) * grid, shown)
+
+
+def sensed(loop: Loop, differences: bool, x: State, before: State, period: float | Scalar) -> State:
+    """The measured state for the state x, and for the one ``before``, a ``period`` (s) earlier."""
+    q = measured_angles(loop, x[:2])
+    rates = (q - measured_angles(loop, before[:2])) / period if differences else x[2:]
+    return jnp.concatenate([q, rates])
+
+
+def rate_limited(loop: Loop, wanted: Torque, before: Torque, dt: float | Scalar) -> Torque:
+    """A motor's own torque (N m) on its way from ``before`` to ``wanted``, dt (s) later."""
+    most = loop.rate_limit * dt
+    return before + jnp.clip(wanted - before, -most, most)
+
+
+def ripple_torque(loop: Loop, q: JointAngles) -> Torque:
+    """Ripple torque (N m) at angles q (rad)."""
+    return loop.ripple * jnp.sin(loop.ripple_periods * q)
+
+
+def lagging(loop: Loop, wanted: Torque, before: Torque, dt: float | Scalar) -> tuple[Torque, Torque]:
+    """The mean torque (N m) over the next dt (s), and the torque at its end, from ``before`` to ``wanted``.
+
+    The plant gets the mean, which has the same impulse as the exponential.
+    """
+    ratio = dt / jnp.maximum(loop.lag, SHORTEST_LAG)
+    left = jnp.exp(-ratio)
+    return wanted + (before - wanted) * (1.0 - left) / ratio, wanted + (before - wanted) * left
+
+
+def late_period(loop: Loop, uniform: Scalar, dt: float) -> Scalar:
+    """The period (s) of a turn for a uniform draw from (0, 1), where dt (s) is the nominal one.
+
+    A period is the nominal one, or, with the probability ``late``, longer by an exponentially distributed time.
+    Recordings of RealAIGym's robots look like this: their shortest period is the nominal one.
+    """
+    late = jnp.asarray(loop.late, uniform.dtype)
+    # The share of draws below `late` is again uniform on (0, 1): its logarithm is exponentially distributed.
+    rank = jnp.maximum(uniform, jnp.finfo(uniform.dtype).tiny) / jnp.where(late > 0, late, 1.0)
+    excess = jnp.where(uniform < late, -loop.lateness * jnp.log(rank), 0.0)
+    return jnp.minimum(dt + excess, LONGEST_PERIOD * dt)
+
+
+class Times(eqx.Module):
+    """The loop's own clock: the time now, and when the remembered states were measured."""
+
+    now: Scalar
+    """s"""
+    past: Float[Array, "depth"]
+    """Row k mod depth holds the time of step k (s), like the ring of states."""
+
+    def remember(self, step: Count) -> "Times":
+        """With the present time in the row of this step."""
+        return Times(self.now, self.past.at[step % self.past.shape[0]].set(self.now))
+
+    def age(self, step: Count) -> Scalar:
+        """Time between this step and the one before it (s)."""
+        depth = self.past.shape[0]
+        return self.past[step % depth] - self.past[(step - 1) % depth]
+
+    def after(self, period: float | Scalar) -> "Times":
+        """A period (s) later."""
+        return Times(self.now + period, self.past)
+
+
+def start_times(depth: int, dt: float, dtype: jnp.dtype) -> Times:
+    """The clock before the first step: at 0 s, and before that on time."""
+    return Times(jnp.zeros((), dtype), (jnp.arange(depth, dtype=dtype) - depth) * dt)
