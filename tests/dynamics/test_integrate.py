@@ -111,13 +111,6 @@ def test_error_falls_with_the_order_of_the_method(method, order):
     np.testing.assert_allclose(orders, order, atol=0.1)
 
 
-def test_jit_and_vmap_change_nothing():
-    x = jnp.array([[0.1, 0.2, 3.0, -4.0], [2.0, -1.0, 0.5, 0.0]])
-    u = jnp.array([[0.0, 1.0], [2.0, 0.0]])
-    one_by_one = [rk4_step(load_plant("C.1"), x[k], u[k], 0.01) for k in range(2)]
-    np.testing.assert_allclose(one_step(load_plant("C.1"), x, u, 0.01), jnp.stack(one_by_one), rtol=1e-12)
-
-
 @pytest.mark.slow
 def test_gradient_through_many_steps_agrees_with_differences():
     # Back-propagation through 100 steps, of the last shoulder angle by the elbow torque held all the while.

@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-from importlib import resources
 
 import jax
 import jax.numpy as jnp
@@ -13,8 +12,7 @@ from swingup.loop.disturbance import Pushes, measured_state, motor_torques, step
 from swingup.loop.domain import PLANT, SESSIONS, load_domain, make_domain
 from swingup.loop.draw import draw
 from swingup.loop.effects import Effects, Times, lagging, late_period, measured_angles, sensed, start_times
-from swingup.loop.loop import LONGEST_PERIOD, VALUES, Loop
-from swingup.plant.plant import NAMES
+from swingup.loop.loop import LONGEST_PERIOD, Loop
 from swingup.plant.robots import get_robot
 
 DT = 0.002
@@ -115,14 +113,6 @@ def test_domains_have_the_effects_that_they_need():
     assert (timed.effects.differences, timed.depth) == (True, 2)
     assert timed.substeps == 3  # λ of C.1 is 1,132 a second, and the longest period 6 ms: 6.8 / 2.5
     assert not make_domain({"plant": "C.1", "quantum1": 1e-3, "velocities": "driver"}).effects.differences
-
-
-def test_every_number_of_the_recorded_domain_says_where_it_comes_from():
-    text = (resources.files("swingup.loop") / "domains" / "recorded.yml").read_text(encoding="utf-8")
-    rows = [line for line in text.splitlines() if line and not line.startswith("#")]
-    known = {"plant", "design", "velocities", "torque_limit", *NAMES, *VALUES}
-    assert {row.partition(":")[0] for row in rows} <= known
-    assert all("Source:" in row or "Chosen" in row for row in rows)
 
 
 @pytest.mark.parametrize("name", SESSIONS)

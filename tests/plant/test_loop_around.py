@@ -3,7 +3,6 @@
 import jax
 import pytest
 
-from swingup.common.errors import SwingupError
 from swingup.loop.domain import load_domain
 from swingup.loop.draw import draw
 from swingup.loop.on_plant import loop_around
@@ -52,10 +51,3 @@ def test_the_plants_file_has_the_last_word_on_its_loop(tmp_path):
     assert (made["cf1"], made["delay"], made["passive_limit"]) == ([0.1, 0.1], [0.004, 0.004], [0.5, 0.5])
     file.write_text("plant: C.1\ntorque_limit: 3\n")
     assert values(str(file), "identified")["torque_limit"] == [3.0, 3.0]
-
-
-def test_unknown_names():
-    with pytest.raises(SwingupError, match=r"unknown plant 'C\.2'"):
-        loop_around("C.2", None)
-    with pytest.raises(SwingupError, match="unknown domain 'idenfied'"):
-        loop_around("C.1", "idenfied")
