@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import swingup
-from swingup.common.errors import SwingupError
-from swingup.controllers.baselines.baselines import BASELINES, baseline, shipped_reference
+from refusals import refusal
+from swingup.controllers.baselines.baselines import BASELINES, baseline
 
 LEAST_SCORES = {
     ("tvlqr", "acrobot"): 0.50, ("tvlqr", "pendubot"): 0.52,
@@ -33,29 +33,22 @@ def test_they_balance_upright(either_robot):
     # The first call at the goal latches all of them to the same LQR.
     x = jnp.array([np.pi + 0.01, -0.01, 0.02, -0.02])
     with jax.enable_x64(True):
-        answers = []
-        for name in ("lqr", "tvlqr", "ilqr-riccati"):
-            controller = baseline(name, robot)
-            answers.append(
-                np.asarray(controller(controller.init(), jnp.asarray(1.0), jnp.asarray(x, jnp.float64))[1])
-            )
+        found = [baseline(name, robot) for name in ("lqr", "tvlqr", "ilqr-riccati")]
+        answers = [
+            np.asarray(each(each.init(), jnp.asarray(1.0), jnp.asarray(x, jnp.float64))[1]) for each in found
+        ]
     np.testing.assert_allclose(answers, np.tile(answers[0], (3, 1)), rtol=1e-12)
     assert answers[0][1 - robot.joint] == 0.0
     assert 0 < abs(answers[0][robot.joint]) < 6.0
 
 
-@pytest.mark.parametrize("name", BASELINES)
-def test_they_keep_double_precision_and_know_their_robot(robot, name):
-    controller = baseline(name, robot)
-    assert controller.robot == robot
-    for leaf in jax.tree.leaves(controller):
-        assert isinstance(leaf, float) or (isinstance(leaf, np.ndarray) and leaf.dtype == np.float64)
+def test_they_keep_double_precision_and_know_their_robot(robot):
+    for controller in (baseline(name, robot) for name in BASELINES):
+        assert controller.robot == robot
+        for leaf in jax.tree.leaves(controller):
+            assert isinstance(leaf, float) or (isinstance(leaf, np.ndarray) and leaf.dtype == np.float64)
 
 
-def test_unknown_names_are_refused(robot):
-    with pytest.raises(SwingupError, match="unknown baseline 'pid': use one of lqr, tvlqr"):
-        baseline("pid", robot)
-    with pytest.raises(SwingupError, match="unknown robot 'cartpole'"):
-        baseline("lqr", "cartpole")
-    with pytest.raises(SwingupError, match="unknown robot 'cartpole'"):
-        shipped_reference("cartpole")
+def test_unknown_names_are_refused():
+    assert "unknown baseline 'pid': use one of lqr, tvlqr" in refusal(baseline, "pid", "acrobot")
+    assert "unknown robot 'cartpole'" in refusal(baseline, "lqr", "cartpole")

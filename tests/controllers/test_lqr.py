@@ -15,6 +15,12 @@ RANDOM = np.random.default_rng(0)
 
 
 @pytest.fixture
+def robot(either_robot):
+    """One compiles for seconds: the other one is in the slow tests."""
+    return either_robot
+
+
+@pytest.fixture
 def lqr(robot):
     return upright_lqr(LEADERBOARD.driven(robot), robot, PUBLISHED[robot.name].lqr)
 

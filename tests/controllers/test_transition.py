@@ -17,6 +17,12 @@ STATES = RANDOM.uniform(-1, 1, (40, 4)) * [4, 4, 10, 10]
 TORQUES = RANDOM.uniform(-6, 6, 40)
 
 
+@pytest.fixture
+def robot(either_robot):
+    """One compiles for seconds: the other one is in the slow tests."""
+    return either_robot
+
+
 def both_joints(robot, u):
     return jnp.asarray(u) * jnp.array(robot.actuation)
 
@@ -45,8 +51,7 @@ def finite_differences(p, robot, dt):
 
 
 @pytest.mark.slow
-def test_exact_jacobian_against_finite_differences(x64, either_robot):
-    robot = either_robot
+def test_exact_jacobian_against_finite_differences(x64, robot):
     p = dataclasses.replace(LEADERBOARD.driven(robot), b1=0.1, cf2=0.05)
     jacobian = full_jacobian(PendulumTransition(p, robot.joint, 0.002))
     np.testing.assert_allclose(jacobian, finite_differences(p, robot, 0.002), atol=2e-7)
