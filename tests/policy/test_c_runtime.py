@@ -6,7 +6,7 @@ import subprocess
 
 import pytest
 
-from swingup.export.c_backend.header import RUNTIME, c_data, runtime
+from swingup.export.c_backend.header import POLICY, c_data, runtime
 from swingup.policy.guard.settings import default_guard
 
 from .compiled import CAREFUL, STRICT, needs_gcc
@@ -26,7 +26,7 @@ COMBINATIONS = [
 FUZZ = """
 #include <stdio.h>
 #include "data.h"
-#include "swingup_runtime.h"
+#include "runtime.h"
 
 /* A linear congruential generator: a number in [0, 1). */
 static double draw(void)
@@ -80,7 +80,7 @@ def write(folder, parts):
     weak = dataclasses.replace(told.plant, tl2=0.5 * told.torque_limit)
     whole = dataclasses.replace(told, plant=weak, guard=default_guard(DT))
     found = dataclasses.replace(whole, **{part: None for part in PARTS if part not in parts})
-    for name, text in (("data.h", c_data(found)), (RUNTIME, runtime()), ("fuzz.c", FUZZ)):
+    for name, text in (("data.h", c_data(found)), ("runtime.h", runtime()), ("fuzz.c", FUZZ)):
         (folder / name).write_text(text, encoding="utf-8")
 
 
@@ -97,6 +97,17 @@ def test_with_each_combination_of_switches(tmp_path, parts):
     assert (result.returncode, result.stderr) == (0, "")
     result = subprocess.run([str(tmp_path / "fuzz")], capture_output=True, text=True, check=False)
     assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
+
+
+HEADERS = sorted(str(path.relative_to(POLICY)) for path in POLICY.rglob("*.h"))
+
+
+@pytest.mark.parametrize("header", HEADERS)
+def test_each_file_of_the_runtime_compiles_alone(tmp_path, header):
+    write(tmp_path, PARTS)
+    command = [*STRICT, *CAREFUL, "-include", "data.h", "-fsyntax-only", "-x", "c", str(POLICY / header)]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (result.returncode, result.stderr) == (0, "")
 
 
 @pytest.mark.parametrize("flag", ["-ffast-math", "-ffinite-math-only", "-Ofast"])

@@ -1,10 +1,13 @@
-"""A policy as a single C99 header: a comment, the policy's data, and the runtime ``swingup_runtime.h``.
+"""A policy as a single C99 header: a comment, the policy's data, and the runtime.
 
-The runtime is plain C that compiles by itself behind any data; what it does is decided there, not here.
+The runtime is plain C: ``policy/contract.h`` and what it includes, one file beside each ``core.py``. Behind any data
+each of them compiles by itself; what they do is decided there, not here.
 """
 
+import posixpath
 import re
 from importlib import resources
+from pathlib import PurePosixPath
 
 import numpy as np
 
@@ -14,7 +17,8 @@ from ...policy.pendulum import PendulumPolicy
 from ..template import NAME, check_export_name
 from .data import runtime_data
 
-RUNTIME = "swingup_runtime.h"
+POLICY = resources.files("swingup") / "policy"
+"""Where the runtime's files are."""
 
 USAGE = """\
 /*
@@ -73,8 +77,18 @@ def c_data(policy: PendulumPolicy) -> str:
 
 
 def runtime() -> str:
-    """The runtime's text."""
-    return (resources.files(__package__) / RUNTIME).read_text(encoding="utf-8")
+    """The runtime as one text: ``contract.h`` with each other file where it is first included."""
+    included: set[str] = set()
+
+    def whole(path: PurePosixPath) -> str:
+        name = posixpath.normpath(path)
+        if name in included:
+            return ""
+        included.add(name)
+        text = POLICY.joinpath(name).read_text(encoding="utf-8")
+        return re.sub(r'#include "(.*)"\n', lambda found: whole(path.parent / found[1]), text)
+
+    return whole(PurePosixPath("contract.h"))
 
 
 def _usage(policy: PendulumPolicy) -> str:

@@ -1,0 +1,109 @@
+/*
+ * A policy with what stands around it: the contract of contract.py in C. All of its numbers stand before it, as
+ * swingup writes them (export/c_backend/data.py). These switches, each 0 or 1, say what is around the network:
+ *
+ *     SWINGUP_HAS_ESTIMATOR     a state estimator, which finds the loop's delay
+ *     SWINGUP_HAS_IDENTIFIER    what finds the estimator's plant in the loop
+ *     SWINGUP_HAS_REGULATOR     what takes over near the top
+ *     SWINGUP_HAS_GUARD         what stops the controller at a limit or a broken measurement
+ */
+#ifndef SWINGUP_CONTRACT_H
+#define SWINGUP_CONTRACT_H
+
+#include "estimator/core.h"
+#include "guard/core.h"
+#include "network/core.h"
+#include "regulator/core.h"
+
+typedef struct {
+    swingup_guard guard;
+#if SWINGUP_HAS_ESTIMATOR
+    swingup_estimator estimator;
+#endif
+#if SWINGUP_HAS_REGULATOR
+    swingup_regulator regulator;
+#endif
+} swingup_controller;
+
+static inline void swingup_reset(swingup_controller *c)
+{
+    static const swingup_controller fresh = {0};
+    *c = fresh;
+#if SWINGUP_HAS_IDENTIFIER
+    swingup_begin(&c->estimator.identifier);
+#endif
+}
+
+#if SWINGUP_HAS_IDENTIFIER
+/* The nine base parameters found so far, ordered as docs/policy-format.md has them; at first the file's plant's. */
+static inline const double *swingup_base_parameters(const swingup_controller *c)
+{
+    return c->estimator.identifier.base;
+}
+#endif
+
+/* The driven joint's torque (N m) for a state x, from the regulator or the policy; friction is compensated later. */
+static inline double swingup_act(swingup_controller *c, const double x[4])
+{
+#if SWINGUP_HAS_IDENTIFIER
+    const double *base = c->estimator.identifier.told;
+#else
+    const double *base = swingup_theta;
+#endif
+#if SWINGUP_HAS_REGULATOR
+    double torque;
+    if (swingup_regulate(&c->regulator, base, x, &torque)) {
+        return torque;
+    }
+#endif
+    (void)c;
+    return swingup_network(x, base);
+}
+
+/* The torques u (N m) for the state x measured at time t (s). */
+static inline void swingup_control(swingup_controller *c, double t, const double x[4], double u[2])
+{
+    double seen[4] = {x[0], x[1], x[2], x[3]};
+
+    (void)t;
+#if SWINGUP_HAS_GUARD
+    if (!swingup_allows(&c->guard, t, x)) {
+        swingup_stopped(&c->guard, u);
+        return;
+    }
+#endif
+#if SWINGUP_HAS_ESTIMATOR
+    swingup_observe(&c->estimator, t, x, seen);
+#endif
+    u[1 - SWINGUP_DRIVEN] = 0.0;
+    u[SWINGUP_DRIVEN] = swingup_act(c, seen);
+#if SWINGUP_HAS_IDENTIFIER
+    swingup_compensate(&c->estimator.identifier, seen, u);
+#endif
+#if SWINGUP_HAS_GUARD
+    swingup_limited(&c->guard, u);
+#else
+    /* NaN stays NaN. */
+    u[0] = swingup_clip(u[0], swingup_limits[0]);
+    u[1] = swingup_clip(u[1], swingup_limits[1]);
+#endif
+#if SWINGUP_HAS_ESTIMATOR
+    /* It needs what the motors were given. */
+    swingup_remember(&c->estimator, u);
+#endif
+}
+
+/* Why the safety guard stopped the controller, a number; 0 while it acts, or without a guard. */
+static inline int swingup_guard_reason(const swingup_controller *c)
+{
+    return c->guard.reason;
+}
+
+/* The same in words. */
+static inline const char *swingup_guard_sentence(const swingup_controller *c)
+{
+    static const char *const sentences[] = {SWINGUP_GUARD_SENTENCES};
+    return sentences[c->guard.reason];
+}
+
+#endif

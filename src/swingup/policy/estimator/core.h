@@ -1,0 +1,190 @@
+/*
+ * The state estimator; core.py has its equations.
+ */
+#ifndef SWINGUP_ESTIMATOR_H
+#define SWINGUP_ESTIMATOR_H
+
+#include "../identifier/core.h"
+#include "../numbers.h"
+#include "model.h"
+
+#if SWINGUP_HAS_ESTIMATOR
+typedef struct {
+    int called;                           /* 0 before the first call */
+    int delay_steps;                      /* the delay found (steps) */
+    double time;                          /* of the last call (s) */
+    double state[4];                      /* estimate of the measured state, as old as the delay */
+    double torques[SWINGUP_DELAYS];       /* commanded, newest first (N m) */
+    double deviations[SWINGUP_DELAYS][4]; /* what the filter with each delay estimates besides */
+    double surprise[SWINGUP_DELAYS];      /* evidence against each delay */
+#if SWINGUP_HAS_IDENTIFIER
+    swingup_identifier identifier;
+#endif
+} swingup_estimator;
+
+/* What the steady-state Kalman gains make of a miss. */
+static inline void swingup_correction(const double miss[4], double correction[4])
+{
+    int joint;
+    for (joint = 0; joint < 2; joint++) {
+        correction[joint] = swingup_gains[0][0] * miss[joint] + swingup_gains[0][1] * miss[joint + 2];
+        correction[joint + 2] = swingup_gains[1][0] * miss[joint] + swingup_gains[1][1] * miss[joint + 2];
+    }
+}
+
+/*
+ * One step over h (s) of the filter in charge and of the bank, for angles of a known age (calls); 0, and no change, if
+ * the estimate is lost.
+ */
+static inline int swingup_follow(swingup_estimator *c, const swingup_plant *plant, const double x[4], double h, int age)
+{
+    const double torque = c->torques[c->delay_steps];
+    double drifted[SWINGUP_DELAYS][4], surprise[SWINGUP_DELAYS], least = 0.0;
+    double predicted[4], miss[4], correction[4], change[4], response[2];
+    int i, n, best = 0;
+
+    for (i = 0; i < 4; i++) {
+        predicted[i] = c->state[i];
+    }
+    swingup_step(plant, predicted, torque, h);
+    for (i = 0; i < 4; i++) {
+        miss[i] = x[i] - predicted[i];
+    }
+    for (i = 0; i < 2; i++) {
+        miss[i] = swingup_turned(miss[i]);
+    }
+    swingup_response(plant, c->state, response);
+
+    for (n = 0; n < SWINGUP_DELAYS; n++) {
+        double far = 0.0, evidence;
+        for (i = 0; i < 2; i++) {
+            const double extra = (c->torques[n] - torque) * response[i];
+            const double *d = c->deviations[n];
+            drifted[n][i] = d[i] + h * d[i + 2] + 0.5 * h * h * extra;
+            drifted[n][i + 2] = d[i + 2] + h * extra;
+            far += (miss[i] - drifted[n][i]) * (miss[i] - drifted[n][i]);
+        }
+        surprise[n] = SWINGUP_FADING * c->surprise[n] + log1p(far / SWINGUP_RESIDUAL_SQUARED);
+        evidence = surprise[n] + SWINGUP_CAUTION * n;
+        if (!swingup_finite(&evidence, 1)) {
+            return 0;
+        }
+        /* A delay below the angles' own age cannot be. */
+        if (n <= age || evidence < least) {
+            least = evidence;
+            best = n;
+        }
+    }
+
+    for (n = 0; n < SWINGUP_DELAYS; n++) {
+        swingup_correction(drifted[n], correction);
+        for (i = 0; i < 4; i++) {
+            drifted[n][i] -= correction[i];
+        }
+    }
+    swingup_correction(miss, change);
+    for (i = 0; i < 4; i++) {
+        predicted[i] += change[i] + drifted[best][i];
+    }
+    if (!(fabs(x[2] - predicted[2]) <= SWINGUP_LOST_RATE && fabs(x[3] - predicted[3]) <= SWINGUP_LOST_RATE)) {
+        return 0;
+    }
+    for (i = 0; i < 4; i++) {
+        const double in_charge = drifted[best][i];
+        c->state[i] = predicted[i];
+        for (n = 0; n < SWINGUP_DELAYS; n++) {
+            c->deviations[n][i] = drifted[n][i] - in_charge;
+        }
+    }
+    for (n = 0; n < SWINGUP_DELAYS; n++) {
+        c->surprise[n] = surprise[n];
+    }
+    c->delay_steps = best;
+    return 1;
+}
+
+/* Sum of the torques commanded in the last n steps, linear between whole n, n >= 0. */
+static inline double swingup_commanded(const swingup_estimator *c, double n)
+{
+    double sum = 0.0;
+    int k;
+    for (k = 0; k < SWINGUP_DELAYS && k + 1 <= n; k++) {
+        sum += c->torques[k];
+    }
+    return k < SWINGUP_DELAYS ? sum + (n - k) * c->torques[k] : sum;
+}
+
+/* The state after the delay, steps of h (s), in pieces with the mean of the torques that act in each. */
+static inline void swingup_ahead(const swingup_estimator *c, const swingup_plant *plant, double x[4], double h)
+{
+    const double steps = (double)c->delay_steps / SWINGUP_PIECES;
+    int piece;
+    for (piece = SWINGUP_PIECES; piece > 0 && c->delay_steps > 0; piece--) {
+        const double sum = swingup_commanded(c, piece * steps) - swingup_commanded(c, (piece - 1) * steps);
+        swingup_step(plant, x, sum / steps, steps * h);
+    }
+}
+
+/* An estimate of the state now, for the state measured at time t (s). */
+static inline void swingup_observe(swingup_estimator *c, double t, const double measured[4], double seen[4])
+{
+    const double pause = t - c->time, h = pause > 0.0 ? pause : SWINGUP_DT;
+    const int late = !c->called || !(pause >= 0.0 && pause <= 1.5 * SWINGUP_DT);
+#if SWINGUP_HAS_IDENTIFIER
+    swingup_identifier *found = &c->identifier;
+    const double *base = found->base, *friction = found->felt, *offsets = found->offsets;
+    const double x[4] = {measured[0] - offsets[0], measured[1] - offsets[1], measured[2], measured[3]};
+    const double interval = swingup_interval(found, h);
+    const int age = found->age;
+#else
+    const double *x = measured, *base = swingup_theta, *friction = swingup_theta + 4;
+    const double interval = h;
+    const int age = 0;
+#endif
+    swingup_plant plant;
+    int i, n;
+
+    swingup_believe(&plant, base, friction);
+    if (late || !swingup_follow(c, &plant, x, interval, age)) {
+        for (i = 0; i < 4; i++) {
+            c->state[i] = seen[i] = x[i];
+        }
+        for (n = 0; n < SWINGUP_DELAYS; n++) {
+            c->torques[n] = 0.0;
+            for (i = 0; i < 4; i++) {
+                c->deviations[n][i] = 0.0;
+            }
+        }
+    } else {
+        for (i = 0; i < 4; i++) {
+            seen[i] = c->state[i];
+        }
+        swingup_ahead(c, &plant, seen, h);
+        if (!swingup_finite(seen, 4)) {
+            for (i = 0; i < 4; i++) {
+                seen[i] = x[i];
+            }
+        }
+    }
+#if SWINGUP_HAS_IDENTIFIER
+    swingup_identify(found, measured, c->delay_steps, c->called ? pause : -1.0);
+#endif
+    c->called = 1;
+    c->time = t;
+}
+
+/* Note the torques that the motors were asked for (N m). */
+static inline void swingup_remember(swingup_estimator *c, const double u[2])
+{
+    int n;
+    for (n = SWINGUP_DELAYS - 1; n > 0; n--) {
+        c->torques[n] = c->torques[n - 1];
+    }
+    c->torques[0] = swingup_clip(u[SWINGUP_DRIVEN], swingup_limits[SWINGUP_DRIVEN]);
+#if SWINGUP_HAS_IDENTIFIER
+    swingup_note(&c->identifier, c->torques[0], u[1 - SWINGUP_DRIVEN]);
+#endif
+}
+#endif
+
+#endif

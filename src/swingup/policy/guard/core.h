@@ -1,0 +1,148 @@
+/*
+ * The safety guard; core.py has its rules. Without one the reason stays 0.
+ */
+#ifndef SWINGUP_GUARD_H
+#define SWINGUP_GUARD_H
+
+#include "../numbers.h"
+
+typedef struct {
+    int reason;         /* why the controller was stopped; SWINGUP_GUARD_NONE while it acts */
+    int joint;          /* the joint meant: 0 is the shoulder, 1 the elbow; -1 for none */
+    double when, value; /* time of that call (s), and what was beyond its limit or not finite */
+    int called, still, brakes;
+    double time, step;            /* of the last call, and since the one before (s) */
+    double sample[4], torques[2]; /* last measurement and torques */
+    double repeated[2], stuck;    /* time for which a measurement has repeated (s) */
+} swingup_guard;
+
+#if SWINGUP_HAS_GUARD
+/* Latch the first fault; brake from it on, until a fault of sensor or clock. */
+static inline void swingup_stop(swingup_guard *c, int reason, int joint, double value)
+{
+    const int motion =
+        reason == SWINGUP_GUARD_ANGLE || reason == SWINGUP_GUARD_VELOCITY || reason == SWINGUP_GUARD_TORQUE;
+    c->brakes = motion && SWINGUP_BRAKING > 0.0 && (c->reason == SWINGUP_GUARD_NONE || c->brakes);
+    if (c->reason == SWINGUP_GUARD_NONE) {
+        c->reason = reason;
+        c->joint = joint;
+        c->when = c->time;
+        c->value = value;
+    }
+}
+
+/* Stops the controller if a joint's measurement is not finite or beyond a limit; whether it is. */
+static inline int swingup_out_of_bounds(swingup_guard *c)
+{
+    const double *x = c->sample;
+    int i, j;
+    for (i = 0; i < 2; i++) {
+        for (j = i; j < 4; j += 2) {
+            if (!swingup_finite(x + j, 1)) {
+                swingup_stop(c, SWINGUP_GUARD_NOT_FINITE, i, x[j]);
+                return 1;
+            }
+        }
+    }
+    for (i = 0; i < 2; i++) {
+        if (fabs(x[i]) > SWINGUP_ANGLE_LIMIT) {
+            swingup_stop(c, SWINGUP_GUARD_ANGLE, i, x[i]);
+            return 1;
+        }
+        if (fabs(x[i + 2]) > SWINGUP_VELOCITY_LIMIT) {
+            swingup_stop(c, SWINGUP_GUARD_VELOCITY, i, x[i + 2]);
+            return 1;
+        }
+    }
+    return 0;
+}
+
+/* Stops the controller if a joint that must be moving has had the same measurement for too long. */
+static inline void swingup_stale(swingup_guard *c, const double before[4])
+{
+    const double *x = c->sample;
+    int i, same[2];
+    for (i = 0; i < 2; i++) {
+        same[i] = x[i] == before[i] && x[i + 2] == before[i + 2];
+        c->repeated[i] = same[i] && x[i + 2] != 0.0 ? c->repeated[i] + c->step : 0.0;
+    }
+    i = fabs(c->torques[SWINGUP_DRIVEN]) > SWINGUP_PUSHING * swingup_limits[SWINGUP_DRIVEN];
+    c->stuck = same[SWINGUP_DRIVEN] && i ? c->stuck + c->step : 0.0;
+    for (i = 0; i < 2; i++) {
+        if (c->repeated[i] > SWINGUP_STALE_TIME) {
+            swingup_stop(c, SWINGUP_GUARD_STALE, i, c->repeated[i]);
+            return;
+        }
+    }
+    if (c->stuck > SWINGUP_STUCK_TIME) {
+        swingup_stop(c, SWINGUP_GUARD_STALE, SWINGUP_DRIVEN, c->stuck);
+    }
+}
+
+/* Whether the controller may act on the state x measured at time t (s). */
+static inline int swingup_allows(swingup_guard *c, double t, const double x[4])
+{
+    const double pause = t - c->time;
+    const int first = !c->called;
+    double before[4];
+    int i;
+
+    c->called = 1;
+    c->time = t;
+    if (!swingup_finite(&t, 1) || !(first || pause >= 0.0)) {
+        swingup_stop(c, SWINGUP_GUARD_CLOCK, -1, first ? t : pause);
+        return 0;
+    }
+    c->still = !first && pause == 0.0 ? c->still + 1 : 0;
+    if (c->still > SWINGUP_STANDSTILLS) {
+        swingup_stop(c, SWINGUP_GUARD_CLOCK, -1, pause);
+        return 0;
+    }
+    if (!first && pause > SWINGUP_LONGEST_PAUSE) {
+        swingup_stop(c, SWINGUP_GUARD_LATE, -1, pause);
+        return 0;
+    }
+    c->step = first || pause == 0.0 ? SWINGUP_GUARD_PERIOD : pause;
+    for (i = 0; i < 4; i++) {
+        before[i] = c->sample[i];
+        c->sample[i] = x[i];
+    }
+    if (!swingup_out_of_bounds(c) && !first) {
+        swingup_stale(c, before);
+    }
+    return c->reason == SWINGUP_GUARD_NONE;
+}
+
+/* The torques of a stopped controller: none, or damping while the measurement is sound. */
+static inline void swingup_stopped(swingup_guard *c, double u[2])
+{
+    int i;
+    for (i = 0; i < 2; i++) {
+        const double rate = c->sample[i + 2];
+        const int sound = c->brakes && fabs(rate) <= SWINGUP_BRAKED_RATE;
+        c->torques[i] = u[i] = sound ? swingup_clip(-SWINGUP_BRAKING * rate, swingup_limits[i]) : 0.0;
+    }
+}
+
+/* The controller's torques within rate and limits; safe ones if one of them is not finite. */
+static inline void swingup_limited(swingup_guard *c, double u[2])
+{
+    const double change = SWINGUP_TORQUE_RATE * c->step;
+    int i;
+    for (i = 0; i < 2; i++) {
+        if (!swingup_finite(u + i, 1)) {
+            swingup_stop(c, SWINGUP_GUARD_TORQUE, i, u[i]);
+            swingup_stopped(c, u);
+            return;
+        }
+    }
+    for (i = 0; i < 2; i++) {
+        const double most = c->torques[i] + change, least = c->torques[i] - change;
+        u[i] = u[i] > most ? most : u[i];
+        u[i] = swingup_clip(u[i] < least ? least : u[i], swingup_limits[i]);
+        c->torques[i] = u[i];
+    }
+}
+#endif
+
+#endif

@@ -1,0 +1,408 @@
+/*
+ * The identifier of the plant; core.py has its equations.
+ */
+#ifndef SWINGUP_IDENTIFIER_H
+#define SWINGUP_IDENTIFIER_H
+
+#include "../estimator/model.h"
+#include "../numbers.h"
+
+#if SWINGUP_HAS_IDENTIFIER
+/*
+ * The unknowns: nine base parameters, what the offsets of both angles add to gravity's torques (kg m), the torque's
+ * lag (s) behind the delay, and the part of its command that the undriven joint's motor delivers.
+ */
+#define SWINGUP_UNKNOWNS 13
+#define SWINGUP_TILT 9
+#define SWINGUP_LAG 11
+#define SWINGUP_GAIN 12
+
+typedef struct {
+    /* After each low-pass, of both joints: a number for each unknown, and the torque. */
+    double rows[3][2][SWINGUP_UNKNOWNS + 1];
+} swingup_filter;
+
+typedef struct {
+    int calls;                              /* measurements since the last restart */
+    int delay_steps;                        /* the delay told last (steps), or age where that is more */
+    int age;                                /* 1 if the angles are those of the call before, else 0 */
+    double missed[2];                       /* what the motion misses with age 0, and with age 1 */
+    double angles[2 * SWINGUP_SPAN + 1][2]; /* measured, without jumps of full turns, newest first (rad) */
+    double torques[SWINGUP_COMMANDS][2];    /* asked of both motors, newest first (N m) */
+    double steps[SWINGUP_COMMANDS];         /* time for which each was held (s) */
+    swingup_filter filter;
+    double unknowns[SWINGUP_UNKNOWNS];
+    double covariance[SWINGUP_UNKNOWNS][SWINGUP_UNKNOWNS];
+    double variance[2]; /* of what each joint's row leaves unexplained (N^2 m^2) */
+    double held[2];     /* time for which each joint's row is still not used (s) */
+    double base[9];     /* base parameters of a pendulum: those found, or as near to them as can be */
+    double told[9];     /* the same with the friction that the compensation leaves */
+    double felt[4];     /* friction of the estimator's model: damping of both joints, then Coulomb friction */
+    double asked[4];    /* the same, of the friction whose counterpart the motors are asked for */
+    double offsets[2];  /* how much the measured angles are too large (rad) */
+} swingup_identifier;
+
+/* The compensation of the friction found, and the offsets of the angles. */
+static inline void swingup_share(swingup_identifier *c)
+{
+    const double *tilt = c->unknowns + SWINGUP_TILT;
+    const double delivered = swingup_more(c->unknowns[SWINGUP_GAIN], 0.0);
+    const double asks = SWINGUP_PASSIVE_LIMIT > 0.0 ? 1.0 / swingup_more(delivered, SWINGUP_LEAST_GAIN) : 0.0;
+    int i;
+    for (i = 0; i < 9; i++) {
+        c->told[i] = c->base[i];
+    }
+    for (i = 0; i < 4; i++) {
+        const int driven = i % 2 == SWINGUP_DRIVEN;
+        c->asked[i] = swingup_more(c->base[4 + i], 0.0) * (driven ? 1.0 : asks);
+        c->told[4 + i] -= (driven ? 1.0 : delivered) * c->asked[i];
+        /* It brakes, or the implicit step would be singular near rest. The estimator counts the driven motor alone. */
+        c->felt[i] = swingup_more(driven ? c->base[4 + i] : c->told[4 + i], 0.0);
+    }
+    c->offsets[0] = swingup_clip(tilt[0] / c->base[3], SWINGUP_MOST_OFFSET);
+    c->offsets[1] = swingup_clip(tilt[1] / c->base[2], SWINGUP_MOST_OFFSET) - c->offsets[0];
+}
+
+/* Add the torques (N m) against the friction found, for the state seen; NaN if that is not finite. */
+static inline void swingup_compensate(const swingup_identifier *c, const double seen[4], double u[2])
+{
+    const int finite = swingup_finite(seen, 4);
+    int i;
+    for (i = 0; i < 2; i++) {
+        const double rate = seen[i + 2], torque = c->asked[i] * rate + c->asked[i + 2] * atan(SWINGUP_STEEPNESS * rate);
+        /* The arctangent and the clip would make a finite torque of an infinite velocity. */
+        u[i] += !finite ? (double)NAN : i == SWINGUP_DRIVEN ? torque : swingup_clip(torque, SWINGUP_PASSIVE_LIMIT);
+    }
+}
+
+/* Nothing seen yet. */
+static inline void swingup_begin(swingup_identifier *c)
+{
+    static const swingup_identifier fresh = {0};
+    int i, j;
+    *c = fresh;
+    for (i = 0; i < SWINGUP_UNKNOWNS; i++) {
+        c->unknowns[i] = swingup_mean[i];
+        for (j = 0; j < SWINGUP_UNKNOWNS; j++) {
+            c->covariance[i][j] = swingup_prior[i][j];
+        }
+    }
+    for (i = 0; i < 2; i++) {
+        c->variance[i] = swingup_first_variance[i];
+    }
+    for (i = 0; i < 9; i++) {
+        c->base[i] = swingup_mean[i];
+    }
+    for (i = 0; i < SWINGUP_COMMANDS; i++) {
+        c->steps[i] = SWINGUP_DT;
+    }
+    swingup_share(c);
+}
+
+/* Half of both joints' equations, at the midpoint between angles (rad). */
+typedef struct {
+    double rates[2], momentum[2], turning, pull[2], slope[2], bend[2], bending;
+} swingup_half;
+
+/* For angles that are a time (s) apart. */
+static inline void swingup_halve(const double start[2], const double end[2], double time, swingup_half *half)
+{
+    const double rate1 = (end[0] - start[0]) / time, rate2 = (end[1] - start[1]) / time;
+    const double q1 = 0.5 * (start[0] + end[0]), q2 = 0.5 * (start[1] + end[1]);
+    const double sine1 = sin(q1), cosine1 = cos(q1), sine2 = sin(q2), cosine2 = cos(q2);
+    const double along = SWINGUP_L1 * cosine2, across = SWINGUP_L1 * sine2;
+    half->rates[0] = rate1;
+    half->rates[1] = rate2;
+    half->momentum[0] = along * (2.0 * rate1 + rate2);
+    half->momentum[1] = along * rate1;
+    half->turning = across * rate1 * (rate1 + rate2);
+    half->pull[0] = SWINGUP_GRAVITY * sine1;
+    half->pull[1] = SWINGUP_GRAVITY * (sine1 * cosine2 + cosine1 * sine2);
+    half->slope[0] = SWINGUP_GRAVITY * cosine1;
+    half->slope[1] = SWINGUP_GRAVITY * (cosine1 * cosine2 - sine1 * sine2);
+    /* Derivatives of the momenta and of turning by q2. */
+    half->bend[0] = -across * (2.0 * rate1 + rate2);
+    half->bend[1] = -across * rate1;
+    half->bending = along * rate1 * (rate1 + rate2);
+}
+
+/* Integral of arctan(steep v) over a rate v from 0 (rad/s). */
+static inline double swingup_integral(double rate)
+{
+    const double steep = SWINGUP_STEEPNESS * rate;
+    return rate * atan(steep) - log1p(steep * steep) / (2.0 * SWINGUP_STEEPNESS);
+}
+
+/* The mean of arctan(steep v) while a rate v goes straight from start to end (rad/s). */
+static inline double swingup_mean_arctan(double start, double end)
+{
+    if (fabs(end - start) > SWINGUP_CLOSE_RATES) {
+        return (swingup_integral(end) - swingup_integral(start)) / (end - start);
+    }
+    return atan(0.5 * SWINGUP_STEEPNESS * (start + end));
+}
+
+/* Time from the end of the step before the last n ones to now (s). */
+static inline double swingup_age(const swingup_identifier *c, int n)
+{
+    double age = 0.0;
+    int k;
+    for (k = 0; k < n; k++) {
+        age += c->steps[k];
+    }
+    return age;
+}
+
+/* The newest rows of shoulder and elbow: a number for each unknown, and the driven joint's torque. */
+static inline void swingup_rows(const swingup_identifier *c, double rows[2][SWINGUP_UNKNOWNS + 1])
+{
+    const double gr = SWINGUP_GEAR, *steps = c->steps + c->age, (*torques)[2] = c->torques + c->delay_steps;
+    double a[2], pull[2], slope[2], bend[2], turning, torque[2] = {0.0, 0.0}, rate = 0.0;
+    double newer = 0.0, older = 0.0, mean, now = 0.0;
+    swingup_half one, two;
+    int i, k;
+
+    for (k = 0; k < SWINGUP_SPAN; k++) {
+        newer += steps[k];
+        older += steps[SWINGUP_SPAN + k];
+    }
+    mean = 0.5 * (newer + older);
+    swingup_halve(c->angles[2 * SWINGUP_SPAN], c->angles[SWINGUP_SPAN], older, &one);
+    swingup_halve(c->angles[SWINGUP_SPAN], c->angles[0], newer, &two);
+    for (i = 0; i < 2; i++) {
+        a[i] = (two.rates[i] - one.rates[i]) / mean;
+        pull[i] = 0.5 * (one.pull[i] + two.pull[i]);
+        slope[i] = 0.5 * (one.slope[i] + two.slope[i]);
+        bend[i] = (two.bend[i] - one.bend[i]) / mean;
+        for (k = 0; k <= SWINGUP_UNKNOWNS; k++) {
+            rows[i][k] = 0.0;
+        }
+    }
+    turning = 0.5 * (one.turning + two.turning);
+    rows[0][0] = a[0];
+    rows[0][1] = a[1];
+    rows[0][2] = (two.momentum[0] - one.momentum[0]) / mean + pull[1];
+    rows[0][3] = pull[0];
+    rows[0][8] = (gr * gr + 1.0) * a[0] - gr * a[1];
+    rows[1][1] = a[0] + a[1];
+    rows[1][2] = (two.momentum[1] - one.momentum[1]) / mean + turning + pull[1];
+    rows[1][8] = gr * gr * a[1] - gr * a[0];
+    bend[1] += 0.5 * (one.bending + two.bending);
+    for (i = 0; i < 2; i++) {
+        rows[i][SWINGUP_TILT] = SWINGUP_TILT_RATIO * bend[i] - (i == 0 ? slope[0] : 0.0);
+        rows[i][SWINGUP_TILT + 1] = -bend[i] - slope[1];
+    }
+    for (i = 0; i < 2; i++) {
+        rows[i][4 + i] = 0.5 * (one.rates[i] + two.rates[i]);
+        rows[i][6 + i] = swingup_mean_arctan(one.rates[i], two.rates[i]);
+    }
+    /* The hat rises to the middle angle and falls to the others; each torque is held over its step. */
+    for (k = 0; k < 2 * SWINGUP_SPAN; k++) {
+        const double change = k < SWINGUP_SPAN ? steps[k] / newer : -steps[k] / older;
+        for (i = 0; i < 2; i++) {
+            torque[i] += (now + 0.5 * change) * steps[k] * torques[k][i] / mean;
+        }
+        rate += change * torques[k][SWINGUP_DRIVEN] / mean;
+        now += change;
+    }
+    rows[SWINGUP_DRIVEN][SWINGUP_LAG] = rate;
+    rows[1 - SWINGUP_DRIVEN][SWINGUP_GAIN] = -torque[1 - SWINGUP_DRIVEN];
+    rows[SWINGUP_DRIVEN][SWINGUP_UNKNOWNS] = torque[SWINGUP_DRIVEN];
+}
+
+/* One joint's low-passed row: the variance of its errors, and what it tells of the unknowns. */
+static inline void swingup_update(swingup_identifier *c, int joint)
+{
+    const double least = swingup_least_variance[joint], most = swingup_most_variance[joint];
+    const double *row = c->filter.rows[2][joint];
+    double known[SWINGUP_UNKNOWNS], unsure = 0.0, error = row[SWINGUP_UNKNOWNS], size = fabs(error);
+    double lowest, r, distance, held, w, heavy, seen;
+    int i, j;
+
+    for (i = 0; i < SWINGUP_UNKNOWNS; i++) {
+        known[i] = 0.0;
+        for (j = 0; j < SWINGUP_UNKNOWNS; j++) {
+            known[i] += c->covariance[i][j] * row[j];
+        }
+        unsure += row[i] * known[i];
+        error -= row[i] * c->unknowns[i];
+    }
+    for (i = 0; i < 4; i++) {
+        size += fabs(row[i]) * fabs(c->unknowns[i]);
+    }
+    lowest = least + (SWINGUP_RELATIVE_FLOOR * size) * (SWINGUP_RELATIVE_FLOOR * size);
+    r = c->variance[joint] > lowest ? c->variance[joint] : lowest;
+    distance = error * error / (unsure + r);
+    held = distance > SWINGUP_GATE_SQUARED ? SWINGUP_HOLD : c->held[joint] - SWINGUP_DT;
+    w = (SWINGUP_STUDENT + distance) / (SWINGUP_STUDENT + 1.0);
+    heavy = r * SWINGUP_ALIKE * (w > 1.0 ? w : 1.0);
+    /* A spoilt angle must not blind the identifier for seconds. */
+    seen = distance * r < most ? distance * r : most;
+    c->variance[joint] += (seen > c->variance[joint] ? SWINGUP_RISE : SWINGUP_FALL) * (seen - c->variance[joint]);
+    c->held[joint] = held > 0.0 ? held : 0.0;
+    for (i = 0; i < SWINGUP_UNKNOWNS; i++) {
+        const double gain = held > 0.0 ? 0.0 : known[i] / (unsure + heavy);
+        c->unknowns[i] += gain * error;
+        for (j = 0; j < SWINGUP_UNKNOWNS; j++) {
+            c->covariance[i][j] -= gain * known[j];
+        }
+    }
+}
+
+/* The low-passes, both rows, and the drift; 0 if what was found is not finite. */
+static inline int swingup_learn(swingup_identifier *c)
+{
+    double rows[2][SWINGUP_UNKNOWNS + 1];
+    int i, j, k;
+
+    swingup_rows(c, rows);
+    for (i = 0; i < 2; i++) {
+        for (k = 0; k <= SWINGUP_UNKNOWNS; k++) {
+            double value = rows[i][k];
+            for (j = 0; j < 3; j++) {
+                c->filter.rows[j][i][k] += SWINGUP_POLE * (value - c->filter.rows[j][i][k]);
+                value = c->filter.rows[j][i][k];
+            }
+        }
+    }
+    swingup_update(c, 0);
+    swingup_update(c, 1);
+    for (i = 0; i < SWINGUP_UNKNOWNS; i++) {
+        /* No less sure than at the start. */
+        c->covariance[i][i] += c->covariance[i][i] < swingup_prior[i][i] ? swingup_drift[i] : 0.0;
+    }
+    return swingup_finite(c->unknowns, SWINGUP_UNKNOWNS) &&
+           swingup_finite(&c->covariance[0][0], SWINGUP_UNKNOWNS * SWINGUP_UNKNOWNS);
+}
+
+/* Base parameters of a pendulum: a mass matrix far from positive definite is moved towards the nominal one. */
+static inline void swingup_project(swingup_identifier *c)
+{
+    const double *found = c->unknowns;
+    const double coupling = SWINGUP_L1 * found[2], geared = SWINGUP_GEAR * found[8], reflected = SWINGUP_GEAR * geared;
+    double share = 1.0;
+    int i;
+
+    for (i = 0; i < 2; i++) {
+        const double cosine = i == 0 ? coupling : -coupling, *n = swingup_nominal_mass[i];
+        const double m11 = found[0] + 2.0 * cosine + reflected + found[8];
+        const double m12 = found[1] + cosine - geared, m22 = found[1] + reflected;
+        const double determinant = n[0] * n[2] - n[1] * n[1];
+        const double half = 0.5 * (n[2] * m11 - 2.0 * n[1] * m12 + n[0] * m22) / determinant;
+        const double product = (m11 * m22 - m12 * m12) / determinant;
+        /* Both eigenvalues are real; rounding may not make the root's argument negative. */
+        const double smallest = half - sqrt(fabs(half * half - product));
+        const double allowed = (1.0 - SWINGUP_MARGIN) / (1.0 - (smallest < SWINGUP_MARGIN ? smallest : SWINGUP_MARGIN));
+        share = allowed < share ? allowed : share;
+    }
+    for (i = 0; i < 9; i++) {
+        c->base[i] = swingup_mean[i] + share * (found[i] - swingup_mean[i]);
+    }
+    swingup_share(c);
+}
+
+/* After a pause: what was found stays, the motion before is forgotten. */
+static inline void swingup_interrupt(swingup_identifier *c)
+{
+    static const swingup_filter empty = {{{{0.0}}}};
+    int k;
+    c->calls = 0;
+    c->filter = empty;
+    for (k = 0; k < SWINGUP_COMMANDS; k++) {
+        c->torques[k][0] = c->torques[k][1] = 0.0;
+        c->steps[k] = SWINGUP_DT;
+    }
+}
+
+/* Time between the angles of the call before and those of this one, h (s) after it. */
+static inline double swingup_interval(const swingup_identifier *c, double h)
+{
+    return c->age > 0 ? c->steps[0] : h;
+}
+
+/* The angles' age (calls): a longer step shows as a longer way in the same call, or in the next. */
+static inline int swingup_weigh_ages(swingup_identifier *c)
+{
+    const double time = swingup_age(c, 2 * SWINGUP_SPAN);
+    double more;
+    int i, k;
+    for (k = 0; k < 2; k++) {
+        double misses = 0.0;
+        for (i = 0; i < 2; i++) {
+            const double rate = (c->angles[0][i] - c->angles[2 * SWINGUP_SPAN][i]) / time;
+            const double miss = c->angles[0][i] - 2.0 * c->angles[1][i] + c->angles[2][i] -
+                                rate * (c->steps[k] - c->steps[k + 1]);
+            misses += miss * miss;
+        }
+        c->missed[k] *= SWINGUP_UNEVEN_FADING;
+        c->missed[k] += c->calls > 2 * SWINGUP_SPAN ? log1p(misses / SWINGUP_UNEVEN_SQUARED) : 0.0;
+    }
+    more = c->missed[0] - c->missed[1];
+    return more > SWINGUP_AGE_CAUTION ? 1 : more < -SWINGUP_AGE_CAUTION ? 0 : c->age;
+}
+
+/* Learn from the angles of x, which are delay_steps old, a pause (s) after the call before. */
+static inline void swingup_identify(swingup_identifier *c, const double x[4], int delay_steps, double pause)
+{
+    static const swingup_filter empty = {{{{0.0}}}};
+    const int angles = 2 * SWINGUP_SPAN + 1;
+    /* Not what is NaN either. */
+    const int near = fabs(x[0]) < SWINGUP_FARTHEST && fabs(x[1]) < SWINGUP_FARTHEST;
+    const int late = !(pause >= 0.0 && pause <= SWINGUP_LONGEST_STEP);
+    double step = pause > 0.0 ? pause : SWINGUP_DT;
+    swingup_identifier learned;
+    int i, k, age;
+
+    /* Such an angle would stay in the differences. */
+    if (late || !near) {
+        swingup_interrupt(c);
+    }
+    if (!near) {
+        return;
+    }
+    for (i = 0; i < 2; i++) {
+        const double newest = c->angles[0][i] + swingup_turned(x[i] - c->angles[0][i]);
+        for (k = angles - 1; k > 0; k--) {
+            c->angles[k][i] = c->calls == 0 ? x[i] : c->angles[k - 1][i];
+        }
+        c->angles[0][i] = c->calls == 0 ? x[i] : newest;
+    }
+    step = c->calls == 0 ? SWINGUP_DT : step > SWINGUP_SHORTEST_STEP ? step : SWINGUP_SHORTEST_STEP;
+    for (k = SWINGUP_COMMANDS - 1; k > 0; k--) {
+        c->steps[k] = c->steps[k - 1];
+    }
+    c->steps[0] = step;
+    age = swingup_weigh_ages(c);
+    delay_steps = delay_steps > age ? delay_steps : age;
+    /* The lag counts from the delay: their sum is what was found. The old rows belong to the old delay. */
+    if (delay_steps != c->delay_steps || age != c->age) {
+        c->unknowns[SWINGUP_LAG] += swingup_age(c, c->delay_steps) - swingup_age(c, delay_steps);
+        c->filter = empty;
+        c->delay_steps = delay_steps;
+        c->age = age;
+    }
+    c->calls += c->calls < angles + SWINGUP_COMMANDS;
+    /* The torques before a restart are not known. */
+    if (c->calls >= angles + delay_steps) {
+        learned = *c;
+        if (swingup_learn(&learned)) {
+            swingup_project(&learned);
+            *c = learned;
+        }
+    }
+}
+
+/* Note the torques that both motors were asked for, the driven one within its limit (N m). */
+static inline void swingup_note(swingup_identifier *c, double driven, double passive)
+{
+    int k;
+    for (k = SWINGUP_COMMANDS - 1; k > 0; k--) {
+        c->torques[k][0] = c->torques[k - 1][0];
+        c->torques[k][1] = c->torques[k - 1][1];
+    }
+    c->torques[0][SWINGUP_DRIVEN] = driven;
+    c->torques[0][1 - SWINGUP_DRIVEN] = passive;
+}
+#endif
+
+#endif

@@ -1,0 +1,59 @@
+/*
+ * What all parts of a policy in C need of numbers.
+ */
+#ifndef SWINGUP_NUMBERS_H
+#define SWINGUP_NUMBERS_H
+
+#include <math.h>
+#include <stdint.h>
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__) || defined(_M_FP_FAST)
+#error "compile without -ffast-math and -ffinite-math-only: NaN would pass all checks, with full torque"
+#endif
+#if SWINGUP_HAS_IDENTIFIER && !SWINGUP_HAS_ESTIMATOR
+#error "an identifier needs an estimator: it is told the delay"
+#endif
+
+#define SWINGUP_PI 3.14159265358979323846
+
+/*
+ * What the network computes in. Define SWINGUP_REAL as float before the include where double is slow: torques then
+ * differ by up to 1e-4 N m. All around the network computes in double precision.
+ */
+#ifndef SWINGUP_REAL
+#define SWINGUP_REAL double
+#endif
+typedef SWINGUP_REAL swingup_real;
+
+static inline double swingup_clip(double value, double limit)
+{
+    return value > limit ? limit : value < -limit ? -limit : value;
+}
+
+static inline double swingup_more(double value, double other)
+{
+    return value > other ? value : other;
+}
+
+/* Whether the first numbers of an array are finite: by their bits, since a compiler may take isfinite for true. */
+static inline int swingup_finite(const double *values, int count)
+{
+    union {
+        double number;
+        uint64_t bits;
+    } each;
+    int i, finite = 1;
+    for (i = 0; i < count; i++) {
+        each.number = values[i];
+        finite = finite && (each.bits >> 52 & 0x7ff) != 0x7ff;
+    }
+    return finite;
+}
+
+/* An angle's distance (rad) without whole turns. */
+static inline double swingup_turned(double angle)
+{
+    return angle - 2.0 * SWINGUP_PI * rint(angle / (2.0 * SWINGUP_PI));
+}
+
+#endif

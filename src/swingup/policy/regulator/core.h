@@ -1,0 +1,137 @@
+/*
+ * The regulator near the top; core.py has its equations.
+ */
+#ifndef SWINGUP_REGULATOR_H
+#define SWINGUP_REGULATOR_H
+
+#include "../numbers.h"
+
+#if SWINGUP_HAS_REGULATOR
+typedef struct {
+    int begun;               /* 0 before the first call */
+    int acting;              /* whether the regulator acts */
+    double cost_to_go[4][4]; /* P */
+} swingup_regulator;
+
+/* [A b] of one step of the recursion, for base parameters theta. */
+static inline void swingup_upright(const double theta[9], double step[4][5])
+{
+    const double h = SWINGUP_RICCATI_STEP, half = 0.5 * h * h;
+    const double gravity2 = SWINGUP_GRAVITY * theta[2], gravity1 = SWINGUP_GRAVITY * theta[3];
+    const double geared = SWINGUP_GEAR * theta[8], reflected = SWINGUP_GEAR * geared, coupling = SWINGUP_L1 * theta[2];
+    const double m11 = theta[0] + 2.0 * coupling + reflected + theta[8], m12 = theta[1] + coupling - geared;
+    const double m22 = theta[1] + reflected, scale = 1.0 / (m11 * m22 - m12 * m12);
+    const double inverse[2][2] = {{m22 * scale, -m12 * scale}, {-m12 * scale, m11 * scale}};
+    const double gravity[2][2] = {{gravity1 + gravity2, gravity2}, {gravity2, gravity2}};
+    double slope[2][4], w[2];
+    int i, j, k;
+
+    /* The accelerations: [X Y] e + w u. */
+    for (i = 0; i < 2; i++) {
+        for (j = 0; j < 2; j++) {
+            slope[i][j] = inverse[i][0] * gravity[0][j] + inverse[i][1] * gravity[1][j];
+            slope[i][j + 2] = -inverse[i][j] * (theta[4 + j] + SWINGUP_COULOMB_DAMPING * theta[6 + j]);
+        }
+        w[i] = inverse[i][SWINGUP_DRIVEN];
+    }
+    for (i = 0; i < 2; i++) {
+        for (j = 0; j < 4; j++) {
+            double twice = j < 2 ? 0.0 : slope[i][j - 2];
+            for (k = 0; k < 2; k++) {
+                twice += slope[i][k + 2] * slope[k][j];
+            }
+            step[i][j] = (i == j) + (i + 2 == j) * h + half * slope[i][j];
+            step[i + 2][j] = (i + 2 == j) + h * slope[i][j] + half * twice;
+        }
+        step[i][4] = half * w[i];
+        step[i + 2][4] = h * w[i] + half * (slope[i][2] * w[0] + slope[i][3] * w[1]);
+    }
+}
+
+/* One step of the Riccati recursion: P of the steps to go. */
+static inline void swingup_riccati(double p[4][4], double step[4][5])
+{
+    double moved[4][5], all[5][5];
+    int i, j, k;
+
+    for (i = 0; i < 4; i++) {
+        for (j = 0; j < 5; j++) {
+            moved[i][j] = 0.0;
+            for (k = 0; k < 4; k++) {
+                moved[i][j] += p[i][k] * step[k][j];
+            }
+        }
+    }
+    for (i = 0; i < 5; i++) {
+        for (j = i; j < 5; j++) {
+            all[i][j] = 0.0;
+            for (k = 0; k < 4; k++) {
+                all[i][j] += step[k][i] * moved[k][j];
+            }
+        }
+    }
+    for (i = 0; i < 4; i++) {
+        for (j = i; j < 4; j++) {
+            p[i][j] = p[j][i] = all[i][j] - all[i][4] * all[j][4] / (SWINGUP_TORQUE_WEIGHT + all[4][4]);
+        }
+        p[i][i] += swingup_state_weights[i];
+    }
+}
+
+/* P of the plant of the policy's file. */
+static inline void swingup_start(swingup_regulator *c)
+{
+    int i;
+    for (i = 0; i < 16; i++) {
+        c->cost_to_go[i / 4][i % 4] = swingup_cost_to_go[i / 4][i % 4];
+    }
+}
+
+/* Whether the regulator acts, and its torque of the driven joint for a state, of the plant theta. */
+static inline int swingup_regulate(swingup_regulator *c, const double theta[9], const double x[4], double *torque)
+{
+    const int finite = swingup_finite(x, 4);
+    double step[4][5], error[4], share = SWINGUP_TORQUE_WEIGHT, cost = 0.0;
+    int i, j;
+
+    if (!c->begun) {
+        swingup_start(c);
+    }
+    c->begun = 1;
+    swingup_upright(theta, step);
+    for (i = 0; i < SWINGUP_RICCATI_STEPS; i++) {
+        swingup_riccati(c->cost_to_go, step);
+    }
+    if (!swingup_finite(&c->cost_to_go[0][0], 16)) {
+        swingup_start(c);
+    }
+    *torque = 0.0;
+    error[0] = swingup_turned(x[0] - SWINGUP_PI);
+    error[1] = swingup_turned(x[1]);
+    error[2] = x[2];
+    error[3] = x[3];
+    for (i = 0; i < 4; i++) {
+        double pushed = 0.0;
+        for (j = 0; j < 4; j++) {
+            cost += error[i] * c->cost_to_go[i][j] * error[j];
+            pushed += c->cost_to_go[i][j] * step[j][4];
+        }
+        share += step[i][4] * pushed;
+        for (j = 0; j < 4; j++) {
+            *torque -= pushed * step[i][j] * error[j];
+        }
+    }
+    /* The clip would make an infinite rate the largest torque. */
+    *torque = finite ? swingup_clip(*torque / share, SWINGUP_TORQUE_LIMIT) : (double)NAN;
+    if (finite) {
+        const double dry = fabs(theta[7 - SWINGUP_DRIVEN]);
+        const double enter = SWINGUP_ENTER / (1.0 + dry / SWINGUP_ENTER_COULOMB);
+        const double leave = enter + (SWINGUP_LEAVE - SWINGUP_ENTER) / (1.0 + dry / SWINGUP_LEAVE_COULOMB);
+        c->acting = c->acting ? cost <= leave : cost < enter;
+    }
+    return c->acting;
+}
+
+#endif
+
+#endif
