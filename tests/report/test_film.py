@@ -1,6 +1,4 @@
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -30,10 +28,7 @@ def read(path):
     return [picture for picture, _ in pictures], [delay for _, delay in pictures]
 
 
-@pytest.mark.parametrize(
-    ("fps", "speed", "count"),
-    [(25, 1.0, 50), (30, 1.0, 60), (50, 1.0, 100), (20, 2.0, 20), (25, 0.5, 100), (12.5, 1.0, 25)],
-)
+@pytest.mark.parametrize(("fps", "speed", "count"), [(30, 1.0, 60), (20, 2.0, 20), (25, 0.5, 100), (12.5, 1.0, 25)])
 def test_gif_has_the_right_pictures_and_duration(tmp_path, fps, speed, count):
     animate([(swing(), "acrobot")], tmp_path / "film.gif", fps=fps, size=48, speed=speed)
     pictures, delays = read(tmp_path / "film.gif")
@@ -57,13 +52,6 @@ def test_gif_pictures_are_the_drawings(tmp_path):
         assert error.max() < 64
 
 
-def test_gif_of_ten_seconds_is_small(tmp_path):
-    animate([(swing(duration=10.0, turns=5), "acrobot")], tmp_path / "film.gif")
-    assert (tmp_path / "film.gif").stat().st_size < 2_000_000
-    with Image.open(tmp_path / "film.gif") as film:
-        assert film.size == (320, 320)
-
-
 def test_pictures_without_motion_still_take_their_time(tmp_path):
     time = 0.01 * np.arange(201)
     animate([(Trajectory(time, np.zeros((201, 4)), np.zeros((201, 2))), "acrobot")], tmp_path / "film.gif", size=48)
@@ -82,66 +70,21 @@ def test_time_may_start_anywhere_and_be_uneven(tmp_path):
     assert len(pictures) == 2
 
 
-def test_three_rows_make_a_picture(tmp_path):
-    animate([(swing(duration=0.004), "acrobot")], tmp_path / "film.gif", size=48)
-    with Image.open(tmp_path / "film.gif") as film:
-        assert film.n_frames == 1
-
-
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [
-        ({"fps": 0}, "fps = 0: use a number from 1 to 50 frames a second"),
-        ({"fps": 60}, "fps = 60: use a number from 1 to 50"),
-        ({"fps": math.nan}, "fps = nan: use a number from 1 to 50"),
-        ({"fps": "fast\n"}, r"fps = 'fast\\n': use a number"),
-        ({"size": 8}, r"size \(pixels\) = 8: use a whole number from 32 to 2048"),
-        ({"size": 100_000}, r"size \(pixels\) = 100000: use a whole number from 32"),
-        ({"speed": 0.0}, "speed = 0.0: use a positive number"),
-        ({"speed": -1.0}, "speed = -1.0: use a positive number"),
-        ({"speed": math.inf}, "speed = inf: use a positive number"),
-        ({"speed": 1e-5}, "longer than 600 s: raise the speed"),
-        ({"speed": 1e-320}, "a film of inf s is longer than 600 s"),
+def test_what_is_not_filmed(tmp_path):
+    hole = swing()
+    hole.x[5, 0] = math.nan
+    for arguments in (
+        {"fps": 0}, {"fps": 60}, {"fps": math.nan}, {"fps": "fast\n"}, {"size": 8}, {"size": 100_000},
+        {"speed": 0.0}, {"speed": -1.0}, {"speed": math.inf}, {"speed": 1e-5}, {"speed": 1e-320},
         # 2 s / 0.01 * 25 = 5000 frames of 2048 * 2048 = 4.2 million pixels.
-        ({"speed": 0.01, "size": 2048}, "5000 frames of 4194304 pixels is too large"),
-        ({"motions": [(swing(), "cartpole")]}, "unknown robot 'cartpole'"),
-    ],
-)
-def test_values_out_of_range_are_refused(tmp_path, arguments, reason):
-    with pytest.raises(SwingupError, match=reason):
-        animate(**{"motions": [(swing(), "acrobot")], "path": tmp_path / "film.gif", **arguments})
+        {"speed": 0.01, "size": 2048}, {"motions": [(swing(), "cartpole")]}, {"motions": [(hole, "acrobot")]},
+        *({"path": tmp_path / name} for name in ("film", "film.png", "gif", "missing/film.gif")),
+    ):  # fmt: skip
+        with pytest.raises(
+            SwingupError, match=r"^fps|^size|^speed|600 s|too large|unknown robot|finite|cannot write"
+        ):
+            animate(**{"motions": [(swing(), "acrobot")], "path": tmp_path / "film.gif", **arguments})
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("name", ["film", "film.avi", "film.png", "gif"])
-def test_unknown_suffix_names_the_known_ones(tmp_path, name):
-    with pytest.raises(SwingupError, match=r"its name must end in .gif or .webp"):
-        animate([(swing(), "acrobot")], tmp_path / name)
-
-
-def test_trajectory_with_a_hole_is_refused(tmp_path):
-    trajectory = swing()
-    trajectory.x[5, 0] = math.nan
-    with pytest.raises(SwingupError, match="the trajectory holds values that are not finite"):
-        animate([(trajectory, "acrobot")], tmp_path / "film.gif")
-
-
-def test_folder_must_exist(tmp_path):
-    with pytest.raises(SwingupError, match="choose a folder that exists"):
-        animate([(swing(0.2), "acrobot")], tmp_path / "missing" / "film.gif", size=48)
-
-
-def test_missing_pillow_names_the_remedy(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "PIL", None)
-    with pytest.raises(SwingupError, match=r"pip install swingup\[render\]"):
-        animate([(swing(0.2), "acrobot")], tmp_path / "film.gif")
-
-
-@pytest.mark.slow
-def test_pillow_is_loaded_only_when_something_is_drawn():
-    code = "import sys, swingup.report.film, swingup.report.save; print('PIL' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "False"
 
 
 def test_two_pendulums_move_side_by_side_also_as_webp(tmp_path):

@@ -23,23 +23,27 @@ def found(tmp_path_factory):
     fitted = vector_of(C1, delay=0.0, lag=3e-4)
     start = fitted.copy()
     start[INDEX["B"]] *= 1.3
-    models = {"fitted": fitted[None], "start": start[None]}
+    estimates = Estimates(
+        {"I2": 0.05, "b1": 0.002, "cf1": 0.16, "b2": 0.0, "cf2": 0.12},
+        {"I2": (0.049, 0.051), "b1": (0.001, 0.003), "cf1": (0.15, 0.17)},
+        {"I2": True, "b1": False, "cf1": True},
+    )
+    errors = {
+        name: summarise(prediction_errors(setting, row[None], windows))
+        for name, row in {"fitted": fitted, "start": start}.items()
+    }
     return Identification(
-        plant=C1,
-        estimates=Estimates(
-            {"I2": 0.05, "b1": 0.002, "cf1": 0.16, "b2": 0.0, "cf2": 0.12},
-            {"I2": (0.049, 0.051), "b1": (0.001, 0.003), "cf1": (0.15, 0.17)},
-            {"I2": True, "b1": False, "cf1": True},
-        ),
-        errors={name: summarise(prediction_errors(setting, rows, windows)) for name, rows in models.items()},
-        domain={},
-        notes=("one <note>",),
-        start_name="heavy",
-        setting=setting,
-        recordings=[recording],
-        models=models["fitted"],
-        start_models=models["start"],
-        windows=windows,
+        C1,
+        estimates,
+        errors,
+        {},
+        ("one <note>",),
+        "heavy",
+        setting,
+        [recording],
+        fitted[None],
+        start[None],
+        windows,
     )
 
 

@@ -1,0 +1,13 @@
+"""The sections of a report, which take a swing-up's compilation."""
+
+import pytest
+
+from swingup.plant.robots import ROBOTS
+
+from .pages import make_section
+
+
+@pytest.fixture(scope="session")
+def sections():
+    """A section for each robot."""
+    return [make_section(robot) for robot in ROBOTS.values()]
