@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode
 from safetensors import safe_open
 
@@ -222,7 +223,7 @@ def test_seeds_train_as_each_does_alone(tmp_path):
     for other in (AREAPO.load(tmp_path / "model.safetensors", Noisy), AREAPO.load(tmp_path / "run", Noisy)):
         np.testing.assert_array_equal(other.predict(seen), model.predict(seen))
         assert same_weights(other.learn(64), AREAPO.load(tmp_path / "model.safetensors", Noisy).learn(64))
-    with pytest.raises(SwingupError, match="seeds = 2, but a vector environment serves one"):
+    with pytest.raises(SwingupError, match="seeds = 2, but an environment that was passed in serves one"):
         AREAPO(Chain(2, "cycle", AutoresetMode.SAME_STEP), seeds=2, **TINY)
 
 
@@ -279,7 +280,7 @@ def test_evaluate_is_the_mean_return():
     rates["resets_per_1000_steps"] = pytest.approx(1000 / 3)
     assert model.evaluate(3, env=ending) == {"score": 6.0, "mean_length": 3.0, **rates}
     assert model.evaluate(3, env=Timed)["reward_per_second"] == 4.0
-    with pytest.raises(SwingupError, match="episodes = 5, but the vector environment plays one in each of its 3"):
+    with pytest.raises(SwingupError, match="episodes = 5, but the environment that was passed in plays 3"):
         model.evaluate(5, env=Chain(3, "cycle", AutoresetMode.SAME_STEP))
 
 
@@ -303,6 +304,36 @@ def test_evaluation_refuses_other_actions_and_closes_what_it_made(monkeypatch):
     for episodes in (0, -1, 1.5, "2"):
         with pytest.raises(SwingupError, match=f"episodes = {episodes!r}: use"):
             model.evaluate(episodes, env=Stairs)
+
+
+class Stronger(Stairs):
+    def __init__(self):
+        super().__init__()
+        self.action_space = Box(np.array([-4.0, 0.0]), np.array([4.0, 1.0]), dtype=np.float64)
+
+
+def test_other_bounds_of_actions_are_refused(tmp_path):
+    """They would scale the policy's actions in silence."""
+    model = AREAPO(Stairs(), folder=tmp_path / "r", **(TINY | {"num_envs": 1, "batch_size": 16}))
+    model.save(tmp_path / "m.safetensors")
+    message = (
+        r"trained with action_low = \[-2.0, 0.0\], .*, the environment has action_low = \[-4.0, 0.0\].*Rescale"
+    )
+    for path in (tmp_path / "m.safetensors", tmp_path / "r"):
+        with pytest.raises(SwingupError, match=message):
+            AREAPO.load(path, env=Stronger())
+        assert AREAPO.load(path, env=Stairs()).config.num_envs == 1
+    with pytest.raises(SwingupError, match=message):
+        model.evaluate(1, env=Stronger)
+
+
+def test_a_list_of_functions_is_a_vector_environment_and_an_instance_is_one():
+    given = {name: value for name, value in TINY.items() if name != "num_envs"}
+    assert AREAPO([Stairs] * 4, **given).config.num_envs == 4
+    model = AREAPO(Stairs(), **(given | {"batch_size": 16}))
+    assert (model.config.num_envs, model.settings.env) == (1, "<learner.environments.Stairs>")
+    # Each plays one episode of 1 + 2 + 3.
+    assert model.evaluate(env=Stairs())["score"] == model.evaluate(env=[Stairs] * 2)["score"] == 6.0
 
 
 def test_a_task_in_jax_is_compiled():

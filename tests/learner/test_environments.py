@@ -1,13 +1,14 @@
 """What the learner is shown of Gymnasium's environments: spaces, autoreset modes, and what is refused."""
 
 import functools
+import time
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
-from gymnasium.wrappers import TimeLimit
+from gymnasium.wrappers import NormalizeObservation, NormalizeReward, TimeLimit
 
 from swingup.common.errors import SwingupError
 from swingup.learner.environments import Environments, make_environments
@@ -32,6 +33,8 @@ def shown(env, steps=7, actions=ZEROS):
         ended = "T" if step.terminated[0] else "t" if step.truncated[0] else "-"
         rows.append((step.following[0, 0], step.true_next[0, 0], step.rewards[0], ended, bool(step.counted[0])))
     environments.close()
+    if isinstance(env, VectorEnv):
+        env.close()  # its owner's
     return rows
 
 
@@ -42,7 +45,7 @@ def test_same_step_and_disabled_show_both_observations(terminates):
     # 0 → 1 → 2 → 3, which ends and is followed by a new start.
     episode = [(1, 1, 1, "-", True), (2, 2, 2, "-", True), (0, 3, 3, end, True)]
     expected = [0.0, *episode, *episode, episode[0]]
-    assert shown(make) == expected
+    assert shown(make) == shown([make, make]) == expected
     for mode in (AutoresetMode.SAME_STEP, AutoresetMode.DISABLED):
         assert shown(SyncVectorEnv([make] * 2, autoreset_mode=mode)) == expected
     assert shown(Spawned([make] * 2, autoreset_mode=AutoresetMode.SAME_STEP)) == expected
@@ -106,7 +109,20 @@ ONE = Stairs()
     [
         ("NoSuchTask-v0", "making 2 of 'NoSuchTask-v0' raised .*use a Gymnasium id"),
         (3, "int 3 cannot be trained on: use a Gymnasium id"),
-        (ONE, "pass the function that makes it"),
+        (ONE, "num_envs = 2, but env holds 1: make them equal, or pass the function that makes one"),
+        (TimeLimit(ONE, 9), "env holds 1"),
+        ([Stairs] * 3, "env holds 3"),
+        ([3, 4], "list .* cannot be trained on"),
+        (
+            lambda: NormalizeObservation(Stairs()),
+            "NormalizeObservation normalises observations by .*: leave it out",
+        ),
+        (lambda: TimeLimit(NormalizeReward(Stairs()), 9), "NormalizeReward normalises rewards by .*: leave it out"),
+        (
+            gymnasium.wrappers.vector.NormalizeObservation(SyncVectorEnv([Stairs] * 2)),
+            "NormalizeObservation normalises observations by statistics of its own",
+        ),
+        (SyncVectorEnv([lambda: NormalizeReward(Stairs())] * 2), "NormalizeReward normalises rewards"),
         (lambda: ONE, "returned the same environment again"),
         (lambda: 3, "made a int: it must make a gymnasium.Env"),
         (functools.partial(Odd, Dict({"a": Discrete(2)})), "observations .* are not a Box: wrap it in .*Flatten"),
@@ -117,13 +133,29 @@ ONE = Stairs()
         (functools.partial(Odd, None, Box(-LARGEST, LARGEST, (1,))), "have no bounds to scale to"),
         (functools.partial(Odd, None, Box(0, 9, (1,), np.int64)), "are whole numbers in a Box"),
         (functools.partial(Odd, None, MultiBinary(3)), "are not supported: use a bounded Box, Discrete or"),
-        (Chain(3, "cycle", AutoresetMode.SAME_STEP), "num_envs = 2, but the vector environment has 3"),
+        (Chain(3, "cycle", AutoresetMode.SAME_STEP), "num_envs = 2, but env holds 3"),
         (Chain(2, "cycle", None), "autoreset_mode = None"),
     ],
 )
 def test_what_cannot_be_trained_on(env, message):
     with pytest.raises(SwingupError, match=message):
         make_environments(env, 2)
+
+
+def test_an_environment_that_was_passed_in_is_stepped_and_stays_open():
+    class Closing(Stairs):
+        closed = False
+
+        def close(self):
+            self.closed = True
+
+    own, fixed = Closing(), NormalizeObservation(Stairs())
+    fixed.update_running_mean = False  # the same in every copy
+    for env in (own, gymnasium.Wrapper(gymnasium.make("Pendulum-v1")), fixed):
+        environments = make_environments(env, 1)
+        begin_and_step(environments, np.zeros((1, environments.spaces.action_size), np.float32))
+        environments.close()
+    assert (own.steps, own.closed) == (1, False)
 
 
 def test_an_environment_that_gymnasium_made_is_made_again_with_its_arguments():
@@ -217,38 +249,83 @@ def test_lists_are_as_good_as_arrays_and_buffers_are_copied():
     assert (step.rewards.dtype, step.true_next.dtype) == (np.float32, np.float32)
 
 
-class Failing(Stairs):
-    """As before Gymnasium, or it ends the process, or its second start is not finite."""
+class Returning(Stairs):
+    """Returns other things than Gymnasium's interface has: ``changed`` is a function of what is right."""
 
-    def __init__(self, fault):
+    def __init__(self, method, changed):
         super().__init__()
-        self.fault, self.started = fault, False
+        self.method, self.changed, self.resets = method, changed, 0
 
     def reset(self, *, seed=None, options=None):
-        observation, infos = super().reset(seed=seed)
-        start = observation * np.nan if self.fault == "start" and self.started else observation
-        self.started = True
-        return start, infos
+        answer = super().reset(seed=seed)
+        self.resets += 1
+        return (
+            self.changed(*answer)
+            if self.method == "reset" or (self.method == "late" and self.resets > 1)
+            else answer
+        )
 
     def step(self, action):
-        if self.fault == "exit":
-            raise SystemExit(3)
-        observation, reward, *_, infos = answer = super().step(action)
-        return (observation, reward, False, infos) if self.fault == "old" else answer
+        answer = super().step(action)
+        return self.changed(*answer) if self.method == "step" else answer
 
 
-@pytest.mark.parametrize(
-    ("fault", "message"),
-    [
-        ("old", r"Gymnasium's returns \(observation, reward, terminated, truncated, info\)"),
-        ("exit", r"step\(\) of .* raised SystemExit \(3\): correct it there"),
-        ("start", "gave observations that are not finite"),
-    ],
-)
-def test_environments_that_fail(fault, message):
-    environments = make_environments(functools.partial(Failing, fault), 2)
-    with pytest.raises(SwingupError, match=message):
-        begin_and_step(environments, ZEROS, steps=4)
+class WithoutSeed(Stairs):
+    def reset(self):
+        return super().reset()
+
+
+def exits(*_):
+    raise SystemExit(3)
+
+
+FORM = r": Gymnasium's returns \(observation, reward, terminated, truncated, info\)"
+FAULTS = {
+    "old step": ("step", lambda o, r, e, t, i: (o, r, e, i), rf"gave \(array.*{FORM}"),
+    "nothing": ("step", lambda *_: None, rf"step\(\) of .* gave None{FORM}"),
+    "reward in an array": ("step", lambda o, r, *e: (o, np.ones(1), *e), rf"reward array.* of shape \(1,\){FORM}"),
+    "text as reward": ("step", lambda o, r, *e: (o, "1.5", *e), rf"reward '1.5'{FORM}, where the reward is"),
+    "no reward": ("step", lambda o, r, *e: (o, None, *e), "gave the reward None"),
+    "NaN as end": ("step", lambda o, r, e, *t: (o, r, np.nan, *t), rf"terminated = nan{FORM}, where terminated"),
+    "text as end": ("step", lambda o, r, e, t, i: (o, r, e, "no", i), "truncated = 'no': .* is True or False"),
+    "end in an array": ("step", lambda o, r, e, t, i: (o, r, e, np.array([False]), i), r"of shape \(1,\)"),
+    "observation": ("step", lambda o, *r: (np.zeros(4), *r), r"observation array.*\(4,\): .* one of shape \(1,\)"),
+    "old reset": ("reset", lambda o, i: o, r"reset\(\) of .* gave array.* returns \(observation, info\)"),
+    "start": ("late", lambda o, i: (o * np.nan, i), "gave observations that are not finite"),
+    "exit": ("step", exits, r"step\(\) of .* raised SystemExit \(3\): correct it there"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_environments_that_fail(fault):
+    method, changed, message = FAULTS[fault]
+    make = functools.partial(Returning, method, changed)
+    for env in (make, SyncVectorEnv([make] * 2, autoreset_mode=AutoresetMode.SAME_STEP)):
+        with pytest.raises(SwingupError, match=message):
+            begin_and_step(make_environments(env, 2), ZEROS, steps=4)
+
+
+def test_a_reset_without_a_seed():
+    with pytest.raises(
+        SwingupError, match=r"unexpected keyword argument 'seed'\): Gymnasium's is reset\(\*, seed=None"
+    ):
+        make_environments(WithoutSeed, 2).reset(0)
+
+
+class Hanging(Stairs):
+    def step(self, action):
+        time.sleep(1000)
+
+
+@pytest.mark.slow  # processes start
+def test_a_worker_that_hangs_is_not_waited_for(monkeypatch):
+    env = Spawned([Stairs, Hanging], autoreset_mode=AutoresetMode.SAME_STEP)
+    environments = make_environments(env, 2)
+    environments.reset(0)
+    monkeypatch.setattr("swingup.learner.environments.PATIENCE", 0.2)
+    with pytest.raises(SwingupError, match=r"a worker of AsyncVectorEnv did not answer for 0\.2 s, and all were"):
+        environments.step(ZEROS)
+    assert not any(process.is_alive() for process in env.processes)
 
 
 def test_attributes_that_raise():

@@ -18,7 +18,9 @@ from ..controllers.stack.policy import Policy, act
 from ..plant.plant import LEADERBOARD, PlantLike, load_plant
 from ..plant.robots import ROBOTS
 from ..tasks.adapters import as_task
+from ..tasks.task import AbstractTask
 from .backend import batched
+from .evaluators import EPISODES
 from .presets import choose_preset, get_preset
 from .report import TrainingReport
 from .run import Run
@@ -64,9 +66,10 @@ class AREAPO:
 
         Args:
             env: a Gymnasium id, an environment that ``gymnasium.make`` made (of which more are made alike), a
-                function that makes a ``gymnasium.Env``, a ``gymnasium.vector.VectorEnv``, a task in JAX
-                (:class:`swingup.tasks.task.AbstractTask`), an environment with gymnax's methods or a pair of one
-                and its parameters, an environment of jax-envelope, or ``acrobot`` or ``pendubot``.
+                function that makes a ``gymnasium.Env`` or a list of such functions, a ``gymnasium.Env`` or a
+                ``gymnasium.vector.VectorEnv``, a task in JAX (:class:`swingup.tasks.task.AbstractTask`), an
+                environment with gymnax's methods or a pair of one and its parameters, an environment of
+                jax-envelope, MuJoCo Playground or brax, or ``acrobot`` or ``pendubot``.
             preset: named settings, see :data:`swingup.learner.presets.PRESETS`. The default is ``default`` for the
                 robots and ``mujoco`` for anything else; a pendulum task that is passed in needs a name.
             seed: from which all randomness follows.
@@ -80,7 +83,7 @@ class AREAPO:
                 steps the environments, it is that of the training episodes. A robot has one episode.
             plant: the robot's pendulum, in whose units the task is: a plant, its name or its file.
             **overrides: hyperparameters, names of :class:`swingup.areapo.config.Config`. Without ``num_envs`` a
-                vector environment keeps its number.
+                vector environment or a list keeps its number, and an environment that was passed in is one.
 
         Raises:
             SwingupError: an argument cannot work, or the environment's spaces are not supported.
@@ -114,7 +117,8 @@ class AREAPO:
             env: the environment, if it was passed in as an object; otherwise it is made from its name.
 
         Raises:
-            SwingupError: the file cannot be read, or the environment is needed and was not given.
+            SwingupError: the file cannot be read, the environment is needed and was not given, or its actions have
+                other bounds than those of training.
         """
         model = cls.__new__(cls)
         if Path(path).is_dir():
@@ -226,13 +230,12 @@ class AREAPO:
         run = self._run
         policy = run.policy(run.progress.best_seed)
         if env is None:
-            usual = None if self.settings.robot else 10
+            usual = None if self.settings.robot else EPISODES
             return run.backend.evaluator.evaluate(policy, episodes or usual)
         # Imported here: Gymnasium is slow to load.
         from .host_evaluators import play_once
 
-        number = getattr(env, "num_envs", 10) if episodes is None else episodes
-        return play_once(policy, env, number, self.settings.seed)
+        return play_once(policy, env, episodes, self.settings.seed, run.backend.evaluator.actions)
 
     def save(self, path: str | Path) -> None:
         """Write the complete state of all seeds: a loaded learner continues as this one does, bit for bit.
@@ -262,10 +265,11 @@ class AREAPO:
 
 
 def _own_number(env: Any) -> dict[str, int]:
-    """``num_envs`` of a vector environment, which the learner takes as it is."""
-    if isinstance(env, str):
+    """``num_envs`` of environments that were passed in, which the learner takes as they are."""
+    if isinstance(env, str | AbstractTask):
         return {}
     # Imported here: Gymnasium is slow to load.
-    from gymnasium.vector import VectorEnv
+    from .environments import own_number
 
-    return {"num_envs": env.num_envs} if isinstance(env, VectorEnv) else {}
+    number = own_number(env)
+    return {} if number is None else {"num_envs": number}

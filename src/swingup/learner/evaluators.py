@@ -4,6 +4,7 @@ import abc
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import jax
@@ -25,6 +26,8 @@ from ..tasks.task import AbstractTask
 from .rates import rates
 from .step_time import step_time
 
+EPISODES = 10
+"""Episodes of an evaluation that is asked for without a number."""
 EPISODE_STEPS = 2000
 """Longest episode of an evaluation (steps), so that an endless task is scored, too.
 
@@ -41,6 +44,8 @@ class AbstractEvaluator(abc.ABC):
     """Observation stages before the normalisation."""
     observation_shape: tuple[int, ...]
     """Shape of the input of the first stage, or without stages of the normalisation."""
+    actions: Mapping[str, Any]
+    """The environment's actions as a policy file describes them; empty where they are the policy's own."""
 
     @abc.abstractmethod
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
@@ -56,6 +61,7 @@ class SwingUpEvaluator(AbstractEvaluator):
 
     measure = "v2"
     observation_shape = (4,)
+    actions: Mapping[str, Any] = MappingProxyType({})
 
     def __init__(self, task: AbstractPendulumTask, plant: Plant = LEADERBOARD) -> None:
         """The evaluator of a variant of the pendulum's task, on its plant, with the name that the plant has."""
@@ -93,7 +99,7 @@ class ReturnEvaluator(AbstractEvaluator):
         """The evaluator of a task, with a default number of episodes."""
         adapted = task if isinstance(task, AbstractAdaptedTask) else None
         self.observation_shape = adapted.observation_shape if adapted else (task.observation_size,)
-        self._facts = adapted.actions.describe() if adapted else {}
+        self.actions = adapted.actions.describe() if adapted else {}
         self._task, self._seed, self._episodes = task, seed, episodes
         self._step_time = step_time(*(adapted.timed if adapted else (task,)))
 
@@ -106,7 +112,21 @@ class ReturnEvaluator(AbstractEvaluator):
 
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
         """Write a policy file; that of an adapted environment has the bounds of its actions."""
-        save_policy(path, policy, {**self._facts, **provenance})
+        save_policy(path, policy, {**self.actions, **provenance})
+
+
+def check_actions(trained: Mapping[str, Any], found: Mapping[str, Any]) -> None:
+    """Refuse an environment whose bounds would scale a policy's actions in another way than in training.
+
+    Raises:
+        SwingupError: the descriptions differ.
+    """
+    if dict(trained) != dict(found):
+        mine, its = (", ".join(f"{name} = {value}" for name, value in each.items()) for each in (trained, found))
+        raise SwingupError(
+            f"the policy was trained with {mine or 'actions of its own'}, the environment has {its or 'others'}: "
+            "pass one with the same bounds, such as gymnasium.wrappers.RescaleAction gives"
+        )
 
 
 def summarise_episodes(

@@ -5,7 +5,6 @@ from typing import Any
 
 import jax
 import numpy as np
-from gymnasium.vector import VectorEnv
 from jaxtyping import Shaped
 
 from ..areapo.config import Config
@@ -16,7 +15,7 @@ from ..common.errors import SwingupError
 from ..controllers.stack.policy import Policy
 from ..tasks.task import Spaces
 from .backend import AbstractBackend, join_seeds, portable_policy, split_seeds
-from .environments import Environments, make_environments
+from .environments import Environments, make_environments, own_number
 from .host_collection import compile_iteration, host_iteration, new_tally
 from .host_evaluators import EpisodeEvaluator
 from .memory import check_memory
@@ -35,7 +34,8 @@ class HostBackend(AbstractBackend):
         """Make the environments.
 
         Args:
-            env: an id, an environment or a function that makes one, or a vector environment.
+            env: an id, a function that makes an environment or a list of them, an environment, or a vector
+                environment.
             name: its name in policy files.
             config: the hyperparameters.
             seeds: the environments' seeds follow from them and the iteration.
@@ -44,20 +44,20 @@ class HostBackend(AbstractBackend):
         Raises:
             SwingupError: there is no such environment, its spaces are not supported, or memory is short.
         """
-        passed_in = isinstance(env, VectorEnv)
+        passed_in = own_number(env) is not None
         if passed_in and len(seeds) > 1:
             raise SwingupError(
-                f"seeds = {len(seeds)}, but a vector environment serves one: pass a function that makes one"
+                f"seeds = {len(seeds)}, but an environment that was passed in serves one: pass the function that "
+                "makes it"
             )
         check_memory(config, Spaces(1, 1), len(seeds))  # before so many environments are made
         self._environments = [make_environments(env, config.num_envs) for _ in seeds]
         first = self._environments[0]
         check_memory(config, first.spaces, len(seeds))
         self._config, self._seeds = config, seeds
-        self._to_close = [] if passed_in else self._environments  # its owner closes what was passed in
         self._tallies = [new_tally(config.num_envs) for _ in seeds]
         self.evaluator = EpisodeEvaluator(env, name, first, seeds[0], episodes)
-        # A vector environment cannot be made again, and resetting it would disturb training.
+        # It cannot be made again, and resetting it would disturb training.
         self._scored_by_training = passed_in or not episodes
         # Before the first step.
         self._training_results: list[dict[str, Any]] = [
@@ -132,9 +132,9 @@ class HostBackend(AbstractBackend):
         return np.asarray(self._environments[0].actions(actions))
 
     def close(self) -> None:
-        """Close the environments, except a vector environment that was passed in."""
+        """Close the environments, except one that was passed in."""
         self.evaluator.close()
-        for each in self._to_close:
+        for each in self._environments:
             each.close()
 
 

@@ -5,15 +5,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import VectorEnv
 
 from ..areapo.networks import CategoricalActor
 from ..common.errors import SwingupError
 from ..controllers.stack.policy import Policy, act, save_policy
 from ..tasks.adapters import as_task
 from ..tasks.task import AbstractTask, Spaces
-from .environments import Environments, make_environments
-from .evaluators import EPISODE_STEPS, AbstractEvaluator, ReturnEvaluator, summarise_episodes
+from .environments import Environments, make_environments, own_number
+from .evaluators import (
+    EPISODE_STEPS,
+    EPISODES,
+    AbstractEvaluator,
+    ReturnEvaluator,
+    check_actions,
+    summarise_episodes,
+)
 
 
 class EpisodeEvaluator(AbstractEvaluator):
@@ -26,7 +32,7 @@ class EpisodeEvaluator(AbstractEvaluator):
         """Prepare; environments are made when they are first needed.
 
         Args:
-            env: an id or a function that makes an environment, or a vector environment, which cannot be evaluated.
+            env: what training has; environments that were passed in cannot be evaluated.
             name: what policy files call it.
             environments: those of training, which have the same spaces.
             seed: of the episodes.
@@ -34,7 +40,7 @@ class EpisodeEvaluator(AbstractEvaluator):
         """
         self.observation_shape = environments.observation_space.shape or ()
         self._env, self._name, self._seed, self._episodes = env, name, seed, episodes
-        self._actions = environments.actions
+        self.actions = environments.actions.describe()
         self._made: dict[int, Environments] = {}
 
     def evaluate(self, policy: Policy[Any], episodes: int | None = None) -> dict[str, Any]:
@@ -44,15 +50,15 @@ class EpisodeEvaluator(AbstractEvaluator):
             SwingupError: an environment cannot be made or fails, or training needs the only one.
         """
         count = self._episodes if episodes is None else episodes
-        if isinstance(self._env, VectorEnv):
-            raise SwingupError("a vector environment trains and cannot evaluate: pass evaluate another as env")
+        if own_number(self._env) is not None:
+            raise SwingupError("the environment that was passed in trains: pass evaluate another as env")
         if count not in self._made:
             self._made[count] = make_environments(self._env, count)
         return play(policy, self._made[count], self._seed)
 
     def save(self, path: Path, policy: Policy[Any], provenance: Mapping[str, Any]) -> None:
         """Write a policy file that names the environment and the bounds of its actions."""
-        save_policy(path, policy, {"env": self._name, **self._actions.describe(), **provenance})
+        save_policy(path, policy, {"env": self._name, **self.actions, **provenance})
 
     def compile(self, policy: Policy[Any]) -> None:
         """Compile the policy for the default number of episodes."""
@@ -66,8 +72,17 @@ class EpisodeEvaluator(AbstractEvaluator):
         self._made = {}
 
 
-def play_once(policy: Policy[Any], env: Any, episodes: int, seed: int) -> dict[str, Any]:
+def play_once(
+    policy: Policy[Any], env: Any, episodes: int | None, seed: int, trained: Mapping[str, Any]
+) -> dict[str, Any]:
     """Evaluate episodes in a given environment, or in new ones made for them.
+
+    Args:
+        policy: what acts.
+        env: the environment.
+        episodes: their number; None for one in each environment that was passed in, or else ``EPISODES``.
+        seed: of the episodes.
+        trained: the actions of training, as an evaluator describes them.
 
     Raises:
         SwingupError: the environments cannot be made, or the policy is for other spaces.
@@ -75,19 +90,21 @@ def play_once(policy: Policy[Any], env: Any, episodes: int, seed: int) -> dict[s
     task = as_task(env)
     if isinstance(task, AbstractTask):
         _check_spaces(policy, task.spaces)
-        return ReturnEvaluator(task, seed, episodes).evaluate(policy)
-    if isinstance(env, VectorEnv) and env.num_envs != episodes:
+        by_return = ReturnEvaluator(task, seed, episodes or EPISODES)
+        check_actions(trained, by_return.actions)
+        return by_return.evaluate(policy)
+    own = own_number(env)
+    if episodes is not None and own not in (None, episodes):
         raise SwingupError(
-            f"episodes = {episodes}, but the vector environment plays one in each of its {env.num_envs}: "
-            f"leave episodes out"
+            f"episodes = {episodes}, but the environment that was passed in plays {own}: leave episodes out"
         )
-    environments = make_environments(env, episodes)
+    environments = make_environments(env, own or episodes or EPISODES)
     try:
         _check_spaces(policy, environments.spaces)
+        check_actions(trained, environments.actions.describe())
         return play(policy, environments, seed)
     finally:
-        if not isinstance(env, VectorEnv):
-            environments.close()
+        environments.close()
 
 
 def play(policy: Policy[Any], environments: Environments, seed: int) -> dict[str, Any]:

@@ -103,7 +103,8 @@ class Run:
         """
         self._check_finite((self.progress.state.actor, self.progress.state.critic), "weights are")
         self._fresh = True
-        return self.progress.state, self.progress.metadata(self.settings)
+        metadata = self.progress.metadata(self.settings)
+        return self.progress.state, metadata | {"actions": dict(self.backend.evaluator.actions)}
 
     def extend(self, frames: int) -> None:
         """Set the goal to this number of frames more than the run has trained for."""

@@ -207,6 +207,8 @@ def describe_env(env: Any) -> str:
     """A name for an environment: its id, or its type or function in angle brackets."""
     if isinstance(env, str):
         return env
+    if isinstance(env, list | tuple) and env:
+        env = env[0]
     if isinstance(env, AbstractAdaptedTask):
         env = env.named_after
     named = env if hasattr(env, "__qualname__") else type(env)

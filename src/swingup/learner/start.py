@@ -11,6 +11,7 @@ from ..areapo.state import LearnerState
 from ..common.checks import whole_number
 from ..common.errors import SwingupError
 from .backend import AbstractBackend
+from .evaluators import check_actions
 from .make_backend import make_backend
 from .policy_files import best_on_disk
 from .progress import initial_progress, is_finite, read_progress
@@ -59,6 +60,7 @@ def resume_run(folder: str | Path, frames: int | None = None, env: Any = None) -
     goal = whole_number("frames", goal if frames is None else frames, 1)
     place, backend = RunFolder(folder), make_backend(settings, env)
     state, metadata = place.load_checkpoint(state_shapes(backend))
+    check_actions(metadata.get("actions", {}), backend.evaluator.actions)
     progress = read_progress(state, metadata, settings, f"the newest checkpoint in {place.checkpoints}")
     run = Run(settings, backend, progress, goal, place)
     if frames is not None and goal < run.frames:
@@ -85,7 +87,9 @@ def restore_run(
         SwingupError: the snapshot cannot be read or is of another configuration.
     """
     backend = make_backend(settings, env)
-    progress = read_progress(*load(state_shapes(backend)), settings, source)
+    state, metadata = load(state_shapes(backend))
+    check_actions(metadata.get("actions", {}), backend.evaluator.actions)
+    progress = read_progress(state, metadata, settings, source)
     return Run(settings, backend, progress, max(1, progress.iterations * settings.config.rollout_size), None)
 
 

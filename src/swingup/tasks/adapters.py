@@ -3,13 +3,14 @@
 from typing import Any
 
 from ..common.foreign import attribute
+from .brax_task import BraxTask
 from .envelope_task import EnvelopeTask
 from .gymnax_task import GymnaxTask
 from .task import AbstractTask
 
 
 def as_task(env: Any) -> Any:
-    """A task for an environment of gymnax's or of envelope's interface; anything else as it is.
+    """A task for an environment with the methods of gymnax, envelope or brax; anything else as it is.
 
     An environment of gymnax's may come with its parameters in a pair, as ``gymnax.make`` returns them.
     """
@@ -22,6 +23,9 @@ def as_task(env: Any) -> Any:
     # Gymnasium's environments have no init.
     if _has_methods(env, "init", "step") and attribute(env, "action_space") is not None:
         return EnvelopeTask(env)
+    # A policy's number of actions is an attribute of brax's environments alone.
+    if _has_methods(env, "reset", "step") and attribute(env, "action_size") is not None:
+        return BraxTask(env)
     return env
 
 
