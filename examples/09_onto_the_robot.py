@@ -11,7 +11,7 @@ import swingup
 from swingup.export.c_backend.header import c_header
 from swingup.policy.guard.settings import default_guard
 from swingup.policy.shipped import load_policy
-from swingup.realaigym import load_controller
+from swingup.runtime import load_controller
 
 ROBOT, NAME, DOMAIN, SEEDS = "acrobot", "adaptive", "identified", 5
 
@@ -20,7 +20,7 @@ result = swingup.judge(swingup.get_controller(NAME, ROBOT), ROBOT, "sim2real", S
 print(f"{NAME} on the {ROBOT}'s plant: {result.successes} of {SEEDS} swing-ups held")
 
 # The robot's loop calls this object, which needs NumPy alone. Its input here is the first of these runs.
-controller = load_controller(NAME, ROBOT, guard=True)
+controller = swingup.RealAIGymController(load_controller(NAME, ROBOT, guard=True))
 controller.reset()
 controller.init()
 rows, took = result.trajectory, []

@@ -19,8 +19,10 @@ if TYPE_CHECKING:
     from .benchmark.score import score
     from .controllers.baselines.baselines import baseline
     from .controllers.interface.check import check_controller
+    from .controllers.interface.compiled import loop_controller
     from .controllers.interface.controller import AbstractController
     from .controllers.registry import get_controller
+    from .export.realaigym import RealAIGymController
     from .identification.identify import Identification, identify
     from .learner.agent import AREAPO
     from .plant.plant import Plant, load_plant
@@ -36,6 +38,7 @@ _HOMES = {
     "BOARDS": "benchmark.boards",
     "DisturbanceSettings": "benchmark.disturbances",
     "Plant": "plant.plant",
+    "RealAIGymController": "export.realaigym",
     "Result": "benchmark.result",
     "Table": "benchmark.leaderboard",
     "Rehearsal": "rehearsal.result",
@@ -48,6 +51,7 @@ _HOMES = {
     "leaderboard": "benchmark.leaderboard",
     "load_plant": "plant.plant",
     "load_policy": "policy.shipped",
+    "loop_controller": "controllers.interface.compiled",
     "rehearse": "rehearsal.rehearse",
     "score": "benchmark.score",
     "search": "sweep.search",
@@ -61,6 +65,7 @@ __all__ = [
     "DisturbanceSettings",
     "Identification",
     "Plant",
+    "RealAIGymController",
     "Rehearsal",
     "Result",
     "SwingupError",
@@ -74,6 +79,7 @@ __all__ = [
     "leaderboard",
     "load_plant",
     "load_policy",
+    "loop_controller",
     "rehearse",
     "score",
     "search",

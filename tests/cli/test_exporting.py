@@ -132,7 +132,7 @@ def test_graphs_and_headers(tmp_path, capsys):
         (["ar-eapo", "--to", "c"], "shipped for both robots: name acrobot or pendubot"),
         (
             ["tvlqr", "--to", "c"],
-            "'tvlqr' is a baseline, which has no policy file: swingup.realaigym.load_controller",
+            "'tvlqr' is a baseline, which has no policy file: swingup.RealAIGymController runs it",
         ),
         (["ilqr-mpc", "--to", "onnx", "--robot", "pendubot"], "swingup trajectory pendubot --out x.csv writes"),
         (

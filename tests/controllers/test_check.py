@@ -16,7 +16,7 @@ from swingup.controllers.registry import get_controller
 from swingup.plant.robots import get_robot
 from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.shipped import load_policy
-from swingup.realaigym import load_controller
+from swingup.runtime import load_controller
 
 
 class BadTextError(Exception):

@@ -7,7 +7,7 @@ import pytest
 import swingup
 from swingup.benchmark.boards import PERFORMANCE
 from swingup.controllers.registry import get_controller
-from swingup.export.export_folder import readme_values
+from swingup.export.folder import readme_values
 from swingup.policy.network.stages import PlantStage
 from swingup.policy.shipped import ADAPTIVE, DEFAULT, SHIPPED_POLICIES, load_policy
 from swingup.runtime import load_controller

@@ -5,12 +5,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from swingup import realaigym
 from swingup.common.errors import SwingupError
+from swingup.controllers.interface.compiled import loop_controller
+from swingup.controllers.registry import get_controller
 from swingup.export.c_backend.header import c_header
+from swingup.export.realaigym import RealAIGymController
 from swingup.policy.guard.settings import GuardSettings, Reason, choose_guard
 from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
+from swingup.policy.shipped import is_policy
 from swingup.runtime import load_controller
 
 from . import compiled
@@ -211,7 +214,7 @@ def test_no_torque_of_a_wrapped_controller_is_beyond_its_motors_limit(name, guar
     """Whatever is measured, filtered, compensated and called: by RealAIGym's interface and by CloudPendulum's."""
     found = numpy_controller(policy(name), guard=guard)
     random, limits = np.random.default_rng(0), np.array(policy(name).torque_limits)
-    wrapped = realaigym.wrap_policy(found, "wrapped")
+    wrapped = RealAIGymController(found)
     wrapped.set_friction_compensation(damping=[5.0, -5.0], coulomb_fric=[20.0, 30.0])
     broken, acted = [0.0, 1e6, -1e9, 1e300, np.nan, np.inf], 0
     for call in range(600):
@@ -258,10 +261,17 @@ def test_what_the_guard_says():
     assert str(controller.guard.fault) == said
 
 
+def wrapped(name, robot, guard):
+    """A policy or a baseline as RealAIGym calls it."""
+    if is_policy(name):
+        return RealAIGymController(load_controller(name, robot, guard=guard))
+    return RealAIGymController(loop_controller(get_controller(name, robot), robot, guard))
+
+
 @pytest.mark.parametrize(("robot", "name"), [("pendubot", "ar-eapo"), ("acrobot", "adaptive"), ("pendubot", "lqr")])
 def test_added_friction_compensation_stays_within_the_motors_limits(robot, name):
     """It is added before the guard limits the torques: up to 27.6 N m on a motor of 6 otherwise."""
-    controller = realaigym.load_controller(name, robot, guard=True)
+    controller = wrapped(name, robot, True)
     controller.set_friction_compensation([5.0, 5.0], [3.0, 3.0])
     controller.init()
     limits = np.where(np.arange(2) == controller.robot.joint, 6.0, controller.passive_limit)
@@ -276,7 +286,7 @@ def test_added_friction_compensation_stays_within_the_motors_limits(robot, name)
 @pytest.mark.parametrize("name", ["ar-eapo", pytest.param("tvlqr", marks=pytest.mark.slow)])
 def test_realaigym_controllers(name):
     """The guard looks at the measurement before a filter; stopped, no friction is compensated either."""
-    controller = realaigym.load_controller(name, "acrobot", guard={"velocity_limit": 9.0})
+    controller = wrapped(name, "acrobot", {"velocity_limit": 9.0})
     controller.set_filter(lambda x, u: 0.0 * x)
     controller.init()
     controller.set_friction_compensation([0.1, 0.1], [0.1, 0.1])
@@ -297,7 +307,7 @@ def test_who_has_a_guard(tmp_path):
     assert load_controller(path).guard.settings == found.guard
     assert load_controller(path, guard=False).guard is None
     assert load_controller("ar-eapo", "acrobot").guard is None
-    assert realaigym.load_controller("ar-eapo", "acrobot").fault is None
+    assert wrapped("ar-eapo", "acrobot", None).fault is None
     slow = dataclasses.replace(policy("acrobot-estimated").estimator, dt=0.005)
     at_200_hz = dataclasses.replace(policy("acrobot-estimated"), estimator=slow)
     scaled = GuardSettings(dt=0.005, longest_pause=0.05, stale_time=0.05, stuck_time=0.5)

@@ -13,7 +13,7 @@ from swingup.common.errors import SwingupError
 from swingup.controllers.registry import get_controller
 from swingup.dynamics.dynamics import acceleration
 from swingup.dynamics.integrate import midpoint_step
-from swingup.export import realaigym
+from swingup.export.realaigym import RealAIGymController
 from swingup.plant.maths import NUMPY
 from swingup.plant.plant import LEADERBOARD
 from swingup.policy.estimator import core as estimator
@@ -34,7 +34,7 @@ def test_the_period_is_the_estimators():
     assert policy.period is None
     behind = dataclasses.replace(policy, estimator=EstimatorSettings(dt=0.001))
     assert behind.period == 0.001
-    counted, timed = (realaigym.wrap_policy(numpy_controller(behind), "memory") for _ in range(2))
+    counted, timed = (RealAIGymController(numpy_controller(behind)) for _ in range(2))
     for step in range(5):
         x = np.full(4, 0.1 * step)
         np.testing.assert_array_equal(counted.get_control_output(x), timed.get_control_output(x, 0.001 * step))

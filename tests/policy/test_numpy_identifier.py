@@ -7,10 +7,10 @@ import sys
 
 import numpy as np
 import pytest
-from swingup.loop.clock import Clock
 
-from swingup.export.export_cloudpendulum import export_cloudpendulum
-from swingup.export.export_folder import export_realaigym
+from swingup.export.folder import export_folder
+from swingup.loop.effects import late_period
+from swingup.loop.loop import Loop
 from swingup.plant.base_parameters import base_parameters
 from swingup.plant.damped import damped_midpoint_step
 from swingup.plant.equations import lump
@@ -91,7 +91,7 @@ def test_it_finds_a_changed_plant(policy):
 def uneven_periods():
     """The most uneven ones of the domain ``recorded``: up to 3 DT, 5 in 100 longer than the estimator follows."""
     uniform = np.random.default_rng(1).uniform(size=STEPS).astype(np.float32)
-    return np.asarray(Clock(late=0.12, lateness=0.0012).period(uniform, DT), float)
+    return np.asarray(late_period(Loop(late=0.12, lateness=0.0012), uniform, DT), float)
 
 
 @pytest.mark.parametrize("clock", ["recorded", "400 Hz"])
@@ -189,8 +189,8 @@ def test_exported_controllers_identify_their_plant(policy, tmp_path):
     source, rows = tmp_path / "mine.safetensors", tmp_path / "rows.npy"
     write_pendulum_policy(source, policy, {"command": "none"})
     policy = read_pendulum_policy(source)
-    folder = export_realaigym(policy, source, tmp_path / "r", "Ada").parent
-    export_cloudpendulum(policy, source, tmp_path / "c")
+    folder = export_folder(policy, source, tmp_path / "r", "realaigym").parent
+    export_folder(policy, source, tmp_path / "c", "cloudpendulum")
     for readme in ("r/readmes/swingup.md", "c/README.md"):
         assert "the loop's delay and the pendulum's base parameters" in (tmp_path / readme).read_text()
     t = DT * np.arange(100)

@@ -12,8 +12,7 @@ import swingup
 from swingup.benchmark.boards import PERFORMANCE
 from swingup.cli import main
 from swingup.export.cloudpendulum import CloudPendulumController
-from swingup.export.export_cloudpendulum import cloudpendulum_guard, cloudpendulum_notes, export_cloudpendulum
-from swingup.export.export_folder import export_realaigym
+from swingup.export.folder import cloudpendulum_guard, cloudpendulum_notes, export_folder
 from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.policy.guard.settings import GuardSettings
 from swingup.policy.numpy_backend.controller import numpy_controller
@@ -32,9 +31,7 @@ def export(folder, form, guard=None, name="ar-eapo"):
     """A shipped policy of the acrobot as a folder."""
     policy = dataclasses.replace(load_policy(name, "acrobot"), guard=guard)
     with resources.as_file(shipped_file("acrobot", name)) as source:
-        if form == "realaigym":
-            return export_realaigym(policy, source, folder, "Ada").parent
-        return export_cloudpendulum(policy, source, folder).parent
+        return export_folder(policy, source, folder, form).parent
 
 
 @pytest.fixture(scope="module")

@@ -12,16 +12,14 @@ from ..common.errors import SwingupError
 from ..common.files import write_atomically
 from ..controllers.baselines.baselines import BASELINES
 from ..export.c_backend.header import c_header
-from ..export.export_cloudpendulum import cloudpendulum_guard, cloudpendulum_notes, export_cloudpendulum
-from ..export.export_folder import export_realaigym
+from ..export.folder import FORMS as FOLDERS
+from ..export.folder import NAME, cloudpendulum_guard, cloudpendulum_notes, export_folder
 from ..export.onnx_backend.graph import onnx_model
-from ..export.template import NAME
 from ..policy.guard.settings import GUARD, GuardSettings, choose_guard
 from ..policy.pendulum import PendulumPolicy
 from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, load_policy, shipped_file
 from .output import tell
 
-FOLDERS = ("realaigym", "cloudpendulum")
 FORMS = (*FOLDERS, "onnx", "c")
 
 Policy = Positional[
@@ -44,7 +42,7 @@ def export(
 ) -> int:
     """Write a policy for RealAIGym, CloudPendulum, ONNX Runtime or C.
 
-    Baselines have no policy file: see swingup.realaigym.load_controller and swingup trajectory.
+    Baselines have no policy file: see RealAIGymController and swingup trajectory.
 
     Args:
         policy: the policy.
@@ -71,10 +69,8 @@ def export(
     if to in FOLDERS:
         file = shipped_file(found.robot, policy) if policy in SHIPPED_POLICIES else Path(policy)
         with resources.as_file(file) as source:
-            if to == "realaigym":
-                tell(str(export_realaigym(found, source, out, username, name)))
-            else:
-                tell(str(export_cloudpendulum(found, source, out, name)), *cloudpendulum_notes(found))
+            notes = cloudpendulum_notes(found) if to == "cloudpendulum" else []
+            tell(str(export_folder(found, source, out, to, name, username)), *notes)
         return 0
     content = onnx_model(found) if to == "onnx" else c_header(found, name).encode()
     write_atomically(out, content)
@@ -120,8 +116,7 @@ def _refuse_baselines(name: str, robot: str | None) -> None:
         SwingupError: the name is a baseline's.
     """
     if name in BASELINES:
-        call = f"swingup.realaigym.load_controller({name!r}, {robot or 'acrobot'!r})"
         raise SwingupError(
-            f"{name!r} is a baseline, which has no policy file: {call} is its controller for RealAIGym, and "
+            f"{name!r} is a baseline, which has no policy file: swingup.RealAIGymController runs it, and "
             f"swingup trajectory {robot or 'ROBOT'} --out x.csv writes a swing-up with gains"
         )

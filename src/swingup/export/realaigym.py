@@ -63,17 +63,23 @@ class RealAIGymController:
     RealAIGym's own controllers do; call ``init()`` after it.
     """
 
-    def __init__(self, controller: LoopController[Any], about: dict[str, Any], dt: float = 0.002) -> None:
+    def __init__(self, controller: LoopController[Any], name: str = "swingup") -> None:
         """Wrap a controller.
 
         Args:
-            controller: the controller.
-            about: what ``save`` writes, JSON values.
-            dt: time between calls (s), for callers that give no time.
+            controller: a policy's (``runtime.load_controller``), or another's (``swingup.loop_controller``).
+            name: what ``save`` writes as its name.
         """
         self.disturbance_intervals: list[Any] = []
         """Intervals in which the run is disturbed on purpose: none."""
-        self._controller, self._about, self._dt = controller, about, dt
+        self._controller, self._dt = controller, 0.002
+        self._about: dict[str, Any] = {"controller": name}
+        if isinstance(controller.inner, NumpyPolicy):
+            policy, told = controller.inner.policy, ("version", "command", "seed")
+            origin = {key: policy.metadata[key] for key in told if key in policy.metadata}
+            self._about |= {"torque_limit": policy.torque_limit, "policy": origin}
+            # The time between calls (s), for callers that give no time.
+            self._dt = policy.period or self._dt
         self.filter = Filter()
         """What filters measurements, with its histories."""
         self.reset()
@@ -210,15 +216,6 @@ class RealAIGymController:
         now = self._steps * self._dt if t is None else float(t)
         self._steps += 1
         return np.array(self._controller(x, now, measured, added), np.float64)
-
-
-def wrap_policy(controller: LoopController[NumpyPolicy], name: str) -> RealAIGymController:
-    """A loaded policy as RealAIGym calls it."""
-    policy = controller.inner.policy
-    about = {"controller": name, "torque_limit": policy.torque_limit}
-    origin = {key: policy.metadata[key] for key in ("version", "command", "seed") if key in policy.metadata}
-    period = {} if policy.period is None else {"dt": policy.period}
-    return RealAIGymController(controller, about | {"policy": origin}, **period)
 
 
 def _keep(*entries: tuple[list[np.ndarray], np.ndarray]) -> None:

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..common.errors import SwingupError
-from ..export.export_folder import PACKAGE
+from ..export.folder import FORMS, PACKAGE
 
-PATTERNS = {"realaigym": "con_*.py", "cloudpendulum": "controller_*.py"}
+PATTERNS = {name: form.entry.format(name="*") for name, form in FORMS.items()}
 """Forms of exported folders, and the file that each has."""
 
 

@@ -1,7 +1,7 @@
 """A policy as a single C99 header: a comment, the policy's data, and the runtime.
 
-The runtime is plain C: ``policy/contract.h`` and what it includes, one file beside each ``core.py``. Behind any data
-each of them compiles by itself; what they do is decided there, not here.
+The runtime is plain C: ``policy/contract.h`` and what it includes, one file beside each ``core.py``. Behind any
+data each of them compiles by itself; what they do is decided there, not here.
 """
 
 import posixpath
@@ -14,7 +14,7 @@ import numpy as np
 from ...common.version import __version__
 from ...policy.network.layers import check_plain
 from ...policy.pendulum import PendulumPolicy
-from ..template import NAME, check_export_name
+from ..folder import NAME, check_export_name
 from .data import runtime_data
 
 POLICY = resources.files("swingup") / "policy"

@@ -1,26 +1,27 @@
 """The safety guard in plain floats.
 
-L_i is a joint's torque limit: the plant's on the driven joint; on the passive one ``passive_limit``, or 0 without an
-identifier. Each call has a time t and a measurement z = [q, v]; p is the time since the last call, and h = p, or dt at the
-first call and where p = 0. The first of these that holds is the fault:
+L_i is a joint's torque limit: the plant's on the driven joint; on the passive one ``passive_limit``, or 0
+without an identifier. Each call has a time t and a measurement z = [q, v]; p is the time since the last call,
+and h = p, or dt at the first call and where p = 0. The first of these that holds is the fault:
 
 1. CLOCK: t is not finite, p < 0, or p = 0 for the 11th time in a row.
 2. LATE: p > ``longest_pause``.
 3. NOT_FINITE: a number of z is not finite.
 4. ANGLE, VELOCITY: |q_i| > ``angle_limit``, |v_i| > ``velocity_limit``; the shoulder first.
-5. STALE: s_i > ``stale_time`` or w > ``stuck_time``. s_i grows by h where q_i and v_i repeat the last call's digits and
-   v_i is not 0; else it is 0. w grows by h where the driven joint's q and v repeat and the last torque was above L/2; else
-   it is 0. A pendulum may thus hang or stand still for ever.
+5. STALE: s_i > ``stale_time`` or w > ``stuck_time``. s_i grows by h where q_i and v_i repeat the last call's
+   digits and v_i is not 0; else it is 0. w grows by h where the driven joint's q and v repeat and the last
+   torque was above L/2; else it is 0. A pendulum may thus hang or stand still for ever.
 
 Without a fault, now or before, the controller computes its torques u from z.
 
 6. TORQUE: a torque of u is not finite.
-7. Otherwise u_i is limited to within r h of the last call's torque, 0 before the first, and then to L_i. A torque that
-   changes too fast is limited and no fault: it moves the pendulum less than asked, while a stop would drop it.
+7. Otherwise u_i is limited to within r h of the last call's torque, 0 before the first, and then to L_i. A
+   torque that changes too fast is limited and no fault: it moves the pendulum less than asked, while a stop
+   would drop it.
 
-Once latched, all torques are 0 at once, whatever r is. If ``braking`` is above 0 and the fault was ANGLE, VELOCITY or TORQUE,
-they are -k_d v_i within L_i, and 0 in calls with |v_i| above twice its limit. Braking ends for good at the first call with
-another fault (1 to 5): nothing brakes by a broken measurement.
+Once latched, all torques are 0 at once, whatever r is. If ``braking`` is above 0 and the fault was ANGLE,
+VELOCITY or TORQUE, they are -k_d v_i within L_i, and 0 in calls with |v_i| above twice its limit. Braking ends
+for good at the first call with another fault (1 to 5): nothing brakes by a broken measurement.
 """
 
 import math

@@ -1,10 +1,12 @@
-"""Folders that need NumPy alone: our source, the policy, and an entry; the one for RealAIGym is here."""
+"""Folders that need NumPy alone: our source, the policy, an entry for one robot's loop, and a README."""
 
+import dataclasses
 import json
+import re
 import shutil
 import tempfile
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -13,9 +15,31 @@ from ..common.errors import SwingupError
 from ..common.files import write_atomically
 from ..common.text import quoted
 from ..common.version import __version__
-from ..policy.guard.settings import GuardSettings
+from ..policy.guard.settings import GuardSettings, default_guard
 from ..policy.pendulum import PendulumPolicy
-from .template import NAME, asset, check_export_name, fill
+
+NAME = "swingup"
+"""Name of an export unless another one is given."""
+
+
+@dataclass(frozen=True)
+class Form:
+    """Files of a folder's form; the module of its controller and its two templates have the form's name."""
+
+    entry: str
+    readme: str
+
+
+FORMS = {
+    "realaigym": Form("con_{name}.py", "readmes/{name}.md"),
+    "cloudpendulum": Form("controller_{name}.py", "README.md"),
+}
+"""Forms by name; ``{name}`` is the entry's."""
+
+CELL_VELOCITY = 50.0
+"""Largest velocity of a joint in a CloudPendulum's cell (rad/s). Source: what teams report in 2026."""
+CELL_TORQUE = 0.15
+"""Largest torque there (N m). Source: the same."""
 
 PACKAGE = "{name}_controller"
 """Name of the copied source, so that an installed swingup or another entry is never meant."""
@@ -37,64 +61,43 @@ BY_AREAPO = "policy by AR-EAPO (average-reward entropy advantage policy optimisa
 ABOUT = f'"""What a policy needs to run, copied from swingup {__version__} (Apache-2.0)."""\n'
 
 
-def export_realaigym(
-    policy: PendulumPolicy,
-    source: Path,
-    folder: str | Path,
-    username: str,
-    name: str = NAME,
+def export_folder(
+    policy: PendulumPolicy, source: Path, folder: str | Path, form: str, name: str = NAME, username: str = "swingup"
 ) -> Path:
-    """Write the folder, whole or not at all.
+    """Write a folder, whole or not at all.
 
     Args:
         policy: what the policy file holds; its guard, which need not be the file's, is written into the entry.
         source: the policy file.
         folder: a new or empty folder.
-        username: who is named on the leaderboard.
-        name: the entry's name there.
+        form: one of :data:`FORMS`.
+        name: the entry's name, which the copied source gets as well.
+        username: who is named on RealAIGym's leaderboard.
 
     Returns:
-        The entry's file, ``con_NAME.py``.
+        The entry's file.
     """
     check_export_name(name)
     if not username.isprintable() or any(sign in username for sign in '"\\,') or not 0 < len(username) <= 60:
         raise SwingupError(
             f"username {quoted(username)} does not fit an entry: use up to 60 letters, no quotes or commas"
         )
-    texts = {
-        f"con_{name}.py": _entry(policy, username, name),
-        f"readmes/{name}.md": fill(asset(__package__, "readme.md"), readme_values(policy, name)),
-    }
-    return write_folder(folder, name, "realaigym", source, texts) / f"con_{name}.py"
-
-
-def write_folder(folder: str | Path, name: str, interface: str, source: Path, texts: Mapping[str, str]) -> Path:
-    """Write the source, the policy and some texts, whole or not at all.
-
-    Args:
-        folder: a new or empty folder.
-        name: name of the entry, which the copied source gets as well.
-        interface: module of this package with the controller that the entry loads.
-        source: the policy file.
-        texts: contents by their paths in the folder.
-
-    Returns:
-        The folder.
-    """
     target, root = Path(folder).resolve(), resources.files("swingup")
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise SwingupError(f"{folder} is there already: name a folder that is new or empty")
+    entry, readme = (path.format(name=name) for path in (FORMS[form].entry, FORMS[form].readme))
+    values = readme_values(policy, name)
     try:
         # On the target's file system, where the final move is a rename: the folder appears whole or not at all.
         with tempfile.TemporaryDirectory(dir=target.parent, prefix=f".{target.name}.") as temporary:
             made = Path(temporary) / target.name
             package = made / PACKAGE.format(name=name)
-            for file in (*_sources(root), "export/__init__.py", f"export/{interface}.py"):
+            for file in (*_sources(root), "export/__init__.py", f"export/{form}.py"):
                 _write(package / file, root.joinpath(*file.split("/")).read_bytes())
             _write(package / "__init__.py", ABOUT.encode())
             _write(package / "policy.safetensors", source.read_bytes())
-            for path, text in texts.items():
-                _write(made / path, text.encode())
+            _write(made / entry, _filled(f"{form}.py.txt", values | _entry_values(policy, username)))
+            _write(made / readme, _filled(f"{form}.md", values))
             # Empty, as tested above. The move would otherwise go inside it.
             if target.exists():
                 target.rmdir()
@@ -104,7 +107,29 @@ def write_folder(folder: str | Path, name: str, interface: str, source: Path, te
         raise SwingupError(
             f"cannot write {folder}: {reason}; choose a place that exists and can be written"
         ) from error
-    return target
+    return target / entry
+
+
+def check_export_name(name: str) -> str:
+    """A name for an export, which must fit files, Python and C."""
+    if not re.fullmatch(r"[a-z][a-z0-9_]{0,39}", name):
+        raise SwingupError(f"name {quoted(name)}: use up to 40 small letters, digits and _, a letter first")
+    return name
+
+
+def cloudpendulum_guard(period: float | None) -> GuardSettings:
+    """The guard of a policy whose file has none, for calls every ``period`` s; None for every 2 ms."""
+    return dataclasses.replace(default_guard(period), velocity_limit=CELL_VELOCITY)
+
+
+def cloudpendulum_notes(policy: PendulumPolicy) -> list[str]:
+    """What does not fit CloudPendulum's cells in a policy, as sentences."""
+    return [
+        f"it may command {most:g} N m at the {joint}, and CloudPendulum's motors give {CELL_TORQUE:g}: train one "
+        "for its plant"
+        for joint, most in zip(("shoulder", "elbow"), policy.torque_limits, strict=True)
+        if most > CELL_TORQUE
+    ]
 
 
 def _sources(root: Traversable) -> list[str]:
@@ -126,30 +151,23 @@ def _write(path: Path, content: bytes) -> None:
     write_atomically(path, content)
 
 
-def _entry(policy: PendulumPolicy, username: str, name: str) -> str:
+def _filled(template: str, values: Mapping[str, str]) -> bytes:
+    """A file of ``assets`` with its gaps, which stand there as ``@LIKE_THIS@``, filled."""
+    text = (resources.files(__package__) / "assets" / template).read_text(encoding="utf-8")
+    return re.sub(r"@([A-Z0-9_]+)@", lambda match: values[match[1]], text).encode()
+
+
+def _entry_values(policy: PendulumPolicy, username: str) -> dict[str, str]:
+    """What an entry says besides the README's values; the guard's settings are for its owner to change."""
     behind = " behind a state estimator" if policy.estimator else ""
     made, method = "Average-reward maximum-entropy RL (AR-EAPO): one network", "AR-EAPO"
     if policy.regulator:
         made, method = "One network distilled from teachers (one by AR-EAPO) with a regulator", "distilled"
-    values = {
-        "DESCRIPTION": f"{made}{behind}",
-        "NAME": name,
-        "PACKAGE": PACKAGE.format(name=name),
-        "ROBOT": policy.robot.name,
-        "GUARD": guard_entry(policy.guard),
-        "METHOD": method,
-        "USERNAME": username,
-        "VERSION": __version__,
-    }
-    return fill(asset(__package__, "con_swingup.py.txt"), values)
-
-
-def guard_entry(guard: GuardSettings | None) -> str:
-    """A guard's settings as an entry holds them, in Python, for its owner to read and to change."""
-    if guard is None:
-        return "False"
-    # Python has JSON's numbers; of its words, null alone occurs here.
-    return json.dumps(asdict(guard), indent=4).replace("null", "None").replace("\n}", ",\n}")
+    guard = "False"
+    if policy.guard is not None:
+        # Python has JSON's numbers; of its words, null alone occurs here.
+        guard = json.dumps(asdict(policy.guard), indent=4).replace("null", "None").replace("\n}", ",\n}")
+    return {"DESCRIPTION": f"{made}{behind}", "GUARD": guard, "METHOD": method, "USERNAME": username}
 
 
 def readme_values(policy: PendulumPolicy, name: str) -> dict[str, str]:
