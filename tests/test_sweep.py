@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -19,23 +19,23 @@ from sweep_jobs import die, sleep
 from swingup.areapo.config import format_value
 from swingup.benchmark.interval import bootstrap_interval, interquartile_mean
 from swingup.cli import main
+from swingup.cli.sweeping import _alternatives
 from swingup.common.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.learner.run import Run
 from swingup.learner.run_folder import RunFolder
-from swingup.learner.run_settings import read_run_settings, run_settings_from_dict
+from swingup.learner.run_settings import make_run_settings, read_run_settings
 from swingup.learner.start import start_run
+from swingup.sweep import runs
 from swingup.sweep import search as search_module
-from swingup.sweep.jobs import Job, JobOutcome, run_jobs, train_one
-from swingup.sweep.plan import base_settings, parse_alternatives, plan_jobs, split_assignments
-from swingup.sweep.summary import summarise_variants
+from swingup.sweep.runs import Job, parse_alternatives, plan_jobs, run_jobs, summarise, train_one
 from swingup.sweep.workers import workers_for
 
 SIZES = {"num_envs": [2], "num_steps": [16], "num_epochs": [1], "batch_size": [32]}
 TINY = SIZES | {"policy_layers": [(8,)], "value_layers": [(8,)]}
 SIZE_WORDS = [f"{name}={format_value(values[0])}" for name, values in TINY.items()]
 INTERVALS = {"evaluate_every": 64, "checkpoint_every": 128, "evaluation_episodes": 1}
-BASE = base_settings("CartPole-v1", **INTERVALS)
+BASE = make_run_settings("CartPole-v1", **INTERVALS)
 
 
 def jobs_of(out, seeds=(0,), frames=256, **grid):
@@ -47,22 +47,27 @@ def inline(jobs):
         return run_jobs(jobs, executor)
 
 
-def scores(outcomes):
-    assert [outcome.error for outcome in outcomes] == [""] * len(outcomes)
-    return [outcome.number("score") for outcome in outcomes]
+def scores(rows):
+    assert not any("error" in row for row in rows)
+    return [row["score"] for row in rows]
+
+
+def error_of(job):
+    (row,) = inline([job])
+    return row.get("error", "")
 
 
 def test_a_plan_has_every_combination(tmp_path):
     jobs = plan_jobs(BASE, {"learning_rate": [1e-3, 1e-4], "preset": ["ppo", "mujoco"]}, (3, 4), tmp_path, 100)
     assert len({job.folder for job in jobs}) == len(jobs) == 8
-    configs = [run_settings_from_dict(job.settings) for job in jobs]
+    configs = [job.settings for job in jobs]
     assert [(c.config.learning_rate, c.preset, c.seed) for c in configs[:3]] == [
         (1e-3, "ppo", 3), (1e-3, "ppo", 4), (1e-3, "mujoco", 3),
     ]  # fmt: skip
     # The preset's hyperparameters come with it.
     assert (configs[0].config.gain, configs[2].config.gain) == ("none", "td")
     assert jobs[0].variant == "learning_rate=0.001 preset=ppo"
-    texts = split_assignments(["learning_rate=3e-4", "policy-layers=64x64,8", "learning_rate=5e-4"])
+    texts = _alternatives(["learning_rate=3e-4", "policy-layers=64x64,8", "learning_rate=5e-4"])
     assert {name: parse_alternatives(name, text) for name, text in texts.items()} == {
         "learning_rate": [3e-4, 5e-4], "policy_layers": [(64, 64), (8,)],
     }  # fmt: skip
@@ -71,26 +76,26 @@ def test_a_plan_has_every_combination(tmp_path):
 def test_a_sweep_repeats_nothing_and_resumes(tmp_path):
     jobs = jobs_of(tmp_path, seeds=(0, 1))
     first = inline(jobs)
-    assert [outcome.number("reward_rate") for outcome in first] == [1.0, 1.0]  # CartPole pays 1 a step
+    assert [row["reward_rate"] for row in first] == [1.0, 1.0]  # CartPole pays 1 a step
     untouched = Path(jobs[1].folder, "last.safetensors")
     written = untouched.stat().st_mtime_ns
     # One run is cut off after its first checkpoint.
-    cut = start_run(run_settings_from_dict(jobs[0].settings), tmp_path / "cut", 128)
+    cut = start_run(jobs[0].settings, tmp_path / "cut", 128)
     list(cut.advance())
     shutil.rmtree(jobs[0].folder)
     shutil.copytree(tmp_path / "cut", jobs[0].folder)
-    assert [outcome.row["score"] for outcome in inline(jobs)] == scores(first)
+    assert scores(inline(jobs)) == scores(first)
     assert read_metrics(f"{jobs[0].folder}/metrics.jsonl")[-1]["frames"] == 256
     assert untouched.stat().st_mtime_ns == written
     # Killed before it had a checkpoint.
     for path in (tmp_path / "cut" / "checkpoints").iterdir():
         path.unlink()
-    assert train_one(Job("", jobs[0].settings, str(tmp_path / "cut"), 64)).error == ""
+    assert error_of(Job("", jobs[0].settings, tmp_path / "cut", 64)) == ""
 
 
 def test_a_shorter_sweep_reports_its_own_length(tmp_path):
     (cut_off,), (short,) = jobs_of(tmp_path, frames=10**9), jobs_of(tmp_path, frames=256)
-    run = start_run(run_settings_from_dict(cut_off.settings), cut_off.folder, cut_off.frames)
+    run = start_run(cut_off.settings, cut_off.folder, cut_off.frames)
     for report in run.advance():
         if report.frames >= 128:
             run.stop()
@@ -100,10 +105,10 @@ def test_a_shorter_sweep_reports_its_own_length(tmp_path):
     assert RunFolder(short.folder).newest_frames() == 256
     # A longer run stays; of it the shorter sweep reports its own length, and no length that was not recorded.
     longer = train_one(jobs_of(tmp_path, frames=512)[0])
-    assert longer.row["frames"] == 512
-    assert train_one(short).row["frames"] == 256
+    assert longer["frames"] == 512
+    assert train_one(short)["frames"] == 256
     assert scores([train_one(short)]) == scores(expected)
-    assert "stands at 512 already" in train_one(jobs_of(tmp_path, frames=96)[0]).error
+    assert "stands at 512 already" in error_of(jobs_of(tmp_path, frames=96)[0])
 
 
 def test_a_run_that_fails_does_not_stop_the_others(tmp_path, monkeypatch):
@@ -117,9 +122,9 @@ def test_a_run_that_fails_does_not_stop_the_others(tmp_path, monkeypatch):
     original, close = Run.advance, Run.close
     monkeypatch.setattr(Run, "advance", advance)
     monkeypatch.setattr(Run, "close", lambda run: (closed.append(run), close(run)))
-    bad, good = outcomes = inline(jobs)
-    assert (bad.error, good.error) == (f"{type(raised).__name__}: {raised}", "")
-    assert [(row.runs, row.failed) for row in summarise_variants(outcomes)] == [(1, 1)]
+    bad, good = inline(jobs)
+    assert (bad, "error" in good) == ({"error": f"{type(raised).__name__}: {raised}"}, False)
+    assert [(row["runs"], row["failed"]) for row in summarise(jobs, [bad, good])] == [(1, 1)]
     assert len(closed) == 2
 
 
@@ -131,34 +136,35 @@ def test_what_an_executor_raises_is_an_outcome(tmp_path):
             return raised
 
     with GivesUp(1) as executor:
-        (outcome,) = run_jobs(jobs_of(tmp_path), executor)
-    assert outcome.error == "KeyError: 'killed'"
+        (row,) = run_jobs(jobs_of(tmp_path), executor)
+    assert row == {"error": "KeyError: 'killed'"}
 
 
-def test_folders_that_are_left_alone(tmp_path):
+def test_folders_that_are_left_alone(tmp_path, monkeypatch):
+    monkeypatch.setattr(runs, "LOCK_SECONDS", 0.0)
     (job,) = jobs_of(tmp_path, frames=64)
     with RunFolder(job.folder).exclusive():
         Path(job.folder, "config.json").write_text("theirs")
-        assert "another process trains in" in train_one(job).error
+        assert "another process trains in" in error_of(job)
     assert Path(job.folder, "config.json").read_text() == "theirs"
-    assert train_one(job).error == ""
+    assert error_of(job) == ""
     other = Job("", jobs_of(tmp_path, frames=64, seeds=(5,))[0].settings, job.folder, 64)
-    assert "other settings: choose another --out" in train_one(other).error
+    assert "other settings: choose another --out" in error_of(other)
     Path(job.folder, "metrics.jsonl").write_text("")
-    assert "remove it to train again" in train_one(job).error
+    assert "remove it to train again" in error_of(job)
 
 
 def test_local_workers_die_alone_and_end_with_an_interrupt():
-    with workers_for(count=2) as pool:
-        dead, alive = pool.executor.submit(die), pool.executor.submit(abs, -3)
+    with workers_for(count=2) as (executor, _):
+        dead, alive = executor.submit(die), executor.submit(abs, -3)
         assert alive.result() == 3
         assert "abruptly" in str(dead.exception())
-        assert pool.executor.submit(abs, -4).result() == 4
+        assert executor.submit(abs, -4).result() == 4
     futures = []
 
     def interrupted():
-        with workers_for(count=1) as pool:
-            futures.extend(pool.executor.submit(sleep, 600) for _ in range(3))
+        with workers_for(count=1) as (executor, _):
+            futures.extend(executor.submit(sleep, 600) for _ in range(3))
             while not multiprocessing.active_children():
                 time.sleep(0.01)
             raise KeyboardInterrupt
@@ -217,12 +223,12 @@ def test_a_command_that_is_killed_takes_its_workers_along_and_goes_on(tmp_path, 
 def test_rows_summarise_by_hand():
     # The middle half of 0, 0, 1, 2, 3, 4, 100, 100 is 1, 2, 3, 4.
     each = [100.0, 0.0, 3.0, 1.0, 4.0, 2.0, 0.0, 100.0]
-    jobs = [Job("a", {"seed": seed}, "", 1) for seed in range(8)]
+    jobs = [Job("a", BASE, Path(), 1)] * 8
     metrics = [{"score": score, "best_score": score + 1.0, "reward_rate": 2.0} for score in each]
-    (row,) = summarise_variants([JobOutcome(*pair) for pair in zip(jobs, metrics, strict=True)])
-    assert (row.score, row.best, row.runs, row.reward_rate) == (2.5, 3.5, 8, 2.0)
-    assert row.interval[0] < 2.5 < row.interval[1]
-    assert math.isnan(row.resets_per_1000_steps)
+    (row,) = summarise(jobs, metrics)
+    assert (row["score"], row["best_score"], row["runs"], row["reward_rate"]) == (2.5, 3.5, 8, 2.0)
+    assert row["interval"][0] < 2.5 < row["interval"][1]
+    assert math.isnan(row["resets_per_1000_steps"])
 
 
 def test_intervals():
@@ -250,8 +256,7 @@ BAD = {
     "sweep acrobot --set learnig_rate=3": "learning_rate?",
     "sweep acrobot --set presett=ppo": "preset?",
     "sweep acrobot --set learning_rate=fast": "'fast'",
-    "sweep --env CartPole-v1 --set preset=mujoco,default": "--frames",
-    "sweep --env CartPole-v1 --trials 3": "nothing varies",
+    "sweep --env CartPole-v1 --trials 3": "what varies",
     "sweep acrobot --trials 0 --set num_epochs=1:3": "trials = 0",
     "sweep acrobot --trials 3 --set num_epochs=1:3 num_epochs=4": "'1:3,4'",
     "sweep acrobot --trials 3 --set preset=a:b": "'a'",
@@ -284,16 +289,20 @@ class StandIn:
     def __init__(self, cut_off=None):
         self.trained, self.cut_off = [], cut_off
 
-    def __call__(self, job, is_hopeless):
-        number, settings = trial_of(job), run_settings_from_dict(job.settings)
+    def __call__(self, job, report):
+        number, settings = trial_of(job), job.settings
         self.trained.append(number)
         if number == self.cut_off:
             raise KeyboardInterrupt
-        return JobOutcome(job, {"score": -abs(math.log10(settings.config.learning_rate) + 3.0) + settings.seed})
+        return {"score": -abs(math.log10(settings.config.learning_rate) + 3.0) + settings.seed}
+
+
+def found(study):
+    return [(trial.params, trial.state.name, trial.value) for trial in study.trials]
 
 
 def trial_of(job):
-    return int(Path(job.folder).parent.name.removeprefix("trial-"))
+    return int(job.folder.parent.name.removeprefix("trial-"))
 
 
 @pytest.fixture
@@ -321,20 +330,19 @@ def searched(monkeypatch):
 
 def test_the_best_trial_becomes_settings(tmp_path, searched):
     told = []
-    result = searched(tmp_path, 4, StandIn(), seed=5, seeds=2, progress=told.append)
-    each = [row.score for row in result.rows]
-    assert [row.trial for row in result.rows] == list(range(4))
-    assert told == result.rows
-    best = result.best
-    assert (best.score, best.trial) == (max(each), each.index(max(each)))
+    study = searched(tmp_path, 4, StandIn(), seed=5, seeds=2, progress=told.append)
+    each = [trial.value for trial in study.trials]
+    assert [trial.number for trial in told] == list(range(4))
+    best = study.best_trial
+    assert (best.value, best.number) == (max(each), each.index(max(each)))
     # The score's formula gives the rate back; the seeds 5 and 6 are added to it, in the mean 5.5.
-    rate = best.hyperparameters["learning_rate"]
-    assert best.score == pytest.approx(5.5 - abs(math.log10(rate) + 3.0))
+    chosen, command = best.user_attrs["hyperparameters"], best.user_attrs["command"]
+    rate = chosen["learning_rate"]
+    assert best.value == pytest.approx(5.5 - abs(math.log10(rate) + 3.0))
     assert 1e-4 <= rate <= 1e-2
-    assert best.hyperparameters["policy_layers"] in [(8,), (16, 8)]
-    assert f"--learning-rate {rate}" in best.command
-    assert json.loads((tmp_path / "best.json").read_text())["command"] == best.command
-    assert [row["score"] for row in json.loads((tmp_path / "search.json").read_text())] == each
+    assert chosen["policy_layers"] in [[8], [16, 8]]
+    assert f"--learning-rate {rate}" in command
+    assert json.loads((tmp_path / "best.json").read_text())["command"] == command
 
 
 def test_a_search_that_was_cut_off_goes_on(tmp_path, searched):
@@ -347,10 +355,10 @@ def test_a_search_that_was_cut_off_goes_on(tmp_path, searched):
     result = searched(tmp_path / "cut", 11, second)
     # What had ended is not trained again, and the fourth trial is continued in its folder.
     assert (first.trained, second.trained) == ([0, 1, 2, 3], list(range(3, 11)))
-    assert result.rows == expected.rows
-    assert json.loads((tmp_path / "cut" / "best.json").read_text())["trial"] == result.best.trial
+    assert found(result) == found(expected)
+    assert json.loads((tmp_path / "cut" / "best.json").read_text())["trial"] == result.best_trial.number
     # More trials continue the same search.
-    assert searched(tmp_path / "cut", 12, second).rows[:11] == expected.rows
+    assert found(searched(tmp_path / "cut", 12, second))[:11] == found(expected)
     assert second.trained[-1] == 11
 
 
@@ -359,29 +367,40 @@ def test_trials_below_the_median_are_cut_short(tmp_path, searched, pruning):
     """Five trials first; then one that is worse half way, and one that is better."""
     cut_short = []
 
-    def train(job, is_hopeless):
+    def train(job, report):
         middle = {5: 0.0, 6: 2.0}.get(trial_of(job), 1.0)
-        # A tenth is 100 frames; its first score counts.
-        for frames, score in ((99, -9.0), (500, middle), (550, -9.0)):
-            if is_hopeless({"frames": frames, "score": score}):
+        # A tenth is 100 frames; its first score counts, and the end of a run does not.
+        for frames, score in ((99, -9.0), (500, middle), (550, -9.0), (1000, -9.0)):
+            try:
+                report({"frames": frames, "score": score})
+            except BaseException:
                 cut_short.append((trial_of(job), frames))
-                return JobOutcome(job, {"score": middle}, pruned=True)
-        assert not is_hopeless({"frames": 1000, "score": -9.0})
-        return JobOutcome(job, {"score": 3.0})
+                raise
+        return {"score": 3.0}
 
-    result = searched(tmp_path, 7, train, pruning=pruning)
-    sixth = ("pruned", 0.0) if pruning else ("complete", 3.0)
+    study = searched(tmp_path, 7, train, pruning=pruning)
+    sixth = ("PRUNED", 0.0) if pruning else ("COMPLETE", 3.0)
     assert cut_short == ([(5, 500)] if pruning else [])
-    assert [(row.state, row.score) for row in result.rows] == [("complete", 3.0)] * 5 + [sixth, ("complete", 3.0)]
+    expected = [("COMPLETE", 3.0)] * 5 + [sixth, ("COMPLETE", 3.0)]
+    assert [(trial.state.name, trial.value) for trial in study.trials] == expected
 
 
 def test_trials_that_fail(tmp_path, searched):
-    errors = ["", "training diverged"]
-    result = searched(tmp_path, 2, lambda job, _: JobOutcome(job, {"score": None}, errors[trial_of(job)]))
-    assert [row.error for row in result.rows] == ["scores = [nan]: leave out runs without a score", errors[1]]
-    assert {row.state for row in result.rows} == {"fail"}
-    assert result.best is None
-    assert json.loads((tmp_path / "search.json").read_text())[0]["score"] is None
+    def train(job, report):
+        if trial_of(job) == 2:
+            raise BrokenExecutor
+        if trial_of(job):
+            raise SwingupError("training diverged")
+        return {"score": None}
+
+    study = searched(tmp_path, 3, train)
+    errors = [trial.user_attrs["error"] for trial in study.trials]
+    assert errors[:2] == ["scores = [None]: leave out runs without a score", "training diverged"]
+    assert not (tmp_path / "best.json").exists()
+    # A trial whose worker died is reported, and the next call resumes it.
+    assert "its worker died" in errors[2]
+    states = [trial.state.name for trial in searched(tmp_path, 3, StandIn()).trials]
+    assert states == ["FAIL", "FAIL", "COMPLETE"]
 
 
 def test_searches_that_are_refused(tmp_path, searched, monkeypatch):
@@ -390,8 +409,8 @@ def test_searches_that_are_refused(tmp_path, searched, monkeypatch):
             searched(tmp_path, 2, StandIn(), space, **options)
 
     searched(tmp_path, 1, StandIn())
-    refused(r"other settings \(set num_epochs, frames\): choose", SPACE | {"num_epochs": "1:8"}, frames=999)
-    refused("a search with other settings", preset="ppo")
+    refused(r"a search with another frames, space: choose", SPACE | {"num_epochs": "1:8"}, frames=999)
+    refused("a search with another preset, config", preset="ppo")
     with RunFolder(tmp_path).exclusive():
         refused("another process trains in")
     storage = tmp_path / "study.db"
@@ -399,7 +418,7 @@ def test_searches_that_are_refused(tmp_path, searched, monkeypatch):
     for content in (b"no database", whole[:5000], whole.replace(b"CREATE TABLE", b"CREATE TABEL")):
         storage.write_bytes(content)
         refused(r"cannot read .*study\.db .*: restore it, or choose another --out")
-    refused("nothing varies", ["learning_rate"])
+    refused("and what varies", ["learning_rate"])
     refused(r"seed = 1\.5", seed=1.5)
     with pytest.raises(SwingupError, match="name a Gymnasium id"):
         swingup.search(lambda: None, SPACE, 1, tmp_path)
@@ -461,19 +480,20 @@ def test_a_dask_worker_is_killed_and_no_run_is_lost(cluster, tmp_path):
     address, workers = cluster
     killed = []
 
-    def kill_one(outcome):
+    def kill_one(job, row):
         if not killed:  # the others are under way or waiting
             killed.append(workers[0].pid)
             workers[0].kill()
 
-    with workers_for(address) as pool:
-        assert pool.count == 2
-        outcomes = run_jobs(jobs_of(tmp_path / "dask", (0, 1, 2, 3), 128 * 6), pool.executor, kill_one)
+    with workers_for(address) as (executor, count):
+        assert count == 2
+        rows = run_jobs(jobs_of(tmp_path / "dask", (0, 1, 2, 3), 128 * 6), executor, kill_one)
     assert killed
-    assert scores(outcomes) == scores(inline(jobs_of(tmp_path / "here", (0, 1, 2, 3), 128 * 6)))
+    assert scores(rows) == scores(inline(jobs_of(tmp_path / "here", (0, 1, 2, 3), 128 * 6)))
     space = {"learning_rate": "1e-4:1e-2:log"} | {name: format_value(values[0]) for name, values in TINY.items()}
-    result = swingup.search("CartPole-v1", space, 2, tmp_path / "s", frames=256, scheduler=address, **INTERVALS)
-    assert [row.state for row in result.rows] == ["complete", "complete"]
+    with workers_for(address) as (executor, _):
+        study = swingup.search("CartPole-v1", space, 2, tmp_path / "s", frames=256, executor=executor, **INTERVALS)
+    assert [trial.state.name for trial in study.trials] == ["COMPLETE", "COMPLETE"]
 
 
 def test_no_scheduler_there(monkeypatch):

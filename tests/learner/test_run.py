@@ -219,7 +219,7 @@ def test_an_interrupted_chunk_is_trained_again(finished, tmp_path, monkeypatch):
     training = start_run(SETTINGS, tmp_path / "part", 10 * FRAMES)
     train = training.backend.train
 
-    def interrupted(state, iterations):
+    def interrupted(state, iterations, stopping):
         train(state, iterations)
         raise KeyboardInterrupt
 

@@ -1,8 +1,11 @@
 """The command line, ``swingup``: from arguments to an exit status."""
 
 import os
+import signal
+import socket
 import sys
 import threading
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +16,10 @@ if TYPE_CHECKING:
 
 ERROR = 2
 """Exit status of bad input."""
+INTERRUPTED = 130
+"""Exit status after Ctrl-C: 128 and the number of SIGINT, as shells count."""
+GRACE = 3.0
+"""Seconds that a command has for its end after Ctrl-C."""
 
 
 def main(arguments: list[str] | None = None, judging: "JudgingCommands | None" = None) -> int:
@@ -26,6 +33,8 @@ def main(arguments: list[str] | None = None, judging: "JudgingCommands | None" =
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     try:
         _accept_any_text()
+        if arguments is None:
+            _end_soon_after_interrupts()
 
         # Imported here, so that other modules of this package can be used without tyro.
         from .commands import run_command
@@ -36,11 +45,10 @@ def main(arguments: list[str] | None = None, judging: "JudgingCommands | None" =
         sys.stdout.flush()
         return status
     except KeyboardInterrupt:
-        # Status 130: 128 and the number of SIGINT, as shells count.
         print("swingup: interrupted", file=sys.stderr)
-        if threading.active_count() > 1:
-            os._exit(130)  # not waiting for compiled simulations, which know no signals
-        return 130
+        if arguments is None:
+            os._exit(INTERRUPTED)  # XLA's threads, which know no signals, can crash an orderly exit
+        return INTERRUPTED
     except SwingupError as error:
         print(f"swingup: error: {error}", file=sys.stderr)
         return ERROR
@@ -56,6 +64,29 @@ def _accept_any_text() -> None:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # what a test or a notebook puts there may lack it
             stream.reconfigure(errors="backslashreplace")
+
+
+def _end_soon_after_interrupts() -> None:
+    """End the process soon after Ctrl-C, also where KeyboardInterrupt does not reach ``main``.
+
+    A compiled program or a library's loop holds it up, and JAX's callback of the garbage collector loses it: Python
+    ignores exceptions there. The system writes the signal's number to a socket at once, whatever Python does.
+    """
+    sockets = socket.socketpair()
+    sockets[1].setblocking(False)
+    try:
+        signal.set_wakeup_fd(sockets[1].fileno())
+    except ValueError:  # outside of the main thread, which alone gets signals
+        return
+
+    def watch() -> None:
+        while sockets[0].recv(1)[0] != signal.SIGINT:
+            pass
+        time.sleep(GRACE)
+        print("swingup: interrupted", file=sys.stderr, flush=True)
+        os._exit(INTERRUPTED)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _use_compilation_cache() -> None:

@@ -171,3 +171,14 @@ def robots(name: str) -> Sequence[Robot]:
         SwingupError: there is no such robot.
     """
     return list(ROBOTS.values()) if name == "all" else [get_robot(name)]
+
+
+def task_name(robot: str | None, env: str | None) -> str:
+    """The robot's name or the Gymnasium id, of which one is given.
+
+    Raises:
+        SwingupError: both or none are given, or there is no such robot.
+    """
+    if (robot is None) == (env is None):
+        raise SwingupError(f"robot = {robot!r} and env = {env!r}: give one of the two")
+    return env or get_robot(str(robot)).name

@@ -76,14 +76,13 @@ def demo(
     """
     start, chosen = time.monotonic(), get_robot(robot)
     page_template()  # before the training: without its libraries there is no page
-    options = {"robot": chosen.name, "preset": PRESET, "seed": seed}
     folder, paper = _new_folder(chosen, out), paper_score(chosen)
     tell(
         f"AR-EAPO learns to swing up the {chosen.name} from nothing, by trial and error.",
         f"A score of 1 is perfect, 0 is no swing-up; the paper's policy has {paper:.3f}.",
     )
     sys.stdout.flush()  # before the progress, which goes to the other stream
-    run = start_training(frames, options, out=str(folder), changes={})
+    run = start_training(chosen.name, frames, str(folder), preset=PRESET, seed=seed)
     watch = Watch(run, paper, start)
     status = train_shown(run, watch.note)
     return status or _show_result(chosen, run, watch, start)

@@ -1,9 +1,11 @@
 """A training run before the user's eyes: a progress bar or lines; signals stop the run cleanly."""
 
+import contextlib
 import math
 import shlex
 import signal
 import time
+from collections.abc import Iterator
 from types import FrameType
 
 from rich.console import Console
@@ -29,9 +31,12 @@ def train_shown(run: Run, note: Note = no_note) -> int:
     Returns:
         0, or the exit status of the signal that stopped the run; then it is saved.
     """
-    received = _stop_on_signals(run)
     console = Console(stderr=True)
-    _show(run, console, note)
+    _announce(run, console)
+    console.print("compiling")
+    run.compile()  # first, so that the estimate of the time left does not contain it
+    with _stopped_by_signals(run) as received:
+        _show(run, console, note)
     run.close()
     if not received:
         return 0
@@ -43,8 +48,9 @@ def train_shown(run: Run, note: Note = no_note) -> int:
     return 128 + received[0]
 
 
-def _stop_on_signals(run: Run) -> list[int]:
-    """Ctrl-C and SIGTERM end the run after its chunk; a second one ends the program at once."""
+@contextlib.contextmanager
+def _stopped_by_signals(run: Run) -> Iterator[list[int]]:
+    """Ctrl-C and SIGTERM end the run after its iteration; a second one ends the program at once."""
     received: list[int] = []
 
     def handle(number: int, frame: FrameType | None) -> None:
@@ -52,20 +58,21 @@ def _stop_on_signals(run: Run) -> list[int]:
         signal.signal(number, signal.SIG_DFL)
         run.stop()
 
-    signal.signal(signal.SIGINT, handle)
-    signal.signal(signal.SIGTERM, handle)
-    return received
+    former = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    watched = signal.set_wakeup_fd(-1)  # the run is saved, however long its iteration takes
+    try:
+        yield received
+    finally:
+        signal.set_wakeup_fd(watched)
+        for number, handler in former.items():
+            signal.signal(number, handler)
 
 
 def _show(run: Run, console: Console, note: Note) -> None:
     """Train with a progress bar on a terminal; elsewhere with a line every few seconds."""
-    _announce(run, console)
     columns = (TextColumn("{task.description}", markup=False), BarColumn(bar_width=BAR_WIDTH))
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
-        bar = progress.add_task("compiling", total=run.goal, completed=run.frames)
-        if not console.is_terminal:
-            console.print("compiling")
-        run.compile()  # first, so that the estimate of the time left does not contain it
+        bar = progress.add_task("training", total=run.goal, completed=run.frames)
         shown = -math.inf
         for report in run.advance():
             room = WIDTH if not console.is_terminal else min(console.width, WIDTH) - BAR_WIDTH - 1

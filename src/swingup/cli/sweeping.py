@@ -1,30 +1,33 @@
 """The command ``sweep``: many runs and one table, or a search with Optuna."""
 
-import math
-from dataclasses import asdict
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import UseAppendAction, arg
 
-from ..common.checks import whole_number
+from ..common.arrays import finite, write_json
+from ..common.checks import is_number, whole_number
 from ..common.errors import SwingupError
-from ..common.files import write_atomically
-from ..learner.rates import shown_rate
+from ..common.text import quoted
+from ..learner.rates import RESETS, REWARD_RATE, shown_rate
 from ..learner.run_folder import RunFolder
-from ..plant.robots import get_robot
-from ..sweep.jobs import JobOutcome, run_jobs
-from ..sweep.plan import base_settings, parse_alternatives, plan_jobs, split_assignments
-from ..sweep.search import SearchResult, TrialRow, search
-from ..sweep.summary import VariantRow, as_json, summarise_variants
+from ..learner.run_settings import make_run_settings
+from ..sweep.runs import Job, Row, describe, parse_alternatives, plan_jobs, run_jobs, summarise
+from ..sweep.search import best_trial, search
 from ..sweep.workers import workers_for
-from .arguments import NO_PLANT, PlantFlags, RobotOrNone
-from .output import log, show_table, tell
+from .arguments import NO_PLANT, PlantFlags, RobotOrNone, task_name
+from .output import log, show_table, tell, tell_json
+
+if TYPE_CHECKING:
+    from optuna import Study
+    from optuna.trial import FrozenTrial
 
 TRIALS_SHOWN = 10
 """Trials in the table: the best ones."""
-ENDED = {"pruned": "pruned", "fail": "failed"}
-"""Optuna's states of trials without a score, in words."""
+ENDED = {"complete": "", "pruned": "pruned", "fail": "failed"}
+"""Optuna's states in words."""
 
 Assignments = Annotated[
     UseAppendAction[tuple[tuple[str, ...], ...]],
@@ -82,63 +85,81 @@ def sweep(
         evaluation_episodes: episodes of an evaluation with --env; default 5.
         json: print JSON instead of the table.
     """
-    if (robot is None) == (env is None):
-        raise SwingupError(f"robot = {robot!r} and env = {env!r}: give one of the two")
-    task = env or get_robot(str(robot)).name
-    given: dict[str, Any] = {"preset": preset, "plant": plant.make(), "evaluate_every": evaluate_every}
+    task = task_name(robot, env)
+    given: dict[str, Any] = {"plant": plant.make(), "evaluate_every": evaluate_every}
     given |= {"checkpoint_every": checkpoint_every, "evaluation_episodes": evaluation_episodes}
-    base = base_settings(task, **given)
+    base = make_run_settings(task, preset, **given)
     # Ids of Gymnasium environments may contain slashes.
-    name = f"{task.replace('/', '-')}-{base['preset']}"
-    texts = split_assignments([word for words in assignments for word in words])
-
-    def tell_run(run: JobOutcome) -> None:
-        log(f"{run.job.variant} seed {run.job.settings['seed']}: {run.error or format(run.number('score'), '.6g')}")
-
-    def tell_trial(row: TrialRow) -> None:
-        outcome = row.error or ("pruned" if row.state == "pruned" else f"{row.score:.6g}")
-        log(f"trial {row.trial}, {row.settings}: {outcome}")
-
+    name = f"{task.replace('/', '-')}-{base.preset}"
+    texts = _alternatives([word for words in assignments for word in words])
     if trials is not None:
-        result = search(
-            task, texts, trials, out or f"searches/{name}", frames=frames, seed=seed,
-            seeds=1 if seeds is None else seeds, pruning=not no_pruning, workers=workers, scheduler=scheduler,
-            progress=tell_trial, **given,
-        )  # fmt: skip
-        print(as_json([asdict(row) for row in result.rows]).decode(), end="") if json else _show_search(result)
-        return 0 if result.best is not None else 1
+        with workers_for(scheduler, workers) as (pool, count):
+            study = search(
+                task, texts, trials, out or f"searches/{name}", preset=preset, frames=frames, seed=seed,
+                seeds=1 if seeds is None else seeds, pruning=not no_pruning, workers=count, executor=pool,
+                progress=_tell_trial, **given,
+            )  # fmt: skip
+        tell_json([_trial_row(trial) for trial in study.trials], indent=2) if json else _show_search(study)
+        return 0 if best_trial(study) is not None else 1
     if no_pruning:
         raise SwingupError("--no-pruning goes with --trials: a sweep trains all runs to their end")
     grid = {each: parse_alternatives(each, text) for each, text in texts.items()}
     number = whole_number("seeds", 8 if seeds is None else seeds, 1, 2**32)
     folder = Path(out or f"sweeps/{name}")
     jobs = plan_jobs(base, grid, range(seed, seed + number), folder, frames)
-    with workers_for(scheduler, workers) as pool, RunFolder(folder).exclusive():
-        rows = summarise_variants(run_jobs(jobs, pool.executor, tell_run))
-        content = as_json([asdict(row) for row in rows])
-        write_atomically(folder / "sweep.json", content)
-    print(content.decode(), end="") if json else _show_variants(rows)
-    return 1 if any(row.failed for row in rows) else 0
+    with workers_for(scheduler, workers) as (pool, _), RunFolder(folder).exclusive():
+        rows = summarise(jobs, run_jobs(jobs, pool, _tell_run))
+        write_json(folder / "sweep.json", rows)
+    tell_json(finite(rows), indent=2) if json else _show_variants(rows)
+    return 1 if any(row["failed"] for row in rows) else 0
 
 
-def _show_variants(rows: list[VariantRow]) -> None:
+def _alternatives(assignments: Sequence[str]) -> dict[str, str]:
+    """The text of what varies by name, from words like ``learning_rate=3e-4,5e-4``; a repeated name adds to it."""
+    texts: dict[str, str] = {}
+    for assignment in assignments:
+        name, equals, text = assignment.replace("-", "_").partition("=")[0], *assignment.partition("=")[1:]
+        if not equals:
+            raise SwingupError(f"--set {quoted(assignment)}: write NAME=VALUE,VALUE with a hyperparameter's name")
+        texts[name] = f"{texts[name]},{text}" if name in texts else text
+    return texts
+
+
+def _tell_run(job: Job, row: Row) -> None:
+    log(f"{job.variant} seed {job.settings.seed}: {row.get('error') or shown_rate(row['score'])}")
+
+
+def _tell_trial(trial: "FrozenTrial") -> None:
+    row = _trial_row(trial)
+    log(f"trial {trial.number}, {row['settings']}: {row['error'] or row['state']} {shown_rate(row['score'])}")
+
+
+def _trial_row(trial: "FrozenTrial") -> dict[str, Any]:
+    row = {"trial": trial.number, "state": trial.state.name.lower(), "score": trial.value}
+    return row | {"settings": describe(trial.params), "error": trial.user_attrs.get("error", "")}
+
+
+def _show_variants(rows: list[dict[str, Any]]) -> None:
     # Only tasks that are judged by episodes have rates.
-    rated = any(not math.isnan(row.reward_rate) for row in rows)
-    headings = ["Settings", "Runs", "Score (IQM)", "95 % interval", "Best"]
+    rates = {REWARD_RATE: "Reward rate", RESETS: "Resets per 1,000 steps"}
+    rates = {name: title for name, title in rates.items() if any(is_number(row[name]) for row in rows)}
     cells = []
     for row in rows:
-        low, high = row.interval
-        cells.append([row.variant or "as the preset has it", str(row.runs), f"{row.score:.4g}"])
-        cells[-1] += [f"{low:.4g} to {high:.4g}", f"{row.best:.4g}"]
-        cells[-1] += [shown_rate(row.reward_rate), shown_rate(row.resets_per_1000_steps)] if rated else []
-    show_table(headings + (["Reward rate", "Resets per 1,000 steps"] if rated else []), cells)
+        low, high = map(shown_rate, row["interval"])
+        runs = f"{row['runs']} of {row['runs'] + row['failed']}" if row["failed"] else str(row["runs"])
+        numbers = [shown_rate(row[name]) for name in ("best_score", *rates)]
+        cells.append(
+            [row["variant"] or "as the preset has it", runs, shown_rate(row["score"]), f"{low} to {high}", *numbers]
+        )
+    show_table(["Settings", "Runs", "Score (IQM)", "95 % interval", "Best", *rates.values()], cells)
 
 
-def _show_search(result: SearchResult) -> None:
-    complete = sorted((row for row in result.rows if row.state == "complete"), key=lambda row: -row.score)
-    cells = [[row.settings, str(row.trial), f"{row.score:.4g}"] for row in complete[:TRIALS_SHOWN]]
+def _show_search(study: "Study") -> None:
+    rows = [_trial_row(trial) for trial in study.trials]
+    complete = sorted((row for row in rows if row["state"] == "complete"), key=lambda row: -row["score"])
+    cells = [[row["settings"], str(row["trial"]), shown_rate(row["score"])] for row in complete[:TRIALS_SHOWN]]
     show_table(["Settings", "Trial", "Score"], cells)
-    counts = [f"{sum(row.state == state for row in result.rows)} {word}" for state, word in ENDED.items()]
-    tell(f"{len(complete)} trials complete, {', '.join(counts)}")
-    if result.best is not None:
-        tell("The best one again, with another --seed or more --frames:", result.best.command)
+    counts = Counter(ENDED.get(row["state"], "unfinished") for row in rows)
+    tell(", ".join([f"{len(complete)} trials complete", *(f"{counts[word]} {word}" for word in counts if word)]))
+    if (best := best_trial(study)) is not None:
+        tell("The best one again, with another --seed or more --frames:", best.user_attrs["command"])

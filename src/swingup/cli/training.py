@@ -1,24 +1,23 @@
 """The command ``train``: from its options to a run, and the score of the best policy."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
 from tyro.conf import OmitArgPrefixes, arg
 
-from ..areapo.config import config_from_dict
 from ..benchmark.judge import judge
 from ..common.checks import whole_number
 from ..common.errors import SwingupError
 from ..controllers.registry import get_controller
 from ..learner.cores import share_cores
 from ..learner.policy_files import BEST, LAST, result_on_disk
-from ..learner.presets import PRESETS, choose_preset, get_preset
+from ..learner.presets import PRESETS, get_preset
 from ..learner.rates import describe_rates, shown_rate
 from ..learner.run import Run
-from ..learner.run_settings import RunSettings, default_intervals, read_run_settings
+from ..learner.run_settings import make_run_settings, read_run_settings
 from ..learner.start import resume_run, start_run
-from ..plant.robots import get_robot
-from .arguments import NO_PLANT, PlantFlags, RobotOrNone, judged_name
+from .arguments import NO_PLANT, PlantFlags, RobotOrNone, judged_name, task_name
 from .hyperparameters import HyperparameterOptions, given_hyperparameters
 from .output import tell
 from .results import result_lines
@@ -67,52 +66,40 @@ def train_command(
             then in presets that differ. "ppo --env" is the preset's value with --env.
     """
     options = {
-        "robot": robot, "env": env, "preset": preset, "seed": seed, "seeds": seeds,
-        "evaluate_every": evaluate_every, "checkpoint_every": checkpoint_every,
-        "evaluation_episodes": evaluation_episodes,
-        "plant": plant.make(),
+        "preset": preset, "seed": seed, "seeds": seeds, "evaluate_every": evaluate_every,
+        "checkpoint_every": checkpoint_every, "evaluation_episodes": evaluation_episodes, "plant": plant.make(),
     }  # fmt: skip
     if frames is not None:
         whole_number("frames", frames, 1)
     changes = given_hyperparameters(hyperparameters)
     if resume is None:
-        run = start_training(frames, options, out, changes)
+        run = start_training(task_name(robot, env), frames, out, changes, **options)
     else:
-        run = _resume(frames, options, out, Path(resume), changes)
+        run = _resume(frames, {"robot": robot, "env": env, **options}, out, Path(resume), changes)
     return train_shown(run) or _score(run)
 
 
-def default_options(options: dict[str, Any]) -> dict[str, Any]:
-    """Options with the defaults of those that were not given, which differ between the pendulum and other tasks."""
-    if options["robot"] is not None:
-        get_robot(options["robot"])
-    preset = choose_preset(options["preset"], options.get("env") or options["robot"])
-    defaults: dict[str, Any] = {"seed": 0, "seeds": get_preset(preset).seeds}
-    defaults |= default_intervals(options["robot"])
-    given = {name: value for name, value in options.items() if value is not None}
-    return {"robot": None, **defaults, **given, "preset": preset}
-
-
-def start_training(frames: int | None, options: dict[str, Any], out: str | None, changes: dict[str, Any]) -> Run:
+def start_training(
+    env: str, frames: int | None, out: str | None, changes: Mapping[str, Any] | None = None, **given: Any
+) -> Run:
     """A new run, with the defaults of its preset and its task for what is None or left out.
 
     Args:
+        env: a robot's name or a Gymnasium id.
         frames: frames of each seed.
-        options: fields of the run's settings by name.
         out: the run's folder.
         changes: hyperparameters by name.
+        given: fields of the run's settings by name.
 
     Raises:
         SwingupError: an option is wrong, or the folder holds something or cannot be written.
     """
-    chosen = default_options(options)
-    preset = get_preset(chosen["preset"])
-    settings = RunSettings(config=config_from_dict(vars(preset.config) | changes), **chosen)
+    settings = make_run_settings(env, changes=changes, **given)
     # Ids of Gymnasium may contain signs that a folder's name cannot.
     name = settings.name.replace("/", "-").replace(":", "-")
     folder = out or f"runs/{name}-{settings.preset}-{settings.seed}"
     share_cores(settings.seeds)
-    return start_run(settings, folder, preset.frames if frames is None else frames)
+    return start_run(settings, folder, get_preset(settings.preset).frames if frames is None else frames)
 
 
 def _resume(

@@ -77,6 +77,15 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+def write_json(path: str | Path, content: Any) -> None:
+    """Write JSON, in which null stands for numbers that are not finite.
+
+    Raises:
+        SwingupError: the file cannot be written.
+    """
+    write_atomically(path, (json.dumps(finite(content), indent=2) + "\n").encode())
+
+
 def load_arrays(
     path: str | Path,
     kind: str,

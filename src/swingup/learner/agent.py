@@ -9,32 +9,25 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..areapo.checkpoint import load_checkpoint, read_metadata, save_checkpoint
-from ..areapo.config import Config, config_from_dict
+from ..areapo.config import Config
 from ..areapo.keys import Purpose, root_key
 from ..common.checks import whole_number
 from ..common.errors import SwingupError
 from ..common.text import quoted
 from ..controllers.stack.policy import Policy, act
-from ..plant.plant import LEADERBOARD, PlantLike, load_plant
-from ..plant.robots import ROBOTS
+from ..plant.plant import LEADERBOARD, PlantLike
 from ..tasks.adapters import as_task
 from ..tasks.task import AbstractTask
 from .backend import batched
 from .evaluators import EPISODES
-from .presets import choose_preset, get_preset
+from .presets import get_preset
 from .report import TrainingReport
 from .run import Run
-from .run_settings import RunSettings, default_intervals, describe_env, run_settings_from_dict
+from .run_settings import RunSettings, make_run_settings, run_settings_from_dict
 from .start import restore_run, resume_run, start_run
 
 Callback = Callable[["AREAPO", TrainingReport], Any]
 """Called after each chunk; returning False ends ``learn``."""
-
-OPTIONS = (
-    "env", "preset", "seed", "seeds", "folder", "evaluate_every", "checkpoint_every", "evaluation_episodes",
-    "plant",
-)  # fmt: skip
-"""Keywords of the class besides the hyperparameters, to suggest for a misspelt one."""
 
 
 class AREAPO:
@@ -89,24 +82,18 @@ class AREAPO:
             SwingupError: an argument cannot work, or the environment's spaces are not supported.
         """
         env = as_task(env)
-        robot = env if isinstance(env, str) and env in ROBOTS else None
-        chosen = choose_preset(preset, env)
-        defaults = get_preset(chosen)
-        intervals = {"evaluate_every": evaluate_every, "checkpoint_every": checkpoint_every}
-        given = {name: value for name, value in intervals.items() if value is not None}
-        settings = RunSettings(
-            robot=robot,
-            preset=chosen,
+        settings = make_run_settings(
+            env,
+            preset,
+            _own_number(env) | overrides,
             seed=seed,
-            seeds=defaults.seeds if seeds is None else seeds,
-            **(default_intervals(robot) | given),
-            # From names, so that misspelt keywords are found and NumPy's numbers become Python's.
-            config=config_from_dict(vars(defaults.config) | _own_number(env) | overrides, OPTIONS),
-            env=None if robot else describe_env(env),
+            seeds=seeds,
+            evaluate_every=evaluate_every,
+            checkpoint_every=checkpoint_every,
             evaluation_episodes=evaluation_episodes,
-            plant=load_plant(plant),
+            plant=plant,
         )
-        self._use(start_run(settings, folder, defaults.frames, env))
+        self._use(start_run(settings, folder, get_preset(settings.preset).frames, env))
 
     @classmethod
     def load(cls, path: str | Path, env: Any = None) -> "AREAPO":

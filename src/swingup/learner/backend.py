@@ -1,7 +1,7 @@
 """The interface of a back end, which steps the environments of a run's seeds and evaluates its policies."""
 
 import abc
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import jax
@@ -16,6 +16,11 @@ from ..tasks.observation import AbstractStage
 from .evaluators import AbstractEvaluator
 
 TreeT = TypeVar("TreeT")
+
+
+def never() -> bool:
+    """Training that nothing stops."""
+    return False
 
 
 class AbstractBackend(abc.ABC):
@@ -43,8 +48,14 @@ class AbstractBackend(abc.ABC):
         """
 
     @abc.abstractmethod
-    def train(self, state: LearnerState, iterations: int) -> tuple[LearnerState, list[dict[str, Any]]]:
-        """Run iterations; also the figures of each seed by name, which are means over the iterations."""
+    def train(
+        self, state: LearnerState, iterations: int, stopping: Callable[[], bool] = never
+    ) -> tuple[LearnerState, list[dict[str, Any]]]:
+        """Run iterations, fewer if ``stopping`` turns true, which is asked every few seconds.
+
+        Returns:
+            The state, and the figures of each seed by name, which are means over the iterations.
+        """
 
     @abc.abstractmethod
     def policy(self, member: LearnerState) -> Policy[Any]:

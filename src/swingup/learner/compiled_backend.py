@@ -18,7 +18,7 @@ from ..areapo.metrics import Metrics
 from ..areapo.state import LearnerState
 from ..controllers.stack.policy import Policy
 from ..tasks.task import AbstractTask
-from .backend import AbstractBackend, portable_policy, split_seeds
+from .backend import AbstractBackend, never, portable_policy, split_seeds
 from .evaluators import AbstractEvaluator
 
 # Compiled once for all runs of a program. A single seed runs without vmap, which is slower on a CPU.
@@ -29,6 +29,8 @@ _train = jax.jit(algorithm.train)
 
 AXIS = "seeds"
 """Along which devices share the seeds."""
+CALL_FRAMES = 16_384
+"""Frames of all seeds together in a compiled call: one or two seconds of two cores with the largest networks."""
 RESETS_TRIED = 1024
 """Resets that are inspected after training diverged."""
 
@@ -78,10 +80,19 @@ class CompiledBackend(AbstractBackend):
         """Share the seeds among the devices. Nothing is reset: a checkpoint holds everything."""
         return state if len(self._seeds) == 1 else spread(state, len(self._seeds))
 
-    def train(self, state: LearnerState, iterations: int) -> tuple[LearnerState, list[dict[str, Any]]]:
-        """Run some iterations in one compiled call."""
-        state, metrics = self._advance(state, self._task, self._config, iterations)
-        return state, [each.as_dict() for each in split_seeds(metrics, len(self._seeds))]
+    def train(
+        self, state: LearnerState, iterations: int, stopping: Callable[[], bool] = never
+    ) -> tuple[LearnerState, list[dict[str, Any]]]:
+        """Run some iterations in compiled calls of about a second, which know no signals."""
+        most = max(1, CALL_FRAMES // (self._config.rollout_size * len(self._seeds)))
+        counts: list[int] = []
+        parts = []
+        while sum(counts) < iterations and not (counts and stopping()):
+            counts.append(min(most, iterations - sum(counts)))
+            state, metrics = self._advance(state, self._task, self._config, counts[-1])
+            parts.append(jax.device_get(metrics))
+        means = jax.tree.map(lambda *leaves: np.average(leaves, 0, counts).astype(np.float32), *parts)
+        return state, [each.as_dict() for each in split_seeds(means, len(self._seeds))]
 
     def policy(self, member: LearnerState) -> Policy[Any]:
         """The policy of one seed."""

@@ -1,6 +1,6 @@
 """The back end of Gymnasium: the host steps the environments, and the learner is compiled."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -10,11 +10,12 @@ from jaxtyping import Shaped
 from ..areapo.config import Config
 from ..areapo.initial import begin_episodes, init_learner
 from ..areapo.keys import Purpose, root_key
+from ..areapo.metrics import Metrics
 from ..areapo.state import LearnerState
 from ..common.errors import SwingupError
 from ..controllers.stack.policy import Policy
 from ..tasks.task import Spaces
-from .backend import AbstractBackend, join_seeds, portable_policy, split_seeds
+from .backend import AbstractBackend, join_seeds, never, portable_policy, split_seeds
 from .environments import Environments, make_environments, own_number
 from .host_collection import compile_iteration, host_iteration, new_tally
 from .host_evaluators import EpisodeEvaluator
@@ -23,7 +24,7 @@ from .rates import rates, unknown_rates
 
 
 class HostBackend(AbstractBackend):
-    """Environments of Gymnasium. Each seed has its own; in a chunk the seeds train one after another.
+    """Environments of Gymnasium. Each seed has its own; the seeds train one after another.
 
     The host steps one environment at a time in any case, and so each seed trains bit for bit as it does alone.
     """
@@ -89,30 +90,32 @@ class HostBackend(AbstractBackend):
         members = split_seeds(state, len(self._seeds))
         return join_seeds(list(map(begin, members, self._environments, self._seeds)))
 
-    def train(self, state: LearnerState, iterations: int) -> tuple[LearnerState, list[dict[str, Any]]]:
+    def train(
+        self, state: LearnerState, iterations: int, stopping: Callable[[], bool] = never
+    ) -> tuple[LearnerState, list[dict[str, Any]]]:
         """Run some iterations of each seed; also reports the episodes that ended."""
-        members, rows = split_seeds(state, len(self._seeds)), []
-        for index in range(len(members)):
-            members[index], row = self._train_seed(members[index], index, iterations)
-            rows.append(row)
+        members = split_seeds(state, len(self._seeds))
+        metrics: list[list[Metrics]] = [[] for _ in members]
+        for tally in self._tallies:
+            tally.returns.clear()
+            tally.finished.clear()
+        for iteration in range(iterations):
+            if iteration and stopping():
+                break
+            for index, (environments, tally) in enumerate(zip(self._environments, self._tallies, strict=True)):
+                members[index], found = host_iteration(members[index], environments, tally, self._config)
+                metrics[index].append(jax.device_get(found))
+        self._training_results, rows = [], []
+        for each, environments, tally in zip(metrics, self._environments, self._tallies, strict=True):
+            row = jax.tree.map(lambda *leaves: np.mean(leaves, dtype=np.float32), *each).as_dict()
+            # Perhaps no episode ended since the last report; an endless task never ends one.
+            episode_return = float(np.mean(tally.returns)) if tally.returns else None
+            episode_length = float(np.mean(tally.finished)) if tally.returns else None
+            rows.append(row | {"episode_return": episode_return, "episode_length": episode_length})
+            # The rates are those of all steps since the last report, also of episodes that go on.
+            measured = rates(row["reward"], row["termination_rate"], environments.step_time)
+            self._training_results.append({"score": episode_return, "mean_length": episode_length, **measured})
         return join_seeds(members), rows
-
-    def _train_seed(self, state: LearnerState, index: int, iterations: int) -> tuple[LearnerState, dict[str, Any]]:
-        environments, tally = self._environments[index], self._tallies[index]
-        tally.returns.clear()
-        tally.finished.clear()
-        rows = []
-        for _ in range(iterations):
-            state, metrics = host_iteration(state, environments, tally, self._config)
-            rows.append(jax.device_get(metrics))
-        row = jax.tree.map(lambda *leaves: np.mean(leaves, dtype=np.float32), *rows).as_dict()
-        # Perhaps no episode ended since the last report; an endless task never ends one.
-        episode_return = float(np.mean(tally.returns)) if tally.returns else None
-        episode_length = float(np.mean(tally.finished)) if tally.returns else None
-        # The rates are those of all steps since the last report, also of episodes that go on.
-        measured = rates(row["reward"], row["termination_rate"], environments.step_time)
-        self._training_results[index] = {"score": episode_return, "mean_length": episode_length, **measured}
-        return state, row | {"episode_return": episode_return, "episode_length": episode_length}
 
     def policy(self, member: LearnerState) -> Policy[Any]:
         """The policy of an observation, flattened."""

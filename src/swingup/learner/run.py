@@ -13,6 +13,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import jax
+import numpy as np
+
 from ..areapo.state import LearnerState
 from ..common.checks import whole_number
 from ..common.errors import SwingupError
@@ -113,7 +116,7 @@ class Run:
             write_run_settings(self._folder.path, self.settings, self.goal)
 
     def stop(self) -> None:
-        """End the run after the chunk in progress."""
+        """End the run after the iterations in progress."""
         self._stopping = True
 
     def compile(self) -> None:
@@ -178,10 +181,11 @@ class Run:
         if self._fresh:
             state = self.backend.begin(state, before)
         self._fresh = True  # until the chunk is whole
-        state, figures = self.backend.train(state, count)
+        state, figures = self.backend.train(state, count, lambda: self._stopping)
         # Before the chunk counts, so that a run that diverged keeps its last good state.
         self._check_finite(figures, "metrics are")
-        self.progress, self._fresh = replace(self.progress, state=state, iterations=before + count), False
+        iterations = int(np.max(jax.device_get(state.iterations)))
+        self.progress, self._fresh = replace(self.progress, state=state, iterations=iterations), False
         return figures
 
     def _evaluate_all(self) -> list[dict[str, Any]]:

@@ -4,6 +4,7 @@ import contextlib
 import errno
 import re
 import shutil
+import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -123,8 +124,11 @@ class RunFolder:
             yield
 
     @contextlib.contextmanager
-    def exclusive(self) -> Iterator[None]:
+    def exclusive(self, patience: float = 0.0) -> Iterator[None]:
         """Hold the kernel's lock on the folder, where the system has such locks; make the folder if it is missing.
+
+        Args:
+            patience: how long to wait for a process that holds it (s).
 
         Raises:
             SwingupError: another process holds it, or the folder cannot be written.
@@ -141,15 +145,21 @@ class RunFolder:
         except OSError as error:
             raise _cannot_create(self.path / LOCK, error) from error
         with file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError as error:
-                if error.errno in HELD:
-                    raise SwingupError(
-                        f"another process trains in {self.path}: wait for it, stop it, or choose another --out"
-                    ) from None
-                if error.errno not in NO_LOCKS:
-                    raise SwingupError(f"cannot lock {file.name}: {error.strerror}") from error
+            deadline = time.monotonic() + patience
+            while True:
+                try:
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except OSError as error:
+                    if error.errno in HELD and time.monotonic() < deadline:
+                        time.sleep(0.05)
+                        continue
+                    if error.errno in HELD:
+                        raise SwingupError(
+                            f"another process trains in {self.path}: wait for it, stop it, or choose another --out"
+                        ) from None
+                    if error.errno not in NO_LOCKS:
+                        raise SwingupError(f"cannot lock {file.name}: {error.strerror}") from error
+                break
             yield
 
     def _content(self) -> list[Path]:

@@ -3,22 +3,23 @@
 import dataclasses
 import json
 import shlex
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from ..areapo.config import Config, config_from_dict
+from ..common.arrays import write_json
 from ..common.checks import whole_number
 from ..common.errors import SwingupError
-from ..common.files import write_atomically
 from ..common.text import one_line, quoted
 from ..common.version import __version__
 from ..plant.plant import FRICTIONLESS, LEADERBOARD, SHIPPED_PLANTS, Plant, is_plant_name, load_plant, make_plant
-from ..plant.robots import get_robot
+from ..plant.robots import ROBOTS, get_robot
 from ..tasks.adapted import AbstractAdaptedTask
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.presets import get_task
-from .presets import get_preset, preset_name
+from .presets import choose_preset, get_preset, preset_name
 
 SETTINGS_FILE = "config.json"
 
@@ -29,7 +30,8 @@ ENV_INTERVALS = {"evaluate_every": 65_536, "checkpoint_every": 262_144}
 MALFORMED = (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
 """Errors that content of a wrong type, depth or encoding raises."""
 
-
+SETTINGS = ("preset", "seed", "seeds", "evaluate_every", "checkpoint_every", "evaluation_episodes", "plant")
+"""Fields that a user gives beside the hyperparameters, to suggest for a misspelt one."""
 FROM_0, FROM_1 = {"least": 0}, {"least": 1}
 """Metadata of fields that are whole numbers: their least values."""
 
@@ -154,6 +156,33 @@ def _in_python(plant: Plant) -> str:
     return f"Plant({values})"
 
 
+def make_run_settings(
+    env: Any, preset: str | None = None, changes: Mapping[str, Any] | None = None, **given: Any
+) -> RunSettings:
+    """The settings of a run, with the defaults of its preset and its task for what is None or left out.
+
+    Args:
+        env: a robot's name, a Gymnasium id, or the environment or the task itself.
+        preset: named settings.
+        changes: hyperparameters by name.
+        given: other fields of the settings; ``plant`` may be a name or a file.
+
+    Raises:
+        SwingupError: a setting is unknown or cannot work.
+    """
+    robot = env if isinstance(env, str) and env in ROBOTS else None
+    chosen = choose_preset(preset, env)
+    defaults = get_preset(chosen)
+    # From names, so that misspelt ones are found.
+    config = config_from_dict(vars(defaults.config) | dict(changes or {}), ("env", "folder", *SETTINGS))
+    values: dict[str, Any] = {"seed": 0, "seeds": defaults.seeds, **default_intervals(robot)}
+    values |= {name: value for name, value in given.items() if value is not None}
+    values["plant"] = load_plant(values.get("plant", LEADERBOARD))
+    return RunSettings(
+        robot=robot, env=None if robot else describe_env(env), preset=chosen, config=config, **values
+    )
+
+
 def run_settings_from_dict(content: Any) -> RunSettings:
     """The inverse of ``as_dict``; settings that an older version did not have get their defaults.
 
@@ -174,8 +203,7 @@ def write_run_settings(folder: Path, settings: RunSettings, frames: int) -> None
     Raises:
         SwingupError: the file cannot be written.
     """
-    content = {"version": __version__, "frames": frames, **settings.as_dict()}
-    write_atomically(folder / SETTINGS_FILE, (json.dumps(content, indent=2) + "\n").encode())
+    write_json(folder / SETTINGS_FILE, {"version": __version__, "frames": frames, **settings.as_dict()})
 
 
 def read_run_settings(folder: Path) -> tuple[RunSettings, int]:

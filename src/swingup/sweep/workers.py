@@ -7,7 +7,6 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
-from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -18,20 +17,12 @@ from ..common.errors import SwingupError
 MOST_WORKERS = 1024
 
 
-@dataclass(frozen=True)
-class Workers:
-    """An executor, and how many runs it does side by side."""
-
-    executor: Executor
-    count: int
-
-
 @contextlib.contextmanager
-def workers_for(scheduler: str | None = None, count: int | None = None) -> Iterator[Workers]:
-    """A Dask cluster's executor if an address is given, else local processes.
+def workers_for(scheduler: str | None = None, count: int | None = None) -> Iterator[tuple[Executor, int]]:
+    """An executor, and how many runs it does side by side.
 
     Args:
-        scheduler: address of a running Dask scheduler, such as ``tcp://10.0.0.1:8786``.
+        scheduler: address of a running Dask scheduler, such as ``tcp://10.0.0.1:8786``; None for local processes.
         count: local processes, by default one for every two cores, since a run uses about two; with a scheduler,
             the trials of a search that run side by side, by default one for each of the workers' threads.
 
@@ -43,7 +34,7 @@ def workers_for(scheduler: str | None = None, count: int | None = None) -> Itera
     if scheduler is None:
         count = count or max(1, cores() // 2)
         with _local_processes(count) as executor:
-            yield Workers(executor, count)
+            yield executor, count
         return
     try:
         from distributed import Client
@@ -55,7 +46,7 @@ def workers_for(scheduler: str | None = None, count: int | None = None) -> Itera
         raise SwingupError(f"no Dask scheduler answers at {scheduler}: start one with dask scheduler") from error
     with client, client.get_executor() as executor:
         try:
-            yield Workers(executor, count or max(1, sum(client.nthreads().values())))
+            yield executor, count or max(1, sum(client.nthreads().values()))
         except BaseException:
             executor.shutdown(wait=False)  # cancels the runs that have not started
             raise

@@ -1,0 +1,231 @@
+"""The runs of a sweep, every combination of alternatives with every seed, and their table.
+
+They go to any ``concurrent.futures.Executor``. Each run has a folder of its own.
+"""
+
+import contextlib
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, Executor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..areapo.config import check_hyperparameter, check_value, config_from_dict, format_value, parse_value
+from ..benchmark.interval import bootstrap_interval, interquartile_mean
+from ..common.checks import is_number, whole_number
+from ..common.errors import SwingupError
+from ..common.text import one_line
+from ..learner.metrics import METRICS_FILE, read_metrics
+from ..learner.presets import get_preset, preset_name
+from ..learner.rates import RESETS, REWARD_RATE
+from ..learner.run import Run
+from ..learner.run_folder import RunFolder
+from ..learner.run_settings import RunSettings, read_run_settings
+from ..learner.start import resume_run, start_run
+
+Row = Mapping[str, Any]
+"""A row of a run's metrics."""
+MOST_RUNS = 10_000
+"""More runs than this are taken for a typing error."""
+LOCK_SECONDS = 10.0
+"""How long a run waits for its folder: a worker whose sweep was killed may hold it for a moment longer."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run of a sweep, in a form that travels between processes."""
+
+    variant: str
+    """Its varied settings as text; empty if nothing varies."""
+    settings: RunSettings
+    folder: Path
+    frames: int
+
+
+def plan_jobs(
+    base: RunSettings,
+    grid: Mapping[str, Sequence[Any]],
+    seeds: Sequence[int],
+    out: str | Path,
+    frames: int | None = None,
+) -> list[Job]:
+    """The jobs of a sweep: every combination of the grid with every seed.
+
+    Args:
+        base: what all runs share.
+        grid: the alternatives by the name of a hyperparameter, or ``preset``.
+        seeds: the seeds.
+        out: folder of the sweep, in which each run has its own.
+        frames: length of the runs; by default the preset's, of several presets the longest.
+
+    Raises:
+        SwingupError: a setting is unknown or cannot work, there are too many runs, or two are the same.
+    """
+    count = math.prod(map(len, grid.values())) * len(seeds)
+    if count > MOST_RUNS:
+        raise SwingupError(f"this sweep has {count:,} runs: choose at most {MOST_RUNS:,}")
+    length = longest(grid.get("preset", [base.preset])) if frames is None else whole_number("frames", frames, 1)
+    jobs: list[Job] = []
+    for values in itertools.product(*grid.values()):
+        chosen = dict(zip(grid, values, strict=True))
+        jobs += plan_variant(base, chosen, seeds, Path(out) / (describe(chosen, ",") or "base"), length)
+    if len({job.folder for job in jobs}) < len(jobs):
+        raise SwingupError("two runs of the sweep are the same: give each alternative and each seed once")
+    return jobs
+
+
+def plan_variant(
+    base: RunSettings, chosen: Mapping[str, Any], seeds: Sequence[int], folder: Path, frames: int
+) -> list[Job]:
+    """The jobs of one choice of settings: one for each seed, in folders of their own below ``folder``.
+
+    Raises:
+        SwingupError: the settings cannot work, for themselves or together.
+    """
+    changes = dict(chosen)
+    preset = changes.pop("preset", base.preset)
+    config = base.config if preset == base.preset else get_preset(preset).config
+    base = dataclasses.replace(base, preset=preset, config=config_from_dict(vars(config) | changes), seeds=1)
+    runs = [dataclasses.replace(base, seed=seed) for seed in seeds]
+    # Absolute, since workers may have another working directory.
+    return [Job(describe(chosen), run, folder.absolute() / f"seed-{run.seed}", frames) for run in runs]
+
+
+def longest(presets: Sequence[str]) -> int:
+    """The longest of the presets' lengths: a table of runs of different lengths would compare lengths."""
+    return max(get_preset(name).frames for name in presets)
+
+
+def describe(chosen: Mapping[str, Any], separator: str = " ") -> str:
+    """Settings as words like ``learning_rate=0.001``."""
+    return separator.join(f"{name}={format_value(value)}" for name, value in chosen.items())
+
+
+def parse_alternatives(name: str, text: str) -> list[Any]:
+    """The alternatives of a hyperparameter, or of ``preset``, that commas separate.
+
+    Raises:
+        SwingupError: the name is unknown, or a value cannot work.
+    """
+    if name == "preset":
+        return [preset_name(part) for part in text.split(",")]
+    check_hyperparameter(name, ["preset"])
+    if ":" in text:
+        raise SwingupError(f"{name}={text} is a range: give --trials to search it, or alternatives")
+    values = [parse_value(name, part) for part in text.split(",")]
+    for value in values:
+        check_value(name, value)
+    return values
+
+
+def run_jobs(
+    jobs: Sequence[Job], executor: Executor, progress: Callable[[Job, Row], None] | None = None
+) -> list[Row]:
+    """Run all jobs that are not done yet; a job that fails does not stop the others.
+
+    Args:
+        jobs: the jobs.
+        executor: a process pool, Dask's ``Client.get_executor()``, or any other.
+        progress: called with each job that ends and its row.
+
+    Returns:
+        Each job's last metrics, or a row with only its ``error``.
+    """
+    futures = {executor.submit(train_one, job): job for job in jobs}
+    rows: dict[Path, Row] = {}
+    for future in as_completed(futures):
+        job, error = futures[future], future.exception()
+        rows[job.folder] = row = future.result() if error is None else {"error": describe_error(error)}
+        if progress is not None:
+            progress(job, row)
+    return [rows[job.folder] for job in jobs]
+
+
+def train_one(job: Job, report: Callable[[Row], None] | None = None) -> Row:
+    """Run one job, or the rest of it, in the calling process.
+
+    Args:
+        job: the job.
+        report: called with the metrics of each evaluation; what it raises ends the run.
+
+    Returns:
+        The last metrics of the run.
+    """
+    folder = RunFolder(job.folder)
+    row = _row_at_end(folder, job.settings, job.frames)
+    if row is None:
+        with contextlib.closing(_open(folder, job.settings, job.frames)) as run:
+            for each in run.advance():
+                row = each.rows[0]
+                if report is not None:
+                    report(row)
+    if row is None:
+        raise SwingupError(f"{folder} is complete but its metrics are not: remove it to train again")
+    return row
+
+
+def describe_error(error: BaseException) -> str:
+    """Why a run has no score."""
+    if isinstance(error, BrokenExecutor):
+        return "its worker died (was memory short?): the same command continues it"
+    return str(error) if isinstance(error, SwingupError) else f"{type(error).__name__}: {one_line(error)}"
+
+
+def summarise(jobs: Sequence[Job], rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """The table of a sweep: one row for each variant, in the order of the jobs.
+
+    Args:
+        jobs: the jobs.
+        rows: the last metrics of each.
+
+    Returns:
+        Rows of ``variant`` (text), ``runs`` with a score, ``failed`` ones, and interquartile means over the runs:
+        of the last ``score`` with its 95 % bootstrap ``interval``, of ``best_score``, and of the last policies'
+        ``reward_rate`` and ``resets_per_1000_steps``. A number is NaN if a run lacks it.
+    """
+    table = []
+    for variant in dict.fromkeys(job.variant for job in jobs):
+        mine = [row for job, row in zip(jobs, rows, strict=True) if job.variant == variant]
+        good = [row for row in mine if is_number(row.get("score"))]
+        counts = {"variant": variant, "runs": len(good), "failed": len(mine) - len(good)}
+        interval = bootstrap_interval([row["score"] for row in good]) if good else (math.nan, math.nan)
+        means = {name: _middle(good, name) for name in ("best_score", REWARD_RATE, RESETS)}
+        table.append(counts | {"score": _middle(good, "score"), "interval": interval} | means)
+    return table
+
+
+def _row_at_end(folder: RunFolder, settings: RunSettings, frames: int) -> Row | None:
+    """The metrics after so many frames of a run that got there, and perhaps further; None if it has to be trained.
+
+    Raises:
+        SwingupError: the folder holds a run with other settings, or its metrics cannot be read.
+    """
+    if not folder.has_checkpoint():
+        return None
+    if read_run_settings(folder.path)[0] != settings:
+        raise SwingupError(f"{folder} holds a run with other settings: choose another --out")
+    path, rollout = folder.path / METRICS_FILE, settings.config.rollout_size
+    end = math.ceil(frames / rollout) * rollout
+    # Metrics are written before their checkpoint: a run that was killed between the two has to go on.
+    if folder.newest_frames() < end or not path.exists():
+        return None
+    return next((row for row in read_metrics(path) if row["frames"] == end), None)
+
+
+def _open(folder: RunFolder, settings: RunSettings, frames: int) -> Run:
+    """A new run, or the one in the folder from its checkpoint."""
+    # Two workers must not start the same run. Training then takes the lock itself.
+    with folder.exclusive(LOCK_SECONDS):
+        if not folder.has_checkpoint():
+            folder.clear()  # killed before its first checkpoint
+            return start_run(settings, folder.path, frames)
+    return resume_run(folder.path, frames)
+
+
+def _middle(rows: Sequence[Row], name: str) -> float:
+    # A mean of the runs that have the value would hide the others.
+    values = [row[name] for row in rows if is_number(row.get(name))]
+    return interquartile_mean(values) if values and len(values) == len(rows) else math.nan
