@@ -1,9 +1,9 @@
 """The command ``sweep``: many runs and one table, or a search with Optuna."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from tyro.conf import UseAppendAction, arg
 
@@ -14,15 +14,11 @@ from ..common.text import quoted
 from ..learner.rates import RESETS, REWARD_RATE, shown_rate
 from ..learner.run_folder import RunFolder
 from ..learner.run_settings import make_run_settings
-from ..sweep.runs import Job, Row, describe, parse_alternatives, plan_jobs, run_jobs, summarise
-from ..sweep.search import best_trial, search
+from ..sweep.runs import Job, Row, parse_alternatives, plan_jobs, run_jobs, summarise
+from ..sweep.search import best_trial, search, trial_row
 from ..sweep.workers import workers_for
 from .arguments import NO_PLANT, PlantFlags, RobotOrNone, task_name
 from .output import log, show_table, tell, tell_json
-
-if TYPE_CHECKING:
-    from optuna import Study
-    from optuna.trial import FrozenTrial
 
 TRIALS_SHOWN = 10
 """Trials in the table: the best ones."""
@@ -97,10 +93,13 @@ def sweep(
             study = search(
                 task, texts, trials, out or f"searches/{name}", preset=preset, frames=frames, seed=seed,
                 seeds=1 if seeds is None else seeds, pruning=not no_pruning, workers=count, executor=pool,
-                progress=_tell_trial, **given,
+                progress=lambda trial: _tell_trial(trial_row(trial)), **given,
             )  # fmt: skip
-        tell_json([_trial_row(trial) for trial in study.trials], indent=2) if json else _show_search(study)
-        return 0 if best_trial(study) is not None else 1
+        best, trial_rows = best_trial(study), [trial_row(trial) for trial in study.trials]
+        tell_json(trial_rows, indent=2) if json else _show_search(trial_rows)
+        if best is not None and not json:
+            tell("The best one again, with another --seed or more --frames:", best.user_attrs["command"])
+        return 0 if best is not None else 1
     if no_pruning:
         raise SwingupError("--no-pruning goes with --trials: a sweep trains all runs to their end")
     grid = {each: parse_alternatives(each, text) for each, text in texts.items()}
@@ -129,14 +128,8 @@ def _tell_run(job: Job, row: Row) -> None:
     log(f"{job.variant} seed {job.settings.seed}: {row.get('error') or shown_rate(row['score'])}")
 
 
-def _tell_trial(trial: "FrozenTrial") -> None:
-    row = _trial_row(trial)
-    log(f"trial {trial.number}, {row['settings']}: {row['error'] or row['state']} {shown_rate(row['score'])}")
-
-
-def _trial_row(trial: "FrozenTrial") -> dict[str, Any]:
-    row = {"trial": trial.number, "state": trial.state.name.lower(), "score": trial.value}
-    return row | {"settings": describe(trial.params), "error": trial.user_attrs.get("error", "")}
+def _tell_trial(row: Mapping[str, Any]) -> None:
+    log(f"trial {row['trial']}, {row['settings']}: {row['error'] or row['state']} {shown_rate(row['score'])}")
 
 
 def _show_variants(rows: list[dict[str, Any]]) -> None:
@@ -154,12 +147,9 @@ def _show_variants(rows: list[dict[str, Any]]) -> None:
     show_table(["Settings", "Runs", "Score (IQM)", "95 % interval", "Best", *rates.values()], cells)
 
 
-def _show_search(study: "Study") -> None:
-    rows = [_trial_row(trial) for trial in study.trials]
+def _show_search(rows: list[dict[str, Any]]) -> None:
     complete = sorted((row for row in rows if row["state"] == "complete"), key=lambda row: -row["score"])
     cells = [[row["settings"], str(row["trial"]), shown_rate(row["score"])] for row in complete[:TRIALS_SHOWN]]
     show_table(["Settings", "Trial", "Score"], cells)
     counts = Counter(ENDED.get(row["state"], "unfinished") for row in rows)
     tell(", ".join([f"{len(complete)} trials complete", *(f"{counts[word]} {word}" for word in counts if word)]))
-    if (best := best_trial(study)) is not None:
-        tell("The best one again, with another --seed or more --frames:", best.user_attrs["command"])

@@ -22,7 +22,17 @@ from ..common.text import one_line, quoted
 from ..learner.run_folder import RunFolder
 from ..learner.run_settings import RunSettings, make_run_settings
 from ..plant.plant import LEADERBOARD, PlantLike
-from .runs import MOST_RUNS, Job, Row, describe_error, longest, parse_alternatives, plan_variant, train_one
+from .runs import (
+    MOST_RUNS,
+    Job,
+    Row,
+    describe,
+    describe_error,
+    longest,
+    parse_alternatives,
+    plan_variant,
+    train_one,
+)
 from .workers import workers_for
 
 if TYPE_CHECKING:
@@ -127,6 +137,12 @@ def search(
             if progress is not None:
                 progress(trial)
     return study
+
+
+def trial_row(trial: "FrozenTrial") -> dict[str, Any]:
+    """A trial in the table of a search."""
+    row = {"trial": trial.number, "state": trial.state.name.lower(), "score": trial.value}
+    return row | {"settings": describe(trial.params), "error": trial.user_attrs.get("error", "")}
 
 
 def best_trial(study: "Study") -> "FrozenTrial | None":
