@@ -1,4 +1,4 @@
-"""Distillation: the plants, the teachers, the lessons and the student."""
+"""Distillation: the plants, the teachers, the dataset and the student."""
 
 import dataclasses
 
@@ -22,14 +22,14 @@ from swingup.plant.base_parameters import base_parameters
 from swingup.plant.plant import LEADERBOARD, NAMES, Plant
 from swingup.plant.robots import get_robot
 from swingup.refine.analytic_policy_gradient import single_precision
-from swingup.refine.around import parts_around
+from swingup.refine.dataset import STILL, Dataset, _hanging_still
 from swingup.refine.distillation import distil, new_student
 from swingup.refine.distillation_settings import DistillationSettings, plant_scale
-from swingup.refine.lessons import STILL, Lessons, _hanging_still
 from swingup.refine.plant_draws import SWEEPS, PlantDraws, draw_plants
 from swingup.refine.recipe import RECIPES, run_recipe
 from swingup.refine.recoveries import make_recoveries
 from swingup.refine.teacher import APART, TOP, make_teachers, matched_torque, taught
+from swingup.refine.wrappers import default_wrappers
 from swingup.tasks.observation import PendulumObservation
 
 ACROBOT, PENDUBOT = get_robot("acrobot"), get_robot("pendubot")
@@ -160,7 +160,7 @@ def test_a_matched_torque_moves_another_plant_as_nearly_as_it_can_as_the_nominal
 
 
 def test_lessons_are_joined_in_order():
-    one, two = (Lessons(np.full((n, 4), n), np.full(n, n), np.full(n, n), np.full(n, n)) for n in (2, 3))
+    one, two = (Dataset(np.full((n, 4), n), np.full(n, n), np.full(n, n), np.full(n, n)) for n in (2, 3))
     assert (one + two).u.tolist() == [2, 2, 3, 3, 3]
     assert (one + two).x.shape == (5, 4)
 
@@ -173,9 +173,9 @@ def test_a_new_student_sees_the_plant_in_units_of_its_ranges():
         value = sweep.sweep.high * (getattr(nominal, sweep.parameter) if sweep.relative else 1.0)
         moved = base_parameters(dataclasses.replace(nominal, **{sweep.parameter: value}))
         assert 0.1 < np.abs((moved - base_parameters(nominal)) / plant_scale(base_parameters(nominal))).max() < 3.0
-    assert [part is None for part in parts_around(student)] == [False, False, False]
-    assert parts_around(small()).metadata().keys() == {"estimator"}
-    assert parts_around(student).metadata().keys() == {"estimator", "identifier", "regulator"}
+    assert [part is None for part in default_wrappers(student)] == [False, False, False]
+    assert default_wrappers(small()).metadata().keys() == {"estimator"}
+    assert default_wrappers(student).metadata().keys() == {"estimator", "identifier", "regulator"}
 
 
 @pytest.mark.parametrize("robot", [ACROBOT, PENDUBOT], ids=lambda robot: robot.name)

@@ -18,8 +18,8 @@ from ..common.version import __version__
 from ..controllers.stack.controller import policy_alone, save_controller
 from ..plant.robots import get_robot
 from ..policy.shipped import AR_EAPO, GLOBAL, load_policy
-from ..refine.around import parts_around
 from ..refine.recipe import ADAPT, RECIPES, RefinementReport, run_recipe
+from ..refine.wrappers import default_wrappers
 from .arguments import NO_PLANT, PlantFlags, RobotName
 from .output import SECONDS_BETWEEN_LINES, tell
 
@@ -91,7 +91,7 @@ def _provenance(
         "stages": [{"kind": type(stage).__name__} | dataclasses.asdict(stage) for stage in stages],
         "scores": {"v2": dataclasses.asdict(now.criteria)},
         "base": origin,
-        **parts_around(now.controller).metadata(),
+        **default_wrappers(now.controller).metadata(),
     }
 
 

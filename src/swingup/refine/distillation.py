@@ -30,8 +30,8 @@ from ..plant.plant import LEADERBOARD, Plant
 from ..plant.robots import Robot
 from ..tasks.observation import PendulumObservation, PlantObservation
 from .analytic_policy_gradient import PolicyGradientSettings, batch_cost, single_precision, with_actor
+from .dataset import Dataset, dagger_rollouts, swings_up, uniform_states
 from .distillation_settings import DistillationSettings, plant_scale
-from .lessons import Lessons, lessons_anywhere, lessons_of_runs, swings_up
 from .plant_draws import draw_plants
 from .recoveries import Recoveries, make_recoveries, recovery_cost
 from .teacher import Teachers, make_teachers
@@ -60,19 +60,19 @@ def distil(
     swingups = _swingups(robot, draw_plants(random, robot, settings.draws), settings.nominal)
     teachers, recovery = make_teachers(swingups), single_precision(recovery)
     student = new_student(recovery, settings, random)
-    lessons = lessons_anywhere(teachers, recovery, settings, random)
+    dataset = uniform_states(teachers, recovery, settings, random)
     for number in range(1, settings.rounds + 1):
         which, own = np.arange(teachers.number), 0.0
         if number > 1:
             which, own = _more_of_failing(which, student, teachers, settings, random), settings.own
-        lessons += lessons_of_runs(teachers, recovery, student, settings, random, own, which)
+        dataset += dagger_rollouts(teachers, recovery, student, settings, random, own, which)
         longest = number in (1, settings.rounds)
         steps = settings.steps if longest else settings.steps // 2
         rate = settings.learning_rate * (1.0 if number == 1 else 0.6)
-        student = _learn(student, teachers.base, lessons, settings, random, steps, rate)
+        student = _learn(student, teachers.base, dataset, settings, random, steps, rate)
         tell(student, number)
     if settings.score_steps:
-        student = _learn_score(student, teachers, lessons, settings, random)
+        student = _learn_score(student, teachers, dataset, settings, random)
         tell(student, settings.rounds + 1)
     return eqx.tree_at(lambda c: c.policy, student, jax.tree.map(np.asarray, student.policy))
 
@@ -105,7 +105,7 @@ def new_student(
 def _learn(
     student: PolicyController,
     bases: Float[Array, "plants 9"],
-    lessons: Lessons,
+    dataset: Dataset,
     settings: DistillationSettings,
     random: np.random.Generator,
     steps: int,
@@ -113,13 +113,13 @@ def _learn(
 ) -> PolicyController:
     """Adam on the squared errors of the torque; the step size falls to 0 on a cosine."""
     optimiser = optax.adam(optax.cosine_decay_schedule(rate, steps))
-    return _trained(student, bases, lessons, settings, _key(random), steps, optimiser, None)
+    return _trained(student, bases, dataset, settings, _key(random), steps, optimiser, None)
 
 
 def _learn_score(
     student: PolicyController,
     teachers: Teachers,
-    lessons: Lessons,
+    dataset: Dataset,
     settings: DistillationSettings,
     random: np.random.Generator,
 ) -> PolicyController:
@@ -133,13 +133,13 @@ def _learn_score(
     episodes = PolicyGradientSettings(duration=s.score_duration)
     recoveries = make_recoveries(student, teachers, settings, random) if s.recovery_episodes else None
     key, steps = _key(random), s.score_steps
-    return _trained(student, teachers.base, lessons, s, key, steps, optimiser, episodes, recoveries)
+    return _trained(student, teachers.base, dataset, s, key, steps, optimiser, episodes, recoveries)
 
 
 def _trained(
     student: PolicyController,
     bases: Float[Array, "plants 9"],
-    lessons: Lessons,
+    dataset: Dataset,
     settings: DistillationSettings,
     key: Key,
     steps: int,
@@ -147,7 +147,7 @@ def _trained(
     episodes: PolicyGradientSettings | None,
     recoveries: Recoveries | None = None,
 ) -> PolicyController:
-    on_device = jax.tree.map(jnp.asarray, lessons)
+    on_device = jax.tree.map(jnp.asarray, dataset)
     actor = _descend(student, bases, on_device, settings, key, steps, optimiser, episodes, recoveries)
     return with_actor(student, actor)
 
@@ -156,7 +156,7 @@ def _trained(
 def _descend(
     student: PolicyController,
     bases: Float[Array, "plants 9"],
-    lessons: Any,
+    dataset: Any,
     settings: DistillationSettings,
     key: Key,
     steps: int,
@@ -164,11 +164,11 @@ def _descend(
     episodes: PolicyGradientSettings | None,
     recoveries: Recoveries | None,
 ) -> Actor:
-    """The student's network after these steps on minibatches of the lessons; those from anywhere come first."""
+    """The student's network after these steps on minibatches of the dataset; those from anywhere come first."""
     s, limit = settings, student.torque_limit
     sizes = s.anywhere_batch, s.batch
     first = jnp.array(np.repeat([0, s.anywhere], sizes))
-    count = jnp.array(np.repeat([s.anywhere, len(lessons.u) - s.anywhere], sizes))
+    count = jnp.array(np.repeat([s.anywhere, len(dataset.u) - s.anywhere], sizes))
     plant, others = LEADERBOARD.driven(student.robot), eqx.tree_at(lambda c: c.policy.actor, student, None)
 
     def observe(x: State, base: Array) -> Array:
@@ -177,9 +177,9 @@ def _descend(
     def loss(actor: Actor, key: Key) -> Scalar:
         rows_key, size_key, start_key = jax.random.split(key, 3)
         chosen = first + jax.random.randint(rows_key, first.shape, 0, count)
-        seen = jax.vmap(observe)(lessons.x[chosen], bases[lessons.plant[chosen]])
-        errors = limit * actor.mode(seen.T)[0] - lessons.u[chosen]
-        total = jnp.mean(lessons.weight[chosen] * errors**2)
+        seen = jax.vmap(observe)(dataset.x[chosen], bases[dataset.plant[chosen]])
+        errors = limit * actor.mode(seen.T)[0] - dataset.u[chosen]
+        total = jnp.mean(dataset.weight[chosen] * errors**2)
         if episodes is None:
             return total
         shape = s.score_episodes, 4

@@ -20,11 +20,11 @@ from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..plant.robots import Robot
 from ..policy.plant_facts import plant_difference, policy_plant
 from .analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings
-from .around import judged
 from .distillation import distil
 from .distillation_settings import DistillationSettings
 from .episodes import EpisodeSettings, sample_episodes
 from .objective import EpisodeWeights
+from .wrappers import wrapped
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -114,7 +114,7 @@ def run_recipe(
         def tell(
             now: PolicyController, iteration: int, of: int, measures: dict[str, float], number: int = number
         ) -> None:
-            criteria = judge(judged(now), robot, plant=found).criteria
+            criteria = judge(wrapped(now), robot, plant=found).criteria
             report(RefinementReport(number, iteration, of, time.perf_counter() - start, now, criteria, measures))
 
         if isinstance(stage, DistillationSettings):

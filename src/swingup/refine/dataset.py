@@ -1,4 +1,4 @@
-"""Lessons: states that runs visit, and what a teacher of the run's plant would do in them."""
+"""The dataset of a distillation: states that runs visit, and what a teacher of the run's plant does in them."""
 
 from typing import Any, NamedTuple
 
@@ -20,7 +20,7 @@ from .teacher import ARRIVED, Teachers, taught, top_cost
 DT = 0.002
 """Step of the runs (s)."""
 KEPT = 5
-"""One of so many steps is a lesson: neighbours are alike."""
+"""One of so many steps is in the dataset: neighbours are alike."""
 ANYWHERE_SPEED = 10.0
 """Largest standard deviation of the velocities of states from anywhere (rad/s)."""
 STILL = 0.7
@@ -31,7 +31,7 @@ ROUGH = (0.1, 0.1, 0.6, 0.6)
 """Deviations of the first states of the roughest runs from a swing-up (rad, rad/s)."""
 
 
-class Lessons(NamedTuple):
+class Dataset(NamedTuple):
     """States, the teachers' torques there (N m), whose plants they are, and how much they count."""
 
     x: Float[np.ndarray, "n 4"]
@@ -39,24 +39,24 @@ class Lessons(NamedTuple):
     plant: Int[np.ndarray, "n"]
     weight: Float[np.ndarray, "n"]
 
-    def __add__(self, more: "Lessons") -> "Lessons":  # type: ignore[override]  # of tuples
+    def __add__(self, more: "Dataset") -> "Dataset":  # type: ignore[override]  # of tuples
         """Both, these first."""
-        return Lessons(*(np.concatenate(pair) for pair in zip(self, more, strict=True)))
+        return Dataset(*(np.concatenate(pair) for pair in zip(self, more, strict=True)))
 
 
-def lessons_anywhere(
+def uniform_states(
     teachers: Teachers, recovery: PolicyController, settings: DistillationSettings, random: np.random.Generator
-) -> Lessons:
+) -> Dataset:
     """States from anywhere on all plants."""
     number, size = settings.anywhere, (settings.anywhere, 2)
     rates = random.uniform(0, ANYWHERE_SPEED, (number, 1)) * random.normal(size=size)
     x = np.concatenate([random.uniform(-np.pi, np.pi, size), rates], axis=1).astype(np.float32)
     plant = random.integers(0, teachers.number, number).astype(np.int32)
     weight = np.full(number, settings.anywhere_weight, np.float32)
-    return Lessons(x, np.asarray(_answers(teachers, recovery, settings.tube, x, plant)), plant, weight)
+    return Dataset(x, np.asarray(_answers(teachers, recovery, settings.tube, x, plant)), plant, weight)
 
 
-def lessons_of_runs(
+def dagger_rollouts(
     teachers: Teachers,
     recovery: PolicyController,
     student: PolicyController,
@@ -64,7 +64,7 @@ def lessons_of_runs(
     random: np.random.Generator,
     own: float,
     which: Int[np.ndarray, "plants"],
-) -> Lessons:
+) -> Dataset:
     """The states of runs on these plants; in a share ``own`` of them the student acts, else the teacher."""
     teachers = jax.tree.map(lambda leaf: leaf[which], teachers)
     shape = teachers.number, settings.runs
@@ -81,7 +81,7 @@ def lessons_of_runs(
     good = np.isfinite(x).all((2, 3)) & (np.abs(x[..., 2:]).max((2, 3)) < SPOILT)
     plant = np.broadcast_to(which.astype(np.int32)[:, None, None], u.shape)
     weight = np.where(distance < settings.tube, 1.0, settings.outside_weight).astype(np.float32)
-    return Lessons(x[good].reshape(-1, 4), *(each[good].reshape(-1) for each in (u, plant, weight)))
+    return Dataset(x[good].reshape(-1, 4), *(each[good].reshape(-1) for each in (u, plant, weight)))
 
 
 def _hanging_still(

@@ -1,4 +1,4 @@
-"""What the file of a refined policy puts around it."""
+"""The parts around a refined policy: estimator, identifier and regulator."""
 
 from dataclasses import asdict, replace
 from typing import Any, NamedTuple
@@ -18,7 +18,7 @@ ACCELERATION_NOISE = 10.0
 """The estimator's where the model is the plant found (rad/s²): such a model errs less. Chosen likewise."""
 
 
-class Around(NamedTuple):
+class Wrappers(NamedTuple):
     """Settings of the parts around a policy; None for those that it has not."""
 
     estimator: EstimatorSettings | None = None
@@ -31,18 +31,18 @@ class Around(NamedTuple):
         return {part.PART: asdict(part) for part in parts if part is not None}
 
 
-def parts_around(controller: PolicyController) -> Around:
+def default_wrappers(controller: PolicyController) -> Wrappers:
     """The parts in a refined policy's file: an estimator, and for a policy that sees its plant what finds that."""
     estimator = default_estimator(plant_of(controller))
     if not controller.policy.sees_plant:
-        return Around(estimator)
+        return Wrappers(estimator)
     estimator = replace(estimator, acceleration_noise=ACCELERATION_NOISE)
-    return Around(estimator, IdentifierSettings(), HAND_OVER[controller.robot.name])
+    return Wrappers(estimator, IdentifierSettings(), HAND_OVER[controller.robot.name])
 
 
-def judged(controller: PolicyController) -> AbstractController[Any]:
+def wrapped(controller: PolicyController) -> AbstractController[Any]:
     """What progress is judged by: the policy alone, or with all of its parts if it sees its plant."""
-    parts = parts_around(controller)
+    parts = default_wrappers(controller)
     if parts.identifier is None:
         return controller
     return make_controller(replace(policy_of(controller), **parts._asdict()))
