@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from swingup.common.errors import SwingupError
 from swingup.controllers.interface.compiled import loop_controller
 from swingup.controllers.registry import get_controller
 from swingup.export.c_backend.header import c_header
 from swingup.export.realaigym import RealAIGymController
+from swingup.policy.estimator.settings import EstimatorSettings
 from swingup.policy.guard.settings import GuardSettings, Reason, choose_guard
 from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.pendulum import read_pendulum_policy, write_pendulum_policy
@@ -315,16 +315,12 @@ def test_who_has_a_guard(tmp_path):
     assert choose_guard(True, None, DT) == choose_guard(True, None, None) == GuardSettings()
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"velocity_limit": -1}, "guard setting velocity_limit = -1: use a number from 1e-06 to 1e"),
-        ({"spacing": 5}, "unknown guard setting 'spacing': use some of dt"),
-        ({"velocity_limits": 1}, "unknown guard setting 'velocity_limits': use some of dt, angle_limit"),
-        ({"torque_rate": "fast"}, "guard setting torque_rate = 'fast': use a number"),
-        ({"longest_pause": 0.001}, "guard setting longest_pause = 0.001 is below dt = 0.002: raise it"),
-    ],
-)
-def test_settings_that_cannot_work(settings, message):
-    with pytest.raises(SwingupError, match=message):
-        load_controller("ar-eapo", "acrobot", guard=settings)
+def test_the_period_is_the_estimators():
+    found = policy("acrobot-ar-eapo")
+    assert found.period is None
+    behind = dataclasses.replace(found, estimator=EstimatorSettings(dt=0.001))
+    assert behind.period == 0.001
+    counted, timed = (RealAIGymController(numpy_controller(behind)) for _ in range(2))
+    for step in range(5):
+        x = np.full(4, 0.1 * step)
+        np.testing.assert_array_equal(counted.get_control_output(x), timed.get_control_output(x, 0.001 * step))

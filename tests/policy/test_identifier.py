@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.common.errors import SwingupError
 from swingup.controllers.interface.controller import AbstractController, check_interface
 from swingup.controllers.stack.estimator import with_estimator
 from swingup.controllers.stack.maths import JAX
@@ -20,7 +19,7 @@ from swingup.plant.plant import LEADERBOARD
 from swingup.plant.robots import get_robot
 from swingup.policy.identifier import core
 from swingup.policy.identifier.core import hat_weights
-from swingup.policy.identifier.settings import LAG, IdentifierSettings, prior
+from swingup.policy.identifier.settings import LAG, IdentifierSettings
 
 DT, STEPS = 0.002, 800
 ROBOT = get_robot("acrobot")
@@ -197,15 +196,6 @@ def test_hat():
     even = hat_weights(np, np.full(6, 0.002), 0.002 * np.arange(7))
     np.testing.assert_allclose(even[0], np.array([0.5, 1.5, 2.5, 2.5, 1.5, 0.5]) / 9, rtol=1e-12)
     np.testing.assert_allclose(even[1], np.array([1, 1, 1, -1, -1, -1]) / (9 * 0.002), rtol=1e-12)
-
-
-def test_settings():
-    for wrong in (-1, float("nan")):
-        with pytest.raises(SwingupError, match="identifier setting passive_limit"):
-            IdentifierSettings(passive_limit=wrong)
-    mean, covariance = prior(NOMINAL)
-    assert mean[LAG] == 0
-    assert np.linalg.eigvalsh(covariance).min() > -1e-12
 
 
 @pytest.mark.parametrize("double", [False, True])

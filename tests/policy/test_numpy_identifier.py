@@ -52,40 +52,24 @@ def changed(plant):
     return dataclasses.replace(plant, m2=1.1 * plant.m2, r2=0.93 * plant.r2, I2=1.1 * plant.I2, cf1=0.05, cf2=0.16)
 
 
-def run(controller, plant, steps=STEPS, spoilt=(), periods=None, late=False):
+def run(controller, plant, steps=STEPS, periods=None, late=False):
     """The controller's torques on a motion of a plant under a swinging torque, which the controller is told.
 
-    Measurements are replaced by others at some steps. Periods (s) are DT if none are given. Late measurements are
-    those of the call before.
+    Periods (s) are DT if none are given. Late measurements are those of the call before.
     """
     lumped, x, rows = lump(plant), (0.0, 0.0, 0.0, 0.0), []
     before = x
     periods = np.full(steps, DT) if periods is None else periods
-    for step, (t, period) in enumerate(zip(np.cumsum(periods) - periods, periods, strict=True)):
-        rows.append(controller(np.array(dict(spoilt).get(step, before if late else x)), t))
+    for t, period in zip(np.cumsum(periods) - periods, periods, strict=True):
+        rows.append(controller(np.array(before if late else x), t))
         before = x
         torque = 1.5 * math.sin(6.5 * t) + math.sin(15 * t + 1)
-        # As if the policy had commanded it; what is not finite it has commanded itself.
-        if np.isfinite(rows[-1]).all():
-            controller.inner.state.identified.torques[0] = 0.0, torque
-            controller.inner.state.torques[0] = torque
+        # As if the policy had commanded it.
+        controller.inner.state.identified.torques[0] = 0.0, torque
+        controller.inner.state.torques[0] = torque
         for _ in range(FINE):
             x = damped_midpoint_step(lumped, plant.friction, x, (0.0, torque), period / FINE, NUMPY)
     return np.array(rows)
-
-
-def test_it_finds_a_changed_plant(policy):
-    plant, controller = changed(policy.plant), numpy_controller(policy)
-    first = run(controller, plant)
-    true, nominal = base_parameters(plant), base_parameters(policy.plant)
-    theta = np.array(controller.inner.found.theta)
-    assert (np.abs(nominal / true - 1)[:4] > 0.015).sum() >= 3
-    np.testing.assert_allclose(theta[:4], true[:4], rtol=0.015)
-    np.testing.assert_allclose(theta[6:8], true[6:8], atol=0.01)
-    # After a reset it answers the same, bit for bit.
-    controller.reset()
-    assert controller.inner.found.theta == tuple(nominal)
-    np.testing.assert_array_equal(run(controller, plant, 200), first[:200])
 
 
 def uneven_periods():
@@ -102,6 +86,7 @@ def test_it_finds_the_plant_at_other_periods(policy, clock):
     true, theta = base_parameters(plant), np.array(controller.inner.found.theta)
     np.testing.assert_allclose(theta[:4], true[:4], rtol=0.02)
     np.testing.assert_allclose(theta[6:8], true[6:8], atol=0.01)
+    assert (np.abs(base_parameters(policy.plant) / true - 1)[:4] > 0.015).sum() >= 3
 
 
 @pytest.mark.parametrize(("late", "even"), [(True, False), (False, False), (True, True), (False, True)])
@@ -145,31 +130,6 @@ def test_the_policy_is_told(policy):
     assert np.abs(np.array(after) - before).max() > 1e-3
     told.tell(base_parameters(policy.plant).tolist())
     np.testing.assert_allclose([told(x) for x in random_states()[:20]], before, rtol=0, atol=1e-13)
-
-
-def test_without_hidden_layers_too(policy):
-    network = dataclasses.replace(policy.network, trunk=(), head=layer(1, 15))
-    policy = dataclasses.replace(policy, network=network)
-    plant, x = changed(policy.plant), random_states()[0]
-    network, other = NumpyNetwork(policy), NumpyNetwork(dataclasses.replace(policy, plant=plant))
-    network.tell(base_parameters(plant).tolist())
-    assert network(x) == pytest.approx(other(x), abs=1e-13)
-    assert network(x) != pytest.approx(NumpyNetwork(policy)(x), abs=1e-6)
-
-
-def test_without_an_estimator_nothing_is_identified(policy):
-    alone = numpy_controller(policy, estimated=False)
-    x = np.array([0.3, -0.2, 1.0, 2.0])
-    assert alone(x, 0.0)[1] == NumpyNetwork(policy)(x)
-
-
-def test_what_is_not_finite_is_left_out(policy):
-    """An angle, a rate that the identifier does not use, and an angle that no encoder gives."""
-    plant, controller = changed(policy.plant), numpy_controller(policy)
-    spoilt = {300: (np.nan,) * 4, 400: (0.1, 0.2, np.inf, 0.0), 401: (0.1, 0.2, 0.0, np.nan), 500: (1e200, 0, 0, 0)}
-    torques = run(controller, plant, spoilt=spoilt.items())
-    assert np.flatnonzero(np.isnan(torques[:, 1])).tolist() == [300, 400, 401]
-    np.testing.assert_allclose(controller.inner.found.theta[:4], base_parameters(plant)[:4], rtol=0.03)
 
 
 IDENTIFY = """
