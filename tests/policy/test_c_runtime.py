@@ -15,8 +15,9 @@ from .references import DT, TOLD, policy
 pytestmark = needs_gcc
 
 PARTS = ("estimator", "identifier", "regulator", "guard")
+QUICK = ((), ("guard",), ("estimator", "regulator"), PARTS)
 COMBINATIONS = [
-    parts
+    pytest.param(parts, marks=[] if parts in QUICK else pytest.mark.slow, id="-".join(parts))
     for number in range(len(PARTS) + 1)
     for parts in itertools.combinations(PARTS, number)
     if "identifier" not in parts or "estimator" in parts
@@ -89,7 +90,7 @@ def gcc(folder, *flags):
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize("parts", COMBINATIONS, ids="-".join)
+@pytest.mark.parametrize("parts", COMBINATIONS)
 def test_with_each_combination_of_switches(tmp_path, parts):
     """Without a warning; and whatever it is sent, no torque is beyond its motor's limit."""
     write(tmp_path, parts)

@@ -62,7 +62,8 @@ def test_a_network_that_sees_the_state_alone_stays_as_it_is():
 def test_told_plants_are_those_of_files():
     """A batch of plants, traced: each row is the ordinary network of a file with that plant."""
     plants = LEADERBOARD.driven(sighted_policy().robot), load_plant("C.1")
-    controller, states = in_double(sighted_policy()), random_states()[:20]
+    with jax.enable_x64(True):
+        controller, states = in_double(sighted_policy()), random_states()[:20]
 
     @jax.jit
     @jax.vmap
