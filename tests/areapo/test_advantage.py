@@ -43,21 +43,23 @@ def test_advantages_equal_a_plain_loop(discount, gae_lambda):
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
+@jax.jit
 def history(rewards, config):
     """ρ after rollouts of one constant reward each, for values that stay at 0."""
-    state, found = gains(), []
-    for reward in rewards:
+
+    def learn(state, reward):
         deltas = jnp.full((config.num_steps, 1, 2), reward) - state.gains
         if config.gain == "advantage":
             deltas = lambda_advantages(deltas, jnp.zeros(deltas.shape[:2], bool), config)
-        state = update_gains(state, deltas, ROLLOUT, config)
-        found.append(float(state.gains[0]))
-    return found
+        after = update_gains(state, deltas, ROLLOUT, config)
+        return after, after.gains[0]
+
+    return jax.lax.scan(learn, gains(), rewards)[1]
 
 
 def test_the_authors_gain_starts_at_full_step():
     # Over 128 steps mean(Σ 0.8^k) = 4.844: ρ_1 = 4.84, ρ_2 = 4.84 + 0.5025 · 4.84 (1 - 4.84) = -4.51, and so on.
-    found = history([1.0] * 200, Config())
+    found = history(jnp.ones(200), Config())
     np.testing.assert_allclose(found[:5], [4.84, -4.51, 4.48, 0.20, 0.99], atol=0.01)
     assert found[-1] == pytest.approx(1.0, abs=1e-4)
 
@@ -65,13 +67,13 @@ def test_the_authors_gain_starts_at_full_step():
 @pytest.mark.parametrize("gae_lambda", [0.0, 0.8, 0.98, 1.0])
 def test_the_gain_of_errors_starts_at_the_mean_reward(gae_lambda):
     """Exactly 1 from the first rollout on, for every λ: mean(δ) = 1 - ρ with values that stay at 0."""
-    found = history([1.0] * 4, Config(gain="td", gae_lambda=(gae_lambda, 0.6)))
+    found = history(jnp.ones(4), Config(gain="td", gae_lambda=(gae_lambda, 0.6)))
     np.testing.assert_allclose(found, 1.0, atol=1e-6)
 
 
 def test_the_gain_of_errors_is_a_mean_that_forgets():
     # η = 0.5: traces 0.5, 0.75, 0.875; steps 1, 2/3, 4/7. ρ = 0, then 2/3 · 3 = 2, then 2 + 4/7 (9 - 2) = 6.
-    found = history([0.0, 3.0, 9.0], Config(gain="td", gain_step_size=0.5))
+    found = history(jnp.array([0.0, 3.0, 9.0]), Config(gain="td", gain_step_size=0.5))
     np.testing.assert_allclose(found, [0.0, 2.0, 6.0], atol=1e-6)
 
 
@@ -81,9 +83,7 @@ def test_both_gains_share_the_trace():
     # trace = 0.5 + 0.5 · 0.5 = 0.75; the step is 0.5 / 0.75 = 2/3.
     assert after.gain_trace == pytest.approx(0.75)
     np.testing.assert_allclose(after.gains, [1.0 + 2 / 3, 2.0 + 2.0], rtol=1e-6)
-
-
-def test_rows_that_do_not_count_move_no_gain():
+    # Rows that do not count move no gain.
     errors = jnp.array([[[1.0, 1.0]], [[100.0, 100.0]]])
     rollout = types.SimpleNamespace(counted=jnp.array([[1.0], [0.0]]))
     np.testing.assert_allclose(update_gains(gains(), errors, rollout, Config()).gains, 1.0, rtol=1e-6)

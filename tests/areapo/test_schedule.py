@@ -35,11 +35,8 @@ def test_the_temperature_is_lower_for_a_while(done, factor):
     assert float(found.temperature) == pytest.approx(2.0 * factor, rel=1e-4)
 
 
-def test_a_run_of_one_cycle_ends_before_the_next_begins():
+def test_cycles_are_of_whole_iterations_and_a_constant_schedule_changes_nothing():
     config = dataclasses.replace(CONFIG, schedule_frames=99_001)  # 100 iterations, rounded up
     assert float(scheduled(config, jnp.array(99)).learning_rate) < 2e-4
-
-
-def test_a_constant_schedule_changes_nothing():
     config = dataclasses.replace(CONFIG, schedule="constant")
     assert scheduled(config, jnp.array(5)) is config

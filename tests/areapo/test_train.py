@@ -13,7 +13,6 @@ from swingup.areapo.algorithm import loss
 from swingup.areapo.bootstrap import BOOTSTRAP_SIZE
 from swingup.areapo.config import Config, config_from_dict
 from swingup.areapo.reset_cost import charge_resets
-from swingup.common.errors import SwingupError
 from swingup.plant.robots import ROBOTS
 from swingup.tasks.presets import smooth_task
 
@@ -121,11 +120,7 @@ def independent_estimate(state, rollout, config):
     return result, values
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [{}, {"centre_values": True}, DISCOUNTED],
-    ids=["paper", "centred", "discounted"],
-)
+@pytest.mark.parametrize("changes", [{}, {"centre_values": True}, DISCOUNTED], ids=str)
 def test_estimates_equal_plain_loops(collected, changes):
     state, rollout = collected
     config = Config(**(vars(CONFIG) | changes))
@@ -140,15 +135,7 @@ def test_estimates_equal_plain_loops(collected, changes):
     np.testing.assert_allclose(centred, values - shift, atol=1e-5)
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        DISCOUNTED,
-        {"reset_cost": 3.0},
-        {"terminations": "bootstrap"},
-    ],
-    ids=["end", "reset cost", "bootstrap"],
-)
+@pytest.mark.parametrize("changes", [DISCOUNTED, {"reset_cost": 3.0}, {"terminations": "bootstrap"}], ids=str)
 def test_what_a_termination_means_by_plain_loops(collected, changes):
     """As if half of the environments had ended themselves where they were cut short."""
     state, rollout = collected
@@ -227,14 +214,6 @@ def test_one_step_of_adam_by_hand(collected):
         np.testing.assert_allclose(new - old, -5e-4 * clipped / (jnp.abs(clipped) + 1e-5), atol=2e-6)
 
 
-def test_every_epoch_has_all_its_minibatches(collected):
-    state, rollout = collected
-    _, batch, _ = estimate(state, rollout, CONFIG)
-    after, _, _ = improve(state, batch, CONFIG)
-    # 2 epochs of 32 frames in minibatches of 16.
-    assert adam_steps(after) == 4
-
-
 def adam_steps(state):
     (count,) = (leaf for leaf in jax.tree.leaves(state.optimiser) if leaf.ndim == 0)
     return int(count)
@@ -247,6 +226,7 @@ def test_the_steps_end_at_the_target_of_the_kl_divergence(collected):
     far, _, _ = improve(state, batch, dataclasses.replace(fast, target_kl=1e6))
     free, _, _ = improve(state, batch, fast)
     assert jax.tree.all(jax.tree.map(np.array_equal, far.actor, free.actor))
+    assert adam_steps(free) == 4  # 2 epochs of 32 frames in minibatches of 16
     # The first minibatch is seen by the policy that collected it; after one step any divergence is too much.
     near, _, _ = improve(state, batch, dataclasses.replace(fast, target_kl=1e-6))
     assert adam_steps(near) == 1
@@ -262,32 +242,6 @@ def test_table_one():
     assert (paper.log_std_init, paper.max_grad_norm) == (-1.0, 10.0)
     assert (paper.num_envs, paper.num_steps, paper.num_epochs, paper.batch_size) == (64, 128, 6, 1024)
     assert (paper.policy_layers, paper.value_layers) == ((256, 256), (512, 512))
-
-
-@pytest.mark.parametrize(
-    ("changes", "named"),
-    [
-        ({"batch_size": 1000}, "1000"),
-        ({"num_envs": 0}, "num_envs = 0"),
-        ({"num_envs": True}, "num_envs"),
-        ({"learning_rate": float("nan")}, "learning_rate = nan"),
-        ({"learning_rate": "fast"}, "learning_rate"),
-        ({"policy_layers": ()}, "policy_layers"),
-        ({"policy_layers": (0,)}, "policy_layers = 0"),
-        ({"gae_lambda": 0.9}, "gae_lambda = 0.9: use two numbers"),
-        ({"gae_lambda": (0.9, 1.1)}, "gae_lambda = 1.1"),
-        ({"gain": "none"}, "discount"),
-        ({"terminations": "end"}, "terminations = 'end'"),
-        ({"gain": "none", "discount": (0.9, 0.9), "centre_values": True}, "centre_values"),
-        ({"gain": "trace"}, "'trace'"),
-        ({"activation": "Tanh"}, "did you mean tanh"),
-        ({"centre_values": 1}, "centre_values = 1: use True or False"),
-        ({"schedule": "cosine"}, "'cosine'"),
-    ],
-)
-def test_what_cannot_work_is_refused(changes, named):
-    with pytest.raises(SwingupError, match=named):
-        Config(**changes)
 
 
 def test_config_survives_json():
