@@ -16,7 +16,6 @@ from swingup.tasks.space_actions import space_actions
 
 from .environments import Chain, Noisy, Stairs
 
-LARGEST = np.finfo(np.float32).max
 ZEROS = np.zeros((2, 2), np.float32)
 
 
@@ -102,44 +101,36 @@ class Odd(Stairs):
 
 
 ONE = Stairs()
-
-
-@pytest.mark.parametrize(
-    ("env", "message"),
-    [
-        ("NoSuchTask-v0", "making 2 of 'NoSuchTask-v0' raised .*use a Gymnasium id"),
-        (3, "int 3 cannot be trained on: use a Gymnasium id"),
-        (ONE, "num_envs = 2, but env holds 1: make them equal, or pass the function that makes one"),
-        (TimeLimit(ONE, 9), "env holds 1"),
-        ([Stairs] * 3, "env holds 3"),
-        ([3, 4], "list .* cannot be trained on"),
-        (
-            lambda: NormalizeObservation(Stairs()),
-            "NormalizeObservation normalises observations by .*: leave it out",
-        ),
-        (lambda: TimeLimit(NormalizeReward(Stairs()), 9), "NormalizeReward normalises rewards by .*: leave it out"),
-        (
-            gymnasium.wrappers.vector.NormalizeObservation(SyncVectorEnv([Stairs] * 2)),
-            "NormalizeObservation normalises observations by statistics of its own",
-        ),
-        (SyncVectorEnv([lambda: NormalizeReward(Stairs())] * 2), "NormalizeReward normalises rewards"),
-        (lambda: ONE, "returned the same environment again"),
-        (lambda: 3, "made a int: it must make a gymnasium.Env"),
-        (functools.partial(Odd, Dict({"a": Discrete(2)})), "observations .* are not a Box: wrap it in .*Flatten"),
-        (functools.partial(Odd, Box(-1, 1, (0,))), "observations .* are empty"),
-        (functools.partial(Odd, Box(0, 255, (8, 8, 3), np.uint8)), "are images, which these networks cannot see"),
-        (functools.partial(Odd, None, Box(-1, 1, (0,))), "actions .* are empty"),
-        (functools.partial(Odd, None, Box(-np.inf, np.inf, (1,))), "have no bounds to scale to"),
-        (functools.partial(Odd, None, Box(-LARGEST, LARGEST, (1,))), "have no bounds to scale to"),
-        (functools.partial(Odd, None, Box(0, 9, (1,), np.int64)), "are whole numbers in a Box"),
-        (functools.partial(Odd, None, MultiBinary(3)), "are not supported: use a bounded Box, Discrete or"),
-        (Chain(3, "cycle", AutoresetMode.SAME_STEP), "num_envs = 2, but env holds 3"),
-        (Chain(2, "cycle", None), "autoreset_mode = None"),
+WIDE = [Box(-most, most, (1,)) for most in (np.inf, np.finfo(np.float32).max)]
+UNTRAINABLE = {
+    "use a Gymnasium id": ["NoSuchTask-v0", 3],
+    "num_envs = 2, but env holds 1": [ONE, TimeLimit(ONE, 9)],
+    "num_envs = 2, but env holds 3": [[Stairs] * 3, Chain(3, "cycle", AutoresetMode.SAME_STEP)],
+    "list .* cannot be trained on": [[3, 4]],
+    "NormalizeObservation normalises observations by": [
+        lambda: NormalizeObservation(Stairs()),
+        gymnasium.wrappers.vector.NormalizeObservation(SyncVectorEnv([Stairs] * 2)),
     ],
-)
-def test_what_cannot_be_trained_on(env, message):
-    with pytest.raises(SwingupError, match=message):
-        make_environments(env, 2)
+    "NormalizeReward normalises rewards": [
+        lambda: TimeLimit(NormalizeReward(Stairs()), 9), SyncVectorEnv([lambda: NormalizeReward(Stairs())] * 2),
+    ],
+    "returned the same environment again": [lambda: ONE],
+    "must make a gymnasium.Env": [lambda: 3],
+    "are not a Box: wrap it in .*Flatten": [functools.partial(Odd, Dict({"a": Discrete(2)}))],
+    "are empty": [functools.partial(Odd, Box(-1, 1, (0,))), functools.partial(Odd, None, Box(-1, 1, (0,)))],
+    "are images": [functools.partial(Odd, Box(0, 255, (8, 8, 3), np.uint8))],
+    "have no bounds to scale to": [functools.partial(Odd, None, box) for box in WIDE],
+    "are whole numbers in a Box": [functools.partial(Odd, None, Box(0, 9, (1,), np.int64))],
+    "use a bounded Box, Discrete or": [functools.partial(Odd, None, MultiBinary(3))],
+    "autoreset_mode = None": [Chain(2, "cycle", None)],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("message", UNTRAINABLE)
+def test_what_cannot_be_trained_on(message):
+    for env in UNTRAINABLE[message]:
+        with pytest.raises(SwingupError, match=message):
+            make_environments(env, 2)
 
 
 def test_an_environment_that_was_passed_in_is_stepped_and_stays_open():
@@ -203,38 +194,35 @@ class Foreign(VectorEnv):
         return self.returned.get("step", tuple(parts[name] for name in names))
 
 
-@pytest.mark.parametrize(
-    ("returned", "message"),
-    [
-        ({"start": np.zeros((2, 3))}, r"gave observations .* of shape \(2, 3\): return numbers of shape \(4, 3\)"),
-        ({"start": np.full((ENVS, 3), np.nan)}, r"gave observations that are not finite, nan"),
-        ({"start": None}, r"gave observations None, object"),
-        ({"reset": np.zeros((ENVS, 3))}, r"reset\(\) of Foreign gave .*: return \(observations, infos\)"),
-        ({"observations": np.array([["a"] * 3] * ENVS)}, "<U1 of shape"),
-        ({"observations": np.full((ENVS, 3), 1e300)}, r"observations that are not finite, 1e\+300"),
-        ({"observations": [[0, 1], [2]]}, r"gave observations \[\[0, 1\], \[2\]\], list"),
-        ({"rewards": 0.0}, r"gave rewards 0.0, float64 of shape \(\)"),
-        ({"rewards": np.zeros((ENVS, 1))}, r"gave rewards .* of shape \(4, 1\): return numbers of shape \(4,\)"),
-        ({"rewards": [None] * ENVS}, "gave rewards .*object"),
-        ({"rewards": np.array([0, 0, np.inf, 0])}, r"gave rewards that are not finite, inf"),
-        # Any number that is not 0 would count as an end.
-        ({"terminated": np.full(ENVS, np.nan)}, "gave terminated .* float64 .*: return booleans"),
-        ({"truncated": "no"}, "gave truncated 'no', <U2"),
-        ({"step": (0, 0, 0, {})}, r"step\(\) of Foreign gave \(0, 0, 0, {}\): return \(observations, rewards, "),
-        ({"terminated": ENDED}, r"gave final_obs\[0\] None, object"),
-        ({"terminated": ENDED, "infos": None}, r"gave final_obs\[0\] None"),
-        ({"terminated": ENDED, "infos": {"final_obs": [np.zeros(3)]}}, r"gave final_obs\[1\] None"),
-        ({"terminated": ENDED, "infos": {"final_obs": [np.zeros(7)] * ENVS}}, r"gave final_obs.* of shape \(7,\)"),
+WRONG = {
+    "observations": [
+        {"start": np.zeros((2, 3))}, {"start": np.full((ENVS, 3), np.nan)}, {"start": None},
+        {"reset": np.zeros((ENVS, 3))}, {"observations": np.array([["a"] * 3] * ENVS)},
+        {"observations": np.full((ENVS, 3), 1e300)}, {"observations": [[0, 1], [2]]},
     ],
-    ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
-)
-def test_what_no_environment_should_return(returned, message):
-    environments = Environments(Foreign(**returned))
-    with pytest.raises(SwingupError, match=message) as error:
-        begin_and_step(environments, np.zeros((ENVS, 1), np.float32))
-    assert "Foreign" in str(error.value)
-    assert len(str(error.value)) < 400
-    assert str(error.value).isprintable()
+    "rewards": [
+        {"rewards": 0.0}, {"rewards": np.zeros((ENVS, 1))}, {"rewards": [None] * ENVS},
+        {"rewards": np.array([0, 0, np.inf, 0])}, {"step": (0, 0, 0, {})},
+    ],
+    "terminated": [{"terminated": np.full(ENVS, np.nan)}],  # any number that is not 0 would count as an end
+    "truncated": [{"truncated": "no"}],
+    "final_obs": [
+        {"terminated": ENDED, **infos}
+        for infos in (
+            {}, {"infos": None}, {"infos": {"final_obs": [np.zeros(3)]}},
+            {"infos": {"final_obs": [np.zeros(7)] * ENVS}},
+        )
+    ],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("named", WRONG)
+def test_what_no_environment_should_return(named):
+    for returned in WRONG[named]:
+        with pytest.raises(SwingupError, match=f"Foreign.*{named}") as error:
+            begin_and_step(Environments(Foreign(**returned)), np.zeros((ENVS, 1), np.float32))
+        assert len(str(error.value)) < 400
+        assert str(error.value).isprintable()
 
 
 def test_lists_are_as_good_as_arrays_and_buffers_are_copied():
@@ -259,11 +247,8 @@ class Returning(Stairs):
     def reset(self, *, seed=None, options=None):
         answer = super().reset(seed=seed)
         self.resets += 1
-        return (
-            self.changed(*answer)
-            if self.method == "reset" or (self.method == "late" and self.resets > 1)
-            else answer
-        )
+        change = self.method == "reset" or (self.method == "late" and self.resets > 1)
+        return self.changed(*answer) if change else answer
 
     def step(self, action):
         answer = super().step(action)
@@ -306,9 +291,7 @@ def test_environments_that_fail(fault):
 
 
 def test_a_reset_without_a_seed():
-    with pytest.raises(
-        SwingupError, match=r"unexpected keyword argument 'seed'\): Gymnasium's is reset\(\*, seed=None"
-    ):
+    with pytest.raises(SwingupError, match=r"argument 'seed'\): Gymnasium's is reset\(\*, seed=None"):
         make_environments(WithoutSeed, 2).reset(0)
 
 

@@ -1,4 +1,4 @@
-"""The learner on environments with gymnax's methods."""
+"""The learner on environments with gymnax's or envelope's methods."""
 
 import numpy as np
 import pytest
@@ -8,6 +8,7 @@ from swingup import AREAPO
 from swingup.common.errors import SwingupError
 
 from .corridors import Corridor, Params, Turns
+from .halls import Hall
 
 TINY = {
     "num_envs": 2, "num_steps": 16, "num_epochs": 1, "batch_size": 32, "policy_layers": (8,), "value_layers": (8,),
@@ -15,11 +16,20 @@ TINY = {
 }  # fmt: skip
 
 
+BRIEF = Params(max_steps_in_episode=5)
+ENVS = {
+    "learner.corridors.Corridor": ((Corridor(), BRIEF), (Corridor(), Params(door=0.15))),
+    "learner.halls.Hall": (Hall(max_steps=5), Hall(door=0.15)),
+}
+"""Environments, and others with the same spaces whose door is a step away."""
+
+
 @pytest.mark.slow  # compiles for seconds
-def test_an_environment_trains_saves_and_goes_on(tmp_path):
-    env = Corridor()
-    model = AREAPO((env, Params(max_steps_in_episode=5)), seed=3, **TINY).learn(64)
-    assert model.settings.env == "<learner.corridors.Corridor>"
+@pytest.mark.parametrize("name", ENVS)
+def test_an_environment_trains_saves_and_goes_on(tmp_path, name):
+    env, near = ENVS[name]
+    model = AREAPO(env, seed=3, **TINY).learn(64)
+    assert model.settings.env == f"<{name}>"
     # In the environment's shapes and bounds, [-1, 3].
     observations = np.random.default_rng(0).normal(size=(7, 1, 2))
     actions = model.predict(observations)
@@ -30,21 +40,17 @@ def test_an_environment_trains_saves_and_goes_on(tmp_path):
     model.export_policy(tmp_path / "policy.safetensors")
     facts = load_any_policy(tmp_path / "policy.safetensors")[1]
     assert (facts["action_low"], facts["action_high"]) == ([[-1.0]], [[3.0]])
-    with pytest.raises(SwingupError, match=r"was passed in \(<learner.corridors.Corridor>\): pass it again as env"):
+    with pytest.raises(SwingupError, match=rf"was passed in \(<{name}>\): pass it again as env"):
         AREAPO.load(tmp_path / "model.safetensors")
-    other = AREAPO.load(tmp_path / "model.safetensors", env=(env, Params(max_steps_in_episode=5)))
+    other = AREAPO.load(tmp_path / "model.safetensors", env=env)
     np.testing.assert_array_equal(model.learn(64).predict(observations), other.learn(64).predict(observations))
     # Two steps to the door at most speed, and five to the time limit.
     assert 2.0 <= model.evaluate(2)["mean_length"] <= 5.0
-    # Another one with the same spaces, whose door is a step away; what a step beyond it pays does not count.
-    near = model.evaluate(2, env=(env, Params(door=0.15)))
-    assert near["mean_length"] == 1.0
-    assert 0.0 < near["score"] < 3.0
-    assert near["resets_per_1000_steps"] == 1000.0  # every step ends at the door
-    assert near["reward_rate"] == pytest.approx(near["score"])
-    with pytest.raises(
-        SwingupError, match="the policy's actions are 1 numbers, the environment's are 1 choices of 3"
-    ):
+    # What a step beyond the door pays does not count.
+    found = model.evaluate(2, env=near)
+    assert (found["mean_length"], found["resets_per_1000_steps"]) == (1.0, 1000.0)
+    assert 0.0 < found["score"] < 3.0
+    with pytest.raises(SwingupError, match="policy's actions are 1 numbers, the environment's are 1 choices of 3"):
         model.evaluate(2, env=Turns())
 
 

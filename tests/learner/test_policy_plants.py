@@ -24,16 +24,13 @@ def written(evaluator, task, path):
     return read_pendulum_policy(path)
 
 
-def test_training_on_a_plant(tmp_path):
+def test_training(tmp_path):
     plant = load_plant("C.0")
     task = smooth_task(ACROBOT, plant)
     found = written(SwingUpEvaluator(task, plant), task, tmp_path / "p.safetensors")
     assert found.plant == policy_plant(plant, ACROBOT)
     assert (found.plant.name, found.torque_limit) == ("C.0", 6.0)
     assert found.plant.cf1 == plant.cf1 > 0
-
-
-def test_training_on_the_leaderboards_plant(tmp_path):
     task = smooth_task(ACROBOT)
     assert written(SwingUpEvaluator(task), task, tmp_path / "p.safetensors").plant == LEADERBOARD.driven(ACROBOT)
 
