@@ -7,6 +7,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+TINY = {
+    "num_envs": 2, "num_steps": 16, "num_epochs": 1, "batch_size": 32, "policy_layers": (8,), "value_layers": (8,),
+    "evaluate_every": 64, "checkpoint_every": 128, "evaluation_episodes": 2,
+}  # fmt: skip
+"""Of trainings that only have to run."""
+
+
+def moved_by(place, time):
+    """The last observation as a function of the first one."""
+    return lambda start: start + np.array([place, time])
+
 
 @dataclass(frozen=True)
 class Ending:

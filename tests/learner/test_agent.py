@@ -19,12 +19,8 @@ from swingup.plant.robots import ROBOTS
 from swingup.tasks.presets import global_task, smooth_task
 from swingup.tasks.task import AbstractTask, Step
 
+from .contract import TINY
 from .environments import Chain, Endless, Failing, Noisy, Stairs
-
-TINY = {
-    "num_envs": 2, "num_steps": 16, "num_epochs": 1, "batch_size": 32, "policy_layers": (8,), "value_layers": (8,),
-    "evaluate_every": 64, "checkpoint_every": 128, "evaluation_episodes": 2,
-}  # fmt: skip
 
 
 class Lever(AbstractTask):

@@ -13,8 +13,7 @@ from swingup.common.errors import SwingupError
 from swingup.tasks.adapters import as_task
 from swingup.tasks.brax_task import BraxTask
 
-from .contract import Ending, check_contract
-from .test_envelope_task import TINY, moved_by
+from .contract import TINY, Ending, check_contract, moved_by
 
 
 @jax.tree_util.register_dataclass

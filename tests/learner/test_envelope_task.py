@@ -13,13 +13,8 @@ from swingup.common.errors import SwingupError
 from swingup.tasks.adapters import as_task
 from swingup.tasks.envelope_task import EnvelopeTask
 
-from .contract import Ending, check_contract
+from .contract import Ending, check_contract, moved_by
 from .halls import BatchedSpace, Continuous, Crossing, Discrete, Hall, PyTreeSpace, State
-
-
-def moved_by(place, time):
-    """The last observation as a function of the first one."""
-    return lambda start: start + np.array([place, time])
 
 
 @pytest.mark.parametrize(

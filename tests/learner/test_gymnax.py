@@ -7,14 +7,9 @@ from policies import load_any_policy
 from swingup import AREAPO
 from swingup.common.errors import SwingupError
 
+from .contract import TINY
 from .corridors import Corridor, Params, Turns
 from .halls import Hall
-
-TINY = {
-    "num_envs": 2, "num_steps": 16, "num_epochs": 1, "batch_size": 32, "policy_layers": (8,), "value_layers": (8,),
-    "evaluate_every": 64, "checkpoint_every": 128, "evaluation_episodes": 2,
-}  # fmt: skip
-
 
 BRIEF = Params(max_steps_in_episode=5)
 ENVS = {

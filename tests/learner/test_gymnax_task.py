@@ -14,14 +14,8 @@ from swingup.tasks.adapters import as_task
 from swingup.tasks.gymnax_task import GymnaxTask
 from swingup.tasks.presets import smooth_task
 
-from .contract import Ending, check_contract
+from .contract import Ending, check_contract, moved_by
 from .corridors import Box, Corridor, Discrete, Logged, Params, State, Turns
-
-
-def moved_by(place, time):
-    """The last observation as a function of the first one."""
-    return lambda start: start + np.array([place, time])
-
 
 # Scaled to [-1, 3]: an action of 1 walks 0.5 * 3 = 1.5 a step, beyond the door at 2 in the second step.
 RUN = Ending(1.0, 2, True, moved_by(3.0, 1.0))
