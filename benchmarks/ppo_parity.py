@@ -30,7 +30,7 @@ from swingup.benchmark.interval import interquartile_mean, stratified_bootstrap
 
 def ours(task: str, seed: int, frames: int) -> Iterator[Point]:
     """Our preset, in rollouts of the peer's form."""
-    yield from trained_areapo(task, seed, frames, "ppo", num_envs=ENVS, num_steps=STEPS)
+    yield from trained_areapo(task, seed, frames, "ppo", num_envs=ENVS, num_steps=STEPS, normalise_rewards=False)
 
 
 def peers(task: str, seed: int, frames: int) -> Iterator[Point]:

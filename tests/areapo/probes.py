@@ -4,6 +4,7 @@ import abc
 import dataclasses
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -57,6 +58,20 @@ class Cycle(Probe):
 
     def outcome(self, value, action):
         return 2.0 * value, 1.0 - value
+
+
+class Ring(Probe):
+    """Four states in turn, each with its reward; after the last one the task may end: ρ is the mean."""
+
+    rewards: jax.Array = eqx.field(default_factory=lambda: jnp.zeros(4))
+    ends: jax.Array = eqx.field(default_factory=lambda: jnp.array(False))
+
+    def outcome(self, value, action):
+        return self.rewards[value.astype(int)], (value + 1.0) % 4.0
+
+    def step(self, state, action, key):
+        step = super().step(state, action, key)
+        return dataclasses.replace(step, terminated=self.ends & (state[0] == 3.0), truncated=jnp.array(False))
 
 
 class Bowl(Probe):

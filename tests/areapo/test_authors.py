@@ -48,6 +48,7 @@ def estimate_of(authors, gains):
         key=None,
         iterations=jnp.array(0),
         reset_cost=None,
+        task_rewards=None,
         reward_statistics=None,
     )
     rollout = Rollout(

@@ -12,15 +12,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.areapo import algorithm, reset_cost
+from swingup.areapo import algorithm, reset_cost, reward_scale
 from swingup.areapo.config import Config
 from swingup.learner.presets import PRESETS
 
-from .probes import Bowl, Constant, Cycle, Lever, Levers, Switch, Trap, Walk, best_squashed_gaussian
+from .probes import Bowl, Constant, Cycle, Lever, Levers, Ring, Switch, Trap, Walk, best_squashed_gaussian
 
 SMALL = Config(
     num_envs=16, num_steps=32, num_epochs=4, batch_size=128, policy_layers=(32, 32), value_layers=(32, 32),
-    clip_range=0.2, learning_rate=2e-3, gain_step_size=0.05, centre_values=True,
+    clip_range=0.2, learning_rate=2e-3, gain="td", centre_values=True,
 )  # fmt: skip
 
 
@@ -31,7 +31,7 @@ def learn(task, iterations=300, **changes):
     advance = jax.jit(algorithm.train)
     state = jax.jit(algorithm.init)(jax.random.key(0), task, config)
     state, _ = advance(state, task, config, iterations)
-    fine = Config(**(vars(config) | {"learning_rate": config.learning_rate / 10, "gain_step_size": 0.01}))
+    fine = dataclasses.replace(config, learning_rate=config.learning_rate / 10)
     state, _ = advance(state, task, fine, 100)
     return advance(state, task, fine, 100)
 
@@ -52,29 +52,36 @@ def test_constant_reward_has_gain_one_and_no_bias():
 @pytest.mark.parametrize(
     "preset",
     [
-        pytest.param(name, marks=[] if name == "fast" else pytest.mark.slow)
+        pytest.param(name, marks=[] if name in ("fast", "mujoco") else pytest.mark.slow)
         for name, each in PRESETS.items()
         if each.config.gain == "td"
     ],
 )
-def test_the_gain_is_right_after_three_rollouts(preset):
-    """For each λ, length of a rollout and step size that is shipped, with any constant in the rewards."""
-    cheap = {"num_envs": 4, "num_epochs": 1, "policy_layers": (8,), "value_layers": (8,)}
+def test_the_gains_are_right_after_three_rollouts(preset):
+    """For each λ, length of a rollout, unit and cost of a reset that is shipped; one compiled program for each."""
     config = PRESETS[preset].config
-    # Scaled rewards would be constant ones here, in units of their own.
-    cheap |= {"batch_size": 4 * config.num_steps, "normalise_rewards": False}
-    config = dataclasses.replace(config, **cheap)
-    for offset in (0.0, 1000.0):
-        task = Constant(offset=offset)
-        state = jax.jit(algorithm.init)(jax.random.key(0), task, config)
-        state, _ = jax.jit(algorithm.train)(state, task, config, 3)
-        assert float(state.gains[0]) == pytest.approx(1.0 + offset, rel=0.05)
+    cheap = {"num_envs": 4, "num_epochs": 1, "policy_layers": (8,), "value_layers": (8,)}
+    config = dataclasses.replace(config, **cheap, batch_size=4 * config.num_steps)
+    init, advance = jax.jit(algorithm.init), jax.jit(algorithm.train)
+    two = [0.0, 2.0, 0.0, 2.0]  # two states with the mean 1 and v(1) - v(0) = 1
+    for rewards, offset, ends in [([1.0] * 4, 0.0, 0), ([1.0] * 4, 1000.0, 0), (two, -100.0, 0), (two, 0.0, 1)]:
+        task = Ring(offset=offset, rewards=jnp.array(rewards), ends=jnp.array(ends > 0))
+        state, _ = advance(init(jax.random.key(0), task, config), task, config, 2)
+        state, metrics = advance(state, task, config, 1)
+        # Every fourth step has an end, where there are ends.
+        expected = 1.0 + offset - ends * float(metrics.reset_cost) / 4
+        assert float(metrics.gain) == pytest.approx(expected, rel=0.05)
+        unit = float(reward_scale.deviation(state.reward_statistics))
+        assert float(metrics.entropy_gain) == pytest.approx(
+            config.temperature * unit * float(metrics.entropy), rel=0.05
+        )
+        assert (float(metrics.reset_cost) > 0) or not ends
 
 
 @pytest.mark.slow
 def test_a_constant_added_to_the_rewards_changes_no_policy():
     """1,024 is a power of two: the rewards lose only digits that the gain has, and the same numbers are learned."""
-    config = Config(**(vars(SMALL) | {"gain": "td", "gain_step_size": 0.2, "temperature": 0.1}))
+    config = dataclasses.replace(SMALL, temperature=0.1)
     advance, actors = jax.jit(algorithm.train), []
     for offset in (0.0, 1024.0):
         task = Bowl(offset=offset)

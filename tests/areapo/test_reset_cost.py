@@ -18,34 +18,37 @@ ADAPTIVE = dataclasses.replace(CONFIG, terminations="adaptive_cost")
 
 
 @pytest.mark.parametrize(
-    ("cost", "rate", "expected"),
+    ("cost", "terminations", "frames", "expected"),
     [
-        (3.0, 1.5 * TERMINATION_TARGET, 3.0 + 0.5 * COST_STEP),
-        (3.0, 9.0 * TERMINATION_TARGET, 3.0 + COST_STEP),  # never by more than the step, whatever the excess
-        (3.0, 0.0, 3.0 - COST_STEP),
-        (0.1, 0.0, 0.0),  # never below zero
+        (30.0, 6, 4000, 30.0 + 2 * COST_STEP),  # 4 are permitted
+        (30.0, 36, 4000, 30.0 + 4 * COST_STEP),  # no more count than are permitted,
+        (30.0, 3, 500, 30.0 + COST_STEP),  # or one
+        (30.0, 0, 4000, 30.0 - 4 * COST_STEP),
+        (0.1, 0, 4000, 0.0),  # never below zero
     ],
 )
-def test_the_cost_follows_the_rate_of_a_rollout(cost, rate, expected):
-    assert float(adapted_cost(jnp.array(cost), jnp.array(rate))) == pytest.approx(expected, rel=1e-5)
+def test_the_cost_follows_the_terminations_of_a_rollout(cost, terminations, frames, expected):
+    assert TERMINATION_TARGET == 1e-3
+    found = adapted_cost(jnp.array(cost), jnp.array(terminations / frames), frames)
+    assert float(found) == pytest.approx(expected, rel=1e-5)
 
 
 @pytest.mark.parametrize(
-    ("terminations", "reward", "cost"),
+    ("terminations", "offset", "cost"),
     [
-        ("reset_cost", 0.5, 3.0),
-        ("adaptive_cost", 0.5, 1.5),  # what three steps earn
-        ("adaptive_cost", -0.5, 0.0),
-        ("bootstrap", 0.5, 0.0),
+        ("reset_cost", 0.0, 3.0),
+        ("adaptive_cost", 0.0, 1.5),  # three deviations
+        ("adaptive_cost", -1000.0, 1.5),
+        ("bootstrap", 0.0, 0.0),
     ],
 )
-def test_what_a_reset_costs(terminations, reward, cost):
+def test_what_a_reset_costs(terminations, offset, cost):
     config = dataclasses.replace(CONFIG, terminations=terminations)
     state = algorithm.init(jax.random.key(0), Trap(), config)
     nothing, ended = jnp.zeros((4, 2)), jnp.zeros((4, 2), bool).at[1, 0].set(True)
-    # The row of a reset is not a step: its reward of 0 does not enter the mean.
-    counted = jnp.ones((4, 2)).at[2, 0].set(0.0)
-    rewards = reward * counted
+    # The row of a reset is not a step: its reward of 0 does not enter the deviation.
+    counted = jnp.ones((4, 2)).at[2].set(0.0)
+    rewards = (offset + jnp.array([0.5, -0.5])) * counted
     rollout = Rollout(nothing, nothing, nothing, rewards, nothing, ended, nothing > 0, counted)
     after, charged, found = charge_resets(state, rollout, config)
     assert float(found) == pytest.approx(cost)
@@ -60,4 +63,5 @@ def test_the_cost_of_a_run_is_in_its_state():
     after, metrics = jax.jit(algorithm.iteration)(state, Trap(), ADAPTIVE)
     assert float(after.reset_cost) == 3.0 + COST_STEP  # half of the first actions end the task
     # The first rollout has the first cost; the next one has another.
-    assert float(metrics.reset_cost) == pytest.approx(3.0 * float(metrics.reward), rel=1e-5)
+    rate = float(metrics.reward)
+    assert float(metrics.reset_cost) == pytest.approx(3.0 * (rate * (1.0 - rate)) ** 0.5, rel=1e-5)

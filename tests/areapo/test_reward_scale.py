@@ -11,8 +11,9 @@ import pytest
 from swingup.areapo import algorithm
 from swingup.areapo.config import Config
 from swingup.areapo.networks import Critic, Linear
-from swingup.areapo.normalise import RunningStatistics, reward_statistics
-from swingup.areapo.reward_scale import deviation
+from swingup.areapo.normalise import RunningStatistics, running_statistics
+from swingup.areapo.reward_scale import deviation, scale_rewards
+from swingup.areapo.state import Rollout
 
 from .probes import Walk
 
@@ -22,7 +23,7 @@ update = jax.jit(RunningStatistics.update)
 def test_the_deviation_is_that_of_all_rewards_that_count():
     rewards = np.random.default_rng(0).normal(50.0, 3.0, (3, 8, 2)).astype(np.float32)
     weights = (np.random.default_rng(1).uniform(size=rewards.shape) > 0.3).astype(np.float32)
-    scale = reward_statistics()
+    scale = running_statistics()
     assert float(deviation(scale)) == 1.0
     for each, counted in zip(rewards, weights, strict=True):
         scale = update(scale, each.ravel(), counted.ravel())
@@ -34,12 +35,36 @@ def test_the_deviation_is_that_of_all_rewards_that_count():
     assert float(deviation(update(scale, rewards[0].ravel(), 0 * weights[0].ravel()))) == float(deviation(scale))
 
 
-@pytest.mark.parametrize("reward", [0.0, 0.7, -987.65, 12345.678])
-def test_constant_rewards_are_not_scaled(reward):
-    scale = reward_statistics()
+@pytest.mark.parametrize("reward", [0.0, 0.7, 1e-6, -987.65, 12345.678])
+def test_the_unit_of_constant_rewards_is_their_size(reward):
+    scale = running_statistics()
     for _ in range(3):
         scale = update(scale, np.full(16, reward, np.float32), np.ones(16, np.float32))
-    assert float(deviation(scale)) == 1.0
+    assert float(deviation(scale)) == pytest.approx(abs(reward) or 1.0)
+
+
+def test_without_gains_rewards_are_centred_and_an_end_has_the_value_of_nothing():
+    """Two rollouts of one frame each, γ = 0.5; 1 / (1 - γ) = 2."""
+    config = Config(
+        num_envs=1, num_steps=2, batch_size=2, gain="none", terminations="end", discount=(0.5, 0.5),
+        normalise_rewards=True,
+    )  # fmt: skip
+    state = algorithm.init(
+        jax.random.key(0), Walk(), dataclasses.replace(config, policy_layers=(2,), value_layers=(2,))
+    )
+    nothing, ends = jnp.zeros((2, 1)), jnp.array([[False], [True]])
+
+    def scaled(state, rewards):
+        return scale_rewards(state, Rollout(*[nothing] * 3, jnp.array(rewards), nothing, ends, ends), config)
+
+    # Mean 3 and deviation 1: -1 and 1, and the end is 3 · 0.5 · 2 = 3 deviations worse than to go on for ever.
+    state, rollout = scaled(state, [[2.0], [4.0]])
+    np.testing.assert_allclose(rollout.rewards, [[-1.0], [1.0 - 3.0]], rtol=1e-6)
+    # All four: mean 5, deviation √5. A centred value loses (5 - 3) · 2 / √5.
+    after, rollout = scaled(state, [[6.0], [8.0]])
+    np.testing.assert_allclose(rollout.rewards, np.array([[1.0], [3.0 - 5.0]]) / 5**0.5, rtol=1e-6)
+    before = state.critic.heads.bias / jnp.array([5**0.5, 1.0])
+    np.testing.assert_allclose(after.critic.heads.bias, before - np.array([4 / 5**0.5, 0.0]), rtol=1e-6)
 
 
 def test_a_critic_keeps_its_values_in_other_units():

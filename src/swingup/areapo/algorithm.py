@@ -48,10 +48,9 @@ def train(state: LearnerState, task: Task, config: Config, iterations: Count | i
         state, metrics = iteration(carry[0], task, config)
         return state, jax.tree.map(jnp.add, carry[1], metrics)
 
-    # The number of iterations is traced: chunks of any length share one compiled program.
-    # Metrics are therefore summed, since stacking them would need a static length.
+    # The number of iterations is traced: all chunks share a program. To stack metrics, it would have to be static.
     shapes = jax.eval_shape(lambda state: iteration(state, task, config)[1], state)
-    zeros = jax.tree.map(lambda shape: jnp.zeros(shape.shape, shape.dtype), shapes)
+    zeros = jax.tree.map(jnp.zeros_like, shapes)
     state, total = jax.lax.fori_loop(0, iterations, add_iteration, (state, zeros))
     return state, jax.tree.map(lambda metric: metric / iterations, total)
 
@@ -102,13 +101,14 @@ def estimate(state: LearnerState, rollout: Rollout, config: Config) -> tuple[Lea
     errors = rewards + jnp.asarray(config.discount) * next_values - values
     errors = jnp.where(jnp.asarray([1.0, config.temperature]) > 0.0, errors, 0.0)
     if config.gain == "td":
-        state = update_gains(state, errors - state.gains, rollout, config)
+        # An untrained critic says nothing: ρ starts at the mean reward.
+        state = update_gains(state, jnp.where(state.iterations > 0, errors, rewards) - state.gains, rollout, config)
     advantages = lambda_advantages(errors - state.gains, rollout.terminated | rollout.truncated, config)
     if config.gain == "advantage":
         state = update_gains(state, advantages, rollout, config)
     soft_advantages, returns = jnp.sum(advantages, axis=-1), advantages + values
-    known = (rollout.observations, rollout.latents, rollout.log_probs)
-    return state, Frames(*known, soft_advantages, returns, rollout.counted), means
+    actions = (rollout.observations, rollout.latents, rollout.log_probs)
+    return state, Frames(*actions, soft_advantages, returns, rollout.counted), means
 
 
 def bias_values(state: LearnerState, rollout: Rollout, config: Config) -> tuple[LearnerState, Pairs, Pairs, Pair]:
@@ -127,10 +127,8 @@ def bias_values(state: LearnerState, rollout: Rollout, config: Config) -> tuple[
 def lambda_advantages(deltas: Pairs, cuts: Bool[Array, "steps envs"], config: Config) -> Pairs:
     """Estimates of A and A_H (eq. 11 and 12), A_t = δ_t + γ λ (1 - cut_t) A_{t+1} (GAE, arXiv 1506.02438).
 
-    Args:
-        deltas: δ_t = r_t - ρ + γ v(s'_t) - v(s_t); s'_t is the state after the step and before any reset.
-        cuts: true where s_{t+1} is not s'_t, because the task was reset.
-        config: γ and λ.
+    δ_t is r_t - ρ + γ v(s'_t) - v(s_t), with s'_t the state after the step and before any reset. A cut is true
+    where s_{t+1} is not s'_t, because the task was reset.
     """
     # v(s') counts at a cut, too: a truncation does not end the process, only the recursion stops.
     decays = jnp.asarray(config.discount) * jnp.asarray(config.gae_lambda) * (1.0 - cuts[..., None])
@@ -144,15 +142,18 @@ def lambda_advantages(deltas: Pairs, cuts: Bool[Array, "steps envs"], config: Co
 
 
 def update_gains(state: LearnerState, errors: Pairs, rollout: Rollout, config: Config) -> LearnerState:
-    """ρ ← ρ + (η / z) mean(A) after z ← z + η (1 - z), for both gains (eq. 13 and 14; z is the authors' trace).
+    """Move both gains by the mean error of a rollout's N frames (eq. 13 and 14).
 
-    The first step has size 1: ρ is a plain mean of some 1/η rollouts, then an exponential one. With ``gain = td``
-    the errors are δ, and the gains move first: with γ = 1 the values cancel but for a rollout's ends, so that ρ
-    starts at the mean reward. With ``advantage`` they are λ-advantages, up to 1 / (1 - λ) times as large.
+    ``td``: by all of the mean δ, to ρ = mean(r + v(s') - v(s)). By eq. 2 the bias is mean(e(s') - e(s)), e being
+    the error of v: at most 2 max|e| / T for resets every T frames. The variance is var(δ) / N. No former ρ enters:
+    nothing lags or overshoots. ``advantage`` (authors' code): by λ-advantages, up to 1 / (1 - λ) times as large,
+    with the step η / z, at first 1, of a trace z.
     """
-    trace = state.gain_trace + config.gain_step_size * (1.0 - state.gain_trace)
-    gains = state.gains + config.gain_step_size / trace * pair_mean(errors, rollout.counted)
-    return replace(state, gains=gains, gain_trace=trace)
+    trace, step = state.gain_trace, jnp.ones(())
+    if config.gain == "advantage":
+        trace = trace + config.gain_step_size * (1.0 - trace)
+        step = config.gain_step_size / trace
+    return replace(state, gains=state.gains + step * pair_mean(errors, rollout.counted), gain_trace=trace)
 
 
 def improve(state: LearnerState, frames: Frames, config: Config) -> tuple[LearnerState, LossMetrics, Scalar]:

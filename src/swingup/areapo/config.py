@@ -74,10 +74,10 @@ class Config(eqx.Module):
     gae_lambda: Pair = _number((0.8, 0.6), 0.0, 1.0)
     """λ of the reward advantages and λ_e of the entropy advantages."""
     gain: Gain = _word("advantage", Gain)
-    """What moves the gains. td: the mean error δ of a step, right for every λ; advantage: the mean λ-advantage (the
-    authors' code), which overshoots where λ is near 1; none: no gains, and discounts below 1 bound the values."""
+    """What the gains are. td: the mean of r + v(s') - v(s) over a rollout; advantage: they follow the mean
+    λ-advantage (the authors' code) and overshoot where λ is near 1; none: no gains, discounts below 1 instead."""
     gain_step_size: float = _number(0.01, TINY, 1.0)
-    """Step size η of both gains, which then follow some 1/η rollouts."""
+    """Step size η of gains that follow advantages; td has none."""
     centre_values: bool = _static(False)
     """Fix the values' free constant: after each rollout, subtract their mean from the heads' biases."""
     clip_range: float = _number(0.05, TINY, 1.0)
@@ -95,11 +95,10 @@ class Config(eqx.Module):
     """What a termination means. reset_cost: a new start, at a fixed cost; adaptive_cost: at a cost that holds
     terminations at one in 1,000 steps; bootstrap: as a time limit; end: nothing follows, without gains alone."""
     reset_cost: float = _number(10.0, 0.0, HUGE)
-    """The cost of a reset, in units of the reward. With adaptive_cost its first value, in steps: a reset then costs
-    what so many earn at present."""
+    """The cost of a reset, in units of the reward; with adaptive_cost its first value, in their deviations."""
     normalise_rewards: bool = _static(False)
-    """Divide rewards by their running standard deviation, the cost of a reset included. The temperature is then in
-    units of it; metrics stay in the task's."""
+    """Divide rewards by their running standard deviation, the cost of a reset included; without gains, subtract
+    their running mean first. The temperature is then in units of the deviation; metrics stay in the task's."""
     schedule: Schedule = _word("constant", Schedule)
     """What changes over schedule_frames, again and again. anneal: learning rate and clip range fall to 0.1 and 0.15
     of themselves in the second half; anneal_entropy: before that, the temperature is lower for a while."""

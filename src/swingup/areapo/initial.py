@@ -11,7 +11,7 @@ from ..common.types import Key
 from ..tasks.task import Spaces
 from .config import Config
 from .networks import init_critic, init_policy
-from .normalise import observation_statistics, reward_statistics
+from .normalise import running_statistics
 from .state import LearnerState
 
 ADAM_EPSILON = 1e-5
@@ -31,13 +31,14 @@ def init_learner(key: Key, spaces: Spaces, config: Config) -> LearnerState:
         optimiser=make_optimiser(config).init((actor, critic)),
         gains=jnp.zeros(2),
         gain_trace=jnp.zeros(()),
-        statistics=observation_statistics(spaces.observation_size),
+        statistics=running_statistics(spaces.observation_size),
         task_states=None,
         observations=jnp.zeros((config.num_envs, spaces.observation_size)),
         key=state_key,
         iterations=jnp.array(0),
         reset_cost=jnp.asarray(config.reset_cost, jnp.float32),
-        reward_statistics=reward_statistics(),
+        task_rewards=running_statistics(),
+        reward_statistics=running_statistics(),
     )
 
 

@@ -1,5 +1,8 @@
 """Running mean and variance, of the observations or of the rewards (Welford's method, merged after Chan et al.)."""
 
+from dataclasses import replace
+from typing import Self
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -10,40 +13,54 @@ from .average import Weights, mean
 
 OBSERVATION_CLIP = 10.0
 """Normalised observations are clipped to ± this (authors' code)."""
+OBSERVATION_EPSILON = 1e-18
+"""Added to the variance: observations that vary by less than 1e-9 count as constant."""
 
 
 class RunningStatistics(eqx.Module):
     """Mean and population variance of all rows so far."""
 
-    mean: Float[Array, "*n"]
+    origin: Float[Array, "*n"]
+    """The first row. Moments are those of the differences from it: single precision would lose, for example, a
+    deviation of 1 beside a mean of 1e6."""
+    difference: Float[Array, "*n"]
+    """Mean less origin."""
     variance: Float[Array, "*n"]
     count: Scalar
 
-    def update(self, batch: Float[Array, "b *n"], weights: Weights = None) -> "RunningStatistics":
+    @property
+    def mean(self) -> Float[Array, "*n"]:
+        """Mean of all rows."""
+        return self.origin + self.difference
+
+    def update(self, batch: Float[Array, "b *n"], weights: Weights = None) -> Self:
         """The statistics after one more batch, of the rows that count."""
         size = jnp.asarray(float(batch.shape[0])) if weights is None else jnp.sum(weights)
-        here = mean(batch, weights, axis=0)
+        origin = jnp.where(self.count > 0, self.origin, batch[0])
+        differences = batch - origin
+        here = mean(differences, weights, axis=0)
         # Perhaps no row counts, and none did before.
         total = jnp.maximum(self.count + size, 1.0)
-        delta = here - self.mean
-        spread = self.variance * self.count + mean((batch - here) ** 2, weights, axis=0) * size
-        return RunningStatistics(
-            mean=self.mean + delta * (size / total),
+        delta = here - self.difference
+        spread = self.variance * self.count + mean((differences - here) ** 2, weights, axis=0) * size
+        return replace(
+            self,
+            origin=origin,
+            difference=self.difference + delta * (size / total),
             variance=(spread + delta**2 * (self.count * size / total)) / total,
             count=self.count + size,
         )
 
+    def update_all(self, batches: Float[Array, "steps b *n"], weights: Float[Array, "steps b"] | None) -> Self:
+        """The statistics after all rows of a rollout that count."""
+        flat = None if weights is None else weights.reshape(-1)
+        return self.update(batches.reshape(-1, *self.origin.shape), flat)
+
     def stage(self) -> Normalise:
         """The observation's normalisation with the statistics as they stand."""
-        return Normalise(mean=self.mean, variance=self.variance, clip=OBSERVATION_CLIP)
+        return Normalise(self.mean, self.variance, OBSERVATION_CLIP, OBSERVATION_EPSILON)
 
 
-def observation_statistics(size: int) -> RunningStatistics:
-    """Mean 0 and variance 1, with the weight of 1e-4 observations."""
-    # 1e-4 is the weight in Stable-Baselines3, on which the authors' code builds.
-    return RunningStatistics(mean=jnp.zeros(size), variance=jnp.ones(size), count=jnp.array(1e-4))
-
-
-def reward_statistics() -> RunningStatistics:
-    """No reward yet."""
-    return RunningStatistics(mean=jnp.zeros(()), variance=jnp.zeros(()), count=jnp.zeros(()))
+def running_statistics(*shape: int) -> RunningStatistics:
+    """Statistics of no row yet."""
+    return RunningStatistics(jnp.zeros(shape), jnp.zeros(shape), jnp.zeros(shape), jnp.zeros(()))

@@ -24,7 +24,7 @@ class LearnerState(eqx.Module):
     gains: Float[Array, "2"]
     """The reward gain ρ and the entropy gain ρ_H."""
     gain_trace: Scalar
-    """z, by which the gains' step size is divided."""
+    """z, by which the step size of gains that follow advantages is divided."""
     statistics: RunningStatistics
     """Of the observations."""
     task_states: Any
@@ -34,9 +34,11 @@ class LearnerState(eqx.Module):
     key: Key
     iterations: Count
     reset_cost: Scalar
-    """What a termination costs, where it costs something (units of the reward; steps if it adapts)."""
+    """What a termination costs, where it costs something (units of the reward; of their deviation if it adapts)."""
+    task_rewards: RunningStatistics
+    """Of the task's rewards, if the cost of a reset is in units of their deviation."""
     reward_statistics: RunningStatistics
-    """Of the rewards, if they are normalised."""
+    """Of the rewards with the cost of a reset, if they are normalised."""
 
 
 class Rollout(eqx.Module):

@@ -30,7 +30,7 @@ PRESETS = {
     "default": Preset(
         "Table I on the task without its edges (sines and cosines), with the values' free constant fixed, and "
         "smaller steps in the second half",
-        Config(centre_values=True, gain="td", gain_step_size=0.05, schedule="anneal", schedule_frames=12_000_000),
+        Config(centre_values=True, gain="td", schedule="anneal", schedule_frames=12_000_000),
     ),
     # 50 million as in the authors' configuration; the published policies were saved at 46.7 and 48.2 million.
     "paper": Preset("Table I of the paper to the letter, on the paper's task", Config(), 50_000_000, "paper"),
@@ -38,8 +38,7 @@ PRESETS = {
         "recovery from throws: reward for time up, networks of half the width, less entropy",
         # The pendubot was up for 0.69 of the time after 3 million frames at τ = 2, for 0.73 after 2 at τ = 0.4.
         Config(
-            centre_values=True, gain="td", gain_step_size=0.05, temperature=0.4, policy_layers=(128, 128),
-            value_layers=(256, 256),
+            centre_values=True, gain="td", temperature=0.4, policy_layers=(128, 128), value_layers=(256, 256),
         ),
         6_000_000,
         "global",
@@ -47,9 +46,8 @@ PRESETS = {
     "small": Preset(
         "networks of 64-64 for any plant: quadratic cost, starts anywhere, short rollouts, little entropy",
         Config(
-            centre_values=True, gain="td", gain_step_size=0.2, num_envs=32, num_steps=64, batch_size=256,
-            policy_layers=(64, 64), value_layers=(64, 64), temperature=0.1, gae_lambda=(0.95, 0.9), clip_range=0.1,
-            learning_rate=1e-3,
+            centre_values=True, gain="td", num_envs=32, num_steps=64, batch_size=256, policy_layers=(64, 64),
+            value_layers=(64, 64), temperature=0.1, gae_lambda=(0.95, 0.9), clip_range=0.1, learning_rate=1e-3,
         ),
         6_000_000,
         "anywhere",
@@ -57,7 +55,7 @@ PRESETS = {
     "fast": Preset(
         "the paper's score in a minute or two: networks of 64-64, short episodes, warm restarts, two seeds",
         Config(
-            centre_values=True, gain="td", gain_step_size=0.2, num_epochs=3, batch_size=512, policy_layers=(64, 64),
+            centre_values=True, gain="td", num_epochs=3, batch_size=512, policy_layers=(64, 64),
             value_layers=(64, 64), gae_lambda=(0.95, 0.9), clip_range=0.2, learning_rate=1e-3,
             # Each cycle ends in another policy, and the best is kept.
             schedule="anneal_entropy", schedule_frames=6_000_000,
@@ -73,7 +71,7 @@ PRESETS = {
             # At τ = 0 nothing reads the entropy's values, but discounted values are refused at 1.
             gain="none", terminations="end", temperature=0.0, discount=(0.99, 0.99), gae_lambda=(0.95, 0.95),
             clip_range=0.2, learning_rate=3e-4, max_grad_norm=0.5, value_coefficient=(0.5, 0.0), log_std_init=0.0,
-            activation="tanh", state_dependent_std=False,
+            activation="tanh", state_dependent_std=False, normalise_rewards=True,
         ),
         1_000_000,
     ),
@@ -82,11 +80,10 @@ PRESETS = {
         Config(
             num_envs=4, num_steps=1024, num_epochs=10, batch_size=128, policy_layers=(64, 64),
             # λ = 0.98 with long rollouts sees a swimmer's slow rewards.
-            value_layers=(64, 64), gae_lambda=(0.98, 0.95), gain="td", gain_step_size=0.2, centre_values=True,
+            value_layers=(64, 64), gae_lambda=(0.98, 0.95), gain="td", centre_values=True,
             # In units of the rewards' deviation, which the cost of a reset enters.
             normalise_rewards=True, temperature=0.002, state_dependent_std=False, log_std_init=0.0, clip_range=0.2,
             target_kl=0.03, learning_rate=3e-4, max_grad_norm=0.5,
-            # At first the cost of a discount of 0.99: what a hundred steps earn.
             terminations="adaptive_cost", reset_cost=100.0,
         ),
         1_000_000,
