@@ -59,7 +59,6 @@ def a_teacher(robot):
     return teachers, jax.tree.map(lambda leaf: leaf[0], teachers)
 
 
-@pytest.mark.parametrize("robot", [ACROBOT, PENDUBOT], ids=lambda robot: robot.name)
 def test_plants_are_drawn_about_the_leaderboards(robot):
     draws = PlantDraws(single=40, joint=10, friction=20, robot=30)
     drawn = plants_of(draw_plants(np.random.default_rng(0), robot, draws))
@@ -77,7 +76,6 @@ def test_plants_are_drawn_about_the_leaderboards(robot):
     assert 0 < max(half) <= 0.125
 
 
-@pytest.mark.parametrize("robot", [ACROBOT, PENDUBOT], ids=lambda robot: robot.name)
 def test_the_robots_plants_are_as_heavy_as_its_motor_is_weak(robot):
     drawn = plants_of(draw_plants(np.random.default_rng(0), robot, PlantDraws(0, 0, 0, robot=30)))
     nominal, heavier = LEADERBOARD.driven(robot), np.array([plant.m2 for plant in drawn])
@@ -109,7 +107,6 @@ def test_no_plant_is_on_the_grid_that_judges():
     assert not drawn & {tuple(map(float, jax.tree.leaves(case.scenario.parameters))) for case in cases}
 
 
-@pytest.mark.parametrize("robot", [ACROBOT, PENDUBOT], ids=lambda robot: robot.name)
 def test_the_swingup_teaches_near_it_and_the_regulator_at_the_top(robot):
     teachers, teacher = a_teacher(robot)
     assert teachers.number == 1
@@ -178,7 +175,6 @@ def test_a_new_student_sees_the_plant_in_units_of_its_ranges():
     assert default_wrappers(student).metadata().keys() == {"estimator", "identifier", "regulator"}
 
 
-@pytest.mark.parametrize("robot", [ACROBOT, PENDUBOT], ids=lambda robot: robot.name)
 def test_one_of_four_robots_has_a_rotor_of_any_inertia(robot):
     draws, seed = PlantDraws(0, 0, 0, robot=80), np.random.default_rng(0)
     drawn = plants_of(draw_plants(seed, robot, draws))
@@ -192,7 +188,6 @@ def test_one_of_four_robots_has_a_rotor_of_any_inertia(robot):
     assert min(plant.I1 for plant in drawn[3::4]) < min(plant.I1 for plant in others)
 
 
-@pytest.mark.parametrize("robot", [ACROBOT, PENDUBOT], ids=lambda robot: robot.name)
 def test_a_constant_torque_holds_the_plants_where_runs_begin_at_rest(robot):
     plants = draw_plants(np.random.default_rng(0), robot, PlantDraws(3, 3, 3, 3))
     base = np.stack([base_parameters(plant) for plant in plants_of(plants)])
@@ -206,14 +201,13 @@ def test_a_constant_torque_holds_the_plants_where_runs_begin_at_rest(robot):
     np.testing.assert_allclose(gravity[..., 1 - robot.joint][within], 0.0, atol=1e-6)
 
 
-def test_a_policy_that_sees_its_plant_is_not_refined_further():
-    with pytest.raises(SwingupError, match="the policy sees its plant, which only the recipe adapt trains"):
-        run_recipe(lone_policy("adaptive", "acrobot")[0], ACROBOT, RECIPES["recover"])
-
-
-def test_the_recipe_is_for_the_leaderboards_plant():
-    with pytest.raises(SwingupError, match="the recipe adapt is for the leaderboards' plant: give no other"):
-        run_recipe(lone_policy("ar-eapo", "acrobot")[0], ACROBOT, RECIPES["adapt"], plant="cloudpendulum")
+def test_recipes_for_other_policies_and_plants_are_refused():
+    for name, recipe, options, message in (
+        ("adaptive", "recover", {}, "the policy sees its plant, which only the recipe adapt trains"),
+        ("ar-eapo", "adapt", {"plant": "cloudpendulum"}, "the recipe adapt is for the leaderboards' plant"),
+    ):
+        with pytest.raises(SwingupError, match=message):
+            run_recipe(lone_policy(name, "acrobot")[0], ACROBOT, RECIPES[recipe], **options)
 
 
 @pytest.mark.slow

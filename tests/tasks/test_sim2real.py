@@ -61,7 +61,7 @@ def test_a_push_adds_to_a_motor_that_hardly_moves():
 
 def test_each_motor_has_its_own_noise():
     disturbance = CALM.changed(torque_noise=0.5)
-    noise = jax.vmap(lambda k: step_noise(disturbance, k, jnp.dtype("float32"))[1])(jnp.arange(5000))
+    noise = jax.jit(jax.vmap(lambda k: step_noise(disturbance, k, jnp.dtype("float32"))[1]))(jnp.arange(5000))
     # Standard errors of 5,000 draws: deviations 0.005, the correlation 0.014.
     np.testing.assert_allclose(noise.std(axis=0), 0.5, atol=0.025)
     assert abs(float(np.corrcoef(noise.T)[0, 1])) < 0.07
@@ -69,6 +69,6 @@ def test_each_motor_has_its_own_noise():
 
 def test_plants_and_loops_differ():
     domain, robot = load_domain("randomised"), get_robot("acrobot")
-    plants, loops = jax.vmap(lambda key: draw(domain, key, robot))(jax.random.split(jax.random.key(0), 50))
+    plants, loops = jax.jit(jax.vmap(lambda key: draw(domain, key, robot)))(jax.random.split(jax.random.key(0), 50))
     assert len(np.unique(plants.cf1)) == len(np.unique(loops.loop.response)) == 50
     assert 0.08 <= float(plants.cf1.min()) < float(plants.cf1.max()) <= 0.2

@@ -31,14 +31,8 @@ def test_the_leaderboards_plant_gives_todays_task(name, either_robot):
 def test_a_scaled_task_has_the_numbers_of_its_units(either_robot, similar):
     # T = 0.5 and torques of 0.025: rates are doubled, their weights 0.5², the torque's weight 1 / 0.025².
     task = smooth_task(either_robot, similar(LEADERBOARD.driven(either_robot)))
-    numbers = (
-        task.dt,
-        task.torque_cost,
-        task.reset_rate,
-        task.cost_velocity_limit,
-        task.observation.velocity_scale,
-    )
-    assert numbers == pytest.approx((0.005, 1600.0, 2.0, 40.0, 40.0))
+    rates = (task.reset_rate, task.cost_velocity_limit, task.observation.velocity_scale)
+    assert (task.dt, task.torque_cost, *rates) == pytest.approx((0.005, 1600.0, 2.0, 40.0, 40.0))
     assert task.state_cost == pytest.approx((50.0, 50.0, 1.0, 0.5))
     assert (task.reward_scale, task.max_steps, task.reset_noise) == (0.001, 1000, 0.01)
 
