@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from refusals import refusal
 from swingup.benchmark.board import Setting
 from swingup.benchmark.boards import BOARDS, PERFORMANCE
 from swingup.benchmark.criteria import compute_criteria, realai_score
@@ -247,3 +248,13 @@ def test_a_recording_with_pushes_is_scored_by_its_robots_normalisers(name, torqu
     # Swing-up at the second row, 0.01 s; no row has a velocity.
     costs = (0.01 / 20, energy / 60, 10 / torque, 2 / smooth, 0.0)
     assert found.score == pytest.approx(1 - sum(math.tanh(math.pi * cost) for cost in costs) / 5, rel=1e-9)
+
+
+def test_trajectories_that_cannot_be_scored():
+    rows = np.arange(5.0)
+    for named, given in {
+        "N of 3 or more": (np.zeros(0), np.zeros((0, 4)), np.zeros((0, 2))),
+        "shapes (5,), (4, 4) and (5, 2)": (rows, np.zeros((4, 4)), np.zeros((5, 2))),
+        "not finite": (rows, np.zeros((5, 4)), np.full((5, 2), np.nan)),
+    }.items():
+        assert named in refusal(score, Trajectory(*given), "acrobot")

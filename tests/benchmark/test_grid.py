@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
+from refusals import refusal
 from swingup.benchmark.boards import PERFORMANCE
 from swingup.benchmark.disturbances import DisturbanceSettings, draw_pushes
 from swingup.benchmark.grid import change_grid, make_cases
 from swingup.benchmark.judge import judge
 from swingup.benchmark.rules import CRITERIA, RANDOM, PushRules, Sweep
-from swingup.common.errors import SwingupError
 from swingup.plant.plant import LEADERBOARD
 
 from .controllers import V2, Swinging
@@ -123,53 +123,34 @@ def test_other_grids_of_the_model_and_of_pushes(robot):
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("named", "texts"),
     [
-        ("speed=0:1:2", "names no sweep"),
-        ("delay", "malformed"),
-        ("delay=0:1", "malformed"),
-        ("delay=0:x:3", "malformed"),
-        ("delay=0:inf:3", "malformed"),
-        ("delay=0:nan:3", "malformed"),
-        ("delay=0:1:2.5", "whole number"),
-        ("delay=0:1:0", "whole number"),
-        ("perturbations=0", "whole number"),
+        ("names no sweep", ["speed=0:1:2"]),
+        ("malformed", ["delay", "delay=0:1", "delay=0:x:3", "delay=0:inf:3", "delay=0:nan:3"]),
+        ("whole number", ["delay=0:1:2.5", "delay=0:1:0", "perturbations=0"]),
     ],
 )
-def test_malformed_grids(text, message):
-    with pytest.raises(SwingupError, match=message) as error:
-        change_grid(V2, text)
-    assert repr(text) in str(error.value)
+def test_malformed_grids(named, texts):
+    for text in texts:
+        said = refusal(change_grid, V2, text)
+        assert named in said
+        assert repr(text) in said
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("velocity_noise=-1:1:3", "must not be negative"),
-        ("delay=0:5:3", "make it shorter"),
-        ("m2=-1:1:3", "must be positive"),
-    ],
-)
-def test_grids_that_are_no_disturbance(text, message):
-    with pytest.raises(SwingupError, match=message):
-        judge(Swinging(), "acrobot", change_grid(V2, text))
+OUT_OF_RANGE = {
+    "do not fit into 10 s": {"pushes": PushRules(pushes=10)},
+    "do not fit": {"pushes": PushRules(pushes=0)},
+    "pushes = True are no rules": {"pushes": True},
+    "velocity_noise = -0.1: use a number from 0 to 999": {"velocity_noise": -0.1},
+    "delay = nan": {"delay": math.nan},
+    "torque_noise = '0.1': use a number": {"torque_noise": "0.1"},
+    "torque_response = inf": {"torque_response": math.inf},
+}
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"pushes": PushRules(pushes=10)}, "do not fit into 10 s"),
-        ({"pushes": PushRules(pushes=0)}, "do not fit"),
-        ({"pushes": True}, "pushes = True are no rules"),
-        ({"velocity_noise": -0.1}, "velocity_noise = -0.1: use a number from 0 to 999"),
-        ({"delay": math.nan}, "delay = nan"),
-        ({"torque_noise": "0.1"}, "torque_noise = '0.1': use a number"),
-        ({"torque_response": math.inf}, "torque_response = inf"),
-    ],
-)
-def test_disturbances_out_of_range(options, message):
-    with pytest.raises(SwingupError, match=message):
-        DisturbanceSettings(**options).draw(0.002, 10.0, 0)
+@pytest.mark.parametrize("named", OUT_OF_RANGE)
+def test_disturbances_out_of_range(named):
+    assert named in refusal(lambda: DisturbanceSettings(**OUT_OF_RANGE[named]).draw(0.002, 10.0, 0))
 
 
 def test_a_disturbance_has_the_boards_own_period_and_duration():
@@ -181,8 +162,7 @@ def test_a_disturbance_has_the_boards_own_period_and_duration():
     # Seven gaps of at least 0.5 s, at both ends too.
     centres = np.asarray(disturbance["pushes"]["centre"])
     assert np.all((centres >= 0.5) & (centres <= 3.5))
-    with pytest.raises(SwingupError, match="do not fit into 4 s"):
-        DisturbanceSettings(pushes=PushRules()).draw(0.005, 4.0, 0)
+    assert "do not fit into 4 s" in refusal(DisturbanceSettings(pushes=PushRules()).draw, 0.005, 4.0, 0)
 
 
 def test_a_result_tells_what_disturbed_it():
