@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 
 from refusals import refusal
-from swingup.benchmark import interval
 from swingup.benchmark.comparison import (
     improvement_interval,
     performance_profile,
     probability_of_improvement,
     profile_interval,
 )
-from swingup.benchmark.interval import bootstrap_interval, interquartile_mean, stratified_bootstrap
+from swingup.benchmark.interval import bootstrap_interval, interquartile_mean
 
 OURS = np.array([[1.2, 0.4, 3.0], [0.9, 0.7, 2.0], [1.2, 0.1, 5.5], [2.5, 0.8, 4.0], [0.3, 0.4, 3.5]])
 THEIRS = np.array([[1.0, 0.4, 2.0], [0.9, 0.6, 4.5], [1.4, 0.2, 1.0], [0.8, 0.4, 3.0]])
@@ -82,25 +81,9 @@ def test_probability_of_improvement_by_hand():
     assert probability_of_improvement(OURS, OURS) == 0.5
 
 
-def test_probability_of_improvement_needs_no_common_scale():
-    scaled = probability_of_improvement(OURS * [1.0, 10.0, 1000.0] + 7.0, THEIRS * [1.0, 10.0, 1000.0] + 7.0)
-    assert scaled == probability_of_improvement(OURS, THEIRS)
-    assert scaled + probability_of_improvement(THEIRS, OURS) == pytest.approx(1.0)
-
-
 def test_performance_profile_by_hand():
     # A score at the threshold is not above it.
     assert performance_profile([[1, 2], [3, 4]], [0, 1, 2.5, 4]).tolist() == [1.0, 0.75, 0.5, 0.0]
-
-
-def test_resamples_draw_within_tasks():
-    # Each task has one score only, so nothing varies. Drawn from all six, the share of fives would.
-    assert bootstrap_interval([[1.0, 5.0]] * 3) == (3.0, 3.0)
-
-
-def test_resamples_draw_the_tasks_separately():
-    # Whole rows would always give two zeros and two ones. Separately, four zeros have the probability 1/16.
-    assert bootstrap_interval([[0.0, 1.0], [1.0, 0.0]]) == (0.0, 1.0)
 
 
 def test_resamples_draw_the_learners_separately():
@@ -120,24 +103,6 @@ def test_interval_is_that_of_all_resamples():
     means = [interquartile_mean([*scores[list(a), 0], *scores[list(b), 1]]) for a in draws for b in draws]
     exact = np.percentile(means, [2.5, 97.5])
     assert bootstrap_interval(scores, 40_000) == pytest.approx(tuple(exact), abs=0.01)
-
-
-def test_intervals_of_a_single_task_keep_their_numbers():
-    scores = [float(score) for score in WAVES[:, 0]]
-    drawn = np.random.default_rng(0).choice(scores, (2_000, 10))
-    means = np.sort(drawn, axis=1)[:, 2:8].mean(axis=1)
-    assert bootstrap_interval(scores, 2_000) == tuple(np.percentile(means, [2.5, 97.5]))
-
-
-def test_blocks_do_not_change_an_interval(monkeypatch):
-    whole = bootstrap_interval(WAVES, 500)
-    monkeypatch.setattr(interval, "LARGEST_BLOCK", 7 * WAVES.size)
-    assert bootstrap_interval(WAVES, 500) == whole
-
-
-def test_any_statistic_has_an_interval():
-    ends = stratified_bootstrap(lambda drawn: drawn.max(axis=1), [[1.0, 8.0], [2.0, 8.0]])
-    assert ends.tolist() == [[1.0, 8.0], [2.0, 8.0]]  # each task's best; 1, 1 has the probability 1/4
 
 
 REFUSED = {

@@ -11,12 +11,9 @@ import pytest
 
 import swingup
 from refusals import refusal
-from swingup.benchmark.grid import change_grid, make_cases
+from swingup.benchmark.grid import change_grid
 from swingup.benchmark.judge import judge
-from swingup.benchmark.runner import run_many, stack
 from swingup.controllers.interface.controller import AbstractController
-from swingup.controllers.interface.python_controller import PythonController
-from swingup.plant.robots import get_robot
 
 from .controllers import BRIEF, Swinging, swinging
 
@@ -162,22 +159,3 @@ class Wrong(AbstractController):
 def test_controllers_that_fail_everywhere_are_named(source, board, named):
     """What is wrong with them is the checker's to tell (tests/controllers/test_check.py)."""
     assert f"controller 'mine': {named}" in refusal(judge, source, "acrobot", board, name="mine")
-
-
-@pytest.mark.slow
-def test_copies_that_share_a_memory_run_one_by_one():
-    class Shared:
-        calls = 0
-
-        def reset(self):
-            Shared.calls = 0
-
-        def get_control_output(self, x, t):
-            Shared.calls += 1
-            return [0.0, 0.01 * Shared.calls * math.cos(5 * t)]
-
-    rules = change_grid(dataclasses.replace(BRIEF, duration=0.3, tolerance=(0.1, 3.2, 9.0, 9.0)), "delay=0:0.04:3")
-    cases = [case.scenario for case in make_cases(get_robot("acrobot"), rules, "delay", 0)]
-    found = run_many(PythonController(Shared()), stack(cases), rules.dt, rules.steps, depth=21)
-    expected = run_many(JaxCounting(), stack(cases), rules.dt, rules.steps, depth=21)
-    np.testing.assert_allclose(found.final, expected.final, rtol=1e-9, atol=1e-9)

@@ -54,20 +54,6 @@ def test_five_rows_by_hand():
     assert found.score == pytest.approx(1 - sum(math.tanh(math.pi * ratio) for ratio in ratios) / 5)
 
 
-def test_both_joints_count():
-    # Two equal joints double the energy, the costs and the smoothness: |Δq u| = 0.5*1 + 0.5*3, Δu = 2, -2.
-    time = np.array([0.0, 1.0, 2.0])
-    motion = np.array([0.0, 0.5, 1.0])
-    torque = np.array([1.0, 3.0, 1.0])
-    x = np.stack([motion, motion, motion, motion], axis=1)
-    found = compute_criteria(time, x, np.stack([torque, torque], axis=1), L1, L2, rules(2.0))
-    assert found.energy == pytest.approx(2 * (0.5 + 1.5))
-    assert found.torque_cost == pytest.approx(2 * (1 + 9))
-    assert found.torque_smoothness == pytest.approx(2 * 2)
-    assert found.velocity_cost == pytest.approx(2 * (0 + 0.25))
-    assert (found.success, found.swingup_time, found.score) == (False, None, 0.0)
-
-
 @pytest.mark.parametrize(
     ("up", "swingup_time"),
     [

@@ -82,16 +82,6 @@ def test_a_controller_that_fails_gets_a_row_that_says_so():
     assert rows["raising"].values["score"] == 0.0
 
 
-@pytest.mark.slow
-def test_the_third_rules_have_a_board_of_their_own(either_robot, brief_minute):
-    others, ours_too = {"raising": raising, "nan": Failing()}, (AR_EAPO, "lqr")
-    (board,) = leaderboard(either_robot, others, (brief_minute,), seed=4, entrants=ours_too)
-    assert (board.board, board.seed, board.columns) == ("uptime", 4, ("score",))
-    assert len(board.rows) == 8  # four published ones
-    assert 0 < ours(board)[AR_EAPO].values["score"] < 1
-    assert "no idea" in ours(board)["raising"].remark
-
-
 def test_policies_that_ship_with_an_estimator_enter_without_it_too(robot):
     entered = entrants_for(robot, {}, (ADAPTIVE, AR_EAPO), alone=True)
     assert {name: type(controller) for name, controller in entered.items()} == {
@@ -110,21 +100,6 @@ def test_who_enters_which_boards():
     for name in ("performance", "robustness", "hardware"):
         assert default_entrants(BOARDS[name]) == papers + ours
     assert default_entrants(BOARDS["uptime"]) == (*papers, *ours, "global")
-
-
-@pytest.mark.slow
-def test_our_own_trajectory_scores_more_than_the_policy(either_robot):
-    told = []
-    rows = ours(
-        leaderboard(
-            either_robot,
-            boards=("hardware",),
-            entrants=(AR_EAPO, "tvlqr-score"),
-            progress=lambda *row: told.append(row),
-        )[0]
-    )
-    assert rows["tvlqr-score"].values["score"] > rows[AR_EAPO].values["score"]
-    assert told == [(f"{name}, hardware", *done) for name in (AR_EAPO, "tvlqr-score") for done in ((0, 1), (1, 1))]
 
 
 def test_names_on_the_board_are_taken(brief_minute):

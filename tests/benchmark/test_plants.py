@@ -12,10 +12,8 @@ from swingup.benchmark.boards import ICRA_REAL, ROBUSTNESS, UPTIME
 from swingup.benchmark.boards import PERFORMANCE as BOARD
 from swingup.benchmark.grid import make_cases
 from swingup.benchmark.judge import judge
-from swingup.benchmark.leaderboard import leaderboard
 from swingup.benchmark.plausibility import examine
 from swingup.benchmark.rollout import Trajectory
-from swingup.benchmark.rules import Sweep
 from swingup.benchmark.runner import prepare
 from swingup.benchmark.score import score
 from swingup.controllers.registry import get_controller
@@ -124,22 +122,6 @@ def test_disturbances_on_c1_are_the_boards():
     ideal = Setting(ACROBOT, load_plant("C.1").frictionless())
     assert ROBUSTNESS.on(ideal) == ROBUSTNESS
     assert vars(UPTIME.on(ideal)) == vars(UPTIME)
-
-
-def test_boards_of_another_plant_have_our_rows_alone():
-    (board,) = leaderboard("acrobot", {"mine": hanging}, (PERFORMANCE,), entrants=(), plant=B0)
-    assert [row.controller for row in board.rows] == ["mine"]
-    assert board.as_dicts()[0]["plant"] == "B.0, frictionless"
-
-
-@pytest.mark.slow
-def test_robustness_and_uptime_name_their_plant():
-    rules = dataclasses.replace(ROBUSTNESS, duration=0.1, delay=Sweep(0.0, 0.0, 1), criteria=("delay",))
-    result = judge(hanging, "acrobot", rules, plant=B0)
-    assert (result.values, result.as_dict()["plant"]) == ({"delay": 0.0, "score": None}, "B.0, frictionless")
-    thrown = dataclasses.replace(UPTIME, duration=0.3, throws=1, first=0.15, jitter=0.01)
-    result = judge(hanging, "acrobot", thrown, plant=B0)
-    assert (result.score, result.as_dict()["torque_over_gravity"]) == (0.0, pytest.approx(0.961, abs=1e-3))
 
 
 def test_a_policy_for_another_plant_says_so_once(caplog):

@@ -1,7 +1,6 @@
 """The evidence for a controller that identifies its plant: plants, variants, and tables with known answers."""
 
 import dataclasses
-import itertools
 import sys
 from pathlib import Path
 
@@ -52,15 +51,6 @@ def full_policy():
         "regulator": RegulatorSettings(),
     }
     return dataclasses.replace(policy_of(sighted_policy()), **around)
-
-
-def test_midpoints_lie_between_neighbours_of_the_grid(scripts):
-    between = scripts["plants"].midpoint_rules(RULES)
-    assert sum(model.sweep.count for model in between.model.values()) == 200
-    for name, model in SWEEPS.items():
-        grid = model.sweep.values()
-        middles = [(low + high) / 2 for low, high in itertools.pairwise(grid)]
-        assert between.model[name].sweep.values() == pytest.approx(middles, rel=1e-9, abs=1e-12)
 
 
 def test_joint_draws_are_off_in_all_parameters_within_half_the_ranges(scripts):
@@ -128,20 +118,6 @@ def test_the_optimum_of_a_plant_is_held_and_scored(scripts):
     assert found.score == pytest.approx(0.69, abs=0.02)
 
 
-def test_adaptation_is_compared_seed_by_seed(scripts):
-    rows = [
-        {"criterion": criterion, "seed": seed, "on": on, "off": off}
-        for criterion, pairs in (("delay", [(95.0, 90.0)] * 2), ("velocity_noise", [(90.0, 91.0), (92.0, 95.0)]))
-        for seed, (on, off) in enumerate(pairs)
-    ]
-    lines = scripts["adaptive"].nominal_table(rows).splitlines()[2:]
-    # Differences -1 and -3: mean -2, standard error 1, Student's 12.7 with one degree of freedom.
-    assert lines == [
-        "| delay | 95.0 | 90.0 | +5.0 |",
-        "| velocity noise | 91.0 | 93.0 | -2.0 (-14.7 to +10.7) |",
-    ]
-
-
 def test_errors_are_relative_to_the_value_or_the_range(scripts, tmp_path):
     errors = scripts["errors"]
     true = np.tile([0.1, 0.05, 0.2, 0.2, 0.0, 0.05, 0.0, -0.1, 0.0], (3, 1))
@@ -158,23 +134,3 @@ def test_errors_are_relative_to_the_value_or_the_range(scripts, tmp_path):
     at_1_s = [row for row in errors.error_rows(time, bands) if row["time"] == 1.0]
     assert [row["parameter"] for row in at_1_s] == list(BASE_NAMES)
     assert at_1_s[0]["median"] == pytest.approx(2.0)
-
-
-def test_trainings_are_measured_once_and_averaged(scripts, tmp_path, monkeypatch, capsys):
-    seeds, values = scripts["seeds"], iter([0.5, 0.7, 0.9])
-    monkeypatch.setattr(seeds, "measures", lambda robot, path: {"uptime": lambda: next(values)})
-    files = [str(tmp_path / f"{name}.safetensors") for name in "abc"]
-    for file in files:
-        Path(file).write_bytes(file.encode())
-    rows = str(tmp_path / "new" / "rows.jsonl")
-    for given in (files[:1], files):
-        monkeypatch.setattr(sys, "argv", ["adaptive_seeds.py", "acrobot", *given, "--rows", rows])
-        assert seeds.main() == 0
-    # Mean 0.7, standard error 0.2/√3, Student's 4.303 with two degrees of freedom: 0.497, cut at 1 above 1.
-    last = "| uptime | 0.500 | 0.700 | 0.900 | 0.700 (0.203 to 1.000) |"
-    assert capsys.readouterr().out.splitlines()[-1] == last
-    # Another content is another training.
-    Path(files[0]).write_bytes(b"new")
-    monkeypatch.setattr(sys, "argv", ["adaptive_seeds.py", "acrobot", files[0], "--rows", rows])
-    with pytest.raises(StopIteration):
-        seeds.main()

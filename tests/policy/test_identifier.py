@@ -8,8 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.controllers.interface.controller import AbstractController, check_interface
-from swingup.controllers.stack.estimator import with_estimator
+from swingup.controllers.interface.controller import AbstractController
 from swingup.controllers.stack.maths import JAX
 from swingup.dynamics.integrate import rk4_step
 from swingup.plant.base_parameters import BASE, base_parameters
@@ -196,12 +195,6 @@ def test_hat():
     even = hat_weights(np, np.full(6, 0.002), 0.002 * np.arange(7))
     np.testing.assert_allclose(even[0], np.array([0.5, 1.5, 2.5, 2.5, 1.5, 0.5]) / 9, rtol=1e-12)
     np.testing.assert_allclose(even[1], np.array([1, 1, 1, -1, -1, -1]) / (9 * 0.002), rtol=1e-12)
-
-
-@pytest.mark.parametrize("double", [False, True])
-def test_it_belongs_into_the_estimator(double):
-    with jax.enable_x64(double):
-        check_interface(with_estimator(Rest(), ROBOT, NOMINAL, finding=IdentifierSettings()))
 
 
 def test_one_spoilt_angle_is_soon_forgotten():

@@ -2,13 +2,10 @@
 
 import dataclasses
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 
-from swingup.export.folder import export_folder
 from swingup.loop.effects import late_period
 from swingup.loop.loop import Loop
 from swingup.plant.base_parameters import base_parameters
@@ -24,7 +21,7 @@ from swingup.policy.network.layers import Layer, Network
 from swingup.policy.network.stages import PendulumStage, PlantStage
 from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.numpy_backend.network import NumpyNetwork
-from swingup.policy.pendulum import PendulumPolicy, read_pendulum_policy, write_pendulum_policy
+from swingup.policy.pendulum import PendulumPolicy
 from swingup.policy.plant_facts import policy_plant
 
 from .references import DT, random_states
@@ -130,36 +127,3 @@ def test_the_policy_is_told(policy):
     assert np.abs(np.array(after) - before).max() > 1e-3
     told.tell(base_parameters(policy.plant).tolist())
     np.testing.assert_allclose([told(x) for x in random_states()[:20]], before, rtol=0, atol=1e-13)
-
-
-IDENTIFY = """
-import sys
-sys.path.insert(0, {folder!r})
-import numpy as np
-from con_swingup import controller
-
-assert not [name for name in sys.modules if name.partition(".")[0] in ("jax", "equinox", "swingup", "yaml")]
-controller.init()
-measured = np.load({rows!r})
-np.save({rows!r}, [controller.get_control_output(x=x, t=0.002 * step) for step, x in enumerate(measured)])
-"""
-
-
-def test_exported_controllers_identify_their_plant(policy, tmp_path):
-    source, rows = tmp_path / "mine.safetensors", tmp_path / "rows.npy"
-    write_pendulum_policy(source, policy, {"command": "none"})
-    policy = read_pendulum_policy(source)
-    folder = export_folder(policy, source, tmp_path / "r", "realaigym").parent
-    export_folder(policy, source, tmp_path / "c", "cloudpendulum")
-    for readme in ("r/readmes/swingup.md", "c/README.md"):
-        assert "the loop's delay and the pendulum's base parameters" in (tmp_path / readme).read_text()
-    t = DT * np.arange(100)
-    measured = np.stack([np.sin(6 * t), np.cos(7 * t), 6 * np.cos(6 * t), -7 * np.sin(7 * t)], axis=1)
-    np.save(rows, measured)
-    code = IDENTIFY.format(folder=str(folder), rows=str(rows))
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert (result.returncode, result.stderr) == (0, "")
-    controller = numpy_controller(policy)
-    expected = [controller(x, DT * step) for step, x in enumerate(measured)]
-    np.testing.assert_array_equal(np.load(rows), expected)
-    assert controller.inner.found.theta != tuple(base_parameters(policy.plant))
