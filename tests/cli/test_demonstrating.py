@@ -17,11 +17,12 @@ from swingup.cli.parsing import program_typed
 from swingup.cli.progress import progress_line
 from swingup.cli.results import comparison_lines
 from swingup.common.errors import SwingupError
+from swingup.controllers.registry import get_controller
 from swingup.learner.metrics import read_metrics
 from swingup.learner.report import TrainingReport
 from swingup.plant.robots import ROBOTS
 from swingup.policy.shipped import DEFAULT
-from swingup.report import trained
+from swingup.report import make
 
 ACROBOT = ROBOTS["acrobot"]
 
@@ -117,9 +118,10 @@ def test_the_comparison_is_narrow_and_sorted(robot):
 
 
 def test_the_board_has_three_published_rows(monkeypatch):
-    monkeypatch.setattr(trained, "leaderboard", lambda *_, **__: [board(ACROBOT, 0.64)])
-    rows = trained.trained_table(ACROBOT, "your policy", None).rows
-    assert [row.controller for row in rows] == ["History SAC", "your policy", "AR-EAPO", "TVLQR"]
+    monkeypatch.setattr(make, "leaderboard", lambda *_, **__: [board(ACROBOT, 0.64)])
+    monkeypatch.setattr(make, "make_show", lambda *_: None)
+    (table,) = make.trained_section(ACROBOT, {"your policy": get_controller("ar-eapo", ACROBOT)}).tables
+    assert [row.controller for row in table.rows] == ["History SAC", "your policy", "AR-EAPO", "TVLQR"]
 
 
 @pytest.mark.parametrize("robot", ROBOTS.values(), ids=list(ROBOTS))
@@ -153,8 +155,8 @@ def pretended(monkeypatch):
     """The command with a training and a page that take no time; its options are kept."""
     given = []
 
-    def start(frames, options, out, changes):
-        given.append((frames, options, out, changes))
+    def start(robot, frames, out, **options):
+        given.append((robot, frames, out, options))
         Path(out).mkdir(parents=True)
         return SavingRun(Path(out))
 
@@ -172,8 +174,7 @@ def test_the_output_is_narrow_and_ends_with_three_commands(pretended, monkeypatc
     monkeypatch.setattr(sys, "argv", [".venv/bin/swingup"])
     monkeypatch.setenv("PATH", "")
     assert main(["demo", "--seed", "3"]) == 0
-    options = {"robot": "acrobot", "preset": "fast", "seed": 3}
-    assert pretended == [(None, options, "runs/demo-acrobot", {})]
+    assert pretended == [("acrobot", None, "runs/demo-acrobot", {"preset": "fast", "seed": 3})]
     lines = capsys.readouterr().out.splitlines()
     # A command that names a file may be longer: a terminal wraps it, and it is still copied whole.
     assert max(len(line) for line in lines if "best.safetensors" not in line) <= 80

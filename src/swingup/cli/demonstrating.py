@@ -19,8 +19,8 @@ from ..learner.policy_files import BEST
 from ..learner.report import TrainingReport
 from ..learner.run import Run
 from ..plant.robots import Robot, get_robot
+from ..report.make import trained_section
 from ..report.page import page_template, render_page
-from ..report.trained import trained_section
 from .output import progress_shown, tell
 from .parsing import program_typed
 from .results import comparison_lines

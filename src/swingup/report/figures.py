@@ -95,9 +95,7 @@ def _with_time(panel: Panel, up: float | None) -> Panel:
 
 
 def phase_figure(
-    trajectories: Mapping[str, Trajectory] | Mapping[str, Rows],
-    robot: Robot | str,
-    colours: Sequence[str] | None = None,
+    trajectories: Mapping[str, Trajectory | Rows], robot: Robot | str, colours: Sequence[str] | None = None
 ) -> Figure:
     """The phase portrait of each joint, velocity (rad/s) over position (rad), with start and goal.
 

@@ -34,14 +34,11 @@ ROBUSTNESS_REMEDY = "write it with swingup evaluate --board robustness --json"
 
 
 class Rows(NamedTuple):
-    """A trajectory that can be drawn."""
+    """A trajectory that can be drawn: time (N,), x (N, 4) and u (N, 2), in s, rad, rad/s and N m."""
 
     time: np.ndarray
-    """(N,), in s."""
     x: np.ndarray
-    """(N, 4), in rad and rad/s."""
     u: np.ndarray
-    """(N, 2), in N m."""
 
 
 def check_suffix(path: str | Path, known: Sequence[str]) -> str:

@@ -33,6 +33,7 @@ PERIOD = 0.01
 STATES = ("q1 (rad)", "q2 (rad)", "dq1 (rad/s)", "dq2 (rad/s)")
 TORQUES = ("u1 (N m)", "u2 (N m)")
 ERRORS = ("Angle RMS (rad)", "median", "Velocity RMS (rad/s)", "median")
+QUANTITIES = ("angle", "angle_median", "velocity", "velocity_median")
 MOST_LOGS = 3
 """Logs whose held-out windows are drawn."""
 FITTED, START = 0, 1
@@ -84,7 +85,7 @@ def report_comparison(comparison: Comparison) -> LogReport:
         f"predictions of {names}. Each starts from the smoothed measurement, and the log's torques drive it."
     )
     parts = [
-        _motion(comparison),
+        _over_time(comparison),
         _horizons(comparison.predictions),
         _speeds(comparison.predictions),
         *(_run(name, run) for name, run in comparison.runs.items()),
@@ -92,37 +93,27 @@ def report_comparison(comparison: Comparison) -> LogReport:
     return LogReport(f"{recording.name} beside {names}", lead, parts, comparison.notes)
 
 
-@dataclass(frozen=True)
-class _Rows:
-    """What is drawn over time of a measurement, a prediction or a run."""
-
-    name: str
-    time: np.ndarray
-    x: np.ndarray
-    colour: str | int = "ink"
-    look: str = LINE
+def _states(series: Sequence[Sequence[Curve]]) -> list[Panel]:
+    """Angles and velocities over time, from the four curves of each motion."""
+    return [Panel(TIME, label, curves) for label, curves in zip(STATES, zip(*series, strict=True), strict=True)]
 
 
-def _states(series: Sequence[_Rows]) -> list[Panel]:
-    """Angles and velocities over time."""
-    return [
-        Panel(TIME, label, [Curve(each.name, each.time, each.x[:, k], each.colour, each.look) for each in series])
-        for k, label in enumerate(STATES)
-    ]
+def _motion(name: str, time: np.ndarray, x: np.ndarray, colour: str | int = "ink", look: str = LINE) -> list[Curve]:
+    return [Curve(name, time, each, colour, look) for each in x.T]
 
 
-def _log(recording: Recording) -> _Rows:
-    return _Rows("log", *smoothed(recording, PERIOD))
+def _log(recording: Recording) -> list[Curve]:
+    return _motion("log", *smoothed(recording, PERIOD))
 
 
-def _predicted(name: str, part: Segments, number: int) -> _Rows:
+def _predicted(name: str, part: Segments, number: int) -> list[Curve]:
     """Predictions one after another, with a row of NaN between two of them."""
     time = np.pad(part.times, ((0, 0), (0, 1)), constant_values=np.nan).ravel()
     x = np.pad(part.states, ((0, 0), (0, 1), (0, 0)), constant_values=np.nan).reshape(-1, 4)
-    return _Rows(name, time, x, number, THIN)
+    return _motion(name, time, x, number, THIN)
 
 
-def _motion(comparison: Comparison) -> Part:
+def _over_time(comparison: Comparison) -> Part:
     recording = comparison.recording
     pairs = enumerate(zip(comparison.predictions, comparison.drawn, strict=True))
     panels = _states([_log(recording), *(_predicted(each.name, part, k) for k, (each, part) in pairs)])
@@ -144,55 +135,55 @@ def _fitted(prediction: OpenLoop, name: str) -> str:
 
 
 def _horizons(predictions: Sequence[OpenLoop]) -> Part:
-    rows = [[each.name, key, *_cells(row)] for each in predictions for key, row in each.horizons.items()]
-    places = [float(key) for key in predictions[0].horizons]
-    errors = [list(each.horizons.values()) for each in predictions]
-    figure = _error_figure("horizon (s)", predictions, places, errors, logarithmic=True)
     note = (
         "Windows start every 0.1 s where a joint is faster than 1 rad/s. RMS is over windows and joints, the "
         "median over windows: it says more where the motion is unstable. Solid: RMS, dashed: median."
     )
-    return Part("Errors by horizon", note, [Table(("Plant", "After (s)", "Windows", *ERRORS), rows)], figure)
+    rows = [[(key, row) for key, row in each.horizons.items()] for each in predictions]
+    return _error_part("Errors by horizon", "After (s)", "horizon (s)", note, predictions, rows)
 
 
 def _speeds(predictions: Sequence[OpenLoop]) -> Part:
-    groups = [[f"{row.slowest:.1f}–{row.fastest:.1f}" for row in each.speeds] for each in predictions]
-    rows = [
-        [each.name, label, *_cells(row.errors)]
-        for each, labels in zip(predictions, groups, strict=True)
-        for label, row in zip(labels, each.speeds, strict=True)
-    ]
-    errors = [[row.errors for row in each.speeds] for each in predictions]
-    places = [float(place) for place in range(len(groups[0]))]
-    label = "fastest joint (rad/s)"
-    figure = _error_figure(label, predictions, places, errors, ticks=groups[0])
     note = "Errors after 0.25 s, of four groups of windows from slow to fast. Solid: RMS, dashed: median."
-    table = Table(("Plant", label.capitalize(), "Windows", *ERRORS), rows)
-    return Part("Errors by speed", note, [table] if rows else [], figure if rows else None)
+    rows = [[(f"{row.slowest:.1f}–{row.fastest:.1f}", row.errors) for row in each.speeds] for each in predictions]
+    label = "fastest joint (rad/s)"
+    return _error_part("Errors by speed", label.capitalize(), label, note, predictions, rows, named=True)
 
 
-def _error_figure(
+def _error_part(
+    title: str,
+    head: str,
     label: str,
+    note: str,
     predictions: Sequence[OpenLoop],
-    places: Sequence[float],
-    errors: Sequence[Sequence[ErrorRow]],
-    **axes: Any,
-) -> Figure:
-    """Angles and velocities side by side, a solid and a dashed curve for each plant."""
+    errors: Sequence[Sequence[tuple[str, ErrorRow]]],
+    named: bool = False,
+) -> Part:
+    """A table of errors, and angles and velocities side by side with a solid and a dashed curve for each plant."""
+    rows = [
+        [each.name, key, str(row.windows), *(shown(getattr(row, name)) for name in QUANTITIES)]
+        for each, found in zip(predictions, errors, strict=True)
+        for key, row in found
+    ]
+    keys = [key for key, _ in errors[0]]
+    places = np.arange(float(len(keys))) if named else np.array(keys, float)
+    axes: dict[str, Any] = {"ticks": keys} if named else {"logarithmic": True}
     panels = []
-    for quantity, unit in (("angle", "rad"), ("velocity", "rad/s")):
-        curves = []
-        for number, (each, rows) in enumerate(zip(predictions, errors, strict=True)):
-            for title, look in ((quantity, LINE), (f"{quantity}_median", DASHED)):
-                values = np.array([getattr(row, title) for row in rows], float)  # None becomes NaN
-                curves.append(Curve(each.name if look == LINE else "", np.array(places), values, number, look))
-        panels.append(Panel(label, f"{quantity} error ({unit})", curves, **axes))
-    return Figure(panels, columns=2)
-
-
-def _cells(row: ErrorRow) -> list[str]:
-    values = (row.angle, row.angle_median, row.velocity, row.velocity_median)
-    return [str(row.windows), *map(shown, values)]
+    for pair, unit in ((QUANTITIES[:2], "rad"), (QUANTITIES[2:], "rad/s")):
+        curves = [
+            Curve(
+                each.name if look == LINE else "",
+                places,
+                np.array([getattr(row, quantity) for _, row in found], float),  # None becomes NaN
+                number,
+                look,
+            )
+            for number, (each, found) in enumerate(zip(predictions, errors, strict=True))
+            for quantity, look in zip(pair, (LINE, DASHED), strict=True)
+        ]
+        panels.append(Panel(label, f"{pair[0]} error ({unit})", curves, **axes))
+    tables = [Table(("Plant", head, "Windows", *ERRORS), rows)] if rows else []
+    return Part(title, note, tables, Figure(panels, columns=2) if rows else None)
 
 
 def _run(name: str, found: ClosedLoop) -> Part:
@@ -204,7 +195,7 @@ def _run(name: str, found: ClosedLoop) -> Part:
     )  # fmt: skip
     looks: dict[str, Any] = dict(zip(runs, (("ink", LINE), (0, THIN)), strict=True))
     rows = {title: _thinned(run.trajectory) for title, run in runs.items() if run.trajectory is not None}
-    panels = _states([_Rows(title, each.time, each.x, *looks[title]) for title, each in rows.items()])
+    panels = _states([_motion(title, each.time, each.x, *looks[title]) for title, each in rows.items()])
     torques = [Curve(title, each.time, each.u[:, robot.joint], *looks[title]) for title, each in rows.items()]
     note = (
         f"{found.simulated.controller} on the {robot.name}, from hanging at rest, simulated: {found.domain.name}. "
