@@ -95,7 +95,7 @@ def test_plants_that_move_alike_have_the_same_controller(robot, similar, x64):
     published, own = (baseline("lqr", robot, each) for each in (LEADERBOARD, similar(plant)))
     for error in np.random.default_rng(0).normal(size=(5, 4)) * 0.01:
         x = UPRIGHT + error
-        u, expected = own(None, 0.0, x * [1, 1, 2, 2])[1], published(None, 0.0, x)[1]
+        u, expected = own(own.init(), 0.0, x * [1, 1, 2, 2])[1], published(None, 0.0, x)[1]
         np.testing.assert_allclose(u, 0.025 * expected, rtol=1e-8)
 
 

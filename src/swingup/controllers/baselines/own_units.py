@@ -12,11 +12,12 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from ...common.types import Scalar, State, Torque
+from ...common.types import State, Torque
 from ...plant.plant import Plant
 from ...plant.robots import Robot
 from ...plant.units import Scales
 from ..interface.controller import AbstractController, joint_torques
+from ..interface.time import Time, TimeLike, never, since_first_call
 from ..swingups.design import Search
 from ..swingups.ilqr import ILQRSettings
 from ..swingups.reference import Reference
@@ -84,7 +85,7 @@ def in_real_units(reference: Reference, scales: Scales) -> Reference:
     return Reference(reference.robot, dt, states, reference.torque * scales.torque, gains)
 
 
-class InOwnUnits(AbstractController[Any]):
+class InOwnUnits(AbstractController[tuple[Time, Any]]):
     """A controller of the similar pendulum, which sees the plant's state and time in C.1's units."""
 
     controller: AbstractController[Any]
@@ -95,16 +96,17 @@ class InOwnUnits(AbstractController[Any]):
     """The plant's motor's (N m)."""
     robot: Robot = eqx.field(static=True)
 
-    def init(self) -> Any:
-        """The controller's own memory."""
-        return self.controller.init()
+    def init(self) -> tuple[Time, Any]:
+        """The time of the first call, and the controller's own memory."""
+        return never(), self.controller.init()
 
-    def __call__(self, carry: Any, t: Scalar, x: State) -> tuple[Any, Torque]:
+    def __call__(self, carry: tuple[Time, Any], t: TimeLike, x: State) -> tuple[tuple[Time, Any], Torque]:
         """The torques (N m)."""
         similar = jnp.concatenate([x[:2], x[2:] * self.time])
-        carry, u = self.controller(carry, t / self.time, similar)
+        begun, elapsed = since_first_call(t, carry[0])
+        inner, u = self.controller(carry[1], elapsed / self.time, similar)
         # The units' rounding must not exceed the limit.
-        return carry, joint_torques(u[self.robot.joint] * self.torque, self.robot, self.limit)
+        return (begun, inner), joint_torques(u[self.robot.joint] * self.torque, self.robot, self.limit)
 
 
 def in_own_units(controller: AbstractController[Any], plant: Plant, robot: Robot, scales: Scales) -> InOwnUnits:

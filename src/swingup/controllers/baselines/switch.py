@@ -12,6 +12,7 @@ from ...common.types import Flag, Scalar, State, Torque
 from ...dynamics.angles import UPRIGHT, wrap
 from ...plant.robots import Robot
 from ..interface.controller import AbstractController, Carry
+from ..interface.time import Time, TimeLike, never, since_first_call
 
 
 class AbstractExpensiveController(AbstractController[Carry]):
@@ -30,18 +31,19 @@ class AbstractExpensiveController(AbstractController[Carry]):
 
 
 class SwitchMemory(eqx.Module):
-    """The memories of both controllers, and which of them acts."""
+    """The memories of both controllers, which of them acts, and when they were first called."""
 
     first: Any
     second: Any
     latched: Flag
+    begun: Time
 
 
 class LatchingSwitch(AbstractController[SwitchMemory]):
     """The first controller until the state has been near the goal once; the second from then on.
 
     Near means |wrap(x) - goal| < threshold in all four entries. The second controller stays in charge even when it
-    loses the pendulum.
+    loses the pendulum. Time counts from the first call: the first controller may follow a trajectory.
     """
 
     first: AbstractController[Any]
@@ -56,10 +58,11 @@ class LatchingSwitch(AbstractController[SwitchMemory]):
 
     def init(self) -> SwitchMemory:
         """Both controllers' first memories; the first controller acts."""
-        return SwitchMemory(self.first.init(), self.second.init(), jnp.array(False))
+        return SwitchMemory(self.first.init(), self.second.init(), jnp.array(False), never())
 
-    def __call__(self, carry: SwitchMemory, t: Scalar, x: State) -> tuple[SwitchMemory, Torque]:
+    def __call__(self, carry: SwitchMemory, t: TimeLike, x: State) -> tuple[SwitchMemory, Torque]:
         """The torques of the controller in charge (N m)."""
+        begun, t = since_first_call(t, carry.begun)
         latched = carry.latched | jnp.all(jnp.abs(wrap(x) - jnp.asarray(self.goal)) < jnp.asarray(self.threshold))
         # Both controllers are computed: in a batch some members have switched and others have not.
         if isinstance(self.first, AbstractExpensiveController):
@@ -67,4 +70,4 @@ class LatchingSwitch(AbstractController[SwitchMemory]):
         else:
             first, u_first = self.first(carry.first, t, x)
         second, u_second = self.second(carry.second, t, x)
-        return SwitchMemory(first, second, latched), jnp.where(latched, u_second, u_first)
+        return SwitchMemory(first, second, latched, begun), jnp.where(latched, u_second, u_first)

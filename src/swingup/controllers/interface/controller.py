@@ -12,6 +12,7 @@ from ...common.foreign import attribute, blaming
 from ...common.text import one_line
 from ...common.types import Scalar, State, Torque
 from ...plant.robots import Robot
+from .time import TimeLike
 
 Carry = TypeVar("Carry")
 
@@ -24,8 +25,11 @@ class AbstractController(eqx.Module, Generic[Carry]):
         """What the controller remembers before the first step."""
 
     @abc.abstractmethod
-    def __call__(self, carry: Carry, t: Scalar, x: State) -> tuple[Carry, Torque]:
-        """The torques [u1, u2] (N m) for the state x measured at time t (s), and what to remember."""
+    def __call__(self, carry: Carry, t: TimeLike, x: State) -> tuple[Carry, Torque]:
+        """The torques [u1, u2] (N m) for the state x measured at time t (s), and what to remember.
+
+        Outside 64-bit mode pass ``interface.time.split_time(t)``: single precision loses a time of some hours.
+        """
 
 
 class AbstractPlantController(AbstractController[Carry]):
@@ -36,19 +40,19 @@ class AbstractPlantController(AbstractController[Carry]):
     """
 
     @abc.abstractmethod
-    def control(self, carry: Carry, t: Scalar, x: State, base: Any) -> tuple[Carry, Torque]:
+    def control(self, carry: Carry, t: TimeLike, x: State, base: Any) -> tuple[Carry, Torque]:
         """Do what a call does, for a plant with base parameters θ (9,), by ``plant.base_parameters.BASE_NAMES``.
 
         With None it is the controller's own plant.
         """
 
-    def __call__(self, carry: Carry, t: Scalar, x: State) -> tuple[Carry, Torque]:
+    def __call__(self, carry: Carry, t: TimeLike, x: State) -> tuple[Carry, Torque]:
         """The torques [u1, u2] (N m) for the state x measured at time t (s), and the memory for the next call."""
         return self.control(carry, t, x, None)
 
 
 def call_for_plant(
-    controller: AbstractController[Any], carry: Any, t: Scalar, x: State, base: Any
+    controller: AbstractController[Any], carry: Any, t: TimeLike, x: State, base: Any
 ) -> tuple[Any, Torque]:
     """A call of any controller; one that depends on its plant is told θ."""
     if isinstance(controller, AbstractPlantController):

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...common.types import Scalar, State, Torque
+from ...common.types import State, Torque
 from ...plant.plant import Plant
 from ...plant.robots import Robot
 from ...policy.estimator import core
@@ -16,6 +16,7 @@ from ...policy.identifier import core as identifier
 from ...policy.identifier.core import Found
 from ...policy.identifier.settings import IdentifierSettings
 from ..interface.controller import AbstractController, call_for_plant, check_robot
+from ..interface.time import TimeLike, as_time, never
 from .maths import JAX
 
 
@@ -60,13 +61,12 @@ class EstimatingController(AbstractController[EstimatorMemory]):
 
     def init(self) -> EstimatorMemory:
         """Nothing seen yet."""
-        return EstimatorMemory(core.begin(JAX, self.loop), self.controller.init())
+        return EstimatorMemory(core.begin(JAX, self.loop)._replace(time=never()), self.controller.init())
 
-    def __call__(self, carry: EstimatorMemory, t: Scalar, x: State) -> tuple[EstimatorMemory, Torque]:
+    def __call__(self, carry: EstimatorMemory, t: TimeLike, x: State) -> tuple[EstimatorMemory, Torque]:
         """The controller's torques for the estimated state (N m), with compensation; x is the measurement."""
         loop = self.loop
-        # In the memory's own type: a compiled loop keeps the types of its carry.
-        now = jnp.asarray(t, carry.estimator.time.dtype)
+        now = as_time(t).like(carry.estimator.time)
         state, seen = core.observe(JAX, loop, carry.estimator, self.found(carry), now, x)
         plant = self.found(carry._replace(estimator=state))
         if plant is None:

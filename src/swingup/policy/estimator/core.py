@@ -31,7 +31,7 @@ within its limit; both torques are NaN if the state seen is not finite.
 """
 
 import math
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from ...plant import equations
 from ...plant.damped import Friction, damped_midpoint_step
@@ -89,8 +89,8 @@ def make_loop(
 class EstimatorState(NamedTuple):
     """What is remembered from call to call."""
 
-    time: Number
-    """Time of the last call (s), -inf before the first."""
+    time: Any
+    """Time of the last call (s), -inf before the first: what a later time, less this, gives is a number."""
     state: Array
     """Estimate (4,) of the measured state, which is as old as the delay."""
     torques: Array
@@ -120,7 +120,7 @@ def begin(maths: Maths, loop: Loop) -> EstimatorState:
 
 
 def observe(
-    maths: Maths, loop: Loop, state: EstimatorState, found: Found | None, t: Number, x: Array
+    maths: Maths, loop: Loop, state: EstimatorState, found: Found | None, t: Any, x: Array
 ) -> tuple[EstimatorState, Array]:
     """An estimate of the state now.
 
@@ -129,7 +129,7 @@ def observe(
         loop: what is known.
         state: of the calls before.
         found: what the identifier, if there is one, has found before.
-        t: time (s).
+        t: time (s), of the kind of the state's.
         x: measured state (4,) (rad, rad/s).
     """
     xp, period, measured = maths.xp, loop.settings.dt, x
