@@ -260,6 +260,14 @@ def test_what_cannot_be_started_or_resumed(tmp_path):
 
 
 @pytest.mark.slow
+def test_the_last_policy_is_on_the_disk_before_its_checkpoint(tmp_path, monkeypatch):
+    saved, last = {}, tmp_path / "r" / "last.safetensors"
+    monkeypatch.setattr(RunFolder, "save_checkpoint", lambda _, frames, *__: saved.update({frames: last.exists()}))
+    run(tmp_path / "r", 2)
+    assert saved.pop(0) is False
+    assert saved == {128: True}
+
+
 def test_a_run_killed_before_its_first_report_resumes(finished, tmp_path):
     folder, _, _ = finished
     start_run(SETTINGS, tmp_path / "r", 10 * FRAMES)

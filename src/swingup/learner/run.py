@@ -211,13 +211,16 @@ class Run:
             self.save_policy(self._folder.path / name, index, policy, result)
 
     def _save(self, evaluations: list[dict[str, Any]], writer: MetricsWriter | None) -> None:
-        """Write a checkpoint, after the metrics until there, and each seed's last policy with its score."""
+        """Write a checkpoint, after the metrics until there and each seed's last policy with its score.
+
+        A run that is killed before the checkpoint trains again from the one before, and writes the others anew.
+        """
         if writer is not None:
-            # Resuming keeps the rows up to the checkpoint: they must be on the disk before it.
             writer.sync()
-        self.save_checkpoint()
+        self._check_finite((self.progress.state.actor, self.progress.state.critic), "weights are")
         for index, (policy, result) in enumerate(zip(self.policies(), evaluations, strict=True)):
             self._save_policy(last_name(self.settings, index), index, policy, result)
+        self.save_checkpoint()
 
     def _check_finite(self, tree: Any, subject: str) -> None:
         if is_finite(tree):
