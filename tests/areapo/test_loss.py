@@ -37,12 +37,14 @@ def test_value_losses_by_hand():
 
 def test_surrogate_is_clipped_pessimistically():
     # ε = 0.05 and ratio 1.2: A = 1 counts 1.05, A = -1 counts -1.2; -mean of (1.05, -1.2, 1.05, -1.2) = 0.075.
-    ratios = jnp.log(jnp.array([1.2, 1.2, 1.2, 1.2]))
+    ratios = jnp.log(jnp.full(4, 1.2))
     total, metrics = loss(NETWORKS, batch(log_ratios=ratios), CONFIG)
     assert total == pytest.approx(0.075, rel=1e-4)
     assert metrics.clip_fraction == 1.0
     # mean(r - 1 - log r) = 0.2 - log 1.2
     assert metrics.approximate_kl == pytest.approx(0.2 - np.log(1.2), rel=1e-4)
+    # Ratio 0.8: A = 1 counts 0.8, A = -1 counts -0.95; -mean of (0.8, -0.95, 0.8, -0.95) = 0.075.
+    assert loss(NETWORKS, batch(log_ratios=jnp.log(jnp.full(4, 0.8))), CONFIG)[0] == pytest.approx(0.075, rel=1e-4)
 
 
 def test_clipped_frames_have_no_gradient():

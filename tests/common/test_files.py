@@ -29,10 +29,17 @@ def test_a_device_is_written_to_and_not_replaced():
     assert stat.S_ISCHR(os.stat("/dev/null").st_mode)
 
 
-def test_a_folder_that_is_missing(tmp_path):
+def test_what_cannot_be_written_leaves_the_old_file_alone(tmp_path, monkeypatch):
+    def full(file):
+        raise OSError(28, "No space left on device")
+
     with pytest.raises(SwingupError, match="cannot write"):
         write_atomically(tmp_path / "missing" / "file", b"")
-    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "file").write_bytes(b"old")
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(SwingupError, match="No space left on device"):
+        write_atomically(tmp_path / "file", b"new")
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("file", b"old")]
 
 
 def test_plain_values(tmp_path):

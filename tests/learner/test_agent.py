@@ -16,7 +16,7 @@ from swingup import AREAPO
 from swingup.common.errors import SwingupError
 from swingup.learner.metrics import read_metrics
 from swingup.plant.robots import ROBOTS
-from swingup.tasks.presets import global_task, smooth_task
+from swingup.tasks.presets import smooth_task
 from swingup.tasks.task import AbstractTask, Step
 
 from .contract import TINY
@@ -329,8 +329,6 @@ def test_no_preset_is_guessed_for_a_pendulum_task():
         AREAPO(task, **TINY)
     assert "one of 'default', 'paper', " in str(caught.value)
     assert "mujoco" not in str(caught.value)
-    with pytest.raises(SwingupError, match="for this RecoveryTask"):
-        AREAPO(global_task(ROBOTS["pendubot"]), **TINY)
     model = AREAPO(task, "small", **TINY)
     assert (model.settings.preset, model.settings.robot) == ("small", None)
     assert model.config.learning_rate == 1e-3

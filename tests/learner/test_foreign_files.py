@@ -125,10 +125,7 @@ def test_names_among_the_checkpoints_that_are_none(folder):
     checkpoints = folder / "checkpoints"
     for name in ("9x", "copy of 000000000128", "9" * 40, "0.part"):
         (checkpoints / f"{name}.safetensors").write_bytes(b"")
-    with briefly_judged():
-        resumed = resume_run(folder, 4 * FRAMES)
-        list(resumed.advance())
-    assert resumed.frames == 4 * FRAMES
+    assert resume_run(folder).frames == 2 * FRAMES
     shutil.rmtree(checkpoints)
     checkpoints.write_text("")
     refused(resume_run, folder, match="has no checkpoint")
