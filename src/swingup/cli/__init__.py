@@ -1,5 +1,6 @@
 """The command line, ``swingup``: from arguments to an exit status."""
 
+import errno
 import os
 import signal
 import socket
@@ -7,12 +8,8 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ..common.errors import SwingupError
-
-if TYPE_CHECKING:
-    from .judging import JudgingCommands
 
 ERROR = 2
 """Exit status of bad input."""
@@ -22,26 +19,22 @@ GRACE = 3.0
 """Seconds that a command has for its end after Ctrl-C."""
 
 
-def main(arguments: list[str] | None = None, judging: "JudgingCommands | None" = None) -> int:
+def main(arguments: list[str] | None = None) -> int:
     """Run a command; bad input ends in one line on standard error and a non-zero status.
 
     Args:
         arguments: the words after the program's name; default: those of the process.
-        judging: the judging commands with boards of your own; default: with the published ones.
     """
     # XLA's warnings of slow compilation tell a user nothing. JAX reads this when it is imported.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     try:
+        if sys.stdout is None:
+            raise OSError(errno.EBADF, "it is closed")
         _accept_any_text()
         if arguments is None:
             _end_soon_after_interrupts()
-
-        # Imported here, so that other modules of this package can be used without tyro.
-        from .commands import run_command
-
-        _use_compilation_cache()
-        status = run_command(sys.argv[1:] if arguments is None else arguments, judging)
-        # A reader that has gone shows here, inside the try, and not at the interpreter's exit.
+        status = _run(sys.argv[1:] if arguments is None else arguments)
+        # What cannot be written shows here, inside the try, and not at the interpreter's exit.
         sys.stdout.flush()
         return status
     except KeyboardInterrupt:
@@ -50,13 +43,38 @@ def main(arguments: list[str] | None = None, judging: "JudgingCommands | None" =
             os._exit(INTERRUPTED)  # XLA's threads, which know no signals, can crash an orderly exit
         return INTERRUPTED
     except SwingupError as error:
-        print(f"swingup: error: {error}", file=sys.stderr)
-        return ERROR
-    except BrokenPipeError:
+        return _refuse(str(error))
+    except OSError as error:
+        reason = error.strerror or str(error)
+        if error.filename is not None:
+            return _refuse(
+                str(SwingupError(f"cannot use {error.filename}: {reason}; choose another name or folder"))
+            )
+        _drop_output()
         # The reader has gone, as in `swingup ... | head`.
-        # The interpreter flushes standard output when it exits, which would fail again.
+        return 1 if isinstance(error, BrokenPipeError) else _refuse(f"cannot write standard output: {reason}")
+
+
+def _run(arguments: list[str]) -> int:
+    # Imported here, so that other modules of this package can be used without tyro.
+    from .commands import run_command
+
+    _use_compilation_cache()
+    try:
+        return run_command(arguments)
+    except SystemExit as stopped:  # tyro printed help, or what is missing
+        return int(stopped.code or 0)
+
+
+def _refuse(message: str) -> int:
+    print(f"swingup: error: {message}", file=sys.stderr)
+    return ERROR
+
+
+def _drop_output() -> None:
+    """The interpreter flushes standard output when it exits, which would fail again."""
+    if sys.stdout is not None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
 
 
 def _accept_any_text() -> None:

@@ -3,12 +3,14 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, TypedDict
 
-from tyro.conf import FlagCreatePairsOff, OmitArgPrefixes, Positional, arg
+from tyro.conf import FlagCreatePairsOff, Positional, arg
+from tyro.constructors import PrimitiveConstructorSpec
 
 from ..benchmark.disturbances import DisturbanceSettings
 from ..benchmark.rules import PushRules
+from ..common.checks import one_of
 from ..common.errors import SwingupError
 from ..controllers.registry import BUILT_IN, has_estimator
 from ..controllers.stack.controller import PolicyController
@@ -16,22 +18,63 @@ from ..controllers.stack.regulator import RegulatingController
 from ..plant.plant import LEADERBOARD, SHIPPED_PLANTS, Plant, load_plant
 from ..plant.robots import ROBOTS, Robot, get_robot
 from ..plant.units import torque_over_gravity
+from .parsing import value_of
 
-RobotName = Positional[Annotated[str, arg(metavar="ROBOT", help="acrobot or pendubot.")]]
-RobotOrNone = Positional[Annotated[str | None, arg(metavar="[ROBOT]", help="acrobot or pendubot.")]]
-RobotOrAll = Positional[Annotated[str, arg(metavar="[ROBOT]", help="acrobot, pendubot or all.")]]
+
+def optional(metavar: str | None = None, text: str | None = None) -> Any:
+    """An option that may be left out, without tyro's "(default: None)": the text says what then happens."""
+    return arg(metavar=metavar, help=text, help_behavior_hint="")
+
+
+def word_of(kind: str, *words: str) -> PrimitiveConstructorSpec[str]:
+    """One of several words."""
+    return value_of(lambda word: one_of(kind, word, words), "{" + ",".join(words) + "}")
+
+
+def split_commas(values: Iterable[str]) -> tuple[str, ...]:
+    """Values of one option, which spaces or commas may separate; a file whose name has a comma is one value."""
+    return tuple(
+        part for value in values for part in ([value] if Path(value).is_file() else value.split(",")) if part
+    )
+
+
+def _robots(name: str) -> Sequence[Robot]:
+    return tuple(ROBOTS.values()) if name == "all" else (get_robot(name),)
+
+
+NAMES = PrimitiveConstructorSpec(
+    nargs="*",
+    metavar="NAME...",
+    instance_from_str=split_commas,
+    is_instance=lambda value: True,
+    str_from_instance=list,
+)
+ROBOT = value_of(get_robot, "ROBOT", lambda robot: getattr(robot, "name", ""))
+RobotName = Positional[Annotated[Robot, ROBOT, arg(help="acrobot or pendubot.")]]
+RobotOrNone = Positional[Annotated[Robot | None, ROBOT, optional(text="acrobot or pendubot.")]]
+RobotOrAll = Positional[
+    Annotated[
+        Sequence[Robot], value_of(_robots, "ROBOT", lambda robots: "all"), arg(help="acrobot, pendubot or all.")
+    ]
+]
+OptionalRobot = Annotated[Robot | None, ROBOT, optional()]
+"""An option, where a log or a file may say it."""
+OptionalText = Annotated[str | None, optional()]
+OptionalInt = Annotated[int | None, optional()]
+OptionalFloat = Annotated[float | None, optional()]
+OptionalFile = Annotated[str | None, optional("FILE")]
+OptionalDomain = Annotated[str | None, optional("DOMAIN")]
 ControllerName = Annotated[
     str, arg(metavar="NAME", help=f"{', '.join(BUILT_IN)}, a policy file (.safetensors), or module:object.")
 ]
 ControllerNames = Annotated[
-    tuple[str, ...], arg(metavar="NAME...", help="controllers of yours: policy files or module:object.")
+    tuple[str, ...], NAMES, optional(text="controllers of yours: policy files or module:object.")
 ]
-PLANT_HELP = (
-    f"plant: {', '.join(SHIPPED_PLANTS)}, or a parameter file (.yml) as RealAIGym's model_parameters.yml; "
-    "default: the leaderboards' plant, C.1 without friction."
-)
-DomainName = Annotated[str, arg(metavar="DOMAIN")]
-DomainOrNone = Annotated[str | None, arg(metavar="DOMAIN")]
+Names = Annotated[tuple[str, ...], NAMES]
+OptionalNames = Annotated[tuple[str, ...], NAMES, optional()]
+PLANTS = f"{', '.join(SHIPPED_PLANTS)}, or a parameter file (.yml) as RealAIGym's model_parameters.yml"
+PLANT_HELP = f"plant: {PLANTS}; default: the leaderboards' plant, C.1 without friction."
+EVERY_ROBOT = tuple(ROBOTS.values())
 
 
 @dataclass(frozen=True)
@@ -46,7 +89,7 @@ class DisturbanceOptions:
     """Motor response: 1 is a perfect motor."""
     delay: float = 0.0
     """Age of what the controller measures (s)."""
-    pushes: bool = False
+    pushes: FlagCreatePairsOff[bool] = False
     """Push the driven joint three times, as the robustness benchmark does."""
 
     def make(self) -> DisturbanceSettings | None:
@@ -55,54 +98,21 @@ class DisturbanceOptions:
         Raises:
             SwingupError: a value is out of range.
         """
-        numbers = {name: value for name, value in vars(self).items() if name != "pushes"}
-        made = DisturbanceSettings(**numbers, pushes=PushRules() if self.pushes else None)
+        made = DisturbanceSettings(**vars(self) | {"pushes": PushRules() if self.pushes else None})
         return None if self == DisturbanceOptions() else made
 
-    @property
-    def flags(self) -> list[str]:
-        """The options as they were given."""
-        default = vars(DisturbanceOptions())
-        given = {name: value for name, value in vars(self).items() if value != default[name]}
-        return [
-            f"--{name.replace('_', '-')}" + ("" if value is True else f"={value}") for name, value in given.items()
-        ]
 
-
-@dataclass(frozen=True)
-class EstimatorOptions:
+class EstimatorOptions(TypedDict, total=False):
     """Whether a state estimator stands before the controller; by default where the policy file has one."""
 
-    estimator: FlagCreatePairsOff[bool] = False
-    """Put a state estimator before the controller."""
-    no_estimator: FlagCreatePairsOff[bool] = False
-    """Judge a policy alone, although its file has an estimator."""
-
-    @property
-    def wanted(self) -> bool | None:
-        """True or False as the options say; None without either.
-
-        Raises:
-            SwingupError: both were given.
-        """
-        if self.estimator and self.no_estimator:
-            raise SwingupError("--estimator and --no-estimator exclude each other: choose one")
-        return None if self == EstimatorOptions() else self.estimator
-
-    @property
-    def flags(self) -> list[str]:
-        """The options as they were given."""
-        return [f"--{name.replace('_', '-')}" for name, given in vars(self).items() if given]
-
-
-EstimatorFlags = OmitArgPrefixes[EstimatorOptions]
+    estimator: Annotated[bool, optional(text="Put a state estimator before the controller, or judge it without.")]
 
 
 @dataclass(frozen=True)
 class PlantOptions:
     """Which plant; by default the leaderboards', design C.1 without friction and rotors' inertia."""
 
-    plant: Annotated[str | None, arg(metavar="PLANT", help=PLANT_HELP, help_behavior_hint="")] = None
+    plant: Annotated[str | None, optional("PLANT", PLANT_HELP)] = None
     frictionless: FlagCreatePairsOff[bool] = False
     """Leave the plant's friction and rotors' inertia out, as the leaderboards do."""
 
@@ -127,19 +137,15 @@ class PlantOptions:
         found = load_plant(self.plant)
         return found.frictionless() if self.frictionless else found
 
-    @property
-    def flags(self) -> list[str]:
-        """The options as they were given."""
-        return [
-            *([] if self.plant is None else [f"--plant={self.plant}"]),
-            *(["--frictionless"] if self.frictionless else []),
-        ]
-
-
-PlantFlags = OmitArgPrefixes[PlantOptions]
 
 NO_PLANT = PlantOptions()
 """The default of the commands: the leaderboards' plant."""
+
+
+def changed(options: DisturbanceOptions | PlantOptions) -> dict[str, Any]:
+    """The options that were given, by name."""
+    default = vars(type(options)())
+    return {name: value for name, value in vars(options).items() if value != default[name]}
 
 
 def plant_note(plant: Plant, robot: str) -> str:
@@ -157,28 +163,12 @@ def judged_name(name: str, controller: object) -> str:
     return name + (", with estimator" if has_estimator(controller) else alone)
 
 
-def split_commas(values: Iterable[str]) -> tuple[str, ...]:
-    """Values of one option, which spaces or commas may separate; a file whose name has a comma is one value."""
-    return tuple(
-        part for value in values for part in ([value] if Path(value).is_file() else value.split(",")) if part
-    )
-
-
-def robots(name: str) -> Sequence[Robot]:
-    """The robot of that name, or all of them.
-
-    Raises:
-        SwingupError: there is no such robot.
-    """
-    return list(ROBOTS.values()) if name == "all" else [get_robot(name)]
-
-
-def task_name(robot: str | None, env: str | None) -> str:
+def task_name(robot: Robot | None, env: str | None) -> str:
     """The robot's name or the Gymnasium id, of which one is given.
 
     Raises:
-        SwingupError: both or none are given, or there is no such robot.
+        SwingupError: both or none are given.
     """
     if (robot is None) == (env is None):
-        raise SwingupError(f"robot = {robot!r} and env = {env!r}: give one of the two")
-    return env or get_robot(str(robot)).name
+        raise SwingupError(f"robot = {robot and robot.name!r} and env = {env!r}: give one of the two")
+    return robot.name if robot else str(env)

@@ -1,53 +1,49 @@
 """All commands: their arguments and help stand with the functions that run them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
-from . import (
-    comparing,
-    demonstrating,
-    exciting,
-    exporting,
-    identifying,
-    pictures,
-    planning,
-    refining,
-    rehearsing,
-    sweeping,
-    training,
-)
-from .judging import JudgingCommands, check_command, score_command
-from .parsing import parse
+from .comparing import compare_command
+from .demonstrating import demo_command
+from .exciting import excite_command
+from .exporting import export_command
+from .identifying import identify_command
+from .judging import evaluate_command, leaderboard_command, score_command
+from .parsing import Command, parse
+from .planning import trajectory_command
+from .plotting import plot_command
+from .refining import refine_command
+from .rehearsing import rehearse_command
+from .sweeping import sweep_command
+from .training import train_command
 
 DESCRIPTION = """Swing up and balance the acrobot and the pendubot with AR-EAPO.
 
 Start here: demo trains a policy in minutes and shows it.
 
-Judge controllers: evaluate, leaderboard, score, check.
+Judge controllers: evaluate, leaderboard, score.
 
 Make them: train, sweep, refine, trajectory, excite, identify.
 
-Show and share them: compare, plot, report, export, rehearse."""
+Show and share them: compare, plot, export, rehearse."""
+
+COMMANDS: dict[str, Command] = {
+    "demo": demo_command,
+    "evaluate": evaluate_command,
+    "leaderboard": leaderboard_command,
+    "score": score_command,
+    "train": train_command,
+    "sweep": sweep_command,
+    "refine": refine_command,
+    "trajectory": trajectory_command,
+    "excite": excite_command,
+    "identify": identify_command,
+    "compare": compare_command,
+    "plot": plot_command,
+    "export": export_command,
+    "rehearse": rehearse_command,
+}
 
 
-def run_command(arguments: Sequence[str], judging: JudgingCommands | None = None) -> int:
+def run_command(arguments: Sequence[str]) -> int:
     """Parse the arguments and run the command."""
-    judging = judging or JudgingCommands()
-    commands: dict[str, Callable[..., int]] = {
-        "demo": demonstrating.demo,
-        "evaluate": judging.evaluate,
-        "leaderboard": judging.leaderboard,
-        "score": score_command,
-        "check": check_command,
-        "train": training.train_command,
-        "sweep": sweeping.sweep,
-        "refine": refining.refine_command,
-        "trajectory": planning.trajectory,
-        "excite": exciting.excite_command,
-        "identify": identifying.identify_command,
-        "compare": comparing.compare_command,
-        "plot": pictures.plot,
-        "report": pictures.report,
-        "export": exporting.export,
-        "rehearse": rehearsing.rehearse_command,
-    }
-    return parse(commands, arguments, DESCRIPTION)()
+    return parse(COMMANDS, arguments, DESCRIPTION)()

@@ -13,9 +13,9 @@ from ..report.compare import Comparison, compare, top_speed
 from ..report.inputs import check_suffix
 from ..report.log_report import report_comparison, shown
 from ..report.save import PAGE_FORMATS, save_log_report
+from .arguments import OptionalDomain, OptionalFile, OptionalInt, OptionalRobot, OptionalText
 from .output import foreign_prints_apart, tell, tell_json
 
-LogFile = Positional[Annotated[str, arg(metavar="LOG.csv")]]
 PlantNames = Annotated[
     tuple[str, ...],
     arg(metavar="PLANT...", help=f"plants to compare: {', '.join(SHIPPED_PLANTS)}, or files (.yml)."),
@@ -23,14 +23,14 @@ PlantNames = Annotated[
 
 
 def compare_command(
-    log: LogFile,
+    log: Positional[Annotated[str, arg(metavar="LOG.csv")]],
     /,
     plant: PlantNames = ("C.1",),
-    controller: str | None = None,
-    domain: Annotated[str | None, arg(metavar="DOMAIN")] = None,
-    robot: str | None = None,
-    seed: int | None = None,
-    out: Annotated[str | None, arg(metavar="FILE")] = None,
+    controller: OptionalText = None,
+    domain: OptionalDomain = None,
+    robot: OptionalRobot = None,
+    seed: OptionalInt = None,
+    out: OptionalFile = None,
     json: bool = False,
 ) -> int:
     """Compare a log with what plants predict of it, and with a controller's simulated run.
@@ -51,7 +51,7 @@ def compare_command(
     """
     if not plant:
         raise SwingupError("--plant needs at least one plant: a shipped name or a file (.yml)")
-    for option, value in {"--domain": domain, "--robot": robot, "--seed": seed}.items():
+    for option, value in {"--domain": domain, "--robot": robot and robot.name, "--seed": seed}.items():
         if controller is None and value is not None:
             raise SwingupError(f"{option} {one_line(value)} goes with a controller's runs: add --controller")
     if out is not None:

@@ -5,9 +5,6 @@ import shlex
 import sys
 import time
 from pathlib import Path
-from typing import Annotated
-
-from tyro.conf import Positional, arg
 
 from ..benchmark.leaderboard import paper_score
 from ..common.errors import SwingupError
@@ -18,22 +15,23 @@ from ..controllers.stack.controller import PolicyController
 from ..learner.policy_files import BEST
 from ..learner.report import TrainingReport
 from ..learner.run import Run
-from ..plant.robots import Robot, get_robot
+from ..plant.robots import ROBOTS, Robot
 from ..report.make import trained_section
 from ..report.page import page_template, render_page
-from .output import progress_shown, tell
+from .arguments import OptionalInt, OptionalText, RobotName
+from .output import tell
 from .parsing import program_typed
+from .progress import Progress
 from .results import comparison_lines
 from .showing import train_shown
 from .training import start_training
 
+ACROBOT = ROBOTS["acrobot"]
 PRESET = "fast"
 FIRST = "first.safetensors"
 """The policy of the first report, which shows on the page what training changed."""
 PAGE = "page.html"
 TRAINED, BEGINNER = "your policy", "your policy at first"
-
-RobotOrAcrobot = Positional[Annotated[str, arg(metavar="[ROBOT]", help="acrobot or pendubot.")]]
 
 
 class Watch:
@@ -57,12 +55,12 @@ class Watch:
         return f"paper's {self._paper:.3f}{when}"
 
 
-def demo(
-    robot: RobotOrAcrobot = "acrobot",
+def demo_command(
+    robot: RobotName = ACROBOT,
     /,
     seed: int = 0,
-    frames: int | None = None,
-    out: str | None = None,
+    frames: OptionalInt = None,
+    out: OptionalText = None,
 ) -> int:
     """Train a policy before your eyes, score it beside known controllers, and write a page of its swing-up.
 
@@ -74,18 +72,17 @@ def demo(
         frames: frames to train for; default: the preset's.
         out: folder of the run, which does not exist yet; default runs/demo-ROBOT, with a number where that exists.
     """
-    start, chosen = time.monotonic(), get_robot(robot)
+    start = time.monotonic()
     page_template()  # before the training: without its libraries there is no page
-    folder, paper = _new_folder(chosen, out), paper_score(chosen)
+    folder, paper = _new_folder(robot, out), paper_score(robot)
     tell(
-        f"AR-EAPO learns to swing up the {chosen.name} from nothing, by trial and error.",
+        f"AR-EAPO learns to swing up the {robot.name} from nothing, by trial and error.",
         f"A score of 1 is perfect, 0 is no swing-up; the paper's policy has {paper:.3f}.",
     )
     sys.stdout.flush()  # before the progress, which goes to the other stream
-    run = start_training(chosen.name, frames, str(folder), preset=PRESET, seed=seed)
+    run = start_training(robot.name, frames, str(folder), preset=PRESET, seed=seed)
     watch = Watch(run, paper, start)
-    status = train_shown(run, watch.note)
-    return status or _show_result(chosen, run, watch, start)
+    return train_shown(run, watch.note) or _show_result(robot, run, watch, start)
 
 
 def _new_folder(robot: Robot, out: str | None) -> Path:
@@ -103,7 +100,7 @@ def _show_result(robot: Robot, run: Run, watch: Watch, start: float) -> int:
     """Score the best policy, write the page, and name commands to go on with."""
     folder, files = run.folder, {TRAINED: BEST, BEGINNER: FIRST}
     policies = {name: find_policy(folder / file, robot) for name, file in files.items()}
-    with progress_shown() as progress:
+    with Progress() as progress:
         section = trained_section(robot, policies, progress)
     page = folder / PAGE
     title = f"{robot.name.capitalize()}: your policy after {run.frames / 1e6:.3g} million frames"

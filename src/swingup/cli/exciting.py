@@ -1,7 +1,7 @@
 """The command ``excite``: torques that make a robot show its parameters."""
 
 from dataclasses import replace
-from typing import Annotated, Literal
+from typing import Annotated
 
 from tyro.conf import arg
 
@@ -10,20 +10,20 @@ from ..identification.excite.excite import Excitation, excite
 from ..identification.excite.prior import prior_around
 from ..loop.domain import Domain, load_domain
 from ..plant.plant import load_plant
-from .arguments import PLANT_HELP
+from .arguments import PLANTS, OptionalDomain, OptionalFloat, optional, word_of
 from .output import tell, tell_json
 
 
 def excite_command(
     out: Annotated[str, arg(metavar="FILE.csv")],
     plant: Annotated[
-        str | None, arg(metavar="PLANT", help=PLANT_HELP.replace("the leaderboards' plant, ", ""))
+        str | None, optional("PLANT", f"the robot, as far as it is known: {PLANTS}; default: C.1.")
     ] = None,
-    domain: Annotated[str | None, arg(metavar="DOMAIN")] = None,
-    joint: Literal["both", "shoulder", "elbow"] = "both",
+    domain: OptionalDomain = None,
+    joint: Annotated[str, word_of("joint", "both", "shoulder", "elbow")] = "both",
     duration: float = 10.0,
-    torque: float | None = None,
-    speed: float | None = None,
+    torque: OptionalFloat = None,
+    speed: OptionalFloat = None,
     angle: float = 3.0,
     alone: bool = False,
     seed: int = 0,
@@ -36,7 +36,7 @@ def excite_command(
 
     Args:
         out: the excitation's file.
-        plant: the robot, as far as it is known.
+        plant: the robot.
         domain: ranges of what the robot may be: a domain's name or file. Default: around the plant.
         joint: which motors act.
         duration: length (s).

@@ -7,7 +7,6 @@ from typing import Annotated, Any
 
 from tyro.conf import Positional, arg
 
-from ..common.checks import one_of
 from ..common.errors import SwingupError
 from ..common.files import write_atomically
 from ..controllers.baselines.baselines import BASELINES
@@ -18,27 +17,28 @@ from ..export.onnx_backend.graph import onnx_model
 from ..policy.guard.settings import GUARD, GuardSettings, choose_guard
 from ..policy.pendulum import PendulumPolicy
 from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, load_policy, shipped_file
+from .arguments import OptionalFloat, OptionalRobot, word_of
 from .output import tell
 
 FORMS = (*FOLDERS, "onnx", "c")
 
 Policy = Positional[
-    Annotated[str, arg(metavar="[POLICY]", help=f"{', '.join(SHIPPED_POLICIES)}, or a policy file (.safetensors).")]
+    Annotated[str, arg(metavar="POLICY", help=f"{', '.join(SHIPPED_POLICIES)}, or a policy file (.safetensors).")]
 ]
 
 
-def export(
+def export_command(
     policy: Policy = DEFAULT,
     /,
     *,
-    to: Annotated[str, arg(metavar="{realaigym,cloudpendulum,onnx,c}")],
+    to: Annotated[str, word_of("format", *FORMS)],
     out: Annotated[str, arg(metavar="PATH")],
-    robot: str | None = None,
+    robot: OptionalRobot = None,
     username: str = "swingup",
     name: str = NAME,
     guard: bool = True,
-    velocity_limit: float | None = None,
-    braking: float | None = None,
+    velocity_limit: OptionalFloat = None,
+    braking: OptionalFloat = None,
 ) -> int:
     """Write a policy for RealAIGym, CloudPendulum, ONNX Runtime or C.
 
@@ -49,7 +49,7 @@ def export(
         to: realaigym or cloudpendulum, a folder that needs NumPy alone; onnx, a graph of the policy's network
             alone; or c, a C99 header.
         out: the folder, new or empty; or the file.
-        robot: acrobot or pendubot; needed with a name, checked with a file.
+        robot: acrobot or pendubot. Required for shipped policies; a file must match it.
         username: your name on RealAIGym's leaderboard.
         name: of the entry (con_NAME.py, controller_NAME.py), and what all names in a C header begin with, so that
             several go side by side; ONNX has none.
@@ -60,9 +60,8 @@ def export(
         braking: damping (N m s/rad) with which the guard brakes the driven joint of a stopped controller, where the
             measurement is sound; by default the policy file's, or none.
     """
-    one_of("format", to, FORMS)
     # Before the policy is read: that error would only list policies.
-    _refuse_baselines(policy, robot)
+    _refuse_baselines(policy, robot.name if robot else None)
     found = load_policy(policy, robot)
     chosen = None if to == "onnx" else choose_guard(guard, _own_guard(found, to), found.period)
     found = dataclasses.replace(found, guard=_changed(chosen, velocity_limit, braking))

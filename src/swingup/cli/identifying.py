@@ -3,7 +3,6 @@
 import time
 from typing import Annotated
 
-from rich.console import Console
 from tyro.conf import Positional, arg
 
 from ..common.errors import SwingupError
@@ -13,11 +12,12 @@ from ..identification.identify import Identification, identify
 from ..report.inputs import check_suffix
 from ..report.log_report import report_identification
 from ..report.save import PAGE_FORMATS, save_log_report
-from .output import printable, tell, tell_json
+from .arguments import optional
+from .output import tell, tell_json
+from .progress import Progress
 
-Logs = Positional[Annotated[tuple[str, ...], arg(metavar="LOG.csv...", help="logs to fit.")]]
-TestLogs = Annotated[tuple[str, ...], arg(metavar="LOG.csv...", help="logs to report errors on; not fitted.")]
-StartName = Annotated[str, arg(metavar="NAME|FILE")]
+Logs = Positional[Annotated[tuple[str, ...], arg(metavar="LOG.csv...")]]
+TestLogs = Annotated[tuple[str, ...], arg(metavar="LOG.csv...")]
 KnownValues = Annotated[
     tuple[str, ...], arg(metavar="NAME=VALUE...", help="values that you know, as m2r2=0.16, Ir=6e-5 or gain=0.85.")
 ]
@@ -30,12 +30,12 @@ def identify_command(
     logs: Logs,
     /,
     test: TestLogs = (),
-    start: StartName = "C.1",
-    out: Annotated[str | None, arg(metavar="FILE.yml")] = None,
+    start: Annotated[str, arg(metavar="NAME|FILE")] = "C.1",
+    out: Annotated[str | None, optional("FILE.yml")] = None,
     known: KnownValues = (),
     sessions: Sessions = (),
     seed: int = 0,
-    page: Annotated[str | None, arg(metavar="FILE.html")] = None,
+    page: Annotated[str | None, optional("FILE.html")] = None,
     json: bool = False,
 ) -> int:
     """Fit a pendulum's parameters and its loop to logs; takes a minute or less for five logs of 10 s.
@@ -44,7 +44,7 @@ def identify_command(
 
     Args:
         logs: logs to fit.
-        test: logs to report errors on.
+        test: logs to report errors on; not fitted.
         start: plant to start from, which knows the lengths: a shipped plant's name or a parameter file.
         out: file for the plant; its ranges go to FILE-domain.yml.
         known: values that you know.
@@ -61,14 +61,13 @@ def identify_command(
     if page is not None:
         check_suffix(page, PAGE_FORMATS)
         check_writable(page)
-    begun = time.monotonic()
+    begun, log = time.monotonic(), Progress().log
     found = identify(logs, test, start, _known(known), sessions or None, seed)
-    console = Console(stderr=True)
-    console.print(f"fitted in {time.monotonic() - begun:.0f} s", highlight=False)
+    log(f"fitted in {time.monotonic() - begun:.0f} s")
     if json:
         # Standard output holds one object; what logs showed is said beside it.
         for warning in (text for recording in found.recordings for text in recording.warnings):
-            console.print(printable(warning), soft_wrap=True, highlight=False, markup=False)
+            log(warning)
         tell_json(found.as_dict())
     else:
         tell(*identification_lines(found))

@@ -1,25 +1,16 @@
-"""What commands print: lines that are safe for a terminal, one JSON object, and progress on standard error."""
+"""What commands print: lines that are safe for a terminal, one JSON object, and tables."""
 
 import contextlib
 import json
 import sys
-import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
 from rich.measure import Measurement
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
-
-from ..benchmark.leaderboard import RowProgress
-from ..common.text import duration
-
-SECONDS_BETWEEN_LINES = 10.0
-"""Between lines of progress where there is no terminal for a bar."""
-
 
 WIDEST = 1000
 """No table needs more columns of text than this."""
@@ -36,29 +27,40 @@ def tell(*lines: str) -> None:
         print(printable(line))
 
 
-def log(line: str) -> None:
-    """Print a line of progress, which is not a result, on standard error."""
-    print(printable(line), file=sys.stderr, flush=True)
-
-
-def show_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print a table with words in its first column and numbers in the others."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    table.add_column(headings[0], no_wrap=True)
-    for heading in headings[1:]:
-        table.add_column(heading, justify="right", no_wrap=True)
-    for row in rows:
-        table.add_row(*map(escape, row))
-    console = Console()
-    if not console.is_terminal:  # a file or a pipe has no width to keep to
-        console.width = WIDEST
-        console.width = Measurement.get(console, console.options, table).maximum
-    console.print(table)
-
-
 def tell_json(result: Mapping[str, Any] | Sequence[Mapping[str, Any]], indent: int | None = None) -> None:
     """Print a result as one JSON object, or several as a list."""
     print(json.dumps(result, indent=indent))
+
+
+def tell_table(
+    headings: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    texts: int = 1,
+    title: str = "",
+    bold: Sequence[int] = (),
+) -> None:
+    """Print a table. Headings may be cut where a terminal is narrow, cells never.
+
+    Args:
+        headings: of the columns.
+        rows: the cells.
+        texts: columns of text at the left; the others have numbers.
+        title: a line above the table.
+        bold: rows that stand out.
+    """
+    table = Table(title=title or None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+    for column, heading in enumerate(headings):
+        longest = max((len(printable(row[column])) for row in rows), default=0)
+        table.add_column(
+            escape(heading), justify="left" if column < texts else "right", no_wrap=True, min_width=longest
+        )
+    for index, row in enumerate(rows):
+        table.add_row(*(escape(printable(cell)) for cell in row), style="bold" if index in bold else "")
+    console = Console()
+    needed = Measurement.get(console, console.options.update(max_width=WIDEST), table)
+    # A file or a pipe has no width to keep to: there no heading is cut.
+    console.width = max(console.width, needed.minimum if console.is_terminal else needed.maximum)
+    console.print(table)
 
 
 def foreign_prints_apart() -> contextlib.AbstractContextManager[object]:
@@ -74,41 +76,3 @@ def to_last(seed: int, seeds: int) -> str:
 def aligned(title: str, value: str, extra: str = "", width: int = 8) -> str:
     """One row of a result: its title, its value, and a remark in brackets."""
     return f"  {title:<26}{value:>{width}}{f'   ({extra})' if extra else ''}"
-
-
-@contextlib.contextmanager
-def progress_shown() -> Iterator[RowProgress]:
-    """Shows (label, finished, total): a bar on a terminal, elsewhere a line now and then."""
-    console = Console(stderr=True)
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=12),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-    )
-    bar = Progress(
-        *columns,
-        console=console,
-        transient=True,
-        redirect_stdout=False,
-        redirect_stderr=False,
-        disable=not console.is_terminal,
-    )
-    with bar:
-        task = bar.add_task("", total=None, visible=False)
-        label, begun, shown = "", 0.0, time.monotonic()
-
-        def tell_progress(name: str, done: int, total: int) -> None:
-            nonlocal label, begun, shown
-            now = time.monotonic()
-            if name != label:
-                label, begun = name, now
-                bar.reset(task, total=total, description=escape(printable(name)), visible=True)
-            bar.update(task, total=total, completed=done)
-            if now - shown >= SECONDS_BETWEEN_LINES and not console.is_terminal:
-                shown = now
-                left = f", {duration((now - begun) * (total - done) / done)} left" if done else ""
-                line = f"{printable(name)}: {done} of {total}{left}"
-                console.print(line, soft_wrap=True, highlight=False, markup=False)
-
-        yield tell_progress

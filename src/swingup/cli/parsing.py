@@ -1,9 +1,7 @@
-"""From words to a command that is ready to run; words that are no command end in one line of error."""
+"""From words to a command that is ready to run: tyro reads them, and bad values end in one line of error."""
 
-import contextlib
+import dataclasses
 import functools
-import inspect
-import io
 import re
 import shlex
 import shutil
@@ -11,10 +9,11 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, get_type_hints
+from typing import Any, get_type_hints, is_typeddict
 
 import tyro
-from tyro.conf import DisallowNone, arg
+from tyro.conf import DisallowNone, OmitArgPrefixes
+from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from ..common.checks import suggestion
 from ..common.errors import SwingupError
@@ -22,39 +21,47 @@ from ..common.other_names import OTHER_NAMES
 from ..common.text import one_line, quoted
 
 PROGRAM = "swingup"
-REPEATABLE = {"--set"}
-"""Options that may be given more than once."""
+REPEATABLE = "--set"
+"""The option that may be given more than once."""
+NUMBERS: dict[Any, str] = {int: "use a whole number", float: "use a number"}
+SETTINGS = (DisallowNone, OmitArgPrefixes)
 
 Command = Callable[..., int]
 Ready = Callable[[], int]
 
 
-def parse(commands: Mapping[str, Command], arguments: Sequence[str], description: str) -> Ready:
+def parse(commands: Mapping[str, Command], words: Sequence[str], description: str) -> Ready:
     """Choose a command by the first word and bind its arguments.
 
     Args:
         commands: functions by name; their signatures and docstrings make options and help.
-        arguments: the words after the program's name.
+        words: what was typed after the program's name.
         description: the head of the program's help.
 
     Raises:
         SwingupError: the words make no command.
-        SystemExit: help was printed.
+        SystemExit: tyro printed help, or what is missing.
     """
-    told = io.StringIO()
-    try:
-        with contextlib.redirect_stderr(told):
-            ready = _run_tyro(commands, arguments, description)
-    except SystemExit as stopped:
-        if not stopped.code:
-            raise
-        raise SwingupError(_explain(commands, arguments, told.getvalue())) from None
-    repeated = [
-        name for name, number in Counter(_options(arguments)).items() if number > 1 and name not in REPEATABLE
-    ]
-    if repeated:
-        name = repeated[0]
-        raise SwingupError(f"{name} is given twice: write its values after one {name}, with spaces or commas")
+    name, *rest = words or [""]
+    if name.startswith("-"):
+        return _parse_alone(commands, words, description)
+    if name not in commands:
+        wanted = f"use one of {', '.join(commands)}{suggestion(name, commands)}"
+        raise SwingupError(
+            f"unknown command {quoted(name)}: {wanted}" if name else f"a command is missing: {wanted}"
+        )
+    program = f"{PROGRAM} {name}"
+    _check_options(program, _options(commands[name]), rest)
+    ready, left = tyro.cli(
+        _bound(commands[name]),
+        prog=program,
+        args=rest,
+        return_unknown_args=True,
+        config=SETTINGS,
+        registry=_registry(),
+    )
+    if left:
+        raise SwingupError(f"{program} has no place for {quoted(left[0])}: see {program} --help")
     return ready
 
 
@@ -67,92 +74,99 @@ def program_typed() -> str:
     return PROGRAM if found and Path(found).samefile(started) else shlex.quote(str(started))
 
 
-def _run_tyro(commands: Mapping[str, Command], arguments: Sequence[str], description: str) -> Ready:
-    """Parse only: functions are bound, not called, so that their own errors are not mistaken for tyro's."""
+def command_line(*words: str, **options: Any) -> str:
+    """A command that can be typed, without the options that are None or empty."""
+    typed = [PROGRAM, *words]
+    for name, value in options.items():
+        option = name.replace("_", "-")
+        if isinstance(value, bool):
+            typed.append(f"--{option}" if value else f"--no-{option}")
+        elif isinstance(value, tuple):
+            typed += [f"--{option}", *value] if value else []
+        elif value is not None:
+            typed.append(f"--{option}={value}")
+    return shlex.join(typed)
 
-    def bind(function: Command) -> Callable[..., Ready]:
-        @functools.wraps(function)
-        def bound(*values: object, **options: object) -> Ready:
-            return functools.partial(function, *values, **options)
 
-        # None is not a value that anybody types: the help says in words what an option does when it is left out.
-        hints, signature = get_type_hints(function, include_extras=True), inspect.signature(function)
-        for name, parameter in signature.parameters.items():
-            if parameter.default is None:
-                hints[name] = Annotated[hints[name], arg(help_behavior_hint="")]
-        parameters = [each.replace(annotation=hints[name]) for name, each in signature.parameters.items()]
-        del bound.__wrapped__  # tyro would read the annotations there
-        bound.__annotations__ = hints
-        vars(bound)["__signature__"] = signature.replace(parameters=parameters)
-        if next(iter(arguments), "") not in commands:  # the list of commands, with one sentence for each
-            bound.__doc__ = (function.__doc__ or "").partition("\n\n")[0]
-        return bound
-
-    bound = {name: bind(function) for name, function in commands.items()}
-    ready: Ready = tyro.extras.subcommand_cli_from_dict(
-        bound, prog=PROGRAM, description=description, args=list(arguments), config=(DisallowNone,)
+def value_of(
+    make: Callable[[str], Any], metavar: str, show: Callable[[Any], str] = str
+) -> PrimitiveConstructorSpec[Any]:
+    """How tyro makes a value from a word: it leaves a SwingupError of ``make`` alone."""
+    return PrimitiveConstructorSpec(
+        nargs=1,
+        metavar=metavar,
+        instance_from_str=lambda words: make(words[0]),
+        is_instance=lambda value: True,
+        str_from_instance=lambda value: [show(value)],
     )
+
+
+def _parse_alone(commands: Mapping[str, Command], words: Sequence[str], description: str) -> Ready:
+    """Options before any command: the list of commands with one sentence for each, or completion for a shell."""
+    app = tyro.extras.SubcommandApp()
+    for name, function in commands.items():
+        app.command(name=name, help=(function.__doc__ or "").partition("\n\n")[0])(_bound(function))
+    ready: Ready = app.cli(prog=PROGRAM, description=description, args=list(words), config=SETTINGS)
     return ready
 
 
-def _options(arguments: Sequence[str]) -> list[str]:
-    """Names of the options among the words, as the help spells them."""
-    return [word.partition("=")[0].replace("_", "-") for word in arguments if word.startswith("--")]
+def _bound(function: Command) -> Callable[..., Ready]:
+    """Binds arguments only, so that tyro sees the words' errors and not the command's."""
+
+    @functools.wraps(function)
+    def bind(*values: object, **options: object) -> Ready:
+        return functools.partial(function, *values, **options)
+
+    # The help wraps lines itself: an argument's text is one line.
+    bind.__doc__ = re.sub(r"\n {12}\s*", " ", function.__doc__ or "")
+    return bind
 
 
-def _as_option(name: str) -> str:
-    return "--" + name.replace("_", "-")
+def _registry() -> ConstructorRegistry:
+    registry = ConstructorRegistry()
+
+    @registry.primitive_rule
+    def number(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
+        kind = info.type
+        return value_of(functools.partial(_number, kind), kind.__name__.upper()) if kind in NUMBERS else None
+
+    return registry
 
 
-def _explain(commands: Mapping[str, Command], arguments: Sequence[str], told: str) -> str:
-    """One line on words that tyro refused, from the words themselves and from what tyro printed."""
-    command = next(iter(arguments), "")
-    if command not in commands:
-        wanted = f"use one of {', '.join(commands)}{suggestion(command, commands)}"
-        return f"unknown command {quoted(command)}: {wanted}" if command else f"a command is missing: {wanted}"
-    help_line = f"see {PROGRAM} {command} --help"
-    known = _known_options(commands, command)
-    unknown = [name for name in _options(arguments) if name not in known]
-    if unknown:
-        ours = _as_option(OTHER_NAMES.get(unknown[0].removeprefix("--").replace("-", "_"), ""))
-        # An option of another command would not help.
-        near = f": here it is {ours}" if ours in known else suggestion(unknown[0], known) or f"; {help_line}"
-        return f"{PROGRAM} {command} has no option {one_line(unknown[0], 60)}{near}"
-    rows = _rows(told)
-    # tyro indents the names of missing arguments by four.
-    missing = [row.strip() for row in rows if re.match(r" {4}\S", row)]
-    if rows and rows[0].startswith("Missing from") and missing:
-        return f"{PROGRAM} {command} needs {' and '.join(missing)}: {help_line}"
-    return f"{_plain(' '.join(row.strip() for row in rows))}: {help_line}"
+def _number(kind: type, word: str) -> Any:
+    try:
+        return kind(word)
+    except ValueError:
+        raise SwingupError(f"{quoted(word)}: {NUMBERS[kind]}") from None
 
 
-def _known_options(commands: Mapping[str, Command], command: str) -> list[str]:
-    """Options that the help of a command lists."""
-    with contextlib.redirect_stdout(io.StringIO()) as told, contextlib.suppress(SystemExit):
-        _run_tyro(commands, [command, "--help"], "")
-    return sorted(set(re.findall(r"--[a-z][a-z0-9-]*", told.getvalue())))
+def _options(function: Command) -> list[str]:
+    """The options of a command: its parameters, and the fields of those that are classes of options."""
+    hints: dict[str, Any] = {}
+    for name, hint in get_type_hints(function).items():
+        grouped = dataclasses.is_dataclass(hint) or is_typeddict(hint)
+        hints |= get_type_hints(hint) if grouped else {name: hint}
+    names = [name.replace("_", "-") for name in hints]
+    return [f"--{name}" for name in names] + [
+        f"--no-{name}" for name in names if hints[name.replace("-", "_")] is bool
+    ]
 
 
-def _rows(told: str) -> list[str]:
-    """The first part of tyro's box, without its frame."""
-    rows: list[str] = []
-    for line in re.sub(r"\x1b\[[0-9;]*m", "", told).splitlines()[1:]:
-        row = line[2:].rstrip("│ ")  # the frame is blank where the terminal's encoding has no lines
-        rule = set(row.strip()) <= {"─", "-"}
-        if rule and rows:
-            break
-        rows += [] if rule else [row]
-    return rows
+def _check_options(program: str, known: Sequence[str], words: Sequence[str]) -> None:
+    """Refuse options that a command does not have, or that are given twice, before tyro takes their values.
 
-
-def _plain(message: str) -> str:
-    """Put tyro's messages into our own words."""
-    for pattern, words in (
-        (r"Error parsing (\S+): invalid literal for int\(\) with base 10: (.*)", r"\1 = \2 is no whole number"),
-        (r"Error parsing (\S+): could not convert string to float: (.*)", r"\1 = \2 is no number"),
-        (r"Unrecognized options: (.*)", r"unexpected \1"),
-        (r"invalid choice (.*) for argument '(.*)'. Expected one of \((.*)\)\.", r"\2 = \1: use one of \3"),
-        (r"Missing value for argument '(.*)'\. .*", r"\1 needs a value"),
-    ):
-        message = re.sub(pattern, words, message)
-    return one_line(message.rstrip(". "), 300) or "these arguments make no command"
+    Raises:
+        SwingupError: there is one; the line has ours for the name of another package, or suggests the nearest.
+    """
+    typed = [word.partition("=")[0].replace("_", "-") for word in words if word.startswith("--")]
+    for option in typed:
+        if option not in (*known, "--help"):
+            ours = "--" + OTHER_NAMES.get(option[2:].replace("-", "_"), "").replace("_", "-")
+            near = (
+                f": here it is {ours}" if ours in known else suggestion(option, known) or f"; see {program} --help"
+            )
+            raise SwingupError(f"{program} has no option {one_line(option, 60)}{near}")
+    counts = Counter(option.replace("--no-", "--") for option in typed if option != REPEATABLE)
+    for option, count in counts.items():
+        if count > 1:
+            raise SwingupError(f"{option} is given twice: give it once, with all its values")

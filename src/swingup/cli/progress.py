@@ -1,66 +1,66 @@
-"""The line that shows where a training run stands."""
+"""The progress of every command, on standard error: a bar on a terminal, elsewhere a line now and then."""
 
-import math
-from collections.abc import Callable
+import time
+from contextlib import AbstractContextManager
+
+from rich.console import Console
+from rich.progress import BarColumn, TextColumn
+from rich.progress import Progress as Bar
+from rich.table import Column
 
 from ..common.text import duration
-from ..learner.rates import training_resets
-from ..learner.report import TrainingReport
+from .output import printable
 
-WIDTH = 80
-"""Columns of a narrow terminal."""
-LEAST_WANTED = ("reward", "resets", "best", "score")
-"""What a line leaves out first where it would be too long."""
-LEAST_WANTED_WITH_NOTE = ("reward", "resets", "rate", "score", "best")
-"""The same of a line that ends with a note."""
-
-Note = Callable[[TrainingReport], str]
-"""Words at the end of a report's line; none where they are empty."""
+SECONDS_BETWEEN_LINES = 10.0
+"""Where there is no terminal for a bar."""
 
 
-def no_note(report: TrainingReport) -> str:
-    """The note of a training that watches for nothing."""
-    return ""
+class Progress(AbstractContextManager["Progress"]):
+    """Shows a stage of a command, how much of it is finished, the time left, and figures."""
 
+    def __init__(self) -> None:
+        """Nothing is shown before the first stage."""
+        self._console = Console(stderr=True)
+        text = TextColumn(
+            "{task.description}", markup=False, table_column=Column(no_wrap=True, overflow="ellipsis")
+        )
+        self._bar = Bar(
+            BarColumn(bar_width=8),
+            text,
+            console=self._console,
+            transient=True,
+            redirect_stdout=False,
+            redirect_stderr=False,
+            disable=not self._console.is_terminal,
+        )
+        self._task = self._bar.add_task("", total=None, visible=False)
+        self._stage, self._begun, self._first = "", 0.0, 0
+        self._shown = time.monotonic()
 
-def progress_line(report: TrainingReport, goal: int, seeds: int, width: int = WIDTH, note: str = "") -> str:
-    """Frames, speed, time left, means over the seeds, and a note of at most 24 letters, in ``width`` columns.
+    def __enter__(self) -> "Progress":
+        """Show the bar."""
+        self._bar.start()
+        return self
 
-    The reward rate is that of training; resets are those per 1,000 steps of training, where there were some.
-    """
-    left = (goal - report.frames) * seeds / report.frames_per_second
-    parts = {
-        "frames": f"{report.frames:,} frames",
-        "rate": f"{_short(report.frames_per_second)}/s",
-        "left": f"{duration(left)} left",
-        "reward": f"reward {_mean(report, 'reward'):.3f}",
-        "resets": _resets(report),
-        "score": f"score {_mean(report, 'score'):.3f}",
-        "best": "" if report.best_score is None else f"best {report.best_score:.3f}",
-        "note": note,
-    }
-    parts = {name: words for name, words in parts.items() if words}
-    for name in LEAST_WANTED_WITH_NOTE if note else LEAST_WANTED:
-        if name in parts and len("  ".join(parts.values())) > width:
-            del parts[name]
-    return "  ".join(parts.values())
+    def __exit__(self, *error: object) -> None:
+        """Remove the bar."""
+        self._bar.stop()
 
+    def __call__(self, stage: str, done: int, total: int, figures: str = "") -> None:
+        """Say where a stage stands; the last line of a stage with figures stays."""
+        now = time.monotonic()
+        if stage != self._stage:
+            self._stage, self._begun, self._first = stage, now, done
+        left = ""
+        if done > self._first:
+            left = f", {duration((now - self._begun) * (total - done) / (done - self._first))} left"
+        line = f"{stage}: {done:,} of {total:,}{left}  {figures}".rstrip()
+        self._bar.update(self._task, total=total, completed=done, description=printable(line), visible=True)
+        due = now - self._shown >= SECONDS_BETWEEN_LINES and not self._console.is_terminal
+        if due or (figures and done >= total):
+            self._shown = now
+            self.log(line)
 
-def _mean(report: TrainingReport, name: str) -> float:
-    values = [math.nan if row[name] is None else row[name] for row in report.rows]
-    return sum(values) / len(values)
-
-
-def _resets(report: TrainingReport) -> str:
-    """Resets per 1,000 steps, the mean over the seeds; empty where there were none or none were counted."""
-    counted = [resets for row in report.rows if (resets := training_resets(row)) is not None]
-    return f"resets {sum(counted) / len(counted):.3g}/1k" if any(counted) else ""
-
-
-def _short(rate: float) -> str:
-    """A number in three digits."""
-    for size, letter in ((1e6, "M"), (1e3, "k")):
-        # From here on three digits round up to the next unit: 999.6 would be shown as 1e+03.
-        if rate >= 0.9995 * size:
-            return f"{rate / size:.3g}{letter}"
-    return f"{rate:.3g}"
+    def log(self, line: str) -> None:
+        """Print a line that stays."""
+        self._console.print(printable(line), soft_wrap=True, highlight=False, markup=False)

@@ -1,43 +1,38 @@
 """The command ``refine``: a policy through the stages of a recipe, with progress."""
 
 import dataclasses
-import math
-import shlex
-import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-from rich.console import Console
 from tyro.conf import arg
 
 from ..benchmark.seeds import check_seeds
-from ..common.checks import one_of
 from ..common.files import check_writable
 from ..common.version import __version__
 from ..controllers.stack.controller import policy_alone, save_controller
-from ..plant.robots import get_robot
 from ..policy.shipped import AR_EAPO, GLOBAL, load_policy
 from ..refine.recipe import ADAPT, RECIPES, RefinementReport, run_recipe
 from ..refine.wrappers import default_wrappers
-from .arguments import NO_PLANT, PlantFlags, RobotName
-from .output import SECONDS_BETWEEN_LINES, tell
+from .arguments import NO_PLANT, PlantOptions, RobotName, changed, optional, word_of
+from .output import tell
+from .parsing import command_line
+from .progress import Progress
 
 
 def refine_command(
     robot: RobotName,
     /,
     out: Annotated[str, arg(metavar="FILE.safetensors")],
-    policy: Annotated[str | None, arg(metavar="POLICY")] = None,
-    recipe: str = "recover",
-    plant: PlantFlags = NO_PLANT,
+    policy: Annotated[str | None, optional("POLICY")] = None,
+    recipe: Annotated[str, word_of("recipe", *RECIPES)] = "recover",
+    plant: PlantOptions = NO_PLANT,
     seed: int = 0,
 ) -> int:
     """Refine a trained policy by gradients through the simulation or by teachers, in minutes to an hour.
 
-    The file is rewritten at each line of progress: an interrupted run leaves its latest policy. Between its two
-    stages adapt is silent for some minutes, in which swing-ups of many plants are computed; then it reports each of
-    its five rounds.
+    The file is rewritten as it proceeds: an interrupted run leaves its latest policy. Between its two stages adapt
+    is silent for a few minutes while it optimises the teachers' swing-ups; then it reports each of five rounds.
 
     Args:
         robot: the robot.
@@ -49,27 +44,24 @@ def refine_command(
         plant: what the policy is refined on.
         seed: seed of all random numbers.
     """
-    chosen, on = get_robot(robot), plant.make()
-    one_of("recipe", recipe, RECIPES)
+    on = plant.make()
     check_seeds(seed, 1)
     check_writable(out)
-    usual = GLOBAL if recipe == ADAPT else AR_EAPO
-    policy = usual if policy is None else policy
-    base = load_policy(policy, chosen)
-    stages, console = RECIPES[recipe], Console(stderr=True)
-    options = {"policy": policy, "recipe": recipe, "seed": seed, "out": Path(out).name}
-    words = ["swingup", "refine", robot, *(f"--{name}={value}" for name, value in options.items()), *plant.flags]
-    shown = -math.inf
+    policy = policy or (GLOBAL if recipe == ADAPT else AR_EAPO)
+    base, stages = load_policy(policy, robot), RECIPES[recipe]
+    command = command_line(
+        "refine", robot.name, policy=policy, recipe=recipe, seed=seed, out=Path(out).name, **changed(plant)
+    )
+    with Progress() as progress:
 
-    def report(now: RefinementReport) -> None:
-        nonlocal shown
-        save_controller(out, now.controller, _provenance(base.metadata, shlex.join(words), seed, stages, now))
-        if now.iteration == now.of or time.monotonic() - shown >= SECONDS_BETWEEN_LINES:
-            shown = time.monotonic()
-            console.print(_line(now, len(stages)), soft_wrap=True, highlight=False)
+        def report(now: RefinementReport) -> None:
+            save_controller(out, now.controller, _provenance(base.metadata, command, seed, stages, now))
+            means = "".join(f"  {name.replace('_', ' ')} {value:.3f}" for name, value in now.measures.items())
+            figures = f"score {now.criteria.score:.3f}{means}"
+            progress(f"stage {now.stage} of {len(stages)}", now.iteration, now.of, figures)
 
-    run_recipe(policy_alone(base), chosen, stages, seed, report, plant=on)
-    judge = shlex.join(["swingup", "evaluate", robot, "--controller", out, *plant.flags])
+        run_recipe(policy_alone(base), robot, stages, seed, report, plant=on)
+    judge = command_line("evaluate", robot.name, controller=out, **changed(plant))
     tell(f"wrote {out}: judge it with {judge}")
     return 0
 
@@ -93,11 +85,3 @@ def _provenance(
         "base": origin,
         **default_wrappers(now.controller).metadata(),
     }
-
-
-def _line(now: RefinementReport, stages: int) -> str:
-    means = "  ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in now.measures.items())
-    return (
-        f"stage {now.stage}/{stages}  {now.iteration}/{now.of}  {now.seconds:.0f} s  "
-        f"score {now.criteria.score:.3f}  {means}"
-    )

@@ -12,22 +12,23 @@ from ..common.files import check_writable
 from ..rehearsal.process import CALLING
 from ..rehearsal.rehearse import RECORDED, rehearse
 from ..rehearsal.result import Rehearsal, spread
+from .arguments import OptionalFile, OptionalFloat, OptionalRobot, optional
 from .output import aligned, tell, tell_json
 
 
 def rehearse_command(
     folder: Positional[Annotated[str, arg(metavar="FOLDER")]],
     /,
-    plant: Annotated[str | None, arg(metavar="PLANT")] = None,
+    plant: Annotated[str | None, optional("PLANT")] = None,
     domain: Annotated[str, arg(metavar="DOMAIN")] = RECORDED,
-    robot: str | None = None,
+    robot: OptionalRobot = None,
     board: str = "hardware",
-    duration: float | None = None,
+    duration: OptionalFloat = None,
     seed: int = 0,
     real_time: bool = False,
     timeout: float = CALLING,
     json: bool = False,
-    save: str | None = None,
+    save: OptionalFile = None,
 ) -> int:
     """Run an exported folder in a process of its own, against the simulated robot, before the real one.
 

@@ -1,5 +1,6 @@
 """The command ``sweep``: many runs and one table, or a search with Optuna."""
 
+import itertools
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,8 +18,10 @@ from ..learner.run_settings import make_run_settings
 from ..sweep.runs import Job, Row, parse_alternatives, plan_jobs, run_jobs, summarise
 from ..sweep.search import best_trial, search, trial_row
 from ..sweep.workers import workers_for
-from .arguments import NO_PLANT, PlantFlags, RobotOrNone, task_name
-from .output import log, show_table, tell, tell_json
+from .arguments import NO_PLANT, OptionalInt, OptionalText, PlantOptions, RobotOrNone, task_name
+from .output import tell, tell_json, tell_table
+from .progress import Progress
+from .training import DEFAULT_RUN, RunOptions
 
 TRIALS_SHOWN = 10
 """Trials in the table: the best ones."""
@@ -28,32 +31,28 @@ ENDED = {"complete": "", "pruned": "pruned", "fail": "failed"}
 Assignments = Annotated[
     UseAppendAction[tuple[tuple[str, ...], ...]],
     arg(
-        name="set",
         metavar="NAME=VALUE,...",
-        help="alternatives of hyperparameters or of preset; with --trials also ranges LOW:HIGH or LOW:HIGH:log.",
+        help="alternatives of hyperparameters or of preset, as learning_rate=3e-4,5e-4 policy_layers=64x64,128x128;"
+        " with --trials also ranges LOW:HIGH or LOW:HIGH:log.",
     ),
 ]
 """One option may name several; given again, it adds to them."""
 
 
-def sweep(
+def sweep_command(
     robot: RobotOrNone = None,
     /,
-    env: str | None = None,
-    assignments: Assignments = (),
-    preset: str | None = None,
-    trials: int | None = None,
-    no_pruning: bool = False,
-    seeds: int | None = None,
+    set: Assignments = (),
+    trials: OptionalInt = None,
+    pruning: bool = True,
+    seeds: OptionalInt = None,
     seed: int = 0,
-    frames: int | None = None,
-    out: str | None = None,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    plant: PlantFlags = NO_PLANT,
-    evaluate_every: int | None = None,
-    checkpoint_every: int | None = None,
-    evaluation_episodes: int | None = None,
+    frames: OptionalInt = None,
+    out: OptionalText = None,
+    workers: OptionalInt = None,
+    scheduler: OptionalText = None,
+    run: RunOptions = DEFAULT_RUN,
+    plant: PlantOptions = NO_PLANT,
     json: bool = False,
 ) -> int:
     """Train every combination of settings with several seeds; one table with intervals. Or search with --trials.
@@ -64,50 +63,51 @@ def sweep(
 
     Args:
         robot: the robot; leave it out with --env.
-        env: Gymnasium id of another task.
-        assignments: what varies, such as learning_rate=3e-4,5e-4 policy_layers=64x64,128x128.
-        preset: named settings that the runs share.
+        set: what varies.
         trials: search with so many trials instead, those of earlier calls included; needs swingup[optuna].
-        no_pruning: with --trials, train all runs to their end, also those that are worse than the median.
+        pruning: with --trials, cut runs short that are worse than the median.
         seeds: seeds per setting (default 8; with --trials 1).
         seed: the first seed.
         frames: frames of each run; default: the preset's.
         out: folder of the sweep; default sweeps/ROBOT-PRESET, or searches/ROBOT-PRESET with --trials.
         workers: runs side by side; default one for every two cores.
         scheduler: address of a Dask scheduler to run on instead; it needs to see the same files.
+        run: what is trained, and how often it is evaluated.
         plant: the pendulum to train on, in whose units the task is.
-        evaluate_every: frames between evaluations; default as for train.
-        checkpoint_every: frames between checkpoints; default as for train.
-        evaluation_episodes: episodes of an evaluation with --env; default 5.
         json: print JSON instead of the table.
     """
-    task = task_name(robot, env)
-    given: dict[str, Any] = {"plant": plant.make(), "evaluate_every": evaluate_every}
-    given |= {"checkpoint_every": checkpoint_every, "evaluation_episodes": evaluation_episodes}
-    base = make_run_settings(task, preset, **given)
+    given: dict[str, Any] = {"plant": plant.make(), **run}
+    task = task_name(robot, given.pop("env", None))
+    base = make_run_settings(task, **given)
     # Ids of Gymnasium environments may contain slashes.
     name = f"{task.replace('/', '-')}-{base.preset}"
-    texts = _alternatives([word for words in assignments for word in words])
+    texts = _alternatives([word for words in set for word in words])
     if trials is not None:
-        with workers_for(scheduler, workers) as (pool, count):
+        with Progress() as progress, workers_for(scheduler, workers) as (pool, count):
             study = search(
-                task, texts, trials, out or f"searches/{name}", preset=preset, frames=frames, seed=seed,
-                seeds=1 if seeds is None else seeds, pruning=not no_pruning, workers=count, executor=pool,
-                progress=lambda trial: _tell_trial(trial_row(trial)), **given,
+                task, texts, trials, out or f"searches/{name}", frames=frames, seed=seed,
+                seeds=1 if seeds is None else seeds, pruning=pruning, workers=count, executor=pool,
+                progress=lambda trial: _show_trial(progress, trial_row(trial), trials), **given,
             )  # fmt: skip
         best, trial_rows = best_trial(study), [trial_row(trial) for trial in study.trials]
         tell_json(trial_rows, indent=2) if json else _show_search(trial_rows)
         if best is not None and not json:
             tell("The best one again, with another --seed or more --frames:", best.user_attrs["command"])
         return 0 if best is not None else 1
-    if no_pruning:
+    if not pruning:
         raise SwingupError("--no-pruning goes with --trials: a sweep trains all runs to their end")
     grid = {each: parse_alternatives(each, text) for each, text in texts.items()}
     number = whole_number("seeds", 8 if seeds is None else seeds, 1, 2**32)
     folder = Path(out or f"sweeps/{name}")
-    jobs = plan_jobs(base, grid, range(seed, seed + number), folder, frames)
-    with workers_for(scheduler, workers) as (pool, _), RunFolder(folder).exclusive():
-        rows = summarise(jobs, run_jobs(jobs, pool, _tell_run))
+    jobs, ended = plan_jobs(base, grid, range(seed, seed + number), folder, frames), itertools.count(1)
+    with Progress() as progress, workers_for(scheduler, workers) as (pool, _), RunFolder(folder).exclusive():
+
+        def show_run(job: Job, row: Row) -> None:
+            score = row.get("error") or shown_rate(row["score"])
+            progress.log(f"{job.variant or 'as the preset has it'}, seed {job.settings.seed}: {score}")
+            progress("runs", next(ended), len(jobs))
+
+        rows = summarise(jobs, run_jobs(jobs, pool, show_run))
         write_json(folder / "sweep.json", rows)
     tell_json(finite(rows), indent=2) if json else _show_variants(rows)
     return 1 if any(row["failed"] for row in rows) else 0
@@ -124,12 +124,10 @@ def _alternatives(assignments: Sequence[str]) -> dict[str, str]:
     return texts
 
 
-def _tell_run(job: Job, row: Row) -> None:
-    log(f"{job.variant} seed {job.settings.seed}: {row.get('error') or shown_rate(row['score'])}")
-
-
-def _tell_trial(row: Mapping[str, Any]) -> None:
-    log(f"trial {row['trial']}, {row['settings']}: {row['error'] or row['state']} {shown_rate(row['score'])}")
+def _show_trial(progress: Progress, row: Mapping[str, Any], trials: int) -> None:
+    score = f"{row['error'] or row['state']} {shown_rate(row['score'])}"
+    progress.log(f"trial {row['trial']}, {row['settings']}: {score}")
+    progress("trials", row["trial"] + 1, trials)
 
 
 def _show_variants(rows: list[dict[str, Any]]) -> None:
@@ -144,12 +142,12 @@ def _show_variants(rows: list[dict[str, Any]]) -> None:
         cells.append(
             [row["variant"] or "as the preset has it", runs, shown_rate(row["score"]), f"{low} to {high}", *numbers]
         )
-    show_table(["Settings", "Runs", "Score (IQM)", "95 % interval", "Best", *rates.values()], cells)
+    tell_table(["Settings", "Runs", "Score (IQM)", "95 % interval", "Best", *rates.values()], cells)
 
 
 def _show_search(rows: list[dict[str, Any]]) -> None:
     complete = sorted((row for row in rows if row["state"] == "complete"), key=lambda row: -row["score"])
     cells = [[row["settings"], str(row["trial"]), shown_rate(row["score"])] for row in complete[:TRIALS_SHOWN]]
-    show_table(["Settings", "Trial", "Score"], cells)
+    tell_table(["Settings", "Trial", "Score"], cells)
     counts = Counter(ENDED.get(row["state"], "unfinished") for row in rows)
     tell(", ".join([f"{len(complete)} trials complete", *(f"{counts[word]} {word}" for word in counts if word)]))

@@ -6,20 +6,12 @@ import json
 import re
 from collections.abc import Callable, Sequence
 
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.markup import escape
-from rich.measure import Measurement
-from rich.table import Table as RichTable
-
 from ..benchmark.columns import COLUMNS
 from ..benchmark.leaderboard import ON_ROBOT, OURS, Row, Table
 from ..common.text import one_line
 from .arguments import plant_note
-from .output import printable
+from .output import printable, tell, tell_table
 
-WIDEST = 1000
-"""No table needs more columns of text than this."""
 LONGEST_CELL = 1000
 """Characters of a Markdown cell; longer texts are cut."""
 
@@ -27,23 +19,11 @@ LONGEST_CELL = 1000
 def show_tables(tables: Sequence[Table]) -> None:
     """Print tables for people."""
     for table in tables:
-        shown = RichTable(title=_title(table), title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
-        shown.add_column("Controller", no_wrap=True)
-        shown.add_column("Source", no_wrap=True)
-        for name in table.columns:
-            # Headings may be cut where a terminal is narrow, numbers never.
-            longest = max(len(COLUMNS[name].show(row.values[name])) for row in table.rows)
-            shown.add_column(escape(COLUMNS[name].heading), justify="right", min_width=longest)
-        for row in table.rows:
-            style = "bold" if row.source == OURS else ""
-            shown.add_row(escape(printable(row.controller)), row.source, *_cells(table, row), style=style)
-        console = Console()
-        needed = Measurement.get(console, console.options.update(max_width=WIDEST), shown)
-        # A file or a pipe has no width to keep to: there no cell is cut.
-        console.width = max(console.width, needed.minimum if console.is_terminal else needed.maximum)
-        console.print(shown)
-        for remark in _remarks(table):
-            console.print(escape(printable(remark)), soft_wrap=True, highlight=False)
+        headings = ["Controller", "Source", *(COLUMNS[name].heading for name in table.columns)]
+        rows = [[row.controller, row.source, *_cells(table, row)] for row in table.rows]
+        ours = [index for index, row in enumerate(table.rows) if row.source == OURS]
+        tell_table(headings, rows, texts=2, title=_title(table), bold=ours)
+        tell(*_remarks(table))
 
 
 def tables_as_json(tables: Sequence[Table]) -> str:

@@ -2,9 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
-
-from tyro.conf import OmitArgPrefixes, arg
+from typing import Annotated, Any, TypedDict
 
 from ..benchmark.judge import judge
 from ..common.checks import whole_number
@@ -17,33 +15,52 @@ from ..learner.rates import describe_rates, shown_rate
 from ..learner.run import Run
 from ..learner.run_settings import make_run_settings, read_run_settings
 from ..learner.start import resume_run, start_run
-from .arguments import NO_PLANT, PlantFlags, RobotOrNone, judged_name, task_name
-from .hyperparameters import HyperparameterOptions, given_hyperparameters
+from .arguments import (
+    NO_PLANT,
+    OptionalInt,
+    OptionalText,
+    PlantOptions,
+    RobotOrNone,
+    judged_name,
+    optional,
+    task_name,
+)
+from .hyperparameters import HyperparameterOptions
 from .output import tell
 from .results import result_lines
 from .showing import train_shown
 
-FROM_PRESET = HyperparameterOptions()
-"""No hyperparameter given: the preset has them all."""
 
-PresetName = Annotated[str | None, arg(metavar="NAME", help=f"named settings: {', '.join(PRESETS)}.")]
+class RunOptions(TypedDict, total=False):
+    """What is trained, and how often it is evaluated."""
+
+    env: Annotated[str, optional(text="Gymnasium id of another task, as Swimmer-v5 or your.module:Task-v0.")]
+    preset: Annotated[str, optional("NAME", f"named settings: {', '.join(PRESETS)}; default: those of the task.")]
+    evaluate_every: Annotated[int, optional(text="frames between evaluations and metrics; default 65536.")]
+    checkpoint_every: Annotated[
+        int, optional(text="frames between checkpoints; default 1048576, or 262144 with --env.")
+    ]
+    evaluation_episodes: Annotated[
+        int, optional(text="episodes of an evaluation with --env; default 5. 0: training episodes give the score.")
+    ]
+
+
+DEFAULT_RUN: RunOptions = {}
+FROM_PRESET: HyperparameterOptions = {}
+"""No hyperparameter given: the preset has them all."""
 
 
 def train_command(
     robot: RobotOrNone = None,
     /,
-    env: str | None = None,
-    preset: PresetName = None,
-    frames: int | None = None,
-    seed: int | None = None,
-    seeds: int | None = None,
-    out: str | None = None,
-    resume: str | None = None,
-    evaluate_every: int | None = None,
-    checkpoint_every: int | None = None,
-    evaluation_episodes: int | None = None,
-    plant: PlantFlags = NO_PLANT,
-    hyperparameters: OmitArgPrefixes[HyperparameterOptions] = FROM_PRESET,
+    frames: OptionalInt = None,
+    seed: OptionalInt = None,
+    seeds: OptionalInt = None,
+    out: OptionalText = None,
+    resume: OptionalText = None,
+    run: RunOptions = DEFAULT_RUN,
+    plant: PlantOptions = NO_PLANT,
+    hyperparameters: HyperparameterOptions = FROM_PRESET,
 ) -> int:
     """Train a policy, show the progress, and end with the score of the best one.
 
@@ -51,32 +68,27 @@ def train_command(
 
     Args:
         robot: the robot; none with --env or --resume.
-        env: Gymnasium id of another task, such as Swimmer-v5 or your.module:Task-v0.
-        preset: named settings.
         frames: frames to train each seed for; default: the preset's.
         seed: the first seed; default 0.
         seeds: how many seeds to train side by side; default: the preset's, 1 or for fast 2.
         out: folder of the run, new or empty; default runs/ROBOT-PRESET-SEED, or the id's name for the robot's.
         resume: folder of a run to continue from its last checkpoint, bit for bit.
-        evaluate_every: frames between evaluations, metrics and progress; default 65536.
-        checkpoint_every: frames between checkpoints; default 1048576, or 262144 with --env.
-        evaluation_episodes: episodes of an evaluation with --env; default 5. 0: training episodes give the score.
+        run: what is trained, and how often it is evaluated.
         plant: the pendulum to train on, in whose units the task is.
         hyperparameters: those that are left out are the preset's. In brackets: the value in the preset default,
-            then in presets that differ. "ppo --env" is the preset's value with --env.
+            then in presets that differ.
     """
-    options = {
-        "preset": preset, "seed": seed, "seeds": seeds, "evaluate_every": evaluate_every,
-        "checkpoint_every": checkpoint_every, "evaluation_episodes": evaluation_episodes, "plant": plant.make(),
-    }  # fmt: skip
     if frames is not None:
         whole_number("frames", frames, 1)
-    changes = given_hyperparameters(hyperparameters)
+    given: dict[str, Any] = {"seed": seed, "seeds": seeds, "plant": plant.given(), **run}
     if resume is None:
-        run = start_training(task_name(robot, env), frames, out, changes, **options)
+        env = task_name(robot, given.pop("env", None))
+        started = start_training(env, frames, out, hyperparameters, **given)
     else:
-        run = _resume(frames, {"robot": robot, "env": env, **options}, out, Path(resume), changes)
-    return train_shown(run) or _score(run)
+        if out is not None:
+            raise SwingupError(f"--out {out} does not go with --resume {resume}: a run stays in its folder")
+        started = _resume(Path(resume), frames, {"robot": robot and robot.name, **given, **hyperparameters})
+    return train_shown(started) or _score(started)
 
 
 def start_training(
@@ -102,17 +114,12 @@ def start_training(
     return start_run(settings, folder, get_preset(settings.preset).frames if frames is None else frames)
 
 
-def _resume(
-    frames: int | None, options: dict[str, Any], out: str | None, folder: Path, changes: dict[str, Any]
-) -> Run:
+def _resume(folder: Path, frames: int | None, given: dict[str, Any]) -> Run:
     """Continue a run, unless an option contradicts its settings."""
-    if out is not None:
-        raise SwingupError(f"--out {out} does not go with --resume {folder}: a run stays in its folder")
     saved, _ = read_run_settings(folder)
     known = vars(saved) | vars(saved.config)
-    given = {name: value for name, value in options.items() if value is not None} | changes
     for name, value in given.items():
-        if value != known[name]:
+        if value not in (None, known[name]):
             raise SwingupError(
                 f"{folder} was trained with {name} = {known[name]}, not {value}: resume it without "
                 f"that option, or train anew with another --out"

@@ -15,10 +15,9 @@ def write_atomically(path: str | Path, content: bytes) -> None:
     Raises:
         SwingupError: the folder does not exist or cannot be written, or the disk is full.
     """
-    # Through links: a rename would replace the link instead of the file behind it.
-    target = Path(path).resolve()
     temporary = None
     try:
+        target = _behind_links(path)
         if target.exists() and not target.is_file():
             target.write_bytes(content)  # a device or a pipe, which a rename would replace
             return
@@ -78,10 +77,26 @@ def check_writable(path: str | Path) -> None:
     Raises:
         SwingupError: its folder does not exist or cannot be written, or it is a folder itself.
     """
-    target = Path(path).resolve()
-    if not os.access(target.parent, os.W_OK | os.X_OK) or target.is_dir():
-        reason = "is a folder" if target.is_dir() else "no such folder, or not to be written"
+    try:
+        target = _behind_links(path)
+        folder, writable = target.is_dir(), os.access(target.parent, os.W_OK | os.X_OK)
+        reason = "is a folder" if folder else "" if writable else "no such folder, or not to be written"
+    except OSError as error:
+        reason = str(error.strerror)
+    if reason:
         raise SwingupError(f"cannot write {path}: {reason}; choose a folder that exists and can be written")
+
+
+def _behind_links(path: str | Path) -> Path:
+    """The file that a path leads to: a rename would replace a link instead of the file behind it.
+
+    Raises:
+        OSError: the link leads to itself.
+    """
+    target = Path(os.path.realpath(path))
+    if target.is_symlink():
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
+    return target
 
 
 def _sync_folder(folder: Path) -> None:

@@ -4,9 +4,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ..benchmark.board import AbstractBoard
 from ..benchmark.disturbances import DisturbanceSettings
 from ..benchmark.judge import judge
-from ..benchmark.leaderboard import ENTRANTS, OURS, RowProgress, Table, entrants_for, leaderboard
+from ..benchmark.leaderboard import DEFAULT_BOARDS, ENTRANTS, OURS, RowProgress, Table, entrants_for, leaderboard
 from ..benchmark.rollout import Trajectory
 from ..benchmark.rules import PushRules
 from ..common.errors import SwingupError
@@ -76,6 +77,8 @@ def make_section(
     progress: RowProgress | None = None,
     entrants: Sequence[str] = SHOWN_CONTROLLERS,
     plant: PlantLike = LEADERBOARD,
+    boards: Sequence[AbstractBoard | str] = DEFAULT_BOARDS,
+    recompute: bool = False,
 ) -> Section:
     """Score controllers on one robot, and simulate their swing-ups.
 
@@ -88,6 +91,8 @@ def make_section(
         entrants: names of the built-in controllers whose swing-ups are shown; the boards have their own.
         plant: what the page shows, and the baselines are designed for: a plant, its name or its
             file.
+        boards: the boards of the tables.
+        recompute: also compute the rows that the package ships because they take minutes.
 
     Raises:
         SwingupError: there is no such robot or plant. A controller that fails gets a note.
@@ -99,7 +104,7 @@ def make_section(
         if progress is not None:
             progress(f"{robot.name}: {one_line(stage)}", done, total)
 
-    tables = leaderboard(robot, controllers, seed=seed, progress=tell, plant=found)
+    tables = leaderboard(robot, controllers, boards, seed, recompute, progress=tell, plant=found)
     # The shipped policy that sees its plant, told the page's, without what a page cannot run.
     alone: dict[str, Any] = dict.fromkeys(PARTS)
     live = replace(load_policy(DEFAULT, robot), plant=policy_plant(found, robot), **alone)
