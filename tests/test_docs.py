@@ -22,9 +22,7 @@ import pytest
 import swingup
 from swingup.areapo.config import Config
 from swingup.benchmark.boards import BOARDS
-from swingup.benchmark.leaderboard import leaderboard
-from swingup.cli import commands, main, pictures
-from swingup.cli.judging import JudgingCommands
+from swingup.cli import commands, judging, main
 from swingup.cli.parsing import parse as parse_words
 from swingup.common.errors import SwingupError
 from swingup.controllers.baselines.baselines import Design, shipped_reference
@@ -156,11 +154,10 @@ def test_command_lines_run_in_their_order(tmp_path, monkeypatch, small_grid, bri
     pytest.importorskip("mujoco", reason="mujoco is not installed")
     small = {"robustness": small_grid, "uptime": brief_minute}
     few = ("ar-eapo", "tvlqr")  # test_the_papers_boards has everybody
-    boards = JudgingCommands(BOARDS | small, few)
-    monkeypatch.setattr(
-        make, "leaderboard", functools.partial(leaderboard, boards=("performance", small_grid), entrants=few)
-    )
-    monkeypatch.setattr(pictures, "make_section", functools.partial(make.make_section, entrants=few))
+    for name, board in small.items():
+        monkeypatch.setitem(BOARDS, name, board)
+    monkeypatch.setattr("swingup.benchmark.leaderboard.default_entrants", lambda board: few)
+    monkeypatch.setattr(judging, "make_section", functools.partial(make.make_section, entrants=few))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))  # of the sweeps' workers
     monkeypatch.syspath_prepend(tmp_path)
@@ -177,7 +174,7 @@ def test_command_lines_run_in_their_order(tmp_path, monkeypatch, small_grid, bri
     assert all(any(text in line for line in lines) for text in LEFT_OUT)
     for line in lines:
         if not any(text in line for text in LEFT_OUT):
-            assert main(shlex.split(shortened(line)), boards) == 0, line
+            assert main(shlex.split(shortened(line))) == 0, line
 
 
 def test_commands_named_in_sentences_exist(parse, capsys):

@@ -1,16 +1,56 @@
 """Fixtures of the commands' tests."""
 
+import dataclasses
+import json
 import signal
 
 import pytest
 
+from swingup.benchmark.boards import BOARDS
+from swingup.cli import main
 
-@pytest.fixture
+
+@pytest.fixture(autouse=True)
 def surroundings(tmp_path, monkeypatch):
-    """An empty working folder; signal handlers as they were; no compilation cache outside of the test."""
+    """An empty working folder, from which modules can be imported; signal handlers as they were."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     yield
     for number, handler in handlers.items():
         signal.signal(number, handler)
+
+
+@pytest.fixture
+def run(capsys):
+    """Runs a command and returns its standard output."""
+
+    def run_command(words, *more, status=0):
+        assert main([*words.split(), *more]) == status
+        return capsys.readouterr().out
+
+    return run_command
+
+
+@pytest.fixture
+def run_json(run):
+    """Runs a command and returns its JSON."""
+    return lambda *words: json.loads(run(*words, "--json"))
+
+
+@pytest.fixture
+def change_boards(monkeypatch):
+    """Changes fields of boards for one test."""
+
+    def change(names, **fields):
+        for name in names.split():
+            monkeypatch.setitem(BOARDS, name, dataclasses.replace(BOARDS[name], **fields))
+
+    return change
+
+
+@pytest.fixture
+def entrants(monkeypatch):
+    """Names the built-in controllers that enter the leaderboards."""
+    return lambda *names: monkeypatch.setattr("swingup.benchmark.leaderboard.default_entrants", lambda board: names)

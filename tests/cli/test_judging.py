@@ -1,453 +1,145 @@
-"""The commands around the boards, as a user types them."""
+"""The commands that judge, with short boards: results, forms of output, options that pass through, and names."""
 
 import csv
 import dataclasses
 import io
-import json
-import re
-import shlex
-import textwrap
 
+import numpy as np
 import pytest
 import yaml
 
 from policies import lone_policy
-from swingup.benchmark.boards import BOARDS, PERFORMANCE, ROBUSTNESS
-from swingup.benchmark.rules import CRITERIA
-from swingup.cli import judging, main
-from swingup.cli.judging import JudgingCommands
+from swingup.benchmark.boards import BOARDS
+from swingup.benchmark.columns import COLUMNS
+from swingup.benchmark.leaderboard import Row, Table, published_rows
+from swingup.cli import judging, main, progress
+from swingup.cli.tables import TABLE_FORMATS, show_tables
 from swingup.common.errors import SwingupError
-from swingup.controllers.registry import BUILT_IN
 from swingup.controllers.stack.controller import save_controller
+from swingup.loop.domain import load_domain
 from swingup.plant.plant import load_plant
+from swingup.plant.robots import ROBOTS
 
-CONTROLLERS = textwrap.dedent(
-    """
-    import time
+KEYS = [
+    "command", "robot", "controller", "estimator", "board", "plant", "torque_over_gravity", "seeds", "version",
+    "runs", "successes", "success_interval", "swingup_time", "energy", "torque_cost", "torque_smoothness",
+    "velocity_cost", "score", "intervals", "call_time", "warnings", "details",
+]  # fmt: skip
+CONTROLLERS = """
+import time
 
-    import jax.numpy as jnp
-    import numpy as np
-    import swingup
+import numpy as np
 
-    class Damping(swingup.AbstractController):
-        def init(self):
-            return None
 
-        def __call__(self, carry, t, x):
-            return None, -0.1 * x[2:] * jnp.array([0.0, 1.0])
+class Plain:
+    def get_control_output(self, x, t):
+        return [0.0, -0.1 * x[3]]
 
-    jax_damping = Damping()
 
-    class Plain:
-        def get_control_output(self, x, t):
-            return [0.0, -0.1 * x[3]]
+plain = Plain()
 
-    plain = Plain()
 
-    def slow(x, t):
-        time.sleep(0.003)
-        return [0.0, 0.0]
+def slow(x, t):
+    time.sleep(0.003)
+    return [0.0, 0.0]
 
-    def nan(x, t):
-        return [0.0, np.nan]
 
-    number = 3
-    """
-)
+def nan(x, t):
+    return [0.0, np.nan]
+"""
+PLAIN, NAN = "evaluate acrobot --controller mine:plain", "mine:nan"
 
 
 @pytest.fixture(autouse=True)
-def surroundings(tmp_path, monkeypatch):
-    """A working folder with a module of controllers, and no cache outside of the test."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    (tmp_path / "others_controllers.py").write_text(CONTROLLERS)
+def mine(tmp_path, change_boards):
+    """A module of controllers, and boards with runs of half a second, for what does not depend on their end."""
+    (tmp_path / "mine.py").write_text(CONTROLLERS)
+    change_boards("performance robustness hardware", duration=0.5)
 
 
-@pytest.fixture(scope="session")
-def brief_runs():
-    """Boards of IROS 2024 with runs of half a second, for what does not depend on their end."""
-    brief = {name: dataclasses.replace(BOARDS[name], duration=0.5) for name in ("performance", "robustness")}
-    return JudgingCommands(BOARDS | brief)
+@pytest.mark.parametrize("robot", ["acrobot", pytest.param("pendubot", marks=pytest.mark.slow)])
+def test_evaluate_then_score_the_same_trajectory(robot, run_json, change_boards):
+    change_boards("performance hardware", duration=10.0)
+    result = run_json(f"evaluate {robot} --controller ar-eapo --save t.csv")
+    assert list(result) == KEYS
+    # The paper's scores.
+    assert result["successes"] == 1
+    assert result["score"] >= {"acrobot": 0.633, "pendubot": 0.659}[robot]
+    again = run_json(f"score t.csv --robot {robot}")
+    assert set(again) == {*KEYS, "rate"} - {"command", "estimator"}
+    assert (round(again["rate"]), again["warnings"], again["call_time"]) == (500, [], None)
+    same = [*KEYS[KEYS.index("runs") : KEYS.index("call_time")], "details"]
+    assert {name: again[name] for name in same} == {name: result[name] for name in same}
+    # Torque and smoothness count for less there.
+    assert run_json(f"score t.csv --robot {robot} --board hardware")["score"] > result["score"]
 
 
-ROBUST = ("--board", "robustness")
-
-
-def run(capsys, *arguments, status=0, boards=None):
-    assert main(list(arguments), boards) == status
-    return capsys.readouterr().out
-
-
-@pytest.mark.slow
-def test_robustness_as_json(capsys, small_grid):
-    boards = JudgingCommands({"robustness": small_grid})
-    options = ("--controller", "ar-eapo", "--seed", "3", "--criteria", "delay,perturbations")
-    result = json.loads(run(capsys, "evaluate", "pendubot", *ROBUST, "--json", *options, boards=boards))
-    names = ("robot", "controller", "board", "seeds", "runs", "score")
-    # 3 delays, 8 profiles of pushes
-    assert [result[name] for name in names] == ["pendubot", "ar-eapo", "robustness", [3], 11, None]
-    assert result["details"][0] == {"criterion": "delay", "value": 0.0, "success": True, "score": 1.0}
-    assert result["command"].startswith(
-        "swingup evaluate pendubot --board=robustness --controller=ar-eapo --seed=3"
-    )
-    # The command that the result names prints the result again; it separates values by spaces.
-    again = json.loads(run(capsys, *shlex.split(result["command"])[1:], "--json", boards=boards))
-    assert {**again, "call_time": 0} == {**result, "call_time": 0}
-
-
-@pytest.mark.slow
-def test_robustness_as_text_with_intervals(capsys, brief_runs):
-    out = run(
-        capsys, "evaluate", "acrobot", *ROBUST, "--controller", "lqr", "--seeds", "2", "--grid",
-        "velocity_noise=0:0.5:3:3", "delay=0:0.01:2", "--criteria", "velocity_noise", "delay",
-        boards=brief_runs,
-    )  # fmt: skip
-    name = "robustness velocity_noise=0:0.5:3:3 delay=0:0.01:2"
-    assert f"acrobot, lqr (board {name}, seed 0 to 1)" in out
-    assert "0 of 20" in out  # 3 values, 3 repetitions, 2 seeds; 2 delays
-
-
-def test_several_boards_share_one_form(capsys, brief_runs):
-    words = (
-        "evaluate",
-        "acrobot",
-        "--controller",
-        "others_controllers:plain",
-        "--board",
-        "performance",
-        "robustness",
-    )
-    brief = ("--criteria", "delay", "--grid", "delay=0:0:2")
-    performance, robustness = json.loads(run(capsys, *words, *brief, "--json", boards=brief_runs))
-    common = {
-        "command",
-        "robot",
-        "controller",
-        "estimator",
-        "board",
-        "seeds",
-        "runs",
-        "successes",
-        "score",
-        "details",
-    }
-    assert common <= set(performance) & set(robustness)
+def test_several_boards_share_one_form(run, run_json):
+    words = f"{PLAIN} --board performance robustness --criteria delay --grid delay=0:0:2"
+    performance, robustness = run_json(words)
+    assert {"command", "robot", "seeds", "runs", "score", "details"} <= set(performance) & set(robustness)
     assert performance["call_time"] > 0
-    out = run(capsys, *words, *brief, boards=brief_runs)
+    assert performance["details"][0]["failure"].startswith("never up: the tip reached -0.500 m")
+    out = run(words)
     assert out.count("Success") == out.count("One call [ms]") == 2
 
 
-def test_a_controller_slower_than_its_loop_does_not_pass_without_a_word(capsys, brief_runs):
-    name = "others_controllers:slow"
-    assert "one call takes" in run(capsys, "check", "acrobot", "--controller", name)
-    brief = JudgingCommands({"performance": dataclasses.replace(PERFORMANCE, duration=0.05)})
-    out = run(capsys, "evaluate", "acrobot", "--controller", name, boards=brief)
-    assert "warning: one call takes" in out
+def test_the_command_of_a_result_repeats_it(run_json):
+    words = (
+        "evaluate acrobot --board robustness --controller lqr --plant A.0 --criteria delay,torque_noise --seed 3"
+    )
+    result = run_json(words, "--grid", "delay=0:0:2", "torque_noise=0:0.1:2:1")
+    assert (result["plant"], result["seeds"], result["runs"]) == ("A.0", [3], 4)
+    again = run_json(result["command"].removeprefix("swingup "))
+    assert {**again, "call_time": 0} == {**result, "call_time": 0}
 
 
-@pytest.mark.parametrize("name", [pytest.param("jax_damping", marks=pytest.mark.slow), "plain"])
-def test_others_controllers(capsys, name, brief_runs):
-    name = f"others_controllers:{name}"
-    result = json.loads(run(capsys, "evaluate", "acrobot", "--controller", name, "--json", boards=brief_runs))
-    assert result["successes"] == 0
-    assert result["details"][0]["failure"].startswith("never up: the tip reached -0.500 m")
-    assert "nothing wrong" in run(capsys, "check", "acrobot", "--controller", name)
-    result = run(
-        capsys, "evaluate", "acrobot", *ROBUST, "--controller", name,
-        "--criteria", "delay", "--grid", "delay=0:0:2", boards=brief_runs,
-    )  # fmt: skip
-    assert "Time delay [%]" in result
-    assert "0.0" in result
+def test_check_names_faults_and_slowness(run):
+    assert "not finite at t = 0 s" in run(f"evaluate acrobot --check --controller {NAN}", status=1)
+    assert "mine:plain: nothing wrong was found" in run(PLAIN, "--check")
+    assert "one call takes" in run("evaluate acrobot --check --controller mine:slow")
 
 
-@pytest.fixture
-def meant(tmp_path):
+def test_a_slow_controller_is_named_beside_its_score(run, change_boards):
+    change_boards("performance", duration=0.05)
+    assert "warning: one call takes" in run("evaluate acrobot --controller mine:slow")
+
+
+@pytest.mark.parametrize(
+    ("flag", "judged"),
+    [
+        pytest.param("", True, marks=pytest.mark.slow),
+        pytest.param("--estimator", True, marks=pytest.mark.slow),
+        ("--no-estimator", False),
+    ],
+)
+def test_with_and_without_an_estimator(run, run_json, tmp_path, flag, judged):
     """A file of the pendubot's policy that asks for an estimator."""
     policy, metadata = lone_policy("ar-eapo", "pendubot")
     save_controller(tmp_path / "meant.safetensors", policy, {"scores": metadata["scores"], "estimator": {}})
-    return "meant.safetensors"
+    words = f"evaluate pendubot --controller meant.safetensors {flag}"
+    result = run_json(words)
+    assert result["estimator"] is judged
+    assert result["command"].endswith(flag)
+    named = f"meant.safetensors, {'with estimator' if judged else 'policy alone'}"
+    assert f"{named}: nothing wrong was found" in run(words, "--check")
 
 
-@pytest.mark.parametrize(
-    ("flags", "judged"),
-    [
-        pytest.param((), True, marks=pytest.mark.slow),
-        pytest.param(("--estimator",), True, marks=pytest.mark.slow),
-        (("--no-estimator",), False),
-    ],
-)
-def test_with_and_without_an_estimator(capsys, meant, flags, judged, brief_runs):
-    words = f"meant.safetensors, {'with estimator' if judged else 'policy alone'}"
-    options = ("pendubot", "--controller", meant, *flags)
-    assert json.loads(run(capsys, "evaluate", *options, "--json", boards=brief_runs))["estimator"] is judged
-    assert f"pendubot, {words} (board performance)" in run(capsys, "evaluate", *options, boards=brief_runs)
-    assert f"{words}: nothing wrong was found" in run(capsys, "check", *options)
-
-
-@pytest.mark.slow
-def test_robustness_with_an_estimator(capsys, meant):
-    # Three seconds are enough for a swing-up.
-    boards = JudgingCommands({"robustness": dataclasses.replace(ROBUSTNESS, duration=3.0)})
-    base = ("pendubot", "--controller", "ar-eapo")
-    brief = ("pendubot", "--criteria", "delay", "--grid", "delay=0.03:0.04:2", "--json")
-    alone, estimating = (
-        json.loads(run(capsys, "evaluate", *brief, *ROBUST, *base[1:], *flags, boards=boards))
-        for flags in ((), ("--estimator",))
-    )
-    assert (alone["estimator"], estimating["estimator"]) == (False, True)
-    assert alone["delay"] < estimating["delay"]
-    assert "estimator" not in alone["command"]
-    assert " --estimator " in estimating["command"]
-    held = json.loads(
-        run(capsys, "evaluate", *brief, *ROBUST, "--controller", meant, "--no-estimator", boards=boards)
-    )
-    assert held["estimator"] is False
-    assert " --no-estimator " in held["command"]
-
-
-@pytest.mark.slow
-def test_uptime_with_an_estimator(capsys, brief_minute):
-    boards = JudgingCommands({"uptime": dataclasses.replace(brief_minute, duration=8.0)})
-    base = ("evaluate", "pendubot", "--board", "uptime", "--controller", "lqr", "--estimator")
-    assert "lqr, with estimator (board uptime" in run(capsys, *base, boards=boards)
-    assert json.loads(run(capsys, *base, "--json", boards=boards))["estimator"] is True
-
-
-def test_check_names_the_fault(capsys):
-    out = run(capsys, "check", "acrobot", "--controller", "others_controllers:nan", status=1)
-    assert "gave a torque that is not finite at t = 0 s" in out
-
-
-@pytest.mark.slow
-def test_uptime(capsys, tmp_path, brief_minute):
-    boards = JudgingCommands({"uptime": brief_minute})
-    options = ("evaluate", "pendubot", "--board", "uptime", "--controller", "ar-eapo", "--seeds", "2")
-    out = run(capsys, *options, "--save", "minute.csv", boards=boards)
-    assert "Score" in out
-    assert " to " in out
-    assert len((tmp_path / "minute.csv").read_text().splitlines()) == 4_501  # rows, each of 2 ms, and a head
-    result = json.loads(run(capsys, *options, "--json", boards=boards))
-    assert 0 < result["score"] < 1
-    assert result["seeds"] == [0, 1]
-
-
-@pytest.mark.slow
-def test_sim2real(capsys, tmp_path):
-    out = run(
-        capsys,
-        "evaluate",
-        "pendubot",
-        "--board",
-        "sim2real",
-        "--controller",
-        "lqr",
-        "--seeds",
-        "2",
-        "--save",
-        "run.csv",
-    )
-    assert "pendubot, lqr (board sim2real, domain identified, seed 0 to 1)" in out
-    assert "Swing-up time [s]                    –   (median of the successes)" in out
-    assert "Success                         0 of 2   (0% to 66%)" in out
-    assert len((tmp_path / "run.csv").read_text().splitlines()) == 5001
-    result = json.loads(
-        run(capsys, "evaluate", "pendubot", "--board", "sim2real", "--controller", "lqr", "--seeds", "2", "--json")
-    )
-    assert (result["successes"], result["estimator"], result["domain"]["delay"]) == (0, False, [0.01, 0.01])
-    assert [row["seed"] for row in result["details"]] == [0, 1]
-
-
-@pytest.mark.slow
-def test_disturbed_runs_differ_and_repeat(capsys):
-    policy = ("evaluate", "pendubot", "--controller", "ar-eapo", "--json")
-    options = shlex.split("--velocity-noise 0.1 --torque-noise 0.2 --torque-response 0.8 --delay 0.004 --pushes")
-    # Seven gaps of 1 s between the pushes.
-    boards = JudgingCommands({"performance": dataclasses.replace(PERFORMANCE, duration=7.5)})
-    calm = json.loads(run(capsys, *policy, boards=boards))
-    first = json.loads(run(capsys, *policy, *options, "--seed", "1", boards=boards))
-    again = json.loads(run(capsys, *policy, *options, "--seed", "1", boards=boards))
-    other = json.loads(run(capsys, *policy, *options, "--seed", "2", boards=boards))
+def test_disturbances_pass_through_and_repeat(run_json, change_boards):
+    change_boards("performance", duration=2.0)
+    words = "evaluate acrobot --controller lqr --velocity-noise 0.1 --torque-noise 0.2 --delay 0.004 --seed"
+    first, again, other = (run_json(words, seed) for seed in ("1", "1", "2"))
     assert first["details"] == again["details"]
-    assert len({result["torque_smoothness"] for result in (calm, first, other)}) == 3
-    assert first["torque_smoothness"] > 10 * calm["torque_smoothness"]
+    assert first["torque_smoothness"] != other["torque_smoothness"]
+    assert "--velocity-noise=0.1 --torque-noise=0.2 --delay=0.004" in first["command"]
 
 
-def test_leaderboard_formats(capsys, small_grid):
-    mine = ("--controller", "others_controllers:nan")
-    quick = JudgingCommands(BOARDS | {"robustness": small_grid}, ("lqr",))
-    rows = json.loads(run(capsys, "leaderboard", "acrobot", "--json", *mine, boards=quick))
-    assert {row["board"] for row in rows} == {"performance", "robustness"}
-    assert {"AR-EAPO", "TVLQR", "iLQR Riccati", "iLQR MPC"} <= {
-        r["controller"] for r in rows if r["source"] == "paper"
-    }
-    failed = [row for row in rows if row["controller"] == "others_controllers:nan"]
-    assert [row["board"] for row in failed] == ["performance", "robustness"]
-    assert all("not finite" in row["remark"] for row in failed)
-    # The other forms show the same boards; rules of one board, without a grid, will do.
-    boards = JudgingCommands(quick.boards, ("lqr", "tvlqr"))
-    brief = ("leaderboard", "acrobot", "--board", "hardware", *mine)
-    rows = json.loads(run(capsys, *brief, "--json", boards=boards))
-    table = list(csv.DictReader(io.StringIO(run(capsys, *brief, "--csv", boards=boards))))
-    names = [row["controller"] for row in rows]
-    assert [row["controller"] for row in table] == names
-    assert names[0] == "tvlqr"
-    assert set(names[1:]) == {"lqr", mine[1]}
-    assert float(table[0]["score"]) == rows[0]["score"]
-    few = JudgingCommands(quick.boards, ("lqr",))
-    markdown = run(capsys, *brief, "--markdown", boards=few)
-    assert "### Board hardware, acrobot" in markdown
-    assert "| **lqr** | **ours** |" in markdown
-    text = run(capsys, *brief, boards=few)
-    assert "Board hardware, acrobot" in text
-    assert "others_controllers:nan: " in text
-
-
-@pytest.mark.slow  # benchmark/test_leaderboard.py has this board, the test above the command
-def test_leaderboard_of_the_third_rules(capsys, brief_minute):
-    boards = JudgingCommands({"uptime": brief_minute}, ("ar-eapo",))
-    rows = json.loads(run(capsys, "leaderboard", "--board", "uptime", "--seed", "1", "--json", boards=boards))
-    assert {row["robot"] for row in rows} == {"acrobot", "pendubot"}
-    assert all(set(CRITERIA).isdisjoint(row) for row in rows)
-    assert {row["controller"] for row in rows if row["robot"] == "pendubot"} >= {"ar-eapo", "VIMPPI"}
-
-
-@pytest.mark.parametrize("values", [("plain", "nan"), ("plain,nan",)])
-def test_several_values_of_one_option(capsys, values):
-    names = [f"others_controllers:{name}" for name in ("plain", "nan")]
-    words = [value.replace("plain", names[0]).replace("nan", names[1]) for value in values]
-    boards = JudgingCommands({"hardware": dataclasses.replace(BOARDS["hardware"], duration=0.5)}, ())
-    words = ["leaderboard", "acrobot", "--controller", *words, "--board", "hardware", "--json"]
-    assert [row["controller"] for row in json.loads(run(capsys, *words, boards=boards))] == names
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ("evaluate acrobot --sed 3", "swingup evaluate has no option --sed; did you mean --seed?"),
-        (
-            "train acrobot --learning_rat 3",
-            "swingup train has no option --learning-rat; did you mean --learning-rate?",
-        ),
-        ("evalute acrobot", "unknown command 'evalute'"),
-        ("evaluate", "swingup evaluate needs ROBOT: see swingup evaluate --help"),
-        ("", "a command is missing: use one of demo, evaluate, leaderboard"),
-        ("trajectory acrobot", "swingup trajectory needs --out FILE.safetensors"),
-        ("trajectory acrobot --out x --problem foo", "--problem = 'foo': use one of 'published', 'score'"),
-        ("evaluate acrobot --seed x", "--seed = 'x' is no whole number"),
-        ("evaluate acrobot --delay x", "--delay = 'x' is no number"),
-        ("evaluate acrobot --seed", "--seed needs a value"),
-        ("evaluate acrobot extra", "unexpected extra"),
-        ("evaluate acrobot --controller lqr --controller tvlqr", "--controller is given twice"),
-        (
-            "evaluate acrobot --board robustness --seeds 2147483648",
-            "seeds = 2147483648: use a whole number from 1 to 9999",
-        ),
-        (
-            "evaluate acrobot --board uptime --seeds 2147483648",
-            "seeds = 2147483648: use a whole number from 1 to 9999",
-        ),
-        (
-            "evaluate acrobot --board sim2real --seeds 2147483648",
-            "seeds = 2147483648: use a whole number from 1 to 9999",
-        ),
-        ("evaluate acrobot --controller adaptiv", "module:object; did you mean adaptive?"),
-    ],
-)
-def test_words_that_make_no_command(words, message, capsys):
-    assert main(words.split()) == 2
-    output = capsys.readouterr()
-    assert output.err.startswith("swingup: error: ")
-    assert message in output.err
-    assert output.err.count("\n") == 1
-    assert output.out == ""
-
-
-def test_help_and_errors_list_the_same_controllers(capsys):
-    with pytest.raises(SystemExit):
-        main(["evaluate", "--help"])
-    told = " ".join(re.sub("[│╭╰─╮╯]", " ", capsys.readouterr().out).split())
-    known = ", ".join(BUILT_IN)
-    assert known in told.replace("- ", "-")
-    assert main(["evaluate", "acrobot", "--controller", "nothing"]) == 2
-    assert known in capsys.readouterr().err
-
-
-HOSTILE = "a\nb\x1b[31m|<b>`*=1\udcff.safetensors"
-"""A file name with a line end, an escape sequence, markup, and a byte that is no UTF-8."""
-
-
-def test_hostile_names_reach_no_terminal(capsys, tmp_path):
-    policy, metadata = lone_policy("ar-eapo", "acrobot")
-    save_controller(tmp_path / HOSTILE, policy, metadata)
-    for words in (("evaluate", "acrobot"), ("check", "acrobot")):
-        out = run(capsys, *words, "--controller", HOSTILE)
-        assert "a\\nb\\x1b[31m|<b>`*=1\\udcff.safetensors" in out
-        assert "\x1b" not in out
-    assert main(["evaluate", "acrobot", "--controller", HOSTILE[:-4] + "none.safetensors"]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert "\x1b" not in error
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ("evaluate cartpole", "unknown robot 'cartpole'"),
-        ("evaluate acrobot --board robustness --criteria speed", "unknown criterion 'speed'"),
-        ("evaluate acrobot --board robustness --grid delay=0:1", "grid 'delay=0:1' is malformed"),
-        ("evaluate acrobot --board v3", "unknown board 'v3'"),
-        ("evaluate acrobot --board robustness --seed -1", "seed = -1"),
-        ("evaluate acrobot --criteria delay", "are those of --board robustness"),
-        ("leaderboard cartpole", "unknown robot 'cartpole'"),
-        ("leaderboard acrobot --board v9", "unknown board 'v9'"),
-        ("leaderboard acrobot --json --csv", "--json and --csv exclude each other"),
-        ("evaluate acrobot --controller others_controllers:nan", "not finite at t = 0 s"),
-        ("evaluate acrobot --controller others_controllers:missing", "cannot load controller"),
-        ("evaluate acrobot --controller no_such_module:it", "cannot load controller 'no_such_module:it'"),
-        ("evaluate acrobot --controller others_controllers:number", "3 is no controller"),
-        ("evaluate acrobot --velocity-noise -1", "velocity_noise = -1.0: use a number from 0"),
-        ("evaluate acrobot --delay nan", "delay = nan: use a number"),
-        ("evaluate acrobot --delay 9", "delay = 9 s is above 2 s"),
-        ("evaluate acrobot --torque-response inf", "torque_response = inf"),
-        ("evaluate acrobot --pushes --seed -1", "seed = -1"),
-        ("evaluate acrobot --estimator --no-estimator", "--estimator and --no-estimator exclude each other"),
-        ("evaluate acrobot --controller others_controllers:nan --estimator", "is in plain Python"),
-        ("check acrobot --controller nothing", "unknown controller 'nothing'"),
-        ("plot trajectory missing.csv --out t.png", "missing.csv"),
-        ("plot shape others_controllers.py --out t.png", "unknown kind of plot 'shape'"),
-        ("plot animation others_controllers.py --out missing/t.gif", "cannot write missing/t.gif"),
-        ("report acrobot --out missing/report.html", "cannot write missing/report.html"),
-        ("trajectory acrobot --out missing/t.safetensors", "cannot write missing/t.safetensors"),
-    ],
-)
-def test_bad_input(arguments, message, capsys):
-    assert main(arguments.split()) == 2
-    output = capsys.readouterr()
-    assert message in output.err
-    assert output.err.count("\n") == 1
-    assert output.out == ""
-
-
-def test_a_plant_is_named_with_the_ratio_of_its_torques(capsys, brief_runs, tmp_path):
-    options = ("--controller", "others_controllers:plain")
-    out = run(capsys, "evaluate", "acrobot", *options, "--plant", "B.0", "--frictionless", boards=brief_runs)
-    assert out.startswith(
-        "acrobot, others_controllers:plain (board performance, plant B.0, frictionless, torque/gravity 0.96)\n"
-    )
+def test_a_plant_is_named_with_the_ratio_of_its_torques(run, run_json, tmp_path):
+    out = run(PLAIN, "--plant", "B.0", "--frictionless")
+    assert out.startswith("acrobot, mine:plain (board performance, plant B.0, frictionless, torque/gravity 0.96)\n")
     (tmp_path / "mine.yml").write_text(yaml.safe_dump(load_plant("B.0").values()))
-    result = json.loads(
-        run(capsys, "evaluate", "acrobot", *options, "--plant", "mine.yml", "--json", boards=brief_runs)
-    )
+    result = run_json(PLAIN, "--plant", "mine.yml")
     assert (result["plant"], round(result["torque_over_gravity"], 3)) == ("mine.yml", 0.961)
-    (tmp_path / "run.csv").write_text(
-        "time,pos1,pos2,vel1,vel2,tau1,tau2\n" + "".join(f"{t},0,0,0,0,0,0\n" for t in range(11))
-    )
-    out = run(capsys, "score", "run.csv", "--robot", "acrobot", "--plant", "B.0")
-    assert "-0.700   (-100.0 % of l1 + l2)" in out
-    out = run(capsys, "score", "run.csv", "--robot", "acrobot", "--plant", "B.0", "--board", "uptime")
-    assert out.startswith("acrobot, run (board uptime, plant B.0, torque/gravity 0.96)\n")
 
 
 @pytest.mark.parametrize(("domain", "plant"), [("identified", "leaderboard"), ("B.0", "B.0")])
@@ -456,36 +148,164 @@ def test_baselines_of_sim2real_are_designed_for_the_domains_plant(capsys, monkey
         raise SwingupError(f"designed for {plant}")
 
     monkeypatch.setattr(judging, "get_controller", found)
-    assert main(["evaluate", "acrobot", "--board", "sim2real", "--controller", "lqr", "--domain", domain]) == 2
+    assert main(f"evaluate acrobot --board sim2real --controller lqr --domain {domain}".split()) == 2
     assert f"designed for {plant}\n" in capsys.readouterr().err
 
 
-def test_the_command_of_a_result_names_its_plant(capsys, brief_runs):
-    options = ("--controller", "lqr", "--plant", "A.0", "--criteria", "delay", "--grid", "delay=0:0:2", "--json")
-    result = json.loads(run(capsys, "evaluate", "acrobot", *ROBUST, *options, boards=brief_runs))
-    assert "--plant=A.0 --criteria delay" in result["command"]
-    assert result["plant"] == "A.0"
+def test_leaderboard_formats(run, run_json, entrants):
+    entrants("lqr", "tvlqr")
+    brief = "leaderboard acrobot --board hardware --controller mine:plain,mine:nan"
+    rows = run_json(brief)
+    names = [row["controller"] for row in rows]
+    assert set(names) == {"lqr", "tvlqr", "mine:plain", NAN}
+    assert "not finite" in next(row["remark"] for row in rows if row["controller"] == NAN)
+    table = list(csv.DictReader(io.StringIO(run(brief, "--csv"))))
+    assert [row["controller"] for row in table] == names
+    entrants("lqr")
+    markdown = run(brief, "--markdown")
+    assert "### Board hardware, acrobot" in markdown
+    assert "| **lqr** | **ours** |" in markdown
+    text = run(brief)
+    assert "Board hardware, acrobot" in text
+    assert f"{NAN}: " in text
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("evaluate", "acrobot", "--frictionless"), "--frictionless needs --plant"),
-        (("evaluate", "acrobot", "--plant", "B.9"), "unknown plant 'B.9': use A.0"),
-        (("score", "none.csv", "--robot", "acrobot", "--plant", "none.yml"), "none.csv"),
-        (("check", "acrobot", "--plant", "none.yml"), "plant none.yml: cannot read"),
-        (("report", "acrobot", "--plant", "bad.yml"), "plant bad.yml: parameter file bad.yml lacks m2"),
-        (("trajectory", "acrobot", "--out", "x.safetensors", "--plant", "bad.yml"), "lacks m2"),
-        (("refine", "acrobot", "--out", "x.safetensors", "--plant", "bad.yml"), "lacks m2"),
-        (("train", "acrobot", "--plant", "bad.yml"), "lacks m2"),
-        (("evaluate", "acrobot", "--domain", "recorded"), "leave the domain 'recorded' out"),
-        (("plot", "phase", "none.csv", "--out", "x.png", "--plant", "bad.yml"), "lacks m2"),
-        (("leaderboard", "acrobot", "--plant", "bad.yml"), "lacks m2"),
-    ],
-)
-def test_a_bad_plant_is_one_line(capsys, tmp_path, words, message):
-    (tmp_path / "bad.yml").write_text("m1: 1.0\n")
-    assert main(list(words)) == 2
-    told = capsys.readouterr().err
-    assert message in told
-    assert told.count("\n") == 1
+def test_a_page_shows_its_progress_and_the_tables_boards(run, capsys, monkeypatch, tmp_path):
+    table = Table("acrobot", "hardware", ("score",), 0, (Row("x", "ours", {"score": 0.5}),))
+
+    def make_section(robot, controllers, seed, progress, plant, boards, recompute):
+        assert [board.name for board in boards] == ["hardware"]
+        progress(f"{robot.name}: evil\n\x1b[31m[red]", 3, 7)
+        return type("Section", (), {"tables": [table]})
+
+    monkeypatch.setattr(judging, "make_section", make_section)
+    monkeypatch.setattr(judging, "render_page", lambda sections: f"{len(sections)} sections")
+    monkeypatch.setattr(progress, "SECONDS_BETWEEN_LINES", 0.0)
+    assert main(["leaderboard", "--board", "hardware", "--page", "report.html"]) == 0
+    told = capsys.readouterr()
+    shown = [f"{name}: evil\\n\\x1b[31m[red]: 3 of 7" for name in ("acrobot", "pendubot")]
+    assert told.err.splitlines() == shown
+    assert told.out.count("0.500") == 2
+    assert told.out.endswith("wrote report.html (0.0 MB)\n")
+    assert (tmp_path / "report.html").read_text() == "2 sections"
+
+
+def test_progress_says_what_is_left(monkeypatch, capsys):
+    clock = iter([0.0, 0.0, 10.0, 15.0, 25.0])
+    monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
+    with progress.Progress() as shown:
+        shown("a", 0, 40)
+        shown("a", 10, 40)
+        shown("a", 11, 40)  # too soon
+        shown("b", 8, 8, "score 0.5")
+    assert capsys.readouterr().err.splitlines() == ["a: 10 of 40, 30 s left", "b: 8 of 8  score 0.5"]
+
+
+@pytest.mark.parametrize("measure", ["performance", "robustness"])
+@pytest.mark.parametrize("terminal", [True, False], ids=["narrow terminal", "pipe"])
+def test_a_narrow_console_cuts_headings_and_no_number(measure, terminal, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "40")
+    monkeypatch.setenv("TTY_COMPATIBLE", str(int(terminal)))
+    monkeypatch.setenv("NO_COLOR", "1")
+    rows = tuple(published_rows(ROBOTS["acrobot"], measure))
+    show_tables([Table("acrobot", measure, BOARDS[measure].columns, None, rows)])
+    text = capsys.readouterr().out
+    lines = [line.strip() for line in text.splitlines()]
+    for row in rows:
+        numbers = [COLUMNS[name].show(row.values[name]) for name in BOARDS[measure].columns]
+        assert any(line.startswith(row.controller) and line.split()[-len(numbers) :] == numbers for line in lines)
+    assert ("…" in text) is terminal
+
+
+HOSTILE = "a\nb\x1b[31m|<b>`*=1\udcff"
+"""A name with a line end, an escape sequence, markup, and a byte that is no UTF-8."""
+
+
+def test_hostile_names_are_text_in_every_form(capsys):
+    tables = [Table("acrobot", "uptime", ("score",), 0, (Row(HOSTILE, "ours", {"score": 0.5}, remark=HOSTILE),))]
+    lines = TABLE_FORMATS["markdown"](tables).splitlines()
+    shown = "a b\\\\x1b\\[31m\\|&lt;b&gt;\\`\\*=1\\\\udcff"
+    assert f"| **{shown}** | **ours** | **0.500** |" in lines
+    assert lines[-1] == f"{shown}: {shown}"
+    (row,) = csv.DictReader(io.StringIO(TABLE_FORMATS["csv"](tables)))
+    assert row["controller"] == row["remark"] == "a\nb\\x1b[31m|<b>`*=1\\udcff"
+    show_tables(tables)
+    text = capsys.readouterr().out
+    assert "\x1b" not in text
+    assert "a\\nb\\x1b[31m|<b>`*=1\\udcff: a\\nb" in text
+
+
+def test_hostile_files_reach_no_terminal(run, capsys, tmp_path):
+    save_controller(tmp_path / f"{HOSTILE}.safetensors", *lone_policy("ar-eapo", "acrobot"))
+    out = run("evaluate acrobot --controller", f"{HOSTILE}.safetensors")
+    assert "a\\nb\\x1b[31m|<b>`*=1\\udcff.safetensors" in out
+    assert main(["evaluate", "acrobot", "--controller", f"{HOSTILE}.none.safetensors"]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "\x1b" not in out + error
+
+
+@pytest.fixture
+def robots_boards(change_boards):
+    """One second of each real robot's board, with two runs at most."""
+    short = {"duration": 1.0, "throws": 1, "first": 0.5, "jitter": 0.1, "runs": 2}
+    change_boards("icra-real", **short)
+    pushes = {name: dataclasses.replace(each, apart=0.1) for name, each in BOARDS["iros-real"].pushes.items()}
+    change_boards("iros-real", duration=1.0, runs=2, pushes=pushes)
+    change_boards("cloudpendulum", duration=0.5)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("robots_boards")
+def test_the_real_robots_boards(run, run_json, entrants):
+    words = "evaluate acrobot --controller lqr --board icra-real"
+    result = run_json(words)
+    assert (result["board"], len(result["details"])) == ("icra-real", 2)
+    # Unless another domain is given.
+    assert result["domain"] == {"name": "recorded"} | load_domain("recorded").as_dict()
+    out = run(words, "--domain", "identified", "--seeds", "1")
+    assert "acrobot, lqr (board icra-real, domain identified, seed 0)" in out
+    assert "Stopped by the robot" in out
+    out = run("evaluate pendubot --controller lqr --board iros-real --save first.csv")
+    assert "pendubot, lqr (board iros-real, domain recorded, seed 0 to 1)" in out
+    result = run_json("evaluate pendubot --controller lqr --board cloudpendulum")
+    assert (len(result["details"]), result["domain"]["plant"]) == (4, "cloudpendulum-rods")
+    assert result["note"].startswith("Ours")
+    entrants("lqr")
+    out = run("leaderboard pendubot --board icra-real")
+    sources = {tuple(line.split()[:2]) for line in out.splitlines()}
+    assert {("lqr", "ours"), ("AR-EAPO", "robot"), ("VIMPPI", "robot")} <= sources
+    assert "Rows of source 'robot' were measured on the real robot; ours are simulated." in out
+
+
+@pytest.mark.slow
+def test_sim2real_and_uptime(run, run_json, tmp_path, change_boards, brief_minute):
+    words = "evaluate pendubot --board sim2real --controller lqr --seeds 2"
+    out = run(words, "--save", "run.csv")
+    assert "pendubot, lqr (board sim2real, domain identified, seed 0 to 1)" in out
+    assert "Success                         0 of 2   (0% to 66%)" in out
+    assert len((tmp_path / "run.csv").read_text().splitlines()) == 5001
+    result = run_json(words)
+    assert (result["successes"], result["estimator"], result["domain"]["delay"]) == (0, False, [0.01, 0.01])
+    change_boards("uptime", duration=brief_minute.duration, throws=brief_minute.throws)
+    words = "evaluate pendubot --board uptime --controller ar-eapo --seeds 2"
+    run(words, "--save", "minute.csv")
+    assert len((tmp_path / "minute.csv").read_text().splitlines()) == 4_501  # rows, each of 2 ms, and a head
+    result = run_json(words)
+    assert 0 < result["score"] < 1
+    assert result["seeds"] == [0, 1]
+
+
+def test_a_recording_without_motion_scores_nothing(run_json, tmp_path):
+    rows = [f"{t:.3f},0,0,0,0,0,0" for t in np.arange(5000) * 0.002]
+    (tmp_path / "still.csv").write_text("\n".join(["time,pos1,pos2,vel1,vel2,tau1,tau2", *rows]))
+    result = run_json("score still.csv --robot acrobot")
+    assert (result["successes"], result["swingup_time"], result["score"]) == (0, None, 0.0)
+
+
+@pytest.mark.slow
+def test_the_cards_score_is_the_score(either_robot, run_json, change_boards):
+    change_boards("performance", duration=10.0)
+    card = lone_policy("ar-eapo", either_robot.name)[1]["scores"]["v2"]["score"]
+    found = run_json(f"evaluate {either_robot.name} --controller ar-eapo")
+    assert found["score"] == pytest.approx(card, abs=1e-6)

@@ -1,50 +1,60 @@
-"""The command ``train``: its options, and the line that shows where a run stands."""
+"""The commands ``train``, ``demo`` and ``refine``: runs of a few frames, signals, and what they print."""
 
+import json
 import math
+import os
+import shlex
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from safetensors.numpy import load_file
 
-from swingup.areapo.config import Config, hyperparameters
-from swingup.cli import main
-from swingup.cli.hyperparameters import HyperparameterOptions, given_hyperparameters
-from swingup.cli.progress import progress_line
+from policies import lone_policy
+from swingup.benchmark.boards import BOARDS
+from swingup.benchmark.leaderboard import OURS, Row, Table, paper_score, published_rows
+from swingup.cli import demonstrating, main, refining
+from swingup.cli.commands import COMMANDS
+from swingup.cli.demonstrating import Watch
+from swingup.cli.parsing import parse, program_typed
+from swingup.cli.results import comparison_lines
+from swingup.cli.showing import figures
 from swingup.common.errors import SwingupError
+from swingup.common.settings import read_settings
 from swingup.common.text import duration
+from swingup.learner.metrics import read_metrics
 from swingup.learner.report import TrainingReport
+from swingup.plant.robots import ROBOTS
+from swingup.policy.estimator.settings import EstimatorSettings
+from swingup.policy.shipped import DEFAULT
+from swingup.refine.analytic_policy_gradient import PolicyGradientSettings
+from swingup.refine.episodes import EpisodeSettings
+from swingup.refine.recipe import GradientStage
+from swingup.report import trained
+
+ACROBOT = ROBOTS["acrobot"]
+TINY = (
+    "--num-envs 4 --num-steps 16 --batch-size 64 --num-epochs 1 --policy-layers 8 8 --value-layers 8x8 "
+    "--evaluate-every 128 --checkpoint-every 256"
+)
+ENDLESS = f"train acrobot --frames 100000000 --out r {TINY}"
 
 
-def report(frames, rate, reward, score, best):
-    return TrainingReport(frames, rate, [{"reward": reward, "score": score}], best)
+def report(frames=65_536, best=0.75, **row):
+    return TrainingReport(frames, 20_000.0, [{"reward": -0.25, "score": 0.5, **row}], best)
 
 
-def test_the_line_by_hand():
-    line = progress_line(report(3_000_000, 20_000.0, -0.25, 0.5, 0.75), 12_000_000, 1)
-    # 9 million frames at 20,000 a second.
-    assert line == "3,000,000 frames  20k/s  8 min left  reward -0.250  score 0.500  best 0.750"
-    # Two seeds share the rate.
-    assert "15 min left" in progress_line(report(3_000_000, 20_000.0, -0.25, 0.5, 0.75), 12_000_000, 2)
-
-
-def test_the_line_names_resets_where_there_are_some():
-    rows = [{"reward": 1.0, "score": 0.5, "termination_rate": rate} for rate in (0.001, 0.004)]
-    report = TrainingReport(50_000, 20_000.0, rows, 0.75)
-    assert progress_line(report, 100_000, 2, 99).endswith(" reward 1.000  resets 2.5/1k  score 0.500  best 0.750")
-    assert progress_line(report, 100_000, 2).endswith(" left  resets 2.5/1k  score 0.500  best 0.750")
-    never = [row | {"termination_rate": 0.0} for row in rows]
-    assert "resets" not in progress_line(TrainingReport(50_000, 20_000.0, never, 0.75), 100_000, 2)
-
-
-@pytest.mark.parametrize("reward", [0.0, -0.4935, -123456.789, 1e12, math.nan])
-@pytest.mark.parametrize("rate", [0.51, 999.6, 21_340.0, 1_234_567.0])
-@pytest.mark.parametrize("width", [80, 69])
-def test_the_line_fits_a_narrow_terminal(reward, rate, width):
-    for frames, goal in ((64, 12_000_000), (29_999_104, 30_000_000), (10**9, 10**10), (128, 64)):
-        for score in (None, -math.inf, 0.955, 12345.678):
-            best = -math.inf if score is None else score
-            line = progress_line(report(frames, rate, reward, score, best), goal, 8, width)
-            assert len(line) <= width
-            assert line.startswith(f"{frames:,} frames  ")
-            assert " left" in line
+def test_the_figures_by_hand():
+    assert figures(report()) == "best 0.750  score 0.500  reward -0.250  20k/s"
+    rows = [{"reward": 1.0, "score": None, "termination_rate": rate} for rate in (0.001, 0.004)]
+    shown = figures(TrainingReport(50_000, 20_000.0, rows, None), "a note")
+    assert shown == "a note  score nan  reward 1.000  resets 2.5/1k  20k/s"
 
 
 @pytest.mark.parametrize(
@@ -55,47 +65,241 @@ def test_durations(seconds, words):
     assert duration(seconds) == words
 
 
-@pytest.mark.parametrize("words", [("64", "32"), ("64,32",), ("64x32",)])
-def test_one_spelling_of_several_numbers_and_two_that_are_understood(words):
-    assert given_hyperparameters(HyperparameterOptions(policy_layers=words)) == {"policy_layers": (64, 32)}
+def test_train_resume_and_evaluate(run, capsys):
+    assert main(f"train pendubot --frames 300 --seed 5 {TINY}".split()) == 0
+    output = capsys.readouterr()
+    assert "Score" in output.out
+    assert "training pendubot (default) to 300 frames in runs/pendubot-default-5" in output.err
+    assert "frames: 320 of 300, 0 s left  best 0.000  score 0.000  reward -" in output.err
+    run("train pendubot --resume runs/pendubot-default-5 --frames 500")
+    rows = read_metrics("runs/pendubot-default-5/metrics.jsonl")
+    assert [row["frames"] for row in rows] == [128, 256, 320, 384, 512]
+    config = json.loads(Path("runs/pendubot-default-5/config.json").read_text())["config"]
+    assert (config["policy_layers"], config["value_layers"], config["temperature"]) == ([8, 8], [8, 8], 2.0)
+    for words, message in (
+        ("acrobot", "robot = pendubot, not acrobot"),
+        ("pendubot --preset paper", "preset = default, not paper"),
+        ("--seed 1", "seed = 5, not 1"),
+        ("--clip-range 0.3", "clip_range = 0.05, not 0.3"),
+        ("--no-centre-values", "centre_values = True, not False"),
+        ("--plant B.0", "plant = leaderboard, not B.0"),
+    ):
+        assert main(f"train {words} --resume runs/pendubot-default-5".split()) == 2
+        assert message in capsys.readouterr().err
 
 
-def test_only_what_was_given():
-    assert given_hyperparameters(HyperparameterOptions()) == {}
-    options = HyperparameterOptions(
-        learning_rate="3e-4", no_centre_values=True, state_dependent_std=True, num_envs="8"
+@pytest.mark.slow
+def test_train_another_task_and_resume(run, capsys):
+    assert main(f"train --env CartPole-v1 --frames 128 --evaluation-episodes 1 {TINY}".split()) == 0
+    output = capsys.readouterr()
+    assert "reward rate 1 per step, resets per 1,000 steps " in output.out  # CartPole has no dt
+    assert "training CartPole-v1 (mujoco) to 128 frames in runs/CartPole-v1-mujoco-0" in output.err
+    assert "best score" in run("train --resume runs/CartPole-v1-mujoco-0 --frames 256")
+    rows = read_metrics("runs/CartPole-v1-mujoco-0/metrics.jsonl")
+    assert [row["frames"] for row in rows] == [128, 256]
+    assert load_file("runs/CartPole-v1-mujoco-0/best.safetensors")["network.logits.weight"].shape == (2, 8)
+
+
+@pytest.mark.slow
+def test_a_signal_ends_the_process(tmp_path):
+    environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path / "cache")}
+    command = [sys.executable, "-m", "swingup", *ENDLESS.split()]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as process:
+        _wait_for_a_report()
+        process.send_signal(signal.SIGTERM)
+        _, error = process.communicate(timeout=120)
+    assert process.returncode == 143
+    _check_stopped(error)
+
+
+def test_ctrl_c_ends_the_command(capsys):
+    def press():
+        _wait_for_a_report()  # by then the command handles signals
+        os.kill(os.getpid(), signal.SIGINT)
+
+    thread = threading.Thread(target=press)
+    thread.start()
+    status = main(ENDLESS.split())
+    thread.join()
+    assert status == 130
+    _check_stopped(capsys.readouterr().err)
+
+
+def _wait_for_a_report():
+    path, deadline = Path("r/metrics.jsonl"), time.monotonic() + 300
+    while time.monotonic() < deadline and not (path.exists() and path.stat().st_size):
+        time.sleep(0.1)
+
+
+def _check_stopped(error):
+    assert "stopped at" in error
+    assert "train --resume r" in error
+    frames = read_metrics("r/metrics.jsonl")[-1]["frames"]
+    assert f"{frames:012d}.safetensors" in os.listdir("r/checkpoints")
+    assert os.path.exists("r/last.safetensors")
+
+
+class SavingRun:
+    """A run whose policies are words."""
+
+    def __init__(self, folder):
+        self.folder, self.frames, self.saved = folder, 0, []
+
+    def policy(self, index):
+        return f"policy {index} after {self.frames} frames"
+
+    def save_policy(self, path, index, policy, result):
+        path.write_text(policy)
+        self.saved.append((path.name, result))
+
+
+def board(robot, mine, remark=None):
+    """The published rows and one of ours, best first."""
+    ours = Row("your policy", OURS, {**published_rows(robot, "performance")[0].values, "score": mine}, remark)
+    rows = sorted([ours, *published_rows(robot, "performance")], key=lambda row: -row.values["score"])
+    return Table(robot.name, "performance", BOARDS["performance"].columns, None, tuple(rows))
+
+
+def test_the_watch_notes_when_the_papers_score_was_passed(tmp_path, monkeypatch):
+    clock = iter([74.4, 99.0])
+    monkeypatch.setattr(demonstrating, "time", SimpleNamespace(monotonic=lambda: next(clock)))
+    run = SavingRun(tmp_path)
+    watch = Watch(run, paper=0.633, start=10.0)
+    notes = []
+    for run.frames, best in ((65_536, 0.0), (131_072, 0.632), (196_608, 0.633), (262_144, 0.64)):
+        notes.append(watch.note(report(run.frames, best)))
+    assert notes == ["paper's 0.633"] * 2 + ["paper's 0.633 at 64 s"] * 2
+    # The first policy alone.
+    assert run.saved == [("first.safetensors", {"score": 0.5, "frames": 65_536})]
+    assert (tmp_path / "first.safetensors").read_text() == "policy 0 after 65536 frames"
+
+
+@pytest.mark.parametrize("robot", ROBOTS.values(), ids=list(ROBOTS))
+def test_the_comparison_is_narrow_and_sorted(robot, monkeypatch):
+    lines = comparison_lines(board(robot, 0.64), "your policy")
+    assert max(map(len, lines)) <= 80
+    scores = [float(line.removeprefix(">").split()[0]) for line in lines[3:]]
+    assert scores == sorted(scores, reverse=True)
+    (mine,) = (line for line in lines if line.startswith(">"))
+    assert mine.split()[1] == "0.640"
+    assert mine.endswith("your policy (trained just now)")
+    assert comparison_lines(board(robot, 0.0, "no swing-up"), "your policy")[-1].endswith("(no swing-up)")
+    monkeypatch.setattr(trained, "leaderboard", lambda *_, **__: [board(ACROBOT, 0.64)])
+    rows = trained.trained_table(ACROBOT, "your policy", None).rows
+    assert [row.controller for row in rows] == ["History SAC", "your policy", "AR-EAPO", "TVLQR"]
+    assert paper_score(robot) == {"acrobot": 0.633, "pendubot": 0.659}[robot.name]
+
+
+def test_the_program_as_it_can_be_typed(monkeypatch, tmp_path):
+    """By its name where that is the same program, by its path, or by the module where there is no program."""
+    program = tmp_path / "bin" / "swingup"
+    program.parent.mkdir()
+    program.write_text("#!/bin/sh\n")
+    program.chmod(0o755)
+    for started, path, typed in (
+        (".venv/bin/swingup", "", ".venv/bin/swingup"),
+        (str(program), str(program.parent), "swingup"),
+        ("__main__.py", "", f"{shlex.quote(sys.executable)} -m swingup"),
+    ):
+        monkeypatch.setattr(sys, "argv", [started])
+        monkeypatch.setenv("PATH", path)
+        assert program_typed() == typed
+
+
+@pytest.fixture
+def pretended(monkeypatch):
+    """The demo with a training and a page that take no time; the training's options are kept."""
+    given = []
+
+    def start(env, frames, out, **options):
+        given.append((env, frames, out, options))
+        Path(out).mkdir(parents=True)
+        return SavingRun(Path(out))
+
+    monkeypatch.setattr(sys, "argv", ["swingup.py"])
+    monkeypatch.setattr(demonstrating, "page_template", lambda: None)
+    monkeypatch.setattr(demonstrating, "start_training", start)
+    monkeypatch.setattr(demonstrating, "train_shown", lambda run, note: note(report(65_536, 0.64)) and 0)
+    monkeypatch.setattr(demonstrating, "find_policy", lambda path, robot: path.name)
+    monkeypatch.setattr(demonstrating, "trained_section", lambda *_: SimpleNamespace(tables=[board(ACROBOT, 0.64)]))
+    monkeypatch.setattr(demonstrating, "render_page", lambda sections, title: title)
+    return given
+
+
+def test_the_demo_ends_with_three_commands(pretended, run):
+    lines = run("demo --seed 3").splitlines()
+    assert pretended == [("acrobot", None, "runs/demo-acrobot", {"preset": "fast", "seed": 3})]
+    typed = [shlex.split(line)[3:] for line in lines if " -m swingup " in line]
+    assert [words[0] for words in typed] == ["evaluate", "demo", "leaderboard"]
+    for words in typed:
+        parse(COMMANDS, words, "")
+    # A command may be longer: a terminal wraps it, and it is still copied whole.
+    assert max(len(line) for line in lines if " -m swingup " not in line) <= 80
+    assert any(line.startswith("Training passed the paper's score after ") for line in lines)
+    assert Path("runs/demo-acrobot/page.html").read_text().startswith("Acrobot: ")
+    run("demo")
+    assert pretended[-1][2] == "runs/demo-acrobot-2"  # the first run stays
+
+
+def test_a_demo_below_the_paper_or_interrupted(pretended, monkeypatch, run):
+    monkeypatch.setattr(demonstrating, "train_shown", lambda run, note: note(report(65_536, 0.6)) and 0)
+    assert "The best score stayed below the paper's: try more --frames" in run("demo")
+    monkeypatch.setattr(demonstrating, "train_shown", lambda run, note: 130)
+    assert "Next" not in run("demo --out mine", status=130)
+    assert not Path("mine/page.html").exists()
+
+
+def test_without_its_libraries_the_demo_trains_nothing(pretended, monkeypatch, capsys):
+    def missing():
+        raise SwingupError("a report needs Jinja, which is missing: pip install swingup[report]")
+
+    monkeypatch.setattr(demonstrating, "page_template", missing)
+    assert main(["demo"]) == 2
+    assert "pip install swingup[report]" in capsys.readouterr().err
+    assert pretended == []
+
+
+@pytest.mark.slow
+def test_a_short_demonstration_and_its_next_commands(capsys, monkeypatch, small_grid, entrants):
+    pytest.importorskip("jinja2", reason="Jinja is not installed")
+    monkeypatch.setattr(sys, "argv", ["swingup"])
+    monkeypatch.setitem(BOARDS, "robustness", small_grid)
+    assert main(["demo", "pendubot", "--frames", "150000"]) == 0
+    output = capsys.readouterr()
+    assert "training pendubot (fast) to 150,000 frames in runs/demo-pendubot" in output.err
+    assert "paper's 0.659" in output.err
+    folder = Path("runs/demo-pendubot")
+    frames = [(row["seed"], row["frames"]) for row in read_metrics(folder / "metrics.jsonl")]
+    # Whole iterations of 64 × 128 frames, of both seeds.
+    assert frames == [(seed, number) for number in (65_536, 131_072, 155_648) for seed in (0, 1)]
+    page = (folder / "page.html").read_text(encoding="utf-8")
+    shown = json.loads(page.partition('id="data">')[2].partition("</script>")[0])["sections"][0]
+    names = [show["name"] for show in shown["shows"]]
+    assert names == ["your policy", "your policy at first", DEFAULT, "ar-eapo"]
+    assert shown["policy"] is not None
+    entrants("ar-eapo")
+    for line in output.out.splitlines()[-5::2]:
+        words = shlex.split(line)[1:]
+        assert main([*words, *(["--frames", "8192"] if words[0] == "demo" else [])]) == 0, words
+
+
+@pytest.mark.slow
+def test_refine_writes_a_policy_with_its_origin(tmp_path, monkeypatch, run):
+    tiny = GradientStage(
+        PolicyGradientSettings(iterations=2, learning_rate=1e-4, duration=0.02),
+        EpisodeSettings(nominal=2, anywhere=0, thrown=0),
     )
-    assert given_hyperparameters(options) == {
-        "learning_rate": 3e-4, "centre_values": False, "state_dependent_std": True, "num_envs": 8,
-    }  # fmt: skip
-    with pytest.raises(SwingupError, match="--centre-values and --no-centre-values exclude each other"):
-        given_hyperparameters(HyperparameterOptions(centre_values=True, no_centre_values=True))
-
-
-def test_help_has_every_hyperparameter_with_its_defaults(capsys):
-    with pytest.raises(SystemExit):
-        main(["train", "--help"])
-    text = " ".join(capsys.readouterr().out.replace("│", " ").split())
-    for name in hyperparameters():
-        assert f"--{name.replace('_', '-')} " in text
-    assert isinstance(Config().learning_rate, float)
-    assert "Adam's step size. (0.0005; small, fast: 0.001; ppo, mujoco: 0.0003)" in text
-    assert "(256x256; global: 128x128; small, fast, ppo, mujoco: 64x64)" in text
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ("--learning-rate fast", "learning_rate = 'fast': use a number"),
-        ("--num-envs 2.5", "num_envs = '2.5': use an integer"),
-        ("--policy-layers 64 wide", "policy_layers = '64 wide': use integers"),
-        ("--preset globall", "did you mean global?"),
-        ("--terminations ends", "did you mean end?"),
-        ("--gain often", "'often'"),
-    ],
-)
-def test_bad_options_get_a_line(words, message, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert main(["train", "acrobot", *words.split()]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert message in line
+    monkeypatch.setitem(refining.RECIPES, "recover", (tiny,))
+    out = tmp_path / "refined.safetensors"
+    assert "swingup evaluate pendubot" in run(f"refine pendubot --seed 3 --out {out}")
+    policy, metadata = lone_policy(out, "pendubot")
+    base, origin = lone_policy("ar-eapo", "pendubot")
+    assert metadata["command"] == (
+        "swingup refine pendubot --policy=ar-eapo --recipe=recover --seed=3 --out=refined.safetensors"
+    )
+    assert metadata["base"]["frames"] == origin["frames"]
+    assert metadata["stages"][0]["gradient"]["iterations"] == 2
+    assert read_settings(metadata, EstimatorSettings) == EstimatorSettings()
+    moved = np.abs(policy.policy.actor.mean_head.weight - base.policy.actor.mean_head.weight).max()
+    assert 0 < moved < 1e-3
+    assert math.isfinite(metadata["seconds"])

@@ -11,7 +11,6 @@ import pytest
 
 from policies import lone_policy
 from swingup.benchmark.rollout import Trajectory
-from swingup.cli import main, output, pictures
 from swingup.common.errors import SwingupError
 from swingup.common.text import one_line
 from swingup.controllers.registry import get_controller
@@ -84,22 +83,6 @@ def test_foreign_names_are_escaped_everywhere():
     shown = [show["name"] for show in data_of(html)["sections"][0]["shows"]]
     assert shown == [one_line(name) for name in EVIL]
     html.encode("utf-8")  # no lone surrogate is left
-
-
-def test_the_command_shows_its_progress_on_standard_error(monkeypatch, capsys, tmp_path):
-    def make_section(robot, controllers, seed, progress, plant):
-        progress(f"{robot.name}: evil\n\x1b[31m[red]", 3, 7)
-        return robot.name
-
-    monkeypatch.setattr(pictures, "make_section", make_section)
-    monkeypatch.setattr(pictures, "render_page", ", ".join)
-    monkeypatch.setattr(output, "SECONDS_BETWEEN_LINES", 0.0)
-    assert main(["report", "--out", str(tmp_path / "report.html")]) == 0
-    told = capsys.readouterr()
-    line = r"evil\n\x1b[31m[red]: 3 of 7, 0 s left"
-    assert told.err.splitlines() == [f"{name}: {line}" for name in ("acrobot", "pendubot")]
-    assert told.out == f"{tmp_path}/report.html (0.0 MB)\n"
-    assert (tmp_path / "report.html").read_text(encoding="utf-8") == "acrobot, pendubot"
 
 
 def test_tables_show_the_boards_rows_in_order(html):

@@ -75,12 +75,12 @@ def demo_command(
     start = time.monotonic()
     page_template()  # before the training: without its libraries there is no page
     folder, paper = _new_folder(robot, out), paper_score(robot)
+    run = start_training(robot.name, frames, str(folder), preset=PRESET, seed=seed)
     tell(
         f"AR-EAPO learns to swing up the {robot.name} from nothing, by trial and error.",
         f"A score of 1 is perfect, 0 is no swing-up; the paper's policy has {paper:.3f}.",
     )
     sys.stdout.flush()  # before the progress, which goes to the other stream
-    run = start_training(robot.name, frames, str(folder), preset=PRESET, seed=seed)
     watch = Watch(run, paper, start)
     return train_shown(run, watch.note) or _show_result(robot, run, watch, start)
 

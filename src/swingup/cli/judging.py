@@ -21,8 +21,9 @@ from ..common.errors import SwingupError
 from ..common.files import check_writable, write_atomically
 from ..controllers.interface.call_time import call_time, slow_call
 from ..controllers.interface.check import check_controller
-from ..controllers.registry import Controller, designs_for, get_controller
+from ..controllers.registry import designs_for, get_controller
 from ..loop.loop import LOOP_DT
+from ..plant.plant import Plant
 from ..plant.robots import Robot
 from ..policy.shipped import DEFAULT
 from ..report.make import make_section
@@ -103,10 +104,7 @@ def evaluate_command(
     """
     wanted = estimator.get("estimator")
     if check:
-        with foreign_prints_apart():
-            return _check(
-                controller, robot, get_controller(controller, robot, wanted, designs_for(controller, plant.make()))
-            )
+        return _check(controller, robot, wanted, plant.make())
     on, disturbed = plant.given(), disturbance.make()
     boards, results = _boards(board, criteria, grid), []
     if save is not None:
@@ -146,12 +144,14 @@ def evaluate_command(
     return 0
 
 
-def _check(name: str, robot: Robot, controller: Controller) -> int:
+def _check(name: str, robot: Robot, estimator: bool | None, plant: Plant) -> int:
     """Print a controller's faults, and whether it is too slow for its loop."""
-    findings = check_controller(controller, robot)
-    slow = None if findings else slow_call(call_time(controller, LOOP_DT), LOOP_DT)
+    with foreign_prints_apart():
+        found = get_controller(name, robot, estimator, designs_for(name, plant))
+        findings = check_controller(found, robot)
+        slow = None if findings else slow_call(call_time(found, LOOP_DT), LOOP_DT)
     lines = [*(findings or ["nothing wrong was found"]), *([] if slow is None else [f"warning: {slow}"])]
-    tell(*(f"{judged_name(name, controller)}: {each}" for each in lines))
+    tell(*(f"{judged_name(name, found)}: {each}" for each in lines))
     return EXIT_FINDINGS if findings else 0
 
 

@@ -39,7 +39,7 @@ def tell_table(
     title: str = "",
     bold: Sequence[int] = (),
 ) -> None:
-    """Print a table. Headings may be cut where a terminal is narrow, cells never.
+    """Print a table. Headings and names may be cut where a terminal is narrow, numbers never.
 
     Args:
         headings: of the columns.
@@ -50,10 +50,11 @@ def tell_table(
     """
     table = Table(title=title or None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for column, heading in enumerate(headings):
-        longest = max((len(printable(row[column])) for row in rows), default=0)
-        table.add_column(
-            escape(heading), justify="left" if column < texts else "right", no_wrap=True, min_width=longest
-        )
+        if column < texts:
+            table.add_column(heading, no_wrap=True)
+        else:
+            longest = max((len(row[column]) for row in rows), default=0)
+            table.add_column(heading, justify="right", no_wrap=True, min_width=longest)
     for index, row in enumerate(rows):
         table.add_row(*(escape(printable(cell)) for cell in row), style="bold" if index in bold else "")
     console = Console()

@@ -143,8 +143,10 @@ def _number(kind: type, word: str) -> Any:
 def _options(function: Command) -> list[str]:
     """The options of a command: its parameters, and the fields of those that are classes of options."""
     hints: dict[str, Any] = {}
+    annotations = get_type_hints(function, include_extras=True)
     for name, hint in get_type_hints(function).items():
-        grouped = dataclasses.is_dataclass(hint) or is_typeddict(hint)
+        # An annotated class, such as a robot, is one value.
+        grouped = hint is annotations[name] and (dataclasses.is_dataclass(hint) or is_typeddict(hint))
         hints |= get_type_hints(hint) if grouped else {name: hint}
     names = [name.replace("_", "-") for name in hints]
     return [f"--{name}" for name in names] + [

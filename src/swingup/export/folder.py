@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import os
 import re
 import shutil
 import tempfile
@@ -82,7 +83,7 @@ def export_folder(
         raise SwingupError(
             f"username {quoted(username)} does not fit an entry: use up to 60 letters, no quotes or commas"
         )
-    target, root = Path(folder).resolve(), resources.files("swingup")
+    target, root = Path(os.path.realpath(folder)), resources.files("swingup")
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise SwingupError(f"{folder} is there already: name a folder that is new or empty")
     entry, readme = (path.format(name=name) for path in (FORMS[form].entry, FORMS[form].readme))

@@ -1,0 +1,238 @@
+"""Words that make no command: one line that names the value, status 2, and no file; and what the help says."""
+
+import contextlib
+import os
+import shutil
+import sys
+
+import pytest
+
+from swingup.areapo.config import hyperparameters
+from swingup.cli import main
+from swingup.cli.commands import COMMANDS
+from swingup.controllers.registry import BUILT_IN
+from swingup.policy.shipped import shipped_file
+
+CONTROLLERS = """
+import numpy as np
+
+number = 3
+
+def nan(x, t):
+    return [0.0, np.nan]
+"""
+
+NONSENSE = [
+    # Commands, options and their kinds.
+    ("", "a command is missing: use one of demo, evaluate"),
+    ("evalute acrobot", "'evalute': use one of"),
+    ("evalute acrobot", "did you mean evaluate?"),
+    ("evaluate acrobot --sed 3", "no option --sed; did you mean --seed?"),
+    ("evaluate --sed 3 acrobot", "--sed"),
+    ("train acrobot --learning_rat 3", "--learning-rat; did you mean --learning-rate?"),
+    ("train acrobot --lr 3", "--lr: here it is --learning-rate"),
+    ("check acrobot", "'check'"),
+    ("evaluate acrobot extra", "'extra'"),
+    ("evaluate acrobot -x", "'-x'"),
+    ("evaluate acrobot --seed x", "'x': use a whole number"),
+    ("evaluate acrobot --delay x", "'x': use a number"),
+    ("evaluate acrobot --controller lqr --controller tvlqr", "--controller is given twice"),
+    ("evaluate acrobot --estimator --no-estimator", "--estimator is given twice"),
+    ("train acrobot --frames many", "'many'"),
+    # Robots, controllers, policies, plants, domains, boards.
+    *(
+        (f"{command} cartpole --out x", "'cartpole'")
+        for command in ("train", "sweep", "refine", "trajectory", "demo")
+    ),
+    *((f"{command} acrobat", "did you mean acrobot?") for command in ("evaluate", "leaderboard")),
+    *((f"{command} --robot acrobat", "'acrobat'") for command in ("score x.csv", "compare x.csv", "rehearse x")),
+    ("evaluate acrobot --controller adaptiv", "did you mean adaptive?"),
+    ("evaluate acrobot --controller none.safetensors", "none.safetensors"),
+    ("evaluate acrobot --controller text.safetensors", "text.safetensors is not a swingup policy file"),
+    ("evaluate acrobot --controller pendubot.safetensors", "is for 'pendubot', not the acrobot"),
+    ("evaluate acrobot --controller mine:missing", "'mine:missing'"),
+    ("evaluate acrobot --controller no_such_module:it", "'no_such_module:it'"),
+    ("evaluate acrobot --controller mine:number", "3 is no controller"),
+    ("evaluate acrobot --controller mine:nan", "not finite at t = 0 s"),
+    ("evaluate acrobot --controller mine:nan --estimator", "in plain Python"),
+    ("evaluate acrobot --check --controller nothing", "'nothing'"),
+    ("evaluate acrobot --plant B.9", "'B.9': use A.0"),
+    ("evaluate acrobot --frictionless", "--frictionless needs --plant"),
+    ("evaluate acrobot --check --plant none.yml", "none.yml"),
+    *(
+        (f"{command} --plant bad.yml", "lacks m2")
+        for command in ("evaluate acrobot", "leaderboard", "train acrobot")
+    ),
+    *((f"{command} acrobot --out x --plant bad.yml", "lacks m2") for command in ("refine", "trajectory")),
+    ("plot phase none.csv --out x.png --plant bad.yml", "lacks m2"),
+    ("evaluate acrobot --board sim2real --domain moon", "'moon': use identified"),
+    ("evaluate acrobot --board sim2real --domain missing.yml", "missing.yml"),
+    ("evaluate acrobot --domain recorded", "leave the domain 'recorded' out"),
+    ("evaluate acrobot --board v9", "'v9'"),
+    ("evaluate acrobot --board uptime --controller lqr --domain identified", "draws no plants"),
+    ("evaluate acrobot --controller lqr --board icra-real --plant A.0", "give the plant as the domain"),
+    ("leaderboard acrobot --board iros-real --plant A.0", "leave the plant A.0 out"),
+    ("leaderboard --json --csv", "--json and --csv exclude each other"),
+    # Numbers and their ranges.
+    *((f"evaluate acrobot --board {board} --seeds 2147483648", "2147483648") for board in ("robustness", "uptime")),
+    ("evaluate acrobot --board sim2real --seeds 0", "seeds = 0"),
+    ("evaluate acrobot --board robustness --seed -1", "seed = -1"),
+    ("evaluate acrobot --board robustness --criteria speed", "'speed'"),
+    ("evaluate acrobot --board robustness --grid delay=0:1", "'delay=0:1'"),
+    ("evaluate acrobot --criteria delay", "those of --board robustness"),
+    ("evaluate acrobot --velocity-noise -1", "velocity_noise = -1.0"),
+    ("evaluate acrobot --delay nan", "delay = nan"),
+    ("evaluate acrobot --controller lqr --delay 9", "delay = 9 s is above 2 s"),
+    ("evaluate acrobot --torque-response inf", "torque_response = inf"),
+    ("evaluate acrobot --board uptime --delay 0.1", "has disturbances of its own"),
+    # Training.
+    ("train", "robot = None and env = None: give one of the two"),
+    ("train acrobot --env CartPole-v1", "give one of the two"),
+    ("train --env NoSuchTask-v0", "NoSuchTask"),
+    ("train acrobot --preset globall", "did you mean global?"),
+    ("train acrobot --frames 0", "frames = 0: use a whole number of at least 1"),
+    ("train acrobot --seeds 0", "seeds = 0"),
+    ("train acrobot --batch-size 1000", "batch_size = 1000"),
+    ("train acrobot --learning-rate fast", "learning_rate = 'fast': use a number"),
+    ("train acrobot --num-envs 2.5", "num_envs = '2.5'"),
+    ("train acrobot --policy-layers 64 wide", "'64 wide': use integers"),
+    ("train acrobot --terminations ends", "did you mean end?"),
+    ("train acrobot --resume missing", "missing is not a run's folder"),
+    ("train acrobot --resume missing --out other", "--out other does not go with --resume"),
+    ("train acrobot --out full", "full exists"),
+    ("demo --frames 0", "frames = 0"),
+    ("demo --seed -1", "seed = -1"),
+    ("demo --out .", ". exists: choose another --out"),
+    ("refine acrobot --recipe magic --out x", "'magic': use one of recover, adapt"),
+    ("refine acrobot --seed -1 --out x", "seed = -1"),
+    ("refine acrobot --policy none.safetensors --out x", "none.safetensors"),
+    ("trajectory acrobot --out x --problem foo", "'foo': use one of published, score"),
+    ("excite --joint hip --out x", "'hip'"),
+    # Files.
+    ("score missing.csv --robot acrobot", "missing.csv"),
+    ("score text.safetensors --robot acrobot", "text.safetensors"),
+    ("plot shape mine.py --out t.png", "'shape'"),
+    ("plot trajectory missing.csv --out t.png", "missing.csv"),
+    ("identify", "LOG.csv"),
+    ("export ar-eapo --to c --out x", "name acrobot or pendubot"),
+    ("export tvlqr --to c --out x", "'tvlqr' is a baseline"),
+    ("export adaptiv --to c --out x", "did you mean adaptive?"),
+    ("export --robot acrobot --to java --out x", "'java': use one of realaigym"),
+    ("export --robot acrobot --to realaigym --out full", "full is there already"),
+    ("export --robot acrobot --to realaigym --out x --username a,b", "'a,b'"),
+    ("export --robot acrobot --to realaigym --out x --name ../x", "'../x'"),
+    ("export --robot acrobot --to c --out x.h --no-guard --braking 1", "leave --no-guard out"),
+    (
+        "export --robot acrobot --to onnx --out x --velocity-limit 25",
+        "--velocity-limit is a setting of the safety guard",
+    ),
+    ("export --robot acrobot --to c --out x --velocity-limit -1", "velocity_limit = -1.0"),
+]
+OUT = [
+    "evaluate acrobot --save", "leaderboard --page", "train acrobot --out", "train --resume",
+    "refine acrobot --out", "trajectory acrobot --out", "excite --out", "compare log.csv --out", "rehearse",
+    "plot trajectory none.csv --out", "evaluate acrobot --controller", "export --robot acrobot --to c --out",
+    "export --robot acrobot --to realaigym --out", "export --robot acrobot --to cloudpendulum --out",
+]  # fmt: skip
+
+
+ENDINGS = {"compare": ".html", "plot": ".png"}
+
+
+@pytest.fixture
+def refused(tmp_path, capsys):
+    """What a command says in one line; it leaves no file."""
+    (tmp_path / "text.safetensors").write_text("not an archive")
+    (tmp_path / "bad.yml").write_text("m1: 1.0\n")
+    (tmp_path / "mine.py").write_text(CONTROLLERS)
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "thesis.tex").write_text("precious")
+    shutil.copy(shipped_file("pendubot", "ar-eapo"), tmp_path / "pendubot.safetensors")
+
+    def files():
+        return {path for path in tmp_path.rglob("*") if not {"cache", "__pycache__"} & {*path.parts}}
+
+    def run(words):
+        before = files()
+        assert main(words) == 2
+        told = capsys.readouterr()
+        assert told.out == ""
+        (line,) = told.err.splitlines()
+        assert files() == before
+        return line
+
+    return run
+
+
+@pytest.mark.parametrize(("words", "named"), NONSENSE)
+def test_nonsense_is_refused_in_one_line_that_names_it(words, named, refused):
+    line = refused(words.split())
+    assert line.startswith("swingup: error: ")
+    assert named in line
+
+
+@pytest.mark.parametrize("words", OUT)
+def test_a_link_to_itself_and_a_name_of_300_letters(words, refused, tmp_path):
+    """As a file, a folder, and a suffix that the command wants."""
+    (ending,) = [suffix for end, suffix in ENDINGS.items() if words.startswith(end)] or [""]
+    (tmp_path / f"loop{ending}").symlink_to(f"loop{ending}")
+    for name in (f"loop{ending}", "x" * 300 + ending):
+        assert name[:20] in refused([*words.split(), name])
+
+
+@pytest.mark.parametrize(
+    ("words", "missing"),
+    [
+        ("evaluate", "ROBOT"),
+        ("trajectory acrobot", "--out"),
+        ("export", "--to"),
+        ("score x.csv", "--robot"),
+        ("evaluate acrobot --seed", "--seed"),
+        ("train acrobot --preset", "--preset"),
+    ],
+)
+def test_tyro_names_what_is_missing(words, missing, capsys):
+    assert main(words.split()) == 2
+    told = capsys.readouterr()
+    assert missing in told.err
+    assert f"swingup {words.split()[0]} --help" in told.err
+
+
+def test_the_list_of_commands(capsys):
+    assert main(["--help"]) == 0
+    told = capsys.readouterr().out
+    assert all(f"• {name} " in told for name in COMMANDS)
+    assert len(COMMANDS) <= 14
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_each_help_describes_each_option(command, capsys):
+    assert main([command, "--help"]) == 0
+    told = capsys.readouterr().out
+    assert "None" not in told
+    words = " ".join(told.replace("│", " ").split())
+    assert command not in ("evaluate",) or all(name in words.replace("- ", "-") for name in BUILT_IN)
+    if command == "train":
+        assert all(f"--{name.replace('_', '-')}" in words for name in hyperparameters())
+        assert "Adam's step size. (0.0005; small, fast: 0.001; ppo, mujoco: 0.0003)" in words
+
+
+@pytest.mark.parametrize(
+    ("output", "told"),
+    [
+        (None, "swingup: error: cannot write standard output: it is closed\n"),
+        ("/dev/full", "swingup: error: cannot write standard output: No space left on device\n"),
+        ("gone", ""),
+    ],
+)
+def test_standard_output_that_is_closed_full_or_without_a_reader(output, told, monkeypatch, capsys):
+    with contextlib.ExitStack() as stack:
+        if output == "gone":
+            reader, writer = os.pipe()
+            os.close(reader)
+            stream = stack.enter_context(open(writer, "w"))
+        else:
+            stream = output and stack.enter_context(open(output, "w"))
+        monkeypatch.setattr(sys, "stdout", stream)
+        assert main(["--help"]) == (1 if output == "gone" else 2)
+    assert capsys.readouterr().err == told
