@@ -28,6 +28,7 @@ from swingup.cli.showing import figures
 from swingup.common.errors import SwingupError
 from swingup.common.settings import read_settings
 from swingup.common.text import duration
+from swingup.controllers.registry import get_controller
 from swingup.learner.metrics import read_metrics
 from swingup.learner.report import TrainingReport
 from swingup.plant.robots import ROBOTS
@@ -36,7 +37,7 @@ from swingup.policy.shipped import DEFAULT
 from swingup.refine.analytic_policy_gradient import PolicyGradientSettings
 from swingup.refine.episodes import EpisodeSettings
 from swingup.refine.recipe import GradientStage
-from swingup.report import trained
+from swingup.report import make
 
 ACROBOT = ROBOTS["acrobot"]
 TINY = (
@@ -184,9 +185,10 @@ def test_the_comparison_is_narrow_and_sorted(robot, monkeypatch):
     assert mine.split()[1] == "0.640"
     assert mine.endswith("your policy (trained just now)")
     assert comparison_lines(board(robot, 0.0, "no swing-up"), "your policy")[-1].endswith("(no swing-up)")
-    monkeypatch.setattr(trained, "leaderboard", lambda *_, **__: [board(ACROBOT, 0.64)])
-    rows = trained.trained_table(ACROBOT, "your policy", None).rows
-    assert [row.controller for row in rows] == ["History SAC", "your policy", "AR-EAPO", "TVLQR"]
+    monkeypatch.setattr(make, "leaderboard", lambda *_, **__: [board(ACROBOT, 0.64)])
+    monkeypatch.setattr(make, "make_show", lambda *_: None)
+    (table,) = make.trained_section(ACROBOT, {"your policy": get_controller("ar-eapo", ACROBOT)}).tables
+    assert [row.controller for row in table.rows] == ["History SAC", "your policy", "AR-EAPO", "TVLQR"]
     assert paper_score(robot) == {"acrobot": 0.633, "pendubot": 0.659}[robot.name]
 
 

@@ -50,11 +50,11 @@ NONSENSE = [
     ("evaluate acrobot --controller none.safetensors", "none.safetensors"),
     ("evaluate acrobot --controller text.safetensors", "text.safetensors is not a swingup policy file"),
     ("evaluate acrobot --controller pendubot.safetensors", "is for 'pendubot', not the acrobot"),
-    ("evaluate acrobot --controller mine:missing", "'mine:missing'"),
+    ("evaluate acrobot --controller wrong:missing", "'wrong:missing'"),
     ("evaluate acrobot --controller no_such_module:it", "'no_such_module:it'"),
-    ("evaluate acrobot --controller mine:number", "3 is no controller"),
-    ("evaluate acrobot --controller mine:nan", "not finite at t = 0 s"),
-    ("evaluate acrobot --controller mine:nan --estimator", "in plain Python"),
+    ("evaluate acrobot --controller wrong:number", "3 is no controller"),
+    ("evaluate acrobot --controller wrong:nan", "not finite at t = 0 s"),
+    ("evaluate acrobot --controller wrong:nan --estimator", "in plain Python"),
     ("evaluate acrobot --check --controller nothing", "'nothing'"),
     ("evaluate acrobot --plant B.9", "'B.9': use A.0"),
     ("evaluate acrobot --frictionless", "--frictionless needs --plant"),
@@ -111,7 +111,7 @@ NONSENSE = [
     # Files.
     ("score missing.csv --robot acrobot", "missing.csv"),
     ("score text.safetensors --robot acrobot", "text.safetensors"),
-    ("plot shape mine.py --out t.png", "'shape'"),
+    ("plot shape wrong.py --out t.png", "'shape'"),
     ("plot trajectory missing.csv --out t.png", "missing.csv"),
     ("identify", "LOG.csv"),
     ("export ar-eapo --to c --out x", "name acrobot or pendubot"),
@@ -144,7 +144,7 @@ def refused(tmp_path, capsys):
     """What a command says in one line; it leaves no file."""
     (tmp_path / "text.safetensors").write_text("not an archive")
     (tmp_path / "bad.yml").write_text("m1: 1.0\n")
-    (tmp_path / "mine.py").write_text(CONTROLLERS)
+    (tmp_path / "wrong.py").write_text(CONTROLLERS)
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "thesis.tex").write_text("precious")
     shutil.copy(shipped_file("pendubot", "ar-eapo"), tmp_path / "pendubot.safetensors")
