@@ -17,7 +17,6 @@ import pytest
 import swingup
 from sweep_jobs import die, sleep
 from swingup.areapo.config import format_value
-from swingup.benchmark.interval import bootstrap_interval, interquartile_mean
 from swingup.cli import main
 from swingup.cli.sweeping import _alternatives
 from swingup.common.errors import SwingupError
@@ -229,17 +228,6 @@ def test_rows_summarise_by_hand():
     assert (row["score"], row["best_score"], row["runs"], row["reward_rate"]) == (2.5, 3.5, 8, 2.0)
     assert row["interval"][0] < 2.5 < row["interval"][1]
     assert math.isnan(row["resets_per_1000_steps"])
-
-
-def test_intervals():
-    assert interquartile_mean([5.0]) == 5.0
-    assert interquartile_mean([1.0, 2.0, 9.0]) == 4.0
-    assert bootstrap_interval([3.0, 3.0, 3.0]) == (3.0, 3.0)
-    # Of a mean of many values the interval is ±1.96 σ / sqrt(n); that of the middle half of a uniform
-    # distribution on [0, 1] is known to be close to ±1.96 · 0.289 · 1.09 / sqrt(n): here ±0.031 for n = 400.
-    low, high = bootstrap_interval([(i + 0.5) / 400 for i in range(400)], 2000)
-    assert (low + high) / 2 == pytest.approx(0.5, abs=0.01)
-    assert (high - low) / 2 == pytest.approx(0.031, rel=0.3)
 
 
 BAD = {

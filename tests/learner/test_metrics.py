@@ -45,20 +45,18 @@ def test_a_full_disk_neither_hangs_nor_hides_its_error(tmp_path):
 
 
 def test_an_error_in_flight_is_not_replaced(tmp_path):
-    def fails_to_flush():
+    def writer_that_fails_to_flush():
         writer = MetricsWriter(tmp_path)
-        close = writer._file.close
-
-        def fail():
-            close()
-            raise OSError(28, "No space left on device")
-
-        writer._file = types.SimpleNamespace(close=fail)
+        writer._file.close()
+        writer._file = types.SimpleNamespace(close=lambda: (_ for _ in ()).throw(OSError(28, "No space left")))
         return writer
 
-    with pytest.raises(KeyboardInterrupt), fails_to_flush():
+    with pytest.raises(KeyboardInterrupt), writer_that_fails_to_flush():
         raise KeyboardInterrupt
-    with pytest.raises(SwingupError, match=r"cannot write metrics in .*: No space left"), fails_to_flush():
+    with (
+        pytest.raises(SwingupError, match=r"cannot write metrics in .*: No space left"),
+        writer_that_fails_to_flush(),
+    ):
         pass
 
 
