@@ -1,4 +1,4 @@
-"""The learner on environments with gymnax's or envelope's methods."""
+"""The learner on environments with gymnax's, envelope's or brax's methods."""
 
 import numpy as np
 import pytest
@@ -10,6 +10,7 @@ from swingup.common.errors import SwingupError
 from .contract import TINY
 from .corridors import Corridor, Params, Turns
 from .halls import Hall
+from .test_adapters import Room
 
 BRIEF = Params(max_steps_in_episode=5)
 ENVS = {
@@ -61,3 +62,10 @@ def test_both_kinds_of_actions_learn():
     # Six steps of 2.
     assert turns.evaluate(4)["score"] == 12.0
     assert turns.predict(np.zeros((1, 2))).tolist() == 2
+
+
+@pytest.mark.slow
+def test_a_learner_takes_brax_s_as_they_are():
+    model = AREAPO(Room(), **TINY).learn(32)
+    assert np.abs(model.predict([[0.0, 0.0]])).max() <= 1.0
+    assert model.evaluate(2)["mean_length"] <= 6

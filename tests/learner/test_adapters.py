@@ -1,0 +1,347 @@
+"""Environments of gymnax, envelope and brax as tasks, by one contract; and the pendulums in gymnax's form."""
+
+import dataclasses
+from collections import namedtuple
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from swingup.common.errors import SwingupError
+from swingup.gymnax import PendulumEnvironment
+from swingup.plant.robots import ROBOTS
+from swingup.tasks.adapters import as_task
+from swingup.tasks.brax_task import BraxTask
+from swingup.tasks.envelope_task import EnvelopeTask
+from swingup.tasks.gymnax_task import GymnaxTask
+from swingup.tasks.presets import smooth_task
+
+from . import corridors, halls
+from .contract import Ending, check_contract, moved_by
+from .corridors import Box, Corridor, Logged, Params, Turns
+from .halls import BatchedSpace, Continuous, Crossing, Hall, PyTreeSpace
+
+SMOOTH = dataclasses.replace(smooth_task(ROBOTS["acrobot"]), truncation_probability=0.0)
+ACROBOT = PendulumEnvironment("acrobot", SMOOTH)
+
+
+class Bare:
+    """The corridor without ``step``."""
+
+    def __init__(self):
+        self.inner = Corridor()
+        for name in ("default_params", "action_space", "observation_space", "reset", "step_env", "is_truncated"):
+            setattr(self, name, getattr(self.inner, name))
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass
+class BraxState:
+    """As brax and MuJoCo Playground have it: flags are numbers."""
+
+    data: Any
+    obs: Any
+    reward: Any
+    done: Any
+    metrics: dict
+    info: dict
+
+
+class Room:
+    """Brax's: walk from near 0; beyond 2.25 it is done, and after 6 steps, for which ``info`` may have a word."""
+
+    action_size = 1
+    dt = 0.5
+
+    def __init__(self, limit="time_out", observe=lambda seen: seen, **first):
+        self.limit, self.observe, self.first = limit, observe, first
+
+    def reset(self, key):
+        return self.state(jax.random.uniform(key, (), minval=-0.1, maxval=0.1), 0)
+
+    def state(self, place, time):
+        left, late = place > 2.25, jnp.asarray(time) >= 6
+        info = {} if self.limit is None else {self.limit: late.astype(float)}
+        seen = jnp.stack([place, 0.5 * time])[None]
+        done = jnp.asarray(left | late, jnp.float32)
+        return BraxState((place, time), self.observe(seen), place, done, {"place": place}, info | self.first)
+
+    def step(self, state, action):
+        place, time = state.data
+        return self.state(place + 0.5 * action[0], time + 1)
+
+
+# Scaled to [-1, 3]: an action of 1 walks 0.5 * 3 = 1.5 a step, beyond the door at 2 in the second step; -0.5 stands
+# still, and the limit is 6 steps.
+WALKS = [Ending(1.0, 2, True, moved_by(3.0, 1.0)), Ending(-0.5, 6, False, moved_by(0.0, 3.0))]
+# A choice of 1 walks 0.5 a step, beyond a door at 2.25 in the fifth step, wherever it starts.
+STEPS = [Ending(1, 5, True, moved_by(2.5, 2.5)), Ending(0, 6, False, moved_by(0.0, 3.0))]
+SILENT = [dataclasses.replace(each, terminated=True) for each in STEPS]
+TASKS = {
+    "gymnax box": (GymnaxTask(Corridor()), WALKS),
+    "gymnax wrapper": (GymnaxTask(Logged(Corridor())), WALKS),
+    "gymnax step_env": (GymnaxTask(Bare()), WALKS),
+    "gymnax discrete": (GymnaxTask(Turns(), Params(door=2.25)), STEPS),
+    "envelope box": (EnvelopeTask(Hall()), WALKS),
+    "envelope choices": (EnvelopeTask(Crossing(door=2.25)), [dataclasses.replace(STEPS[0], action=(1, 1))]),
+    "brax": (BraxTask(Room()), STEPS),
+    "brax truncation": (BraxTask(Room("truncation")), STEPS),
+    # An end without a word terminates, and the actor sees its own part.
+    "brax parts": (BraxTask(Room(None, lambda seen: {"privileged_state": jnp.zeros(9), "state": seen})), SILENT),
+}
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_adapter_keeps_the_contract(name):
+    check_contract(*TASKS[name])
+
+
+def test_numbers_of_an_environment_are_arguments():
+    """Environments that differ in a number share a compiled step."""
+    env, compilations = Corridor(), []
+
+    @jax.jit
+    def first(task):
+        compilations.append(task)
+        step = task.step(task.reset(jax.random.key(0)), jnp.ones(1), jax.random.key(1))
+        return step.terminated, step.reward
+
+    # 1 is 3 of [-1, 3], which goes 1.5 far.
+    for make in (lambda door: EnvelopeTask(Hall(door=door)), lambda door: GymnaxTask(env, Params(door=door))):
+        assert [bool(first(make(door))[0]) for door in (1.0, 2.0)] == [True, False]
+    assert len(compilations) == 2
+
+    class Doubled(Corridor):
+        def step(self, *arguments):  # which a subclass or a wrapper may change
+            seen, state, reward, *rest = super().step(*arguments)
+            return seen, state, 2.0 * reward, *rest
+
+    assert first(GymnaxTask(Doubled()))[1] == 6.0
+
+
+def test_what_is_taken_for_such_an_environment():
+    env, task = Corridor(), as_task(Hall())
+    assert (as_task(env).params.door, as_task((env, Params(door=3.0))).params.door) == (2.0, 3.0)
+    assert isinstance(task, EnvelopeTask)
+    assert (task.observation_size, task.action_size, task.choices) == (2, 1, ())
+    assert EnvelopeTask(Crossing()).choices == (3, 2)
+    room = Room()
+    assert isinstance(as_task(room), BraxTask)
+    assert (as_task(room).observation_size, as_task(room).timed) == (2, (room, room))
+    for other in (Corridor, Hall, "Pendulum-v1", (1, 2), None, jnp, task, as_task(env)):
+        assert as_task(other) is other
+
+
+class Merged(Logged):
+    """As before gymnax 1.0, with ``done``."""
+
+    def step(self, *arguments):
+        seen, state, reward, terminated, truncated, info = super().step(*arguments)
+        return seen, state, reward, terminated | truncated, info
+
+
+class Hiding(Logged):
+    def step(self, *arguments):
+        return *super().step(*arguments)[:5], {}
+
+
+class Growing(Corridor):
+    def step_env(self, *arguments):
+        seen, state, *rest = super().step_env(*arguments)
+        return seen, corridors.State(state.place, jnp.float32(state.time)), *rest
+
+
+class Equal(Corridor):
+    def __eq__(self, other):
+        return True
+
+
+class Camera(Corridor):
+    def observe(self, state):
+        return jnp.zeros((4, 4, 3), jnp.uint8)
+
+
+class Broken(Corridor):
+    def reset_env(self, key, params):
+        raise RuntimeError("no start")
+
+
+class BrokenHall(Hall):
+    def step(self, state, action):
+        raise RuntimeError("no floor")
+
+
+class Alone(Hall):
+    def init(self, key):
+        return Hall.init(self, key)[0].place
+
+
+class Changed(Hall):
+    """A hall that returns other information, or another state after a step."""
+
+    start: Callable = eqx.field(static=True, default=dict)
+    later: Callable = eqx.field(static=True, default=dict)
+
+    def init(self, key):
+        state, info = Hall.init(self, key)
+        return state, self.changed(info)
+
+    def step(self, state, action):
+        after, info = Hall.step(self, state, action)
+        return halls.State(**{**after._asdict(), **self.later()}), self.changed(info)
+
+    def changed(self, info):
+        """Information with other entries; None takes one out."""
+        given = {name: value for name, value in {**info._asdict(), **self.start()}.items() if value is not None}
+        return namedtuple("Bag", given)(**given)
+
+
+BOX = Continuous(-1.0, 1.0, (1, 1))
+REFUSED = {
+    GymnaxTask: {
+        "have no bounds to scale to": Corridor(Box(-np.inf, 1.0, (1,))),
+        "whole numbers in a Box": Corridor(Box(0, 3, (1,), jnp.int32)),
+        "are empty: give them an entry": Corridor(Box(0.0, 3.0, (0,))),
+        "are empty: give them a choice": Corridor(corridors.Discrete(0)),
+        "use a bounded Box": Corridor({"left": corridors.Discrete(2)}),
+        "are not a Box": Corridor(observations=corridors.Discrete(4)),
+        "images": Camera(),
+        "returns 5 values": Merged(Corridor()),
+        "hides the last observation": Hiding(Corridor()),
+        "from .*int32.* to .*float32": Growing(),
+        "has no hash": Equal(),
+        r"raised RuntimeError \(no start\)": Broken(),
+        "leaf 'fast'": (Corridor(), Params(pace="fast")),
+    },
+    EnvelopeTask: {
+        "several environments in one": Hall(action_space=BatchedSpace(BOX, 8)),
+        r"wrap it in envelope\.FlattenActionWrapper": Hall(action_space=PyTreeSpace((BOX, BOX))),
+        r"envelope\.ContinuousObservationWrapper": Hall(observation_space=PyTreeSpace((BOX, halls.Discrete(2)))),
+        "have no bounds to scale to": Hall(action_space=Continuous(-np.inf, 1.0, (1,))),
+        "are empty: give them a choice": Hall(action_space=halls.Discrete((2, 0))),
+        "leaf 'shut'": Hall(door="shut"),
+        "leave AutoResetWrapper out": Changed(start=lambda: {"final_valid": True}),
+        "leave ObservationNormalizationWrapper out": Changed(start=lambda: {"unnormalized_obs": 0.0}),
+        "has no truncated": Changed(start=lambda: {"truncated": None}),
+        "pays 3 rewards": Changed(start=lambda: {"reward": np.zeros(3)}),
+        "images": Changed(start=lambda: {"obs": np.zeros((4, 4, 3), np.uint8)}),
+        "one array with an entry": Changed(start=lambda: {"obs": {}}),
+        "from .*int32.* to .*float32": Changed(later=lambda: {"time": 1.5}),
+        r"Alone\.init returns": Alone(),
+        r"raised RuntimeError \(no floor\)": BrokenHall(),
+    },
+    BraxTask: {
+        "leave AutoResetWrapper out": Room(first_obs=0.0),
+        r"\['pixels'\] have no entry 'state'": Room(observe=lambda seen: {"pixels": seen}),
+        r"Room.reset\(key\) raised KeyError": Room(observe=lambda seen: {}["state"]),
+        "make it one array with an entry": Room(observe=lambda seen: seen[:, :0]),
+        "action_size of None0 = 0": type("None0", (Room,), {"action_size": 0})(),
+        "the state of Bare has no obs": type("Bare", (Room,), {"reset": lambda self, key: jnp.zeros(2)})(),
+    },
+}
+
+
+@pytest.mark.parametrize("adapter", REFUSED)
+def test_refusals_name_what_cannot_be_done(adapter):
+    for message, given in REFUSED[adapter].items():
+        with pytest.raises(SwingupError, match=message) as caught:
+            adapter(*(given if isinstance(given, tuple) else (given,)))
+        assert "\n" not in str(caught.value)
+
+
+def test_pendulum_resets_itself_as_gymnax_does():
+    """Of two at rest, one has reached the limit: its state is new, and its last observation is kept."""
+    params = ACROBOT.default_params.replace(max_steps_in_episode=2)
+    seen, states = jax.vmap(ACROBOT.reset, in_axes=(0, None))(jax.random.split(jax.random.key(1)), params)
+    states = dataclasses.replace(states, time=jnp.array([1, 0]))
+    actions, keys = jnp.array([[0.5], [0.5]]), jax.random.split(jax.random.key(2))
+    after, following, reward, terminated, truncated, info = jax.vmap(ACROBOT.step, in_axes=(0, 0, 0, None))(
+        keys, states, actions, params
+    )
+    assert seen.shape == (2, *ACROBOT.observation_space().shape)
+    assert (truncated.tolist(), terminated.tolist()) == ([True, False], [False, False])
+    assert following.time.tolist() == [0, 1]
+    # The task itself, from the same states, knows the observation before any reset.
+    step = jax.jit(jax.vmap(lambda state, action: params.task.step(state, action, keys[0])))
+    true = step(states.inner, actions)
+    np.testing.assert_allclose(info["final_observation"], true.observation, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(reward, true.reward, rtol=1e-5)
+    np.testing.assert_allclose(after[1], true.observation[1], rtol=1e-5, atol=1e-6)
+    assert not np.allclose(after[0], true.observation[0], atol=1e-4)
+
+
+def test_pendulum_clips_actions_and_has_bounded_spaces():
+    _, state = ACROBOT.reset(jax.random.key(1))
+    most, beyond = (ACROBOT.step(jax.random.key(2), state, jnp.array([u]))[0] for u in (1.0, 7.0))
+    np.testing.assert_array_equal(most, beyond)
+    space = ACROBOT.action_space()
+    assert space.contains(space.sample(jax.random.key(0)))
+    assert not space.contains(jnp.array([1.5]))
+    for task in (SMOOTH, "none"):
+        with pytest.raises(SwingupError, match=r"for the acrobot, not for the pendubot|unknown task 'none'"):
+            PendulumEnvironment("pendubot", task)
+
+
+@pytest.mark.slow
+def test_pendulum_and_adapter_together_keep_the_contract():
+    """A time limit of one step, and the last observation is that of the task itself."""
+    params = ACROBOT.default_params.replace(max_steps_in_episode=1)
+
+    @jax.jit
+    def last(start):
+        key = jax.random.split(jax.random.key(5))[0]  # the contract's
+        return SMOOTH.step(SMOOTH.reset(key), jnp.zeros(1), key).observation
+
+    check_contract(GymnaxTask(ACROBOT, params), [Ending(0.0, 1, False, last)])
+
+
+@pytest.mark.slow  # it is not installed with the tests: it asks for an older Gymnasium
+def test_gymnax_itself():
+    """gymnax's own environments and wrappers keep the contract; and its registry takes the pendulum."""
+    gymnax = pytest.importorskip("gymnax", reason="gymnax is not installed: pip install 'swingup[gymnax]'")
+    wrappers = pytest.importorskip("gymnax.wrappers.purerl")
+    env, params = gymnax.make("CartPole-v1")
+    for each in (env, wrappers.LogWrapper(env)):
+        task = GymnaxTask(each, params.replace(max_steps_in_episode=4))
+        assert task.choices == (2,)
+
+        def last(start, task=task):
+            state = (env.reset(jax.random.split(jax.random.key(5))[0], params))[1]
+            for _ in range(4):
+                seen, state, *_ = env.step_env(jax.random.key(0), state, jnp.array(1), task.params)
+            return seen
+
+        check_contract(task, [Ending(1, 4, False, last)])
+    gymnax.register("Acrobot-swingup", lambda: ACROBOT)
+    ours, ours_params = gymnax.make("Acrobot-swingup")
+    check_contract(GymnaxTask(ours, ours_params.replace(max_steps_in_episode=2)), [])
+
+
+@pytest.mark.slow  # the packages are not installed with the tests
+@pytest.mark.filterwarnings("default")  # theirs
+def test_a_terminating_environment_of_the_package():
+    """In jumanji's Snake the head runs into a wall."""
+    pytest.importorskip("jumanji", reason="jumanji is not installed: see docs/learner.md")
+    envelope = pytest.importorskip(
+        "envelope", reason="jax-envelope is not installed: pip install 'swingup[envelope]'"
+    )
+    inner = envelope.create("jumanji::Snake-v1", {"num_rows": 4, "num_cols": 4}, max_episode_steps=9)
+    env = envelope.FlattenObservationWrapper(envelope.ContinuousObservationWrapper(inner))
+    with pytest.raises(SwingupError, match=r"several arrays: wrap it in envelope\.ContinuousObservationWrapper"):
+        EnvelopeTask(inner)
+    task = EnvelopeTask(env)
+    assert task.choices == (4,)
+    # Always up, 0, from the contract's first start: stepped here by the package alone.
+    step = jax.jit(inner.step)
+    state, info = jax.jit(inner.init)(jax.random.split(jax.random.key(5))[0])
+    steps = 0
+    while not info.terminated:
+        state, info = step(state, jnp.array(0))
+        steps += 1
+    last = np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(info.obs)])
+    assert 1 <= steps <= 4
+    check_contract(task, [Ending(0, steps, True, lambda start: last)])
