@@ -21,7 +21,7 @@ from swingup.learner.presets import get_preset
 from swingup.learner.run_settings import PENDULUM_INTERVALS, RunSettings
 from swingup.learner.start import resume_run, start_run
 from swingup.plant.robots import ROBOTS
-from swingup.tasks.observation import PendulumObservation
+from swingup.tasks.observation import PendulumStage
 from swingup.tasks.pendulum import AbstractPendulumTask
 from swingup.tasks.presets import smooth_task
 
@@ -40,7 +40,7 @@ def task_setting(**changes: object) -> Change:
 
 CHANGES: dict[str, Change] = {
     "default": hyperparameter(),
-    "paper-observation": task_setting(observation=PendulumObservation()),
+    "paper-observation": task_setting(observation=PendulumStage()),
     "no-offset-repair": hyperparameter(centre_values=False),
     "temperature-0": hyperparameter(temperature=0.0),
     "temperature-0.5": hyperparameter(temperature=0.5),

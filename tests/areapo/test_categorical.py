@@ -11,7 +11,7 @@ from swingup.areapo.distributions import Categoricals
 from swingup.areapo.networks import init_policy
 from swingup.common.errors import SwingupError
 from swingup.controllers.stack.policy import Policy, save_policy
-from swingup.tasks.observation import Normalise
+from swingup.tasks.observation import NormaliseStage
 from swingup.tasks.task import Spaces
 
 # Probabilities 0.2, 0.3, 0.5 of the first action and 0.9, 0.1 of the second; logits are free up to a constant.
@@ -62,7 +62,7 @@ def test_a_new_policy_is_next_to_uniform():
 def test_the_policy_file_keeps_the_policy_and_its_choices(tmp_path):
     actor = init_policy(jax.random.key(0), Spaces(4, 2, (3, 2)), (8,), -1.0)
     actor = jax.tree.map(lambda leaf: leaf + jax.random.normal(jax.random.key(5), leaf.shape), actor)
-    policy = Policy((Normalise(np.linspace(-1, 1, 4), np.linspace(0.5, 2, 4)),), actor)
+    policy = Policy((NormaliseStage(np.linspace(-1, 1, 4), np.linspace(0.5, 2, 4)),), actor)
     save_policy(tmp_path / "p.safetensors", policy, {"env": "Task-v0"})
     loaded, metadata = load_any_policy(tmp_path / "p.safetensors")
     assert (metadata["choices"], metadata["env"]) == ([3, 2], "Task-v0")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from swingup.areapo.normalise import RunningStatistics, running_statistics
-from swingup.tasks.observation import Normalise
+from swingup.tasks.observation import NormaliseStage
 
 
 def test_statistics_equal_those_of_all_data_at_once():
@@ -32,6 +32,6 @@ def test_observations_of_any_size_and_place_are_normalised(size, place):
 
 
 def test_normalising_by_hand():
-    stage = Normalise(mean=jnp.array([1.0, 0.0]), variance=jnp.array([4.0, 1e-12]))
+    stage = NormaliseStage(mean=jnp.array([1.0, 0.0]), variance=jnp.array([4.0, 1e-12]))
     # (5 - 1) / 2 = 2, and 1 / sqrt(1e-12 + 1e-8) = 9999.5 is clipped to 10.
     np.testing.assert_allclose(stage(jnp.array([5.0, 1.0])), [2.0, 10.0], rtol=1e-6)

@@ -22,12 +22,11 @@ from swingup.plant.robots import get_robot
 from swingup.policy.estimator.settings import EstimatorSettings
 from swingup.policy.identifier.settings import IdentifierSettings
 from swingup.policy.network.layers import Layer
-from swingup.policy.network.stages import PlantStage
 from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.plant_facts import policy_plant
 from swingup.policy.regulator.settings import RegulatorSettings
 from swingup.policy.shipped import ADAPTIVE, AR_EAPO, SHIPPED_POLICIES, load_policy
-from swingup.tasks.observation import Normalise, PendulumObservation, PlantObservation
+from swingup.tasks.observation import NormaliseStage, PendulumStage, PlantStage
 
 DT = 0.002
 AWAY = 1e-3
@@ -145,8 +144,8 @@ def small_policy(normalised=True):
     """A small untrained policy of the pendubot with the paper's observation."""
     with jax.enable_x64(False):  # single precision, as a file has it
         actor = jax.tree.map(lambda leaf: leaf + 0.1, init_actor(jax.random.key(0), 4, 1, (16, 12), -1.0))
-    normalise = Normalise(mean=np.linspace(-1, 1, 4), variance=np.linspace(0.5, 2, 4), clip=1.0)
-    stages = (PendulumObservation(20.0, "wrapped"), *([normalise] if normalised else []))
+    normalise = NormaliseStage(mean=np.linspace(-1, 1, 4), variance=np.linspace(0.5, 2, 4), clip=1.0)
+    stages = (PendulumStage("wrapped", 20.0), *([normalise] if normalised else []))
     return PolicyController(Policy(stages, actor), 3.0, get_robot("pendubot"))
 
 
@@ -159,7 +158,7 @@ def sighted_policy(layers=(16, 12)):
     # Inputs from -0.15 to 0.15, except the last, which is clipped.
     centre, scale = base * np.linspace(1.3, 0.7, 9), 2 * np.abs(base)
     scale[8] = 0.01 * base[8]
-    stages = (PendulumObservation(20.0, "sincos"), PlantObservation(centre, scale, clip=1.0))
+    stages = (PendulumStage("sincos", 20.0), PlantStage(centre, scale, clip=1.0))
     return PolicyController(Policy(stages, actor), 3.0, get_robot("acrobot"), plant=plant)
 
 

@@ -24,7 +24,7 @@ from swingup.policy.pendulum import PARTS, read_pendulum_policy, write_pendulum_
 from swingup.policy.plant_facts import policy_plant, write_plant
 from swingup.policy.regulator.settings import RegulatorSettings
 from swingup.policy.shipped import load_policy
-from swingup.tasks.observation import Normalise, PendulumObservation
+from swingup.tasks.observation import NormaliseStage, PendulumStage
 
 from .references import sighted_policy
 
@@ -35,8 +35,8 @@ MINE = policy_plant(load_plant("C.1").changed(tl1=10.0, tl2=10.0), get_robot("ac
 def make_policy(angles="wrapped", size=4):
     actor = init_actor(jax.random.key(0), size, 1, (16, 16), -1.0)
     actor = jax.tree.map(lambda leaf: leaf + 0.1, actor)
-    normalise = Normalise(mean=np.linspace(-1, 1, size), variance=np.linspace(0.5, 2, size), clip=10.0)
-    return Policy((PendulumObservation(20.0, angles), normalise), actor)
+    normalise = NormaliseStage(mean=np.linspace(-1, 1, size), variance=np.linspace(0.5, 2, size), clip=10.0)
+    return Policy((PendulumStage(angles, 20.0), normalise), actor)
 
 
 @pytest.mark.parametrize(("angles", "size"), [("wrapped", 4), ("sincos", 6)])

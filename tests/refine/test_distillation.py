@@ -30,7 +30,7 @@ from swingup.refine.recipe import RECIPES, run_recipe
 from swingup.refine.recoveries import make_recoveries
 from swingup.refine.teacher import APART, TOP, make_teachers, matched_torque, taught
 from swingup.refine.wrappers import default_wrappers
-from swingup.tasks.observation import PendulumObservation
+from swingup.tasks.observation import PendulumStage
 
 ACROBOT, PENDUBOT = get_robot("acrobot"), get_robot("pendubot")
 FEW = DistillationSettings(
@@ -51,7 +51,7 @@ def changes(plant, robot):
 def small(robot=ACROBOT):
     """A policy that gives strong torques at once; it recovers from nothing."""
     actor = init_actor(jax.random.key(0), 6, 1, (8, 8), -1.0)
-    return single_precision(PolicyController(Policy((PendulumObservation(angles="sincos"),), actor), 6.0, robot))
+    return single_precision(PolicyController(Policy((PendulumStage(angles="sincos"),), actor), 6.0, robot))
 
 
 def a_teacher(robot):

@@ -24,7 +24,7 @@ from swingup.refine.analytic_policy_gradient import AnalyticPolicyGradient, Poli
 from swingup.refine.episodes import EpisodeBatch, EpisodeSettings, sample_episodes
 from swingup.refine.objective import EpisodeWeights, Measures, bound_adjoint, measure_episode
 from swingup.refine.recipe import GradientStage, run_recipe
-from swingup.tasks.observation import PendulumObservation
+from swingup.tasks.observation import PendulumStage
 
 RULES = PERFORMANCE
 ACROBOT = get_robot("acrobot")
@@ -37,7 +37,7 @@ SHORT = PolicyGradientSettings(iterations=4, learning_rate=1e-3, duration=0.06, 
 def small(robot=ACROBOT, seed=0):
     actor = init_actor(jax.random.key(seed), 6, 1, (8, 8), -1.0)
     actor = eqx.tree_at(lambda a: a.mean_head.weight, actor, replace_fn=lambda w: 30 * w)
-    return PolicyController(Policy((PendulumObservation(angles="sincos"),), actor), 6.0, robot)
+    return PolicyController(Policy((PendulumStage(angles="sincos"),), actor), 6.0, robot)
 
 
 def test_episodes_are_of_the_kinds_asked_for():

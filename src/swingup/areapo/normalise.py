@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..common.types import Scalar
-from ..tasks.observation import Normalise
+from ..tasks.observation import NormaliseStage
 from .average import Weights, mean
 
 OBSERVATION_CLIP = 10.0
@@ -56,9 +56,9 @@ class RunningStatistics(eqx.Module):
         flat = None if weights is None else weights.reshape(-1)
         return self.update(batches.reshape(-1, *self.origin.shape), flat)
 
-    def stage(self) -> Normalise:
+    def stage(self) -> NormaliseStage:
         """The observation's normalisation with the statistics as they stand."""
-        return Normalise(self.mean, self.variance, OBSERVATION_CLIP, OBSERVATION_EPSILON)
+        return NormaliseStage(self.mean, self.variance, OBSERVATION_CLIP, OBSERVATION_EPSILON)
 
 
 def running_statistics(*shape: int) -> RunningStatistics:

@@ -12,7 +12,7 @@ from jaxtyping import Float, Shaped
 from ..areapo.state import LearnerState
 from ..common.errors import SwingupError
 from ..controllers.stack.policy import Policy
-from ..tasks.observation import AbstractStage
+from ..tasks.observation import Stage
 from .evaluators import AbstractEvaluator
 
 TreeT = TypeVar("TreeT")
@@ -101,7 +101,7 @@ def join_seeds(members: Sequence[LearnerState]) -> LearnerState:
     return members[0] if len(members) == 1 else jax.tree.map(lambda *leaves: jnp.stack(leaves), *members)
 
 
-def portable_policy(stages: tuple[AbstractStage, ...], state: LearnerState) -> Policy[Any]:
+def portable_policy(stages: tuple[Stage, ...], state: LearnerState) -> Policy[Any]:
     """A policy of NumPy arrays: the stages, the present normalisation, the actor.
 
     Stages and normalisation are in double precision, which the judge uses, although training is in single.

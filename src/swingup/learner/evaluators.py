@@ -20,7 +20,7 @@ from ..controllers.stack.policy import Policy, save_policy
 from ..plant.plant import LEADERBOARD, Plant
 from ..policy.plant_facts import policy_plant
 from ..tasks.adapted import AbstractAdaptedTask
-from ..tasks.observation import AbstractStage
+from ..tasks.observation import Stage
 from ..tasks.pendulum import AbstractPendulumTask
 from ..tasks.task import AbstractTask
 from .rates import rates
@@ -40,7 +40,7 @@ class AbstractEvaluator(abc.ABC):
 
     measure: str
     """Name under which policy files keep their scores."""
-    stages: tuple[AbstractStage, ...]
+    stages: tuple[Stage, ...]
     """Observation stages before the normalisation."""
     observation_shape: tuple[int, ...]
     """Shape of the input of the first stage, or without stages of the normalisation."""

@@ -28,7 +28,7 @@ from ..controllers.stack.policy import Policy
 from ..plant.base_parameters import BASE, base_parameters
 from ..plant.plant import LEADERBOARD, Plant
 from ..plant.robots import Robot
-from ..tasks.observation import PendulumObservation, PlantObservation
+from ..tasks.observation import PendulumStage, PlantStage
 from .analytic_policy_gradient import PolicyGradientSettings, batch_cost, single_precision, with_actor
 from .dataset import Dataset, dagger_rollouts, swings_up, uniform_states
 from .distillation_settings import DistillationSettings, plant_scale
@@ -96,8 +96,8 @@ def new_student(
     """A policy with random weights that sees the state and the plant."""
     nominal = base_parameters(LEADERBOARD.driven(recovery.robot))
     centre, scale = (jnp.asarray(each, jnp.float32) for each in (nominal, plant_scale(nominal)))
-    stages = PendulumObservation(angles="sincos"), PlantObservation(centre, scale, clip=3.0)
-    actor = init_actor(_key(random), stages[0].size + BASE, 1, settings.layers, 0.0)
+    stages = PendulumStage(angles="sincos"), PlantStage(centre, scale, clip=3.0)
+    actor = init_actor(_key(random), stages[0].size() + BASE, 1, settings.layers, 0.0)
     policy = Policy(stages, replace(actor, std_head=None))
     return PolicyController(policy, recovery.torque_limit, recovery.robot, recovery.plant)
 

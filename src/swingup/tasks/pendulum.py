@@ -18,7 +18,7 @@ from ..dynamics.integrate import rk4_steps
 from ..plant.plant import Plant
 from ..plant.robots import Robot
 from ..plant.units import NUMBER, TIME, VELOCITY, Unit
-from .observation import PendulumObservation
+from .observation import PendulumStage
 from .task import AbstractTask, Step
 
 DIVERGED = 1000.0
@@ -46,7 +46,7 @@ class AbstractPendulumTask(AbstractTask[PendulumState]):
     """Which joint is driven."""
     parameters: Plant
     """The plant; the torque limit of the driven joint scales the action."""
-    observation: PendulumObservation = PendulumObservation()
+    observation: PendulumStage = PendulumStage()
     """What the policy sees."""
     dt: Annotated[float, TIME] = 0.01
     """Time of one action (s): 100 Hz."""
@@ -73,7 +73,7 @@ class AbstractPendulumTask(AbstractTask[PendulumState]):
     @property
     def observation_size(self) -> int:
         """Length of an observation."""
-        return self.observation.size
+        return self.observation.size()
 
     @property
     def action_size(self) -> int:

@@ -14,7 +14,7 @@ from ..loop.supervisors.throws import thrown_states
 from ..plant.plant import LEADERBOARD, PlantLike, load_plant
 from ..plant.robots import Robot, get_robot
 from ..plant.units import scaled, scales_of
-from .observation import PendulumObservation
+from .observation import PendulumStage
 from .pendulum import AbstractPendulumTask, PendulumTask
 from .recovery import RecoveryTask
 
@@ -60,7 +60,7 @@ def anywhere_task(robot: Robot, plant: PlantLike = LEADERBOARD) -> RecoveryTask:
 
 def _smooth(robot: Robot, plant: PlantLike) -> PendulumTask:
     """The smooth task, its numbers in C.1's units."""
-    observation, parameters = PendulumObservation(angles="sincos"), load_plant(plant).driven(robot)
+    observation, parameters = PendulumStage(angles="sincos"), load_plant(plant).driven(robot)
     return PendulumTask(robot, parameters, observation, cost_velocity_limit=observation.velocity_scale)
 
 

@@ -11,12 +11,10 @@ import numpy as np
 from jaxtyping import Array, Float, Shaped
 
 from ...areapo.networks import AbstractActor, Actor, CategoricalActor, Linear, sample_actions
-from ...common.errors import SwingupError
 from ...common.types import Action, Key, Observation
 from ...policy.file import write_network
 from ...policy.network.layers import Layer, Network
-from ...policy.network.stages import NormaliseStage, PendulumStage, PlantStage, Stage
-from ...tasks.observation import AbstractStage, Normalise, PendulumObservation, PlantObservation
+from ...tasks.observation import PlantStage, Stage
 
 ActorT = TypeVar("ActorT", bound=AbstractActor)
 
@@ -24,13 +22,13 @@ ActorT = TypeVar("ActorT", bound=AbstractActor)
 class Policy(eqx.Module, Generic[ActorT]):
     """Observation stages, then the actor."""
 
-    stages: tuple[AbstractStage, ...]
+    stages: tuple[Stage, ...]
     actor: ActorT
 
     @property
     def sees_plant(self) -> bool:
         """Whether it depends on its plant."""
-        return any(isinstance(stage, PlantObservation) for stage in self.stages)
+        return any(isinstance(stage, PlantStage) for stage in self.stages)
 
     def observe(self, observation: Observation, base: Float[Any, "9"] | None = None) -> Observation:
         """Apply the stages, with θ of the plant where they show it; the result has the observation's dtype."""
@@ -58,7 +56,7 @@ def save_policy(path: str | Path, policy: Policy[Any], metadata: Mapping[str, An
 
 def make_policy(network: Network) -> Policy[Any]:
     """The policy that a file holds."""
-    stages, std = tuple(map(_stage, network.stages)), network.std
+    stages, std = network.stages, network.std
     trunk, head = tuple(map(_linear, network.trunk)), _linear(network.head)
     if network.choices is not None:
         return Policy(stages, CategoricalActor(trunk, network.activation, head, network.choices))
@@ -67,14 +65,14 @@ def make_policy(network: Network) -> Policy[Any]:
 
 def network_of(policy: Policy[Any]) -> Network:
     """What a file holds of a policy."""
-    actor, stages = policy.actor, tuple(map(_stage_of, policy.stages))
+    actor = policy.actor
     trunk = tuple(map(_layer_of, actor.trunk))
     if isinstance(actor, CategoricalActor):
         head, std, choices = actor.logits_head, None, actor.choices
     else:
         head, std, choices = actor.mean_head, actor.std_head, None
     deviation = None if std is None else _layer_of(std)
-    return Network(stages, trunk, _layer_of(head), deviation, choices, actor.activation)
+    return Network(policy.stages, trunk, _layer_of(head), deviation, choices, actor.activation)
 
 
 def act(
@@ -93,27 +91,6 @@ def _modes(policy: Policy[Any], observations: Float[Array, "b n"]) -> Shaped[Arr
 def _samples(policy: Policy[Any], observations: Float[Array, "b n"], key: Key) -> Shaped[Array, "b m"]:
     noise = policy.actor.noise(key, observations.shape[:1])
     return sample_actions(policy.actor, jax.vmap(policy.observe)(observations), noise).actions
-
-
-def _stage(stage: Stage) -> AbstractStage:
-    if isinstance(stage, PendulumStage):
-        return PendulumObservation(stage.velocity_scale, stage.angles)  # type: ignore[arg-type]  # checked
-    if isinstance(stage, PlantStage):
-        return PlantObservation(stage.centre, stage.scale, stage.clip)  # type: ignore[arg-type]  # as NumPy's
-    return Normalise(stage.mean, stage.variance, stage.clip, stage.epsilon)  # type: ignore[arg-type]  # as NumPy's
-
-
-def _stage_of(stage: AbstractStage) -> Stage:
-    if isinstance(stage, PendulumObservation):
-        return PendulumStage(stage.angles, float(stage.velocity_scale))
-    if isinstance(stage, Normalise):
-        mean, variance = (np.asarray(values, np.float64) for values in (stage.mean, stage.variance))
-        return NormaliseStage(mean, variance, float(stage.clip), float(stage.epsilon))
-    if isinstance(stage, PlantObservation):
-        centre, scale = (np.asarray(values, np.float64) for values in (stage.centre, stage.scale))
-        return PlantStage(centre, scale, float(stage.clip))
-    known = "PendulumObservation, Normalise and PlantObservation"
-    raise SwingupError(f"a policy file has no stage {type(stage).__name__}: use {known}")
 
 
 def _linear(layer: Layer) -> Linear:

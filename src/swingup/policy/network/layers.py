@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from ...common.errors import SwingupError
-from .stages import NormaliseStage, PendulumStage, PlantStage, Stage
+from .stages import NormaliseStage, PendulumStage, PlantStage, Stage, checked
 
 SUM_GROUP = 64
 """Inputs of a wide layer whose products are summed in single precision; the groups are summed in double."""
@@ -47,6 +47,8 @@ class Network:
 
     def __post_init__(self) -> None:
         """Follow one observation through the stages and the layers."""
+        # The dataclass is frozen for its users; here it is still being made.
+        object.__setattr__(self, "stages", tuple(map(checked, self.stages)))
         _check_order(self.stages)
         size = _input_size(self)
         for stage in self.stages:

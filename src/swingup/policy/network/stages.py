@@ -1,68 +1,82 @@
-"""The stages of an observation as a policy file holds them, and as NumPy computes them."""
+"""The stages of an observation, once for files, NumPy and JAX.
 
+A stage is data and the equation that it stands for. ``tasks/observation.py`` registers the classes with JAX as
+pytrees; numbers may be traced, so that they are checked where a network is made, by :func:`checked`.
+"""
+
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, Any
 
 import numpy as np
 
-from ...common.checks import finite_number, one_of
+from ...common.checks import LARGEST, finite_number, one_of
 from ...common.errors import SwingupError
+from ...common.settings import Range, notes
 from ...common.text import quoted
 from ...plant.base_parameters import BASE
-from .core import normalised, pendulum_features, plant_features
+from ...plant.maths import TURN
+from ...plant.units import VELOCITY
 
 ANGLES = ("wrapped", "sincos")
 """Encodings of the angles."""
 SMALLEST_SCALE = 1e-30
-"""Of a base parameter: single precision can divide by it."""
+"""Least scale of a base parameter: single precision can divide by it."""
+
+Array = Any
+"""An array of NumPy or JAX."""
+Clip = Annotated[float, Range(1e-6, LARGEST)]
+"""The result lies within ± this."""
 
 
 @dataclass(frozen=True)
 class PendulumStage:
-    """Scaled angles and velocities of a state."""
+    """Scaled angles and velocities of the state x = [q1, q2, dq1, dq2] (rad, rad/s); the results lie in [-1, 1].
+
+    ``wrapped`` is the paper's [(q1 mod 2π - π)/π, (q2 mod 2π - π)/π, dq1/s, dq2/s] (after Zhang et al.): upright
+    lies on its jump at q2 = 0. ``sincos`` is [sin q1, cos q1, sin q2, cos q2, dq1/s, dq2/s], which has no jump.
+    mod is the non-negative remainder.
+    """
 
     angles: str = "wrapped"
-    velocity_scale: float = 20.0
-    """Velocities are clipped to ± this and divided by it (rad/s)."""
+    velocity_scale: Annotated[float, Range(1e-6, LARGEST), VELOCITY] = 20.0
+    """s: velocities are clipped to ± this first (rad/s)."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot work."""
+        """Refuse an unknown encoding."""
         one_of("angle encoding", self.angles, ANGLES)
-        scale = finite_number("velocity_scale", self.velocity_scale, 1e-6, unit="rad/s")
-        # The class is frozen; this keeps the checked value, a float.
-        object.__setattr__(self, "velocity_scale", scale)
 
-    def size(self, before: int) -> int:
+    def size(self, before: int = 4) -> int:
         """Length of the result for a state, of length ``before``."""
         return before if self.angles == "wrapped" else before + 2
 
-    def __call__(self, x: np.ndarray) -> np.ndarray:
-        """What the network sees of a state x (4,)."""
-        return pendulum_features(np, x, self.angles, self.velocity_scale)
+    def __call__(self, x: Array, base: Array | None = None) -> Array:
+        """What the network sees of a state (4,)."""
+        xp = x.__array_namespace__()
+        q, velocities = x[:2], _within(x[2:], self.velocity_scale) / self.velocity_scale
+        if self.angles == "wrapped":
+            return xp.concatenate([(xp.mod(q, TURN) - math.pi) / math.pi, velocities])
+        sines, cosines = xp.sin(q), xp.cos(q)
+        return xp.concatenate([sines[:1], cosines[:1], sines[1:], cosines[1:], velocities])
 
 
 @dataclass(frozen=True)
 class NormaliseStage:
-    """(observation - mean) / sqrt(variance + epsilon), clipped to ± clip."""
+    """(o - mean) / sqrt(variance + ε) within ± clip; an observation o may have leading axes."""
 
-    mean: np.ndarray
-    variance: np.ndarray
-    clip: float = 10.0
-    epsilon: float = 1e-8
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot work, in double or in single precision."""
-        object.__setattr__(self, "clip", finite_number("clip", self.clip, 1e-6))
-        object.__setattr__(self, "epsilon", finite_number("epsilon", self.epsilon, 1e-30))
-        if np.any(self.variance < 0):
-            raise SwingupError("a variance is negative")
+    mean: Array
+    variance: Array
+    clip: Clip = 10.0
+    epsilon: Annotated[float, Range(1e-30, LARGEST)] = 1e-8
 
     def size(self, before: int) -> int:
         """Length of the result, that of the observation."""
         if not self.mean.shape == self.variance.shape == (before,):
             shapes = f"{self.mean.shape} and {self.variance.shape}"
             raise SwingupError(f"mean and variance have shapes {shapes}, the observation {(before,)}")
+        if np.any(self.variance < 0):
+            raise SwingupError("a variance is negative")
         return before
 
     @property
@@ -70,41 +84,44 @@ class NormaliseStage:
         """The divisor."""
         return np.sqrt(self.variance + self.epsilon)
 
-    def __call__(self, observation: np.ndarray) -> np.ndarray:
+    def __call__(self, observation: Array, base: Array | None = None) -> Array:
         """The observation, normalised."""
-        return normalised(np, observation, self.mean, self.variance, self.clip, self.epsilon)
+        root = observation.__array_namespace__().sqrt(self.variance + self.epsilon)
+        return _within((observation - self.mean) / root, self.clip)
 
 
 @dataclass(frozen=True)
 class PlantStage:
-    """The observation, then the plant's base parameters θ: (θ - centre) / scale, clipped to ± clip.
+    """The observation, then the plant's base parameters θ: (θ - centre) / scale within ± clip.
 
     It is the last stage of a pendulum's policy. ``plant/base_parameters.py`` says what θ is.
     """
 
-    centre: np.ndarray
+    centre: Array
     """One for each base parameter, in its unit; so is the scale."""
-    scale: np.ndarray
-    clip: float = 10.0
+    scale: Array
+    clip: Clip = 10.0
 
-    def __post_init__(self) -> None:
-        """Refuse what cannot work, in double or in single precision."""
-        object.__setattr__(self, "clip", finite_number("clip", self.clip, 1e-6))
+    def size(self, before: int) -> int:
+        """Length of the result, that of the observation and the base parameters."""
         if not self.centre.shape == self.scale.shape == (BASE,):
             shapes = f"{self.centre.shape} and {self.scale.shape}"
             raise SwingupError(f"centre and scale have shapes {shapes}, the base parameters {(BASE,)}")
         # Negated, so that a scale of NaN fails as well.
         if not np.all(self.scale >= SMALLEST_SCALE):
             raise SwingupError(f"a scale of stage 'plant' is below {SMALLEST_SCALE:g}")
-
-    def size(self, before: int) -> int:
-        """Length of the result, that of the observation and the base parameters."""
         return before + BASE
 
-    def inputs(self, base: np.ndarray) -> np.ndarray:
+    def inputs(self, base: Array) -> Array:
         """What is appended (9,) for base parameters θ (9,)."""
         with np.errstate(over="ignore"):
-            return plant_features(np, base, self.centre, self.scale, self.clip)
+            return _within((base - self.centre) / self.scale, self.clip)
+
+    def __call__(self, observation: Array, base: Array | None = None) -> Array:
+        """The observation (n,), with the plant appended."""
+        if base is None:
+            raise SwingupError("the policy sees its plant: use swingup.get_controller")
+        return observation.__array_namespace__().concatenate([observation, self.inputs(base)])
 
 
 Stage = PendulumStage | NormaliseStage | PlantStage
@@ -136,4 +153,26 @@ def make_stage(entry: Any, arrays: Mapping[str, np.ndarray]) -> Stage:
         if key not in arrays:
             raise SwingupError(f"stage {name!r} lacks its array {key}")
         values[key] = arrays[key]
-    return STAGES[name](**values)
+    return checked(STAGES[name](**values))
+
+
+def checked(stage: Stage) -> Stage:
+    """The stage with floats and NumPy's arrays, in double precision; errors name what cannot work."""
+    if type(stage) not in STAGES.values():
+        known = ", ".join(kind.__name__ for kind in STAGES.values())
+        raise SwingupError(f"a policy file has no stage {type(stage).__name__}: use {known}")
+    changes: dict[str, Any] = {}
+    for field in fields(stage):
+        value, bounds = getattr(stage, field.name), notes(field, Range)
+        if bounds:
+            given = value.item() if hasattr(value, "item") else value
+            changes[field.name] = finite_number(field.name, given, *bounds[0])
+        elif not isinstance(value, str):
+            changes[field.name] = np.asarray(value, np.float64)
+    return replace(stage, **changes)
+
+
+def _within(values: Array, most: float) -> Array:
+    """Values within ± most; NaN stays."""
+    xp = values.__array_namespace__()
+    return xp.minimum(xp.maximum(values, -most), most)
