@@ -149,11 +149,11 @@ def test_what_a_termination_means_by_plain_loops(collected, changes):
 
 
 def test_many_truncations_are_all_bootstrapped():
-    """More truncated steps than are evaluated at once (every second of 8 x 32)."""
+    """More truncated steps than are evaluated at once: all of 8 x 32, each with a true next state of its own."""
     config = Config(**(vars(CONFIG) | {"num_envs": 32, "batch_size": 256}))
-    task = Cycle(max_steps=2)
+    task = Cycle(max_steps=1)
     state, rollout = collect(init(jax.random.key(0), task, config), task, config)
-    assert int(rollout.truncated.sum()) == 4 * 32 > BOOTSTRAP_SIZE
+    assert int(rollout.truncated.sum()) == 8 * 32 > BOOTSTRAP_SIZE
     expected, _ = independent_estimate(state, rollout, config)
     _, batch, _ = estimate(state, rollout, config)
     np.testing.assert_allclose(batch.advantages, expected.sum(axis=-1), atol=2e-4)
