@@ -107,15 +107,14 @@ def test_data_are_the_trajectories_in_single_precision(section, html):
             np.testing.assert_array_equal(np.transpose([floats(arrays[k]) for k in places]), np.float32(table))
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
-def test_rows_from_the_first_that_is_not_finite_on_are_cut(value):
-    trajectory = a_trajectory()
-    trajectory.x[7, 2] = value
-    html = render_page([a_section(shows=[Show("wild", trajectory, None)])])
-    data = data_of(html)
-    (runs,) = [show["runs"] for show in data["sections"][0]["shows"]]
-    assert len(floats(data["arrays"][runs["undisturbed"]["time"]])) == 7
-    assert "disturbed" not in runs
+def test_rows_from_the_first_that_is_not_finite_on_are_cut():
+    for value in (np.nan, np.inf, 1e300):
+        trajectory = a_trajectory()
+        trajectory.x[7, 2] = value
+        data = data_of(render_page([a_section(shows=[Show("wild", trajectory, None)])]))
+        (runs,) = [show["runs"] for show in data["sections"][0]["shows"]]
+        assert len(floats(data["arrays"][runs["undisturbed"]["time"]])) == 7
+        assert "disturbed" not in runs
 
 
 def test_a_run_without_a_finite_row_is_not_played(section):
