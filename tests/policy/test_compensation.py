@@ -57,6 +57,12 @@ def test_the_pendubots_elbow_is_undriven():
     assert LEAST_GAIN < 0.75
 
 
+def test_negative_friction_of_the_shoulder_is_not_compensated():
+    asked, left = compensation(Friction((-0.02, 0.1), (-0.3, 0.06)), 1.0, 1, 0.5, max)
+    assert asked == Friction((0.0, 0.1), (0.0, 0.06))
+    assert left == Friction((-0.02, 0.0), (-0.3, 0.0))
+
+
 def test_predicted_friction_is_never_negative_and_leaves_the_compensated_part_out():
     left = Friction((0.01, 0.04), (0.2, -0.01))
     assert predicted(FOUND, FOUND, 0, max) == Friction((0.02, 0.1), (0.3, 0.0))
