@@ -222,7 +222,8 @@ def pretended(monkeypatch):
     monkeypatch.setattr(demonstrating, "page_template", lambda: None)
     monkeypatch.setattr(demonstrating, "start_training", start)
     monkeypatch.setattr(demonstrating, "train_shown", lambda run, note: note(report(65_536, 0.64)) and 0)
-    monkeypatch.setattr(demonstrating, "find_policy", lambda path, robot: path.name)
+    monkeypatch.setattr(demonstrating, "load_policy", lambda path, robot: path.name)
+    monkeypatch.setattr(demonstrating, "policy_alone", lambda policy: policy)
     monkeypatch.setattr(demonstrating, "trained_section", lambda *_: SimpleNamespace(tables=[board(ACROBOT, 0.64)]))
     monkeypatch.setattr(demonstrating, "render_page", lambda sections, title: title)
     return given

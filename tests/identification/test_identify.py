@@ -161,7 +161,7 @@ def test_the_command(logs, tmp_path, capsys, monkeypatch, found):
     assert main(["identify", logs[0], "--json", "--out", str(tmp_path / "mine.yml")]) == 0
     assert set(json.loads(capsys.readouterr().out)) == {"parameters", "intervals", "determined", "errors"}
     assert main(["identify", logs[0]]) == 0
-    assert "held-out errors" in capsys.readouterr().out
+    assert "Held-out errors" in capsys.readouterr().out
 
 
 BAD_ARGUMENTS = {

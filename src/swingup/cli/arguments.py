@@ -1,12 +1,10 @@
 """Arguments that several commands share."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypedDict
 
-from tyro.conf import FlagCreatePairsOff, Positional, arg
-from tyro.constructors import PrimitiveConstructorSpec
+from tyro.conf import Positional, arg
 
 from ..benchmark.disturbances import DisturbanceSettings
 from ..benchmark.rules import PushRules
@@ -26,12 +24,12 @@ def optional(metavar: str | None = None, text: str | None = None) -> Any:
     return arg(metavar=metavar, help=text, help_behavior_hint="")
 
 
-def word_of(kind: str, *words: str) -> PrimitiveConstructorSpec[str]:
+def word_of(kind: str, *words: str) -> Any:
     """One of several words."""
     return value_of(lambda word: one_of(kind, word, words), "{" + ",".join(words) + "}")
 
 
-def split_commas(values: Iterable[str]) -> tuple[str, ...]:
+def split_commas(*values: str) -> tuple[str, ...]:
     """Values of one option, which spaces or commas may separate; a file whose name has a comma is one value."""
     return tuple(
         part for value in values for part in ([value] if Path(value).is_file() else value.split(",")) if part
@@ -39,24 +37,16 @@ def split_commas(values: Iterable[str]) -> tuple[str, ...]:
 
 
 def _robots(name: str) -> Sequence[Robot]:
-    return tuple(ROBOTS.values()) if name == "all" else (get_robot(name),)
+    return EVERY_ROBOT if name == "all" else (get_robot(name),)
 
 
-NAMES = PrimitiveConstructorSpec(
-    nargs="*",
-    metavar="NAME...",
-    instance_from_str=split_commas,
-    is_instance=lambda value: True,
-    str_from_instance=list,
-)
-ROBOT = value_of(get_robot, "ROBOT", lambda robot: getattr(robot, "name", ""))
+EVERY_ROBOT = tuple(ROBOTS.values())
+NAMES = value_of(split_commas, "NAME...", "*")
+ROBOT = value_of(get_robot, "ROBOT")
+EACH = arg(help="acrobot, pendubot or all.", help_behavior_hint="(default: all)")
 RobotName = Positional[Annotated[Robot, ROBOT, arg(help="acrobot or pendubot.")]]
 RobotOrNone = Positional[Annotated[Robot | None, ROBOT, optional(text="acrobot or pendubot.")]]
-RobotOrAll = Positional[
-    Annotated[
-        Sequence[Robot], value_of(_robots, "ROBOT", lambda robots: "all"), arg(help="acrobot, pendubot or all.")
-    ]
-]
+RobotOrAll = Positional[Annotated[Sequence[Robot], value_of(_robots, "ROBOT"), EACH]]
 OptionalRobot = Annotated[Robot | None, ROBOT, optional()]
 """An option, where a log or a file may say it."""
 OptionalText = Annotated[str | None, optional()]
@@ -73,79 +63,58 @@ ControllerNames = Annotated[
 Names = Annotated[tuple[str, ...], NAMES]
 OptionalNames = Annotated[tuple[str, ...], NAMES, optional()]
 PLANTS = f"{', '.join(SHIPPED_PLANTS)}, or a parameter file (.yml) as RealAIGym's model_parameters.yml"
-PLANT_HELP = f"plant: {PLANTS}; default: the leaderboards' plant, C.1 without friction."
-EVERY_ROBOT = tuple(ROBOTS.values())
 
 
-@dataclass(frozen=True)
-class DisturbanceOptions:
-    """Disturbances of a swing-up."""
+class DisturbanceOptions(TypedDict, total=False):
+    """Disturbances of a swing-up; none without an option."""
 
-    velocity_noise: float = 0.0
-    """Standard deviation of the noise on measured velocities (rad/s)."""
-    torque_noise: float = 0.0
-    """Standard deviation of the noise on the torque (N m)."""
-    torque_response: float = 1.0
-    """Motor response: 1 is a perfect motor."""
-    delay: float = 0.0
-    """Age of what the controller measures (s)."""
-    pushes: FlagCreatePairsOff[bool] = False
-    """Push the driven joint three times, as the robustness benchmark does."""
-
-    def make(self) -> DisturbanceSettings | None:
-        """The disturbance, or None if nothing disturbs.
-
-        Raises:
-            SwingupError: a value is out of range.
-        """
-        made = DisturbanceSettings(**vars(self) | {"pushes": PushRules() if self.pushes else None})
-        return None if self == DisturbanceOptions() else made
+    velocity_noise: Annotated[float, optional(text="standard deviation of the measured velocities' noise (rad/s).")]
+    torque_noise: Annotated[float, optional(text="standard deviation of the torque's noise (N m).")]
+    torque_response: Annotated[float, optional(text="motor response; 1 is a perfect motor.")]
+    delay: Annotated[float, optional(text="age of what the controller measures (s).")]
+    pushes: Annotated[bool, optional(text="push the driven joint three times, as the robustness board does.")]
 
 
 class EstimatorOptions(TypedDict, total=False):
     """Whether a state estimator stands before the controller; by default where the policy file has one."""
 
-    estimator: Annotated[bool, optional(text="Put a state estimator before the controller, or judge it without.")]
+    estimator: Annotated[bool, optional(text="put a state estimator before the controller, or judge it without.")]
 
 
-@dataclass(frozen=True)
-class PlantOptions:
+class PlantOptions(TypedDict, total=False):
     """Which plant; by default the leaderboards', design C.1 without friction and rotors' inertia."""
 
-    plant: Annotated[str | None, optional("PLANT", PLANT_HELP)] = None
-    frictionless: FlagCreatePairsOff[bool] = False
-    """Leave the plant's friction and rotors' inertia out, as the leaderboards do."""
-
-    def make(self) -> Plant:
-        """The plant that the options name; the leaderboards' without any.
-
-        Raises:
-            SwingupError: as :meth:`given`.
-        """
-        return self.given() or LEADERBOARD
-
-    def given(self) -> Plant | None:
-        """The plant that the options name; None without any.
-
-        Raises:
-            SwingupError: there is no such plant, or its friction is left out where none was named.
-        """
-        if self.plant is None:
-            if self.frictionless:
-                raise SwingupError("--frictionless needs --plant: the leaderboards' plant has no friction")
-            return None
-        found = load_plant(self.plant)
-        return found.frictionless() if self.frictionless else found
+    plant: Annotated[str, optional("PLANT", f"{PLANTS}; default: the leaderboards' plant, C.1 without friction.")]
+    frictionless: Annotated[bool, optional(text="leave the plant's friction and rotors' inertia out.")]
 
 
-NO_PLANT = PlantOptions()
-"""The default of the commands: the leaderboards' plant."""
+NO_DISTURBANCE: DisturbanceOptions = {}
+DEFAULT_ESTIMATOR: EstimatorOptions = {}
+NO_PLANT: PlantOptions = {}
 
 
-def changed(options: DisturbanceOptions | PlantOptions) -> dict[str, Any]:
-    """The options that were given, by name."""
-    default = vars(type(options)())
-    return {name: value for name, value in vars(options).items() if value != default[name]}
+def plant_of(options: PlantOptions) -> Plant:
+    """The plant that the options name; the leaderboards' without any.
+
+    Raises:
+        SwingupError: there is no such plant, or its friction is left out where none was named.
+    """
+    if "plant" not in options:
+        if options.get("frictionless"):
+            raise SwingupError("--frictionless needs --plant: the leaderboards' plant has no friction")
+        return LEADERBOARD
+    found = load_plant(options["plant"])
+    return found.frictionless() if options.get("frictionless") else found
+
+
+def disturbance_of(options: DisturbanceOptions) -> DisturbanceSettings | None:
+    """What the options disturb; None without any.
+
+    Raises:
+        SwingupError: a value is out of range.
+    """
+    given: dict[str, Any] = {**options, "pushes": PushRules() if options.get("pushes") else None}
+    return DisturbanceSettings(**given) if options else None
 
 
 def plant_note(plant: Plant, robot: str) -> str:

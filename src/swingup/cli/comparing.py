@@ -9,12 +9,13 @@ from ..common.files import check_writable
 from ..common.text import one_line
 from ..loop.on_plant import plant_as_domain
 from ..plant.plant import SHIPPED_PLANTS
-from ..report.compare import Comparison, compare, top_speed
+from ..report.compare import compare
 from ..report.inputs import check_suffix
-from ..report.log_report import report_comparison, shown
+from ..report.log_report import report_comparison
 from ..report.save import PAGE_FORMATS, save_log_report
 from .arguments import OptionalDomain, OptionalFile, OptionalInt, OptionalRobot, OptionalText
-from .output import foreign_prints_apart, tell, tell_json
+from .output import foreign_prints_apart, tell_json
+from .tables import show_parts
 
 PlantNames = Annotated[
     tuple[str, ...],
@@ -60,35 +61,11 @@ def compare_command(
     plants = {name: plant_as_domain(name) for name in plant}
     with foreign_prints_apart():
         found = compare(log, plants, controller, domain, robot, seed or 0)
+    report = report_comparison(found)
     if out is not None:
-        save_log_report(report_comparison(found), out)
+        save_log_report(report, out)
     if json:
         tell_json(found.as_dict())
     else:
-        tell(*comparison_lines(found), *([f"wrote {out}"] if out else []))
+        show_parts(report.parts, [*report.notes, *([f"wrote {out}"] if out else [])])
     return 0
-
-
-def comparison_lines(found: Comparison) -> list[str]:
-    """Errors by horizon and by speed, and the outcomes of the runs."""
-    lines = [f"{found.recording.name}, {found.recording.duration:.3g} s"]
-    for each in found.predictions:
-        loop = ", ".join(f"{name} {1e3 * each.as_dict()['model'][name]:.1f} ms" for name in each.fitted)
-        lines += [f"  {each.name}{f' (best {loop})' if loop else ''}"]
-        lines += [f"  {'':<22}{'angle (rad): RMS, median':>28}{'velocity (rad/s)':>24}"]
-        rows = [(f"after {key} s", row) for key, row in each.horizons.items()]
-        rows += [(f"{row.slowest:.1f} to {row.fastest:.1f} rad/s", row.errors) for row in each.speeds]
-        for title, row in rows:
-            pairs = [
-                f"{shown(getattr(row, name)):>8} {shown(getattr(row, f'{name}_median')):>8}"
-                for name in ("angle", "velocity")
-            ]
-            lines.append(f"  {title:<22}{pairs[0]:>28}{pairs[1]:>24}")
-    runs = [(f"{run.simulated.controller} on {name}", run.simulated) for name, run in found.runs.items()]
-    recorded = [("log", run.recorded) for run in found.runs.values()][:1]
-    for title, part in [*recorded, *runs]:
-        outcome = "up" if part.criteria.success else part.tip.failure or "failure"
-        lines.append(
-            f"  {title}: {outcome}, highest tip {part.tip.percent:.0f} %, speed {top_speed(part):.1f} rad/s"
-        )
-    return [*lines, *(f"  {note}" for note in found.notes)]

@@ -10,12 +10,12 @@ from ..benchmark.leaderboard import paper_score
 from ..common.errors import SwingupError
 from ..common.files import write_atomically
 from ..common.text import duration
-from ..controllers.registry import get_controller
-from ..controllers.stack.controller import PolicyController
+from ..controllers.stack.controller import policy_alone
 from ..learner.policy_files import BEST
 from ..learner.report import TrainingReport
 from ..learner.run import Run
 from ..plant.robots import ROBOTS, Robot
+from ..policy.shipped import load_policy
 from ..report.make import trained_section
 from ..report.page import page_template, render_page
 from .arguments import OptionalInt, OptionalText, RobotName
@@ -98,41 +98,33 @@ def _new_folder(robot: Robot, out: str | None) -> Path:
 
 def _show_result(robot: Robot, run: Run, watch: Watch, start: float) -> int:
     """Score the best policy, write the page, and name commands to go on with."""
-    folder, files = run.folder, {TRAINED: BEST, BEGINNER: FIRST}
-    policies = {name: find_policy(folder / file, robot) for name, file in files.items()}
+    policy, page = run.folder / BEST, run.folder / PAGE
+    files = {TRAINED: policy, BEGINNER: run.folder / FIRST}
+    policies = {name: policy_alone(load_policy(file, robot)) for name, file in files.items()}
     with Progress() as progress:
         section = trained_section(robot, policies, progress)
-    page = folder / PAGE
     title = f"{robot.name.capitalize()}: your policy after {run.frames / 1e6:.3g} million frames"
     write_atomically(page, render_page([section], title).encode())
-    tell("", *comparison_lines(section.tables[0], TRAINED), "", _verdict(watch))
-    tell(f"All of it took {duration(time.monotonic() - start)}.", "")
-    tell(f"Policy  {folder / BEST}", f"Page    {page}: open it in a browser, and push the pendulum")
-    tell("", "Next:", *next_lines(robot, folder / BEST))
-    return 0
-
-
-def find_policy(path: Path, robot: Robot) -> PolicyController:
-    """The policy in a file of the run; its preset's task has no estimator."""
-    found = get_controller(str(path), robot)
-    assert isinstance(found, PolicyController)
-    return found
-
-
-def _verdict(watch: Watch) -> str:
+    verdict = "The best score stayed below the paper's: try more --frames, or another --seed."
     if watch.passed is not None:
-        return f"Training passed the paper's score after {watch.passed:.0f} s."
-    return "The best score stayed below the paper's: try more --frames, or another --seed."
-
-
-def next_lines(robot: Robot, policy: Path) -> list[str]:
-    """Three commands to go on with, as they can be typed."""
-    program, other = program_typed(), {"acrobot": "pendubot", "pendubot": "acrobot"}[robot.name]
-    return [
+        verdict = f"Training passed the paper's score after {watch.passed:.0f} s."
+    program, (other,) = program_typed(), {*ROBOTS} - {robot.name}
+    tell(
+        "",
+        *comparison_lines(section.tables[0], TRAINED),
+        "",
+        verdict,
+        f"All of it took {duration(time.monotonic() - start)}.",
+        "",
+        f"Policy  {policy}",
+        f"Page    {page}: open it in a browser, and push the pendulum",
+        "",
+        "Next:",
         "# 722 simulations of your policy, with noise, delay and pushes",
         f"{program} evaluate {robot.name} --board robustness --controller {shlex.quote(str(policy))}",
         "# the other robot",
         f"{program} demo {other}",
         "# every controller on the long boards",
         f"{program} leaderboard {robot.name}",
-    ]
+    )
+    return 0

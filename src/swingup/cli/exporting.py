@@ -1,6 +1,7 @@
 """The command ``export``: a policy for other programs."""
 
 import dataclasses
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any
@@ -60,62 +61,43 @@ def export_command(
         braking: damping (N m s/rad) with which the guard brakes the driven joint of a stopped controller, where the
             measurement is sound; by default the policy file's, or none.
     """
-    # Before the policy is read: that error would only list policies.
-    _refuse_baselines(policy, robot.name if robot else None)
+    if policy in BASELINES:
+        raise SwingupError(
+            f"{policy!r} is a baseline, which has no policy file: swingup.RealAIGymController runs it, and "
+            f"swingup trajectory {robot.name if robot else 'ROBOT'} --out x.csv writes a swing-up with gains"
+        )
     found = load_policy(policy, robot)
-    chosen = None if to == "onnx" else choose_guard(guard, _own_guard(found, to), found.period)
-    found = dataclasses.replace(found, guard=_changed(chosen, velocity_limit, braking))
+    changes = {"velocity_limit": velocity_limit, "braking": braking}
+    found = dataclasses.replace(found, guard=_guard(found, to, guard, changes))
     if to in FOLDERS:
         file = shipped_file(found.robot, policy) if policy in SHIPPED_POLICIES else Path(policy)
         with resources.as_file(file) as source:
             notes = cloudpendulum_notes(found) if to == "cloudpendulum" else []
             tell(str(export_folder(found, source, out, to, name, username)), *notes)
         return 0
-    content = onnx_model(found) if to == "onnx" else c_header(found, name).encode()
-    write_atomically(out, content)
+    write_atomically(out, onnx_model(found) if to == "onnx" else c_header(found, name).encode())
     tell(out)
     if to == "onnx":
-        tell(f"this is the network for the plant {found.plant.name} alone, without {_missing(found)}")
+        left_out = [part for part in found.parts if part != GUARD]
+        missing = f"{', '.join(left_out)} and a safety guard" if left_out else "a safety guard"
+        tell(f"this is the network for the plant {found.plant.name} alone, without {missing}")
     return 0
 
 
-def _missing(policy: PendulumPolicy) -> str:
-    """What stands around a policy's network, and not around its graph, as words."""
-    own = [part for part in policy.parts if part != GUARD]
-    return " and ".join([", ".join(own), "a safety guard"]) if own else "a safety guard"
-
-
-def _own_guard(policy: PendulumPolicy, to: str) -> GuardSettings | None:
-    """The guard of the policy file, or that of the robot that a form is for; None for the general one."""
-    if policy.guard is None and to == "cloudpendulum":
-        return cloudpendulum_guard(policy.period)
-    return policy.guard
-
-
-def _changed(
-    guard: GuardSettings | None, velocity_limit: float | None, braking: float | None
+def _guard(
+    policy: PendulumPolicy, to: str, wanted: bool, changes: Mapping[str, float | None]
 ) -> GuardSettings | None:
-    """The guard with what the user changed of it.
+    """The policy file's guard, or that of the robot that a form is for, with what the user changed of it.
 
     Raises:
         SwingupError: there is no guard to change, or a value is out of range.
     """
-    given = {"velocity_limit": velocity_limit, "braking": braking}
-    changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    if changes and guard is None:
-        flag = next(iter(changes)).replace("_", "-")
+    own = policy.guard
+    if own is None and to == "cloudpendulum":
+        own = cloudpendulum_guard(policy.period)
+    guard = None if to == "onnx" else choose_guard(wanted, own, policy.period)
+    given: dict[str, Any] = {name: value for name, value in changes.items() if value is not None}
+    if given and guard is None:
+        flag = next(iter(given)).replace("_", "-")
         raise SwingupError(f"--{flag} is a setting of the safety guard: leave --no-guard out; onnx has no guard")
-    return guard if guard is None else dataclasses.replace(guard, **changes)
-
-
-def _refuse_baselines(name: str, robot: str | None) -> None:
-    """Say where a baseline goes instead: it has no policy file.
-
-    Raises:
-        SwingupError: the name is a baseline's.
-    """
-    if name in BASELINES:
-        raise SwingupError(
-            f"{name!r} is a baseline, which has no policy file: swingup.RealAIGymController runs it, and "
-            f"swingup trajectory {robot or 'ROBOT'} --out x.csv writes a swing-up with gains"
-        )
+    return guard and dataclasses.replace(guard, **given)

@@ -1,14 +1,13 @@
 """The options of the hyperparameters: each is optional, and the preset gives what is left out."""
 
-import functools
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, TypedDict
 
 from tyro.conf import arg
-from tyro.constructors import MISSING, ConstructorRegistry, PrimitiveConstructorSpec, StructTypeInfo
+from tyro.constructors import MISSING, ConstructorRegistry, StructTypeInfo
 
 from ..areapo.config import Config, format_value, is_pair, parse_value
 from ..learner.presets import PENDULUM_PRESET, PRESETS
+from .parsing import value_of
 
 
 def _defaults(name: str) -> str:
@@ -28,18 +27,9 @@ def _annotation(name: str, text: str) -> Any:
     if isinstance(default, bool):
         return Annotated[bool, option]
     metavar = {int: "INT", float: "FLOAT", tuple: "INT..."}.get(type(default), "WORD")
-    parser = PrimitiveConstructorSpec(
-        nargs="*" if isinstance(default, tuple) else 1,
-        metavar="FLOAT FLOAT" if is_pair(name) else metavar,
-        instance_from_str=functools.partial(_parse, name),
-        is_instance=lambda value: True,
-        str_from_instance=lambda value: [format_value(value)],
-    )
-    return Annotated[Any, option, parser]
-
-
-def _parse(name: str, words: Sequence[str]) -> Any:
-    return parse_value(name, " ".join(words))
+    metavar = "FLOAT FLOAT" if is_pair(name) else metavar
+    words = "*" if isinstance(default, tuple) else 1
+    return Annotated[Any, option, value_of(lambda *typed: parse_value(name, " ".join(typed)), metavar, words)]
 
 
 # Type checkers cannot follow fields that are computed.

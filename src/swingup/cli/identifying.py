@@ -8,13 +8,14 @@ from tyro.conf import Positional, arg
 from ..common.errors import SwingupError
 from ..common.files import check_writable
 from ..common.text import quoted
-from ..identification.identify import Identification, identify
+from ..identification.identify import identify
 from ..report.inputs import check_suffix
-from ..report.log_report import report_identification
+from ..report.log_report import identification_tables, report_identification
 from ..report.save import PAGE_FORMATS, save_log_report
 from .arguments import optional
 from .output import tell, tell_json
 from .progress import Progress
+from .tables import show_parts
 
 Logs = Positional[Annotated[tuple[str, ...], arg(metavar="LOG.csv...")]]
 TestLogs = Annotated[tuple[str, ...], arg(metavar="LOG.csv...")]
@@ -70,7 +71,7 @@ def identify_command(
             log(warning)
         tell_json(found.as_dict())
     else:
-        tell(*identification_lines(found))
+        show_parts(identification_tables(found), found.notes)
     if page is not None:
         save_log_report(report_identification(found), page)
     if out is not None:
@@ -79,24 +80,6 @@ def identify_command(
             command = f"swingup evaluate ROBOT --board sim2real --domain {domain}"
             tell("", f"wrote {out} and {domain}: try a controller with {command}")
     return 0
-
-
-def identification_lines(found: Identification) -> list[str]:
-    """The result as text: parameters with intervals, errors, and notes."""
-    lines = [f"  {'parameter':<28}{'value':>12}   95 % interval"]
-    for name, (low, high) in found.estimates.intervals.items():
-        sure = "" if found.estimates.determined.get(name, False) else "   not determined"
-        lines.append(f"  {name:<28}{found.estimates.values[name]:>12.4g}   {low:.4g} to {high:.4g}{sure}")
-    lines += ["", f"  held-out errors after{'':<8}angle (rad): fitted, {found.start_name}    velocity (rad/s)"]
-    for horizon, row in found.errors["fitted"].items():
-        start = found.errors["start"][horizon]
-        pairs = [f"{_shown(getattr(row, name))} {_shown(getattr(start, name))}" for name in ("angle", "velocity")]
-        lines.append(f"  {horizon + ' s':<28}{pairs[0]:>20}{pairs[1]:>24}")
-    return [*lines, "", *(f"  {note}" for note in found.notes)]
-
-
-def _shown(value: float | None) -> str:
-    return "–" if value is None else f"{value:8.3f}"
 
 
 def _known(words: tuple[str, ...]) -> dict[str, float]:

@@ -30,7 +30,9 @@ from ..report.make import make_section
 from ..report.page import render_page
 from . import tables
 from .arguments import (
+    DEFAULT_ESTIMATOR,
     EVERY_ROBOT,
+    NO_DISTURBANCE,
     NO_PLANT,
     ROBOT,
     ControllerName,
@@ -45,16 +47,14 @@ from .arguments import (
     PlantOptions,
     RobotName,
     RobotOrAll,
-    changed,
+    disturbance_of,
     judged_name,
+    plant_of,
 )
 from .output import foreign_prints_apart, tell, tell_json
 from .parsing import command_line
 from .progress import Progress
 from .results import result_lines
-
-NO_DISTURBANCE = DisturbanceOptions()
-DEFAULT_ESTIMATOR: EstimatorOptions = {}
 
 EXIT_FINDINGS = 1
 """Exit status of a check that found something."""
@@ -104,8 +104,8 @@ def evaluate_command(
     """
     wanted = estimator.get("estimator")
     if check:
-        return _check(controller, robot, wanted, plant.make())
-    on, disturbed = plant.given(), disturbance.make()
+        return _check(controller, robot, wanted, plant_of(plant))
+    on, disturbed = plant_of(plant) if plant else None, disturbance_of(disturbance)
     boards, results = _boards(board, criteria, grid), []
     if save is not None:
         if len(boards) > 1 or not boards[0].keeps_rows:
@@ -134,8 +134,8 @@ def evaluate_command(
         save_trajectory(save, results[0].trajectory)
     if json:
         # The result names the command that repeats it; the leaderboard shows it beside shipped rows.
-        options = {"controller": controller, "seed": seed, "seeds": seeds, "domain": domain, **estimator}
-        options |= changed(plant) | changed(disturbance) | {"criteria": criteria, "grid": grid}
+        options = {"controller": controller, "seed": seed, "seeds": seeds, "domain": domain}
+        options |= {**estimator, **plant, **disturbance, "criteria": criteria, "grid": grid}
         objects = [
             {"command": command_line("evaluate", robot.name, board=name, **options), **each.as_dict()}
             for name, each in zip(board, results, strict=True)
@@ -207,7 +207,7 @@ def leaderboard_command(
         raise SwingupError(f"--{' and --'.join(asked)} exclude each other: choose one")
     if page is not None:
         check_writable(page)
-    boards, on = _boards(board), plant.make()
+    boards, on = _boards(board), plant_of(plant)
     mine = {
         each: {name: get_controller(name, each, plant=designs_for(name, on)) for name in controller}
         for each in robot
@@ -256,7 +256,7 @@ def score_command(
         json: print one JSON object.
     """
     rows, name = load_trajectory(trajectory), Path(trajectory).stem
-    result = score(rows, robot, board, name=name, plant=plant.make())
+    result = score(rows, robot, board, name=name, plant=plant_of(plant))
     if json:
         tell_json(result.as_dict(), indent=1)
     else:

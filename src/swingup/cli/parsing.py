@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import inspect
 import re
 import shlex
 import shutil
@@ -58,7 +59,7 @@ def parse(commands: Mapping[str, Command], words: Sequence[str], description: st
         args=rest,
         return_unknown_args=True,
         config=SETTINGS,
-        registry=_registry(),
+        registry=REGISTRY,
     )
     if left:
         raise SwingupError(f"{program} has no place for {quoted(left[0])}: see {program} --help")
@@ -88,16 +89,22 @@ def command_line(*words: str, **options: Any) -> str:
     return shlex.join(typed)
 
 
-def value_of(
-    make: Callable[[str], Any], metavar: str, show: Callable[[Any], str] = str
-) -> PrimitiveConstructorSpec[Any]:
-    """How tyro makes a value from a word: it leaves a SwingupError of ``make`` alone."""
+def value_of(make: Callable[..., Any], metavar: str, words: Any = 1) -> PrimitiveConstructorSpec[Any]:
+    """How tyro makes a value from so many words; a SwingupError of ``make`` is the command's.
+
+    Args:
+        make: from the words to the value.
+        metavar: what the help shows.
+        words: their number; ``"*"`` for any.
+    """
     return PrimitiveConstructorSpec(
-        nargs=1,
+        nargs=words,
         metavar=metavar,
-        instance_from_str=lambda words: make(words[0]),
+        instance_from_str=lambda typed: make(*typed),
         is_instance=lambda value: True,
-        str_from_instance=lambda value: [show(value)],
+        str_from_instance=lambda value: [
+            getattr(each, "name", str(each)) for each in (value if isinstance(value, tuple) else (value,))
+        ],
     )
 
 
@@ -117,20 +124,19 @@ def _bound(function: Command) -> Callable[..., Ready]:
     def bind(*values: object, **options: object) -> Ready:
         return functools.partial(function, *values, **options)
 
-    # The help wraps lines itself: an argument's text is one line.
+    # The help wraps lines itself: an argument's text is one line. Tyro would read the function's own docstring.
     bind.__doc__ = re.sub(r"\n {12}\s*", " ", function.__doc__ or "")
+    vars(bind)["__signature__"] = inspect.signature(vars(bind).pop("__wrapped__"))
     return bind
 
 
-def _registry() -> ConstructorRegistry:
-    registry = ConstructorRegistry()
+REGISTRY = ConstructorRegistry()
 
-    @registry.primitive_rule
-    def number(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
-        kind = info.type
-        return value_of(functools.partial(_number, kind), kind.__name__.upper()) if kind in NUMBERS else None
 
-    return registry
+@REGISTRY.primitive_rule
+def _number_rule(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
+    kind = info.type
+    return value_of(functools.partial(_number, kind), kind.__name__.upper()) if kind in NUMBERS else None
 
 
 def _number(kind: type, word: str) -> Any:

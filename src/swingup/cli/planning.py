@@ -11,7 +11,7 @@ from ..controllers.baselines.own_units import in_real_units
 from ..controllers.swingups.reference import save_reference
 from ..controllers.swingups.trajectory_csv import save_reference_csv
 from ..policy.plant_facts import write_plant
-from .arguments import NO_PLANT, PlantOptions, RobotName, changed, word_of
+from .arguments import NO_PLANT, PlantOptions, RobotName, plant_of, word_of
 from .output import tell
 from .parsing import command_line
 
@@ -33,13 +33,13 @@ def trajectory_command(
         problem: the published one, or ours: nearly the best RealAI score, which tvlqr-score follows.
         seed: seed of the first torques; another one may end in another local optimum.
     """
-    on = plant.make()
+    on = plant_of(plant)
     design = design_of(robot, on)
     check_seeds(seed, 1)
     check_writable(out)
     reference, provenance = design.compute(problem, seed)
     reference = reference if design.shipped else in_real_units(reference, design.scales)
-    command = command_line("trajectory", robot.name, problem=problem, **changed(plant), seed=seed, out=out)
+    command = command_line("trajectory", robot.name, problem=problem, **plant, seed=seed, out=out)
     if out.endswith(".csv"):
         save_reference_csv(out, reference)
     else:

@@ -7,7 +7,7 @@ from tyro.conf import Positional, arg
 from ..common.files import check_writable
 from ..report.film import FPS, SIZE
 from ..report.save import save_plot
-from .arguments import NO_PLANT, OptionalRobot, PlantOptions
+from .arguments import NO_PLANT, OptionalRobot, PlantOptions, plant_of
 from .output import tell
 
 
@@ -36,6 +36,6 @@ def plot_command(
         speed: speed of an animation; 1 is real time.
     """
     check_writable(out)
-    save_plot(kind, files, out, robot, fps, size, speed, plant.make())
+    save_plot(kind, files, out, robot, fps, size, speed, plant_of(plant))
     tell(out)
     return 0

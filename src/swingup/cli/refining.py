@@ -14,7 +14,7 @@ from ..controllers.stack.controller import policy_alone, save_controller
 from ..policy.shipped import AR_EAPO, GLOBAL, load_policy
 from ..refine.recipe import ADAPT, RECIPES, RefinementReport, run_recipe
 from ..refine.wrappers import default_wrappers
-from .arguments import NO_PLANT, PlantOptions, RobotName, changed, optional, word_of
+from .arguments import NO_PLANT, PlantOptions, RobotName, optional, plant_of, word_of
 from .output import tell
 from .parsing import command_line
 from .progress import Progress
@@ -44,13 +44,13 @@ def refine_command(
         plant: what the policy is refined on.
         seed: seed of all random numbers.
     """
-    on = plant.make()
+    on = plant_of(plant)
     check_seeds(seed, 1)
     check_writable(out)
     policy = policy or (GLOBAL if recipe == ADAPT else AR_EAPO)
     base, stages = load_policy(policy, robot), RECIPES[recipe]
     command = command_line(
-        "refine", robot.name, policy=policy, recipe=recipe, seed=seed, out=Path(out).name, **changed(plant)
+        "refine", robot.name, policy=policy, recipe=recipe, seed=seed, out=Path(out).name, **plant
     )
     with Progress() as progress:
 
@@ -61,7 +61,7 @@ def refine_command(
             progress(f"stage {now.stage} of {len(stages)}", now.iteration, now.of, figures)
 
         run_recipe(policy_alone(base), robot, stages, seed, report, plant=on)
-    judge = command_line("evaluate", robot.name, controller=out, **changed(plant))
+    judge = command_line("evaluate", robot.name, controller=out, **plant)
     tell(f"wrote {out}: judge it with {judge}")
     return 0
 

@@ -1,5 +1,6 @@
 """The command ``rehearse``: an exported folder drives the simulated robot before it drives the real one."""
 
+from collections.abc import Mapping
 from typing import Annotated
 
 from tyro.conf import Positional, arg
@@ -65,46 +66,36 @@ def rehearse_command(
 
 def rehearsal_lines(result: Rehearsal, board: str) -> list[str]:
     """How the run went, what the guard did, and what was measured of the calls."""
-    criteria = [
-        (COLUMNS[name].title, COLUMNS[name].show(getattr(result.criteria, name)))
-        for name in PERFORMANCE
-        if name != "score"
-    ]
-    angle, speed = result.limits
+    values, (angle, speed) = {**vars(result.criteria), "score": result.score}, result.limits
     stopped = result.facts["stopped"]
     guard = ("stopped it" if stopped else "quiet") if result.facts["guard"] else "none"
     beyond = "" if result.violation is None else f"at t = {result.violation:.3f} s, where the robot stops"
+    timing, late = result.timing, result.timing.late
+    rows = [
+        ("Call [ms]", spread(timing.calls)),
+        ("Period [ms]", spread(timing.periods) if result.real_time else {}),
+    ]
     return [
         f"{result.robot}, {result.folder.entry.name} ({result.folder.form}, {result.domain.name}, board {board}, "
         f"seed {result.seed})",
         aligned("Swing-up", "success" if result.success else "failure", result.tip.failure or ""),
-        *(aligned(title, value) for title, value in criteria),
-        aligned(COLUMNS["score"].title, COLUMNS["score"].show(result.score)),
+        *(aligned(COLUMNS[name].title, COLUMNS[name].show(values[name])) for name in PERFORMANCE),
         aligned("Highest tip [m]", f"{result.tip.highest:.3f}", f"{result.tip.percent:.1f} % of l1 + l2"),
         aligned("Largest speed [rad/s]", f"{result.speed:.1f}", f"limit {speed:g}"),
         aligned("Largest angle [rad]", f"{result.angle:.1f}", f"limit {angle:.4g}"),
         *([aligned("Limits", "passed", beyond)] if beyond else []),
         aligned("Guard", guard, stopped["why"] if stopped else ""),
-        *timing_lines(result),
+        *(aligned(title, *_spread(row)) for title, row in rows if row),
+        *(
+            [aligned("Missed deadlines", str(timing.missed), f"of {len(timing.calls)} calls")]
+            if result.real_time
+            else []
+        ),
+        *([f"  The simulation itself was late {late} times: close other programs and repeat."] if late else []),
         *([] if result.difference is None else [f"  {result.difference}"]),
     ]
 
 
-def timing_lines(result: Rehearsal) -> list[str]:
-    """Times of the calls and, in real time, of the loop, in ms: median, 99th percentile, longest."""
-    timing = result.timing
-    rows = [("Call [ms]", spread(timing.calls))]
-    if result.real_time:
-        rows.append(("Period [ms]", spread(timing.periods)))
-    lines = [
-        aligned(
-            title, f"{1e3 * row['p50']:.3f}", f"99 % {1e3 * row['p99']:.3f}, longest {1e3 * row['longest']:.3f}"
-        )
-        for title, row in rows
-        if row
-    ]
-    if result.real_time:
-        lines.append(aligned("Missed deadlines", str(timing.missed), f"of {len(timing.calls)} calls"))
-    if timing.late:
-        lines.append(f"  The simulation itself was late {timing.late} times: close other programs and repeat.")
-    return lines
+def _spread(row: Mapping[str, float]) -> tuple[str, str]:
+    """The median of times in ms, and further of their quantiles."""
+    return f"{1e3 * row['p50']:.3f}", f"99 % {1e3 * row['p99']:.3f}, longest {1e3 * row['longest']:.3f}"

@@ -18,7 +18,7 @@ from ..learner.run_settings import make_run_settings
 from ..sweep.runs import Job, Row, parse_alternatives, plan_jobs, run_jobs, summarise
 from ..sweep.search import best_trial, search, trial_row
 from ..sweep.workers import workers_for
-from .arguments import NO_PLANT, OptionalInt, OptionalText, PlantOptions, RobotOrNone, task_name
+from .arguments import NO_PLANT, OptionalInt, OptionalText, PlantOptions, RobotOrNone, plant_of, task_name
 from .output import tell, tell_json, tell_table
 from .progress import Progress
 from .training import DEFAULT_RUN, RunOptions
@@ -76,7 +76,7 @@ def sweep_command(
         plant: the pendulum to train on, in whose units the task is.
         json: print JSON instead of the table.
     """
-    given: dict[str, Any] = {"plant": plant.make(), **run}
+    given: dict[str, Any] = {"plant": plant_of(plant), **run}
     task = task_name(robot, given.pop("env", None))
     base = make_run_settings(task, **given)
     # Ids of Gymnasium environments may contain slashes.

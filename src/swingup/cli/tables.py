@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from ..benchmark.columns import COLUMNS
 from ..benchmark.leaderboard import ON_ROBOT, OURS, Row, Table
 from ..common.text import one_line
+from ..report.log_report import Part
 from .arguments import plant_note
 from .output import printable, tell, tell_table
 
@@ -24,6 +25,14 @@ def show_tables(tables: Sequence[Table]) -> None:
         ours = [index for index, row in enumerate(table.rows) if row.source == OURS]
         tell_table(headings, rows, texts=2, title=_title(table), bold=ours)
         tell(*_remarks(table))
+
+
+def show_parts(parts: Sequence[Part], notes: Sequence[str]) -> None:
+    """Print the tables of a report about logs, and its notes."""
+    for part in parts:
+        for table in part.tables:
+            tell_table(table.heads, table.rows, title=part.title)
+    tell(*notes)
 
 
 def tables_as_json(tables: Sequence[Table]) -> str:

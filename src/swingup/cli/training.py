@@ -23,6 +23,7 @@ from .arguments import (
     RobotOrNone,
     judged_name,
     optional,
+    plant_of,
     task_name,
 )
 from .hyperparameters import HyperparameterOptions
@@ -80,7 +81,7 @@ def train_command(
     """
     if frames is not None:
         whole_number("frames", frames, 1)
-    given: dict[str, Any] = {"seed": seed, "seeds": seeds, "plant": plant.given(), **run}
+    given: dict[str, Any] = {"seed": seed, "seeds": seeds, "plant": plant_of(plant) if plant else None, **run}
     if resume is None:
         env = task_name(robot, given.pop("env", None))
         started = start_training(env, frames, out, hyperparameters, **given)

@@ -226,8 +226,13 @@ def report_identification(found: Identification) -> LogReport:
         f"Parameters of a double pendulum and its loop, from {logs}. Errors are those of motion that the fit "
         f"did not see, beside those of {found.start_name} with its best delay and lag."
     )
-    parts = [_parameters(found), _errors(found), *_windows(found), _residuals(found), _friction(found)]
+    parts = [*identification_tables(found), *_windows(found), _residuals(found), _friction(found)]
     return LogReport("Identified double pendulum", lead, parts, found.notes)
+
+
+def identification_tables(found: Identification) -> list[Part]:
+    """The parts of an identification's report that are tables alone: parameters and held-out errors."""
+    return [_parameters(found), _errors(found)]
 
 
 def _parameters(identification: Identification) -> Part:
