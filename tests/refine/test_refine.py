@@ -160,7 +160,7 @@ def test_gradient_steps_lower_the_cost_and_do_not_depend_on_the_cores(monkeypatc
     first = one.step(episodes)
     monkeypatch.setattr(analytic_policy_gradient, "cores", lambda: cores)
     assert np.allclose(many.step(episodes).away, first.away, atol=1e-6)
-    for leaf, other in zip(jax.tree.leaves(one.state), jax.tree.leaves(many.state), strict=True):
+    for leaf, other in zip(jax.tree.leaves(one.actor), jax.tree.leaves(many.actor), strict=True):
         assert np.allclose(leaf, other, atol=1e-5)
     for _ in range(15):
         last = many.step(episodes)

@@ -29,8 +29,8 @@ _train = jax.jit(algorithm.train)
 
 AXIS = "seeds"
 """Along which devices share the seeds."""
-CALL_FRAMES = 16_384
-"""Frames of all seeds together in a compiled call: one or two seconds of two cores with the largest networks."""
+CALL_WORK = 5e9
+"""Frames times weights of all seeds in a compiled call on a CPU: about a second of two cores."""
 RESETS_TRIED = 1024
 """Resets that are inspected after training diverged."""
 
@@ -83,8 +83,10 @@ class CompiledBackend(AbstractBackend):
     def train(
         self, state: LearnerState, iterations: int, stopping: Callable[[], bool] = never
     ) -> tuple[LearnerState, list[dict[str, Any]]]:
-        """Run some iterations in compiled calls of about a second, which know no signals."""
-        most = max(1, CALL_FRAMES // (self._config.rollout_size * len(self._seeds)))
+        """Run some iterations, on a CPU in compiled calls of about a second: they know no signals."""
+        weights = sum(leaf.size for leaf in jax.tree.leaves((state.actor, state.critic)))
+        most = max(1, int(CALL_WORK / (weights * self._config.rollout_size)))
+        most = most if jax.default_backend() == "cpu" else iterations
         counts: list[int] = []
         parts = []
         while sum(counts) < iterations and not (counts and stopping()):

@@ -3,7 +3,7 @@
 import itertools
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -51,13 +51,6 @@ class PolicyGradientSettings:
         return round(self.duration / SCORE_RULES.dt)
 
 
-class OptimisationState(NamedTuple):
-    """The network and Adam's moments between two gradient steps."""
-
-    actor: Actor
-    optimiser: optax.OptState
-
-
 class AnalyticPolicyGradient:
     """Gradient steps for one controller: a part of each batch on every core, or one batch on an accelerator."""
 
@@ -71,8 +64,9 @@ class AnalyticPolicyGradient:
         self._settings = settings
         self._optimiser = _optimiser(settings)
         self._apply = jax.jit(self._updated)
-        actor = single_precision(controller.policy.actor)
-        self.state = OptimisationState(actor, self._optimiser.init(actor))
+        self.actor: Actor = single_precision(controller.policy.actor)
+        """The network after the steps so far."""
+        self._moments = self._optimiser.init(self.actor)
 
     def step(self, episodes: EpisodeBatch) -> Measures:
         """Take one step, and return the episodes' measures (leading axis: episode)."""
@@ -84,20 +78,23 @@ class AnalyticPolicyGradient:
 
         def run(piece: slice) -> tuple[tuple[Scalar, Measures], Actor]:
             x0 = jnp.asarray(episodes.x0[piece])
-            gradient = _gradient(self.state.actor, self._controller, x0, self._settings, self._plant)
+            gradient = _gradient(self.actor, self._controller, x0, self._settings, self._plant)
             return jax.block_until_ready(gradient)
 
         with ThreadPoolExecutor(parts) as pool:
             results = list(pool.map(run, pieces))
         # Parts may differ by an episode: each mean counts by its share of the batch.
         shares = np.diff(cuts) / cuts[-1]
-        self.state = self._apply(self.state, [gradient for _, gradient in results], shares)
+        gradients = [gradient for _, gradient in results]
+        self.actor, self._moments = self._apply(self.actor, self._moments, gradients, shares)
         return jax.tree.map(lambda *leaves: np.concatenate(leaves), *[measures for (_, measures), _ in results])
 
-    def _updated(self, state: OptimisationState, gradients: list[Actor], shares: np.ndarray) -> OptimisationState:
+    def _updated(
+        self, actor: Actor, moments: optax.OptState, gradients: list[Actor], shares: np.ndarray
+    ) -> tuple[Actor, optax.OptState]:
         mean = jax.tree.map(lambda *parts: sum(a * b for a, b in zip(shares, parts, strict=True)), *gradients)
-        updates, optimiser = self._optimiser.update(mean, state.optimiser)
-        return OptimisationState(optax.apply_updates(state.actor, updates), optimiser)
+        updates, moments = self._optimiser.update(mean, moments)
+        return optax.apply_updates(actor, updates), moments
 
 
 def batch_cost(

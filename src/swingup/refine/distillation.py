@@ -113,7 +113,7 @@ def _learn(
 ) -> PolicyController:
     """Adam on the squared errors of the torque; the step size falls to 0 on a cosine."""
     optimiser = optax.adam(optax.cosine_decay_schedule(rate, steps))
-    return _trained(student, bases, dataset, settings, _key(random), steps, optimiser, None)
+    return with_actor(student, _descend(student, bases, dataset, settings, _key(random), steps, optimiser))
 
 
 def _learn_score(
@@ -132,11 +132,12 @@ def _learn_score(
     optimiser = optax.chain(optax.clip_by_global_norm(2.0), optax.adam(schedule))
     episodes = PolicyGradientSettings(duration=s.score_duration)
     recoveries = make_recoveries(student, teachers, settings, random) if s.recovery_episodes else None
-    key, steps = _key(random), s.score_steps
-    return _trained(student, teachers.base, dataset, s, key, steps, optimiser, episodes, recoveries)
+    more = s.score_steps, optimiser, episodes, recoveries
+    return with_actor(student, _descend(student, teachers.base, dataset, s, _key(random), *more))
 
 
-def _trained(
+@functools.partial(jax.jit, static_argnames=("settings", "steps", "optimiser", "episodes"))
+def _descend(
     student: PolicyController,
     bases: Float[Array, "plants 9"],
     dataset: Dataset,
@@ -144,25 +145,8 @@ def _trained(
     key: Key,
     steps: int,
     optimiser: optax.GradientTransformation,
-    episodes: PolicyGradientSettings | None,
+    episodes: PolicyGradientSettings | None = None,
     recoveries: Recoveries | None = None,
-) -> PolicyController:
-    on_device = jax.tree.map(jnp.asarray, dataset)
-    actor = _descend(student, bases, on_device, settings, key, steps, optimiser, episodes, recoveries)
-    return with_actor(student, actor)
-
-
-@functools.partial(jax.jit, static_argnames=("settings", "steps", "optimiser", "episodes"))
-def _descend(
-    student: PolicyController,
-    bases: Float[Array, "plants 9"],
-    dataset: Any,
-    settings: DistillationSettings,
-    key: Key,
-    steps: int,
-    optimiser: optax.GradientTransformation,
-    episodes: PolicyGradientSettings | None,
-    recoveries: Recoveries | None,
 ) -> Actor:
     """The student's network after these steps on minibatches of the dataset; those from anywhere come first."""
     s, limit = settings, student.torque_limit
@@ -175,7 +159,7 @@ def _descend(
         return student.policy.observe(x, base)
 
     def loss(actor: Actor, key: Key) -> Scalar:
-        rows_key, size_key, start_key = jax.random.split(key, 3)
+        rows_key, size_key, start_key, recovery_key = jax.random.split(key, 4)
         chosen = first + jax.random.randint(rows_key, first.shape, 0, count)
         seen = jax.vmap(observe)(dataset.x[chosen], bases[dataset.plant[chosen]])
         errors = limit * actor.mode(seen.T)[0] - dataset.u[chosen]
@@ -186,7 +170,7 @@ def _descend(
         x0 = SPREAD * jax.random.uniform(size_key, (shape[0], 1)) * jax.random.normal(start_key, shape)
         measures = batch_cost(actor, others, x0, episodes, plant)[1]
         if recoveries is not None:
-            total += recovery_cost(with_actor(others, actor), recoveries, s, jax.random.fold_in(key, 1))
+            total += recovery_cost(with_actor(others, actor), recoveries, s, recovery_key)
         # As on the board: without a swing-up there is no score. Hanging still would have the best one.
         return total - s.score_weight * jnp.mean(measures.score * jnp.tanh((1 - measures.down) / UP_SHARE))
 

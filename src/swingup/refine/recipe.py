@@ -19,7 +19,7 @@ from ..plant.base_parameters import base_parameters
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..plant.robots import Robot
 from ..policy.plant_facts import plant_difference, policy_plant
-from .analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings
+from .analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings, with_actor
 from .distillation import distil
 from .distillation_settings import DistillationSettings
 from .episodes import EpisodeSettings, sample_episodes
@@ -118,7 +118,12 @@ def run_recipe(
             report(RefinementReport(number, iteration, of, time.perf_counter() - start, now, criteria, measures))
 
         if isinstance(stage, DistillationSettings):
-            controller = _distilled(controller, stage, random, tell)
+            rounds = stage.rounds + bool(stage.score_steps)
+
+            def tell_round(now: PolicyController, done: int, tell: Any = tell, rounds: int = rounds) -> None:
+                tell(_checked(now), done, rounds, {})
+
+            controller = distil(controller, stage, random, tell_round)
         else:
             controller = _gradient_steps(controller, robot, stage, random, tell, every, found)
     return controller
@@ -128,16 +133,6 @@ def _check_distillable(controller: PolicyController) -> None:
     nominal = base_parameters(LEADERBOARD.driven(controller.robot))
     if not np.allclose(base_parameters(plant_of(controller)), nominal, rtol=1e-6, atol=1e-9):
         raise SwingupError("the recipe adapt is for the leaderboards' plant: give no other, and a policy for it")
-
-
-def _distilled(
-    controller: PolicyController,
-    settings: DistillationSettings,
-    random: np.random.Generator,
-    tell: Callable[[PolicyController, int, int, dict[str, float]], None],
-) -> PolicyController:
-    rounds = settings.rounds + bool(settings.score_steps)
-    return distil(controller, settings, random, lambda now, number: tell(_checked(now), number, rounds, {}))
 
 
 def _gradient_steps(
@@ -155,7 +150,7 @@ def _gradient_steps(
         episodes = sample_episodes(random, robot, stage.episodes, plant)
         recent.append(_means(np.asarray(episodes.nominal), learner.step(episodes)))
         if iteration % every == 0 or iteration == number:
-            controller = _with_actor(controller, learner)
+            controller = _checked(with_actor(controller, jax.tree.map(np.asarray, learner.actor)))
             means = {name: float(np.mean([each[name] for each in recent])) for name in recent[0]}
             tell(controller, iteration, number, means)
             recent.clear()
@@ -166,11 +161,6 @@ def _means(nominal: np.ndarray, measures: Any) -> dict[str, float]:
     score, down = np.asarray(measures.score), np.asarray(measures.down)
     means = {"nominal_score": score[nominal], "others_down": down[~nominal]}
     return {name: float(values.mean()) for name, values in means.items() if values.size}
-
-
-def _with_actor(controller: PolicyController, learner: AnalyticPolicyGradient) -> PolicyController:
-    actor = jax.tree.map(np.asarray, learner.state.actor)
-    return _checked(eqx.tree_at(lambda c: c.policy.actor, controller, actor))
 
 
 def _checked(controller: PolicyController) -> PolicyController:

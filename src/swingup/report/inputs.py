@@ -113,17 +113,13 @@ def check_robustness(name: str, result: Any) -> None:
     if not isinstance(result, Mapping) or all(result.get(each) is None for each in CRITERIA):
         raise SwingupError(f"{name} holds no robustness score: {ROBUSTNESS_REMEDY}")
     intervals = result.get("intervals", {})
-    if not isinstance(intervals, Mapping):
-        raise SwingupError(f"{name}: intervals = {quoted(intervals)} is not an object: {ROBUSTNESS_REMEDY}")
     for criterion, largest in {**dict.fromkeys(CRITERIA, 100.0), "score": 1.0}.items():
-        value, interval = result.get(criterion), intervals.get(criterion)
-        if value is not None:
-            finite_number(f"{name}: {criterion}", value, 0.0, largest)
-        if interval is None:
-            continue
-        if not isinstance(interval, list | tuple) or len(interval) != 2:
+        interval = intervals.get(criterion) if isinstance(intervals, Mapping) else intervals
+        if interval is not None and (not isinstance(interval, list | tuple) or len(interval) != 2):
             raise SwingupError(f"{name}: interval of {criterion} = {quoted(interval)} is not a pair")
-        for end in interval:
+        if result.get(criterion) is not None:
+            finite_number(f"{name}: {criterion}", result[criterion], 0.0, largest)
+        for end in interval or ():
             finite_number(f"{name}: interval of {criterion}", end, 0.0, largest)
 
 

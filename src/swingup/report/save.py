@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from ..benchmark.trajectory_file import load_trajectory
 from ..common.checks import one_of
@@ -67,15 +68,15 @@ def save_plot(
     suffix = check_suffix(out, FILM_FORMATS if kind == "animation" else FIGURE_FORMATS)
     labels = make_labels(files)
     if kind in ("robustness", "curve"):
-        if kind == "robustness":
-            figure = robustness_figure(dict(zip(labels, map(read_robustness, files), strict=True)))
-        else:
-            figure = curves_figure(dict(zip(labels, map(read_curve, files), strict=True)))
-        write_atomically(out, render(draw(figure), suffix))
+        read, describe = (
+            (read_robustness, robustness_figure) if kind == "robustness" else (read_curve, curves_figure)
+        )
+        found: dict[str, Any] = dict(zip(labels, map(read, files), strict=True))
+        write_atomically(out, render(draw(describe(found)), suffix))
         return
-    known = None if robot is None else get_robot(robot)
     trajectories = [load_trajectory(file) for file in files]
-    robots = [known or infer_robot(*item) for item in zip(files, trajectories, strict=True)]
+    pairs = zip(files, trajectories, strict=True)
+    robots = [infer_robot(*pair) if robot is None else get_robot(robot) for pair in pairs]
     if kind == "animation":
         animate(list(zip(trajectories, robots, strict=True)), out, fps, size, speed, plant)
         return
