@@ -1,17 +1,13 @@
 """The uptime of recordings, from sums done by hand."""
 
-import json
-
 import numpy as np
 import pytest
 
+from refusals import refusal
 from swingup.benchmark.boards import UPTIME
 from swingup.benchmark.plausibility import examine
 from swingup.benchmark.rollout import Trajectory
 from swingup.benchmark.score import score
-from swingup.benchmark.trajectory_file import save_trajectory
-from swingup.cli import main
-from swingup.common.errors import SwingupError
 from swingup.plant.robots import get_robot
 
 UP, DOWN = [np.pi, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]
@@ -45,12 +41,9 @@ def test_late_starts_and_other_lengths_of_the_run():
     assert score(late, "pendubot", UPTIME).score == pytest.approx(0.5)
 
 
-@pytest.mark.parametrize(
-    ("times", "message"), [([0.0, 1.0, 1.0], "do not increase"), ([1.0, 2.0, 3.0], "starts at t = 1 s")]
-)
-def test_recordings_that_cannot_be_scored(times, message):
-    with pytest.raises(SwingupError, match=message):
-        score(rows(times, [DOWN] * 3), "acrobot", UPTIME)
+def test_recordings_that_cannot_be_scored():
+    for times, named in ([0.0, 1.0, 1.0], "do not increase"), ([1.0, 2.0, 3.0], "starts at t = 1 s"):
+        assert named in refusal(score, rows(times, [DOWN] * 3), "acrobot", UPTIME)
 
 
 def test_throws_on_the_passive_joint_are_no_warning_and_neither_is_another_rate():
@@ -63,16 +56,3 @@ def test_throws_on_the_passive_joint_are_no_warning_and_neither_is_another_rate(
     assert "the rest counts as down" in found[0].text
     strong = examine(Trajectory(time, np.zeros((1000, 4)), 2 * u), get_robot("acrobot"), UPTIME)
     assert "passive_torque" in [each.name for each in strong]
-
-
-def test_the_command(tmp_path, capsys):
-    file = tmp_path / "minute.csv"
-    save_trajectory(file, rows([0.0, 15.0, 60.0], [DOWN, UP, DOWN]))
-    assert main(["score", str(file), "--robot", "acrobot", "--board", "uptime"]) == 0
-    assert "Score                            0.250" in capsys.readouterr().out
-    assert main(["score", str(file), "--robot", "acrobot", "--board", "uptime", "--json"]) == 0
-    result = json.loads(capsys.readouterr().out)
-    assert (result["board"], result["score"]) == ("uptime", 0.25)
-    for board, message in (("v1", "unknown board 'v1'"), ("robustness", "it scores no recording")):
-        assert main(["score", str(file), "--robot", "acrobot", "--board", board]) == 2
-        assert message in capsys.readouterr().err

@@ -21,7 +21,6 @@ from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.plant.robots import get_robot
 from swingup.policy.estimator.settings import EstimatorSettings
 from swingup.policy.identifier.settings import IdentifierSettings
-from swingup.policy.network.layers import Layer
 from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.plant_facts import policy_plant
 from swingup.policy.regulator.settings import RegulatorSettings
@@ -95,11 +94,6 @@ REGULATED = "acrobot-regulated"
 """The one that sees its plant, with a regulator near the top."""
 TOLD = "acrobot-told"
 """The same, behind an estimator with an identifier that tells policy and regulator what it finds."""
-IDENTIFIED = "acrobot-identified"
-"""The estimated policy, told what an identifier finds of its plant, C.1 as it is; it was not trained with that.
-
-A replayed motion does not follow the torques. There rounding grows without bound if torques change what is found
-much, and that the torques. This policy's change by 0.05 N m for twice the plant: rounding fades."""
 OTHER_PLANT = "acrobot-friction"
 """The one with an estimator that believes in C.1 as it is: with friction and motors' rotors."""
 
@@ -130,8 +124,6 @@ def policy(name):
         return dataclasses.replace(policy(SIGHTED), estimator=estimator, identifier=identifier, regulator=near)
     if name == SIGHTED:
         return policy_of(sighted_policy())
-    if name == IDENTIFIED:
-        return identified_policy()
     return policy_of(small_policy(kind == "wrapped")) if name in SMALL else load_policy(kind, robot)
 
 
@@ -160,18 +152,6 @@ def sighted_policy(layers=(16, 12)):
     scale[8] = 0.01 * base[8]
     stages = (PendulumStage("sincos", 20.0), PlantStage(centre, scale, clip=1.0))
     return PolicyController(Policy(stages, actor), 3.0, get_robot("acrobot"), plant=plant)
-
-
-def identified_policy():
-    """The acrobot's estimated policy with weights for the plant's inputs, behind an identifier."""
-    found = policy(ESTIMATED[0])
-    plant = policy_plant(load_plant("C.1"), found.robot)
-    base, first = base_parameters(plant), found.network.trunk[0]
-    sight = np.random.default_rng(2).normal(size=(len(first.bias), 9)).astype(np.float32) / 2000
-    trunk = (Layer(np.concatenate([first.weight, sight], axis=1), first.bias), *found.network.trunk[1:])
-    stages = (*found.network.stages, PlantStage(base, np.abs(base)))
-    network = dataclasses.replace(found.network, stages=stages, trunk=trunk)
-    return dataclasses.replace(found, network=network, plant=plant, identifier=IdentifierSettings())
 
 
 def in_double(controller):

@@ -19,7 +19,6 @@ from .references import (
     COLUMNS,
     DT,
     ESTIMATED,
-    IDENTIFIED,
     OTHER_PLANT,
     REGULATED,
     SHIPPED,
@@ -49,7 +48,7 @@ BRIEF = 600
 
 MEMORYLESS = [*(f"{robot}-ar-eapo" for robot in ("acrobot", "pendubot")), *SMALL, SIGHTED]
 """No loop tells more of them than their states do."""
-SLOW = ("acrobot-global", ESTIMATED[1], "pendubot-global", IDENTIFIED)
+SLOW = ("acrobot-global", ESTIMATED[1], "pendubot-global")
 """Their loops take seconds to compile; their states are in the default suite."""
 
 
@@ -72,7 +71,7 @@ TABLE = [
 ] + [
     a_cell(name, back_end, "states") for name in REMEMBERING for back_end in BACK_ENDS
 ] + [
-    a_cell(name, each, sensor) for name in [*REMEMBERING, IDENTIFIED] for each in WHOLE for sensor in COLUMNS
+    a_cell(name, each, sensor) for name in REMEMBERING for each in WHOLE for sensor in COLUMNS
 ] + [
     a_cell(name, back_end, "states") for name in ADAPTIVES for back_end in NETWORKS
 ]  # fmt: skip

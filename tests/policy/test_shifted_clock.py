@@ -55,16 +55,6 @@ def test_calls_before_a_reset_count_for_nothing(name):
 
 
 @ONE
-def test_the_number_of_calls_means_nothing_once_the_window_is_full(name):
-    found = numpy_controller(policy(name))
-    state = found.inner.state
-    found.inner.state = state._replace(identified=state.identified._replace(calls=10**9))
-    torques = numpy_loop(found, steps=FEW)[2]
-    # Learning begins some calls earlier: at rest there is nothing to learn yet.
-    np.testing.assert_allclose(torques, numpy_loop(numpy_controller(policy(name)), steps=FEW)[2], rtol=0, atol=0.05)
-
-
-@ONE
 def test_torques_follow_from_estimate_plant_and_memory(name):
     """A network and a regulator that know no time give the same, from the estimates and the plants found."""
     p = policy(name)
@@ -94,12 +84,3 @@ def watched(found):
 
     inner._torque = watching
     return shown
-
-
-@ONE
-def test_exact_zeros_mean_nothing(name):
-    """A start at rest differs from one beside it by what the motion differs."""
-    _, others, beside = numpy_loop(numpy_controller(policy(name)), start=(1e-9, 0, 0, 0), steps=FEW)
-    _, states, at = numpy_run(name)
-    np.testing.assert_allclose(others, states[:FEW], rtol=0, atol=1e-5)
-    np.testing.assert_allclose(beside, at[:FEW], rtol=0, atol=1e-4)
