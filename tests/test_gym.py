@@ -158,22 +158,6 @@ def test_bad_resets_and_actions_are_refused_and_change_nothing(kind):
     np.testing.assert_array_equal(env.step(good)[0], untouched.step(good)[0])
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        {"robot": "cartpole"}, {"robot": "acrobot", "task": "easy"},
-        {"robot": "acrobot", "task": short_task("pendubot")}, {"robot": "acrobot", "render_mode": "ansi"},
-        {"robot": "acrobot", "plant": "C.2"}, {"robot": "acrobot", "task": short_task("acrobot"), "plant": "A.0"},
-    ],
-)  # fmt: skip
-def test_bad_arguments_are_refused(arguments):
-    for kind in (PendulumEnv, make_two):
-        with pytest.raises(SwingupError, match=r"unknown|for the pendubot|has a plant of its own"):
-            kind(**arguments)
-    with pytest.raises(SwingupError, match="num_envs = 0: use a whole number of at least 1"):
-        PendulumVectorEnv("acrobot", num_envs=0)
-
-
 def test_the_plant_is_an_argument():
     env = gymnasium.make("swingup/Acrobot-v0", plant="cloudpendulum-rods").unwrapped
     assert float(env.task.parameters.tl2) == pytest.approx(0.13)

@@ -12,7 +12,6 @@ from policies import lone_policy
 from swingup.areapo.networks import init_actor
 from swingup.benchmark.boards import ROBUSTNESS
 from swingup.benchmark.grid import make_cases
-from swingup.common.errors import SwingupError
 from swingup.controllers.baselines.continuation import nominal_swingups
 from swingup.controllers.baselines.continuation_settings import ContinuationSettings
 from swingup.controllers.stack.controller import PolicyController
@@ -26,7 +25,6 @@ from swingup.refine.dataset import STILL, Dataset, _hanging_still
 from swingup.refine.distillation import distil, new_student
 from swingup.refine.distillation_settings import DistillationSettings, plant_scale
 from swingup.refine.plant_draws import SWEEPS, PlantDraws, draw_plants
-from swingup.refine.recipe import RECIPES, run_recipe
 from swingup.refine.recoveries import make_recoveries
 from swingup.refine.teacher import APART, TOP, make_teachers, matched_torque, taught
 from swingup.refine.wrappers import default_wrappers
@@ -199,15 +197,6 @@ def test_a_constant_torque_holds_the_plants_where_runs_begin_at_rest(robot):
     within = np.abs(np.sin(states[..., 0]) * (base[:, 3] / base[:, 2])[:, None]) < 1
     assert within.mean() > 0.7
     np.testing.assert_allclose(gravity[..., 1 - robot.joint][within], 0.0, atol=1e-6)
-
-
-def test_recipes_for_other_policies_and_plants_are_refused():
-    for name, recipe, options, message in (
-        ("adaptive", "recover", {}, "the policy sees its plant, which only the recipe adapt trains"),
-        ("ar-eapo", "adapt", {"plant": "cloudpendulum"}, "the recipe adapt is for the leaderboards' plant"),
-    ):
-        with pytest.raises(SwingupError, match=message):
-            run_recipe(lone_policy(name, "acrobot")[0], ACROBOT, RECIPES[recipe], **options)
 
 
 @pytest.mark.slow

@@ -13,7 +13,6 @@ from swingup.areapo.networks import init_actor
 from swingup.benchmark.boards import PERFORMANCE
 from swingup.benchmark.judge import judge
 from swingup.benchmark.rollout import Trajectory
-from swingup.common.errors import SwingupError
 from swingup.controllers.stack.controller import PolicyController
 from swingup.controllers.stack.policy import Policy
 from swingup.dynamics.angles import UPRIGHT
@@ -68,9 +67,6 @@ def test_seeds_tell_episodes_apart():
     one, same, other = (sample_episodes(np.random.default_rng(seed), ACROBOT, FEW) for seed in (1, 1, 2))
     assert np.array_equal(one.x0, same.x0)
     assert not np.array_equal(one.x0, other.x0)
-    for values in ({"nominal": -1}, {"speed": np.nan}, {"nominal": 0, "anywhere": 0, "thrown": 0}):
-        with pytest.raises(SwingupError, match=r"nominal = -1|speed = nan|no episodes"):
-            EpisodeSettings(**values)
 
 
 def test_the_smooth_score_is_nearly_the_judge_s(either_robot):

@@ -6,7 +6,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from swingup.common.errors import SwingupError
 from swingup.dynamics.angles import UPRIGHT
 from swingup.dynamics.integrate import rk4_step
 from swingup.plant.plant import LEADERBOARD, load_plant
@@ -210,11 +209,6 @@ def test_never_terminated_and_cut_where_it_diverges(name, either_robot):
 def test_fast_but_sound_motion_is_not_taken_for_divergence(robot):
     task = dataclasses.replace(paper_task(robot), truncation_probability=0.0)
     assert not step_from(task, [0.3, 0.2, 20.0, -20.0], 1.0).truncated
-
-
-def test_unknown_task_is_refused_with_the_choice(robot):
-    with pytest.raises(SwingupError, match="unknown task 'hover': use one of paper, smooth"):
-        get_task("hover", robot)
 
 
 def test_the_global_task_starts_after_throws_anywhere_and_hanging(either_robot):
