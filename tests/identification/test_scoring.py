@@ -9,16 +9,16 @@ from swingup.plant.plant import load_plant
 
 
 def test_errors_by_hand():
-    errors = np.zeros((2, 10, 4))
+    errors = np.zeros((3, 10, 4))
     errors[0, 1], errors[1, 1] = [3.0, 0.0, 1.0, 1.0], [0.0, 1.0, 1.0, 1.0]
     errors[:, 4, 2:] = 2.0
     summary = summarise(errors)
     assert list(summary) == ["0.1", "0.25", "0.5"]
-    # Four angles, (9 + 0 + 0 + 1) / 4.
-    assert (summary["0.1"].angle, summary["0.1"].velocity) == pytest.approx((np.sqrt(2.5), 1.0))
+    # Six angles, (9 + 0 + 0 + 1 + 0 + 0) / 6, and six velocities, of which four are 1.
+    assert (summary["0.1"].angle, summary["0.1"].velocity) == pytest.approx((np.sqrt(10 / 6), np.sqrt(4 / 6)))
     assert (summary["0.25"].angle, summary["0.25"].velocity) == pytest.approx((0.0, 2.0))
-    # The windows' own errors are sqrt(9 / 2) and sqrt(1 / 2); the median is that of their squares.
-    assert summary["0.1"].angle_median == pytest.approx(np.sqrt(2.5))
+    # The windows' own errors are sqrt(9 / 2), sqrt(1 / 2) and 0.
+    assert summary["0.1"].angle_median == pytest.approx(np.sqrt(0.5))
     assert summarise(errors[:0])["0.5"] == ErrorRow(0, None, None, None, None)
 
 
