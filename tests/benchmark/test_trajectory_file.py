@@ -165,7 +165,7 @@ def test_rows_with_more_cells_than_columns_are_refused(tmp_path):
         ("nan", "nan is not finite"),
         ("-inf", "-inf is not finite"),
         ("1e999", "1e999 is not finite"),
-        ("1e300", "1e300 is no number of a pendulum in SI units"),
+        ("1e300", "1e300 is too large for a pendulum in SI units"),
         ("x" * 1000, f"'{'x' * 40}' is not a number"),
     ],
 )

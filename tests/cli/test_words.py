@@ -52,7 +52,7 @@ NONSENSE = [
     ("evaluate acrobot --controller pendubot.safetensors", "is for 'pendubot', not the acrobot"),
     ("evaluate acrobot --controller wrong:missing", "'wrong:missing'"),
     ("evaluate acrobot --controller no_such_module:it", "'no_such_module:it'"),
-    ("evaluate acrobot --controller wrong:number", "3 is no controller"),
+    ("evaluate acrobot --controller wrong:number", "3 is not a controller"),
     ("evaluate acrobot --controller wrong:nan", "not finite at t = 0 s"),
     ("evaluate acrobot --controller wrong:nan --estimator", "in plain Python"),
     ("evaluate acrobot --check --controller nothing", "'nothing'"),

@@ -56,7 +56,7 @@ REFUSED = {
     "deeper than 10 levels": ["a: " + "[" * 1500 + "]" * 1500, "{a: " * 1500 + "1" + "}" * 1500, "[" * 5000],
     "is not a map": ["- a\n- b\n- a", "5", "--- \n..."],
     "is not YAML": ["a: 1\n---\nb: 2", "? [a, b]\n: 1", "a: \x00"],
-    "which is no name": ["1: 2"],
+    "which is not a name": ["1: 2"],
     "2 times": ["a: 1\n'a': 2", '"x\\ny": 1\n"x\\ny": 2'],
     "is not UTF-8 text": [b"\xff\xfe\x00"],
     "more than 0.1 MB": [b"a: 1\n" + b"#" * LARGEST_YAML],

@@ -165,10 +165,10 @@ def test_good_plain_python(name):
 
 
 NO_CONTROLLER = {
-    "3 is no controller: pass a function": 3,
-    "Remembering'> is no controller": Remembering,
+    "3 is not a controller: pass a function": 3,
+    "Remembering'> is not a controller": Remembering,
     "<Unprintable instance at ": Unprintable(),
-    " is no controller: pass": Remembering(get_control_output=[0.0, 1.0]),
+    " is not a controller: pass": Remembering(get_control_output=[0.0, 1.0]),
     "attribute robot raised ValueError (secret place): correct": Remembering(
         errors={"robot": ValueError("secret\nplace")}
     ),

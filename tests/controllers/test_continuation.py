@@ -11,9 +11,9 @@ from swingup.benchmark.rollout import Scenario
 from swingup.benchmark.runner import run_one
 from swingup.controllers.baselines import continuation
 from swingup.controllers.baselines.baselines import shipped_reference
-from swingup.controllers.baselines.continuation import continue_swingups, counts, nominal_swingups
+from swingup.controllers.baselines.continuation import accepted, continue_swingups, nominal_swingups
 from swingup.controllers.baselines.continuation_settings import ContinuationSettings, next_step
-from swingup.controllers.baselines.known_plant import damped, known_plant_controller
+from swingup.controllers.baselines.known_plant import known_plant_controller, linear_friction
 from swingup.dynamics.angles import UPRIGHT
 from swingup.plant.plant import LEADERBOARD, NAMES
 from swingup.plant.robots import ROBOTS
@@ -56,7 +56,7 @@ def test_a_swing_up_counts_if_it_is_cheap_slow_upright_finite_and_within_the_mot
     states[6, 100, 3] = 14.1
     cost = np.array([0.24, 0.24, 0.24, 0.24, 0.24, 0.26, 0.24])
     tried = dataclasses.replace(nominal, states=states, torque=torque, gains=gains, cost=cost)
-    np.testing.assert_array_equal(counts(tried, SETTINGS), [True, *[False] * 6])
+    np.testing.assert_array_equal(accepted(tried, SETTINGS), [True, *[False] * 6])
 
 
 def test_what_is_no_batch_of_pendulums():
@@ -95,7 +95,7 @@ def test_plants_move_by_steps_of_their_own(monkeypatch):
 
 def test_coulomb_friction_becomes_damping():
     plant = dataclasses.replace(LEADERBOARD.driven(ROBOTS["acrobot"]), b1=0.01, cf1=0.1, b2=0.02, cf2=-0.05)
-    found = damped(plant)
+    found = linear_friction(plant)
     assert (found.b1, found.b2) == pytest.approx((0.11, -0.03))
     assert dataclasses.replace(found, b1=0.01, cf1=0.1, b2=0.02, cf2=-0.05) == plant
 

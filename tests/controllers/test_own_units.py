@@ -15,7 +15,7 @@ from swingup.controllers.baselines.optimal import OPTIMAL
 from swingup.controllers.baselines.own_units import in_real_units, optimal_for, published_for
 from swingup.controllers.baselines.published import PUBLISHED
 from swingup.controllers.swingups import design
-from swingup.controllers.swingups.design import model_of
+from swingup.controllers.swingups.design import design_model
 from swingup.controllers.swingups.ilqr import Solution
 from swingup.controllers.swingups.reference import Reference
 from swingup.controllers.swingups.transition import PendulumTransition
@@ -74,7 +74,7 @@ def test_a_step_keeps_its_real_length(robot):
 @pytest.mark.parametrize("seed", range(2))
 def test_a_plant_moves_as_the_similar_one(x64, robot, seed):
     # Coulomb friction has a velocity of its own, and is in no model.
-    plant, random = model_of(drawn_plant(seed), robot), np.random.default_rng(seed)
+    plant, random = design_model(drawn_plant(seed), robot), np.random.default_rng(seed)
     scales = scales_of(plant)
     rates = np.array([1.0, 1.0, scales.time, scales.time])
     similar = similar_plant(plant, scales)
@@ -114,7 +114,7 @@ def test_a_swing_up_is_saved_in_real_units(x64, robot, similar):
 
 def test_coulomb_friction_stays_out_of_the_model(robot):
     real = load_plant("C.1").driven(robot)
-    model = model_of("C.1", robot)
+    model = design_model("C.1", robot)
     assert (model.cf1, model.cf2) == (0.0, 0.0)
     assert (model.b1, model.Ir) == (real.b1, real.Ir)
 

@@ -13,13 +13,13 @@ from swingup.identification.excite import rollouts
 from swingup.identification.excite.prior import corner_models, draw_models, prior_around
 from swingup.identification.excite.rollouts import Sequences, simulate
 from swingup.identification.excite.waves import PERIOD, REST, SHARES, TILTS, multisines
-from swingup.identification.fit.prediction import INDEX, setting_of, vector_of
+from swingup.identification.fit.prediction import INDEX, integration_of, vector_of
 from swingup.identification.log.recording import read_recording
 from swingup.loop.domain import make_domain
 from swingup.plant.plant import load_plant
 
 C1 = load_plant("C.1")
-SETTING = setting_of(C1).coarse
+SETTING = integration_of(C1).coarse
 NO_FEEDBACK = np.zeros((2, 2))
 
 

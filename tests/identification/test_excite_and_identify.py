@@ -7,7 +7,7 @@ from swingup.common.table import write_columns
 from swingup.identification.excite.excite import excite
 from swingup.identification.excite.prior import draw_models, prior_around
 from swingup.identification.excite.rollouts import Sequences, simulate
-from swingup.identification.fit.prediction import INDEX, setting_of
+from swingup.identification.fit.prediction import INDEX, integration_of
 from swingup.identification.identify import identify
 from swingup.identification.results import TITLES
 from swingup.plant.plant import load_plant
@@ -23,7 +23,7 @@ def test_the_plant_is_found(tmp_path):
     truth = draw_models(prior, 4, 123)[3:]
     limits = np.array(excitation.limits.torque)
     play = Sequences(excitation.torque[None], excitation.state[None], excitation.feedback, limits)
-    motion = simulate(setting_of(plant), truth, play, keep=True)
+    motion = simulate(integration_of(plant), truth, play, keep=True)
     q = QUANTUM * np.round(motion.states[0, 0, :, :2] / QUANTUM)
     columns = {"time": excitation.time, "pos_meas1": q[:, 0], "pos_meas2": q[:, 1]}
     columns |= {f"tau_con{joint + 1}": motion.torque[0, 0, :, joint] for joint in (0, 1)}

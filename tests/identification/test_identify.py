@@ -11,7 +11,7 @@ import swingup
 from refusals import refusal
 from swingup.cli import main
 from swingup.identification.fit import bootstrap, prediction
-from swingup.identification.fit.prediction import INDEX, setting_of, vector_of
+from swingup.identification.fit.prediction import INDEX, integration_of, vector_of
 from swingup.identification.fit.unknowns import expectations, make_unknowns
 from swingup.loop.domain import load_domain
 from swingup.plant.base_parameters import base_parameters
@@ -133,7 +133,7 @@ def test_a_block_that_knows_everything_moves_no_draw_far():
 
 def test_a_known_gain_is_that_of_both_motors():
     vector = vector_of(TRUTH)
-    expected = expectations(setting_of(TRUTH), vector, commanded=True)
+    expected = expectations(integration_of(TRUTH), vector, commanded=True)
     unknowns = make_unknowns([expected] * 2, vector, [["m2r2"], ["m2r2", "gain1"]], {"gain1": 0.8}, [0, 1])
     assert unknowns.entries.tolist() == [INDEX["m2r2"]]
     gains = [INDEX["gain1"], INDEX["gain2"]]

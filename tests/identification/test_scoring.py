@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from synthetic import TRUTH, simulate, write
 
-from swingup.identification.fit.prediction import predict, setting_of, vector_of
+from swingup.identification.fit.prediction import integration_of, predict, vector_of
 from swingup.identification.fit.scoring import ErrorRow, score_windows, summarise
 from swingup.identification.log.recording import read_recording
 from swingup.plant.plant import load_plant
@@ -38,7 +38,7 @@ def test_the_true_plant_predicts_a_simulation(tmp_path):
     windows = score_windows([recording])
     model = vector_of(TRUTH, 0.003, 3e-4)
     model[9:11] = 0.012, -0.02
-    errors = predict(setting_of(TRUTH), model, windows) - windows.states[:, 1:]
+    errors = predict(integration_of(TRUTH), model, windows) - windows.states[:, 1:]
     assert np.median(np.abs(errors[:, 4]), axis=0) == pytest.approx(0.0, abs=0.03)
-    wrong = predict(setting_of(TRUTH), vector_of(load_plant("C.1")), windows) - windows.states[:, 1:]
+    wrong = predict(integration_of(TRUTH), vector_of(load_plant("C.1")), windows) - windows.states[:, 1:]
     assert np.median(np.abs(wrong[:, 4, :2])) > 5 * np.median(np.abs(errors[:, 4, :2]))

@@ -103,8 +103,8 @@ BAD_DOMAINS = {
     "parameter m1 = 0 must be positive": "plant: C.1\nm1: [0.0, 0.5]",
     "mass matrix is not positive definite at cos(q2) = 1": "plant: C.1\nI2: 1.0e-6",
     "mass matrix is not positive definite": "plant: C.1\nm2: [0.3, 1.0]\nI2: [0.02, 0.08]",  # both ends alone are
-    "plant = 'B.9' is no plant": "plant: B.9",
-    "plant = 3 is no plant": "plant: 3",
+    "plant = 'B.9' is not a plant": "plant: B.9",
+    "plant = 3 is not a plant": "plant: 3",
     "is not a map": "- 1",
 }
 

@@ -148,7 +148,7 @@ BAD_FILES = {
     "mine.yml lacks m2, l1": "m1: 1",
     "part.yml lacks m2, l1": "plant: part.yml\nm1: 0.5",
     "m1 = [0.6, 0.7] is a range": "plant: B.0\nm1: [0.6, 0.7]",
-    "plant = 'B.9' is no plant: use A.0, B.0": "plant: B.9",
+    "plant = 'B.9' is not a plant: use A.0, B.0": "plant: B.9",
     "is not YAML": "m1: [1, 2\nm2: }",
     "is not a map": "- 1\n- 2\n",
     "gives m1 2 times": "m1: 1\nm2: 2\nm1: 3\n",

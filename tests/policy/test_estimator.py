@@ -120,10 +120,10 @@ def by_the_document(settings, p, measurements, torques):
             for n in range(N + 1):
                 a = (u[n] - u[m]) * b
                 d[n] = [*(d[n, :2] + dt * d[n, 2:] + dt**2 / 2 * a), *(d[n, 2:] + dt * a)]
-                far = np.sum((e - d[n])[:2] ** 2) / core.RESIDUAL**2
-                S[n] = np.exp(-dt / core.MEMORY) * S[n] + np.log(1 + far)
+                far = np.sum((e - d[n])[:2] ** 2) / core.OUTLIER_SCALE**2
+                S[n] = np.exp(-dt / core.EVIDENCE_TIME) * S[n] + np.log(1 + far)
                 d[n] -= correct(d[n])
-            m = int(np.argmin(S + core.CAUTION * np.arange(N + 1)))
+            m = int(np.argmin(S + core.DELAY_PENALTY * np.arange(N + 1)))
             estimate, d = p_next + correct(e) + d[m], d - d[m]
             seen = estimate
             U = np.concatenate([[0.0], np.cumsum(u)])
@@ -141,8 +141,8 @@ PENDUBOT = LEADERBOARD.driven("pendubot")
 def test_it_does_what_the_document_says(monkeypatch):
     settings, steps = EstimatorSettings(max_delay_steps=5), 60
     # So that the delay changes within some calls.
-    monkeypatch.setattr(core, "CAUTION", 0.1)
-    monkeypatch.setattr(core, "MEMORY", 0.05)
+    monkeypatch.setattr(core, "DELAY_PENALTY", 0.1)
+    monkeypatch.setattr(core, "EVIDENCE_TIME", 0.05)
     random = np.random.default_rng(3)
     measured = np.cumsum(random.normal(size=(steps, 4)) * [5e-4, 5e-4, 0.2, 0.2], axis=0)
     measured += np.array([3.0, 0.5, 0.0, 0.0])

@@ -10,7 +10,7 @@ import pytest
 from scipy.linalg import solve_continuous_are, solve_discrete_are
 
 from benchmark.independent import rk4
-from swingup.controllers.baselines.known_plant import damped
+from swingup.controllers.baselines.known_plant import linear_friction
 from swingup.controllers.baselines.lqr import linearised
 from swingup.controllers.interface.controller import AbstractController, check_interface
 from swingup.controllers.stack.estimator import with_estimator
@@ -88,7 +88,7 @@ def regulator(robot, plant=None, settings=SETTINGS):
 def test_the_fixed_point_is_scipys(robot):
     for plant in plants(robot):
         h = chosen.RICCATI_STEP
-        A, B = linearised(damped(plant), robot, UPRIGHT[None], np.zeros(1))
+        A, B = linearised(linear_friction(plant), robot, UPRIGHT[None], np.zeros(1))
         a = np.eye(4) + h * A[0] + 0.5 * h**2 * A[0] @ A[0]
         b = h * B[0] + 0.5 * h**2 * A[0] @ B[0]
         expected = solve_discrete_are(a, b[:, None], h * np.diag(STATE_WEIGHTS), [[h * TORQUE_WEIGHT]])
@@ -98,7 +98,7 @@ def test_the_fixed_point_is_scipys(robot):
 def test_gains_converge_to_those_in_continuous_time(robot, monkeypatch):
     """The difference is that of a torque which is held for a step: it halves with the step."""
     for plant in plants(robot):
-        A, B = linearised(damped(plant), robot, UPRIGHT[None], np.zeros(1))
+        A, B = linearised(linear_friction(plant), robot, UPRIGHT[None], np.zeros(1))
         S = solve_continuous_are(A[0], B[0][:, None], np.diag(STATE_WEIGHTS), [[TORQUE_WEIGHT]])
         expected, errors = B[0] @ S / TORQUE_WEIGHT, []
         for h in (0.005, 0.0025, 0.00125):

@@ -26,7 +26,7 @@ from swingup.refine.distillation import distil, new_student
 from swingup.refine.distillation_settings import DistillationSettings, plant_scale
 from swingup.refine.plant_draws import SWEEPS, PlantDraws, draw_plants
 from swingup.refine.recoveries import make_recoveries
-from swingup.refine.teacher import APART, TOP, make_teachers, matched_torque, taught
+from swingup.refine.teacher import APART, TOP_COST, make_teachers, matched_torque, taught
 from swingup.refine.wrappers import default_wrappers
 from swingup.tasks.observation import PendulumStage
 
@@ -118,7 +118,7 @@ def test_the_swingup_teaches_near_it_and_the_regulator_at_the_top(robot):
     assert float(torque) == pytest.approx(float(teacher.torque[row] + teacher.gains[row] @ off), abs=2e-3)
     assert 0 < float(distance) < 0.003
     error = np.array([0.001, 0.002, 0.0, 0.0], np.float32)
-    assert error @ teacher.cost_to_go @ error < TOP
+    assert error @ teacher.cost_to_go @ error < TOP_COST
     torque, _ = taught(teacher, recovery, 0.5, jnp.float32([np.pi, 0, 0, 0]) + error)
     assert float(torque) == pytest.approx(float(-teacher.top_gains @ error), abs=1e-4)
     # Dry friction of the undriven joint costs torque there.

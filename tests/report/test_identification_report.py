@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from swingup.identification.fit.prediction import INDEX, setting_of, vector_of
+from swingup.identification.fit.prediction import INDEX, integration_of, vector_of
 from swingup.identification.fit.scoring import prediction_errors, score_windows, summarise
 from swingup.identification.identify import Identification
 from swingup.identification.log.recording import read_recording
@@ -19,7 +19,7 @@ from .logs import C1, write_log
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
     recording = read_recording(write_log(tmp_path_factory.mktemp("logs") / "<log>.csv"))
-    setting, windows = setting_of(C1), score_windows([recording])
+    setting, windows = integration_of(C1), score_windows([recording])
     fitted = vector_of(C1, delay=0.0, lag=3e-4)
     start = fitted.copy()
     start[INDEX["B"]] *= 1.3

@@ -170,7 +170,7 @@ def test_sections_judge_everybody_with_one_disturbance(monkeypatch):
     # One policy under two names: the same noise and the same pushes.
     assert first["shows"][0]["runs"] == first["shows"][1]["runs"]  # equal arrays are stored once
     assert first["shows"][0]["runs"]["undisturbed"] != first["shows"][0]["runs"]["disturbed"]
-    assert "<b>none</b>: controller &#39;none&#39;: &#39;no controller&#39; is no controller" in html
+    assert "<b>none</b>: controller &#39;none&#39;: &#39;no controller&#39; is not a controller" in html
     # A controller for the other robot.
     assert [show["name"] for show in second["shows"]] == ["ar-eapo"]
     assert "is for the acrobot, not the pendubot" in html

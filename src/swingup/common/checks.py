@@ -14,7 +14,7 @@ LARGEST = 1e9
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value is a finite real number; truth values are none."""
+    """Whether a value is a finite real number; a truth value is not."""
     if isinstance(value, bool) or not isinstance(value, Real):
         return False
     try:
@@ -70,7 +70,7 @@ def one_of(kind: str, value: Any, choices: Iterable[str], more: str = "") -> str
         more: what else would do, for the message.
 
     Raises:
-        SwingupError: the value is none of them.
+        SwingupError: the value is not one of them.
     """
     names = list(choices)
     if isinstance(value, str) and value in names:

@@ -24,6 +24,6 @@ OTHER_NAMES = {
 
 
 def our_name(name: object) -> str:
-    """The end of a message about an unknown name: ours for it; empty where there is none."""
+    """The end of a message about an unknown name: our name for it; empty if we have none."""
     ours = OTHER_NAMES.get(name) if isinstance(name, str) else None
     return f": here it is {ours}" if ours else ""

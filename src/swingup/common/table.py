@@ -144,7 +144,7 @@ def _number(path: str | Path, row: _Row, name: str, place: int) -> float:
     if not math.isfinite(float(cell)):
         raise SwingupError(f"{where}: {cell[:40]} is not finite: correct it or end the file before it")
     if abs(float(cell)) > LARGEST:
-        raise SwingupError(f"{where}: {cell[:40]} is no number of a pendulum in SI units: correct it")
+        raise SwingupError(f"{where}: {cell[:40]} is too large for a pendulum in SI units: correct it")
     return float(cell)
 
 

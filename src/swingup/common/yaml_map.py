@@ -47,7 +47,7 @@ def read_map(path: str | Path, kind: str) -> dict[str, Any]:
         raise SwingupError(f"{named} is not a map: {FLAT_MAP}")
     for name in data:
         if not isinstance(name, str):
-            raise SwingupError(f"{named} gives a value to {quoted(name)}, which is no name: {FLAT_MAP}")
+            raise SwingupError(f"{named} gives a value to {quoted(name)}, which is not a name: {FLAT_MAP}")
     return data
 
 

@@ -26,11 +26,6 @@ def mass_matrix(plant: Plant, x: State) -> Float[Array, "2 2"]:
     return jnp.array([[m11, m12], [m12, m22]])
 
 
-def coriolis_torque(plant: Plant, x: State) -> Torque:
-    """C(q, q̇) q̇ (N m)."""
-    return jnp.array(equations.coriolis(lump(plant), sine_cosine(x[1])[0], x[2], x[3]))
-
-
 def gravity_torque(plant: Plant, x: State) -> Torque:
     """G(q) (N m), the torque with which gravity drives each joint."""
     sin1, sin12 = sine_cosine(x[0])[0], sine_cosine(x[0] + x[1])[0]

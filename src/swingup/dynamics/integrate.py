@@ -56,9 +56,3 @@ def rk4_step(parameters: Plant, x: State, u: Torque, dt: float | Scalar) -> Stat
     k3 = derivative(parameters, x + 0.5 * dt * k2, u)
     k4 = derivative(parameters, x + dt * k3, u)
     return x + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-
-
-def midpoint_step(parameters: Plant, x: State, u: Torque, dt: float | Scalar) -> State:
-    """One step of the explicit midpoint rule over dt (s): second order, at half the cost."""
-    halfway = x + 0.5 * dt * derivative(parameters, x, u)
-    return x + dt * derivative(parameters, halfway, u)

@@ -12,7 +12,7 @@ from ..common.errors import SwingupError
 from ..plant.plant import Plant, PlantLike, load_plant
 from .fit.bootstrap import draw_solutions
 from .fit.fit import Fit, fit_all, fit_start, refit
-from .fit.prediction import NAMES, Setting, setting_of, vector_of
+from .fit.prediction import NAMES, Integration, integration_of, vector_of
 from .fit.problem import Problem, known_entries, session_numbers
 from .fit.regression import check_joints
 from .fit.scoring import Errors, hold_out, prediction_errors, score_windows, summarise
@@ -40,7 +40,7 @@ class Identification:
     notes: Sequence[str]
     """What a user should know of the logs and the fit."""
     start_name: str
-    setting: Setting
+    setting: Integration
     recordings: Sequence[Recording]
     """Those that were fitted, then those that were held out."""
     models: Float[np.ndarray, "logs 15"]
@@ -97,7 +97,7 @@ def identify(
         raise SwingupError("no logs: give at least one CSV file")
     plant, recordings, tests = load_plant(start), [*map(read_recording, files)], [*map(read_recording, test)]
     numbers = session_numbers(sessions, len(recordings) + len(tests))
-    setting, vector = setting_of(plant), vector_of(plant)
+    setting, vector = integration_of(plant), vector_of(plant)
     check_joints([*recordings, *tests], setting, vector)
     problem = Problem(setting, vector, recordings, numbers[: len(recordings)], known_entries(known))
     if max(numbers) > max(problem.sessions):

@@ -15,7 +15,7 @@ from scipy.interpolate import CubicHermiteSpline
 from ..loop.domain import Domain
 from ..loop.loop import LOOP_DT
 from .fit.fit import fit_start
-from .fit.prediction import INDEX, LEAST_LAG, NAMES, Setting, predict, setting_of, vector_of
+from .fit.prediction import INDEX, LEAST_LAG, NAMES, Integration, integration_of, predict, vector_of
 from .fit.problem import LATENCY, Problem
 from .fit.scoring import ErrorRow, Errors, error_row, prediction_errors, score_windows, summarise
 from .log.recording import Recording
@@ -51,7 +51,7 @@ class OpenLoop:
 
     name: str
     """Name of the plant."""
-    setting: Setting
+    setting: Integration
     model: Float[np.ndarray, "15"]
     """``prediction.NAMES``"""
     fitted: tuple[str, ...]
@@ -76,7 +76,7 @@ def predict_log(recording: Recording, domain: Domain, name: str) -> OpenLoop:
     ``name``.
     """
     plant = domain.nominal_plant
-    setting, start = setting_of(plant), _start(domain, vector_of(plant))
+    setting, start = integration_of(plant), _start(domain, vector_of(plant))
     known = {each: float(start[INDEX[each]]) for each in LATENCY if _says(domain, each)}
     fitted = tuple(each for each in LATENCY if each not in known) if any(recording.driven) else ()
     problem = Problem(setting, start, [recording], [0], known)
@@ -106,7 +106,7 @@ def fastest_speeds(windows: Segments, outputs: int) -> Float[np.ndarray, "window
     return speeds
 
 
-def predicted_curves(setting: Setting, model: Float[np.ndarray, "15"], windows: Segments) -> Segments:
+def predicted_curves(setting: Integration, model: Float[np.ndarray, "15"], windows: Segments) -> Segments:
     """Predictions over windows as smooth curves: cubics between the states, with their velocities as slopes."""
     offsets = DRAWN_STEP * np.arange(round(windows.offsets[-1] / DRAWN_STEP) + 1)
     states = np.concatenate([windows.states[:, :1], predict(setting, model, windows)], axis=1)

@@ -46,7 +46,7 @@ def representative(base: Mapping[str, float], start: Plant) -> Plant:
 def domain_of(plant: Plant, ranges: Mapping[str, Range], others: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """A domain's content: ranges of plant and loop around an identified plant.
 
-    Where wide ranges have corners that are no pendulum, they are narrowed together until none is left.
+    Where corners of wide ranges do not make a pendulum, all ranges are narrowed together until they do.
 
     Args:
         plant: the representative.

@@ -65,7 +65,7 @@ class RunSettings:
         if (self.robot is None) == (self.env is None):
             raise SwingupError(f"robot = {quoted(self.robot)} and env = {quoted(self.env)}: give one of the two")
         if not isinstance(self.name, str):
-            raise SwingupError(f"{quoted(self.robot or self.env)} is no name of a robot or an environment")
+            raise SwingupError(f"{quoted(self.robot or self.env)} is not a robot or an environment")
         if self.robot is not None:
             get_robot(self.robot)
         object.__setattr__(self, "preset", preset_name(self.preset))

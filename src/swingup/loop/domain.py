@@ -75,7 +75,7 @@ class Domain:
         """Refuse plants that cannot move.
 
         Raises:
-            SwingupError: a combination of the values makes no pendulum.
+            SwingupError: a combination of the values does not make a pendulum.
         """
         for corner in self.corners():
             validated(corner)

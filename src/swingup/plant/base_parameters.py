@@ -31,13 +31,13 @@ class Spread:
 
     PART: ClassVar[str] = "identifier spread"
     inertial: Annotated[float, Range(1e-9, 1e3)] = 0.25
-    """Of I1, I2, m2, r1 and r2, as a share of each."""
+    """Spread of I1, I2, m2, r1 and r2, as a share of each."""
     damping: Annotated[float, Range(1e-9, 1e3)] = 0.1
-    """Of b1 and b2 (N m s/rad)."""
+    """Spread of b1 and b2 (N m s/rad)."""
     coulomb: Annotated[float, Range(1e-9, 1e3)] = 0.2
-    """Of cf1 and cf2 (N m)."""
+    """Spread of cf1 and cf2 (N m)."""
     rotor: Annotated[float, Range(1e-9, 1e3)] = 1e-4
-    """Of Ir (kg m²)."""
+    """Spread of Ir (kg m²)."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot work: deviations are reported relative to these."""

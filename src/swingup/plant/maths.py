@@ -25,7 +25,7 @@ class Maths(NamedTuple):
     log1p: Callable[[Number], Number]
     root: Callable[[Number], Number]
     minimum: Callable[[Number, Number], Number]
-    """Of two numbers; so are the next two."""
+    """The smaller of two numbers."""
     maximum: Callable[[Number, Number], Number]
     where: Callable[[Any, Number, Number], Number]
     numbers: Callable[[Any], tuple[Number, ...]]
@@ -68,4 +68,4 @@ NUMPY = Maths(
     window=lambda rows, start, size: rows[start : start + size],
     choose=lambda condition, yes, no: yes() if condition else no,
 )
-"""Of NumPy: arrays in double precision and Python's floats."""
+"""NumPy's functions, for arrays in double precision and Python's floats."""

@@ -28,7 +28,7 @@ from .base_parameters import Geometry
 from .equations import COULOMB_STEEPNESS, Number, Pair
 from .maths import Maths
 
-CLOSE = 1e-3
+CLOSE_RATES = 1e-3
 """Rates closer than this (rad/s) have one arctangent: the mean by the antiderivative would lose its digits."""
 
 
@@ -69,7 +69,7 @@ def momentum_rows(
 
 def mean_arctan(start: Number, end: Number, maths: Maths) -> Number:
     """The mean of arctan(100 v) while a rate v goes straight from start to end (rad/s)."""
-    far = abs(end - start) > CLOSE
+    far = abs(end - start) > CLOSE_RATES
     # Both branches are computed, so that neither may divide by 0.
     span = maths.where(far, end - start, 1.0)
     mean = (_antiderivative(end, maths) - _antiderivative(start, maths)) / span

@@ -176,7 +176,7 @@ def base_plant(source: object, folder: str | Path) -> Plant:
         return _shipped_plant(source)
     if not isinstance(source, str) or not source.endswith((".yml", ".yaml")):
         known = ", ".join(SHIPPED_PLANTS)
-        raise SwingupError(f"plant = {quoted(source)} is no plant: use {known} or a parameter file (.yml)")
+        raise SwingupError(f"plant = {quoted(source)} is not a plant: use {known} or a parameter file (.yml)")
     path = Path(folder) / source
     return make_plant(_entries(path), f"parameter file {path}", source)
 

@@ -82,7 +82,7 @@ def _checked(name: str, array: np.ndarray) -> np.ndarray:
 def _network(metadata: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Network:
     entries = metadata.get("observation")
     if not isinstance(entries, list) or len(entries) > MOST_STAGES:
-        raise SwingupError(f"observation {quoted(entries)} is no list of up to {MOST_STAGES} stages")
+        raise SwingupError(f"observation {quoted(entries)} is not a list of up to {MOST_STAGES} stages")
     # Counted, so that a gap in the numbers shows as a missing array.
     depth = sum(name.startswith("network.trunk.") and name.endswith(".weight") for name in arrays)
     choices = _choices(metadata)

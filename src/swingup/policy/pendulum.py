@@ -31,7 +31,7 @@ class PendulumPolicy:
     """One torque for a state, perhaps behind an estimator or with a regulator."""
 
     network: Network
-    """As in the file; ``folded`` is what back ends run."""
+    """The network of the file; ``folded`` is what back ends run."""
     robot: Robot
     torque_limit: float
     """Torque of an action of 1 (N m)."""

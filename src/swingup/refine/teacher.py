@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from ..common.types import Scalar, State
 from ..controllers.baselines.continuation import SwingUps
-from ..controllers.baselines.known_plant import friction_gain, plants_lqr
+from ..controllers.baselines.known_plant import friction_gain, plant_lqr
 from ..controllers.stack.controller import PolicyController
 from ..controllers.stack.maths import JAX
 from ..dynamics.angles import UPRIGHT, wrap_difference
@@ -25,7 +25,7 @@ APART = 4
 """Rows of a swing-up among which the nearest is sought, to one of these: 8 ms."""
 WEIGHTS = (1.0, 1.0, 0.12, 0.12)
 """Of errors in a distance (1, s): a velocity of 1 rad/s is as far as an angle of 0.12 rad."""
-TOP = 1.5
+TOP_COST = 1.5
 """Cost-to-go of the LQR below which it teaches. With 0.5 more than a third of the acrobot's robot plants fell from
 the top once under weak noise of the torques, with this a fifth."""
 ARRIVED = 0.5
@@ -35,7 +35,7 @@ FRICTION = 0.5
 20 % of the acrobot's drawn plants fell from near the top, with this share 14 %, of the pendubot's 14 % and 6 %."""
 KNEE = 10.0
 """The friction's sign there is taken as 2/π arctan of this times the velocity (s/rad)."""
-FAR = 1e6
+COST_WHEN_OVER = 1e6
 """Added to the squared distances from rows that do not teach."""
 EDGE = 0.2
 """The teachers change over between this share below and above the tube's radius."""
@@ -53,7 +53,7 @@ class Teachers(eqx.Module):
     states: Float[Array, "n rows 4"]
     """Swing-ups (rad, rad/s)."""
     at_rest: Float[Array, "n rows"]
-    """``FAR`` where a swing-up is over, else 0."""
+    """``COST_WHEN_OVER`` where a swing-up is over, else 0."""
     torque: Float[Array, "n rows"]
     """N m"""
     gains: Float[Array, "n rows 4"]
@@ -75,7 +75,7 @@ def make_teachers(swingups: SwingUps) -> Teachers:
     """Teachers for the plants that the swing-ups are of."""
     columns = [getattr(swingups.plants, name) for name in NAMES]
     plants = [validated(Plant(*values)) for values in zip(*columns, strict=True)]
-    regulators = [plants_lqr(plant, swingups.reference(index)) for index, plant in enumerate(plants)]
+    regulators = [plant_lqr(plant, swingups.reference(index)) for index, plant in enumerate(plants)]
     nominal = base_parameters(LEADERBOARD.driven(swingups.robot))
     bases = np.stack([base_parameters(plant) for plant in plants])
     gains, cost_to_go = (np.stack([getattr(each, name) for each in regulators]) for name in ("gains", "cost_to_go"))
@@ -84,7 +84,12 @@ def make_teachers(swingups: SwingUps) -> Teachers:
     errors = states - UPRIGHT
     errors[..., :2] = wrap_difference(errors[..., :2])
     costs = np.einsum("nri,nij,nrj->nr", errors, cost_to_go, errors)
-    rows = states, np.where(costs < ARRIVED, FAR, 0.0), swingups.torque[:, ::APART], swingups.gains[:, ::APART]
+    rows = (
+        states,
+        np.where(costs < ARRIVED, COST_WHEN_OVER, 0.0),
+        swingups.torque[:, ::APART],
+        swingups.gains[:, ::APART],
+    )
     arrays = bases, np.tile(nominal, (len(bases), 1)), *rows, gains, friction, cost_to_go
     teachers: Teachers = single_precision(Teachers(swingups.plants, *arrays))  # type: ignore[arg-type]  # NumPy's
     return teachers
@@ -110,7 +115,7 @@ def taught(one: Teachers, recovery: PolicyController, tube: float | Scalar, x: S
     u = (1 - outside) * along + outside * matched_torque(recovery, one.plant, x)
     sign = jnp.arctan(KNEE * x[3 - recovery.robot.joint])
     at_top = FRICTION * one.top_friction * sign - one.top_gains @ _from_upright(x)
-    u = jnp.where(top_cost(one, x) < TOP, at_top, u)
+    u = jnp.where(top_cost(one, x) < TOP_COST, at_top, u)
     return jnp.clip(u, -limit, limit), distance
 
 

@@ -15,7 +15,7 @@ from ...plant.plant import LEADERBOARD, Plant, PlantLike
 from ...plant.robots import Robot, get_robot
 from ...plant.units import Scales, scales_of, similar_plant
 from ..interface.controller import AbstractController
-from ..swingups.design import compute_reference, model_of
+from ..swingups.design import compute_reference, design_model
 from ..swingups.reference import Reference, load_reference
 from .lqr import LQR, upright_lqr
 from .mpc import mpc
@@ -36,8 +36,8 @@ SHIPPED_TRAJECTORIES = {"published": "ilqr", "score": "score"}
 
 DESIGN_SEED = 0
 """Seed of the swing-ups that are computed for other plants."""
-FAR = 0.1
-"""A swing-up that ends farther from upright than this, in an angle, is none (rad)."""
+LARGEST_FINAL_ERROR = 0.1
+"""A swing-up ends within this of upright, in both angles (rad)."""
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -68,9 +68,9 @@ class Design:
 
 def design_of(robot: Robot, plant: PlantLike) -> Design:
     """Settings for a plant; for the leaderboards' the published ones and the shipped swing-ups."""
-    model, published, optimal = model_of(plant, robot), PUBLISHED[robot.name], OPTIMAL[robot.name]
+    model, published, optimal = design_model(plant, robot), PUBLISHED[robot.name], OPTIMAL[robot.name]
     scales = scales_of(model)
-    if model == model_of(LEADERBOARD, robot):
+    if model == design_model(LEADERBOARD, robot):
         return Design(robot, model, scales, published, optimal, shipped=True)
     if not scales.torque > 0:
         raise SwingupError(f"the {robot.name}'s motor has a torque limit of 0: raise tl{robot.joint + 1}")
@@ -96,7 +96,7 @@ def baseline(name: str, robot: Robot | str, plant: PlantLike = LEADERBOARD) -> A
         raise SwingupError(f"unknown baseline {name!r}: use one of {', '.join(BASELINES)}")
     design = design_of(robot, plant)
     designed = _designed(name, design)
-    return designed if design.shipped else in_own_units(designed, model_of(plant, robot), robot, design.scales)
+    return designed if design.shipped else in_own_units(designed, design_model(plant, robot), robot, design.scales)
 
 
 def _designed(name: str, design: Design) -> AbstractController[Any]:
@@ -142,19 +142,19 @@ def shipped_reference(robot: Robot | str, problem: str = "published") -> tuple[R
 def _computed_reference(design: Design, problem: str) -> Reference:
     """A swing-up, computed once in a process; a warning says when it does not come up."""
     found = design.compute(problem, DESIGN_SEED)[0]
-    if not comes_up(found, design.model):
+    if not reaches_upright(found, design.model):
         _LOGGER.warning(
             "no swing-up of the %s was found for this plant: its baselines will fail", design.robot.name
         )
     return found
 
 
-def comes_up(reference: Reference, parameters: Plant) -> bool:
+def reaches_upright(reference: Reference, parameters: Plant) -> bool:
     """Whether a swing-up ends near upright, with torques that the motor has."""
     error = np.abs(np.asarray(reference.states)[-1] - UPRIGHT)[:2].max()
     limit = parameters.limit(reference.robot.joint)
     # The units of a plant are right to rounding.
-    return bool(error < FAR and np.abs(reference.torque).max() <= limit * (1 + 1e-9))
+    return bool(error < LARGEST_FINAL_ERROR and np.abs(reference.torque).max() <= limit * (1 + 1e-9))
 
 
 def _ending(first: AbstractController[Any], top: LQR, threshold: StateFloats) -> LatchingSwitch:

@@ -84,13 +84,13 @@ def continue_swingups(
         for start in range(0, len(pending), settings.batch):
             part = pending[start : start + settings.batch]
             tried = _try_step(found, part, steps[part], targets, settings)
-            good = counts(tried, settings)
+            good = accepted(tried, settings)
             steps[part] = next_step(steps[part], good, settings)
             found = jax.tree.map(lambda old, new, to=part[good], by=good: _put(old, to, new[by]), found, tried)
     return found
 
 
-def counts(tried: SwingUps, settings: ContinuationSettings) -> np.ndarray:
+def accepted(tried: SwingUps, settings: ContinuationSettings) -> np.ndarray:
     """Which swing-ups count: finite, cheap, slow, upright in the end, and with torques that the motor has."""
     error = np.abs(tried.states[:, -1] - UPRIGHT)
     upright = np.all(error < np.array(settings.max_error), axis=1)

@@ -36,7 +36,7 @@ class ContinuationSettings:
     gain_final: StateFloats = (10.0, 10.0, 1.0, 1.0)
     """Final weights for the gains. Larger ones make the gains near the end so large that steps fail."""
     first_step: float = 0.1
-    """Of λ."""
+    """First step of λ."""
     largest_step: float = 0.1
     """Longer steps leap to other motions, of twice the cost."""
     smallest_step: float = 0.01
@@ -50,9 +50,10 @@ class ContinuationSettings:
     max_cost: float = 0.25
     """A swing-up of larger cost does not count: it is another motion than the nominal one, whose cost is 0.15."""
     max_speed: float = 14.0
-    """Nor does a faster one of a joint (rad/s): it spins where the nominal one swings."""
+    """A swing-up with a faster joint does not count (rad/s): it spins where the nominal one swings."""
     max_error: StateFloats = (0.15, 0.15, 0.7, 0.7)
-    """Nor does one that ends farther from upright at rest (rad, rad/s), beyond a regulator's reach."""
+    """A swing-up that ends farther from upright at rest does not count (rad, rad/s): no regulator
+    reaches it."""
     batch: int = 64
     """Plants side by side in a call. Smaller calls are filled up: all share one compilation."""
     solver: ILQRSettings = _SOLVER

@@ -1,6 +1,7 @@
 """A controller that is told its plant: the plant's own optimal swing-up, then the plant's own LQR.
 
-It follows the swing-up by time and does not recover from throws. It shows what can be had where the plant is known.
+It follows the swing-up by time and does not recover from throws. It is an upper bound: no adaptive controller knows
+more of its plant.
 """
 
 import dataclasses
@@ -14,8 +15,8 @@ from .lqr import LQR, LQRSettings, disturbance_gain, upright_lqr
 from .switch import LatchingSwitch
 from .tracking import riccati_controller
 
-TOP = LQRSettings(state_weights=(1.0, 1.0, 0.1, 0.1), torque_weight=1.0, max_cost_to_go=1000.0)
-"""The best of those that were tried, with the friction of :func:`damped` (``benchmarks/README.md``)."""
+TOP_WEIGHTS = LQRSettings(state_weights=(1.0, 1.0, 0.1, 0.1), torque_weight=1.0, max_cost_to_go=1000.0)
+"""The best of those that were tried, with the friction of :func:`linear_friction` (``benchmarks/README.md``)."""
 
 HAND_OVER = ContinuationSettings().max_error
 """|errors| below which the LQR takes over (rad, rad/s): no accepted swing-up ends farther away. A third and two
@@ -30,12 +31,12 @@ def known_plant_controller(plant: Plant, reference: Reference) -> LatchingSwitch
         reference: a swing-up for it, as ``continuation.SwingUps.reference`` gives it.
     """
     following = riccati_controller(reference, plant)
-    return LatchingSwitch(following, plants_lqr(plant, reference), np.array(HAND_OVER), reference.robot)
+    return LatchingSwitch(following, plant_lqr(plant, reference), np.array(HAND_OVER), reference.robot)
 
 
-def plants_lqr(plant: Plant, reference: Reference) -> LQR:
+def plant_lqr(plant: Plant, reference: Reference) -> LQR:
     """The LQR at the top that is designed for a plant with its friction."""
-    return upright_lqr(damped(plant), reference.robot, TOP)
+    return upright_lqr(linear_friction(plant), reference.robot, TOP_WEIGHTS)
 
 
 def friction_gain(plant: Plant, regulator: LQR) -> float:
@@ -43,10 +44,12 @@ def friction_gain(plant: Plant, regulator: LQR) -> float:
 
     Where the joint moves forwards, friction is a constant torque backwards (``lqr.disturbance_gain``).
     """
-    return disturbance_gain(damped(plant), regulator) * float((plant.cf2, plant.cf1)[regulator.robot.joint])
+    return disturbance_gain(linear_friction(plant), regulator) * float(
+        (plant.cf2, plant.cf1)[regulator.robot.joint]
+    )
 
 
-def damped(plant: Plant) -> Plant:
+def linear_friction(plant: Plant) -> Plant:
     """The plant with Coulomb friction as damping: cf arctan(100 q̇) becomes cf q̇ / (1 rad/s).
 
     Its slope at rest is a hundred times as large, by which a regulator would take the joint for frozen.

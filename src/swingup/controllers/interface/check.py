@@ -31,7 +31,7 @@ def check_controller(source: Any, robot: Robot | str) -> list[str]:
         One line for every finding; none if all is well.
 
     Raises:
-        SwingupError: there is no such robot, or this is no controller at all.
+        SwingupError: there is no such robot, or this is not a controller.
     """
     robot = get_robot(robot)
     if not isinstance(source, AbstractController | PythonController):

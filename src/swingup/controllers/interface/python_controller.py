@@ -28,7 +28,7 @@ class PythonController:
         # A class is callable, too, but a call of it makes an object.
         if inspect.isclass(source) or not callable(attribute(source, "get_control_output", source)):
             raise SwingupError(
-                f"{quoted(source)} is no controller: pass a function of (x, t), an object with "
+                f"{quoted(source)} is not a controller: pass a function of (x, t), an object with "
                 "get_control_output(x, t), or a swingup controller"
             )
         self.source = source

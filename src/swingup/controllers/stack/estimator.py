@@ -39,7 +39,7 @@ class EstimatingController(AbstractController[EstimatorMemory]):
     robot: Robot = eqx.field(static=True)
     """Which joint is driven."""
     identifier: IdentifierSettings | None = eqx.field(static=True, default=None)
-    """Of what identifies the plant; None for the nominal model."""
+    """Settings of the identifier of the plant; None for the nominal model."""
     prior: tuple[Float[Array, "13"], Float[Array, "13 13"]] | None = None
     """What the identifier begins with, mean and covariance; None for those of the plant."""
 

@@ -34,4 +34,4 @@ JAX = Maths(
     window=lambda rows, start, size: jax.lax.dynamic_slice_in_dim(rows, start, size),
     choose=choose,
 )
-"""Of JAX, in the precision of what it is given."""
+"""JAX's functions, in the precision of what they are given."""

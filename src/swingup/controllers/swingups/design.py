@@ -27,7 +27,7 @@ from .riccati_passes import Cost, forward
 from .scalar_algebra import unpack
 from .transition import PendulumTransition, TorqueRateTransition
 
-NEAR = 0.05
+SEARCHED_ERROR = 0.05
 """A search is over when a motion ends this close to upright, in both angles (rad)."""
 
 RESTING = np.append(UPRIGHT, 0.0)
@@ -139,7 +139,7 @@ class SwingupProblem:
         return replace(self, steps=round(self.steps * factor), search=search)
 
 
-def model_of(plant: PlantLike, robot: Robot) -> Plant:
+def design_model(plant: PlantLike, robot: Robot) -> Plant:
     """The model that baselines are designed with: a robot's plant without Coulomb friction, which no plan can use.
 
     Its slope at rest would appear in a linear model as a damping of some 10 N m s/rad, by which a regulator would
@@ -163,7 +163,7 @@ def compute_reference(
         The trajectory, and its provenance: JSON values for the file.
     """
     robot = get_robot(robot)
-    model = model_of(plant, robot)
+    model = design_model(plant, robot)
     with jax.enable_x64(True):
         if problem.search is None:
             torque = np.random.default_rng(seed).uniform(0.0, problem.first_torque, problem.steps)
@@ -232,7 +232,7 @@ def _searched(
         if search.spread:
             found = _cheapest(_solve_all(*grid, _restarts(*grid, found, search), search.settings), seed)
         x, u = map(np.asarray, motion(found))
-        if np.abs(x[-1] - UPRIGHT)[:2].max() < NEAR and np.abs(u).max() <= motor:
+        if np.abs(x[-1] - UPRIGHT)[:2].max() < SEARCHED_ERROR and np.abs(u).max() <= motor:
             break
     gains = np.asarray(_gains(pendulum, longer.pendulum_cost(steps, search.final), x, u))
     place = np.arange(longer.steps) * steps / longer.steps

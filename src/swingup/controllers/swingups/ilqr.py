@@ -54,7 +54,7 @@ class ILQRSettings:
     increase: float = 2.0
     """μ is multiplied by this after an iteration without improvement."""
     step_sizes: tuple[float, ...] = (1.0,)
-    """Factors of the feedforward that a line search tries side by side; (1.0,) is no search."""
+    """Factors of the feedforward that a line search tries side by side; (1.0,) searches nothing."""
 
 
 class Solution(eqx.Module):
@@ -126,7 +126,7 @@ def ilqr_iteration(transition: AbstractTransition, cost: Cost, now: ILQRState, s
     """One iteration: backward pass, forward pass, acceptance, new μ, and whether to go on."""
     policy, expected = backward(transition, cost, now.trajectory, now.regularisation)
     tried = _search(transition, cost, now.trajectory, policy, settings)
-    # A trial that diverges has a cost of NaN, and is no improvement.
+    # A trial that diverges has a cost of NaN, and does not improve.
     improved = tried.cost < now.trajectory.cost
     regularisation = now.regularisation * jnp.where(improved, settings.decrease, settings.increase)
     stalled = ~improved & (now.regularisation >= settings.max_regularisation)

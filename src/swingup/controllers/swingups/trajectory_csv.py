@@ -56,7 +56,7 @@ def load_reference_csv(path: str | Path, robot: Robot | str) -> Reference:
     """Read a swing-up to follow; without columns of gains all gains are 0, which is enough to design a TVLQR.
 
     Raises:
-        SwingupError: the file is no trajectory, its times are not evenly spaced from 0 on, or it moves the joint
+        SwingupError: the file is not a trajectory, its times are not evenly spaced from 0 on, or it moves the joint
             that this robot does not drive.
     """
     robot = get_robot(robot)

@@ -8,7 +8,7 @@ import numpy as np
 from ...common.errors import SwingupError
 from ...plant.base_parameters import BASE, base_parameters, geometry_of, lumped
 from ...plant.equations import COULOMB_STEEPNESS, mass_entries
-from ...plant.momentum import CLOSE
+from ...plant.momentum import CLOSE_RATES
 from ...policy.estimator import core as estimator
 from ...policy.estimator.settings import EstimatorSettings, kalman_gains
 from ...policy.guard.settings import BRAKED, PUSHING, SENTENCES, STANDSTILLS, GuardSettings, Reason
@@ -110,11 +110,11 @@ def estimator_data(settings: EstimatorSettings) -> Data:
     return {
         "DT": settings.dt,
         "DELAYS": settings.max_delay_steps + 1,
-        "PIECES": estimator.PIECES,
-        "FADING": math.exp(-settings.dt / estimator.MEMORY),
-        "RESIDUAL_SQUARED": estimator.RESIDUAL**2,
-        "CAUTION": estimator.CAUTION,
-        "LOST_RATE": estimator.LOST * settings.velocity_noise,
+        "PREDICTION_STEPS": estimator.PREDICTION_STEPS,
+        "FADING": math.exp(-settings.dt / estimator.EVIDENCE_TIME),
+        "OUTLIER_SQUARED": estimator.OUTLIER_SCALE**2,
+        "DELAY_PENALTY": estimator.DELAY_PENALTY,
+        "RESET_RATE": estimator.RESET_SIGMAS * settings.velocity_noise,
         "gains": kalman_gains(settings),
     }
 
@@ -130,17 +130,17 @@ def identifier_data(policy: PendulumPolicy, loop: EstimatorSettings) -> Data:
         "COMMANDS": i.commands(loop.max_delay_steps),
         "POLE": i.pole(dt),
         "RELATIVE_FLOOR": i.RELATIVE_FLOOR,
-        "GATE_SQUARED": i.GATE**2,
-        "HOLD": i.HOLD,
+        "GATE_SQUARED": i.GATE_SIGMAS**2,
+        "GATE_HOLD": i.GATE_HOLD,
         "STUDENT": i.STUDENT,
-        "ALIKE": i.alike(dt),
+        "CORRELATION_LENGTH": i.correlation_length(dt),
         "RISE": rise,
         "FALL": fall,
         "MARGIN": i.MARGIN,
         "FARTHEST": i.FARTHEST,
         "LONGEST_STEP": i.LONGEST_STEP * dt,
         "SHORTEST_STEP": i.SHORTEST_STEP * dt,
-        "CLOSE_RATES": CLOSE,
+        "CLOSE_RATES": CLOSE_RATES,
         "TILT_RATIO": mean[2] / mean[3],
         "PASSIVE_LIMIT": policy.torque_limits[1 - policy.robot.joint],
         "LEAST_GAIN": LEAST_GAIN,
@@ -150,7 +150,7 @@ def identifier_data(policy: PendulumPolicy, loop: EstimatorSettings) -> Data:
         "UNEVEN_SQUARED": i.UNEVEN_STEP**2,
         "mean": mean,
         "prior": covariance,
-        "drift": i.WALK**2 * dt * np.diagonal(covariance),
+        "drift": i.DRIFT**2 * dt * np.diagonal(covariance),
         "first_variance": deviation**2,
         "least_variance": np.where(driven, i.DRIVEN_FLOOR, i.PASSIVE_FLOOR) ** 2,
         "most_variance": (i.MOST_DEVIATION * deviation) ** 2,

@@ -19,7 +19,7 @@ from ...common.errors import SwingupError
 from ...common.table import write_columns
 from ...loop.domain import Domain
 from ...plant.units import scales_of
-from ..fit.prediction import NAMES, Setting, setting_of
+from ..fit.prediction import NAMES, Integration, integration_of
 from ..fit.regression import OFFSETS, SPAN, regression_matrix
 from ..log.segments import INTERVAL
 from .prior import corner_models, draw_models
@@ -43,7 +43,7 @@ STIFFNESS, DAMPING = 2.0, 0.5
 
 
 @dataclass(frozen=True)
-class Limits:
+class ExcitationLimits:
     """What the robot may do."""
 
     torque: tuple[float, float]
@@ -64,7 +64,7 @@ class Excitation:
     """Motion of the plant in the middle of the prior (rad, rad/s)."""
     feedback: Float[np.ndarray, "2 2"]
     """kp of both joints (N m/rad), kd of both (N m s/rad); 0 where the torques are played alone."""
-    limits: Limits
+    limits: ExcitationLimits
     angle: float
     """Largest angle over all checked plants (rad)."""
     speed: float
@@ -132,7 +132,7 @@ def excite(
     limits, plant = _limits(domain, joint, torque, speed, angle), domain.nominal_plant
     length = INTERVAL * round(finite_number("duration", duration, *DURATIONS, "s") / INTERVAL)
     drawn = draw_models(domain, CHECKED_PLANTS, whole_number("seed", seed, 0, 2**32 - 1))
-    setting, models = setting_of(plant).coarse, np.concatenate([drawn, corner_models(domain)])
+    setting, models = integration_of(plant).coarse, np.concatenate([drawn, corner_models(domain)])
     frequency = NATURAL_FREQUENCY * scales_of(plant).velocity
     motions = multisines(length, frequency, min(limits.angle, np.pi), np.array(JOINTS[joint]))
     candidates = _within_limits(setting, models, motions, limits, alone)
@@ -144,12 +144,14 @@ def excite(
     return max(candidates, key=lambda each: _information(setting, each.state))
 
 
-def _limits(domain: Domain, joint: str, torque: float | None, speed: float | None, angle: float) -> Limits:
+def _limits(
+    domain: Domain, joint: str, torque: float | None, speed: float | None, angle: float
+) -> ExcitationLimits:
     driven, plant = JOINTS[one_of("joint", joint, JOINTS)], domain.nominal_plant
     motors = [float(plant.tl1), float(plant.tl2)]
     most = [motor if torque is None else finite_number("torque", torque, 1e-6, motor, "N m") for motor in motors]
     usual = SPEED * scales_of(plant).velocity
-    return Limits(
+    return ExcitationLimits(
         torque=(most[0] * driven[0], most[1] * driven[1]),
         speed=usual if speed is None else finite_number("speed", speed, 0.1, 1e3, "rad/s"),
         angle=finite_number("angle", angle, 0.1, 100.0, "rad"),
@@ -157,7 +159,7 @@ def _limits(domain: Domain, joint: str, torque: float | None, speed: float | Non
 
 
 def _within_limits(
-    setting: Setting, models: np.ndarray, motions: np.ndarray, limits: Limits, alone: bool
+    setting: Integration, models: np.ndarray, motions: np.ndarray, limits: ExcitationLimits, alone: bool
 ) -> list[Excitation]:
     """Each motion as strong as the limits allow on all models; without those that are too fast even when small."""
     feedback, torque, found = _feedback(setting, models[0]), np.array(limits.torque), []
@@ -180,7 +182,7 @@ def _within_limits(
     return found
 
 
-def _feedback(setting: Setting, model: np.ndarray) -> np.ndarray:
+def _feedback(setting: Integration, model: np.ndarray) -> np.ndarray:
     """Kp and kd of both joints, for the inertia of each while the other is stiff."""
     m = dict(zip(NAMES, model, strict=True))
     elbow = m["B"] + setting.geometry.gr**2 * m["Ir"]
@@ -189,7 +191,7 @@ def _feedback(setting: Setting, model: np.ndarray) -> np.ndarray:
     return np.stack([stiffness, DAMPING * 2 * np.sqrt(stiffness * np.array([straight, elbow]))])
 
 
-def _information(setting: Setting, states: Float[np.ndarray, "rows 4"]) -> float:
+def _information(setting: Integration, states: Float[np.ndarray, "rows 4"]) -> float:
     """The logarithm of det(Yᵀ Y), which falls with the volume of the parameters' covariance."""
     time = PERIOD * np.arange(len(states))
     points = SPAN * np.arange(1, int(time[-1] / SPAN))[:, None] + OFFSETS

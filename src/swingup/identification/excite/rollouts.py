@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 
 from ...dynamics.implicit_friction import advance
 from ...plant.base_parameters import friction_of, lumped
-from ..fit.prediction import INDEX, Setting, in_chunks
+from ..fit.prediction import INDEX, Integration, in_chunks
 from .waves import PERIOD
 
 LANES = 256
@@ -52,7 +52,7 @@ class Rollouts(NamedTuple):
 
 
 def simulate(
-    setting: Setting, models: Float[np.ndarray, "plants 15"], sequences: Sequences, keep: bool = False
+    setting: Integration, models: Float[np.ndarray, "plants 15"], sequences: Sequences, keep: bool = False
 ) -> Rollouts:
     """Play every sequence on every plant; ``keep`` the states and torques of each row, which may need gigabytes."""
     count, plants = len(sequences.torque), len(models)
@@ -71,7 +71,7 @@ def simulate(
 
 
 @functools.lru_cache(maxsize=4)
-def _compiled(setting: Setting, keep: bool) -> Callable[..., Any]:
+def _compiled(setting: Integration, keep: bool) -> Callable[..., Any]:
     substeps = round(PERIOD / setting.step)
 
     def rollout(model: Array, torque: Array, reference: Array, feedback: Array, limits: Array) -> Any:

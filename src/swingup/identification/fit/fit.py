@@ -17,14 +17,14 @@ from jaxtyping import Float
 from scipy.optimize import least_squares
 
 from ..log.segments import Segments, join
-from .prediction import INDEX, Setting, predict_with_jacobian
+from .prediction import INDEX, Integration, predict_with_jacobian
 from .problem import Problem
 from .regression import cut_spans, regress
 from .unknowns import Unknowns
 
 
 @dataclass(frozen=True)
-class Stage:
+class FitStage:
     """One least-squares problem of a fit."""
 
     outputs: int
@@ -35,9 +35,9 @@ class Stage:
     """Whether steps of integration are twice as long."""
 
 
-STAGES = (Stage(2, 12, True), Stage(5, 20, True), Stage(5, 8, False))
-START_STAGES = (Stage(5, 15, True),)
-WARM_STAGES = (Stage(5, 10, False),)
+FIT_STAGES = (FitStage(2, 12, True), FitStage(5, 20, True), FitStage(5, 8, False))
+START_STAGES = (FitStage(5, 15, True),)
+WARM_STAGES = (FitStage(5, 10, False),)
 LARGEST_ERROR = 1e3
 """An error that is not finite counts as this (rad, rad/s)."""
 LEAST_WINDOWS = 10
@@ -99,11 +99,11 @@ def _regressed(problem: Problem, models: np.ndarray) -> np.ndarray:
 
 
 def fit(
-    setting: Setting,
+    setting: Integration,
     windows: Segments,
     unknowns: Unknowns,
     start: Float[np.ndarray, "unknowns"],
-    stages: Sequence[Stage] = STAGES,
+    stages: Sequence[FitStage] = FIT_STAGES,
 ) -> Fit:
     """Fit the unknowns, from a starting position z."""
     z = start
@@ -116,7 +116,7 @@ def fit(
 class Evaluator:
     """Errors of all windows and their derivatives; the latest evaluation is kept, since SciPy asks twice."""
 
-    def __init__(self, setting: Setting, windows: Segments, unknowns: Unknowns) -> None:
+    def __init__(self, setting: Integration, windows: Segments, unknowns: Unknowns) -> None:
         self.setting, self.windows, self.unknowns = setting, windows, unknowns
         self._latest: tuple[bytes, np.ndarray, np.ndarray] = (b"", np.zeros(0), np.zeros(0))
 
@@ -174,7 +174,7 @@ def spreads(windows: Segments, errors: Float[np.ndarray, "windows outputs 4"]) -
     return sigma
 
 
-def _solve(evaluate: Evaluator, z: np.ndarray, stage: Stage) -> np.ndarray:
+def _solve(evaluate: Evaluator, z: np.ndarray, stage: FitStage) -> np.ndarray:
     """One stage: sigma as it is at the start, then the least squares."""
     unknowns, sigma = evaluate.unknowns, spreads(evaluate.windows, evaluate(z)[0])
     weight = (np.arange(sigma.shape[1]) < stage.outputs)[:, None] / sigma

@@ -40,7 +40,7 @@ LEAST_LAG = 3e-4
 """Shortest lag of a model (s)."""
 
 
-class Setting(NamedTuple):
+class Integration(NamedTuple):
     """What of a plant is known, and how its motion is integrated; hashable, it is compiled in."""
 
     geometry: Geometry
@@ -50,12 +50,12 @@ class Setting(NamedTuple):
     """Step of integration (s); an interval holds a whole number of them."""
 
     @property
-    def coarse(self) -> "Setting":
+    def coarse(self) -> "Integration":
         """The same with steps twice as long, for the first stages of a fit."""
         return self._replace(step=2.0 * self.step)
 
 
-def setting_of(p: Plant) -> Setting:
+def integration_of(p: Plant) -> Integration:
     """The setting for a plant: 1 ms on C.1, 0.5 ms on links of 5 cm.
 
     Speeds of a pendulum grow with sqrt(g / l). The friction's slope is per speed, and steps are per time. With
@@ -63,7 +63,7 @@ def setting_of(p: Plant) -> Setting:
     """
     scale = min(1.0, math.sqrt(float(p.l1 + p.l2) / 0.5 * 9.81 / float(p.g)))
     step = TORQUE_STEP * min(2, max(1, round(0.001 * scale / TORQUE_STEP)))
-    return Setting(geometry_of(p), COULOMB_STEEPNESS * scale, step)
+    return Integration(geometry_of(p), COULOMB_STEEPNESS * scale, step)
 
 
 def vector_of(p: Plant, delay: float = 0.004, lag: float = 0.002) -> Float[np.ndarray, "15"]:
@@ -71,20 +71,20 @@ def vector_of(p: Plant, delay: float = 0.004, lag: float = 0.002) -> Float[np.nd
     return np.append(base_parameters(p), [0.0, 0.0, 1.0, 1.0, delay, lag])
 
 
-def predict(setting: Setting, model: Float[np.ndarray, "15"], windows: Segments) -> np.ndarray:
+def predict(setting: Integration, model: Float[np.ndarray, "15"], windows: Segments) -> np.ndarray:
     """The windows' states after the start, [windows, outputs, 4], predicted from their first states."""
     return _predicted(setting, False, model, windows)
 
 
 def predict_with_jacobian(
-    setting: Setting, model: Float[np.ndarray, "15"], windows: Segments
+    setting: Integration, model: Float[np.ndarray, "15"], windows: Segments
 ) -> tuple[np.ndarray, np.ndarray]:
     """The same with derivatives with respect to the model's vector, [windows, outputs, 4, 15]."""
     both = _predicted(setting, True, model, windows)
     return both[..., 0], both[..., 1:]
 
 
-def _predicted(setting: Setting, derivatives: bool, model: np.ndarray, windows: Segments) -> np.ndarray:
+def _predicted(setting: Integration, derivatives: bool, model: np.ndarray, windows: Segments) -> np.ndarray:
     outputs = len(windows.offsets) - 1
     if not len(windows):
         return np.zeros((0, outputs, 4, 1 + len(NAMES)) if derivatives else (0, outputs, 4))
@@ -111,7 +111,7 @@ def in_chunks(size: int, count: int, run: Callable[[np.ndarray], Any]) -> list[n
 
 
 @functools.lru_cache(maxsize=16)
-def _compiled(setting: Setting, outputs: int, derivatives: bool) -> Callable[..., Any]:
+def _compiled(setting: Integration, outputs: int, derivatives: bool) -> Callable[..., Any]:
     def rollout(model: Array, start: Array, impulse: Array) -> Array:
         return predict_window(setting, outputs, model, start, impulse)
 
@@ -123,7 +123,7 @@ def _compiled(setting: Setting, outputs: int, derivatives: bool) -> Callable[...
     return jax.jit(jax.vmap(both if derivatives else rollout, (None, 0, 0)))
 
 
-def predict_window(setting: Setting, outputs: int, model: Array, start: Array, impulse: Array) -> Array:
+def predict_window(setting: Integration, outputs: int, model: Array, start: Array, impulse: Array) -> Array:
     """States at the output times of one window, in measured angles."""
     m = dict(zip(NAMES, model, strict=True))
     plant, friction = lumped(model, setting.geometry), friction_of(model)
@@ -143,7 +143,7 @@ def predict_window(setting: Setting, outputs: int, model: Array, start: Array, i
 
 
 def acting_torques(
-    setting: Setting, outputs: int, delay: Array, lag: Array, impulse: Float[Array, "grid 2"]
+    setting: Integration, outputs: int, delay: Array, lag: Array, impulse: Float[Array, "grid 2"]
 ) -> Float[Array, "steps 2"]:
     """Mean torque of each step (N m): the command, late and through the lag, from its integral on a grid."""
     stride, memory = round(setting.step / TORQUE_STEP), round(LONGEST_LAG / setting.step)

@@ -10,7 +10,7 @@ from ...common.checks import finite_number, one_of
 from ...common.errors import SwingupError
 from ...plant.base_parameters import BASE_NAMES
 from ..log.recording import Recording
-from .prediction import LEAST_LAG, Setting
+from .prediction import LEAST_LAG, Integration
 from .unknowns import MASSES, Unknowns, expectations, make_unknowns
 
 KNOWN = {
@@ -25,7 +25,7 @@ LATENCY = ("delay", "lag")
 class Problem:
     """What all fits share."""
 
-    setting: Setting
+    setting: Integration
     start: Float[np.ndarray, "15"]
     """The starting plant's model."""
     recordings: Sequence[Recording]

@@ -19,7 +19,7 @@ from ...plant.momentum import momentum_rows
 from ..log.recording import Recording
 from ..log.segments import Segments, cut
 from ..log.smoothing import REACH
-from .prediction import INDEX, Setting
+from .prediction import INDEX, Integration
 
 SPAN = 0.05
 """Time over which momenta change (s)."""
@@ -64,7 +64,7 @@ def cut_spans(recording: Recording) -> Segments:
     return cut(recording, starts, OFFSETS, (np.array([0.0, SPAN]), age), OFFSETS, SPAN)
 
 
-def regress(setting: Setting, spans: Segments, start: Float[np.ndarray, "15"], driven: bool) -> Solution:
+def regress(setting: Integration, spans: Segments, start: Float[np.ndarray, "15"], driven: bool) -> Solution:
     """Base parameters within a factor of 5 of the start's, and friction.
 
     Torques set the scale; without any, m1 r1 + m2 l1 is the start's.
@@ -78,7 +78,7 @@ def regress(setting: Setting, spans: Segments, start: Float[np.ndarray, "15"], d
     return Solution(values, float(left @ left) / max(float(right @ right + np.sum(parts**2)), 1e-30))
 
 
-def check_joints(recordings: Sequence[Recording], setting: Setting, start: Float[np.ndarray, "15"]) -> None:
+def check_joints(recordings: Sequence[Recording], setting: Integration, start: Float[np.ndarray, "15"]) -> None:
     """Refuse logs whose columns explain the motion much better in another order, sign or unit."""
     for recording in recordings:
         spans, driven = cut_spans(recording), any(recording.driven)
@@ -110,7 +110,7 @@ def _read_as(spans: Segments, hypothesis: str) -> Segments:
     return replace(spans, states=states, impulse=spans.impulse @ torques)
 
 
-def _bounds(setting: Setting, start: np.ndarray, driven: bool) -> tuple[np.ndarray, np.ndarray]:
+def _bounds(setting: Integration, start: np.ndarray, driven: bool) -> tuple[np.ndarray, np.ndarray]:
     masses, k = start[:4], start[INDEX["k"]]
     torque = setting.geometry.g * k
     rotor = max(10.0 * start[INDEX["Ir"]], start[INDEX["B"]] / setting.geometry.gr**2)
@@ -121,7 +121,7 @@ def _bounds(setting: Setting, start: np.ndarray, driven: bool) -> tuple[np.ndarr
     return low, high
 
 
-def regression_matrix(setting: Setting, states: Float[np.ndarray, "spans points 4"]) -> np.ndarray:
+def regression_matrix(setting: Integration, states: Float[np.ndarray, "spans points 4"]) -> np.ndarray:
     """The matrix Y: both joints of each span in rows, and in columns the impulses for a unit of each parameter."""
     q1, q2 = states[..., 0], states[..., 1]
     before, middle, after = ((q1[:, k : k + POINTS], q2[:, k : k + POINTS]) for k in (0, 1, 2))

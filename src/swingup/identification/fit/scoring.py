@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 
 from ..log.recording import Recording
 from ..log.segments import FIT_LENGTH, INTERVAL, Segments, cut_windows, join
-from .prediction import Setting, predict
+from .prediction import Integration, predict
 
 HORIZONS = (0.1, 0.25, 0.5)
 """s"""
@@ -51,7 +51,7 @@ def score_windows(recordings: Sequence[Recording]) -> Segments:
 
 
 def prediction_errors(
-    setting: Setting, models: Float[np.ndarray, "logs 15"], windows: Segments
+    setting: Integration, models: Float[np.ndarray, "logs 15"], windows: Segments
 ) -> Float[np.ndarray, "windows outputs 4"]:
     """Predicted minus smoothed states; each log has its model."""
     errors = np.zeros_like(windows.states[:, 1:])

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...plant.base_parameters import BASE_NAMES
-from .prediction import INDEX, LEAST_LAG, NAMES, Setting
+from .prediction import INDEX, LEAST_LAG, NAMES, Integration
 
 MASSES = ("A", "B", "m2r2", "k", "Ir")
 
@@ -82,7 +82,7 @@ class Unknowns:
         return np.clip((z - self.centre) / self.scale, self.low + inner, self.high - inner)
 
 
-def expectations(setting: Setting, start: Float[np.ndarray, "15"], commanded: bool) -> dict[str, Expectation]:
+def expectations(setting: Integration, start: Float[np.ndarray, "15"], commanded: bool) -> dict[str, Expectation]:
     """What is expected around a starting plant.
 
     Friction is measured by the torque of gravity on the shoulder: 5 % of it is Coulomb friction of one scale.

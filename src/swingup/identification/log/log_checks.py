@@ -130,7 +130,7 @@ def find_warnings(
 
 
 def longest_step(period: float) -> float:
-    """The longest time between rows that is no gap (s), for a median ``period`` (s)."""
+    """The longest time between rows that does not count as a gap (s), for a median ``period`` (s)."""
     return max(GAP, GAP_PERIODS * period)
 
 

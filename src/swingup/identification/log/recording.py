@@ -48,7 +48,7 @@ class Recording:
     u: Float[np.ndarray, "rows 2"]
     """Torques that were asked for, pushes included, within the limits (N m); else measured ones."""
     measured_torque: Float[np.ndarray, "rows 2"] | None
-    """As the motors report it (N m), if they do."""
+    """Torque as the motors report it (N m), if they do."""
     fresh: Bool[np.ndarray, "rows"]
     """Rows with a new measurement: false where a row repeats the one before although the pendulum moves."""
     quantum: tuple[float, float]

@@ -122,7 +122,7 @@ def cumulative_torque(recording: Recording, times: Float[np.ndarray, "*times"]) 
     """Integral of the torques from the first row to any times (N m s): each row's torque holds until the next."""
     time, u = recording.time, recording.u * np.asarray(recording.driven)
     total = np.concatenate([np.zeros((1, 2)), np.cumsum(u[:-1] * np.diff(time)[:, None], axis=0)])
-    # Beyond the rows the last torque holds; before them there is none.
+    # Beyond the rows the last torque holds; before them it is zero.
     time = np.append(time, time[-1] + 1.0)
     total = np.append(total, total[-1:] + u[-1:], axis=0)
     columns = [np.interp(times.ravel(), time, total[:, joint]).reshape(times.shape) for joint in (0, 1)]

@@ -38,9 +38,9 @@ class CellSettings(eqx.Module):
     slow: float | Scalar = 2.0
     """A move ends with both joints slower than this (rad/s). Chosen."""
     kp: float | Scalar = 0.1
-    """Of the position control (N m/rad). Chosen."""
+    """Stiffness of the position control (N m/rad). Chosen."""
     kd: float | Scalar = 0.004
-    """Of the position control (N m s/rad). Chosen."""
+    """Damping of the position control (N m s/rad). Chosen."""
 
 
 class Disturbances(eqx.Module):

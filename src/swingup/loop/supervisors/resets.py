@@ -26,9 +26,9 @@ class Resets(eqx.Module):
     target: Float[Array | np.ndarray, "goals 2"]
     """Angles that one reset after another aims at (rad)."""
     duration: float | Scalar
-    """A reset ends when its clock is above this (s) ..."""
+    """A reset lasts longer than this (s)."""
     clean: int | Count
-    """... and none of so many samples in a row, the present one included, exceeded a limit."""
+    """A reset ends only after this many samples in a row within the limits, the present one included."""
     limits: Limits
     """Beyond these a reset begins at once."""
     thrower: Thrower

@@ -16,7 +16,7 @@ typedef struct {
     double state[4];                      /* estimate of the measured state, as old as the delay */
     double torques[SWINGUP_DELAYS];       /* commanded, newest first (N m) */
     double deviations[SWINGUP_DELAYS][4]; /* what the filter with each delay estimates besides */
-    double surprise[SWINGUP_DELAYS];      /* evidence against each delay */
+    double evidence[SWINGUP_DELAYS];      /* evidence against each delay */
 #if SWINGUP_HAS_IDENTIFIER
     swingup_identifier identifier;
 #endif
@@ -39,7 +39,7 @@ static inline void swingup_correction(const double miss[4], double correction[4]
 static inline int swingup_follow(swingup_estimator *c, const swingup_plant *plant, const double x[4], double h, int age)
 {
     const double torque = c->torques[c->delay_steps];
-    double drifted[SWINGUP_DELAYS][4], surprise[SWINGUP_DELAYS], least = 0.0;
+    double drifted[SWINGUP_DELAYS][4], evidence[SWINGUP_DELAYS], least = 0.0;
     double predicted[4], miss[4], correction[4], change[4], response[2];
     int i, n, best = 0;
 
@@ -56,7 +56,7 @@ static inline int swingup_follow(swingup_estimator *c, const swingup_plant *plan
     swingup_response(plant, c->state, response);
 
     for (n = 0; n < SWINGUP_DELAYS; n++) {
-        double far = 0.0, evidence;
+        double far = 0.0, against;
         for (i = 0; i < 2; i++) {
             const double extra = (c->torques[n] - torque) * response[i];
             const double *d = c->deviations[n];
@@ -64,14 +64,14 @@ static inline int swingup_follow(swingup_estimator *c, const swingup_plant *plan
             drifted[n][i + 2] = d[i + 2] + h * extra;
             far += (miss[i] - drifted[n][i]) * (miss[i] - drifted[n][i]);
         }
-        surprise[n] = SWINGUP_FADING * c->surprise[n] + log1p(far / SWINGUP_RESIDUAL_SQUARED);
-        evidence = surprise[n] + SWINGUP_CAUTION * n;
-        if (!swingup_finite(&evidence, 1)) {
+        evidence[n] = SWINGUP_FADING * c->evidence[n] + log1p(far / SWINGUP_OUTLIER_SQUARED);
+        against = evidence[n] + SWINGUP_DELAY_PENALTY * n;
+        if (!swingup_finite(&against, 1)) {
             return 0;
         }
         /* A delay below the angles' own age cannot be. */
-        if (n <= age || evidence < least) {
-            least = evidence;
+        if (n <= age || against < least) {
+            least = against;
             best = n;
         }
     }
@@ -86,7 +86,7 @@ static inline int swingup_follow(swingup_estimator *c, const swingup_plant *plan
     for (i = 0; i < 4; i++) {
         predicted[i] += change[i] + drifted[best][i];
     }
-    if (!(fabs(x[2] - predicted[2]) <= SWINGUP_LOST_RATE && fabs(x[3] - predicted[3]) <= SWINGUP_LOST_RATE)) {
+    if (!(fabs(x[2] - predicted[2]) <= SWINGUP_RESET_RATE && fabs(x[3] - predicted[3]) <= SWINGUP_RESET_RATE)) {
         return 0;
     }
     for (i = 0; i < 4; i++) {
@@ -97,7 +97,7 @@ static inline int swingup_follow(swingup_estimator *c, const swingup_plant *plan
         }
     }
     for (n = 0; n < SWINGUP_DELAYS; n++) {
-        c->surprise[n] = surprise[n];
+        c->evidence[n] = evidence[n];
     }
     c->delay_steps = best;
     return 1;
@@ -117,9 +117,9 @@ static inline double swingup_commanded(const swingup_estimator *c, double n)
 /* The state after the delay, steps of h (s), in pieces with the mean of the torques that act in each. */
 static inline void swingup_ahead(const swingup_estimator *c, const swingup_plant *plant, double x[4], double h)
 {
-    const double steps = (double)c->delay_steps / SWINGUP_PIECES;
+    const double steps = (double)c->delay_steps / SWINGUP_PREDICTION_STEPS;
     int piece;
-    for (piece = SWINGUP_PIECES; piece > 0 && c->delay_steps > 0; piece--) {
+    for (piece = SWINGUP_PREDICTION_STEPS; piece > 0 && c->delay_steps > 0; piece--) {
         const double sum = swingup_commanded(c, piece * steps) - swingup_commanded(c, (piece - 1) * steps);
         swingup_step(plant, x, sum / steps, steps * h);
     }

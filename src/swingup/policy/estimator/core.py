@@ -43,15 +43,15 @@ from ..identifier.core import Array, Found, IdentifierState
 from ..identifier.settings import LONGEST_STEP
 from .settings import EstimatorSettings, kalman_gains
 
-LOST = 100
-"""An estimated rate this many standard deviations off the measured one is lost: the measurement has jumped."""
-PIECES = 4
+RESET_SIGMAS = 100
+"""An estimate restarts where its rate is this many standard deviations off the measured one: that has jumped."""
+PREDICTION_STEPS = 4
 """Steps in which the estimate is carried ahead over the delay."""
-RESIDUAL = 1e-4
+OUTLIER_SCALE = 1e-4
 """s: far larger errors of a predicted angle count little more (rad); a push must not decide the delay."""
-CAUTION = 20.0
+DELAY_PENALTY = 20.0
 """c: log likelihood that a delay must gain for each step that it is longer."""
-MEMORY = 5.0
+EVIDENCE_TIME = 5.0
 """T: time in which evidence on the delay fades (s)."""
 
 Model: TypeAlias = tuple[Lumped, Friction | None]
@@ -97,7 +97,7 @@ class EstimatorState(NamedTuple):
     """Commanded torques (depth,), newest first (N m)."""
     deviations: tuple[Array, Array]
     """The bank: what the filter with each delay estimates besides ``state``, angles and rates (depth, 2)."""
-    surprise: Array
+    evidence: Array
     """Evidence (depth,) against each delay, the lower the better."""
     delay_steps: Number
     """The delay found (steps)."""
@@ -113,7 +113,7 @@ def begin(maths: Maths, loop: Loop) -> EstimatorState:
         state=xp.zeros(4),
         torques=xp.zeros(depth),
         deviations=(xp.zeros((depth, 2)), xp.zeros((depth, 2))),
-        surprise=xp.zeros(depth),
+        evidence=xp.zeros(depth),
         delay_steps=xp.array(0),
         identified=None if loop.finding is None else identifier.begin(maths, loop.finding),
     )
@@ -144,7 +144,7 @@ def observe(
         between, age = identifier.interval(maths, state.identified, dt), state.identified.age
     followed = _follow(maths, loop, state, x, between, model, age)
     # What is not finite fails the comparison, and is lost.
-    near = abs(x - followed.state)[2:] <= LOST * loop.settings.velocity_noise
+    near = abs(x - followed.state)[2:] <= RESET_SIGMAS * loop.settings.velocity_noise
     kept = in_time & near.all()
     after = maths.choose(~kept, lambda: _restart(maths, state, x), followed)
     # The filter's estimate is as old as the delay; the controller needs the present state.
@@ -218,11 +218,11 @@ def _follow(
     bank_angles = bank_angles + dt * bank_rates + 0.5 * dt**2 * extra
     bank_rates = bank_rates + dt * extra
 
-    scaled = ((angles - bank_angles) ** 2).sum(axis=1) / RESIDUAL**2
-    surprise = math.exp(-s.dt / MEMORY) * state.surprise + xp.log1p(scaled)
+    scaled = ((angles - bank_angles) ** 2).sum(axis=1) / OUTLIER_SCALE**2
+    evidence = math.exp(-s.dt / EVIDENCE_TIME) * state.evidence + xp.log1p(scaled)
     # A delay below the angles' own age cannot be.
     beyond = xp.arange(s.max_delay_steps + 1) - age
-    delay_steps = xp.argmin(xp.where(beyond < 0, math.inf, surprise + CAUTION * beyond))
+    delay_steps = xp.argmin(xp.where(beyond < 0, math.inf, evidence + DELAY_PENALTY * beyond))
 
     corrected = _correction(gains, bank_angles, bank_rates)
     bank_angles, bank_rates = bank_angles - corrected[0], bank_rates - corrected[1]
@@ -232,7 +232,7 @@ def _follow(
     return state._replace(
         state=xp.concatenate([predicted[:2] + angles + own_angles, predicted[2:] + rates + own_rates]),
         deviations=(bank_angles - own_angles, bank_rates - own_rates),
-        surprise=surprise,
+        evidence=evidence,
         delay_steps=delay_steps.astype(state.delay_steps.dtype),
     )
 
@@ -244,10 +244,10 @@ def _correction(gains: Array, angles: Array, rates: Array) -> tuple[Array, Array
 
 def _ahead(maths: Maths, loop: Loop, state: EstimatorState, dt: Number, model: Model) -> Array:
     """The state after the delay, steps of dt (s), in pieces with the mean of the torques that act in each."""
-    xp, (steps,) = maths.xp, maths.numbers((state.delay_steps / PIECES)[None])
+    xp, (steps,) = maths.xp, maths.numbers((state.delay_steps / PREDICTION_STEPS)[None])
     # How much of each torque's step lies before a piece's ends: it began and will end so many steps ago.
     ages = xp.arange(loop.settings.max_delay_steps + 1)
-    passed = xp.clip(xp.arange(PIECES, -1, -1)[:, None] * steps - ages, 0.0, 1.0)
+    passed = xp.clip(xp.arange(PREDICTION_STEPS, -1, -1)[:, None] * steps - ages, 0.0, 1.0)
     # Without a delay the pieces are empty: 0 / 0 would be NaN.
     torques = ((passed[:-1] - passed[1:]) * state.torques).sum(axis=1) / maths.maximum(steps, 1e-6)
     x = state.state

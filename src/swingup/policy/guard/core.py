@@ -111,7 +111,7 @@ class Guard:
         if not first and pause > self.settings.longest_pause:
             return Fault(Reason.LATE, t, -1, pause)
         self._step = self.settings.dt if first or pause == 0 else pause
-        # Not a number is no sample either: the next one must not be compared with it.
+        # NaN does not count as a sample: the next one must not be compared with it.
         self._sample = (x[0], x[1], x[2], x[3])
         return self._out_of_bounds(t) or (None if first else self._stale(t, before))
 

@@ -21,7 +21,7 @@ STANDSTILLS = 10
 PUSHING = 0.5
 """A torque above this part of its joint's limit must move the joint."""
 BRAKED = 2.0
-"""A velocity beyond this many of the guard's limits is no measurement to brake by."""
+"""A velocity beyond this many of the guard's limits cannot be braked by."""
 
 
 class Reason(IntEnum):
@@ -65,7 +65,7 @@ class Fault(NamedTuple):
 
     reason: Reason
     time: float
-    """Of the call (s)."""
+    """Time of the call (s)."""
     joint: int
     """0 is the shoulder, 1 the elbow; -1 where no joint is meant."""
     value: float

@@ -18,7 +18,7 @@ class Compensation(NamedTuple):
     """Friction of both joints, as pairs (N m s/rad; N m) for ``plant.equations.friction``."""
 
     asked: Friction
-    """Of which the motors are asked for the counterpart: never negative."""
+    """The friction whose counterpart the motors are asked for: never negative."""
     left: Friction
     """What remains; negative friction is not compensated."""
 
@@ -52,7 +52,7 @@ def _left(found: Pair, asked: Pair, delivered: Pair) -> Pair:
 def predicted(found: Friction, left: Friction, joint: int, maximum: Any) -> Friction:
     """Friction to predict with: the driven joint's, whose torque is counted, and what is left of the other one's.
 
-    Negative parts are none, since the implicit step near rest would be singular with them.
+    Negative parts count as zero: the implicit step near rest would be singular with them.
 
     Args:
         found: friction of both joints.

@@ -233,9 +233,9 @@ static inline void swingup_update(swingup_identifier *c, int joint)
     lowest = least + (SWINGUP_RELATIVE_FLOOR * size) * (SWINGUP_RELATIVE_FLOOR * size);
     r = c->variance[joint] > lowest ? c->variance[joint] : lowest;
     distance = error * error / (unsure + r);
-    held = distance > SWINGUP_GATE_SQUARED ? SWINGUP_HOLD : c->held[joint] - SWINGUP_DT;
+    held = distance > SWINGUP_GATE_SQUARED ? SWINGUP_GATE_HOLD : c->held[joint] - SWINGUP_DT;
     w = (SWINGUP_STUDENT + distance) / (SWINGUP_STUDENT + 1.0);
-    heavy = r * SWINGUP_ALIKE * (w > 1.0 ? w : 1.0);
+    heavy = r * SWINGUP_CORRELATION_LENGTH * (w > 1.0 ? w : 1.0);
     /* A spoilt angle must not blind the identifier for seconds. */
     seen = distance * r < most ? distance * r : most;
     c->variance[joint] += (seen > c->variance[joint] ? SWINGUP_RISE : SWINGUP_FALL) * (seen - c->variance[joint]);

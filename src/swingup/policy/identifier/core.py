@@ -27,9 +27,9 @@ Learning starts once the rows' angles and torques are known since the first call
 not finite after a call, and angles beyond 1e6 rad, change nothing. Other parts get θ0 + ς (θ - θ0) with the largest
 ς in [0, 1] for which the mass matrix is at least ``MARGIN`` times that of the nominal θ0.
 
-The motor's torque is no part of the undriven joint's row. That row alone gives its part of θ up to scale, and noise
-of the motor and pushes on the driven joint do not enter it; the driven joint's row adds the scale. Rates are not
-used at all: their noise costs nothing. Sources: filtered regression, Slotine and Li (Applied Nonlinear Control,
+The motor's torque does not enter the undriven joint's row. That row alone gives its part of θ up to scale, and
+noise of the motor and pushes on the driven joint do not enter it; the driven joint's row adds the scale. Rates are
+not used at all: their noise costs nothing. Sources: filtered regression, Slotine and Li (Applied Nonlinear Control,
 9.2); recursive least squares with a variance that adapts to innovations, Mehra (IEEE Transactions on Automatic
 Control 15, 1970).
 """
@@ -63,7 +63,7 @@ class Loop(NamedTuple):
     passive_limit: float
     """Largest torque that compensates the undriven joint's friction (N m); 0 for none."""
     geometry: Geometry
-    """Of the plant."""
+    """What is known of the plant's lengths and gears."""
     mean: Array
     """θ of the nominal plant, no offsets, no lag, and a gain of 1 (13,)."""
     covariance: Array
@@ -102,7 +102,7 @@ class IdentifierState(NamedTuple):
     covariance: Array
     """(13, 13)"""
     variance: Pair
-    """Of what each joint's row leaves unexplained (N² m²)."""
+    """Variance of what each joint's row leaves unexplained (N² m²)."""
     held: Pair
     """Time for which each joint's row is still not used (s)."""
 
@@ -279,7 +279,7 @@ def _learn(maths: Maths, loop: Loop, state: IdentifierState) -> IdentifierState:
         variances.append(variance)
         holds.append(held)
     prior_variance = maths.xp.asarray(loop.covariance, covariance.dtype).diagonal()
-    drift = chosen.WALK**2 * loop.period * prior_variance
+    drift = chosen.DRIFT**2 * loop.period * prior_variance
     # No less sure than at the start: the drift must not exceed the prior.
     drift = maths.xp.where(covariance.diagonal() < prior_variance, drift, 0.0)
     return state._replace(
@@ -317,15 +317,16 @@ def _update(
     driven, (variance, held), (rise, fall) = joint == loop.joint, noise, chosen.follows(loop.period)
     row, target = columns[:UNKNOWNS], columns[UNKNOWNS]
     uncertain = covariance @ row
-    unsure, error = row @ uncertain, target - row @ unknowns
+    predictive_variance, error = row @ uncertain, target - row @ unknowns
     size = abs(target) + abs(row[:4]) @ abs(unknowns[:4])
     floor = (chosen.DRIVEN_FLOOR if driven else chosen.PASSIVE_FLOOR) ** 2 + (chosen.RELATIVE_FLOOR * size) ** 2
     r = maths.maximum(variance, floor)
-    distance = error**2 / (unsure + r)
-    held = maths.where(distance > chosen.GATE**2, chosen.HOLD, held - loop.period)
-    heavy = r * chosen.alike(loop.period) * maths.maximum(1.0, (chosen.STUDENT + distance) / (chosen.STUDENT + 1.0))
+    distance = error**2 / (predictive_variance + r)
+    held = maths.where(distance > chosen.GATE_SIGMAS**2, chosen.GATE_HOLD, held - loop.period)
+    student = maths.maximum(1.0, (chosen.STUDENT + distance) / (chosen.STUDENT + 1.0))
+    heavy = r * chosen.correlation_length(loop.period) * student
     # A row that is held is infinitely heavy.
-    gain = uncertain / maths.where(held > 0, math.inf, unsure + heavy)
+    gain = uncertain / maths.where(held > 0, math.inf, predictive_variance + heavy)
     # A spoilt angle must not blind the identifier for seconds.
     seen = maths.minimum(distance * r, (chosen.MOST_DEVIATION * _deviation(loop, joint)) ** 2)
     noise = variance + maths.where(seen > variance, rise, fall) * (seen - variance), maths.maximum(held, 0.0)

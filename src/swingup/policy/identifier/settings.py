@@ -24,7 +24,7 @@ GAIN = BASE + 3
 SPAN = 4
 """Steps between the three angles of a row: rates resolve the encoder's step over this time."""
 BANDWIDTH = 60.0
-"""Of each pole of the low-pass on both sides of the equation (rad/s)."""
+"""Bandwidth of each pole of the low-pass on both sides of the equation (rad/s)."""
 POLES = 3
 """First-order low-passes in a row: second differences of an encoder's steps need three."""
 PASSIVE_DEVIATION, PASSIVE_FLOOR = 0.012, 0.005
@@ -35,11 +35,11 @@ RELATIVE_FLOOR = 0.002
 """Part of a floor that grows with the size of a row's terms: errors of the discretisation."""
 MOST_DEVIATION = 10.0
 """Largest deviation that the residuals of a row raise its own to, in first ones."""
-RISE, FALL = 0.02, 0.1
+RISE_TIME, FALL_TIME = 0.02, 0.1
 """Times in which the deviation follows larger residuals and smaller ones (s)."""
-GATE = 3.0
+GATE_SIGMAS = 3.0
 """Residuals of more than this many of their standard deviations are pushes."""
-HOLD = 0.1
+GATE_HOLD = 0.1
 """Time after a push in which its row is not used (s)."""
 STUDENT = 4.0
 """ν: degrees of freedom of the errors' distribution."""
@@ -51,14 +51,14 @@ GAIN_DEVIATION = 0.5
 """Standard deviation of the part of its command that the undriven joint's motor delivers; its mean is 1."""
 SPREAD = Spread()
 """How far plants lie from the nominal one: the ranges of the robustness benchmark."""
-WALK = 0.01
+DRIFT = 0.01
 """Drift of the unknowns, in prior standard deviations after 1 s."""
 MARGIN = 0.2
 """The identified mass matrix is at least this share of the nominal one, in every configuration."""
 MOST_OFFSET = 0.1
 """Largest offset of an angle that is believed (rad)."""
 FARTHEST = 1e6
-"""An angle beyond this is no measurement (rad): its digits do not tell the turn."""
+"""An angle beyond this is not a measurement (rad): its digits do not tell the turn."""
 UNEVEN_STEP = 1e-3
 """Angle (rad) by which a call's motion may miss what the time since the last call explains."""
 UNEVEN_FADING = 0.9995
@@ -89,14 +89,14 @@ def pole(period: float) -> float:
     return 1.0 - math.exp(-BANDWIDTH * period)
 
 
-def alike(period: float) -> float:
+def correlation_length(period: float) -> float:
     """n: successive low-passed rows that count as one observation, since their errors are alike."""
     return max(1.0, POLES / (BANDWIDTH * period))
 
 
 def follows(period: float) -> tuple[float, float]:
     """a: how much of a larger and of a smaller residual the deviation takes up at each call."""
-    return 1.0 - math.exp(-period / RISE), 1.0 - math.exp(-period / FALL)
+    return 1.0 - math.exp(-period / RISE_TIME), 1.0 - math.exp(-period / FALL_TIME)
 
 
 def commands(max_delay_steps: int) -> int:
