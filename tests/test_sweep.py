@@ -1,5 +1,6 @@
 """Sweeps and searches: what is planned, what is not repeated, what goes on, what survives a kill."""
 
+import contextlib
 import json
 import math
 import multiprocessing
@@ -12,6 +13,7 @@ import time
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import swingup
@@ -192,7 +194,7 @@ def is_running(pid):
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
 @pytest.mark.parametrize(
     ("number", "search"),
-    [(signal.SIGKILL, False), (signal.SIGTERM, False), (signal.SIGINT, False), (signal.SIGKILL, True)],
+    [(number, search) for number in (signal.SIGKILL, signal.SIGTERM, signal.SIGINT) for search in (False, True)],
 )
 def test_a_command_that_is_killed_takes_its_workers_along_and_goes_on(tmp_path, number, search):
     words = "sweep --env CartPole-v1 --workers 2 --evaluate-every 64 --seeds 2 --checkpoint-every 64 --frames 6400"
@@ -412,6 +414,21 @@ def test_searches_that_are_refused(tmp_path, searched, monkeypatch):
         swingup.search(lambda: None, SPACE, 1, tmp_path)
     monkeypatch.setitem(sys.modules, "optuna", None)
     refused(r"a search needs Optuna: pip install 'swingup\[optuna\]'")
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")  # Optuna's, of a slower alternative
+def test_a_damaged_study_ends_in_a_line(tmp_path, searched):
+    searched(tmp_path, 3, StandIn())
+    storage, random = tmp_path / "study.db", np.random.default_rng(0)
+    whole = storage.read_bytes()
+    for _ in range(60):
+        damaged = np.frombuffer(whole, np.uint8)[: random.choice([len(whole), random.integers(len(whole))])].copy()
+        places = random.integers(len(damaged), size=random.choice([1, 10, 100, 1000])) if len(damaged) else []
+        damaged[places] = random.integers(256, size=len(places))
+        storage.write_bytes(damaged.tobytes())
+        with contextlib.suppress(SwingupError):
+            searched(tmp_path, 4, StandIn())
 
 
 @pytest.mark.slow
