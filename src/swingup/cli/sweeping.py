@@ -117,7 +117,8 @@ def _alternatives(assignments: Sequence[str]) -> dict[str, str]:
     """The text of what varies by name, from words like ``learning_rate=3e-4,5e-4``; a repeated name adds to it."""
     texts: dict[str, str] = {}
     for assignment in assignments:
-        name, equals, text = assignment.replace("-", "_").partition("=")[0], *assignment.partition("=")[1:]
+        name, equals, text = assignment.partition("=")
+        name = name.replace("-", "_")
         if not equals:
             raise SwingupError(f"--set {quoted(assignment)}: write NAME=VALUE,VALUE with a hyperparameter's name")
         texts[name] = f"{texts[name]},{text}" if name in texts else text

@@ -110,7 +110,7 @@ def search(
     Returns:
         Optuna's study. A trial's value is the interquartile mean of its seeds' last scores; of a pruned one, the
         last intermediate score. Its user attributes are ``folder``, ``preset``, ``hyperparameters`` (keywords of
-        :class:`swingup.AREAPO`), ``command`` (trains its first seed again) and ``error``, empty without one.
+        :class:`swingup.AREAPO`), ``command`` (trains its first seed again) and, where it failed, ``error``.
 
     Raises:
         SwingupError: an argument cannot work, Optuna is not installed, its file is damaged, or the folder holds
@@ -203,9 +203,9 @@ def _run_trials(
 
     with _storage_errors(plan):
         interrupted = [trial for trial in study.get_trials() if not trial.state.is_finished()]
-        for trial in interrupted:
-            study._storage.set_trial_state_values(trial._trial_id, TrialState.WAITING)
-        numbers = [*(trial.number for trial in interrupted), *range(len(study.trials), trials)]
+        for each in interrupted:
+            study._storage.set_trial_state_values(each._trial_id, TrialState.WAITING)
+        numbers = [*(each.number for each in interrupted), *range(len(study.trials), trials)]
         running: dict[Future[float], Trial] = {}
         while numbers or running:
             while numbers and len(running) < count:
@@ -215,16 +215,17 @@ def _run_trials(
                 asked = study.ask(dict(space))  # the waiting trials first, with the settings that they have
                 running[pool.submit(train_trial, plan, asked)] = asked
             for future in wait(running, return_when=FIRST_COMPLETED).done:
-                number, error = running[future].number, future.exception()
-                running.pop(future).set_user_attr("error", "" if error is None else describe_error(error))
+                trial, error = running.pop(future), future.exception()
+                if error is not None or "error" in trial.user_attrs:
+                    trial.set_user_attr("error", "" if error is None else describe_error(error))
                 if error is None:
-                    study.tell(number, future.result())
+                    study.tell(trial.number, future.result())
                 elif isinstance(error, TrialPruned):
-                    study.tell(number, state=TrialState.PRUNED)
+                    study.tell(trial.number, state=TrialState.PRUNED)
                 # A worker's death says nothing of the settings: the trial stays open for the next call.
                 elif not isinstance(error, BrokenExecutor):
-                    study.tell(number, state=TrialState.FAIL)
-                yield study.trials[number]
+                    study.tell(trial.number, state=TrialState.FAIL)
+                yield study.trials[trial.number]
 
 
 def _write_best(plan: SearchPlan, study: "Study") -> None:
