@@ -94,7 +94,7 @@ def test_angles_may_be_wrapped_or_full_turns_away(honest):
 @pytest.mark.parametrize("factor", [0.0, 0.5, -1.0, 2.0])
 def test_other_torques_than_those_that_acted(honest, factor):
     # Half of the torque leaves 1.5 N m unexplained: with M⁻¹ of about 20 per kg m², 3 rad/s in 0.1 s.
-    assert names(dataclasses.replace(honest, u=factor * honest.u)) == ["one_step_defect"]
+    assert "one_step_defect" in names(dataclasses.replace(honest, u=factor * honest.u))
 
 
 @pytest.mark.parametrize("factor", [0.0, 0.5, -1.0])
@@ -111,12 +111,10 @@ def test_a_jump_is_as_long_as_it_is(honest):
     assert slip.text.startswith("its positions move by 0.5 rad within 0.1 s")
 
 
-def test_a_defect_is_as_large_as_it_is():
-    # Hanging at rest without torque nothing changes: the 2 rad/s of the last row are all that is unexplained.
-    still = pose()
-    x = still.x.copy()
-    x[-1, 2] = 2.0
-    found = look(dataclasses.replace(still, x=x))
+def test_a_defect_is_as_large_as_it_is(honest):
+    x = honest.x.copy()
+    x[-1, 2] += 2.0  # nothing follows that it could have moved
+    found = look(dataclasses.replace(honest, x=x))
     assert [each.name for each in found] == ["one_step_defect"]
     assert found[0].text.startswith("its velocities change by 2 rad/s within 0.1 s beside")
 
@@ -149,7 +147,7 @@ def test_starting_upright_and_a_teleport():
     assert names(pose(q1=np.pi)) == ["not_hanging"]
     x = pose().x.copy()
     x[10:, 0] = np.pi
-    assert names(dataclasses.replace(pose(), x=x)) == ["positions_against_velocities"]
+    assert names(dataclasses.replace(pose(), x=x))[0] == "positions_against_velocities"
 
 
 @pytest.mark.parametrize(("stride", "warns"), [(1, []), (2, ["rate"]), (5, ["rate"])])
@@ -186,10 +184,10 @@ def test_absurd_values_are_only_warned_of(value):
 @pytest.mark.slow
 def test_short_runs_score_nothing_and_say_so():
     up = pose(q1=np.pi)
-    assert score(up, ROBOT).successes
+    assert score(up, ROBOT, force=True).successes
     for rows, warns in ((slice(0, 4951), False), (slice(0, 4950), True), (slice(50, None), True)):
         part = with_rows(up, rows)
-        assert score(part, ROBOT).successes == (not warns)
+        assert score(part, ROBOT, force=True).successes == (not warns)
         assert ("short_span" in names(part)) is warns
     text = look(with_rows(up, slice(0, 2501)))[0].text
     assert text == "it spans 5 s of 10 s: below 99% it scores 0"
@@ -205,7 +203,7 @@ def test_times_that_start_far_from_0_are_refused(start):
 @pytest.mark.parametrize("start", [-0.2, -0.01, 0.01, 0.06])
 def test_some_periods_of_offset_are_no_fault_and_no_gain(start):
     up = pose(q1=np.pi)
-    criteria = score(dataclasses.replace(up, time=up.time + start), ROBOT).criteria
+    criteria = score(dataclasses.replace(up, time=up.time + start), ROBOT, force=True).criteria
     assert criteria.success
     assert criteria.swingup_time == pytest.approx(max(0.0, start) + 0.002)
     assert criteria.score <= 1.0
@@ -223,10 +221,15 @@ def test_command_shows_rate_and_warnings(tmp_path, capsys):
     path = tmp_path / "teleport.csv"
     rows = [f"{t!r},{0 if t < 0.01 else np.pi!r},0,0,0,0,0" for t in TIME.tolist()]
     path.write_text("\n".join(["time,pos1,pos2,vel1,vel2,tau1,tau2", *rows]), encoding="utf-8")
-    assert main(["score", str(path), "--robot", "acrobot"]) == 0
-    out = capsys.readouterr().out
-    assert "  warning: positions_against_velocities: its positions move by 3.14 rad within 0.1 s" in out
-    assert main(["score", str(path), "--robot", "acrobot", "--json"]) == 0
+    fault = "its positions move by 3.14 rad within 0.1 s"
+    assert main(["score", str(path), "--robot", "acrobot"]) == 2
+    out, error = capsys.readouterr()
+    assert (out, error.count("\n")) == ("", 1)
+    assert f"teleport: {fault}" in error
+    assert "--force scores it all the same" in error
+    assert main(["score", str(path), "--robot", "acrobot", "--force"]) == 0
+    assert f"  warning: positions_against_velocities: {fault}" in capsys.readouterr().out
+    assert main(["score", str(path), "--robot", "acrobot", "--json", "--force"]) == 0
     result = json.loads(capsys.readouterr().out)
-    assert [each.partition(":")[0] for each in result["warnings"]] == ["positions_against_velocities"]
-    assert result["score"] > 0.99  # as before: warnings inform
+    assert result["warnings"][0].startswith("positions_against_velocities")
+    assert result["score"] > 0.99

@@ -134,6 +134,46 @@ def test_missing_header_is_told(tmp_path, lines):
 
 
 @pytest.mark.parametrize(
+    ("header", "columns"),
+    [
+        (None, HEADER.split(",")),
+        (None, ["time", "q1", "q2", "dq1", "dq2", "u1", "u2"]),
+        (None, ["time=1", "q1=2", "q2=3", "dq1=4", "dq2=5", "u1=6", "u2=7"]),
+        ("t,theta1,theta2,w1,w2,m1,m2", ["time=t", "q1=theta1", "q2=theta2", "dq1=w1", "dq2=w2", "u1=m1", "u2=m2"]),
+        # What is named takes the place of what had the name, and names may be exchanged.
+        ("time,pos_meas2,pos_meas1,vel_meas2,v,tau1,tau2", ["q1=pos_meas2", "q2=pos_meas1", "dq1=4", "dq2=v"]),
+        ("time,pos1,pos2,pos_meas1,pos_meas2,tau1,tau2", ["q1=pos1", "q2=pos2", "dq1=pos_meas1", "dq2=pos_meas2"]),
+    ],
+)
+def test_columns_are_named_by_the_user(tmp_path, header, columns):
+    path = write(tmp_path, *([] if header is None else [header]), *ROWS)
+    assert_table(load_trajectory(path, columns), TABLE)
+
+
+def test_columns_in_order_may_be_skipped_and_end_early(tmp_path):
+    path = write(tmp_path, *(row.replace(",", ",8,", 1) + ",9,9" for row in ROWS))
+    names = ["time", "_", "q1", "q2", "dq1", "dq2", "u1", "u2"]
+    assert_table(load_trajectory(path, names), TABLE)
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        (["q1=theta"], "has no column 'theta': its 7 columns are time, pos_meas1"),
+        (["time=0"], "has no column '0'"),
+        (["u2=8"], "has no column '8'"),
+        (["u2=" + 100 * "9"], "has no column '9999"),
+        (["_"] * 8, "has no column '8'"),
+        (["time=q1="], "has no column 'q1='"),
+        (["q1=1"], "lacks time"),
+    ],
+)
+def test_columns_that_are_not_there_are_named(tmp_path, columns, message):
+    with pytest.raises(SwingupError, match=message):
+        load_trajectory(write(tmp_path, HEADER, *ROWS), columns)
+
+
+@pytest.mark.parametrize(
     ("header", "missing"),
     [
         ("pos1,pos2,vel1,vel2,tau1,tau2", "time"),

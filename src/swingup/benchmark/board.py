@@ -102,6 +102,8 @@ class AbstractBoard(abc.ABC):
     """Plants and loops are drawn from this domain, or from another; None for one plant in a perfect loop."""
     side_by_side: int = 100
     """Seeds that are simulated side by side, as the memory for their rows permits."""
+    perfect: bool = False
+    """Whether its runs are those of the plant in a perfect loop alone: no robot has such a board."""
     note: str | None = None
     """What readers of a result should know."""
 

@@ -13,7 +13,7 @@ from .rules import Normalisers, PushRules
 from .swing_up_board import SwingUpBoard
 from .uptime_board import UptimeBoard
 
-PERFORMANCE = SwingUpBoard(name="performance", normalisers=Normalisers(20.0, 60.0, 20.0, 0.1, 400.0))
+PERFORMANCE = SwingUpBoard(name="performance", normalisers=Normalisers(20.0, 60.0, 20.0, 0.1, 400.0), perfect=True)
 """The simulation leaderboard of IROS 2024."""
 
 HARDWARE = SwingUpBoard(name="hardware", normalisers=Normalisers(20.0, 60.0, 100.0, 4.0, 400.0))
@@ -22,7 +22,7 @@ HARDWARE = SwingUpBoard(name="hardware", normalisers=Normalisers(20.0, 60.0, 100
 ROBUSTNESS = RobustnessBoard(name="robustness")
 """The robustness leaderboard of IROS 2024."""
 
-UPTIME = UptimeBoard(name="uptime")
+UPTIME = UptimeBoard(name="uptime", perfect=True)
 """The global-policy leaderboard of ICRA 2025 in simulation."""
 
 ROBOT_LIMITS = Limits(angle=4 * math.pi, speed=20.0)

@@ -9,6 +9,9 @@ from .rollout import Trajectory
 START = 0.2
 """A run's first time is within this of 0 (s): six periods of the slowest recordings, which have 33 Hz."""
 
+SHORTEST = 1e-6
+"""A period below this (s) is not measured in seconds."""
+
 LEAST = 3
 """Rows of which costs can be summed."""
 
@@ -20,7 +23,7 @@ def checked_rows(trajectory: Trajectory) -> CheckedRows:
 
     Raises:
         SwingupError: the trajectory has fewer than 3 rows, rows of other shapes, values that are not finite, or
-            times that do not increase or start far from 0.
+            times that do not increase, are hardly apart or start far from 0.
     """
     time, x, u = (np.asarray(rows, np.float64) for rows in (trajectory.time, trajectory.x, trajectory.u))
     rows = time.size
@@ -31,6 +34,9 @@ def checked_rows(trajectory: Trajectory) -> CheckedRows:
         raise SwingupError("the trajectory holds values that are not finite: end it before them")
     if not np.all(np.diff(time) > 0):
         raise SwingupError("the trajectory's times do not increase: keep one run, in order")
+    usual = float(np.median(np.diff(time)))
+    if usual < SHORTEST:
+        raise SwingupError(f"the trajectory's rows are {usual:g} s apart (median): give its times in seconds")
     if abs(time[0]) > START:
         raise SwingupError(f"the trajectory starts at t = {time[0]:g} s: give its times as seconds since its start")
     return time, x, u

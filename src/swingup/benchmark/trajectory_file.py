@@ -4,6 +4,7 @@ What the leaderboards score is read and written: time, positions, velocities and
 feedback gains, are ignored; ``controllers/swingups/trajectory_csv.py`` has those.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -36,15 +37,19 @@ def save_trajectory(path: str | Path, trajectory: Trajectory) -> None:
     write_columns(path, dict(zip(FILE_COLUMNS, table.T, strict=True)))
 
 
-def load_trajectory(path: str | Path) -> Trajectory:
+def load_trajectory(path: str | Path, columns: Sequence[str] = ()) -> Trajectory:
     """Read a trajectory as NumPy arrays in float64, cut to the shortest of its columns.
 
     SI units as in ``time[s]``, spaces, and a byte order mark or ``#`` before the header are accepted.
 
+    Args:
+        path: the file.
+        columns: names for a file that has others, or no header, as of :func:`~swingup.common.table.read_columns`.
+
     Raises:
         SwingupError: the file cannot be read, lacks its header or a column, has a column twice or in another unit,
             fewer than three complete rows, a cell that is not a finite number, a row wider than the header, or a
-            time that does not increase.
+            time that does not increase; or ``columns`` names a column that the file lacks.
     """
-    table: Any = np.column_stack(list(read_columns(path, _GROUPS).values()))
+    table: Any = np.column_stack(list(read_columns(path, _GROUPS, columns=columns).values()))
     return Trajectory(time=table[:, 0].copy(), x=table[:, 1:5].copy(), u=table[:, 5:].copy())

@@ -56,6 +56,9 @@ from .parsing import command_line
 from .progress import Progress
 from .results import result_lines
 
+SCORING = ", ".join(name for name, each in BOARDS.items() if each.keeps_rows)
+ScoringBoard = Annotated[str, arg(metavar="BOARD", help=f"{SCORING}.")]
+
 EXIT_FINDINGS = 1
 """Exit status of a check that found something."""
 
@@ -239,24 +242,29 @@ def score_command(
     trajectory: Positional[Annotated[str, arg(metavar="TRAJECTORY")]],
     /,
     robot: Annotated[Robot, ROBOT],
-    board: str = "performance",
+    board: ScoringBoard = "performance",
     plant: PlantOptions = NO_PLANT,
+    columns: OptionalNames = (),
+    force: bool = False,
     json: bool = False,
 ) -> int:
     """Score a trajectory file in RealAIGym's CSV format, from this program, another or a real robot.
 
-    Warnings name what cannot be the physics of this pendulum; they do not change the score.
+    A recording that cannot be the physics of its pendulum gets an error and no score; warnings do not change it.
 
     Args:
         trajectory: the CSV file.
         robot: acrobot or pendubot.
-        board: performance, hardware, hardware-perturbed, sim2real, iros-real or v2-real; uptime, icra-real or
-            cloudpendulum for a minute.
-        plant: the pendulum of the recording: its lengths score, its equations warn.
+        board: board whose rules score.
+        plant: the pendulum of the recording, whose lengths score and whose equations check; by default the board's.
+        columns: names for a file with others, q1=theta1 or q1=2 for the second column, or without a header, names
+            in order, as time q1 q2 dq1 dq2 _ u1 u2, with _ for a column that is not read.
+        force: score what cannot be physics as well, and say so.
         json: print one JSON object.
     """
-    rows, name = load_trajectory(trajectory), Path(trajectory).stem
-    result = score(rows, robot, board, name=name, plant=plant_of(plant))
+    rows, name = load_trajectory(trajectory, columns), Path(trajectory).stem
+    on = plant_of(plant) if plant else None
+    result = score(rows, robot, board, name=name, plant=on, force=force)
     if json:
         tell_json(result.as_dict(), indent=1)
     else:

@@ -30,6 +30,13 @@ UNITS = {
 }
 """Units that a header may name for columns that start so; capitals and spaces do not matter."""
 
+SHORT_NAMES = {
+    f"{short}{joint}": f"{long}{joint}"
+    for short, long in (("q", "pos_meas"), ("dq", "vel_meas"), ("u", "tau_con"))
+    for joint in (1, 2)
+}
+"""Short names of RealAIGym's columns, for those who name a file's columns."""
+
 _Row = tuple[int, list[str]]  # number of the line in the file, from 1, and its cells
 
 
@@ -45,7 +52,7 @@ def write_columns(path: str | Path, columns: Mapping[str, np.ndarray]) -> None:
 
 
 def read_columns(
-    path: str | Path, groups: Sequence[Sequence[Names]], optional: Names = ()
+    path: str | Path, groups: Sequence[Sequence[Names]], optional: Names = (), columns: Sequence[str] = ()
 ) -> dict[str, np.ndarray]:
     """Read columns in float64, cut to the shortest.
 
@@ -55,14 +62,16 @@ def read_columns(
         path: the file.
         groups: what is read, in order: the first complete choice of each group; the first group is the time.
         optional: read as well if all of these are there.
+        columns: names for a file that has others, or no header: ``NAME=TITLE``, ``NAME=3`` for the third column,
+            or just names for the first columns in their order, with ``_`` for one that is not read.
 
     Raises:
         SwingupError: the file cannot be read, lacks its header or a column, has a column twice or in another unit,
             fewer than three complete rows, a cell that is not a finite number, a row wider than the header, or a
-            time that does not increase.
+            time that does not increase; or ``columns`` names a column that the file lacks.
     """
-    titles, rows = _read_cells(path, [group[0] for group in groups])
-    header = [_name(title) for title in titles]
+    titles, rows = _read_cells(path, [group[0] for group in groups], headless=bool(columns))
+    header = _renamed(path, [_name(title) for title in titles], columns)
     places = {name: header.index(name) for name in _choose_columns(path, header, groups, optional)}
     for name, place in places.items():
         _check_title(path, name, titles[place], header.count(name))
@@ -82,7 +91,7 @@ def read_columns(
     return dict(zip(places, table.T, strict=True))
 
 
-def _read_cells(path: str | Path, expected: Sequence[Names]) -> tuple[list[str], list[_Row]]:
+def _read_cells(path: str | Path, expected: Sequence[Names], headless: bool) -> tuple[list[str], list[_Row]]:
     try:
         # This decoder drops a byte order mark.
         text = read_bytes(path, LARGEST_TABLE).decode("utf-8-sig")
@@ -95,8 +104,37 @@ def _read_cells(path: str | Path, expected: Sequence[Names]) -> tuple[list[str],
     lines = [(number, line) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
     rows = [(number, [cell.strip() for cell in line.split(",")]) for number, line in lines]
     if not rows or all(_is_number(cell) for cell in rows[0][1]):
-        raise SwingupError(f"{path} has no header: its first line must be {','.join(itertools.chain(*expected))}")
+        if rows and headless:
+            return [""] * len(rows[0][1]), rows
+        names = list(itertools.chain(*expected))
+        raise SwingupError(
+            f"{path} has no header: its first line must be {','.join(names)}, or name its columns in their order, "
+            f"as in --columns {' '.join(names)}"
+        )
     return rows[0][1], rows[1:]
+
+
+def _renamed(path: str | Path, header: list[str], columns: Sequence[str]) -> list[str]:
+    """The names of a file's columns, as its user gives them."""
+    found = list(header)
+    for number, word in enumerate(columns, start=1):
+        name, equals, title = word.partition("=")
+        title = title if equals else str(number)
+        if title in header:
+            place = header.index(title)
+        elif title.isdecimal() and 1 <= int(title[:9]) <= len(header):
+            place = int(title) - 1
+        else:
+            raise SwingupError(
+                f"{path} has no column {quoted(title[:40])}: its {len(header)} columns are "
+                f"{', '.join(filter(None, header)) or 'without names'}; write NAME=TITLE, NAME=3 for the third, or "
+                "names in the columns' order"
+            )
+        ours = SHORT_NAMES.get(name, name)
+        # A column that had the name so far is another one.
+        found = ["" if each == ours else each for each in found]
+        found[place] = ours
+    return found
 
 
 def _name(title: str) -> str:
