@@ -12,6 +12,7 @@ from policies import lone_policy
 from swingup.areapo.config import Config
 from swingup.common.errors import SwingupError
 from swingup.controllers.stack.controller import save_controller
+from swingup.learner import compiled_backend
 from swingup.learner.metrics import read_metrics
 from swingup.learner.presets import get_preset
 from swingup.learner.run import Run
@@ -108,6 +109,27 @@ def test_stopped_between_checkpoints_and_resumed(finished, tmp_path):
     assert resumed.frames == 6 * FRAMES
     list(resumed.advance())
     assert_same_files(folder, tmp_path / "part")
+
+
+def test_stopped_within_a_chunk_and_resumed(finished, tmp_path, monkeypatch):
+    monkeypatch.setattr(compiled_backend, "CALL_WORK", 0.0)  # an iteration a call
+    folder, _, _ = finished
+    training = start_run(SETTINGS, tmp_path / "part", 10 * FRAMES)
+    train = training.backend.train
+
+    def stopped(state, iterations, stopping):
+        training.stop()
+        return train(state, iterations, stopping)
+
+    monkeypatch.setattr(training.backend, "train", stopped)
+    assert [report.frames for report in training.advance()] == [FRAMES]
+    list(resume_run(tmp_path / "part").advance())
+    # The best policy may be that of the further evaluation.
+    whole, resumed = (
+        load_file(each / "checkpoints/000000000640.safetensors") for each in (folder, tmp_path / "part")
+    )
+    for key in whole:
+        np.testing.assert_array_equal(whole[key], resumed[key], err_msg=key)
 
 
 def test_killed_after_a_checkpoint_and_resumed(finished, tmp_path):
