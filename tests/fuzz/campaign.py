@@ -2,8 +2,11 @@
 
 import collections
 import random
+import re
 import signal
 from pathlib import Path
+
+import numpy as np
 
 from swingup.areapo.checkpoint import load_checkpoint, read_metadata
 from swingup.benchmark.score import score
@@ -11,15 +14,28 @@ from swingup.benchmark.trajectory_file import load_trajectory
 from swingup.common.errors import SwingupError
 from swingup.controllers.swingups.reference import load_reference
 from swingup.controllers.swingups.trajectory_csv import load_reference_csv
+from swingup.export.c_backend.header import c_header
 from swingup.learner.metrics import read_metrics
 from swingup.learner.run_settings import read_run_settings
 from swingup.loop.domain import load_domain
 from swingup.plant.plant import load_plant
 from swingup.policy.file import read_network
+from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.pendulum import read_pendulum_policy
 from swingup.report.inputs import read_curve, read_robustness
 
 from .inputs import KINDS, LIKE
+
+
+def run_policy(path):
+    """A policy that is accepted gives finite torques, and has a header in C."""
+    found = read_pendulum_policy(path)
+    controller = numpy_controller(found)
+    torques = [controller(np.array([0.1 * k, 0.2, 300.0, -0.1]), 0.002 * k) for k in range(3)]
+    assert np.isfinite(torques).all(), f"torques {torques}"
+    if found.network.activation == "relu":
+        assert not {"inff", "nanf"} & set(re.findall("[a-z]+", c_header(found)))
+
 
 READERS = {
     "yaml": [load_plant, load_domain],
@@ -27,7 +43,7 @@ READERS = {
         lambda path: score(load_trajectory(path), "acrobot"),
         lambda path: load_reference_csv(path, "acrobot"),
     ],
-    "policy": [read_pendulum_policy, read_network],
+    "policy": [run_policy, run_policy, read_network],
     "reference": [load_reference],
     "checkpoint": [lambda path: load_checkpoint(path, LIKE), read_metadata],
     "config": [lambda path: read_run_settings(Path(path).parent)],

@@ -14,7 +14,7 @@ SEEDS = os.environ.get("SWINGUP_FUZZ_SEEDS", "0").split(",")
 
 
 @pytest.mark.parametrize(
-    ("seed", "reads"), [(1, 240), *(pytest.param(int(seed), 20_000, marks=pytest.mark.slow) for seed in SEEDS)]
+    ("seed", "reads"), [(1, 400), *(pytest.param(int(seed), 20_000, marks=pytest.mark.slow) for seed in SEEDS)]
 )
 def test_reads(tmp_path, seed, reads):
     found = campaign(seed, reads, tmp_path)
