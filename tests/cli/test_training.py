@@ -5,7 +5,6 @@ import math
 import os
 import shlex
 import signal
-import subprocess
 import sys
 import threading
 import time
@@ -22,12 +21,11 @@ from swingup.benchmark.leaderboard import OURS, Row, Table, paper_score, publish
 from swingup.cli import demonstrating, main, refining
 from swingup.cli.commands import COMMANDS
 from swingup.cli.demonstrating import Watch
-from swingup.cli.parsing import parse, program_typed
+from swingup.cli.parsing import parse
 from swingup.cli.results import comparison_lines
 from swingup.cli.showing import figures
 from swingup.common.errors import SwingupError
 from swingup.common.settings import read_settings
-from swingup.common.text import duration
 from swingup.controllers.registry import get_controller
 from swingup.learner.metrics import read_metrics
 from swingup.learner.report import TrainingReport
@@ -56,14 +54,6 @@ def test_the_figures_by_hand():
     rows = [{"reward": 1.0, "score": None, "termination_rate": rate} for rate in (0.001, 0.004)]
     shown = figures(TrainingReport(50_000, 20_000.0, rows, None), "a note")
     assert shown == "a note  score nan  reward 1.000  resets 2.5/1k  20k/s"
-
-
-@pytest.mark.parametrize(
-    ("seconds", "words"),
-    [(-3, "0 s"), (0.4, "0 s"), (99, "99 s"), (100, "2 min"), (5400, "90 min"), (7200, "2.0 h")],
-)
-def test_durations(seconds, words):
-    assert duration(seconds) == words
 
 
 def test_train_resume_and_evaluate(run, capsys):
@@ -99,18 +89,6 @@ def test_train_another_task_and_resume(run, capsys):
     rows = read_metrics("runs/CartPole-v1-mujoco-0/metrics.jsonl")
     assert [row["frames"] for row in rows] == [128, 256]
     assert load_file("runs/CartPole-v1-mujoco-0/best.safetensors")["network.logits.weight"].shape == (2, 8)
-
-
-@pytest.mark.slow
-def test_a_signal_ends_the_process(tmp_path):
-    environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path / "cache")}
-    command = [sys.executable, "-m", "swingup", *ENDLESS.split()]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as process:
-        _wait_for_a_report()
-        process.send_signal(signal.SIGTERM)
-        _, error = process.communicate(timeout=120)
-    assert process.returncode == 143
-    _check_stopped(error)
 
 
 def test_ctrl_c_ends_the_command(capsys):
@@ -190,22 +168,6 @@ def test_the_comparison_is_narrow_and_sorted(robot, monkeypatch):
     (table,) = make.trained_section(ACROBOT, {"your policy": get_controller("ar-eapo", ACROBOT)}).tables
     assert [row.controller for row in table.rows] == ["History SAC", "your policy", "AR-EAPO", "TVLQR"]
     assert paper_score(robot) == {"acrobot": 0.633, "pendubot": 0.659}[robot.name]
-
-
-def test_the_program_as_it_can_be_typed(monkeypatch, tmp_path):
-    """By its name where that is the same program, by its path, or by the module where there is no program."""
-    program = tmp_path / "bin" / "swingup"
-    program.parent.mkdir()
-    program.write_text("#!/bin/sh\n")
-    program.chmod(0o755)
-    for started, path, typed in (
-        (".venv/bin/swingup", "", ".venv/bin/swingup"),
-        (str(program), str(program.parent), "swingup"),
-        ("__main__.py", "", f"{shlex.quote(sys.executable)} -m swingup"),
-    ):
-        monkeypatch.setattr(sys, "argv", [started])
-        monkeypatch.setenv("PATH", path)
-        assert program_typed() == typed
 
 
 @pytest.fixture

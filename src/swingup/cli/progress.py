@@ -25,7 +25,7 @@ class Progress(AbstractContextManager["Progress"]):
             "{task.description}", markup=False, table_column=Column(no_wrap=True, overflow="ellipsis")
         )
         self._bar = Bar(
-            BarColumn(bar_width=8),
+            BarColumn(bar_width=8, table_column=Column(width=8)),
             text,
             console=self._console,
             transient=True,
