@@ -72,7 +72,7 @@ def test_a_run_agrees_with_a_numpy_loop(robot):
     plain = PlainCounting()
     plain.init()
     p = LEADERBOARD.driven(robot).values()
-    rows = independent_run(p, BRIEF, draw_throws(BRIEF, 3), plain.get_control_output)
+    rows = independent_run(p, BRIEF, draw_throws(BRIEF, LEADERBOARD, 3), plain.get_control_output)
     np.testing.assert_allclose(result.trajectory.x, rows[:, :4], rtol=1e-7, atol=1e-7)
     np.testing.assert_allclose(result.trajectory.u, rows[:, 4:], rtol=1e-6, atol=1e-6)
     height = -0.2 * np.cos(rows[:, 0]) - 0.3 * np.cos(rows[:, 0] + rows[:, 1])
@@ -162,7 +162,7 @@ def test_the_real_boards_resets_come_at_their_times():
 def test_throws_come_at_their_times_and_last_a_hundred_steps_or_one_more():
     lengths = set()
     for seed in range(20):
-        throws = draw_throws(V3, seed)
+        throws = draw_throws(V3, LEADERBOARD, seed)
         assert throws.number.shape == (30_000,)
         for index in range(15):
             steps = np.flatnonzero(throws.number == index)

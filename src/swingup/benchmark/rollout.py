@@ -21,7 +21,6 @@ from ..loop.disturbance import Disturbance, Past, measured_state, motor_torques,
 from ..loop.effects import Times, start_times
 from ..loop.loop import LOOP_DT
 from ..loop.supervisors.supervisor import AbstractSupervisor, Intervention, no_intervention
-from ..loop.supervisors.throws import PID, Throws, is_thrown, start_pid, throw
 from ..plant.plant import Plant
 
 Rows = Array | np.ndarray
@@ -58,10 +57,8 @@ class Scenario(eqx.Module):
     """The plant, whatever model the controller has. A torque limit of 0 makes a joint passive."""
     disturbance: Disturbance | None = None
     """None is a perfect loop, and faster than a disturbance that changes nothing."""
-    throws: Throws | None = None
-    """When a PID takes the pendulum from the controller, if ever."""
     supervisor: AbstractSupervisor[Any] | None = None
-    """What a robot's loop does beside the controller: it stops the run, throws the pendulum or pushes it."""
+    """What stands beside the controller: it stops the run, throws the pendulum or pushes it."""
     substeps: int = eqx.field(static=True, default=1)
     """Steps of RK4 in a step of the loop: ``stable_substeps`` of the plant. The boards' plants have 1."""
 
@@ -75,7 +72,6 @@ class LoopState(eqx.Module):
     motors: Torque
     """The motors' own torques, which their next ones start from (N m)."""
     past: Past
-    pid: PID
     torque_noise: Torque
     """Noise on the torques of the step measured last (N m), drawn together with the measurement's noise."""
     times: Times | None = None
@@ -109,7 +105,7 @@ def initial_loop(
     times = start_times(depth, dt, x0.dtype) if timed else None
     supervision = None if supervisor is None else (supervisor.start(x0.dtype), no_intervention(x0.dtype))
     # A delay that reaches before the start measures the first state, as in the benchmark.
-    return LoopState(x0, rest, rest, jnp.tile(x0, (depth, 1)), start_pid(x0.dtype), rest, times, supervision)
+    return LoopState(x0, rest, rest, jnp.tile(x0, (depth, 1)), rest, times, supervision)
 
 
 def loop_time(loop: LoopState, step: Count, dt: float) -> Scalar:
@@ -119,8 +115,7 @@ def loop_time(loop: LoopState, step: Count, dt: float) -> Scalar:
 
 def measure(scenario: Scenario, loop: LoopState, step: Count, dt: float = LOOP_DT) -> tuple[LoopState, State, Flag]:
     """First half of a step of dt (s): the measured state, and whether the controller is called at all."""
-    called = jnp.array(True) if scenario.throws is None else ~is_thrown(scenario.throws, step)
-    measured, now = loop.x, loop_time(loop, step, dt)
+    called, measured, now = jnp.array(True), loop.x, loop_time(loop, step, dt)
     if scenario.disturbance is not None:
         past = remember(loop.past, step, loop.x)
         times = None if loop.times is None else loop.times.remember(step)
@@ -129,7 +124,7 @@ def measure(scenario: Scenario, loop: LoopState, step: Count, dt: float = LOOP_D
         loop = replace(loop, past=past, times=times, torque_noise=torque_noise)
     if scenario.supervisor is not None and loop.supervision is not None:
         supervision = scenario.supervisor(loop.supervision[0], now, measured)
-        loop, called = replace(loop, supervision=supervision), called & ~supervision[1].takes
+        loop, called = replace(loop, supervision=supervision), ~supervision[1].takes
     return loop, measured, called
 
 
@@ -151,15 +146,9 @@ def record(scenario: Scenario, loop: LoopState, measured: State, command: Torque
 
 def apply_torque(scenario: Scenario, loop: LoopState, step: Count, command: Torque, dt: float) -> LoopState:
     """Second half of a step: the motor, the pushes, and the plant for dt (s) with its torque held."""
-    p, pid, motors, command = scenario.parameters, loop.pid, loop.motors, asked(loop, command)
+    p, motors, command = scenario.parameters, loop.motors, asked(loop, command)
     period: float | Scalar = dt
     limits = jnp.array([p.tl1, p.tl2], loop.x.dtype)
-    if scenario.throws is not None:
-        thrown = is_thrown(scenario.throws, step)
-        thrower, torque = throw(scenario.throws, p, pid, step, loop.x)
-        command = jnp.where(thrown, torque, command)
-        # Between throws the PID rests: its error sum runs on from throw to throw.
-        pid = jax.tree.map(lambda new, old: jnp.where(thrown, new, old), thrower, pid)
     if scenario.disturbance is None:
         u = jnp.clip(command, -limits, limits)
     else:
@@ -168,7 +157,7 @@ def apply_torque(scenario: Scenario, loop: LoopState, step: Count, command: Torq
         u, motors = motor_torques(scenario.disturbance, command, motors, time, noise, limits, loop.x[:2], period)
     times = None if loop.times is None else loop.times.after(period)
     x = rk4_steps(p, loop.x, u, period, scenario.substeps)
-    return replace(loop, x=x, u=u, motors=motors, pid=pid, times=times)
+    return replace(loop, x=x, u=u, motors=motors, times=times)
 
 
 def simulate(
@@ -201,7 +190,7 @@ def simulate(
         # The measurement comes before the control and the motor: the benchmark's order.
         loop, measured, called = measure(scenario, before, index, dt)
         after_call, command = controller(memory, time, measured)
-        if scenario.throws is None and scenario.supervisor is None:
+        if scenario.supervisor is None:
             memory = after_call
         else:
             # The compiled loop computes the call during a throw, too. The memory must not advance then.

@@ -81,8 +81,8 @@ class UptimeBoard(AbstractBoard):
         limit = self.thrower.limit
         if setting.domain is None:
             parameters = replace(setting.nominal, tl1=limit, tl2=limit)
-            throws = draw_throws(self, seed)
-            return Scenario(parameters, throws=throws, substeps=stable_substeps(parameters, self.dt))
+            throws = draw_throws(self, parameters, seed)
+            return Scenario(parameters, supervisor=throws, substeps=stable_substeps(parameters, self.dt))
         parameters, disturbance = draw(setting.domain, jax.random.key(seed), setting.robot)
         supervisor: AbstractSupervisor
         if self.cell is None:
@@ -115,8 +115,8 @@ class UptimeBoard(AbstractBoard):
         )
 
 
-def draw_throws(board: UptimeBoard, seed: int) -> Throws:
-    """Random throws: when they come, and where they aim."""
+def draw_throws(board: UptimeBoard, model: Plant, seed: int) -> Throws:
+    """Random throws: when they come, and where they aim. The PID compensates the model's gravity."""
     random = np.random.default_rng(seed)
     starts = _plan(board, random)
     target = random.uniform(-np.pi, np.pi, (board.throws, 2))
@@ -126,7 +126,7 @@ def draw_throws(board: UptimeBoard, seed: int) -> Throws:
     for index, start in enumerate(starts):
         first = int(np.searchsorted(time, start))
         number[(np.arange(board.steps) >= first) & (time - time[first] <= board.throw_duration)] = index
-    return Throws(number, target, board.thrower)
+    return Throws(number, target, board.thrower, model)
 
 
 def draw_resets(board: UptimeBoard, model: Plant, seed: int) -> ResetSupervisor:

@@ -5,7 +5,8 @@ wrapped, its error sum and its last error continue from throw to throw, and its 
 """
 
 import functools
-from typing import Annotated
+from dataclasses import replace
+from typing import Annotated, NamedTuple
 
 import equinox as eqx
 import jax
@@ -13,11 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ...common.types import Count, Flag, Scalar, State, Torque
+from ...common.types import Count, Scalar, State, Torque
 from ...dynamics.dynamics import gravity_torque
 from ...dynamics.integrate import rk4_steps, stable_substeps
 from ...plant.plant import Plant
 from ...plant.units import DAMPING, TORQUE, TORQUE_RATE, scales_of, similar_plant
+from .supervisor import AbstractSupervisor, Intervention, no_intervention
 
 WITHOUT_DERIVATIVE = 2
 """First calls of the run in which the PID takes its derivative for 0."""
@@ -47,16 +49,6 @@ THROWER = Thrower()
 """The benchmark's."""
 
 
-class Throws(eqx.Module):
-    """When the pendulum is thrown, where to, and the PID that does it."""
-
-    number: Int[Array | np.ndarray, "steps"]
-    """Number of the throw at each step, -1 between throws."""
-    target: Float[Array | np.ndarray, "throws 2"]
-    """Angles that each throw aims at (rad)."""
-    thrower: Thrower = THROWER
-
-
 class PID(eqx.Module):
     """The PID's memory between calls."""
 
@@ -72,15 +64,36 @@ def start_pid(dtype: jnp.dtype) -> PID:
     return PID(jnp.zeros((), int), jnp.zeros(2, dtype), jnp.zeros(2, dtype))
 
 
-def is_thrown(throws: Throws, step: Count) -> Flag:
-    """Whether the PID drives the joints at this step: the controller is then neither called nor told."""
-    return jnp.asarray(throws.number)[step] >= 0
+class ThrowMemory(NamedTuple):
+    """What is remembered from step to step."""
+
+    pid: PID
+    step: Count
 
 
-def throw(throws: Throws, parameters: Plant, pid: PID, step: Count, x: State) -> tuple[PID, Torque]:
-    """The PID's torque (N m) at this step, minus the gravity torque, before the motors' limits."""
-    target = jnp.asarray(throws.target)[jnp.asarray(throws.number)[step]]
-    return throwing_torque(throws.thrower, parameters, pid, target, x)
+class Throws(AbstractSupervisor[ThrowMemory]):
+    """When the pendulum is thrown, where to, and the PID that does it."""
+
+    number: Int[Array | np.ndarray, "steps"]
+    """Number of the throw at each step, -1 between throws."""
+    target: Float[Array | np.ndarray, "throws 2"]
+    """Angles that each throw aims at (rad)."""
+    thrower: Thrower
+    model: Plant
+    """The model with which the PID compensates gravity."""
+
+    def start(self, dtype: jnp.dtype) -> ThrowMemory:
+        """Before the first step."""
+        return ThrowMemory(start_pid(dtype), jnp.zeros((), int))
+
+    def __call__(self, memory: ThrowMemory, t: Scalar, x: State) -> tuple[ThrowMemory, Intervention]:
+        """The PID drives both joints during a throw."""
+        number = jnp.asarray(self.number)[memory.step]
+        thrown, none = number >= 0, no_intervention(x.dtype)
+        pid, torque = throwing_torque(self.thrower, self.model, memory.pid, jnp.asarray(self.target)[number], x)
+        # Between throws the PID rests: its error sum runs on from throw to throw.
+        pid = jax.tree.map(lambda new, old: jnp.where(thrown, new, old), pid, memory.pid)
+        return ThrowMemory(pid, memory.step + 1), replace(none, takes=thrown, torque=torque)
 
 
 def throwing_torque(
