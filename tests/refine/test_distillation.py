@@ -25,9 +25,9 @@ from swingup.refine.dataset import STILL, Dataset, _hanging_still
 from swingup.refine.distillation import distil, new_student
 from swingup.refine.distillation_settings import DistillationSettings, plant_scale
 from swingup.refine.plant_draws import SWEEPS, PlantDraws, draw_plants
+from swingup.refine.recipe import wrapped_policy
 from swingup.refine.recoveries import make_recoveries
 from swingup.refine.teacher import APART, TOP_COST, make_teachers, matched_torque, taught
-from swingup.refine.wrappers import default_wrappers
 from swingup.tasks.observation import PendulumStage
 
 ACROBOT, PENDUBOT = get_robot("acrobot"), get_robot("pendubot")
@@ -168,9 +168,8 @@ def test_a_new_student_sees_the_plant_in_units_of_its_ranges():
         value = sweep.sweep.high * (getattr(nominal, sweep.parameter) if sweep.relative else 1.0)
         moved = base_parameters(dataclasses.replace(nominal, **{sweep.parameter: value}))
         assert 0.1 < np.abs((moved - base_parameters(nominal)) / plant_scale(base_parameters(nominal))).max() < 3.0
-    assert [part is None for part in default_wrappers(student)] == [False, False, False]
-    assert default_wrappers(small()).metadata().keys() == {"estimator"}
-    assert default_wrappers(student).metadata().keys() == {"estimator", "identifier", "regulator"}
+    assert wrapped_policy(small()).parts == ("estimator",)
+    assert wrapped_policy(student).parts == ("estimator", "identifier", "regulator")
 
 
 def test_one_of_four_robots_has_a_rotor_of_any_inertia(robot):

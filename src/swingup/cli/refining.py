@@ -10,10 +10,10 @@ from tyro.conf import arg
 from ..benchmark.seeds import check_seeds
 from ..common.files import check_writable
 from ..common.version import __version__
-from ..controllers.stack.controller import policy_alone, save_controller
+from ..controllers.stack.controller import policy_alone
+from ..policy.pendulum import write_pendulum_policy
 from ..policy.shipped import AR_EAPO, GLOBAL, load_policy
-from ..refine.recipe import ADAPT, RECIPES, RefinementReport, run_recipe
-from ..refine.wrappers import default_wrappers
+from ..refine.recipe import ADAPT, RECIPES, RefinementReport, run_recipe, wrapped_policy
 from .arguments import NO_PLANT, PlantOptions, RobotName, optional, plant_of, word_of
 from .output import tell
 from .parsing import command_line
@@ -55,7 +55,9 @@ def refine_command(
     with Progress() as progress:
 
         def report(now: RefinementReport) -> None:
-            save_controller(out, now.controller, _provenance(base.metadata, command, seed, stages, now))
+            write_pendulum_policy(
+                out, wrapped_policy(now.controller), _provenance(base.metadata, command, seed, stages, now)
+            )
             means = "".join(f"  {name.replace('_', ' ')} {value:.3f}" for name, value in now.measures.items())
             figures = f"score {now.criteria.score:.3f}{means}"
             progress(f"stage {now.stage} of {len(stages)}", now.iteration, now.of, figures)
@@ -83,5 +85,4 @@ def _provenance(
         "stages": [{"kind": type(stage).__name__} | dataclasses.asdict(stage) for stage in stages],
         "scores": {"v2": dataclasses.asdict(now.criteria)},
         "base": origin,
-        **default_wrappers(now.controller).metadata(),
     }
