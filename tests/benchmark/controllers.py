@@ -1,4 +1,4 @@
-"""What several tests of the benchmark share: short rules, and a controller in JAX and in NumPy."""
+"""What several tests of the benchmark share: short rules, and controllers in JAX and in plain Python."""
 
 import dataclasses
 import math
@@ -32,3 +32,37 @@ class Swinging(AbstractController):
 def swinging(x, t):
     """The same in NumPy."""
     return np.ones(2) * (3 * math.tanh(x[2] + x[3]) + 0.5 * math.cos(3 * t))
+
+
+class Hanging(AbstractController):
+    """No torque."""
+
+    def init(self):
+        return None
+
+    def __call__(self, carry, t, x):
+        return None, jnp.zeros(2, x.dtype)
+
+
+class Counting(AbstractController):
+    """A torque that grows with the calls, on both joints."""
+
+    def init(self):
+        return jnp.zeros(())
+
+    def __call__(self, carry, t, x):
+        return carry + 1, jnp.array([0.3, 1.0]) * jnp.sin(0.01 * carry + t) * jnp.cos(x[0])
+
+
+class PlainCounting:
+    """The same in plain Python, with a memory in the object."""
+
+    def __init__(self):
+        self.calls = 99
+
+    def init(self):
+        self.calls = 0
+
+    def get_control_output(self, x, t):
+        self.calls += 1
+        return np.array([0.3, 1.0]) * math.sin(0.01 * (self.calls - 1) + t) * math.cos(x[0])

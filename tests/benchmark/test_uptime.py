@@ -4,7 +4,6 @@ import dataclasses
 import json
 import math
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -13,38 +12,17 @@ from swingup.benchmark.boards import ICRA_REAL, UPTIME
 from swingup.benchmark.judge import judge
 from swingup.benchmark.score import score
 from swingup.benchmark.uptime_board import draw_resets, draw_throws
-from swingup.controllers.interface.controller import AbstractController
 from swingup.loop.domain import make_domain
 from swingup.loop.supervisors.limits import Limits
 from swingup.loop.supervisors.throws import TURNS, thrown_states
 from swingup.plant.plant import LEADERBOARD, load_plant
 from swingup.plant.robots import get_robot
 
+from .controllers import Counting, PlainCounting
 from .independent import ResetText, gravity, rk4
 
 V3 = UPTIME
 BRIEF = dataclasses.replace(V3, name="brief", duration=2.0, throws=3, first=0.4, jitter=0.1)
-
-
-class Counting(AbstractController):
-    """A torque that grows with the calls, on both joints."""
-
-    def init(self):
-        return jnp.zeros(())
-
-    def __call__(self, carry, t, x):
-        return carry + 1, jnp.array([0.3, 1.0]) * jnp.sin(0.01 * carry + t) * jnp.cos(x[0])
-
-
-class PlainCounting:
-    """The same in plain Python."""
-
-    def init(self):
-        self.calls = 0
-
-    def get_control_output(self, x, t):
-        self.calls += 1
-        return np.array([0.3, 1.0]) * math.sin(0.01 * (self.calls - 1) + t) * math.cos(x[0])
 
 
 def independent_run(p, rules, throws, control):
