@@ -135,6 +135,10 @@ FAULTY = {
     "joint 1, and its passive_limit is 0.4: clip the torque": Remembering([0.5, 0.0], passive_limit=0.4),
     "its attribute passive_limit = 'much': use a number": Remembering([0.5, 0.0], passive_limit="much"),
     "its attribute passive_limit = -1.0: use a number": Remembering([0.5, 0.0], passive_limit=-1.0),
+    "its arguments are t, x, and a controller is called with (x, t): swap them": lambda t, x: [0.0, x[0]],
+    "its arguments are time, state, and": lambda time, state: [0.0, time],
+    "it answers to (t, x) alone": lambda now_s, angles: [0.0, 0.1 * angles[0] + now_s],
+    "up to 600 N m on the driven joint 2, whose motor has 6 N m: clip": lambda x, t: [0.0, -600.0],
     "its attribute passive_limit = nan: use a number": Remembering([0.5, 0.0], passive_limit=np.nan),
 }
 SOUND = {
@@ -209,11 +213,19 @@ class Jax(AbstractController):
             "scalar": u[1],
             "passive": u[::-1],
             "complex": u * 1j,
+            "strong": u * 100,
         }.get(self.fault, u)
         return u if self.fault == "alone" else ({"calls": calls}, u)
 
 
+class Swapped(Jax):
+    def __call__(self, carry, x, t):
+        return carry, jnp.array([0.0, 1.0]) * x
+
+
 IN_JAX = {
+    "its arguments are x, t, and a controller is called with (memory, t, x): swap them": Swapped(),
+    "up to 609.8 N m on the driven joint 2": Jax("strong"),
     "memory changes shape or dtype": Jax("memory"),
     "tracing it raised RuntimeError: no": Jax("raising"),
     "running it raised JaxRuntimeError (ValueError: host failed): correct it there": Jax("callback"),

@@ -151,7 +151,7 @@ def _check(name: str, robot: Robot, estimator: bool | None, plant: Plant) -> int
     """Print a controller's faults, and whether it is too slow for its loop."""
     with foreign_prints_apart():
         found = get_controller(name, robot, estimator, designs_for(name, plant))
-        findings = check_controller(found, robot)
+        findings = check_controller(found, robot, float(plant.limit(robot.joint)))
         slow = None if findings else slow_call(call_time(found, LOOP_DT), LOOP_DT)
     lines = [*(findings or ["nothing wrong was found"]), *([] if slow is None else [f"warning: {slow}"])]
     tell(*(f"{judged_name(name, found)}: {each}" for each in lines))

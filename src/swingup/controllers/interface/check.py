@@ -1,5 +1,6 @@
 """A checker for controllers that others plug in: it finds faults before a benchmark shows them in numbers."""
 
+import inspect
 from typing import Any
 
 import jax
@@ -9,23 +10,30 @@ import numpy as np
 from ...common.checks import finite_number
 from ...common.errors import SwingupError
 from ...common.foreign import attribute, blaming
-from ...plant.robots import Robot, get_robot
+from ...plant.robots import TORQUE_LIMIT, Robot, get_robot
 from .call_time import run_calls
 from .controller import AbstractController, check_interface, check_robot, split
-from .python_controller import DT, PythonController, call_in_turn, trial_states
+from .python_controller import DT, PythonController, answer, call_in_turn, trial_states
+
+TIMES = ("t", "time", "now", "seconds", "t_s")
+STATES = ("x", "state", "q", "obs", "observation", "measurement", "measured")
+"""Names by which an argument is known."""
+FAR_BEYOND = 10.0
+"""A torque of more than this many times what the motor has is in another unit. The loop clips smaller ones."""
 
 
-def check_controller(source: Any, robot: Robot | str) -> list[str]:
+def check_controller(source: Any, robot: Robot | str, torque_limit: float = TORQUE_LIMIT) -> list[str]:
     """Try a controller on a few dozen states and name its faults.
 
-    It looks for errors, wrong shapes, fields that cannot be compiled, torques that are not finite, torque on the
-    passive joint above the controller's attribute ``passive_limit`` (N m; 0 where it has none), a memory that
-    changes its structure, that ``reset()`` and ``init()`` do not clear or that copies share, and measurements that
-    are altered in place.
+    It looks for errors, wrong shapes, arguments in another order, fields that cannot be compiled, torques that are
+    not finite or far more than the motor has, torque on the passive joint above the controller's attribute
+    ``passive_limit`` (N m; 0 where it has none), a memory that changes its structure, that ``reset()`` and
+    ``init()`` do not clear or that copies share, and measurements that are altered in place.
 
     Args:
         source: a controller in JAX, an object with ``get_control_output(x, t)``, or a function of (x, t).
         robot: which joint is driven.
+        torque_limit: what its motor has (N m).
 
     Returns:
         One line for every finding; none if all is well.
@@ -45,8 +53,51 @@ def check_controller(source: Any, robot: Robot | str) -> list[str]:
             findings, torques = _try_plain(source)
         passive = _try_passive(source, torques[:, 1 - robot.joint], 2 - robot.joint)
     except SwingupError as error:
-        return [str(error)]
-    return findings + passive
+        return _name_order(source) or [str(error)]
+    return _name_order(source) + findings + _try_driven(torques[:, robot.joint], robot, torque_limit) + passive
+
+
+def _name_order(source: Any) -> list[str]:
+    """Whether the arguments are in another order, by their names, or because an answer comes only in that order."""
+    in_jax = isinstance(source, AbstractController)
+    call = source.__call__ if in_jax else attribute(source.source, "get_control_output", source.source)
+    try:
+        named = [*inspect.signature(call).parameters.values()][1 if in_jax else 0 :][:2]
+    except (TypeError, ValueError):  # built-in functions have none
+        named = []
+    first, second = (STATES, TIMES) if in_jax else (TIMES, STATES)
+    names = [each.name for each in named if each.kind is not inspect.Parameter.KEYWORD_ONLY]
+    meant = "(memory, t, x)" if in_jax else "(x, t)"
+    if len(names) == 2 and names[0] in first and names[1] in second:
+        return [f"its arguments are {', '.join(names)}, and a controller is called with {meant}: swap them"]
+    return (
+        [] if in_jax or not _answers_swapped(source) else [f"it answers to (t, x) alone: its arguments are {meant}"]
+    )
+
+
+def _answers_swapped(source: PythonController) -> bool:
+    x = trial_states()[-1]
+    call = attribute(source.source, "get_control_output", source.source)
+    try:
+        answer(lambda x, t: call(x, t), x, 0.0)
+    except SwingupError:
+        try:
+            answer(lambda x, t: call(t, x), x, 0.0)
+        except SwingupError:
+            return False
+        return True
+    return False
+
+
+def _try_driven(torques: np.ndarray, robot: Robot, limit: float) -> list[str]:
+    """Whether the torques (n,) of the driven joint are near what its motor has (N m)."""
+    largest = float(np.abs(torques).max())
+    if largest <= FAR_BEYOND * limit:
+        return []
+    return [
+        f"it commands up to {largest:.4g} N m on the driven joint {robot.joint + 1}, whose motor has {limit:g} "
+        "N m: clip the torque, and return it in N m"
+    ]
 
 
 def _try_passive(source: Any, torques: np.ndarray, joint: int) -> list[str]:
