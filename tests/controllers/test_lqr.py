@@ -84,7 +84,7 @@ def test_recursion_against_an_independent_one():
     n, R = 30, 0.7
     A, B = np.eye(4) + 0.1 * RANDOM.normal(size=(n, 4, 4)), RANDOM.normal(size=(n, 4))
     Q, P = np.diag([1.0, 2.0, 0.3, 0.1]), np.diag([5.0, 1.0, 1.0, 2.0])
-    gains = riccati_recursion(A, B, Q, R, P)
+    gains, _ = riccati_recursion(A, B, Q, R, P)
     for i in reversed(range(n)):
         inner = np.linalg.inv(np.linalg.inv(P) + np.outer(B[i], B[i]) / R)
         # R⁻¹ Bᵀ (P⁻¹ + B R⁻¹ Bᵀ)⁻¹ = (R + Bᵀ P B)⁻¹ Bᵀ P
@@ -97,5 +97,25 @@ def test_recursion_converges_to_the_algebraic_solution(upright_system):
     Q, R = np.diag([0.64, 0.56, 0.13, 0.037]), 0.82
     P = solve_discrete_are(A, B[:, None], Q, [[R]])
     n = 3000
-    gains = riccati_recursion(np.tile(A, (n, 1, 1)), np.tile(B, (n, 1)), Q, R, np.eye(4))
+    gains, _ = riccati_recursion(np.tile(A, (n, 1, 1)), np.tile(B, (n, 1)), Q, R, np.eye(4))
     np.testing.assert_allclose(gains[0], B @ P @ A / (R + B @ P @ B), rtol=1e-6)
+
+
+def test_recursion_against_disturbances_is_that_of_a_state_that_stays_1():
+    n, R = 20, 0.7
+    A, B, d = (
+        np.eye(4) + 0.1 * RANDOM.normal(size=(n, 4, 4)),
+        RANDOM.normal(size=(n, 4)),
+        RANDOM.normal(size=(n, 4)),
+    )
+    Q, Qf = np.diag([1.0, 2.0, 0.3, 0.1]), np.diag([5.0, 1.0, 1.0, 2.0])
+    found = riccati_recursion(A, B, Q, R, Qf, d)
+    # [x, 1] needs no disturbance, and its last gain is the torque.
+    P, wider = np.zeros((5, 5)), np.zeros((5, 5))
+    P[:4, :4], wider[:4, :4] = Qf, Q
+    for i in reversed(range(n)):
+        C = np.block([[A[i], d[i][:, None]], [np.zeros((1, 4)), np.ones((1, 1))]])
+        D = np.append(B[i], 0.0)
+        gains = D @ P @ C / (R + D @ P @ D)
+        np.testing.assert_allclose([*found[0][i], found[1][i]], gains, rtol=1e-8, atol=1e-10)
+        P = wider + C.T @ P @ (C - np.outer(D, gains))

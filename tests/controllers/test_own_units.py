@@ -9,8 +9,10 @@ import pytest
 
 import swingup
 from refusals import refusal
-from swingup.controllers.baselines import baselines
+from swingup.controllers.baselines import baselines, dry_friction
 from swingup.controllers.baselines.baselines import baseline, design_of, shipped_reference
+from swingup.controllers.baselines.dry_friction import holding_lqr
+from swingup.controllers.baselines.lqr import upright_lqr
 from swingup.controllers.baselines.optimal import OPTIMAL
 from swingup.controllers.baselines.own_units import in_real_units, optimal_for, published_for
 from swingup.controllers.baselines.published import PUBLISHED
@@ -185,6 +187,39 @@ def test_baselines_command_what_the_plants_own_motor_has_and_no_more(name, seeds
 def test_a_motor_without_torque_is_refused():
     weak = dataclasses.replace(load_plant("B.0"), tl2=0.0)
     assert "the acrobot's motor has a torque limit of 0: raise tl2" in refusal(baseline, "lqr", "acrobot", weak)
+
+
+def test_friction_of_the_driven_joint_is_compensated(robot, similar, x64):
+    plant = similar(LEADERBOARD.driven(robot))
+    cf = {f"cf{robot.joint + 1}": 0.02}
+    plain, own = (baseline("lqr", robot, each) for each in (plant, plant.changed(**cf)))
+    x = UPRIGHT + np.array([1e-3, 0.0, 0.1, -0.1])
+    expected = plain(plain.init(), 0.0, x)[1] + 0.02 * np.arctan(100 * x[2:]) * robot.actuation
+    np.testing.assert_allclose(own(own.init(), 0.0, x)[1], expected, rtol=1e-8)
+
+
+@pytest.mark.slow
+def test_friction_of_the_passive_joint_is_counted_on_and_where_that_fails_is_said(caplog):
+    """The pendubot's regulator holds from most starts near upright, the acrobot's on A.0 from few."""
+    for name in ("pendubot", "acrobot"):
+        robot = get_robot(name)
+        own = design_of(robot, "A.0")
+        arguments = robot, own.published.lqr, 0.002 / own.scales.time
+        assert holding_lqr(own.model, *arguments).friction is None
+        found = holding_lqr(own.rubbing, *arguments)
+        assert found.friction is not None
+        assert ("its regulator holds this plant from" in caplog.text) is (name == "acrobot")
+        with jax.enable_x64(True):
+            plain = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], upright_lqr(own.model, *arguments[:2]))
+            held = dry_friction._errors_held(plain, own.rubbing, arguments[2]) < dry_friction.FALLEN
+        assert not held.any()  # without it the pendulum falls from everywhere
+
+
+@pytest.mark.slow
+def test_a_swing_up_stands_in_spite_of_friction(caplog):
+    """B.0's motor is weaker than gravity, and both joints have dry friction."""
+    assert swingup.judge(baseline("tvlqr", "pendubot", "B.0"), "pendubot", plant="B.0").criteria.success
+    assert "is computed for this plant" in caplog.text
 
 
 @pytest.mark.slow

@@ -54,7 +54,7 @@ def test_tvlqr(x64):
     p, Q, R, Qf = LEADERBOARD.driven(ACROBOT), np.diag([0.64, 0.56, 0.13, 0.037]), 0.82, np.eye(4)
     controller = tvlqr(REFERENCE, p, ACROBOT, (Q, R, Qf), pieces=40)
     A, B = linearised(p, ACROBOT, REFERENCE.states, REFERENCE.torque)
-    gains = riccati_recursion(np.eye(4) + 0.001 * A, 0.001 * B, Q, R, Qf)
+    gains, _ = riccati_recursion(np.eye(4) + 0.001 * A, 0.001 * B, Q, R, Qf)
     for row in (0, 77, 199):
         t, x = float(TIME[row]), REFERENCE.states[row]
         assert torque(controller, t, x) == pytest.approx(REFERENCE.torque[row], abs=1e-6)

@@ -10,14 +10,16 @@ import numpy as np
 
 from ...common.errors import SwingupError
 from ...dynamics.angles import UPRIGHT
+from ...loop.loop import LOOP_DT
 from ...plant.equations import StateFloats
-from ...plant.plant import LEADERBOARD, Plant, PlantLike
+from ...plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ...plant.robots import Robot, get_robot
 from ...plant.units import Scales, scales_of, similar_plant
 from ..interface.controller import AbstractController
 from ..swingups.design import compute_reference, design_model
 from ..swingups.reference import Reference, load_reference
-from .lqr import LQR, upright_lqr
+from .dry_friction import HAND_OVER, holding_lqr, passive_friction
+from .lqr import LQR
 from .mpc import mpc
 from .optimal import OPTIMAL, Optimal
 from .own_units import in_own_units, optimal_for, published_for
@@ -48,7 +50,9 @@ class Design:
 
     robot: Robot
     model: Plant
-    """The similar pendulum."""
+    """The similar pendulum, without dry friction."""
+    rubbing: Plant
+    """The same with the dry friction of its passive joint."""
     scales: Scales
     """The plant's units as multiples of C.1's."""
     published: Published
@@ -70,12 +74,21 @@ def design_of(robot: Robot, plant: PlantLike) -> Design:
     """Settings for a plant; for the leaderboards' the published ones and the shipped swing-ups."""
     model, published, optimal = design_model(plant, robot), PUBLISHED[robot.name], OPTIMAL[robot.name]
     scales = scales_of(model)
+    cf1, cf2 = (0.0 if joint == robot.joint else cf for joint, cf in enumerate(_dry_friction(plant, robot)))
+    rubbing = model.changed(cf1=cf1, cf2=cf2)
     if model == design_model(LEADERBOARD, robot):
-        return Design(robot, model, scales, published, optimal, shipped=True)
+        return Design(robot, model, rubbing, scales, published, optimal, shipped=True)
     if not scales.torque > 0:
         raise SwingupError(f"the {robot.name}'s motor has a torque limit of 0: raise tl{robot.joint + 1}")
     settings = published_for(published, scales.time), optimal_for(optimal, scales.time)
-    return Design(robot, similar_plant(model, scales), scales, *settings, shipped=False)
+    model, rubbing = similar_plant(model, scales), similar_plant(rubbing, scales)
+    return Design(robot, model, rubbing, scales, *settings, shipped=False)
+
+
+def _dry_friction(plant: PlantLike, robot: Robot) -> tuple[float, float]:
+    """Coulomb friction of both joints (N m)."""
+    driven = load_plant(plant).driven(robot)
+    return float(driven.cf1), float(driven.cf2)
 
 
 def baseline(name: str, robot: Robot | str, plant: PlantLike = LEADERBOARD) -> AbstractController[Any]:
@@ -85,8 +98,9 @@ def baseline(name: str, robot: Robot | str, plant: PlantLike = LEADERBOARD) -> A
         name: one of :data:`BASELINES`.
         robot: which joint is driven.
         plant: what it is designed for: a plant, its name or its file. The leaderboards' has the published settings
-            and the shipped swing-up. For another plant the settings are in its own units, Coulomb friction is left
-            out, and the swing-up is computed, once in a process.
+            and the shipped swing-up. For another plant the settings are in its own units, and the swing-up is
+            computed without Coulomb friction, once in a process. The driven joint's is compensated, the passive
+            joint's is counted on by the regulator at the top and by the TVLQR (``dry_friction.py``).
 
     Raises:
         SwingupError: there is no such baseline, robot or plant.
@@ -96,13 +110,17 @@ def baseline(name: str, robot: Robot | str, plant: PlantLike = LEADERBOARD) -> A
         raise SwingupError(f"unknown baseline {name!r}: use one of {', '.join(BASELINES)}")
     design = design_of(robot, plant)
     designed = _designed(name, design)
-    return designed if design.shipped else in_own_units(designed, design_model(plant, robot), robot, design.scales)
+    if design.shipped and not any(_dry_friction(plant, robot)):
+        return designed
+    return in_own_units(designed, load_plant(plant).driven(robot), robot, design.scales)
 
 
 def _designed(name: str, design: Design) -> AbstractController[Any]:
     """A baseline for the similar pendulum."""
     parameters, robot, published, optimal = design.model, design.robot, design.published, design.optimal
-    top = upright_lqr(parameters, robot, optimal.lqr if name == "tvlqr-score" else published.lqr)
+    settings = optimal.lqr if name == "tvlqr-score" else published.lqr
+    top = holding_lqr(design.rubbing, robot, settings, LOOP_DT / design.scales.time)
+    friction = passive_friction(design.rubbing, robot)
     if name == "lqr":
         return top
     reference = design.reference("score" if name == "tvlqr-score" else "published")
@@ -110,13 +128,13 @@ def _designed(name: str, design: Design) -> AbstractController[Any]:
         # Q and R are per second, as those of the LQR at the top, whose cost-to-go the recursion starts from.
         Q, R = reference.dt * np.diag(optimal.lqr.state_weights), reference.dt * optimal.lqr.torque_weight
         pieces = len(reference.torque) // optimal.rows_per_piece
-        following = tvlqr(reference, parameters, robot, (Q, R, np.asarray(top.cost_to_go)), pieces)
+        following = tvlqr(reference, parameters, robot, (Q, R, np.asarray(top.cost_to_go)), pieces, friction)
         return _ending(following, top, optimal.threshold)
     if name == "tvlqr":
         s = published.tvlqr
         Q = np.diag(s.state_weights)
         Qf = np.asarray(top.cost_to_go) if s.final_factor is None else s.final_factor * Q
-        following = tvlqr(reference, parameters, robot, (Q, s.torque_weight, Qf), s.pieces)
+        following = tvlqr(reference, parameters, robot, (Q, s.torque_weight, Qf), s.pieces, friction)
         return _ending(following, top, published.tvlqr_threshold)
     if name == "ilqr-mpc":
         return _ending(mpc(reference, parameters, robot, published.mpc), top, published.mpc_threshold)
@@ -140,7 +158,12 @@ def shipped_reference(robot: Robot | str, problem: str = "published") -> tuple[R
 
 @functools.lru_cache(maxsize=32)
 def _computed_reference(design: Design, problem: str) -> Reference:
-    """A swing-up, computed once in a process; a warning says when it does not come up."""
+    """A swing-up, computed once in a process; warnings say that it takes long, and when it does not come up."""
+    _LOGGER.warning(
+        "a swing-up of the %s is computed for this plant: half a minute on two free cores, some minutes where "
+        "its motor is weak",
+        design.robot.name,
+    )
     found = design.compute(problem, DESIGN_SEED)[0]
     if not reaches_upright(found, design.model):
         _LOGGER.warning(
@@ -158,4 +181,5 @@ def reaches_upright(reference: Reference, parameters: Plant) -> bool:
 
 
 def _ending(first: AbstractController[Any], top: LQR, threshold: StateFloats) -> LatchingSwitch:
-    return LatchingSwitch(first, top, np.array(threshold), top.robot)
+    near = threshold if top.friction is None else HAND_OVER
+    return LatchingSwitch(first, top, np.array(near), top.robot)

@@ -45,6 +45,10 @@ class LQR(AbstractController[None]):
     limit: float
     """The motor's (N m)."""
     robot: Robot = eqx.field(static=True)
+    friction: float | None = None
+    """Added to u: this times arctan of ``knee`` times the passive joint's velocity (N m), against its friction."""
+    knee: float | None = None
+    """s/rad"""
 
     def init(self) -> None:
         """Nothing to remember."""
@@ -53,7 +57,10 @@ class LQR(AbstractController[None]):
         """The regulator's torque on the driven joint (N m)."""
         error = wrap(x) - jnp.asarray(UPRIGHT)
         within = error @ jnp.asarray(self.cost_to_go) @ error <= self.max_cost_to_go
-        u = jnp.where(within, -jnp.asarray(self.gains) @ error, 0.0)
+        u = -jnp.asarray(self.gains) @ error
+        if self.friction is not None and self.knee is not None:
+            u = u + self.friction * jnp.arctan(self.knee * x[3 - self.robot.joint])
+        u = jnp.where(within, u, 0.0)
         return None, joint_torques(u, self.robot, self.limit)
 
 
@@ -102,17 +109,23 @@ def riccati_recursion(
     Q: Float[np.ndarray, "4 4"],
     R: float,
     Qf: Float[np.ndarray, "4 4"],
-) -> Float[np.ndarray, "n 4"]:
-    """Gains K_i of u_i = -K_i x_i that minimise Σ_{i<n} (xᵢᵀQxᵢ + R uᵢ²) + x_nᵀ Qf x_n.
+    d: Float[np.ndarray, "n 4"] | None = None,
+) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n"]]:
+    """Gains K_i and torques k_i of u_i = -K_i x_i - k_i that minimise Σ_{i<n} (xᵢᵀQxᵢ + R uᵢ²) + x_nᵀ Qf x_n.
 
-    The system is x_{i+1} = A_i x_i + B_i u_i. Backwards from P = Qf: K_i = (R + B_iᵀ P B_i)⁻¹ B_iᵀ P A_i, then P
-    becomes Q + A_iᵀ P (A_i - B_i K_i).
+    The system is x_{i+1} = A_i x_i + B_i u_i + d_i; without disturbances d_i the k_i are 0. Backwards from P = Qf
+    and s = 0: with h = R + B_iᵀ P B_i, K_i = h⁻¹ B_iᵀ P A_i and k_i = h⁻¹ B_iᵀ (P d_i + s). Then s becomes
+    (A_i - B_i K_i)ᵀ (P d_i + s) and P becomes Q + A_iᵀ P (A_i - B_i K_i).
     """
-    P, gains = Qf, np.empty_like(B)
+    P, s, gains, torques = Qf, np.zeros(4), np.empty_like(B), np.zeros(len(B))
     for i in reversed(range(len(B))):
         PB = P @ B[i]
         gains[i] = (PB @ A[i]) / (R + PB @ B[i])
+        if d is not None:
+            costate = P @ d[i] + s
+            torques[i] = (B[i] @ costate) / (R + PB @ B[i])
+            s = (A[i] - np.outer(B[i], gains[i])).T @ costate
         P = Q + A[i].T @ (P @ A[i] - np.outer(PB, gains[i]))
         # Rounding would make P asymmetric over thousands of steps.
         P = 0.5 * (P + P.T)
-    return gains
+    return gains, torques

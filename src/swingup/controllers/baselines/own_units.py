@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...common.types import State, Torque
+from ...plant.equations import COULOMB_STEEPNESS
 from ...plant.plant import Plant
 from ...plant.robots import Robot
 from ...plant.units import Scales
@@ -94,6 +95,8 @@ class InOwnUnits(AbstractController[tuple[Time, Any]]):
     torque: float
     limit: float
     """The plant's motor's (N m)."""
+    coulomb: float
+    """The driven joint's Coulomb friction, which is added to the torque (N m)."""
     robot: Robot = eqx.field(static=True)
 
     def init(self) -> tuple[Time, Any]:
@@ -105,10 +108,13 @@ class InOwnUnits(AbstractController[tuple[Time, Any]]):
         similar = jnp.concatenate([x[:2], x[2:] * self.time])
         begun, elapsed = since_first_call(t, carry[0])
         inner, u = self.controller(carry[1], elapsed / self.time, similar)
-        # The units' rounding must not exceed the limit.
-        return (begun, inner), joint_torques(u[self.robot.joint] * self.torque, self.robot, self.limit)
+        joint = self.robot.joint
+        torque = u[joint] * self.torque + self.coulomb * jnp.arctan(COULOMB_STEEPNESS * x[2 + joint])
+        # Neither the compensation nor the units' rounding may exceed the limit.
+        return (begun, inner), joint_torques(torque, self.robot, self.limit)
 
 
 def in_own_units(controller: AbstractController[Any], plant: Plant, robot: Robot, scales: Scales) -> InOwnUnits:
-    """The controller of a similar pendulum, for the plant itself."""
-    return InOwnUnits(controller, scales.time, scales.torque, float(plant.limit(robot.joint)), robot)
+    """The controller of a similar pendulum without friction of the driven joint, for the plant itself."""
+    limit, coulomb = float(plant.limit(robot.joint)), float((plant.cf1, plant.cf2)[robot.joint])
+    return InOwnUnits(controller, scales.time, scales.torque, limit, coulomb, robot)

@@ -13,9 +13,10 @@ from jaxtyping import Float
 from ...common.types import Scalar, State, Torque
 from ...dynamics.angles import wrap_difference
 from ...plant.plant import Plant
-from ...plant.robots import Robot
+from ...plant.robots import ROBOTS, Robot
 from ..interface.controller import AbstractController, joint_torques
 from ..swingups.reference import Reference
+from .dry_friction import KNEE, STATE_WEIGHT, TORQUE_WEIGHT
 from .lqr import linearised, riccati_recursion
 from .piecewise_cubic import PiecewiseCubic, fit_piecewise_cubic
 
@@ -81,6 +82,7 @@ def tvlqr(
     robot: Robot,
     weights: tuple[np.ndarray, float, np.ndarray],
     pieces: int,
+    friction: float = 0.0,
 ) -> TVLQR:
     """Design a TVLQR along a trajectory.
 
@@ -90,9 +92,18 @@ def tvlqr(
         robot: which joint is driven.
         weights: Q, R and the final Q_f of the discrete-time regulator.
         pieces: number of cubics of the fit.
+        friction: Coulomb friction of the passive joint (N m), which the trajectory lacks: a disturbance whose sign
+            is that of the trajectory's velocity.
     """
     A, B = linearised(parameters, robot, reference.states, reference.torque)
     # Forward Euler, as the published TVLQR discretises.
-    gains = riccati_recursion(np.eye(4) + reference.dt * A, reference.dt * B, *weights)
-    rows = np.column_stack([reference.states, reference.torque, gains])
+    dt, u, disturbances, (Q, R, Qf) = reference.dt, reference.torque, None, weights
+    if friction:
+        Q, R = STATE_WEIGHT * Q, TORQUE_WEIGHT * R
+        (other,) = (each for each in ROBOTS.values() if each != robot)
+        _, D = linearised(parameters, other, reference.states, np.zeros_like(u))
+        rates = reference.states[:, 2 + other.joint]
+        disturbances = -dt * friction * np.arctan(KNEE * rates)[:, None] * D
+    gains, against = riccati_recursion(np.eye(4) + dt * A, dt * B, Q, R, Qf, disturbances)
+    rows = np.column_stack([reference.states, u - against, gains])
     return TVLQR(fit_piecewise_cubic(reference.time, rows, pieces), float(parameters.limit(robot.joint)), robot)
