@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import swingup
+from refusals import refusal
 from swingup.common.errors import SwingupError
 from swingup.controllers.registry import get_controller
 from swingup.plant.damped import damped_midpoint_step
@@ -172,3 +173,30 @@ def test_what_is_refused():
         swingup.loop_controller(get_controller("lqr", "acrobot"), "pendubot")
     with pytest.raises(SwingupError, match=r"damping = .*two finite numbers"):
         wrapped("ar-eapo", "acrobot").set_friction_compensation(damping=[0.1])
+
+
+@pytest.mark.parametrize("name", ["ar-eapo", "adaptive", "lqr", pytest.param("tvlqr", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("zero", [-1e6, 1e6, 86_400.0 * 365, 1.7e9, 2.0**31])
+def test_a_clock_may_count_from_any_moment(name, zero):
+    """A start of the clock that is a whole number of periods changes no torque beyond its rounding."""
+    controller, torques = wrapped(name, "pendubot"), []
+    for start in (0.0, zero):
+        controller.init()
+        calls = [controller.get_control_output([0.2 * k * DT, 0.1, 0.2, 0.0], start + k * DT) for k in range(20)]
+        torques.append(calls)
+    np.testing.assert_allclose(torques[1], torques[0], atol=1e-3)
+
+
+@pytest.mark.parametrize("x", [[0.0] * 3, np.zeros((4, 1)), 0.0, None, "1234", [[0.0], [1.0, 2.0]]])
+def test_a_state_of_another_shape_is_refused(x):
+    """A line, and no IndexError inside the loop."""
+    controller = wrapped("ar-eapo", "acrobot")
+    filtered = wrapped("ar-eapo", "acrobot")
+    filtered.set_filter(lambda *_: x)
+    for call in (
+        controller.get_control_output,
+        controller.get_control_output_,
+        load_controller("ar-eapo", "acrobot"),
+    ):
+        assert "pass four numbers, [q1, q2, dq1, dq2]" in refusal(call, x, 0.0)
+    assert "pass four numbers" in refusal(filtered.get_control_output, np.zeros(4), 0.0)

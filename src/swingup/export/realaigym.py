@@ -19,7 +19,7 @@ from ..common.files import make_folder, write_atomically
 from ..common.text import quoted
 from ..plant.equations import friction
 from ..plant.robots import Robot
-from ..policy.contract import LoopController
+from ..policy.contract import LoopController, four_numbers
 from ..policy.guard.core import Guard
 from ..policy.guard.settings import Fault
 from ..policy.numpy_backend.controller import NumpyPolicy
@@ -51,7 +51,7 @@ class Filter:
 
     def get_filtered_state(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """What the controller sees for the measurement x (4,) after the torques u (2,)."""
-        seen = x.copy() if self._call is None else np.array(self._call(x.copy(), u), np.float64)
+        seen = x.copy() if self._call is None else four_numbers(self._call(x.copy(), u)).copy()
         _keep((self.x_hist, x), (self.x_filt_hist, seen))
         return seen
 
@@ -134,7 +134,7 @@ class RealAIGymController:
 
     def get_control_output(self, x: Sequence[float] | np.ndarray, t: float | None = None) -> np.ndarray:
         """The torques [u1, u2] (N m), a new float64 array, for the state x measured at time t (s)."""
-        measured = np.array(x, np.float64)
+        measured = four_numbers(x).copy()
         seen = self.filter.get_filtered_state(measured, self.u_hist[-1])
         compensation = friction(self._damping, self._coulomb, seen[2:], np.arctan)
         u = self._act(seen, t, measured, compensation)
@@ -146,7 +146,7 @@ class RealAIGymController:
 
     def get_control_output_(self, x: Sequence[float] | np.ndarray, t: float | None = None) -> np.ndarray:
         """The controller's own torques; without a time, calls are counted as steps."""
-        state = np.array(x, np.float64)
+        state = four_numbers(x).copy()
         return self._act(state, t, state)
 
     def save(self, directory: str | Path) -> None:

@@ -22,13 +22,30 @@ check_plain``). JAX has the same contract without hidden state, ``init() -> memo
 (memory, u)``; a C header has it as ``swingup_reset`` and ``swingup_control``. JAX has no guard: it judges.
 """
 
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
+from ..common.errors import SwingupError
+from ..common.text import quoted
 from ..plant.robots import Robot
 from .guard.core import Guard
 from .guard.settings import Fault, GuardSettings
+
+
+def four_numbers(x: Any) -> np.ndarray:
+    """The state as an array (4,), which may be the caller's own.
+
+    Raises:
+        SwingupError: it is not four numbers.
+    """
+    try:
+        state = np.asarray(x, np.float64)
+    except (TypeError, ValueError):
+        state = np.empty(0)
+    if state.shape != (4,):
+        raise SwingupError(f"x = {quoted(x)}: pass four numbers, [q1, q2, dq1, dq2] (rad, rad/s)")
+    return state
 
 
 class Torques(Protocol):
@@ -100,8 +117,11 @@ class LoopController(Generic[TorquesT]):
             measured: what a filter made x of (4,), if one did: the guard looks at it.
             added: torques (2,) of the caller's (N m), such as a friction compensation of its own. The sum is
                 limited.
+
+        Raises:
+            SwingupError: x is not four numbers.
         """
-        x, t = np.asarray(x, np.float64), float(t)
+        x, t = four_numbers(x), float(t)
         if self.guard is not None and not self.guard.allows(t, x if measured is None else measured):
             return self.guard.stopped()
         own = self.inner.act(x, t)

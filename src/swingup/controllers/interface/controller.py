@@ -62,7 +62,8 @@ def call_for_plant(
 
 def joint_torques(u: Scalar, robot: Robot, limit: Scalar | float) -> Torque:
     """Both joints' torques (N m): u, clipped to the limit, on the driven joint and 0 on the passive one."""
-    return jnp.clip(u, -limit, limit) * jnp.array(robot.actuation, u.dtype)
+    # Selected, not multiplied: a NaN is one of the driven joint alone.
+    return jnp.where(jnp.array(robot.actuation) > 0, jnp.clip(u, -limit, limit), 0.0)
 
 
 def check_interface(controller: AbstractController[Any]) -> None:

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Float
 
 from ...areapo.networks import Actor
+from ...common.errors import SwingupError
 from ...common.types import Scalar, State, Torque
 from ...plant.base_parameters import base_parameters
 from ...plant.plant import LEADERBOARD, Plant
@@ -39,6 +40,8 @@ class PolicyController(AbstractPlantController[None]):
 
     def control(self, carry: None, t: Scalar, x: State, base: Float[Any, "9"] | None) -> tuple[None, Torque]:
         """The policy's torque on the driven joint, NaN if anything seen is not finite."""
+        if x.shape != (4,):  # indices beyond an end would be clipped in silence
+            raise SwingupError(f"x has shape {x.shape}: pass four numbers, [q1, q2, dq1, dq2] (rad, rad/s)")
         own = base_parameters(self.plant) if self.base is None else self.base
         torque = self.torque_limit * self.policy(x, own if base is None else base).astype(x.dtype)[0]
         # The clips of the observation must not hide it.
