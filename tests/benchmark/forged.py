@@ -154,6 +154,7 @@ def changed(rows, random):
         "faster, as from a robot": measured(hasty, random),
         "noise on every column": noisy(rows, random, 0.1, 1e-3, 0.01),
         "averaged torques, as from a robot": measured(averaged(rows, 25), random),
+        "averaged torques, noise": noisy(averaged(rows, 151), random),
         "no torques once it is up": dataclasses.replace(rows, u=np.where((time < time[up])[:, None], rows.u, 0.0)),
     } | {f"torques averaged over {count} rows": averaged(rows, count) for count in (5, 25, 101)}
     return gross, fine

@@ -200,6 +200,12 @@ def test_times_that_start_far_from_0_are_refused(start):
         score(dataclasses.replace(up, time=up.time + start), ROBOT)
 
 
+@pytest.mark.parametrize("period", [5e-324, 1e-310, 1e-9])
+def test_times_that_are_hardly_apart_are_refused(period):
+    with pytest.raises(SwingupError, match="give its times in seconds"):
+        score(dataclasses.replace(pose(q1=np.pi), time=period * np.arange(5000)), ROBOT, force=True)
+
+
 @pytest.mark.parametrize("start", [-0.2, -0.01, 0.01, 0.06])
 def test_some_periods_of_offset_are_no_fault_and_no_gain(start):
     up = pose(q1=np.pi)

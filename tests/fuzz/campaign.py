@@ -41,6 +41,7 @@ READERS = {
     "yaml": [load_plant, load_domain],
     "trajectory": [
         lambda path: score(load_trajectory(path), "acrobot"),
+        lambda path: score(load_trajectory(path, ["q1=2", "q2=3"]), "acrobot", "icra-real", force=True),
         lambda path: load_reference_csv(path, "acrobot"),
     ],
     "policy": [run_policy, run_policy, read_network],

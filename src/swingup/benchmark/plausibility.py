@@ -72,6 +72,9 @@ CLEAN, MODERATE = (0.01, 200.0), (0.1, 10.0)
 
 rad/s, and rad/s³ times the square of the period, for the trapezoidal rule."""
 
+DISTINCT = 0.98
+"""Share of distinct angles above which no encoder measured them; a recording of 1.2 s in fast motion has 0.96."""
+
 WORK = 0.2
 """Unexplained work, as a share of the energy from hanging to upright (7.6 J on C.1); recordings have 0.06."""
 
@@ -136,7 +139,11 @@ def examine(
             *_positions(period, slip, scales.velocity),
             *_stretch(period, x),
             *_balances(time, x[:, :2], rates, u, plants, robot),
-            *(_defect(period, x, u, plants, board.domain is not None) if simulated else _noise(board.perfect)),
+            *(
+                _defect(period, x, u, plants, board.domain is not None)
+                if simulated
+                else _noise(x[:, :2], board.perfect)
+            ),
         ]
 
 
@@ -275,8 +282,12 @@ def _balances(
         yield Finding("unexplained_torque", text, refuses=True)
 
 
-def _noise(perfect: bool) -> _Found:
-    if perfect:
+def _noise(angles: np.ndarray, perfect: bool) -> _Found:
+    # A robot's angles come back to the same steps of its encoders.
+    if np.unique(angles).size > DISTINCT * angles.size:
+        text = "its velocities have noise, its angles no encoder's steps: record true states, or those of a robot"
+        yield Finding("noise", text)
+    elif perfect:
         yield Finding(
             "measured", "its rows have noise, where the board is simulated: compare it on --board hardware"
         )
