@@ -113,6 +113,7 @@ class Domain:
         chosen, quantised = self.low.loop.velocities, may_have("quantum1", "quantum2")
         differences = quantised if chosen is None else chosen == "differences"
         return Effects(
+            # Always, since noise and limits of the two motors are the robot's, whatever their rate and ripple.
             motors=True,
             drive=may_have("lag", "gain1", "gain2", "passive_push"),
             sensors=differences or quantised or may_have("offset1", "offset2"),
@@ -182,6 +183,7 @@ def make_domain(content: Mapping[str, Any], name: str = "DOMAIN.yml", folder: st
             f"domain {one_line(name)} lacks its plant: add 'plant', one of {', '.join(SHIPPED_PLANTS)} or a "
             "parameter file (.yml), or all values of one"
         )
+    # A plant without ranges is the middle of ranges of one value.
     middles = {each: 0.5 * (low + high) for each, (low, high) in given.items()}
     plant = make_plant(middles, f"domain {name}", name) if named is None else named
     low, high = (

@@ -35,6 +35,7 @@ def measured_angles(loop: Loop, q: JointAngles) -> JointAngles:
     """Measured angles (rad): with the offset, rounded to the nearest step."""
     shown = q + jnp.stack([loop.offset1, loop.offset2])
     quantum = jnp.stack([loop.quantum1, loop.quantum2])
+    # Both branches are computed: a division by 0 would leave NaN in gradients.
     grid = jnp.where(quantum > 0, quantum, 1.0)
     return jnp.where(quantum > 0, jnp.round(shown / grid) * grid, shown)
 
@@ -62,6 +63,7 @@ def lagging(loop: Loop, wanted: Torque, before: Torque, dt: float | Scalar) -> t
 
     The plant gets the mean, which has the same impulse as the exponential.
     """
+    # A lag that is drawn may be 0 in some members of a batch, which all run the same program.
     ratio = dt / jnp.maximum(loop.lag, SHORTEST_LAG)
     left = jnp.exp(-ratio)
     return wanted + (before - wanted) * (1.0 - left) / ratio, wanted + (before - wanted) * left

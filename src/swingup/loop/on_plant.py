@@ -31,6 +31,7 @@ def loop_around(plant: PlantLike | Domain | None, domain: Domain | str | None) -
     if domain is None:
         return facts
     scales = scales_of(facts.nominal_plant).over(scales_of(domain.plant))
+    # What the plant's own file says of its loop stays.
     added = [name for name in domain.names if name in VALUES and name not in facts.names]
 
     def around(mine: PlantInLoop, other: PlantInLoop) -> PlantInLoop:

@@ -83,6 +83,7 @@ class Plant:
     def friction(self) -> Friction | None:
         """Friction of the joints; None if there is none."""
         found = Friction((self.b1, self.b2), (self.cf1, self.cf2))
+        # None, not zeros: programs for a plant without friction then have no arctangents.
         return found if any(any(pair) for pair in found) else None
 
     def limit(self, joint: int) -> Number:

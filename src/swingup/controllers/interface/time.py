@@ -55,6 +55,7 @@ def since_first_call(t: TimeLike, first: Time) -> tuple[Time, Scalar]:
     A trajectory begins with a controller's first call, whatever the clock's zero is.
     """
     now = as_time(t).like(first)
+    # As a value, since a compiled loop has no first call of its own.
     none: Flag = jnp.isneginf(first.rest)
     begun = Time(*(jnp.where(none, mine, its) for mine, its in zip(now, first, strict=True)))
     return begun, now - begun

@@ -82,6 +82,7 @@ def runtime() -> str:
 
     def whole(path: PurePosixPath) -> str:
         name = posixpath.normpath(path)
+        # As an include guard would: the user's header has each part once.
         if name in included:
             return ""
         included.add(name)

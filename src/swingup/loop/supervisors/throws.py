@@ -88,6 +88,7 @@ class Throws(AbstractSupervisor[ThrowMemory]):
 
     def __call__(self, memory: ThrowMemory, t: Scalar, x: State) -> tuple[ThrowMemory, Intervention]:
         """The PID drives both joints during a throw."""
+        # By the step and not by the time: the benchmark's clock is a sum, whose rounding the plan contains.
         number = jnp.asarray(self.number)[memory.step]
         thrown, none = number >= 0, no_intervention(x.dtype)
         pid, torque = throwing_torque(self.thrower, self.model, memory.pid, jnp.asarray(self.target)[number], x)

@@ -161,6 +161,7 @@ def checked(stage: Stage) -> Stage:
     if type(stage) not in STAGES.values():
         known = ", ".join(kind.__name__ for kind in STAGES.values())
         raise SwingupError(f"a policy file has no stage {type(stage).__name__}: use {known}")
+    # Training keeps arrays of JAX in single precision; files, C and NumPy compute with these in double.
     changes: dict[str, Any] = {}
     for field in fields(stage):
         value, bounds = getattr(stage, field.name), notes(field, Range)
