@@ -110,10 +110,12 @@ def value_of(make: Callable[..., Any], metavar: str, words: Any = 1) -> Primitiv
 
 def _parse_alone(commands: Mapping[str, Command], words: Sequence[str], description: str) -> Ready:
     """Options before any command: the list of commands with one sentence for each, or completion for a shell."""
-    app = tyro.extras.SubcommandApp()
-    for name, function in commands.items():
-        app.command(name=name, help=(function.__doc__ or "").partition("\n\n")[0])(_bound(function))
-    ready: Ready = app.cli(prog=PROGRAM, description=description, args=list(words), config=SETTINGS)
+    bound = {name: _bound(function) for name, function in commands.items()}
+    for function in bound.values():
+        function.__doc__ = (function.__doc__ or "").partition("\n\n")[0]
+    ready: Ready = tyro.extras.subcommand_cli_from_dict(
+        bound, prog=PROGRAM, description=description, args=list(words), config=SETTINGS
+    )
     return ready
 
 
