@@ -15,6 +15,7 @@ from swingup.common.errors import SwingupError
 from swingup.controllers.swingups.reference import load_reference
 from swingup.controllers.swingups.trajectory_csv import load_reference_csv
 from swingup.export.c_backend.header import c_header
+from swingup.identification.log.recording import read_recording
 from swingup.learner.metrics import read_metrics
 from swingup.learner.run_settings import read_run_settings
 from swingup.loop.domain import load_domain
@@ -43,6 +44,7 @@ READERS = {
         lambda path: score(load_trajectory(path), "acrobot"),
         lambda path: score(load_trajectory(path, ["q1=2", "q2=3"]), "acrobot", "icra-real", force=True),
         lambda path: load_reference_csv(path, "acrobot"),
+        read_recording,
     ],
     "policy": [run_policy, run_policy, read_network],
     "reference": [load_reference],

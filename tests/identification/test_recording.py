@@ -84,6 +84,9 @@ REFUSED = {
     "at least 0.8 s": changed([0], lambda time: time / 1000),
     "comes after": changed([0], lambda time: np.abs(time - 1)),
     "log.csv has 3 different rows, ": FEW_ROWS,
+    "log.csv has only 3 different pairs of angles in 450 rows": np.column_stack(
+        [0.01 * np.arange(450), np.repeat(TABLE[[0, 300, 600], 1:], 150, axis=0)]
+    ),
     "lacks pos_meas2": TABLE[:, :2],
 }
 

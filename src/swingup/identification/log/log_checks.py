@@ -9,6 +9,8 @@ SHORTEST_LOG = 0.8
 """Least duration of a log (s): a window of prediction lasts 0.5 s."""
 LEAST_ROWS = 6
 """Rows with a measurement of their own that a smoother needs: its cubic has four coefficients."""
+LEAST_POSITIONS = 20
+"""Different pairs of angles that a log needs: base parameters and friction are nine numbers and four."""
 SLOWEST_PERIOD = 0.1
 """Longest median period (s): a pendulum moves too far between rows."""
 LEAST_MOTION = 2e-3
@@ -38,12 +40,18 @@ def check_time(name: str, time: Float[np.ndarray, "rows"]) -> None:
         )
 
 
-def check_fresh(name: str, fresh: Bool[np.ndarray, "rows"]) -> None:
-    """Refuse a log with too few measurements."""
+def check_fresh(name: str, fresh: Bool[np.ndarray, "rows"], q: Float[np.ndarray, "rows 2"]) -> None:
+    """Refuse a log with too few measurements, or too few positions."""
     count = int(np.count_nonzero(fresh))
     if count < LEAST_ROWS:
         raise SwingupError(
             f"{name} has {count} different rows, the others repeat the one before: at least {LEAST_ROWS} are needed"
+        )
+    positions = len(np.unique(q, axis=0))
+    if positions < LEAST_POSITIONS:
+        raise SwingupError(
+            f"{name} has only {positions} different pairs of angles in {len(q)} rows: record a motion, with all "
+            "digits of the angles"
         )
 
 

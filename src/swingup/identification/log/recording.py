@@ -95,7 +95,7 @@ def read_recording(path: str | Path, torque_limits: tuple[float, float] | None =
     quantum = (_quantum(angles[:, 0]), _quantum(angles[:, 1]))
     dq, commands, measured = (_first(columns, group) for group in (_VELOCITIES, _COMMANDS, _MEASURED))
     fresh = _fresh_rows(q, quantum, time, dq, measured)
-    check_fresh(name, fresh)
+    check_fresh(name, fresh, q)
     check_motion(name, time[fresh], q[fresh], None if dq is None else dq[fresh])
     dq = _differences(time, q) if dq is None else dq
     commanded = commands is not None and "tau_meas1" not in _names(columns, _COMMANDS)
