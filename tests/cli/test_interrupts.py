@@ -37,13 +37,16 @@ def pressed(process):
             process.kill()
 
 
+@pytest.fixture(autouse=True)
+def heeded():
+    """Processes inherit an ignored SIGINT, which a shell gives what it starts in the background."""
+    former = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, former)
+
+
 def start(words, tmp_path, **streams):
-    return subprocess.Popen([sys.executable, *words], cwd=tmp_path, preexec_fn=heeds_ctrl_c, **streams)
-
-
-def heeds_ctrl_c():
-    # A shell starts background processes, such as a test run, with SIGINT ignored.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    return subprocess.Popen([sys.executable, *words], cwd=tmp_path, **streams)
 
 
 def test_an_interrupt_that_is_lost_ends_the_command(tmp_path):
