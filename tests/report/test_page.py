@@ -156,7 +156,7 @@ def test_sections_judge_everybody_with_one_disturbance(monkeypatch):
     policy = get_controller("ar-eapo", ACROBOT)  # without an estimator, which takes seconds to compile
     asked = []
 
-    def leaderboard(robot, controllers, seed, progress, plant):
+    def leaderboard(robot, controllers, boards, seed, *rest, **options):
         asked.append((robot.name, list(controllers), seed))
         return [make_board(robot, "performance")]
 
