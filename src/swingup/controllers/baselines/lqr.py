@@ -55,7 +55,7 @@ class LQR(AbstractController[None]):
 
     def __call__(self, carry: None, t: Scalar, x: State) -> tuple[None, Torque]:
         """The regulator's torque on the driven joint (N m)."""
-        error = wrap(x) - jnp.asarray(UPRIGHT)
+        error = wrap(x) - jnp.asarray(UPRIGHT, x.dtype)
         within = error @ jnp.asarray(self.cost_to_go) @ error <= self.max_cost_to_go
         u = -jnp.asarray(self.gains) @ error
         if self.friction is not None and self.knee is not None:
