@@ -33,7 +33,14 @@ from swingup.report import make
 
 ROOT = Path(swingup.__file__).parents[2]
 PAGES = [
-    ROOT / name for name in ("README.md", "CONTRIBUTING.md", "benchmarks/README.md", "lab/authors.md", "src/swingup/zoo/README.md")
+    ROOT / name
+    for name in (
+        "README.md",
+        "CONTRIBUTING.md",
+        "benchmarks/README.md",
+        "lab/authors.md",
+        "src/swingup/zoo/README.md",
+    )
 ] + sorted((ROOT / "docs").glob("*.md"))
 NOTEBOOK = ROOT / "examples" / "08_first_steps.ipynb"
 
