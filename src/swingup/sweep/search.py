@@ -269,14 +269,18 @@ def _open_study(plan: SearchPlan, space: Mapping[str, str], pruning: bool) -> "S
     from optuna import create_study, logging
     from optuna.pruners import MedianPruner, NopPruner
     from optuna.storages import RDBStorage
+    from sqlalchemy import pool
 
     logging.set_verbosity(logging.WARNING)  # no line about a new study or an ended trial
     pruner = MedianPruner(UNPRUNED_TRIALS, UNPRUNED_RUNGS) if pruning else NopPruner()
     settings = {**vars(plan), **plan.base.as_dict(), "space": dict(space)}
     settings |= {"base": None, "out": None, "seeds": [plan.seeds.start, len(plan.seeds)]}
     with _storage_errors(plan):
-        # Workers report to the same file: SQLite lets them wait for one another.
-        storage = RDBStorage(f"sqlite:///{plan.storage}", {"connect_args": {"timeout": 60}})
+        # Workers report to the same file: SQLite lets them wait for one another. Each connection is closed after
+        # its use, since nobody closes those of a pool.
+        storage = RDBStorage(
+            f"sqlite:///{plan.storage}", {"connect_args": {"timeout": 60}, "poolclass": pool.NullPool}
+        )
         study = create_study(
             storage=storage, study_name="search", direction="maximize", load_if_exists=True, pruner=pruner
         )
