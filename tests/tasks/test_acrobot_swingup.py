@@ -1,0 +1,67 @@
+"""dm_control's acrobot beside MuJoCo's own step, and its rewards by hand."""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from swingup.dynamics.integrate import rk4_step
+from swingup.tasks.acrobot_swingup import CAPSULES, AcrobotSwingup
+from swingup.tasks.pendulum import PendulumState
+
+# Two capsules as MuJoCo has them, with the facts of the suite.
+MODEL = """<mujoco><option timestep="0.01" integrator="RK4"><flag constraint="disable"/></option>
+<default><joint type="hinge" axis="0 1 0" damping="0.05"/>
+<geom type="capsule" mass="1" fromto="0 0 0 0 0 1"/></default>
+<worldbody><body pos="0 0 2"><joint name="shoulder"/><geom size="0.05"/>
+<body pos="0 0 1"><joint name="elbow"/><geom size="0.049"/></body></body></worldbody>
+<actuator><motor joint="elbow" gear="2" ctrlrange="-1 1" ctrllimited="true"/></actuator></mujoco>"""
+
+
+def test_a_step_is_mujocos(x64):
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_string(MODEL)
+    data, random, step = mujoco.MjData(model), np.random.default_rng(0), jax.jit(rk4_step)
+    for _ in range(100):
+        angles, rates, action = random.uniform(-3, 3, 2), 4 * random.normal(size=2), random.uniform(-1, 1)
+        data.qpos[:], data.qvel[:], data.ctrl[:] = angles, rates, action
+        mujoco.mj_step(model, data)
+        x = jnp.array([angles[0] + math.pi, angles[1], *rates])
+        found = step(CAPSULES, x, jnp.array([0.0, 2.0 * action]), 0.01)
+        expected = [data.qpos[0] + math.pi, data.qpos[1], *data.qvel]
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("q1", "q2", "dense", "sparse"),
+    [
+        (math.pi, 0.0, 1.0, 1.0),
+        # Stretched and leaning by a, the tip is 4 sin(a/2) from the top: 0.2 m within, 1.2 m at a tenth.
+        (math.pi + 2 * math.asin(0.199 / 4), 0.0, 1.0, 1.0),
+        (math.pi + 2 * math.asin(1.2 / 4), 0.0, 0.1, 0.0),
+        (0.0, 0.0, 0.1 ** (3.8**2), 0.0),
+    ],
+)
+def test_the_reward_by_hand(q1, q2, dense, sparse):
+    x = jnp.array([q1, q2, 0.0, 0.0])
+    assert AcrobotSwingup().reward(x) == pytest.approx(dense, rel=1e-4)
+    assert AcrobotSwingup(sparse=True).reward(x) == pytest.approx(sparse)
+
+
+def test_observation_start_and_end():
+    task = AcrobotSwingup()
+    states = jax.vmap(task.reset)(jax.random.split(jax.random.key(0), 2000)).x
+    assert not states[:, 2:].any()
+    # The deviation of a uniform angle is π / √3; 2,000 draws are within 3 %.
+    np.testing.assert_allclose(states[:, :2].std(axis=0), math.pi / math.sqrt(3), rtol=0.03)
+    x = jnp.array([math.pi + 0.1, 0.2, 3.0, 4.0])
+    expected = [math.sin(0.1), math.sin(0.3), math.cos(0.1), math.cos(0.3), 3.0, 4.0]
+    np.testing.assert_allclose(task.observe(PendulumState(x, jnp.array(0))), expected, rtol=1e-5)
+    last = task.step(PendulumState(x, jnp.array(999)), jnp.zeros(1), jax.random.key(0))
+    assert last.truncated
+    assert not last.terminated
+    near = jax.vmap(AcrobotSwingup(near_top=1.0).reset)(jax.random.split(jax.random.key(1), 500)).x
+    # Half of the starts are within the middle distance, 0.1 times a Gaussian's size.
+    assert 0.3 < np.mean(np.abs(near[:, 1]) < 0.1) < 0.75
