@@ -438,7 +438,7 @@ def test_the_command_searches_goes_on_and_its_best_settings_train(tmp_path, caps
     words = ["sweep", "--env", "CartPole-v1", "--frames", "256", "--evaluate-every", "64", "--workers", "2"]
     words += ["--evaluation-episodes", "1", "--set", *SIZE_WORDS, "learning_rate=1e-4:1e-2:log"]
     assert main([*words, "--trials", "2"]) == 0
-    assert "2 trials complete, 0 pruned, 0 failed" in capsys.readouterr().out
+    assert "2 trials complete" in capsys.readouterr().out
     folder = tmp_path / "searches" / "CartPole-v1-mujoco"
     written = {path: path.stat().st_mtime_ns for path in folder.rglob("last.safetensors")}
     assert len(written) == 2
