@@ -39,7 +39,7 @@ def learn(kind, mode, **changes):
 
 
 def values(state, observations):
-    stage = state.statistics.stage(10.0)
+    stage = state.statistics.stage()
     return np.asarray(jax.vmap(lambda o: state.critic(stage(o)))(jnp.asarray(observations)[:, None]))
 
 
@@ -57,7 +57,7 @@ def test_gain_bias_and_policy_of_a_cycle(mode):
     assert row["gain"] + row["entropy_gain"] == pytest.approx(1.0 + temperature * np.log(weights.sum()), rel=0.02)
     assert row["gain"] == pytest.approx(1.0 + best @ [0, 1, 2], rel=0.02)
     assert row["reward"] == pytest.approx(8 / 9 + best @ [0, 1, 2], rel=0.02)
-    stage = state.statistics.stage(10.0)
+    stage = state.statistics.stage()
     policies = [np.asarray(jax.nn.softmax(state.actor(stage(jnp.array([s]))).logits)) for s in (0.0, 1.0)]
     np.testing.assert_allclose(policies, [best, best], atol=0.02)
     # v(0) = r(0) - ρ + v(1) and v(1) = r(1) - ρ + v(0), so that v(1) - v(0) = (r(1) - r(0)) / 2 of this policy.
