@@ -305,7 +305,7 @@ def test_a_worker_that_hangs_is_not_waited_for(monkeypatch):
     env = Spawned([Stairs, Hanging], autoreset_mode=AutoresetMode.SAME_STEP)
     environments = make_environments(env, 2)
     environments.reset(0)
-    monkeypatch.setattr("swingup.learner.environments.PATIENCE", 0.2)
+    monkeypatch.setattr("swingup.learner.checked_environment.PATIENCE", 0.2)
     with pytest.raises(SwingupError, match=r"a worker of AsyncVectorEnv did not answer for 0\.2 s, and all were"):
         environments.step(ZEROS)
     assert not any(process.is_alive() for process in env.processes)

@@ -40,7 +40,7 @@ class Case:
     settings: Mapping[str, Any] = field(default_factory=dict)
     """The seed where the case has one, and what is changed; ready for JSON."""
     criterion: str | None = None
-    """Of a board with several criteria."""
+    """Criterion that the run belongs to, on a board with several."""
     group: int = 0
     """Cases of one group are repetitions: the group counts if more than half of them succeed."""
 
@@ -61,7 +61,7 @@ class Run:
     speed: float | None = None
     """Largest speed of a joint (rad/s), as the robot measured it where it keeps a record."""
     angle: float | None = None
-    """Largest angle of a joint (rad), likewise."""
+    """Largest angle of a joint (rad), where the board has limits."""
     stop: float | None = None
     """When the robot stopped the run (s), if it did."""
 

@@ -34,7 +34,7 @@ def improvement_interval(ours: ArrayLike, theirs: ArrayLike, resamples: int = 10
 
     Args:
         ours: as in ``probability_of_improvement``.
-        theirs: likewise.
+        theirs: scores of the other learner, in the same form.
         resamples: as in ``stratified_bootstrap``.
 
     Raises:
@@ -67,7 +67,7 @@ def profile_interval(scores: ArrayLike, thresholds: ArrayLike, resamples: int = 
 
     Args:
         scores: as in ``performance_profile``.
-        thresholds: likewise.
+        thresholds: as in ``performance_profile``.
         resamples: as in ``stratified_bootstrap``.
 
     Returns:

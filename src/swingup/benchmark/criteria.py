@@ -123,7 +123,7 @@ def follow_tip(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: Swi
 
 
 def failed(criteria: Criteria) -> Criteria:
-    """The same costs without a success."""
+    """The costs of a run, counted as a failure."""
     return replace(criteria, success=False, swingup_time=None, score=0.0)
 
 

@@ -14,7 +14,7 @@ from ..common.text import quoted
 Interval = tuple[float, float]
 
 Statistic = Callable[..., np.ndarray]
-"""Of one table of scores or more: from shapes (..., runs, tasks) to (...) or (..., values)."""
+"""A statistic of one table of scores or more: from shapes (..., runs, tasks) to (...) or (..., values)."""
 
 LARGEST_BLOCK = 1_000_000
 """Scores that are resampled at once, so that a hundred runs of fifty tasks fit in memory."""

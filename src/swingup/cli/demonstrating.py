@@ -38,7 +38,7 @@ class Watch:
     """Watches a run: keeps its first policy, and notes when its score passed the paper's."""
 
     def __init__(self, run: Run, paper: float, start: float) -> None:
-        """Of a run whose command started at a reading of ``time.monotonic``."""
+        """Show a run whose command started at a reading of ``time.monotonic``."""
         self._run, self._paper, self._start = run, paper, start
         self.passed: float | None = None
         """Seconds from the command to the score."""
@@ -62,7 +62,7 @@ def demo_command(
     frames: OptionalInt = None,
     out: OptionalText = None,
 ) -> int:
-    """Train a policy before your eyes, score it beside known controllers, and write a page of its swing-up.
+    """Train a policy, show its progress, score it beside known controllers, and write a page of its swing-up.
 
     The training is that of train --preset fast, which has more options and continues an interrupted run.
 

@@ -31,7 +31,7 @@ def result_lines(result: Result, judged: str) -> list[str]:
 
 
 WIDTH = 12
-"""Of a value."""
+"""Characters of a value."""
 
 
 def _success(result: Result) -> tuple[str, str]:

@@ -30,7 +30,7 @@ def rates(reward: float, termination_rate: float, step_time: float | None = None
 
 
 def unknown_rates() -> dict[str, None]:
-    """The same before anything was measured."""
+    """The rates before anything was measured."""
     return {REWARD_RATE: None, RESETS: None}
 
 
@@ -49,5 +49,5 @@ def describe_rates(result: Mapping[str, Any]) -> str:
 
 
 def shown_rate(value: Any) -> str:
-    """A number in four digits; a dash for what is none."""
+    """A number in four digits; a dash for anything else."""
     return f"{value:.4g}" if is_number(value) else MISSING

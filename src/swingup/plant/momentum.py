@@ -86,7 +86,7 @@ class _Half(NamedTuple):
 
     rates: Pair
     momentum1: Number
-    """p1 / (m2 r2) without the parts of A and B; ``momentum2`` likewise."""
+    """p1 / (m2 r2) without the parts of A and B; ``momentum2`` is that of p2."""
     momentum2: Number
     turning: Number
     """l1 sin(q2) q̇1 (q̇1 + q̇2)."""
@@ -97,7 +97,7 @@ class _Half(NamedTuple):
     """g cos(q1); ``slope2``: g cos(q1 + q2)."""
     slope2: Number
     bend1: Number
-    """Derivative of ``momentum1`` by q2; ``bend2`` and ``bending`` likewise."""
+    """Derivative of ``momentum1`` by q2; ``bend2`` and ``bending`` are those of the others."""
     bend2: Number
     bending: Number
 

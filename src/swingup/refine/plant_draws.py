@@ -39,9 +39,9 @@ class PlantDraws:
     """As recordings show the robot, with what the compensation leaves of its friction. All of the plant is larger
     by what the motor does not deliver."""
     share: float = 0.5
-    """Of the range about the nominal value."""
+    """Share of the range about the nominal value."""
     friction_share: float = 0.35
-    """The same where the passive joint has friction."""
+    """Share of the range where the passive joint has friction."""
     margin: float = 0.03
     """Part of a range by which a single parameter and the friction may lie beyond it."""
     robot_margin: float = 0.1
@@ -49,7 +49,7 @@ class PlantDraws:
 
     @property
     def plants(self) -> int:
-        """Of all kinds."""
+        """Number of plants of all kinds."""
         return self.single + self.joint + self.friction + self.robot
 
 

@@ -60,7 +60,7 @@ HAND_OVER = {
 }
 """Chosen on plants that no board has (``docs/refining.md``)."""
 ACCELERATION_NOISE = 10.0
-"""The estimator's where the model is the plant found (rad/s²): such a model errs less. Chosen likewise."""
+"""The estimator's where the model is the plant found (rad/s²): such a model errs less. Chosen."""
 
 
 @dataclass(frozen=True)

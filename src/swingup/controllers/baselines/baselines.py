@@ -52,7 +52,7 @@ class Design:
     model: Plant
     """The similar pendulum, without dry friction."""
     rubbing: Plant
-    """The same with the dry friction of its passive joint."""
+    """The plant with the dry friction of its passive joint."""
     scales: Scales
     """The plant's units as multiples of C.1's."""
     published: Published

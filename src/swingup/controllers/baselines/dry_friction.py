@@ -37,13 +37,13 @@ class Counting(NamedTuple):
     damping: float
     """cf times this is added to the joint's damping (s/rad)."""
     share: float
-    """Of the torque against cf as a constant."""
+    """Share of the torque against cf as a constant."""
     knee: float
     """The friction's sign is 2/π arctan of this times the velocity (s/rad)."""
 
 
 COUNTINGS = (Counting(1.0, 0.6, 6.0), Counting(4.0, 0.9, 30.0))
-"""Of 540 settings that were tried on the shipped designs A.0, B.0, C.0 and C.1: neither is the better on all."""
+"""The two best of 540 settings on the shipped designs A.0, B.0, C.0 and C.1: neither is the better on all."""
 
 STARTS = np.random.default_rng(0).uniform(-0.25, 0.25, (32, 4)) * HAND_OVER
 """Errors from which the settings are tried: a quarter of the hand-over's (rad, rad/s)."""

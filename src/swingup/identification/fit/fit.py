@@ -83,7 +83,7 @@ def fit_all(problem: Problem, windows: Segments, start: Float[np.ndarray, "sessi
 
 
 def refit(problem: Problem, windows: Segments, before: Fit) -> Fit:
-    """The same with more windows, from a solution."""
+    """Fit again with more windows, from a solution."""
     return fit(problem.setting, windows, before.unknowns, before.z, WARM_STAGES)
 
 

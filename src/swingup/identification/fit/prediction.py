@@ -51,7 +51,7 @@ class Integration(NamedTuple):
 
     @property
     def coarse(self) -> "Integration":
-        """The same with steps twice as long, for the first stages of a fit."""
+        """The integration with steps twice as long, for the first stages of a fit."""
         return self._replace(step=2.0 * self.step)
 
 
@@ -79,7 +79,7 @@ def predict(setting: Integration, model: Float[np.ndarray, "15"], windows: Segme
 def predict_with_jacobian(
     setting: Integration, model: Float[np.ndarray, "15"], windows: Segments
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The same with derivatives with respect to the model's vector, [windows, outputs, 4, 15]."""
+    """Predictions with derivatives with respect to the model's vector, [windows, outputs, 4, 15]."""
     both = _predicted(setting, True, model, windows)
     return both[..., 0], both[..., 1:]
 

@@ -34,11 +34,11 @@ class ErrorRow:
     angle: float | None
     """Root mean square over windows and joints (rad); None without windows."""
     velocity: float | None
-    """The same of velocities (rad/s)."""
+    """Root mean square of the velocities' errors (rad/s)."""
     angle_median: float | None
     """Median over windows of the root mean square over joints (rad)."""
     velocity_median: float | None
-    """The same of velocities (rad/s)."""
+    """Median over windows of the root mean square over joints (rad/s)."""
 
 
 Errors = Mapping[str, ErrorRow]

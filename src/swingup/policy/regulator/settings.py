@@ -38,7 +38,7 @@ class RegulatorSettings:
     enter_coulomb: Annotated[float, Range(1e-6, 1e6)] = 1e6
     """Coulomb friction of the undriven joint (N m) that halves ``enter``."""
     leave_coulomb: Annotated[float, Range(1e-6, 1e6)] = 1e6
-    """The same for the distance between ``enter`` and ``leave``."""
+    """Coulomb friction (N m) that halves the distance between ``enter`` and ``leave``."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot work."""
