@@ -10,11 +10,11 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, get_type_hints, is_typeddict
+from typing import Any, get_args, get_type_hints, is_typeddict
 
 import tyro
 from tyro.conf import DisallowNone, OmitArgPrefixes
-from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
+from tyro.constructors import PrimitiveConstructorSpec
 
 from ..common.checks import suggestion
 from ..common.errors import SwingupError
@@ -25,6 +25,7 @@ PROGRAM = "swingup"
 REPEATABLE = "--set"
 """The option that may be given more than once."""
 NUMBERS: dict[Any, str] = {int: "use a whole number", float: "use a number"}
+HELP = {"-h", "--help"}
 SETTINGS = (DisallowNone, OmitArgPrefixes)
 
 Command = Callable[..., int]
@@ -41,7 +42,7 @@ def parse(commands: Mapping[str, Command], words: Sequence[str], description: st
 
     Raises:
         SwingupError: the words make no command.
-        SystemExit: tyro printed help, or what is missing.
+        SystemExit: tyro printed help.
     """
     name, *rest = words or [""]
     if name.startswith("-"):
@@ -51,16 +52,22 @@ def parse(commands: Mapping[str, Command], words: Sequence[str], description: st
         raise SwingupError(
             f"unknown command {quoted(name)}: {wanted}" if name else f"a command is missing: {wanted}"
         )
-    program = f"{PROGRAM} {name}"
-    _check_options(program, _options(commands[name]), rest)
-    ready, left = tyro.cli(
-        _bound(commands[name]),
-        prog=program,
-        args=rest,
-        return_unknown_args=True,
-        config=SETTINGS,
-        registry=REGISTRY,
-    )
+    program, command = f"{PROGRAM} {name}", commands[name]
+    _check_options(program, command, rest)
+    help_wanted = not HELP.isdisjoint(rest)
+    try:
+        ready, left = tyro.cli(
+            _bound(command),
+            prog=program,
+            args=rest,
+            return_unknown_args=True,
+            console_outputs=help_wanted,  # tyro's errors are boxes of many lines
+            config=SETTINGS,
+        )
+    except SystemExit:
+        if help_wanted:
+            raise
+        raise SwingupError(f"{program} needs {_missing(command, rest)}: see {program} --help") from None
     if left:
         raise SwingupError(f"{program} has no place for {quoted(left[0])}: see {program} --help")
     return ready
@@ -113,9 +120,20 @@ def _parse_alone(commands: Mapping[str, Command], words: Sequence[str], descript
     bound = {name: _bound(function) for name, function in commands.items()}
     for function in bound.values():
         function.__doc__ = (function.__doc__ or "").partition("\n\n")[0]
-    ready: Ready = tyro.extras.subcommand_cli_from_dict(
-        bound, prog=PROGRAM, description=description, args=list(words), config=SETTINGS
-    )
+    try:
+        ready: Ready = tyro.extras.subcommand_cli_from_dict(
+            bound,
+            prog=PROGRAM,
+            description=description,
+            args=list(words),
+            config=SETTINGS,
+            console_outputs=words[0] in HELP,
+        )
+    except SystemExit as stopped:
+        if stopped.code:
+            wrong = f"{PROGRAM} has no option {one_line(words[0], 60)} before a command"
+            raise SwingupError(f"{wrong}: see {PROGRAM} --help") from None
+        raise
     return ready
 
 
@@ -132,51 +150,66 @@ def _bound(function: Command) -> Callable[..., Ready]:
     return bind
 
 
-REGISTRY = ConstructorRegistry()
-
-
-@REGISTRY.primitive_rule
-def _number_rule(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
-    kind = info.type
-    return value_of(functools.partial(_number, kind), kind.__name__.upper()) if kind in NUMBERS else None
-
-
-def _number(kind: type, word: str) -> Any:
-    try:
-        return kind(word)
-    except ValueError:
-        raise SwingupError(f"{quoted(word)}: {NUMBERS[kind]}") from None
-
-
-def _options(function: Command) -> list[str]:
-    """The options of a command: its parameters, and the fields of those that are classes of options."""
+def _options(function: Command) -> dict[str, Any]:
+    """The types of a command's options: its parameters, and the fields of those that are classes of options."""
     hints: dict[str, Any] = {}
-    annotations = get_type_hints(function, include_extras=True)
-    for name, hint in get_type_hints(function).items():
+    plain, annotated = get_type_hints(function), get_type_hints(function, include_extras=True)
+    for name, parameter in inspect.signature(function).parameters.items():
+        hint = plain[name]
         # An annotated class, such as a robot, is one value.
-        grouped = hint is annotations[name] and (dataclasses.is_dataclass(hint) or is_typeddict(hint))
-        hints |= get_type_hints(hint) if grouped else {name: hint}
-    names = [name.replace("_", "-") for name in hints]
-    return [f"--{name}" for name in names] + [
-        f"--no-{name}" for name in names if hints[name.replace("-", "_")] is bool
-    ]
+        grouped = hint is annotated[name] and (dataclasses.is_dataclass(hint) or is_typeddict(hint))
+        if parameter.kind is not parameter.POSITIONAL_ONLY:
+            hints |= get_type_hints(hint) if grouped else {name: hint}
+    options = {name.replace("_", "-"): hint for name, hint in hints.items()}
+    return {f"--{name}": hint for name, hint in options.items()} | {
+        f"--no-{name}": bool for name, hint in options.items() if hint is bool
+    }
 
 
-def _check_options(program: str, known: Sequence[str], words: Sequence[str]) -> None:
-    """Refuse options that a command does not have, or that are given twice, before tyro takes their values.
+def _missing(function: Command, words: Sequence[str]) -> str:
+    """What words that tyro refuses lack; its errors are no data, and all but these are found before."""
+    required = [each for each in inspect.signature(function).parameters.values() if each.default is each.empty]
+    names = [each.name.upper() for each in required if each.kind is each.POSITIONAL_ONLY]
+    options = [f"--{each.name}" for each in required if each.kind is not each.POSITIONAL_ONLY]
+    absent = [option for option in options if option not in (word.partition("=")[0] for word in words)]
+    return " and ".join(absent if words and absent else names + absent)
+
+
+def _check_options(program: str, command: Command, words: Sequence[str]) -> None:
+    """Refuse options that tyro would refuse in a box of many lines, or take twice.
 
     Raises:
-        SwingupError: there is one; the line has ours for the name of another package, or suggests the nearest.
+        SwingupError: a command does not have an option, whose line has ours for the name of another package or
+            suggests the nearest; or an option lacks its value, or is given twice.
     """
-    typed = [word.partition("=")[0].replace("_", "-") for word in words if word.startswith("--")]
-    for option in typed:
+    known, typed = _options(command), []
+    for word, following in zip(words, [*words, "--"][1:], strict=True):
+        if not word.startswith("--"):
+            continue
+        option, equals, value = word.partition("=")
+        option = option.replace("_", "-")
         if option not in (*known, "--help"):
             ours = "--" + OTHER_NAMES.get(option[2:].replace("-", "_"), "").replace("_", "-")
-            near = (
-                f": here it is {ours}" if ours in known else suggestion(option, known) or f"; see {program} --help"
-            )
+            near = suggestion(option, known) or f"; see {program} --help"
+            if ours in known:
+                near = f": here it is {ours}"
+            elif option[2:] in inspect.signature(command).parameters:  # a word that needs no option
+                near = ": write its value alone"
             raise SwingupError(f"{program} has no option {one_line(option, 60)}{near}")
-    counts = Counter(option.replace("--no-", "--") for option in typed if option != REPEATABLE)
-    for option, count in counts.items():
-        if count > 1:
+        if equals and known.get(option, bool) is bool:
+            raise SwingupError(f"{option} takes no value: write {option} alone")
+        if not equals and known.get(option, bool) is not bool and following.startswith("--"):
+            raise SwingupError(f"{option} lacks its value: see {program} --help")
+        _check_number(option, known.get(option), value if equals else following)
+        typed.append(option.replace("--no-", "--"))
+    for option, count in Counter(typed).items():
+        if count > 1 and option != REPEATABLE:
             raise SwingupError(f"{option} is given twice: give it once, with all its values")
+
+
+def _check_number(option: str, hint: Any, word: str) -> None:
+    for kind in NUMBERS.keys() & {hint, *get_args(hint)}:
+        try:
+            kind(word)
+        except ValueError:
+            raise SwingupError(f"{option} {quoted(word)}: {NUMBERS[kind]}") from None
