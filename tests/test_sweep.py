@@ -461,7 +461,7 @@ def test_the_command_searches_goes_on_and_its_best_settings_train(tmp_path, caps
 @pytest.fixture
 def cluster(tmp_path):
     """A Dask scheduler and two workers on this machine: its address and the workers' processes."""
-    pytest.importorskip("distributed")
+    distributed = pytest.importorskip("distributed")
     file = tmp_path / "scheduler.json"
     python = [sys.executable, "-m", "dask"]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
@@ -473,7 +473,10 @@ def cluster(tmp_path):
         deadline = time.monotonic() + 60
         while not file.exists() and time.monotonic() < deadline:
             time.sleep(0.1)
-        yield json.loads(file.read_text())["address"], workers
+        address = json.loads(file.read_text())["address"]
+        with distributed.Client(address, timeout=60) as client:
+            client.wait_for_workers(len(workers), timeout=120)  # on a busy machine they come long after the file
+        yield address, workers
         for process in (*workers, one):
             process.kill()
             process.wait()
