@@ -4,11 +4,13 @@ import collections
 import random
 import re
 import signal
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from swingup.areapo.checkpoint import load_checkpoint, read_metadata
+from swingup.benchmark.boards import BOARDS
 from swingup.benchmark.score import score
 from swingup.benchmark.trajectory_file import load_trajectory
 from swingup.common.errors import SwingupError
@@ -38,10 +40,15 @@ def run_policy(path):
         assert not {"inff", "nanf"} & set(re.findall("[a-z]+", c_header(found)))
 
 
+def score_log(board, path):
+    """A log as a board scores it; not every board has scores of logs."""
+    score(load_trajectory(path), "acrobot", board)
+
+
 READERS = {
     "yaml": [load_plant, load_domain],
     "trajectory": [
-        lambda path: score(load_trajectory(path), "acrobot"),
+        *(partial(score_log, board) for board in BOARDS),
         lambda path: score(load_trajectory(path, ["q1=2", "q2=3"]), "acrobot", "icra-real", force=True),
         lambda path: load_reference_csv(path, "acrobot"),
         read_recording,
@@ -79,13 +86,14 @@ def fault_of(read, path):
     return None
 
 
-def campaign(seed, reads, folder):
-    """Read that many spoilt files, all kinds in turn.
+def campaign(seed, reads, folder, kinds=tuple(KINDS)):
+    """Read that many spoilt files, the kinds in turn.
 
     Args:
         seed: of all that is drawn.
         reads: how many reads.
         folder: where the files are written; those that caused a fault stay.
+        kinds: some of ``KINDS``.
 
     Returns:
         Reads of each kind, and faults with their files.
@@ -93,7 +101,7 @@ def campaign(seed, reads, folder):
     generator, counts, faults = random.Random(seed), collections.Counter(), []
     before = signal.signal(signal.SIGALRM, _stop)
     for number in range(reads):
-        kind = list(KINDS)[number % len(KINDS)]
+        kind = kinds[number % len(kinds)]
         data = KINDS[kind].make(generator)
         path = folder / kind / KINDS[kind].file
         path.parent.mkdir(exist_ok=True)

@@ -75,6 +75,10 @@ TIMES = [
     lambda k: k**3,
     lambda k: k - 1e6,
     lambda k: k / 500,
+    lambda k: 1.76e9 + k / 500,
+    lambda k: round(k / 250, 2),
+    lambda k: 5e-324 * k,
+    lambda k: (k % 20) / 500,
 ]
 HEADER = "time,pos_meas1,pos_meas2,vel_meas1,vel_meas2,tau_con1,tau_con2"
 
@@ -84,7 +88,9 @@ def trajectory(random):
     count = random.choice([0, 1, 2, 3, 10, 60])
     titles, rows = HEADER.split(","), [[f"{0.2 * k:g}", "0.1", "0", "0", "0.5", "0", "1"] for k in range(count)]
     for _ in range(random.choice([1, 1, 2, 3])):
-        kind = random.choice(["cell", "cell", "title", "time", "row", "twice", "order", "swap"])
+        kind = random.choice(
+            ["cell", "cell", "title", "time", "row", "twice", "order", "swap", "still", "scale", "motion"]
+        )
         if kind == "cell" and rows:
             row = random.choice(rows)
             row[random.randrange(len(row))] = random.choice(CELLS)
@@ -104,10 +110,29 @@ def trajectory(random):
             random.shuffle(rows)
         if kind == "swap":
             random.shuffle(titles)
+        if kind == "still":  # few different rows
+            rows = [[row[0], *rows[k % 3][1:]] for k, row in enumerate(rows)]
+        if kind == "scale":
+            factor, place = random.choice([1e-320, 1e-9, 0.5, 57.3, 651.9, 1000.0, 1e150]), random.randrange(1, 7)
+            rows = [[_times(cell, factor) if k == place else cell for k, cell in enumerate(row)] for row in rows]
+        if kind == "motion":
+            columns = np.random.default_rng(random.randrange(1 << 30)).normal(size=(len(rows), 6)).cumsum(axis=0)
+            rows = [[row[0], *map(str, drawn)] for row, drawn in zip(rows, columns, strict=True)]
     end = random.choice(["\n"] * 6 + ["\r\n", "\r", "\n\n", "\u2028", "\x0b"])
-    text = end.join([",".join(titles), *(",".join(row) for row in rows)])
+    comma, point = random.choice(
+        [(",", ".")] * 14 + [(";", ","), (";", "."), ("\t", "."), (" ", "."), ('","', ".")]
+    )
+    lines = [comma.join(cell.replace(".", point) for cell in row) for row in [titles, *rows]]
+    text = end.join(random.choice([[]] * 14 + [["# a comment"], ["sep=;"], [""]]) + lines)
     data = text.encode(random.choice(["utf-8"] * 9 + ["utf-8-sig", "utf-16", "utf-32"]), "replace")
     return damage(random, data) if random.random() < 0.15 else data
+
+
+def _times(cell, factor):
+    try:
+        return repr(float(cell) * factor)
+    except ValueError:  # spoilt before
+        return cell
 
 
 def policy(random):

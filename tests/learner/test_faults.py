@@ -102,11 +102,11 @@ def best_score(row):
 @pytest.mark.slow
 @pytest.mark.parametrize("task", ["compiled", "host"])
 def test_killed_processes_resume_to_the_same_bits(tmp_path, task):
-    arguments = [*TASKS[task], "--frames", str(64 * (100 if task == "compiled" else 320)), *TINY]
+    arguments = [*TASKS[task], "--frames", str(64 * (300 if task == "compiled" else 960)), *TINY]
     with signals_as_they_were():
         assert main(["train", *arguments, "--out", str(tmp_path / "whole")]) == 0
-        resumed = kill_and_resume(tmp_path / "part", arguments, tmp_path / "cache", kills=4, seed=4)
-    assert resumed >= 2
+        resumed = kill_and_resume(tmp_path / "part", arguments, tmp_path / "cache", kills=12, seed=4)
+    assert resumed >= 6
     assert_same_files(tmp_path / "whole", tmp_path / "part")
     whole, part = measured(tmp_path / "whole"), measured(tmp_path / "part")
     assert whole[-1] == part[-1]

@@ -13,7 +13,8 @@ from swingup.plant.equations import friction
 from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.numpy_backend.network import NumpyNetwork
 
-from .references import ADAPTIVES, controller, numpy_loop, numpy_run, policy, replay, within
+from .backends import BACK_ENDS
+from .references import ADAPTIVES, DT, controller, numpy_loop, numpy_run, policy, replay, within
 from .test_regulator import NumpyRegulator
 
 ONE = pytest.mark.parametrize("name", [ADAPTIVES[0], pytest.param(ADAPTIVES[1], marks=pytest.mark.slow)])
@@ -21,6 +22,8 @@ SHIFT = 1000.0
 """By which a clock is ahead (s)."""
 BINARY = 2.0**-9
 """A period near 2 ms (s). It has few digits: times with and without the shift differ by it to the last bit."""
+EPOCHS = (1e9, 1.76e9, 2.0**32, 1.76e12, -1e9)
+"""Clocks that count from an epoch in seconds or milliseconds (s)."""
 FEW = 200
 """Calls of the start of one."""
 
@@ -44,6 +47,21 @@ def test_a_shifted_clock_changes_no_bit_in_jax(name):
     torques = replay(found, times, states, given)
     np.testing.assert_array_equal(replay(found, times + SHIFT, states, given), torques)
     np.testing.assert_allclose(torques, expected, rtol=0, atol=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ADAPTIVES)
+def test_clocks_that_count_from_an_epoch(name, tmp_path):
+    """In NumPy and C; a period that the clock rounds, by 1e-4 s at most, is rounded alike for both."""
+    times, states, expected = numpy_run(name, BINARY)
+    given = within(name, expected)
+    numpys, cs = (BACK_ENDS[each].make(policy(name), tmp_path) for each in ("numpy", "c"))
+    torques = cs.follow(times, states, given)
+    for epoch in EPOCHS:
+        np.testing.assert_array_equal(numpy_run(name, BINARY, epoch)[2], expected)
+        np.testing.assert_array_equal(cs.follow(times + epoch, states, given), torques)
+        rounded = (DT * np.arange(len(times)) + epoch, states, given)
+        np.testing.assert_allclose(cs.follow(*rounded), numpys.follow(*rounded), rtol=0, atol=1e-6)
 
 
 @ONE
