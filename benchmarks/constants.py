@@ -6,6 +6,7 @@ deterministic policy, for each change and seed.
 """
 
 import sys
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -72,21 +73,24 @@ def task_return(state: LearnerState, task: Pendulum) -> Float[Array, ""]:
     return jnp.mean(jax.vmap(episode)(jax.random.split(jax.random.key(0), EPISODES)))
 
 
-def main(preset: str, seeds: int = 5, frames: int = 300_000) -> None:
-    """Train all seeds of each change side by side."""
+def learner(preset: str, seeds: int, frames: int) -> Callable[[Pendulum], Float[Array, "seeds"]]:
+    """Trains all seeds side by side; gives the task's own returns."""
     config = get_preset(preset).config
     keys = jnp.stack([jax.random.key(FIRST_SEED + seed) for seed in range(seeds)])
 
-    @jax.jit
-    def learn(task: Pendulum) -> Float[Array, "seeds"]:
-        def one(key: Key) -> Float[Array, ""]:
-            state = algorithm.init(key, task, config)
-            return task_return(algorithm.train(state, task, config, frames // config.rollout_size)[0], task)
+    def one(key: Key, task: Pendulum) -> Float[Array, ""]:
+        state = algorithm.init(key, task, config)
+        return task_return(algorithm.train(state, task, config, frames // config.rollout_size)[0], task)
 
-        return jax.vmap(one)(keys)
+    learn = jax.jit(jax.vmap(one, (0, None)))
+    return lambda task: learn(keys, jax.tree.map(jnp.asarray, task))
 
+
+def main(preset: str, seeds: int = 5, frames: int = 300_000) -> None:
+    """Print the returns of each change."""
+    learn = learner(preset, seeds, frames)
     for change in CHANGES:
-        returns = learn(jax.tree.map(jnp.asarray, Pendulum(**change))).tolist()
+        returns = learn(Pendulum(**change)).tolist()
         print(f"{preset} {change or 'unchanged'}: {', '.join(f'{each:.0f}' for each in returns)}", flush=True)
 
 

@@ -169,3 +169,15 @@ def test_within_the_range_the_largest_torque_turns_the_slowest_mode_back(holding
         start *= share * most / (w @ start)
         end = expm(0.05 * both) @ np.append(start, -np.sign(w @ B) * limit)
         assert (abs(w @ end[:4]) < share * most) == returns
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("preset", ["mujoco", "ppo"])
+def test_constants_and_units_of_rewards_and_observations_do_not_matter(preset, monkeypatch):
+    """Pendulum-v1 itself pays about -1,200 before it is learned, and -150 at its best."""
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    import constants
+
+    learn = constants.learner(preset, 1, 300_000)
+    returns = {str(change): learn(constants.Pendulum(**change)).item() for change in constants.CHANGES}
+    assert min(returns.values()) > -300, returns
