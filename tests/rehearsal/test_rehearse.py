@@ -41,35 +41,34 @@ def judged():
 
 @pytest.mark.parametrize("form", ["realaigym", "cloudpendulum"])
 def test_a_folder_scores_as_its_policy_does_in_the_judge(form, judged, tmp_path):
-    result = rehearse(export(tmp_path / "entry", form), BOARD, None, board=BRIEF)
-    assert result.success
-    assert (result.folder.form, result.robot, result.facts["packages"]) == (form, "acrobot", ["numpy"])
+    found = rehearse(export(tmp_path / "entry", form), BOARD, "none", board=BRIEF)
+    result = found.result
+    assert (result.successes, len(result.runs)) == (1, 1)
+    assert (found.folder.form, result.robot, found.facts["packages"]) == (form, "acrobot", ["numpy"])
     assert result.criteria.score == pytest.approx(judged.criteria.score, abs=1e-9)
     np.testing.assert_allclose(result.trajectory.x, judged.trajectory.x, atol=1e-9)
-    assert len(result.timing.calls) == BRIEF.steps
-    assert result.difference is None
+    assert len(found.calls) == BRIEF.steps
+    assert found.difference is None
 
 
 @pytest.mark.slow
 def test_the_adaptive_folder_scores_as_in_the_judge(tmp_path):
     rules = dataclasses.replace(BRIEF, duration=2.5)
     judged = swingup.judge(load_controller("adaptive", "acrobot"), "acrobot", rules)
-    result = rehearse(export(tmp_path / "entry", "realaigym", name="adaptive"), BOARD, None, board=rules)
-    assert result.success
-    assert result.criteria.score == pytest.approx(judged.criteria.score, abs=1e-6)
-    assert result.facts["packages"] == ["numpy"]
+    found = rehearse(export(tmp_path / "entry", "realaigym", name="adaptive"), BOARD, "none", board=rules)
+    assert found.result.criteria.score == pytest.approx(judged.criteria.score, abs=1e-6)
+    assert found.facts["packages"] == ["numpy"]
 
 
 def test_a_guard_that_stops_the_folder_is_reported(tmp_path):
     folder = export(tmp_path / "entry", "realaigym", GuardSettings(velocity_limit=2.0))
-    result = rehearse(folder, BOARD, None, board=BRIEF, duration=0.6)
-    stopped = result.facts["stopped"]
+    found = rehearse(folder, BOARD, "none", board=BRIEF, duration=0.6)
+    stopped, rows, tip = found.stops[0], found.result.trajectory, found.result.tip
     assert "velocity is beyond the limit" in stopped["why"]
     # The loop is perfect: the guard sees the very state that passes its limit.
-    assert result.violation == pytest.approx(stopped["time"])
-    assert result.limits[1] == 2.0
-    assert not result.success
-    after = result.trajectory.u[np.asarray(result.trajectory.time) >= stopped["time"]]
+    assert tip.failure == f"swinging up, the elbow passes 2 rad/s at t = {stopped['time']:.3f} s"
+    assert (tip.cause, found.limits[1], found.result.successes) == ("beyond a limit", 2.0, 0)
+    after = rows.u[np.asarray(rows.time) >= stopped["time"]]
     assert len(after) > 10
     assert not np.any(after)
 
@@ -83,6 +82,7 @@ def test_the_command_in_real_time(tmp_path, capsys):
     # 50 periods of 2 ms.
     assert time.monotonic() - begin > 0.098
     told = json.loads(capsys.readouterr().out)
+    assert (told["runs"], told["stops"], told["details"][0]["cause"]) == (1, [None], "never up")
     assert told["periods"]["p50"] >= 0.002
     assert told["calls"]["longest"] >= told["calls"]["p99"] >= told["calls"]["p50"] > 0
     assert told["missed"] >= 0

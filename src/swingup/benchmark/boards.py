@@ -34,7 +34,7 @@ SIM2REAL = SwingUpBoard(
     normalisers=HARDWARE.normalisers,
     limits=ROBOT_LIMITS,
     hold=2.0,  # chosen
-    domain="identified",
+    domain="recorded",
     runs=100,
 )
 """Swing-ups in a loop like the real robot's that never exceed the robot's limits; ours."""

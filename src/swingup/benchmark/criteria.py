@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ..loop.supervisors.limits import Limits
 from .rules import Normalisers
 
 # The benchmark's own limit: a file whose last time is below it fails.
@@ -52,6 +53,11 @@ class Criteria:
     """1 - (1/5) Σ tanh(π c_i / n_i) on success, else 0."""
 
 
+CAUSES = ("never up", "beyond a limit", "fell", "up late", "stopped")
+"""Kinds of failures: in the swing-up, at a limit of angle or speed in either phase, at the top, too slow, or ended
+early, by a guard for instance."""
+
+
 @dataclass(frozen=True)
 class TipHistory:
     """The height of the tip during a run, and the reason of a failure."""
@@ -62,6 +68,8 @@ class TipHistory:
     """l1 + l2 (m)."""
     failure: str | None
     """Why the run is no success; None if it is one."""
+    cause: str | None = None
+    """The kind of failure, one of ``CAUSES``."""
 
     @property
     def percent(self) -> float:
@@ -70,7 +78,8 @@ class TipHistory:
 
     def as_dict(self) -> dict[str, Any]:
         """Ready for JSON."""
-        return {"highest_tip": self.highest, "highest_tip_percent": self.percent, "failure": self.failure}
+        parts = {"failure": self.failure, "cause": self.cause}
+        return {"highest_tip": self.highest, "highest_tip_percent": self.percent, **parts}
 
 
 def compute_criteria(
@@ -103,23 +112,56 @@ def compute_criteria(
     return Criteria(success=True, swingup_time=swingup_time, **costs, score=score)
 
 
-def follow_tip(time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: SwingUpRules) -> TipHistory:
-    """How high the tip came, and why the run failed if it did; arguments as of :func:`compute_criteria`."""
+def follow_tip(
+    time: np.ndarray,
+    x: np.ndarray,
+    l1: float,
+    l2: float,
+    rules: SwingUpRules,
+    limits: Limits | None = None,
+    hold: float | None = None,
+) -> TipHistory:
+    """How high the tip came, and why the run failed if it did; arguments as of :func:`compute_criteria`.
+
+    A run also fails where joints exceed ``limits``, or where the tip is not up in its last ``hold`` seconds.
+    """
     reach, height = l1 + l2, tip_heights(x, l1, l2)
     highest = float(height.max())
+    failure, cause = _limit_passed(time, x, l1, l2, rules, limits)
+    if cause is not None:
+        return TipHistory(highest, reach, failure, cause)
     # The benchmark looks neither at the first row nor at the last.
     up, times = tip_is_up(x, l1, l2, rules.height)[1:-1], time[1:-1]
     if not up.any():
+        cause = "never up"
         failure = f"never up: the tip reached {highest:.3f} m and must pass {rules.height * reach:g} m"
     elif not up[-1]:
-        last = int(np.flatnonzero(up)[-1])
+        last, cause = int(np.flatnonzero(up)[-1]), "fell"
         failure = f"up at t = {times[int(up.argmax())]:.3f} s, fell at t = {times[last + 1]:.3f} s"
     # Both the benchmark's limit on the last time and ours on the span.
     elif min(time[-1], time[-1] - time[0]) < SHARE * rules.duration:
-        failure = f"it spans {time[-1] - time[0]:g} s, below {SHARE:.0%} of {rules.duration:g} s"
-    else:
-        failure = None
-    return TipHistory(highest, reach, failure)
+        failure, cause = f"it spans {time[-1] - time[0]:g} s, below {SHARE:.0%} of {rules.duration:g} s", "stopped"
+    elif hold is not None and not up[times >= rules.duration - hold].all():
+        since = times[int(np.flatnonzero(~up)[-1]) + 1]
+        failure, cause = f"up for good at t = {since:.3f} s only, not for the last {hold:g} s", "up late"
+    return TipHistory(highest, reach, failure, cause)
+
+
+def _limit_passed(
+    time: np.ndarray, x: np.ndarray, l1: float, l2: float, rules: SwingUpRules, limits: Limits | None
+) -> tuple[str | None, str | None]:
+    """Which joint first passed which limit, when and in which phase, and the failure's kind."""
+    # Negated, so that a state that has diverged is beyond them.
+    most = None if limits is None else np.array([limits.angle, limits.angle, limits.speed, limits.speed])
+    beyond = np.zeros(x.shape, bool) if most is None else ~(np.abs(x) <= most)
+    if most is None or not beyond.any():
+        return None, None
+    row = int(beyond.any(axis=1).argmax())
+    place = int(beyond[row].argmax())
+    phase = "at the top" if tip_is_up(x[:row], l1, l2, rules.height).any() else "swinging up"
+    limit = f"{most[place]:.4g} {'rad' if place < 2 else 'rad/s'}"
+    joint = ("shoulder", "elbow")[place % 2]
+    return f"{phase}, the {joint} passes {limit} at t = {time[row]:.3f} s", "beyond a limit"
 
 
 def failed(criteria: Criteria) -> Criteria:

@@ -1,6 +1,7 @@
 """The judge: simulate a controller's runs on a board, score each, and sum the scores up."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -95,8 +96,17 @@ def judge(
             first = first or (rows if board.keeps_rows else None)
     if all(run.fault is not None for run in runs):
         raise SwingupError(f"controller {name!r}: {runs[0].fault}")
-    values, intervals = board.summarise(runs, every)
     slow = slow_call(took, board.dt)
+    warnings = () if slow is None else (slow,)
+    result = summed_up(name, board, setting, runs, every)
+    return replace(result, trajectory=first, estimator=estimator, call_time=took, warnings=warnings)
+
+
+def summed_up(
+    name: str, board: AbstractBoard, setting: Setting, runs: Sequence[Run], seeds: Sequence[int]
+) -> Result:
+    """The result of runs on a board that is in the pendulum's units."""
+    values, intervals = board.summarise(runs, seeds)
     return Result(
         robot=setting.robot.name,
         controller=name,
@@ -104,13 +114,10 @@ def judge(
         values=values,
         intervals=intervals,
         runs=tuple(runs),
-        trajectory=first,
+        trajectory=None,
         plant=setting.plant,
-        seeds=tuple(every) if board.is_random(setting) else (),
+        seeds=tuple(seeds) if board.is_random(setting) else (),
         domain=setting.domain,
-        estimator=estimator,
-        call_time=took,
-        warnings=() if slow is None else (slow,),
         note=board.note,
     )
 

@@ -107,14 +107,17 @@ class SwingUpBoard(AbstractBoard):
         criteria = compute_criteria(time - min(0.0, time[0]), x, u, *lengths, self)
         if stop is not None or fault is not None or time[-1] - time[0] < SHARE * self.duration:
             criteria = failed(criteria)
-        success = criteria.success
+        success, limits = criteria.success, None if self.stops else self.limits
         speed, angle = float(np.abs(x[:, 2:]).max()), float(np.abs(x[:, :2]).max())
         if self.hold is not None:
             held = tip_is_up(x[time >= self.duration - self.hold], *lengths, self.height).all()
             success = bool(held and stop is None and fault is None)
-        if self.limits is not None and not self.stops:
-            success = success and bool(speed <= self.limits.speed and angle <= self.limits.angle)
-        tip, score = follow_tip(time, x, *lengths, self), criteria.score if success else 0.0
+        if limits is not None:
+            success = success and bool(speed <= limits.speed and angle <= limits.angle)
+        tip = follow_tip(time, x, *lengths, self, limits, self.hold)
+        if stop is not None:
+            tip = replace(tip, failure=f"the robot stops it at t = {stop:.3f} s", cause="stopped")
+        score = criteria.score if success else 0.0
         return Run(case, success, score, fault, criteria, tip, speed, angle, stop)
 
     def summarise(self, runs: Sequence[Run], seeds: Sequence[int]) -> Summary:

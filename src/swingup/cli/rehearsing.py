@@ -1,37 +1,40 @@
 """The command ``rehearse``: an exported folder drives the simulated robot before it drives the real one."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from ..benchmark.boards import swing_up_board
-from ..benchmark.columns import COLUMNS, PERFORMANCE
+from ..benchmark.boards import SIM2REAL, swing_up_board
 from ..benchmark.trajectory_file import save_trajectory
 from ..common.checks import positive_number
 from ..common.files import check_writable
 from ..rehearsal.process import CALLING
-from ..rehearsal.rehearse import RECORDED, rehearse
+from ..rehearsal.rehearse import rehearse
 from ..rehearsal.result import Rehearsal, spread
-from .arguments import OptionalFile, OptionalFloat, OptionalRobot, optional
+from .arguments import OptionalDomain, OptionalFile, OptionalFloat, OptionalInt, OptionalRobot, optional
 from .output import aligned, tell, tell_json
+from .progress import Progress
+from .results import WIDTH, result_lines
 
 
 def rehearse_command(
     folder: Positional[Annotated[str, arg(metavar="FOLDER")]],
     /,
     plant: Annotated[str | None, optional("PLANT")] = None,
-    domain: Annotated[str, arg(metavar="DOMAIN")] = RECORDED,
+    domain: OptionalDomain = None,
     robot: OptionalRobot = None,
-    board: str = "hardware",
+    board: str = SIM2REAL.name,
     duration: OptionalFloat = None,
     seed: int = 0,
+    seeds: OptionalInt = None,
     real_time: bool = False,
     timeout: float = CALLING,
     json: bool = False,
     save: OptionalFile = None,
 ) -> int:
-    """Run an exported folder in a process of its own, against the simulated robot, before the real one.
+    """Run an exported folder in processes of its own, against simulated robots, before the real one.
 
     The folder is one of swingup export --to realaigym or cloudpendulum, and is called as there. A folder that
     cannot be imported, crashes, hangs, prints, or gives no two finite torques ends it in one line and status 2.
@@ -39,60 +42,52 @@ def rehearse_command(
     Args:
         folder: the folder, or its con_NAME.py or controller_NAME.py.
         plant: a plant's name or its file, with the loop that the file has.
-        domain: the loop, and the plant if none is given: a domain's name or file, or none for a perfect loop.
+        domain: the loop, and the plant if none is given: a domain's name or file, or none for a perfect loop;
+            default: that of the board sim2real, recorded.
         robot: acrobot or pendubot, where the folder does not say it.
-        board: how the run is scored: performance, hardware or hardware-perturbed.
-        duration: length of the run (s); default: that of the board, 10 s.
-        seed: seed of noise and plants.
+        board: how the runs are scored: sim2real, performance, hardware or hardware-perturbed.
+        duration: length of a run (s); default: that of the board, 10 s.
+        seed: first seed of plants, loops and noise, as of evaluate.
+        seeds: seeds in a row; by default 10, or 1 in real time or in a perfect loop.
         real_time: one step every 2 ms, with periods and missed deadlines measured.
         timeout: longest time of a call (s).
         json: print one JSON object.
-        save: also write the trajectory to this CSV file.
+        save: also write the first run's trajectory to this CSV file.
     """
     scored = swing_up_board(board)
     longest = positive_number("timeout", timeout, 600.0, "s")
     if save is not None:
         check_writable(save)
-    around = None if domain == "none" else domain
-    result = rehearse(folder, plant, around, robot, scored, duration, seed, real_time, longest)
-    if save is not None:
-        save_trajectory(save, result.trajectory)
+    with Progress() as bar:
+        progress = partial(bar, "runs")
+        found = rehearse(folder, plant, domain, robot, scored, duration, seeds, seed, real_time, longest, progress)
+    if save is not None and found.result.trajectory is not None:
+        save_trajectory(save, found.result.trajectory)
     if json:
-        tell_json(result.as_dict())
+        tell_json(found.as_dict())
     else:
-        tell(*rehearsal_lines(result, board))
+        tell(*rehearsal_lines(found))
     return 0
 
 
-def rehearsal_lines(result: Rehearsal, board: str) -> list[str]:
-    """How the run went, what the guard did, and what was measured of the calls."""
-    values, (angle, speed) = {**vars(result.criteria), "score": result.score}, result.limits
-    stopped = result.facts["stopped"]
-    guard = ("stopped it" if stopped else "quiet") if result.facts["guard"] else "none"
-    beyond = "" if result.violation is None else f"at t = {result.violation:.3f} s, where the robot stops"
-    timing, late = result.timing, result.timing.late
-    rows = [
-        ("Call [ms]", spread(timing.calls)),
-        ("Period [ms]", spread(timing.periods) if result.real_time else {}),
-    ]
+def rehearsal_lines(found: Rehearsal) -> list[str]:
+    """How the runs went, what the guard did, and what was measured of the calls."""
+    stopped, runs = sum(stop is not None for stop in found.stops), len(found.stops)
+    guard = "none" if not found.facts["guard"] else f"stopped {stopped} of {runs}" if stopped else "quiet"
+    limits = "" if found.limits is None else "limits {:.4g} rad, {:.4g} rad/s".format(*found.limits)
+    rows = [("Call [ms]", spread(found.calls)), ("Period [ms]", spread(found.periods) if found.real_time else {})]
+    calls = f"of {len(found.calls)} calls"
     return [
-        f"{result.robot}, {result.folder.entry.name} ({result.folder.form}, {result.domain.name}, board {board}, "
-        f"seed {result.seed})",
-        aligned("Swing-up", "success" if result.success else "failure", result.tip.failure or ""),
-        *(aligned(COLUMNS[name].title, COLUMNS[name].show(values[name])) for name in PERFORMANCE),
-        aligned("Highest tip [m]", f"{result.tip.highest:.3f}", f"{result.tip.percent:.1f} % of l1 + l2"),
-        aligned("Largest speed [rad/s]", f"{result.speed:.1f}", f"limit {speed:g}"),
-        aligned("Largest angle [rad]", f"{result.angle:.1f}", f"limit {angle:.4g}"),
-        *([aligned("Limits", "passed", beyond)] if beyond else []),
-        aligned("Guard", guard, stopped["why"] if stopped else ""),
-        *(aligned(title, *_spread(row)) for title, row in rows if row),
+        *result_lines(found.result, f"{found.folder.entry.name}, {found.folder.form}"),
+        aligned("Guard", guard, limits, WIDTH),
+        *(aligned(title, *_spread(row), width=WIDTH) for title, row in rows if row),
+        *([aligned("Missed deadlines", str(found.missed), calls, WIDTH)] if found.real_time else []),
         *(
-            [aligned("Missed deadlines", str(timing.missed), f"of {len(timing.calls)} calls")]
-            if result.real_time
+            [f"  The simulation itself was late {found.late} times: close other programs and repeat."]
+            if found.late
             else []
         ),
-        *([f"  The simulation itself was late {late} times: close other programs and repeat."] if late else []),
-        *([] if result.difference is None else [f"  {result.difference}"]),
+        *([] if found.difference is None else [f"  {found.difference}"]),
     ]
 
 

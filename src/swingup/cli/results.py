@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from statistics import median
 
 from ..benchmark.columns import COLUMNS
+from ..benchmark.criteria import CAUSES
 from ..benchmark.leaderboard import OURS, Table
 from ..benchmark.result import Result
 from .arguments import plant_note
@@ -25,6 +26,7 @@ def result_lines(result: Result, judged: str) -> list[str]:
         aligned("Success", *_success(result), WIDTH),
         *values,
         *(aligned(*row, width=WIDTH) for row in _runs(result)),
+        *_failures(result),
         *(f"  warning: {each}" for each in result.warnings),
         *([] if result.note is None else [f"  {result.note}"]),
     ]
@@ -41,6 +43,32 @@ def _success(result: Result) -> tuple[str, str]:
         return ("yes" if result.successes else "no"), (tip.failure or "") if tip else ""
     low, high = result.success_interval
     return f"{result.successes} of {number}", f"{low:.0%} to {high:.0%}"
+
+
+WHAT_TO_TRY = {
+    "never up": "swingup compare your log with the plant; swingup refine --recipe adapt --domain FILE",
+    "beyond a limit": "swingup refine --recipe adapt --domain FILE; if your robot bears more, swingup export --velocity-limit",
+    "fell": "identify friction and delay from more logs; the passive joint's dry friction fells most",
+    "up late": "watch one: --seed SEED --seeds 1 --save run.csv; then as for runs that are never up",
+    "stopped": "read the reason; limits and patience of a guard are options of swingup export",
+}
+"""Advice for each of a failure's causes."""
+MOST_SEEDS = 8
+"""Seeds of failures that a line names."""
+
+
+def _failures(result: Result) -> Iterator[str]:
+    """How many runs failed for each cause, at which seeds, the first of them in words, and what to try."""
+    if len(result.runs) < 2 or len(result.seeds) != len(result.runs):
+        return
+    failed = [(seed, run.tip) for seed, run in zip(result.seeds, result.runs, strict=True) if not run.success]
+    for cause in CAUSES:
+        those = [(seed, tip.failure) for seed, tip in failed if tip is not None and tip.cause == cause]
+        if those:
+            seeds = ", ".join(str(seed) for seed, _ in those[:MOST_SEEDS])
+            more = ", ..." if len(those) > MOST_SEEDS else ""
+            yield f"  {len(those)} failed, {cause} (seed {seeds}{more}): {those[0][1]}"
+            yield f"    try: {WHAT_TO_TRY[cause]}"
 
 
 def _runs(result: Result) -> Iterator[tuple[str, str, str]]:

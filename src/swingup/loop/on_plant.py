@@ -8,6 +8,8 @@ from ..plant.units import scaled, scales_of
 from .domain import Domain, PlantInLoop, load_domain, make_domain
 from .loop import VALUES
 
+PERFECT = "none"
+"""The name of a perfect loop among those of domains."""
 ALONE = "C.1"
 """The plant where neither a plant nor a domain is given: design C.1 as identified, in a perfect loop."""
 
@@ -22,9 +24,10 @@ def loop_around(plant: PlantLike | Domain | None, domain: Domain | str | None) -
     Args:
         plant: a plant, its name, or its file, which may have ranges and a loop; or all as a domain.
             None for the domain's own.
-        domain: the loop, by itself or by name; None for a perfect loop.
+        domain: the loop, by itself or by name; None or "none" for a perfect loop.
     """
-    domain = load_domain(domain) if isinstance(domain, str) else domain
+    if isinstance(domain, str):
+        domain = None if domain == PERFECT else load_domain(domain)
     if plant is None:
         return plant_as_domain(ALONE) if domain is None else domain
     facts = plant if isinstance(plant, Domain) else plant_as_domain(plant)

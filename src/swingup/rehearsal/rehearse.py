@@ -5,57 +5,64 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import numpy as np
 
-from ..benchmark.boards import HARDWARE, ROBOT_LIMITS
-from ..benchmark.criteria import compute_criteria, follow_tip
-from ..benchmark.rollout import Scenario
-from ..benchmark.runner import run_one
+from ..benchmark.board import Case, Run, Setting
+from ..benchmark.boards import SIM2REAL
+from ..benchmark.judge import make_setting, summed_up
+from ..benchmark.recording import recorded, stopped_at
+from ..benchmark.rollout import Trajectory
+from ..benchmark.runner import Progress, run_one
+from ..benchmark.seeds import check_seeds
 from ..benchmark.swing_up_board import SwingUpBoard
-from ..common.checks import positive_number, whole_number
+from ..common.checks import positive_number
 from ..common.errors import SwingupError
 from ..controllers.interface.python_controller import PythonController
 from ..loop.domain import Domain
-from ..loop.draw import draw
-from ..loop.on_plant import loop_around
+from ..loop.on_plant import PERFECT
+from ..loop.supervisors.limits import Limits
 from ..plant.plant import PlantLike
 from ..plant.robots import Robot, get_robot
 from ..policy.plant_facts import plant_difference
 from ..policy.shipped import load_policy
 from .folder import Folder, find_folder
-from .loop import FolderController, PacedController
+from .loop import FolderController, PacedController, Timing
 from .process import CALLING, FolderProcess
 from .result import Rehearsal
 
-RECORDED = "recorded"
-"""The domain of a rehearsal that names none: design C.1 in its loop, as recordings show them."""
+SEEDS = 10
+"""Runs of a rehearsal; in real time and in a perfect loop it is one."""
 LONGEST_REHEARSAL = 600.0
-"""Longest rehearsal (s)."""
+"""Longest run (s)."""
 
 
 def rehearse(
     folder: str | Path,
     plant: PlantLike | None = None,
-    domain: Domain | str | None = RECORDED,
+    domain: Domain | str | None = None,
     robot: Robot | str | None = None,
-    board: SwingUpBoard = HARDWARE,
+    board: SwingUpBoard = SIM2REAL,
     duration: float | None = None,
+    seeds: int | None = None,
     seed: int = 0,
     real_time: bool = False,
     calling: float = CALLING,
+    progress: Progress | None = None,
 ) -> Rehearsal:
-    """Run an exported folder in a process of its own against the simulated robot, from hanging at rest.
+    """Run an exported folder in processes of its own against simulated robots, from hanging at rest.
 
     Args:
         folder: a folder of ``swingup export --to realaigym`` or ``--to cloudpendulum``, or its Python file.
         plant: the plant, with the loop that its file has; None for the domain's.
-        domain: the loop that the plant's file lacks, and the plant if none is given; None for a perfect loop.
+        domain: the loop that the plant's file lacks, and the plant if none is given: a domain, its name or file, or
+            "none" for a perfect loop; None for that of the board ``sim2real``.
         robot: which joint is driven; None where the folder says it.
-        board: how the run is scored.
-        duration: length of the run (s); None for that of the board.
-        seed: seed of everything that is drawn.
+        board: how the runs are scored. Limits of the folder's guard replace the board's.
+        duration: length of a run (s); None for that of the board.
+        seeds: number of seeds in a row, with a process each; None for 10, or for 1 in real time or a perfect loop.
+        seed: first seed of everything that is drawn, the same as of the judge.
         real_time: one step a period, with the periods measured.
         calling: longest time of a call (s).
+        progress: called with the number of finished runs, and of all.
 
     Raises:
         SwingupError: there is no such folder, plant, domain or robot; or the folder cannot be imported, or a call
@@ -63,35 +70,59 @@ def rehearse(
     """
     if duration is not None:
         board = dataclasses.replace(board, duration=positive_number("duration", duration, LONGEST_REHEARSAL, "s"))
-    seed, found = whole_number("seed", seed, 0, 2**32 - 1), find_folder(folder)
+    single = real_time or domain == PERFECT
+    every = check_seeds(seed, (1 if single else SEEDS) if seeds is None else seeds)
+    found = find_folder(folder)
     with FolderProcess(found, simulated_clock=not real_time, calling=calling) as process:
-        driven = _robot(robot, process.facts["robot"], found)
-        around = loop_around(plant, domain)
-        with jax.enable_x64(True):
-            scenario = Scenario(*draw(around, jax.random.key(seed), driven), substeps=around.substeps)
-        controller = FolderController(process)
-        paced = PacedController(controller, process, board.dt) if real_time else controller
-        if real_time:
-            # Compiled before the clock runs.
-            run_one(PythonController(_no_torque), scenario, board.dt, 2, around.depth)
-        rows = run_one(PythonController(paced), scenario, board.dt, board.steps, around.depth)
-        facts = process.facts | process.guard_report()
-    time, x, u = (np.asarray(values) for values in (rows.time, rows.x, rows.u))
-    lengths = float(scenario.parameters.l1), float(scenario.parameters.l2)
+        facts = process.facts
+    board = dataclasses.replace(board, domain=board.domain or SIM2REAL.domain)
+    setting = make_setting(_robot(robot, facts["robot"], found), board, plant, domain)
+    board = board.on(setting)
+    if facts["limits"] is not None:
+        limits = Limits(facts["limits"]["angle"], facts["limits"]["speed"])
+        board = dataclasses.replace(board, limits=limits)
+    with jax.enable_x64(True):
+        cases = board.cases(setting, every)
+    runs, timings, stops, first = list[Run](), list[Timing](), list[dict[str, Any] | None](), None
+    for case in cases:
+        with FolderProcess(found, simulated_clock=not real_time, calling=calling) as process:
+            timing, rows = _rows(process, board, setting, case, real_time)
+            stop = process.guard_report()["stopped"]
+        counted = recorded(rows, board.duration)
+        run = board.score(case, counted, None, stopped_at(rows, board.duration))
+        if stop is not None and run.tip is not None and run.tip.cause != "beyond a limit":
+            run = dataclasses.replace(run, tip=dataclasses.replace(run.tip, failure=stop["why"], cause="stopped"))
+        runs.append(run)
+        timings.append(timing)
+        stops.append(stop)
+        first = first or counted
+        if progress is not None:
+            progress(len(runs), len(cases))
+    result = summed_up(found.entry.name, board, setting, runs, every)
     return Rehearsal(
         folder=found,
-        robot=driven.name,
-        domain=around,
-        seed=seed,
+        result=dataclasses.replace(result, trajectory=first),
+        stops=tuple(stops),
+        difference=_difference(found, setting),
+        limits=None if board.limits is None else (float(board.limits.angle), float(board.limits.speed)),
         real_time=real_time,
-        criteria=compute_criteria(time, x, u, *lengths, board),
-        tip=follow_tip(time, x, *lengths, board),
-        difference=_difference(found, around, driven),
-        limits=_limits(facts),
-        timing=controller.timing,
+        timings=tuple(timings),
         facts=facts,
-        trajectory=rows,
     )
+
+
+def _rows(
+    process: FolderProcess, board: SwingUpBoard, setting: Setting, case: Case, real_time: bool
+) -> tuple[Timing, Trajectory]:
+    """One run: the times of its calls, and its rows."""
+    assert setting.domain is not None  # every rehearsal draws from one
+    controller, depth = FolderController(process), setting.domain.depth
+    paced = PacedController(controller, process, board.dt) if real_time else controller
+    if real_time:
+        # Compiled before the clock runs.
+        run_one(PythonController(_no_torque), case.scenario, board.dt, 2, depth)
+    rows = run_one(PythonController(paced), case.scenario, board.dt, board.steps, depth)
+    return controller.timing, rows
 
 
 def _robot(given: Robot | str | None, said: Any, folder: Folder) -> Robot:
@@ -103,24 +134,14 @@ def _robot(given: Robot | str | None, said: Any, folder: Folder) -> Robot:
     return robot
 
 
-def _difference(folder: Folder, domain: Domain, robot: Robot) -> str | None:
+def _difference(folder: Folder, setting: Setting) -> str | None:
     """How the middle of the domain's plants differs from the policy's plant."""
-    if folder.policy is None:
+    if folder.policy is None or setting.domain is None:
         return None
     policy = load_policy(folder.policy)
     seen = None if policy.identifier is None else policy.network.plant_stage
-    return plant_difference(policy.plant, domain.nominal_plant, robot, seen)
+    return plant_difference(policy.plant, setting.domain.nominal_plant, setting.robot, seen)
 
 
-def _limits(facts: dict[str, Any]) -> tuple[float, float]:
-    """Largest angle (rad) and speed (rad/s): of the folder's guard, or where the loop on the robot stops."""
-    given = facts["limits"]
-    return (
-        (float(ROBOT_LIMITS.angle), float(ROBOT_LIMITS.speed))
-        if given is None
-        else (given["angle"], given["speed"])
-    )
-
-
-def _no_torque(x: np.ndarray, t: float) -> np.ndarray:
-    return np.zeros(2)
+def _no_torque(x: Any, t: float) -> tuple[float, float]:
+    return 0.0, 0.0

@@ -1,92 +1,70 @@
-"""What a rehearsal shows: the run as the judge sees it, the robot's limits, the guard, and the calls' times."""
+"""What a rehearsal shows: the runs as the judge sees them, the guard, and the calls' times."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ..benchmark.criteria import Criteria, TipHistory
-from ..benchmark.rollout import Trajectory
-from ..loop.domain import Domain
+from ..benchmark.result import Result
 from .folder import Folder
 from .loop import Timing
 
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """What one rehearsal showed."""
+    """What the runs of one folder showed."""
 
     folder: Folder
-    robot: str
-    domain: Domain
-    """What plant and loop were drawn from."""
-    seed: int
-    real_time: bool
-    criteria: Criteria
-    tip: TipHistory
+    result: Result
+    """As of the judge."""
+    stops: tuple[dict[str, Any] | None, ...]
+    """When (s) and why the folder's guard stopped each run."""
     difference: str | None
     """How the plant differs from the one that the policy was made for; None if it differs little."""
-    limits: tuple[float, float]
-    """Largest angle (rad) and speed (rad/s) of a joint; the robot stops beyond them."""
-    timing: Timing
+    limits: tuple[float, float] | None
+    """Largest angle (rad) and speed (rad/s) of a joint; None where neither guard nor board has limits."""
+    real_time: bool
+    timings: tuple[Timing, ...]
+    """Of each run."""
     facts: dict[str, Any]
-    """What the folder says of itself: its packages, and when and why its guard stopped it."""
-    trajectory: Trajectory
+    """What the folder says of itself."""
 
     @property
-    def angle(self) -> float:
-        """Largest angle of a joint (rad)."""
-        return float(np.abs(self.trajectory.x[:, :2]).max())
+    def calls(self) -> list[float]:
+        """Times inside the calls of all runs (s)."""
+        return [each for timing in self.timings for each in timing.calls]
 
     @property
-    def speed(self) -> float:
-        """Largest speed of a joint (rad/s)."""
-        return float(np.abs(self.trajectory.x[:, 2:]).max())
+    def periods(self) -> list[float]:
+        """Times between the calls of each run (s)."""
+        return [each for timing in self.timings for each in timing.periods]
 
     @property
-    def violation(self) -> float | None:
-        """When a joint first passed a limit (s); None for never."""
-        most = np.repeat(self.limits, 2)
-        # Negated, so that a state that has diverged is beyond them.
-        beyond = ~(np.abs(self.trajectory.x) <= most).all(axis=1)
-        return float(self.trajectory.time[beyond.argmax()]) if beyond.any() else None
+    def missed(self) -> int:
+        """Periods that ended without an answer."""
+        return sum(timing.missed for timing in self.timings)
 
     @property
-    def success(self) -> bool:
-        """It swung up and stayed there, within the robot's limits."""
-        return self.criteria.success and self.violation is None
-
-    @property
-    def score(self) -> float:
-        """The RealAI score, 0 without success."""
-        return self.criteria.score if self.success else 0.0
+    def late(self) -> int:
+        """Periods that began late because the simulation was slow."""
+        return sum(timing.late for timing in self.timings)
 
     def as_dict(self) -> dict[str, Any]:
-        """Ready for JSON; times in s."""
-        return {
+        """Ready for JSON: the judge's result, and what a folder adds; times in s."""
+        return self.result.as_dict() | {
             "folder": str(self.folder.entry.parent),
             "form": self.folder.form,
-            "robot": self.robot,
-            "domain": {"name": self.domain.name} | self.domain.as_dict(),
-            "seed": self.seed,
-            "success": self.success,
-            **{name: value for name, value in asdict(self.criteria).items() if name not in ("success", "score")},
-            "score": self.score,
-            **self.tip.as_dict(),
             "difference": self.difference,
-            "speed": self.speed,
-            "angle": self.angle,
-            "violation": self.violation,
-            "limits": {"angle": self.limits[0], "speed": self.limits[1]},
+            "limits": self.limits and dict(zip(("angle", "speed"), self.limits, strict=True)),
             "guard": self.facts["guard"],
-            "stopped": self.facts["stopped"],
+            "stops": list(self.stops),
             "packages": self.facts["packages"],
-            "calls": spread(self.timing.calls),
+            "calls": spread(self.calls),
             "real_time": self.real_time,
-            "periods": spread(self.timing.periods) if self.real_time else None,
-            "missed": self.timing.missed if self.real_time else None,
-            "late": self.timing.late if self.real_time else None,
+            "periods": spread(self.periods) if self.real_time else None,
+            "missed": self.missed if self.real_time else None,
+            "late": self.late if self.real_time else None,
         }
 
 
