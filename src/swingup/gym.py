@@ -17,6 +17,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from jaxtyping import Bool, Float, Float32, UInt8
 
+from . import continuing  # noqa: F401 (registers its ids)
 from .common.checks import whole_number
 from .common.errors import SwingupError
 from .common.fetch import fetch

@@ -4,16 +4,19 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypedDict
 
+import numpy as np
+
 from ..benchmark.judge import judge
 from ..common.checks import whole_number
 from ..common.errors import SwingupError
 from ..controllers.registry import get_controller
 from ..learner.cores import share_cores
+from ..learner.metrics import METRICS_FILE, read_metrics
 from ..learner.policy_files import BEST, LAST, result_on_disk
 from ..learner.presets import PRESETS, get_preset
-from ..learner.rates import describe_rates, shown_rate
+from ..learner.rates import REWARD_RATE, describe_rates, shown_rate, training_resets
 from ..learner.run import Run
-from ..learner.run_settings import make_run_settings, read_run_settings
+from ..learner.run_settings import is_continuing, make_run_settings, read_run_settings
 from ..learner.start import resume_run, start_run
 from .arguments import (
     NO_PLANT,
@@ -27,7 +30,7 @@ from .arguments import (
     task_name,
 )
 from .hyperparameters import HyperparameterOptions
-from .output import tell
+from .output import tell, tell_table
 from .results import result_lines
 from .showing import train_shown
 
@@ -42,7 +45,11 @@ class RunOptions(TypedDict, total=False):
         int, optional(text="frames between checkpoints; default 1048576, or 262144 with --env.")
     ]
     evaluation_episodes: Annotated[
-        int, optional(text="episodes of an evaluation with --env; default 5. 0: training episodes give the score.")
+        int,
+        optional(
+            text="episodes of an evaluation with --env; default 5, or 1 with a continuing task. "
+            "0: training gives the score."
+        ),
     ]
 
 
@@ -131,6 +138,8 @@ def _resume(folder: Path, frames: int | None, given: dict[str, Any]) -> Run:
 
 def _score(run: Run) -> int:
     """Print the score of the best policy; judge that of a robot."""
+    if is_continuing(run.settings.name):
+        _show_rates(run)
     if run.settings.robot is None:
         name = BEST if (run.folder / BEST).exists() else LAST
         print(f"best score {shown_rate(run.best_score)}, policy {run.folder / name}")
@@ -141,3 +150,17 @@ def _score(run: Run) -> int:
     result = judge(controller, run.settings.robot, name=name, plant=run.settings.plant)
     tell(*result_lines(result, judged_name(name, controller)))
     return 0
+
+
+def _show_rates(run: Run) -> None:
+    """Show a continuing task's rates in each tenth of the run: while training, and of the policy at its end."""
+    rows = [row for row in read_metrics(run.folder / METRICS_FILE) if row["seed"] == run.settings.seed]
+    lines = []
+    for part in filter(len, np.array_split(np.array(rows, object), 10)):
+        rate, resets = (float(np.mean(means)) for means in zip(*map(_training_rates, part), strict=True))
+        lines.append([f"{part[-1]['frames']:,}", *map(shown_rate, (rate, resets, part[-1][REWARD_RATE]))])
+    tell_table(["frames", "reward rate", "resets per 1,000 steps", "deterministic rate"], lines)
+
+
+def _training_rates(row: Mapping[str, Any]) -> tuple[float, float]:
+    return row["reward"], training_resets(row) or 0.0

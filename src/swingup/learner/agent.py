@@ -51,7 +51,7 @@ class AREAPO:
         folder: str | Path | None = None,
         evaluate_every: int | None = None,
         checkpoint_every: int | None = None,
-        evaluation_episodes: int = 5,
+        evaluation_episodes: int | None = None,
         plant: PlantLike = LEADERBOARD,
         **overrides: Any,
     ) -> None:
@@ -72,8 +72,9 @@ class AREAPO:
             evaluate_every: frames of a seed between evaluations, reports and callbacks, which checkpoints add, too.
             checkpoint_every: frames of a seed between checkpoints, where the environments that the host steps are
                 reset.
-            evaluation_episodes: episodes of an evaluation, whose mean return is the score. With 0, where the host
-                steps the environments, it is that of the training episodes. A robot has one episode.
+            evaluation_episodes: episodes of an evaluation, whose mean return is the score; default: 5. With 0,
+                where the host steps the environments, it is that of the training episodes. A robot has one episode.
+                The score of a continuing task is its reward rate over 2,000 steps, or as often as many.
             plant: the robot's pendulum, in whose units the task is: a plant, its name or its file.
             **overrides: hyperparameters, names of :class:`swingup.areapo.config.Config`. Without ``num_envs`` a
                 vector environment or a list keeps its number, and an environment that was passed in is one.

@@ -21,6 +21,7 @@ from gymnasium.spaces import Box, Discrete, MultiDiscrete
 from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 from jaxtyping import Bool, Float32, Shaped
 
+from .. import gym  # noqa: F401 (registers swingup's own ids)
 from ..common.checks import whole_number
 from ..common.errors import SwingupError
 from ..common.foreign import attribute, blaming
@@ -34,6 +35,9 @@ MAKES_SENSE = (
     "a Gymnasium id, a function that makes a gymnasium.Env, a list of such functions, a "
     "gymnasium.vector.VectorEnv, an environment of gymnax, envelope, MuJoCo Playground or brax, or a task in JAX"
 )
+
+OWN_RESETS = "own_resets"
+"""Attribute of continuing tasks: the resets that they made themselves, without an end."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +100,9 @@ class Environments:
         self.observation_space, self.actions = space, space_actions(actions)
         self.num_envs = whole_number(f"num_envs of {name}", attribute(env, "num_envs"), 1)
         # Only environments of this process are asked: a worker process would not survive an attribute it lacks.
-        self.step_time = step_time(env.envs[0] if isinstance(env, SyncVectorEnv) else env)
+        members: list[Any] = env.envs if isinstance(env, SyncVectorEnv) else []
+        self.step_time = step_time(*members[:1] or [env])
+        self._counting = [each for each in members if each.has_wrapper_attr(OWN_RESETS)]
         self._env, self._mode, self._name, self._lent = env, mode, name, lent
         self._resetting = np.zeros(self.num_envs, np.bool_)
         self._starts = np.zeros((self.num_envs, self.spaces.observation_size), np.float32)
@@ -105,6 +111,16 @@ class Environments:
     def spaces(self) -> Spaces:
         """Sizes of the observations and the actions."""
         return Spaces(int(np.prod(self.observation_space.shape)), self.actions.size, self.actions.choices)
+
+    @property
+    def endless(self) -> bool:
+        """Whether these are continuing tasks, which count the resets that they make themselves."""
+        return bool(self._counting)
+
+    @property
+    def own_resets(self) -> int:
+        """Resets so far that continuing tasks made themselves."""
+        return sum(each.get_wrapper_attr(OWN_RESETS) for each in self._counting)
 
     @property
     def all_count(self) -> bool:

@@ -99,6 +99,7 @@ class HostBackend(AbstractBackend):
         for tally in self._tallies:
             tally.returns.clear()
             tally.finished.clear()
+        resets = [each.own_resets for each in self._environments]
         for iteration in range(iterations):
             if iteration and stopping():
                 break
@@ -106,15 +107,20 @@ class HostBackend(AbstractBackend):
                 members[index], found = host_iteration(members[index], environments, tally, self._config)
                 metrics[index].append(jax.device_get(found))
         self._training_results, rows = [], []
-        for each, environments, tally in zip(metrics, self._environments, self._tallies, strict=True):
+        for each, environments, tally, before in zip(
+            metrics, self._environments, self._tallies, resets, strict=True
+        ):
             row = jax.tree.map(lambda *leaves: np.mean(leaves, dtype=np.float32), *each).as_dict()
+            frames = len(each) * self._config.rollout_size
+            row["termination_rate"] += (environments.own_resets - before) / frames
             # Perhaps no episode ended since the last report; an endless task never ends one.
             episode_return = float(np.mean(tally.returns)) if tally.returns else None
             episode_length = float(np.mean(tally.finished)) if tally.returns else None
             rows.append(row | {"episode_return": episode_return, "episode_length": episode_length})
             # The rates are those of all steps since the last report, also of episodes that go on.
             measured = rates(row["reward"], row["termination_rate"], environments.step_time)
-            self._training_results.append({"score": episode_return, "mean_length": episode_length, **measured})
+            score = row["reward"] if environments.endless else episode_return
+            self._training_results.append({"score": score, "mean_length": episode_length, **measured})
         return join_seeds(members), rows
 
     def policy(self, member: LearnerState) -> Policy[Any]:

@@ -20,6 +20,7 @@ from .evaluators import (
     check_actions,
     summarise_episodes,
 )
+from .rates import REWARD_RATE
 
 
 class EpisodeEvaluator(AbstractEvaluator):
@@ -108,11 +109,14 @@ def play_once(
 
 
 def play(policy: Policy[Any], environments: Environments, seed: int) -> dict[str, Any]:
-    """The first episode of each environment under the deterministic policy, as means."""
+    """The first episode of each environment under the deterministic policy, as means.
+
+    The score of a continuing task, of whose stream ``EPISODE_STEPS`` are played, is its reward rate.
+    """
     observations = environments.reset(seed)
     running = np.ones(environments.num_envs, np.bool_)
     returns, lengths = np.zeros(running.size), np.zeros(running.size, np.int64)
-    terminations = 0
+    terminations = -environments.own_resets
     for _ in range(EPISODE_STEPS):
         step = environments.step(act(policy, observations))
         # Environments that ended start another episode by themselves; it does not count.
@@ -123,7 +127,9 @@ def play(policy: Policy[Any], environments: Environments, seed: int) -> dict[str
         observations = step.following
         if not running.any():
             break
-    return summarise_episodes(returns.tolist(), lengths.tolist(), terminations, environments.step_time)
+    terminations += environments.own_resets
+    result = summarise_episodes(returns.tolist(), lengths.tolist(), terminations, environments.step_time)
+    return result | {"score": result[REWARD_RATE]} if environments.endless else result
 
 
 def _check_spaces(policy: Policy[Any], spaces: Spaces) -> None:

@@ -25,7 +25,10 @@ SETTINGS_FILE = "config.json"
 
 PENDULUM_INTERVALS = {"evaluate_every": 65_536, "checkpoint_every": 1_048_576}
 ENV_INTERVALS = {"evaluate_every": 65_536, "checkpoint_every": 262_144}
-"""Default frames between evaluations and between checkpoints."""
+CONTINUING_INTERVALS = {"evaluate_every": 10_000, "checkpoint_every": 1_000_000}
+"""Default frames between evaluations and between checkpoints, at which the host's environments are reset."""
+CONTINUING = "swingup/Continuing"
+"""Beginning of the ids of continuing tasks (:mod:`swingup.continuing`)."""
 
 MALFORMED = (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
 """Errors that content of a wrong type, depth or encoding raises."""
@@ -123,7 +126,7 @@ class RunSettings:
 
     def _changed(self) -> dict[str, Any]:
         """Hyperparameters that differ from the preset's, then intervals and episodes that are not the defaults."""
-        usual = default_intervals(self.robot) | {"evaluation_episodes": RunSettings.evaluation_episodes}
+        usual = default_evaluations(self.name)
         defaults = vars(get_preset(self.preset).config) | usual
         mine = {name: (vars(self.config) | vars(self))[name] for name in defaults}
         return {name: value for name, value in mine.items() if value != defaults[name]}
@@ -175,7 +178,7 @@ def make_run_settings(
     defaults = get_preset(chosen)
     # From names, so that misspelt ones are found.
     config = config_from_dict(vars(defaults.config) | dict(changes or {}), ("env", "folder", *SETTINGS))
-    values: dict[str, Any] = {"seed": 0, "seeds": defaults.seeds, **default_intervals(robot)}
+    values: dict[str, Any] = {"seed": 0, "seeds": defaults.seeds, **default_evaluations(env)}
     values |= {name: value for name, value in given.items() if value is not None}
     values["plant"] = load_plant(values.get("plant", LEADERBOARD))
     return RunSettings(
@@ -226,9 +229,18 @@ def read_run_settings(folder: Path) -> tuple[RunSettings, int]:
         raise SwingupError(f"{path} is malformed ({reason}): restore it or train again") from error
 
 
-def default_intervals(robot: str | None) -> dict[str, int]:
-    """Frames between evaluations and between checkpoints, of the pendulum's robots and of other tasks."""
-    return ENV_INTERVALS if robot is None else PENDULUM_INTERVALS
+def default_evaluations(env: Any) -> dict[str, int]:
+    """Frames between evaluations and between checkpoints, and episodes of an evaluation, of a robot or a task."""
+    if is_continuing(env):
+        # A stream of 2,000 steps for every 10,000.
+        return {**CONTINUING_INTERVALS, "evaluation_episodes": 1}
+    intervals = PENDULUM_INTERVALS if isinstance(env, str) and env in ROBOTS else ENV_INTERVALS
+    return {**intervals, "evaluation_episodes": RunSettings.evaluation_episodes}
+
+
+def is_continuing(env: Any) -> bool:
+    """Whether an environment is the id of a continuing task."""
+    return isinstance(env, str) and env.startswith(CONTINUING)
 
 
 def describe_env(env: Any) -> str:
