@@ -155,7 +155,7 @@ def policy(random):
         names = ["dt", "velocity_noise", "acceleration_noise", "max_delay_steps", "longest_delay", "x"]
         metadata["estimator"] = {random.choice(names): random.choice([*EXTREMES, 1e-6, 1000])}
     if random.random() < 0.3:
-        names = ["dt", "angle_limit", "velocity_limit", "longest_pause", "torque_rate", "braking", "x"]
+        names = ["dt", "angle_limit", "velocity_limit", "longest_gap", "torque_rate", "braking", "x"]
         metadata["guard"] = {random.choice(names): random.choice([*EXTREMES, None, 1000])}
     if random.random() < 0.3:
         metadata["plant"] = PLANT | {random.choice([*PLANT, "name", "x"]): random.choice(EXTREMES)}

@@ -78,7 +78,7 @@ DEPTH = 22
 """States that the sensors look back on."""
 
 UNSOUND = np.where(np.eye(4), np.array([np.nan, np.inf, -np.inf])[:, None, None], 0.1).reshape(-1, 4)
-"""States (12, 4) with one number that is not finite, for which every torque must be NaN."""
+"""States (12, 4) with one number that is not finite, for which every torque of a policy must be NaN."""
 
 SHIPPED = [f"{robot}-{name}" for robot in ("acrobot", "pendubot") for name in SHIPPED_POLICIES if name != ADAPTIVE]
 """Those that every back end runs."""
@@ -248,7 +248,18 @@ def faults():
     times[30:] -= 0.05  # a clock set back
     x[40:, 1] += 1.0  # a jump
     x[45], x[48], x[51, 2] = np.nan, np.inf, 1e200
-    return np.concatenate([times, np.full(len(UNSOUND), times[-1])]), np.concatenate([x, UNSOUND])
+    gap = np.tile(UNSOUND, (3, 1))  # an estimator bears 25 of them
+    times = np.concatenate([times, times[-1] + 1.01 * DT * np.arange(1, len(gap) + 1)])
+    return times, np.concatenate([x, gap])
+
+
+def silent(name, states):
+    """In which calls (n,) of ``faults`` a torque must be NaN: behind an estimator, after 0.05 s of them."""
+    broken = ~np.isfinite(states).all(axis=1)
+    if policy(name).estimator is None:
+        return broken
+    gaps = np.array([np.argmin(broken[call::-1]) for call in range(len(broken))])
+    return broken & (1.01 * DT * gaps > 0.05)
 
 
 CHUNK = 100

@@ -248,7 +248,7 @@ BAD_FILES = {
     "leave_coulomb = 0": {"regulator": {"leave_coulomb": 0}},
     "guard setting velocity_limit = -1: use a number from 1e-06": {"guard": {"velocity_limit": -1}},
     "unknown guard setting 'spacing': use some of dt": {"guard": {"spacing": 5}},
-    "longest_pause = 0.001 is below dt = 0.002: raise it": {"guard": {"longest_pause": 0.001}},
+    "longest_gap = 0.001 is below dt = 0.002: raise it": {"guard": {"longest_gap": 0.001}},
 }
 
 

@@ -12,7 +12,9 @@ torques u = [u1, u2] (N m) of shoulder and elbow.
 - No torque is beyond its motor's limit, with and without a safety guard: the plant's of the driven joint; of the
   passive joint the friction compensation's of an identifier, or 0.
 - The torque of the driven joint is NaN where the state is not finite, so that no clipping hides a broken sensor.
-- Behind a safety guard no torque is ever NaN: the guard stops the controller instead (``policy/guard``).
+  Behind an estimator the model stands in for short gaps, and it is NaN after them.
+- Behind a safety guard no torque is ever NaN: the guard holds the last ones in a short gap, and then stops the
+  controller (``policy/guard``).
 - ``reset()`` forgets the run: what follows repeats the first run bit for bit.
 
 ``tests/policy/test_conformance.py`` holds every back end to it, ``tests/policy/test_guard.py`` the guards in NumPy

@@ -109,6 +109,7 @@ def estimator_data(settings: EstimatorSettings) -> Data:
     """What the estimator expects of the loop, and the gains of its filters."""
     return {
         "DT": settings.dt,
+        "LONGEST_GAP": settings.longest_gap,
         "DELAYS": settings.max_delay_steps + 1,
         "PREDICTION_STEPS": estimator.PREDICTION_STEPS,
         "FADING": math.exp(-settings.dt / estimator.EVIDENCE_TIME),
@@ -181,9 +182,8 @@ def guard_data(settings: GuardSettings, policy: PendulumPolicy) -> Data:
         "GUARD_PERIOD": settings.dt,
         "ANGLE_LIMIT": settings.angle_limit,
         "VELOCITY_LIMIT": settings.velocity_limit,
-        "LONGEST_PAUSE": settings.longest_pause,
+        "GUARD_GAP": settings.longest_gap,
         "STANDSTILLS": STANDSTILLS,
-        "STALE_TIME": settings.stale_time,
         "STUCK_TIME": settings.stuck_time,
         "TORQUE_RATE": settings.rate(policy.torque_limits[policy.robot.joint]),
         "PUSHING": PUSHING,

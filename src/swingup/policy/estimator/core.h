@@ -13,6 +13,8 @@ typedef struct {
     int called;                           /* 0 before the first call */
     int delay_steps;                      /* the delay found (steps) */
     double time;                          /* of the last call (s) */
+    double sample[4];                     /* the last measurement that was finite */
+    double gap;                           /* time since it was new (s) */
     double state[4];                      /* estimate of the measured state, as old as the delay */
     double torques[SWINGUP_DELAYS];       /* commanded, newest first (N m) */
     double deviations[SWINGUP_DELAYS][4]; /* what the filter with each delay estimates besides */
@@ -33,10 +35,10 @@ static inline void swingup_correction(const double miss[4], double correction[4]
 }
 
 /*
- * One step over h (s) of the filter in charge and of the bank, for angles of a known age (calls); 0, and no change, if
- * the estimate is lost.
+ * One step over h (s) of the filter in charge and of the bank, for angles of a known age (calls), or without a
+ * measurement (x = 0); 0, and no change, if the estimate is lost.
  */
-static inline int swingup_follow(swingup_estimator *c, const swingup_plant *plant, const double x[4], double h, int age)
+static inline int swingup_follow(swingup_estimator *c, const swingup_plant *plant, const double *x, double h, int age)
 {
     const double torque = c->torques[c->delay_steps];
     double drifted[SWINGUP_DELAYS][4], evidence[SWINGUP_DELAYS], least = 0.0;
@@ -48,7 +50,7 @@ static inline int swingup_follow(swingup_estimator *c, const swingup_plant *plan
     }
     swingup_step(plant, predicted, torque, h);
     for (i = 0; i < 4; i++) {
-        miss[i] = x[i] - predicted[i];
+        miss[i] = x ? x[i] - predicted[i] : 0.0;
     }
     for (i = 0; i < 2; i++) {
         miss[i] = swingup_turned(miss[i]);
@@ -64,7 +66,7 @@ static inline int swingup_follow(swingup_estimator *c, const swingup_plant *plan
             drifted[n][i + 2] = d[i + 2] + h * extra;
             far += (miss[i] - drifted[n][i]) * (miss[i] - drifted[n][i]);
         }
-        evidence[n] = SWINGUP_FADING * c->evidence[n] + log1p(far / SWINGUP_OUTLIER_SQUARED);
+        evidence[n] = x ? SWINGUP_FADING * c->evidence[n] + log1p(far / SWINGUP_OUTLIER_SQUARED) : c->evidence[n];
         against = evidence[n] + SWINGUP_DELAY_PENALTY * n;
         if (!swingup_finite(&against, 1)) {
             return 0;
@@ -76,7 +78,7 @@ static inline int swingup_follow(swingup_estimator *c, const swingup_plant *plan
         }
     }
 
-    for (n = 0; n < SWINGUP_DELAYS; n++) {
+    for (n = 0; n < SWINGUP_DELAYS && x; n++) {
         swingup_correction(drifted[n], correction);
         for (i = 0; i < 4; i++) {
             drifted[n][i] -= correction[i];
@@ -86,7 +88,7 @@ static inline int swingup_follow(swingup_estimator *c, const swingup_plant *plan
     for (i = 0; i < 4; i++) {
         predicted[i] += change[i] + drifted[best][i];
     }
-    if (!(fabs(x[2] - predicted[2]) <= SWINGUP_RESET_RATE && fabs(x[3] - predicted[3]) <= SWINGUP_RESET_RATE)) {
+    if (x && !(fabs(x[2] - predicted[2]) <= SWINGUP_RESET_RATE && fabs(x[3] - predicted[3]) <= SWINGUP_RESET_RATE)) {
         return 0;
     }
     for (i = 0; i < 4; i++) {
@@ -125,11 +127,25 @@ static inline void swingup_ahead(const swingup_estimator *c, const swingup_plant
     }
 }
 
+/* Whether a state measured h (s) after the last one shows nothing new, for no longer than can be borne. */
+static inline int swingup_lost(swingup_estimator *c, const double x[4], double h)
+{
+    const int finite = swingup_finite(x, 4);
+    int i, same = c->called && (x[2] != 0.0 || x[3] != 0.0);
+    for (i = 0; i < 4; i++) {
+        same = same && x[i] == c->sample[i];
+        c->sample[i] = finite ? x[i] : c->sample[i];
+    }
+    c->gap = finite && !same ? 0.0 : c->gap + h;
+    return c->gap > 0.0 && c->gap <= SWINGUP_LONGEST_GAP && c->called;
+}
+
 /* An estimate of the state now, for the state measured at time t (s). */
 static inline void swingup_observe(swingup_estimator *c, double t, const double measured[4], double seen[4])
 {
     const double pause = t - c->time, h = pause > 0.0 ? pause : SWINGUP_DT;
     const int late = !c->called || !(pause >= 0.0 && pause <= 1.5 * SWINGUP_DT);
+    const int lost = swingup_lost(c, measured, h);
 #if SWINGUP_HAS_IDENTIFIER
     swingup_identifier *found = &c->identifier;
     const double *base = found->base, *friction = found->felt, *offsets = found->offsets;
@@ -145,7 +161,7 @@ static inline void swingup_observe(swingup_estimator *c, double t, const double 
     int i, n;
 
     swingup_believe(&plant, base, friction);
-    if (late || !swingup_follow(c, &plant, x, interval, age)) {
+    if (late || !swingup_follow(c, &plant, lost ? 0 : x, interval, age)) {
         for (i = 0; i < 4; i++) {
             c->state[i] = seen[i] = x[i];
         }
@@ -167,7 +183,11 @@ static inline void swingup_observe(swingup_estimator *c, double t, const double 
         }
     }
 #if SWINGUP_HAS_IDENTIFIER
-    swingup_identify(found, measured, c->delay_steps, c->called ? pause : -1.0);
+    if (lost) {
+        swingup_interrupt(found);
+    } else {
+        swingup_identify(found, measured, c->delay_steps, c->called ? pause : -1.0);
+    }
 #endif
     c->called = 1;
     c->time = t;

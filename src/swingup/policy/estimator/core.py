@@ -24,6 +24,10 @@ x̂, and evidence S_n; and the delay m. At each call with the measurement z, a t
 5. Otherwise it sees x̂ carried ahead by m steps: four steps of the model of m h/4 each, with the mean of the
    torques that act in each, as if commands were held from call to call; z if that is not finite.
 
+A z that is not finite, or repeats all digits of the last finite one with a velocity other than 0, shows nothing
+new. In such a gap of at most ``longest_gap`` the model stands in: e = 0 and K = 0, S stays, no measured rate
+restarts the estimate, and the identifier begins its motion anew.
+
 With an identifier z is the measurement less the offsets found, the model is the plant found before this call, and h
 is the time between the angles where they are a call old. The identifier is shown the measured angles last. The
 friction that it found is compensated on both joints, b q̇ + c arctan(100 q̇) at the rates seen, the undriven joint's
@@ -101,6 +105,10 @@ class EstimatorState(NamedTuple):
     """Evidence (depth,) against each delay, the lower the better."""
     delay_steps: Number
     """The delay found (steps)."""
+    sample: Array
+    """The last measurement (4,) that was finite."""
+    gap: Number
+    """Time since a measurement was new (s)."""
     identified: IdentifierState | None = None
     """What the identifier remembers; None without one."""
 
@@ -115,6 +123,8 @@ def begin(maths: Maths, loop: Loop) -> EstimatorState:
         deviations=(xp.zeros((depth, 2)), xp.zeros((depth, 2))),
         evidence=xp.zeros(depth),
         delay_steps=xp.array(0),
+        sample=xp.zeros(4),
+        gap=xp.zeros(()),
         identified=None if loop.finding is None else identifier.begin(maths, loop.finding),
     )
 
@@ -138,19 +148,25 @@ def observe(
     in_time = (pause >= 0) & (pause <= 1.5 * period)
     # Both branches below may be computed: a late call needs a finite step, too.
     dt, model = maths.where(in_time & (pause > 0), pause, period), loop.model
+    finite = xp.isfinite(x).all()
+    repeated = (x == state.sample).all() & (x[2:] != 0).any()
+    gap = maths.where(finite & ~repeated, 0.0, state.gap + dt)
+    lost = (gap > 0) & (gap <= loop.settings.longest_gap) & (pause < math.inf)
+    state = state._replace(sample=maths.where(finite, x, state.sample), gap=gap)
     between, age = dt, 0
     if found is not None and state.identified is not None:
         x, model = x - maths.vector([*found.offsets, 0.0, 0.0]), (found.plant, found.friction)
         between, age = identifier.interval(maths, state.identified, dt), state.identified.age
-    followed = _follow(maths, loop, state, x, between, model, age)
+    followed = _follow(maths, loop, state, x, lost, between, model, age)
     # What is not finite fails the comparison, and is lost.
     near = abs(x - followed.state)[2:] <= RESET_SIGMAS * loop.settings.velocity_noise
-    kept = in_time & near.all()
+    kept = in_time & (lost | near.all())
     after = maths.choose(~kept, lambda: _restart(maths, state, x), followed)
     # The filter's estimate is as old as the delay; the controller needs the present state.
     ahead = maths.choose(after.delay_steps > 0, lambda: _ahead(maths, loop, after, dt, model), after.state)
     seen = maths.choose(kept & xp.isfinite(ahead).all(), lambda: ahead, x)
-    return after._replace(time=t, identified=_identify(maths, loop, after, pause, measured)), seen
+    shown = maths.where(lost, math.nan * measured, measured)
+    return after._replace(time=t, identified=_identify(maths, loop, after, pause, shown)), seen
 
 
 def compensation(maths: Maths, loop: Loop, asked: Friction, seen: Array) -> Array:
@@ -203,14 +219,14 @@ def _restart(maths: Maths, state: EstimatorState, x: Array) -> EstimatorState:
 
 
 def _follow(
-    maths: Maths, loop: Loop, state: EstimatorState, x: Array, dt: Number, model: Model, age: Number
+    maths: Maths, loop: Loop, state: EstimatorState, x: Array, lost: Any, dt: Number, model: Model, age: Number
 ) -> EstimatorState:
-    """One step of dt (s) of the filter in charge and of the bank, for angles of an age (calls)."""
+    """One step of dt (s) of the filter in charge and of the bank, for angles of an age (calls), or in a gap."""
     xp, s = maths.xp, loop.settings
-    gains = xp.asarray(loop.gains, state.state.dtype)
+    gains = maths.where(lost, 0.0, 1.0) * xp.asarray(loop.gains, state.state.dtype)
     (torque,) = maths.numbers(state.torques[state.delay_steps][None])
     predicted = step(maths, loop, model, state.state, torque, dt)
-    miss = x - predicted
+    miss = maths.where(lost, xp.zeros_like(predicted), x - predicted)
     angles, rates = maths.nearest(miss[:2]), miss[2:]
 
     extra = (state.torques - torque)[:, None] * response(maths, loop, model, state.state)
@@ -220,6 +236,7 @@ def _follow(
 
     scaled = ((angles - bank_angles) ** 2).sum(axis=1) / OUTLIER_SCALE**2
     evidence = math.exp(-s.dt / EVIDENCE_TIME) * state.evidence + xp.log1p(scaled)
+    evidence = maths.where(lost, state.evidence, evidence)
     # A delay below the angles' own age cannot be.
     beyond = xp.arange(s.max_delay_steps + 1) - age
     delay_steps = xp.argmin(xp.where(beyond < 0, math.inf, evidence + DELAY_PENALTY * beyond))

@@ -30,6 +30,8 @@ class EstimatorSettings:
     """Standard deviation of what the model does not know of the accelerations (rad/s²)."""
     max_delay_steps: Annotated[int, Range(0, 1000)] = 25
     """Longest delay of the loop that is considered (steps)."""
+    longest_gap: Annotated[float, Range(0.0, 1e3)] = 0.05
+    """Longest time for which the model stands in for a measurement that shows nothing new (s)."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot work."""

@@ -10,10 +10,10 @@ typedef struct {
     int reason;         /* why the controller was stopped; SWINGUP_GUARD_NONE while it acts */
     int joint;          /* the joint meant: 0 is the shoulder, 1 the elbow; -1 for none */
     double when, value; /* time of that call (s), and what was beyond its limit or not finite */
-    int called, still, brakes;
+    int called, still, brakes, lost;
     double time, step;            /* of the last call, and since the one before (s) */
-    double sample[4], torques[2]; /* last measurement and torques */
-    double repeated[2], stuck;    /* time for which a measurement has repeated (s) */
+    double sample[4], torques[2]; /* last finite measurement, and torques */
+    double gaps[2], stuck;        /* time for which a joint has shown nothing new, and stood still (s) */
 } swingup_guard;
 
 #if SWINGUP_HAS_GUARD
@@ -31,46 +31,44 @@ static inline void swingup_stop(swingup_guard *c, int reason, int joint, double 
     }
 }
 
-/* Stops the controller if a joint's measurement is not finite or beyond a limit; whether it is. */
-static inline int swingup_out_of_bounds(swingup_guard *c)
+/* Take in the measurement; stops the controller if it is unsound. */
+static inline void swingup_check(swingup_guard *c, const double x[4], int first)
 {
-    const double *x = c->sample;
-    int i, j;
+    const double borne = c->reason == SWINGUP_GUARD_NONE ? SWINGUP_GUARD_GAP : 0.0;
+    double *sample = c->sample;
+    int i, finite[2], same[2];
+    c->lost = 0;
     for (i = 0; i < 2; i++) {
-        for (j = i; j < 4; j += 2) {
-            if (!swingup_finite(x + j, 1)) {
-                swingup_stop(c, SWINGUP_GUARD_NOT_FINITE, i, x[j]);
-                return 1;
-            }
+        finite[i] = swingup_finite(x + i, 1) && swingup_finite(x + i + 2, 1);
+        same[i] = !finite[i] || (!first && x[i] == sample[i] && x[i + 2] == sample[i + 2]);
+        c->gaps[i] = finite[i] && (!same[i] || x[i + 2] == 0.0) ? 0.0 : c->gaps[i] + c->step;
+        c->lost |= !finite[i];
+        if (finite[i]) {
+            sample[i] = x[i];
+            sample[i + 2] = x[i + 2];
         }
-    }
-    for (i = 0; i < 2; i++) {
-        if (fabs(x[i]) > SWINGUP_ANGLE_LIMIT) {
-            swingup_stop(c, SWINGUP_GUARD_ANGLE, i, x[i]);
-            return 1;
-        }
-        if (fabs(x[i + 2]) > SWINGUP_VELOCITY_LIMIT) {
-            swingup_stop(c, SWINGUP_GUARD_VELOCITY, i, x[i + 2]);
-            return 1;
-        }
-    }
-    return 0;
-}
-
-/* Stops the controller if a joint that must be moving has had the same measurement for too long. */
-static inline void swingup_stale(swingup_guard *c, const double before[4])
-{
-    const double *x = c->sample;
-    int i, same[2];
-    for (i = 0; i < 2; i++) {
-        same[i] = x[i] == before[i] && x[i + 2] == before[i + 2];
-        c->repeated[i] = same[i] && x[i + 2] != 0.0 ? c->repeated[i] + c->step : 0.0;
     }
     i = fabs(c->torques[SWINGUP_DRIVEN]) > SWINGUP_PUSHING * swingup_limits[SWINGUP_DRIVEN];
     c->stuck = same[SWINGUP_DRIVEN] && i ? c->stuck + c->step : 0.0;
     for (i = 0; i < 2; i++) {
-        if (c->repeated[i] > SWINGUP_STALE_TIME) {
-            swingup_stop(c, SWINGUP_GUARD_STALE, i, c->repeated[i]);
+        if (!finite[i] && c->gaps[i] > borne) {
+            swingup_stop(c, SWINGUP_GUARD_NOT_FINITE, i, swingup_finite(x + i, 1) ? x[i + 2] : x[i]);
+            return;
+        }
+    }
+    for (i = 0; i < 2; i++) {
+        if (fabs(sample[i]) > SWINGUP_ANGLE_LIMIT) {
+            swingup_stop(c, SWINGUP_GUARD_ANGLE, i, sample[i]);
+            return;
+        }
+        if (fabs(sample[i + 2]) > SWINGUP_VELOCITY_LIMIT) {
+            swingup_stop(c, SWINGUP_GUARD_VELOCITY, i, sample[i + 2]);
+            return;
+        }
+    }
+    for (i = 0; i < 2; i++) {
+        if (c->gaps[i] > SWINGUP_GUARD_GAP) {
+            swingup_stop(c, SWINGUP_GUARD_STALE, i, c->gaps[i]);
             return;
         }
     }
@@ -84,8 +82,6 @@ static inline int swingup_allows(swingup_guard *c, double t, const double x[4])
 {
     const double pause = t - c->time;
     const int first = !c->called;
-    double before[4];
-    int i;
 
     c->called = 1;
     c->time = t;
@@ -98,18 +94,12 @@ static inline int swingup_allows(swingup_guard *c, double t, const double x[4])
         swingup_stop(c, SWINGUP_GUARD_CLOCK, -1, pause);
         return 0;
     }
-    if (!first && pause > SWINGUP_LONGEST_PAUSE) {
+    if (!first && pause > SWINGUP_GUARD_GAP) {
         swingup_stop(c, SWINGUP_GUARD_LATE, -1, pause);
         return 0;
     }
     c->step = first || pause == 0.0 ? SWINGUP_GUARD_PERIOD : pause;
-    for (i = 0; i < 4; i++) {
-        before[i] = c->sample[i];
-        c->sample[i] = x[i];
-    }
-    if (!swingup_out_of_bounds(c) && !first) {
-        swingup_stale(c, before);
-    }
+    swingup_check(c, x, first);
     return c->reason == SWINGUP_GUARD_NONE;
 }
 
@@ -130,6 +120,11 @@ static inline void swingup_limited(swingup_guard *c, double u[2])
     const double change = SWINGUP_TORQUE_RATE * c->step;
     int i;
     for (i = 0; i < 2; i++) {
+        if (!swingup_finite(u + i, 1) && c->lost) {
+            u[0] = c->torques[0];
+            u[1] = c->torques[1];
+            return;
+        }
         if (!swingup_finite(u + i, 1)) {
             swingup_stop(c, SWINGUP_GUARD_TORQUE, i, u[i]);
             swingup_stopped(c, u);

@@ -5,16 +5,18 @@ without an identifier. Each call has a time t and a measurement z = [q, v]; p is
 and h = p, or dt at the first call and where p = 0. The first of these that holds is the fault:
 
 1. CLOCK: t is not finite, p < 0, or p = 0 for the 11th time in a row.
-2. LATE: p > ``longest_pause``.
-3. NOT_FINITE: a number of z is not finite.
-4. ANGLE, VELOCITY: |q_i| > ``angle_limit``, |v_i| > ``velocity_limit``; the shoulder first.
-5. STALE: s_i > ``stale_time`` or w > ``stuck_time``. s_i grows by h where q_i and v_i repeat the last call's
-   digits and v_i is not 0; else it is 0. w grows by h where the driven joint's q and v repeat and the last
-   torque was above L/2; else it is 0. A pendulum may thus hang or stand still for ever.
+2. LATE: p > ``longest_gap``.
+3. NOT_FINITE: a joint's q_i or v_i is not finite, and its gap s_i > ``longest_gap`` or there was a fault. s_i grows
+   by h in such a call, and where both repeat the digits of the last finite ones and v_i is not 0; else it is 0.
+4. ANGLE, VELOCITY: |q_i| > ``angle_limit``, |v_i| > ``velocity_limit`` of a finite joint; the shoulder first.
+5. STALE: s_i > ``longest_gap``, or w > ``stuck_time``. w grows by h where the driven joint's q and v repeat or are
+   not finite and the last torque was above L/2; else it is 0.
+   A pendulum may thus hang or stand still for ever.
 
-Without a fault, now or before, the controller computes its torques u from z.
+Without a fault, now or before, the controller computes its torques u from z. In a shorter gap an estimator predicts
+the state. A controller that has none gives NaN for a state that is not finite, and the last torques are held.
 
-6. TORQUE: a torque of u is not finite.
+6. TORQUE: a torque of u is not finite, though z is.
 7. Otherwise u_i is limited to within r h of the last call's torque, 0 before the first, and then to L_i. A
    torque that changes too fast is limited and no fault: it moves the pendulum less than asked, while a stop
    would drop it.
@@ -54,7 +56,8 @@ class Guard:
         self._step = self.settings.dt
         self._sample = (0.0, 0.0, 0.0, 0.0)
         self._torques = (0.0, 0.0)
-        self._repeated, self._stuck = [0.0, 0.0], 0.0
+        self._gaps, self._stuck = [0.0, 0.0], 0.0
+        self._lost = False
         self._standstills = 0
         self._brakes = False
 
@@ -70,6 +73,8 @@ class Guard:
         asked = u.tolist()
         for joint in (0, 1):
             if not math.isfinite(asked[joint]):
+                if self._lost:
+                    return np.array(self._torques)
                 self._stop(Fault(Reason.TORQUE, self._time, joint, asked[joint]))
                 return self.stopped()
         change = self._rate * self._step
@@ -100,7 +105,7 @@ class Guard:
 
     def _fault(self, t: float, x: tuple[float, ...]) -> Fault | None:
         """What is wrong with this call, if anything; takes the call in."""
-        pause, before = t - self._time, self._sample
+        pause = t - self._time
         first = self._time == -math.inf
         self._time = t
         if not math.isfinite(t) or not (first or pause >= 0):
@@ -108,35 +113,37 @@ class Guard:
         self._standstills = self._standstills + 1 if pause == 0 else 0
         if self._standstills > STANDSTILLS:
             return Fault(Reason.CLOCK, t, -1, pause)
-        if not first and pause > self.settings.longest_pause:
+        if not first and pause > self.settings.longest_gap:
             return Fault(Reason.LATE, t, -1, pause)
         self._step = self.settings.dt if first or pause == 0 else pause
-        # NaN does not count as a sample: the next one must not be compared with it.
-        self._sample = (x[0], x[1], x[2], x[3])
-        return self._out_of_bounds(t) or (None if first else self._stale(t, before))
+        return self._unsound(t, x, first)
 
-    def _out_of_bounds(self, t: float) -> Fault | None:
-        x, settings = self._sample, self.settings
-        for joint in (0, 1):
-            for value in (x[joint], x[joint + 2]):
-                if not math.isfinite(value):
-                    return Fault(Reason.NOT_FINITE, t, joint, value)
-        for joint in (0, 1):
-            if abs(x[joint]) > settings.angle_limit:
-                return Fault(Reason.ANGLE, t, joint, x[joint])
-            if abs(x[joint + 2]) > settings.velocity_limit:
-                return Fault(Reason.VELOCITY, t, joint, x[joint + 2])
-        return None
-
-    def _stale(self, t: float, before: tuple[float, float, float, float]) -> Fault | None:
-        """Whether a joint that must be moving has had the same measurement for too long."""
-        x, joint, settings = self._sample, self._joint, self.settings
-        same = [x[i] == before[i] and x[i + 2] == before[i + 2] for i in (0, 1)]
+    def _unsound(self, t: float, x: tuple[float, ...], first: bool) -> Fault | None:
+        """What is wrong with the measurement, if anything."""
+        s, driven, before = self.settings, self._joint, self._sample
+        finite = [math.isfinite(x[i]) and math.isfinite(x[i + 2]) for i in (0, 1)]
+        same = [not first and x[i] == before[i] and x[i + 2] == before[i + 2] for i in (0, 1)]
+        self._lost = not all(finite)
         for i in (0, 1):
-            self._repeated[i] = self._repeated[i] + self._step if same[i] and x[i + 2] != 0 else 0.0
-        pushed = abs(self._torques[joint]) > PUSHING * self._limits[joint]
-        self._stuck = self._stuck + self._step if same[joint] and pushed else 0.0
+            shows = finite[i] and (not same[i] or x[i + 2] == 0)
+            self._gaps[i] = 0.0 if shows else self._gaps[i] + self._step
+        pushed = abs(self._torques[driven]) > PUSHING * self._limits[driven]
+        still = same[driven] or not finite[driven]
+        self._stuck = self._stuck + self._step if still and pushed else 0.0
+        # What is not finite is not a sample: the next one must not be compared with it.
+        q1, q2, v1, v2 = (x[i] if finite[i % 2] else before[i] for i in range(4))
+        self._sample = q1, q2, v1, v2
+        # Nothing may brake by a broken measurement.
+        borne = s.longest_gap if self.fault is None else 0.0
         for i in (0, 1):
-            if self._repeated[i] > settings.stale_time:
-                return Fault(Reason.STALE, t, i, self._repeated[i])
-        return Fault(Reason.STALE, t, joint, self._stuck) if self._stuck > settings.stuck_time else None
+            if not finite[i] and self._gaps[i] > borne:
+                return Fault(Reason.NOT_FINITE, t, i, x[i] if not math.isfinite(x[i]) else x[i + 2])
+        for i in (0, 1):
+            if abs(angle := self._sample[i]) > s.angle_limit:
+                return Fault(Reason.ANGLE, t, i, angle)
+            if abs(rate := self._sample[i + 2]) > s.velocity_limit:
+                return Fault(Reason.VELOCITY, t, i, rate)
+        for i in (0, 1):
+            if self._gaps[i] > s.longest_gap:
+                return Fault(Reason.STALE, t, i, self._gaps[i])
+        return Fault(Reason.STALE, t, driven, self._stuck) if self._stuck > s.stuck_time else None

@@ -89,11 +89,9 @@ class GuardSettings:
     """Largest angle of either joint (rad)."""
     velocity_limit: Annotated[float, Range(1e-6, 1e6)] = 20.0
     """Largest velocity of either joint (rad/s)."""
-    longest_pause: Annotated[float, Range(1e-6, 1e6)] = 0.02
-    """Longest time between two calls (s)."""
-    stale_time: Annotated[float, Range(1e-6, 1e6)] = 0.02
-    """Longest time (s) for which a joint's angle and velocity may repeat, digit by digit, with a velocity other
-    than 0."""
+    longest_gap: Annotated[float, Range(1e-6, 1e6)] = 0.05
+    """Longest time without a fresh measurement (s): between two calls, of numbers that are not finite, or of angle
+    and velocity of a joint that repeat, digit by digit, with a velocity other than 0."""
     stuck_time: Annotated[float, Range(1e-6, 1e6)] = 0.2
     """Longest time (s) for which the driven joint's measurement may repeat under more than half its torque."""
     torque_rate: Annotated[float | None, Range(1e-6, 1e6)] = None
@@ -104,9 +102,9 @@ class GuardSettings:
     def __post_init__(self) -> None:
         """Refuse what cannot work."""
         check_ranges(self)
-        if self.longest_pause < self.dt:
+        if self.longest_gap < self.dt:
             raise SwingupError(
-                f"guard setting longest_pause = {self.longest_pause:g} is below dt = {self.dt:g}: raise it"
+                f"guard setting longest_gap = {self.longest_gap:g} is below dt = {self.dt:g}: raise it"
             )
 
     def rate(self, limit: float) -> float:
@@ -120,10 +118,10 @@ settings, or the defaults), or always with settings of the caller."""
 
 
 def default_guard(dt: float | None = None) -> GuardSettings:
-    """The guard of a loop with ``dt`` (s) between calls; None for any. It bears ten missed or repeated calls."""
+    """The guard of a loop with ``dt`` (s) between calls; None for any. It bears ten missed calls at least."""
     if dt is None:
         return GuardSettings()
-    return GuardSettings(dt=dt, longest_pause=10 * dt, stale_time=10 * dt, stuck_time=100 * dt)
+    return GuardSettings(dt=dt, longest_gap=max(GuardSettings.longest_gap, 10 * dt), stuck_time=100 * dt)
 
 
 def choose_guard(choice: GuardChoice, own: GuardSettings | None, dt: float | None) -> GuardSettings | None:
