@@ -5,7 +5,8 @@ Usage: python benchmarks/ablations.py [NAME ...] [--frames 8000000] [--seeds 3] 
 
 Finished runs are lines of the study's file and are not repeated. Each run has a folder as `swingup train` writes
 it, from which an interrupted run resumes. Prints a table in Markdown: the interquartile mean over the seeds of
-the last tenth's median score and of the best score, with 95 % bootstrap intervals.
+the last tenth's median score and of the best score, with 95 % bootstrap intervals. Then a verdict on each claim of
+the paper: how much a run loses without the ingredient, in the median of its last tenth, and what that says.
 """
 
 import argparse
@@ -13,7 +14,7 @@ import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
-from study import Study, cell, draw, ends, smooth
+from study import Study, cell, draw, ends, smooth, verdict
 
 from swingup.areapo.config import Config
 from swingup.learner.metrics import read_metrics
@@ -45,8 +46,19 @@ CHANGES: dict[str, Change] = {
     "temperature-0": hyperparameter(temperature=0.0),
     "temperature-0.5": hyperparameter(temperature=0.5),
     "no-random-truncation": task_setting(truncation_probability=0.0),
+    "discounted": hyperparameter(gain="none", discount=(0.99, 0.99), centre_values=False),
 }
 """The paper's ingredients, each removed alone."""
+
+CLAIMS = {
+    "entropy decides": "temperature-0",
+    "average reward decides": "discounted",
+    "random truncation decorrelates": "no-random-truncation",
+}
+"""What the paper says of its method, and the change that takes the ingredient away."""
+
+RELEVANT = 0.05
+"""A difference of scores that matters."""
 
 TITLES = {
     "paper-observation": "angles as in the paper",
@@ -54,6 +66,7 @@ TITLES = {
     "temperature-0": "no entropy reward (τ = 0)",
     "temperature-0.5": "less entropy reward (τ = 0.5, not 2)",
     "no-random-truncation": "episodes not cut at random",
+    "discounted": "discounted rewards (γ = 0.99)",
 }
 """Titles of the picture's panels, by change."""
 
@@ -97,6 +110,9 @@ def main() -> None:
     print(f"\n| change ({options.seeds} seeds, {options.frames:,} frames) | last tenth | best |\n|---|---|---|")
     for name in options.names:
         print(f"| {name} | {cell(ends(study.of(name)))} | {cell([max(c['scores']) for c in study.of(name)])} |")
+    print("\n| claim | difference (95 %) | verdict |\n|---|---|---|")
+    for claim, change in CLAIMS.items():
+        print(f"| {claim} | {verdict(ends(study.of('default')), ends(study.of(change)), RELEVANT)} |")
     if options.plot:
         curves = {name: smooth(study.of(name), SMOOTHED) for name in CHANGES}
         changes = [name for name in options.names if name != "default" and curves[name]]

@@ -8,6 +8,7 @@ from statistics import median
 from typing import Any, NotRequired, TypedDict
 
 import numpy as np
+from scipy.stats import ttest_ind
 
 from swingup.benchmark.comparison import improvement_interval, probability_of_improvement
 from swingup.benchmark.interval import bootstrap_interval, interquartile_mean
@@ -35,6 +36,8 @@ class Curve(TypedDict):
     """Reward of a step in each evaluation; runs of older versions lack it."""
     resets: NotRequired[list[float]]
     """Terminations per 1,000 steps in each evaluation; runs of older versions lack it."""
+    deterministic: NotRequired[float]
+    """Reward rate of the last policy without noise, of a continuing task."""
 
 
 COLUMNS = ("frames", "scores", "seconds", "reward_rates", "resets")
@@ -58,10 +61,25 @@ class Study:
         """Whether such a run is finished."""
         return any((curve["run"], curve["seed"]) == (list(run), seed) for curve in self.curves)
 
-    def add(self, run: Sequence[str], seed: int, points: Sequence[tuple[float, ...]]) -> None:
-        """Append a run of points: frames, score, seconds, and where measured reward rate and resets."""
-        columns = dict(zip(COLUMNS, map(list, zip(*points, strict=True)), strict=False))
-        curve = {"run": list(run), "seed": seed, **columns}
+    def add(
+        self,
+        run: Sequence[str],
+        seed: int,
+        points: Sequence[tuple[float, ...]],
+        names: Sequence[str] = COLUMNS,
+        **figures: float,
+    ) -> None:
+        """Append a run of points: frames, score, seconds, and where measured reward rate and resets.
+
+        Args:
+            run: identifies it.
+            seed: its seed.
+            points: rows of the columns.
+            names: of the columns; a point may leave out the last ones.
+            figures: numbers of the whole run.
+        """
+        columns = dict(zip(names, map(list, zip(*points, strict=True)), strict=False))
+        curve = {"run": list(run), "seed": seed, **columns, **figures}
         self.curves.append(Curve(**curve))  # type: ignore[typeddict-item]
         self._path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(self._path, "".join(json.dumps(each) + "\n" for each in self.curves).encode())
@@ -107,6 +125,25 @@ def improvement(ours: Sequence[Sequence[float]], theirs: Sequence[Sequence[float
     low, high = improvement_interval(mine, peers)
     runs = f"{len(mine)} and {len(peers)} runs of {len(both)} tasks"
     return f"{probability_of_improvement(mine, peers):.2f} ({low:.2f} to {high:.2f}; {runs})"
+
+
+def verdict(whole: Sequence[float], without: Sequence[float], relevant: float) -> str:
+    """Cells of a claim that something helps: the difference of means with Welch's 95 % interval, and the verdict.
+
+    Args:
+        whole: scores of the runs that have it.
+        without: scores of the runs that lack it.
+        relevant: a difference that matters.
+    """
+    if min(len(whole), len(without)) < 2:
+        return "not run | not enough power"
+    found = ttest_ind(whole, without, equal_var=False).confidence_interval()
+    low, high = float(found.low), float(found.high)
+    if -relevant < low and high < relevant:
+        word = "no effect"
+    else:
+        word = "holds" if low > 0 else "refuted" if high < 0 else "not enough power"
+    return f"{np.mean(whole) - np.mean(without):.3f} ({low:.3f} to {high:.3f}) | {word}"
 
 
 def smooth(curves: Sequence[Curve], evaluations: int) -> list[Curve]:

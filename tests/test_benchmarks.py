@@ -41,7 +41,7 @@ def run(monkeypatch, capsys):
         return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines], list(figures)
 
     yield start
-    for name in ("study", "ablations", "mujoco_learning", "paper_runs"):
+    for name in ("study", "ablations", "mujoco_learning", "continuing", "paper_runs"):
         sys.modules.pop(name, None)
 
 
@@ -92,6 +92,31 @@ def test_rates_stand_beside_the_returns_where_they_were_recorded(mujoco):
     assert len(figure.axes) == 1
 
 
+def test_verdicts_on_claims(run, tmp_path):
+    found, _ = run("ablations", "default", "--seeds", "0", "--study", BENCHMARKS / "runs" / "ablations.jsonl")
+    assert [(row[0], row[-1]) for row in found[-3:-1]] == [
+        ("entropy decides", "holds"),
+        ("average reward decides", "not enough power"),
+    ]
+    from study import verdict
+
+    # Two runs each, 1 apart, with variances of 0.02: 4.303 · √(0.02 / 2 + 0.02 / 2), by Student's t of 2 degrees.
+    assert verdict([1.0, 1.2], [0.0, 0.2], 0.1) == "1.000 (0.392 to 1.608) | holds"
+    words = [
+        verdict([0.0, 0.2], *rest).split("| ")[1] for rest in (([1.0, 1.2], 0.1), ([0.0, 0.2], 1.0), ([0, 0], 0.1))
+    ]
+    assert words == ["refuted", "no effect", "not enough power"]
+
+
+def test_rates_while_training_beside_the_published_ones(run, tmp_path):
+    rates = [0.0] * 90 + [5.0] * 10  # their mean is 0.5; random actions have -0.45, PPO with centred rewards 1.41
+    row = {"run": ["Ant"], "seed": 0, "scores": rates, "resets": rates, "deterministic": 6.0}
+    (tmp_path / "runs.jsonl").write_text(json.dumps(row) + "\n")
+    found, _ = run("continuing", "Ant", "Hopper", "--seeds", "0", "--study", tmp_path / "runs.jsonl")
+    assert found[3] == ["Ant", "-0.45", "1.38", "1.41", "0.500", "51 %", "5.000", "6.000", "5.00", "1"]
+    assert found[4][4] == "not run"
+
+
 def test_both_selections_of_the_papers_runs(run, tmp_path):
     def write(seed, scores, last_frames):
         """Evenly spaced evaluations, a second for each 10,000 frames, and a row without evaluation."""
@@ -121,7 +146,8 @@ def test_both_selections_of_the_papers_runs(run, tmp_path):
 
 
 def test_pictures_of_the_stored_runs(run):
-    _, (figure,) = run("ablations", "--study", BENCHMARKS / "runs" / "ablations.jsonl", "--plot", "picture.svg")
+    study = BENCHMARKS / "runs" / "ablations.jsonl"
+    _, (figure,) = run("ablations", "--seeds", "0", "--study", study, "--plot", "picture.svg")
     assert len(figure.axes) == 5
     assert {axes.get_xlabel() for axes in figure.axes} == {"frames (millions)"}
 

@@ -1,0 +1,121 @@
+"""The continuing MuJoCo tasks: reward rates while training, beside published ones of PPO.
+
+Usage: python benchmarks/continuing.py [TASK ...] [--frames 1000000] [--seeds 1] [--first-seed 0] [--study FILE]
+
+TASK is a name of `swingup.continuing.CONTINUING`, such as Ant; default: all ten. Needs swingup[mujoco].
+
+Finished runs are lines of the study's file and are not repeated: the reward rate of each 10,000 steps while
+training, with the exploring policy and the costs of resets, seconds and resets per 1,000 steps; of the last policy
+the deterministic rate over 10,000 steps. `--seeds 0` trains nothing and shows what is finished.
+
+Prints a table in Markdown. "Ours" is the mean rate over all steps, as in the table of reward centring in arXiv
+2501.06937, which has the figures of PPO.
+"""
+
+import argparse
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from study import Curve, Study
+
+from swingup import AREAPO
+from swingup.continuing import CONTINUING
+from swingup.learner.report import TrainingReport
+
+COLUMNS = ("frames", "scores", "seconds", "resets")
+"""Of a report, in the order of a point."""
+EVERY = 10_000
+"""Steps of a reported rate."""
+DETERMINISTIC_STREAMS = 5
+"""Streams of 2,000 steps each for the deterministic rate."""
+
+PUBLISHED = {
+    "Swimmer": (0.0006, 0.082, 0.104), "HumanoidStandup": (35.7, 62.7, 71.1), "Reacher": (-0.840, -0.168, -0.163),
+    "Pusher": (-1.596, -0.503, -0.468), "SpecialAnt": (-0.537, 0.56, 0.67), "HalfCheetah": (-0.30, 2.28, 2.72),
+    "Ant": (-0.45, 1.38, 1.41), "Hopper": (0.38, 3.29, 3.40), "Humanoid": (4.61, 6.11, 6.30),
+    "Walker2d": (-0.34, 3.03, 3.35),
+}  # fmt: skip
+"""Random actions; PPO; PPO with TD reward centring: means over the first million steps."""
+
+
+def train(task: str, seed: int, frames: int) -> tuple[list[tuple[float, ...]], float]:
+    """A run's points, and the deterministic rate of its last policy."""
+    points: list[tuple[float, ...]] = []
+    start = time.perf_counter()
+
+    def note(_: AREAPO, report: TrainingReport) -> None:
+        row = report.rows[0]
+        seconds, resets = time.perf_counter() - start, 1000 * row["termination_rate"]
+        points.append((report.frames, round(row["reward"], 4), round(seconds, 1), round(resets, 2)))
+        if report.frames % (10 * EVERY) == 0:
+            rate = np.mean([point[1] for point in points[-10:]])
+            print(
+                f"{task} seed {seed}: {report.frames:,} frames, reward rate {rate:.3f}, {seconds:.0f} s", flush=True
+            )
+
+    # A checkpoint would reset the environments, and evaluations while training are not needed.
+    model = AREAPO(
+        f"swingup/Continuing{task}-v0",
+        seed=seed,
+        evaluate_every=EVERY,
+        checkpoint_every=frames,
+        evaluation_episodes=0,
+    )
+    model.learn(frames, note)
+    deterministic = model.evaluate(DETERMINISTIC_STREAMS)["reward_rate"]
+    model.close()
+    return points, deterministic
+
+
+def row_of(task: str, curves: Sequence[Curve]) -> str:
+    """A line of the table."""
+    random, ppo, centred = PUBLISHED[task]
+    if not curves:
+        return f"| {task} | {random} | {ppo} | {centred} | not run | | | | | |"
+    means = [float(np.mean(curve["scores"])) for curve in curves]
+    last = [float(np.mean(curve["scores"][-10:])) for curve in curves]
+    share = (np.mean(means) - random) / (centred - random)
+    numbers = [
+        f"**{np.mean(means):.3f}**" if share > 1 else f"{np.mean(means):.3f}", f"{100 * share:.0f} %",
+        f"{np.mean(last):.3f}", f"{np.mean([curve['deterministic'] for curve in curves]):.3f}",
+        f"{np.mean([np.mean(curve['resets'][-10:]) for curve in curves]):.2f}",
+        f"{len(curves)}",
+    ]  # fmt: skip
+    return f"| {task} | {random} | {ppo} | {centred} | {' | '.join(numbers)} |"
+
+
+def main() -> None:
+    """Train the missing runs and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("tasks", nargs="*", default=list(CONTINUING), metavar="TASK")
+    parser.add_argument("--frames", type=int, default=1_000_000)
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--first-seed", type=int, default=0, help="seeds are this one and those that follow")
+    parser.add_argument("--study", type=Path, default=Path("benchmarks/runs/continuing.jsonl"))
+    options = parser.parse_args()
+    for seed in range(options.first_seed, options.first_seed + options.seeds):
+        for task in options.tasks:
+            if not Study(options.study).has([task], seed):
+                points, deterministic = train(task, seed, options.frames)
+                Study(options.study).add([task], seed, points, COLUMNS, deterministic=round(deterministic, 4))
+    study = Study(options.study)
+    heads = [
+        "task",
+        "random",
+        "PPO",
+        "PPO, centred",
+        "ours",
+        "of the way from random",
+        "last 100,000",
+        "deterministic",
+    ]
+    print(f"\n| {' | '.join([*heads, 'resets', 'seeds'])} |")
+    print("|---" + "|---:" * (len(heads) + 1) + "|")
+    for task in options.tasks:
+        print(row_of(task, study.of(task)))
+
+
+if __name__ == "__main__":
+    main()
