@@ -1,6 +1,7 @@
 """The command ``refine``: a policy through the stages of a recipe, with progress."""
 
 import dataclasses
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -8,16 +9,35 @@ from typing import Annotated, Any
 from tyro.conf import arg
 
 from ..benchmark.seeds import check_seeds
+from ..common.errors import SwingupError
 from ..common.files import check_writable
+from ..common.text import duration
 from ..common.version import __version__
 from ..controllers.stack.controller import policy_alone
-from ..policy.pendulum import write_pendulum_policy
-from ..policy.shipped import AR_EAPO, GLOBAL, load_policy
+from ..loop.domain import Domain
+from ..plant.plant import LEADERBOARD, Plant
+from ..policy.pendulum import PendulumPolicy, write_pendulum_policy
+from ..policy.shipped import AR_EAPO, load_policy
 from ..refine.recipe import ADAPT, RECIPES, RefinementReport, run_recipe, wrapped_policy
-from .arguments import NO_PLANT, PlantOptions, RobotName, optional, plant_of, word_of
+from ..report.adapt_report import report_adaptation
+from ..report.inputs import check_suffix
+from ..report.save import PAGE_FORMATS, save_log_report
+from .adapting import SEED, adapted_domain, base_policy, judged
+from .arguments import (
+    NO_PLANT,
+    OptionalDomain,
+    OptionalFile,
+    OptionalInt,
+    PlantOptions,
+    RobotName,
+    optional,
+    plant_of,
+    word_of,
+)
 from .output import tell
 from .parsing import command_line
 from .progress import Progress
+from .results import result_lines
 
 
 def refine_command(
@@ -27,45 +47,91 @@ def refine_command(
     policy: Annotated[str | None, optional("POLICY")] = None,
     recipe: Annotated[str, word_of("recipe", *RECIPES)] = "recover",
     plant: PlantOptions = NO_PLANT,
+    domain: OptionalDomain = None,
+    frames: OptionalInt = None,
     seed: int = 0,
+    seeds: int = 100,
+    page: OptionalFile = None,
 ) -> int:
     """Refine a trained policy by gradients through the simulation or by teachers, in minutes to an hour.
 
-    The file is rewritten as it proceeds: an interrupted run leaves its latest policy. Between its two stages adapt
-    is silent for a few minutes while it optimises the teachers' swing-ups; then it reports each of five rounds.
+    The file is rewritten as it proceeds: an interrupted run leaves its latest policy. adapt needs no policy: it
+    trains one that recovers, computes swing-ups of plants of a domain, distils them into a network that sees its
+    plant, and judges that on other draws.
 
     Args:
         robot: the robot.
         out: the refined policy's file.
-        policy: the policy to start from: a file, or the name of a shipped one; default ar-eapo,
-            for adapt global.
-        recipe: recover (be up again soon after throws) or adapt (from a policy that recovers: see the plant, and
-            swing up any of many).
-        plant: what the policy is refined on.
+        policy: the policy to start from: a file, or the name of a shipped one; default ar-eapo, for adapt one that
+            is trained first, in OUT-base.
+        recipe: recover (be up again soon after throws) or adapt (find the plant, and swing up any of a domain).
+        plant: what the policy is refined on; for adapt a plant with ranges, or a guess, which is off by 10 %.
+        domain: for adapt: plants and loops, as of evaluate --board sim2real; default recorded.
+        frames: for adapt: frames that the policy to start from is trained for.
         seed: seed of all random numbers.
+        seeds: for adapt: draws that are judged.
+        page: for adapt: also write a page (.html) of training and judged draws.
     """
-    on = plant_of(plant)
     check_seeds(seed, 1)
+    check_seeds(SEED, seeds)
     check_writable(out)
-    policy = policy or (GLOBAL if recipe == ADAPT else AR_EAPO)
-    base, stages = load_policy(policy, robot), RECIPES[recipe]
-    command = command_line(
-        "refine", robot.name, policy=policy, recipe=recipe, seed=seed, out=Path(out).name, **plant
-    )
+    if page is not None:
+        check_suffix(page, PAGE_FORMATS)
+        check_writable(page)
+    options: dict[str, Any] = {"policy": policy, "recipe": recipe, "domain": domain, "seed": seed}
+    command = command_line("refine", robot.name, **options, out=Path(out).name, **plant)
+    if recipe != ADAPT:
+        if domain is not None:
+            raise SwingupError(f"--domain {domain} goes with --recipe adapt: give a plant alone")
+        on = plant_of(plant)
+        with Progress() as progress:
+            _refine(load_policy(policy or AR_EAPO, robot), out, recipe, seed, command, progress, plant=on)
+        tell(f"wrote {out}: judge it with {command_line('evaluate', robot.name, controller=out, **plant)}")
+        return 0
+    begun, (around, file) = time.monotonic(), adapted_domain(plant, domain, out)
     with Progress() as progress:
-
-        def report(now: RefinementReport) -> None:
-            write_pendulum_policy(
-                out, wrapped_policy(now.controller), _provenance(base.metadata, command, seed, stages, now)
-            )
-            means = "".join(f"  {name.replace('_', ' ')} {value:.3f}" for name, value in now.measures.items())
-            figures = f"score {now.criteria.score:.3f}{means}"
-            progress(f"stage {now.stage} of {len(stages)}", now.iteration, now.of, figures)
-
-        run_recipe(policy_alone(base), robot, stages, seed, report, plant=on)
-    judge = command_line("evaluate", robot.name, controller=out, **plant)
-    tell(f"wrote {out}: judge it with {judge}")
+        if policy is None:
+            folder = Path(out).with_name(f"{Path(out).stem}-base")
+            base = base_policy(robot, around, folder, seed, frames, progress)
+        else:
+            base = load_policy(policy, robot)
+        _refine(base, out, recipe, seed, command, progress, domain=around)
+        result = judged(out, robot, around, seeds, progress)
+    if page is not None:
+        save_log_report(report_adaptation(around, result), page)
+    again = command_line("evaluate", robot.name, board="sim2real", controller=out, domain=file)
+    tell(
+        *result_lines(result, out),
+        f"wrote {out} in {duration(time.monotonic() - begun)}: judge it on other draws with {again}",
+    )
     return 0
+
+
+def _refine(
+    base: PendulumPolicy,
+    out: str,
+    recipe: str,
+    seed: int,
+    command: str,
+    bar: Progress,
+    plant: Plant = LEADERBOARD,
+    domain: Domain | None = None,
+) -> None:
+    """Take a policy through a recipe, and rewrite the file as it proceeds."""
+    stages = RECIPES[recipe]
+    passive_limit = None if domain is None else float(domain.high.loop.passive_limit)
+
+    def report(now: RefinementReport) -> None:
+        refined = wrapped_policy(now.controller, passive_limit)
+        write_pendulum_policy(out, refined, _provenance(base.metadata, command, seed, stages, now))
+        means = "".join(f"  {name.replace('_', ' ')} {value:.3f}" for name, value in now.measures.items())
+        figures = f"score {now.criteria.score:.3f}{means}"
+        bar(f"stage {now.stage} of {len(stages)}", now.iteration, now.of, figures)
+
+    def progress(what: str, done: int, total: int) -> None:
+        bar(f"stage {len(stages)} of {len(stages)}, {what}", done, total)
+
+    run_recipe(policy_alone(base), base.robot, stages, seed, report, plant=plant, domain=domain, progress=progress)
 
 
 def _provenance(

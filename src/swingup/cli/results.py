@@ -47,7 +47,7 @@ def _success(result: Result) -> tuple[str, str]:
 
 WHAT_TO_TRY = {
     "never up": "swingup compare your log with the plant; swingup refine --recipe adapt --domain FILE",
-    "beyond a limit": "swingup refine --recipe adapt --domain FILE, or swingup export --velocity-limit where robots bear it",
+    "beyond a limit": "swingup refine --recipe adapt --domain FILE; swingup export --velocity-limit sets a guard's",
     "fell": "identify friction and delay from more logs; the passive joint's dry friction fells most",
     "up late": "watch one: --seed SEED --seeds 1 --save run.csv; then as for runs that are never up",
     "stopped": "read the reason; limits and patience of a guard are options of swingup export",

@@ -52,6 +52,21 @@ def loop_around(plant: PlantLike | Domain | None, domain: Domain | str | None) -
     )
 
 
+def drawn_around(plant: PlantLike, share: float = 0.1) -> Domain:
+    """A domain around a guess: masses and inertias are off by a share, friction and rotors by five times that.
+
+    Raises:
+        SwingupError: some of these values make no pendulum.
+    """
+    found = load_plant(plant)
+    off = dict.fromkeys(("m1", "m2", "I1", "I2"), share)
+    off |= dict.fromkeys(("b1", "b2", "cf1", "cf2", "Ir"), min(1.0, 5.0 * share))
+    ends = {name: (1.0 - off.get(name, 0.0), 1.0 + off.get(name, 0.0)) for name in found.values()}
+    values = {name: [value * end for end in ends[name]] for name, value in found.values().items()}
+    domain = make_domain(values, f"{found} within {100 * share:g} %")
+    return dataclasses.replace(domain, plant=found, design=found)
+
+
 def plant_as_domain(plant: PlantLike) -> Domain:
     """A plant as a domain; its file may have a loop and ranges as well."""
     if isinstance(plant, str | Path) and Path(plant).suffix in (".yml", ".yaml") and Path(plant).is_file():

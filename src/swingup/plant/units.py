@@ -48,6 +48,8 @@ TORQUE, TORQUE_RATE, DAMPING, INERTIA = Unit(1), Unit(1, -1), Unit(1, 1), Unit(1
 LENGTH = Unit(length=1)
 STATE = (NUMBER, NUMBER, VELOCITY, VELOCITY)
 """[q1, q2, dq1, dq2]."""
+BASE_UNITS = (INERTIA, INERTIA, INERTIA, INERTIA, DAMPING, DAMPING, TORQUE, TORQUE, INERTIA)
+"""Those of the base parameters. Lengths keep their own, so that m r has the unit of an inertia."""
 
 PLANT_UNITS = {
     **dict.fromkeys(("m1", "m2", "I1", "I2", "Ir"), INERTIA), "b1": DAMPING, "b2": DAMPING, "g": ACCELERATION,
@@ -76,6 +78,11 @@ class Scales:
         """A unit as a multiple of C.1's."""
         return self.torque**unit.torque * self.time**unit.time * self.length**unit.length
 
+    @property
+    def base(self) -> tuple[float, ...]:
+        """Units of the base parameters (``base_parameters.py``), in their order."""
+        return tuple(map(self.of, BASE_UNITS))
+
     def over(self, other: "Scales") -> "Scales":
         """These units as multiples of another pendulum's."""
         return Scales(self.time / other.time, self.torque / other.torque, self.length / other.length)
@@ -84,6 +91,10 @@ class Scales:
     def state(self) -> tuple[float, ...]:
         """Units of [q1, q2, dq1, dq2]."""
         return tuple(map(self.of, STATE))
+
+
+C1 = Scales(1.0, 1.0, 1.0)
+"""The units of the leaderboards' plant."""
 
 
 def scales_of(parameters: "Plant") -> Scales:

@@ -20,10 +20,24 @@ typedef struct {
 #if SWINGUP_HAS_ESTIMATOR
     swingup_estimator estimator;
 #endif
+#if SWINGUP_HAS_IDENTIFIER
+    double base[9]; /* what is found, in SI units */
+#endif
 #if SWINGUP_HAS_REGULATOR
     swingup_regulator regulator;
 #endif
 } swingup_controller;
+
+#if SWINGUP_HAS_IDENTIFIER
+/* Note what is found, in SI units. */
+static inline void swingup_tell(swingup_controller *c)
+{
+    int i;
+    for (i = 0; i < 9; i++) {
+        c->base[i] = swingup_base_units[i] * c->estimator.identifier.base[i];
+    }
+}
+#endif
 
 static inline void swingup_reset(swingup_controller *c)
 {
@@ -31,6 +45,7 @@ static inline void swingup_reset(swingup_controller *c)
     *c = fresh;
 #if SWINGUP_HAS_IDENTIFIER
     swingup_begin(&c->estimator.identifier);
+    swingup_tell(c);
 #endif
 }
 
@@ -38,11 +53,12 @@ static inline void swingup_reset(swingup_controller *c)
 /* The nine base parameters found so far, ordered as docs/policy-format.md has them; at first the file's plant's. */
 static inline const double *swingup_base_parameters(const swingup_controller *c)
 {
-    return c->estimator.identifier.base;
+    return c->base;
 }
 #endif
 
-/* The driven joint's torque (N m) for a state x, from the regulator or the policy; friction is compensated later. */
+/* The driven joint's torque (N m) for a state in C.1's units, from the regulator or the policy; friction is
+ * compensated later. */
 static inline double swingup_act(swingup_controller *c, const double x[4])
 {
 #if SWINGUP_HAS_IDENTIFIER
@@ -53,7 +69,7 @@ static inline double swingup_act(swingup_controller *c, const double x[4])
 #if SWINGUP_HAS_REGULATOR
     double torque;
     if (swingup_regulate(&c->regulator, base, x, &torque)) {
-        return torque;
+        return SWINGUP_TORQUE_UNIT * torque;
     }
 #endif
     (void)c;
@@ -63,7 +79,11 @@ static inline double swingup_act(swingup_controller *c, const double x[4])
 /* The torques u (N m) for the state x measured at time t (s). */
 static inline void swingup_control(swingup_controller *c, double t, const double x[4], double u[2])
 {
-    double seen[4] = {x[0], x[1], x[2], x[3]};
+    const double own[4] = {x[0], x[1], SWINGUP_TIME_UNIT * x[2], SWINGUP_TIME_UNIT * x[3]};
+    double seen[4] = {own[0], own[1], own[2], own[3]};
+#if SWINGUP_HAS_ESTIMATOR
+    double given[2];
+#endif
 
     (void)t;
 #if SWINGUP_HAS_GUARD
@@ -73,7 +93,7 @@ static inline void swingup_control(swingup_controller *c, double t, const double
     }
 #endif
 #if SWINGUP_HAS_ESTIMATOR
-    swingup_observe(&c->estimator, t, x, seen);
+    swingup_observe(&c->estimator, t, own, seen);
 #endif
     u[1 - SWINGUP_DRIVEN] = 0.0;
     u[SWINGUP_DRIVEN] = swingup_act(c, seen);
@@ -89,7 +109,12 @@ static inline void swingup_control(swingup_controller *c, double t, const double
 #endif
 #if SWINGUP_HAS_ESTIMATOR
     /* It needs what the motors were given. */
-    swingup_remember(&c->estimator, u);
+    given[0] = u[0] / SWINGUP_TORQUE_UNIT;
+    given[1] = u[1] / SWINGUP_TORQUE_UNIT;
+    swingup_remember(&c->estimator, given);
+#endif
+#if SWINGUP_HAS_IDENTIFIER
+    swingup_tell(c);
 #endif
 }
 

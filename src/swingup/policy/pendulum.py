@@ -12,6 +12,7 @@ from ..common.text import quoted
 from ..plant.base_parameters import base_parameters
 from ..plant.plant import Plant
 from ..plant.robots import ROBOTS, Robot, get_robot
+from ..plant.units import scales_of, similar_plant
 from .estimator.settings import EstimatorSettings
 from .file import read_network, write_network
 from .guard.settings import GuardSettings
@@ -60,7 +61,7 @@ class PendulumPolicy:
                 raise SwingupError("identifier without an estimator: add estimator, {} for its defaults")
             prior(self.plant)
         if self.regulator is not None:
-            fixed_point(self.plant, self.robot.joint)
+            fixed_point(similar_plant(self.plant, scales_of(self.plant)), self.robot.joint)
 
     @property
     def folded(self) -> Network:

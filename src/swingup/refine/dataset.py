@@ -8,11 +8,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..common.types import Flag, Key, Scalar, State
-from ..controllers.stack.controller import PolicyController
+from ..controllers.stack.controller import PolicyController, plant_of
 from ..dynamics.integrate import rk4_steps
 from ..loop.supervisors.throws import thrown_states
 from ..plant.base_parameters import BASE_NAMES
-from ..plant.plant import LEADERBOARD
 from ..plant.robots import Robot
 from .distillation_settings import DistillationSettings
 from .teacher import ARRIVED, Teachers, taught, top_cost
@@ -68,8 +67,7 @@ def dagger_rollouts(
     """The states of runs on these plants; in a share ``own`` of them the student acts, else the teacher."""
     teachers = jax.tree.map(lambda leaf: leaf[which], teachers)
     shape = teachers.number, settings.runs
-    nominal = LEADERBOARD.driven(recovery.robot)
-    starts = thrown_states(random, nominal, teachers.number * settings.runs).reshape(*shape, 4)
+    starts = thrown_states(random, plant_of(recovery), teachers.number * settings.runs).reshape(*shape, 4)
     still = random.uniform(size=shape) < settings.still
     rests = _hanging_still(random, np.asarray(teachers.base), recovery.robot, shape)
     starts = np.where(still[..., None], rests, starts)

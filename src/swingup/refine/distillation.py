@@ -10,6 +10,7 @@ through whole swing-ups of the nominal plant is added, and if settings ask, of r
 import functools
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -23,8 +24,9 @@ from ..areapo.networks import Actor, init_actor
 from ..common.types import Key, Scalar, State
 from ..controllers.baselines.continuation import SwingUps, continue_swingups, nominal_swingups
 from ..controllers.baselines.continuation_settings import ContinuationSettings
-from ..controllers.stack.controller import PolicyController
+from ..controllers.stack.controller import PolicyController, plant_of
 from ..controllers.stack.policy import Policy
+from ..loop.domain import Domain, load_domain
 from ..plant.base_parameters import BASE, base_parameters
 from ..plant.plant import LEADERBOARD, Plant
 from ..plant.robots import Robot
@@ -32,12 +34,16 @@ from ..tasks.observation import PendulumStage, PlantStage
 from .analytic_policy_gradient import PolicyGradientSettings, batch_cost, single_precision, with_actor
 from .dataset import Dataset, dagger_rollouts, swings_up, uniform_states
 from .distillation_settings import DistillationSettings, plant_scale
-from .plant_draws import draw_plants
+from .plant_draws import RECORDED, draw_plants
 from .recoveries import Recoveries, make_recoveries, recovery_cost
 from .teacher import Teachers, make_teachers
 
+Progress = Callable[[str, int, int], None]
+"""Called with what is computed, how much of it is done, and of how much."""
 UP_SHARE = 0.1
 """Share of an episode in which the tip is up, from about which on its score counts."""
+PARTS = 40
+"""Calls in which steps are taken; progress is told between them."""
 SPREAD = 0.01
 """Largest standard deviation of the first states of the scored swing-ups (rad, rad/s)."""
 
@@ -47,18 +53,25 @@ def distil(
     settings: DistillationSettings,
     random: np.random.Generator,
     tell: Callable[[PolicyController, int], None] = lambda _, __: None,
+    domain: Domain | str = RECORDED,
+    progress: Progress = lambda _, __, ___: None,
 ) -> PolicyController:
     """A policy that sees its plant, from nothing but teachers.
 
     Args:
-        recovery: a policy that recovers from anywhere on the leaderboards' plant.
+        recovery: a policy that recovers from anywhere on the nominal plant, in C.1's units.
         settings: plants, runs and learning.
         random: source of the numbers.
         tell: called after each round with the student and the number of rounds so far, and once more at the end.
+        domain: the robot's plants.
+        progress: called with what is computed, how much of it is done, and of how much.
     """
-    robot = recovery.robot
-    swingups = _swingups(robot, draw_plants(random, robot, settings.draws), settings.nominal)
-    teachers, recovery = make_teachers(swingups), single_precision(recovery)
+    robot, nominal = recovery.robot, plant_of(recovery)
+    around = domain if isinstance(domain, Domain) else load_domain(domain)
+    targets = draw_plants(random, robot, settings.draws, nominal, around)
+    start = LEADERBOARD if nominal.values() == LEADERBOARD.driven(robot).values() else nominal
+    swingups = _swingups(robot, targets, settings.nominal, start, partial(progress, "swing-ups"))
+    teachers, recovery = make_teachers(swingups, nominal), single_precision(recovery)
     student = new_student(recovery, settings, random)
     dataset = uniform_states(teachers, recovery, settings, random)
     for number in range(1, settings.rounds + 1):
@@ -69,10 +82,11 @@ def distil(
         longest = number in (1, settings.rounds)
         steps = settings.steps if longest else settings.steps // 2
         rate = settings.learning_rate * (1.0 if number == 1 else 0.6)
-        student = _learn(student, teachers.base, dataset, settings, random, steps, rate)
+        told = partial(progress, f"lessons {number} of {settings.rounds}")
+        student = _learn(student, teachers.base, dataset, settings, random, steps, rate, told)
         tell(student, number)
     if settings.score_steps:
-        student = _learn_score(student, teachers, dataset, settings, random)
+        student = _learn_score(student, teachers, dataset, settings, random, partial(progress, "score"))
         tell(student, settings.rounds + 1)
     return eqx.tree_at(lambda c: c.policy, student, jax.tree.map(np.asarray, student.policy))
 
@@ -94,8 +108,9 @@ def new_student(
     recovery: PolicyController, settings: DistillationSettings, random: np.random.Generator
 ) -> PolicyController:
     """A policy with random weights that sees the state and the plant."""
-    nominal = base_parameters(LEADERBOARD.driven(recovery.robot))
-    centre, scale = (jnp.asarray(each, jnp.float32) for each in (nominal, plant_scale(nominal)))
+    plant = plant_of(recovery)
+    nominal = base_parameters(plant)
+    centre, scale = (jnp.asarray(each, jnp.float32) for each in (nominal, plant_scale(nominal, plant.gr)))
     stages = PendulumStage(angles="sincos"), PlantStage(centre, scale, clip=3.0)
     actor = init_actor(_key(random), stages[0].size() + BASE, 1, settings.layers, 0.0)
     policy = Policy(stages, replace(actor, std_head=None))
@@ -110,10 +125,11 @@ def _learn(
     random: np.random.Generator,
     steps: int,
     rate: float,
+    told: Callable[[int, int], None],
 ) -> PolicyController:
     """Adam on the squared errors of the torque; the step size falls to 0 on a cosine."""
     optimiser = optax.adam(optax.cosine_decay_schedule(rate, steps))
-    return with_actor(student, _descend(student, bases, dataset, settings, _key(random), steps, optimiser))
+    return _descend(student, bases, dataset, settings, _key(random), steps, optimiser, told)
 
 
 def _learn_score(
@@ -122,6 +138,7 @@ def _learn_score(
     dataset: Dataset,
     settings: DistillationSettings,
     random: np.random.Generator,
+    told: Callable[[int, int], None],
 ) -> PolicyController:
     """The same with the score of the nominal plant's swing-ups, and with recoveries on the plants if settings ask.
 
@@ -132,11 +149,10 @@ def _learn_score(
     optimiser = optax.chain(optax.clip_by_global_norm(2.0), optax.adam(schedule))
     episodes = PolicyGradientSettings(duration=s.score_duration)
     recoveries = make_recoveries(student, teachers, settings, random) if s.recovery_episodes else None
-    more = s.score_steps, optimiser, episodes, recoveries
-    return with_actor(student, _descend(student, teachers.base, dataset, s, _key(random), *more))
+    more = s.score_steps, optimiser, told, episodes, recoveries
+    return _descend(student, teachers.base, dataset, s, _key(random), *more)
 
 
-@functools.partial(jax.jit, static_argnames=("settings", "steps", "optimiser", "episodes"))
 def _descend(
     student: PolicyController,
     bases: Float[Array, "plants 9"],
@@ -145,15 +161,40 @@ def _descend(
     key: Key,
     steps: int,
     optimiser: optax.GradientTransformation,
+    told: Callable[[int, int], None],
     episodes: PolicyGradientSettings | None = None,
     recoveries: Recoveries | None = None,
-) -> Actor:
-    """The student's network after these steps on minibatches of the dataset; those from anywhere come first."""
+) -> PolicyController:
+    """The student after these steps, a part of them in each compiled call."""
+    carry, keys = (student.policy.actor, optimiser.init(student.policy.actor)), jax.random.split(key, steps)
+    dataset = jax.tree.map(jnp.asarray, dataset)
+    for done in range(0, steps, max(1, steps // PARTS)):
+        part = keys[done : done + max(1, steps // PARTS)]
+        told(done, steps)
+        carry = _steps(carry, student, bases, dataset, settings, part, optimiser, episodes, recoveries)
+        jax.block_until_ready(carry)
+    told(steps, steps)
+    return with_actor(student, carry[0])
+
+
+@functools.partial(jax.jit, static_argnames=("settings", "optimiser", "episodes"))
+def _steps(
+    carry: tuple[Actor, optax.OptState],
+    student: PolicyController,
+    bases: Float[Array, "plants 9"],
+    dataset: Dataset,
+    settings: DistillationSettings,
+    keys: Any,
+    optimiser: optax.GradientTransformation,
+    episodes: PolicyGradientSettings | None,
+    recoveries: Recoveries | None,
+) -> tuple[Actor, optax.OptState]:
+    """The student's network after steps on minibatches of the dataset; those from anywhere come first."""
     s, limit = settings, student.torque_limit
     sizes = s.anywhere_batch, s.batch
     first = jnp.array(np.repeat([0, s.anywhere], sizes))
     count = jnp.array(np.repeat([s.anywhere, len(dataset.u) - s.anywhere], sizes))
-    plant, others = LEADERBOARD.driven(student.robot), eqx.tree_at(lambda c: c.policy.actor, student, None)
+    plant, others = plant_of(student), eqx.tree_at(lambda c: c.policy.actor, student, None)
 
     def observe(x: State, base: Array) -> Array:
         return student.policy.observe(x, base)
@@ -179,17 +220,19 @@ def _descend(
         updates, state = optimiser.update(jax.grad(loss)(actor, key), state)
         return (optax.apply_updates(actor, updates), state), None
 
-    start = student.policy.actor
-    (actor, _), _ = jax.lax.scan(step, (start, optimiser.init(start)), jax.random.split(key, steps))
-    return actor
+    after: tuple[Actor, optax.OptState] = jax.lax.scan(step, carry, keys)[0]
+    return after
 
 
 def _key(random: np.random.Generator) -> Key:
     return jax.random.key(int(random.integers(2**31)))
 
 
-def _swingups(robot: Robot, plants: Plant, nominal: int) -> SwingUps:
+def _swingups(
+    robot: Robot, plants: Plant, copies: int, nominal: Plant, progress: Callable[[int, int], None] | None
+) -> SwingUps:
     """Optimal swing-ups of plants, as far as they are reached, and then those of the nominal one."""
-    found, more = continue_swingups(robot, plants), nominal_swingups(robot, nominal, ContinuationSettings())
+    found = continue_swingups(robot, plants, progress=progress, nominal=nominal)
+    more = nominal_swingups(robot, copies, ContinuationSettings(), nominal)
     joined: SwingUps = jax.tree.map(lambda *parts: np.concatenate(parts), found, more)
     return joined

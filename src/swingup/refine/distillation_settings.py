@@ -6,7 +6,7 @@ import numpy as np
 
 from ..plant.base_parameters import BASE
 from .objective import EpisodeWeights
-from .plant_draws import PlantDraws
+from .plant_draws import GEAR, PlantDraws
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,10 @@ class DistillationSettings:
     """Of their measures, beside the squared errors of the torque (N² m²)."""
 
 
-def plant_scale(nominal: np.ndarray) -> np.ndarray:
-    """Units of the base parameters (9,) for a network: of the inertial ones shares of the nominal value."""
+def plant_scale(nominal: np.ndarray, gear: float = GEAR) -> np.ndarray:
+    """Units of the base parameters (9,) for a network: of the inertial ones shares of the nominal value.
+
+    What a rotor's inertia moves grows with the square of its gear ratio.
+    """
     shares = np.append(nominal[:4], np.ones(BASE - 4))
-    return shares * np.array([0.15, 0.15, 0.15, 0.15, 0.06, 0.06, 0.12, 0.12, 8e-5])
+    return shares * np.array([0.15, 0.15, 0.15, 0.15, 0.06, 0.06, 0.12, 0.12, 8e-5 * (GEAR / gear) ** 2])

@@ -7,18 +7,22 @@ import numpy as np
 
 from ..benchmark.grid import vary
 from ..benchmark.rules import MODEL_SWEEPS, ModelSweep
-from ..loop.domain import load_domain
+from ..loop.domain import Domain, load_domain
 from ..plant.plant import LEADERBOARD, NAMES, Plant
 from ..plant.robots import Robot
+from ..plant.units import Scales, scales_of, similar_plant
 
 SWEEPS = MODEL_SWEEPS
 """The parameters that change, and their ranges."""
-ROBOT = "recorded"
+RECORDED = "recorded"
 """The domain of the robot's plants."""
+GEAR = 6.0
+"""Gear ratio of the motors of design C.1."""
 LEFT = {"b1": 0.004, "b2": 0.004, "cf1": 0.04, "cf2": 0.04}
 """Most friction that its compensation leaves (N m s/rad, N m); it overdoes it by up to half of that."""
 ROTOR = 3e-4
-"""Largest rotor's inertia of the robot's plants (kg m²): one session's fit has 2.8e-4, beyond the domain."""
+"""Largest rotor's inertia of the robot's plants behind that gear (kg m²): one session's fit has 2.8e-4, beyond the
+domain."""
 ROTORS = 4
 """Every so many of the robot's plants has any rotor up to that, the others have those of the domain.
 Recordings tell the sum of a rotor's and the upper link's inertia best: what a rotor gains, the link loses."""
@@ -53,15 +57,23 @@ class PlantDraws:
         return self.single + self.joint + self.friction + self.robot
 
 
-def draw_plants(random: np.random.Generator, robot: Robot, draws: PlantDraws) -> Plant:
+def draw_plants(
+    random: np.random.Generator,
+    robot: Robot,
+    draws: PlantDraws,
+    nominal: Plant = LEADERBOARD,
+    domain: Domain | None = None,
+) -> Plant:
     """Plants with leaves of shape (n,): single ones, joint ones, those with friction, the robot's, in this order.
 
     Args:
         random: source of the numbers.
         robot: which joint is driven.
         draws: how many of each kind.
+        nominal: what the others but the robot's are about, in C.1's units.
+        domain: the robot's plants; None for those of design C.1 in recordings.
     """
-    nominal, names = LEADERBOARD.driven(robot), list(SWEEPS)
+    nominal, names, domain = nominal.driven(robot), list(SWEEPS), domain or load_domain(RECORDED)
     plants = []
     for _ in range(draws.single):
         sweep = SWEEPS[names[random.integers(len(names))]]
@@ -76,7 +88,7 @@ def draw_plants(random: np.random.Generator, robot: Robot, draws: PlantDraws) ->
         most = sweep.sweep.high * (1 + draws.margin)
         plants.append(vary(plant, sweep, random.uniform(0.0, most) - getattr(plant, name)))
     for index in range(1, draws.robot + 1):
-        plant = _robots(random, robot, nominal, draws.robot_margin)
+        plant = _robots(random, robot, domain, nominal, draws.robot_margin)
         plants.append(plant if index % ROTORS else _any_rotor(random, plant))
     stacked: Plant = jax.tree.map(lambda *values: np.array(values, np.float64), *plants)
     return stacked
@@ -91,20 +103,31 @@ def _all_off(random: np.random.Generator, nominal: Plant, share: float) -> Plant
     return plant
 
 
-def _robots(random: np.random.Generator, robot: Robot, nominal: Plant, margin: float) -> Plant:
+def _robots(random: np.random.Generator, robot: Robot, domain: Domain, nominal: Plant, margin: float) -> Plant:
     drawn = {}
-    for name, low, high in load_domain(ROBOT).ranges:
+    for name, low, high in domain.ranges:
         beyond = margin * (high - low)
         drawn[name] = random.uniform(low - beyond, high + beyond)
-    drawn |= {name: random.uniform(-0.5 * most, most) for name, most in LEFT.items()}
-    plant = nominal.changed(**{name: value for name, value in drawn.items() if name in NAMES})
+    scales = scales_of(domain.design.driven(robot))
+    plant = domain.nominal_plant.changed(**{name: value for name, value in drawn.items() if name in NAMES})
+    left = {name: random.uniform(-0.5 * most, most) for name, most in _left(robot, domain, scales).items()}
+    plant = similar_plant(plant, scales).changed(**left, tl1=nominal.tl1, tl2=nominal.tl2)
     # What a weaker motor moves is like a heavier plant.
-    scale = 1.0 / drawn[f"gain{robot.joint + 1}"]
+    scale = 1.0 / drawn.get(f"gain{robot.joint + 1}", 1.0)
     return replace(plant, **{name: scale * getattr(plant, name) for name in ("m1", "m2", "I1", "I2", "Ir")})
 
 
+def _left(robot: Robot, domain: Domain, scales: Scales) -> dict[str, float]:
+    """Most friction that compensation leaves, in C.1's units: all of it where the passive joint has no motor."""
+    other = 2 - robot.joint
+    coulomb, damping, limit = f"cf{other}", f"b{other}", domain.low.loop.passive_limit / scales.torque
+    most = {name: getattr(similar_plant(domain.high.plant, scales), name) for name in (coulomb, damping)}
+    beyond = {coulomb: max(LEFT[coulomb], most[coulomb] - limit)}
+    return LEFT | beyond | ({} if limit else {damping: max(LEFT[damping], most[damping])})
+
+
 def _any_rotor(random: np.random.Generator, plant: Plant) -> Plant:
-    rotor = random.uniform(0.0, ROTOR)
+    rotor = random.uniform(0.0, ROTOR * (GEAR / plant.gr) ** 2)
     return replace(plant, Ir=rotor, I1=plant.I1 + plant.gr**2 * (plant.Ir - rotor))
 
 

@@ -15,19 +15,22 @@ from ..benchmark.criteria import Criteria
 from ..benchmark.judge import judge
 from ..common.errors import SwingupError
 from ..controllers.stack.controller import PolicyController, make_controller, plant_of, policy_of
-from ..plant.base_parameters import base_parameters
+from ..loop.domain import Domain, load_domain
 from ..plant.plant import LEADERBOARD, Plant, PlantLike, load_plant
 from ..plant.robots import Robot
+from ..plant.units import ACCELERATION, C1, Scales, scaled, scales_of, similar_plant
 from ..policy.estimator.settings import default_estimator
 from ..policy.identifier.settings import IdentifierSettings
 from ..policy.pendulum import PendulumPolicy
 from ..policy.plant_facts import plant_difference, policy_plant
 from ..policy.regulator.settings import RegulatorSettings
+from ..tasks.observation import PendulumStage, PlantStage
 from .analytic_policy_gradient import AnalyticPolicyGradient, PolicyGradientSettings, with_actor
-from .distillation import distil
+from .distillation import Progress, distil
 from .distillation_settings import DistillationSettings
 from .episodes import EpisodeSettings, sample_episodes
 from .objective import EpisodeWeights
+from .plant_draws import RECORDED
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -91,8 +94,10 @@ def run_recipe(
     report: Callable[[RefinementReport], Any] = lambda _: None,
     every: int = 10,
     plant: PlantLike = LEADERBOARD,
+    domain: Domain | str | None = None,
+    progress: Progress = lambda _, __, ___: None,
 ) -> PolicyController:
-    """Take a policy through the stages of a recipe.
+    """Take a policy through the stages of a recipe, in C.1's units.
 
     Args:
         controller: the policy to start from.
@@ -102,6 +107,9 @@ def run_recipe(
         report: called after every ``every`` gradient steps, each round of a distillation, and each stage.
         every: gradient steps between reports.
         plant: what the policy is refined on: a plant, its name or its file.
+        domain: plants that a policy learns to see, instead: about the one that the domain is designed for, without
+            friction; None for those about the leaderboards' plant.
+        progress: called with what a distillation computes, how much of it is done, and of how much.
 
     Raises:
         SwingupError: there is no such plant, the weights are no longer finite, or a stage does not take such a
@@ -109,17 +117,23 @@ def run_recipe(
     """
     if controller.policy.sees_plant and any(not isinstance(stage, DistillationSettings) for stage in stages):
         raise SwingupError("the policy sees its plant, which only the recipe adapt trains: give the one before it")
-    start, found = time.perf_counter(), load_plant(plant)
-    if found == LEADERBOARD:
+    sees = any(isinstance(stage, DistillationSettings) for stage in stages)
+    if sees and plant != LEADERBOARD:
+        raise SwingupError("the recipe adapt draws its plants: give a domain, not a plant")
+    around = load_domain(domain or RECORDED) if not isinstance(domain, Domain) else domain
+    start, found = time.perf_counter(), frictionless_design(around) if sees else load_plant(plant)
+    if found == LEADERBOARD and not sees:
         difference = plant_difference(plant_of(controller), found.driven(robot), robot)
         if difference is not None:
             _LOGGER.warning("without a plant the policy is refined on the leaderboards': %s", difference)
     # Only the mean acts when a policy is judged; the deviation's head would stay without gradient.
     controller = eqx.tree_at(lambda c: c.policy.actor.std_head, controller, None, is_leaf=lambda leaf: leaf is None)
-    facts = policy_plant(found, robot)
-    controller = dataclasses.replace(controller, plant=facts, torque_limit=facts.limit(robot.joint))
-    if any(isinstance(stage, DistillationSettings) for stage in stages):
-        _check_distillable(controller)
+    facts, scales = policy_plant(found, robot), scales_of(found.driven(robot))
+    # As it moves its own plant, in that plant's units, so it is to move this one.
+    controller = in_units(controller, C1.over(scales_of(plant_of(controller))))
+    similar = similar_plant(facts, scales)
+    controller = dataclasses.replace(controller, plant=similar, torque_limit=similar.limit(robot.joint))
+    limit = float(around.high.loop.passive_limit)
     random = np.random.default_rng(seed)
     for number, stage in enumerate(stages, start=1):
         # The default of `number` binds this stage's; a closure alone would see the loop's last one.
@@ -127,9 +141,10 @@ def run_recipe(
             now: PolicyController, iteration: int, of: int, measures: dict[str, float], number: int = number
         ) -> None:
             # Alone, or where it sees its plant with what finds that.
-            judged = make_controller(wrapped_policy(now)) if now.policy.sees_plant else now
+            real = dataclasses.replace(in_units(now, scales), plant=facts)
+            judged = make_controller(wrapped_policy(real, limit)) if now.policy.sees_plant else real
             criteria = judge(judged, robot, plant=found).criteria
-            report(RefinementReport(number, iteration, of, time.perf_counter() - start, now, criteria, measures))
+            report(RefinementReport(number, iteration, of, time.perf_counter() - start, real, criteria, measures))
 
         if isinstance(stage, DistillationSettings):
             rounds = stage.rounds + bool(stage.score_steps)
@@ -137,26 +152,51 @@ def run_recipe(
             def tell_round(now: PolicyController, done: int, tell: Any = tell, rounds: int = rounds) -> None:
                 tell(_checked(now), done, rounds, {})
 
-            controller = distil(controller, stage, random, tell_round)
+            controller = distil(controller, stage, random, tell_round, around, progress)
         else:
-            controller = _gradient_steps(controller, robot, stage, random, tell, every, found)
-    return controller
+            controller = _gradient_steps(controller, robot, stage, random, tell, every, similar)
+    return dataclasses.replace(in_units(controller, scales), plant=facts)
 
 
-def wrapped_policy(controller: PolicyController) -> PendulumPolicy:
-    """What the file of a refined policy holds: an estimator, and for one that sees its plant what finds that."""
+def frictionless_design(domain: Domain) -> Plant:
+    """The plant that policies for a domain begin with: the one that it is designed for, without friction."""
+    plant, without = domain.design, domain.design.frictionless()
+    return plant if plant.values() == without.values() else without
+
+
+def in_units(controller: PolicyController, scales: Scales) -> PolicyController:
+    """A policy of a pendulum for the similar one whose units are these multiples of its own."""
+    stages = []
+    for stage in controller.policy.stages:
+        if isinstance(stage, PendulumStage):
+            stage = scaled(stage, scales)
+        if isinstance(stage, PlantStage):
+            units = np.array(scales.base, np.float32)
+            stage = dataclasses.replace(stage, centre=stage.centre * units, scale=stage.scale * units)
+        stages.append(stage)
+    policy = dataclasses.replace(controller.policy, stages=tuple(stages))
+    plant, limit = similar_plant(controller.plant, C1.over(scales)), controller.torque_limit * scales.torque
+    return dataclasses.replace(controller, policy=policy, plant=plant, torque_limit=limit)
+
+
+def wrapped_policy(controller: PolicyController, passive_limit: float | None = None) -> PendulumPolicy:
+    """What the file of a refined policy holds: an estimator, and for one that sees its plant what finds that.
+
+    Args:
+        controller: the policy.
+        passive_limit: largest compensation of the passive joint's friction (N m); None for the usual one.
+    """
+    scales = scales_of(plant_of(controller))
     policy, estimator = policy_of(controller), default_estimator(plant_of(controller))
     if not controller.policy.sees_plant:
         return dataclasses.replace(policy, estimator=estimator)
-    estimator = dataclasses.replace(estimator, acceleration_noise=ACCELERATION_NOISE)
-    regulator = HAND_OVER[controller.robot.name]
-    return dataclasses.replace(policy, estimator=estimator, identifier=IdentifierSettings(), regulator=regulator)
-
-
-def _check_distillable(controller: PolicyController) -> None:
-    nominal = base_parameters(LEADERBOARD.driven(controller.robot))
-    if not np.allclose(base_parameters(plant_of(controller)), nominal, rtol=1e-6, atol=1e-9):
-        raise SwingupError("the recipe adapt is for the leaderboards' plant: give no other, and a policy for it")
+    noise = ACCELERATION_NOISE * scales.of(ACCELERATION)
+    estimator = dataclasses.replace(estimator, acceleration_noise=noise)
+    identifier = scaled(IdentifierSettings(), scales)
+    if passive_limit is not None:
+        identifier = IdentifierSettings(passive_limit)
+    regulator = scaled(HAND_OVER[controller.robot.name], scales)
+    return dataclasses.replace(policy, estimator=estimator, identifier=identifier, regulator=regulator)
 
 
 def _gradient_steps(

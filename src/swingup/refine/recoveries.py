@@ -10,10 +10,10 @@ from jaxtyping import Array, Float
 
 from ..benchmark.rollout import Scenario
 from ..common.types import Key, Scalar, State
-from ..controllers.stack.controller import PolicyController
+from ..controllers.stack.controller import PolicyController, plant_of
 from ..dynamics.angles import UPRIGHT
 from ..loop.supervisors.throws import thrown_states
-from ..plant.plant import LEADERBOARD, Plant
+from ..plant.plant import Plant
 from .analytic_policy_gradient import SCORE_RULES, PolicyGradientSettings, run_episode
 from .distillation_settings import DistillationSettings
 from .teacher import Teachers
@@ -39,7 +39,7 @@ def make_recoveries(
 ) -> Recoveries:
     """Recoveries on the teachers' plants, from throws of the nominal one, the last, and from near its top."""
     near = round(settings.recovery_top * STARTS)
-    thrown = thrown_states(random, LEADERBOARD.driven(student.robot), STARTS - near)
+    thrown = thrown_states(random, plant_of(student), STARTS - near)
     starts = np.concatenate([thrown, _near_top(np.asarray(teachers.cost_to_go[-1], float), near, random)])
     return Recoveries(teachers.plant, teachers.base, jnp.float32(starts))
 

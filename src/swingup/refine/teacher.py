@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from ..common.types import Scalar, State
 from ..controllers.baselines.continuation import SwingUps
 from ..controllers.baselines.known_plant import friction_gain, plant_lqr
-from ..controllers.stack.controller import PolicyController
+from ..controllers.stack.controller import PolicyController, plant_of
 from ..controllers.stack.maths import JAX
 from ..dynamics.angles import UPRIGHT, wrap_difference
 from ..dynamics.dynamics import acceleration
@@ -71,12 +71,12 @@ class Teachers(eqx.Module):
         return len(self.torque)
 
 
-def make_teachers(swingups: SwingUps) -> Teachers:
-    """Teachers for the plants that the swing-ups are of."""
+def make_teachers(swingups: SwingUps, nominal: Plant = LEADERBOARD) -> Teachers:
+    """Teachers for the plants that the swing-ups are of, about a nominal one."""
     columns = [getattr(swingups.plants, name) for name in NAMES]
     plants = [validated(Plant(*values)) for values in zip(*columns, strict=True)]
     regulators = [plant_lqr(plant, swingups.reference(index)) for index, plant in enumerate(plants)]
-    nominal = base_parameters(LEADERBOARD.driven(swingups.robot))
+    centre = base_parameters(nominal.driven(swingups.robot))
     bases = np.stack([base_parameters(plant) for plant in plants])
     gains, cost_to_go = (np.stack([getattr(each, name) for each in regulators]) for name in ("gains", "cost_to_go"))
     friction = np.array([friction_gain(*pair) for pair in zip(plants, regulators, strict=True)])
@@ -90,7 +90,7 @@ def make_teachers(swingups: SwingUps) -> Teachers:
         swingups.torque[:, ::APART],
         swingups.gains[:, ::APART],
     )
-    arrays = bases, np.tile(nominal, (len(bases), 1)), *rows, gains, friction, cost_to_go
+    arrays = bases, np.tile(centre, (len(bases), 1)), *rows, gains, friction, cost_to_go
     teachers: Teachers = single_precision(Teachers(swingups.plants, *arrays))  # type: ignore[arg-type]  # NumPy's
     return teachers
 
@@ -136,7 +136,7 @@ def matched_torque(policy: PolicyController, plant: Plant, x: State) -> Scalar:
     One torque has two accelerations to match: least squares.
     """
     driven, limit = jnp.array(policy.robot.actuation, x.dtype), policy.torque_limit
-    nominal = single_precision(LEADERBOARD.driven(policy.robot))
+    nominal = single_precision(plant_of(policy))
     wanted = acceleration(nominal, x, policy(None, jnp.zeros(()), x)[1])
     without = acceleration(plant, x, jnp.zeros_like(driven))
     effect = acceleration(plant, x, driven) - without

@@ -1,7 +1,7 @@
 """Optimal swing-ups of many plants at once, continued from the nominal plant's.
 
-A swing-up is optimal for the cost of ``optimal``, and the nominal plant's is shipped. Each plant p(λ) moves along
-the line from the leaderboards' plant, λ = 0, to its target, λ = 1. At each step iterative LQR starts from the
+A swing-up is optimal for the cost of ``optimal``; the leaderboards' plant's is shipped. Each plant p(λ) moves along
+the line from the nominal plant, λ = 0, to its target, λ = 1. At each step iterative LQR starts from the
 swing-up of the plant before, followed by feedback on the new plant. A plant has a step of its own: it grows after a
 swing-up that ends upright, and falls after one that does not. Plants lie side by side in one compiled program.
 
@@ -28,7 +28,7 @@ from ..swingups.design import SwingupProblem, followed, motion, solve_from_rest
 from ..swingups.ilqr import feedback_gains
 from ..swingups.reference import Reference
 from ..swingups.transition import PendulumTransition
-from .baselines import shipped_reference
+from .baselines import design_of, reaches_upright
 from .continuation_settings import ContinuationSettings, next_step
 from .optimal import OPTIMAL
 
@@ -62,6 +62,7 @@ def continue_swingups(
     targets: Plant,
     settings: ContinuationSettings | None = None,
     progress: Callable[[int, int], None] | None = None,
+    nominal: Plant = LEADERBOARD,
 ) -> SwingUps:
     """Compute optimal swing-ups of many plants.
 
@@ -70,11 +71,14 @@ def continue_swingups(
         targets: the plants, leaves of shape (n,).
         settings: None for the default ones.
         progress: called with the number of plants that are done, reached or given up, and of all.
+        nominal: where the continuations begin: a plant in C.1's units.
     """
     robot, settings = get_robot(robot), settings or ContinuationSettings()
     targets = _checked(targets)
     number = np.size(targets.m1)
-    found, steps = nominal_swingups(robot, number, settings), np.full(number, settings.first_step)
+    found, steps = nominal_swingups(robot, number, settings, nominal), np.full(number, settings.first_step)
+    if nominal != LEADERBOARD:
+        settings = _bounds_about(found, settings)
     for _ in range(settings.rounds):
         pending = np.flatnonzero((found.reached < 1.0) & (steps >= settings.smallest_step))
         if progress is not None:
@@ -83,7 +87,7 @@ def continue_swingups(
             break
         for start in range(0, len(pending), settings.batch):
             part = pending[start : start + settings.batch]
-            tried = _try_step(found, part, steps[part], targets, settings)
+            tried = _try_step(found, part, steps[part], targets, settings, nominal)
             good = accepted(tried, settings)
             steps[part] = next_step(steps[part], good, settings)
             found = jax.tree.map(lambda old, new, to=part[good], by=good: _put(old, to, new[by]), found, tried)
@@ -100,27 +104,44 @@ def accepted(tried: SwingUps, settings: ContinuationSettings) -> np.ndarray:
     return (tried.cost < settings.max_cost) & slow & upright & able & np.isfinite(tried.gains).all(axis=(1, 2))
 
 
-def nominal_swingups(robot: Robot, number: int, settings: ContinuationSettings) -> SwingUps:
-    """The shipped swing-up of the leaderboards' plant, resting upright for the extra time, for each of n plants."""
-    reference = shipped_reference(robot, "score")[0]
-    more = _problem(robot, settings).steps - len(reference.torque)
+def nominal_swingups(
+    robot: Robot, number: int, settings: ContinuationSettings, plant: Plant = LEADERBOARD
+) -> SwingUps:
+    """A plant's swing-up for the score, resting upright for the extra time, for each of n plants.
+
+    The leaderboards' plant's is shipped; another one's is sought.
+
+    Raises:
+        SwingupError: no swing-up of the plant is found.
+    """
+    reference = design_of(robot, plant).reference("score")
+    if not reaches_upright(reference, plant.driven(robot)):
+        raise SwingupError(
+            f"no swing-up of the {robot.name} is found for the plant {plant}: its motor may be too weak"
+        )
+    more = round(settings.extra / OPTIMAL[robot.name].swingup.dt)
     states = np.concatenate([reference.states, np.tile(UPRIGHT, (more + 1, 1))])
     torque = np.append(reference.torque, np.zeros(more))
     gains = np.concatenate([reference.gains, np.tile(reference.gains[-1], (more, 1))])
-    nominal = jax.tree.map(lambda value: np.full(number, float(value)), LEADERBOARD.driven(robot))
+    nominal = jax.tree.map(lambda value: np.full(number, float(value)), plant.driven(robot))
     rows = [np.tile(array, (number,) + (1,) * array.ndim) for array in (states, torque, gains)]
     return SwingUps(robot, reference.dt, nominal, np.zeros(number), np.full(number, np.nan), *rows)
 
 
 def _try_step(
-    found: SwingUps, part: np.ndarray, steps: np.ndarray, targets: Plant, settings: ContinuationSettings
+    found: SwingUps,
+    part: np.ndarray,
+    steps: np.ndarray,
+    targets: Plant,
+    settings: ContinuationSettings,
+    nominal: Plant,
 ) -> SwingUps:
     """Swing-ups of the plants one step on, from those found so far; whether they count is not asked."""
     near, ends = jax.tree.map(lambda leaf: leaf[part], (found, targets))
     reached = np.minimum(near.reached + steps, 1.0)
-    nominal = LEADERBOARD.driven(found.robot)
+    begin = nominal.driven(found.robot)
     # Written so that λ = 1 is the target to the last bit.
-    plants = jax.tree.map(lambda start, end: (1.0 - reached) * start + reached * end, nominal, ends)
+    plants = jax.tree.map(lambda start, end: (1.0 - reached) * start + reached * end, begin, ends)
     moved = replace(near, plants=plants, reached=reached)
     # A call that is smaller than a batch repeats its plants.
     filled = jax.tree.map(lambda leaf: leaf[np.arange(settings.batch) % len(part)], moved)
@@ -133,7 +154,7 @@ def _try_step(
 def _optimised(swingups: SwingUps, settings: ContinuationSettings) -> SwingUps:
     """Swing-ups of other plants, improved for these."""
     robot, dt = swingups.robot, swingups.dt
-    problem = _problem(robot, settings)
+    problem = _problem(robot, settings, swingups.torque.shape[1])
     cost, leaving = problem.cost(problem.steps), problem.pendulum_cost(problem.steps, settings.gain_final)
     leaving = replace(leaving, state_weights=leaving.state_weights + np.array(settings.gain_weights))
 
@@ -148,9 +169,18 @@ def _optimised(swingups: SwingUps, settings: ContinuationSettings) -> SwingUps:
     return jax.vmap(one)(swingups, _torque_limit(swingups))
 
 
-def _problem(robot: Robot, settings: ContinuationSettings) -> SwingupProblem:
+def _bounds_about(nominal: SwingUps, settings: ContinuationSettings) -> ContinuationSettings:
+    """The bounds on cost and speed, which are those of C.1's swing-up, about that of another plant."""
+    first = jax.tree.map(lambda leaf: leaf[np.zeros(settings.batch, int)], nominal)
+    with jax.enable_x64(True):
+        found = _optimised(first, settings)
+    cost, speed = float(found.cost[0]), float(np.abs(found.states[0, :, 2:]).max())
+    most_cost, most_speed = max(settings.max_cost, 1.7 * cost), max(settings.max_speed, 1.3 * speed)
+    return replace(settings, max_cost=most_cost, max_speed=most_speed)
+
+
+def _problem(robot: Robot, settings: ContinuationSettings, steps: int) -> SwingupProblem:
     problem = OPTIMAL[robot.name].swingup
-    steps = problem.steps + round(settings.extra / problem.dt)
     return replace(problem, steps=steps, weights=replace(problem.weights, final=settings.final))
 
 

@@ -4,14 +4,16 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ...common.types import State, Torque
 from ...plant.plant import Plant
 from ...plant.robots import Robot
+from ...plant.units import C1, Scales, scaled, scales_of, similar_plant
 from ...policy.estimator import core
 from ...policy.estimator.core import EstimatorState, Loop
-from ...policy.estimator.settings import EstimatorSettings, default_estimator
+from ...policy.estimator.settings import EstimatorSettings, default_estimator, own_estimator
 from ...policy.identifier import core as identifier
 from ...policy.identifier.core import Found
 from ...policy.identifier.settings import IdentifierSettings
@@ -41,17 +43,24 @@ class EstimatingController(AbstractController[EstimatorMemory]):
     identifier: IdentifierSettings | None = eqx.field(static=True, default=None)
     """Settings of the identifier of the plant; None for the nominal model."""
     prior: tuple[Float[Array, "13"], Float[Array, "13 13"]] | None = None
-    """What the identifier begins with, mean and covariance; None for those of the plant."""
+    """What the identifier begins with, mean and covariance in C.1's units; None for those of the plant."""
 
     @property
     def loop(self) -> Loop:
         """What the estimator knows, and its identifier if it has one."""
-        s, joint, finding = self.settings, self.robot.joint, None
+        s, joint, finding = own_estimator(self.settings, self.scales), self.robot.joint, None
+        plant = similar_plant(self.plant, self.scales)
         if self.identifier is not None:
-            finding = identifier.make_loop(self.plant, joint, s.dt, s.max_delay_steps, self.identifier)
+            own = scaled(self.identifier, C1.over(self.scales))
+            finding = identifier.make_loop(plant, joint, s.dt, s.max_delay_steps, own)
             if self.prior is not None:
                 finding = finding._replace(mean=self.prior[0], covariance=self.prior[1])
-        return core.make_loop(s, self.plant, joint, finding)
+        return core.make_loop(s, plant, joint, finding, self.scales.time)
+
+    @property
+    def scales(self) -> Scales:
+        """The plant's units; estimator and identifier compute in C.1's."""
+        return scales_of(self.plant)
 
     @property
     def passive_limit(self) -> float:
@@ -65,19 +74,21 @@ class EstimatingController(AbstractController[EstimatorMemory]):
 
     def __call__(self, carry: EstimatorMemory, t: TimeLike, x: State) -> tuple[EstimatorMemory, Torque]:
         """The controller's torques for the estimated state (N m), with compensation; x is the measurement."""
-        loop = self.loop
+        loop, scales, rates = self.loop, self.scales, np.array(self.scales.state).astype(x.dtype)
         now = as_time(t).like(carry.estimator.time)
-        state, seen = core.observe(JAX, loop, carry.estimator, self.found(carry), now, x)
-        plant = self.found(carry._replace(estimator=state))
+        state, own = core.observe(JAX, loop, carry.estimator, self.found(carry), now, x / rates)
+        plant, seen = self.found(carry._replace(estimator=state)), own * rates
         if plant is None:
             inner, u = self.controller(carry.controller, t, seen)
         else:
-            inner, u = call_for_plant(self.controller, carry.controller, t, seen, jnp.stack(plant.told))
-            u = u + core.compensation(JAX, loop, plant.asked, seen).astype(u.dtype)
+            told = jnp.stack(plant.told)
+            told = told * np.array(scales.base).astype(told.dtype)
+            inner, u = call_for_plant(self.controller, carry.controller, t, seen, told)
+            u = u + (scales.torque * core.compensation(JAX, loop, plant.asked, own)).astype(u.dtype)
         driven = self.plant.limit(self.robot.joint)
         limits = jnp.where(jnp.arange(2) == self.robot.joint, driven, self.passive_limit).astype(u.dtype)
         u = jnp.clip(u, -limits, limits)
-        return EstimatorMemory(core.remember(JAX, loop, state, u), inner), u
+        return EstimatorMemory(core.remember(JAX, loop, state, u / scales.torque), inner), u
 
     def found(self, memory: EstimatorMemory) -> Found | None:
         """What the identifier has found of the plant; None without one."""

@@ -13,6 +13,7 @@ from ...plant.base_parameters import Geometry, base_parameters, geometry_of
 from ...plant.equations import Number
 from ...plant.plant import Plant
 from ...plant.robots import Robot
+from ...plant.units import C1, Scales, scaled, scales_of, similar_plant
 from ...policy.regulator import core
 from ...policy.regulator.core import Loop, RegulatorState
 from ...policy.regulator.settings import RICCATI_STEPS, Q, R, RegulatorSettings, fixed_point
@@ -41,11 +42,13 @@ class RegulatingController(AbstractPlantController[RegulatorMemory]):
     base: Float[Any, "9"]
     """θ of the plant that it holds, where a call does not say."""
     start: Float[np.ndarray, "10"]
-    """P at first, its upper triangle."""
+    """P at first, its upper triangle; this and what follows are in C.1's units."""
     torque_limit: float
-    """Largest torque of the regulator (N m)."""
+    """Largest torque of the regulator."""
     geometry: Geometry = eqx.field(static=True)
     settings: RegulatorSettings = eqx.field(static=True)
+    scales: Scales = eqx.field(static=True)
+    """The plant's units."""
     robot: Robot = eqx.field(static=True)
     """Which joint is driven."""
 
@@ -65,9 +68,10 @@ class RegulatingController(AbstractPlantController[RegulatorMemory]):
         """The torque of the one that acts (N m); NaN if the state is not finite."""
         base = self.base if base is None else base
         inner, u = call_for_plant(self.controller, carry.controller, t, x, base)
-        held = core.held(self.loop, unpack(jnp.asarray(base, carry.regulator.cost_to_go.dtype)))
-        state, torque = core.regulate(JAX, self.loop, carry.regulator, held, x)
-        regulated = torque.astype(u.dtype) * jnp.array(self.robot.actuation, u.dtype)
+        own = jnp.asarray(base, carry.regulator.cost_to_go.dtype) / np.array(self.scales.base)
+        held, seen = core.held(self.loop, unpack(own)), x / np.array(self.scales.state)
+        state, torque = core.regulate(JAX, self.loop, carry.regulator, held, seen.astype(x.dtype))
+        regulated = (torque * self.scales.torque).astype(u.dtype) * jnp.array(self.robot.actuation, u.dtype)
         return RegulatorMemory(state, inner), jnp.where(state.acting, regulated, u)
 
 
@@ -83,8 +87,10 @@ def with_regulator(
         settings: where it acts.
         limit: largest torque of the regulator (N m).
     """
-    start, base = fixed_point(plant, robot.joint)[TRIANGLE], base_parameters(plant)
-    return RegulatingController(controller, base, start, limit, geometry_of(plant), settings, robot)
+    base, scales = base_parameters(plant), scales_of(plant)
+    similar, own, limit = similar_plant(plant, scales), scaled(settings, C1.over(scales)), limit / scales.torque
+    start = fixed_point(similar, robot.joint)[TRIANGLE]
+    return RegulatingController(controller, base, start, limit, geometry_of(similar), own, scales, robot)
 
 
 def advanced(P: Float[Array, "10"], step: Discrete) -> Float[Array, "10"]:

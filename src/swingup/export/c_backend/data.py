@@ -9,8 +9,9 @@ from ...common.errors import SwingupError
 from ...plant.base_parameters import BASE, base_parameters, geometry_of, lumped
 from ...plant.equations import COULOMB_STEEPNESS, mass_entries
 from ...plant.momentum import CLOSE_RATES
+from ...plant.units import C1, Scales, scaled, scales_of, similar_plant
 from ...policy.estimator import core as estimator
-from ...policy.estimator.settings import EstimatorSettings, kalman_gains
+from ...policy.estimator.settings import EstimatorSettings, kalman_gains, own_estimator
 from ...policy.guard.settings import BRAKED, PUSHING, SENTENCES, STANDSTILLS, GuardSettings, Reason
 from ...policy.identifier import settings as identifier
 from ...policy.identifier.compensation import LEAST_GAIN
@@ -30,6 +31,7 @@ def runtime_data(policy: PendulumPolicy) -> dict[str, Data]:
         "REGULATOR": policy.regulator,
         "GUARD": policy.guard,
     }
+    scales = scales_of(policy.plant)
     reasons: Data = {f"GUARD_{reason.name}": reason.value for reason in Reason}
     found: dict[str, Data] = {
         "the switches": {f"HAS_{name}": int(part is not None) for name, part in parts.items()},
@@ -38,20 +40,25 @@ def runtime_data(policy: PendulumPolicy) -> dict[str, Data]:
         "the guard's reasons": reasons | {"GUARD_SENTENCES": ", ".join(f'"{text}"' for text in SENTENCES)},
     }
     if policy.estimator is not None:
-        found["the estimator"] = estimator_data(policy.estimator)
+        settings = own_estimator(policy.estimator, scales)
+        found["the estimator"] = estimator_data(settings)
         if policy.identifier is not None:
-            found["the identifier"] = identifier_data(policy, policy.estimator)
+            found["the identifier"] = identifier_data(policy, settings)
     if policy.regulator is not None:
-        found["the regulator"] = regulator_data(policy.regulator, policy)
+        found["the regulator"] = regulator_data(scaled(policy.regulator, C1.over(scales)), policy)
     if policy.guard is not None:
         found["the guard"] = guard_data(policy.guard, policy)
     return found
 
 
 def plant_data(policy: PendulumPolicy) -> Data:
-    """What the policy's plant is, in its base parameters, and what its motors can."""
-    plant = policy.plant
+    """What the policy's plant is, in its base parameters and C.1's units, these units, and what its motors can."""
+    scales = scales_of(policy.plant)
+    plant = similar_plant(policy.plant, scales)
     return {
+        "TIME_UNIT": scales.time,
+        "TORQUE_UNIT": scales.torque,
+        "base_units": np.array(scales.base),
         "DRIVEN": policy.robot.joint,
         "L1": plant.l1,
         "GRAVITY": plant.g,
@@ -78,11 +85,11 @@ def network_data(policy: PendulumPolicy) -> Data:
     }
     for index, layer in enumerate(layers):
         data |= {f"weight_{index}": layer.weight.T, f"bias_{index}": layer.bias.astype(np.float64)}
-    return _observation_data(network.stages) | data
+    return _observation_data(network.stages, scales_of(policy.plant)) | data
 
 
-def _observation_data(stages: Sequence[Stage]) -> Data:
-    """The stages: angles and velocities, perhaps normalised, perhaps with the plant behind them."""
+def _observation_data(stages: Sequence[Stage], scales: Scales) -> Data:
+    """The stages: angles and velocities, perhaps normalised, perhaps with the plant behind them; in C.1's units."""
     angles, *others = stages
     kinds = [type(stage) for stage in others]
     normalise = next((stage for stage in others if isinstance(stage, NormaliseStage)), None)
@@ -93,7 +100,7 @@ def _observation_data(stages: Sequence[Stage]) -> Data:
         raise SwingupError(f"a header cannot have the observation stages {names}: export to NumPy")
     data: Data = {
         "WRAPPED": int(angles.angles == "wrapped"),
-        "VELOCITY_SCALE": angles.velocity_scale,
+        "VELOCITY_SCALE": angles.velocity_scale / scales.velocity,
         "STATE_INPUTS": angles.size(4),
         "NORMALISED": int(normalise is not None),
         "SEES_PLANT": int(plant is not None),
@@ -101,7 +108,8 @@ def _observation_data(stages: Sequence[Stage]) -> Data:
     if normalise is not None:
         data |= {"INPUT_CLIP": normalise.clip, "input_mean": normalise.mean, "input_deviation": normalise.deviation}
     if plant is not None:
-        data |= {"PLANT_CLIP": plant.clip, "plant_centre": plant.centre, "plant_scale": plant.scale}
+        centre, scale = plant.centre / np.array(scales.base), plant.scale / np.array(scales.base)
+        data |= {"PLANT_CLIP": plant.clip, "plant_centre": centre, "plant_scale": scale}
     return data
 
 
@@ -122,7 +130,8 @@ def estimator_data(settings: EstimatorSettings) -> Data:
 
 def identifier_data(policy: PendulumPolicy, loop: EstimatorSettings) -> Data:
     """What the identifier begins with, about the policy's plant, and how it learns in an estimator's loop."""
-    i, plant, driven, dt = identifier, policy.plant, np.arange(2) == policy.robot.joint, loop.dt
+    scales, i, driven, dt = scales_of(policy.plant), identifier, np.arange(2) == policy.robot.joint, loop.dt
+    plant = similar_plant(policy.plant, scales)
     mean, covariance = i.prior(plant)
     deviation = np.where(driven, i.DRIVEN_DEVIATION, i.PASSIVE_DEVIATION)
     nominal, (rise, fall) = lumped(mean[:BASE], geometry_of(plant)), i.follows(dt)
@@ -143,7 +152,7 @@ def identifier_data(policy: PendulumPolicy, loop: EstimatorSettings) -> Data:
         "SHORTEST_STEP": i.SHORTEST_STEP * dt,
         "CLOSE_RATES": CLOSE_RATES,
         "TILT_RATIO": mean[2] / mean[3],
-        "PASSIVE_LIMIT": policy.torque_limits[1 - policy.robot.joint],
+        "PASSIVE_LIMIT": policy.torque_limits[1 - policy.robot.joint] / scales.torque,
         "LEAST_GAIN": LEAST_GAIN,
         "MOST_OFFSET": i.MOST_OFFSET,
         "AGE_CAUTION": i.AGE_CAUTION,
@@ -172,7 +181,9 @@ def regulator_data(settings: regulator.RegulatorSettings, policy: PendulumPolicy
         "ENTER_COULOMB": settings.enter_coulomb,
         "LEAVE_COULOMB": settings.leave_coulomb,
         "state_weights": np.array(regulator.Q),
-        "cost_to_go": regulator.fixed_point(policy.plant, policy.robot.joint),
+        "cost_to_go": regulator.fixed_point(
+            similar_plant(policy.plant, scales_of(policy.plant)), policy.robot.joint
+        ),
     }
 
 

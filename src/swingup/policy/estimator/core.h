@@ -143,7 +143,7 @@ static inline int swingup_lost(swingup_estimator *c, const double x[4], double h
 /* An estimate of the state now, for the state measured at time t (s). */
 static inline void swingup_observe(swingup_estimator *c, double t, const double measured[4], double seen[4])
 {
-    const double pause = t - c->time, h = pause > 0.0 ? pause : SWINGUP_DT;
+    const double pause = (t - c->time) / SWINGUP_TIME_UNIT, h = pause > 0.0 ? pause : SWINGUP_DT;
     const int late = !c->called || !(pause >= 0.0 && pause <= 1.5 * SWINGUP_DT);
     const int lost = swingup_lost(c, measured, h);
 #if SWINGUP_HAS_IDENTIFIER
@@ -193,14 +193,14 @@ static inline void swingup_observe(swingup_estimator *c, double t, const double 
     c->time = t;
 }
 
-/* Note the torques that the motors were asked for (N m). */
+/* Note the torques that the motors were asked for, within their limits. */
 static inline void swingup_remember(swingup_estimator *c, const double u[2])
 {
     int n;
     for (n = SWINGUP_DELAYS - 1; n > 0; n--) {
         c->torques[n] = c->torques[n - 1];
     }
-    c->torques[0] = swingup_clip(u[SWINGUP_DRIVEN], swingup_limits[SWINGUP_DRIVEN]);
+    c->torques[0] = u[SWINGUP_DRIVEN];
 #if SWINGUP_HAS_IDENTIFIER
     swingup_note(&c->identifier, c->torques[0], u[1 - SWINGUP_DRIVEN]);
 #endif

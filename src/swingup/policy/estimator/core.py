@@ -74,10 +74,16 @@ class Loop(NamedTuple):
     """Kalman gains (2, 2) of a joint, from the misses of its angle and its rate to corrections of both."""
     finding: identifier.Loop | None = None
     """Identifies the plant; None for the nominal model."""
+    time_unit: float = 1.0
+    """Unit of all other times (s); calls come with their time in seconds."""
 
 
 def make_loop(
-    settings: EstimatorSettings, plant: Plant, joint: int, finding: identifier.Loop | None = None
+    settings: EstimatorSettings,
+    plant: Plant,
+    joint: int,
+    finding: identifier.Loop | None = None,
+    time_unit: float = 1.0,
 ) -> Loop:
     """What an estimator knows of a plant's loop.
 
@@ -86,8 +92,9 @@ def make_loop(
         plant: the nominal plant.
         joint: index of the driven joint.
         finding: what identifies the plant, which is the model then.
+        time_unit: unit of time (s) of settings and plant.
     """
-    return Loop(settings, joint, (lump(plant), plant.friction), kalman_gains(settings), finding)
+    return Loop(settings, joint, (lump(plant), plant.friction), kalman_gains(settings), finding, time_unit)
 
 
 class EstimatorState(NamedTuple):
@@ -143,7 +150,7 @@ def observe(
         x: measured state (4,) (rad, rad/s).
     """
     xp, period, measured = maths.xp, loop.settings.dt, x
-    pause = t - state.time
+    pause = (t - state.time) / loop.time_unit
     # The first call (an infinite pause) and a clock of NaN fail both comparisons.
     in_time = (pause >= 0) & (pause <= 1.5 * period)
     # Both branches below may be computed: a late call needs a finite step, too.

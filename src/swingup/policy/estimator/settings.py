@@ -1,6 +1,6 @@
 """Settings of the estimator, and the gains of its filters."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy as np
 from ...common.riccati import solve_riccati
 from ...common.settings import Range, check_ranges
 from ...plant.plant import Plant
-from ...plant.units import ACCELERATION, VELOCITY, scaled, scales_of
+from ...plant.units import ACCELERATION, C1, VELOCITY, Scales, scaled, scales_of
 
 POSITION_NOISE = 1e-4
 """Standard deviation of the measured angles (rad): that of an encoder of 2^14 counts is 1.1e-4."""
@@ -41,6 +41,11 @@ class EstimatorSettings:
 def default_estimator(plant: Plant) -> EstimatorSettings:
     """The defaults in a plant's own units: noise of velocities and accelerations; encoder and loop stay."""
     return scaled(EstimatorSettings(), scales_of(plant))
+
+
+def own_estimator(settings: EstimatorSettings, scales: Scales) -> EstimatorSettings:
+    """Settings of a pendulum of these units in C.1's, in which estimators compute; so is the period."""
+    return replace(scaled(settings, C1.over(scales)), dt=settings.dt / scales.time)
 
 
 def kalman_gains(settings: EstimatorSettings) -> np.ndarray:

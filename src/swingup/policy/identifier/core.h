@@ -71,7 +71,8 @@ static inline void swingup_compensate(const swingup_identifier *c, const double 
     for (i = 0; i < 2; i++) {
         const double rate = seen[i + 2], torque = c->asked[i] * rate + c->asked[i + 2] * atan(SWINGUP_STEEPNESS * rate);
         /* The arctangent and the clip would make a finite torque of an infinite velocity. */
-        u[i] += !finite ? (double)NAN : i == SWINGUP_DRIVEN ? torque : swingup_clip(torque, SWINGUP_PASSIVE_LIMIT);
+        const double within = i == SWINGUP_DRIVEN ? torque : swingup_clip(torque, SWINGUP_PASSIVE_LIMIT);
+        u[i] += finite ? SWINGUP_TORQUE_UNIT * within : (double)NAN;
     }
 }
 

@@ -11,6 +11,7 @@ from ...common.errors import SwingupError
 from ...common.settings import Range, check_ranges
 from ...plant.base_parameters import BASE, Spread, base_covariance, base_parameters
 from ...plant.plant import Plant
+from ...plant.units import TORQUE
 
 UNKNOWNS = BASE + 4
 """The base parameters, and behind them what the constants below are the places of."""
@@ -76,7 +77,7 @@ class IdentifierSettings:
     """What a robot's owner may choose of the identifier; period and delays are the estimator's."""
 
     PART: ClassVar[str] = "identifier"
-    passive_limit: Annotated[float, Range(0.0, 1e3)] = 0.5
+    passive_limit: Annotated[float, Range(0.0, 1e3), TORQUE] = 0.5
     """Largest torque that compensates the undriven joint's friction (N m); 0 for none."""
 
     def __post_init__(self) -> None:

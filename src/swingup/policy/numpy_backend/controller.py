@@ -7,9 +7,10 @@ import numpy as np
 from ...plant.base_parameters import base_parameters
 from ...plant.maths import NUMPY
 from ...plant.robots import Robot
+from ...plant.units import C1, scaled, scales_of, similar_plant
 from ..contract import LoopController
 from ..estimator import core as estimator
-from ..estimator.settings import default_estimator
+from ..estimator.settings import default_estimator, own_estimator
 from ..guard.settings import GuardChoice, choose_guard
 from ..identifier import core as identifier
 from ..identifier.core import Found
@@ -29,17 +30,21 @@ class NumpyPolicy:
     def __init__(self, policy: PendulumPolicy, estimated: bool | None = None) -> None:
         """Take a policy behind an estimator where its file has one (None), never (False) or always (True)."""
         self.policy, self._joint, self._network = policy, policy.robot.joint, NumpyNetwork(policy)
-        settings, plant, joint = policy.estimator or default_estimator(policy.plant), policy.plant, self._joint
+        joint, scales = self._joint, scales_of(policy.plant)
+        own, plant = C1.over(scales), similar_plant(policy.plant, scales)
+        # All but the network computes in C.1's units.
+        self._scales, self._rates, self._base = scales, np.array(own.state), np.array(scales.base)
         self.loop: estimator.Loop | None = None
         if policy.estimator is not None if estimated is None else estimated:
-            finding = None
+            finding, settings = None, own_estimator(policy.estimator or default_estimator(policy.plant), scales)
             if policy.identifier is not None:
                 times = settings.dt, settings.max_delay_steps
-                finding = identifier.make_loop(plant, joint, *times, policy.identifier)
-            self.loop = estimator.make_loop(settings, plant, joint, finding)
+                finding = identifier.make_loop(plant, joint, *times, scaled(policy.identifier, own))
+            self.loop = estimator.make_loop(settings, plant, joint, finding, scales.time)
         self._regulator: regulator.Loop | None = None
         if policy.regulator is not None:
-            self._regulator = regulator_loop(policy.regulator, plant, joint, policy.torque_limit)
+            limit = policy.torque_limit / scales.torque
+            self._regulator = regulator_loop(scaled(policy.regulator, own), plant, joint, limit)
             self._held = held(self._regulator, base_parameters(plant).tolist())
         self.reset()
 
@@ -55,20 +60,20 @@ class NumpyPolicy:
         """The torques (2,) (N m) for the state x (4,) measured at time t (s), NaN where x is not finite."""
         # What is not finite or overflows fails a comparison, and starts again.
         with np.errstate(all="ignore"):
+            x = x * self._rates
             if self.loop is not None:
-                # The caller's array may change: it is copied.
-                self.state, x = estimator.observe(NUMPY, self.loop, self.state, self.found, t, np.array(x))
+                self.state, x = estimator.observe(NUMPY, self.loop, self.state, self.found, t, x)
                 self._tell()
             u = np.zeros(2)
             u[self._joint] = self._torque(x)
         if self.loop is not None and self.found is not None:
-            u = u + estimator.compensation(NUMPY, self.loop, self.found.asked, x)
+            u = u + self._scales.torque * estimator.compensation(NUMPY, self.loop, self.found.asked, x)
         return u
 
     def given(self, u: np.ndarray) -> None:
         """Note what the motors were given of the torques (2,) (N m)."""
         if self.loop is not None:
-            self.state = estimator.remember(NUMPY, self.loop, self.state, u)
+            self.state = estimator.remember(NUMPY, self.loop, self.state, u / self._scales.torque)
 
     def _tell(self) -> None:
         """Hand the plant found to what depends on it."""
@@ -76,17 +81,17 @@ class NumpyPolicy:
         if self.loop.finding is None or self.state.identified is None:
             return
         self.found = identifier.found(NUMPY, self.loop.finding, self.state.identified)
-        self._network.tell(self.found.told)
+        self._network.tell(self._base * self.found.told)
         if self._regulator is not None:
             self._held = held(self._regulator, self.found.told)
 
     def _torque(self, x: np.ndarray) -> float:
-        """The torque (N m) of the regulator where it acts, or of the policy, for the state shown."""
+        """The torque (N m) of the regulator where it acts, or of the policy, for the state in C.1's units."""
         if self._regulator is not None:
             self._regulated, torque = regulator.regulate(NUMPY, self._regulator, self._regulated, self._held, x)
             if self._regulated.acting:
-                return float(torque)
-        return self._network(x)
+                return float(torque) * self._scales.torque
+        return self._network(x / self._rates)
 
 
 def numpy_controller(

@@ -39,10 +39,10 @@ class NumpyNetwork:
         self._sight, first = policy.network.plant_stage, policy.network.layers[0]
         self._weight, self._bias = first.weight[:, -BASE:].astype(np.float64), first.bias.astype(np.float64)
 
-    def tell(self, base: Sequence[float]) -> None:
+    def tell(self, base: Sequence[float] | np.ndarray) -> None:
         """Show the policy a plant with base parameters θ (9,) from now on, if it sees its plant."""
         if self._sight is not None:
-            self._told[:] = self._bias + self._weight.dot(self._sight.inputs(np.array(base)))
+            self._told[:] = self._bias + self._weight.dot(self._sight.inputs(np.asarray(base)))
 
     def __call__(self, x: np.ndarray) -> float:
         """The torque (N m) for a state of shape (4,); NaN where that is not finite."""

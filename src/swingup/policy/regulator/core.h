@@ -122,7 +122,7 @@ static inline int swingup_regulate(swingup_regulator *c, const double theta[9], 
         }
     }
     /* The clip would make an infinite rate the largest torque. */
-    *torque = finite ? swingup_clip(*torque / share, SWINGUP_TORQUE_LIMIT) : (double)NAN;
+    *torque = finite ? swingup_clip(*torque / share, SWINGUP_TORQUE_LIMIT / SWINGUP_TORQUE_UNIT) : (double)NAN;
     if (finite) {
         const double dry = fabs(theta[7 - SWINGUP_DRIVEN]);
         const double enter = SWINGUP_ENTER / (1.0 + dry / SWINGUP_ENTER_COULOMB);

@@ -10,6 +10,7 @@ from ...common.riccati import solve_riccati
 from ...common.settings import Range, check_ranges
 from ...plant.base_parameters import base_parameters, friction_of, geometry_of
 from ...plant.plant import Plant
+from ...plant.units import TORQUE
 from .upright import upright_step
 
 STATE_WEIGHTS = (1.0, 1.0, 0.1, 0.1)
@@ -35,9 +36,9 @@ class RegulatorSettings:
     """The regulator takes over where its cost-to-go eᵀPe is below this."""
     leave: Annotated[float, Range(1e-6, 1e6)] = 10.0
     """The policy takes over where the cost-to-go is above this."""
-    enter_coulomb: Annotated[float, Range(1e-6, 1e6)] = 1e6
+    enter_coulomb: Annotated[float, Range(1e-6, 1e6), TORQUE] = 1e6
     """Coulomb friction of the undriven joint (N m) that halves ``enter``."""
-    leave_coulomb: Annotated[float, Range(1e-6, 1e6)] = 1e6
+    leave_coulomb: Annotated[float, Range(1e-6, 1e6), TORQUE] = 1e6
     """Coulomb friction (N m) that halves the distance between ``enter`` and ``leave``."""
 
     def __post_init__(self) -> None:

@@ -1,0 +1,55 @@
+"""Plants that move alike get the same controller: all around the network computes in C.1's units."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from swingup.controllers.stack.controller import policy_alone, policy_of
+from swingup.plant.units import Scales, scales_of
+from swingup.policy.shipped import load_policy
+from swingup.refine.recipe import in_units, wrapped_policy
+
+from .backends import C, Numpy
+from .backends import Jax as InJax
+
+SCALES = Scales(time=0.5, torque=0.02, length=1.0)
+"""Half of C.1's time and a fiftieth of its torque."""
+
+
+@pytest.fixture(scope="module")
+def pair():
+    """The shipped policy, and that of a similar plant."""
+    lone = policy_alone(load_policy("adaptive", "acrobot"))
+    one, other = wrapped_policy(lone), wrapped_policy(in_units(lone, SCALES))
+    # The loop's period is no property of the plant: alike is a loop of twice the rate.
+    return one, dataclasses.replace(other, estimator=dataclasses.replace(other.estimator, dt=0.001))
+
+
+def a_run(rows):
+    """Times (s) and states of C.1: it swings, falls and comes near upright."""
+    time = 0.002 * np.arange(rows)
+    angles = np.stack([np.pi * (1 - np.cos(4 * time)), 0.4 * np.sin(9 * time)])
+    rates = np.stack([4 * np.pi * np.sin(4 * time), 3.6 * np.cos(9 * time)])
+    return time, np.concatenate([angles, rates]).T
+
+
+def test_a_similar_plants_policy_is_the_same_in_its_units(pair):
+    one, other = pair
+    scales = scales_of(other.plant)
+    assert (scales.time, scales.torque) == pytest.approx((0.5, 0.02))
+    assert other.identifier.passive_limit == pytest.approx(0.01)
+    back = policy_of(in_units(policy_alone(other), Scales(2.0, 50.0, 1.0)))
+    assert back.plant.values() == pytest.approx(one.plant.values())
+    assert back.torque_limit == pytest.approx(one.torque_limit)
+
+
+@pytest.mark.parametrize("kind", [Numpy, C, pytest.param(InJax, marks=pytest.mark.slow)])
+def test_it_gives_the_same_torques_in_its_units(pair, kind, tmp_path):
+    (one, other), (times, states) = pair, a_run(600)
+    similar = states * [1.0, 1.0, 1.0 / SCALES.time, 1.0 / SCALES.time]
+    (tmp_path / "other").mkdir()
+    expected = kind(one, tmp_path).run(times, states)
+    found = kind(other, tmp_path / "other").run(SCALES.time * times, similar)
+    assert 1.0 < np.abs(expected).max() <= 6.0
+    np.testing.assert_allclose(found / SCALES.torque, expected, atol=2e-5)
