@@ -76,9 +76,7 @@ TOGETHER = {
     "has a plant of its own": lambda: PendulumVectorEnv("pendubot", task=PENDUBOTS, plant="A.0"),
     "unknown task 'hover'": lambda: get_task("hover", ACROBOT),
     "the policy sees its plant": lambda: run_recipe(POLICIES[0], ROBOTS["acrobot"], RECIPES["recover"]),
-    "give a domain, not a plant": lambda: run_recipe(
-        POLICIES[1], ROBOTS["acrobot"], RECIPES["adapt"], plant="C.0"
-    ),
+    "give a domain, not a plant": lambda: run_recipe(POLICIES[1], ROBOTS["acrobot"], RECIPES["adapt"], plant="C.0"),
 }
 """Arguments of which each alone is good."""
 

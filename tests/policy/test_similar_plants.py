@@ -23,7 +23,9 @@ def pair():
     lone = policy_alone(load_policy("adaptive", "acrobot"))
     one, other = wrapped_policy(lone), wrapped_policy(in_units(lone, SCALES))
     # The loop's period is no property of the plant: alike is a loop of twice the rate.
-    return one, dataclasses.replace(other, estimator=dataclasses.replace(other.estimator, dt=0.001))
+    return one, dataclasses.replace(
+        other, estimator=dataclasses.replace(other.estimator, dt=0.001, longest_gap=0.025)
+    )
 
 
 def a_run(rows):

@@ -44,8 +44,9 @@ def default_estimator(plant: Plant) -> EstimatorSettings:
 
 
 def own_estimator(settings: EstimatorSettings, scales: Scales) -> EstimatorSettings:
-    """Settings of a pendulum of these units in C.1's, in which estimators compute; so is the period."""
-    return replace(scaled(settings, C1.over(scales)), dt=settings.dt / scales.time)
+    """Settings of a pendulum of these units in C.1's, in which estimators compute; so are the loop's times."""
+    times = {"dt": settings.dt / scales.time, "longest_gap": settings.longest_gap / scales.time}
+    return replace(scaled(settings, C1.over(scales)), **times)
 
 
 def kalman_gains(settings: EstimatorSettings) -> np.ndarray:
