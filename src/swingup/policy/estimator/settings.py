@@ -45,8 +45,8 @@ def default_estimator(plant: Plant) -> EstimatorSettings:
 
 def own_estimator(settings: EstimatorSettings, scales: Scales) -> EstimatorSettings:
     """Settings of a pendulum of these units in C.1's, in which estimators compute; so are the loop's times."""
-    times = {"dt": settings.dt / scales.time, "longest_gap": settings.longest_gap / scales.time}
-    return replace(scaled(settings, C1.over(scales)), **times)
+    own, time = scaled(settings, C1.over(scales)), scales.time
+    return replace(own, dt=settings.dt / time, longest_gap=settings.longest_gap / time)
 
 
 def kalman_gains(settings: EstimatorSettings) -> np.ndarray:
