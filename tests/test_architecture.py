@@ -24,7 +24,7 @@ ONE_PLACE = {
     "matplotlib": {"report"},
     "onnx": {"export"},
     "jinja2": {"report"},
-    "scipy": {"controllers", "benchmark", "identification"},
+    "scipy": {"common", "controllers", "benchmark", "identification"},  # common: where a mat file is read
     "tyro": {"cli"},
     "rich": {"cli"},
     "tensorboardX": {"learner"},

@@ -124,7 +124,7 @@ NONSENSE = [
     ("score text.safetensors --robot acrobot", "text.safetensors"),
     ("plot shape wrong.py --out t.png", "'shape'"),
     ("plot trajectory missing.csv --out t.png", "missing.csv"),
-    ("identify", "LOG.csv"),
+    ("identify", "LOG..."),
     ("export ar-eapo --to c --out x", "name acrobot or pendubot"),
     ("export tvlqr --to c --out x", "'tvlqr' is a baseline"),
     ("export adaptiv --to c --out x", "did you mean adaptive?"),

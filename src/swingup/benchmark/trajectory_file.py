@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..common.table import read_columns, write_columns
+from ..common.table import read_table, write_columns
 from .rollout import Trajectory
 
 FILE_COLUMNS = ("time", "pos_meas1", "pos_meas2", "vel_meas1", "vel_meas2", "tau_con1", "tau_con2")
@@ -44,12 +44,12 @@ def load_trajectory(path: str | Path, columns: Sequence[str] = ()) -> Trajectory
 
     Args:
         path: the file.
-        columns: names for a file that has others, or no header, as of :func:`~swingup.common.table.read_columns`.
+        columns: names for a file that has others, or no header, as of :func:`~swingup.common.table.read_table`.
 
     Raises:
         SwingupError: the file cannot be read, lacks its header or a column, has a column twice or in another unit,
             fewer than three complete rows, a cell that is not a finite number, a row wider than the header, or a
             time that does not increase; or ``columns`` names a column that the file lacks.
     """
-    table: Any = np.column_stack(list(read_columns(path, _GROUPS, columns=columns).values()))
+    table: Any = np.column_stack(list(read_table(path, _GROUPS, columns=columns).values.values()))
     return Trajectory(time=table[:, 0].copy(), x=table[:, 1:5].copy(), u=table[:, 5:].copy())

@@ -13,7 +13,7 @@ from ..report.compare import compare
 from ..report.inputs import check_suffix
 from ..report.log_report import report_comparison
 from ..report.save import PAGE_FORMATS, save_log_report
-from .arguments import OptionalDomain, OptionalFile, OptionalInt, OptionalRobot, OptionalText
+from .arguments import OptionalDomain, OptionalFile, OptionalInt, OptionalNames, OptionalRobot, OptionalText
 from .output import foreign_prints_apart, tell_json
 from .tables import show_parts
 
@@ -24,13 +24,14 @@ PlantNames = Annotated[
 
 
 def compare_command(
-    log: Positional[Annotated[str, arg(metavar="LOG.csv")]],
+    log: Positional[Annotated[str, arg(metavar="LOG")]],
     /,
     plant: PlantNames = ("C.1",),
     controller: OptionalText = None,
     domain: OptionalDomain = None,
     robot: OptionalRobot = None,
     seed: OptionalInt = None,
+    columns: OptionalNames = (),
     out: OptionalFile = None,
     json: bool = False,
 ) -> int:
@@ -47,6 +48,7 @@ def compare_command(
             file has.
         robot: acrobot or pendubot, where the log's torques do not show which one the controller drives.
         seed: seed of what is drawn from the domain. Default: 0.
+        columns: names and units of the log's columns, as of swingup identify.
         out: page (.html) or figure (.png, .svg, .pdf) to write.
         json: print one JSON object.
     """
@@ -60,7 +62,7 @@ def compare_command(
         check_writable(out)
     plants = {name: plant_as_domain(name) for name in plant}
     with foreign_prints_apart():
-        found = compare(log, plants, controller, domain, robot, seed or 0)
+        found = compare(log, plants, controller, domain, robot, seed or 0, columns)
     report = report_comparison(found)
     if out is not None:
         save_log_report(report, out)

@@ -12,13 +12,13 @@ from ..identification.identify import identify
 from ..report.inputs import check_suffix
 from ..report.log_report import identification_tables, report_identification
 from ..report.save import PAGE_FORMATS, save_log_report
-from .arguments import optional
+from .arguments import OptionalNames, optional
 from .output import tell, tell_json
 from .progress import Progress
 from .tables import show_parts
 
-Logs = Positional[Annotated[tuple[str, ...], arg(metavar="LOG.csv...")]]
-TestLogs = Annotated[tuple[str, ...], arg(metavar="LOG.csv...")]
+Logs = Positional[Annotated[tuple[str, ...], arg(metavar="LOG...")]]
+TestLogs = Annotated[tuple[str, ...], arg(metavar="LOG...")]
 KnownValues = Annotated[
     tuple[str, ...], arg(metavar="NAME=VALUE...", help="values that you know, as m2r2=0.16, Ir=6e-5 or gain=0.85.")
 ]
@@ -35,6 +35,8 @@ def identify_command(
     out: Annotated[str | None, optional("FILE.yml")] = None,
     known: KnownValues = (),
     sessions: Sessions = (),
+    columns: OptionalNames = (),
+    force: bool = False,
     seed: int = 0,
     page: Annotated[str | None, optional("FILE.html")] = None,
     json: bool = False,
@@ -50,12 +52,15 @@ def identify_command(
         out: file for the plant; its ranges go to FILE-domain.yml.
         known: values that you know.
         sessions: labels, where offsets, torque gain and delay differ between logs.
+        columns: names and units of the logs' columns, as time=t:ms q1=theta1:deg u1=current1:A*0.7 q2=b-a, or names
+            in order, with _ for a column that is not read.
+        force: take logs as they are that look wrong.
         seed: seed of the intervals' bootstrap.
         page: page (.html) or figure (.png, .svg, .pdf): windows, residuals, friction curves and held-out errors.
         json: print one JSON object.
     """
     if not logs:
-        raise SwingupError("swingup identify needs LOG.csv...: see swingup identify --help")
+        raise SwingupError("swingup identify needs LOG...: see swingup identify --help")
     if out is not None:
         check_suffix(out, (".yml", ".yaml"))
         check_writable(out)
@@ -63,7 +68,7 @@ def identify_command(
         check_suffix(page, PAGE_FORMATS)
         check_writable(page)
     begun, log = time.monotonic(), Progress().log
-    found = identify(logs, test, start, _known(known), sessions or None, seed)
+    found = identify(logs, test, start, _known(known), sessions or None, seed, columns, force)
     log(f"fitted in {time.monotonic() - begun:.0f} s")
     if json:
         # Standard output holds one object; what logs showed is said beside it.

@@ -7,7 +7,7 @@ from tyro.conf import Positional, arg
 from ..common.files import check_writable
 from ..report.film import FPS, SIZE
 from ..report.save import save_plot
-from .arguments import NO_PLANT, OptionalRobot, PlantOptions, plant_of
+from .arguments import NO_PLANT, OptionalNames, OptionalRobot, PlantOptions, plant_of
 from .output import tell
 
 
@@ -18,6 +18,7 @@ def plot_command(
     out: str,
     robot: OptionalRobot = None,
     plant: PlantOptions = NO_PLANT,
+    columns: OptionalNames = (),
     fps: float = FPS,
     size: int = SIZE,
     speed: float = 1.0,
@@ -31,11 +32,12 @@ def plot_command(
         out: the picture's file.
         robot: the robot of the trajectories; by default the one whose driven joint alone has torque.
         plant: the trajectories' pendulum: its lengths and its torque limit.
+        columns: names and units of the trajectories' columns, as of score.
         fps: frames a second of an animation.
         size: height of an animation (pixels).
         speed: speed of an animation; 1 is real time.
     """
     check_writable(out)
-    save_plot(kind, files, out, robot, fps, size, speed, plant_of(plant))
+    save_plot(kind, files, out, robot, fps, size, speed, plant_of(plant), columns)
     tell(out)
     return 0

@@ -1,16 +1,22 @@
-"""Tables of numbers as CSV files: a header line and comma-separated columns, found by name; one is the time."""
+"""Tables of numbers from files, in SI units: columns found by name, or mapped by their user; one is the time."""
 
 import itertools
 import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from .checks import LARGEST
+from .clock import spread_evenly
+from .columns import SHORT_NAMES, Column, parse_columns, suggest_columns, unit_size
 from .errors import SwingupError
-from .files import read_bytes, write_atomically
+from .files import write_atomically
+from .table_cells import Cells, is_number, read_cells
 from .text import quoted
 
 Names = tuple[str, ...]
@@ -18,26 +24,22 @@ Names = tuple[str, ...]
 
 MINIMUM_ROWS = 3
 """The swing-up time looks at the rows between the first and the last."""
+EPOCH = 1e6
+"""A time beyond this (in its unit) counts from another day: the clock then starts at 0."""
 
-LARGEST_TABLE = 64_000_000
-"""Bytes of a file: a minute at 1 kHz with 17 columns has 25 MB."""
 
-UNITS = {
-    "time": ("s", "sec", "second", "seconds"),
-    "pos": ("rad", "radian", "radians"),
-    "vel": ("rad/s", "rad/sec", "rads^-1", "rads-1"),
-    "tau": ("N m", "N*m", "N.m", "N·m"),
-}
-"""Units that a header may name for columns that start so; capitals and spaces do not matter."""
+@dataclass(frozen=True)
+class Table:
+    """Columns of a file."""
 
-SHORT_NAMES = {
-    f"{short}{joint}": f"{long}{joint}"
-    for short, long in (("q", "pos_meas"), ("dq", "vel_meas"), ("u", "tau_con"))
-    for joint in (1, 2)
-}
-"""Short names of RealAIGym's columns, for those who name a file's columns."""
-
-_Row = tuple[int, list[str]]  # number of the line in the file, from 1, and its cells
+    values: dict[str, np.ndarray]
+    """By name, in float64 and SI units; missing cells are NaN where they are allowed."""
+    sources: Mapping[str, Column]
+    """What of the file each column is."""
+    unread: Sequence[str]
+    """Titles of columns that nobody reads."""
+    notes: tuple[str, ...] = ()
+    """What was done to rows, one line each."""
 
 
 def write_columns(path: str | Path, columns: Mapping[str, np.ndarray]) -> None:
@@ -51,89 +53,98 @@ def write_columns(path: str | Path, columns: Mapping[str, np.ndarray]) -> None:
     write_atomically(path, ("\n".join(lines) + "\n").encode())
 
 
-def read_columns(
-    path: str | Path, groups: Sequence[Sequence[Names]], optional: Names = (), columns: Sequence[str] = ()
-) -> dict[str, np.ndarray]:
+def read_table(
+    path: str | Path,
+    groups: Sequence[Sequence[Names]],
+    optional: Names = (),
+    columns: Sequence[str] = (),
+    gaps: bool = False,
+) -> Table:
     """Read columns in float64, cut to the shortest.
 
-    SI units as in ``time[s]``, spaces, and a byte order mark or ``#`` before the header are accepted.
+    A file is text (CSV and its relatives: separators, decimal commas, quotes and comments are found out), or an
+    npz, npy or mat file with arrays. Units in a title, as in ``time[ms]``, are converted.
 
     Args:
         path: the file.
         groups: what is read, in order: the first complete choice of each group; the first group is the time.
         optional: read as well if all of these are there.
-        columns: names for a file that has others, or no header: ``NAME=TITLE``, ``NAME=3`` for the third column,
-            or just names for the first columns in their order, with ``_`` for one that is not read.
+        columns: words that map columns (``columns.parse_columns``), for a file that has others, or no header.
+        gaps: whether cells may be missing, and times may be in any order.
 
     Raises:
-        SwingupError: the file cannot be read, lacks its header or a column, has a column twice or in another unit,
-            fewer than three complete rows, a cell that is not a finite number, a row wider than the header, or a
-            time that does not increase; or ``columns`` names a column that the file lacks.
+        SwingupError: the file cannot be read, lacks its header or a column, has a column twice or in an unknown
+            unit, fewer than three complete rows, a cell that is not a finite number, a row wider than the header,
+            or a time that does not increase; or ``columns`` names a column that the file lacks.
     """
-    titles, rows = _read_cells(path, [group[0] for group in groups], headless=bool(columns))
-    header = _renamed(path, [_name(title) for title in titles], columns)
-    places = {name: header.index(name) for name in _choose_columns(path, header, groups, optional)}
-    for name, place in places.items():
-        _check_title(path, name, titles[place], header.count(name))
-    # A trailing comma is harmless. A decimal comma makes one cell too many.
-    for line, cells in rows:
-        if any(cells[len(header) :]):
-            raise SwingupError(f"{path}, line {line} has more cells than columns: write decimals with a point")
-    # RealAIGym also cuts rows to the shortest column.
-    rows = rows[: min(_filled(rows, place) for place in places.values())]
-    if len(rows) < MINIMUM_ROWS:
-        raise SwingupError(f"{path} has {len(rows)} complete rows: at least {MINIMUM_ROWS} are needed")
-    table = np.array([[_number(path, row, *item) for item in places.items()] for row in rows])
-    stalled = np.flatnonzero(np.diff(table[:, 0]) <= 0)
-    if stalled.size:
-        (before, after), line = table[stalled[0] :][:2, 0], rows[stalled[0] + 1][0]
-        raise SwingupError(f"{path}, line {line}: time {after} comes after {before}: keep one run a file, in order")
-    return dict(zip(places, table.T, strict=True))
-
-
-def _read_cells(path: str | Path, expected: Sequence[Names], headless: bool) -> tuple[list[str], list[_Row]]:
-    try:
-        # This decoder drops a byte order mark.
-        text = read_bytes(path, LARGEST_TABLE).decode("utf-8-sig")
-    except FileNotFoundError as error:
-        raise SwingupError(f"no such file: {path}") from error
-    except OSError as error:
-        raise SwingupError(f"cannot read {path}: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise SwingupError(f"{path} is not text in UTF-8: export the trajectory as CSV") from error
-    lines = [(number, line) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
-    rows = [(number, [cell.strip() for cell in line.split(",")]) for number, line in lines]
-    if not rows or all(_is_number(cell) for cell in rows[0][1]):
-        if rows and headless:
-            return [""] * len(rows[0][1]), rows
-        names = list(itertools.chain(*expected))
+    cells = read_cells(path)
+    if cells.headless and not (columns and cells.rows):
+        names = list(itertools.chain(*(group[0] for group in groups)))
         raise SwingupError(
             f"{path} has no header: its first line must be {','.join(names)}, or name its columns in their order, "
             f"as in --columns {' '.join(names)}"
         )
-    return rows[0][1], rows[1:]
+    header = [_name(title) for title in cells.titles]
+    sources = _sources(path, header, groups, columns)
+    chosen = _choose(path, header, sources, groups, optional)
+    sources = {name: _with_unit(path, name, sources[name], cells, header) for name in chosen}
+    places = {title: _place(title, header) for name in chosen for _, title in sources[name].terms}
+    # A trailing comma is harmless. A decimal comma makes one cell too many.
+    for line, row in cells.rows:
+        if any(row[len(header) :]):
+            raise SwingupError(f"{path}, line {line} has more cells than columns: write decimals with a point")
+    # RealAIGym also cuts rows to the shortest column.
+    rows = cells.rows[: min((_filled(cells.rows, place) for place in places.values()), default=0)]
+    if len(rows) < MINIMUM_ROWS:
+        raise SwingupError(f"{path} has {len(rows)} complete rows: at least {MINIMUM_ROWS} are needed")
+    clock, notes = chosen[0], []
+    if not gaps and (late := _without_velocities(rows, sources, places, cells.decimal)):
+        notes.append(f"the first {late} rows have no velocity yet: they are left out")
+        rows = rows[late:]
+    values = {}
+    for name in chosen:
+        epoch = _epoch(rows[0], sources[name], places, cells.decimal) if name == clock else Decimal(0)
+        column = sources[name]
+        labels = [name] if len(column.terms) == 1 else [title for _, title in column.terms]
+        parts = [
+            sign * _numbers(path, rows, places[title], label, cells.decimal, gaps, epoch)
+            for label, (sign, title) in zip(labels, column.terms, strict=True)
+        ]
+        if column.constant or not parts:
+            parts.append(np.full(len(rows), column.constant))
+        values[name] = sum(parts[1:], parts[0]) * column.size(name)
+    if not gaps:
+        values[clock], note = _increasing(path, values[clock], [line for line, _ in rows])
+        notes += note
+    unread = [title for title in header if title not in places and title]
+    return Table(values, sources, unread, tuple(notes))
 
 
-def _renamed(path: str | Path, header: list[str], columns: Sequence[str]) -> list[str]:
-    """The names of a file's columns, as its user gives them."""
-    found = list(header)
-    for number, word in enumerate(columns, start=1):
-        name, equals, title = word.partition("=")
-        title = title if equals else str(number)
-        if title in header:
-            place = header.index(title)
-        elif title.isdecimal() and 1 <= int(title[:9]) <= len(header):
-            place = int(title) - 1
-        else:
-            raise SwingupError(
-                f"{path} has no column {quoted(title[:40])}: its {len(header)} columns are "
-                f"{', '.join(filter(None, header)) or 'without names'}; write NAME=TITLE, NAME=3 for the third, or "
-                "names in the columns' order"
-            )
-        ours = SHORT_NAMES.get(name, name)
-        # A column that had the name so far is another one.
-        found = ["" if each == ours else each for each in found]
-        found[place] = ours
+def _sources(
+    path: object, header: list[str], groups: Sequence[Sequence[Names]], columns: Sequence[str]
+) -> dict[str, Column]:
+    """Every column that the file has, by name: as its user maps it, or by its title."""
+    mapped = parse_columns(path, columns, header)
+    # A title that the user maps to another name has that one alone, unless it is used for its own as well.
+    taken = {title for column in mapped.values() for _, title in column.terms if len(column.terms) == 1}
+    taken |= {header[int(title[1:]) - 1] for title in taken if re.fullmatch(r"#\d+", title)}
+    found = {}
+    for title in header:
+        if title and title not in taken:
+            name = SHORT_NAMES.get(title, title)
+            # Beside q0, q1 is the elbow: short names count in pairs.
+            ours = name not in header and (title == "t" or {title[:-1] + "1", title[:-1] + "2"} <= set(header))
+            found[name if ours else title] = Column(((1, title),))
+    found |= mapped
+    # What is mapped of a pair goes before other names of the pair, which complete it.
+    for group in groups:
+        for names in group:
+            if set(names) & set(mapped) and not set(names) <= set(found):
+                others = next(
+                    (other for other in group if set(other) - set(names) and set(other) <= set(found)), ()
+                )
+                for name, other in zip(names, others, strict=False):
+                    found.setdefault(name, found[other])
     return found
 
 
@@ -142,53 +153,138 @@ def _name(title: str) -> str:
     return re.split(r"[\[(]", title.lstrip("# "), maxsplit=1)[0].rstrip()
 
 
-def _check_title(path: str | Path, name: str, title: str, count: int) -> None:
-    """Refuse a column that comes twice, or whose title gives another unit than SI's."""
-    if count > 1:
-        raise SwingupError(f"{path} has {count} columns {name}: keep one of them")
-    bracket = re.search(r"[\[(]([^\])]*)", title)
-    unit = "" if bracket is None else _plain(bracket[1])
-    accepted = next((units for start, units in UNITS.items() if name.startswith(start)), (unit,))
-    if unit and unit not in map(_plain, accepted):
-        raise SwingupError(f"{path} has {name} in {quoted(unit, 20)}: convert it to {accepted[0]}")
+def _place(title: str, header: list[str]) -> int:
+    return int(title[1:]) - 1 if title not in header else header.index(title)
 
 
-def _plain(unit: str) -> str:
-    return re.sub(r"\s", "", unit).lower()
+def _with_unit(path: object, name: str, column: Column, cells: Cells, header: list[str]) -> Column:
+    """The column with the unit of its title, where its user gives none.
+
+    Raises:
+        SwingupError: the title comes twice, or has an unknown unit.
+    """
+    titles = [title for _, title in column.terms]
+    for title in titles:
+        if header.count(title) > 1:
+            raise SwingupError(f"{path} has {header.count(title)} columns {title}: keep one of them")
+    bracket = re.search(r"[\[(]([^\])]*)", cells.titles[_place(titles[0], header)]) if titles else None
+    if column.unit or bracket is None:
+        return column
+    try:
+        size = unit_size(name, bracket[1])
+    except SwingupError as error:
+        raise SwingupError(f"{path} has {error}; convert it, or map it with --columns") from error
+    return column if size == 1.0 else Column(column.terms, column.constant, bracket[1])
 
 
-def _choose_columns(
-    path: str | Path, header: list[str], groups: Sequence[Sequence[Names]], optional: Names
+def _choose(
+    path: object,
+    header: list[str],
+    sources: Mapping[str, Column],
+    groups: Sequence[Sequence[Names]],
+    optional: Names,
 ) -> list[str]:
     # Where no choice is complete, the error names the columns of the nearest one.
-    best = [min(group, key=lambda names: len(set(names) - set(header))) for group in groups]
+    best = [min(group, key=lambda names: len(set(names) - set(sources))) for group in groups]
     chosen = [name for names in best for name in names]
-    missing = [name for name in chosen if name not in header]
-    if missing:
-        raise SwingupError(f"{path} lacks {', '.join(missing)}: name its comma-separated columns in the first line")
-    return chosen + (list(optional) if set(optional) <= set(header) else [])
+    missing = [name for name in chosen if name not in sources]
+    if not missing:
+        return chosen + (list(optional) if set(optional) <= set(sources) else [])
+    used = {
+        title for names in best if set(names) <= set(sources) for name in names for _, title in sources[name].terms
+    }
+    titles = [title for title in header if title and title not in used]
+    absent = [name for group, names in zip(groups, best, strict=True) if not names for name in group[0]]
+    words = " ".join(
+        map(
+            quote_word,
+            suggest_columns(
+                titles, [name for names in best if set(names) & set(missing) for name in names] + absent
+            ),
+        )
+    )
+    remedy = f"write --columns {words}" if words else "map columns with --columns NAME=TITLE"
+    have = quoted(", ".join(filter(None, header)), 200)
+    raise SwingupError(
+        f"{path} lacks {', '.join(missing)}: {remedy}{', if these are theirs' if words else ''}; it has {have}"
+    )
 
 
-def _filled(rows: list[_Row], place: int) -> int:
+def quote_word(word: str) -> str:
+    """A word as a shell reads it."""
+    return word if re.fullmatch(r"[\w=+\-:/.,°µ]+", word) else "'" + word.replace("'", "'\\''") + "'"
+
+
+def _filled(rows: list[tuple[int, list[Any]]], place: int) -> int:
     """Length of a column without its trailing empty cells."""
-    return max((k + 1 for k, (_, cells) in enumerate(rows) if any(cells[place : place + 1])), default=0)
+    return max(
+        (k + 1 for k, (_, cells) in enumerate(rows) if cells[place : place + 1] not in ([], [""])), default=0
+    )
 
 
-def _number(path: str | Path, row: _Row, name: str, place: int) -> float:
-    cell = "".join(row[1][place : place + 1])
+def _without_velocities(
+    rows: list[tuple[int, list[Any]]], sources: Mapping[str, Column], places: Mapping[str, int], decimal: str
+) -> int:
+    """How many rows at the start have NaN for a velocity: a difference needs a row before."""
+    speeds = [places[title] for name in sources if name.startswith("vel") for _, title in sources[name].terms]
+    missing = (any(str(row[place]).lower() == "nan" for place in speeds if place < len(row)) for _, row in rows)
+    count = sum(1 for _ in itertools.takewhile(bool, missing))
+    return count if count <= 2 else 0
+
+
+def _epoch(row: tuple[int, list[Any]], column: Column, places: Mapping[str, int], decimal: str) -> Decimal:
+    """The first time, where it counts from another day."""
+    cell = row[1][places[column.terms[0][1]]] if len(column.terms) == 1 and not column.constant else 0
+    if not is_number(cell, decimal) or not EPOCH < abs(float(str(cell).replace(decimal, "."))) < math.inf:
+        return Decimal(0)
+    return Decimal(str(cell).replace(decimal, "."))
+
+
+def _numbers(
+    path: object, rows: list[tuple[int, list[Any]]], place: int, name: str, decimal: str, gaps: bool, epoch: Decimal
+) -> np.ndarray:
+    return np.array([_number(path, row, name, place, decimal, gaps, epoch) for row in rows])
+
+
+def _number(
+    path: object, row: tuple[int, list[Any]], name: str, place: int, decimal: str, gaps: bool, epoch: Decimal
+) -> float:
+    cell = row[1][place] if place < len(row[1]) else ""
     where = f"{path}, line {row[0]}, column {name}"
-    if not _is_number(cell):
+    if not is_number(cell, decimal):
+        if gaps and cell.lower() in ("", "na", "n/a", "null", "none", "-"):
+            return math.nan
         raise SwingupError(f"{where}: {quoted(cell[:40])} is not a number: correct it")
-    if not math.isfinite(float(cell)):
-        raise SwingupError(f"{where}: {cell[:40]} is not finite: correct it or end the file before it")
-    if abs(float(cell)) > LARGEST:
-        raise SwingupError(f"{where}: {cell[:40]} is too large for a pendulum in SI units: correct it")
-    return float(cell)
+    text = str(cell).replace(decimal, ".") if isinstance(cell, str) else cell
+    value = float(text)
+    if not math.isfinite(value):
+        if gaps:
+            return math.nan
+        raise SwingupError(f"{where}: {str(cell)[:40]} is not finite: correct it or end the file before it")
+    if epoch:
+        # An exact difference: a double has too few digits for a time since 1970.
+        value = float(Decimal(text) - epoch)
+    if abs(value) > LARGEST and not (name.startswith("time") and gaps):
+        raise SwingupError(f"{where}: {str(cell)[:40]} is too large for a pendulum in SI units: correct it")
+    return value
 
 
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
+def _increasing(path: object, time: np.ndarray, lines: list[int]) -> tuple[np.ndarray, list[str]]:
+    """Times that increase; rows that share a rounded time are spread where their rate is even."""
+    stalled = np.flatnonzero(np.diff(time) <= 0)
+    if not stalled.size:
+        return time, []
+    even = spread_evenly(time)
+    if even is None:
+        (before, after), line = time[stalled[0] :][:2], lines[stalled[0] + 1]
+        several = (
+            "several rows share a time: write more of its digits" if before == after else "keep one run a file"
+        )
+        raise SwingupError(f"{path}, line {line}: time {after} comes after {before}: {several}, in order")
+    return even, [shared_times(time, even)]
+
+
+def shared_times(time: np.ndarray, even: np.ndarray) -> str:
+    """What is said of times that were spread."""
+    share = np.mean(np.diff(time) <= 0)
+    return f"{share:.0%} of the rows share a rounded time: they are spread, {np.diff(even).mean():.4g} s apart"

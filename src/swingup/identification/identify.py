@@ -1,5 +1,6 @@
 """Identify a pendulum and its loop from logs: the parameters, how sure they are, and errors on held-out motion."""
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,10 +12,10 @@ from jaxtyping import Float
 from ..common.errors import SwingupError
 from ..plant.plant import Plant, PlantLike, load_plant
 from .fit.bootstrap import draw_solutions
-from .fit.fit import Fit, fit_all, fit_start, refit
+from .fit.conventions import check_columns, ratio_note
+from .fit.fit import Fit, fit_all, fit_start, pulled, refit
 from .fit.prediction import NAMES, Integration, integration_of, vector_of
 from .fit.problem import Problem, known_entries, session_numbers
-from .fit.regression import check_joints
 from .fit.scoring import Errors, hold_out, prediction_errors, score_windows, summarise
 from .log.recording import Recording, read_recording, sensors
 from .log.segments import FIT_LENGTH, Segments, cut_windows, join
@@ -78,27 +79,33 @@ def identify(
     known: Mapping[str, float] | None = None,
     sessions: Sequence[str] | None = None,
     seed: int = 0,
+    columns: Sequence[str] = (),
+    force: bool = False,
 ) -> Identification:
     """Identify a double pendulum and its loop from logs.
 
     Args:
-        files: logs to fit, CSV files of RealAIGym's or CloudPendulum's kind.
+        files: logs to fit: CSV and its relatives, npz or mat.
         test: logs to report errors on. Without them a log, or the last quarter of each, is held out for the
             errors; the parameters are then fitted to everything.
         start: the plant to start from: its lengths, gravity and gear ratio count as known.
         known: values that the user knows, such as ``{"m2r2": 0.16}``, ``{"Ir": 6e-5}`` or ``{"gain": 0.85}``.
         sessions: a label for each log, test logs last; torque gains are relative to the first session.
         seed: of the bootstrap.
+        columns: words that map the columns of all logs, as in ``["time=t", "q1=theta1:deg"]``
+            (:mod:`swingup.common.columns`).
+        force: whether logs are taken as they are that look as if they had other columns, units or conventions.
 
     Raises:
         SwingupError: a log cannot be read or used, or an argument makes no sense.
     """
     if not files:
-        raise SwingupError("no logs: give at least one CSV file")
-    plant, recordings, tests = load_plant(start), [*map(read_recording, files)], [*map(read_recording, test)]
+        raise SwingupError("no logs: give at least one file")
+    plant = load_plant(start)
+    recordings, tests = ([read_recording(log, None, columns, force) for log in logs] for logs in (files, test))
     numbers = session_numbers(sessions, len(recordings) + len(tests))
     setting, vector = integration_of(plant), vector_of(plant)
-    check_joints([*recordings, *tests], setting, vector)
+    notes = [note for each in (*recordings, *tests) for note in check_columns(each, setting, vector, force)]
     problem = Problem(setting, vector, recordings, numbers[: len(recordings)], known_entries(known))
     if max(numbers) > max(problem.sessions):
         raise SwingupError("a test log has a session of its own: fit at least one log of each session")
@@ -110,8 +117,18 @@ def identify(
         judged, kept = hold_out(score_windows(recordings), windows)
     start_fit = fit_start(problem, kept)
     solution = fit_all(problem, kept, start_fit)
-    models, start_models = solution.models[numbers], start_fit[numbers]
+    start_models = start_fit[numbers]
+    share = _best_share(setting, solution, start_models, judged, numbers)
     final = solution if tests or not len(kept) else refit(problem, windows, solution)
+    share = min(share, _possible_share(final, start_fit, plant))
+    solution, final = (
+        pulled(problem, kept, solution, start_fit, share),
+        pulled(problem, windows, final, start_fit, share),
+    )
+    if share < 1.0:
+        notes.append(_pulled_note(share))
+    notes += ratio_note(problem, final.models[0], recordings[0])
+    models = solution.models[numbers]
     estimates = read_solution(problem, final.unknowns, final.z, draw_solutions(final, windows, seed), seed)
     fitted, domain = _plant_and_domain(problem, final, estimates, plant)
     return Identification(
@@ -122,13 +139,54 @@ def identify(
             "start": summarise(prediction_errors(setting, start_models, judged)),
         },
         domain=domain,
-        notes=make_notes([*recordings, *tests], problem, estimates, len(kept), len(judged)),
+        notes=(*notes, *make_notes([*recordings, *tests], problem, estimates, len(kept), len(judged))),
         start_name=plant.name,
         setting=setting,
         recordings=[*recordings, *tests],
         models=models,
         start_models=start_models,
         windows=judged,
+    )
+
+
+SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)
+"""Parts of the way from the starting plant to the fit, of which the best on held-out motion is taken."""
+
+
+def _best_share(
+    setting: Integration,
+    solution: Fit,
+    start: Float[np.ndarray, "logs 15"],
+    judged: Segments,
+    numbers: Sequence[int],
+) -> float:
+    """The share of the way from the start that predicts held-out motion best: all, unless the start is better."""
+
+    def error(share: float) -> float:
+        models = start + share * (solution.models[numbers] - start)
+        return summarise(prediction_errors(setting, models, judged), [FIT_LENGTH])[f"{FIT_LENGTH:g}"].angle or 0.0
+
+    if error(1.0) <= error(0.0):
+        return 1.0
+    return min(SHARES, key=error)
+
+
+def _possible_share(final: Fit, start: Float[np.ndarray, "sessions 15"], plant: Plant) -> float:
+    """The largest share of the way whose base parameters a pendulum has."""
+    for share in np.arange(1.0, 0.0, -0.05):
+        model = start[0] + share * (final.models[0] - start[0])
+        with contextlib.suppress(SwingupError):
+            representative(dict(zip(NAMES, np.maximum(model, 0.0).tolist(), strict=True)), plant)
+            return float(share)
+    return 0.0
+
+
+def _pulled_note(share: float) -> str:
+    if share == 0.0:
+        return "the fit predicts held-out motion worse than the starting plant does: the starting plant is kept"
+    return (
+        f"the whole fit predicts held-out motion worse than the starting plant, or no pendulum has its values: "
+        f"{share:.0%} of the way to it is taken"
     )
 
 

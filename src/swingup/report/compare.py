@@ -15,6 +15,8 @@ from ..benchmark.runner import prepare, run_one
 from ..benchmark.score import score
 from ..common.errors import SwingupError
 from ..controllers.registry import designs_for, get_controller
+from ..identification.fit.conventions import check_columns
+from ..identification.fit.prediction import integration_of, vector_of
 from ..identification.log.recording import Recording, read_recording
 from ..identification.log.segments import Segments, cut_windows
 from ..identification.open_loop import OpenLoop, predict_log, predicted_curves
@@ -91,23 +93,28 @@ def compare(
     loop: Domain | str | None = None,
     robot: Robot | str | None = None,
     seed: int = 0,
+    columns: Sequence[str] = (),
 ) -> Comparison:
     """Compare a log with plants.
 
     Args:
-        log: a CSV file, as ``swingup identify`` reads it.
+        log: a file, as ``swingup identify`` reads it.
         plants: by name; delay and lag that a plant's domain does not say are those that predict the log best.
         controller: a controller's name, whose run on each plant stands beside the log.
         loop: domain whose loop is around the plants in these runs; None for that of ``plants``.
         robot: which joint the controller drives; None for the joint with the log's torque.
         seed: of all that is drawn in these runs.
+        columns: words that map the log's columns.
 
     Raises:
         SwingupError: the log cannot be used, or there is no such controller.
     """
     if not 0 < len(plants) <= MOST_PLANTS:
         raise SwingupError(f"{len(plants)} plants: give one to {MOST_PLANTS}")
-    recording, runs = read_recording(log), {}
+    recording, runs = read_recording(log, columns=columns), {}
+    first = next(iter(plants.values())).nominal_plant
+    doubts = check_columns(recording, integration_of(first), vector_of(first), force=True)
+    recording = replace(recording, warnings=(*recording.warnings, *doubts))
     if controller is not None:
         driven = driven_robot(recording) if robot is None else get_robot(robot)
         for name, domain in plants.items():

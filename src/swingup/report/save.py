@@ -44,6 +44,7 @@ def save_plot(
     size: int = SIZE,
     speed: float = 1.0,
     plant: PlantLike = LEADERBOARD,
+    columns: Sequence[str] = (),
 ) -> None:
     """Make a figure or a film from files, and write it whole or not at all.
 
@@ -57,6 +58,7 @@ def save_plot(
         size: height of an animation (pixels).
         speed: speed of an animation; 1 is real time.
         plant: the trajectories' pendulum: its lengths and its torque limit.
+        columns: words that map the trajectories' columns.
 
     Raises:
         SwingupError: an unknown kind or suffix, a file that cannot be read, understood or written, a figure of
@@ -74,7 +76,7 @@ def save_plot(
         found: dict[str, Any] = dict(zip(labels, map(read, files), strict=True))
         write_atomically(out, render(draw(describe(found)), suffix))
         return
-    trajectories = [load_trajectory(file) for file in files]
+    trajectories = [load_trajectory(file, columns) for file in files]
     pairs = zip(files, trajectories, strict=True)
     robots = [infer_robot(*pair) if robot is None else get_robot(robot) for pair in pairs]
     if kind == "animation":

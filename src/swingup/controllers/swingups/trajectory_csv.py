@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ...common.errors import SwingupError
-from ...common.table import read_columns, write_columns
+from ...common.table import read_table, write_columns
 from ...plant.robots import Robot, get_robot
 from .reference import Reference
 
@@ -60,7 +60,7 @@ def load_reference_csv(path: str | Path, robot: Robot | str) -> Reference:
             that this robot does not drive.
     """
     robot = get_robot(robot)
-    columns = read_columns(path, _GROUPS, GAIN_COLUMNS)
+    columns = read_table(path, _GROUPS, GAIN_COLUMNS).values
     table = list(columns.values())
     time, states, torques = table[0], np.column_stack(table[1:5]), np.column_stack(table[5:7])
     # The mean spacing: single differences carry the rounding of the file's decimals.

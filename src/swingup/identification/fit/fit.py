@@ -87,6 +87,16 @@ def refit(problem: Problem, windows: Segments, before: Fit) -> Fit:
     return fit(problem.setting, windows, before.unknowns, before.z, WARM_STAGES)
 
 
+def pulled(
+    problem: Problem, windows: Segments, found: Fit, start: Float[np.ndarray, "sessions 15"], share: float
+) -> Fit:
+    """The point at a share of the way from the starting plant to a solution."""
+    if share == 1.0:
+        return found
+    z = share * found.z + (1.0 - share) * found.unknowns.position(start)
+    return linearise(Evaluator(problem.setting, windows, found.unknowns), z)
+
+
 def _regressed(problem: Problem, models: np.ndarray) -> np.ndarray:
     """The start's models with the plant that linear least squares find."""
     spans = join([cut_spans(recording) for recording in problem.recordings])

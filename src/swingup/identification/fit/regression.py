@@ -1,25 +1,32 @@
-"""A first estimate by linear least squares: the change of momentum over 50 ms is the impulse of all torques.
+"""Base parameters by linear least squares: the change of momentum over 50 ms is the impulse of all torques.
 
 The rows of ``plant.momentum``, summed over a short time, are linear in the base parameters. No acceleration is
-needed, and no start is guessed, so the same equations tell joints that are swapped or reversed, before any fit.
-Noise in the regressors makes the estimate a start for the fit, no more than that.
+needed and no start is guessed, so the same equations tell wrong columns within seconds, before any fit. An error e
+of a span's impulse has the covariance of two kinds of noise, of velocities and of torques:
+
+    C = M(q) R σv² Rᵀ M(q)ᵀ + T στ² Tᵀ,
+
+with the measured velocities' noise σv, 10 % of their changes, and the torques' στ, 5 % of the torques. R takes
+measured velocities, and T measured torques, to those of the equations (``Reading``). Weak expectations around the
+starting plant decide on what the motion leaves open.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 from scipy.optimize import lsq_linear
 
-from ...common.errors import SwingupError
-from ...plant.base_parameters import BASE, BASE_NAMES
+from ...plant.base_parameters import BASE, BASE_NAMES, lumped
+from ...plant.equations import mass_entries
 from ...plant.maths import NUMPY
 from ...plant.momentum import momentum_rows
 from ..log.recording import Recording
 from ..log.segments import Segments, cut
 from ..log.smoothing import REACH
 from .prediction import INDEX, Integration
+from .unknowns import MASSES, expectations
 
 SPAN = 0.05
 """Time over which momenta change (s)."""
@@ -32,20 +39,39 @@ OFFSETS = STEP * (np.arange(POINTS + 2) - 0.5)
 ARRAYS = NUMPY._replace(
     sine_cosine=lambda angle: (np.sin(angle), np.cos(angle)), arctan=np.arctan, log1p=np.log1p, where=np.where
 )
-COMMAND_AGE = 0.004
-"""Typical age of a command when it acts (s)."""
-
-LARGEST_FACTOR = 5.0
-"""Largest factor between masses and inertias and the starting plant's."""
-SUSPICIOUS = 0.02
-"""Unexplained share of the impulses below which the columns count as right."""
-BETTER, GOOD = 0.4, 0.15
-"""The columns count as wrong if a hypothesis leaves at most this part of their unexplained share, and at most this
-share."""
-FOREIGN, FOREIGN_UNDRIVEN = 0.4, 0.05
-"""Unexplained shares, with and without torques, above which the log is of something else than such a pendulum."""
+AGES = np.array([0.0, 0.004, 0.008, 0.016])
+"""Ages of a command when it acts (s), of which the likeliest is taken."""
+MOST_SPANS = 400
 LEAST_SPANS = 15
-"""Spans of a log from which its columns are judged."""
+"""Spans from which columns are judged."""
+
+VELOCITY_NOISE, TORQUE_NOISE = 0.1, 0.05
+"""Noise as a share of the changes of velocity, and of the torques."""
+LARGEST_FACTOR = 10.0
+"""Largest factor between masses and inertias and the starting plant's."""
+MASS_SPREAD = 0.7
+"""Expected deviation of masses and inertias, as a share of the starting plant's."""
+PRIOR = 1e-3
+"""Weight of the expectations, relative to the mean error."""
+ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How a log's columns are read: q = angles m + shift, q̇ = angles ṁ and u = torques m."""
+
+    angles: Float[np.ndarray, "2 2"]
+    shift: Float[np.ndarray, "2"]
+    torques: Float[np.ndarray, "2 2"]
+
+    def then(self, other: "Reading") -> "Reading":
+        """This reading, then another."""
+        return Reading(
+            other.angles @ self.angles, other.angles @ self.shift + other.shift, other.torques @ self.torques
+        )
+
+
+AS_IS = Reading(np.eye(2), np.zeros(2), np.eye(2))
 
 
 @dataclass(frozen=True)
@@ -54,95 +80,129 @@ class Solution:
 
     values: Mapping[str, float]
     unexplained: float
-    """Share of the sum of squares of all impulses that is left."""
+    """Share of the changes of velocity that is left, beyond what noise of the torques explains."""
+    cost: float
+    """Twice the negative logarithm of the likelihood, a number; smaller is better."""
+    bounded: bool
+    """Whether a mass or an inertia ends at its bound."""
 
 
 def cut_spans(recording: Recording) -> Segments:
-    """Segments of 50 ms in which a joint moves, with the impulse at both ends."""
+    """Segments of 50 ms in which a joint moves, with the impulse at both ends for each age of the commands."""
     starts = np.arange(2 * REACH, recording.duration - SPAN - REACH, SPAN)
-    age = COMMAND_AGE if recording.commanded else 0.0
-    return cut(recording, starts, OFFSETS, (np.array([0.0, SPAN]), age), OFFSETS, SPAN)
+    grid = (np.array([0.0, SPAN]) - AGES[:, None]).ravel()
+    spans = cut(recording, starts, OFFSETS, (grid, 0.0), OFFSETS, SPAN)
+    if len(spans) <= MOST_SPANS:
+        return spans
+    return spans.take(np.linspace(0, len(spans) - 1, MOST_SPANS).astype(int))
 
 
-def regress(setting: Integration, spans: Segments, start: Float[np.ndarray, "15"], driven: bool) -> Solution:
-    """Base parameters within a factor of 5 of the start's, and friction.
+def regress(
+    setting: Integration,
+    spans: Segments,
+    start: Float[np.ndarray, "15"],
+    driven: bool,
+    reading: Reading = AS_IS,
+    ages: int = len(AGES),
+) -> Solution:
+    """Base parameters within a factor of 10 of the start's, and friction.
 
     Torques set the scale; without any, m1 r1 + m2 l1 is the start's.
     """
-    matrix, right = regression_matrix(setting, spans.states), np.diff(spans.impulse, axis=1).ravel()
-    low, high = _bounds(setting, start, driven)
-    size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-30)
-    found = np.clip(lsq_linear(matrix / size, right, (low * size, high * size)).x / size, low, high)
-    left, parts = right - matrix @ found, matrix * found
-    values = {name: float(value) for name, value in zip(BASE_NAMES, found, strict=True)}
-    return Solution(values, float(left @ left) / max(float(right @ right + np.sum(parts**2)), 1e-30))
+    problem = _Problem(setting, spans, start, driven, reading)
+    impulses = np.diff(spans.impulse.reshape(len(spans), len(AGES), 2, 2), axis=2)[:, :, 0] @ reading.torques.T
+    order = (1, 0, 2, 3)[:ages] if driven else (0,)
+    return min((problem.solve(impulses[:, age]) for age in order), key=lambda solution: solution.cost)
 
 
-def check_joints(recordings: Sequence[Recording], setting: Integration, start: Float[np.ndarray, "15"]) -> None:
-    """Refuse logs whose columns explain the motion much better in another order, sign or unit."""
-    for recording in recordings:
-        spans, driven = cut_spans(recording), any(recording.driven)
-        if len(spans) < LEAST_SPANS:
-            continue
-        plain = regress(setting, spans, start, driven).unexplained
-        if plain < SUSPICIOUS:
-            continue
-        # Without torques, angles that are too small by a factor of 57 fit any plant at rest.
-        texts = [text for text in _HYPOTHESES if driven or text != _DEGREES]
-        others = {text: regress(setting, _read_as(spans, text), start, driven).unexplained for text in texts}
-        best = min(others, key=lambda text: others[text])
-        if others[best] < min(BETTER * plain, GOOD):
-            raise SwingupError(
-                f"{recording.name}: {best}: as it is, {min(plain, 1.0):.1%} of the impulses stay unexplained, and "
-                f"{others[best]:.1%} otherwise; correct the columns"
-            )
-        if plain > (FOREIGN if driven else FOREIGN_UNDRIVEN):
-            reason = "" if driven else "torques that are not in the log act, or "
-            raise SwingupError(
-                f"{recording.name}: {reason}the pendulum is not near the starting plant: {min(plain, 1.0):.1%} of "
-                "the impulses stay unexplained; check units and columns, or give another --start"
-            )
+class _Problem:
+    """The rows of one reading, whatever the impulses."""
+
+    def __init__(
+        self, setting: Integration, spans: Segments, start: np.ndarray, driven: bool, reading: Reading
+    ) -> None:
+        q = spans.states[..., :2]
+        change = (q[:, -1] - q[:, -2] - q[:, 1] + q[:, 0]) / STEP
+        self.noise = VELOCITY_NOISE * np.sqrt(np.mean(change**2, axis=0)) + 1e-9
+        q = q @ reading.angles.T + reading.shift
+        self.setting, self.elbow = setting, q[:, POINTS // 2, 1]
+        self.rows = regression_matrix(setting, q).reshape(-1, 2, BASE)
+        self.reading = reading
+        self.low, self.high, self.centre, self.spread = _expected(setting, start, driven)
+        if driven:
+            impulse = np.diff(spans.impulse[:, :2], axis=1)
+            level = np.sqrt(np.mean(impulse**2))
+        else:  # gravity's torque is all that there is
+            level = np.sqrt(np.mean((self.rows[..., INDEX["k"]] * self.centre[INDEX["k"]]) ** 2))
+        self.level = TORQUE_NOISE * level + 1e-12
+
+    def solve(self, impulse: Float[np.ndarray, "spans 2"]) -> Solution:
+        """Iterate between the parameters and the noise's covariance, which depends on them."""
+        found, robust, size = self.centre, np.ones(len(impulse)), 1.0
+        for _ in range(ROUNDS):
+            white, _ = self._whitener(found)
+            matrix = (white @ self.rows * robust[:, None, None]).reshape(-1, BASE)
+            right = (np.einsum("nij,nj->ni", white, impulse) * robust[:, None]).ravel()
+            deviation = self._solve(matrix, right, np.sqrt(PRIOR * len(right) * max(size, 1.0)))
+            found = np.clip(self.centre + self.spread * deviation, self.low, self.high)
+            errors = np.einsum("nij,nj->ni", white, impulse - self.rows @ found)
+            distance = np.sqrt(np.mean(errors**2, axis=1))
+            robust = 1.0 / np.sqrt(1.0 + (distance / (3.0 * np.median(distance) + 1e-9)) ** 2)
+            size = float(np.mean((errors * robust[:, None]) ** 2))
+        white, logarithm = self._whitener(found)
+        errors = np.einsum("nij,nj->ni", white, impulse - self.rows @ found) * robust[:, None]
+        size = float(np.mean(errors**2))
+        masses = found[:4] / self.centre[:4]
+        return Solution(
+            {name: float(value) for name, value in zip(BASE_NAMES, found, strict=True)},
+            VELOCITY_NOISE * np.sqrt(size),
+            float(np.log(size + 1e-12) + 0.5 * logarithm + PRIOR * deviation @ deviation),
+            bool(masses.min() < 1.01 / LARGEST_FACTOR or masses.max() > 0.99 * LARGEST_FACTOR),
+        )
+
+    def _solve(self, matrix: np.ndarray, right: np.ndarray, weight: float) -> np.ndarray:
+        """Deviations of the parameters from their expectations, in spreads, within the bounds."""
+        rows = np.vstack([matrix * self.spread, weight * np.eye(BASE)])
+        left = np.append(right - matrix @ self.centre, np.zeros(BASE))
+        deviation: np.ndarray = np.linalg.solve(rows.T @ rows, rows.T @ left)
+        low, high = (self.low - self.centre) / self.spread, (self.high - self.centre) / self.spread
+        if np.any(deviation < low) or np.any(deviation > high):
+            deviation = lsq_linear(rows, left, (low, high), method="bvls").x
+        return deviation
+
+    def _whitener(self, found: np.ndarray) -> tuple[np.ndarray, float]:
+        """C^(-1/2) of each span, and the mean logarithm of |C| over that of the velocities' noise alone."""
+        m11, m12, m22 = np.broadcast_arrays(*mass_entries(lumped(found, self.setting.geometry), np.cos(self.elbow)))
+        mass = np.stack([np.stack([m11, m12], -1), np.stack([m12, m22], -1)], -2)
+        moved = mass @ self.reading.angles * self.noise
+        pushed = self.reading.torques * self.level
+        # A mass matrix may come out singular on the way.
+        covariance = moved @ np.swapaxes(moved, 1, 2) + pushed @ pushed.T + 1e-18 * np.eye(2)
+        root = np.linalg.cholesky(covariance)
+        own = 2.0 * np.log(np.abs(np.linalg.det(moved)) + 1e-300)
+        logarithm = 2.0 * np.log(root[:, 0, 0] * root[:, 1, 1]) - own
+        return np.linalg.inv(root), float(np.mean(logarithm))
 
 
-def _read_as(spans: Segments, hypothesis: str) -> Segments:
-    joints, shift, torques = _HYPOTHESES[hypothesis]
-    states = spans.states @ np.kron(np.eye(2), joints) + np.array([shift, 0.0, 0.0, 0.0])
-    return replace(spans, states=states, impulse=spans.impulse @ torques)
-
-
-def _bounds(setting: Integration, start: np.ndarray, driven: bool) -> tuple[np.ndarray, np.ndarray]:
-    masses, k = start[:4], start[INDEX["k"]]
-    torque = setting.geometry.g * k
-    rotor = max(10.0 * start[INDEX["Ir"]], start[INDEX["B"]] / setting.geometry.gr**2)
-    low = np.array([*(masses / LARGEST_FACTOR), *np.zeros(5)])
-    high = np.array([*(masses * LARGEST_FACTOR), 0.1 * torque, 0.1 * torque, 0.3 * torque, 0.3 * torque, rotor])
+def _expected(setting: Integration, start: np.ndarray, driven: bool) -> tuple[np.ndarray, ...]:
+    """Bounds, centres and spreads of the base parameters."""
+    rows = expectations(setting, start, commanded=True)
+    centre = np.array([rows[name].centre for name in BASE_NAMES])
+    spread = np.array([rows[name].scale for name in BASE_NAMES])
+    spread[:4] *= MASS_SPREAD
+    masses = [name in MASSES[:4] for name in BASE_NAMES]
+    low = np.where(masses, centre / LARGEST_FACTOR, 0.0)
+    high = np.where(masses, centre * LARGEST_FACTOR, np.inf)
     if not driven:
-        low[INDEX["k"]], high[INDEX["k"]] = 0.999 * k, 1.001 * k
-    return low, high
+        k = INDEX["k"]
+        low[k], high[k] = 0.999 * centre[k], 1.001 * centre[k]
+    return low, high, centre, spread
 
 
-def regression_matrix(setting: Integration, states: Float[np.ndarray, "spans points 4"]) -> np.ndarray:
+def regression_matrix(setting: Integration, q: Float[np.ndarray, "spans points 2"]) -> np.ndarray:
     """The matrix Y: both joints of each span in rows, and in columns the impulses for a unit of each parameter."""
-    q1, q2 = states[..., 0], states[..., 1]
+    q1, q2 = q[..., 0], q[..., 1]
     before, middle, after = ((q1[:, k : k + POINTS], q2[:, k : k + POINTS]) for k in (0, 1, 2))
     rows = momentum_rows(before, middle, after, (STEP, STEP), setting.geometry, 0.0, ARRAYS)
     columns = [[np.sum(entry, axis=1) * STEP for entry in row[:BASE]] for row in rows]
     return np.transpose(columns, (2, 0, 1)).reshape(-1, BASE)
-
-
-_SAME, _SWAP, _TURN1, _TURN2 = np.eye(2), np.eye(2)[::-1], np.diag([-1.0, 1.0]), np.diag([1.0, -1.0])
-_DEGREES = "the angles look like degrees"
-_HYPOTHESES: dict[str, tuple[np.ndarray, float, np.ndarray]] = {
-    "joints 1 and 2 look swapped": (_SWAP, 0.0, _SWAP),
-    "the angle of joint 2 looks absolute, not relative to link 1": (np.array([[1, -1], [0, 1]]), 0.0, _SAME),
-    "the angle of joint 1 looks measured from upright, not from hanging": (_SAME, np.pi, _SAME),
-    _DEGREES: (np.radians(_SAME), 0.0, _SAME),
-    "the angle of joint 1 looks reversed": (_TURN1, 0.0, _SAME),
-    "the angle of joint 2 looks reversed": (_TURN2, 0.0, _SAME),
-    "the torque of joint 1 looks reversed": (_SAME, 0.0, _TURN1),
-    "the torque of joint 2 looks reversed": (_SAME, 0.0, _TURN2),
-    "both torques look reversed": (_SAME, 0.0, -_SAME),
-    "joint 2, with its torque, looks reversed": (_TURN2, 0.0, _TURN2),
-}
-"""Other ways to read a log's columns: a matrix on the joints' angles and rates, an angle that is added to the
-shoulder's (rad), and a matrix on their torques."""

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 
 from ..log.recording import Recording
 from ..log.segments import FIT_LENGTH, INTERVAL, Segments, cut_windows, join
-from .prediction import Integration, predict
+from .prediction import CHUNK, INDEX, Integration, predict
 
 HORIZONS = (0.1, 0.25, 0.5)
 """s"""
@@ -102,3 +102,25 @@ def _held_out(windows: Segments) -> Bool[np.ndarray, "windows"]:
         rows = np.flatnonzero(windows.log == log)
         held[rows[len(rows) - max(1, round(HELD_SHARE * len(rows))) :]] = True
     return held
+
+
+def prediction_skill(
+    recording: Recording, setting: Integration, start: Float[np.ndarray, "15"], values: Mapping[str, float]
+) -> float:
+    """Error of the angles after 0.25 s as a share of their motion (medians), by the better of two plants.
+
+    Args:
+        recording: a log; 128 of its windows count.
+        setting: of the predictions.
+        start: the starting plant's model.
+        values: other base parameters.
+    """
+    windows, output = score_windows([recording]), round(FIT_LENGTH / INTERVAL)
+    if not len(windows):
+        return np.inf
+    windows = windows.take(np.linspace(0, len(windows) - 1, min(len(windows), CHUNK)).astype(int))
+    other = start.copy()
+    other[[INDEX[name] for name in values]] = list(values.values())
+    moved = np.linalg.norm(windows.states[:, output, :2] - windows.states[:, 0, :2], axis=1)
+    errors = [prediction_errors(setting, model[None], windows)[:, output - 1, :2] for model in (start, other)]
+    return float(min(np.median(np.linalg.norm(each, axis=1)) for each in errors) / max(np.median(moved), 1e-9))

@@ -4,16 +4,27 @@ A log is read by the names of its columns. Periods may be uneven, and rows may r
 missing. What cannot be used is refused here; what can be used with care is a warning of the recording.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ...common.clock import one_clock
+from ...common.columns import Column, suggest_columns
 from ...common.errors import SwingupError
-from ...common.table import read_columns
-from .log_checks import check_fresh, check_motion, check_time, find_warnings, longest_step
+from ...common.table import Table, quote_word, read_table
+from .episodes import continued, cut_episodes
+from .log_checks import (
+    LEAST_ROWS,
+    SLOWEST_PERIOD,
+    check_fresh,
+    check_motion,
+    check_time,
+    find_warnings,
+    longest_step,
+)
 
 _POSITIONS = (("pos_meas1", "pos_meas2"), ("pos1", "pos2"))
 _VELOCITIES = (("vel_meas1", "vel_meas2"), ("vel1", "vel2"), ())
@@ -28,6 +39,9 @@ MEASURED_NOISE = 0.01
 
 DIFFERENCES = 1e-3
 """Median distance (rad/s) up to which recorded velocities are backward differences of the angles."""
+
+MOST_FAULTS = 0.05
+"""Largest share of rows whose time does not increase."""
 
 REPEAT_MOTION = 0.25
 """Motion between two rows, in steps of an encoder, with which they should differ: of four such rows one does."""
@@ -61,6 +75,12 @@ class Recording:
     """Whether ``u`` was asked for; otherwise it was measured, or the log has no torques."""
     warnings: tuple[str, ...] = ()
     """What a user should know of this log, one line each."""
+    sources: Mapping[str, Column] = field(default_factory=dict)
+    """What of the file each column is."""
+    pairs: tuple[tuple[str, ...], ...] = ()
+    """Names of the columns of both joints that were read."""
+    turn: float | None = None
+    """Where the angles wrap, in their unit: 2π, 360, an encoder's counts; None if they do not."""
 
     @property
     def duration(self) -> float:
@@ -73,39 +93,54 @@ class Recording:
         return np.diff(self.time) > longest_step(self.period)
 
 
-def read_recording(path: str | Path, torque_limits: tuple[float, float] | None = None) -> Recording:
+def read_recording(
+    path: str | Path,
+    torque_limits: tuple[float, float] | None = None,
+    columns: Sequence[str] = (),
+    force: bool = False,
+) -> Recording:
     """Read a log by its columns.
 
     Args:
-        path: a CSV file with ``time``, ``pos_meas1``, ``pos_meas2`` (or ``pos1``, ``pos2``), and as far as known
-            ``vel_meas*``, ``tau_con*``, ``tau_pert*`` and ``tau_meas*``, in SI units.
+        path: a file with ``time``, ``pos_meas1``, ``pos_meas2`` (or ``pos1``, ``pos2``), and as far as known
+            ``vel_meas*``, ``tau_con*``, ``tau_pert*`` and ``tau_meas*``, in SI units or with units in the titles,
+            as ``common.table.read_table`` reads it.
         torque_limits: of both motors (N m), where the loop clips commands after the log's columns were written.
+        columns: words that map the file's columns, as in ``q1=theta1:deg``.
+        force: whether columns that look like torques may stay unread.
 
     Raises:
         SwingupError: the file cannot be read, lacks a column, or holds what no pendulum's log can.
     """
-    columns = read_columns(path, _GROUPS)
-    name = Path(path).name
-    time = columns["time"] - columns["time"][0]
-    check_time(name, time)
-    angles = _first(columns, _POSITIONS)
-    if angles is None:
-        raise SwingupError(f"{name} lacks pos_meas1, pos_meas2: name its comma-separated columns in the first line")
-    q = np.unwrap(angles, axis=0)
+    table, name = read_table(path, _GROUPS, columns=columns, gaps=True), Path(path).name
+    pairs = tuple(names for group in _GROUPS[1:] for names in group if set(names) <= set(table.values) and names)
+    if not force:
+        _check_torques(name, table, pairs)
+    rows, time, notes = _clean(name, table)
+    check_time(name, time, table.sources["time"].word("time"))
+    values = {each: column[rows] for each, column in table.values.items()}
+    angles = _first(values, _POSITIONS)
+    assert angles is not None  # the reader refuses a log without angles
     quantum = (_quantum(angles[:, 0]), _quantum(angles[:, 1]))
-    dq, commands, measured = (_first(columns, group) for group in (_VELOCITIES, _COMMANDS, _MEASURED))
+    q, turn = continued(angles)
+    dq, commands, measured = (_first(values, group) for group in (_VELOCITIES, _COMMANDS, _MEASURED))
     fresh = _fresh_rows(q, quantum, time, dq, measured)
     check_fresh(name, fresh, q)
-    check_motion(name, time[fresh], q[fresh], None if dq is None else dq[fresh])
+    check_motion(name, q[fresh])
+    kept, time, found = cut_episodes(time, q, fresh, longest_step(float(np.median(np.diff(time)))))
+    notes += found
+    time, q, fresh = time[kept], q[kept], fresh[kept]
+    dq, commands, measured = (None if each is None else each[kept] for each in (dq, commands, measured))
     dq = _differences(time, q) if dq is None else dq
-    commanded = commands is not None and "tau_meas1" not in _names(columns, _COMMANDS)
-    u = np.zeros_like(q) if commands is None else commands
-    if commanded:
-        u = u + (0.0 if (pushes := _first(columns, _PUSHES)) is None else pushes)
+    commanded = commands is not None and "tau_meas1" not in _names(values, _COMMANDS)
+    u = np.zeros_like(q) if commands is None else np.nan_to_num(commands)
+    if commanded and (pushes := _first(values, _PUSHES)) is not None:
+        u = u + np.nan_to_num(pushes[kept])
     if torque_limits is not None:
         u = np.clip(u, -np.asarray(torque_limits), np.asarray(torque_limits))
     peak = np.abs(u).max(axis=0)
     driven = peak > (0.0 if commanded else MEASURED_NOISE)
+    seen = find_warnings(name, time, u, measured if commanded else None, fresh)
     return Recording(
         name=name,
         time=time,
@@ -118,8 +153,68 @@ def read_recording(path: str | Path, torque_limits: tuple[float, float] | None =
         period=float(np.median(np.diff(time))),
         driven=(bool(driven[0]), bool(driven[1])),
         commanded=commanded,
-        warnings=find_warnings(name, time, u, measured if commanded else None, fresh),
+        warnings=(*(f"{name}: {note}" for note in notes), *seen),
+        sources=table.sources,
+        pairs=pairs,
+        turn=turn,
     )
+
+
+def _check_torques(name: str, table: Table, pairs: Sequence[tuple[str, ...]]) -> None:
+    """Refuse a log in which torques are there under other names, or of one joint alone."""
+    if any(names in pairs for names in _COMMANDS if names):
+        return
+    wanted = _COMMANDS[0]
+    single = next((title for title in table.unread for names in _COMMANDS if title in names), None)
+    if single is not None:
+        other = single[:-1] + ("2" if single.endswith("1") else "1")
+        short = f"u{other[-1]}"
+        raise SwingupError(
+            f"{name} has {single} and lacks {other}: name its column, or write --columns u{single[-1]}={single} "
+            f"{short}=0 if joint {other[-1]} has no torque"
+        )
+    if likely := suggest_columns(table.unread, wanted):
+        words = " ".join(map(quote_word, likely))
+        raise SwingupError(
+            f"{name} lacks {', '.join(wanted)}: --columns {words}, if these are torques; without torques it counts "
+            "as a free fall (--force)"
+        )
+
+
+def _clean(name: str, table: Table) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """Rows with a time and both angles, and their times from 0 on one clock."""
+    time = table.values["time"]
+    angles = _first(table.values, _POSITIONS)
+    assert angles is not None
+    rows = np.flatnonzero(np.isfinite(time) & np.isfinite(angles).all(axis=1))
+    if len(rows) < LEAST_ROWS:
+        raise SwingupError(
+            f"{name} has {len(rows)} rows with a time and both angles: at least {LEAST_ROWS} are needed"
+        )
+    notes = (
+        [f"{len(time) - len(rows)} rows lack a time or an angle: they are left out"]
+        if len(rows) < len(time)
+        else []
+    )
+    time = time[rows]
+    steps = np.diff(time)
+    period = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
+    longest = longest_step(period) if period < SLOWEST_PERIOD else 20 * period
+    keep, clock, restarts, spread = one_clock(time, longest, 2 * longest)
+    faults = int(np.count_nonzero(~keep))
+    if faults > MOST_FAULTS * len(time):
+        worst = int(np.flatnonzero(steps <= 0)[0])
+        raise SwingupError(
+            f"{name}: time {time[worst + 1]:g} comes after {time[worst]:g}, and so in {faults} rows: keep rows in "
+            "order, with enough digits of the time"
+        )
+    if restarts:
+        notes.append(f"the time restarts {restarts} times: read as {restarts + 1} episodes")
+    if spread:
+        notes.append(f"{spread} rows have rounded times that several share: spread evenly")
+    if faults:
+        notes.append(f"{faults} rows repeat the time before, or come late: they are left out")
+    return rows[keep], clock, notes
 
 
 def sensors(recordings: Sequence[Recording]) -> dict[str, float | str]:

@@ -98,9 +98,10 @@ def cut(
         least_speed: rad/s.
     """
     gaps = np.flatnonzero(recording.gaps)
+    reach = max(REACH, 3.0 * recording.period)
     for begin, end in zip(recording.time[gaps], recording.time[gaps + 1], strict=True):
         # The smoother looks beyond both ends.
-        starts = starts[(end <= starts - REACH) | (begin >= starts + length + REACH)]
+        starts = starts[(end <= starts - reach) | (begin >= starts + length + reach)]
     speeds = np.abs(_smoothed(recording, starts[:, None] + looks)[..., 2:]).max(axis=(1, 2), initial=0.0)
     starts = starts[speeds > least_speed]
     states = _smoothed(recording, starts[:, None] + offsets)

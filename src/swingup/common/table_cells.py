@@ -1,0 +1,187 @@
+"""Cells of a table from a file: text with any separator, NumPy's npz and npy, MATLAB's mat up to version 7."""
+
+import codecs
+import csv
+import io
+import re
+import zipfile
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .errors import SwingupError
+from .files import read_bytes
+
+LARGEST_TABLE = 64_000_000
+"""Bytes of a file: a minute at 1 kHz with 17 columns has 25 MB."""
+SEPARATORS = (",", ";", "\t", " ")
+COMMENTS = ("#", "%", "//")
+SAMPLE = 20
+"""Lines that show the separator."""
+UNIT_CELL = re.compile(
+    r"[\[(]?(|s|ms|[µu]s|ns|°|deg|rad|turns|rev|rpm|(deg|°|rad|rev|1)/(s|min)|[µum]?N\W?m+|m?A|-)[\])]?"
+)
+"""A cell of a line of units below a header."""
+MOST_UNPACKED = 8 * LARGEST_TABLE
+
+
+@dataclass(frozen=True)
+class Cells:
+    """A table before its columns are chosen."""
+
+    titles: list[str]
+    """Empty texts where there is no header."""
+    rows: list[tuple[int, list[Any]]]
+    """Number of the line in the file, from 1, and its cells: texts, or numbers of an array."""
+    decimal: str = "."
+
+    @property
+    def headless(self) -> bool:
+        """Whether there is no header."""
+        return not any(self.titles)
+
+
+def read_cells(path: str | Path) -> Cells:
+    """Read a file's cells, by its suffix.
+
+    Raises:
+        SwingupError: the file cannot be read.
+    """
+    try:
+        content = read_bytes(path, LARGEST_TABLE)
+    except FileNotFoundError as error:
+        raise SwingupError(f"no such file: {path}") from error
+    except OSError as error:
+        raise SwingupError(f"cannot read {path}: {error.strerror or error}") from error
+    if Path(path).suffix.lower() in (".npz", ".npy", ".mat"):
+        return _array_cells(path, content)
+    return _text_cells(_decoded(path, content))
+
+
+def is_number(cell: Any, decimal: str = ".") -> bool:
+    """Whether a cell has a number, NaN and infinities included."""
+    try:
+        float(cell.replace(decimal, ".") if isinstance(cell, str) else cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _decoded(path: str | Path, content: bytes) -> str:
+    wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    for encoding in ("utf-16",) if wide else ("utf-8-sig", "latin-1"):
+        try:
+            text = content.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        if not re.search(r"[\x00-\x08\x0e-\x1f]", text):
+            return text
+    raise SwingupError(f"{path} is not text: export the log as CSV, npz or mat")
+
+
+def _text_cells(text: str) -> Cells:
+    lines = [(number, line) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
+    separator, decimal = _separator([line for _, line in lines if not line.lstrip().startswith(COMMENTS)])
+    split = [(number, _split(line, separator)) for number, line in lines]
+
+    def numeric(cells: list[str]) -> bool:
+        return 2 * sum(is_number(cell, decimal) for cell in cells) >= max(sum(map(bool, cells)), 1)
+
+    first = next((k for k, (_, cells) in enumerate(split) if any(cells) and numeric(cells)), len(split))
+    rows = [
+        row for row, (_, line) in zip(split[first:], lines[first:], strict=True) if not line.startswith(COMMENTS)
+    ]
+    width = len(rows[0][1]) if rows else 0
+    # Comments may stand above the header, the header may be a comment itself, and units may stand below it.
+    head = [cells for _, cells in split[:first] if len(cells) > 1]
+    head = [cells for cells in head if len(cells) == width] or head[-1:]
+    if not head:
+        return Cells([""] * width, rows, decimal)
+    titles = [re.sub(r"^(#|%|//)\s*", "", title) for title in head[-1]]
+    if len(head) > 1 and all(UNIT_CELL.fullmatch(cell) for cell in titles):
+        units = [re.sub(r"[\[\]()]", "", unit) for unit in titles]
+        titles = [f"{title} [{unit}]" if unit else title for title, unit in zip(head[-2], units, strict=True)]
+    return Cells(titles, rows, decimal)
+
+
+def _separator(lines: list[str]) -> tuple[str, str]:
+    """The separator and the decimal sign with which the most cells are numbers."""
+    sample = lines[len(lines) // 2 :][:SAMPLE]
+
+    def numbers(pair: tuple[str, str]) -> int:
+        rows = [_split(line, pair[0]) for line in sample]
+        return sum(sum(is_number(cell, pair[1]) for cell in row) for row in rows if len(row) > 1)
+
+    pairs = [(each, decimal) for decimal in ".," for each in SEPARATORS if each != decimal]
+    return max(pairs, key=numbers)
+
+
+def _split(line: str, separator: str) -> list[str]:
+    if '"' in line:
+        line = line.strip()
+        cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+    else:
+        cells = line.split() if separator == " " else line.split(separator)
+    return [cell.strip() for cell in cells]
+
+
+def _array_cells(path: str | Path, content: bytes) -> Cells:
+    read = _read_mat if Path(path).suffix.lower() == ".mat" else _read_numpy
+    try:
+        arrays = dict(_columns("", read(io.BytesIO(content))))
+    except NotImplementedError as error:
+        raise SwingupError(f"{path} is a mat file of version 7.3: save it with -v7") from error
+    except SwingupError:
+        raise
+    except Exception as error:  # readers of foreign files raise anything
+        raise SwingupError(
+            f"cannot read {path}: it is damaged, or not the kind of file that its name says"
+        ) from error
+    if not arrays:
+        raise SwingupError(f"{path} has no array of numbers: save time, angles and torques as arrays")
+    length = Counter(map(len, arrays.values())).most_common(1)[0][0]
+    chosen = {title: column for title, column in arrays.items() if len(column) == length}
+    # Integers stay integers: a float would lose digits of a time in nanoseconds.
+    rows = map(list, zip(*(column.tolist() for column in chosen.values()), strict=True))
+    return Cells(list(chosen), list(enumerate(rows, start=1)))
+
+
+def _read_numpy(stream: io.BytesIO) -> Any:
+    if zipfile.is_zipfile(stream):
+        _bound(sum(each.file_size for each in zipfile.ZipFile(stream).infolist()))
+    stream.seek(0)
+    found = np.load(stream, allow_pickle=False)
+    return {name: found[name] for name in found.files} if hasattr(found, "files") else found
+
+
+def _read_mat(stream: io.BytesIO) -> Any:
+    from scipy.io import loadmat, whosmat
+
+    _bound(sum(8 * int(np.prod(shape, dtype=float)) for _, shape, _ in whosmat(stream)))
+    stream.seek(0)
+    return {name: each for name, each in loadmat(stream, simplify_cells=True).items() if not name.startswith("__")}
+
+
+def _bound(size: int) -> None:
+    if size > MOST_UNPACKED:
+        raise SwingupError(f"an array file with {size / 1e6:.0f} MB: it is another kind of file")
+
+
+def _columns(title: str, found: Any) -> Iterator[tuple[str, np.ndarray]]:
+    """Columns of arrays and of structures of arrays; those of a matrix are numbered from 1."""
+    if isinstance(found, dict):
+        for name, each in found.items():
+            yield from _columns(str(name), each)
+        return
+    array = np.asarray(found)
+    if array.dtype.names:
+        yield from _columns(title, {name: array[name] for name in array.dtype.names})
+    elif array.dtype.kind in "fiu" and array.size > 1 and array.ndim in (1, 2):
+        table = np.atleast_2d(array)
+        table = table.T if table.shape[0] < table.shape[1] else table
+        for place, column in enumerate(table.T, start=1):
+            yield (title if table.shape[1] == 1 else f"{title}{place}"), column

@@ -1,0 +1,330 @@
+"""Which conventions and units a log's columns follow: the table of what people have, each with its test and remedy.
+
+A convention is another reading of the columns. Its test is the regression: the motion is much likelier under the
+right reading. Conventions come in pairs, so pairs are tried as well. The remedy is the text of ``--columns`` that
+gives the columns their right meaning.
+"""
+
+import itertools
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ...common.columns import DEGREE, TURN, UNITS, Column, unit_of
+from ...common.errors import SwingupError
+from ...common.table import quote_word
+from ..log.log_checks import slopes_of
+from ..log.recording import Recording
+from ..log.segments import Segments
+from .prediction import INDEX, Integration
+from .problem import Problem
+from .regression import AS_IS, LEAST_SPANS, Reading, Solution, cut_spans, regress
+from .scoring import prediction_skill
+
+LIKELIER = math.log(2.0)
+"""Difference of costs from which another reading is named: real logs have at most log 1.4."""
+PAIR_LIKELIER = math.log(1.5)
+"""Difference of costs from which a pair is named rather than one convention."""
+SUSPICIOUS = 0.08
+"""Unexplained share from which pairs are tried."""
+FOREIGN, UNPREDICTED = 0.3, 0.5
+"""A log is refused above this unexplained share, if the better of start and regression also predicts the angles
+after 0.25 s with an error above this share of their motion."""
+LEAST_FREE_FALL = 0.06
+"""Unexplained share from which a log without torques, which wants masses at their bounds, is no free fall."""
+MISMATCH = 1.5
+"""Ratio of the angles' slopes to recorded velocities, or its inverse, that noise does not explain."""
+NOTABLE = 1.3
+"""A common factor of the masses that is worth a note."""
+FASTEST = 400.0
+"""Speed (rad/s) that no reading may have."""
+
+_SAME, _SWAP, _TURN1, _TURN2 = np.eye(2), np.eye(2)[::-1], np.diag([-1.0, 1.0]), np.diag([1.0, -1.0])
+_RELATIVE = np.array([[1.0, 0.0], [-1.0, 1.0]])
+
+
+class Convention(NamedTuple):
+    """One other way to read the columns."""
+
+    group: str
+    """Of one group at most one convention holds."""
+    text: str
+    angles: Float[np.ndarray, "2 2"] = _SAME
+    torques: Float[np.ndarray, "2 2"] = _SAME
+    shift: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def reading(self) -> Reading:
+        """As the regression takes it."""
+        return Reading(self.angles, np.array(self.shift), self.torques)
+
+
+QUARTER = math.pi / 2
+CONVENTIONS = (
+    Convention("order", "joints 1 and 2 look swapped", _SWAP, _SWAP),
+    Convention("sign", "the angle of joint 1 looks reversed", _TURN1),
+    Convention("sign", "the angle of joint 2 looks reversed", _TURN2),
+    Convention("sign", "joint 1, with its torque, looks reversed", _TURN1, _TURN1),
+    Convention("sign", "joint 2, with its torque, looks reversed", _TURN2, _TURN2),
+    Convention("elbow", "the angle of joint 2 looks absolute, not relative to link 1", _RELATIVE),
+    Convention("zero", "the angle of joint 1 looks measured from upright, not from hanging", shift=(math.pi, 0.0)),
+    Convention("zero", "the angle of joint 1 looks measured from the horizontal", shift=(QUARTER, 0.0)),
+    Convention("zero", "the angle of joint 1 looks measured from the horizontal", shift=(-QUARTER, 0.0)),
+    Convention(
+        "zero", "the angle of joint 2 looks zero with the elbow folded, not stretched", shift=(0.0, math.pi)
+    ),
+    Convention("zero", "the angle of joint 2 looks zero at a right angle", shift=(0.0, QUARTER)),
+    Convention("zero", "the angle of joint 2 looks zero at a right angle", shift=(0.0, -QUARTER)),
+    Convention("torque", "the torques of joints 1 and 2 look swapped", torques=_SWAP),
+    Convention("torque", "the torque of joint 1 looks reversed", torques=_TURN1),
+    Convention("torque", "the torque of joint 2 looks reversed", torques=_TURN2),
+    Convention("torque", "both torques look reversed", torques=-_SAME),
+    Convention("torque", "the torques look swapped, and that of joint 1 reversed", torques=_TURN1 @ _SWAP),
+    Convention("torque", "the torques look swapped, and that of joint 2 reversed", torques=_TURN2 @ _SWAP),
+    Convention("torque", "the torques look swapped and reversed", torques=-_SWAP),
+    Convention("unit", "the angles look like degrees", DEGREE * _SAME),
+    Convention("unit", "the angles look like turns", TURN * _SAME),
+    Convention("unit of torque", "the torques look like mN m (or mA)", torques=1e-3 * _SAME),
+)
+"""Applied in the order of the table, units first."""
+COUNTS = (*(2**k for k in range(8, 21)), 1000, 2000, 3600, 4000, 7200, 8000, 10000, 20000, 36000, 40000)
+"""Counts per turn of usual encoders."""
+LEAST_COUNTS = 50.0
+"""Range from which angles in whole numbers are counts."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What is wrong with a log's columns."""
+
+    text: str
+    remedy: tuple[str, ...] = ()
+    """Words of ``--columns``."""
+
+    def __str__(self) -> str:
+        words = " ".join(map(quote_word, self.remedy))
+        return f"{self.text}; {f'if so, read it with --columns {words}' if words else 'correct the columns'}"
+
+
+def check_columns(
+    recording: Recording, setting: Integration, start: Float[np.ndarray, "15"], force: bool = False
+) -> tuple[str, ...]:
+    """Refuse a log whose columns follow other conventions or units; with ``force``, return what would be refused.
+
+    Raises:
+        SwingupError: another reading is much likelier, velocities are not those of the angles, or the log is of
+            something else than such a pendulum.
+    """
+    found = find_columns(recording, setting, start)
+    if found is None:
+        return ()
+    if force:
+        return (f"{recording.name}: {found} (--force: read as it is)",)
+    raise SwingupError(f"{recording.name}: {found}, or take it as it is with --force")
+
+
+def find_columns(recording: Recording, setting: Integration, start: Float[np.ndarray, "15"]) -> Finding | None:
+    """What is wrong with a log's columns, if anything is."""
+    spans, driven = cut_spans(recording), any(recording.driven)
+    if len(spans) < LEAST_SPANS:
+        return _check_speed(recording) or _check_velocities(recording)
+    conventions = [*CONVENTIONS, *_units(recording, setting)]
+    scan = _Scan(recording, setting, start, spans, driven)
+    plain = scan.solve(())
+    singles = [((each,), scan.solve((each,))) for each in conventions]
+    best: Sequence[Convention]
+    best, found = min(singles, key=lambda each: each[1].cost)
+    if min(plain.unexplained, found.unexplained) > SUSPICIOUS:
+        pairs = (pair for pair in itertools.combinations(conventions, 2) if pair[0].group != pair[1].group)
+        # A command's age hardly matters to what is told here.
+        pair, solution = min(((pair, scan.solve(pair, ages=1)) for pair in pairs), key=lambda each: each[1].cost)
+        if solution.cost < found.cost - PAIR_LIKELIER:
+            best, found = pair, solution
+    if found.cost < plain.cost - LIKELIER:
+        shares = f"as it is, {_share(plain)} of the motion stays unexplained, otherwise {_share(found)}"
+        texts = " and ".join(dict.fromkeys(each.text for each in best))
+        return Finding(f"{texts}: {shares}", remedy(recording, scan.reading(best)))
+    return (
+        _check_speed(recording)
+        or _check_velocities(recording)
+        or _check_foreign(recording, setting, start, plain, driven)
+    )
+
+
+def _share(solution: Solution) -> str:
+    return f"{min(solution.unexplained, 1.0):.0%}"
+
+
+class _Scan:
+    """Readings of one log and how likely each is."""
+
+    def __init__(
+        self, recording: Recording, setting: Integration, start: np.ndarray, spans: Segments, driven: bool
+    ) -> None:
+        self.given = setting, spans, start, driven
+        self.moving = np.array(recording.driven, float)
+        self.fastest = np.quantile(np.abs(spans.states[..., 2:]), 0.99, axis=(0, 1))
+        self.solved: dict[bytes, Solution] = {}
+
+    def reading(self, conventions: Sequence[Convention]) -> Reading:
+        """Of several conventions: units come first, then the order of the table."""
+        order = [*dict.fromkeys(["unit", *(each.group for each in CONVENTIONS)])]
+        found = AS_IS
+        for each in sorted(conventions, key=lambda each: order.index(each.group)):
+            found = found.then(each.reading)
+        return found
+
+    def too_fast(self, conventions: Sequence[Convention]) -> bool:
+        """Whether the joints would move faster than any pendulum."""
+        return bool(np.any(np.abs(self.reading(conventions).angles) @ self.fastest > FASTEST))
+
+    def solve(self, conventions: Sequence[Convention], ages: int = 4) -> Solution:
+        """The regression's solution; readings that are the same, or another's mirror image, are solved once."""
+        reading = self.reading(conventions)
+        if self.too_fast(conventions):
+            return Solution({}, 1.0, 1e6, bounded=True)
+        numbers = [reading.angles.ravel(), np.exp(1j * reading.shift), (reading.torques * self.moving).ravel()]
+        sign = 1.0 if reading.angles[0].sum() > 0 else -1.0
+        mirrored = [sign * numbers[0], numbers[1] if sign > 0 else numbers[1].conj(), sign * numbers[2]]
+        key = np.round(np.concatenate(mirrored), 6) + 0.0
+        found = self.solved.get(key.tobytes())
+        if found is None or ages > 1:
+            setting, spans, start, driven = self.given
+            found = self.solved[key.tobytes()] = regress(setting, spans, start, driven, reading, ages)
+        return found
+
+
+def _units(recording: Recording, setting: Integration) -> Iterable[Convention]:
+    """Units that only this log may have: counts of an encoder, angles of a motor."""
+    angles = recording.q
+    if np.ptp(angles) > LEAST_COUNTS and np.all(angles == np.round(angles)):
+        matches, gains = _velocity_relations(recording, _SAME, _SAME)
+        # Velocities in rad/s tell the counts, and so does the angle at which counts wrap.
+        told = [TURN * gain for match, gain in zip(matches, gains, strict=True) if match > 0.9 and gain > 30.0]
+        for count in COUNTS if recording.turn is None else (round(recording.turn),):
+            if all(abs(count / each - 1) < 0.01 for each in told):
+                yield Convention("unit", f"the angles look like counts, {count} a turn", TURN / count * _SAME)
+    if (gear := setting.geometry.gr) > 1.0:
+        yield Convention("unit", f"the angles look like the motors', {gear:g} times the joints'", _SAME / gear)
+
+
+def remedy(recording: Recording, reading: Reading) -> tuple[str, ...]:
+    """Words of --columns that give the columns this reading."""
+    sources = recording.sources
+    words: list[str] = []
+    for names in recording.pairs:
+        if names[0].startswith("vel"):
+            words += _velocity_words(recording, names, reading.angles)[0]
+            continue
+        angles = names[0].startswith("pos")
+        matrix, shift = (reading.angles, reading.shift) if angles else (reading.torques, np.zeros(2))
+        for name, row, constant in zip(names, matrix, shift, strict=True):
+            column = _combined(sources, names, row, float(constant))
+            if column != sources[name]:
+                words.append(column.word(name))
+    return tuple(words)
+
+
+def _combined(
+    sources: Mapping[str, Column], names: Sequence[str], row: np.ndarray, constant: float = 0.0
+) -> Column:
+    """A row of a reading as a column: signs of the columns, one unit, and the constant in it."""
+    scale, quantity = float(np.abs(row).max()), names[0][:3]
+    parts = [sources[name].signed(int(np.sign(each))) for name, each in zip(names, row, strict=True) if each]
+    size = parts[0].size(names[0]) * scale
+    # What is added comes first: an expression that begins with a minus reads badly.
+    parts.sort(key=lambda part: part.terms[:1] < ((0, ""),))
+    total = parts[0] if len(parts) == 1 else parts[0].plus(parts[1])
+    unit = total.unit if scale == 1.0 else unit_of(quantity, size, within=0.1 if quantity == "vel" else 1e-9)
+    standard = next(iter(UNITS[quantity]))
+    return replace(total, constant=total.constant + constant / size, unit="" if unit == standard else unit)
+
+
+def _check_speed(recording: Recording) -> Finding | None:
+    fastest = np.quantile(np.abs(np.diff(recording.q, axis=0) / np.diff(recording.time)[:, None]), 0.99, axis=0)
+    if fastest.max() <= FASTEST:
+        return None
+    joint = int(fastest.argmax())
+    return Finding(
+        f"joint {joint + 1} moves at {fastest[joint]:.0f} rad/s: give the unit of the angles, as in --columns "
+        f"{recording.sources[recording.pairs[0][joint]].word(f'pos_meas{joint + 1}')}:deg or :counts/4096"
+    )
+
+
+def _check_velocities(recording: Recording) -> Finding | None:
+    """Velocities that are another joint's, reversed, or in another unit than the angles."""
+    names = next((pair for pair in recording.pairs if pair[0].startswith("vel")), None)
+    words, text = ((), "") if names is None else _velocity_words(recording, names, _SAME)
+    return Finding(text, words) if words else None
+
+
+def _velocity_words(recording: Recording, names: Sequence[str], angles: np.ndarray) -> tuple[tuple[str, ...], str]:
+    """Words for velocities that do not follow the angles under a reading of these, and what is wrong."""
+    options = (_SAME, np.round(angles / np.abs(angles).max()), _SWAP)
+    relations = [_velocity_relations(recording, angles, option) for option in options]
+    # As they are, unless another reading is clearly better.
+    scores = [
+        np.abs(matches).min() - 0.02 * place - 0.1 * np.ptp(np.log(np.abs(gains) + 1e-9))
+        for place, (matches, gains) in enumerate(relations)
+    ]
+    place = int(np.argmax(scores))
+    option, (matches, gains) = options[place], relations[place]
+    words: list[str] = []
+    text = "the velocities of joints 1 and 2 are swapped" if place == 2 else ""
+    for joint, (match, gain) in enumerate(zip(matches, gains, strict=True)):
+        factor = np.sign(gain) if 1 / MISMATCH < abs(gain) < MISMATCH else gain
+        column = _combined(recording.sources, names, option[joint] * factor)
+        # Without a clear relation velocities are noise: the fit does not use them.
+        if abs(match) > 0.8 and column != recording.sources[names[joint]]:
+            words.append(column.word(names[joint]))
+            seen = "has the opposite sign of" if gain < 0 else f"is {1 / gain:.3g} times"
+            text = text or f"velocity {joint + 1} {seen} its angle's slope"
+    return tuple(words), text
+
+
+def _velocity_relations(
+    recording: Recording, angles: Float[np.ndarray, "2 2"], velocities: Float[np.ndarray, "2 2"]
+) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    """Correlations of angles' slopes and recorded velocities, each under a reading, and the factors between.
+
+    Both have noise, so that a factor is the ratio of their spreads, signed.
+    """
+    slopes = slopes_of(recording.time[recording.fresh], recording.q[recording.fresh]) @ angles.T
+    recorded = np.nan_to_num(recording.dq[recording.fresh]) @ velocities.T
+    inner = np.sum(slopes * recorded, axis=0)
+    sizes, others = np.linalg.norm(slopes, axis=0), np.maximum(np.linalg.norm(recorded, axis=0), 1e-12)
+    return inner / np.maximum(sizes * others, 1e-12), np.where(inner < 0, -1.0, 1.0) * sizes / others
+
+
+def _check_foreign(
+    recording: Recording, setting: Integration, start: np.ndarray, plain: Solution, driven: bool
+) -> Finding | None:
+    if not driven and plain.bounded and plain.unexplained > LEAST_FREE_FALL:
+        return Finding(
+            f"torques that are not in the log act: without any, {_share(plain)} of the motion stays unexplained"
+        )
+    if plain.unexplained < FOREIGN or prediction_skill(recording, setting, start, plain.values) < UNPREDICTED:
+        return None
+    return Finding(
+        f"the pendulum is not near the starting plant: {_share(plain)} of the motion stays unexplained; "
+        "check units and columns, or give another --start"
+    )
+
+
+def ratio_note(problem: Problem, model: Float[np.ndarray, "15"], recording: Recording) -> list[str]:
+    """Whether all masses are one factor away from the starting plant's, as with torques in another unit."""
+    if not problem.driven or problem.knows_mass:
+        return []
+    factor, second = (float(model[INDEX[name]] / problem.start[INDEX[name]]) for name in ("k", "m2r2"))
+    factor, unequal = math.sqrt(factor * second), max(factor / second, second / factor)
+    if 1 / NOTABLE < factor < NOTABLE or unequal > NOTABLE:
+        return []
+    words = " ".join(map(quote_word, remedy(recording, replace(AS_IS, torques=_SAME * float(f"{1 / factor:.3g}")))))
+    return [
+        f"all masses are about {factor:.2g} times the starting plant's: if that one is right, the torques are "
+        f"{1 / factor:.3g} times those of the log, as before a gear, or as currents: --columns {words}"
+    ]

@@ -1,0 +1,96 @@
+"""Jumps of the angles: turns of an encoder that wraps, measurements that drop out, and resets between episodes."""
+
+import itertools
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+TURNS = (1.0, 2.0 * np.pi, 360.0, *(float(2**k) for k in range(8, 21)), 1000.0, 2000.0, 4000.0, 10000.0)
+"""What an angle may wrap at, in units that logs have."""
+FILLED = 0.7
+"""Share of a turn that angles which wrap reach."""
+
+NEAR, NEAR_TIME = 4, 0.02
+"""Rows and time (s) to each side whose median slope predicts the next angle."""
+LEAST_JUMP, ACCELERATION = 0.15, 400.0
+"""Least jump (rad), and acceleration (rad/s²) that makes none: smaller jumps are noise, or the pendulum's own."""
+UNLIKELY = 20.0
+"""A jump beyond so many median deviations is no noise."""
+SHORTEST_PIECE = 0.1
+"""A piece between two jumps that is shorter (s) is a dropout."""
+
+
+def continued(angles: Float[np.ndarray, "rows 2"]) -> tuple[Float[np.ndarray, "rows 2"], float | None]:
+    """Angles without the jumps of an encoder that wraps, and where it wraps; as they are, if they do not.
+
+    Angles that wrap lie within one turn, which they nearly fill, and jump by more than half of it.
+    """
+    reach, steps = np.ptp(angles, axis=0), np.abs(np.diff(angles, axis=0)).max(axis=0)
+    for turn in TURNS:
+        wraps = (reach <= turn * (1 + 1e-6)) & (reach > FILLED * turn) & (steps > FILLED * turn)
+        if np.any(wraps):
+            # The other joint wraps at the same angle, where it does.
+            return np.where(reach <= turn * (1 + 1e-6), np.unwrap(angles, period=turn, axis=0), angles), turn
+    return angles, None
+
+
+def cut_episodes(
+    time: Float[np.ndarray, "rows"],
+    q: Float[np.ndarray, "rows 2"],
+    fresh: Bool[np.ndarray, "rows"],
+    longest: float,
+) -> tuple[Bool[np.ndarray, "rows"], Float[np.ndarray, "rows"], list[str]]:
+    """Cut a log where its angles jump: rows to keep, times with a gap at each cut, and notes.
+
+    Args:
+        time: s.
+        q: angles (rad).
+        fresh: rows with a measurement of their own.
+        longest: time between rows that is a gap (s).
+    """
+    keep, dropped = np.ones(len(time), bool), 0
+    rows = np.flatnonzero(fresh)
+    for _ in range(3):  # a dropout hides what is beside it
+        jumps = _jumps(time[rows], q[rows], longest)
+        bounds = [0, *(jumps + 1).tolist(), len(rows)]
+        lost = [
+            np.arange(start, end)
+            for start, end in itertools.pairwise(bounds)
+            if len(bounds) > 2 and time[rows[end - 1]] - time[rows[start]] < SHORTEST_PIECE
+        ]
+        if not lost:
+            break
+        out = np.concatenate(lost)
+        keep[rows[out]] = False
+        dropped += len(out)
+        rows = np.delete(rows, out)
+    jumps = _jumps(time[rows], q[rows], longest)
+    shifted = time.copy()
+    for jump in jumps:
+        shifted[rows[jump] + 1 :] += 1.5 * longest
+    notes = []
+    if dropped:
+        notes.append(f"{dropped} rows are dropouts, whose angles jump away and back: they are left out")
+    if len(jumps):
+        first = ", ".join(f"{time[rows[jump + 1]]:.3g}" for jump in jumps[:3])
+        notes.append(
+            f"the angles jump {len(jumps)} times (at {first}{' ...' if len(jumps) > 3 else ''} s): cut there"
+        )
+    return keep, shifted, notes
+
+
+def _jumps(time: np.ndarray, q: np.ndarray, longest: float) -> np.ndarray:
+    """Numbers of the rows after which an angle jumps, as no motion does; gaps in time do not count."""
+    if len(time) < 4 * NEAR:
+        return np.zeros(0, int)
+    steps = np.diff(time)
+    near = int(np.clip(NEAR_TIME / np.median(steps), 1, NEAR))
+    slopes = np.diff(q, axis=0) / steps[:, None]
+    padded = np.pad(slopes, ((near, near), (0, 0)), mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * near + 1, axis=0)
+    before, after = np.median(windows[..., :near], axis=-1), np.median(windows[..., near + 1 :], axis=-1)
+    jumps = np.abs(slopes - 0.5 * (before + after)) * steps[:, None]
+    least = np.maximum(LEAST_JUMP + ACCELERATION * steps[:, None] ** 2, UNLIKELY * 1.48 * np.median(jumps, axis=0))
+    # Where the pendulum turns quickly, slopes differ from one side to the other.
+    far = jumps > least + 2.0 * np.abs(before - after) * steps[:, None]
+    return np.flatnonzero(far.any(axis=1) & (steps <= longest))

@@ -1,0 +1,234 @@
+"""Logs as people have them: each is refused with the option that makes it the same log again, or read as it is."""
+
+import shlex
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+from synthetic import HEADER, TRUTH, simulate, write
+
+from refusals import refusal
+from swingup.identification.fit.conventions import check_columns, find_columns
+from swingup.identification.fit.prediction import integration_of, vector_of
+from swingup.identification.log.recording import read_recording
+from swingup.plant.plant import load_plant
+
+NAMES = HEADER.split(",")
+SETTING, START = integration_of(TRUTH), vector_of(load_plant("C.1"))
+TURN, PI = 2 * np.pi, np.pi
+SHORT = ("t", "q1", "q2", "d1", "d2", "u1", "u2")
+
+
+@pytest.fixture(scope="module")
+def table():
+    return simulate(4.0)
+
+
+def changed(table, change):
+    """The table with some columns computed from the others."""
+    columns = dict(zip(SHORT, table.T, strict=True))
+    return np.column_stack(list((columns | change(SimpleNamespace(**columns))).values()))
+
+
+def angles(function):
+    return lambda c: {"q1": function(c.q1), "q2": function(c.q2)}
+
+
+def rates(function):
+    return lambda c: {"d1": function(c.d1), "d2": function(c.d2)}
+
+
+def torques(function):
+    return lambda c: {"u1": function(c.u1), "u2": function(c.u2)}
+
+
+DEGREES, RPM = "q1=pos_meas1:deg q2=pos_meas2:deg", "dq1=vel_meas1:rpm dq2=vel_meas2:rpm"
+ABSOLUTE, SWAPPED = "q2=pos_meas2-pos_meas1 dq2=vel_meas2-vel_meas1", "u1=tau_con2 u2=tau_con1"
+CONVENTIONS = {
+    "up": (lambda c: {"q1": c.q1 - PI}, "q1=pos_meas1+pi"),
+    "absolute, up": (lambda c: {"q1": c.q1 - PI, "q2": c.q1 + c.q2 - PI, "d2": c.d1 + c.d2},
+                     f"q1=pos_meas1+pi {ABSOLUTE}"),
+    "folded": (lambda c: {"q2": c.q2 + PI}, "q2=pos_meas2+pi"),
+    "reversed": (lambda c: {"q2": -c.q2, "d2": -c.d2}, "q2=-pos_meas2 dq2=-vel_meas2"),
+    "torques swapped": (lambda c: {"u1": c.u2, "u2": c.u1}, SWAPPED),
+    "turns, rpm": (lambda c: angles(lambda q: q / TURN)(c) | rates(lambda d: d * 60 / TURN)(c),
+                   f"q1=pos_meas1:turns q2=pos_meas2:turns {RPM}"),
+    "counts": (angles(lambda q: np.round(q * 4096 / TURN)), "q1=pos_meas1:counts/4096 q2=pos_meas2:counts/4096"),
+    "mN m": (torques(lambda u: 1000 * u), "u1=tau_con1:mNm u2=tau_con2:mNm"),
+    "velocities swapped": (lambda c: {"d1": c.d2, "d2": c.d1}, "dq1=vel_meas2 dq2=vel_meas1"),
+    "velocity reversed": (lambda c: {"d1": -c.d1}, "dq1=-vel_meas1"),
+    "milliseconds": (lambda c: {"t": np.round(1000 * c.t)}, "time=time:ms"),
+}  # fmt: skip
+"""What was done to a log, and the words that undo it."""
+MORE_CONVENTIONS = {
+    "absolute": (lambda c: {"q2": c.q1 + c.q2, "d2": c.d1 + c.d2}, ABSOLUTE),
+    "horizontal": (lambda c: {"q1": c.q1 - PI / 2}, "q1=pos_meas1+pi/2"),
+    "horizontal, absolute": (lambda c: {"q1": c.q1 + PI / 2, "q2": c.q1 + c.q2 + PI / 2, "d2": c.d1 + c.d2},
+                             f"q1=pos_meas1-pi/2 {ABSOLUTE}"),
+    "up in degrees": (lambda c: {"q1": np.degrees(c.q1) - 180, "q2": np.degrees(c.q2)},
+                      "q1=pos_meas1+180:deg q2=pos_meas2:deg"),
+    "absolute in degrees": (lambda c: {"q1": np.degrees(c.q1), "q2": np.degrees(c.q1 + c.q2)},
+                            "q1=pos_meas1:deg q2=pos_meas2-pos_meas1:deg"),
+    "folded, reversed": (lambda c: {"q2": PI - c.q2, "d2": -c.d2}, "q2=-pos_meas2+pi dq2=-vel_meas2"),
+    "joints swapped": (lambda c: dict(zip(SHORT[1:], (c.q2, c.q1, c.d2, c.d1, c.u2, c.u1), strict=True)),
+                       f"q1=pos_meas2 q2=pos_meas1 dq1=vel_meas2 dq2=vel_meas1 {SWAPPED}"),
+    "torque reversed": (lambda c: {"u2": -c.u2}, "u2=-tau_con2"),
+    "torques swapped, one reversed": (lambda c: {"u1": -c.u2, "u2": c.u1}, "u1=tau_con2 u2=-tau_con1"),
+    "torques swapped, degrees": (lambda c: angles(np.degrees)(c) | {"u1": c.u2, "u2": c.u1},
+                                 f"{DEGREES} {SWAPPED}"),
+    "deg/s beside rad": (rates(np.degrees), "dq1=vel_meas1:deg/s dq2=vel_meas2:deg/s"),
+    "counts of 2000": (angles(lambda q: np.round(q * 2000 / TURN)),
+                       "q1=pos_meas1:counts/2000 q2=pos_meas2:counts/2000"),
+    "counts that wrap": (angles(lambda q: np.round(q * 8192 / TURN) % 8192),
+                         "q1=pos_meas1:counts/8192 q2=pos_meas2:counts/8192"),
+    "angles of the motors": (angles(lambda q: 6 * q), "q1=pos_meas1:rad*0.166667 q2=pos_meas2:rad*0.166667"),
+    "nanoseconds of an epoch": (lambda c: {"t": np.round(1e9 * c.t) + 1.7e18}, "time=time:ns"),
+}  # fmt: skip
+SLOW_CASES = [pytest.param(*case, marks=pytest.mark.slow, id=name) for name, case in MORE_CONVENTIONS.items()]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"), [*(pytest.param(*case, id=name) for name, case in CONVENTIONS.items()), *SLOW_CASES]
+)
+def test_the_option_makes_it_the_same_log(tmp_path, table, change, words):
+    path = tmp_path / "log.csv"
+    np.savetxt(path, changed(table, change), delimiter=",", header=HEADER, comments="", fmt="%.20g")
+    message = refusal(read_checked, path)
+    found = shlex.split(message.split("--columns ")[1].split(", or take")[0])
+    assert found == words.split()
+    again = read_checked(path, found)
+    assert_same(again, read_recording(write(tmp_path / "right.csv", table)))
+
+
+def read_checked(path, columns=()):
+    recording = read_recording(path, columns=columns)
+    check_columns(recording, SETTING, START)
+    return recording
+
+
+def assert_same(found, right, steps=2e-3):
+    """Equal logs, but for whole turns and encoders' steps."""
+    np.testing.assert_allclose(np.exp(1j * found.q), np.exp(1j * right.q), atol=steps)
+    np.testing.assert_allclose(found.u, right.u, atol=1e-9)
+    np.testing.assert_allclose(found.time, right.time, atol=1e-6)
+
+
+def test_a_right_log_is_taken_as_it_is(tmp_path, table):
+    assert find_columns(read_recording(write(tmp_path / "log.csv", table)), SETTING, START) is None
+
+
+def test_what_is_refused_can_be_forced(tmp_path, table):
+    recording = read_recording(write(tmp_path / "log.csv", changed(table, lambda c: {"u1": c.u2, "u2": c.u1})))
+    (note,) = check_columns(recording, SETTING, START, force=True)
+    assert "look swapped" in note
+    assert "--force" in note
+
+
+def as_text(separator=",", decimal=".", names=NAMES, above=(), below=(), encoding="utf-8"):
+    def save(path, table):
+        rows = [separator.join(f"{each:.12g}" for each in row).replace(".", decimal) for row in table]
+        text = "\n".join([*above, separator.join(names), *below, *rows])
+        path.with_suffix(".csv").write_bytes(text.encode(encoding))
+        return path.with_suffix(".csv")
+
+    return save
+
+
+def as_npz(path, table):
+    np.savez(path, t=table[:, 0], q=table[:, 1:3], dq=table[:, 3:5], u=table[:, 5:].T)
+    return path.with_suffix(".npz")
+
+
+def as_mat(path, table):
+    savemat(
+        path.with_suffix(".mat"),
+        {"log": {"t": table[:, :1], "q": table[:, 1:3], "u": table[:, 5:]}, "note": "mine"},
+    )
+    return path.with_suffix(".mat")
+
+
+OTHERS = ["timestamp_ms", "theta1", "theta2", "omega1", "omega2", "motor_torque1", "motor_torque2"]
+GERMAN = ["Zeit", "Winkel Schulter [rad]", "Winkel Ellbogen [rad]", "Drehzahl Schulter [rad/s]",
+          "Drehzahl Ellbogen [rad/s]", "Drehmoment Schulter", "Drehmoment Ellbogen"]  # fmt: skip
+FILES = {
+    "semicolons": (as_text(";"), ""),
+    "decimal commas": (as_text(";", ","), ""),
+    "tabs and decimal commas": (as_text("\t", ",", encoding="utf-16"), ""),
+    "spaces": (as_text("   "), ""),
+    "comments": (as_text(above=["# robot: mine, blue", "% 500 Hz"]), ""),
+    "quoted": (as_text(names=[f'"{name}"' for name in NAMES], encoding="utf-8-sig"), ""),
+    "a row of units": (as_text(";", below=["s;rad;rad;rad/s;rad/s;Nm;Nm"]), ""),
+    "npz": (as_npz, ""),
+    "mat": (as_mat, ""),
+    "other names": (as_text(names=OTHERS), "time=timestamp_ms:ms q1=theta1 q2=theta2 dq1=omega1 dq2=omega2 "
+                    "u1=motor_torque1 u2=motor_torque2"),
+    "joints 0 and 1": (as_text(names=["t", "q0", "q1", "dq0", "dq1", "tau0", "tau1"]),
+                       "q1=q0 q2=q1 dq1=dq0 dq2=dq1 u1=tau0 u2=tau1"),
+    "german": (as_text(";", ",", GERMAN, encoding="latin-1"), "time=Zeit|q1=Winkel Schulter|q2=Winkel Ellbogen|"
+               "dq1=Drehzahl Schulter|dq2=Drehzahl Ellbogen|u1=Drehmoment Schulter|u2=Drehmoment Ellbogen"),
+    "torques of other names": (as_text(names=[*NAMES[:5], "torque1", "torque2"]), "u1=torque1 u2=torque2"),
+    "one torque": (as_text(names=[*NAMES[:6], "none"]), "u1=tau_con1 u2=0"),
+}  # fmt: skip
+"""How a log is written, and the words that its refusal suggests, if it is refused."""
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_files_of_other_programs(tmp_path, table, name):
+    save, words = FILES[name]
+    path, found = save(tmp_path / "log", table * ([1000, *6 * [1]] if "_ms" in words else 1)), []
+    if words:
+        message = refusal(read_recording, path)
+        found = shlex.split(message.split("--columns ")[1].split(", if these")[0].split(" if joint")[0])
+        assert found == words.split("|" if "|" in words else " ")
+    right = read_recording(
+        write(tmp_path / "right.csv", table * ([1, 1, 1, 1, 1, 1, 0] if name == "one torque" else 1))
+    )
+    assert_same(read_recording(path, columns=found), right, steps=1e-9)
+
+
+def put(rows, columns, value):
+    """The table with a value in some rows and columns."""
+
+    def change(table):
+        other = table.copy()
+        other[rows, columns] = value(other) if callable(value) else value
+        return other
+
+    return change
+
+
+def jittered(table):
+    """160 Hz with jitter and a gap of 2 s, as of a remote robot."""
+    rows = np.arange(0, len(table) - 1, 3) + np.random.default_rng(0).integers(0, 2, len(table) // 3)
+    return table[rows] + np.outer(rows > 800, 2.0 * np.eye(7)[0])
+
+
+ALL, TIME, MEASURED = slice(None), 0, slice(1, 5)
+ROWS = {
+    "epoch": (lambda table: table + np.eye(7)[0] * 1.7e9, ""),
+    "rounded": (put(ALL, TIME, lambda table: np.round(0.002 * np.arange(len(table)), 2)), "several share"),
+    "first velocity": (put(0, slice(3, 5), np.nan), ""),
+    "no measurement": (put(slice(500, 520), MEASURED, np.nan), "20 rows lack a time or an angle"),
+    "zeros": (put(slice(900, 908), MEASURED, 0.0), "dropouts"),
+    "late rows": (lambda table: np.insert(table, [300, 800], table[[299, 798]], axis=0), "2 rows repeat the time"),
+    "restarts": (lambda table: table - np.outer(np.arange(len(table)) > 900, table[901, 0] * np.eye(7)[0]),
+                 "the time restarts 1 times: read as 2 episodes"),
+    "episodes": (lambda table: np.column_stack([table[:, 0], np.roll(table[:, 1:], 900, axis=0)]), "jump 1 times"),
+    "160 Hz, a gap": (jittered, "time jumps by 2"),
+    "20 Hz": (lambda table: table[::23], "below 33 Hz parameters come out wrong"),
+}  # fmt: skip
+"""Rows that a log may have, and what is said of them."""
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_rows_that_others_record(tmp_path, table, name):
+    change, said = ROWS[name]
+    path = tmp_path / "log.csv"
+    np.savetxt(path, change(table), delimiter=",", header=HEADER, comments="", fmt=["%.15g", *6 * ["%.12g"]])
+    recording = read_recording(path)
+    assert said in " ".join(recording.warnings)
+    assert bool(said) == bool(recording.warnings)
+    assert np.all(np.diff(recording.time) > 0)
+    assert recording.time[0] == 0.0
+    assert recording.duration == pytest.approx(table[-1, 0] - table[0, 0], rel=0.6)
