@@ -60,11 +60,13 @@ def advance(
     half = 0.5 * dt
     pushed1 = m11 * dq1 + m12 * dq2 + half * (u[0] + pull[0])
     pushed2 = m12 * dq1 + m22 * dq2 + half * (u[1] + pull[1])
+    # Damping is linear in v and joins the mass. Coulomb friction and Coriolis' torque are left to Newton's method.
     mass = (m11 + half * b1, m12, m22 + half * b2)
     holds: Pair = (half * friction.coulomb[0], half * friction.coulomb[1])
     # From 0 the method converges on any side, since arctan is steepest there: at rest, its slope is cf s.
     mean: Pair = (0.0 * dq1, 0.0 * dq2)
     for _ in range(NEWTON_STEPS):
+        # Only the last step's derivative is kept, which is that of the solution.
         mean = (jax.lax.stop_gradient(mean[0]), jax.lax.stop_gradient(mean[1]))
         mean = _newton(mass, holds, half * plant.coupling * sin2, (pushed1, pushed2), mean, steepness)
     after1, after2 = 2.0 * mean[0] - dq1, 2.0 * mean[1] - dq2

@@ -31,6 +31,7 @@ def friction_rate(parameters: Plant) -> float:
     for index in range(ELBOWS):
         m11, m12, m22 = mass_entries(lump(p), 2 * index / (ELBOWS - 1) - 1)
         determinant = float(m11 * m22 - m12 * m12)
+        # Both eigenvalues are real, since M is symmetric; rounding may not make the root's argument negative.
         half = 0.5 * float(m22 * d1 + m11 * d2) / determinant
         rates.append(half + math.sqrt(max(0.0, half * half - d1 * d2 / determinant)))
     return max(rates)

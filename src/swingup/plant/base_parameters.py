@@ -77,6 +77,7 @@ def base_covariance(p: Plant, spread: Spread) -> np.ndarray:
     A heavier second link raises A, m2 r2 and k together: the correlations say so.
     """
     l1, share = p.l1, spread.inertial
+    # Columns: I1, I2, m2, r1 and r2 as shares of themselves, then b1 to Ir.
     jacobian = np.zeros((BASE, 10))
     jacobian[0, :3] = p.I1 * share, p.I2 * share, p.m2 * l1**2 * share
     jacobian[1, 1] = p.I2 * share
@@ -119,9 +120,11 @@ def share_allowed(theta: Any, nominal: Any, geometry: Geometry, margin: float, m
         n11, n12, n22 = mass_entries(lumped(nominal, geometry), cos2)
         m11, m12, m22 = mass_entries(lumped(theta, geometry), cos2)
         determinant = n11 * n22 - n12 * n12
+        # A 2 x 2 matrix has its eigenvalues at half its trace ± a root: that needs no library for JAX or in C.
         half = 0.5 * (n22 * m11 - 2 * n12 * m12 + n11 * m22) / determinant
         product = (m11 * m22 - m12 * m12) / determinant
         # Both eigenvalues are real; rounding may not make the root's argument negative.
         least = half - root(abs(half * half - product))
+        # The inner minimum keeps a step that needs no cut at exactly 1.
         share = minimum(share, (1.0 - margin) / (1.0 - minimum(least, margin)))
     return share

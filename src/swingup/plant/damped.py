@@ -40,6 +40,7 @@ def damped_midpoint_step(
         dt: the step (s).
         maths: for this kind of number.
     """
+    # The first evaluation only finds the middle. The second makes the step, from x and over all of dt.
     half, rates = 0.5 * dt, (x[2], x[3])
     a1, a2 = _acceleration(plant, friction, (x[0], x[1]), rates, rates, torques, half, maths)
     middle = x[0] + half * x[2], x[1] + half * x[3]

@@ -67,6 +67,7 @@ def lump(p: "Plant") -> Lumped:
 def mass_entries(plant: Lumped, cos2: Number) -> tuple[Number, Number, Number]:
     """M11, M12 = M21 and M22 (kg m²), with the motors' inertia."""
     shoulder, elbow, coupling, _, _, reflected, geared, rotor = plant
+    # The elbow's rotor turns at q̇1 - gr q̇2 in space: its energy ½ Ir (q̇1 - gr q̇2)² couples the joints.
     m11 = shoulder + 2 * coupling * cos2 + reflected + rotor
     return m11, elbow + coupling * cos2 - geared, elbow + reflected
 

@@ -46,6 +46,7 @@ class Maths(NamedTuple):
 
     def nearest(self, angles: Any) -> Any:
         """Differences of angles (rad), less full turns; small ones keep all digits."""
+        # Less than half a turn rounds to no turn: nothing is subtracted, where a modulus would add and take π.
         return angles - TURN * self.xp.rint(angles / TURN)
 
 
@@ -63,6 +64,7 @@ NUMPY = Maths(
     minimum=min,
     maximum=max,
     where=lambda condition, yes, no: yes if condition else no,
+    # Python's floats: a product of NumPy's scalars takes three times as long.
     numbers=lambda values: tuple(values.tolist()),
     vector=np.array,
     window=lambda rows, start, size: rows[start : start + size],

@@ -56,11 +56,13 @@ def momentum_rows(
     coupling1 = (second.momentum1 - first.momentum1) / step + pull2
     coupling2 = (second.momentum2 - first.momentum2) / step + turning + pull2
     f1, f2 = mean_arctan(v1, w1, maths), mean_arctan(v2, w2, maths)
+    # A zero of this kind of number, since JAX stacks the rows.
     none, gr = 0.0 * v1, geometry.gr
     rotor1, rotor2 = (gr * gr + 1) * a1 - gr * a2, gr * gr * a2 - gr * a1
     slope1, slope2 = 0.5 * (first.slope1 + second.slope1), 0.5 * (first.slope2 + second.slope2)
     bend1 = (second.bend1 - first.bend1) / step
     bend2 = (second.bend2 - first.bend2) / step + 0.5 * (first.bending + second.bending)
+    # The elbow's offset acts by κ2 - ρ κ1, so that κ1 and κ2 share the coupling's derivative.
     tilts1, tilts2 = (ratio * bend1 - slope1, -bend1 - slope2), (ratio * bend2, -bend2 - slope2)
     shoulder = a1, a2, coupling1, pull1, 0.5 * (v1 + w1), none, f1, none, rotor1, *tilts1
     elbow = none, a1 + a2, coupling2, none, none, 0.5 * (v2 + w2), none, f2, rotor2, *tilts2
@@ -113,6 +115,7 @@ def _half(start: Pair, end: Pair, step: Number, geometry: Geometry, maths: Maths
         momentum2=along * rate1,
         turning=across * rate1 * (rate1 + rate2),
         pull1=geometry.g * sin1,
+        # The addition theorem costs less than another sine.
         pull2=geometry.g * (sin1 * cos2 + cos1 * sin2),
         slope1=geometry.g * cos1,
         slope2=geometry.g * (cos1 * cos2 - sin1 * sin2),

@@ -74,6 +74,7 @@ def design_of(robot: Robot, plant: PlantLike) -> Design:
     """Settings for a plant; for the leaderboards' the published ones and the shipped swing-ups."""
     model, published, optimal = design_model(plant, robot), PUBLISHED[robot.name], OPTIMAL[robot.name]
     scales = scales_of(model)
+    # The driven joint's friction is compensated around the controller (own_units.py), which then has none.
     cf1, cf2 = (0.0 if joint == robot.joint else cf for joint, cf in enumerate(_dry_friction(plant, robot)))
     rubbing = model.changed(cf1=cf1, cf2=cf2)
     if model == design_model(LEADERBOARD, robot):
@@ -110,6 +111,7 @@ def baseline(name: str, robot: Robot | str, plant: PlantLike = LEADERBOARD) -> A
         raise SwingupError(f"unknown baseline {name!r}: use one of {', '.join(BASELINES)}")
     design = design_of(robot, plant)
     designed = _designed(name, design)
+    # C.1's own units need no conversion, and its published controllers stay as they are, bit for bit.
     if design.shipped and not any(_dry_friction(plant, robot)):
         return designed
     return in_own_units(designed, load_plant(plant).driven(robot), robot, design.scales)

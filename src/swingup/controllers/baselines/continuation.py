@@ -119,6 +119,7 @@ def nominal_swingups(
         raise SwingupError(
             f"no swing-up of the {robot.name} is found for the plant {plant}: its motor may be too weak"
         )
+    # The last gains hold it upright while it rests: other plants use this time to come to rest.
     more = round(settings.extra / OPTIMAL[robot.name].swingup.dt)
     states = np.concatenate([reference.states, np.tile(UPRIGHT, (more + 1, 1))])
     torque = np.append(reference.torque, np.zeros(more))
@@ -175,6 +176,7 @@ def _bounds_about(nominal: SwingUps, settings: ContinuationSettings) -> Continua
     with jax.enable_x64(True):
         found = _optimised(first, settings)
     cost, speed = float(found.cost[0]), float(np.abs(found.states[0, :, 2:]).max())
+    # C.1's bounds are 1.6 times its cost, 0.16, and 1.3 times the rate of its fastest joint, 10.4 rad/s.
     most_cost, most_speed = max(settings.max_cost, 1.7 * cost), max(settings.max_speed, 1.3 * speed)
     return replace(settings, max_cost=most_cost, max_speed=most_speed)
 

@@ -72,10 +72,12 @@ def holding_lqr(plant: Plant, robot: Robot, settings: LQRSettings, dt: float) ->
     if not passive_friction(plant, robot):
         return upright_lqr(plant, robot, settings)
     tried = [counting_lqr(plant, robot, settings, each) for each in COUNTINGS]
+    # One program for all settings: they differ in numbers alone.
     with jax.enable_x64(True):
         stacked = jax.tree.map(lambda *leaves: jnp.stack([jnp.asarray(leaf) for leaf in leaves]), *tried)
         errors = np.asarray(_errors_held(stacked, plant, dt))
     held = (errors < FALLEN).sum(axis=1)
+    # Where both hold from as many starts, the smaller error that remains decides.
     best = max(range(len(tried)), key=lambda index: (held[index], -np.median(errors[index])))
     if held[best] < len(STARTS) / 2:
         _LOGGER.warning(
@@ -91,6 +93,7 @@ def holding_lqr(plant: Plant, robot: Robot, settings: LQRSettings, dt: float) ->
 
 def counting_lqr(plant: Plant, robot: Robot, settings: LQRSettings, counting: Counting) -> LQR:
     """A regulator that counts on the passive joint's dry friction."""
+    # The setting's damping stands for the friction, whose own slope at rest, 100 cf, says that the joint is frozen.
     damping = plant.b1 + counting.damping * plant.cf1, plant.b2 + counting.damping * plant.cf2
     damped = plant.changed(b1=damping[0], b2=damping[1], cf1=0.0, cf2=0.0)
     regulator = upright_lqr(damped, robot, settings)

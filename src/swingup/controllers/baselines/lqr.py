@@ -85,6 +85,7 @@ def disturbance_gain(parameters: Plant, regulator: LQR) -> float:
     (A,), (B,) = linearised(parameters, regulator.robot, UPRIGHT[None], np.zeros(1))
     _, (D,) = linearised(parameters, other, UPRIGHT[None], np.zeros(1))
     K, S = regulator.gains, regulator.cost_to_go
+    # r, from K = Bᵀ S / r: a regulator does not keep the weights that it was designed with.
     weight = (B @ S @ B) / (K @ B)
     return float(B @ np.linalg.solve((A - np.outer(B, K)).T, -S @ D) / weight)
 

@@ -105,6 +105,7 @@ class InOwnUnits(AbstractController[tuple[Time, Any]]):
 
     def __call__(self, carry: tuple[Time, Any], t: TimeLike, x: State) -> tuple[tuple[Time, Any], Torque]:
         """The torques (N m)."""
+        # Angles have no unit, and a rate of the slower plant is a higher one of C.1's.
         similar = jnp.concatenate([x[:2], x[2:] * self.time])
         begun, elapsed = since_first_call(t, carry[0])
         inner, u = self.controller(carry[1], elapsed / self.time, similar)

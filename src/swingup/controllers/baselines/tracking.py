@@ -103,6 +103,7 @@ def tvlqr(
         (other,) = (each for each in ROBOTS.values() if each != robot)
         _, D = linearised(parameters, other, reference.states, np.zeros_like(u))
         rates = reference.states[:, 2 + other.joint]
+        # Friction is cf π/2 at most, and so is this.
         disturbances = -dt * friction * np.arctan(KNEE * rates)[:, None] * D
     gains, against = riccati_recursion(np.eye(4) + dt * A, dt * B, Q, R, Qf, disturbances)
     rows = np.column_stack([reference.states, u - against, gains])

@@ -164,6 +164,7 @@ def compute_reference(
     """
     robot = get_robot(robot)
     model = design_model(plant, robot)
+    # Tolerances of 1e-6 and 1e-8 of the cost are at and below the rounding of single precision.
     with jax.enable_x64(True):
         if problem.search is None:
             torque = np.random.default_rng(seed).uniform(0.0, problem.first_torque, problem.steps)
@@ -191,6 +192,7 @@ def solve_from_rest(
     """Optimise a motion that begins hanging at rest, from a guess of its torques (N m)."""
     if not isinstance(transition, TorqueRateTransition):
         return solve(transition, cost, jnp.zeros(4), torque, settings)
+    # The torque is a state then: the guess becomes its first value and its rates.
     rates = jnp.diff(torque, append=torque[-1]) / transition.pendulum.dt
     return solve(transition, cost, jnp.zeros(5).at[4].set(torque[0]), rates, settings)
 
@@ -238,6 +240,7 @@ def _searched(
     place = np.arange(longer.steps) * steps / longer.steps
     held = place.astype(int)
     states = np.stack([np.interp(place, np.arange(steps + 1), column) for column in x.T], axis=1)
+    # Where the torque's rate is the input, the settings limit the rate: the torque has the motor's own limit.
     limit = longer.settings.torque_limit if longer.rate is None else motor
     fine, cost = PendulumTransition(model, robot.joint, longer.dt), longer.pendulum_cost(longer.steps)
     return longer, np.asarray(followed(fine, cost, states, u[held], gains[held], limit))

@@ -115,6 +115,7 @@ def initial_state(
     """The first guess, rolled out."""
     return ILQRState(
         trajectory=forward(transition, cost, unpack(x0), torque, settings.torque_limit),
+        # In the state's precision: a loop's carry keeps its types.
         regularisation=jnp.full_like(x0[0], settings.regularisation),
         iteration=jnp.zeros((), jnp.int32),
         # An idle optimisation ends before its first iteration.
@@ -131,6 +132,7 @@ def ilqr_iteration(transition: AbstractTransition, cost: Cost, now: ILQRState, s
     regularisation = now.regularisation * jnp.where(improved, settings.decrease, settings.increase)
     stalled = ~improved & (now.regularisation >= settings.max_regularisation)
     iteration = now.iteration + 1
+    # Later lines win: what converges or stalls in the last iteration is said to.
     status = jnp.where(iteration >= settings.max_iterations, Status.ITERATION_LIMIT, Status.RUNNING)
     status = jnp.where(expected < settings.tolerance, Status.CONVERGED, status)
     status = jnp.where(stalled, Status.STALLED, status)
