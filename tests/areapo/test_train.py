@@ -163,7 +163,7 @@ def test_an_epoch_uses_every_frame_once(collected):
     """One epoch of plain gradient steps in one minibatch equals the gradient over all frames."""
     state, rollout = collected
     config = Config(**(vars(CONFIG) | {"num_epochs": 1, "batch_size": 32}))
-    _, batch, _ = estimate(state, rollout, config)
+    _, batch, _ = estimate(state, rollout, CONFIG)
     shuffled = jax.tree.map(lambda leaf: leaf[::-1], batch)
     one, _, norm = improve(state, batch, config)
     again = dataclasses.replace(state, key=jax.random.key(6))
@@ -200,7 +200,7 @@ def test_one_step_of_adam_by_hand(collected):
     state, rollout = collected
     changes = {"num_epochs": 1, "batch_size": 32, "max_grad_norm": 1e-3}
     config = Config(**(vars(CONFIG) | changes))
-    _, batch, _ = estimate(state, rollout, config)
+    _, batch, _ = estimate(state, rollout, CONFIG)
     after, _, norm = improve(state, batch, config)
     frames = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), batch)
     before = (state.actor, state.critic)

@@ -7,8 +7,7 @@ import jax.numpy as jnp
 import pytest
 
 from refusals import refusal
-from swingup.benchmark.boards import BOARDS, PERFORMANCE
-from swingup.benchmark.criteria import realai_score
+from swingup.benchmark.boards import BOARDS
 from swingup.benchmark.leaderboard import (
     ENTRANTS,
     FURTHER,
@@ -109,12 +108,7 @@ def test_names_on_the_board_are_taken(brief_minute):
     assert "unknown board 'v9': use one of performance, robustness" in unknown
 
 
-def test_published_scores_follow_from_the_published_criteria(robot):
-    # Criteria are printed with 2 or 3 digits: scores repeat to 0.01, and to 0.02 where smoothness has one digit.
-    normalisers = PERFORMANCE.normalisers
-    for row in published_rows(robot, "performance"):
-        costs = {name: value for name, value in row.values.items() if name != "score"}
-        assert realai_score(costs, normalisers) == pytest.approx(row.values["score"], abs=0.02), row.controller
+def test_published_robustness_is_the_mean_of_its_criteria(robot):
     for row in published_rows(robot, "robustness"):
         assert fmean(row.values[name] for name in CRITERIA) / 100 == pytest.approx(row.values["score"], abs=1e-3)
 

@@ -42,7 +42,7 @@ TINY = (
     "--num-envs 4 --num-steps 16 --batch-size 64 --num-epochs 1 --policy-layers 8 8 --value-layers 8x8 "
     "--evaluate-every 128 --checkpoint-every 256"
 )
-ENDLESS = f"train acrobot --frames 100000000 --out r {TINY}"
+ENDLESS = f"train pendubot --frames 100000000 --out r {TINY}"
 
 
 def report(frames=65_536, best=0.75, **row):
