@@ -31,9 +31,11 @@ from swingup.learner.metrics import read_metrics
 from swingup.learner.report import TrainingReport
 from swingup.plant.robots import ROBOTS
 from swingup.policy.estimator.settings import EstimatorSettings
-from swingup.policy.shipped import DEFAULT
+from swingup.policy.shipped import DEFAULT, load_policy
 from swingup.refine.analytic_policy_gradient import PolicyGradientSettings
+from swingup.refine.distillation_settings import DistillationSettings
 from swingup.refine.episodes import EpisodeSettings
+from swingup.refine.plant_draws import PlantDraws
 from swingup.refine.recipe import GradientStage
 from swingup.report import make
 
@@ -268,3 +270,22 @@ def test_refine_writes_a_policy_with_its_origin(tmp_path, monkeypatch, run):
     moved = np.abs(policy.policy.actor.mean_head.weight - base.policy.actor.mean_head.weight).max()
     assert 0 < moved < 1e-3
     assert math.isfinite(metadata["seconds"])
+
+
+@pytest.mark.slow
+def test_adapt_goes_from_a_domain_to_a_judged_policy_and_a_page(tmp_path, monkeypatch, run):
+    monkeypatch.chdir(tmp_path)
+    tiny = GradientStage(PolicyGradientSettings(iterations=2, duration=0.02), EpisodeSettings(2, 0, 0))
+    few = DistillationSettings(
+        draws=PlantDraws(1, 1, 1, 1), nominal=4, rounds=2, duration=0.4, steps=40, anywhere=300, score_steps=0
+    )
+    monkeypatch.setitem(refining.RECIPES, "adapt", (tiny, few))
+    words = "refine acrobot --recipe adapt --domain identified --frames 8192 --seeds 2 --out mine.safetensors"
+    out = run(words, "--page", "mine.html")
+    assert "mine.safetensors (board sim2real, domain identified, seed 20000 to 20001)" in out
+    assert "swingup evaluate acrobot --board=sim2real --controller=mine.safetensors --domain=identified" in out
+    policy = load_policy("mine.safetensors", "acrobot")
+    assert policy.parts == ("estimator", "identifier", "regulator")
+    assert policy.identifier.passive_limit == 0.5
+    assert "Draws that training did not see" in (tmp_path / "mine.html").read_text(encoding="utf-8")
+    assert (tmp_path / "mine-base" / "config.json").exists()

@@ -1,12 +1,14 @@
 """Domains: what plants and loops are drawn from, and what is refused."""
 
 from importlib import resources
+from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
 
 from refusals import refusal
+from swingup.cli.adapting import adapted_domain
 from swingup.dynamics.integrate import stable_substeps
 from swingup.loop.domain import PLANT, SHIPPED, load_domain, make_domain
 from swingup.loop.draw import draw
@@ -154,3 +156,18 @@ def test_nominal_values_are_the_middle():
     assert (plant.tl1, plant.tl2, plant.m2, loop.lag) == pytest.approx((5.0, 5.0, 0.65, 0.002))
     assert (domain.design, domain.design.name) == (plant, "C.1")
     assert make_domain(content | {"design": "B.0"}).design == load_plant("B.0")
+
+
+def test_a_guess_is_drawn_around_and_its_file_is_the_same_domain(tmp_path):
+    around, file = adapted_domain({"plant": "C.0"}, None, str(tmp_path / "mine.safetensors"))
+    assert Path(file) == tmp_path / "mine-domain.yml"
+    plant, (low, high) = load_plant("C.0"), (around.low, around.high)
+    for name, share in (("m1", 0.1), ("I2", 0.1), ("cf2", 0.5), ("Ir", 0.5), ("l1", 0.0), ("r2", 0.0)):
+        value = getattr(plant, name)
+        assert (getattr(low.plant, name), getattr(high.plant, name)) == pytest.approx(
+            ((1 - share) * value, (1 + share) * value)
+        )
+    # The loop is the recorded one, in the pendulum's own units.
+    assert (low.loop.lag, high.loop.lag) == (0.001, 0.004)
+    assert low.loop.passive_limit == pytest.approx(0.5)
+    assert adapted_domain({}, None, "x")[0] == load_domain("recorded")

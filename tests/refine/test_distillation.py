@@ -17,9 +17,11 @@ from swingup.controllers.baselines.continuation_settings import ContinuationSett
 from swingup.controllers.stack.controller import PolicyController
 from swingup.controllers.stack.policy import Policy
 from swingup.dynamics.dynamics import acceleration, gravity_torque
+from swingup.loop.on_plant import drawn_around, loop_around
 from swingup.plant.base_parameters import base_parameters
-from swingup.plant.plant import LEADERBOARD, NAMES, Plant
+from swingup.plant.plant import LEADERBOARD, NAMES, Plant, load_plant
 from swingup.plant.robots import get_robot
+from swingup.plant.units import scales_of, similar_plant
 from swingup.refine.analytic_policy_gradient import single_precision
 from swingup.refine.dataset import STILL, Dataset, _hanging_still
 from swingup.refine.distillation import distil, new_student
@@ -218,3 +220,21 @@ def test_a_student_learns_and_sees_its_plant():
     recovering = distil(recovery, more, np.random.default_rng(0))
     assert not all(map(np.array_equal, jax.tree.leaves(student.policy), jax.tree.leaves(recovering.policy)))
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(recovering.policy))
+
+
+def test_plants_of_any_domain_are_drawn_in_c1s_units_with_the_friction_that_no_motor_compensates(robot):
+    cell = load_plant("cloudpendulum")
+    domain, design = drawn_around(cell), cell.frictionless().driven(robot)
+    nominal = similar_plant(design, scales_of(design))
+    drawn = plants_of(draw_plants(np.random.default_rng(0), robot, PlantDraws(0, 0, 0, robot=40), nominal, domain))
+    assert all(plant.limit(robot.joint) == pytest.approx(6.0) for plant in drawn)
+    # 10 % either way, and a tenth of that range beyond.
+    assert all(0.87 < plant.m2 / nominal.m2 < 1.13 for plant in drawn)
+    passive, torque = f"cf{2 - robot.joint}", scales_of(design).torque
+    most = 1.5 * getattr(cell, passive) / torque
+    friction = [getattr(plant, passive) for plant in drawn]
+    assert 0.7 * most < max(friction) <= most
+    # With a motor there is what the compensation leaves.
+    braked = loop_around(domain, "recorded")
+    drawn = plants_of(draw_plants(np.random.default_rng(0), robot, PlantDraws(0, 0, 0, robot=40), nominal, braked))
+    assert max(getattr(plant, passive) for plant in drawn) <= 0.04

@@ -78,6 +78,7 @@ def refine_command(
     if page is not None:
         check_suffix(page, PAGE_FORMATS)
         check_writable(page)
+    policy = AR_EAPO if policy is None and recipe != ADAPT else policy
     options: dict[str, Any] = {"policy": policy, "recipe": recipe, "domain": domain, "seed": seed}
     command = command_line("refine", robot.name, **options, out=Path(out).name, **plant)
     if recipe != ADAPT:
@@ -85,7 +86,7 @@ def refine_command(
             raise SwingupError(f"--domain {domain} goes with --recipe adapt: give a plant alone")
         on = plant_of(plant)
         with Progress() as progress:
-            _refine(load_policy(policy or AR_EAPO, robot), out, recipe, seed, command, progress, plant=on)
+            _refine(load_policy(str(policy), robot), out, recipe, seed, command, progress, plant=on)
         tell(f"wrote {out}: judge it with {command_line('evaluate', robot.name, controller=out, **plant)}")
         return 0
     begun, (around, file) = time.monotonic(), adapted_domain(plant, domain, out)
