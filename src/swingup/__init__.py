@@ -25,7 +25,9 @@ if TYPE_CHECKING:
     from .export.realaigym import RealAIGymController
     from .identification.identify import Identification, identify
     from .learner.agent import AREAPO
+    from .plant.measured import measured_plant
     from .plant.plant import Plant, load_plant
+    from .plant.save import save_plant
     from .policy.shipped import load_policy
     from .rehearsal.rehearse import rehearse
     from .rehearsal.result import Rehearsal
@@ -52,7 +54,9 @@ _HOMES = {
     "load_plant": "plant.plant",
     "load_policy": "policy.shipped",
     "loop_controller": "controllers.interface.compiled",
+    "measured_plant": "plant.measured",
     "rehearse": "rehearsal.rehearse",
+    "save_plant": "plant.save",
     "score": "benchmark.score",
     "search": "sweep.search",
 }
@@ -80,7 +84,9 @@ __all__ = [
     "load_plant",
     "load_policy",
     "loop_controller",
+    "measured_plant",
     "rehearse",
+    "save_plant",
     "score",
     "search",
 ]  # fmt: skip

@@ -44,17 +44,13 @@ NONSENSE = [
     ("plot --out x.png", "needs KIND and FILES: see"),
     ("export", "needs --to and --out: see"),
     ("score", "needs TRAJECTORY and --robot: see"),
-    ("trajectory acrobot", "needs --out: see"),
     ("evaluate acrobot --seed", "--seed lacks its value"),
     ("train --preset --seed 3", "--preset lacks its value"),
     ("evaluate acrobot --controller lqr --controller tvlqr", "--controller is given twice"),
     ("evaluate acrobot --estimator --no-estimator", "--estimator is given twice"),
     ("train acrobot --frames many", "'many'"),
     # Robots, controllers, policies, plants, domains, boards.
-    *(
-        (f"{command} cartpole --out x", "'cartpole'")
-        for command in ("train", "sweep", "refine", "trajectory", "demo")
-    ),
+    *((f"{command} cartpole --out x", "'cartpole'") for command in ("train", "sweep", "refine", "demo")),
     *((f"{command} acrobat", "did you mean acrobot?") for command in ("evaluate", "leaderboard")),
     *((f"{command} --robot acrobat", "'acrobat'") for command in ("score x.csv", "compare x.csv", "rehearse x")),
     ("evaluate acrobot --controller adaptiv", "did you mean adaptive?"),
@@ -74,7 +70,24 @@ NONSENSE = [
         (f"{command} --plant bad.yml", "lacks m2")
         for command in ("evaluate acrobot", "leaderboard", "train acrobot")
     ),
-    *((f"{command} acrobot --out x --plant bad.yml", "lacks m2") for command in ("refine", "trajectory")),
+    ("refine acrobot --out x --plant bad.yml", "lacks m2"),
+    ("export tvlqr --robot acrobot --to trajectory --out x --plant bad.yml", "lacks m2"),
+    ("evaluate acrobot --plant bad.urdf", "bad.urdf is not XML"),
+    ("compare log.csv --plant bad.urdf", "bad.urdf is not XML"),
+    ("evaluate acrobot --board sim2real --domain bad.urdf", "bad.urdf is not XML"),
+    ("evaluate acrobot --plant x.sdf", "a URDF (.urdf) or an MJCF (.xml)"),
+    ("plant", "a plant needs m1, m2, l1, l2, tl1, tl2"),
+    ("plant bad.urdf", "bad.urdf is not XML"),
+    ("plant none.xml", "none.xml: No such file"),
+    ("plant bad.yml", "lacks m2"),
+    ("plant C.1 --inertia joint", "says how to read a URDF"),
+    ("plant C.1 --inertia about", "'about': use one of centre, joint"),
+    ("plant C.1 --set m1", "--set 'm1': write NAME=VALUE"),
+    ("plant C.1 --set m1=1 m1=2", "--set gives m1 twice"),
+    ("plant C.1 --set mass=1", "unknown value 'mass'"),
+    ("plant C.1 --set I1=0.001", "if it is about the centre of mass, give Ic1"),
+    ("plant C.1 --out x.sdf", "x.sdf: its name must end in .yml"),
+    ("plant C.1 --set b1=-1 --out x.yml x.urdf", "b1 = -1 is negative"),
     ("plot phase none.csv --out x.png --plant bad.yml", "lacks m2"),
     ("evaluate acrobot --board sim2real --domain moon", "'moon': use identified"),
     ("evaluate acrobot --board sim2real --domain missing.yml", "missing.yml"),
@@ -117,7 +130,10 @@ NONSENSE = [
     ("refine acrobot --recipe magic --out x", "'magic': use one of recover, adapt"),
     ("refine acrobot --seed -1 --out x", "seed = -1"),
     ("refine acrobot --policy none.safetensors --out x", "none.safetensors"),
-    ("trajectory acrobot --out x --problem foo", "'foo': use one of published, score"),
+    ("export lqr --robot acrobot --to trajectory --out x", "follows a swing-up 'lqr': use one of tvlqr"),
+    ("export tvlqr --to trajectory --out x", "--to trajectory needs a robot"),
+    ("export --robot acrobot --to c --out x --seed 3", "--seed goes with --to trajectory"),
+    ("export --robot acrobot --to c --out x --plant A.0", "--plant goes with --to trajectory"),
     ("excite --joint hip --out x", "'hip'"),
     # Files.
     ("score missing.csv --robot acrobot", "missing.csv"),
@@ -141,13 +157,13 @@ NONSENSE = [
 ]
 OUT = [
     "evaluate acrobot --save", "leaderboard --page", "train acrobot --out", "train --resume",
-    "refine acrobot --out", "trajectory acrobot --out", "excite --out", "compare log.csv --out", "rehearse",
+    "refine acrobot --out", "plant C.1 --out", "excite --out", "compare log.csv --out", "rehearse",
     "plot trajectory none.csv --out", "evaluate acrobot --controller", "export --robot acrobot --to c --out",
     "export --robot acrobot --to realaigym --out", "export --robot acrobot --to cloudpendulum --out",
 ]  # fmt: skip
 
 
-ENDINGS = {"compare": ".html", "plot": ".png"}
+ENDINGS = {"compare": ".html", "plot": ".png", "plant": ".xml"}
 
 
 @pytest.fixture
@@ -155,6 +171,7 @@ def refused(tmp_path, capsys):
     """What a command says in one line; it leaves no file."""
     (tmp_path / "text.safetensors").write_text("not an archive")
     (tmp_path / "bad.yml").write_text("m1: 1.0\n")
+    (tmp_path / "bad.urdf").write_text("<robot>")
     (tmp_path / "wrong.py").write_text(CONTROLLERS)
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "thesis.tex").write_text("precious")

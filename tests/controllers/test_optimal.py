@@ -35,7 +35,8 @@ def test_shipped_trajectories_are_the_plants_own(x64, robot):
     np.testing.assert_allclose(reference.states[-1], RESTING[:4], atol=5e-3)
     assert np.abs(reference.torque).max() < 6.0
     assert metadata["status"] == "converged"
-    assert metadata["command"].startswith(f"swingup trajectory {robot.name} --problem score --seed 0")
+    command = f"swingup export tvlqr-score --robot={robot.name} --to=trajectory --seed=0 "
+    assert metadata["command"].startswith(command)
 
 
 def test_score(robot):

@@ -21,7 +21,9 @@ from swingup.identification.log.recording import read_recording
 from swingup.learner.metrics import read_metrics
 from swingup.learner.run_settings import read_run_settings
 from swingup.loop.domain import load_domain
+from swingup.plant.measured import measured_plant
 from swingup.plant.plant import load_plant
+from swingup.plant.save import save_plant
 from swingup.policy.file import read_network
 from swingup.policy.numpy_backend.controller import numpy_controller
 from swingup.policy.pendulum import read_pendulum_policy
@@ -45,6 +47,13 @@ def score_log(board, path):
     score(load_trajectory(path), "acrobot", board)
 
 
+def import_model(path):
+    """A model file that makes a plant can be written, or is refused."""
+    found = measured_plant(path, {"l2": 0.3, "tl1": 1.0, "tl2": 1.0}, "centre")
+    assert all(note.isprintable() for note in found.notes)
+    save_plant(f"{path}.urdf", found.plant)
+
+
 READERS = {
     "yaml": [load_plant, load_domain],
     "trajectory": [
@@ -58,6 +67,7 @@ READERS = {
     "checkpoint": [lambda path: load_checkpoint(path, LIKE), read_metadata],
     "config": [lambda path: read_run_settings(Path(path).parent)],
     "metrics": [read_metrics, read_curve],
+    "model": [load_plant, import_model, import_model],
     "robustness": [read_robustness],
 }
 """What reads each kind of file."""

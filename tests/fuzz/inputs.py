@@ -2,12 +2,16 @@
 
 import dataclasses
 import json
+import re
+from xml.etree.ElementTree import tostring
 
 import jax.numpy as jnp
 import numpy as np
 
 from swingup.learner.presets import get_preset
 from swingup.learner.run_settings import RunSettings
+from swingup.plant.model_files.mjcf import write_mjcf
+from swingup.plant.model_files.urdf import write_urdf
 from swingup.plant.plant import load_plant
 
 from .mutations import EXTREMES, LINES, damage, mutate, several, spoilt_arrays
@@ -246,6 +250,66 @@ def config(random):
     return json_text(random, CONFIG)
 
 
+SHAPES = """<mujoco><compiler eulerseq="zyx"/><option><flag contact="disable"/></option>
+<default><default class="a"><geom type="box" size=".02 .03 .1" density="800"/><joint axis="0 0 1" damping=".1"/>
+</default></default><worldbody><body name="b0" euler="0 90 0"><body name="L1" childclass="a" axisangle="0 0 1 20">
+<joint name="j1"/><geom pos=".1 0 0" zaxis="1 0 0"/><frame quat="1 1 0 0" pos=".25 0 0">
+<body name="L2" xyaxes="1 0 0 0 0 -1"><joint name="j2" ref="9" range="-3 3" armature=".01" frictionloss=".1"/>
+<geom type="capsule" class="main" fromto="0 0 0 .3 0 0" size=".01"/><body name="t" pos=".3 0 0">
+<inertial pos="0 0 0" mass=".1" fullinertia=".1 .1 .1 0 0 0"/></body></body></frame></body></body></worldbody>
+<actuator><motor joint="j1" gear="2" ctrlrange="-1 1"/>
+<general joint="j2" gainprm="3" ctrlrange="-2 1" forcerange="-1 1"/></actuator></mujoco>"""
+MODELS = [
+    *(tostring(write("x", PLANT | {"Ir": 0.001, "gr": 6.0})).decode() for write in (write_urdf, write_mjcf)),
+    SHAPES,
+]
+WORDS = [
+    "", "0", "-1", "nan", "inf", "1e400", "1e-320", "1e8", "0 0", "0 0 0", "1 0 0 0", "1,2", "x", "9" * 5000,
+    "true", "false", "&amp;", "base", "link1", "free", "slide", "mesh", "global", "radian", "XyZ", "0 0 0 0 0 0",
+    "\u202e", "１",
+]  # fmt: skip
+PIECES = [
+    "<joint/>", "<link/>", "<body/>", "<body><joint/></body>", "<geom/>", "<frame/>", "<inertial/>", "<inertia/>",
+    "<include file='/etc/passwd'/>", "<equality><weld/></equality>", "<default><default/></default>", "<mass/>",
+    "<mimic joint='joint1'/>", "<replicate count='99999999'/>", "&a;", "<site/>", "<motor/>", "<!-- -- -->",
+    "<transmission><joint/></transmission>", "<swingup data='1 1 1 1 1'/>", "<xacro:if/>", "</robot>",
+    "<![CDATA[x]]>", "<?x y?>", "<a " + "".join(f"a{k}='' " for k in range(900)) + "/>", "<b>" * 100,
+    "<b>" * 50 + "</b>" * 50,
+]  # fmt: skip
+HEADS = [
+    '<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;">]>',
+    '<!DOCTYPE r SYSTEM "file:///etc/passwd">', '<!DOCTYPE r [<!ENTITY a SYSTEM "/dev/zero">]>',
+    "<?xml version='1.1'?>", "<?xml version='1.0' encoding='utf-7'?>", "<?xml version='1.0' encoding='idna'?>",
+    "<?xml version='1.0' encoding='utf-16'?>", "\ufeff", "<!--", "<a/>",
+]  # fmt: skip
+
+
+def model(random):
+    """A URDF or an MJCF."""
+    text = random.choice(MODELS)
+    for _ in range(random.choice([1, 1, 2, 4])):
+        kind, values = random.random(), [*re.finditer(r'"[^"]*"', text)]
+        elements = [*re.finditer(r"<[^>]*/>", text)]
+        if kind < 0.6 and values:
+            found = random.choice(values)
+            text = f'{text[: found.start()]}"{random.choice(WORDS)}"{text[found.end() :]}'
+        elif kind < 0.7 and elements:
+            found = random.choice(elements)
+            text = text[: found.start()] + text[found.end() :] * random.choice([1, 1, 2])
+        elif kind < 0.9 and elements:
+            place = random.choice(elements).start()
+            piece = random.choice([*PIECES, *(each.group() for each in elements)])
+            text = text[:place] + piece + text[place:]
+        elif kind < 0.95:
+            text = random.choice(HEADS) + text
+        else:
+            names = [*re.finditer(r"[a-z]+(?==)", text)] or [re.match("", text)]
+            found, other = random.choice(names), random.choice(names)
+            text = text[: found.start()] + other.group() + text[found.end() :]
+    data = text.encode("utf-8", "surrogatepass")
+    return damage(random, data) if random.random() < 0.1 else data
+
+
 @dataclasses.dataclass
 class Kind:
     """Files of one kind: how they are made, and what they are called."""
@@ -263,4 +327,5 @@ KINDS = {
     "config": Kind(config, "config.json"),
     "metrics": Kind(metrics, "metrics.jsonl"),
     "robustness": Kind(robustness, "robustness.json"),
+    "model": Kind(model, "model.xml"),
 }

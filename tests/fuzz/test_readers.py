@@ -14,9 +14,9 @@ SEEDS = [int(seed) for seed in os.environ.get("SWINGUP_FUZZ_SEEDS", "0").split("
 
 
 def test_some_reads_of_every_kind(tmp_path):
-    found = campaign(1, 400, tmp_path)
+    found = campaign(1, 405, tmp_path)
     assert found["faults"] == []
-    assert found["reads"] == dict.fromkeys(KINDS, 400 / len(KINDS))
+    assert found["reads"] == dict.fromkeys(KINDS, 405 / len(KINDS))
 
 
 @pytest.mark.slow

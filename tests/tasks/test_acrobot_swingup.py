@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from swingup.dynamics.integrate import rk4_step
+from swingup.plant.plant import load_plant
 from swingup.tasks.acrobot_swingup import CAPSULES, AcrobotSwingup
 from swingup.tasks.pendulum import PendulumState
 
@@ -20,8 +21,10 @@ MODEL = """<mujoco><option timestep="0.01" integrator="RK4"><flag constraint="di
 <actuator><motor joint="elbow" gear="2" ctrlrange="-1 1" ctrllimited="true"/></actuator></mujoco>"""
 
 
-def test_a_step_is_mujocos(x64):
+def test_a_step_is_mujocos(x64, tmp_path):
     mujoco = pytest.importorskip("mujoco")
+    (tmp_path / "acrobot.xml").write_text(MODEL)
+    assert load_plant(tmp_path / "acrobot.xml").values() == pytest.approx(CAPSULES.values(), rel=1e-15)
     model = mujoco.MjModel.from_xml_string(MODEL)
     data, random, step = mujoco.MjData(model), np.random.default_rng(0), jax.jit(rk4_step)
     for _ in range(100):
@@ -31,7 +34,7 @@ def test_a_step_is_mujocos(x64):
         x = jnp.array([angles[0] + math.pi, angles[1], *rates])
         found = step(CAPSULES, x, jnp.array([0.0, 2.0 * action]), 0.01)
         expected = [data.qpos[0] + math.pi, data.qpos[1], *data.qvel]
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize(

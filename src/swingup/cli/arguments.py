@@ -1,6 +1,6 @@
 """Arguments that several commands share."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypedDict
 
@@ -10,12 +10,23 @@ from ..benchmark.disturbances import DisturbanceSettings
 from ..benchmark.rules import PushRules
 from ..common.checks import one_of
 from ..common.errors import SwingupError
+from ..common.files import check_writable
+from ..common.text import one_line, quoted
 from ..controllers.registry import BUILT_IN, has_estimator
 from ..controllers.stack.controller import PolicyController
 from ..controllers.stack.regulator import RegulatingController
-from ..plant.plant import LEADERBOARD, SHIPPED_PLANTS, Plant, load_plant
+from ..plant.plant import (
+    LEADERBOARD,
+    MODEL_FILES,
+    PARAMETER_FILES,
+    PLANT_FILES,
+    SHIPPED_PLANTS,
+    Plant,
+    load_plant,
+)
 from ..plant.robots import ROBOTS, Robot, get_robot
 from ..plant.units import torque_over_gravity
+from ..report.inputs import check_suffix
 from .parsing import value_of
 
 
@@ -62,7 +73,8 @@ ControllerNames = Annotated[
 ]
 Names = Annotated[tuple[str, ...], NAMES]
 OptionalNames = Annotated[tuple[str, ...], NAMES, optional()]
-PLANTS = f"{', '.join(SHIPPED_PLANTS)}, or a parameter file (.yml) as RealAIGym's model_parameters.yml"
+PLANTS = f"{', '.join(SHIPPED_PLANTS)}, {PLANT_FILES}"
+PlantOutputs = Annotated[tuple[str, ...], NAMES, optional("FILE...")]
 
 
 class DisturbanceOptions(TypedDict, total=False):
@@ -105,6 +117,38 @@ def plant_of(options: PlantOptions) -> Plant:
         return LEADERBOARD
     found = load_plant(options["plant"])
     return found.frictionless() if options.get("frictionless") else found
+
+
+def check_plant_outputs(paths: Sequence[str]) -> None:
+    """Refuse files that a plant cannot be written to, before the work that finds it.
+
+    Raises:
+        SwingupError: a name has another ending, or its folder cannot be written.
+    """
+    for path in paths:
+        check_suffix(path, (*PARAMETER_FILES, *MODEL_FILES))
+        check_writable(path)
+
+
+def named_values(option: str, words: Iterable[str], example: str) -> dict[str, float]:
+    """NAME=VALUE words of an option as a map.
+
+    Raises:
+        SwingupError: a word is another one, or a name comes twice.
+    """
+    found: dict[str, float] = {}
+    for word in words:
+        name, equals, value = word.rpartition("=")
+        try:
+            number = float(value)
+        except ValueError:
+            equals = ""
+        if not equals or not name:
+            raise SwingupError(f"{option} {quoted(word)}: write NAME=VALUE, as in {example}")
+        if name in found:
+            raise SwingupError(f"{option} gives {one_line(name, 60)} twice: give it once")
+        found[name] = number
+    return found
 
 
 def disturbance_of(options: DisturbanceOptions) -> DisturbanceSettings | None:

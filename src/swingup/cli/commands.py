@@ -8,8 +8,8 @@ from .exciting import excite_command
 from .exporting import export_command
 from .identifying import identify_command
 from .judging import evaluate_command, leaderboard_command, score_command
+from .measuring import plant_command
 from .parsing import Command, parse
-from .planning import trajectory_command
 from .plotting import plot_command
 from .refining import refine_command
 from .rehearsing import rehearse_command
@@ -22,7 +22,7 @@ Start here: demo trains a policy in minutes and shows it.
 
 Judge controllers: evaluate, leaderboard, score.
 
-Make them: train, sweep, refine, trajectory, excite, identify.
+Make them: train, sweep, refine. Their pendulums: plant, excite, identify.
 
 Show and share them: compare, plot, export, rehearse."""
 
@@ -34,7 +34,7 @@ COMMANDS: dict[str, Command] = {
     "train": train_command,
     "sweep": sweep_command,
     "refine": refine_command,
-    "trajectory": trajectory_command,
+    "plant": plant_command,
     "excite": excite_command,
     "identify": identify_command,
     "compare": compare_command,

@@ -8,18 +8,25 @@ from ..common.errors import SwingupError
 from ..common.files import check_writable
 from ..common.text import one_line
 from ..loop.on_plant import plant_as_domain
-from ..plant.plant import SHIPPED_PLANTS
 from ..report.compare import compare
 from ..report.inputs import check_suffix
 from ..report.log_report import report_comparison
 from ..report.save import PAGE_FORMATS, save_log_report
-from .arguments import OptionalDomain, OptionalFile, OptionalInt, OptionalNames, OptionalRobot, OptionalText
+from .arguments import (
+    PLANTS,
+    OptionalDomain,
+    OptionalFile,
+    OptionalInt,
+    OptionalNames,
+    OptionalRobot,
+    OptionalText,
+)
 from .output import foreign_prints_apart, tell_json
 from .tables import show_parts
 
 PlantNames = Annotated[
     tuple[str, ...],
-    arg(metavar="PLANT...", help=f"plants to compare: {', '.join(SHIPPED_PLANTS)}, or files (.yml)."),
+    arg(metavar="PLANT...", help=f"plants to compare: {PLANTS}."),
 ]
 
 
@@ -53,7 +60,7 @@ def compare_command(
         json: print one JSON object.
     """
     if not plant:
-        raise SwingupError("--plant needs at least one plant: a shipped name or a file (.yml)")
+        raise SwingupError("--plant needs at least one plant: a shipped name or a file")
     for option, value in {"--domain": domain, "--robot": robot and robot.name, "--seed": seed}.items():
         if controller is None and value is not None:
             raise SwingupError(f"{option} {one_line(value)} goes with a controller's runs: add --controller")

@@ -1,4 +1,4 @@
-"""The command ``export``: a policy for other programs."""
+"""The command ``export``: a policy for other programs, or the swing-up that a baseline follows."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -8,23 +8,41 @@ from typing import Annotated, Any
 
 from tyro.conf import Positional, arg
 
+from ..benchmark.seeds import check_seeds
+from ..common.checks import one_of
 from ..common.errors import SwingupError
-from ..common.files import write_atomically
-from ..controllers.baselines.baselines import BASELINES
+from ..common.files import check_writable, write_atomically
+from ..controllers.baselines.baselines import BASELINES, DESIGN_SEED, design_of, shipped_reference
+from ..controllers.baselines.own_units import in_real_units
+from ..controllers.swingups.reference import save_reference
+from ..controllers.swingups.trajectory_csv import save_reference_csv
 from ..export.c_backend.header import c_header
 from ..export.folder import FORMS as FOLDERS
 from ..export.folder import NAME, cloudpendulum_guard, cloudpendulum_notes, export_folder
 from ..export.onnx_backend.graph import onnx_model
+from ..plant.robots import Robot
 from ..policy.guard.settings import GUARD, GuardSettings, choose_guard
 from ..policy.pendulum import PendulumPolicy
+from ..policy.plant_facts import write_plant
 from ..policy.shipped import DEFAULT, SHIPPED_POLICIES, load_policy, shipped_file
-from .arguments import OptionalFloat, OptionalRobot, word_of
+from .arguments import NO_PLANT, OptionalFloat, OptionalInt, OptionalRobot, PlantOptions, plant_of, word_of
 from .output import tell
+from .parsing import command_line
 
-FORMS = (*FOLDERS, "onnx", "c")
+TRAJECTORY = "trajectory"
+FORMS = (*FOLDERS, "onnx", "c", TRAJECTORY)
+FOLLOWED = {"tvlqr": "published", "ilqr-riccati": "published", "ilqr-mpc": "published", "tvlqr-score": "score"}
+"""The problem whose swing-up a baseline follows."""
 
 Policy = Positional[
-    Annotated[str, arg(metavar="POLICY", help=f"{', '.join(SHIPPED_POLICIES)}, or a policy file (.safetensors).")]
+    Annotated[
+        str,
+        arg(
+            metavar="POLICY",
+            help=f"{', '.join(SHIPPED_POLICIES)}, a policy file (.safetensors), or for trajectory a baseline: "
+            f"{', '.join(FOLLOWED)}.",
+        ),
+    ]
 ]
 
 
@@ -40,15 +58,18 @@ def export_command(
     guard: bool = True,
     velocity_limit: OptionalFloat = None,
     braking: OptionalFloat = None,
+    plant: PlantOptions = NO_PLANT,
+    seed: OptionalInt = None,
 ) -> int:
-    """Write a policy for RealAIGym, CloudPendulum, ONNX Runtime or C.
+    """Write a policy for RealAIGym, CloudPendulum, ONNX Runtime or C, or the swing-up that a baseline follows.
 
-    Baselines have no policy file: see RealAIGymController and swingup trajectory.
+    Baselines have no policy file; RealAIGymController runs them.
 
     Args:
         policy: the policy.
         to: realaigym or cloudpendulum, a folder that needs NumPy alone; onnx, a graph of the policy's network
-            alone; or c, a C99 header.
+            alone; c, a C99 header; or trajectory, a baseline's swing-up with its gains, in RealAIGym's format where
+            the file ends in .csv.
         out: the folder, new or empty; or the file.
         robot: acrobot or pendubot. Required for shipped policies; a file must match it.
         username: your name on RealAIGym's leaderboard.
@@ -60,11 +81,17 @@ def export_command(
             file's, or 20, and 50 for cloudpendulum.
         braking: damping (N m s/rad) with which the guard brakes the driven joint of a stopped controller, where the
             measurement is sound; by default the policy file's, or none.
+        plant: what a trajectory swings up; for another plant than the leaderboards' it is computed, in minutes.
+        seed: compute the trajectory, shipped or not, from first torques of this seed.
     """
+    if to == TRAJECTORY:
+        return _export_trajectory(policy, robot, out, plant, seed)
+    if plant or seed is not None:
+        raise SwingupError(f"--{'plant' if plant else 'seed'} goes with --to trajectory: leave it out")
     if policy in BASELINES:
         raise SwingupError(
             f"{policy!r} is a baseline, which has no policy file: swingup.RealAIGymController runs it, and "
-            f"swingup trajectory {robot.name if robot else 'ROBOT'} --out x.csv writes a swing-up with gains"
+            f"--to trajectory writes its swing-up with gains"
         )
     found = load_policy(policy, robot)
     changes = {"velocity_limit": velocity_limit, "braking": braking}
@@ -81,6 +108,31 @@ def export_command(
         left_out = [part for part in found.parts if part != GUARD]
         missing = f"{', '.join(left_out)} and a safety guard" if left_out else "a safety guard"
         tell(f"this is the network for the plant {found.plant.name} alone, without {missing}")
+    return 0
+
+
+def _export_trajectory(name: str, robot: Robot | None, out: str, plant: PlantOptions, seed: int | None) -> int:
+    """Write the swing-up that a baseline follows: the shipped one, or one that iterative LQR computes."""
+    problem = FOLLOWED[one_of("baseline that follows a swing-up", name, FOLLOWED)]
+    if robot is None:
+        raise SwingupError("--to trajectory needs a robot: add --robot acrobot or --robot pendubot")
+    on = plant_of(plant)
+    design = design_of(robot, on)
+    check_seeds(seed or 0, 1)
+    check_writable(out)
+    if design.shipped and seed is None:
+        reference, provenance = shipped_reference(robot, problem)
+    else:
+        seed = DESIGN_SEED if seed is None else seed
+        reference, provenance = design.compute(problem, seed)
+        reference = reference if design.shipped else in_real_units(reference, design.scales)
+        command = command_line("export", name, robot=robot.name, to=TRAJECTORY, **plant, seed=seed, out=out)
+        provenance |= {"plant": write_plant(on.driven(robot)), "command": command}
+    if out.endswith(".csv"):
+        save_reference_csv(out, reference)
+    else:
+        save_reference(out, reference, provenance)
+    tell(out, *(f"{name:<20}{value}" for name, value in (provenance | on.summary(robot)).items()))
     return 0
 
 

@@ -7,12 +7,11 @@ from tyro.conf import Positional, arg
 
 from ..common.errors import SwingupError
 from ..common.files import check_writable
-from ..common.text import quoted
 from ..identification.identify import identify
 from ..report.inputs import check_suffix
 from ..report.log_report import identification_tables, report_identification
 from ..report.save import PAGE_FORMATS, save_log_report
-from .arguments import OptionalNames, optional
+from .arguments import OptionalNames, PlantOutputs, check_plant_outputs, named_values, optional
 from .output import tell, tell_json
 from .progress import Progress
 from .tables import show_parts
@@ -32,7 +31,7 @@ def identify_command(
     /,
     test: TestLogs = (),
     start: Annotated[str, arg(metavar="NAME|FILE")] = "C.1",
-    out: Annotated[str | None, optional("FILE.yml")] = None,
+    out: PlantOutputs = (),
     known: KnownValues = (),
     sessions: Sessions = (),
     columns: OptionalNames = (),
@@ -48,8 +47,8 @@ def identify_command(
     Args:
         logs: logs to fit.
         test: logs to report errors on; not fitted.
-        start: plant to start from, which knows the lengths: a shipped plant's name or a parameter file.
-        out: file for the plant; its ranges go to FILE-domain.yml.
+        start: plant to start from, which knows the lengths: a shipped plant's name or a file.
+        out: files for the plant, .yml, .urdf or .xml; its ranges go to FILE-domain.yml beside the first.
         known: values that you know.
         sessions: labels, where offsets, torque gain and delay differ between logs.
         columns: names and units of the logs' columns, as time=t:ms q1=theta1:deg u1=current1:A*0.7 q2=b-a, or names
@@ -61,14 +60,13 @@ def identify_command(
     """
     if not logs:
         raise SwingupError("swingup identify needs LOG...: see swingup identify --help")
-    if out is not None:
-        check_suffix(out, (".yml", ".yaml"))
-        check_writable(out)
+    check_plant_outputs(out)
     if page is not None:
         check_suffix(page, PAGE_FORMATS)
         check_writable(page)
     begun, log = time.monotonic(), Progress().log
-    found = identify(logs, test, start, _known(known), sessions or None, seed, columns, force)
+    facts = named_values("--known", known, "m2r2=0.16")
+    found = identify(logs, test, start, facts, sessions or None, seed, columns, force)
     log(f"fitted in {time.monotonic() - begun:.0f} s")
     if json:
         # Standard output holds one object; what logs showed is said beside it.
@@ -79,27 +77,9 @@ def identify_command(
         show_parts(identification_tables(found), found.notes)
     if page is not None:
         save_log_report(report_identification(found), page)
-    if out is not None:
-        domain = found.save(out)
+    if out:
+        domain = found.save(*out)
         if not json:
             command = f"swingup evaluate ROBOT --board sim2real --domain {domain}"
-            tell("", f"wrote {out} and {domain}: try a controller with {command}")
+            tell("", f"wrote {', '.join(out)} and {domain}: try a controller with {command}")
     return 0
-
-
-def _known(words: tuple[str, ...]) -> dict[str, float]:
-    """NAME=VALUE words as a map.
-
-    Raises:
-        SwingupError: a word is none.
-    """
-    known = {}
-    for word in words:
-        name, equals, value = word.rpartition("=")
-        try:
-            known[name] = float(value)
-        except ValueError:
-            equals = ""
-        if not equals or not name:
-            raise SwingupError(f"--known {quoted(word)}: write NAME=VALUE, as in m2r2=0.16")
-    return known

@@ -140,8 +140,8 @@ def _sources(root: Traversable) -> list[str]:
         for each in (root / folder).iterdir():
             path = f"{folder}/{each.name}"
             if each.is_dir():
-                # The loop goes on with it.
-                folders.append(path)
+                # The loop goes on with it. A robot reads no model files.
+                folders += [path] if each.name != "model_files" else []
             elif path.endswith(".py"):
                 found.append(path)
     return found

@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from ..common.errors import SwingupError
 from ..plant.plant import Plant, PlantLike, load_plant
+from ..plant.save import representative
 from .fit.bootstrap import draw_solutions
 from .fit.conventions import check_columns, ratio_note
 from .fit.fit import Fit, fit_all, fit_start, pulled, refit
@@ -19,7 +20,7 @@ from .fit.problem import Problem, known_entries, session_numbers
 from .fit.scoring import Errors, hold_out, prediction_errors, score_windows, summarise
 from .log.recording import Recording, read_recording, sensors
 from .log.segments import FIT_LENGTH, Segments, cut_windows, join
-from .plant_file import domain_of, representative, write_plant_files
+from .plant_file import domain_of, write_plant_files
 from .results import TITLES, Estimates, make_notes, read_solution
 
 REPORTED = ("angle", "velocity")
@@ -63,13 +64,14 @@ class Identification:
             },
         }
 
-    def save(self, path: str | Path) -> Path:
-        """Write the plant to a YAML file, and the domain beside it; returns the domain's path.
+    def save(self, path: str | Path, *more: str | Path) -> Path:
+        """Write the plant to files (.yml, .urdf or .xml), and the domain beside the first; returns its path.
 
         Raises:
             SwingupError: a file cannot be written.
         """
-        return write_plant_files(path, self.plant, self.domain, [recording.name for recording in self.recordings])
+        logs = [recording.name for recording in self.recordings]
+        return write_plant_files([path, *more], self.plant, self.domain, logs)
 
 
 def identify(

@@ -1,46 +1,20 @@
-"""From base parameters to a plant and a domain: a physically consistent pendulum, and ranges for training.
-
-Motion tells m1 r1 + m2 l1, m2 r2, I1 + m2 l1² and I2, not the masses. Among the pendulums with these values, one is
-chosen whose masses are near the starting plant's and whose links could be built: m r² ≤ I on both links.
-"""
+"""A domain around an identified plant, and the files of both."""
 
 import contextlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ..common.errors import SwingupError
 from ..common.files import write_atomically
 from ..common.text import one_line
 from ..common.version import __version__
 from ..loop.domain import make_domain
-from ..plant.plant import NAMES, Plant, validated
+from ..plant.plant import Plant
+from ..plant.save import save_plant
 from .fit.prediction import LEAST_LAG
 
 Range = tuple[float, float]
-
-MARGIN = 1.05
-"""Inertia above that of a point mass, m r²."""
-
-
-def representative(base: Mapping[str, float], start: Plant) -> Plant:
-    """A pendulum with these base parameters and frictions; lengths, gravity and limits are the start's."""
-    l1 = float(start.l1)
-    shoulder = base["A"] - base["B"]
-    least = MARGIN * base["m2r2"] ** 2 / base["B"]
-    most = min(0.95 * shoulder / l1**2, 0.98 * base["k"] / l1)
-    # Where link 2 is too heavy for its inertia, the masses cannot be consistent: the equations still hold.
-    m2 = float(np.clip(start.m2, least, most)) if least < most else most
-    rest, I1 = base["k"] - m2 * l1, shoulder - m2 * l1**2
-    m1 = max(float(start.m1), MARGIN * rest**2 / I1)
-    found = Plant(
-        m1=m1, m2=m2, l1=l1, l2=float(start.l2), r1=rest / m1, r2=base["m2r2"] / m2, I1=I1, I2=base["B"],
-        Ir=base["Ir"], gr=float(start.gr), b1=base["b1"], b2=base["b2"], cf1=base["cf1"], cf2=base["cf2"],
-        g=float(start.g), tl1=float(start.tl1), tl2=float(start.tl2),
-    )  # fmt: skip
-    return validated(found)
 
 
 def domain_of(plant: Plant, ranges: Mapping[str, Range], others: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -86,15 +60,16 @@ def _content(p: Plant, ranges: Mapping[str, Range], narrowing: float) -> dict[st
     return content
 
 
-def write_plant_files(path: str | Path, plant: Plant, domain: Mapping[str, Any], logs: Sequence[str]) -> Path:
-    """Write a plant's file, and its domain's beside it: ``mine.yml`` and ``mine-domain.yml``."""
-    target = Path(path)
-    beside = target.with_name(f"{target.stem}-domain{target.suffix}")
-    source = f"# Source: swingup {__version__} identify, from {one_line(', '.join(logs), 500)}."
-    facts = [f"{name}: {float(getattr(plant, name))!r}" for name in NAMES]
-    note = "# SI units. m1, m2, r1, r2 and I1 are one choice of many that move alike."
-    write_atomically(target, "\n".join([source, note, *facts, ""]).encode())
+def write_plant_files(
+    paths: Sequence[str | Path], plant: Plant, domain: Mapping[str, Any], logs: Sequence[str]
+) -> Path:
+    """Write a plant's files, such as ``mine.yml``, and its domain beside the first: ``mine-domain.yml``."""
+    beside = Path(paths[0]).with_name(f"{Path(paths[0]).stem}-domain.yml")
+    source = f"Source: swingup {__version__} identify, from {one_line(', '.join(logs), 500)}."
+    note = "SI units. m1, m2, r1, r2 and I1 are one choice of many that move alike."
+    for path in paths:
+        save_plant(path, plant, [source, note])
     note = "# Ranges of the plant and its loop: 95 % intervals, narrowed where they make no pendulum."
     rows = [f"{name}: {value}" for name, value in domain.items()]
-    write_atomically(beside, "\n".join([source, note, *rows, ""]).encode())
+    write_atomically(beside, "\n".join([f"# {source}", note, *rows, ""]).encode())
     return beside

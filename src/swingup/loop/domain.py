@@ -20,7 +20,18 @@ from ..common.errors import SwingupError
 from ..common.text import one_line, quoted
 from ..common.yaml_map import read_map
 from ..dynamics.integrate import stable_substeps
-from ..plant.plant import NAMES, SHIPPED_PLANTS, Plant, base_plant, make_plant, validated
+from ..plant.plant import (
+    NAMES,
+    PARAMETER_FILES,
+    PLANT_FILES,
+    SHIPPED_PLANTS,
+    Plant,
+    base_plant,
+    is_model_file,
+    load_plant,
+    make_plant,
+    validated,
+)
 from .effects import Effects
 from .loop import LONGEST_PERIOD, LOOP_DT, PERFECT_LOOP, VALUES, Loop
 
@@ -180,8 +191,8 @@ def make_domain(content: Mapping[str, Any], name: str = "DOMAIN.yml", folder: st
     given = ranges | (dict.fromkeys(MOTORS, ranges[TORQUE_LIMIT]) if TORQUE_LIMIT in ranges else {})
     if named is None and not given.keys() >= set(PLANT):
         raise SwingupError(
-            f"domain {one_line(name)} lacks its plant: add 'plant', one of {', '.join(SHIPPED_PLANTS)} or a "
-            "parameter file (.yml), or all values of one"
+            f"domain {one_line(name)} lacks its plant: add 'plant', one of {', '.join(SHIPPED_PLANTS)}, "
+            f"{PLANT_FILES}, or all values of one"
         )
     # A plant without ranges is the middle of ranges of one value.
     middles = {each: 0.5 * (low + high) for each, (low, high) in given.items()}
@@ -210,9 +221,9 @@ def load_domain(source: str | Path) -> Domain:
     if source in SHIPPED:
         with resources.as_file(resources.files(__package__) / "domains" / f"{source}.yml") as path:
             return make_domain(read_map(path, "domain"), source)
-    if source in SHIPPED_PLANTS:
-        return make_domain({"plant": source}, source)
-    if not source.endswith((".yml", ".yaml")):
+    if source in SHIPPED_PLANTS or is_model_file(source):
+        return make_domain({"plant": load_plant(source)}, source)
+    if not source.endswith(PARAMETER_FILES):
         near = suggestion(source, (*SHIPPED, *SHIPPED_PLANTS))
         raise SwingupError(
             f"unknown domain {quoted(source)}: use {', '.join(SHIPPED)}, a plant's name or a YAML file (.yml){near}"

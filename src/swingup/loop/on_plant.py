@@ -3,7 +3,7 @@
 import dataclasses
 from pathlib import Path
 
-from ..plant.plant import PlantLike, load_plant
+from ..plant.plant import PARAMETER_FILES, PlantLike, load_plant
 from ..plant.units import scaled, scales_of
 from .domain import Domain, PlantInLoop, load_domain, make_domain
 from .loop import VALUES
@@ -69,7 +69,7 @@ def drawn_around(plant: PlantLike, share: float = 0.1) -> Domain:
 
 def plant_as_domain(plant: PlantLike) -> Domain:
     """A plant as a domain; its file may have a loop and ranges as well."""
-    if isinstance(plant, str | Path) and Path(plant).suffix in (".yml", ".yaml") and Path(plant).is_file():
+    if isinstance(plant, str | Path) and Path(plant).suffix in PARAMETER_FILES and Path(plant).is_file():
         return load_domain(plant)
     found = load_plant(plant)
     return make_domain({"plant": found}, found.name)

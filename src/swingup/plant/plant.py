@@ -1,7 +1,7 @@
 """A plant: the facts about one double pendulum, with a name; those that the package ships; and their files.
 
-The file format is a flat YAML map with the key names of RealAIGym's ``model_parameters.yml``. NumPy and Python's
-standard library suffice here, since robots run policies without JAX and without PyYAML.
+The file format is a flat YAML map with the key names of RealAIGym's ``model_parameters.yml``; ``model_files`` reads
+URDF and MJCF. NumPy and Python's standard library suffice here, since robots run policies without JAX and PyYAML.
 """
 
 import dataclasses
@@ -125,7 +125,13 @@ NAMES = tuple(each.name for each in dataclasses.fields(Plant) if each.name != "n
 """Names of the numbers."""
 
 PlantLike: TypeAlias = Plant | str | Path
-"""A plant, a shipped plant's name, or a parameter file."""
+"""A plant, a shipped plant's name, or a file."""
+
+PARAMETER_FILES, MODEL_FILES = (".yml", ".yaml"), (".urdf", ".xml", ".mjcf")
+"""Ends of the names of parameter files, and of files in other programs' formats."""
+
+PLANT_FILES = "a parameter file (.yml), a URDF (.urdf) or an MJCF (.xml)"
+"""The files of plants, for messages."""
 
 LEADERBOARD = Plant(
     m1=0.5234602302310271, m2=0.6255677234174437, l1=0.2, l2=0.3, r1=0.2, r2=0.25569305436052964,
@@ -140,12 +146,12 @@ leaderboards'. All but the last are files in ``plant/shipped``, with their sourc
 
 
 def load_plant(source: PlantLike) -> Plant:
-    """Find a plant by its name, or read it from a parameter file.
+    """Find a plant by its name, or read it from a file.
 
     Args:
         source: one of :data:`SHIPPED_PLANTS`, a YAML file with RealAIGym's names (its ``model_parameters.yml``, or
-            what ``swingup identify`` wrote), or a plant, which is checked. A file with an entry ``plant`` has that
-            plant's values where it gives none itself.
+            what ``swingup identify`` wrote), a URDF or an MJCF that says all of a plant, or a plant, which is
+            checked. A YAML file with an entry ``plant`` has that plant's values where it gives none itself.
 
     Raises:
         SwingupError: there is no such plant, or the file cannot be read, lacks a value, has a range, or makes no
@@ -157,28 +163,37 @@ def load_plant(source: PlantLike) -> Plant:
     if name in SHIPPED_PLANTS:
         return _shipped_plant(name)
     if not is_plant_name(name):
-        known = ", ".join(SHIPPED_PLANTS)
-        near = suggestion(name, SHIPPED_PLANTS)
-        raise SwingupError(f"unknown plant {quoted(name)}: use {known} or a parameter file (.yml){near}")
+        raise SwingupError(
+            f"unknown plant {quoted(name)}: use {', '.join(SHIPPED_PLANTS)} or {PLANT_FILES}"
+            f"{suggestion(name, SHIPPED_PLANTS)}"
+        )
     try:
-        return _read_plant(name)
+        return _model_plant(name, name) if is_model_file(name) else _read_plant(name)
     except SwingupError as error:
         raise SwingupError(f"plant {one_line(name)}: {error}") from error
 
 
 def is_plant_name(name: str) -> bool:
-    """Whether a name is a shipped plant's or a parameter file's, as the command line takes them."""
-    return name in SHIPPED_PLANTS or name.endswith((".yml", ".yaml"))
+    """Whether a name is a shipped plant's or a file's, as the command line takes them."""
+    return name in SHIPPED_PLANTS or name.endswith(PARAMETER_FILES) or is_model_file(name)
+
+
+def is_model_file(name: str | Path) -> bool:
+    """Whether a name is that of a URDF or an MJCF."""
+    return str(name).lower().endswith(MODEL_FILES)
 
 
 def base_plant(source: object, folder: str | Path) -> Plant:
     """The plant that a file's entry ``plant`` names: a shipped one, or a file with all values."""
     if isinstance(source, str) and source in SHIPPED_PLANTS:
         return _shipped_plant(source)
-    if not isinstance(source, str) or not source.endswith((".yml", ".yaml")):
-        known = ", ".join(SHIPPED_PLANTS)
-        raise SwingupError(f"plant = {quoted(source)} is not a plant: use {known} or a parameter file (.yml)")
+    if not isinstance(source, str) or not is_plant_name(source):
+        raise SwingupError(
+            f"plant = {quoted(source)} is not a plant: use {', '.join(SHIPPED_PLANTS)} or {PLANT_FILES}"
+        )
     path = Path(folder) / source
+    if is_model_file(path):
+        return _model_plant(path, source)
     return make_plant(_entries(path), f"parameter file {path}", source)
 
 
@@ -237,6 +252,20 @@ def _shipped_plant(name: str) -> Plant:
         return LEADERBOARD
     with resources.as_file(resources.files(__package__) / "shipped" / f"{name}.yml") as path:
         return make_plant(_entries(path), f"parameter file {path}", name)
+
+
+def _model_plant(path: str | Path, name: str) -> Plant:
+    # Here, since a folder for a robot is without these readers.
+    from .model_files.files import read_model
+
+    facts = read_model(path).facts
+    missing = [each for each in NAMES if each not in facts]
+    if missing:
+        given = " ".join(f"{each}=..." for each in missing)
+        raise SwingupError(
+            f"it does not say {', '.join(missing)}: swingup plant {one_line(path)} --set {given} --out mine.yml"
+        )
+    return make_plant(facts, f"model file {path}", name)
 
 
 def _read_plant(file: str) -> Plant:

@@ -18,8 +18,8 @@ from .pendulum import PendulumState
 from .task import AbstractTask, Step
 
 CAPSULES = Plant(
-    # Inertias of the capsules about their centres, moved to the joints.
-    m1=1.0, m2=1.0, l1=1.0, l2=1.0, r1=0.5, r2=0.5, I1=0.0955703125 + 0.25, I2=0.0953036572 + 0.25, Ir=0.0, gr=1.0,
+    # As load_plant reads them from the suite's acrobot.xml; that takes time at import.
+    m1=1.0, m2=1.0, l1=1.0, l2=1.0, r1=0.5, r2=0.5, I1=0.3455703125, I2=0.3453036571964956, Ir=0.0, gr=2.0,
     b1=0.05, b2=0.05, cf1=0.0, cf2=0.0, g=9.81, tl1=0.0, tl2=2.0, name="dm_control's acrobot",
 )  # fmt: skip
 """The plant, from q1 = 0 hanging as everywhere in this package."""

@@ -16,7 +16,7 @@ from ...plant.robots import Robot, get_robot
 REFERENCE_FORMAT = "swingup trajectory"
 REFERENCE_VERSION = 1
 
-RECOMPUTE = "compute it again with swingup trajectory"
+RECOMPUTE = "compute it again with swingup export --to trajectory"
 
 
 class Reference(eqx.Module):

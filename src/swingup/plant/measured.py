@@ -1,0 +1,135 @@
+"""Plants from what a user knows: a model file, another plant, or what a ruler and a scale say.
+
+A link whose inertia is not given is a uniform rod with a point mass at one end, which puts its centre of mass where
+it was measured: at the tip if the centre is beyond the rod's middle, else at the joint. With mass m, length l and
+centre r from the joint, the inertia about the joint is m l² (4 r / l - 1) / 3 beyond the middle, 2/3 m r l before.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from ..common.checks import finite_number, one_of
+from ..common.errors import SwingupError
+from .equations import lump, mass_entries
+from .plant import NAMES, Plant, PlantLike, is_model_file, load_plant, make_plant
+
+MORE_NAMES = ("Ic1", "Ic2", "motor")
+"""What is given beside a plant's numbers: inertias about the centres of mass (kg m²), and the torque of both motors
+before their gears (N m)."""
+
+USUAL = {"Ir": 0.0, "gr": 1.0, "b1": 0.0, "b2": 0.0, "cf1": 0.0, "cf2": 0.0, "g": 9.81}
+"""What need not be given."""
+
+MOTORS = ("tl1", "tl2")
+
+
+class MeasuredPlant(NamedTuple):
+    """A plant, and what was assumed or left out."""
+
+    plant: Plant
+    notes: list[str]
+
+
+def measured_plant(
+    source: PlantLike | None = None, values: Mapping[str, float] | None = None, inertia: str | None = None
+) -> MeasuredPlant:
+    """A plant from a source, measured values, or both.
+
+    Args:
+        source: a plant, its name or its file; None where the values say all.
+        values: numbers by name that replace the source's: a plant's, or some of :data:`MORE_NAMES`.
+        inertia: of a URDF or an MJCF, what its inertias are about: "centre" (of mass) or "joint".
+
+    Raises:
+        SwingupError: a name is unknown, a value is missing or given twice, or they make no pendulum.
+    """
+    given = {one_of("value", name, (*NAMES, *MORE_NAMES)): value for name, value in (values or {}).items()}
+    given = {name: finite_number(name, value) for name, value in given.items()}
+    known, notes, name = _known(source, given.get("gr"), inertia)
+    facts = known | {each: value for each, value in given.items() if each in NAMES}
+    if "motor" in given:
+        _refuse_both(given, "motor", *MOTORS)
+        facts |= dict.fromkeys(MOTORS, given["motor"] * facts["gr"])
+    elif source is None and facts.keys() & set(MOTORS):
+        facts = dict.fromkeys(MOTORS, 0.0) | facts
+    needed = [f"{each}{link}" for each in ("m", "l") for link in (1, 2)]
+    missing = [each for each in (*needed, *MOTORS) if each not in facts]
+    if missing:
+        lacking = "a plant needs" if source is None else f"{name} does not say"
+        raise SwingupError(f"{lacking} {', '.join(missing)}: add {missing[0]}=VALUE, in SI units")
+    for link in (1, 2):
+        _refuse_both(given, f"I{link}", f"Ic{link}")
+        notes += _complete_link(facts, link, given)
+    plant = make_plant(facts, "the plant", name)
+    return MeasuredPlant(plant, [*notes, *_check(plant, given)])
+
+
+def _known(
+    source: PlantLike | None, gear: float | None, inertia: str | None
+) -> tuple[dict[str, float], list[str], str]:
+    """Numbers that a source has, its notes and its name."""
+    if isinstance(source, str) and is_model_file(source):
+        from .model_files.files import read_model
+
+        model = read_model(source, inertia, gear)
+        return dict(model.facts), list(model.notes), source
+    if inertia is not None:
+        raise SwingupError(f"inertia = {inertia} says how to read a URDF or an MJCF: leave it out")
+    if source is None:
+        return dict(USUAL), [], "measured"
+    found = load_plant(source)
+    return found.values(), [], found.name
+
+
+def _refuse_both(given: Mapping[str, float], *names: str) -> None:
+    both = [name for name in names if name in given]
+    if len(both) > 1 and names[0] in both:
+        raise SwingupError(f"{' and '.join(both)} say the same: give one of them")
+
+
+def _complete_link(facts: dict[str, float], link: int, given: Mapping[str, float]) -> list[str]:
+    """Add a link's centre of mass and inertia; returns what was assumed."""
+    mass, length = facts[f"m{link}"], facts[f"l{link}"]
+    notes, r, I, about_centre = [], f"r{link}", f"I{link}", f"Ic{link}"  # noqa: E741
+    assumed = r not in facts
+    centre = facts.setdefault(r, 0.5 * length)
+    if about_centre in given:
+        facts[I] = given[about_centre] + mass * centre**2
+    elif I not in facts:
+        if not 0 <= centre <= length:
+            raise SwingupError(
+                f"{r} = {centre:g} m is beyond the ends of link {link}: give {I} or {about_centre} as well"
+            )
+        share = centre / length
+        facts[I] = mass * length**2 * ((4 * share - 1) / 3 if share > 0.5 else 2 / 3 * share)
+        end = "" if share == 0.5 else f" with a mass at its {'tip' if share > 0.5 else 'joint'}"
+        notes.append(f"assumed: {I} = {facts[I]:.4g} kg m² of a uniform rod{end}")
+    elif assumed:
+        notes.append(f"assumed: {r} = {centre:g} m, the middle of link {link}")
+    return notes
+
+
+def _check(plant: Plant, given: Mapping[str, float]) -> list[str]:
+    """Check I ≥ m r², which fitted plants may break and given values may not, and tell the times of swings."""
+    notes = []
+    for link in (1, 2):
+        inertia, point = getattr(plant, f"I{link}"), getattr(plant, f"m{link}") * getattr(plant, f"r{link}") ** 2
+        if inertia < point * (1 - 1e-9):
+            told = (
+                f"I{link} = {inertia:.4g} kg m² is below m{link} r{link}² = {point:.4g}, the least that a body can "
+                f"have about its joint: if it is about the centre of mass, give Ic{link}"
+            )
+            if f"I{link}" in given:
+                raise SwingupError(told)
+            notes.append(told)
+    lumped = lump(plant)
+    m11, m12, m22 = mass_entries(lumped, 1.0)
+    pull = np.array([[lumped.gravity1 + lumped.gravity2, lumped.gravity2], [lumped.gravity2, lumped.gravity2]])
+    squares = np.linalg.eigvals(np.linalg.solve(np.array([[m11, m12], [m12, m22]]), pull)).real
+    if (squares > 0).all():
+        slow, fast = (2 * math.pi / math.sqrt(square) for square in sorted(squares))
+        notes.append(f"small swings about hanging take {slow:.3g} s, and {fast:.3g} s with the links opposed")
+    return notes

@@ -1,0 +1,359 @@
+"""From bodies and hinges in space to the numbers of a double pendulum.
+
+A plant swings in one vertical plane: both hinges' axes are horizontal and parallel, and the centre of link 1 lies
+on the line from the shoulder to the elbow. Bodies without a hinge belong to the link that carries them. Offsets
+along the axes have no effect.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from ...common.errors import SwingupError
+from ...common.text import quoted
+from .frames import Frame, Vector, unit
+
+TURNED = 1e-3
+"""Angles up to this (rad) are roundings of a file."""
+
+OFF_LINE = 0.02
+"""Largest distance of a centre from its link's line that is left out, as a part of the link's length."""
+
+NOTHING = 1e-6
+"""A length that is none (m)."""
+
+BALANCED = 1e-6
+"""A centre nearer to the elbow than this part of l1 has no direction."""
+
+EITHER = 0.6
+"""An inertia above this part of m r² may be about the joint. Rods have a third of it about their centres, and
+bodies at least all of it about their joints; RealAIGym's fits go down to 0.77 there."""
+
+READINGS = ("centre", "joint")
+"""What the inertias of a file may be about: the centre of mass, as both formats have it, or the joint."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A mass of a body."""
+
+    mass: float
+    centre: Vector
+    """In the body's frame (m)."""
+    inertia: np.ndarray
+    """(3, 3), in the axes of the body's frame (kg m²)."""
+    stated: bool = True
+    """Whether the file says the inertia, which may then be about the joint; a shape's is about its centre."""
+
+
+@dataclass(frozen=True)
+class Hinge:
+    """The joint that carries a body."""
+
+    name: str
+    axis: Vector
+    """In the body's frame."""
+    anchor: Vector
+    """In the body's frame (m)."""
+    damping: float
+    coulomb: float
+    """Coulomb friction as a plant has it (N m)."""
+    armature: float = 0.0
+    """Inertia that a motor adds to this joint alone (kg m²)."""
+    limit: float | None = None
+    """Torque limit (N m); None where the file does not say it."""
+    zero: float = 0.0
+    """The joint's own angle where the file's frames stand (rad)."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """A body in the frame of the body that carries it."""
+
+    name: str
+    parent: int | None
+    """Place of the body that carries it; None for one that stands still."""
+    frame: Frame
+    hinge: Hinge | None = None
+    parts: list[Part] = field(default_factory=list)
+    marks: list[tuple[str, Vector]] = field(default_factory=list)
+    """Named frames, which may be the tip."""
+    ends: list[Vector] = field(default_factory=list)
+    """Ends of its shapes, which may be the tip."""
+
+
+Relation: TypeAlias = tuple[float, float]
+"""Sign s and offset o (rad) of a joint: q = o + s (the file's angle)."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """What a model file says of a double pendulum."""
+
+    facts: dict[str, float]
+    """A plant's numbers by name; without those that the file does not say."""
+    notes: list[str]
+    """What was left out, or chosen."""
+    angles: tuple[Relation, Relation]
+    """How q1 and q2 follow from the file's angles."""
+
+
+class _Plane(NamedTuple):
+    """The vertical plane of the motion."""
+
+    axis: Vector
+    """Of link 1's joint."""
+    down: Vector
+    side: Vector
+    """Where a link that hangs moves first, when it turns about the axis."""
+
+    def flat(self, point: Vector) -> np.ndarray:
+        """A point's two coordinates, down and to the side (m)."""
+        return np.array([point @ self.down, point @ self.side])
+
+
+@dataclass(frozen=True)
+class _Chain:
+    """Two links that hang on one another."""
+
+    bodies: Sequence[Body]
+    places: Sequence[Frame]
+    """Frames of the bodies in that of what stands still."""
+    carriers: Sequence[int | None]
+    """The link that each body is a part of, 0 or 1; None for what stands still."""
+    hinged: tuple[Body, Body]
+    hinges: tuple[Hinge, Hinge]
+    plane: _Plane
+    signs: tuple[float, float]
+    """Whether a joint turns as the first one does, or the other way."""
+    joints: tuple[np.ndarray, np.ndarray]
+    """Where they are in the plane (m)."""
+
+    def parts_of(self, link: int) -> Iterator[tuple[Body, Frame]]:
+        """The bodies of a link, with their frames."""
+        for body, place, carrier in zip(self.bodies, self.places, self.carriers, strict=True):
+            if carrier == link:
+                yield body, place
+
+
+def double_pendulum(
+    bodies: Sequence[Body], gravity: Vector, gear: float, notes: Sequence[str], inertia: str | None, asked: bool
+) -> Model:
+    """The plant's numbers of a chain of two hinges.
+
+    Args:
+        bodies: each after the one that carries it.
+        gravity: its acceleration in the frame of what stands still (m/s²).
+        gear: gear ratio of the motors, between which and the rotors' inertia the armature is divided.
+        notes: those of the file's reader, which come first.
+        inertia: what stated inertias are about, one of :data:`READINGS`; None for the format's own rule.
+        asked: whether inertias that may be about either are refused without ``inertia``.
+
+    Raises:
+        SwingupError: the bodies are not a double pendulum in a vertical plane, or the inertias may be either.
+    """
+    notes, chain = list(notes), _chain(bodies, gravity)
+    arm = chain.joints[1] - chain.joints[0]
+    l1 = float(np.hypot(*arm))
+    if not l1 > NOTHING:
+        raise SwingupError(
+            f"joint {quoted(chain.hinges[1].name)} lies on the axis of {quoted(chain.hinges[0].name)}"
+        )
+    along = arm / l1
+    about_joint = _about_joint(chain, inertia, asked, notes)
+    (m1, centre1, I1), (m2, centre2, I2) = (_link(chain, link, about_joint) for link in (0, 1))
+    _check_line(chain, _cross(along, centre1), l1, notes)
+    reach = float(np.hypot(*centre2))
+    tip = _tip(chain, reach)
+    straight, r2 = centre2, reach
+    if not reach > BALANCED * l1:
+        straight = along if tip is None else tip[1]
+    elif tip is not None and float(tip[1] @ centre2) < 0:  # a counterweight on the other side of the elbow
+        straight, r2 = -centre2, -reach
+    first, second = chain.hinges
+    facts = {"m1": m1, "m2": m2, "l1": l1, "r1": float(centre1 @ along), "r2": r2}
+    facts |= {"g": float(np.linalg.norm(gravity)), "gr": gear, "b1": first.damping, "b2": second.damping}
+    facts |= {"cf1": first.coulomb, "cf2": second.coulomb}
+    facts |= _with_rotors(I1, I2, first.armature, second.armature, gear)
+    facts |= {f"tl{number}": each.limit for number, each in enumerate(chain.hinges, 1) if each.limit is not None}
+    if tip is not None:
+        facts["l2"] = float(np.hypot(*tip[1]))
+        notes.append(f"l2 = {facts['l2']:.4g} m is the distance of {tip[0]} from the elbow")
+    if facts["Ir"] > 0:
+        notes.append("the armature is in I1, I2 and Ir, so that the pendulum moves as with it")
+    hanging = math.atan2(arm[1], arm[0]), math.atan2(_cross(along, straight), float(along @ straight))
+    angles = _angles(chain, hanging, notes)
+    return Model({name: float(value) for name, value in facts.items()}, notes, angles)
+
+
+def _chain(bodies: Sequence[Body], gravity: Vector) -> _Chain:
+    places: list[Frame] = []
+    carriers: list[int | None] = []
+    hinged: list[Body] = []
+    for body in bodies:
+        places.append(body.frame if body.parent is None else body.frame.within(places[body.parent]))
+        carrier = None if body.parent is None else carriers[body.parent]
+        if body.hinge is not None:
+            if len(hinged) == 1 and carrier != 0:
+                raise SwingupError(f"joint {quoted(body.hinge.name)} hangs on what stands still, not on link 1")
+            carrier = len(hinged)
+            hinged.append(body)
+        carriers.append(carrier)
+    hinges = [body.hinge for body in hinged if body.hinge is not None]
+    if len(hinges) != 2:
+        names = f" ({', '.join(quoted(hinge.name) for hinge in hinges[:6])})" if hinges else ""
+        raise SwingupError(
+            f"{len(hinges)} joints move{names}, and a double pendulum has two: remove or fix the others"
+        )
+    frames = [places[carriers.index(link)] for link in (0, 1)]
+    axes = [frame.rotation @ hinge.axis for frame, hinge in zip(frames, hinges, strict=True)]
+    plane = _plane(hinges, axes, unit(gravity, "gravity"))
+    joints = [plane.flat(frame.point(hinge.anchor)) for frame, hinge in zip(frames, hinges, strict=True)]
+    signs = 1.0, math.copysign(1.0, float(axes[0] @ axes[1]))
+    return _Chain(
+        bodies,
+        places,
+        carriers,
+        (hinged[0], hinged[1]),
+        (hinges[0], hinges[1]),
+        plane,
+        signs,
+        (joints[0], joints[1]),
+    )
+
+
+def _plane(hinges: Sequence[Hinge], axes: Sequence[Vector], down: Vector) -> _Plane:
+    """The plane of the motion.
+
+    Raises:
+        SwingupError: it is not vertical, or the links move in two.
+    """
+    lean = math.asin(min(1.0, abs(float(axes[0] @ down))))
+    if lean > TURNED:
+        raise SwingupError(
+            f"the axis of joint {quoted(hinges[0].name)} leans {math.degrees(lean):.3g}° from the horizontal: a "
+            "plant swings in a vertical plane"
+        )
+    turned = math.asin(min(1.0, float(np.linalg.norm(np.cross(axes[0], axes[1])))))
+    if turned > TURNED:
+        raise SwingupError(
+            f"the axis of joint {quoted(hinges[1].name)} is turned by {math.degrees(turned):.3g}° from that of "
+            f"{quoted(hinges[0].name)}: a plant's links swing in one plane"
+        )
+    down = unit(down - (down @ axes[0]) * axes[0], "gravity")
+    return _Plane(axes[0], down, np.cross(axes[0], down))
+
+
+def _about_joint(chain: _Chain, inertia: str | None, asked: bool, notes: list[str]) -> bool:
+    """Whether the stated inertias of both links are about their joints; what was taken is noted."""
+    readings = []
+    for body, hinge in zip(chain.hinged, chain.hinges, strict=True):
+        for part in body.parts:
+            arm = np.cross(hinge.axis, part.centre - hinge.anchor)
+            if part.stated and part.mass > 0:
+                own, point = float(hinge.axis @ part.inertia @ hinge.axis), part.mass * float(arm @ arm)
+                readings.append((quoted(body.name), own, point))
+    # Where m r² is nothing, both readings agree.
+    unclear = any(own > EITHER * point > 1e-6 * own for _, own, point in readings)
+    shown = " and ".join(f"{own:.4g} kg m² of {name}" for name, own, _ in readings)
+    if inertia is None and unclear and asked:
+        raise SwingupError(
+            f"the inertias, {shown}, may be about the centres of mass, as the format has them, or about the "
+            "joints, as in RealAIGym's files: say which, with swingup plant FILE --inertia centre or joint"
+        )
+    if readings:
+        notes.append(
+            f"inertias, {shown}, are taken about the {'joints' if inertia == 'joint' else 'centres of mass'}"
+        )
+    for name, own, point in readings if inertia == "joint" else ():
+        if own < point:
+            notes.append(
+                f"no body has an inertia about its joint below m r² = {point:.4g}: if that of {name} is not from a "
+                "fit, it is about the centre"
+            )
+    return inertia == "joint"
+
+
+def _link(chain: _Chain, link: int, about_joint: bool) -> tuple[float, np.ndarray, float]:
+    """Mass (kg), centre of mass from the joint in the plane (m) and inertia about the joint (kg m²)."""
+    mass, moment, inertia = 0.0, np.zeros(2), 0.0
+    for body, place in chain.parts_of(link):
+        axis = place.rotation.T @ chain.plane.axis
+        for part in body.parts:
+            centre = chain.plane.flat(place.point(part.centre)) - chain.joints[link]
+            own = float(axis @ part.inertia @ axis)
+            stated = about_joint and part.stated and body.hinge is not None
+            mass, moment = mass + part.mass, moment + part.mass * centre
+            inertia += own if stated else own + part.mass * float(centre @ centre)
+    if not mass > 0:
+        raise SwingupError(f"link {quoted(chain.hinged[link].name)} has no mass")
+    return mass, moment / mass, inertia
+
+
+def _check_line(chain: _Chain, off: float, l1: float, notes: list[str]) -> None:
+    """Refuse or note a centre of link 1 that is so far (m) beside the line from joint to joint."""
+    if abs(off) > OFF_LINE * l1:
+        raise SwingupError(
+            f"the centre of mass of link {quoted(chain.hinged[0].name)} lies {abs(off):.3g} m beside the line from "
+            "joint to joint, and a plant has it on that line"
+        )
+    if abs(off) > TURNED * l1:
+        notes.append(
+            f"left out: the centre of mass of link 1 lies {abs(off):.3g} m beside the line from joint to joint"
+        )
+
+
+def _tip(chain: _Chain, reach: float) -> tuple[str, np.ndarray] | None:
+    """What ends link 2 and where from the elbow (m): the farthest frame, or else the farthest end of a shape.
+
+    Frames near the elbow, within half the centre's distance (m), are something else.
+    """
+    marks = [
+        (f"frame {quoted(name)}", place.point(at)) for body, place in chain.parts_of(1) for name, at in body.marks
+    ]
+    ends = [("the end of its shape", place.point(at)) for body, place in chain.parts_of(1) for at in body.ends]
+    for found in (marks, ends):
+        far = [(name, chain.plane.flat(at) - chain.joints[1]) for name, at in found]
+        name, at = max(far, key=lambda each: float(np.hypot(*each[1])), default=("", np.zeros(2)))
+        if float(np.hypot(*at)) > max(0.5 * reach, NOTHING):
+            return name, at
+    return None
+
+
+def _angles(chain: _Chain, hanging: tuple[float, float], notes: list[str]) -> tuple[Relation, Relation]:
+    """How q1 and q2 follow from the file's angles, of which those that the frames show are given for q (rad)."""
+    found, told = [], []
+    for number, (sign, angle, hinge) in enumerate(zip(chain.signs, hanging, chain.hinges, strict=True), 1):
+        offset = math.remainder(angle - sign * hinge.zero, 2 * math.pi)
+        offset += 2 * math.pi if offset < TURNED - math.pi else 0.0  # π, also where rounding makes it -π
+        plain = "" if sign > 0 else "-"
+        shown = f"{offset:.4g} {plain or '+'} " if abs(offset) > TURNED else plain
+        told.append(f"q{number} = {shown}{quoted(hinge.name)}")
+        found.append((sign, offset))
+    if any(sign < 0 or abs(offset) > TURNED for sign, offset in found):
+        notes.append(f"angles: {' and '.join(told)}")
+    return found[0], found[1]
+
+
+def _with_rotors(I1: float, I2: float, armature1: float, armature2: float, gear: float) -> dict[str, float]:
+    """I1, I2 and Ir of the plant that moves as one whose motors add inertia to the diagonal of M alone.
+
+    A plant's rotors add gr² Ir + Ir to M11, gr² Ir to M22, and -gr Ir to M12. With Ir = a2 / (gr (gr + 1)) the part
+    gr Ir of a2 is counted as inertia of link 2, which adds it to M12 as well, where both cancel.
+    """
+    rotor = armature2 / (gear * (gear + 1))
+    return {"I1": I1 + armature1 - armature2 - rotor, "I2": I2 + gear * rotor, "Ir": rotor}
+
+
+def without_rotors(plant: Mapping[str, float]) -> tuple[float, float, float, float]:
+    """The inverse: I1, I2 and the armature of both joints (kg m²)."""
+    geared = plant["gr"] * plant["Ir"]
+    armature = geared + plant["gr"] * geared
+    return plant["I1"], plant["I2"] - geared, armature + plant["Ir"], armature
+
+
+def _cross(one: np.ndarray, other: np.ndarray) -> float:
+    return float(one[0] * other[1] - one[1] * other[0])

@@ -1,0 +1,247 @@
+"""URDF, ROS's format: links, joints, transmissions; and Drake's rotors.
+
+URDF has no gravity, taken as 9.81 m/s² along -z, and no tip: a frame or a shape may show it. Its friction is taken
+as a plant's cf, as RealAIGym's files mean it.
+"""
+
+from collections.abc import Mapping
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+
+from ...common.errors import SwingupError
+from ...common.text import quoted
+from ...common.xml_tree import Attributes, attributes_of
+from .bodies import Body, Hinge, Model, Part, double_pendulum, without_rotors
+from .frames import Frame, rpy_frame, unit
+from .shapes import SIZES, ends
+
+GRAVITY = 9.81
+"""m/s²."""
+
+OURS = "swingup"
+"""The element for what this package writes beside a URDF's own."""
+
+KNOWN = ("link", "joint", "frame", "transmission", "material", OURS)
+"""Elements that are read, or say nothing of the motion."""
+
+BASE, LINK1, LINK2, TIP = "base", "link1", "link2", "tip"
+"""Names in files that are written."""
+
+SPEED = 1000.0
+"""The speed limit that a written joint must have (rad/s), beyond what a pendulum reaches."""
+
+
+def read_urdf(root: Element, inertia: str | None, gear: float | None) -> Model:
+    """The double pendulum of a URDF.
+
+    Args:
+        root: ``<robot>``.
+        inertia: what its inertias are about, "centre" or "joint"; None asks where both may be.
+        gear: gear ratio of the motors; None for the file's.
+
+    Raises:
+        SwingupError: it is not a double pendulum.
+    """
+    links = _named(root, "link")
+    joints = _named(root, "joint")
+    carried: dict[str, Element] = {}
+    for name, each in joints.items():
+        child = _end(each, "child")
+        if child in carried:
+            raise SwingupError(f"joint {quoted(name)} closes a loop: {quoted(child)} hangs on two joints")
+        carried[child] = each
+    order = _order(carried, links)
+    found_gear, driven = _transmissions(root)
+    notes = [f"not read: <{tag}>" for tag in dict.fromkeys(each.tag for each in root) if tag not in KNOWN]
+    bodies = []
+    for name in order:
+        joint = carried.get(name)
+        hinge = None if joint is None else _hinge(joint, driven, notes)
+        bodies.append(
+            Body(
+                name,
+                None if joint is None else order.index(_end(joint, "parent")),
+                Frame() if joint is None else rpy_frame(_child(joint, "origin")),
+                hinge,
+                _parts(links.get(name)),
+                [] if joint is None or hinge is not None else [(name, np.zeros(3))],
+                _shape_ends(links.get(name)),
+            )
+        )
+    for element in root.findall("frame"):  # Drake's
+        given = attributes_of(element)
+        if given.text("link") in order:
+            bodies[order.index(given.text("link"))].marks.append((given.text("name"), rpy_frame(given).origin))
+    own = _child(root, OURS)
+    gravity = np.array([0.0, 0.0, -(own.number("gravity", GRAVITY) if own else GRAVITY)])
+    about = inertia or (own and own.text("inertia")) or None
+    return double_pendulum(bodies, gravity, gear or found_gear, notes, about, asked=True)
+
+
+def write_urdf(name: str, plant: Mapping[str, float]) -> Element:
+    """A URDF of a plant that hangs at rest where the joints' angles are 0.
+
+    Args:
+        name: of the robot.
+        plant: its numbers, of which gravity has no place.
+    """
+    I1, I2, *armatures = without_rotors(plant)
+    root = Element("robot", {"name": name, "xmlns:drake": "http://drake.mit.edu"})
+    SubElement(root, OURS, gravity=repr(plant["g"]), inertia="centre")
+    SubElement(root, "link", name=BASE)
+    parents, drops = (BASE, LINK1), (0.0, plant["l1"])
+    for number, (link, own) in enumerate(((LINK1, I1), (LINK2, I2)), 1):
+        mass, length, centre = (plant[f"{each}{number}"] for each in ("m", "l", "r"))
+        body = SubElement(root, "link", name=link)
+        inertial = SubElement(body, "inertial")
+        SubElement(inertial, "origin", xyz=f"0 0 {-centre!r}")
+        SubElement(inertial, "mass", value=repr(mass))
+        about = repr(own - mass * centre**2)
+        SubElement(inertial, "inertia", ixx=about, ixy="0", ixz="0", iyy=about, iyz="0", izz=about)
+        visual = SubElement(body, "visual")
+        SubElement(visual, "origin", xyz=f"0 0 {-length / 2!r}")
+        SubElement(SubElement(visual, "geometry"), "cylinder", length=repr(length), radius=repr(length / 40))
+        joint = _joint(root, f"joint{number}", "continuous", parents[number - 1], link, drops[number - 1])
+        SubElement(joint, "axis", xyz="1 0 0")
+        SubElement(joint, "limit", effort=repr(plant[f"tl{number}"]), velocity=repr(SPEED))
+        SubElement(joint, "dynamics", damping=repr(plant[f"b{number}"]), friction=repr(plant[f"cf{number}"]))
+    SubElement(root, "link", name=TIP)
+    _joint(root, f"{TIP}_joint", "fixed", LINK2, TIP, plant["l2"])
+    for number, armature in enumerate(armatures, 1):
+        transmission = SubElement(root, "transmission", name=f"transmission{number}")
+        SubElement(transmission, "type").text = "transmission_interface/SimpleTransmission"
+        SubElement(transmission, "joint", name=f"joint{number}")
+        motor = SubElement(transmission, "actuator", name=f"motor{number}")
+        SubElement(motor, "mechanicalReduction").text = repr(plant["gr"])
+        SubElement(motor, "drake:gear_ratio", value=repr(plant["gr"]))
+        SubElement(motor, "drake:rotor_inertia", value=repr(armature / plant["gr"] ** 2))
+    return root
+
+
+def _joint(root: Element, name: str, kind: str, parent: str, child: str, drop: float) -> Element:
+    joint = SubElement(root, "joint", name=name, type=kind)
+    SubElement(joint, "parent", link=parent)
+    SubElement(joint, "child", link=child)
+    SubElement(joint, "origin", xyz=f"0 0 {-drop!r}")
+    return joint
+
+
+def _named(root: Element, tag: str) -> dict[str, Element]:
+    """Elements by their names."""
+    found: dict[str, Element] = {}
+    for element in root.findall(tag):
+        name = element.get("name", "")
+        if name in found:
+            raise SwingupError(f"there are two <{tag}> {quoted(name)}")
+        found[name] = element
+    return found
+
+
+def _child(element: Element, tag: str) -> Attributes | None:
+    found = element.find(tag)
+    return None if found is None else attributes_of(found, f"{tag}> of <{element.tag} {element.get('name', '')}")
+
+
+def _end(joint: Element, tag: str) -> str:
+    """The link that a joint names as its parent or child."""
+    given = _child(joint, tag)
+    if given is None or not given.text("link"):
+        raise SwingupError(f"joint {quoted(joint.get('name', ''))} has no <{tag} link>")
+    return given.text("link")
+
+
+def _order(carried: Mapping[str, Element], links: Mapping[str, Element]) -> list[str]:
+    """Names of the links, each after the one that carries it."""
+    children: dict[str, list[str]] = {}
+    for child, joint in carried.items():
+        children.setdefault(_end(joint, "parent"), []).append(child)
+    # A parent that is nowhere a link, such as Drake's world, stands still as well.
+    order = [name for name in dict.fromkeys((*links, *children)) if name not in carried]
+    for name in order:
+        order += children.get(name, [])
+    if len(order) < len({*links, *carried}):
+        raise SwingupError("joints hang on one another in a circle: no link stands still")
+    return order
+
+
+def _hinge(joint: Element, driven: Mapping[str, float], notes: list[str]) -> Hinge | None:
+    """The hinge of a joint; None for one that is fixed."""
+    name, kind = joint.get("name", ""), joint.get("type", "")
+    if kind == "fixed":
+        return None
+    if kind not in ("revolute", "continuous"):
+        raise SwingupError(f"joint {quoted(name)} is {quoted(kind)}: a plant's are revolute, continuous or fixed")
+    if joint.find("mimic") is not None:
+        raise SwingupError(f"joint {quoted(name)} mimics another one: a plant's joints move on their own")
+    axis, limit, dynamics = (_child(joint, tag) for tag in ("axis", "limit", "dynamics"))
+    given = (1.0, 0.0, 0.0) if axis is None else axis.numbers("xyz", (1, 0, 0))
+    if limit is not None and kind == "revolute":
+        low, high = limit.number("lower", 0.0), limit.number("upper", 0.0)
+        notes.append(f"left out: the stops of joint {quoted(name)} at {low:.4g} and {high:.4g} rad")
+    effort = None if limit is None or "effort" not in limit.values else limit.number("effort", 0.0)
+    if effort is None and driven and name not in driven:
+        effort = 0.0  # other joints have motors
+    friction = 0.0 if dynamics is None else dynamics.number("friction", 0.0)
+    if friction:
+        notes.append(
+            f"friction of joint {quoted(name)} is taken as cf = {friction:g} N m, π/2 of which act at speed"
+        )
+    return Hinge(
+        name,
+        unit(np.array(given), f"joint {quoted(name)}"),
+        np.zeros(3),
+        0.0 if dynamics is None else dynamics.number("damping", 0.0),
+        friction,
+        driven.get(name, 0.0),
+        effort,
+    )
+
+
+def _transmissions(root: Element) -> tuple[float, dict[str, float]]:
+    """The gear ratio, and what the rotor of each driven joint's motor adds to its inertia (kg m²)."""
+    gear, driven = 1.0, {}
+    for element in root.findall("transmission"):
+        joint, numbers = element.find("joint"), {}
+        for tag in ("mechanicalReduction", "drake:gear_ratio", "drake:rotor_inertia"):
+            for each in element.iter(tag):
+                text = each.get("value", (each.text or "").strip())
+                numbers[tag] = Attributes({"value": text}, f"<{tag}>").number("value", 1.0)
+        gear = abs(numbers.get("drake:gear_ratio", numbers.get("mechanicalReduction", gear))) or 1.0
+        if joint is not None:
+            driven[joint.get("name", "")] = gear**2 * numbers.get("drake:rotor_inertia", 0.0)
+    return gear, driven
+
+
+def _parts(link: Element | None) -> list[Part]:
+    """The mass of a link, if it has any."""
+    inertial = None if link is None else link.find("inertial")
+    if link is None or inertial is None:
+        return []
+    where = f"link {quoted(link.get('name', ''))}"
+    mass, given = inertial.find("mass"), inertial.find("inertia")
+    kilograms = 0.0 if mass is None else Attributes(mass.attrib, f"mass of {where}").number("value", 0.0)
+    if kilograms < 0:
+        raise SwingupError(f"mass of {where} = {kilograms:g} kg must not be negative")
+    names, tensor = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), np.zeros((3, 3))
+    moments = Attributes({} if given is None else given.attrib, f"inertia of {where}")
+    for name in names:
+        row, column = ("xyz".index(letter) for letter in name[1:])
+        tensor[row, column] = tensor[column, row] = moments.number(name, 0.0)
+    frame = rpy_frame(_child(inertial, "origin"))
+    return [Part(kilograms, frame.origin, frame.rotation @ tensor @ frame.rotation.T)]
+
+
+def _shape_ends(link: Element | None) -> list[np.ndarray]:
+    """Ends of the shapes by which a link is drawn or collides."""
+    found: list[np.ndarray] = []
+    for element in () if link is None else (*link.findall("visual"), *link.findall("collision")):
+        frame = rpy_frame(_child(element, "origin"))
+        for shape in element.iterfind("geometry/*"):
+            given = attributes_of(shape)
+            if shape.tag == "box":
+                found += map(frame.point, ends("box", 0.5 * given.numbers("size", (0, 0, 0))))
+            elif shape.tag in SIZES:
+                sizes = np.array([given.number("radius", 0.0), 0.5 * given.number("length", 0.0)])
+                found += map(frame.point, ends(shape.tag, sizes[: SIZES[shape.tag]]))
+    return found

@@ -1,0 +1,76 @@
+"""Files of plants: YAML, URDF and MJCF, and the bodies that simulations need.
+
+Motion tells m1 r1 + m2 l1, m2 r2, I1 + m2 l1² and I2, not the masses. A fitted plant's numbers may be those of no
+body, whose inertia about its joint is at least m r²; simulations of bodies refuse them. Among the pendulums that
+move alike there is usually one that could be built.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..common.errors import SwingupError
+from ..common.files import write_atomically
+from ..common.text import one_line
+from .base_parameters import BASE_NAMES, base_parameters
+from .model_files.files import is_buildable, write_model
+from .plant import PARAMETER_FILES, PLANT_FILES, Plant, is_model_file, validated
+
+MARGIN = 1.05
+"""Inertia above that of a point mass, m r²."""
+
+
+def save_plant(path: str | Path, plant: Plant, comments: Sequence[str] = ()) -> None:
+    """Write a plant to a file, whose name says the format: YAML, URDF or MJCF.
+
+    ``load_plant`` reads the same numbers from it. Where they are those of no body, a URDF or an MJCF has bodies
+    that move alike, and the numbers beside them.
+
+    Args:
+        path: the file.
+        plant: the plant.
+        comments: lines of text above a YAML file's values.
+
+    Raises:
+        SwingupError: the file cannot be written, or no body moves as the plant does.
+    """
+    plant = validated(plant)
+    values = plant.values()
+    if is_model_file(path):
+        name, alike = Path(plant.name or path).stem, values
+        if not is_buildable(values):
+            alike = representative(
+                dict(zip(BASE_NAMES, base_parameters(plant).tolist(), strict=True)), plant
+            ).values()
+        write_model(path, name, alike, values)
+        return
+    if not str(path).lower().endswith(PARAMETER_FILES):
+        raise SwingupError(f"cannot write {path}: name {PLANT_FILES}")
+    lines = [f"# {one_line(each, 600)}" for each in comments]
+    lines += [f"{name}: {value!r}" for name, value in values.items()]
+    write_atomically(path, "\n".join([*lines, ""]).encode())
+
+
+def representative(base: Mapping[str, float], start: Plant) -> Plant:
+    """A pendulum with these base parameters and frictions, whose links could be built if such a pendulum exists.
+
+    Args:
+        base: the base parameters by name.
+        start: a plant near whose masses its masses are; lengths, gravity and limits are this plant's.
+    """
+    l1, gear = float(start.l1), float(start.gr)
+    shoulder = base["A"] - base["B"]
+    # Bodies in a simulation have no geared rotors: a part of the elbow's inertia is theirs (``without_rotors``).
+    least = MARGIN * base["m2r2"] ** 2 / (base["B"] - gear * base["Ir"])
+    most = min(0.95 * shoulder / l1**2, 0.98 * base["k"] / l1)
+    # Where link 2 is too heavy for its inertia, the masses cannot be consistent: the equations still hold.
+    m2 = float(np.clip(start.m2, least, most)) if 0 < least < most else most
+    rest, I1 = base["k"] - m2 * l1, shoulder - m2 * l1**2
+    m1 = max(float(start.m1), MARGIN * rest**2 / I1)
+    found = Plant(
+        m1=m1, m2=m2, l1=l1, l2=float(start.l2), r1=rest / m1, r2=base["m2r2"] / m2, I1=I1, I2=base["B"],
+        Ir=base["Ir"], gr=gear, b1=base["b1"], b2=base["b2"], cf1=base["cf1"], cf2=base["cf2"],
+        g=float(start.g), tl1=float(start.tl1), tl2=float(start.tl2),
+    )  # fmt: skip
+    return validated(found)

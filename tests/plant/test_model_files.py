@@ -1,0 +1,261 @@
+"""URDF and MJCF: RealAIGym's files beside their numbers, MuJoCo's dynamics, round trips, and what is refused."""
+
+import math
+from pathlib import Path
+
+import pytest
+import yaml
+
+from plant.mujoco_twin import largest_difference
+from refusals import refusal
+from swingup.loop.domain import load_domain
+from swingup.loop.on_plant import plant_as_domain
+from swingup.plant.measured import measured_plant
+from swingup.plant.model_files.files import read_model
+from swingup.plant.plant import NAMES, SHIPPED_PLANTS, load_plant
+from swingup.plant.save import save_plant
+
+DATA = Path(__file__).parent / "data"
+NOT_IN_URDF = {"l2", "Ir", "gr"}
+"""What RealAIGym's URDFs do not say."""
+
+
+def urdf(links="", joints="", more=""):
+    """A URDF whose links are rods of 1 kg, 0.4 and 0.6 m long."""
+    rod = '<inertial><origin xyz="0 0 {}"/><mass value="1"/><inertia ixx="{}" iyy="{}" izz="0.001" '
+    rod += 'ixy="0" ixz="0" iyz="0"/></inertial>'
+    first, second = rod.format(-0.2, 0.16 / 12, 0.16 / 12), rod.format(-0.3, 0.03, 0.03)
+    return f"""<robot name="mine"><link name="world"/><link name="base"/>
+<link name="upper">{first}</link><link name="lower">{second}</link>{links}
+<joint name="weld" type="fixed"><parent link="world"/><child link="base"/><origin rpy="0 0 0.7"/></joint>
+<joint name="shoulder" type="continuous"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+<limit effort="2" velocity="9"/><dynamics damping="0.1" friction="0.05"/></joint>
+<joint name="elbow" type="continuous"><parent link="upper"/><child link="lower"/><origin xyz="0 0.1 -0.4"/>
+<axis xyz="0 1 0"/></joint>{joints}<transmission name="t"><type>SimpleTransmission</type><joint name="shoulder"/>
+<actuator name="m"><mechanicalReduction>5</mechanicalReduction></actuator></transmission>{more}</robot>"""
+
+
+TOOL = (
+    '<link name="tool"><inertial><origin xyz="0 0.02 -0.01" rpy="0.3 0 0"/><mass value="0.5"/>'
+    '<inertia ixx="0.001" ixy="0.0001" iyy="0.002" izz="0.0015" ixz="0" iyz="0"/></inertial></link>',
+    '<joint name="mount" type="fixed"><parent link="lower"/><child link="tool"/>'
+    '<origin xyz="0 0 -0.6" rpy="0 0.4 0.2"/></joint>',
+)
+
+
+def mjcf(upper='<geom type="capsule" fromto="0 0 0 0 0 -0.4" size="0.02"/>', lower="", head="", tail="", world=""):
+    """An MJCF of two links on axes along x."""
+    return f"""<mujoco>{head}<worldbody>{world}<body name="upper"><joint name="shoulder" axis="1 0 0"/>{upper}
+<body name="lower" pos="0 0 -0.4"><joint name="elbow" axis="1 0 0" damping="0.1"/>
+<geom type="capsule" fromto="0 0 0 0 0 -0.6" size="0.02"/>{lower}</body></body></worldbody>
+<actuator><motor name="motor" joint="elbow" gear="3" ctrlrange="-2 2"/></actuator>{tail}</mujoco>"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Writes a text, to a file of the format's name."""
+
+    def write(text):
+        path = tmp_path / ("mine.urdf" if "<robot" in text else "mine.xml")
+        path.write_text(text)
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize("design", ["A.0", "C.0", "C.1"])
+def test_realaigyms_files_have_their_numbers_once_the_reading_is_named(design):
+    """Link 2 is turned by almost π there, a link has no mass, and inertias are about the joints."""
+    expected = yaml.safe_load((DATA / f"{design}.yml").read_text())
+    found = read_model(DATA / f"{design}.urdf", inertia="joint").facts
+    said = {name: expected[name] for name in NAMES if name not in NOT_IN_URDF}
+    assert found == pytest.approx(said | {"gr": 1.0, "Ir": 0.0}, rel=1e-12)
+    text = refusal(load_plant, DATA / f"{design}.urdf")
+    assert "may be about the centres of mass" in text
+    assert "--inertia centre or joint" in text
+    # As the standard reads the file, link 1 has I + m r² about its joint.
+    centre = read_model(DATA / f"{design}.urdf", inertia="centre").facts
+    assert centre["I1"] == pytest.approx(expected["I1"] + expected["m1"] * expected["r1"] ** 2)
+
+
+def test_a_fit_with_less_inertia_than_a_body_is_read_with_a_note():
+    """The second link of RealAIGym's C.0 has I = 0.0539 < 0.0582 = m r²."""
+    notes = measured_plant(str(DATA / "C.0.urdf"), {"l2": 0.3}, "joint").notes
+    assert any("below m r² = 0.05821" in note for note in notes)
+
+
+@pytest.mark.parametrize("ending", ["urdf", "xml", "yml"])
+@pytest.mark.parametrize("name", [*SHIPPED_PLANTS, "odd"])
+def test_round_trips_are_exact(tmp_path, name, ending):
+    plant = load_plant("C.1" if name == "odd" else name)
+    if name == "odd":  # on the moon, no motor at the elbow, a heavy rotor, and a centre on the other side
+        plant = plant.changed(g=1.62, tl2=0.0, gr=3.0, Ir=1e-3, r2=-0.1)
+    save_plant(tmp_path / f"x.{ending}", plant)
+    assert load_plant(tmp_path / f"x.{ending}").values() == pytest.approx(plant.values(), rel=1e-14, abs=1e-16)
+
+
+@pytest.mark.parametrize("name", SHIPPED_PLANTS)
+def test_exported_plants_move_in_mujoco_as_here(tmp_path, name):
+    """To rounding without dry friction; with it where arctan(100 q̇) is π/2 but for 1/(100 q̇), from 20 rad/s on."""
+    mujoco = pytest.importorskip("mujoco")
+    plant, path = load_plant(name), tmp_path / "x.xml"
+    save_plant(path, plant.changed(cf1=0.0, cf2=0.0))
+    assert largest_difference(mujoco, path) < 1e-12
+    save_plant(path, plant)
+    assert largest_difference(mujoco, path, slowest=20.0) < 1e-2
+
+
+def test_an_exported_urdf_moves_in_mujoco_as_here(tmp_path):
+    """MuJoCo reads no rotors from a URDF."""
+    mujoco = pytest.importorskip("mujoco")
+    save_plant(tmp_path / "x.urdf", load_plant("leaderboard"))
+    assert largest_difference(mujoco, tmp_path / "x.urdf") < 1e-12
+
+
+BOX = """<geom type="box" size=".02 .03 .1" euler="0 90 0" pos=".1 0 0" density="700"/>"""
+VARIANTS = {
+    # MuJoCo takes URDF's friction as a torque, and RealAIGym as cf.
+    "a tool's mass": urdf(*TOOL).replace("0.05", "0"),
+    "a turned second link": urdf().replace("0.05", "0").replace('0.1 -0.4"', '0.1 -0.4" rpy="3.1415926535898 2 0"'),
+    "degrees": mjcf(lower='<body euler="0 0 90"><geom size=".05"/></body>').replace(
+        'pos="0 0 -0.4"', 'pos="0 0 -0.4" euler="40 0 0"'
+    ),
+    "radians and fixed axes": mjcf(head='<compiler angle="radian" eulerseq="ZYX"/>').replace(
+        'pos="0 0 -0.4"', 'pos="0 0 -0.4" euler="0 0 1.2"'
+    ),
+    "shapes": mjcf(
+        BOX.replace(".1 0 0", "0 0 -.1") + '<geom type="ellipsoid" size=".02 .03 .1" pos="0 0 -.2" mass=".3"/>',
+        '<geom type="cylinder" size=".05 .01" zaxis="1 1 0" pos="0 .05 -.6"/><geom size=".1" mass="0"/>',
+    ),
+    "lines": mjcf(
+        '<geom type="box" fromto="0 0 0 0 0 -.4" size=".02"/>',
+        '<geom type="ellipsoid" fromto="0 0 0 .1 0 -.3" size=".03"/>',
+    ),
+    "inertias": mjcf(
+        '<inertial pos="0 0 -.1" mass="1" fullinertia=".02 .02 .003 .001 0 0"/>' + BOX,
+        '<inertial pos="0 .05 -.1" mass="1" diaginertia=".02 .015 .01" xyaxes="1 1 0 0 0 1"/>',
+    ),
+    "classes": mjcf(
+        '<geom class="thin" fromto="0 0 0 0 0 -0.4"/>',
+        '<frame pos="0 .1 0" quat="1 1 0 0"><geom class="heavy" pos="0 0 .2" size=".05 .2"/></frame>',
+        """<default><joint damping=".2" armature=".01"/><default class="thin"><geom type="capsule" size=".02"/>
+        <default class="heavy"><geom density="3000"/></default></default></default>""",
+    ),
+    "rotors": mjcf().replace('name="shoulder"', 'name="shoulder" armature=".03"').replace(
+        'name="elbow"', 'name="elbow" armature=".02" ref="30" axis="-1 0 0" pos="0 0 .01"'
+    ).replace('axis="1 0 0" damping', "damping"),
+    "geoms count": mjcf('<inertial pos="0 0 -.1" mass="9" diaginertia="1 1 1"/>' + BOX.replace(".1 0 0", "0 0 -.1"),
+        head='<compiler inertiafromgeom="true" inertiagrouprange="0 2"/>', lower='<geom size=".1" group="3"/>'),
+    "no damping": mjcf(head='<option gravity="0 0 -3"><flag damper="disable"/></option>'),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_what_is_read_moves_as_in_mujoco(write, variant):
+    mujoco = pytest.importorskip("mujoco")
+    assert largest_difference(mujoco, write(VARIANTS[variant])) < 1e-12
+
+
+def test_facts_of_a_urdf(write, tmp_path):
+    """Rods, whose inertias about their centres are a third of m r²; a tip; a motor at the shoulder alone."""
+    tip = ('<link name="tip"/>', '<joint name="end" type="fixed"><parent link="lower"/><child link="tip"/>'
+           '<origin xyz="0 0 -0.6"/></joint>')  # fmt: skip
+    path = write(urdf(*tip))
+    expected = {
+        "m1": 1.0, "m2": 1.0, "l1": 0.4, "l2": 0.6, "r1": 0.2, "r2": 0.3, "I1": 0.16 / 3, "I2": 0.36 / 3, "Ir": 0.0,
+        "gr": 5.0, "b1": 0.1, "b2": 0.0, "cf1": 0.05, "cf2": 0.0, "g": 9.81, "tl1": 2.0, "tl2": 0.0,
+    }  # fmt: skip
+    plant = load_plant(path)
+    assert plant.values() == pytest.approx(expected)
+    # Everywhere a plant is taken: as a domain, as that of a domain, and as the start of a parameter file.
+    (tmp_path / "wide.yml").write_text("plant: mine.urdf\nm1: [0.9, 1.2]\n")
+    (tmp_path / "heavy.yml").write_text("plant: mine.urdf\nm1: 1.5\n")
+    assert load_domain(tmp_path / "wide.yml").nominal_plant.m1 == pytest.approx(1.05)
+    assert load_plant(tmp_path / "heavy.yml").changed(m1=1.0) == plant
+    assert load_domain(path).plant == plant_as_domain(path).plant == plant
+
+
+def test_facts_of_an_mjcf(write):
+    path = write(
+        mjcf(
+            lower='<site name="tip" pos="0 0 -0.62"/>',
+            tail='<contact><exclude body1="upper" body2="lower"/></contact>',
+            head='<include file="visual.xml"/>',
+        )
+        .replace('damping="0.1"', 'damping="0.1" frictionloss="0.3" range="-90 90" actuatorfrcrange="-4 4"')
+        .replace('ctrlrange="-2 2"', 'ctrlrange="-2 1.5" forcerange="-9 9"')
+    )
+    facts, notes = read_model(path).facts, "\n".join(read_model(path).notes)
+    # 3 · 1.5 = 4.5 N m, of which the joint lets 4 through. MuJoCo's friction is cf π/2 at speed.
+    assert (facts["tl1"], facts["tl2"], facts["gr"], facts["l2"]) == (0.0, 4.0, 3.0, pytest.approx(0.62))
+    assert facts["cf2"] == pytest.approx(0.3 * 2 / math.pi)
+    for named in ("visual.xml", "contacts", "-1.571 and 1.571", "cf = 0.191", "the same both ways", "frame 'tip'"):
+        assert named in notes
+    servo = mjcf().replace('<motor name="motor"', '<position name="motor" kp="9" forcerange="-2 2"')
+    found = read_model(write(servo))
+    assert found.facts["tl2"] == 6.0
+    assert any("only the force range" in note for note in found.notes)
+
+
+WRONG = {
+    "has a document type": '<!DOCTYPE robot [<!ENTITY a "b">]>' + urdf(),
+    "is not XML": urdf()[:-9],
+    "deeper than 60 levels": "<robot>" + "<link>" * 100 + "</link>" * 100 + "</robot>",
+    "begins with <sdf>": "<sdf/>",
+    "it is xacro": urdf(more='<xacro:property name="m" value="1"/>'),
+    "1 joints move ('shoulder')": urdf().replace('name="elbow" type="continuous"', 'name="elbow" type="fixed"'),
+    "3 joints move": urdf(TOOL[0], TOOL[1].replace('type="fixed"', 'type="revolute"')),
+    "'mount' is 'prismatic'": urdf(TOOL[0], TOOL[1].replace('type="fixed"', 'type="prismatic"')),
+    "hangs on what stands still": urdf().replace('<parent link="upper"/>', '<parent link="base"/>'),
+    "closes a loop": urdf(joints=TOOL[1].replace("tool", "upper")),
+    "in a circle": urdf(joints=TOOL[1].replace("tool", "world")),
+    "'elbow' is turned by 90°": urdf().replace('-0.4"/>\n<axis xyz="0 1 0"', '-0.4"/>\n<axis xyz="1 0 0"'),
+    "turned by 17.2°": urdf().replace('xyz="0 0.1 -0.4"', 'xyz="0 0.1 -0.4" rpy="0.3 0 0"'),
+    "leans 90° from the horizontal": urdf().replace('<axis xyz="0 1 0"/>', '<axis xyz="0 0 1"/>'),
+    "direction of length 0": urdf().replace('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>'),
+    "mimics": urdf().replace('<axis xyz="0 1 0"/></joint>', '<axis xyz="0 1 0"/><mimic joint="shoulder"/></joint>'),
+    "link 'upper' = -1 kg": urdf().replace('<mass value="1"/>', '<mass value="-1"/>', 1),
+    "value = 'nan': write a finite number": urdf().replace('<mass value="1"/>', '<mass value="nan"/>', 1),
+    "xyz = '0 0': write 3 numbers": urdf().replace('xyz="0 0 -0.2"', 'xyz="0 0"'),
+    "link 'upper' has no mass": urdf().replace('<mass value="1"/>', '<mass value="0"/>', 1),
+    "0.1 m beside the line": urdf().replace('xyz="0 0 -0.2"', 'xyz="0.1 0 -0.2"'),
+    "lies on the axis": urdf()
+    .replace('xyz="0 0.1 -0.4"', 'xyz="0 0.1 0"')
+    .replace('xyz="0 0 -0.2"', 'xyz="0 0 0"'),
+    "two <link> 'upper'": urdf('<link name="upper"/>'),
+    "it does not say l2: swingup plant": urdf(),
+    "'slider' is 'slide'": mjcf('<joint name="slider" type="slide"/>'),
+    "'free'": mjcf("<freejoint/>"),
+    "has 2 joints": mjcf('<joint name="swivel"/><geom size=".1" pos="0 0 -.1"/>'),
+    "'elbow' has a spring": mjcf().replace('damping="0.1"', 'stiffness="2"'),
+    "damping that is not linear": mjcf().replace('damping="0.1"', 'damping="0.1 0.2"'),
+    "<equality> has <joint> 'lock'": mjcf(tail='<equality><joint name="lock" joint1="elbow"/></equality>'),
+    "<tendon> has": mjcf(tail='<tendon><fixed name="cable"><joint joint="elbow" coef="1"/></fixed></tendon>'),
+    "moves in vacuum": mjcf(head='<option viscosity="0.1"/>'),
+    "gravity has a direction of length 0": mjcf(head='<option><flag gravity="disable"/></option>'),
+    "has gravcomp": mjcf().replace('name="lower"', 'name="lower" gravcomp="1"'),
+    "is a mesh: give its body an <inertial>": mjcf('<geom name="arm" type="mesh" mesh="arm"/>'),
+    "is a shell": mjcf().replace('size="0.02"', 'size="0.02" shellinertia="true"'),
+    "a size that is not positive": mjcf('<geom size="-1"/>'),
+    "<replicate> stands for other elements": mjcf(world='<replicate count="999999999"/>'),
+    "settotalmass": mjcf(head='<compiler settotalmass="3"/>'),
+    "both ways": mjcf().replace('ctrlrange="-2 2"', 'ctrlrange="0 2"'),
+    "eulerseq = 'abc'": mjcf(head='<compiler eulerseq="abc"/>').replace('pos="0 0', 'euler="1 2 3" pos="0 0'),
+    "it does not say tl1, tl2": mjcf().replace("actuator>", "sensor>"),
+}
+
+
+@pytest.mark.parametrize("named", WRONG)
+def test_files_that_are_no_double_pendulum(write, named):
+    assert named in refusal(load_plant, write(WRONG[named]))
+
+
+def test_what_cannot_be_written(tmp_path):
+    plant = load_plant("C.1")
+    assert "b1 = -1 is negative" in refusal(save_plant, tmp_path / "x.xml", plant.changed(b1=-1.0))
+    # m2 r2 = 0.16 and l1 = 0.2: a positive I1 + m2 l1² = 0.057 lets m2 be 1.35 kg at most, so that I2 ≥ 0.019.
+    assert "no bodies move as this plant does" in refusal(
+        save_plant, tmp_path / "x.urdf", plant.changed(I2=0.015, I1=0.04)
+    )
+    assert "cannot write" in refusal(save_plant, tmp_path / "x.txt", plant)
+    assert [*tmp_path.iterdir()] == []
