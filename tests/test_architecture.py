@@ -24,7 +24,7 @@ ONE_PLACE = {
     "matplotlib": {"report"},
     "onnx": {"export"},
     "jinja2": {"report"},
-    "scipy": {"common", "controllers", "benchmark", "identification"},  # common: where a mat file is read
+    "scipy": {"controllers", "benchmark", "identification"},
     "tyro": {"cli"},
     "rich": {"cli"},
     "tensorboardX": {"learner"},

@@ -140,12 +140,13 @@ def as_npz(path, table):
     return path.with_suffix(".npz")
 
 
-def as_mat(path, table):
-    savemat(
-        path.with_suffix(".mat"),
-        {"log": {"t": table[:, :1], "q": table[:, 1:3], "u": table[:, 5:]}, "note": "mine"},
-    )
-    return path.with_suffix(".mat")
+def as_mat(compressed):
+    def save(path, table):
+        log = {"t": table[:, :1], "q": table[:, 1:3], "u": table[:, 5:]}
+        savemat(path.with_suffix(".mat"), {"log": log, "note": "mine", "n": 3}, do_compression=compressed)
+        return path.with_suffix(".mat")
+
+    return save
 
 
 OTHERS = ["timestamp_ms", "theta1", "theta2", "omega1", "omega2", "motor_torque1", "motor_torque2"]
@@ -160,7 +161,8 @@ FILES = {
     "quoted": (as_text(names=[f'"{name}"' for name in NAMES], encoding="utf-8-sig"), ""),
     "a row of units": (as_text(";", below=["s;rad;rad;rad/s;rad/s;Nm;Nm"]), ""),
     "npz": (as_npz, ""),
-    "mat": (as_mat, ""),
+    "mat, -v6": (as_mat(False), ""),
+    "mat, -v7": (as_mat(True), ""),
     "other names": (as_text(names=OTHERS), "time=timestamp_ms:ms q1=theta1 q2=theta2 dq1=omega1 dq2=omega2 "
                     "u1=motor_torque1 u2=motor_torque2"),
     "joints 0 and 1": (as_text(names=["t", "q0", "q1", "dq0", "dq1", "tau0", "tau1"]),

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import swingup
 from refusals import refusal
 from swingup.cli import main
 from swingup.identification.fit import bootstrap, prediction
+from swingup.identification.fit.fit import Evaluator, linearise
 from swingup.identification.fit.prediction import INDEX, integration_of, vector_of
 from swingup.identification.fit.unknowns import expectations, make_unknowns
 from swingup.loop.domain import load_domain
@@ -175,3 +177,22 @@ def test_words_that_make_no_sense(logs, capsys):
     for words, seen in (["--known", "m2r2"], "write NAME=VALUE"), (["--out", "mine"], "must end in .yml or .yaml"):
         assert main(["identify", logs[0], *words]) != 0
         assert seen in capsys.readouterr().err
+
+
+def test_a_fit_is_never_worse_than_its_start(logs, monkeypatch):
+    """A fit that went wrong is pulled back towards its start until held-out motion is predicted best."""
+    module = sys.modules["swingup.identification.identify"]
+    spoilt = []
+
+    def astray(problem, windows, start):
+        unknowns = problem.unknowns(plant=True)
+        z = np.clip(unknowns.position(start) + 0.7, unknowns.low, unknowns.high)
+        spoilt.append(linearise(Evaluator(problem.setting, windows, unknowns), z))
+        return spoilt[-1]
+
+    monkeypatch.setattr(module, "fit_all", astray)
+    found = swingup.identify(logs[:1], test=logs[1:], start=TRUTH)
+    fitted, start = (found.errors[name]["0.25"].angle for name in ("fitted", "start"))
+    assert fitted <= start
+    assert "worse than the starting plant" in found.notes[0]
+    assert not np.allclose(found.models[0], spoilt[0].models[0])

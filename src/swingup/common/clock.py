@@ -48,9 +48,8 @@ def one_clock(
         own = np.concatenate(
             [old if new is None else new for new, old in zip(parts, np.split(own, cuts), strict=True)]
         )
-        later = np.concatenate([[True], own[1:] > np.maximum.accumulate(own)[:-1]])
-        keep[start:end] = later
-        own = own[later] - own[0] + offset
-        pieces.append(own)
-        offset = own[-1] + pause
+        own = own - own[0] + offset
+        keep[start:end] = np.concatenate([[True], own[1:] > np.maximum.accumulate(own)[:-1]])
+        pieces.append(own[keep[start:end]])
+        offset = pieces[-1][-1] + pause
     return keep, np.concatenate(pieces), len(restarts), spread

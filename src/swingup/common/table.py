@@ -234,10 +234,11 @@ def _without_velocities(
 
 def _epoch(row: tuple[int, list[Any]], column: Column, places: Mapping[str, int], decimal: str) -> Decimal:
     """The first time, where it counts from another day."""
-    cell = row[1][places[column.terms[0][1]]] if len(column.terms) == 1 and not column.constant else 0
-    if not is_number(cell, decimal) or not EPOCH < abs(float(str(cell).replace(decimal, "."))) < math.inf:
+    alone = len(column.terms) == 1 and not column.constant
+    cell = "".join(map(str, row[1][places[column.terms[0][1]] :][:1])) if alone else ""
+    if not is_number(cell, decimal) or not EPOCH < abs(float(cell.replace(decimal, "."))) < math.inf:
         return Decimal(0)
-    return Decimal(str(cell).replace(decimal, "."))
+    return Decimal(cell.replace(decimal, "."))
 
 
 def _numbers(

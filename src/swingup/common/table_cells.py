@@ -15,6 +15,7 @@ import numpy as np
 
 from .errors import SwingupError
 from .files import read_bytes
+from .mat_file import read_mat
 
 LARGEST_TABLE = 64_000_000
 """Bytes of a file: a minute at 1 kHz with 17 columns has 25 MB."""
@@ -130,9 +131,9 @@ def _split(line: str, separator: str) -> list[str]:
 
 
 def _array_cells(path: str | Path, content: bytes) -> Cells:
-    read = _read_mat if Path(path).suffix.lower() == ".mat" else _read_numpy
     try:
-        arrays = dict(_columns("", read(io.BytesIO(content))))
+        mat = Path(path).suffix.lower() == ".mat"
+        arrays = dict(_columns("", read_mat(content, MOST_UNPACKED) if mat else _read_numpy(io.BytesIO(content))))
     except NotImplementedError as error:
         raise SwingupError(f"{path} is a mat file of version 7.3: save it with -v7") from error
     except SwingupError:
@@ -156,14 +157,6 @@ def _read_numpy(stream: io.BytesIO) -> Any:
     stream.seek(0)
     found = np.load(stream, allow_pickle=False)
     return {name: found[name] for name in found.files} if hasattr(found, "files") else found
-
-
-def _read_mat(stream: io.BytesIO) -> Any:
-    from scipy.io import loadmat, whosmat
-
-    _bound(sum(8 * int(np.prod(shape, dtype=float)) for _, shape, _ in whosmat(stream)))
-    stream.seek(0)
-    return {name: each for name, each in loadmat(stream, simplify_cells=True).items() if not name.startswith("__")}
 
 
 def _bound(size: int) -> None:

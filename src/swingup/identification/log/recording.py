@@ -4,7 +4,7 @@ A log is read by the names of its columns. Periods may be uneven, and rows may r
 missing. What cannot be used is refused here; what can be used with care is a warning of the recording.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -113,7 +113,9 @@ def read_recording(
         SwingupError: the file cannot be read, lacks a column, or holds what no pendulum's log can.
     """
     table, name = read_table(path, _GROUPS, columns=columns, gaps=True), Path(path).name
-    pairs = tuple(names for group in _GROUPS[1:] for names in group if set(names) <= set(table.values) and names)
+    pairs = dict.fromkeys(
+        names for group in _GROUPS[1:] for names in group if names and set(names) <= set(table.values)
+    )
     if not force:
         _check_torques(name, table, pairs)
     rows, time, notes = _clean(name, table)
@@ -155,12 +157,12 @@ def read_recording(
         commanded=commanded,
         warnings=(*(f"{name}: {note}" for note in notes), *seen),
         sources=table.sources,
-        pairs=pairs,
+        pairs=tuple(pairs),
         turn=turn,
     )
 
 
-def _check_torques(name: str, table: Table, pairs: Sequence[tuple[str, ...]]) -> None:
+def _check_torques(name: str, table: Table, pairs: Collection[tuple[str, ...]]) -> None:
     """Refuse a log in which torques are there under other names, or of one joint alone."""
     if any(names in pairs for names in _COMMANDS if names):
         return
