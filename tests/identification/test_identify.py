@@ -78,8 +78,10 @@ def test_errors_are_below_those_of_the_start(found):
 
 
 def test_files_are_those_that_others_read(found, tmp_path):
-    domain = found.save(tmp_path / "mine.yml")
+    domain = found.save(tmp_path / "mine.yml", tmp_path / "mine.urdf", tmp_path / "mine.xml")
     plant = load_plant(tmp_path / "mine.yml")
+    for ending in ("urdf", "xml"):
+        assert load_plant(tmp_path / f"mine.{ending}").values() == pytest.approx(plant.values(), rel=1e-12)
     assert expected_of(plant) == pytest.approx({name: found.estimates.values[name] for name in BASE}, rel=1e-9)
     # Links that could be built: inertia above that of a point mass at the centre of mass.
     assert plant.m1 * plant.r1**2 < plant.I1

@@ -222,6 +222,10 @@ WRONG = {
     "lies on the axis": urdf()
     .replace('xyz="0 0.1 -0.4"', 'xyz="0 0.1 0"')
     .replace('xyz="0 0 -0.2"', 'xyz="0 0 0"'),
+    "'elbow' has a damping, friction or armature that is negative": mjcf().replace("0.1", "-1"),
+    "'upper' has a mass and no <inertia>": urdf().replace("<inertia ", "<moment "),
+    "<inertial> of 'upper' has no inertia": mjcf('<inertial pos="0 0 -.1" mass="1"/>'),
+    "is not read": '<mujoco><include file="robot.xml"/></mujoco>',
     "two <link> 'upper'": urdf('<link name="upper"/>'),
     "it does not say l2: swingup plant": urdf(),
     "'slider' is 'slide'": mjcf('<joint name="slider" type="slide"/>'),

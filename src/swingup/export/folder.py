@@ -51,6 +51,9 @@ COMMON = tuple(
 )
 """What the folders ``plant`` and ``policy`` need besides themselves; a test runs them without the rest."""
 
+NOT_ON_ROBOTS = ("model_files", "measured.py", "save.py")
+"""What reads and writes plants' files of other kinds."""
+
 GUARDED = (
     "It is behind a safety guard, whose settings are in the entry. `controller.fault` says why it stopped the\n"
     "controller, and `controller.reset()` lets it act again. Simulations beyond its limits need `guard = False`."
@@ -139,9 +142,11 @@ def _sources(root: Traversable) -> list[str]:
     for folder in folders:
         for each in (root / folder).iterdir():
             path = f"{folder}/{each.name}"
+            if each.name in NOT_ON_ROBOTS:
+                continue
             if each.is_dir():
-                # The loop goes on with it. A robot reads no model files.
-                folders += [path] if each.name != "model_files" else []
+                # The loop goes on with it.
+                folders.append(path)
             elif path.endswith(".py"):
                 found.append(path)
     return found

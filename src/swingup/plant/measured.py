@@ -7,6 +7,7 @@ centre r from the joint, the inertia about the joint is m l² (4 r / l - 1) / 3 
 
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from ..common.checks import finite_number, one_of
 from ..common.errors import SwingupError
 from .equations import lump, mass_entries
+from .model_files.files import read_model
 from .plant import NAMES, Plant, PlantLike, is_model_file, load_plant, make_plant
 
 MORE_NAMES = ("Ic1", "Ic2", "motor")
@@ -48,7 +50,7 @@ def measured_plant(
     """
     given = {one_of("value", name, (*NAMES, *MORE_NAMES)): value for name, value in (values or {}).items()}
     given = {name: finite_number(name, value) for name, value in given.items()}
-    known, notes, name = _known(source, given.get("gr"), inertia)
+    known, notes, name = _known(source, given, inertia)
     facts = known | {each: value for each, value in given.items() if each in NAMES}
     if "motor" in given:
         _refuse_both(given, "motor", *MOTORS)
@@ -68,14 +70,14 @@ def measured_plant(
 
 
 def _known(
-    source: PlantLike | None, gear: float | None, inertia: str | None
+    source: PlantLike | None, given: Mapping[str, float], inertia: str | None
 ) -> tuple[dict[str, float], list[str], str]:
     """Numbers that a source has, its notes and its name."""
-    if isinstance(source, str) and is_model_file(source):
-        from .model_files.files import read_model
-
-        model = read_model(source, inertia, gear)
-        return dict(model.facts), list(model.notes), source
+    if isinstance(source, str | Path) and is_model_file(source):
+        model = read_model(source, inertia, given.get("gr"))
+        # A given length replaces the one that the file's shapes suggest.
+        notes = [note for note in model.notes if not ("l2" in given and note.startswith("l2 = "))]
+        return dict(model.facts), notes, str(source)
     if inertia is not None:
         raise SwingupError(f"inertia = {inertia} says how to read a URDF or an MJCF: leave it out")
     if source is None:

@@ -179,8 +179,8 @@ def is_plant_name(name: str) -> bool:
 
 
 def is_model_file(name: str | Path) -> bool:
-    """Whether a name is that of a URDF or an MJCF."""
-    return str(name).lower().endswith(MODEL_FILES)
+    """Whether a name is that of a URDF or an MJCF; of xacro, the reader says what to do."""
+    return str(name).lower().endswith((*MODEL_FILES, ".xacro"))
 
 
 def base_plant(source: object, folder: str | Path) -> Plant:

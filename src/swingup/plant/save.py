@@ -15,7 +15,7 @@ from ..common.files import write_atomically
 from ..common.text import one_line
 from .base_parameters import BASE_NAMES, base_parameters
 from .model_files.files import is_buildable, write_model
-from .plant import PARAMETER_FILES, PLANT_FILES, Plant, is_model_file, validated
+from .plant import MODEL_FILES, PARAMETER_FILES, PLANT_FILES, Plant, validated
 
 MARGIN = 1.05
 """Inertia above that of a point mass, m r²."""
@@ -37,13 +37,10 @@ def save_plant(path: str | Path, plant: Plant, comments: Sequence[str] = ()) -> 
     """
     plant = validated(plant)
     values = plant.values()
-    if is_model_file(path):
-        name, alike = Path(plant.name or path).stem, values
-        if not is_buildable(values):
-            alike = representative(
-                dict(zip(BASE_NAMES, base_parameters(plant).tolist(), strict=True)), plant
-            ).values()
-        write_model(path, name, alike, values)
+    if str(path).lower().endswith(MODEL_FILES):
+        base = dict(zip(BASE_NAMES, base_parameters(plant).tolist(), strict=True))
+        alike = plant if is_buildable(values) else representative(base, plant)
+        write_model(path, Path(plant.name or path).name, alike.values(), values)
         return
     if not str(path).lower().endswith(PARAMETER_FILES):
         raise SwingupError(f"cannot write {path}: name {PLANT_FILES}")

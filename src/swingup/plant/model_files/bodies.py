@@ -203,6 +203,9 @@ def _chain(bodies: Sequence[Body], gravity: Vector) -> _Chain:
             hinged.append(body)
         carriers.append(carrier)
     hinges = [body.hinge for body in hinged if body.hinge is not None]
+    for hinge in hinges:
+        if min(hinge.damping, hinge.coulomb, hinge.armature) < 0:
+            raise SwingupError(f"joint {quoted(hinge.name)} has a damping, friction or armature that is negative")
     if len(hinges) != 2:
         names = f" ({', '.join(quoted(hinge.name) for hinge in hinges[:6])})" if hinges else ""
         raise SwingupError(

@@ -50,7 +50,14 @@ def read_model(path: str | Path, inertia: str | None = None, gear: float | None 
         found = READERS[root.tag](root, inertia, gear)
         return _recalled(found, root)
     except SwingupError as error:
-        raise SwingupError(f"model file {one_line(path)}: {error}") from error
+        included = next(
+            (
+                f"; its <include> of {one_line(each.get('file', ''), 80)} is not read"
+                for each in root.iter("include")
+            ),
+            "",
+        )
+        raise SwingupError(f"model file {one_line(path)}: {error}{included}") from error
 
 
 def write_model(path: str | Path, name: str, bodies: Mapping[str, float], plant: Mapping[str, float]) -> None:

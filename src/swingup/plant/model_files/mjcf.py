@@ -221,9 +221,7 @@ def _read_motors(root: Element, reading: _Reading) -> float:
 def _end_of(given: Attributes, kind: str, reading: _Reading) -> float:
     """The smaller end of a range, in which a motor acts both ways; infinite without one."""
     name = f"{kind}range"
-    usual = str(name in given.values and reading.compiler.text("autolimits", "true") == "true").lower()
-    limited = given.text(f"{kind}limited", usual)
-    if limited != "true" and not (limited == "auto" and usual == "true"):
+    if not _is_limited(given, f"{kind}limited", name, reading):
         return math.inf
     low, high = given.numbers(name, (0, 0))
     if not low < 0 < high:
@@ -233,6 +231,13 @@ def _end_of(given: Attributes, kind: str, reading: _Reading) -> float:
             f"{given.where} has {name} from {low:g} to {high:g}: a plant's limits are the same both ways"
         )
     return float(min(-low, high))
+
+
+def _is_limited(given: Attributes, flag: str, name: str, reading: _Reading) -> bool:
+    """Whether a range has an effect: where the flag is set, or the range is there and the flag says nothing."""
+    chosen = given.text(flag, "auto")
+    usual = name in given.values and reading.compiler.text("autolimits", "true") == "true"
+    return usual if chosen == "auto" else chosen == "true"
 
 
 def _walk(element: Element, parent: int | None, frame: Frame, usual: str, reading: _Reading) -> None:
@@ -286,6 +291,8 @@ def _body(element: Element, parent: int | None, frame: Frame, usual: str, readin
 
 def _stated_part(given: Attributes, reading: _Reading) -> Part:
     mass, frame = _mass(given), reading.frame(given)
+    if not {"diaginertia", "fullinertia"} & {*given.values}:
+        raise SwingupError(f"{given.where} has no inertia: add diaginertia")
     tensor = np.diag(given.numbers("diaginertia", (0, 0, 0)))
     if "fullinertia" in given.values:
         xx, yy, zz, xy, xz, yz = given.numbers("fullinertia", (0,) * 6)
@@ -347,7 +354,7 @@ def _hinge(element: Element, within: Frame, usual: str, reading: _Reading) -> Hi
     dry = given.number("frictionloss", 0.0) * (reading.has("frictionloss") and reading.has("constraint"))
     if dry:
         reading.notes.append(f"dry friction of {dry:g} N m in joint {quoted(name)} is cf = {dry / AT_SPEED:.4g}")
-    if "range" in given.values and reading.has("limit") and reading.has("constraint"):
+    if _is_limited(given, "limited", "range", reading) and reading.has("limit") and reading.has("constraint"):
         low, high = reading.degree * given.numbers("range", (0, 0))
         reading.notes.append(f"left out: the stops of joint {quoted(name)} at {low:.4g} and {high:.4g} rad")
     limit = reading.limits.get(name, 0.0 if reading.limits else math.inf)

@@ -223,6 +223,8 @@ def _parts(link: Element | None) -> list[Part]:
     kilograms = 0.0 if mass is None else Attributes(mass.attrib, f"mass of {where}").number("value", 0.0)
     if kilograms < 0:
         raise SwingupError(f"mass of {where} = {kilograms:g} kg must not be negative")
+    if kilograms > 0 and given is None:
+        raise SwingupError(f"{where} has a mass and no <inertia>: add it")
     names, tensor = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), np.zeros((3, 3))
     moments = Attributes({} if given is None else given.attrib, f"inertia of {where}")
     for name in names:
