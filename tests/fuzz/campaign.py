@@ -54,14 +54,34 @@ def import_model(path):
     save_plant(f"{path}.urdf", found.plant)
 
 
+COLUMNS = [
+    "q2=q2-q1",
+    "u1=0",
+    "q1=q1+pi:deg",
+    "q1=2:counts/1000",
+    "time=t:ms",
+    "u1=u2:A*0.7",
+    "q1=-#3",
+    "dq1=pi",
+    "q1:",
+]
+"""Words that map columns, good ones and others."""
+LOGS = [
+    *(partial(read_recording, columns=COLUMNS[k : k + 2]) for k in range(0, len(COLUMNS), 2)),
+    read_recording,
+    load_trajectory,
+]
+
 READERS = {
     "yaml": [load_plant, load_domain],
     "trajectory": [
         *(partial(score_log, board) for board in BOARDS),
         lambda path: score(load_trajectory(path, ["q1=2", "q2=3"]), "acrobot", "icra-real", force=True),
         lambda path: load_reference_csv(path, "acrobot"),
-        read_recording,
+        *LOGS,
     ],
+    "npz": LOGS,
+    "mat": LOGS,
     "policy": [run_policy, run_policy, read_network],
     "reference": [load_reference],
     "checkpoint": [lambda path: load_checkpoint(path, LIKE), read_metadata],

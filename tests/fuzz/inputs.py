@@ -1,12 +1,14 @@
 """Spoilt files of every kind that the package reads, from good ones: bytes, drawn from a seeded generator."""
 
 import dataclasses
+import io
 import json
 import re
 from xml.etree.ElementTree import tostring
 
 import jax.numpy as jnp
 import numpy as np
+from scipy.io import savemat
 
 from swingup.learner.presets import get_preset
 from swingup.learner.run_settings import RunSettings
@@ -137,6 +139,43 @@ def _times(cell, factor):
         return repr(float(cell) * factor)
     except ValueError:  # spoilt before
         return cell
+
+
+TIME = np.arange(0.0, 2.0, 0.01)
+LOG = {
+    "t": TIME,
+    "q": np.column_stack([np.sin(3 * TIME), np.cos(2 * TIME)]),
+    "dq": np.column_stack([3 * np.cos(3 * TIME), -2 * np.sin(2 * TIME)]),
+    "u": np.column_stack([TIME, TIME]),
+}
+ARRAYS = [
+    lambda random, array: array * random.choice([1e-300, 1e9, np.pi, 0.0]),
+    lambda random, array: array[: random.randrange(len(array))],
+    lambda random, array: array[::-1],
+    lambda random, array: array.reshape(-1, 1, 1),
+    lambda random, array: (
+        np.where(np.arange(len(array)) % 7 == 3, random.choice([np.nan, np.inf, 1e300]), array.T).T
+    ),
+    lambda random, array: array.astype(random.choice(["i4", "f4", "c16", "U8", "?"])),
+]
+
+
+def log(save):
+    """A log of arrays, as one of these writers writes it."""
+
+    def make(random):
+        arrays = dict(LOG)
+        for name in random.sample(list(LOG), random.choice([0, 1, 2])):
+            arrays[name] = random.choice(ARRAYS)(random, arrays[name])
+        stream = io.BytesIO()
+        save(stream, random.choice([arrays, arrays, {"x": arrays["q"]}]))
+        return damage(random, stream.getvalue()) if random.random() < 0.5 else stream.getvalue()
+
+    return make
+
+
+npz = log(lambda stream, arrays: np.savez(stream, **arrays))
+mat = log(lambda stream, arrays: savemat(stream, {"log": arrays, "n": 1}, do_compression="x" not in arrays))
 
 
 def policy(random):
@@ -321,6 +360,8 @@ class Kind:
 KINDS = {
     "yaml": Kind(yaml_map, "map.yml"),
     "trajectory": Kind(trajectory, "run.csv"),
+    "npz": Kind(npz, "run.npz"),
+    "mat": Kind(mat, "run.mat"),
     "policy": Kind(policy, "policy.safetensors"),
     "reference": Kind(reference, "reference.safetensors"),
     "checkpoint": Kind(checkpoint, "checkpoint.safetensors"),

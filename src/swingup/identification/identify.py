@@ -13,7 +13,7 @@ from ..common.errors import SwingupError
 from ..plant.plant import Plant, PlantLike, load_plant
 from ..plant.save import representative
 from .fit.bootstrap import draw_solutions
-from .fit.conventions import check_columns, ratio_note
+from .fit.conventions import check_columns, mass_notes
 from .fit.fit import Fit, fit_all, fit_start, pulled, refit
 from .fit.prediction import NAMES, Integration, integration_of, vector_of
 from .fit.problem import Problem, known_entries, session_numbers
@@ -129,7 +129,7 @@ def identify(
     )
     if share < 1.0:
         notes.append(_pulled_note(share))
-    notes += ratio_note(problem, final.models[0], recordings[0])
+    notes += mass_notes(problem, final.models[0], recordings[0])
     models = solution.models[numbers]
     estimates = read_solution(problem, final.unknowns, final.z, draw_solutions(final, windows, seed), seed)
     fitted, domain = _plant_and_domain(problem, final, estimates, plant)

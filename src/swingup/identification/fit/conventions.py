@@ -21,9 +21,10 @@ from ..log.log_checks import slopes_of
 from ..log.recording import Recording
 from ..log.segments import Segments
 from .prediction import INDEX, Integration
-from .problem import Problem
+from .problem import KNOWN, Problem
 from .regression import AS_IS, LEAST_SPANS, Reading, Solution, cut_spans, regress
 from .scoring import prediction_skill
+from .unknowns import MASSES
 
 LIKELIER = math.log(2.0)
 """Difference of costs from which another reading is named: real logs have at most log 1.4."""
@@ -40,6 +41,8 @@ MISMATCH = 1.5
 """Ratio of the angles' slopes to recorded velocities, or its inverse, that noise does not explain."""
 NOTABLE = 1.3
 """A common factor of the masses that is worth a note."""
+FAR = 2.5
+"""A factor of one mass or inertia that is worth a note; the bounds of the fit are 10 times the start's."""
 FASTEST = 400.0
 """Speed (rad/s) that no reading may have."""
 
@@ -130,9 +133,12 @@ def check_columns(
 def find_columns(recording: Recording, setting: Integration, start: Float[np.ndarray, "15"]) -> Finding | None:
     """What is wrong with a log's columns, if anything is."""
     spans, driven = cut_spans(recording), any(recording.driven)
+    conventions = [*CONVENTIONS, *_units(recording, setting)]
+    if len(spans) < LEAST_SPANS:  # at rest, or in turns
+        spans = cut_spans(recording, 1.0 / TURN)
+        conventions = [each for each in conventions if np.array_equal(each.angles, TURN * _SAME)]
     if len(spans) < LEAST_SPANS:
         return _check_speed(recording) or _check_velocities(recording)
-    conventions = [*CONVENTIONS, *_units(recording, setting)]
     scan = _Scan(recording, setting, start, spans, driven)
     plain = scan.solve(())
     singles = [((each,), scan.solve((each,))) for each in conventions]
@@ -315,14 +321,19 @@ def _check_foreign(
     )
 
 
-def ratio_note(problem: Problem, model: Float[np.ndarray, "15"], recording: Recording) -> list[str]:
-    """Whether all masses are one factor away from the starting plant's, as with torques in another unit."""
-    if not problem.driven or problem.knows_mass:
-        return []
-    factor, second = (float(model[INDEX[name]] / problem.start[INDEX[name]]) for name in ("k", "m2r2"))
-    factor, unequal = math.sqrt(factor * second), max(factor / second, second / factor)
-    if 1 / NOTABLE < factor < NOTABLE or unequal > NOTABLE:
-        return []
+def mass_notes(problem: Problem, model: Float[np.ndarray, "15"], recording: Recording) -> list[str]:
+    """Masses that are far from the starting plant's, all by one factor where torques have another unit."""
+    ratios = {name: float(model[INDEX[name]] / problem.start[INDEX[name]]) for name in MASSES[:4]}
+    first, second = ratios["k"], ratios["m2r2"]
+    factor, unequal = math.sqrt(first * second), max(first / second, second / first)
+    if not problem.driven or problem.knows_mass or 1 / NOTABLE < factor < NOTABLE or unequal > NOTABLE:
+        names = {entry: name for name, entry in KNOWN.items()}
+        far = [f"{names[entry]} {ratio:.2g} times" for entry, ratio in ratios.items() if not 1 / FAR < ratio < FAR]
+        if not far:
+            return []
+        return [
+            f"far from the starting plant's: {', '.join(far)}; check units and conventions, or give another --start"
+        ]
     words = " ".join(map(quote_word, remedy(recording, replace(AS_IS, torques=_SAME * float(f"{1 / factor:.3g}")))))
     return [
         f"all masses are about {factor:.2g} times the starting plant's: if that one is right, the torques are "

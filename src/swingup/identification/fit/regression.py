@@ -23,7 +23,7 @@ from ...plant.equations import mass_entries
 from ...plant.maths import NUMPY
 from ...plant.momentum import momentum_rows
 from ..log.recording import Recording
-from ..log.segments import Segments, cut
+from ..log.segments import LEAST_SPEED, Segments, cut
 from ..log.smoothing import REACH
 from .prediction import INDEX, Integration
 from .unknowns import MASSES, expectations
@@ -87,11 +87,11 @@ class Solution:
     """Whether a mass or an inertia ends at its bound."""
 
 
-def cut_spans(recording: Recording) -> Segments:
+def cut_spans(recording: Recording, least_speed: float = LEAST_SPEED) -> Segments:
     """Segments of 50 ms in which a joint moves, with the impulse at both ends for each age of the commands."""
     starts = np.arange(2 * REACH, recording.duration - SPAN - REACH, SPAN)
     grid = (np.array([0.0, SPAN]) - AGES[:, None]).ravel()
-    spans = cut(recording, starts, OFFSETS, (grid, 0.0), OFFSETS, SPAN)
+    spans = cut(recording, starts, OFFSETS, (grid, 0.0), OFFSETS, SPAN, least_speed=least_speed)
     if len(spans) <= MOST_SPANS:
         return spans
     return spans.take(np.linspace(0, len(spans) - 1, MOST_SPANS).astype(int))
