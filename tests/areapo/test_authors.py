@@ -50,6 +50,8 @@ def estimate_of(authors, gains):
         reset_cost=None,
         task_rewards=None,
         reward_statistics=None,
+        step_scale=None,
+        sum_statistics=None,
     )
     rollout = Rollout(
         observations=both(authors, "value", "entropy_value"),

@@ -71,7 +71,7 @@ def test_the_gains_are_right_after_three_rollouts(preset):
         # Every fourth step has an end, where there are ends.
         expected = 1.0 + offset - ends * float(metrics.reset_cost) / 4
         assert float(metrics.gain) == pytest.approx(expected, rel=0.05)
-        unit = float(reward_scale.deviation(state.reward_statistics))
+        unit = float(reward_scale.reward_unit(state))
         assert float(metrics.entropy_gain) == pytest.approx(
             config.temperature * unit * float(metrics.entropy), rel=0.05
         )

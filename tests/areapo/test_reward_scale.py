@@ -12,7 +12,7 @@ from swingup.areapo import algorithm
 from swingup.areapo.config import Config
 from swingup.areapo.networks import Critic, Linear
 from swingup.areapo.normalise import RunningStatistics, running_statistics
-from swingup.areapo.reward_scale import deviation, scale_rewards
+from swingup.areapo.reward_scale import deviation, fading_sums, reward_unit, scale_rewards
 from swingup.areapo.state import Rollout
 
 from .probes import Walk
@@ -41,6 +41,19 @@ def test_the_unit_of_constant_rewards_is_their_size(reward):
     for _ in range(3):
         scale = update(scale, np.full(16, reward, np.float32), np.ones(16, np.float32))
     assert float(deviation(scale)) == pytest.approx(abs(reward) or 1.0)
+
+
+def test_the_unit_is_the_deviation_of_fading_sums():
+    """λ = 0.5: 1, 1 + 0.5 and, after a reset, -1 and -1 - 0.5; their deviation is √(6.5 / 4), that of a step 1."""
+    config = Config(num_envs=1, num_steps=4, batch_size=4, gae_lambda=(0.5, 0.5), normalise_rewards=True)
+    state = algorithm.init(
+        jax.random.key(0), Walk(), dataclasses.replace(config, policy_layers=(2,), value_layers=(2,))
+    )
+    nothing, ends = jnp.zeros((4, 1)), jnp.array([[False], [True], [False], [False]])
+    rollout = Rollout(*[nothing] * 3, jnp.array([[5.0], [5.0], [3.0], [3.0]]), nothing, ends, ends)
+    rewards = running_statistics().update_all(rollout.rewards, None)
+    np.testing.assert_allclose(fading_sums(rollout, rewards, config).ravel(), [1.0, 1.5, -1.0, -1.5])
+    assert float(reward_unit(scale_rewards(state, rollout, config)[0])) == pytest.approx((6.5 / 4) ** 0.5)
 
 
 def test_without_gains_rewards_are_centred_and_an_end_has_the_value_of_nothing():

@@ -31,6 +31,8 @@ from .state import Frames, LearnerState, Rollout, reset_ended
 Task = AbstractTask[Any]
 Pair = Float[Array, "2"]
 Pairs = Float[Array, "steps envs 2"]
+MOST_CHANGE = 1.5
+"""By which the learning rate rises or falls after a rollout, if it adapts."""
 
 
 def init(key: Key, task: Task, config: Config) -> LearnerState:
@@ -157,26 +159,26 @@ def update_gains(state: LearnerState, errors: Pairs, rollout: Rollout, config: C
 
 
 def improve(state: LearnerState, frames: Frames, config: Config) -> tuple[LearnerState, LossMetrics, Scalar]:
-    """Several epochs of minibatch gradient steps on actor and critic with one Adam; ``target_kl`` may end them."""
-    optimiser = make_optimiser(config)
+    """Epochs of minibatch gradient steps on actor and critic with one Adam, whose step ``target_kl`` adapts."""
+    optimiser = make_optimiser(replace(config, learning_rate=config.learning_rate * state.step_scale))
     flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), frames)
 
     def step(carry: tuple[Any, ...], rows: Array) -> tuple[tuple[Any, ...], tuple[LossMetrics, Scalar]]:
-        networks, optimiser_state, ended = carry
+        networks, optimiser_state = carry
         minibatch = jax.tree.map(lambda leaf: leaf[rows], flat)
         gradients, metrics = jax.grad(loss, has_aux=True)(networks, minibatch, config)
         updates, following = optimiser.update(gradients, optimiser_state)
-        after = (optax.apply_updates(networks, updates), following)
-        if config.target_kl:
-            ended |= metrics.approximate_kl > config.target_kl
-            after = jax.tree.map(lambda old, new: jnp.where(ended, old, new), (networks, optimiser_state), after)
-        return (*after, ended), (metrics, optax.tree.norm(gradients))
+        return (optax.apply_updates(networks, updates), following), (metrics, optax.tree.norm(gradients))
 
     # The batch size divides the rollout: no minibatch has frames of two epochs.
     orders = shuffled(jax.random.fold_in(state.key, IMPROVE), config.num_epochs, config.rollout_size)
-    carry = ((state.actor, state.critic), state.optimiser, jnp.array(False))
-    ((actor, critic), optimiser_state, _), found = jax.lax.scan(step, carry, orders.reshape(-1, config.batch_size))
+    carry = ((state.actor, state.critic), state.optimiser)
+    ((actor, critic), optimiser_state), found = jax.lax.scan(step, carry, orders.reshape(-1, config.batch_size))
     losses, gradient_norm = jax.tree.map(jnp.mean, found)
+    if config.target_kl:
+        # The divergence grows as the square of the step.
+        change = jnp.sqrt(config.target_kl / jnp.maximum(losses.approximate_kl, 1e-12))
+        state = replace(state, step_scale=state.step_scale * jnp.clip(change, 1 / MOST_CHANGE, MOST_CHANGE))
     return replace(state, actor=actor, critic=critic, optimiser=optimiser_state), losses, gradient_norm
 
 

@@ -87,8 +87,8 @@ class Config(eqx.Module):
     max_grad_norm: float = _number(10.0, TINY, HUGE)
     """Joint norm to which the gradients are clipped."""
     target_kl: float = _static(0.0, 0.0, HUGE)
-    """Stop updating on a rollout when a minibatch's KL divergence from the policy that collected it exceeds this;
-    0: never."""
+    """Mean KL divergence of a rollout's minibatches from the policy that collected it, to which the learning rate
+    adapts after each rollout; 0: it stays."""
     value_coefficient: Pair = _number((0.25, 0.125), 0.0, HUGE)
     """Weights of both values' losses; Table I has c2 = 0.5 for the second over the first."""
     terminations: Terminations = _word("reset_cost", Terminations)
@@ -97,8 +97,8 @@ class Config(eqx.Module):
     reset_cost: float = _number(10.0, 0.0, HUGE)
     """The cost of a reset, in units of the reward; with adaptive_cost its first value, in their deviations."""
     normalise_rewards: bool = _static(False)
-    """Divide rewards by their running standard deviation, the cost of a reset included; without gains, subtract
-    their running mean first. The temperature is then in units of the deviation; metrics stay in the task's."""
+    """Divide rewards by the deviation of their sums, in which each fades by γλ a step, costs of resets included;
+    without gains, subtract their running mean. The temperature is then in this unit; metrics stay in the task's."""
     schedule: Schedule = _word("constant", Schedule)
     """What changes over schedule_frames, again and again. anneal: learning rate and clip range fall to 0.1 and 0.15
     of themselves in the second half; anneal_entropy: before that, the temperature is lower for a while."""

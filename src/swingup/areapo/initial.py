@@ -39,6 +39,8 @@ def init_learner(key: Key, spaces: Spaces, config: Config) -> LearnerState:
         reset_cost=jnp.asarray(config.reset_cost, jnp.float32),
         task_rewards=running_statistics(),
         reward_statistics=running_statistics(),
+        step_scale=jnp.ones(()),
+        sum_statistics=running_statistics(),
     )
 
 

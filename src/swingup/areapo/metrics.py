@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from ..common.types import Scalar
 from .average import mean
-from .reward_scale import deviation
+from .reward_scale import reward_unit
 from .state import LearnerState, Rollout, termination_rate
 
 
@@ -73,7 +73,7 @@ def make_metrics(
         losses: means over the minibatches.
         gradient_norm: mean over the minibatches.
     """
-    unit = deviation(state.reward_statistics)
+    unit = reward_unit(state)
     gains, values = state.gains * unit, value_means * unit
     truncated = rollout.truncated & ~rollout.terminated
     return Metrics(

@@ -39,6 +39,10 @@ class LearnerState(eqx.Module):
     """Of the task's rewards, if the cost of a reset is in units of their deviation."""
     reward_statistics: RunningStatistics
     """Of the rewards with the cost of a reset, if they are normalised."""
+    step_scale: Scalar
+    """Factor of the learning rate, if it adapts."""
+    sum_statistics: RunningStatistics
+    """Of the fading sums of these rewards, whose deviation is their unit."""
 
 
 class Rollout(eqx.Module):

@@ -76,14 +76,15 @@ PRESETS = {
         1_000_000,
     ),
     "mujoco": Preset(
-        "AR-EAPO with sizes for Gymnasium's control tasks and a million frames",
+        "AR-EAPO for continuing control, and for Gymnasium's other tasks: sizes for a million frames",
         Config(
-            num_envs=4, num_steps=1024, num_epochs=10, batch_size=128, policy_layers=(64, 64),
-            # λ = 0.98 with long rollouts sees a swimmer's slow rewards.
-            value_layers=(64, 64), gae_lambda=(0.98, 0.95), gain="td", centre_values=True,
-            # In units of the rewards' deviation, which the cost of a reset enters.
-            normalise_rewards=True, temperature=0.002, state_dependent_std=False, log_std_init=0.0, clip_range=0.2,
-            target_kl=0.03, learning_rate=3e-4, max_grad_norm=0.5,
+            # Minibatches that divide the rollout of a single environment, too.
+            num_envs=8, num_steps=250, num_epochs=10, batch_size=125, policy_layers=(64, 64), value_layers=(64, 64),
+            # λ = 0.97 sees a swimmer's slow rewards.
+            activation="tanh", gae_lambda=(0.97, 0.95), gain="td", centre_values=True, normalise_rewards=True,
+            temperature=0.002, state_dependent_std=False, log_std_init=-0.5, clip_range=0.2,
+            # A step that suits the swimmer moves the ant too far.
+            target_kl=0.04, learning_rate=3e-4, max_grad_norm=0.5, value_coefficient=(0.5, 0.25),
             terminations="adaptive_cost", reset_cost=100.0,
         ),
         1_000_000,
