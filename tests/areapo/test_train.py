@@ -12,9 +12,11 @@ from swingup.areapo import algorithm
 from swingup.areapo.algorithm import loss
 from swingup.areapo.bootstrap import BOOTSTRAP_SIZE
 from swingup.areapo.config import Config, config_from_dict
+from swingup.areapo.initial import init_learner
 from swingup.areapo.reset_cost import charge_resets
 from swingup.plant.robots import ROBOTS
 from swingup.tasks.presets import smooth_task
+from swingup.tasks.task import Spaces
 
 from .probes import Cycle
 
@@ -226,6 +228,13 @@ def test_the_learning_rate_follows_the_kl_divergence(collected):
     halved = improve(dataclasses.replace(state, step_scale=jnp.array(0.5)), batch, CONFIG)[0]
     same = improve(state, batch, dataclasses.replace(CONFIG, learning_rate=CONFIG.learning_rate / 2))[0]
     assert jax.tree.all(jax.tree.map(np.allclose, halved.actor, same.actor))
+
+
+def test_actions_share_the_first_deviation():
+    """Four actions of a deviation of 1 together: 1/2 each, whose logarithm is -log 2."""
+    config = dataclasses.replace(CONFIG, log_std_init=0.0, share_std=True, state_dependent_std=False)
+    actor = init_learner(jax.random.key(0), Spaces(3, 4), config).actor
+    np.testing.assert_allclose(actor(jnp.zeros(3)).log_std, -np.log(2.0), rtol=1e-5)
 
 
 def test_table_one():

@@ -31,8 +31,6 @@ from .state import Frames, LearnerState, Rollout, reset_ended
 Task = AbstractTask[Any]
 Pair = Float[Array, "2"]
 Pairs = Float[Array, "steps envs 2"]
-MOST_CHANGE = 1.5
-"""By which the learning rate rises or falls after a rollout, if it adapts."""
 
 
 def init(key: Key, task: Task, config: Config) -> LearnerState:
@@ -160,7 +158,7 @@ def update_gains(state: LearnerState, errors: Pairs, rollout: Rollout, config: C
 
 def improve(state: LearnerState, frames: Frames, config: Config) -> tuple[LearnerState, LossMetrics, Scalar]:
     """Epochs of minibatch gradient steps on actor and critic with one Adam, whose step ``target_kl`` adapts."""
-    optimiser = make_optimiser(replace(config, learning_rate=config.learning_rate * state.step_scale))
+    optimiser = make_optimiser(config, state.step_scale)
     flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), frames)
 
     def step(carry: tuple[Any, ...], rows: Array) -> tuple[tuple[Any, ...], tuple[LossMetrics, Scalar]]:
@@ -176,10 +174,18 @@ def improve(state: LearnerState, frames: Frames, config: Config) -> tuple[Learne
     ((actor, critic), optimiser_state), found = jax.lax.scan(step, carry, orders.reshape(-1, config.batch_size))
     losses, gradient_norm = jax.tree.map(jnp.mean, found)
     if config.target_kl:
-        # The divergence grows as the square of the step.
-        change = jnp.sqrt(config.target_kl / jnp.maximum(losses.approximate_kl, 1e-12))
-        state = replace(state, step_scale=state.step_scale * jnp.clip(change, 1 / MOST_CHANGE, MOST_CHANGE))
+        state = replace(state, step_scale=adapted_step(state.step_scale, losses.approximate_kl, config.target_kl))
     return replace(state, actor=actor, critic=critic, optimiser=optimiser_state), losses, gradient_norm
+
+
+def adapted_step(scale: Scalar, divergence: Scalar, target: float) -> Scalar:
+    """The learning rate's factor after a rollout: at most 1.5 times as large or small, and within 0.1 and 10.
+
+    Without bounds it would grow for ever where a policy is done and moves no more.
+    """
+    # The divergence grows as the square of the step.
+    change = jnp.clip(jnp.sqrt(target / jnp.maximum(divergence, 1e-12)), 1 / 1.5, 1.5)
+    return jnp.clip(scale * change, 0.1, 10.0)
 
 
 def loss(networks: tuple[AbstractActor, Critic], frames: Frames, config: Config) -> tuple[Scalar, LossMetrics]:

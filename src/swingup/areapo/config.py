@@ -67,6 +67,8 @@ class Config(eqx.Module):
     action has one that learns, as in Stable-Baselines3 and CleanRL. Discrete actions have none."""
     log_std_init: float = _number(-1.0, -20.0, 2.0)
     """Logarithm of the policy's initial standard deviation (before tanh)."""
+    share_std: bool = _static(False)
+    """Whether the m actions share the initial standard deviation: each has it divided by √m."""
     temperature: float = _number(2.0, 0.0, HUGE)
     """Temperature τ of the entropy reward -τ log π."""
     discount: Pair = _number((1.0, 1.0), 0.0, 1.0)

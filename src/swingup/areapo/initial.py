@@ -1,13 +1,14 @@
 """The learner's state before its first iteration, and at the start of new episodes; its optimiser."""
 
 import dataclasses
+import math
 
 import jax
 import jax.numpy as jnp
 import optax
 from jaxtyping import Array, Float
 
-from ..common.types import Key
+from ..common.types import Key, Scalar
 from ..tasks.task import Spaces
 from .config import Config
 from .networks import init_critic, init_policy
@@ -21,9 +22,11 @@ ADAM_EPSILON = 1e-5
 def init_learner(key: Key, spaces: Spaces, config: Config) -> LearnerState:
     """The state of a learner that has observed no environment yet; gains and their trace start at 0."""
     actor_key, critic_key, state_key = jax.random.split(key, 3)
+    shared = 0.5 * math.log(spaces.action_size) if config.share_std else 0.0
     actor = init_policy(
-        actor_key, spaces, config.policy_layers, config.log_std_init, config.activation, config.state_dependent_std
-    )
+        actor_key, spaces, config.policy_layers, config.log_std_init - shared, config.activation,
+        config.state_dependent_std,
+    )  # fmt: skip
     critic = init_critic(critic_key, spaces.observation_size, config.value_layers, config.activation)
     return LearnerState(
         actor=actor,
@@ -50,10 +53,10 @@ def begin_episodes(state: LearnerState, observations: Float[Array, "envs n"]) ->
     return dataclasses.replace(state, statistics=statistics, observations=statistics.stage()(observations))
 
 
-def make_optimiser(config: Config) -> optax.GradientTransformation:
-    """One Adam for both networks, whose gradients are first clipped by their joint norm."""
+def make_optimiser(config: Config, scale: Scalar | float = 1.0) -> optax.GradientTransformation:
+    """One Adam for both networks, with ``scale`` times the learning rate; clips the gradients' joint norm first."""
     return optax.chain(
         optax.clip_by_global_norm(config.max_grad_norm),
         optax.scale_by_adam(eps=ADAM_EPSILON),
-        optax.scale(-config.learning_rate),
+        optax.scale(-config.learning_rate * scale),
     )
