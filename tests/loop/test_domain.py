@@ -160,7 +160,7 @@ def test_nominal_values_are_the_middle():
 
 def test_a_guess_is_drawn_around_and_its_file_is_the_same_domain(tmp_path):
     around, file = adapted_domain({"plant": "C.0"}, None, str(tmp_path / "mine.safetensors"))
-    assert Path(file) == tmp_path / "mine-domain.yml"
+    assert Path(file) == tmp_path / "mine-adapt.yml"
     plant, (low, high) = load_plant("C.0"), (around.low, around.high)
     for name, share in (("m1", 0.1), ("I2", 0.1), ("cf2", 0.5), ("Ir", 0.5), ("l1", 0.0), ("r2", 0.0)):
         value = getattr(plant, name)

@@ -36,7 +36,7 @@ def adapted_domain(options: PlantOptions, domain: str | None, out: str) -> tuple
     if facts.low.plant == facts.high.plant:
         facts = drawn_around(facts.plant)
     around = loop_around(facts, domain or RECORDED)
-    file = Path(out).with_name(f"{Path(out).stem}-domain.yml")
+    file = Path(out).with_name(f"{Path(out).stem}-adapt.yml")
     rows = {name: [low, high] for name, low, high in around.ranges}
     option = {} if around.low.loop.velocities is None else {"velocities": around.low.loop.velocities}
     text = "".join(f"{name}: {value}\n" for name, value in {**rows, **option}.items())
