@@ -8,10 +8,23 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from swingup.benchmark.rollout import Scenario, apply_torque, initial_loop, measure
 from swingup.loop.disturbance import Pushes, measured_state, motor_torques, step_period, undisturbed
 from swingup.loop.domain import PLANT, SESSIONS, load_domain, make_domain
 from swingup.loop.draw import draw
-from swingup.loop.effects import Effects, Times, lagging, late_period, measured_angles, sensed, start_times
+from swingup.loop.effects import (
+    Effects,
+    Times,
+    held_steps,
+    joint_loads,
+    lagging,
+    late_period,
+    measured_angles,
+    motor_side,
+    sagging_limits,
+    sensed,
+    start_times,
+)
 from swingup.loop.loop import LONGEST_PERIOD, Loop
 from swingup.plant.robots import get_robot
 
@@ -86,12 +99,60 @@ def test_gains_act_on_commands_and_pushes_alike():
     pushes = Pushes(np.zeros((2, 1)), np.ones((2, 1)), array([1.0], [2.0]))
     weak = undisturbed().changed(gain1=0.8, gain2=0.5)
     disturbance = dataclasses.replace(weak, pushes=pushes, effects=Effects(drive=True))
-    args = (jnp.array([9.0, 9.0]), jnp.zeros(2), jnp.zeros(()), jnp.full(2, 0.1), array(6.0, 0.0), jnp.zeros(2), DT)
+    args = (jnp.array([9.0, 9.0]), jnp.zeros(2), jnp.zeros(()), jnp.full(2, 0.1), array(6.0, 0.0), jnp.zeros(4), DT)
     acting, own = motor_torques(disturbance, *args)
     np.testing.assert_allclose(acting, [0.8 * 7.0 + 0.1, 0.5 * 2.0], rtol=1e-4)  # noise where a motor is driven
     np.testing.assert_allclose(own, [7.0, 2.0], rtol=1e-4)  # the motor knows nothing of its gain
     limited = dataclasses.replace(disturbance.changed(rate_limit=500.0), effects=Effects(motors=True, drive=True))
     np.testing.assert_allclose(motor_torques(limited, *args)[1], [1.0, 1.0], rtol=1e-4)  # 500 N m/s for 2 ms
+
+
+def test_loads_on_the_joints():
+    """0.03 N m/rad at π and 0.1 N m; static friction as it fades: 1/e at 0.05 rad/s, none at 5."""
+    loop = Loop(spring1=0.03, load1=0.1, stiction2=0.2)
+    slow, fast = (joint_loads(loop, array(np.pi, 1.0, 0.0, rate)) for rate in (0.05, 5.0))
+    np.testing.assert_allclose(slow, [-0.03 * np.pi - 0.1, -0.2 / np.e * np.arctan(5.0)], rtol=1e-6)
+    np.testing.assert_allclose(fast, [-0.03 * np.pi - 0.1, 0.0], atol=1e-7)
+
+
+def test_the_elbows_encoder_leads_its_link():
+    """5 N m wind 1/800 rad/(N m) up, and half of the play of 2 mrad is left behind."""
+    loop, x = Loop(compliance2=1 / 800, backlash2=0.002), array(0.1, 0.2, 1.0, 2.0)
+    np.testing.assert_allclose(motor_side(loop, jnp.array(x), -5.0), x - [0.0, 5 / 800 + 0.001, 0.0, 0.0], rtol=1e-6)
+
+
+def test_a_sagging_supply_takes_torque_from_driving_motors_alone():
+    limits, rates = array(6.0, 0.5), array(10.0, -10.0)
+    found = [sagging_limits(Loop(sag=0.1), limits, array(*u), rates) for u in ((1.0, -1.0), (-1.0, 1.0))]
+    np.testing.assert_allclose(found, [[5.0, 0.0], [6.0, 0.5]], atol=1e-6)
+
+
+def test_gaps_in_the_samples():
+    """Ten a second of 6 ms, from a fifth of their cycle on: samples 40 to 42 of the first 50 are the 39th."""
+    loop = Loop(dropouts=10.0, dropout=0.006)
+    held = [int(held_steps(loop, jnp.array(k), jnp.array(0.2), DT)) for k in range(50)]
+    assert held == [*[0] * 40, 1, 2, 3, *[0] * 7]
+    assert not held_steps(Loop(dropout=0.1), jnp.array(0), jnp.array(0.0), DT)
+
+
+def test_a_run_with_every_effect():
+    """Switched on they act, in each their own way; a run of defaults beside it is that without them."""
+    effects = {
+        "spring1": 0.1, "backlash2": 0.01, "sag": 1.0, "period": 0.004, "dropouts": 50.0, "dropout": 0.01,
+        "spoilt": 1e-9, "quantum1": 1e-3,
+    }  # fmt: skip
+    domain = make_domain({"plant": "C.1", **effects})
+    _, disturbance = draw(domain, jax.random.key(0), get_robot("pendubot"))
+    scenario = Scenario(domain.plant.driven(get_robot("pendubot")), disturbance, substeps=domain.substeps)
+    loop, seen = initial_loop(jnp.array([0.3, 0.0, 0.0, 0.0]), domain.depth, disturbance), []
+    for k in range(20):
+        loop, measured, _ = measure(scenario, loop, jnp.array(k))
+        loop = apply_torque(scenario, loop, jnp.array(k), jnp.array([1.0, 0.0]), DT)
+        seen.append(np.asarray(measured))
+    assert float(loop.times.now) == pytest.approx(20 * 0.004)
+    assert np.isfinite(seen).all()
+    # Every 20 ms, five turns, a gap of two.
+    assert sum(np.array_equal(one, other) for one, other in zip(seen[2:], seen[1:], strict=False)) in (7, 8)
 
 
 def test_domains_have_the_effects_that_they_need():

@@ -32,8 +32,10 @@ CALM = dataclasses.replace(undisturbed(), effects=Effects(motors=True))
 def torques(disturbance, command, q, noise, steps):
     """What acts, and the motors' own, in steps of 2 ms at fixed angles with command and noise held."""
 
+    x = jnp.concatenate([q, jnp.zeros(2)])
+
     def step(motors, k):
-        acting, motors = motor_torques(disturbance, command, motors, k * LOOP_DT, noise, LIMITS, q, LOOP_DT)
+        acting, motors = motor_torques(disturbance, command, motors, k * LOOP_DT, noise, LIMITS, x, LOOP_DT)
         return motors, (acting, motors)
 
     return jax.lax.scan(step, jnp.zeros(2), jnp.arange(steps))[1]

@@ -17,8 +17,18 @@ from jaxtyping import Array, Bool, Float, Int
 from ..common.types import Count, Flag, Scalar, State, Torque
 from ..controllers.interface.controller import AbstractController
 from ..dynamics.integrate import rk4_steps
-from ..loop.disturbance import Disturbance, Past, measured_state, motor_torques, remember, step_noise, step_period
-from ..loop.effects import Times, start_times
+from ..loop.disturbance import (
+    Disturbance,
+    Past,
+    loaded,
+    measured_state,
+    motor_torques,
+    remember,
+    sample_gap,
+    step_noise,
+    step_period,
+)
+from ..loop.effects import Times, motor_side, start_times
 from ..loop.loop import LOOP_DT
 from ..loop.supervisors.supervisor import AbstractSupervisor, Intervention, no_intervention
 from ..plant.plant import Plant
@@ -117,10 +127,19 @@ def measure(scenario: Scenario, loop: LoopState, step: Count, dt: float = LOOP_D
     """First half of a step of dt (s): the measured state, and whether the controller is called at all."""
     called, measured, now = jnp.array(True), loop.x, loop_time(loop, step, dt)
     if scenario.disturbance is not None:
-        past = remember(loop.past, step, loop.x)
+        disturbance, shown = scenario.disturbance, loop.x
+        if disturbance.effects.windup:
+            shown = motor_side(disturbance.loop, loop.x, loop.motors[1])
+        past = remember(loop.past, step, shown)
         times = None if loop.times is None else loop.times.remember(step)
-        noise, torque_noise = step_noise(scenario.disturbance, step, loop.x.dtype)
-        measured = measured_state(scenario.disturbance, past, step, noise, times)
+        noise, torque_noise = step_noise(disturbance, step, loop.x.dtype)
+        if disturbance.effects.gaps:
+            held, broken = sample_gap(disturbance, step, dt, loop.x.dtype)
+            # A sample repeats with its noise.
+            noise = step_noise(disturbance, step - held, loop.x.dtype)[0] + broken
+            measured = measured_state(disturbance, past, step, noise, times, held)
+        else:
+            measured = measured_state(disturbance, past, step, noise, times)
         loop = replace(loop, past=past, times=times, torque_noise=torque_noise)
     if scenario.supervisor is not None and loop.supervision is not None:
         supervision = scenario.supervisor(loop.supervision[0], now, measured)
@@ -154,9 +173,10 @@ def apply_torque(scenario: Scenario, loop: LoopState, step: Count, command: Torq
     else:
         period = step_period(scenario.disturbance, step, dt, loop.x.dtype)
         time, noise = loop_time(loop, step, dt), loop.torque_noise
-        u, motors = motor_torques(scenario.disturbance, command, motors, time, noise, limits, loop.x[:2], period)
+        u, motors = motor_torques(scenario.disturbance, command, motors, time, noise, limits, loop.x, period)
     times = None if loop.times is None else loop.times.after(period)
-    x = rk4_steps(p, loop.x, u, period, scenario.substeps)
+    acting = u if scenario.disturbance is None else loaded(scenario.disturbance, u, loop.x)
+    x = rk4_steps(p, loop.x, acting, period, scenario.substeps)
     return replace(loop, x=x, u=u, motors=motors, times=times)
 
 

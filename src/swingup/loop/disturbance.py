@@ -15,8 +15,19 @@ import numpy as np
 from jaxtyping import Array, Float, UInt32
 
 from ..common.types import Count, Scalar, State, Torque
-from .effects import Effects, Times, lagging, late_period, rate_limited, ripple_torque, sensed
-from .loop import PERFECT_LOOP, Loop
+from .effects import (
+    Effects,
+    Times,
+    held_steps,
+    joint_loads,
+    lagging,
+    late_period,
+    rate_limited,
+    ripple_torque,
+    sagging_limits,
+    sensed,
+)
+from .loop import LOOP_DT, PERFECT_LOOP, Loop
 
 Past = Float[Array, "depth 4"]
 """The last states as a ring: row k mod depth holds the state before step k, and the oldest is overwritten."""
@@ -104,7 +115,18 @@ def step_period(disturbance: Disturbance, step: Count, dt: float, dtype: jnp.dty
     key = jax.random.wrap_key_data(jnp.asarray(disturbance.noise), impl="threefry2x32")
     # Apart from the keys of the noise, which are those of the steps.
     late_key = jax.random.fold_in(jax.random.fold_in(key, step), 1)
-    return late_period(disturbance.loop, jax.random.uniform(late_key, (), dtype), dt)
+    nominal = dt * (disturbance.loop.period / LOOP_DT)
+    return late_period(disturbance.loop, jax.random.uniform(late_key, (), dtype), nominal)
+
+
+def sample_gap(disturbance: Disturbance, step: Count, dt: float, dtype: jnp.dtype) -> tuple[Count, Scalar]:
+    """How many steps old the last new sample is before its delay, and 0, or NaN if this one is spoilt."""
+    key = jax.random.wrap_key_data(jnp.asarray(disturbance.noise), impl="threefry2x32")
+    # Apart from the keys of noise and periods.
+    phase = jax.random.uniform(jax.random.fold_in(jax.random.fold_in(key, 0), 2), (), dtype)
+    spoilt = jax.random.uniform(jax.random.fold_in(jax.random.fold_in(key, step), 3), (), dtype)
+    broken = jnp.where(spoilt < disturbance.loop.spoilt, jnp.nan, jnp.zeros((), dtype))
+    return held_steps(disturbance.loop, step, phase, dt * (disturbance.loop.period / LOOP_DT)), broken
 
 
 def measured_state(
@@ -113,6 +135,7 @@ def measured_state(
     step: Count,
     velocity_noise: Float[Array, "2"],
     times: Times | None = None,
+    held: int | Count = 0,
 ) -> State:
     """The state that the controller receives: delayed, as the sensors see it, then noise on the velocities.
 
@@ -124,13 +147,19 @@ def measured_state(
         step: number of the present step.
         velocity_noise: the noise of this step (rad/s).
         times: when the states were measured; needed for differences.
+        held: how many steps old the last new sample is.
     """
-    seen = step - jnp.asarray(disturbance.delay_steps)
+    seen = step - jnp.asarray(disturbance.delay_steps) - held
     measured = past[seen % past.shape[0]]
     if disturbance.effects.sensors:
         before, age = past[(seen - 1) % past.shape[0]], 1.0 if times is None else times.age(seen)
         measured = sensed(disturbance.loop, disturbance.effects.differences, measured, before, age)
     return measured.at[2:].add(velocity_noise)
+
+
+def loaded(disturbance: Disturbance, u: Torque, x: State) -> Torque:
+    """The torques on the joints (N m): those of motors and pushes, and the loads that they work against."""
+    return u + joint_loads(disturbance.loop, x) if disturbance.effects.loads else u
 
 
 def motor_torques(
@@ -140,7 +169,7 @@ def motor_torques(
     t: Scalar,
     torque_noise: Torque,
     limits: Torque,
-    q: Float[Array, "2"],
+    x: State,
     dt: float | Scalar,
 ) -> tuple[Torque, Torque]:
     """The torques that act on the joints at time t (s), and the torques that the motors start from next.
@@ -158,13 +187,15 @@ def motor_torques(
         t: time (s).
         torque_noise: the noise of this step (N m).
         limits: torque limits of the two motors (N m).
-        q: angles of the joints (rad), for the motors' ripple.
+        x: the state, for the motors' ripple and the supply's sag.
         dt: time of the step (s), for their rate limit and lag.
     """
     # Pushes drawn for the passive joint have no effect: the benchmark's published numbers contain this.
     loop, effects, driven, pushes = disturbance.loop, disturbance.effects, limits > 0, disturbance.pushes.torque(t)
     noise, push = (jnp.where(driven, added, 0.0) for added in (torque_noise, pushes))
-    ripple = jnp.where(driven, ripple_torque(loop, q), 0.0) if effects.motors else jnp.zeros(2)
+    if effects.sag:
+        limits = sagging_limits(loop, limits, command, x[2:])
+    ripple = jnp.where(driven, ripple_torque(loop, x[:2]), 0.0) if effects.motors else jnp.zeros(2)
     if effects.drive:
         asked = jnp.clip(command, -limits, limits) + pushes
         mean, own = lagging(loop, before + loop.response * (asked - before), before, dt)

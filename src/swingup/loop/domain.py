@@ -129,18 +129,24 @@ class Domain:
             drive=may_have("lag", "gain1", "gain2", "passive_push"),
             sensors=differences or quantised or may_have("offset1", "offset2"),
             differences=differences,
-            late=may_have("late"),
+            late=may_have("late", "period"),
+            loads=may_have(*(f"{name}{joint}" for name in ("spring", "load", "stiction") for joint in (1, 2))),
+            windup=may_have("compliance2", "backlash2"),
+            sag=may_have("sag"),
+            gaps=may_have("dropouts", "spoilt"),
         )
 
     @property
     def depth(self) -> int:
-        """Number of states that the loop remembers, enough for the longest delay and a difference before it."""
-        return whole_delay_steps(self.high.value("delay")) + 1 + self.effects.differences
+        """Number of states that the loop remembers: the longest delay and gap, and a difference before."""
+        shortest, high = self.low.value("period"), self.high
+        gap = whole_steps(high.value("dropout"), shortest) if high.value("dropouts") else 0
+        return whole_steps(high.value("delay"), shortest) + gap + 1 + self.effects.differences
 
     @functools.cached_property
     def substeps(self) -> int:
         """Steps of RK4 in a step of the loop, so that friction stays stable on all of its plants."""
-        longest = LOOP_DT * (LONGEST_PERIOD if self.effects.late else 1.0)
+        longest = self.high.value("period") * (LONGEST_PERIOD if self.effects.late else 1.0)
         return max(stable_substeps(corner, longest) for corner in self.corners())
 
     @property
@@ -167,9 +173,9 @@ class Domain:
         return {**named, **option, **{name: [low, high] for name, low, high in self.ranges}}
 
 
-def whole_delay_steps(delay: float) -> int:
-    """Whole loop steps in a delay (s); 1e-4 of a step is added, since rounding may lose a whole one."""
-    return int(delay / LOOP_DT + 1e-4)
+def whole_steps(time: float, period: float = LOOP_DT) -> int:
+    """Whole steps of a loop in a time (s); 1e-4 of a step is added, since rounding may lose a whole one."""
+    return int(time / period + 1e-4)
 
 
 def make_domain(content: Mapping[str, Any], name: str = "DOMAIN.yml", folder: str | Path = ".") -> Domain:

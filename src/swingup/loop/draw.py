@@ -11,7 +11,7 @@ from ..plant.plant import Plant
 from ..plant.robots import Robot
 from .disturbance import Disturbance, Pushes
 from .domain import Domain, PlantInLoop
-from .loop import LOOP_DT, Loop
+from .loop import Loop
 
 PUSH_WIDTH = 0.05
 """Standard deviation of a push (s), the benchmark's shortest."""
@@ -27,8 +27,8 @@ def draw(domain: Domain, key: Key, robot: Robot) -> tuple[Plant, Disturbance]:
     limits = jnp.where(driven > 0, jnp.stack([plant.tl1, plant.tl2]), loop.passive_limit)
     disturbance = Disturbance(
         loop,
-        # As whole_delay_steps, for a drawn delay.
-        delay_steps=jnp.floor(loop.delay / LOOP_DT + 1e-4).astype(int),
+        # As whole_steps, for a drawn delay.
+        delay_steps=jnp.floor(loop.delay / loop.period + 1e-4).astype(int),
         pushes=_pushes(loop, push_key, robot),
         # Two words for threefry; other implementations of JAX's keys have four.
         noise=jax.random.key_data(noise_key).astype(jnp.uint32)[-2:],

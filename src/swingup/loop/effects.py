@@ -7,10 +7,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..common.types import Count, Scalar, State, Torque
+from ..plant.equations import COULOMB_STEEPNESS
 from .loop import LONGEST_PERIOD, Loop
 
 SHORTEST_LAG = 1e-9
 """Shorter lags count as zero (s)."""
+
+STRIBECK_RATE = 0.05
+"""Rate at which static friction fades (rad/s). Chosen: joints break loose within a few encoder steps."""
 
 JointAngles = Float[Array, "2"]
 """q1 and q2 (rad)."""
@@ -28,7 +32,15 @@ class Effects(NamedTuple):
     differences: bool = False
     """Velocities are differences of measured angles; otherwise the motors' drivers know the true ones."""
     late: bool = False
-    """Periods vary."""
+    """Periods vary, or are not the boards'."""
+    loads: bool = False
+    """Springs, constant torques or static friction act on the joints."""
+    windup: bool = False
+    """The elbow's encoder does not follow its link."""
+    sag: bool = False
+    """Motors lose torque with velocity."""
+    gaps: bool = False
+    """Samples repeat, or are NaN."""
 
 
 def measured_angles(loop: Loop, q: JointAngles) -> JointAngles:
@@ -58,6 +70,36 @@ def ripple_torque(loop: Loop, q: JointAngles) -> Torque:
     return loop.ripple * jnp.sin(loop.ripple_periods * q)
 
 
+def joint_loads(loop: Loop, x: State) -> Torque:
+    """Torques of springs, cables and static friction on both joints (N m)."""
+    spring, load = jnp.stack([loop.spring1, loop.spring2]), jnp.stack([loop.load1, loop.load2])
+    # Coulomb friction's arctangent, which fades as the joint breaks loose (Stribeck's curve).
+    near_rest = jnp.exp(-((x[2:] / STRIBECK_RATE) ** 2)) * jnp.arctan(COULOMB_STEEPNESS * x[2:])
+    return -(spring * x[:2] + load + jnp.stack([loop.stiction1, loop.stiction2]) * near_rest)
+
+
+def motor_side(loop: Loop, x: State, torque: Scalar) -> State:
+    """The state with the elbow's angle at its motor, where the encoder is, under the motor's torque (N m).
+
+    Quasi-static: the rotor has no motion of its own, and the gear lies at the side to which its motor pushes.
+    """
+    return x.at[1].add(loop.compliance2 * torque + 0.5 * loop.backlash2 * jnp.sign(torque))
+
+
+def sagging_limits(loop: Loop, limits: Torque, command: Torque, rates: Torque) -> Torque:
+    """Torque limits (N m) of motors that drive their joints at rates (rad/s); in braking they have all."""
+    left = jnp.maximum(limits - loop.sag * jnp.abs(rates), 0.0)
+    return jnp.where(command * rates > 0, left, limits)
+
+
+def held_steps(loop: Loop, step: Count, phase: Scalar, dt: float | Scalar) -> Count:
+    """Steps since the last new sample, 0 outside of gaps, for a phase in (0, 1) and steps of dt (s)."""
+    every = 1.0 / jnp.maximum(loop.dropouts, 1e-9)
+    within = jnp.mod(step * dt + phase * every, every)
+    held = jnp.floor(within / dt).astype(int) + 1
+    return jnp.where((loop.dropouts > 0) & (held * dt <= loop.dropout + 1e-4 * dt), held, 0)
+
+
 def lagging(loop: Loop, wanted: Torque, before: Torque, dt: float | Scalar) -> tuple[Torque, Torque]:
     """The mean torque (N m) over the next dt (s), and the torque at its end, from ``before`` to ``wanted``.
 
@@ -69,7 +111,7 @@ def lagging(loop: Loop, wanted: Torque, before: Torque, dt: float | Scalar) -> t
     return wanted + (before - wanted) * (1.0 - left) / ratio, wanted + (before - wanted) * left
 
 
-def late_period(loop: Loop, uniform: Scalar, dt: float) -> Scalar:
+def late_period(loop: Loop, uniform: Scalar, dt: float | Scalar) -> Scalar:
     """The period (s) of a turn for a uniform draw from (0, 1), where dt (s) is the nominal one.
 
     A period is the nominal one, or, with the probability ``late``, longer by an exponentially distributed time.

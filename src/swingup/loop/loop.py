@@ -9,7 +9,7 @@ import jax
 from ..common.checks import LARGEST, one_of
 from ..common.settings import Range, notes
 from ..common.types import Scalar
-from ..plant.units import TORQUE, TORQUE_RATE, VELOCITY
+from ..plant.units import COMPLIANCE, DAMPING, TORQUE, TORQUE_RATE, VELOCITY
 
 LOOP_DT = 0.002
 """Time of a step of loop and plant (s)."""
@@ -71,6 +71,32 @@ class Loop:
     """Delivered over asked torque of the elbow's motor."""
     passive_push: Annotated[Number, Range(0.0, LARGEST), TORQUE] = 0.0
     """Largest peak of the one push on the passive joint (N m)."""
+    spring1: Annotated[Number, Range(0.0, LARGEST), TORQUE] = 0.0
+    """Stiffness of a spring or cable at the shoulder, relaxed at 0 (N m/rad)."""
+    spring2: Annotated[Number, Range(0.0, LARGEST), TORQUE] = 0.0
+    """Stiffness of a spring or cable at the elbow, relaxed at 0 (N m/rad)."""
+    load1: Annotated[Number, Range(-LARGEST, LARGEST), TORQUE] = 0.0
+    """Constant torque against positive motion of the shoulder (N m)."""
+    load2: Annotated[Number, Range(-LARGEST, LARGEST), TORQUE] = 0.0
+    """Constant torque against positive motion of the elbow (N m)."""
+    stiction1: Annotated[Number, Range(0.0, LARGEST), TORQUE] = 0.0
+    """Dry friction that the shoulder has at rest alone, beside the plant's (N m)."""
+    stiction2: Annotated[Number, Range(0.0, LARGEST), TORQUE] = 0.0
+    """Dry friction that the elbow has at rest alone, beside the plant's (N m)."""
+    compliance2: Annotated[Number, Range(0.0, LARGEST), COMPLIANCE] = 0.0
+    """Angle by which the elbow's encoder, on the motor's side, leads the link under torque (rad/(N m))."""
+    backlash2: Annotated[Number, Range(0.0, 1.0)] = 0.0
+    """Play between the elbow's encoder, on the motor's side, and the link (rad)."""
+    sag: Annotated[Number, Range(0.0, LARGEST), DAMPING] = 0.0
+    """Torque limit that a driving motor loses for its joint's velocity (N m s/rad): its supply gives way."""
+    period: Annotated[Number, Range(0.001, 0.006)] = LOOP_DT
+    """Nominal time of a turn of the loop (s). A board's rows are its turns, whatever they last."""
+    dropouts: Annotated[Number, Range(0.0, 100.0)] = 0.0
+    """Gaps in the measurements (1/s), evenly spaced: the last sample repeats."""
+    dropout: Annotated[Number, Range(0.0, 0.2)] = 0.0
+    """Length of a gap (s)."""
+    spoilt: Annotated[Number, Range(0.0, 1.0)] = 0.0
+    """Share of measurements that are NaN."""
     velocities: str | None = dataclasses.field(default=None, metadata={"static": True})
     """One of :data:`VELOCITIES`; None for differences where an angle has a quantum, and the drivers elsewhere."""
 

@@ -44,7 +44,7 @@ class Unit(NamedTuple):
 NUMBER = Unit()
 """Angles and shares: the same number for every pendulum."""
 TIME, VELOCITY, ACCELERATION = Unit(time=1), Unit(time=-1), Unit(time=-2)
-TORQUE, TORQUE_RATE, DAMPING, INERTIA = Unit(1), Unit(1, -1), Unit(1, 1), Unit(1, 2)
+TORQUE, TORQUE_RATE, DAMPING, INERTIA, COMPLIANCE = Unit(1), Unit(1, -1), Unit(1, 1), Unit(1, 2), Unit(-1)
 LENGTH = Unit(length=1)
 STATE = (NUMBER, NUMBER, VELOCITY, VELOCITY)
 """[q1, q2, dq1, dq2]."""
